@@ -1,0 +1,12 @@
+/* server/base/clock.h */
+/* Time that never steps back (CLOCK_MONOTONIC), and the calendar's. Not for server/shade, which knows no clock. */
+#ifndef BASE_CLOCK_H
+#define BASE_CLOCK_H
+
+#include <stdint.h>
+
+int64_t clock_ms(void);      /* monotonic, milliseconds since an arbitrary start */
+double clock_seconds(void);  /* monotonic, seconds */
+int64_t clock_wall_us(void); /* since 1970-01-01 UTC, microseconds; may step */
+
+#endif

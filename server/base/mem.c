@@ -1,0 +1,35 @@
+#include "mem.h"
+
+#include <assert.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+void *mem_alloc(size_t count, size_t size)
+{
+    if (size != 0 && count > (SIZE_MAX - MEM_ALIGN) / size)
+        return NULL;
+    /* aligned_alloc wants a multiple of the alignment, and not zero */
+    const size_t bytes = (count * size + MEM_ALIGN) / MEM_ALIGN * MEM_ALIGN;
+    void *p = aligned_alloc(MEM_ALIGN, bytes);
+    if (p)
+        memset(p, 0, bytes);
+    return p;
+}
+
+void *mem_grow(void *old, size_t old_count, size_t count, size_t size)
+{
+    assert(count >= old_count);
+    void *p = mem_alloc(count, size);
+    if (!p)
+        return NULL;
+    if (old)
+        memcpy(p, old, old_count * size);
+    mem_free(old);
+    return p;
+}
+
+void mem_free(void *p)
+{
+    free(p);
+}

@@ -1,0 +1,75 @@
+#include "progress.h"
+
+#include "clock.h"
+
+#include <inttypes.h>
+#include <stdatomic.h>
+#include <unistd.h>
+
+#define REDRAW_MS 100
+
+/* The terminal has one last line, so there is one flag for it. */
+static _Atomic bool line_stands;
+
+static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
+{
+    char left[32] = "";
+    const double elapsed_s = (double)(now_ms - p->begun_ms) / 1000.0;
+
+    if (p->total == 0) {
+        fprintf(p->stream, "\r\033[K%s  %" PRIu64, p->what, done);
+    } else {
+        if (done > 0 && elapsed_s > 1.0) {
+            const unsigned s = (unsigned)(elapsed_s * (double)(p->total - done) / (double)done + 0.5);
+            snprintf(left, sizeof(left), "  %u:%02u left", s / 60, s % 60);
+        }
+        fprintf(p->stream, "\r\033[K%s  %" PRIu64 "/%" PRIu64 "  %u %%%s", p->what, done, p->total,
+                (unsigned)(100 * done / p->total), left);
+    }
+    fflush(p->stream);
+    atomic_store(&line_stands, true);
+}
+
+void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *stream)
+{
+    *p = (struct progress){
+        .what = what,
+        .stream = stream && isatty(fileno(stream)) ? stream : NULL,
+        .total = total,
+        .begun_ms = clock_ms(),
+    };
+    if (p->stream)
+        draw(p, 0, p->begun_ms);
+}
+
+void progress_step(struct progress *p, uint64_t steps)
+{
+    if (!p || !p->stream)
+        return;
+    uint64_t done = atomic_fetch_add(&p->done, steps) + steps;
+    if (p->total > 0 && done > p->total)
+        done = p->total;
+    const int64_t now = clock_ms();
+    int64_t drawn = atomic_load(&p->drawn_ms);
+    /* Whoever moves drawn_ms draws; the others go on working. */
+    if (now - drawn >= REDRAW_MS && atomic_compare_exchange_strong(&p->drawn_ms, &drawn, now))
+        draw(p, done, now);
+}
+
+void progress_end(struct progress *p)
+{
+    if (!p || !p->stream)
+        return;
+    fputs(progress_wipe(p->stream), p->stream);
+    fflush(p->stream);
+    p->stream = NULL;
+}
+
+const char *progress_wipe(FILE *stream)
+{
+    if (atomic_load(&line_stands) && isatty(fileno(stream))) {
+        atomic_store(&line_stands, false);
+        return "\r\033[K";
+    }
+    return "";
+}

@@ -1,0 +1,67 @@
+/* server/base/vec.h */
+/* Three floats: a point (m), a direction, or linear Rec.709. Plain functions on values. */
+#ifndef BASE_VEC_H
+#define BASE_VEC_H
+
+#include <math.h>
+
+#define PI 3.14159265358979323846
+
+struct vec3 {
+    float x, y, z;
+};
+
+static inline struct vec3 vec3_make(float x, float y, float z)
+{
+    return (struct vec3){ x, y, z };
+}
+
+static inline struct vec3 vec3_add(struct vec3 a, struct vec3 b)
+{
+    return vec3_make(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+
+static inline struct vec3 vec3_sub(struct vec3 a, struct vec3 b)
+{
+    return vec3_make(a.x - b.x, a.y - b.y, a.z - b.z);
+}
+
+static inline struct vec3 vec3_scale(struct vec3 a, float s)
+{
+    return vec3_make(a.x * s, a.y * s, a.z * s);
+}
+
+static inline struct vec3 vec3_mul(struct vec3 a, struct vec3 b)
+{
+    return vec3_make(a.x * b.x, a.y * b.y, a.z * b.z);
+}
+
+static inline float vec3_dot(struct vec3 a, struct vec3 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static inline struct vec3 vec3_cross(struct vec3 a, struct vec3 b)
+{
+    return vec3_make(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+
+static inline float vec3_length(struct vec3 a)
+{
+    return sqrtf(vec3_dot(a, a));
+}
+
+/* (0,0,0) stays (0,0,0). */
+static inline struct vec3 vec3_normalize(struct vec3 a)
+{
+    const float l = vec3_length(a);
+    return l > 0.0f ? vec3_scale(a, 1.0f / l) : a;
+}
+
+/* Luminance of linear Rec.709 [ITU-R BT.709-6]. */
+static inline float rgb_luminance(float r, float g, float b)
+{
+    return 0.2126f * r + 0.7152f * g + 0.0722f * b;
+}
+
+#endif

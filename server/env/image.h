@@ -1,0 +1,48 @@
+/* server/env/image.h */
+/* One decoded environment picture: linear Rec.709 radiance, float[height][width][3], rows top to bottom.
+ * Every value is finite and not negative: decoding sanitises and counts. An image is reused from frame to frame. */
+#ifndef ENV_IMAGE_H
+#define ENV_IMAGE_H
+
+#include "err.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum layout {
+    LAYOUT_AUTO, /* EXR's envmap attribute if there is one, else 2:1 means lat-long */
+    LAYOUT_LATLONG,
+    LAYOUT_LATLONG_BOTTOM_FIRST, /* rows counted from the bottom, as in [Scotty3D] */
+    LAYOUT_CUBE,                 /* OpenEXR's cube: six faces stacked, 1:6 */
+};
+
+struct image_faults { /* values (not texels) that were put right, of this frame */
+    uint64_t nan;      /* became 0 */
+    uint64_t infinite; /* became IMAGE_MAX or 0 */
+    uint64_t negative; /* became 0 */
+    uint64_t clipped;  /* stand at 65504, a half float's largest: the capture may have been cut off; kept */
+};
+
+#define IMAGE_MAX_SIDE 16384
+#define IMAGE_MAX 1e12f /* larger finite values are cut here: sums of squares stay finite in float */
+
+struct image {
+    uint32_t width, height;
+    float *rgb;
+    size_t capacity;        /* floats that rgb has room for */
+    enum layout layout;     /* what the file itself says; LAYOUT_AUTO when it says nothing */
+    struct image_faults faults;
+};
+
+/* Makes room; the texels are undefined afterwards. ERR_RANGE beyond IMAGE_MAX_SIDE or at 0, ERR_NOMEM. */
+MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t height);
+void image_finish(struct image *im); /* NULL and zeroed memory are allowed */
+
+/* Puts NaN, infinite, negative and too large values right and counts them into im->faults (which it first clears). */
+void image_sanitise(struct image *im);
+
+/* "latlong", "latlong-bottom", "cube" or "auto"; LAYOUT_AUTO and ERR_USAGE for anything else. */
+MUST_CHECK enum err layout_parse(const char *name, enum layout *out, struct reason *why);
+const char *layout_name(enum layout layout);
+
+#endif

@@ -1,0 +1,77 @@
+/* server/scene/gbuffer.h */
+/* What the camera sees, without light: the input of relighting. Not pixels but shade points: a pixel is
+ *     sum over its entries   weight * Lo(shade point)  +  sum over its escapes  weight * Lenv(direction)
+ * A plain pixel has one of the two with weight 1; a pixel on an edge of geometry has several, from more camera rays.
+ * Shade points stand in packets of 16 that are near each other in the picture and scatter by the same kind of lobe.
+ * Never changes after gbuffer_create: any number of threads may read one. */
+#ifndef SCENE_GBUFFER_H
+#define SCENE_GBUFFER_H
+
+#include "err.h"
+#include "rays.h"
+#include "scene.h"
+
+#include <stdint.h>
+
+struct progress;
+
+enum lobe_kind {
+    LOBE_LAMBERT, /* diffuse only */
+    LOBE_PHONG,   /* diffuse + specular lobe with exponent */
+    LOBE_GGX,     /* diffuse = base colour * (1 - metallic), specular = F0, gloss = alpha */
+};
+
+struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and are not shaded */
+    _Alignas(64) float x[PACKET];
+    float y[PACKET], z[PACKET];            /* m: where rays start, already moved off the surface */
+    float ng_x[PACKET], ng_y[PACKET], ng_z[PACKET]; /* geometric normal, towards the viewer */
+    float ns_x[PACKET], ns_y[PACKET], ns_z[PACKET]; /* shading normal, same side */
+    float wo_x[PACKET], wo_y[PACKET], wo_z[PACKET]; /* to the viewer, unit */
+    float diffuse[3][PACKET], specular[3][PACKET];  /* linear Rec.709, textures applied */
+    float gloss[PACKET];                            /* phong: exponent; ggx: alpha */
+    int32_t valid[PACKET];                          /* -1 lit, 0 padding */
+    uint32_t mesh[PACKET], material[PACKET];
+    uint32_t kind; /* enum lobe_kind */
+    uint32_t count; /* 1..16 */
+};
+
+struct gbuffer_entry {
+    uint32_t point;   /* packet * 16 + lane */
+    float weight[3];
+};
+
+struct gbuffer_escape {
+    struct vec3 direction; /* unit, world */
+    float weight[3];
+};
+
+struct gbuffer {
+    uint32_t width, height;
+    struct shade_packet *packets;
+    uint32_t packet_count;
+    uint64_t point_count; /* lanes in use */
+    uint32_t *entry_first;  /* [width * height + 1]: pixel i owns entries entry_first[i] .. entry_first[i + 1] */
+    struct gbuffer_entry *entries;
+    uint32_t *escape_first; /* likewise */
+    struct gbuffer_escape *escapes;
+    uint64_t edge_pixels;  /* got more camera rays than one */
+    uint64_t camera_rays;
+    uint64_t bytes; /* what all of it takes */
+    float pixel_angle; /* radians, height of a pixel at the picture's centre */
+};
+
+struct gbuffer_desc {
+    const struct camera *camera;
+    uint32_t width, height;      /* 1..16384 */
+    uint32_t edge_rays;          /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no anti-aliasing */
+    bool every_pixel;            /* treat all pixels as edges */
+    uint64_t max_bytes;          /* 0: 4 GiB; ERR_RANGE beyond */
+    struct progress *progress;   /* may be NULL; stepped once per row */
+};
+
+/* On ERR_OK the caller owns *out. ERR_RANGE: size or memory cap. ERR_NOMEM. */
+MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
+                                   struct gbuffer **out, struct reason *why);
+void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */
+
+#endif

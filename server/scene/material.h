@@ -1,0 +1,34 @@
+/* server/scene/material.h */
+/* How a surface scatters light. Colours are linear Rec.709 in 0..1. */
+#ifndef SCENE_MATERIAL_H
+#define SCENE_MATERIAL_H
+
+#include "vec.h"
+
+#include <stdint.h>
+
+enum material_kind {
+    MATERIAL_LAMBERT, /* diffuse / pi */
+    MATERIAL_PHONG,   /* diffuse/pi + specular (n+2)/(2 pi) max(0, r.o)^n, diffuse + specular <= 1 per channel */
+    MATERIAL_GGX,     /* glTF's metallic-roughness */
+    MATERIAL_MIRROR,  /* delta reflection */
+    MATERIAL_GLASS,   /* smooth dielectric */
+};
+
+#define MATERIAL_NO_TEXTURE UINT32_MAX
+
+struct material {
+    char name[64];
+    enum material_kind kind;
+    struct vec3 diffuse;  /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance */
+    struct vec3 specular; /* phong */
+    float exponent;       /* phong */
+    float metallic, roughness; /* ggx */
+    float ior;                 /* glass */
+    uint32_t texture; /* multiplies diffuse; index into the scene's textures or MATERIAL_NO_TEXTURE */
+};
+
+/* "lambert", "phong", ... */
+const char *material_kind_name(enum material_kind kind);
+
+#endif

@@ -1,0 +1,53 @@
+/* server/scene/rays.h */
+/* Ray queries on a scene: the only room that knows Embree. Any thread may ask once rays_create has returned. */
+#ifndef SCENE_RAYS_H
+#define SCENE_RAYS_H
+
+#include "scene.h"
+
+#include <stdint.h>
+
+#define PACKET 16
+
+struct rays;
+
+/* A packet in Embree's own memory layout (RTCRay16): arrays of 16, 64-byte aligned; rays.c proves it at compile time.
+ * Directions need not be unit length; t counts in their lengths. */
+struct ray16 {
+    _Alignas(64) float org_x[PACKET];
+    float org_y[PACKET], org_z[PACKET], tnear[PACKET];
+    float dir_x[PACKET], dir_y[PACKET], dir_z[PACKET], time[PACKET];
+    float tfar[PACKET]; /* in: the ray's end; after rays_occluded16: -inf where something was in the way */
+    uint32_t mask[PACKET], id[PACKET], flags[PACKET];
+};
+
+struct hit { /* where one ray met the scene first */
+    float t;
+    uint32_t mesh, triangle;
+    float u, v; /* barycentric: p = (1-u-v) p0 + u p1 + v p2 */
+};
+
+/* A hit's surface, from the mesh's own vertices in double precision, so that origins of further rays lie on it. */
+struct surface {
+    struct vec3 position;  /* m */
+    struct vec3 geometric; /* unit normal of the triangle, turned to the side `towards` came from */
+    struct vec3 shading;   /* unit, interpolated where the mesh has normals, turned to the same side as geometric */
+    float uv[2];
+    float offset; /* m: how far along the geometric normal a ray must start so as not to meet its own triangle */
+};
+
+/* Builds the BVH with the scene's triangles; the scene must outlive it. NULL when out of memory or Embree fails, which
+ * is logged. */
+struct rays *rays_create(const struct scene *scene);
+void rays_destroy(struct rays *r); /* NULL is allowed */
+
+/* Sets tfar of each lane whose valid is -1 to -inf when anything lies between tnear and tfar. valid: 0 or -1 a lane. */
+void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet);
+
+/* True when dir meets something beyond tnear; *out is set then. */
+bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
+
+/* The surface at a hit. `towards` points away from the surface, back along the ray that met it. */
+void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out);
+
+#endif

@@ -1,0 +1,39 @@
+/* server/source/frame.h */
+/* One environment frame on its way from a source to env: either the bytes of a file, not yet decoded, or the texels
+ * of a sky that was computed. The frame owns what it points to and is reused: frame_reserve_* keep the larger block. */
+#ifndef SOURCE_FRAME_H
+#define SOURCE_FRAME_H
+
+#include "err.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum frame_kind {
+    FRAME_NONE,
+    FRAME_FILE,   /* bytes of an EXR or Radiance file */
+    FRAME_TEXELS, /* linear Rec.709 radiance, lat-long, float[height][width][3], top row = +Y */
+};
+
+struct frame {
+    enum frame_kind kind;
+    uint64_t number;    /* the source's own number: a pattern's, or counted from 0 */
+    int64_t capture_us; /* when the light was captured, wall clock; 0: unknown */
+    char name[256];     /* for messages: the file's path, or what the sky is */
+
+    uint8_t *bytes; /* FRAME_FILE */
+    size_t size;
+    size_t bytes_capacity;
+
+    float *rgb; /* FRAME_TEXELS */
+    uint32_t width, height;
+    size_t rgb_capacity; /* floats */
+};
+
+/* Make room for `size` bytes or width x height texels and set kind and sizes. ERR_NOMEM leaves FRAME_NONE. */
+MUST_CHECK enum err frame_reserve_bytes(struct frame *f, size_t size);
+MUST_CHECK enum err frame_reserve_texels(struct frame *f, uint32_t width, uint32_t height);
+
+void frame_finish(struct frame *f); /* frees; zeroed memory and NULL are allowed */
+
+#endif
