@@ -134,8 +134,7 @@ enum err options_double(const struct options *o, const char *name, double least,
     return ERR_OK;
 }
 
-enum err options_size(const struct options *o, const char *name, uint32_t *width, uint32_t *height,
-                      struct reason *why)
+enum err options_size(const struct options *o, const char *name, uint32_t *width, uint32_t *height, struct reason *why)
 {
     const char *text = options_get(o, name);
     unsigned w = 0, h = 0;

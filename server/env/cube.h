@@ -1,0 +1,47 @@
+/* server/env/cube.h */
+/* The cube map inside: six faces of n x n texels. Face 2a + s looks along coordinate axis a (0 = x, 1 = y, 2 = z),
+ * positive for s = 0, negative for s = 1. On it, u runs along axis (a + 1) mod 3 and v along axis (a + 2) mod 3, both
+ * in -1..1; column j holds u from -1 + 2 j / n, row i holds v from -1 + 2 i / n. Pure functions; any thread. */
+#ifndef ENV_CUBE_H
+#define ENV_CUBE_H
+
+#include <math.h>
+#include <stdint.h>
+
+#define CUBE_FACES 6
+
+/* The direction (not of unit length: its largest component is 1) through (u, v) of a face. */
+static inline void cube_direction(uint32_t face, double u, double v, double out[3])
+{
+    const uint32_t a = face >> 1;
+    out[a] = face & 1 ? -1.0 : 1.0;
+    out[(a + 1) % 3] = u;
+    out[(a + 2) % 3] = v;
+}
+
+/* Face and (u, v) of a direction other than zero. */
+static inline uint32_t cube_locate(const float w[3], float *u, float *v)
+{
+    const float x = fabsf(w[0]), y = fabsf(w[1]), z = fabsf(w[2]);
+    const uint32_t a = x >= y && x >= z ? 0 : y >= z ? 1 : 2;
+    const float scale = 1.0f / fabsf(w[a]);
+    *u = w[(a + 1) % 3] * scale;
+    *v = w[(a + 2) % 3] * scale;
+    return 2 * a + (w[a] < 0.0f);
+}
+
+/* Solid angle between (u0, v0) and (u1, v1) on a face, sr: differences of the corner integral atan(uv / sqrt(u^2 + v^2
+ * + 1)). */
+double cube_solid_angle(double u0, double v0, double u1, double v1);
+
+/* How many square metres of the face plane there are per steradian at (u, v): (1 + u^2 + v^2)^(3/2). */
+static inline float cube_jacobian(float u, float v)
+{
+    const float r2 = 1.0f + u * u + v * v;
+    return r2 * sqrtf(r2);
+}
+
+/* The four corners of a face as unit vectors, for Eq. 3 of [LPG13]. */
+void cube_corners(uint32_t face, float out[4][3]);
+
+#endif

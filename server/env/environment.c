@@ -1,0 +1,210 @@
+#include "environment.h"
+
+#include "decode.h"
+#include "mem.h"
+#include "resample.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define DEFAULT_N 256
+#define MAX_N 1024
+
+struct environment *environment_create(const struct environment_desc *desc)
+{
+    const uint32_t n = desc->n ? desc->n : DEFAULT_N;
+    const size_t texels = (size_t)CUBE_FACES * n * n;
+
+    if (n > MAX_N)
+        return NULL;
+    struct environment *e = mem_alloc(1, sizeof(*e));
+    if (!e)
+        return NULL;
+    e->n = n;
+    e->texels = mem_alloc(texels, sizeof(*e->texels));
+    e->row_cdf = mem_alloc(texels, sizeof(*e->row_cdf));
+    e->face_cdf = mem_alloc((size_t)CUBE_FACES * n, sizeof(*e->face_cdf));
+    e->solid_angle = mem_alloc((size_t)n * n, sizeof(*e->solid_angle));
+    if (!e->texels || !e->row_cdf || !e->face_cdf || !e->solid_angle) {
+        environment_destroy(e);
+        return NULL;
+    }
+    const double step = 2.0 / n;
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t j = 0; j < n; j++)
+            e->solid_angle[(size_t)i * n + j] =
+                cube_solid_angle(-1.0 + step * j, -1.0 + step * i, -1.0 + step * (j + 1), -1.0 + step * (i + 1));
+    environment_set(e, desc);
+    return e;
+}
+
+void environment_destroy(struct environment *e)
+{
+    if (!e)
+        return;
+    image_finish(&e->image);
+    resampler_destroy(e->resampler);
+    mem_free(e->texels);
+    mem_free(e->row_cdf);
+    mem_free(e->face_cdf);
+    mem_free(e->solid_angle);
+    mem_free(e);
+}
+
+void environment_set(struct environment *e, const struct environment_desc *desc)
+{
+    e->layout = desc->layout;
+    e->rotation = desc->rotation_degrees * PI / 180.0;
+    e->gain = (float)exp2(desc->scale_stops);
+}
+
+enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why)
+{
+    enum err result = ERR_OK;
+
+    e->ready = false;
+    if (f->kind == FRAME_FILE) {
+        result = decode_image(f->bytes, f->size, f->name, &e->image, why);
+    } else if (f->kind == FRAME_TEXELS) {
+        result = image_resize(&e->image, f->width, f->height);
+        if (result)
+            return err_say(why, result, "%s: a picture of %ux%u texels cannot be held", f->name, f->width, f->height);
+        memcpy(e->image.rgb, f->rgb, 3 * (size_t)f->width * f->height * sizeof(float));
+        e->image.layout = LAYOUT_LATLONG;
+        image_sanitise(&e->image);
+    } else {
+        return err_say(why, ERR_FORMAT, "%s: the frame is empty", f->name);
+    }
+    if (result)
+        return result;
+    e->number = f->number;
+    e->capture_us = f->capture_us;
+    memcpy(e->name, f->name, sizeof(e->name));
+    return ERR_OK;
+}
+
+/* The user's word first, then the file's own, then its shape. */
+static enum err choose_layout(const struct environment *e, enum layout *out, struct reason *why)
+{
+    const uint32_t w = e->image.width, h = e->image.height;
+
+    *out = e->layout != LAYOUT_AUTO ? e->layout : e->image.layout;
+    if (*out == LAYOUT_AUTO && w == 2 * h)
+        *out = LAYOUT_LATLONG;
+    if (*out == LAYOUT_AUTO)
+        return err_say(why, ERR_UNSUPPORTED,
+                       "%s: %ux%u is not 2:1, so the layout is unknown; say --layout latlong if it is lat-long",
+                       e->name, w, h);
+    if (*out != LAYOUT_LATLONG && *out != LAYOUT_LATLONG_BOTTOM_FIRST)
+        return err_say(why, ERR_UNSUPPORTED, "%s: layout %s is not read yet, only lat-long", e->name,
+                       layout_name(*out));
+    return ERR_OK;
+}
+
+static enum err match_resampler(struct environment *e, enum layout layout, struct reason *why)
+{
+    const struct resampler *r = e->resampler;
+
+    if (r && r->layout == layout && r->width == e->image.width && r->height == e->image.height &&
+        r->rotation == e->rotation)
+        return ERR_OK;
+    resampler_destroy(e->resampler);
+    const enum err result = resampler_create(layout, e->image.width, e->image.height, e->n, e->rotation, &e->resampler);
+    return result ? err_say(why, result, "%s: no memory for resampling %ux%u texels", e->name, e->image.width,
+                            e->image.height)
+                  : ERR_OK;
+}
+
+/* Row `row` of 6n: its texels, their densities, and the running sum of luminance x solid angle along it [LPG13, 2.2].
+ */
+static void rebuild_row(struct environment *e, uint32_t row)
+{
+    const uint32_t n = e->n;
+    struct texel *t = e->texels + (size_t)row * n;
+    double *cdf = e->row_cdf + (size_t)row * n;
+    const double *solid_angle = e->solid_angle + (size_t)(row % n) * n;
+    const double per_uv = 0.25 * n * n;
+    double sum = 0.0;
+
+    resampler_row(e->resampler, e->image.rgb, e->gain, row, &t->r);
+    for (uint32_t j = 0; j < n; j++) {
+        const double weight = rgb_luminance(t[j].r, t[j].g, t[j].b) * solid_angle[j];
+        t[j].density = (float)(weight * per_uv);
+        sum += weight;
+        cdf[j] = sum;
+    }
+}
+
+enum err environment_rebuild(struct environment *e, struct reason *why)
+{
+    const uint32_t n = e->n;
+    enum layout layout;
+
+    enum err result = choose_layout(e, &layout, why);
+    if (!result)
+        result = match_resampler(e, layout, why);
+    if (result)
+        return result;
+#pragma omp parallel for schedule(static)
+    for (uint32_t row = 0; row < CUBE_FACES * n; row++)
+        rebuild_row(e, row);
+    e->total_energy = 0.0;
+    for (uint32_t f = 0; f < CUBE_FACES; f++) {
+        double sum = 0.0;
+        for (uint32_t i = 0; i < n; i++) {
+            sum += e->row_cdf[((size_t)f * n + i) * n + n - 1];
+            e->face_cdf[(size_t)f * n + i] = sum;
+        }
+        e->energy[f] = sum;
+        e->total_energy += sum;
+    }
+    e->ready = true;
+    return ERR_OK;
+}
+
+enum err environment_update(struct environment *e, const struct frame *f, struct reason *why)
+{
+    const enum err result = environment_decode(e, f, why);
+    return result ? result : environment_rebuild(e, why);
+}
+
+void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
+{
+    const int64_t width = e->image.width, height = e->image.height;
+    const double phi = atan2(w.x, w.z) - e->rotation, theta = acos(fmin(1.0, fmax(-1.0, w.y)));
+    const bool flipped = e->resampler->layout == LAYOUT_LATLONG_BOTTOM_FIRST;
+    /* Texel centres stand at half-integers; the azimuth wraps, the poles are held. */
+    const double x = (PI - phi) / (2.0 * PI) * (double)width - 0.5;
+    const double y = (flipped ? 1.0 - theta / PI : theta / PI) * (double)height - 0.5;
+    const int64_t x0 = (int64_t)floor(x), y0 = (int64_t)floor(y);
+    const float fx = (float)(x - (double)x0), fy = (float)(y - (double)y0);
+    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
+
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    for (int k = 0; k < 4; k++) {
+        const int64_t column = ((x0 + (k & 1)) % width + width) % width;
+        int64_t row = y0 + (k >> 1);
+        row = row < 0 ? 0 : row >= height ? height - 1 : row;
+        const float *s = e->image.rgb + 3 * (row * width + column);
+        for (int c = 0; c < 3; c++)
+            rgb[c] += e->gain * weight[k] * s[c];
+    }
+}
+
+uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf)
+{
+    float u, v;
+    const uint32_t face = cube_locate(w, &u, &v), n = e->n;
+    const float half = 0.5f * (float)n;
+    uint32_t j = (uint32_t)((u + 1.0f) * half), i = (uint32_t)((v + 1.0f) * half);
+
+    j = j < n ? j : n - 1;
+    i = i < n ? i : n - 1;
+    const struct texel *t = &e->texels[((size_t)face * n + i) * n + j];
+    rgb[0] = t->r;
+    rgb[1] = t->g;
+    rgb[2] = t->b;
+    *pdf = e->energy[face] > 0.0 ? t->density * cube_jacobian(u, v) / (float)e->energy[face] : 0.0f;
+    return face;
+}

@@ -1,0 +1,77 @@
+/* server/env/environment.h */
+/* One environment frame, ready to light a scene: the decoded picture (what is looked at) and the cube map with its
+ * sampling tables (what is sampled and evaluated), rebuilt for every frame in the same memory.
+ * environment_update is for one thread at a time; between updates any number of threads may read. */
+#ifndef ENV_ENVIRONMENT_H
+#define ENV_ENVIRONMENT_H
+
+#include "cube.h"
+#include "err.h"
+#include "frame.h"
+#include "image.h"
+#include "vec.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct resampler;
+
+/* One texel of the cube map. density is luminance x solid angle x n^2/4, so that, for a direction through (u, v) of
+ * face f, pdf(w | f) = density * (1 + u^2 + v^2)^(3/2) / energy[f]      per steradian, which is the density of choosing
+ * the texel in proportion to luminance x solid angle and a point of it evenly in (u, v). */
+struct texel {
+    float r, g, b, density;
+};
+
+struct environment {
+    struct image image; /* as decoded, without gain and rotation */
+    enum layout layout; /* of image */
+    double rotation;    /* radians about +Y, right-handed */
+    float gain;         /* 2^scale_stops */
+    struct resampler *resampler;
+
+    uint32_t n;                /* texels along a face's edge */
+    struct texel *texels;      /* [6][n][n] */
+    double *row_cdf;           /* [6][n][n]: running sums of luminance x solid angle within each row */
+    double *face_cdf;          /* [6][n]: running sums over the rows of a face */
+    double *solid_angle;       /* [n][n]: of a texel, the same on each face */
+    double energy[CUBE_FACES]; /* sum of luminance x solid angle of a face, W m^-2 up to the scale */
+    double total_energy;       /* over the six */
+
+    uint64_t number; /* the frame's own */
+    int64_t capture_us;
+    char name[256];
+    bool ready; /* a frame is in */
+};
+
+struct environment_desc {
+    uint32_t n;         /* 1..1024; 0: 256 */
+    enum layout layout; /* LAYOUT_AUTO: by the file */
+    double rotation_degrees;
+    double scale_stops;
+};
+
+/* NULL when out of memory or n is out of range. */
+struct environment *environment_create(const struct environment_desc *desc);
+void environment_destroy(struct environment *e); /* NULL is allowed */
+
+/* Takes another rotation and scale from the next update on. */
+void environment_set(struct environment *e, const struct environment_desc *desc);
+
+/* Decodes the frame and rebuilds cube map and tables. On any error *why names frame and fault and the environment must
+ * not be read until an update succeeds: whoever must keep the last good frame holds two. */
+MUST_CHECK enum err environment_update(struct environment *e, const struct frame *f, struct reason *why);
+
+/* The same in two steps, so that the time of each can be told. */
+MUST_CHECK enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why);
+MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *why);
+
+/* What is seen when looking along w (unit, world): the source image, bilinear, so that it is not blocky. */
+void environment_look(const struct environment *e, struct vec3 w, float rgb[3]);
+
+/* The sampled function itself: radiance of the cube texel that w falls in, and pdf(w | its face) (0 where that is
+ * black). */
+uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf);
+
+#endif

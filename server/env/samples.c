@@ -1,0 +1,157 @@
+#include "samples.h"
+
+#include "mem.h"
+#include "rng.h"
+
+#include <assert.h>
+#include <math.h>
+
+/* The first entry of an ascending cdf that exceeds target. Where rounding put target on the total, the last entry that
+ * has mass, so that no texel of probability zero is ever chosen. */
+static uint32_t find_interval(const double *cdf, uint32_t n, double target)
+{
+    uint32_t low = 0, high = n;
+
+    while (low < high) {
+        const uint32_t mid = (low + high) / 2;
+        if (cdf[mid] > target)
+            high = mid;
+        else
+            low = mid + 1;
+    }
+    if (low == n)
+        for (low = n - 1; low > 0 && cdf[low] == cdf[low - 1];)
+            low--;
+    return low;
+}
+
+/* Position in 0..n, real-valued: the texel chosen and the place within it. */
+static double invert(const double *cdf, uint32_t n, double x)
+{
+    const double target = x * cdf[n - 1];
+    const uint32_t k = find_interval(cdf, n, target);
+    const double below = k ? cdf[k - 1] : 0.0;
+    const double within = (target - below) / (cdf[k] - below);
+
+    return k + fmin(fmax(within, 0.0), 1.0 - 0x1p-53);
+}
+
+void samples_invert_face(const struct environment *e, uint32_t face, const double x[2], float w[3])
+{
+    const uint32_t n = e->n;
+    const double row = invert(e->face_cdf + (size_t)face * n, n, x[0]);
+    const uint32_t i = (uint32_t)row;
+    const double column = invert(e->row_cdf + ((size_t)face * n + i) * n, n, x[1]);
+    double d[3];
+
+    cube_direction(face, -1.0 + 2.0 * column / n, -1.0 + 2.0 * row / n, d);
+    const double scale = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    for (int c = 0; c < 3; c++)
+        w[c] = (float)(d[c] * scale);
+}
+
+static void sphere_direction(const double x[2], float w[3])
+{
+    const double y = 1.0 - 2.0 * x[0], phi = 2.0 * PI * x[1], r = sqrt(fmax(0.0, 1.0 - y * y));
+    w[0] = (float)(r * sin(phi));
+    w[1] = (float)y;
+    w[2] = (float)(r * cos(phi));
+}
+
+/* The face that x falls in by energy; *x becomes the place within that face's share. */
+static uint32_t pick_face(const struct environment *e, double *x)
+{
+    double cdf[CUBE_FACES], sum = 0.0;
+
+    for (uint32_t f = 0; f < CUBE_FACES; f++)
+        cdf[f] = sum += e->energy[f];
+    const double at = invert(cdf, CUBE_FACES, *x);
+    *x = at - (uint32_t)at;
+    return (uint32_t)at;
+}
+
+static enum err reserve(struct light_samples *s, uint32_t count)
+{
+    float **arrays[] = { &s->x, &s->y, &s->z, &s->r, &s->g, &s->b, &s->pdf };
+
+    if (count <= s->capacity)
+        return ERR_OK;
+    s->capacity = 0;
+    for (size_t k = 0; k < sizeof(arrays) / sizeof(arrays[0]); k++) {
+        mem_free(*arrays[k]);
+        *arrays[k] = mem_alloc(count, sizeof(float));
+        if (!*arrays[k])
+            return ERR_NOMEM;
+    }
+    s->capacity = count;
+    return ERR_OK;
+}
+
+/* Sample i of a stratum: a direction, and what the cube map holds there. The density is read back by the same lookup
+ * that a BRDF ray uses, so that what is sampled is what is evaluated. */
+static void draw_one(const struct environment *e, enum strata_kind kind, uint32_t stratum, const double at[2],
+                     struct light_samples *s, uint32_t k)
+{
+    double x[2] = { at[0], at[1] };
+    float w[3], rgb[3], pdf;
+
+    if (kind == STRATA_SPHERE)
+        sphere_direction(x, w);
+    else
+        samples_invert_face(e, kind == STRATA_ALL ? pick_face(e, &x[0]) : stratum, x, w);
+    const uint32_t face = environment_evaluate(e, w, rgb, &pdf);
+    if (kind == STRATA_SPHERE)
+        pdf = (float)(0.25 / PI);
+    else if (kind == STRATA_ALL)
+        pdf *= (float)(e->energy[face] / e->total_energy);
+    /* Rounding to float may carry a direction over a texel's border onto a black one: then it brings nothing. */
+    if (!(pdf > 0.0f)) {
+        pdf = 1.0f;
+        rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    }
+    s->x[k] = w[0];
+    s->y[k] = w[1];
+    s->z[k] = w[2];
+    s->r[k] = rgb[0];
+    s->g[k] = rgb[1];
+    s->b[k] = rgb[2];
+    s->pdf[k] = pdf;
+}
+
+enum err samples_draw(const struct environment *e, enum strata_kind kind, uint32_t count, uint64_t seed,
+                      struct light_samples *out)
+{
+    assert(e->ready);
+    out->kind = kind;
+    out->strata = kind == STRATA_FACES ? CUBE_FACES : 1;
+    if (count > UINT32_MAX / CUBE_FACES || reserve(out, count * out->strata))
+        return ERR_NOMEM;
+    out->first[0] = 0;
+    for (uint32_t f = 0; f < out->strata; f++) {
+        out->energy[f] = kind == STRATA_FACES ? e->energy[f] : e->total_energy;
+        if (kind == STRATA_FACES)
+            cube_corners(f, out->corner[f]);
+        const uint32_t drawn = out->energy[f] > 0.0 ? count : 0;
+        for (uint32_t i = 0; i < drawn; i++) {
+            double x[2];
+            rng_sobol2(rng_mix(seed, f), i, x);
+            draw_one(e, kind, f, x, out, out->first[f] + i);
+        }
+        out->first[f + 1] = out->first[f] + drawn;
+    }
+    return ERR_OK;
+}
+
+void samples_finish(struct light_samples *s)
+{
+    if (!s)
+        return;
+    mem_free(s->x);
+    mem_free(s->y);
+    mem_free(s->z);
+    mem_free(s->r);
+    mem_free(s->g);
+    mem_free(s->b);
+    mem_free(s->pdf);
+    *s = (struct light_samples){ 0 };
+}

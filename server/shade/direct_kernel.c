@@ -1,0 +1,324 @@
+/* server/shade/direct_kernel.c */
+/* One packet of 16 shade points under one frame's light: compiled once per CPU level, see CMakeLists.txt. */
+#include "kernels.h"
+#include "lanes.h"
+#include "rng.h"
+#include "vec.h"
+
+#include <math.h>
+
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+#define TEXT_(a) #a
+#define TEXT(a) TEXT_(a)
+
+/* What a packet's points keep through all samples. */
+struct packet_state {
+    const struct direct_frame *frame;
+    const struct shade_packet *points;
+    struct ray16 rays;
+    struct lanes reflected[3];        /* mirror direction of wo about the shading normal */
+    struct lanes diffuse_part;        /* probability of the diffuse lobe */
+    struct lanes brdf_norm, pdf_norm; /* (n + 2) / (2 pi) and (n + 1) / (2 pi) */
+    struct lanes share[STRATA_MAX];   /* mu_f(n) */
+    struct lanes sum[3];              /* sum of the estimator's terms, before 1 / N_s */
+    struct direct_counts *counts;
+};
+
+/* One direction per lane, with what it would bring. */
+struct terms {
+    struct lanes rgb[3];
+    int32_t valid[PACKET];
+};
+
+static void set_up_lobes(struct packet_state *s)
+{
+    const struct shade_packet *p = s->points;
+
+    LANES(l)
+    {
+        const float c = 2.0f * (p->ns_x[l] * p->wo_x[l] + p->ns_y[l] * p->wo_y[l] + p->ns_z[l] * p->wo_z[l]);
+        s->reflected[0].v[l] = c * p->ns_x[l] - p->wo_x[l];
+        s->reflected[1].v[l] = c * p->ns_y[l] - p->wo_y[l];
+        s->reflected[2].v[l] = c * p->ns_z[l] - p->wo_z[l];
+        const float d = rgb_luminance(p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l]);
+        const float g = rgb_luminance(p->specular[0][l], p->specular[1][l], p->specular[2][l]);
+        s->diffuse_part.v[l] = p->kind != LOBE_PHONG || d + g <= 0.0f ? 1.0f : d / (d + g);
+        s->brdf_norm.v[l] = (p->gloss[l] + 2.0f) * (float)(0.5 / PI);
+        s->pdf_norm.v[l] = (p->gloss[l] + 1.0f) * (float)(0.5 / PI);
+    }
+}
+
+static void set_up_rays(struct packet_state *s)
+{
+    const struct shade_packet *p = s->points;
+
+    LANES(l)
+    {
+        s->rays.org_x[l] = p->x[l];
+        s->rays.org_y[l] = p->y[l];
+        s->rays.org_z[l] = p->z[l];
+        s->rays.tnear[l] = 0.0f;
+        s->rays.time[l] = 0.0f;
+        s->rays.mask[l] = UINT32_MAX;
+        s->rays.id[l] = 0;
+        s->rays.flags[l] = 0;
+    }
+}
+
+/* mu_f(n) = F_f(n) I_f / sum, F_f the sum of the clamped cosines of the face's corners [LPG13, Eq. 3]. A face is
+ * convex: where all four are zero, so is every cosine on it. */
+static void set_up_shares(struct packet_state *s)
+{
+    const struct light_samples *lights = s->frame->lights;
+    const struct shade_packet *p = s->points;
+    struct lanes total = { { 0 } };
+
+    for (uint32_t f = 0; f < lights->strata; f++) {
+        if (s->frame->share != SHARE_CORNERS) {
+            LANES(l) s->share[f].v[l] = 1.0f / (float)lights->strata;
+            continue;
+        }
+        const float energy = (float)lights->energy[f];
+        LANES(l)
+        {
+            float sum = 0.0f;
+            for (int k = 0; k < 4; k++) {
+                const float *c = lights->corner[f][k];
+                const float cosine = p->ns_x[l] * c[0] + p->ns_y[l] * c[1] + p->ns_z[l] * c[2];
+                sum += cosine > 0.0f ? cosine : 0.0f;
+            }
+            s->share[f].v[l] = sum * energy;
+            total.v[l] += sum * energy;
+        }
+    }
+    if (s->frame->share == SHARE_CORNERS)
+        for (uint32_t f = 0; f < lights->strata; f++)
+            LANES(l) s->share[f].v[l] = total.v[l] > 0.0f ? s->share[f].v[l] / total.v[l] : 0.0f;
+}
+
+/* For each lane the direction (dx, dy, dz): cosine factor times BRDF into brdf[3], density of the lobes into pdf. Both
+ * are 0 where the direction lies below the shading or the geometric surface. */
+static inline void evaluate_lobes(const struct packet_state *s, const struct lanes d[3], struct lanes brdf[3],
+                                  struct lanes *pdf)
+{
+    const struct shade_packet *p = s->points;
+    struct lanes cosine, lobe;
+
+    LANES(l)
+    {
+        const float shading = p->ns_x[l] * d[0].v[l] + p->ns_y[l] * d[1].v[l] + p->ns_z[l] * d[2].v[l];
+        const float geometric = p->ng_x[l] * d[0].v[l] + p->ng_y[l] * d[1].v[l] + p->ng_z[l] * d[2].v[l];
+        cosine.v[l] = shading > 0.0f && geometric > 0.0f ? shading : 0.0f;
+    }
+    if (p->kind != LOBE_PHONG) {
+        LANES(l)
+        {
+            const float c = cosine.v[l] * (float)(1.0 / PI);
+            pdf->v[l] = c;
+            brdf[0].v[l] = c * p->diffuse[0][l];
+            brdf[1].v[l] = c * p->diffuse[1][l];
+            brdf[2].v[l] = c * p->diffuse[2][l];
+        }
+        return;
+    }
+    LANES(l)
+    {
+        const float c =
+            s->reflected[0].v[l] * d[0].v[l] + s->reflected[1].v[l] * d[1].v[l] + s->reflected[2].v[l] * d[2].v[l];
+        lobe.v[l] = cosine.v[l] > 0.0f ? lane_power(c < 1.0f ? c : 1.0f, p->gloss[l]) : 0.0f;
+    }
+    LANES(l)
+    {
+        const float c = cosine.v[l] * (float)(1.0 / PI), part = s->diffuse_part.v[l];
+        const float shine = cosine.v[l] * s->brdf_norm.v[l] * lobe.v[l];
+        pdf->v[l] = part * c + (1.0f - part) * s->pdf_norm.v[l] * lobe.v[l];
+        brdf[0].v[l] = c * p->diffuse[0][l] + shine * p->specular[0][l];
+        brdf[1].v[l] = c * p->diffuse[1][l] + shine * p->specular[1][l];
+        brdf[2].v[l] = c * p->diffuse[2][l] + shine * p->specular[2][l];
+    }
+}
+
+/* Traces the lanes that would bring something and adds what arrives. */
+static inline void trace_and_add(struct packet_state *s, const struct lanes d[3], const struct terms *t)
+{
+    int count = 0;
+
+    LANES(l) count -= t->valid[l];
+    if (count == 0)
+        return;
+    s->counts->rays += s->frame->rays ? (uint64_t)count : 0;
+    LANES(l)
+    {
+        s->rays.dir_x[l] = d[0].v[l];
+        s->rays.dir_y[l] = d[1].v[l];
+        s->rays.dir_z[l] = d[2].v[l];
+        s->rays.tfar[l] = INFINITY;
+    }
+    if (s->frame->rays)
+        rays_occluded16(s->frame->rays, t->valid, &s->rays);
+    LANES(l)
+    {
+        const int lit = t->valid[l] && s->rays.tfar[l] > 0.0f;
+        s->sum[0].v[l] += lit ? t->rgb[0].v[l] : 0.0f;
+        s->sum[1].v[l] += lit ? t->rgb[1].v[l] : 0.0f;
+        s->sum[2].v[l] += lit ? t->rgb[2].v[l] : 0.0f;
+    }
+}
+
+/* Light sample k, the i-th of its stratum f: beta g of Eq. 6. beta of Eq. 5, counted from i = 0, is N_f - i held to
+ * 0..1. */
+static void add_light_sample(struct packet_state *s, uint32_t f, uint32_t i, uint32_t k, const struct lanes *n_f)
+{
+    const struct light_samples *lights = s->frame->lights;
+    struct lanes d[3], brdf[3], pdf_lobes;
+    struct terms t;
+    int effective = 0;
+
+    LANES(l)
+    {
+        d[0].v[l] = lights->x[k];
+        d[1].v[l] = lights->y[k];
+        d[2].v[l] = lights->z[k];
+    }
+    evaluate_lobes(s, d, brdf, &pdf_lobes);
+    const float pdf_light = s->frame->light_part * lights->pdf[k];
+    LANES(l)
+    {
+        const float left = n_f->v[l] - (float)i;
+        const float beta = left < 0.0f ? 0.0f : left < 1.0f ? left : 1.0f;
+        const float density = s->share[f].v[l] * pdf_light + s->frame->brdf_part * pdf_lobes.v[l];
+        const float weight = beta > 0.0f && density > 0.0f ? beta / density : 0.0f;
+        t.rgb[0].v[l] = weight * brdf[0].v[l] * lights->r[k];
+        t.rgb[1].v[l] = weight * brdf[1].v[l] * lights->g[k];
+        t.rgb[2].v[l] = weight * brdf[2].v[l] * lights->b[k];
+        t.valid[l] = s->points->valid[l] && t.rgb[0].v[l] + t.rgb[1].v[l] + t.rgb[2].v[l] > 0.0f ? -1 : 0;
+    }
+    LANES(l) effective -= t.valid[l];
+    s->counts->effective += (uint64_t)effective;
+    trace_and_add(s, d, &t);
+}
+
+static void add_light_samples(struct packet_state *s)
+{
+    const struct light_samples *lights = s->frame->lights;
+
+    for (uint32_t f = 0; f < lights->strata; f++) {
+        struct lanes n_f;
+        float most = 0.0f;
+        LANES(l)
+        {
+            n_f.v[l] = s->share[f].v[l] * s->frame->light_part * (float)s->frame->samples;
+            if (s->points->valid[l] && lights->first[f + 1] > lights->first[f]) {
+                s->counts->chosen += (uint64_t)ceilf(n_f.v[l]);
+                most = n_f.v[l] > most ? n_f.v[l] : most;
+            }
+        }
+        for (uint32_t i = 0; (float)i < most && lights->first[f] + i < lights->first[f + 1]; i++)
+            add_light_sample(s, f, i, lights->first[f] + i, &n_f);
+    }
+}
+
+/* A vector (x, y, z) of the frame whose z axis is `axis`, in world space [Duff et al. 2017]. */
+static inline void to_world(const struct lanes axis[3], const struct lanes local[3], struct lanes out[3])
+{
+    LANES(l)
+    {
+        const float x = axis[0].v[l], y = axis[1].v[l], z = axis[2].v[l];
+        const float sign = copysignf(1.0f, z), a = -1.0f / (sign + z), b = x * y * a;
+        const float lx = local[0].v[l], ly = local[1].v[l], lz = local[2].v[l];
+        out[0].v[l] = lx * (1.0f + sign * x * x * a) + ly * b + lz * x;
+        out[1].v[l] = lx * sign * b + ly * (sign + y * y * a) + lz * y;
+        out[2].v[l] = -lx * sign * x - ly * y + lz * z;
+    }
+}
+
+/* The lanes' directions by their own lobes, all from one point of the unit square: cosine-weighted about the normal, or
+ * by cos^n about the mirror direction. */
+static void sample_lobes(const struct packet_state *s, float u0, float u1, struct lanes d[3])
+{
+    const struct shade_packet *p = s->points;
+    const float phi = (float)(2.0 * PI) * u1, sine = sinf(phi), cosine = cosf(phi);
+    struct lanes axis[3], local[3];
+
+    LANES(l)
+    {
+        const float part = s->diffuse_part.v[l];
+        const int diffuse = u0 < part;
+        const float u = diffuse ? u0 / part : (u0 - part) / (1.0f - part);
+        float z = sqrtf(1.0f - u);
+        if (!diffuse)
+            z = lane_exp2(lane_log2(u > 1e-30f ? u : 1e-30f) / (p->gloss[l] + 1.0f));
+        z = z < 1.0f ? z : 1.0f;
+        const float r = sqrtf((1.0f - z) * (1.0f + z));
+        local[0].v[l] = r * cosine;
+        local[1].v[l] = r * sine;
+        local[2].v[l] = z;
+        axis[0].v[l] = diffuse ? p->ns_x[l] : s->reflected[0].v[l];
+        axis[1].v[l] = diffuse ? p->ns_y[l] : s->reflected[1].v[l];
+        axis[2].v[l] = diffuse ? p->ns_z[l] : s->reflected[2].v[l];
+    }
+    to_world(axis, local, d);
+}
+
+/* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
+static void add_lobe_sample(struct packet_state *s, float beta, float u0, float u1)
+{
+    struct lanes d[3], brdf[3], pdf_lobes;
+    struct terms t;
+
+    sample_lobes(s, u0, u1, d);
+    evaluate_lobes(s, d, brdf, &pdf_lobes);
+    LANES(l)
+    {
+        const float w[3] = { d[0].v[l], d[1].v[l], d[2].v[l] };
+        float rgb[3], pdf_face;
+        const uint32_t face = environment_evaluate(s->frame->environment, w, rgb, &pdf_face);
+        const float pdf_light = s->frame->light_part > 0.0f ? s->share[face].v[l] * pdf_face : 0.0f;
+        const float density = s->frame->light_part * pdf_light + s->frame->brdf_part * pdf_lobes.v[l];
+        const float weight = density > 0.0f ? beta / density : 0.0f;
+        for (int c = 0; c < 3; c++)
+            t.rgb[c].v[l] = weight * brdf[c].v[l] * rgb[c];
+        t.valid[l] = s->points->valid[l] && t.rgb[0].v[l] + t.rgb[1].v[l] + t.rgb[2].v[l] > 0.0f ? -1 : 0;
+    }
+    trace_and_add(s, d, &t);
+}
+
+/* Packets use the same numbers, turned by a random digital shift of their own: each stays uniform, each set a net. */
+static void add_lobe_samples(struct packet_state *s, uint32_t index)
+{
+    const struct direct_frame *f = s->frame;
+    const uint64_t shift = rng_mix(f->seed, index);
+
+    for (uint32_t i = 0; i < f->lobe_count; i++) {
+        const float left = f->brdf_part * (float)f->samples - (float)i;
+        /* 24 bits: the largest stays below 1 in float */
+        const float u0 = (float)((f->numbers[2 * i] ^ (uint32_t)shift) >> 8) * 0x1p-24f;
+        const float u1 = (float)((f->numbers[2 * i + 1] ^ (uint32_t)(shift >> 32)) >> 8) * 0x1p-24f;
+        add_lobe_sample(s, left < 1.0f ? left : 1.0f, u0, u1);
+    }
+}
+
+static void direct_packet(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, float *lo,
+                          struct direct_counts *counts)
+{
+    struct packet_state s;
+
+    s.frame = f;
+    s.points = p;
+    s.counts = counts;
+    for (int c = 0; c < 3; c++)
+        LANES(l) s.sum[c].v[l] = 0.0f;
+    set_up_lobes(&s);
+    set_up_rays(&s);
+    if (f->light_part > 0.0f || f->share == SHARE_CORNERS)
+        set_up_shares(&s);
+    if (f->light_part > 0.0f)
+        add_light_samples(&s);
+    if (f->brdf_part > 0.0f)
+        add_lobe_samples(&s, index);
+    for (int c = 0; c < 3; c++)
+        LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)f->samples;
+}
+
+const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_packet };

@@ -1,0 +1,47 @@
+/* server/shade/kernels.h */
+/* The inner loops, one build of the same source per CPU level: kernels_select picks one at start. Within a level the
+ * bits are the same everywhere; between levels they differ by rounding only (no contraction, same order of sums; the
+ * levels differ in vector width, not in arithmetic, so in practice they are equal: tests/unit/shade/kernelcheck.c). */
+#ifndef SHADE_KERNELS_H
+#define SHADE_KERNELS_H
+
+#include "environment.h"
+#include "err.h"
+#include "gbuffer.h"
+#include "method.h"
+#include "rays.h"
+#include "samples.h"
+
+#include <stdint.h>
+
+struct direct_counts {
+    uint64_t rays, chosen, effective;
+};
+
+struct direct_frame { /* what all packets of a frame share; borrowed */
+    const struct environment *environment;
+    const struct light_samples *lights;
+    const struct rays *rays; /* NULL: everything is visible */
+    enum share share;
+    uint32_t samples;            /* N_s */
+    float light_part, brdf_part; /* of N_s */
+    const uint32_t *numbers;     /* [lobe_count][2]: points of the unit square in units of 2^-32, for the lobes */
+    uint32_t lobe_count;         /* ceil(brdf_part * N_s) */
+    uint64_t seed;               /* packets turn the numbers by it and their index */
+};
+
+struct kernels {
+    const char *level; /* "v2", "v3", "v4": x86-64 micro-architecture levels; "baseline" elsewhere */
+    /* Radiance of one packet into lo[3][16]; adds to *counts. */
+    void (*direct_packet)(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, float *lo,
+                          struct direct_counts *counts);
+};
+
+/* The best level that this CPU has, or the one named ("v2", "v3", "v4", "baseline"); ERR_USAGE when it is unknown or
+ * the CPU lacks it. */
+MUST_CHECK enum err kernels_select(const char *level, const struct kernels **out, struct reason *why);
+
+/* All levels that this CPU has, worst first, ended by NULL: for tests. */
+const struct kernels *const *kernels_all(void);
+
+#endif
