@@ -1,0 +1,256 @@
+#include "exr_write.h"
+
+#include "mem.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <math.h>
+#include <openexr.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#define HALF_MAX 65504.0f
+#define SIDE_MAX 65535
+#define FIRST_ROOM 65536 /* bytes */
+#define PATH_ROOM 4096
+#define NAME_TRIES 100
+
+/* Where the library writes: one growing block. */
+struct sink {
+    uint8_t *bytes;
+    size_t size, capacity;
+    struct reason said; /* the library's own first complaint */
+};
+
+static enum err code_of(exr_result_t r)
+{
+    switch (r) {
+    case EXR_ERR_SUCCESS: return ERR_OK;
+    case EXR_ERR_OUT_OF_MEMORY: return ERR_NOMEM;
+    case EXR_ERR_WRITE_IO: return ERR_NOMEM; /* sink_write fails for want of memory only */
+    default: return ERR_RANGE;
+    }
+}
+
+static void hear(exr_const_context_t ctx, exr_result_t code, const char *text)
+{
+    void *user = NULL;
+
+    (void)code;
+    if (exr_get_user_data(ctx, &user) != EXR_ERR_SUCCESS || !user)
+        return;
+    struct sink *s = user;
+    if (!s->said.text[0])
+        (void)err_say(&s->said, ERR_FORMAT, "%s", text);
+}
+
+/* At any offset: the library comes back to fill in the table of chunks. */
+static int64_t sink_write(exr_const_context_t ctx, void *user, const void *buffer, uint64_t size, uint64_t offset,
+                          exr_stream_error_func_ptr_t fail)
+{
+    struct sink *s = user;
+
+    if (size > SIZE_MAX / 4 || offset > SIZE_MAX / 4)
+        return fail(ctx, EXR_ERR_WRITE_IO, "%" PRIu64 " bytes at %" PRIu64 " exceed memory", size, offset), -1;
+    const size_t end = (size_t)(offset + size);
+    if (end > s->capacity) {
+        size_t room = s->capacity ? s->capacity : FIRST_ROOM;
+        while (room < end)
+            room *= 2;
+        uint8_t *p = mem_grow(s->bytes, s->size, room, 1);
+        if (!p)
+            return fail(ctx, EXR_ERR_WRITE_IO, "no memory for %zu bytes", room), -1;
+        s->bytes = p;
+        s->capacity = room;
+    }
+    memcpy(s->bytes + offset, buffer, (size_t)size);
+    if (end > s->size)
+        s->size = end;
+    return (int64_t)size;
+}
+
+static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d)
+{
+    const exr_pixel_type_t type = d->depth == EXR_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+    const exr_attr_chromaticities_t rec709 = { 0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f };
+    static const char *const channels[] = { "B", "G", "R" }; /* the format wants them sorted */
+    int part = 0;
+    exr_result_t r = exr_add_part(ctx, "relight", EXR_STORAGE_SCANLINE, &part);
+
+    if (r == EXR_ERR_SUCCESS)
+        r = exr_initialize_required_attr_simple(ctx, part, (int32_t)d->width, (int32_t)d->height, EXR_COMPRESSION_ZIP);
+    for (int i = 0; i < 3 && r == EXR_ERR_SUCCESS; i++)
+        r = exr_add_channel(ctx, part, channels[i], type, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+    if (r == EXR_ERR_SUCCESS)
+        r = exr_attr_set_chromaticities(ctx, part, "chromaticities", &rec709);
+    for (size_t i = 0; i < d->attribute_count && r == EXR_ERR_SUCCESS; i++)
+        r = exr_attr_set_string(ctx, part, d->attributes[i].name, d->attributes[i].value);
+    return r == EXR_ERR_SUCCESS ? exr_write_header(ctx) : r;
+}
+
+/* The rows of one chunk as the encoder reads them; half floats cannot hold more than HALF_MAX, infinity is not meant.
+ */
+static const float *rows(const struct exr_desc *d, uint32_t y, uint32_t height, float *scratch)
+{
+    const size_t count = (size_t)height * d->width * 3;
+    const float *from = d->rgb + (size_t)y * d->width * 3;
+
+    if (d->depth == EXR_FLOAT)
+        return from;
+    for (size_t i = 0; i < count; i++)
+        scratch[i] = from[i] > HALF_MAX ? HALF_MAX : from[i] < -HALF_MAX ? -HALF_MAX : from[i];
+    return scratch;
+}
+
+static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uint32_t y, float *scratch,
+                                exr_encode_pipeline_t *pipe)
+{
+    exr_chunk_info_t chunk;
+    exr_result_t r = exr_write_scanline_chunk_info(ctx, 0, (int)y, &chunk);
+
+    if (r == EXR_ERR_SUCCESS)
+        r = y == 0 ? exr_encoding_initialize(ctx, 0, &chunk, pipe) : exr_encoding_update(ctx, 0, &chunk, pipe);
+    if (r != EXR_ERR_SUCCESS)
+        return r;
+    const uint8_t *from = (const uint8_t *)rows(d, y, (uint32_t)chunk.height, scratch);
+    for (int16_t c = 0; c < pipe->channel_count; c++) {
+        exr_coding_channel_info_t *channel = &pipe->channels[c];
+        channel->user_data_type = EXR_PIXEL_FLOAT;
+        channel->user_bytes_per_element = sizeof(float);
+        channel->user_pixel_stride = 3 * (int32_t)sizeof(float);
+        channel->user_line_stride = channel->user_pixel_stride * (int32_t)d->width;
+        channel->encode_from_ptr = from + sizeof(float) * (size_t)(2 - c); /* B, G, R out of R, G, B */
+    }
+    if (y == 0)
+        r = exr_encoding_choose_default_routines(ctx, 0, pipe);
+    return r == EXR_ERR_SUCCESS ? exr_encoding_run(ctx, 0, pipe) : r;
+}
+
+static exr_result_t write_chunks(exr_context_t ctx, const struct exr_desc *d, float *scratch, uint32_t lines)
+{
+    exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
+    exr_result_t r = EXR_ERR_SUCCESS;
+
+    for (uint32_t y = 0; y < d->height && r == EXR_ERR_SUCCESS; y += lines)
+        r = write_chunk(ctx, d, y, scratch, &pipe);
+    const exr_result_t closed = exr_encoding_destroy(ctx, &pipe);
+    return r == EXR_ERR_SUCCESS ? closed : r;
+}
+
+static exr_result_t write_all(exr_context_t ctx, const struct exr_desc *d)
+{
+    int32_t lines = 0;
+    exr_result_t r = write_header(ctx, d);
+
+    if (r == EXR_ERR_SUCCESS)
+        r = exr_get_scanlines_per_chunk(ctx, 0, &lines);
+    if (r != EXR_ERR_SUCCESS)
+        return r;
+    float *scratch = mem_alloc(d->depth == EXR_HALF ? (size_t)lines * d->width * 3 : 0, sizeof(float));
+    if (!scratch)
+        return EXR_ERR_OUT_OF_MEMORY;
+    r = write_chunks(ctx, d, scratch, (uint32_t)lines);
+    mem_free(scratch);
+    return r;
+}
+
+enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t *size, struct reason *why)
+{
+    struct sink sink = { 0 };
+    exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    exr_context_t ctx = NULL;
+
+    *bytes = NULL;
+    *size = 0;
+    if (d->width < 1 || d->height < 1 || d->width > SIDE_MAX || d->height > SIDE_MAX)
+        return err_say(why, ERR_RANGE, "EXR: %" PRIu32 "x%" PRIu32 " is not 1..%d a side", d->width, d->height,
+                       SIDE_MAX);
+    init.error_handler_fn = hear;
+    init.user_data = &sink;
+    init.write_fn = sink_write;
+    exr_result_t r = exr_start_write(&ctx, "memory", EXR_WRITE_FILE_DIRECTLY, &init);
+    if (r == EXR_ERR_SUCCESS)
+        r = write_all(ctx, d);
+    if (ctx) {
+        const exr_result_t closed = exr_finish(&ctx); /* writes the table of chunks */
+        r = r == EXR_ERR_SUCCESS ? closed : r;
+    }
+    if (r != EXR_ERR_SUCCESS) {
+        mem_free(sink.bytes);
+        return err_say(why, code_of(r), "EXR: %s",
+                       sink.said.text[0] ? sink.said.text : exr_get_default_error_message(r));
+    }
+    *bytes = sink.bytes;
+    *size = sink.size;
+    return ERR_OK;
+}
+
+static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
+{
+    char text[128];
+
+    if (strerror_r(number, text, sizeof(text)) != 0)
+        snprintf(text, sizeof(text), "error %d", number);
+    return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, text);
+}
+
+/* A new file beside `path`; its name goes to temporary. The name holds the process and a count: no other writer's. */
+static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd, struct reason *why)
+{
+    for (int i = 0; i < NAME_TRIES; i++) {
+        const int n = snprintf(temporary, PATH_ROOM, "%s.%ld-%d.part", path, (long)getpid(), i);
+        if (n < 0 || n >= PATH_ROOM)
+            return err_say(why, ERR_IO, "%.200s...: the path is longer than %d bytes", path, PATH_ROOM - 32);
+        *fd = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (*fd >= 0)
+            return ERR_OK;
+        if (errno != EEXIST)
+            return say_errno(why, path, "create the file", errno);
+    }
+    return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) stand beside it", path, NAME_TRIES);
+}
+
+static int write_fully(int fd, const uint8_t *bytes, size_t size)
+{
+    while (size > 0) {
+        const ssize_t n = write(fd, bytes, size);
+        if (n < 0 && errno == EINTR)
+            continue;
+        if (n < 0)
+            return errno;
+        bytes += n;
+        size -= (size_t)n;
+    }
+    return fsync(fd) != 0 ? errno : 0;
+}
+
+enum err exr_write(const struct exr_desc *d, const char *path, struct reason *why)
+{
+    char temporary[PATH_ROOM];
+    uint8_t *bytes = NULL;
+    size_t size = 0;
+    int fd = -1;
+
+    enum err e = exr_encode(d, &bytes, &size, why);
+    if (e)
+        return e;
+    e = open_beside(path, temporary, &fd, why);
+    if (e)
+        goto done;
+    int failed = write_fully(fd, bytes, size);
+    if (close(fd) != 0 && !failed)
+        failed = errno;
+    if (failed) {
+        e = say_errno(why, path, "write the file", failed);
+    } else if (rename(temporary, path) != 0) {
+        e = say_errno(why, path, "rename the finished file", errno);
+    }
+    if (e)
+        unlink(temporary);
+done:
+    mem_free(bytes);
+    return e;
+}

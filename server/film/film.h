@@ -6,6 +6,7 @@
 
 #include "err.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 enum tone_curve {
@@ -14,28 +15,45 @@ enum tone_curve {
     TONE_LINEAR,   /* clipped at 1 */
 };
 
+/* The scene value that filmic and Reinhard bring to white, the exposed middle grey being 0.18: 5.8 stops above it. */
+#define TONE_WHITE 10.0
+
 MUST_CHECK enum err tone_parse(const char *name, enum tone_curve *out, struct reason *why);
 const char *tone_name(enum tone_curve curve);
+
+/* The curve alone, exact: exposed scene value x to display-linear light in 0..1. x is a channel for filmic and linear,
+ * the luminance for Reinhard. NaN and what is below 0 give 0. */
+double tone_value(enum tone_curve curve, double x);
+
+/* Display-linear light 0..1 to the sRGB signal 0..1 [IEC 61966-2-1]. */
+double tone_srgb(double linear);
 
 /* Exposure that follows the picture: the log-average luminance is brought to the key of 0.18 [Reinhard 2002, Eq. 1]
  * and approached by a fixed share per frame, in stops, so that a script and a stream step alike: no clock.
  * Zeroed memory with desc set by exposure_init is ready; the first frame is taken at once. */
 struct exposure {
-    double key;       /* 0.18 */
-    double adapt;     /* share of the way covered per frame, 0..1; 1: at once */
+    double key;        /* 0.18 */
+    double adapt;      /* share of the way covered per frame, 0..1; 1: at once */
     double bias_stops; /* the user's wish on top */
-    double log2_gain; /* present gain, stops */
+    double log2_gain;  /* present gain, stops */
     int started;
 };
 
 void exposure_init(struct exposure *e);
 
-/* Steps by one frame and returns the gain (a factor). Black pictures keep the gain; pixels of luminance 0 do not
- * count; all sums in double and in fixed order: the same picture gives the same gain at any thread count. */
+/* Mean of log2 luminance. Pixels of luminance 0 or NaN do not count, nor do those where mask (uint8_t[height][width],
+ * NULL: all) is 0. A pixel further than 8 stops from the median counts as 8 stops: neither near-black, however much of
+ * it there is up to a half, nor a sun can drag the picture. False when nothing counts; *out is then untouched. */
+bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height, double *out);
+
+/* Steps by one frame and returns the gain (a factor, finite and > 0). Black pictures keep the gain; the user's bias
+ * acts at once. All sums in double and in fixed order: the same picture gives the same gain at any thread count. */
 double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height);
 
 /* gain * rgb through the curve and the sRGB transfer function [IEC 61966-2-1] into uint8_t[height][width][3].
- * No input makes it fail: NaN becomes 0, infinity white. */
+ * Filmic and linear act per channel, Reinhard on luminance. No input makes it fail: NaN becomes 0, infinity 255.
+ * Within 1 code value of the exact formula, and equal to it for more than 99 % of a dense ramp. Uses all OpenMP
+ * threads. */
 void tone_map(const float *rgb, uint32_t width, uint32_t height, double gain, enum tone_curve curve, uint8_t *out);
 
 #endif

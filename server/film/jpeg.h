@@ -10,7 +10,7 @@
 
 struct jpeg_encoder;
 
-struct jpeg_encoder *jpeg_encoder_create(void); /* NULL when out of memory */
+struct jpeg_encoder *jpeg_encoder_create(void);    /* NULL when out of memory */
 void jpeg_encoder_destroy(struct jpeg_encoder *j); /* NULL is allowed */
 
 /* Encodes uint8_t[height][width][3] sRGB at quality 1..100; 4:4:4 from 90 up, else 4:2:0. *bytes stays owned by the

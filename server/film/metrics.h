@@ -8,11 +8,11 @@
 #include <stdint.h>
 
 struct metrics {
-    double mean_ratio;    /* mean luminance of the picture over that of the reference */
-    double rel_mse;       /* mean((x - r)^2 / (r^2 + 1e-2 mean(r)^2)), over channels and the pixels counted */
+    double mean_ratio;      /* mean luminance of the picture over that of the reference */
+    double rel_mse;         /* mean((x - r)^2 / (r^2 + 1e-2 mean(r)^2)), over channels and the pixels counted */
     double rel_mse_trimmed; /* the same without the worst `trim` share of pixels */
-    double delta_e;       /* mean CIE76 delta E*ab after one fixed tone map on both (gain from the reference) */
-    uint64_t pixels;      /* counted */
+    double delta_e;         /* mean CIE76 delta E*ab after one fixed tone map on both (gain from the reference) */
+    uint64_t pixels;        /* counted */
 };
 
 /* mask: uint8_t[height][width], 0 = leave the pixel out; NULL counts all. trim: 0..1, as 0.02.
