@@ -23,7 +23,7 @@ enum lobe_kind {
 
 struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and are not shaded */
     _Alignas(64) float x[PACKET];
-    float y[PACKET], z[PACKET];            /* m: where rays start, already moved off the surface */
+    float y[PACKET], z[PACKET];                     /* m: where rays start, already moved off the surface */
     float ng_x[PACKET], ng_y[PACKET], ng_z[PACKET]; /* geometric normal, towards the viewer */
     float ns_x[PACKET], ns_y[PACKET], ns_z[PACKET]; /* shading normal, same side */
     float wo_x[PACKET], wo_y[PACKET], wo_z[PACKET]; /* to the viewer, unit */
@@ -31,12 +31,12 @@ struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and
     float gloss[PACKET];                            /* phong: exponent; ggx: alpha */
     int32_t valid[PACKET];                          /* -1 lit, 0 padding */
     uint32_t mesh[PACKET], material[PACKET];
-    uint32_t kind; /* enum lobe_kind */
+    uint32_t kind;  /* enum lobe_kind */
     uint32_t count; /* 1..16 */
 };
 
 struct gbuffer_entry {
-    uint32_t point;   /* packet * 16 + lane */
+    uint32_t point; /* packet * 16 + lane */
     float weight[3];
 };
 
@@ -49,24 +49,24 @@ struct gbuffer {
     uint32_t width, height;
     struct shade_packet *packets;
     uint32_t packet_count;
-    uint64_t point_count; /* lanes in use */
-    uint32_t *entry_first;  /* [width * height + 1]: pixel i owns entries entry_first[i] .. entry_first[i + 1] */
+    uint64_t point_count;  /* lanes in use */
+    uint32_t *entry_first; /* [width * height + 1]: pixel i owns entries entry_first[i] .. entry_first[i + 1] */
     struct gbuffer_entry *entries;
     uint32_t *escape_first; /* likewise */
     struct gbuffer_escape *escapes;
-    uint64_t edge_pixels;  /* got more camera rays than one */
+    uint64_t edge_pixels; /* got more camera rays than one */
     uint64_t camera_rays;
-    uint64_t bytes; /* what all of it takes */
+    uint64_t bytes;    /* what all of it takes */
     float pixel_angle; /* radians, height of a pixel at the picture's centre */
 };
 
 struct gbuffer_desc {
     const struct camera *camera;
-    uint32_t width, height;      /* 1..16384 */
-    uint32_t edge_rays;          /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no anti-aliasing */
-    bool every_pixel;            /* treat all pixels as edges */
-    uint64_t max_bytes;          /* 0: 4 GiB; ERR_RANGE beyond */
-    struct progress *progress;   /* may be NULL; stepped once per row */
+    uint32_t width, height;    /* 1..16384 */
+    uint32_t edge_rays;        /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no anti-aliasing */
+    bool every_pixel;          /* treat all pixels as edges */
+    uint64_t max_bytes;        /* 0: 4 GiB; ERR_RANGE beyond */
+    struct progress *progress; /* may be NULL; stepped once per row */
 };
 
 /* On ERR_OK the caller owns *out. ERR_RANGE: size or memory cap. ERR_NOMEM. */

@@ -20,12 +20,12 @@ enum material_kind {
 struct material {
     char name[64];
     enum material_kind kind;
-    struct vec3 diffuse;  /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance */
-    struct vec3 specular; /* phong */
-    float exponent;       /* phong */
+    struct vec3 diffuse;       /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance */
+    struct vec3 specular;      /* phong */
+    float exponent;            /* phong */
     float metallic, roughness; /* ggx */
     float ior;                 /* glass */
-    uint32_t texture; /* multiplies diffuse; index into the scene's textures or MATERIAL_NO_TEXTURE */
+    uint32_t texture;          /* multiplies diffuse; index into the scene's textures or MATERIAL_NO_TEXTURE */
 };
 
 /* "lambert", "phong", ... */

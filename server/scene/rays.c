@@ -1,0 +1,207 @@
+#include "rays.h"
+
+#include "log.h"
+#include "mem.h"
+
+#include <embree3/rtcore.h>
+#include <math.h>
+#include <stddef.h>
+
+#define SAME_PLACE(field)                                                                                              \
+    _Static_assert(offsetof(struct ray16, field) == offsetof(struct RTCRay16, field) &&                                \
+                       sizeof(((struct ray16 *)0)->field) == sizeof(((struct RTCRay16 *)0)->field),                    \
+                   "ray16 and RTCRay16 differ in " #field)
+SAME_PLACE(org_x);
+SAME_PLACE(org_y);
+SAME_PLACE(org_z);
+SAME_PLACE(tnear);
+SAME_PLACE(dir_x);
+SAME_PLACE(dir_y);
+SAME_PLACE(dir_z);
+SAME_PLACE(time);
+SAME_PLACE(tfar);
+SAME_PLACE(mask);
+SAME_PLACE(id);
+SAME_PLACE(flags);
+_Static_assert(sizeof(struct ray16) == sizeof(struct RTCRay16), "ray16 and RTCRay16 differ in size");
+_Static_assert(_Alignof(struct ray16) == _Alignof(struct RTCRay16), "ray16 and RTCRay16 differ in alignment");
+
+struct rays {
+    const struct scene *scene;
+    RTCDevice device;
+    RTCScene bvh;
+};
+
+static void log_embree_error(void *user, enum RTCError code, const char *text)
+{
+    (void)user;
+    log_error("Embree: error %d: %s", (int)code, text);
+}
+
+static bool attach_mesh(struct rays *r, const struct mesh *m, unsigned int id)
+{
+    RTCGeometry g = rtcNewGeometry(r->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    if (!g)
+        return false;
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, m->positions, 0, 3 * sizeof(float),
+                               m->vertex_count);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m->indices, 0, 3 * sizeof(uint32_t),
+                               m->triangle_count);
+    rtcSetGeometryBuildQuality(g, RTC_BUILD_QUALITY_HIGH);
+    rtcCommitGeometry(g);
+    rtcAttachGeometryByID(r->bvh, g, id);
+    rtcReleaseGeometry(g); /* the scene holds it now */
+    return true;
+}
+
+struct rays *rays_create(const struct scene *scene)
+{
+    struct rays *r = mem_alloc(1, sizeof(*r));
+    if (!r)
+        return NULL;
+    r->scene = scene;
+    r->device = rtcNewDevice("verbose=0");
+    if (!r->device) {
+        log_error("Embree: no device, error %d", (int)rtcGetDeviceError(NULL));
+        goto failed;
+    }
+    rtcSetDeviceErrorFunction(r->device, log_embree_error, NULL);
+    r->bvh = rtcNewScene(r->device);
+    if (!r->bvh)
+        goto failed;
+    rtcSetSceneFlags(r->bvh, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(r->bvh, RTC_BUILD_QUALITY_HIGH);
+    for (size_t i = 0; i < scene->mesh_count; i++) {
+        if (!attach_mesh(r, &scene->meshes[i], (unsigned int)i))
+            goto failed;
+    }
+    rtcCommitScene(r->bvh);
+    if (rtcGetDeviceError(r->device) != RTC_ERROR_NONE)
+        goto failed;
+    return r;
+failed:
+    rays_destroy(r);
+    return NULL;
+}
+
+void rays_destroy(struct rays *r)
+{
+    if (!r)
+        return;
+    if (r->bvh)
+        rtcReleaseScene(r->bvh);
+    if (r->device)
+        rtcReleaseDevice(r->device);
+    mem_free(r);
+}
+
+void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet)
+{
+    struct RTCIntersectContext context;
+
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* neighbours share a direction */
+    rtcOccluded16(valid, r->bvh, &context, (struct RTCRay16 *)packet);
+}
+
+bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out)
+{
+    struct RTCIntersectContext context;
+    struct RTCRayHit q = {
+        .ray = {
+            .org_x = origin.x, .org_y = origin.y, .org_z = origin.z, .tnear = tnear,
+            .dir_x = dir.x, .dir_y = dir.y, .dir_z = dir.z,
+            .tfar = INFINITY,
+            .mask = UINT32_MAX,
+        },
+        .hit = { .geomID = RTC_INVALID_GEOMETRY_ID, .instID = { RTC_INVALID_GEOMETRY_ID } },
+    };
+
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(r->bvh, &context, &q);
+    if (q.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        return false;
+    *out = (struct hit){ q.ray.tfar, q.hit.geomID, q.hit.primID, q.hit.u, q.hit.v };
+    return true;
+}
+
+/* How far a point, computed on a triangle and rounded to float, may lie from where a ray query believes the triangle's
+ * plane to be, along the plane's unit normal n; by running error analysis with u = 2^-24 per rounding.
+ *  - The point: each coordinate is rounded once when it is stored and once when it is moved: 2 u |n_i| |p_i|.
+ *  - The query computes (v - o).N with N = e1 x e2, all in float. v - o is rounded: u |n_i| D_i, where D_i is the
+ *    largest distance of a vertex along axis i; the dot product adds at most 3 u |n_i| D_i; and each component of N
+ *    carries at most 4 u A_i, A = |e1| x |e2| with plus instead of minus: 4 u A_i D_i / |N|.
+ * The bound is doubled, for triangles in the same plane whose vertices lie further off. It vanishes with the
+ * point's height for planes that stand square to the axes, so that a huge ground does not ask for a huge step. */
+static double plane_doubt(const double v[3][3], const double p[3], const double n[3], double n_length)
+{
+    const double u = 0x1p-24;
+    double doubt = 0.0;
+    double e1[3], e2[3];
+
+    for (int i = 0; i < 3; i++) {
+        e1[i] = fabs(v[1][i] - v[0][i]);
+        e2[i] = fabs(v[2][i] - v[0][i]);
+    }
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        const double area = e1[j] * e2[k] + e1[k] * e2[j];
+        const double reach = fmax(fabs(v[0][i] - p[i]), fmax(fabs(v[1][i] - p[i]), fabs(v[2][i] - p[i])));
+        doubt += u * (2.0 * fabs(n[i]) * fabs(p[i]) + 4.0 * fabs(n[i]) * reach + 4.0 * area * reach / n_length);
+    }
+    return 2.0 * doubt;
+}
+
+/* The interpolated normal, or `geometric` where there is none. */
+static struct vec3 shading_normal(const struct mesh *m, const uint32_t *t, const double weight[3],
+                                  struct vec3 geometric)
+{
+    double n[3] = { 0.0, 0.0, 0.0 };
+
+    if (!m->normals)
+        return geometric;
+    for (int k = 0; k < 3; k++) {
+        const float *vn = m->normals + 3 * (size_t)t[k];
+        for (int i = 0; i < 3; i++)
+            n[i] += weight[k] * vn[i];
+    }
+    const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (!(length > 1e-3))
+        return geometric;
+    const struct vec3 s = vec3_make((float)(n[0] / length), (float)(n[1] / length), (float)(n[2] / length));
+    return vec3_dot(s, geometric) < 0.0f ? vec3_scale(s, -1.0f) : s;
+}
+
+void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out)
+{
+    const struct mesh *m = &r->scene->meshes[h->mesh];
+    const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
+    const double weight[3] = { 1.0 - (double)h->u - (double)h->v, h->u, h->v };
+    double v[3][3], p[3], n[3];
+
+    for (int k = 0; k < 3; k++) {
+        for (int i = 0; i < 3; i++)
+            v[k][i] = m->positions[3 * (size_t)t[k] + (size_t)i];
+    }
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        p[i] = weight[0] * v[0][i] + weight[1] * v[1][i] + weight[2] * v[2][i];
+        n[i] = (v[1][j] - v[0][j]) * (v[2][k] - v[0][k]) - (v[1][k] - v[0][k]) * (v[2][j] - v[0][j]);
+    }
+    const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int i = 0; i < 3; i++)
+        n[i] /= length; /* > 0: meshes hold no degenerate triangles */
+    const double side = n[0] * towards.x + n[1] * towards.y + n[2] * towards.z < 0.0 ? -1.0 : 1.0;
+
+    out->position = vec3_make((float)p[0], (float)p[1], (float)p[2]);
+    out->geometric = vec3_make((float)(side * n[0]), (float)(side * n[1]), (float)(side * n[2]));
+    out->outside = side > 0.0;
+    out->shading = shading_normal(m, t, weight, out->geometric);
+    /* where the bound is 0 the start must still be off the plane, and no product with it denormal */
+    out->offset = (float)(plane_doubt(v, p, n, length) + 1e-18);
+    out->uv[0] = out->uv[1] = 0.0f;
+    for (int k = 0; m->uvs && k < 3; k++) {
+        out->uv[0] += (float)weight[k] * m->uvs[2 * (size_t)t[k]];
+        out->uv[1] += (float)weight[k] * m->uvs[2 * (size_t)t[k] + 1];
+    }
+}

@@ -5,6 +5,7 @@
 
 #include "scene.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define PACKET 16
@@ -32,6 +33,7 @@ struct surface {
     struct vec3 position;  /* m */
     struct vec3 geometric; /* unit normal of the triangle, turned to the side `towards` came from */
     struct vec3 shading;   /* unit, interpolated where the mesh has normals, turned to the same side as geometric */
+    bool outside;          /* the ray came from where the triangle's vertices are counter-clockwise */
     float uv[2];
     float offset; /* m: how far along the geometric normal a ray must start so as not to meet its own triangle */
 };

@@ -1,0 +1,249 @@
+#include "scene.h"
+
+#include "log.h"
+#include "mem.h"
+#include "progress.h"
+#include "scene_build.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+#include <strings.h>
+
+const char *scene_feature_name(enum scene_feature feature)
+{
+    switch (feature) {
+    case FEATURE_NORMAL_MAP: return "normal maps";
+    case FEATURE_ALPHA: return "alpha masks and blending";
+    case FEATURE_VOLUME: return "volumes";
+    case FEATURE_EMISSION: return "emission";
+    case FEATURE_ROUGHNESS_MAP: return "metallic-roughness textures";
+    case FEATURE_CLEARCOAT: return "clearcoat and sheen";
+    case FEATURE_ROUGH_GLASS: return "rough glass";
+    case FEATURE_TINTED_GLASS: return "tinted glass";
+    case FEATURE_PARTIAL_GLASS: return "partial transmission";
+    case FEATURE_VERTEX_COLOUR: return "vertex colours";
+    case FEATURE_TEXTURE_TRANSFORM: return "texture transforms and second texture coordinates";
+    case FEATURE_TEXTURE_CLAMP: return "textures that do not repeat";
+    case FEATURE_SPECULAR_GLOSSINESS: return "specular-glossiness materials";
+    case FEATURE_LIGHTS: return "lights other than the environment";
+    case FEATURE_ANIMATION: return "animation";
+    case FEATURE_COUNT: break;
+    }
+    assert(!"a feature outside the enum");
+    return "";
+}
+
+struct scene *scene_create(void)
+{
+    return mem_alloc(1, sizeof(struct scene));
+}
+
+void scene_destroy(struct scene *s)
+{
+    if (!s)
+        return;
+    for (size_t i = 0; i < s->mesh_count; i++)
+        mesh_finish(&s->meshes[i]);
+    for (size_t i = 0; i < s->texture_count; i++)
+        mem_free(s->textures[i].rgb);
+    mem_free(s->meshes);
+    mem_free(s->materials);
+    mem_free(s->textures);
+    mem_free(s->cameras);
+    mem_free(s);
+}
+
+/* The array with place for one more behind `count`; its capacity is the power of two at or above the count. */
+static void *one_more(void *array, size_t count, size_t size)
+{
+    if (array && (count & (count - 1)) != 0)
+        return array;
+    return mem_grow(array, count, count ? 2 * count : 1, size);
+}
+
+enum err scene_add_material(struct scene *s, const struct material *m, uint32_t *index)
+{
+    struct material *grown = one_more(s->materials, s->material_count, sizeof(*grown));
+    if (!grown)
+        return ERR_NOMEM;
+    s->materials = grown;
+    if (index)
+        *index = (uint32_t)s->material_count;
+    grown[s->material_count++] = *m;
+    return ERR_OK;
+}
+
+enum err scene_add_mesh(struct scene *s, const struct mesh *m)
+{
+    struct mesh *grown = one_more(s->meshes, s->mesh_count, sizeof(*grown));
+    if (!grown)
+        return ERR_NOMEM;
+    s->meshes = grown;
+    grown[s->mesh_count++] = *m;
+    return ERR_OK;
+}
+
+enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index)
+{
+    struct texture *grown = one_more(s->textures, s->texture_count, sizeof(*grown));
+    if (!grown)
+        return ERR_NOMEM;
+    s->textures = grown;
+    if (index)
+        *index = (uint32_t)s->texture_count;
+    grown[s->texture_count++] = *t;
+    return ERR_OK;
+}
+
+enum err scene_add_camera(struct scene *s, const struct camera *c)
+{
+    struct camera *grown = one_more(s->cameras, s->camera_count, sizeof(*grown));
+    if (!grown)
+        return ERR_NOMEM;
+    s->cameras = grown;
+    grown[s->camera_count++] = *c;
+    return ERR_OK;
+}
+
+uint32_t scene_find_material(const struct scene *s, const char *name, uint32_t first)
+{
+    for (size_t i = first; i < s->material_count; i++) {
+        if (strcmp(s->materials[i].name, name) == 0)
+            return (uint32_t)i;
+    }
+    return MATERIAL_NONE;
+}
+
+void scene_note_unmodelled(struct scene *s, enum scene_feature feature, const char *file)
+{
+    const uint32_t bit = UINT32_C(1) << feature;
+
+    if (!(s->unmodelled & bit))
+        log_warning("%s: %s are not modelled", file, scene_feature_name(feature));
+    s->unmodelled |= bit;
+}
+
+const struct camera *scene_camera(const struct scene *s, const char *name)
+{
+    for (size_t i = 0; i < s->camera_count; i++) {
+        if (!name || strcmp(s->cameras[i].name, name) == 0)
+            return &s->cameras[i];
+    }
+    return NULL;
+}
+
+static void grow_box(struct scene *s, const struct mesh *m)
+{
+    for (size_t i = 0; i < 3 * (size_t)m->triangle_count; i++) {
+        const float *p = m->positions + 3 * (size_t)m->indices[i];
+        s->low = vec3_make(fminf(s->low.x, p[0]), fminf(s->low.y, p[1]), fminf(s->low.z, p[2]));
+        s->high = vec3_make(fmaxf(s->high.x, p[0]), fmaxf(s->high.y, p[1]), fmaxf(s->high.z, p[2]));
+    }
+}
+
+enum err scene_finish(struct scene *s, const char *file, struct reason *why)
+{
+    s->triangle_count = 0;
+    s->low = vec3_make(INFINITY, INFINITY, INFINITY);
+    s->high = vec3_make(-INFINITY, -INFINITY, -INFINITY);
+    for (size_t i = 0; i < s->mesh_count; i++) {
+        s->triangle_count += s->meshes[i].triangle_count;
+        grow_box(s, &s->meshes[i]);
+    }
+    if (s->triangle_count == 0)
+        return err_say(why, ERR_FORMAT, "%s: there are no triangles in it", file);
+    return ERR_OK;
+}
+
+struct camera scene_framing_camera(const struct scene *s)
+{
+    const struct vec3 centre = vec3_scale(vec3_add(s->low, s->high), 0.5f);
+    const float radius = fmaxf(0.5f * vec3_length(vec3_sub(s->high, s->low)), 1e-6f);
+    const float fov_y = 35.0f * (float)PI / 180.0f;
+    /* a little above the eye's usual height, off the axes so that three sides are seen */
+    const struct vec3 from = vec3_normalize(vec3_make(0.62f, 0.42f, 1.0f));
+
+    struct camera c = {
+        .name = "framed",
+        .position = vec3_add(centre, vec3_scale(from, radius / sinf(0.5f * fov_y))),
+        .look_at = centre,
+        .up = { 0.0f, 1.0f, 0.0f },
+        .fov_y = fov_y,
+    };
+    return c;
+}
+
+static bool finite3(struct vec3 v)
+{
+    return isfinite(v.x) && isfinite(v.y) && isfinite(v.z);
+}
+
+enum err camera_check(const struct camera *c, const char *place, struct reason *why)
+{
+    const struct vec3 ahead = vec3_sub(c->look_at, c->position);
+
+    if (!finite3(c->position) || !finite3(c->look_at) || !finite3(c->up) || !finite3(ahead))
+        return err_say(why, ERR_RANGE, "%s: a number is not finite", place);
+    if (!(c->fov_y > 0.0f && c->fov_y < (float)PI))
+        return err_say(why, ERR_RANGE, "%s: fov_y_degrees is %g, not between 0 and 180", place,
+                       (double)c->fov_y * 180.0 / PI);
+    if (vec3_length(ahead) == 0.0f)
+        return err_say(why, ERR_RANGE, "%s: position and look_at are the same point", place);
+    const struct vec3 right = vec3_cross(vec3_normalize(ahead), vec3_normalize(c->up));
+    if (!(vec3_length(right) > 1e-4f))
+        return err_say(why, ERR_RANGE, "%s: up is parallel to the line of sight", place);
+    return ERR_OK;
+}
+
+bool path_is_gltf(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+    return dot && (strcasecmp(dot, ".gltf") == 0 || strcasecmp(dot, ".glb") == 0);
+}
+
+static enum err load_gltf(struct scene *s, const char *path, struct progress *progress, struct reason *why)
+{
+    const struct model_desc d = {
+        .path = path,
+        .place = path,
+        .material = MATERIAL_NONE,
+        .own_materials = true,
+        .camera = true,
+        .transform = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 },
+        .normals = NORMALS_FILE,
+    };
+    enum err e = model_load(s, &d, why);
+    progress_step(progress, 1);
+    if (!e)
+        e = scene_finish(s, path, why);
+    if (!e && s->camera_count == 0) {
+        const struct camera framing = scene_framing_camera(s);
+        e = scene_add_camera(s, &framing);
+    }
+    return e;
+}
+
+enum err scene_load(const char *path, struct scene **out, struct progress *progress, struct reason *why)
+{
+    const char *dot = strrchr(path, '.');
+    enum err e;
+
+    *out = NULL;
+    struct scene *s = scene_create();
+    if (!s)
+        return err_say(why, ERR_NOMEM, "%s: out of memory", path);
+    if (dot && strcasecmp(dot, ".json") == 0)
+        e = scene_load_json(s, path, progress, why);
+    else if (path_is_gltf(path))
+        e = load_gltf(s, path, progress, why);
+    else
+        e = err_say(why, ERR_UNSUPPORTED, "%s: a scene is a .json, .gltf or .glb file", path);
+    if (e == ERR_NOMEM)
+        err_say(why, e, "%s: out of memory", path);
+    if (e)
+        scene_destroy(s);
+    else
+        *out = s;
+    return e;
+}

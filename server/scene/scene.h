@@ -14,13 +14,35 @@
 
 struct progress;
 
+/* What files describe and this program does not model: each is named once in a warning and kept in the scene's
+ * `unmodelled`, for the statistics. */
+enum scene_feature {
+    FEATURE_NORMAL_MAP,
+    FEATURE_ALPHA,         /* masks and blending: the surface is taken as opaque */
+    FEATURE_VOLUME,        /* attenuation inside glass */
+    FEATURE_EMISSION,      /* taken as black */
+    FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures: the factors alone count */
+    FEATURE_CLEARCOAT,     /* clearcoat and sheen */
+    FEATURE_ROUGH_GLASS,   /* taken as smooth */
+    FEATURE_TINTED_GLASS,  /* taken as clear */
+    FEATURE_PARTIAL_GLASS, /* a transmission of less than half is taken as none, else as all */
+    FEATURE_VERTEX_COLOUR,
+    FEATURE_TEXTURE_TRANSFORM,
+    FEATURE_TEXTURE_CLAMP, /* all textures repeat */
+    FEATURE_SPECULAR_GLOSSINESS,
+    FEATURE_LIGHTS,    /* the environment is the only light */
+    FEATURE_ANIMATION, /* geometry stands still */
+    FEATURE_COUNT
+};
+
 struct mesh { /* triangles of one material */
     uint32_t vertex_count, triangle_count;
-    float *positions;   /* [vertex_count][3], m; one float of padding behind the last, as Embree reads 16 bytes */
-    float *normals;     /* [vertex_count][3], unit; NULL: flat, the geometric normal shades */
-    float *uvs;         /* [vertex_count][2], v up from the picture's bottom as in OBJ; NULL: none */
-    uint32_t *indices;  /* [triangle_count][3], each < vertex_count */
-    uint32_t material;  /* index into the scene's materials */
+    float *positions; /* [vertex_count][3], m; one float of padding behind the last, as Embree reads 16 bytes */
+    float
+        *normals; /* [vertex_count][3], unit, or (0,0,0) where there is none; NULL: flat, the geometric normal shades */
+    float *uvs;   /* [vertex_count][2], v up from the picture's bottom as in OBJ; NULL: none */
+    uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise from outside */
+    uint32_t material; /* index into the scene's materials */
 };
 
 struct texture { /* base colour, decoded to linear Rec.709, float[height][width][3], top row first */
@@ -44,14 +66,18 @@ struct scene {
     struct camera *cameras; /* at least one */
     size_t camera_count;
     uint64_t triangle_count; /* of all meshes */
-    struct vec3 low, high;   /* bounding box, m */
+    struct vec3 low, high;   /* bounding box of the triangles, m */
+    uint32_t unmodelled;     /* bit 1 << feature for each enum scene_feature that was met */
 };
+
+/* A few English words, as "normal maps". */
+const char *scene_feature_name(enum scene_feature feature);
 
 /* Reads a .json scene or a .gltf/.glb file. On ERR_OK the caller owns *out; else *out is NULL and *why holds one line
  * that names file, place and fault: ERR_IO a missing file, ERR_FORMAT malformed JSON or model, no camera, an unknown
  * material, ERR_RANGE a value outside its limits, ERR_UNSUPPORTED a format that is not read here. Features that are
- * not modelled are named once each in a warning. progress may be NULL. */
-MUST_CHECK enum err scene_load(const char *path, struct scene **out, struct reason *why);
+ * not modelled are named once each in a warning. progress may be NULL; stepped once per model. */
+MUST_CHECK enum err scene_load(const char *path, struct scene **out, struct progress *progress, struct reason *why);
 
 /* The scene that comes with the program, made by code. NULL when out of memory. */
 struct scene *scene_create_builtin(void);

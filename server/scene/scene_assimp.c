@@ -1,0 +1,314 @@
+#include "scene_build.h"
+
+#include "log.h"
+#include "mem.h"
+
+#include <assimp/cimport.h>
+#include <assimp/config.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define DEPTH_MAX 256
+
+/* What the walk over the nodes carries. */
+struct import {
+    struct scene *scene;
+    const struct model_desc *desc;
+    const struct aiScene *ai;
+    uint32_t first_material; /* of the file's own, in the scene */
+    size_t dropped;          /* degenerate triangles */
+    struct reason *why;
+};
+
+/* a * b, both column-major. */
+static void multiply(const double a[16], const double b[16], double out[16])
+{
+    for (int column = 0; column < 4; column++) {
+        for (int row = 0; row < 4; row++) {
+            double sum = 0.0;
+            for (int k = 0; k < 4; k++)
+                sum += a[4 * k + row] * b[4 * column + k];
+            out[4 * column + row] = sum;
+        }
+    }
+}
+
+static void node_matrix(const struct aiMatrix4x4 *m, double out[16])
+{
+    const double columns[16] = { m->a1, m->b1, m->c1, m->d1, m->a2, m->b2, m->c2, m->d2,
+                                 m->a3, m->b3, m->c3, m->d3, m->a4, m->b4, m->c4, m->d4 };
+    memcpy(out, columns, sizeof(columns));
+}
+
+static void put_positions(const struct aiMesh *ai, const double m[16], float *out)
+{
+    for (size_t i = 0; i < ai->mNumVertices; i++) {
+        const struct aiVector3D *p = &ai->mVertices[i];
+        for (size_t row = 0; row < 3; row++)
+            out[3 * i + row] = (float)(m[row] * p->x + m[4 + row] * p->y + m[8 + row] * p->z + m[12 + row]);
+    }
+}
+
+/* Cofactors of the upper 3x3: what turns normals, up to a factor. Returns the determinant. */
+static double cofactors(const double m[16], double c[9])
+{
+    for (int i = 0; i < 3; i++) {
+        const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+        for (int j = 0; j < 3; j++) {
+            const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+            c[3 * i + j] = m[4 * i1 + j1] * m[4 * i2 + j2] - m[4 * i1 + j2] * m[4 * i2 + j1];
+        }
+    }
+    return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
+}
+
+static void put_normals(const struct aiMesh *ai, const double m[16], float *out)
+{
+    double c[9];
+    const double side = cofactors(m, c) < 0.0 ? -1.0 : 1.0;
+
+    for (size_t i = 0; i < ai->mNumVertices; i++) {
+        const struct aiVector3D *n = &ai->mNormals[i];
+        double v[3];
+        for (int row = 0; row < 3; row++)
+            v[row] = side * (c[row] * n->x + c[3 + row] * n->y + c[6 + row] * n->z);
+        const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        const double scale = isfinite(length) && length > 0.0 ? 1.0 / length : 0.0;
+        for (size_t row = 0; row < 3; row++)
+            out[3 * i + row] = scale > 0.0 ? (float)(v[row] * scale) : 0.0f;
+    }
+}
+
+static void put_uvs(const struct aiMesh *ai, float *out)
+{
+    for (size_t i = 0; i < ai->mNumVertices; i++) {
+        out[2 * i] = ai->mTextureCoords[0][i].x;
+        out[2 * i + 1] = ai->mTextureCoords[0][i].y;
+    }
+}
+
+/* Faces that are no triangles (points and lines that Assimp let pass) are left out. */
+static uint32_t put_indices(const struct aiMesh *ai, bool mirrored, uint32_t *out)
+{
+    uint32_t count = 0;
+
+    for (size_t i = 0; i < ai->mNumFaces; i++) {
+        const struct aiFace *f = &ai->mFaces[i];
+        if (f->mNumIndices != 3)
+            continue;
+        uint32_t *t = out + 3 * (size_t)count++;
+        t[0] = f->mIndices[0];
+        t[1] = f->mIndices[mirrored ? 2 : 1]; /* a reflection turns the triangles inside out: turn them back */
+        t[2] = f->mIndices[mirrored ? 1 : 2];
+    }
+    return count;
+}
+
+static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, const double matrix[16], struct mesh *m)
+{
+    double c[9];
+
+    m->vertex_count = ai->mNumVertices;
+    m->positions = mem_alloc(3 * (size_t)ai->mNumVertices + 1, sizeof(float));
+    m->indices = mem_alloc(ai->mNumFaces, 3 * sizeof(uint32_t));
+    if (!m->positions || !m->indices)
+        return ERR_NOMEM;
+    put_positions(ai, matrix, m->positions);
+    m->triangle_count = put_indices(ai, cofactors(matrix, c) < 0.0, m->indices);
+    if (in->desc->normals != NORMALS_FLAT && ai->mNormals) {
+        m->normals = mem_alloc(ai->mNumVertices, 3 * sizeof(float));
+        if (!m->normals)
+            return ERR_NOMEM;
+        put_normals(ai, matrix, m->normals);
+    }
+    if (ai->mTextureCoords[0] && in->scene->materials[m->material].texture != MATERIAL_NO_TEXTURE) {
+        m->uvs = mem_alloc(ai->mNumVertices, 2 * sizeof(float));
+        if (!m->uvs)
+            return ERR_NOMEM;
+        put_uvs(ai, m->uvs);
+    }
+    return ERR_OK;
+}
+
+static enum err find_material(const struct import *in, const struct aiMesh *ai, uint32_t *out)
+{
+    const struct model_desc *d = in->desc;
+    struct aiString name = { 0 };
+
+    if (d->material != MATERIAL_NONE) {
+        *out = d->material;
+        return ERR_OK;
+    }
+    if (d->own_materials) {
+        *out = in->first_material + ai->mMaterialIndex;
+        return ERR_OK;
+    }
+    (void)aiGetMaterialString(in->ai->mMaterials[ai->mMaterialIndex], AI_MATKEY_NAME, &name);
+    *out = scene_find_material(in->scene, name.data, 0);
+    if (*out != MATERIAL_NONE)
+        return ERR_OK;
+    return err_say(in->why, ERR_FORMAT, "%s: %s: unknown material '%s'", d->place, d->path, name.data);
+}
+
+static enum err add_mesh(struct import *in, const struct aiMesh *ai, const double matrix[16])
+{
+    struct mesh m = { 0 };
+    enum err e;
+
+    if (!(ai->mPrimitiveTypes & aiPrimitiveType_TRIANGLE))
+        return ERR_OK;
+    if (ai->mNumVertices > UINT32_MAX / 3 || ai->mNumFaces > UINT32_MAX / 3)
+        return err_say(in->why, ERR_RANGE, "%s: %s: %u vertices and %u faces in one mesh are too many", in->desc->place,
+                       in->desc->path, ai->mNumVertices, ai->mNumFaces);
+    e = find_material(in, ai, &m.material);
+    if (!e)
+        e = fill_mesh(in, ai, matrix, &m);
+    if (!e) {
+        in->dropped += mesh_drop_degenerate(&m);
+        if (in->desc->normals == NORMALS_SMOOTH && !m.normals)
+            e = mesh_make_normals(&m);
+    }
+    if (!e && m.triangle_count > 0) {
+        if (in->desc->own_materials && ai->mColors[0])
+            scene_note_unmodelled(in->scene, FEATURE_VERTEX_COLOUR, in->desc->path);
+        e = scene_add_mesh(in->scene, &m);
+        if (!e)
+            return ERR_OK; /* the scene owns its arrays now */
+    }
+    mesh_finish(&m);
+    return e;
+}
+
+static enum err add_node(struct import *in, const struct aiNode *node, const double parent[16], int depth)
+{
+    double local[16], world[16];
+    enum err e = ERR_OK;
+
+    if (depth > DEPTH_MAX)
+        return err_say(in->why, ERR_RANGE, "%s: %s: nodes nested more than %d deep", in->desc->place, in->desc->path,
+                       DEPTH_MAX);
+    node_matrix(&node->mTransformation, local);
+    multiply(parent, local, world);
+    for (unsigned i = 0; i < node->mNumMeshes && !e; i++)
+        e = add_mesh(in, in->ai->mMeshes[node->mMeshes[i]], world);
+    for (unsigned i = 0; i < node->mNumChildren && !e; i++)
+        e = add_node(in, node->mChildren[i], world, depth + 1);
+    return e;
+}
+
+/* World matrix of the node of that name; false when there is none. */
+static bool find_node(const struct aiNode *node, const char *name, const double parent[16], double out[16], int depth)
+{
+    double local[16], world[16];
+
+    node_matrix(&node->mTransformation, local);
+    multiply(parent, local, world);
+    if (strcmp(node->mName.data, name) == 0) {
+        memcpy(out, world, sizeof(world));
+        return true;
+    }
+    for (unsigned i = 0; i < node->mNumChildren && depth < DEPTH_MAX; i++) {
+        if (find_node(node->mChildren[i], name, world, out, depth + 1))
+            return true;
+    }
+    return false;
+}
+
+static struct vec3 turn(const double m[16], struct aiVector3D v, double w)
+{
+    return vec3_make((float)(m[0] * v.x + m[4] * v.y + m[8] * v.z + m[12] * w),
+                     (float)(m[1] * v.x + m[5] * v.y + m[9] * v.z + m[13] * w),
+                     (float)(m[2] * v.x + m[6] * v.y + m[10] * v.z + m[14] * w));
+}
+
+static enum err add_camera(struct import *in, const struct aiCamera *ai, unsigned index)
+{
+    struct camera c = { .name = "" };
+    double world[16];
+    char place[512];
+
+    if (!find_node(in->ai->mRootNode, ai->mName.data, in->desc->transform, world, 0))
+        memcpy(world, in->desc->transform, sizeof(world));
+    if (ai->mName.length > 0)
+        snprintf(c.name, sizeof(c.name), "%.63s", ai->mName.data);
+    else
+        snprintf(c.name, sizeof(c.name), "camera %u", index);
+    c.position = turn(world, ai->mPosition, 1.0);
+    c.look_at = vec3_add(c.position, vec3_normalize(turn(world, ai->mLookAt, 0.0)));
+    c.up = vec3_normalize(turn(world, ai->mUp, 0.0));
+    /* Assimp holds half the horizontal angle... of the file's aspect ratio; glTF's own angle is the vertical one. */
+    const float aspect = ai->mAspect > 0.0f ? ai->mAspect : 1.0f;
+    c.fov_y = 2.0f * atanf(tanf(0.5f * ai->mHorizontalFOV) / aspect);
+    snprintf(place, sizeof(place), "%s: camera '%s'", in->desc->path, c.name);
+    const enum err e = camera_check(&c, place, in->why);
+    return e ? e : scene_add_camera(in->scene, &c);
+}
+
+static enum err take(struct import *in)
+{
+    const size_t meshes_before = in->scene->mesh_count;
+    enum err e = ERR_OK;
+
+    if (in->desc->own_materials)
+        e = gltf_add_materials(in->scene, in->ai, in->desc->path, &in->first_material, in->why);
+    if (!e)
+        e = add_node(in, in->ai->mRootNode, in->desc->transform, 0);
+    for (unsigned i = 0; in->desc->camera && i < in->ai->mNumCameras && !e; i++)
+        e = add_camera(in, in->ai->mCameras[i], i);
+    if (e)
+        return e;
+    if (in->ai->mNumLights > 0)
+        scene_note_unmodelled(in->scene, FEATURE_LIGHTS, in->desc->path);
+    if (in->ai->mNumAnimations > 0)
+        scene_note_unmodelled(in->scene, FEATURE_ANIMATION, in->desc->path);
+    if (in->dropped > 0)
+        log_warning("%s: %zu degenerate or non-finite triangles left out", in->desc->path, in->dropped);
+    if (in->scene->mesh_count == meshes_before)
+        return err_say(in->why, ERR_FORMAT, "%s: %s: there are no triangles in it", in->desc->place, in->desc->path);
+    return ERR_OK;
+}
+
+static const struct aiScene *import_file(const struct model_desc *d)
+{
+    unsigned flags =
+        aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent | aiProcess_JoinIdenticalVertices;
+    int unwanted = aiComponent_TANGENTS_AND_BITANGENTS | aiComponent_BONEWEIGHTS;
+
+    struct aiPropertyStore *p = aiCreatePropertyStore();
+    if (!p)
+        return NULL;
+    if (d->normals == NORMALS_FLAT)
+        unwanted |= aiComponent_NORMALS; /* before vertices are joined: corners of flat faces are then shared */
+    if (!d->own_materials)
+        unwanted |= aiComponent_COLORS | aiComponent_TEXCOORDS;
+    aiSetImportPropertyInteger(p, AI_CONFIG_PP_RVC_FLAGS, unwanted);
+    aiSetImportPropertyInteger(p, AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
+    const struct aiScene *ai = aiImportFileExWithProperties(d->path, flags, NULL, p);
+    aiReleasePropertyStore(p);
+    return ai;
+}
+
+enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
+{
+    enum err e;
+
+    FILE *f = fopen(d->path, "rb"); /* Assimp's own words for a missing file do not say why */
+    if (!f)
+        return err_say(why, ERR_IO, "%s: %s: %s", d->place, d->path, strerror(errno));
+    fclose(f);
+    const struct aiScene *ai = import_file(d);
+    if (!ai)
+        return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
+    if (!ai->mRootNode || (ai->mFlags & AI_SCENE_FLAGS_INCOMPLETE && ai->mNumMeshes == 0)) {
+        e = err_say(why, ERR_FORMAT, "%s: %s: there are no triangles in it", d->place, d->path);
+    } else {
+        struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };
+        e = take(&in);
+    }
+    aiReleaseImport(ai);
+    return e;
+}

@@ -1,0 +1,430 @@
+#include "scene_build.h"
+
+#include "log.h"
+#include "progress.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* One object of the file while it is read. */
+struct spot {
+    const json_t *object;
+    char place[320]; /* how messages begin: "plaza.json: materials 'wall'" */
+    struct scene *scene;
+    const char *path;
+    struct reason *why;
+};
+
+/* The object inside s under a name for messages; ERR_FORMAT when the value is no object. */
+static enum err spot_enter(const struct spot *s, const json_t *value, const char *name, struct spot *out)
+{
+    *out = *s;
+    out->object = value;
+    snprintf(out->place, sizeof(out->place), "%.220s: %.90s", s->path, name);
+    if (!json_is_object(value))
+        return err_say(s->why, ERR_FORMAT, "%s: is not an object", out->place);
+    return ERR_OK;
+}
+
+/* A misspelt key would otherwise silently leave a default in place. */
+static void warn_unknown_keys(const struct spot *s, const char *const *known)
+{
+    const char *key;
+    json_t *value;
+
+    json_object_foreach((json_t *)s->object, key, value)
+    {
+        const char *const *k = known;
+        while (*k && strcmp(*k, key) != 0)
+            k++;
+        if (!*k)
+            log_warning("%s: unknown key '%s' is ignored", s->place, key);
+    }
+}
+
+static enum err missing(const struct spot *s, const char *key)
+{
+    return err_say(s->why, ERR_FORMAT, "%s: '%s' is missing", s->place, key);
+}
+
+/* A number within [least, most]; the key may be absent when fallback is not NULL. */
+static enum err read_number(const struct spot *s, const char *key, const double *fallback, double least, double most,
+                            float *out)
+{
+    const json_t *value = json_object_get(s->object, key);
+
+    if (!value && !fallback)
+        return missing(s, key);
+    if (value && !json_is_number(value))
+        return err_say(s->why, ERR_FORMAT, "%s: '%s' is not a number", s->place, key);
+    const double number = value ? json_number_value(value) : *fallback;
+    if (!(number >= least && number <= most))
+        return err_say(s->why, ERR_RANGE, "%s: '%s' is %g, not within %g to %g", s->place, key, number, least, most);
+    *out = (float)number;
+    return ERR_OK;
+}
+
+static enum err read_vec3(const struct spot *s, const char *key, const struct vec3 *fallback, double least, double most,
+                          struct vec3 *out)
+{
+    const json_t *value = json_object_get(s->object, key);
+    float v[3];
+
+    if (!value && !fallback)
+        return missing(s, key);
+    if (!value) {
+        *out = *fallback;
+        return ERR_OK;
+    }
+    if (!json_is_array(value) || json_array_size(value) != 3)
+        return err_say(s->why, ERR_FORMAT, "%s: '%s' is not an array of three numbers", s->place, key);
+    for (size_t i = 0; i < 3; i++) {
+        const json_t *number = json_array_get(value, i);
+        if (!json_is_number(number))
+            return err_say(s->why, ERR_FORMAT, "%s: '%s' is not an array of three numbers", s->place, key);
+        const double x = json_number_value(number);
+        if (!(x >= least && x <= most))
+            return err_say(s->why, ERR_RANGE, "%s: '%s' holds %g, not within %g to %g", s->place, key, x, least, most);
+        v[i] = (float)x;
+    }
+    *out = vec3_make(v[0], v[1], v[2]);
+    return ERR_OK;
+}
+
+static enum err read_string(const struct spot *s, const char *key, const char **out)
+{
+    const json_t *value = json_object_get(s->object, key);
+
+    if (!value)
+        return missing(s, key);
+    if (!json_is_string(value) || json_string_length(value) == 0)
+        return err_say(s->why, ERR_FORMAT, "%s: '%s' is not a name", s->place, key);
+    *out = json_string_value(value);
+    return ERR_OK;
+}
+
+/* Materials */
+
+static enum err read_lambert(const struct spot *s, struct material *m)
+{
+    warn_unknown_keys(s, (const char *const[]){ "type", "albedo", NULL });
+    m->kind = MATERIAL_LAMBERT;
+    return read_vec3(s, "albedo", NULL, 0.0, 1.0, &m->diffuse);
+}
+
+static enum err read_phong(const struct spot *s, struct material *m)
+{
+    warn_unknown_keys(s, (const char *const[]){ "type", "diffuse", "specular", "exponent", NULL });
+    m->kind = MATERIAL_PHONG;
+    enum err e = read_vec3(s, "diffuse", NULL, 0.0, 1.0, &m->diffuse);
+    if (!e)
+        e = read_vec3(s, "specular", NULL, 0.0, 1.0, &m->specular);
+    if (!e)
+        e = read_number(s, "exponent", NULL, 0.0, 1e6, &m->exponent);
+    if (e)
+        return e;
+    const struct vec3 sum = vec3_add(m->diffuse, m->specular);
+    const float most = fmaxf(sum.x, fmaxf(sum.y, sum.z));
+    if (most > 1.0f + 1e-4f)
+        return err_say(s->why, ERR_RANGE, "%s: diffuse + specular is %g, more than 1: it would make light", s->place,
+                       (double)most);
+    return ERR_OK;
+}
+
+static enum err read_ggx(const struct spot *s, struct material *m)
+{
+    const struct vec3 white = { 1.0f, 1.0f, 1.0f };
+    const double one = 1.0; /* glTF's defaults */
+
+    warn_unknown_keys(s, (const char *const[]){ "type", "base_color", "metallic", "roughness", NULL });
+    m->kind = MATERIAL_GGX;
+    enum err e = read_vec3(s, "base_color", &white, 0.0, 1.0, &m->diffuse);
+    if (!e)
+        e = read_number(s, "metallic", &one, 0.0, 1.0, &m->metallic);
+    if (!e)
+        e = read_number(s, "roughness", &one, 0.0, 1.0, &m->roughness);
+    return e;
+}
+
+static enum err read_mirror(const struct spot *s, struct material *m)
+{
+    const struct vec3 white = { 1.0f, 1.0f, 1.0f };
+
+    warn_unknown_keys(s, (const char *const[]){ "type", "reflectance", NULL });
+    m->kind = MATERIAL_MIRROR;
+    return read_vec3(s, "reflectance", &white, 0.0, 1.0, &m->diffuse);
+}
+
+static enum err read_glass(const struct spot *s, struct material *m)
+{
+    const double crown = 1.5;
+
+    warn_unknown_keys(s, (const char *const[]){ "type", "ior", NULL });
+    m->kind = MATERIAL_GLASS;
+    m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
+    return read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
+}
+
+static enum err read_material(const struct spot *root, const char *name, const json_t *value)
+{
+    static const struct {
+        const char *type;
+        enum err (*read)(const struct spot *s, struct material *m);
+    } kinds[] = {
+        { "lambert", read_lambert }, { "phong", read_phong }, { "ggx", read_ggx },
+        { "mirror", read_mirror },   { "glass", read_glass },
+    };
+    struct material m = { .texture = MATERIAL_NO_TEXTURE };
+    char label[96];
+    const char *type = NULL;
+    struct spot s;
+    enum err e;
+
+    snprintf(label, sizeof(label), "materials '%.70s'", name);
+    e = spot_enter(root, value, label, &s);
+    if (e)
+        return e;
+    if (strlen(name) >= sizeof(m.name))
+        return err_say(s.why, ERR_RANGE, "%s: the name is longer than %zu bytes", s.place, sizeof(m.name) - 1);
+    snprintf(m.name, sizeof(m.name), "%s", name);
+    e = read_string(&s, "type", &type);
+    if (e)
+        return e;
+    for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
+        if (strcmp(kinds[i].type, type) == 0) {
+            e = kinds[i].read(&s, &m);
+            return e ? e : scene_add_material(s.scene, &m, NULL);
+        }
+    }
+    return err_say(s.why, ERR_FORMAT, "%s: unknown type '%.40s'; known are lambert, phong, ggx, mirror and glass",
+                   s.place, type);
+}
+
+static enum err read_materials(const struct spot *root)
+{
+    const json_t *all = json_object_get(root->object, "materials");
+    const char *name;
+    json_t *value;
+
+    if (!all)
+        return ERR_OK;
+    if (!json_is_object(all))
+        return err_say(root->why, ERR_FORMAT, "%s: 'materials' is not an object", root->path);
+    json_object_foreach((json_t *)all, name, value)
+    {
+        const enum err e = read_material(root, name, value);
+        if (e)
+            return e;
+    }
+    return ERR_OK;
+}
+
+/* Cameras */
+
+static enum err read_camera(const struct spot *root, const char *label, const char *name, const json_t *value)
+{
+    const struct vec3 y = { 0.0f, 1.0f, 0.0f };
+    struct camera c = { .name = "" };
+    float degrees = 0.0f;
+    struct spot s;
+
+    enum err e = spot_enter(root, value, label, &s);
+    if (e)
+        return e;
+    warn_unknown_keys(&s, (const char *const[]){ "name", "position", "look_at", "up", "fov_y_degrees", NULL });
+    if (!name) {
+        e = read_string(&s, "name", &name);
+        if (e)
+            return e;
+    }
+    if (strlen(name) >= sizeof(c.name))
+        return err_say(s.why, ERR_RANGE, "%s: the name is longer than %zu bytes", s.place, sizeof(c.name) - 1);
+    snprintf(c.name, sizeof(c.name), "%s", name);
+    e = read_vec3(&s, "position", NULL, -1e15, 1e15, &c.position);
+    if (!e)
+        e = read_vec3(&s, "look_at", NULL, -1e15, 1e15, &c.look_at);
+    if (!e)
+        e = read_vec3(&s, "up", &y, -1e15, 1e15, &c.up);
+    if (!e)
+        e = read_number(&s, "fov_y_degrees", NULL, -1e15, 1e15, &degrees);
+    if (e)
+        return e;
+    c.fov_y = (float)(degrees * (PI / 180.0));
+    e = camera_check(&c, s.place, s.why);
+    return e ? e : scene_add_camera(s.scene, &c);
+}
+
+/* `camera` is one, called "main"; `cameras` is an object of cameras by name or an array of cameras with names. */
+static enum err read_cameras(const struct spot *root)
+{
+    const json_t *one = json_object_get(root->object, "camera");
+    const json_t *named = json_object_get(root->object, "cameras");
+    char label[96];
+    enum err e = ERR_OK;
+
+    if (one)
+        e = read_camera(root, "camera", "main", one);
+    if (!e && json_is_object(named)) {
+        const char *name;
+        json_t *value;
+        json_object_foreach((json_t *)named, name, value)
+        {
+            snprintf(label, sizeof(label), "cameras '%.70s'", name);
+            e = read_camera(root, label, name, value);
+            if (e)
+                return e;
+        }
+    } else if (!e && json_is_array(named)) {
+        for (size_t i = 0; i < json_array_size(named) && !e; i++) {
+            snprintf(label, sizeof(label), "cameras[%zu]", i);
+            e = read_camera(root, label, NULL, json_array_get(named, i));
+        }
+    } else if (!e && named) {
+        e = err_say(root->why, ERR_FORMAT, "%s: 'cameras' is neither an object nor an array", root->path);
+    }
+    if (!e && root->scene->camera_count == 0)
+        e = err_say(root->why, ERR_FORMAT, "%s: there is no camera in it", root->path);
+    return e;
+}
+
+/* Models */
+
+static enum err read_transform(const struct spot *s, double out[16])
+{
+    static const double identity[16] = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 };
+    const json_t *value = json_object_get(s->object, "transform");
+
+    memcpy(out, identity, sizeof(identity));
+    if (!value)
+        return ERR_OK;
+    if (!json_is_array(value) || json_array_size(value) != 16)
+        return err_say(s->why, ERR_FORMAT, "%s: 'transform' is not an array of 16 numbers", s->place);
+    for (size_t i = 0; i < 16; i++) {
+        const json_t *number = json_array_get(value, i);
+        if (!json_is_number(number))
+            return err_say(s->why, ERR_FORMAT, "%s: 'transform' is not an array of 16 numbers", s->place);
+        out[i] = json_number_value(number);
+        if (!(fabs(out[i]) <= 1e15))
+            return err_say(s->why, ERR_RANGE, "%s: 'transform' holds %g", s->place, out[i]);
+    }
+    if (out[3] != 0.0 || out[7] != 0.0 || out[11] != 0.0 || out[15] != 1.0)
+        return err_say(s->why, ERR_RANGE,
+                       "%s: 'transform' is not affine: the last row of a column-major matrix (its numbers 4, 8, 12, "
+                       "16) must be 0 0 0 1",
+                       s->place);
+    const double det = out[0] * (out[5] * out[10] - out[6] * out[9]) - out[4] * (out[1] * out[10] - out[2] * out[9]) +
+                       out[8] * (out[1] * out[6] - out[2] * out[5]);
+    if (det == 0.0)
+        return err_say(s->why, ERR_RANGE, "%s: 'transform' flattens the model: its determinant is 0", s->place);
+    return ERR_OK;
+}
+
+/* Absent: glTF carries normals to be used, of OBJ and PLY the facets are meant. */
+static enum err read_smooth(const struct spot *s, bool gltf, enum model_normals *out)
+{
+    const json_t *value = json_object_get(s->object, "smooth");
+
+    if (value && !json_is_boolean(value))
+        return err_say(s->why, ERR_FORMAT, "%s: 'smooth' is neither true nor false", s->place);
+    if (value)
+        *out = json_is_true(value) ? NORMALS_SMOOTH : NORMALS_FLAT;
+    else
+        *out = gltf ? NORMALS_FILE : NORMALS_FLAT;
+    return ERR_OK;
+}
+
+/* `file` as seen from the folder of the scene file. */
+static enum err join_path(const struct spot *s, const char *file, char out[4096])
+{
+    const char *slash = strrchr(s->path, '/');
+    const int folder = slash && file[0] != '/' ? (int)(slash - s->path) + 1 : 0;
+
+    if (snprintf(out, 4096, "%.*s%s", folder, s->path, file) >= 4096)
+        return err_say(s->why, ERR_RANGE, "%s: the path of the file is too long", s->place);
+    return ERR_OK;
+}
+
+static enum err read_model(const struct spot *root, size_t index, const json_t *value)
+{
+    struct model_desc d = { .material = MATERIAL_NONE };
+    const char *file = NULL, *material = NULL;
+    char label[32], path[4096];
+    struct spot s;
+    enum err e;
+
+    snprintf(label, sizeof(label), "models[%zu]", index);
+    e = spot_enter(root, value, label, &s);
+    if (e)
+        return e;
+    warn_unknown_keys(&s, (const char *const[]){ "file", "material", "transform", "smooth", NULL });
+    e = read_string(&s, "file", &file);
+    if (!e)
+        e = join_path(&s, file, path);
+    if (!e && json_object_get(s.object, "material")) {
+        e = read_string(&s, "material", &material);
+        if (e)
+            return e;
+        d.material = scene_find_material(s.scene, material, 0);
+        if (d.material == MATERIAL_NONE)
+            return err_say(s.why, ERR_FORMAT, "%s: unknown material '%.64s'", s.place, material);
+    }
+    if (!e)
+        e = read_transform(&s, d.transform);
+    if (!e)
+        e = read_smooth(&s, path_is_gltf(path), &d.normals);
+    if (e)
+        return e;
+    d.path = path;
+    d.place = s.place;
+    d.own_materials = path_is_gltf(path) && d.material == MATERIAL_NONE;
+    return model_load(s.scene, &d, s.why);
+}
+
+static enum err read_models(const struct spot *root, struct progress *progress)
+{
+    const json_t *models = json_object_get(root->object, "models");
+    enum err e = ERR_OK;
+
+    if (!models)
+        return err_say(root->why, ERR_FORMAT, "%s: there are no models in it", root->path);
+    if (!json_is_array(models))
+        return err_say(root->why, ERR_FORMAT, "%s: 'models' is not an array", root->path);
+    if (json_array_size(models) == 0)
+        return err_say(root->why, ERR_FORMAT, "%s: there are no models in it", root->path);
+    for (size_t i = 0; i < json_array_size(models) && !e; i++) {
+        e = read_model(root, i, json_array_get(models, i));
+        progress_step(progress, 1);
+    }
+    return e;
+}
+
+enum err scene_load_json(struct scene *scene, const char *path, struct progress *progress, struct reason *why)
+{
+    json_error_t fault;
+    enum err e;
+
+    json_t *root = json_load_file(path, JSON_REJECT_DUPLICATES, &fault);
+    if (!root && json_error_code(&fault) == json_error_cannot_open_file)
+        return err_say(why, ERR_IO, "%s: cannot be opened", path);
+    if (!root)
+        return err_say(why, ERR_FORMAT, "%s: line %d, column %d: %s", path, fault.line, fault.column, fault.text);
+    struct spot s = { .object = root, .scene = scene, .path = path, .why = why };
+    snprintf(s.place, sizeof(s.place), "%.300s", path);
+    if (!json_is_object(root)) {
+        e = err_say(why, ERR_FORMAT, "%s: is not a JSON object", path);
+        goto done;
+    }
+    warn_unknown_keys(&s, (const char *const[]){ "camera", "cameras", "models", "materials", NULL });
+    e = read_materials(&s);
+    if (!e)
+        e = read_cameras(&s);
+    if (!e)
+        e = read_models(&s, progress);
+    if (!e)
+        e = scene_finish(scene, path, why);
+done:
+    json_decref(root);
+    return e;
+}

@@ -1,0 +1,182 @@
+#include "scene_build.h"
+
+#include "mem.h"
+
+#include <errno.h>
+#include <math.h>
+#include <png.h>
+#include <stdio.h>
+#include <string.h>
+#include <turbojpeg.h>
+
+#define SIDE_MAX 16384
+#define TEXELS_MAX (UINT64_C(1) << 26)
+#define FILE_MAX (256u << 20)
+
+/* [IEC 61966-2-1, section 5.2]: the encoded value in 0..1 to linear. */
+static float srgb_to_linear(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}
+
+/* 8-bit texels, `channels` bytes apart, to the texture's floats. */
+static enum err take_texels(const uint8_t *texels, int channels, uint32_t width, uint32_t height, struct texture *out)
+{
+    float linear[256];
+    const size_t count = (size_t)width * height;
+
+    out->rgb = mem_alloc(count, 3 * sizeof(float));
+    if (!out->rgb)
+        return ERR_NOMEM;
+    for (int i = 0; i < 256; i++)
+        linear[i] = srgb_to_linear((float)i / 255.0f);
+    for (size_t i = 0; i < count; i++) {
+        for (size_t k = 0; k < 3; k++)
+            out->rgb[3 * i + k] = linear[texels[(size_t)channels * i + k]];
+    }
+    out->width = width;
+    out->height = height;
+    return ERR_OK;
+}
+
+static enum err check_size(uint64_t width, uint64_t height, const char *name, struct reason *why)
+{
+    if (width < 1 || height < 1 || width > SIDE_MAX || height > SIDE_MAX || width * height > TEXELS_MAX)
+        return err_say(why, ERR_RANGE, "%s: %llu x %llu texels, more than %d a side or 2^26 in all", name,
+                       (unsigned long long)width, (unsigned long long)height, SIDE_MAX);
+    return ERR_OK;
+}
+
+static enum err decode_png(const void *bytes, size_t count, const char *name, struct texture *out, struct reason *why)
+{
+    png_image image = { .version = PNG_IMAGE_VERSION };
+    uint8_t *texels = NULL;
+    enum err e;
+
+    if (!png_image_begin_read_from_memory(&image, bytes, count))
+        return err_say(why, ERR_FORMAT, "%s: PNG: %s", name, image.message);
+    e = check_size(image.width, image.height, name, why);
+    if (e)
+        goto done;
+    image.format = PNG_FORMAT_RGBA; /* alpha is read so that libpng does not blend it away */
+    texels = mem_alloc((size_t)image.width * image.height, 4);
+    if (!texels) {
+        e = ERR_NOMEM;
+        goto done;
+    }
+    if (!png_image_finish_read(&image, NULL, texels, 0, NULL)) {
+        e = err_say(why, ERR_FORMAT, "%s: PNG: %s", name, image.message);
+        goto done;
+    }
+    e = take_texels(texels, 4, image.width, image.height, out);
+done:
+    mem_free(texels);
+    png_image_free(&image);
+    return e;
+}
+
+static enum err decode_jpeg(const void *bytes, size_t count, const char *name, struct texture *out, struct reason *why)
+{
+    int width, height, subsampling, colours;
+    uint8_t *texels = NULL;
+    enum err e;
+
+    tjhandle tj = tjInitDecompress();
+    if (!tj)
+        return ERR_NOMEM;
+    if (tjDecompressHeader3(tj, bytes, count, &width, &height, &subsampling, &colours)) {
+        e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
+        goto done;
+    }
+    e = check_size((uint64_t)width, (uint64_t)height, name, why);
+    if (e)
+        goto done;
+    texels = mem_alloc((size_t)width * (size_t)height, 3);
+    if (!texels) {
+        e = ERR_NOMEM;
+        goto done;
+    }
+    if (tjDecompress2(tj, bytes, count, texels, width, 0, height, TJPF_RGB, TJFLAG_STOPONWARNING)) {
+        e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
+        goto done;
+    }
+    e = take_texels(texels, 3, (uint32_t)width, (uint32_t)height, out);
+done:
+    mem_free(texels);
+    tjDestroy(tj);
+    return e;
+}
+
+enum err texture_decode(const void *bytes, size_t count, const char *name, struct texture *out, struct reason *why)
+{
+    static const uint8_t png_start[8] = { 0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n' };
+    static const uint8_t jpeg_start[3] = { 0xff, 0xd8, 0xff };
+
+    *out = (struct texture){ 0 };
+    if (count >= sizeof(png_start) && memcmp(bytes, png_start, sizeof(png_start)) == 0)
+        return decode_png(bytes, count, name, out, why);
+    if (count >= sizeof(jpeg_start) && memcmp(bytes, jpeg_start, sizeof(jpeg_start)) == 0)
+        return decode_jpeg(bytes, count, name, out, why);
+    return err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", name);
+}
+
+enum err texture_load(const char *path, struct texture *out, struct reason *why)
+{
+    uint8_t *bytes = NULL;
+    enum err e = ERR_OK;
+    long size;
+
+    *out = (struct texture){ 0 };
+    FILE *f = fopen(path, "rb");
+    if (!f)
+        return err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
+    if (fseek(f, 0, SEEK_END) != 0 || (size = ftell(f)) < 0 || fseek(f, 0, SEEK_SET) != 0) {
+        e = err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
+        goto done;
+    }
+    if ((unsigned long)size > FILE_MAX) {
+        e = err_say(why, ERR_RANGE, "%s: %ld bytes, more than %u", path, size, FILE_MAX);
+        goto done;
+    }
+    bytes = mem_alloc((size_t)size, 1);
+    if (!bytes) {
+        e = ERR_NOMEM;
+        goto done;
+    }
+    if (fread(bytes, 1, (size_t)size, f) != (size_t)size) {
+        e = err_say(why, ERR_IO, "%s: cannot be read", path);
+        goto done;
+    }
+    e = texture_decode(bytes, (size_t)size, path, out, why);
+done:
+    mem_free(bytes);
+    fclose(f);
+    return e;
+}
+
+static uint32_t wrap(double x, uint32_t size)
+{
+    const double r = x - floor(x / size) * size;
+    return r < size ? (uint32_t)r : 0;
+}
+
+struct vec3 texture_lookup(const struct texture *t, float u, float v)
+{
+    if (!isfinite(u) || !isfinite(v))
+        u = v = 0.0f;
+    const double x = (double)u * t->width - 0.5;
+    const double y = (1.0 - (double)v) * t->height - 0.5;
+    const float fx = (float)(x - floor(x)), fy = (float)(y - floor(y));
+    const uint32_t x0 = wrap(floor(x), t->width), y0 = wrap(floor(y), t->height);
+    const uint32_t x1 = (x0 + 1) % t->width, y1 = (y0 + 1) % t->height;
+    const float weight[4] = { (1.0f - fx) * (1.0f - fy), fx * (1.0f - fy), (1.0f - fx) * fy, fx * fy };
+    const size_t texel[4] = { (size_t)y0 * t->width + x0, (size_t)y0 * t->width + x1, (size_t)y1 * t->width + x0,
+                              (size_t)y1 * t->width + x1 };
+    struct vec3 sum = { 0 };
+
+    for (int k = 0; k < 4; k++) {
+        const float *rgb = t->rgb + 3 * texel[k];
+        sum = vec3_add(sum, vec3_scale(vec3_make(rgb[0], rgb[1], rgb[2]), weight[k]));
+    }
+    return sum;
+}

@@ -1,0 +1,164 @@
+#include "scene_build.h"
+
+#include "mem.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Beyond this Embree leaves triangles out, and squares of it still fit a double with ease. */
+#define COORDINATE_MAX 1e15f
+/* A triangle whose height is less than this share of its longest side has no normal worth the name. */
+#define FLATNESS 1e-10
+
+void mesh_finish(struct mesh *m)
+{
+    mem_free(m->positions);
+    mem_free(m->normals);
+    mem_free(m->uvs);
+    mem_free(m->indices);
+    *m = (struct mesh){ 0 };
+}
+
+struct vec3d {
+    double x, y, z;
+};
+
+static struct vec3d edge(const float *from, const float *to)
+{
+    return (struct vec3d){ (double)to[0] - from[0], (double)to[1] - from[1], (double)to[2] - from[2] };
+}
+
+static double dot(struct vec3d a, struct vec3d b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static struct vec3d cross(struct vec3d a, struct vec3d b)
+{
+    return (struct vec3d){ a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x };
+}
+
+static bool is_triangle(const struct mesh *m, const uint32_t index[3])
+{
+    const float *p[3];
+
+    for (int k = 0; k < 3; k++) {
+        if (index[k] >= m->vertex_count)
+            return false;
+        p[k] = m->positions + 3 * (size_t)index[k];
+        for (int axis = 0; axis < 3; axis++) {
+            if (!(fabsf(p[k][axis]) <= COORDINATE_MAX))
+                return false;
+        }
+    }
+    const struct vec3d a = edge(p[0], p[1]), b = edge(p[0], p[2]), c = edge(p[1], p[2]);
+    const struct vec3d n = cross(a, b);
+    const double longest2 = fmax(dot(a, a), fmax(dot(b, b), dot(c, c)));
+    return sqrt(dot(n, n)) > FLATNESS * longest2;
+}
+
+uint32_t mesh_drop_degenerate(struct mesh *m)
+{
+    uint32_t kept = 0;
+
+    for (uint32_t i = 0; i < m->triangle_count; i++) {
+        const uint32_t *t = m->indices + 3 * (size_t)i;
+        if (is_triangle(m, t))
+            memmove(m->indices + 3 * (size_t)kept++, t, 3 * sizeof(*t));
+    }
+    const uint32_t dropped = m->triangle_count - kept;
+    m->triangle_count = kept;
+    return dropped;
+}
+
+/* Vertices by position: open addressing over the first vertex at each place. */
+struct welder {
+    const float *positions;
+    uint32_t *slots; /* vertex + 1, or 0 where free */
+    size_t mask;
+};
+
+static uint32_t weld(struct welder *w, uint32_t vertex)
+{
+    const float *p = w->positions + 3 * (size_t)vertex;
+    uint64_t h = 0;
+
+    for (int k = 0; k < 3; k++) {
+        const float v = p[k] + 0.0f; /* -0 and 0 are one place */
+        uint32_t bits;
+        memcpy(&bits, &v, sizeof(bits));
+        h = (h ^ bits) * 0x9e3779b97f4a7c15u;
+        h ^= h >> 29;
+    }
+    for (size_t i = h & w->mask;; i = (i + 1) & w->mask) {
+        if (w->slots[i] == 0) {
+            w->slots[i] = vertex + 1;
+            return vertex;
+        }
+        const float *q = w->positions + 3 * (size_t)(w->slots[i] - 1);
+        if (p[0] == q[0] && p[1] == q[1] && p[2] == q[2])
+            return w->slots[i] - 1;
+    }
+}
+
+static double angle_between(struct vec3d a, struct vec3d b)
+{
+    const struct vec3d n = cross(a, b);
+    return atan2(sqrt(dot(n, n)), dot(a, b));
+}
+
+/* Adds each triangle's unit normal, times its angle there, to the sums of its three places. */
+static void add_up_normals(const struct mesh *m, struct welder *w, struct vec3d *sums)
+{
+    for (uint32_t i = 0; i < m->triangle_count; i++) {
+        const uint32_t *t = m->indices + 3 * (size_t)i;
+        const float *p[3];
+        for (int k = 0; k < 3; k++)
+            p[k] = m->positions + 3 * (size_t)t[k];
+        const struct vec3d n = cross(edge(p[0], p[1]), edge(p[0], p[2]));
+        const double length = sqrt(dot(n, n));
+        for (int k = 0; k < 3; k++) {
+            const double angle = angle_between(edge(p[k], p[(k + 1) % 3]), edge(p[k], p[(k + 2) % 3]));
+            struct vec3d *sum = &sums[weld(w, t[k])];
+            sum->x += angle * n.x / length;
+            sum->y += angle * n.y / length;
+            sum->z += angle * n.z / length;
+        }
+    }
+}
+
+enum err mesh_make_normals(struct mesh *m)
+{
+    size_t slot_count = 16;
+    while (slot_count < 2 * (size_t)m->vertex_count)
+        slot_count *= 2;
+    struct welder w = {
+        .positions = m->positions,
+        .slots = mem_alloc(slot_count, sizeof(*w.slots)),
+        .mask = slot_count - 1,
+    };
+    struct vec3d *sums = mem_alloc(m->vertex_count, sizeof(*sums));
+    float *normals = mem_alloc(m->vertex_count, 3 * sizeof(*normals));
+    enum err e = w.slots && sums && normals ? ERR_OK : ERR_NOMEM;
+
+    if (!e) {
+        add_up_normals(m, &w, sums);
+        for (size_t i = 0; i < 3 * (size_t)m->triangle_count; i++) {
+            const uint32_t v = m->indices[i];
+            const struct vec3d n = sums[weld(&w, v)];
+            const double length = sqrt(dot(n, n));
+            /* Where the triangles cancel out there is no normal: the geometric one shades. */
+            const double scale = length > 1e-6 ? 1.0 / length : 0.0;
+            normals[3 * (size_t)v] = (float)(n.x * scale);
+            normals[3 * (size_t)v + 1] = (float)(n.y * scale);
+            normals[3 * (size_t)v + 2] = (float)(n.z * scale);
+        }
+        mem_free(m->normals);
+        m->normals = normals;
+        normals = NULL;
+    }
+    mem_free(normals);
+    mem_free(sums);
+    mem_free(w.slots);
+    return e;
+}
