@@ -2,14 +2,14 @@
 
 #include "mem.h"
 
-#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
-#include <math.h>
 #include <openexr.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define HALF_MAX 65504.0f
@@ -213,6 +213,7 @@ static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd
     return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) stand beside it", path, NAME_TRIES);
 }
 
+/* 0 or errno. Pipes and devices know no fsync. */
 static int write_fully(int fd, const uint8_t *bytes, size_t size)
 {
     while (size > 0) {
@@ -224,7 +225,14 @@ static int write_fully(int fd, const uint8_t *bytes, size_t size)
         bytes += n;
         size -= (size_t)n;
     }
-    return fsync(fd) != 0 ? errno : 0;
+    return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
+}
+
+/* What is no plain file (a pipe, a device, a link to one) must not be replaced by one: written in place. */
+static bool is_replaceable(const char *path)
+{
+    struct stat st;
+    return lstat(path, &st) != 0 || S_ISREG(st.st_mode);
 }
 
 enum err exr_write(const struct exr_desc *d, const char *path, struct reason *why)
@@ -233,22 +241,27 @@ enum err exr_write(const struct exr_desc *d, const char *path, struct reason *wh
     uint8_t *bytes = NULL;
     size_t size = 0;
     int fd = -1;
+    const bool replace = is_replaceable(path);
 
     enum err e = exr_encode(d, &bytes, &size, why);
     if (e)
         return e;
-    e = open_beside(path, temporary, &fd, why);
+    if (replace) {
+        e = open_beside(path, temporary, &fd, why);
+    } else {
+        fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+        e = fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
+    }
     if (e)
         goto done;
     int failed = write_fully(fd, bytes, size);
     if (close(fd) != 0 && !failed)
         failed = errno;
-    if (failed) {
+    if (failed)
         e = say_errno(why, path, "write the file", failed);
-    } else if (rename(temporary, path) != 0) {
+    else if (replace && rename(temporary, path) != 0)
         e = say_errno(why, path, "rename the finished file", errno);
-    }
-    if (e)
+    if (e && replace)
         unlink(temporary);
 done:
     mem_free(bytes);

@@ -103,27 +103,27 @@ static void expose(const float *in, size_t count, float gain, float *out)
     }
 }
 
-/* [Reinhard 2002, Eq. 4] on the luminance, the colour's ratios kept; what then exceeds 1 is clipped by the table. */
+/* [Reinhard 2002, Eq. 4] on the luminance, the colour's ratios kept; what then exceeds 1 is clipped by the table.
+ * Three plain loops, because compilers vectorise each of them and not the one that they would make together. */
 static void expose_reinhard(const float *in, size_t count, float gain, float *out)
 {
     const float bend = (float)(1.0 / (TONE_WHITE * TONE_WHITE));
     const float most = 0x1p60f; /* keeps infinity and its luminance finite */
+    float scale[BLOCK];
 
-    for (size_t i = 0; i < count; i += 3) {
-        float c[3];
-        for (int k = 0; k < 3; k++) {
-            const float x = in[i + k] * gain;
-            const float positive = x > 0.0f ? x : 0.0f;
-            c[k] = positive < most ? positive : most;
-        }
-        const float l = rgb_luminance(c[0], c[1], c[2]);
-        const float scale = (1.0f + l * bend) / (1.0f + l);
-        for (int k = 0; k < 3; k++) {
-            const float x = c[k] * scale;
-            const float floored = x > LOWEST ? x : LOWEST;
-            out[i + k] = floored < HIGHEST ? floored : HIGHEST;
-        }
+    for (size_t i = 0; i < count; i++) {
+        const float x = in[i] * gain;
+        const float positive = x > 0.0f ? x : 0.0f;
+        out[i] = positive < most ? positive : most;
     }
+    for (size_t i = 0; i < count / 3; i++) {
+        const float l = rgb_luminance(out[3 * i], out[3 * i + 1], out[3 * i + 2]);
+        scale[i] = (1.0f + l * bend) / (1.0f + l);
+    }
+    for (size_t i = 0; i < count / 3; i++)
+        for (size_t k = 0; k < 3; k++)
+            out[3 * i + k] *= scale[i];
+    expose(out, count, 1.0f, out);
 }
 
 static void look_up(const struct tone_table *t, const float *x, size_t count, uint8_t *out)
