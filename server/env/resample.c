@@ -7,9 +7,6 @@
 #include <assert.h>
 #include <string.h>
 
-#define FIT_ROUNDS 60
-#define FIT_TOLERANCE 1e-6
-
 /* What one row of cube texels overlaps, while the table grows. */
 struct overlap_row {
     uint32_t *count; /* [n]: entries of each texel */
@@ -51,53 +48,50 @@ static enum err append(struct overlap_row *o, uint32_t index, double solid_angle
     return ERR_OK;
 }
 
-/* Heights (cosines of the polar angle) between which the meridian at phi runs through the rectangle of a face. */
-static void meridian_heights(uint32_t face, const double u[2], const double v[2], double phi, double out[2])
-{
-    const double s = sin(phi), c = cos(phi);
+/* A straight border of a cube texel, seen from the centre: a horizontal line at height y over a foot at distance d in
+ * the direction `azimuth`. Along it the height of the unit vector is, with k = y / d and psi counted from that azimuth,
+ *     h(psi) = k cos(psi) / sqrt(1 + k^2 cos(psi)^2),     integral of h = asin(k sin(psi) / sqrt(1 + k^2)).
+ * Or, where the texel reaches the pole, that pole: h is constant. */
+struct border {
+    double k, azimuth;
+    double constant; /* 1 or -1: the pole, else 0 */
+};
 
-    if (face >> 1 == 1) { /* a pole: u along z, v along x; the meridian is a ray from the origin of the plane */
-        double near = 0.0, far = 1e30;
-        const double along[2] = { c, s }, low[2] = { u[0], v[0] }, high[2] = { u[1], v[1] };
-        for (int k = 0; k < 2; k++) {
-            if (fabs(along[k]) < 1e-15)
-                continue;
-            const double a = low[k] / along[k], b = high[k] / along[k];
-            near = fmax(near, fmin(a, b));
-            far = fmin(far, fmax(a, b));
-        }
-        far = fmax(far, near);
-        const double high_y = 1.0 / sqrt(1.0 + near * near), low_y = 1.0 / sqrt(1.0 + far * far);
-        out[0] = face & 1 ? -high_y : low_y;
-        out[1] = face & 1 ? -low_y : high_y;
-        return;
-    }
-    /* A side: the meridian is the vertical line across = z / |x| (or x / |z|), y runs along the other coordinate. */
-    const int x_face = face >> 1 == 0;
-    const double across = x_face ? c / fabs(s) : s / fabs(c);
-    const double *y = x_face ? u : v;
-    const double d = 1.0 + across * across;
-    out[0] = y[0] / sqrt(d + y[0] * y[0]);
-    out[1] = y[1] / sqrt(d + y[1] * y[1]);
+static double wrap_angle(double a)
+{
+    while (a > PI)
+        a -= 2.0 * PI;
+    while (a <= -PI)
+        a += 2.0 * PI;
+    return a;
 }
 
-static void spread_over_rows(const struct source_grid *g, struct column *col, const double h[2], double weight)
+static double border_height(const struct border *b, double psi)
 {
-    uint32_t r = (uint32_t)(acos(fmin(1.0, fmax(-1.0, h[1]))) / PI * g->height);
-    if (r >= g->height)
-        r = g->height - 1;
-    while (r > 0 && h[1] > g->edge_cos[r]) /* rounding at a boundary */
-        r--;
-    for (; r < g->height; r++) {
-        const double top = fmin(h[1], g->edge_cos[r]), bottom = fmax(h[0], g->edge_cos[r + 1]);
-        if (top > bottom) {
-            col->row_solid_angle[r] += weight * (top - bottom);
-            col->lowest = r < col->lowest ? r : col->lowest;
-            col->highest = r > col->highest ? r : col->highest;
-        }
-        if (h[0] >= g->edge_cos[r + 1])
-            break;
-    }
+    const double c = b->k * cos(psi);
+    return b->constant != 0.0 ? b->constant : c / sqrt(1.0 + c * c);
+}
+
+static double height_integral(const struct border *b, double psi0, double psi1)
+{
+    const double scale = b->k / sqrt(1.0 + b->k * b->k);
+    return asin(scale * sin(psi1)) - asin(scale * sin(psi0));
+}
+
+/* Integral of min(h(psi), cap) from psi0 to psi1. |h| falls as psi leaves 0, so it crosses the cap at -psi* and psi*,
+ * where cos(psi*) = cap / (k sqrt(1 - cap^2)). */
+static double capped_integral(const struct border *b, double cap, double psi0, double psi1)
+{
+    if (b->constant != 0.0)
+        return fmin(b->constant, cap) * (psi1 - psi0);
+    if (b->k * cap <= 0.0) /* the border lies wholly on one side of the cap */
+        return b->k > 0.0 || (b->k == 0.0 && cap < 0.0) ? cap * (psi1 - psi0) : height_integral(b, psi0, psi1);
+    const double ratio = cap / (b->k * sqrt(fmax(1e-300, 1.0 - cap * cap)));
+    const double crossing = ratio < 1.0 ? acos(ratio) : 0.0;
+    const double in0 = fmin(psi1, fmax(psi0, -crossing)), in1 = fmin(psi1, fmax(psi0, crossing));
+    if (b->k > 0.0) /* above the cap between the crossings */
+        return cap * (in1 - in0) + height_integral(b, psi0, in0) + height_integral(b, in1, psi1);
+    return height_integral(b, in0, in1) + cap * ((psi1 - psi0) - (in1 - in0));
 }
 
 static enum err flush_column(const struct source_grid *g, struct column *col, uint32_t x, struct overlap_row *o,
@@ -116,15 +110,6 @@ static enum err flush_column(const struct source_grid *g, struct column *col, ui
     col->lowest = g->height;
     col->highest = 0;
     return ERR_OK;
-}
-
-static double wrap_angle(double a)
-{
-    while (a > PI)
-        a -= 2.0 * PI;
-    while (a <= -PI)
-        a += 2.0 * PI;
-    return a;
 }
 
 /* The azimuths at which the texel begins, ends and has corners, ascending. Returns how many. */
@@ -156,20 +141,78 @@ static int texel_azimuths(uint32_t face, const double u[2], const double v[2], d
     return count;
 }
 
-/* Four Gauss-Legendre nodes on an interval of azimuth over which the texel's border is smooth. What its crossings of
- * the source's rows leave as an error is taken out by the fit. */
+/* The borders by which the meridian at phi enters and leaves the texel, lower in height first. */
+static void find_borders(uint32_t face, const double u[2], const double v[2], double phi, struct border out[2])
+{
+    static const double normal_azimuth[4] = { 0.5 * PI, -0.5 * PI, 0.0, PI }; /* +x, -x, +z, -z */
+
+    if (face >> 1 != 1) { /* a side: bottom and top edge, at distance 1 */
+        const double *y = face >> 1 == 0 ? u : v, azimuth = normal_azimuth[face < 2 ? face : face - 2];
+        for (int k = 0; k < 2; k++)
+            out[k] = (struct border){ y[k], azimuth, 0.0 };
+        return;
+    }
+    /* A pole: u runs along z, v along x. The meridian is a ray from the plane's origin, clipped against both slabs. */
+    const double pole = face & 1 ? -1.0 : 1.0;
+    const double along[2] = { cos(phi), sin(phi) }, low[2] = { u[0], v[0] }, high[2] = { u[1], v[1] };
+    struct border enter = { 0.0, 0.0, pole }, leave = { 0.0, 0.0, pole };
+    double near = 0.0, far = 1e30;
+    for (int k = 0; k < 2; k++) {
+        if (fabs(along[k]) < 1e-15)
+            continue;
+        const double first = along[k] > 0.0 ? low[k] : high[k], last = along[k] > 0.0 ? high[k] : low[k];
+        const double toward = normal_azimuth[(k == 0 ? 2 : 0) + (along[k] < 0.0)];
+        if (first / along[k] > near + 1e-15) {
+            near = first / along[k];
+            enter = (struct border){ pole / fabs(first), toward, 0.0 };
+        }
+        if (last / along[k] < far) {
+            far = last / along[k];
+            leave = (struct border){ pole / fabs(last), toward, 0.0 };
+        }
+    }
+    out[0] = pole > 0.0 ? leave : enter;
+    out[1] = pole > 0.0 ? enter : leave;
+}
+
+/* The texel between two azimuths, exactly: what lies between its lower and upper border, row by row of the source. */
 static void integrate_interval(const struct source_grid *g, uint32_t face, const double u[2], const double v[2],
                                double phi0, double phi1, struct column *col)
 {
-    static const double node[4] = { -0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526 };
-    static const double weight[4] = { 0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538 };
-    const double half = 0.5 * (phi1 - phi0), mid = 0.5 * (phi1 + phi0);
+    struct border border[2];
+    double psi[2][2], height[2], above[2];
 
-    for (int k = 0; k < 4; k++) {
-        double h[2];
-        meridian_heights(face, u, v, mid + half * node[k], h);
-        if (h[1] > h[0])
-            spread_over_rows(g, col, h, half * weight[k]);
+    find_borders(face, u, v, 0.5 * (phi0 + phi1), border);
+    for (int k = 0; k < 2; k++) {
+        psi[k][0] = wrap_angle(0.5 * (phi0 + phi1) - border[k].azimuth) - 0.5 * (phi1 - phi0);
+        psi[k][1] = psi[k][0] + (phi1 - phi0);
+        const double h0 = border_height(&border[k], psi[k][0]), h1 = border_height(&border[k], psi[k][1]);
+        height[k] = k == 0 ? fmin(h0, h1) : fmax(h0, h1);
+        if (psi[k][0] < 0.0 && psi[k][1] > 0.0) {
+            const double middle = border_height(&border[k], 0.0);
+            height[k] = k == 0 ? fmin(height[k], middle) : fmax(height[k], middle);
+        }
+    }
+    uint32_t r = (uint32_t)(acos(fmin(1.0, fmax(-1.0, height[1]))) / PI * g->height);
+    r = r < g->height ? r : g->height - 1;
+    while (r > 0 && height[1] > g->edge_cos[r]) /* rounding at a boundary */
+        r--;
+    for (int k = 0; k < 2; k++)
+        above[k] = capped_integral(&border[k], g->edge_cos[r], psi[k][0], psi[k][1]);
+    for (; r < g->height; r++) {
+        double below[2];
+        for (int k = 0; k < 2; k++)
+            below[k] = capped_integral(&border[k], g->edge_cos[r + 1], psi[k][0], psi[k][1]);
+        const double solid_angle = (above[1] - below[1]) - (above[0] - below[0]);
+        if (solid_angle > 0.0) {
+            col->row_solid_angle[r] += solid_angle;
+            col->lowest = r < col->lowest ? r : col->lowest;
+            col->highest = r > col->highest ? r : col->highest;
+        }
+        if (height[0] >= g->edge_cos[r + 1])
+            break;
+        above[0] = below[0];
+        above[1] = below[1];
     }
 }
 
@@ -217,44 +260,19 @@ static void integrate_row(const struct source_grid *g, uint32_t n, uint32_t row,
     mem_free(col.row_solid_angle);
 }
 
-/* Iterative proportional fitting: rows and columns of the overlap matrix are scaled in turn to the solid angles that
- * they must add up to [Deming and Stephan 1940]. Ends with the rows, which makes a constant exact. */
-static enum err fit(struct resampler *r, double *overlap, const double *edge_cos)
+/* Weights are shares of what was integrated, so that a constant stays constant to the last bit of float. */
+static void normalise(struct resampler *r, const double *overlap)
 {
-    const size_t texels = (size_t)CUBE_FACES * r->n * r->n, sources = (size_t)r->width * r->height;
-    double *sum = mem_alloc(sources, sizeof(*sum));
-    double worst = 1.0;
+    const size_t texels = (size_t)CUBE_FACES * r->n * r->n;
 
-    if (!sum)
-        return ERR_NOMEM;
-    for (int round = 0; round < FIT_ROUNDS && worst > FIT_TOLERANCE; round++) {
-        memset(sum, 0, sources * sizeof(*sum));
-        for (size_t k = 0; k < r->first[texels]; k++)
-            sum[r->index[k]] += overlap[k];
-        worst = 0.0;
-        for (size_t s = 0; s < sources; s++) {
-            const size_t y = s / r->width, row = r->layout == LAYOUT_LATLONG ? y : r->height - 1 - y;
-            const double want = (edge_cos[row] - edge_cos[row + 1]) * 2.0 * PI / r->width;
-            worst = fmax(worst, fabs(sum[s] / want - 1.0));
-            sum[s] = sum[s] > 0.0 ? want / sum[s] : 0.0;
-        }
 #pragma omp parallel for schedule(static)
-        for (size_t t = 0; t < texels; t++) {
-            const uint32_t i = (uint32_t)(t / r->n % r->n), j = (uint32_t)(t % r->n);
-            const double step = 2.0 / r->n;
-            const double want =
-                cube_solid_angle(-1.0 + step * j, -1.0 + step * i, -1.0 + step * (j + 1), -1.0 + step * (i + 1));
-            double got = 0.0;
-            for (size_t k = r->first[t]; k < r->first[t + 1]; k++)
-                got += overlap[k] *= sum[r->index[k]];
-            for (size_t k = r->first[t]; k < r->first[t + 1]; k++) {
-                overlap[k] *= want / got;
-                r->weight[k] = (float)(overlap[k] / want);
-            }
-        }
+    for (size_t t = 0; t < texels; t++) {
+        double sum = 0.0;
+        for (size_t k = r->first[t]; k < r->first[t + 1]; k++)
+            sum += overlap[k];
+        for (size_t k = r->first[t]; k < r->first[t + 1]; k++)
+            r->weight[k] = (float)(overlap[k] / sum);
     }
-    mem_free(sum);
-    return ERR_OK;
 }
 
 /* The rows' pieces, one after another, as one table. */
@@ -308,9 +326,8 @@ enum err resampler_create(enum layout layout, uint32_t width, uint32_t height, u
     for (uint32_t i = 0; i < row_count; i++)
         integrate_row(&g, n, i, &rows[i]);
     e = gather(r, rows, &overlap);
-    if (!e)
-        e = fit(r, overlap, edge_cos);
     if (!e) {
+        normalise(r, overlap);
         *out = r;
         r = NULL;
     }

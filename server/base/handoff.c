@@ -1,0 +1,116 @@
+#include "handoff.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <time.h>
+
+void handoff_init(struct handoff *h)
+{
+    pthread_condattr_t attr;
+
+    pthread_mutex_init(&h->lock, NULL);
+    pthread_condattr_init(&attr);
+    pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
+    pthread_cond_init(&h->changed, &attr);
+    pthread_condattr_destroy(&attr);
+    h->ready = h->taken = HANDOFF_NONE;
+    h->closed = false;
+}
+
+void handoff_finish(struct handoff *h)
+{
+    pthread_cond_destroy(&h->changed);
+    pthread_mutex_destroy(&h->lock);
+}
+
+static struct timespec deadline(int timeout_ms)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    t.tv_sec += timeout_ms / 1000;
+    t.tv_nsec += (long)(timeout_ms % 1000) * 1000000;
+    if (t.tv_nsec >= 1000000000) {
+        t.tv_sec++;
+        t.tv_nsec -= 1000000000;
+    }
+    return t;
+}
+
+int handoff_begin(struct handoff *h)
+{
+    int slot = 0;
+
+    pthread_mutex_lock(&h->lock);
+    while (slot == h->ready || slot == h->taken) /* of three, at most two are in use */
+        slot++;
+    pthread_mutex_unlock(&h->lock);
+    return slot;
+}
+
+bool handoff_publish(struct handoff *h, int slot)
+{
+    pthread_mutex_lock(&h->lock);
+    assert(slot >= 0 && slot < HANDOFF_SLOTS && slot != h->taken);
+    const bool dropped = h->ready != HANDOFF_NONE;
+    h->ready = slot;
+    pthread_cond_broadcast(&h->changed);
+    pthread_mutex_unlock(&h->lock);
+    return dropped;
+}
+
+bool handoff_wait_taken(struct handoff *h, int timeout_ms)
+{
+    const struct timespec until = deadline(timeout_ms);
+
+    pthread_mutex_lock(&h->lock);
+    while (h->ready != HANDOFF_NONE && !h->closed)
+        if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
+            break;
+    const bool taken = h->ready == HANDOFF_NONE && !h->closed;
+    pthread_mutex_unlock(&h->lock);
+    return taken;
+}
+
+int handoff_take(struct handoff *h, int timeout_ms)
+{
+    const struct timespec until = deadline(timeout_ms);
+
+    pthread_mutex_lock(&h->lock);
+    assert(h->taken == HANDOFF_NONE);
+    while (h->ready == HANDOFF_NONE && !h->closed)
+        if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
+            break;
+    const int slot = h->closed ? HANDOFF_NONE : h->ready;
+    if (slot != HANDOFF_NONE) {
+        h->taken = slot;
+        h->ready = HANDOFF_NONE;
+        pthread_cond_broadcast(&h->changed);
+    }
+    pthread_mutex_unlock(&h->lock);
+    return slot;
+}
+
+void handoff_release(struct handoff *h, int slot)
+{
+    pthread_mutex_lock(&h->lock);
+    assert(slot == h->taken);
+    h->taken = HANDOFF_NONE;
+    pthread_mutex_unlock(&h->lock);
+}
+
+void handoff_close(struct handoff *h)
+{
+    pthread_mutex_lock(&h->lock);
+    h->closed = true;
+    pthread_cond_broadcast(&h->changed);
+    pthread_mutex_unlock(&h->lock);
+}
+
+bool handoff_is_closed(struct handoff *h)
+{
+    pthread_mutex_lock(&h->lock);
+    const bool closed = h->closed;
+    pthread_mutex_unlock(&h->lock);
+    return closed;
+}

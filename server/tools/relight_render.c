@@ -1,0 +1,395 @@
+/* server/tools/relight_render.c */
+/* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
+#include "clock.h"
+#include "environment.h"
+#include "exr_write.h"
+#include "film.h"
+#include "jpeg.h"
+#include "log.h"
+#include "mem.h"
+#include "options.h"
+#include "progress.h"
+#include "relight.h"
+#include "source.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <jansson.h>
+#include <omp.h>
+#include <stdio.h>
+#include <string.h>
+
+struct render {
+    struct direct_desc direct;
+    struct environment_desc environment_desc;
+    const char *out;
+    const char *stats_path;
+    bool reseed, half;
+    enum tone_curve tone;
+    int quality;
+
+    const struct kernels *kernels;
+    struct source *source;
+    struct set *set;
+    struct relighter *relighter;
+    struct environment *environment;
+    struct jpeg_encoder *jpeg;
+    struct exposure exposure;
+    float *rgb;
+    uint8_t *display;
+    FILE *stats;
+    struct frame frame;
+    uint64_t rendered, refused;
+};
+
+static struct option_row rows[] = {
+    { "", NULL, "what is lit, and by what", NULL },
+    { "scene", "FILE", "scene to light: .json, .gltf or .glb; left out: the built-in one", NULL },
+    { "camera", "NAME", "camera of the scene; left out: the first", NULL },
+    { "source", "S", "a file, a directory, a printf or glob pattern, or sky:key=value,...", "sky:" },
+    { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL },
+    { "layout", "L", "of the environment: auto, latlong or latlong-bottom", "auto" },
+    { "rotate", "DEGREES", "turns the environment about the vertical axis", "0" },
+    { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
+    { "", NULL, "how", NULL },
+    { "size", "WxH", "of the pictures, in pixels", "640x360" },
+    { "method", "M", "uniform, brdf, light, faces-uniform, faces, mis or auto", "auto" },
+    { "samples", "N", "N_s per shade point", "64" },
+    { "paths", "P", "direct: light that comes straight from the environment", "direct" },
+    { "seed", "K", "of all random numbers", "0" },
+    { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
+    { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
+    { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
+    { "every-pixel", NULL, "K x K camera rays in all pixels", NULL },
+    { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
+    { "threads", "N", "at most; 0: as many as there are processors", "0" },
+    { "", NULL, "what comes out", NULL },
+    { "out", "PATTERN", "a name with %d or %04d for the frame's number; .exr (linear) or .jpg (tone-mapped)", NULL },
+    { "half", NULL, "EXR of 16-bit floats instead of 32", NULL },
+    { "tone", "CURVE", "of .jpg: filmic, reinhard or linear", "filmic" },
+    { "quality", "Q", "of .jpg, 1 to 100", "92" },
+    { "stats", "FILE", "statistics as JSON, one object a frame ('-': standard output)", NULL },
+    { NULL, NULL, NULL, NULL },
+};
+
+/* "17" or "3-66". */
+static enum err parse_frames(const char *text, struct source_desc *d, struct reason *why)
+{
+    int used = 0;
+
+    if (!text)
+        return ERR_OK;
+    d->has_range = true;
+    if (sscanf(text, "%" SCNu64 "-%" SCNu64 "%n", &d->first, &d->last, &used) == 2 && !text[used] &&
+        d->first <= d->last)
+        return ERR_OK;
+    if (sscanf(text, "%" SCNu64 "%n", &d->first, &used) == 1 && !text[used]) {
+        d->last = d->first;
+        return ERR_OK;
+    }
+    return err_say(why, ERR_USAGE, "--frames '%s' is not A-B with A <= B", text);
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t a = strlen(text), b = strlen(end);
+    return a >= b && strcmp(text + a - b, end) == 0;
+}
+
+/* Where the number goes in the name: position and length of its %d or %0Nd; 0 length when there is none. A '%' that is
+ * anything else is refused, since the name would not be what was meant. */
+static enum err find_number(const char *out, size_t *at, size_t *length, unsigned *digits, struct reason *why)
+{
+    *at = *length = 0;
+    *digits = 0;
+    for (const char *p = strchr(out, '%'); p; p = strchr(p + 1, '%')) {
+        size_t n = 1;
+        unsigned width = 0;
+        while (p[n] >= '0' && p[n] <= '9' && width < 20)
+            width = 10 * width + (unsigned)(p[n++] - '0');
+        if (p[n] != 'd' || width > 20 || *length)
+            return err_say(why, ERR_USAGE, "--out '%s' may hold one %%d or %%04d and no other '%%'", out);
+        *at = (size_t)(p - out);
+        *length = n + 1;
+        *digits = width;
+    }
+    return ERR_OK;
+}
+
+static enum err output_name(const char *out, uint64_t number, char *name, size_t size, struct reason *why)
+{
+    size_t at, length;
+    unsigned digits;
+    const enum err e = find_number(out, &at, &length, &digits, why);
+
+    if (e)
+        return e;
+    const int n =
+        length ? snprintf(name, size, "%.*s%0*" PRIu64 "%s", (int)at, out, (int)digits, number, out + at + length)
+               : snprintf(name, size, "%s", out);
+    return n > 0 && (size_t)n < size ? ERR_OK : err_say(why, ERR_USAGE, "--out '%s' is too long", out);
+}
+
+static enum err read_options(const struct options *o, struct render *r, struct source_desc *source,
+                             struct set_desc *set, struct reason *why)
+{
+    uint64_t samples = 0, edge = 0, quality = 0, threads = 0;
+    size_t at, length;
+    unsigned digits;
+    enum err e = method_parse(options_get(o, "method"), &r->direct.method, why);
+
+    if (!e && !options_get(o, "out"))
+        e = err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
+    if (!e && strcmp(options_get(o, "paths"), "direct") != 0)
+        e = err_say(why, ERR_USAGE, "--paths '%s' is not known; there is direct", options_get(o, "paths"));
+    r->out = options_get(o, "out");
+    if (!e && !ends_with(r->out, ".exr") && !ends_with(r->out, ".jpg"))
+        e = err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", r->out);
+    if (!e)
+        e = find_number(r->out, &at, &length, &digits, why);
+    if (!e)
+        e = parse_frames(options_get(o, "frames"), source, why);
+    if (!e)
+        e = options_size(o, "size", &set->width, &set->height, why);
+    if (!e)
+        e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
+    if (!e)
+        e = options_u64(o, "seed", 0, UINT64_MAX, &r->direct.seed, why);
+    if (!e)
+        e = options_u64(o, "edge-rays", 1, 16, &edge, why);
+    if (!e)
+        e = options_u64(o, "quality", 1, 100, &quality, why);
+    if (!e)
+        e = options_u64(o, "threads", 0, 1024, &threads, why);
+    if (!e)
+        e = options_double(o, "rotate", -3600.0, 3600.0, &r->environment_desc.rotation_degrees, why);
+    if (!e)
+        e = options_double(o, "scale", -60.0, 60.0, &r->environment_desc.scale_stops, why);
+    if (!e)
+        e = layout_parse(options_get(o, "layout"), &r->environment_desc.layout, why);
+    if (!e)
+        e = tone_parse(options_get(o, "tone"), &r->tone, why);
+    if (!e)
+        e = kernels_select(options_get(o, "cpu"), &r->kernels, why);
+    r->direct.samples = (uint32_t)samples;
+    r->direct.no_visibility = options_on(o, "no-visibility");
+    r->reseed = options_on(o, "reseed");
+    r->half = options_on(o, "half");
+    r->quality = (int)quality;
+    r->stats_path = options_get(o, "stats");
+    set->scene = options_get(o, "scene");
+    set->camera = options_get(o, "camera");
+    set->edge_rays = (uint32_t)edge;
+    set->every_pixel = options_on(o, "every-pixel");
+    set->progress = true;
+    source->spec = options_get(o, "source");
+    if (threads)
+        omp_set_num_threads((int)threads);
+    return e;
+}
+
+static enum err set_up(struct render *r, const struct source_desc *source, const struct set_desc *set,
+                       struct reason *why)
+{
+    size_t at, length;
+    unsigned digits;
+    struct source_desc one = *source;
+    enum err e = source_open(&one, &r->source, why);
+
+    if (!e && source_count(r->source) == 0 && !source->has_range) { /* a sky has no last frame: take its first */
+        source_close(r->source);
+        one.has_range = true;
+        e = source_open(&one, &r->source, why);
+    }
+    if (!e)
+        e = find_number(r->out, &at, &length, &digits, why);
+    if (!e && !length && source_count(r->source) > 1)
+        e = err_say(why, ERR_USAGE,
+                    "--out '%s' names one file, but the source has %" PRIu64
+                    " frames: put %%04d into it, or choose one by --frames",
+                    r->out, source_count(r->source));
+    if (!e)
+        e = set_create(set, &r->set, why);
+    if (e)
+        return e;
+    const size_t pixels = (size_t)set->width * set->height;
+    r->relighter = relighter_create(r->set, r->kernels);
+    r->environment = environment_create(&r->environment_desc);
+    r->jpeg = jpeg_encoder_create();
+    r->rgb = mem_alloc(pixels, 3 * sizeof(float));
+    r->display = mem_alloc(pixels, 3);
+    exposure_init(&r->exposure);
+    if (!r->relighter || !r->environment || !r->jpeg || !r->rgb || !r->display)
+        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", set->width, set->height);
+    if (r->stats_path) {
+        r->stats = strcmp(r->stats_path, "-") == 0 ? stdout : fopen(r->stats_path, "w");
+        if (!r->stats)
+            return err_say(why, ERR_IO, "%s: %s", r->stats_path, strerror(errno));
+        fputs("[", r->stats);
+    }
+    return ERR_OK;
+}
+
+static enum err write_file(const char *name, const uint8_t *bytes, size_t size, struct reason *why)
+{
+    FILE *f = fopen(name, "wb");
+    const bool written = f && fwrite(bytes, 1, size, f) == size;
+
+    if (f && fclose(f) == 0 && written)
+        return ERR_OK;
+    return err_say(why, ERR_IO, "%s: %s", name, strerror(errno));
+}
+
+static enum err write_picture(struct render *r, struct reason *why)
+{
+    const uint32_t width = r->set->gbuffer->width, height = r->set->gbuffer->height;
+    const double gain = exposure_step(&r->exposure, r->rgb, width, height);
+    char name[4096];
+    enum err e = output_name(r->out, r->frame.number, name, sizeof(name), why);
+
+    if (e)
+        return e;
+    if (ends_with(name, ".exr")) {
+        const struct exr_desc d = { r->rgb, width, height, r->half ? EXR_HALF : EXR_FLOAT, NULL, 0 };
+        return exr_write(&d, name, why);
+    }
+    const uint8_t *bytes;
+    size_t size;
+    tone_map(r->rgb, width, height, gain, r->tone, r->display);
+    e = jpeg_encode(r->jpeg, r->display, width, height, r->quality, &bytes, &size);
+    return e ? err_say(why, e, "%s: cannot be encoded", name) : write_file(name, bytes, size, why);
+}
+
+static void write_stats(struct render *r, const struct relight_stats *s, const double ms[3])
+{
+    const struct gbuffer *g = r->set->gbuffer;
+    const struct image_faults *f = &r->environment->image.faults;
+
+    json_t *j =
+        json_pack("{s:I, s:s, s:s, s:i, s:{s:f, s:f, s:f, s:f, s:f}, s:I, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, "
+                  "s:I}, s:{s:I, s:I, s:I}, s:[s]}",
+                  "frame", (json_int_t)r->frame.number, "environment", r->environment->name, "method",
+                  method_name(r->direct.method), "samples", (int)r->direct.samples, "ms", "decode", ms[0], "rebuild",
+                  ms[1], "shade", s->shade_ms, "resolve", s->resolve_ms, "write", ms[2], "rays",
+                  (json_int_t)s->direct.rays, "light_samples", "generated", (json_int_t)s->direct.generated, "chosen",
+                  (json_int_t)s->direct.chosen, "effective", (json_int_t)s->direct.effective, "lobes",
+                  (json_int_t)s->direct.lobes, "repaired", "nan", (json_int_t)f->nan, "infinite",
+                  (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
+                  "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels,
+                  "bytes", (json_int_t)g->bytes, "left_out", "caustics and interreflection: --paths direct");
+    if (!j)
+        return;
+    fputs(r->rendered ? ",\n" : "\n", r->stats);
+    json_dumpf(j, r->stats, JSON_REAL_PRECISION(6));
+    json_decref(j);
+}
+
+/* One frame that was read: refused frames are reported and passed over, the sequence goes on. */
+static enum err render_frame(struct render *r, struct reason *why)
+{
+    struct relight_stats stats;
+    double ms[3];
+
+    double start = clock_seconds();
+    enum err e = environment_decode(r->environment, &r->frame, why);
+    ms[0] = 1e3 * (clock_seconds() - start);
+    start = clock_seconds();
+    if (!e)
+        e = environment_rebuild(r->environment, why);
+    ms[1] = 1e3 * (clock_seconds() - start);
+    if (e) {
+        log_error("%s", why->text);
+        r->refused++;
+        return e == ERR_NOMEM ? e : ERR_OK;
+    }
+    r->direct.pass = r->reseed ? r->frame.number : 0;
+    e = relighter_run(r->relighter, r->environment, &r->direct, r->rgb, &stats);
+    if (e)
+        return err_say(why, e, "%s: no memory for the light samples", r->frame.name);
+    start = clock_seconds();
+    e = write_picture(r, why);
+    ms[2] = 1e3 * (clock_seconds() - start);
+    if (!e && r->stats)
+        write_stats(r, &stats, ms);
+    r->rendered += !e;
+    return e;
+}
+
+static enum err render_all(struct render *r, struct reason *why)
+{
+    struct progress line;
+    enum err e = ERR_OK;
+
+    progress_begin(&line, "rendering", source_count(r->source), stderr);
+    while (!e) {
+        e = source_next(r->source, &r->frame, why);
+        if (e == ERR_END)
+            break;
+        if (e) {
+            log_error("%s", why->text);
+            r->refused++;
+            e = ERR_OK;
+        } else {
+            e = render_frame(r, why);
+        }
+        progress_step(&line, 1);
+    }
+    progress_end(&line);
+    return e == ERR_END ? ERR_OK : e;
+}
+
+static enum err finish(struct render *r, enum err e, struct reason *why)
+{
+    if (r->stats) {
+        fputs("\n]\n", r->stats);
+        const bool failed = fflush(r->stats) != 0 || ferror(r->stats);
+        if (r->stats != stdout)
+            fclose(r->stats);
+        if (failed && !e)
+            e = err_say(why, ERR_IO, "%s: cannot be written", r->stats_path);
+    }
+    if (!e && r->refused) {
+        e = err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", r->refused,
+                    r->refused + r->rendered);
+    }
+    frame_finish(&r->frame);
+    mem_free(r->rgb);
+    mem_free(r->display);
+    jpeg_encoder_destroy(r->jpeg);
+    environment_destroy(r->environment);
+    relighter_destroy(r->relighter);
+    set_destroy(r->set);
+    source_close(r->source);
+    return e;
+}
+
+int main(int argc, char **argv)
+{
+    struct options options = {
+        .program = "relight-render",
+        .synopsis = "--out PATTERN [--scene FILE] [--source S] [flags]",
+        .about = "Lights a scene by each frame of an environment sequence and writes the pictures to files.\n"
+                 "Exit code: 0 all frames rendered, 1 some could not be (each is named), 2 wrong usage.",
+        .rows = rows,
+    };
+    struct source_desc source = { 0 };
+    struct set_desc set = { 0 };
+    struct render r = { 0 };
+    struct reason why = { "" };
+    bool done;
+
+    log_init("relight-render", LOG_INFO);
+    enum err e = options_parse(&options, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
+    if (!e)
+        e = read_options(&options, &r, &source, &set, &why);
+    if (!e)
+        e = set_up(&r, &source, &set, &why);
+    if (!e)
+        e = render_all(&r, &why);
+    e = finish(&r, e, &why);
+    if (e)
+        log_error("%s", why.text[0] ? why.text : err_text(e));
+    return err_exit_code(e);
+}
