@@ -1,1 +1,480 @@
 #include "gbuffer.h"
+
+#include "gbuffer_build.h"
+#include "mem.h"
+#include "progress.h"
+#include "rng.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdatomic.h>
+#include <string.h>
+
+#define SIDE_MAX 16384u
+#define EDGE_RAYS_MAX 64u
+#define BAND_ROWS 16u     /* rows that one thread takes at a time; it traces one more above and below for their edges */
+#define COLOUR_STEP 0.04f /* neighbours whose texture differs by more are an edge */
+
+/* What a row of pixels came to; joined in order afterwards, so that threads do not show. */
+struct row {
+    struct shade_point *points;
+    struct gbuffer_entry *entries; /* .point counts from the row's first */
+    struct gbuffer_escape *escapes;
+    uint32_t point_count, entry_count, escape_count; /* as many entries as points */
+    uint32_t point_room, escape_room;
+    uint32_t edge_pixels;
+    struct sight_count count;
+};
+
+struct view { /* the camera's axes, scaled so that a pixel is one step */
+    double origin[3], corner[3], step_x[3], step_y[3];
+};
+
+struct build {
+    struct sight sight;
+    struct view view;
+    const struct gbuffer_desc *desc;
+    struct gbuffer *g;
+    struct row *rows;
+    uint32_t side; /* camera rays per side of an edge pixel */
+    uint64_t max_bytes;
+    _Atomic uint64_t bytes;
+    _Atomic bool failed; /* out of memory */
+};
+
+/* A thread's own: centre samples of a band, and the leaves of one pixel. */
+struct scratch {
+    struct leaf *centres; /* [BAND_ROWS + 2][width] */
+    uint8_t *specular;    /* likewise: the first surface is a mirror or glass */
+    struct leaf *leaves;  /* [side * side * LEAF_MAX] */
+    uint32_t *owner;
+};
+
+static void view_init(struct view *v, const struct camera *c, uint32_t width, uint32_t height)
+{
+    const struct vec3 ahead = vec3_normalize(vec3_sub(c->look_at, c->position));
+    const struct vec3 right = vec3_normalize(vec3_cross(ahead, vec3_normalize(c->up)));
+    const struct vec3 up = vec3_cross(right, ahead);
+    const double step = 2.0 * tan(0.5 * c->fov_y) / height;
+    const float a[3] = { ahead.x, ahead.y, ahead.z }, r[3] = { right.x, right.y, right.z };
+    const float u[3] = { up.x, up.y, up.z }, o[3] = { c->position.x, c->position.y, c->position.z };
+
+    for (int i = 0; i < 3; i++) {
+        v->origin[i] = o[i];
+        v->step_x[i] = step * r[i];
+        v->step_y[i] = -step * u[i];
+        v->corner[i] = a[i] - 0.5 * width * v->step_x[i] - 0.5 * height * v->step_y[i];
+    }
+}
+
+static struct vec3 view_direction(const struct view *v, double x, double y)
+{
+    double d[3];
+
+    for (int i = 0; i < 3; i++)
+        d[i] = v->corner[i] + x * v->step_x[i] + y * v->step_y[i];
+    const double l = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    return vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
+}
+
+static uint32_t trace(const struct build *b, double x, double y, struct leaf out[LEAF_MAX], bool *specular,
+                      struct sight_count *count)
+{
+    const struct vec3 o = b->desc->camera->position;
+    return sight_trace(&b->sight, o, view_direction(&b->view, x, y), out, specular, count);
+}
+
+/* The centre sample of each pixel of row y: the heaviest of its leaves, which without mirrors is the only one. */
+static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *specular,
+                          struct leaf *leaves, struct sight_count *count)
+{
+    for (uint32_t x = 0; x < b->desc->width; x++) {
+        bool mirror;
+        const uint32_t n = trace(b, x + 0.5, y + 0.5, leaves, &mirror, count);
+        specular[x] = mirror || n != 1;
+        centres[x] = leaves[0];
+        if (n == 0)
+            memset(&centres[x], 0, sizeof(centres[x]));
+    }
+}
+
+static bool same_colour(const struct leaf *a, const struct leaf *b)
+{
+    return fabsf(a->diffuse.x - b->diffuse.x) <= COLOUR_STEP && fabsf(a->diffuse.y - b->diffuse.y) <= COLOUR_STEP &&
+           fabsf(a->diffuse.z - b->diffuse.z) <= COLOUR_STEP;
+}
+
+/* row: the centre samples of the pixel's own row in the scratch, y its number in the picture. */
+static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row, uint32_t x, uint32_t y)
+{
+    const uint32_t width = b->desc->width, height = b->desc->height;
+    const struct leaf *own = &s->centres[(size_t)row * width + x];
+
+    if (b->side < 2)
+        return false;
+    if (b->desc->every_pixel || s->specular[(size_t)row * width + x])
+        return true;
+    for (int dy = -1; dy <= 1; dy++) {
+        for (int dx = -1; dx <= 1; dx++) {
+            const int64_t nx = (int64_t)x + dx, ny = (int64_t)y + dy;
+            if (nx < 0 || ny < 0 || nx >= width || ny >= height)
+                continue;
+            const size_t at = (size_t)((int64_t)row + dy) * width + (size_t)nx;
+            const struct leaf *other = &s->centres[at];
+            if (s->specular[at] || own->escaped != other->escaped)
+                return true;
+            if (!own->escaped && (!leaf_alike(&b->sight, own, other) || !same_colour(own, other)))
+                return true;
+        }
+    }
+    return false;
+}
+
+/* The leaves of pixel (x, y) from side^2 jittered rays, merged; the jitter is the same in every run. */
+static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint32_t x, uint32_t y,
+                           struct sight_count *count)
+{
+    const uint64_t pixel = (uint64_t)y * b->desc->width + x;
+    const float share = 1.0f / (float)(b->side * b->side);
+    uint32_t n = 0;
+
+    for (uint32_t i = 0; i < b->side * b->side; i++) {
+        struct rng r = { rng_mix(pixel, i) };
+        const double jx = (i % b->side + rng_next(&r)) / b->side;
+        const double jy = (i / b->side + rng_next(&r)) / b->side;
+        bool mirror;
+        const uint32_t more = trace(b, x + jx, y + jy, s->leaves + n, &mirror, count);
+        for (uint32_t k = n; k < n + more; k++) {
+            for (int c = 0; c < 3; c++)
+                s->leaves[k].weight[c] *= share;
+        }
+        n += more;
+    }
+    leaves_merge(&b->sight, s->leaves, s->owner, &n);
+    return n;
+}
+
+/* Place for one more; the room doubles. */
+static bool reserve(void **array, uint32_t count, uint32_t room, size_t size)
+{
+    if (count < room)
+        return true;
+    void *grown = mem_grow(*array, count, room ? 2 * (size_t)room : 256, size);
+    if (grown)
+        *array = grown;
+    return grown != NULL;
+}
+
+static bool add_escape(struct row *r, const struct leaf *l)
+{
+    void *escapes = r->escapes;
+
+    if (!reserve(&escapes, r->escape_count, r->escape_room, sizeof(*r->escapes)))
+        return false;
+    r->escapes = escapes;
+    if (r->escape_count == r->escape_room)
+        r->escape_room = r->escape_room ? 2 * r->escape_room : 256;
+    struct gbuffer_escape *out = &r->escapes[r->escape_count++];
+    out->direction = l->arrival;
+    memcpy(out->weight, l->weight, sizeof(out->weight));
+    return true;
+}
+
+static bool add_point(struct row *r, const struct leaf *l, uint32_t x, uint32_t y)
+{
+    void *points = r->points, *entries = r->entries;
+    const bool ok = reserve(&points, r->point_count, r->point_room, sizeof(*r->points)) &&
+                    reserve(&entries, r->point_count, r->point_room, sizeof(*r->entries));
+
+    r->points = points;
+    r->entries = entries;
+    if (!ok)
+        return false;
+    if (r->point_count == r->point_room)
+        r->point_room = r->point_room ? 2 * r->point_room : 256;
+    struct gbuffer_entry *entry = &r->entries[r->entry_count++];
+    entry->point = r->point_count;
+    memcpy(entry->weight, l->weight, sizeof(entry->weight));
+    const struct surface *s = &l->surface;
+    r->points[r->point_count++] = (struct shade_point){
+        .position = vec3_add(s->position, vec3_scale(s->geometric, s->offset)),
+        .geometric = s->geometric,
+        .shading = s->shading,
+        .wo = vec3_scale(l->arrival, -1.0f),
+        .diffuse = l->diffuse,
+        .specular = l->specular,
+        .gloss = l->gloss,
+        .mesh = l->mesh,
+        .material = l->material,
+        .kind = l->kind,
+        .x = x,
+        .y = y,
+    };
+    return true;
+}
+
+static bool add_leaf(struct row *r, const struct leaf *l, uint32_t x, uint32_t y)
+{
+    if (l->weight[0] + l->weight[1] + l->weight[2] <= 0.0f)
+        return true;
+    return l->escaped ? add_escape(r, l) : add_point(r, l, x, y);
+}
+
+/* One row of pixels; entry_first and escape_first take the counts within the row, of which prefix sums are made
+ * later. */
+static bool build_row(struct build *b, const struct scratch *s, uint32_t in_band, uint32_t y)
+{
+    const uint32_t width = b->desc->width;
+    struct row *r = &b->rows[y];
+
+    for (uint32_t x = 0; x < width; x++) {
+        const size_t pixel = (size_t)y * width + x;
+        const uint32_t points = r->entry_count, escapes = r->escape_count;
+        const bool edge = is_edge(b, s, in_band, x, y);
+        uint32_t n;
+        if (edge) {
+            n = trace_edge(b, s, x, y, &r->count);
+            r->edge_pixels++;
+        } else if (s->specular[(size_t)in_band * width + x]) {
+            bool mirror;
+            n = trace(b, x + 0.5, y + 0.5, s->leaves, &mirror, &r->count);
+        } else {
+            s->leaves[0] = s->centres[(size_t)in_band * width + x];
+            n = 1;
+        }
+        for (uint32_t i = 0; i < n; i++) {
+            if (!add_leaf(r, &s->leaves[i], x, y))
+                return false;
+        }
+        b->g->entry_first[pixel + 1] = r->entry_count - points;
+        b->g->escape_first[pixel + 1] = r->escape_count - escapes;
+    }
+    return true;
+}
+
+static uint64_t row_bytes(const struct row *r)
+{
+    return r->point_count * (sizeof(struct shade_packet) / PACKET) + r->entry_count * sizeof(struct gbuffer_entry) +
+           r->escape_count * sizeof(struct gbuffer_escape);
+}
+
+static void build_band(struct build *b, const struct scratch *s, uint32_t band)
+{
+    const uint32_t width = b->desc->width, height = b->desc->height;
+    const uint32_t from = band * BAND_ROWS, to = from + BAND_ROWS < height ? from + BAND_ROWS : height;
+
+    /* Scratch row k is picture row from - 1 + k. */
+    for (uint32_t k = from == 0; k <= to - from + 1 && from + k <= height; k++) {
+        const uint32_t y = from + k - 1;
+        trace_centres(b, y, s->centres + (size_t)k * width, s->specular + (size_t)k * width, s->leaves,
+                      &b->rows[y < from ? from
+                               : y < to ? y
+                                        : to - 1]
+                           .count);
+    }
+    for (uint32_t y = from; y < to; y++) {
+        if (!build_row(b, s, y - from + 1, y)) {
+            b->failed = true;
+            return;
+        }
+        atomic_fetch_add(&b->bytes, row_bytes(&b->rows[y]));
+        progress_step(b->desc->progress, 1);
+    }
+}
+
+static bool scratch_init(struct scratch *s, uint32_t width, uint32_t side)
+{
+    const size_t leaves = (size_t)side * side * LEAF_MAX;
+
+    s->centres = mem_alloc((BAND_ROWS + 2) * (size_t)width, sizeof(*s->centres));
+    s->specular = mem_alloc((BAND_ROWS + 2) * (size_t)width, sizeof(*s->specular));
+    s->leaves = mem_alloc(leaves, sizeof(*s->leaves));
+    s->owner = mem_alloc(leaves, sizeof(*s->owner));
+    return s->centres && s->specular && s->leaves && s->owner;
+}
+
+static void scratch_finish(struct scratch *s)
+{
+    mem_free(s->centres);
+    mem_free(s->specular);
+    mem_free(s->leaves);
+    mem_free(s->owner);
+}
+
+static void build_bands(struct build *b)
+{
+    const int bands = (int)((b->desc->height + BAND_ROWS - 1) / BAND_ROWS);
+
+#pragma omp parallel
+    {
+        struct scratch s;
+        if (!scratch_init(&s, b->desc->width, b->side))
+            b->failed = true;
+#pragma omp for schedule(dynamic)
+        for (int band = 0; band < bands; band++) {
+            if (!b->failed && b->bytes <= b->max_bytes)
+                build_band(b, &s, (uint32_t)band);
+        }
+        scratch_finish(&s);
+    }
+}
+
+/* Counts into sums, first[0] = 0; the total. */
+static uint64_t prefix_sum(uint32_t *first, size_t count)
+{
+    uint64_t sum = 0;
+
+    for (size_t i = 0; i < count; i++) {
+        sum += first[i + 1];
+        first[i + 1] = (uint32_t)sum;
+    }
+    return sum;
+}
+
+/* The rows one after another, in the G-buffer's own arrays; *points is the caller's. */
+static enum err join_rows(struct build *b, uint64_t point_count, uint64_t escape_count, struct shade_point **points)
+{
+    struct gbuffer *g = b->g;
+    uint32_t at = 0, escapes = 0;
+
+    *points = mem_alloc(point_count, sizeof(**points));
+    g->entries = mem_alloc(point_count, sizeof(*g->entries));
+    g->escapes = mem_alloc(escape_count, sizeof(*g->escapes));
+    if (!*points || !g->entries || !g->escapes)
+        return ERR_NOMEM;
+    for (uint32_t y = 0; y < g->height; y++) {
+        struct row *r = &b->rows[y];
+        for (uint32_t i = 0; i < r->point_count; i++) {
+            (*points)[at + i] = r->points[i];
+            g->entries[at + i] = r->entries[i];
+            g->entries[at + i].point += at;
+        }
+        if (r->escape_count > 0)
+            memcpy(g->escapes + escapes, r->escapes, r->escape_count * sizeof(*g->escapes));
+        at += r->point_count;
+        escapes += r->escape_count;
+        g->edge_pixels += r->edge_pixels;
+        g->camera_rays += r->count.rays;
+        g->cut_weight += r->count.cut;
+    }
+    return ERR_OK;
+}
+
+static enum err too_large(const struct build *b, struct reason *why)
+{
+    return err_say(why, ERR_RANGE, "G-buffer of %u x %u pixels: more than the allowed %.3g MiB", b->desc->width,
+                   b->desc->height, (double)b->max_bytes / 1048576.0);
+}
+
+static enum err finish(struct build *b, struct reason *why)
+{
+    struct gbuffer *g = b->g;
+    struct shade_point *points = NULL;
+    uint32_t *slots = NULL;
+    const size_t pixels = (size_t)g->width * g->height;
+    const uint64_t point_count = prefix_sum(g->entry_first, pixels);
+    const uint64_t escape_count = prefix_sum(g->escape_first, pixels);
+
+    if (point_count > UINT32_MAX - 4 * PACKET || escape_count > UINT32_MAX)
+        return too_large(b, why);
+    enum err e = join_rows(b, point_count, escape_count, &points);
+    if (e)
+        goto done;
+    slots = mem_alloc(point_count, sizeof(*slots));
+    e = slots ? points_pack(points, (uint32_t)point_count, &g->packets, &g->packet_count, slots) : ERR_NOMEM;
+    if (e)
+        goto done;
+    for (uint64_t i = 0; i < point_count; i++)
+        g->entries[i].point = slots[g->entries[i].point];
+    g->point_count = point_count;
+    g->bytes = sizeof(*g) + g->packet_count * sizeof(*g->packets) + point_count * sizeof(*g->entries) +
+               escape_count * sizeof(*g->escapes) + 2 * (pixels + 1) * sizeof(*g->entry_first);
+    if (g->bytes > b->max_bytes)
+        e = too_large(b, why);
+done:
+    mem_free(points);
+    mem_free(slots);
+    return e;
+}
+
+static enum err build_all(struct build *b, struct reason *why)
+{
+    struct gbuffer *g = b->g;
+    const size_t pixels = (size_t)g->width * g->height;
+    enum err e = ERR_OK;
+
+    /* every pixel takes at least its place in the lists and one escape */
+    b->bytes = pixels * (2 * sizeof(*g->entry_first));
+    if (b->bytes + pixels * sizeof(struct gbuffer_entry) > b->max_bytes)
+        return too_large(b, why);
+    b->rows = mem_alloc(g->height, sizeof(*b->rows));
+    g->entry_first = mem_alloc(pixels + 1, sizeof(*g->entry_first));
+    g->escape_first = mem_alloc(pixels + 1, sizeof(*g->escape_first));
+    if (!b->rows || !g->entry_first || !g->escape_first)
+        return ERR_NOMEM;
+    build_bands(b);
+    if (b->failed)
+        e = ERR_NOMEM;
+    else if (b->bytes > b->max_bytes)
+        e = too_large(b, why);
+    else
+        e = finish(b, why);
+    return e;
+}
+
+static void free_rows(struct row *rows, uint32_t count)
+{
+    for (uint32_t y = 0; rows && y < count; y++) {
+        mem_free(rows[y].points);
+        mem_free(rows[y].entries);
+        mem_free(rows[y].escapes);
+    }
+    mem_free(rows);
+}
+
+enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
+                        struct gbuffer **out, struct reason *why)
+{
+    assert(scene && rays && desc && desc->camera);
+    *out = NULL;
+    if (desc->width < 1 || desc->height < 1 || desc->width > SIDE_MAX || desc->height > SIDE_MAX)
+        return err_say(why, ERR_RANGE, "picture of %u x %u pixels: each side must be 1 to %u", desc->width,
+                       desc->height, SIDE_MAX);
+    if (desc->edge_rays > EDGE_RAYS_MAX)
+        return err_say(why, ERR_RANGE, "%u camera rays per side of an edge pixel, more than %u", desc->edge_rays,
+                       EDGE_RAYS_MAX);
+    struct build b = {
+        .desc = desc,
+        .g = mem_alloc(1, sizeof(*b.g)),
+        .side = desc->edge_rays ? desc->edge_rays : 4,
+        .max_bytes = desc->max_bytes ? desc->max_bytes : UINT64_C(4) << 30,
+    };
+    if (!b.g)
+        return err_say(why, ERR_NOMEM, "no memory for the G-buffer");
+    b.g->width = desc->width;
+    b.g->height = desc->height;
+    b.g->pixel_angle = 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height;
+    b.sight = (struct sight){ .scene = scene, .rays = rays, .pixel_angle = b.g->pixel_angle };
+    view_init(&b.view, desc->camera, desc->width, desc->height);
+    const enum err e = build_all(&b, why);
+    free_rows(b.rows, desc->height);
+    if (e == ERR_NOMEM)
+        err_say(why, e, "no memory for the G-buffer of %u x %u pixels", desc->width, desc->height);
+    if (e)
+        gbuffer_destroy(b.g);
+    else
+        *out = b.g;
+    return e;
+}
+
+void gbuffer_destroy(struct gbuffer *g)
+{
+    if (!g)
+        return;
+    mem_free(g->packets);
+    mem_free(g->entry_first);
+    mem_free(g->entries);
+    mem_free(g->escape_first);
+    mem_free(g->escapes);
+    mem_free(g);
+}

@@ -55,9 +55,10 @@ struct gbuffer {
     uint32_t *escape_first; /* likewise */
     struct gbuffer_escape *escapes;
     uint64_t edge_pixels; /* got more camera rays than one */
-    uint64_t camera_rays;
-    uint64_t bytes;    /* what all of it takes */
-    float pixel_angle; /* radians, height of a pixel at the picture's centre */
+    uint64_t camera_rays; /* with those that follow mirrors and glass */
+    double cut_weight;    /* sum over all camera rays of what was left when a chain of mirrors and glass was cut */
+    uint64_t bytes;       /* what all of it takes */
+    float pixel_angle;    /* radians, height of a pixel at the picture's centre */
 };
 
 struct gbuffer_desc {

@@ -1,0 +1,97 @@
+#include "gbuffer_build.h"
+
+#include <math.h>
+
+#define COS_5_DEGREES 0.99619470f
+#define COS_30_DEGREES 0.86602540f
+
+bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b)
+{
+    if (a->escaped != b->escaped || a->bounces != b->bounces)
+        return false;
+    if (a->escaped)
+        return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
+    if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind)
+        return false;
+    /* Where normals are interpolated the facets only decide what lies below the horizon. */
+    const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
+    if (vec3_dot(a->surface.shading, b->surface.shading) < COS_5_DEGREES ||
+        vec3_dot(a->surface.geometric, b->surface.geometric) < geometric_least)
+        return false;
+    if (a->bounces > 0 && vec3_dot(a->arrival, b->arrival) < COS_5_DEGREES)
+        return false;
+    const struct vec3 apart = vec3_sub(b->surface.position, a->surface.position);
+    return fabsf(vec3_dot(apart, a->surface.geometric)) <= fmaxf(a->footprint, b->footprint);
+}
+
+/* What stands for a cluster in space: escapes are told apart by direction, points by position. */
+static struct vec3 whereabouts(const struct leaf *l)
+{
+    return l->escaped ? l->arrival : l->surface.position;
+}
+
+static float total(const struct leaf *l)
+{
+    return l->weight[0] + l->weight[1] + l->weight[2];
+}
+
+/* The cluster of seed `first` as one leaf. Colours are averaged per channel with the weights of the pixel, which is
+ * exact: a pixel is linear in them. */
+static struct leaf merge_cluster(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count)
+{
+    double weight[3] = { 0.0 }, colour[3] = { 0.0 }, place[3] = { 0.0 }, all = 0.0;
+    uint32_t nearest = first;
+    float least = INFINITY;
+
+    for (uint32_t i = first; i < count; i++) {
+        if (owner[i] != first)
+            continue;
+        const struct leaf *l = &leaves[i];
+        const struct vec3 p = whereabouts(l);
+        const double w = total(l);
+        const float diffuse[3] = { l->diffuse.x, l->diffuse.y, l->diffuse.z };
+        for (int k = 0; k < 3; k++) {
+            weight[k] += l->weight[k];
+            colour[k] += (double)l->weight[k] * diffuse[k];
+        }
+        place[0] += w * p.x;
+        place[1] += w * p.y;
+        place[2] += w * p.z;
+        all += w;
+    }
+    const struct vec3 mean = vec3_make((float)(place[0] / all), (float)(place[1] / all), (float)(place[2] / all));
+    for (uint32_t i = first; i < count; i++) {
+        const float d = vec3_length(vec3_sub(whereabouts(&leaves[i]), mean));
+        if (owner[i] == first && d < least) {
+            least = d;
+            nearest = i;
+        }
+    }
+    struct leaf l = leaves[nearest];
+    for (int k = 0; k < 3; k++)
+        l.weight[k] = (float)weight[k];
+    l.diffuse = vec3_make(weight[0] > 0.0 ? (float)(colour[0] / weight[0]) : 0.0f,
+                          weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
+                          weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
+    if (l.escaped)
+        l.arrival = vec3_normalize(mean);
+    return l;
+}
+
+void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, uint32_t *count)
+{
+    uint32_t kept = 0;
+
+    /* Each joins the first seed that it is like; one that is like none is a seed. */
+    for (uint32_t i = 0; i < *count; i++) {
+        uint32_t j = 0;
+        while (j < i && (owner[j] != j || !leaf_alike(s, &leaves[j], &leaves[i])))
+            j++;
+        owner[i] = j;
+    }
+    for (uint32_t i = 0; i < *count; i++) {
+        if (owner[i] == i) /* writes at or before its seed, which no later cluster reads */
+            leaves[kept++] = merge_cluster(leaves, owner, i, *count);
+    }
+    *count = kept;
+}
