@@ -1,0 +1,184 @@
+#include "source.h"
+
+#include "clock.h"
+#include "files.h"
+#include "mem.h"
+#include "sky.h"
+#include "watch.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define WATCH_WAIT_MS 200
+
+enum source_kind {
+    SOURCE_FILES,
+    SOURCE_WATCH,
+    SOURCE_SKY,
+};
+
+struct source {
+    enum source_kind kind;
+    bool has_range, loop;
+    uint64_t first, last;
+    struct file_list files; /* SOURCE_FILES: only what lies in the range */
+    struct watch watch;     /* SOURCE_WATCH */
+    struct sky_desc sky;    /* SOURCE_SKY */
+    uint64_t sky_frame;     /* the next one */
+    bool sky_ended;
+};
+
+static bool starts_with(const char *text, const char *start)
+{
+    return strncmp(text, start, strlen(start)) == 0;
+}
+
+static bool in_range(const struct source *s, uint64_t number)
+{
+    return !s->has_range || (number >= s->first && number <= s->last);
+}
+
+/* Keeps the files whose number is asked for. */
+static enum err cut_to_range(struct source *s, const char *spec, struct reason *why)
+{
+    struct file_list *l = &s->files;
+    const uint64_t least = l->items[0].number, most = l->items[l->count - 1].number;
+    size_t kept = 0;
+
+    for (size_t i = 0; i < l->count; i++) {
+        if (in_range(s, l->items[i].number))
+            l->items[kept++] = l->items[i];
+        else
+            mem_free(l->items[i].path);
+    }
+    l->count = kept;
+    if (kept)
+        return ERR_OK;
+    return err_say(why, ERR_USAGE,
+                   "%s: no frame from %" PRIu64 " to %" PRIu64 ", the numbers go from %" PRIu64 " to %" PRIu64, spec,
+                   s->first, s->last, least, most);
+}
+
+static enum err open_spec(struct source *s, const char *spec, struct reason *why)
+{
+    if (starts_with(spec, "push:"))
+        return err_say(why, ERR_USAGE, "%s: frames that are pushed over the network are taken by relightd alone", spec);
+    if (starts_with(spec, "watch:")) {
+        if (!spec[strlen("watch:")])
+            return err_say(why, ERR_USAGE, "%s: the folder to watch is missing, as in watch:DIR", spec);
+        const enum err e = watch_init(&s->watch, spec + strlen("watch:"), why);
+        s->kind = e ? s->kind : SOURCE_WATCH;
+        return e;
+    }
+    if (starts_with(spec, "sky:")) {
+        s->kind = SOURCE_SKY;
+        s->sky_frame = s->has_range ? s->first : 0;
+        return sky_parse(spec + strlen("sky:"), &s->sky, why);
+    }
+    const enum err e = files_from_spec(spec, &s->files, why);
+    return e ? e : cut_to_range(s, spec, why);
+}
+
+enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why)
+{
+    *out = NULL;
+    assert(desc->spec);
+    if (desc->has_range && desc->first > desc->last)
+        return err_say(why, ERR_USAGE, "%s: the range of frames ends before it begins", desc->spec);
+    struct source *s = mem_alloc(1, sizeof(*s));
+    if (!s)
+        return err_say(why, ERR_NOMEM, "%s: no memory to open it", desc->spec);
+    s->kind = SOURCE_FILES;
+    s->has_range = desc->has_range;
+    s->first = desc->first;
+    s->last = desc->last;
+    s->loop = desc->loop;
+    const enum err e = open_spec(s, desc->spec, why);
+    if (e)
+        source_close(s);
+    else
+        *out = s;
+    return e;
+}
+
+void source_close(struct source *s)
+{
+    if (!s)
+        return;
+    files_finish(&s->files);
+    if (s->kind == SOURCE_WATCH)
+        watch_finish(&s->watch);
+    mem_free(s);
+}
+
+static enum err next_file(struct source *s, struct frame *f, struct reason *why)
+{
+    if (s->files.next == s->files.count) {
+        if (!s->loop)
+            return ERR_END;
+        s->files.next = 0;
+    }
+    return files_read(&s->files.items[s->files.next++], f, why);
+}
+
+static enum err next_watched(struct source *s, struct frame *f, struct reason *why)
+{
+    const struct file_item *item = NULL;
+
+    const enum err e = watch_next(&s->watch, WATCH_WAIT_MS, &item, why);
+    if (e || !item)
+        return e;
+    if (s->has_range && item->number > s->last)
+        return ERR_END;
+    return in_range(s, item->number) ? files_read(item, f, why) : ERR_OK;
+}
+
+static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
+{
+    struct sky_state state;
+
+    if (s->sky_ended) {
+        if (!s->loop)
+            return ERR_END;
+        s->sky_ended = false;
+        s->sky_frame = s->first;
+    }
+    f->capture_us = clock_wall_us(); /* this light is as old as its computation */
+    if (frame_reserve_texels(f, s->sky.width, s->sky.height))
+        return err_say(why, ERR_NOMEM, "sky: no memory for %" PRIu32 "x%" PRIu32 " texels", s->sky.width,
+                       s->sky.height);
+    f->number = s->sky_frame;
+    sky_state_at(&s->sky, f->number, &state);
+    snprintf(f->name, sizeof(f->name), "sky: frame %" PRIu64 ", sun at %.1f degrees", f->number,
+             state.sun_elevation * 57.29577951308232);
+    sky_render(&s->sky, &state, f->rgb);
+    if (s->has_range && s->sky_frame == s->last)
+        s->sky_ended = true;
+    else
+        s->sky_frame++;
+    return ERR_OK;
+}
+
+enum err source_next(struct source *s, struct frame *f, struct reason *why)
+{
+    f->kind = FRAME_NONE;
+    switch (s->kind) {
+    case SOURCE_FILES: return next_file(s, f, why);
+    case SOURCE_WATCH: return next_watched(s, f, why);
+    case SOURCE_SKY: return next_sky(s, f, why);
+    }
+    return ERR_END;
+}
+
+uint64_t source_count(const struct source *s)
+{
+    switch (s->kind) {
+    case SOURCE_FILES: return s->files.count;
+    case SOURCE_WATCH: return 0;
+    case SOURCE_SKY: return s->has_range ? s->last - s->first + 1 : 0;
+    }
+    return 0;
+}

@@ -1,9 +1,13 @@
 /* server/source/source.h */
 /* Where frames come from: a file, a directory, a printf or glob pattern, a watched folder, or the built-in sky.
- * `sky.%04d.exr` walks the numbers that exist between first and last, ascending; a directory or glob walks names in
- * byte order and counts from 0; one file is one frame with the number in its name's last run of digits, or 0;
- * `watch:DIR` waits for files that appear whole; `sky:key=value,...` computes frames and never ends by itself.
- * No sockets and no decoding here. One thread per source. */
+ * `sky.%04d.exr` (one %d, %i or %u with an optional width, in the file's name; every other character, '%' included, is
+ * literal) walks the numbers that exist between first and last, ascending; a directory takes its *.exr and *.hdr of any
+ * case, a glob what it matches, both in byte order, counted from 0; one file is one frame with the number in its name's
+ * last run of digits, or 0. A name that exists is that file, whatever characters it has.
+ * `watch:DIR` gives the frames of DIR in byte order, then those that are closed after writing or moved in, as they come,
+ * counted from 0 in that order; hidden names (".x.exr") are left alone, so that a writer may use and then rename them.
+ * What is there at the start counts as whole. `sky:key=value,...` (see sky.h) computes frames and never ends by itself.
+ * No sockets and no decoding here: `push:` belongs to relightd. One thread per source. */
 #ifndef SOURCE_SOURCE_H
 #define SOURCE_SOURCE_H
 
@@ -22,12 +26,13 @@ struct source_desc {
 };
 
 /* On ERR_OK the caller owns *out; else *out is NULL and *why names the spec and the fault.
- * ERR_IO: nothing there, or not readable. ERR_USAGE: the spec makes no sense. */
+ * ERR_IO: nothing there, or not readable. ERR_USAGE: the spec or the range makes no sense. ERR_NOMEM. */
 MUST_CHECK enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why);
 void source_close(struct source *s); /* NULL is allowed */
 
-/* The next frame into *f, whose memory is reused. ERR_END after the last one. ERR_IO, ERR_RANGE: this frame could not
- * be read (*why says which file), but the source goes on with the one after it at the next call.
+/* The next frame into *f, whose memory is reused. ERR_END after the last one. ERR_IO, ERR_RANGE (a file above 1 GiB),
+ * ERR_NOMEM: this frame could not be read (*why says which), but the source goes on with the one after it at the next
+ * call; f->kind is FRAME_NONE then. Capture time: a file's last modification; for a sky, the moment of its computation.
  * `watch:` blocks at most 200 ms and then answers ERR_OK with f->kind FRAME_NONE, so that the caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 

@@ -1,0 +1,386 @@
+#include "files.h"
+
+#include "mem.h"
+
+#include <assert.h>
+#include <ctype.h>
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <glob.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum err files_say_errno(struct reason *why, const char *path, const char *what, int number)
+{
+    char text[128] = "";
+
+    if (strerror_r(number, text, sizeof(text)) != 0)
+        snprintf(text, sizeof(text), "error %d", number);
+    return err_say(why, ERR_IO, "%s: %s: %s", path, what, text);
+}
+
+/* ---- The list ---- */
+
+enum err files_add(struct file_list *l, const char *dir, const char *name, uint64_t number)
+{
+    if (l->count == l->capacity) {
+        const size_t capacity = l->capacity ? 2 * l->capacity : 64;
+        struct file_item *items = mem_grow(l->items, l->count, capacity, sizeof(*items));
+        if (!items)
+            return ERR_NOMEM;
+        l->items = items;
+        l->capacity = capacity;
+    }
+    const size_t size = (dir ? strlen(dir) + 1 : 0) + strlen(name) + 1;
+    char *path = mem_alloc(size, 1);
+    if (!path)
+        return ERR_NOMEM;
+    if (dir)
+        snprintf(path, size, "%s%s%s", dir, dir[0] && dir[strlen(dir) - 1] == '/' ? "" : "/", name);
+    else
+        memcpy(path, name, size);
+    l->items[l->count++] = (struct file_item){ path, number };
+    return ERR_OK;
+}
+
+void files_finish(struct file_list *l)
+{
+    for (size_t i = 0; i < l->count; i++)
+        mem_free(l->items[i].path);
+    mem_free(l->items);
+    *l = (struct file_list){ .items = NULL };
+}
+
+static int by_path(const void *a, const void *b)
+{
+    return strcmp(((const struct file_item *)a)->path, ((const struct file_item *)b)->path);
+}
+
+static int by_number(const void *a, const void *b)
+{
+    const uint64_t x = ((const struct file_item *)a)->number, y = ((const struct file_item *)b)->number;
+    return (x > y) - (x < y);
+}
+
+static void sort_and_count(struct file_list *l)
+{
+    if (l->count > 1)
+        qsort(l->items, l->count, sizeof(l->items[0]), by_path);
+    for (size_t i = 0; i < l->count; i++)
+        l->items[i].number = i;
+}
+
+/* ---- A folder ---- */
+
+bool files_is_frame_name(const char *name)
+{
+    const size_t n = strlen(name);
+    return n > 4 && name[0] != '.' && (strcasecmp(name + n - 4, ".exr") == 0 || strcasecmp(name + n - 4, ".hdr") == 0);
+}
+
+/* What is there but is no file is left out; what cannot be looked at stays, so that reading it says why. */
+static bool is_something_else(const char *path)
+{
+    struct stat st;
+    return stat(path, &st) == 0 && !S_ISREG(st.st_mode);
+}
+
+/* Calls take(name, arg) for every entry of the folder. */
+static enum err each_entry(const char *dir, enum err (*take)(const char *name, void *arg), void *arg,
+                           struct reason *why)
+{
+    enum err e = ERR_OK;
+    DIR *d = opendir(dir);
+
+    if (!d)
+        return files_say_errno(why, dir, "cannot be opened as a folder", errno);
+    while (!e) {
+        errno = 0; /* readdir tells the end from a failure by it alone */
+        const struct dirent *entry = readdir(d);
+        if (!entry && errno)
+            e = files_say_errno(why, dir, "cannot be listed", errno);
+        if (!entry)
+            break;
+        e = take(entry->d_name, arg);
+    }
+    closedir(d);
+    return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the names in it", dir) : e;
+}
+
+struct folder_scan {
+    const char *dir;
+    struct file_list *out;
+};
+
+static enum err take_frame_name(const char *name, void *arg)
+{
+    const struct folder_scan *scan = arg;
+    struct file_list *l = scan->out;
+
+    if (!files_is_frame_name(name))
+        return ERR_OK;
+    const enum err e = files_add(l, scan->dir, name, 0);
+    if (!e && is_something_else(l->items[l->count - 1].path))
+        mem_free(l->items[--l->count].path);
+    return e;
+}
+
+enum err files_from_folder(const char *dir, struct file_list *out, struct reason *why)
+{
+    struct folder_scan scan = { dir, out };
+
+    *out = (struct file_list){ .items = NULL };
+    const enum err e = each_entry(dir, take_frame_name, &scan, why);
+    if (e)
+        files_finish(out);
+    else
+        sort_and_count(out);
+    return e;
+}
+
+/* ---- A printf pattern ---- */
+
+/* `DIR/headNNNNtail`, where NNNN is a number of at least `width` characters, padded in front. */
+struct pattern {
+    char *dir;        /* owned */
+    const char *head; /* in the spec, head_length long */
+    size_t head_length;
+    const char *tail; /* in the spec, to its end */
+    int width;
+    bool zeros; /* padded by zeros, else by blanks */
+    struct file_list *out;
+};
+
+/* The length of the %d, %i or %u with an optional width that starts at p, or 0. The text never reaches printf: other
+ * conversions are literal characters of the name. */
+static size_t conversion_at(const char *p, int *width, bool *zeros)
+{
+    size_t n = 1;
+
+    *zeros = p[1] == '0';
+    *width = 0;
+    while (isdigit((unsigned char)p[n]) && *width < 100)
+        *width = 10 * *width + (p[n++] - '0');
+    return (p[n] == 'd' || p[n] == 'i' || p[n] == 'u') && *width <= 20 ? n + 1 : 0;
+}
+
+/* How many conversions the spec has; the first one's place goes to *at and *length. */
+static size_t count_conversions(const char *spec, const char **at, size_t *length, struct pattern *p)
+{
+    size_t count = 0;
+
+    for (const char *c = strchr(spec, '%'); c; c = strchr(c, '%')) {
+        int width;
+        bool zeros;
+        const size_t n = conversion_at(c, &width, &zeros);
+        if (n && count++ == 0) {
+            *at = c;
+            *length = n;
+            p->width = width;
+            p->zeros = zeros;
+        }
+        c += n ? n : 1;
+    }
+    return count;
+}
+
+/* Takes a name when it is what the pattern prints for some number, to the character. */
+static enum err take_numbered(const char *name, void *arg)
+{
+    const struct pattern *p = arg;
+    const size_t length = strlen(name), tail_length = strlen(p->tail);
+    char digits[32] = "", printed[32];
+
+    if (length <= p->head_length + tail_length || strncmp(name, p->head, p->head_length) != 0 ||
+        strcmp(name + length - tail_length, p->tail) != 0)
+        return ERR_OK;
+    const size_t digits_length = length - p->head_length - tail_length;
+    if (digits_length >= sizeof(digits))
+        return ERR_OK;
+    memcpy(digits, name + p->head_length, digits_length);
+    errno = 0;
+    const unsigned long long number = strtoull(digits, NULL, 10);
+    if (errno)
+        return ERR_OK; /* does not fit 64 bits */
+    snprintf(printed, sizeof(printed), p->zeros ? "%0*llu" : "%*llu", p->width, number);
+    if (strcmp(printed, digits) != 0)
+        return ERR_OK;
+    return files_add(p->out, p->dir[0] ? p->dir : NULL, name, number);
+}
+
+static enum err from_pattern(const char *spec, struct file_list *out, struct reason *why)
+{
+    struct pattern p = { .out = out };
+    const char *at = NULL;
+    size_t length = 0;
+    enum err e = ERR_NOMEM;
+
+    if (count_conversions(spec, &at, &length, &p) != 1)
+        return err_say(why, ERR_USAGE, "%s: a pattern has one number (%%d, %%04d), this one has more", spec);
+    const char *slash = strrchr(spec, '/');
+    p.head = slash ? slash + 1 : spec;
+    p.tail = at + length;
+    if (p.head > at)
+        return err_say(why, ERR_USAGE, "%s: the number must stand in the file's name, not in a folder's", spec);
+    p.head_length = (size_t)(at - p.head);
+    const size_t dir_length = (size_t)(p.head - spec); /* with its slash, so that "/" stays the root */
+    p.dir = mem_alloc(dir_length + 1, 1);
+    if (p.dir) {
+        memcpy(p.dir, spec, dir_length);
+        e = each_entry(dir_length ? p.dir : ".", take_numbered, &p, why);
+    }
+    if (!e && out->count == 0)
+        e = err_say(why, ERR_IO, "%s: no file has such a name", spec);
+    if (!e)
+        qsort(out->items, out->count, sizeof(out->items[0]), by_number);
+    mem_free(p.dir);
+    return e;
+}
+
+/* ---- A glob pattern and a single file ---- */
+
+static enum err from_glob(const char *spec, struct file_list *out, struct reason *why)
+{
+    glob_t found = { 0 };
+    enum err e = ERR_OK;
+    const int code = glob(spec, GLOB_NOSORT, NULL, &found); /* its own order is the locale's, ours is the bytes' */
+
+    if (code == GLOB_NOSPACE)
+        e = ERR_NOMEM;
+    else if (code != 0 && code != GLOB_NOMATCH)
+        e = err_say(why, ERR_IO, "%s: a folder in it cannot be read", spec);
+    for (size_t i = 0; !e && i < found.gl_pathc; i++)
+        if (!is_something_else(found.gl_pathv[i]))
+            e = files_add(out, NULL, found.gl_pathv[i], 0);
+    globfree(&found);
+    if (!e && out->count == 0)
+        e = err_say(why, ERR_IO, "%s: no file has such a name", spec);
+    if (!e)
+        sort_and_count(out);
+    return e;
+}
+
+/* The name's last run of digits, the extension's included; 0 where there is none or it does not fit 64 bits. */
+static uint64_t number_in_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    const char *name = slash ? slash + 1 : path, *end = name + strlen(name);
+
+    while (end > name && !isdigit((unsigned char)end[-1]))
+        end--;
+    const char *begin = end;
+    while (begin > name && isdigit((unsigned char)begin[-1]))
+        begin--;
+    if (begin == end)
+        return 0;
+    errno = 0;
+    const unsigned long long number = strtoull(begin, NULL, 10);
+    return errno ? 0 : number;
+}
+
+static enum err from_existing(const char *spec, const struct stat *st, struct file_list *out, struct reason *why)
+{
+    if (!S_ISDIR(st->st_mode))
+        return files_add(out, NULL, spec, number_in_name(spec));
+    const enum err e = files_from_folder(spec, out, why);
+    if (!e && out->count == 0)
+        return err_say(why, ERR_IO, "%s: this folder holds no .exr or .hdr file", spec);
+    return e;
+}
+
+enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why)
+{
+    struct pattern p;
+    struct stat st;
+    const char *at;
+    size_t length;
+    enum err e;
+
+    *out = (struct file_list){ .items = NULL };
+    if (!spec[0])
+        return err_say(why, ERR_USAGE, "the source is empty: a file, folder, pattern, watch:DIR or sky: is wanted");
+    if (stat(spec, &st) == 0)
+        e = from_existing(spec, &st, out, why);
+    else if (count_conversions(spec, &at, &length, &p) > 0)
+        e = from_pattern(spec, out, why);
+    else if (strpbrk(spec, "*?["))
+        e = from_glob(spec, out, why);
+    else
+        e = files_say_errno(why, spec, "cannot be opened", errno);
+    if (e == ERR_NOMEM)
+        err_say(why, e, "%s: no memory for the list of its files", spec);
+    if (e)
+        files_finish(out);
+    return e;
+}
+
+/* ---- Reading ---- */
+
+/* The end of a long path says more than its beginning. */
+static void set_name(struct frame *f, const char *path)
+{
+    const size_t n = strlen(path), room = sizeof(f->name) - 1;
+
+    if (n <= room)
+        memcpy(f->name, path, n + 1);
+    else
+        snprintf(f->name, sizeof(f->name), "...%s", path + n - (room - 3));
+}
+
+static enum err read_bytes(int fd, struct frame *f, const char *path, struct reason *why)
+{
+    for (size_t done = 0; done < f->size;) {
+        const ssize_t n = read(fd, f->bytes + done, f->size - done);
+        if (n < 0 && errno == EINTR)
+            continue;
+        if (n < 0)
+            return files_say_errno(why, path, "cannot be read", errno);
+        if (n == 0)
+            return err_say(why, ERR_IO, "%s: byte %zu: the file became shorter while it was read (%zu bytes before)",
+                           path, done, f->size);
+        done += (size_t)n;
+    }
+    return ERR_OK;
+}
+
+static enum err read_open(int fd, const struct file_item *item, struct frame *f, struct reason *why)
+{
+    struct stat st;
+
+    if (fstat(fd, &st) != 0)
+        return files_say_errno(why, item->path, "cannot be examined", errno);
+    if (!S_ISREG(st.st_mode))
+        return err_say(why, ERR_IO, "%s: is not a plain file", item->path);
+    if (st.st_size <= 0)
+        return err_say(why, ERR_IO, "%s: is empty", item->path);
+    if ((uint64_t)st.st_size > FILES_SIZE_MAX)
+        return err_say(why, ERR_RANGE, "%s: is %lld bytes long, more than the limit of %" PRIu64, item->path,
+                       (long long)st.st_size, FILES_SIZE_MAX);
+    if (frame_reserve_bytes(f, (size_t)st.st_size))
+        return err_say(why, ERR_NOMEM, "%s: no memory for its %lld bytes", item->path, (long long)st.st_size);
+    f->number = item->number;
+    f->capture_us = (int64_t)st.st_mtim.tv_sec * 1000000 + st.st_mtim.tv_nsec / 1000;
+    set_name(f, item->path);
+    return read_bytes(fd, f, item->path, why);
+}
+
+enum err files_read(const struct file_item *item, struct frame *f, struct reason *why)
+{
+    assert(item->path);
+    f->kind = FRAME_NONE;
+    /* O_NONBLOCK: opening a FIFO must not wait for its writer before we can see that it is one. */
+    const int fd = open(item->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0)
+        return files_say_errno(why, item->path, "cannot be opened", errno);
+    const enum err e = read_open(fd, item, f, why);
+    if (e)
+        f->kind = FRAME_NONE;
+    close(fd);
+    return e;
+}
