@@ -14,6 +14,7 @@
 #define PROTOCOL_MINOR 0
 
 #define PROTOCOL_PICTURE_BYTES 80            /* header of a picture as written today */
+#define PROTOCOL_PICTURE_FLAGS_AT 7          /* where its flags stand */
 #define PROTOCOL_ENVIRONMENT_BYTES 48        /* header of an environment frame as written today */
 #define PROTOCOL_HEADER_MAX 1024             /* what a later minor version may lengthen a header to */
 #define PROTOCOL_SIDE_MAX 16384              /* width and height of anything */

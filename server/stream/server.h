@@ -86,7 +86,7 @@ struct server_demand {
     int jpeg_quality; /* the best anyone wishes, 1..100; 0: nobody said */
     double max_rate;  /* the highest anyone takes, pictures per second; 0: no limit */
 };
-void server_demand(const struct server *s, struct server_demand *out);
+void server_demand(struct server *s, struct server_demand *out);
 
 /* Counters since the start. Any thread. */
 struct server_counters {
@@ -101,6 +101,6 @@ struct server_counters {
     uint64_t bytes;   /* of pictures handed to the kernel */
     uint64_t stalled; /* connections cut since they took no bytes */
 };
-void server_counters(const struct server *s, struct server_counters *out);
+void server_counters(struct server *s, struct server_counters *out);
 
 #endif

@@ -1,0 +1,186 @@
+#include "internal.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+/* "name", "name:port", "[::1]:port": the name alone, without brackets, into out. */
+static bool host_name(const char *host, char *out, size_t size)
+{
+    const char *begin = host[0] == '[' ? host + 1 : host;
+    const size_t length = strcspn(begin, host[0] == '[' ? "]" : ":");
+
+    if (length == 0 || length >= size)
+        return false;
+    memcpy(out, begin, length);
+    out[length] = 0;
+    return true;
+}
+
+bool http_host_ok(const struct server *s, struct lws *wsi)
+{
+    char host[256], name[256];
+
+    if (lws_hdr_copy(wsi, host, sizeof(host), WSI_TOKEN_HOST) <= 0 || !host_name(host, name, sizeof(name)))
+        return false;
+    /* A name that an attacker's DNS points at 127.0.0.1 is still the attacker's name. */
+    return s->allow_remote || strcasecmp(name, "localhost") == 0 || strncmp(name, "127.", 4) == 0 ||
+           strcmp(name, "::1") == 0 || strcasecmp(name, s->address) == 0;
+}
+
+bool http_origin_ok(struct lws *wsi)
+{
+    char host[256], origin[256];
+
+    if (lws_hdr_total_length(wsi, WSI_TOKEN_ORIGIN) == 0)
+        return true; /* not a browser */
+    if (lws_hdr_copy(wsi, origin, sizeof(origin), WSI_TOKEN_ORIGIN) <= 0 ||
+        lws_hdr_copy(wsi, host, sizeof(host), WSI_TOKEN_HOST) <= 0)
+        return false;
+    const char *authority = strstr(origin, "://");
+    return authority && strcasecmp(authority + 3, host) == 0;
+}
+
+/* Writes the header into out; NULL when it does not fit. */
+static uint8_t *put_header(struct lws *wsi, unsigned status, const char *type, const char *etag, size_t size,
+                           uint8_t *out, uint8_t *end)
+{
+    static const char cache[] = "no-cache"; /* asked again each time, and answered with 304 while unchanged */
+    uint8_t *p = out;
+
+    if (lws_add_http_common_headers(wsi, status, type, status == 304 ? LWS_ILLEGAL_HTTP_CONTENT_LEN : size, &p, end) ||
+        lws_add_http_header_by_name(wsi, (const uint8_t *)"cache-control:", (const uint8_t *)cache, (int)strlen(cache),
+                                    &p, end) ||
+        (etag && lws_add_http_header_by_name(wsi, (const uint8_t *)"etag:", (const uint8_t *)etag, (int)strlen(etag),
+                                             &p, end)) ||
+        lws_finalize_http_header(wsi, &p, end))
+        return NULL;
+    return p;
+}
+
+/* Sends the header, and has the body (bytes that outlive the request) follow unless this is a HEAD. */
+static int respond(struct lws *wsi, struct http_session *h, unsigned status, const struct site_file *f, bool head)
+{
+    uint8_t buffer[LWS_PRE + 2048], *begin = buffer + LWS_PRE;
+    const uint8_t *end = put_header(wsi, status, f->type, f->etag, f->size, begin, buffer + sizeof(buffer) - 1);
+
+    if (!end || lws_write(wsi, begin, (size_t)(end - begin), LWS_WRITE_HTTP_HEADERS) < 0)
+        return -1;
+    h->bytes = f->bytes;
+    h->left = head || status == 304 ? 0 : f->size;
+    if (h->left == 0)
+        return lws_http_transaction_completed(wsi) ? -1 : 0;
+    lws_callback_on_writable(wsi);
+    return 0;
+}
+
+/* A short answer, header and body in one write. */
+static int respond_text(struct lws *wsi, unsigned status, const char *type, const char *text, bool head)
+{
+    uint8_t buffer[LWS_PRE + 3072], *begin = buffer + LWS_PRE;
+    const size_t size = strlen(text);
+    uint8_t *end = put_header(wsi, status, type, NULL, size, begin, buffer + 2048);
+
+    if (!end || size > 1024)
+        return -1;
+    if (!head) {
+        memcpy(end, text, size);
+        end += size;
+    }
+    if (lws_write(wsi, begin, (size_t)(end - begin), LWS_WRITE_HTTP_HEADERS) < 0)
+        return -1;
+    return lws_http_transaction_completed(wsi) ? -1 : 0;
+}
+
+/* A request that is turned away costs its connection: what else may be on it is not looked at. */
+static int refuse(struct server *s, struct lws *wsi, unsigned status, const char *text)
+{
+    atomic_fetch_add(&s->counts.refused, 1);
+    respond_text(wsi, status, "text/plain; charset=utf-8", text, false);
+    return -1;
+}
+
+static int answer_health(struct server *s, struct lws *wsi, bool head)
+{
+    char text[256];
+
+    pthread_mutex_lock(&s->lock);
+    const unsigned long long published = s->published;
+    pthread_mutex_unlock(&s->lock);
+    snprintf(text, sizeof(text),
+             "{\"status\":\"ok\",\"server\":\"relightd %s\",\"protocol\":\"%s\",\"minor\":%d,\"connections\":%llu,"
+             "\"pictures\":%llu}\n",
+             RELIGHT_VERSION, PROTOCOL_NAME, PROTOCOL_MINOR, (unsigned long long)atomic_load(&s->counts.open),
+             published);
+    return respond_text(wsi, 200, "application/json", text, head);
+}
+
+static int answer_request(struct server *s, struct lws *wsi, struct http_session *h, const char *path)
+{
+    const bool head = lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI) > 0;
+    char given[64];
+
+    if (!http_host_ok(s, wsi))
+        return refuse(s, wsi, 403, "This server does not answer to that Host name.\n");
+    if (!head && lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) == 0)
+        return refuse(s, wsi, 405, "Only GET and HEAD are answered.\n");
+    if (lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) > 0 ||
+        lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0)
+        return refuse(s, wsi, 413, "A request must not have a body.\n");
+    if (strcmp(path, "/healthz") == 0)
+        return answer_health(s, wsi, head);
+
+    const struct site_file *f = site_find(&s->site, path);
+    if (!f)
+        return respond_text(wsi, 404, "text/plain; charset=utf-8", "There is nothing here. The viewer is at /\n", head);
+    const bool known =
+        lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_IF_NONE_MATCH) > 0 && strcmp(given, f->etag) == 0;
+    return respond(wsi, h, known ? 304 : 200, f, head);
+}
+
+/* 0: the upgrade may go on. HTTP/2 is not spoken: 4.1.6 has known faults there. The `in` of this callback is not to be
+ * touched, since it may point at freed memory. */
+static int confirm_upgrade(struct server *s, struct lws *wsi)
+{
+    char to[32];
+
+    if (lws_hdr_copy(wsi, to, sizeof(to), WSI_TOKEN_UPGRADE) > 0 && strcasecmp(to, "websocket") == 0)
+        return 0;
+    atomic_fetch_add(&s->counts.refused, 1);
+    return -1;
+}
+
+static int send_more(struct lws *wsi, struct http_session *h)
+{
+    uint8_t buffer[LWS_PRE + 16384];
+    const size_t size = h->left < sizeof(buffer) - LWS_PRE ? h->left : sizeof(buffer) - LWS_PRE;
+
+    if (h->left == 0)
+        return 0;
+    memcpy(buffer + LWS_PRE, h->bytes, size);
+    h->bytes += size;
+    h->left -= size;
+    if (lws_write(wsi, buffer + LWS_PRE, size, h->left ? LWS_WRITE_HTTP : LWS_WRITE_HTTP_FINAL) < 0)
+        return -1;
+    if (h->left == 0)
+        return lws_http_transaction_completed(wsi) ? -1 : 0;
+    lws_callback_on_writable(wsi);
+    return 0;
+}
+
+/* Requests, and handshakes that name no subprotocol: those are not spoken to. Thread: service. */
+int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
+{
+    struct server *s = lws_context_user(lws_get_context(wsi));
+
+    switch (reason) {
+    case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);
+    case LWS_CALLBACK_HTTP_WRITEABLE: return send_more(wsi, user);
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: atomic_fetch_add(&s->counts.refused, 1); return -1;
+    case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE: return confirm_upgrade(s, wsi);
+    case LWS_CALLBACK_HTTP_BODY: return -1; /* answered already; the rest is not read */
+    case LWS_CALLBACK_ESTABLISHED:
+    case LWS_CALLBACK_RECEIVE: return -1;
+    default: return lws_callback_http_dummy(wsi, reason, user, in, length);
+    }
+}

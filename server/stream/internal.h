@@ -1,0 +1,137 @@
+/* server/stream/internal.h */
+/* What the files of this room share. The service thread owns every socket and every viewer; other threads reach only
+ * what is marked {lock} or atomic. */
+#ifndef STREAM_INTERNAL_H
+#define STREAM_INTERNAL_H
+
+#include "message.h"
+#include "server.h"
+#include "site.h"
+
+#include <libwebsockets.h>
+#include <pthread.h>
+#include <stdatomic.h>
+
+#define STREAM_FORMATS (PROTOCOL_EXR_FLOAT + 1) /* indexed by enum protocol_format */
+#define STREAM_CHUNK ((size_t)64 << 10)         /* one fragment of a picture */
+#define STREAM_UNSENT (128 << 10)               /* bytes the kernel may hold unsent: what is behind cannot be skipped */
+#define STREAM_OUTBOX 8                         /* text messages waiting for one viewer */
+#define STREAM_PIECES 4096                      /* callbacks that one message from a viewer may take */
+
+enum {
+    STREAM_STATUS_US = 500000,   /* between statuses */
+    STREAM_HELLO_US = 5000000,   /* from connection to hello */
+    STREAM_STALL_US = 10000000,  /* without a byte taken while some wait */
+    STREAM_GOODBYE_US = 2000000, /* for all to hear that the server goes */
+};
+
+/* Text messages a viewer may send: so many at once, and so many a second in the long run. */
+#define STREAM_BURST 200.0
+#define STREAM_RATE 300.0
+
+struct viewer {
+    struct server *server;
+    struct viewer *next; /* in server->viewers */
+    struct lws *wsi;
+    char peer[64];
+    int64_t opened_us;
+
+    bool greeted; /* hello was accepted */
+    enum server_role role;
+    bool subscribed;
+    struct message wish; /* the last subscribe */
+    int64_t since_us;    /* wall clock of the last subscribe that began or resumed watching */
+
+    struct picture *current; /* being sent, or NULL */
+    bool repeated;           /* current is older than since_us */
+    size_t offset;           /* bytes of current that lws has taken */
+    uint64_t unacked[PROTOCOL_CREDIT];
+    unsigned unacked_count;
+    uint64_t begun; /* sequence of the last picture begun */
+    uint64_t sent, skipped;
+    int64_t due_us; /* not before: the viewer's max_rate */
+    lws_sorted_usec_list_t pace;
+
+    char *outbox[STREAM_OUTBOX];
+    unsigned outbox_count;
+    bool status_due;
+    int64_t moved_us; /* when bytes were last taken, or when the first began to wait */
+    bool waiting;     /* a write callback has been asked for */
+
+    uint16_t close_code; /* 0: stays */
+    char close_text[120];
+
+    char text[PROTOCOL_TEXT_MAX]; /* the message coming in */
+    size_t text_size;
+    unsigned pieces;
+    double tokens; /* of the rate limit */
+    int64_t tokens_us;
+
+    uint8_t staging[LWS_PRE + STREAM_CHUNK]; /* lws writes its header in front, so shared bytes are copied here */
+};
+
+/* Counted by the service thread, read by any. */
+struct stream_counts {
+    atomic_uint_fast64_t connections, open, refused, errors, sent, skipped, acked, bytes, stalled;
+};
+
+struct server {
+    /* Fixed once the thread runs: any thread may read. */
+    struct site site;
+    char address[64];
+    char url[96];
+    char session[20]; /* random, new with every start */
+    char *tokens[SERVER_ROLES];
+    bool allow_remote;
+    uint16_t port;
+    uint32_t max_connections;
+    struct lws_context *context;
+    struct lws_protocols protocols[3];
+    lws_retry_bo_t validity;
+    pthread_t thread;
+    bool running; /* the thread was started */
+
+    /* The service thread's own. */
+    struct viewer *viewers;
+    lws_sorted_usec_list_t tick;
+    bool leaving; /* everybody has been told */
+
+    atomic_bool stopping;
+    atomic_bool urgent; /* a status is to go out at once */
+    struct stream_counts counts;
+
+    pthread_mutex_t lock;
+    struct picture *latest[STREAM_FORMATS]; /* {lock} indexed by enum protocol_format; NULL before the first */
+    uint64_t issued[STREAM_FORMATS];        /* {lock} the last sequence number given */
+    uint64_t published;                     /* {lock} */
+    char *status;                           /* {lock} what all viewers are told, see message_status_shared */
+    enum server_source source;              /* {lock} of that status */
+    char detail[sizeof(((struct reason *)NULL)->text)]; /* {lock} */
+    struct server_demand demand;                        /* {lock} */
+};
+
+/* picture.c: gives a picture its place in the stream; before anybody else sees it. */
+void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us);
+
+/* http.c, viewer.c: the callbacks of lws. Thread: service. */
+int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
+int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
+
+/* What http_callback keeps per request. */
+struct http_session {
+    const uint8_t *bytes; /* the rest of the file that is being sent */
+    size_t left;
+};
+
+/* http.c: whether this request's Host is one we answer to, and its Origin, if any, is that Host: pages of others must
+ * not reach a server on a visitor's own machine, under whatever name they reach it. Thread: service. */
+bool http_host_ok(const struct server *s, struct lws *wsi);
+bool http_origin_ok(struct lws *wsi);
+
+/* viewer.c, thread: service. */
+void viewers_wake(struct server *s);   /* new pictures or states: whoever may now send is asked to */
+void viewers_tick(struct server *s);   /* twice a second: statuses, time limits */
+void viewers_leave(struct server *s);  /* tells all that the server goes */
+void viewers_demand(struct server *s); /* sums up what is wanted */
+
+#endif

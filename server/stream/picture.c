@@ -1,0 +1,64 @@
+#include "picture.h"
+
+#include "mem.h"
+
+#include "internal.h"
+
+#include <assert.h>
+#include <stdatomic.h>
+#include <string.h>
+
+struct picture {
+    atomic_uint references;
+    struct protocol_picture header;
+    size_t size; /* of message */
+    uint8_t message[];
+};
+
+struct picture *picture_create(const struct protocol_picture *header, const uint8_t *bytes, size_t size)
+{
+    if (size == 0 || size > PICTURE_BYTES_MAX)
+        return NULL;
+    struct picture *p = mem_alloc(1, sizeof(*p) + PROTOCOL_PICTURE_BYTES + size);
+    if (!p)
+        return NULL;
+    atomic_init(&p->references, 1);
+    p->header = *header;
+    p->header.payload = (uint32_t)size;
+    p->size = PROTOCOL_PICTURE_BYTES + size;
+    protocol_picture_encode(&p->header, p->message);
+    memcpy(p->message + PROTOCOL_PICTURE_BYTES, bytes, size);
+    return p;
+}
+
+struct picture *picture_ref(struct picture *p)
+{
+    atomic_fetch_add_explicit(&p->references, 1, memory_order_relaxed);
+    return p;
+}
+
+void picture_unref(struct picture *p)
+{
+    /* Release: what this thread read must be done before; acquire: the one that frees sees all of that. */
+    if (p && atomic_fetch_sub_explicit(&p->references, 1, memory_order_acq_rel) == 1)
+        mem_free(p);
+}
+
+const struct protocol_picture *picture_header(const struct picture *p)
+{
+    return &p->header;
+}
+
+const uint8_t *picture_message(const struct picture *p, size_t *size)
+{
+    *size = p->size;
+    return p->message;
+}
+
+void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us)
+{
+    assert(p->header.sequence == 0); /* published once */
+    p->header.sequence = sequence;
+    p->header.published_us = published_us;
+    protocol_picture_encode(&p->header, p->message);
+}

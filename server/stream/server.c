@@ -1,0 +1,348 @@
+#include "server.h"
+
+#include "clock.h"
+#include "internal.h"
+#include "log.h"
+#include "mem.h"
+
+#include <arpa/inet.h>
+#include <assert.h>
+#include <errno.h>
+#include <netinet/in.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#ifndef RELIGHT_WEB_DIR
+#define RELIGHT_WEB_DIR "clients/web"
+#endif
+
+enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096 };
+
+/* lws speaks of every peer's mistake as of an error of its own. */
+static void route_log(int level, const char *line)
+{
+    const size_t length = strcspn(line, "\n");
+
+    if (level & LLL_ERR)
+        log_debug("libwebsockets: %.*s", (int)length, line);
+}
+
+struct address {
+    struct sockaddr_storage socket;
+    socklen_t size;
+    bool six;
+    bool loopback;
+};
+
+static enum err address_parse(const char *text, uint16_t port, struct address *a, struct reason *why)
+{
+    struct sockaddr_in *four = (struct sockaddr_in *)&a->socket;
+    struct sockaddr_in6 *six = (struct sockaddr_in6 *)&a->socket;
+
+    *a = (struct address){ 0 };
+    if (inet_pton(AF_INET, text, &four->sin_addr) == 1) {
+        four->sin_family = AF_INET;
+        four->sin_port = htons(port);
+        a->size = sizeof(*four);
+        a->loopback = ntohl(four->sin_addr.s_addr) >> 24 == 127;
+    } else if (inet_pton(AF_INET6, text, &six->sin6_addr) == 1) {
+        six->sin6_family = AF_INET6;
+        six->sin6_port = htons(port);
+        a->size = sizeof(*six);
+        a->six = true;
+        a->loopback = IN6_IS_ADDR_LOOPBACK(&six->sin6_addr);
+    } else {
+        return err_say(why, ERR_USAGE, "--bind %s: not a numeric IPv4 or IPv6 address, nor localhost", text);
+    }
+    return ERR_OK;
+}
+
+/* lws says no more than that it could not; so the address is tried first, under the same rules. */
+static enum err address_try(const struct address *a, const char *text, uint16_t port, struct reason *why)
+{
+    const int on = 1;
+    enum err e = ERR_OK;
+    const int fd = socket(a->socket.ss_family, SOCK_STREAM, 0);
+
+    if (fd < 0)
+        return err_say(why, ERR_IO, "%s: no socket can be had: %s", text, strerror(errno));
+    if (setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on)) != 0 ||
+        bind(fd, (const struct sockaddr *)&a->socket, a->size) != 0 || listen(fd, 1) != 0) {
+        if (errno == EADDRINUSE)
+            err_say(why, ERR_IO, "port %u at %s is in use by another program; choose one with --port", port, text);
+        else
+            err_say(why, ERR_IO, "cannot listen on port %u at %s: %s", port, text, strerror(errno));
+        e = ERR_IO;
+    }
+    close(fd);
+    return e;
+}
+
+static enum err copy_desc(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    const char *address = desc->address && desc->address[0] ? desc->address : "127.0.0.1";
+
+    if (strcmp(address, "localhost") == 0)
+        address = "127.0.0.1";
+    if (strlen(address) >= sizeof(s->address))
+        return err_say(why, ERR_USAGE, "--bind %.40s...: not an address", address);
+    memcpy(s->address, address, strlen(address) + 1);
+    s->allow_remote = desc->allow_remote;
+    s->max_connections = desc->max_connections ? desc->max_connections : CONNECTIONS_DEFAULT;
+    if (s->max_connections > CONNECTIONS_MAX)
+        return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
+    for (int r = 0; r < SERVER_ROLES; r++) {
+        if (!desc->tokens[r])
+            continue;
+        const size_t size = strlen(desc->tokens[r]) + 1;
+        s->tokens[r] = mem_alloc(size, 1);
+        if (!s->tokens[r])
+            return err_say(why, ERR_NOMEM, "out of memory");
+        memcpy(s->tokens[r], desc->tokens[r], size);
+    }
+    uint64_t random;
+    if (getrandom(&random, sizeof(random), 0) != sizeof(random))
+        return err_say(why, ERR_IO, "no random number can be had for the session: %s", strerror(errno));
+    snprintf(s->session, sizeof(s->session), "%016llx", (unsigned long long)random);
+    return ERR_OK;
+}
+
+/* Thread: service. */
+static void tick(lws_sorted_usec_list_t *sul)
+{
+    struct server *s = lws_container_of(sul, struct server, tick);
+
+    viewers_tick(s);
+    lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
+}
+
+static void *serve(void *arg)
+{
+    struct server *s = arg;
+    int64_t leave_us = 0;
+
+    lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
+    for (;;) {
+        if (lws_service(s->context, 0) < 0)
+            break;
+        if (!atomic_load(&s->stopping))
+            continue;
+        /* Leave when the last has gone, or when they have had their time; the tick keeps this loop awake. */
+        if (leave_us == 0)
+            leave_us = (int64_t)lws_now_usecs() + STREAM_GOODBYE_US;
+        if (!s->viewers || (int64_t)lws_now_usecs() > leave_us)
+            break;
+    }
+    lws_sul_cancel(&s->tick);
+    return NULL;
+}
+
+/* Fills what both context and vhost take. No extensions (permessage-deflate of 4.1.6 has known faults and pictures do
+ * not compress), bounded tables, short time-outs. */
+static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
+{
+    static const struct lws_protocol_vhost_options frames = { NULL, NULL, "x-frame-options:", "DENY" };
+    static const struct lws_protocol_vhost_options referrer = { &frames, NULL, "referrer-policy:", "no-referrer" };
+    static const struct lws_protocol_vhost_options sniff = { &referrer, NULL, "x-content-type-options:", "nosniff" };
+    static const struct lws_protocol_vhost_options policy = {
+        &sniff, NULL, "content-security-policy:",
+        "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+        "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    };
+
+    s->protocols[0] = (struct lws_protocols){ .name = "http",
+                                              .callback = http_callback,
+                                              .per_session_data_size = sizeof(struct http_session),
+                                              .tx_packet_size = STREAM_CHUNK };
+    s->protocols[1] = (struct lws_protocols){ .name = PROTOCOL_NAME,
+                                              .callback = viewer_callback,
+                                              .per_session_data_size = sizeof(struct viewer *),
+                                              .rx_buffer_size = 16384,
+                                              .tx_packet_size = STREAM_CHUNK + LWS_PRE };
+    s->validity = (lws_retry_bo_t){ .secs_since_valid_ping = 10, .secs_since_valid_hangup = 25 };
+
+    struct lws_context_creation_info info = {
+        .port = port,
+        .iface = s->address,
+        .protocols = s->protocols,
+        .gid = (gid_t)-1,
+        .uid = (uid_t)-1,
+        .user = s,
+        .options = LWS_SERVER_OPTION_VALIDATE_UTF8 | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND |
+                   (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
+        .fd_limit_per_thread = s->max_connections + 64, /* the rest is for HTTP, listening and waking */
+        .max_http_header_pool = 32,
+        .max_http_header_data = 8192,
+        .pt_serv_buf_size = 32768,
+        .timeout_secs = 5,
+        .timeout_secs_ah_idle = 5,
+        .keepalive_timeout = 5,
+        .retry_and_idle_policy = &s->validity,
+        .headers = &policy,
+        .server_string = "relightd",
+    };
+    return lws_create_context(&info);
+}
+
+static enum err start(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    struct address a;
+    sigset_t all, before;
+    enum err e = address_parse(s->address, desc->port, &a, why);
+
+    if (e)
+        return e;
+    if (!a.loopback && !s->allow_remote)
+        return err_say(why, ERR_USAGE,
+                       "--bind %s: anybody on the network could reach it; only loopback is served unless remote access "
+                       "is allowed",
+                       s->address);
+    e = address_try(&a, s->address, desc->port, why);
+    if (e)
+        return e;
+    lws_set_log_level(LLL_ERR, route_log);
+    s->context = context_create(s, &a, desc->port);
+    if (!s->context)
+        return err_say(why, ERR_IO, "cannot listen on port %u at %s", desc->port, s->address);
+    s->port = (uint16_t)lws_get_vhost_listen_port(lws_get_vhost_by_name(s->context, "default"));
+    snprintf(s->url, sizeof(s->url), a.six ? "http://[%s]:%u/" : "http://%s:%u/", s->address, s->port);
+
+    /* Signals are the main thread's. */
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, &before);
+    const int failed = pthread_create(&s->thread, NULL, serve, s);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    if (failed)
+        return err_say(why, ERR_NOMEM, "no thread can be had for the network: %s", strerror(failed));
+    s->running = true;
+    return ERR_OK;
+}
+
+enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why)
+{
+    static const struct server_status nothing = { .source = SERVER_WAITING };
+    enum err e;
+
+    *out = NULL;
+    struct server *s = mem_alloc(1, sizeof(*s));
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    pthread_mutex_init(&s->lock, NULL);
+    e = copy_desc(s, desc, why);
+    if (e)
+        goto failed;
+    s->status = message_status_shared(&nothing);
+    if (!s->status) {
+        e = err_say(why, ERR_NOMEM, "out of memory");
+        goto failed;
+    }
+    e = site_load(&s->site, desc->web_dir ? desc->web_dir : RELIGHT_WEB_DIR, why);
+    if (e)
+        goto failed;
+    e = start(s, desc, why);
+    if (e)
+        goto failed;
+    *out = s;
+    return ERR_OK;
+failed:
+    server_destroy(s);
+    return e;
+}
+
+void server_destroy(struct server *s)
+{
+    if (!s)
+        return;
+    if (s->running) {
+        atomic_store(&s->stopping, true);
+        lws_cancel_service(s->context);
+        pthread_join(s->thread, NULL);
+    }
+    if (s->context)
+        lws_context_destroy(s->context); /* calls back for every connection left */
+    for (int f = 0; f < STREAM_FORMATS; f++)
+        picture_unref(s->latest[f]);
+    for (int r = 0; r < SERVER_ROLES; r++)
+        mem_free(s->tokens[r]);
+    message_free(s->status);
+    site_finish(&s->site);
+    pthread_mutex_destroy(&s->lock);
+    mem_free(s);
+}
+
+uint16_t server_port(const struct server *s)
+{
+    return s->port;
+}
+
+const char *server_url(const struct server *s)
+{
+    return s->url;
+}
+
+void server_publish(struct server *s, struct picture *picture)
+{
+    const enum protocol_format format = picture_header(picture)->format;
+
+    assert(format >= PROTOCOL_JPEG && format < STREAM_FORMATS);
+    pthread_mutex_lock(&s->lock);
+    struct picture *old = s->latest[format];
+    picture_stamp(picture, ++s->issued[format], clock_wall_us());
+    s->latest[format] = picture;
+    s->published++;
+    pthread_mutex_unlock(&s->lock);
+    picture_unref(old);
+    lws_cancel_service(s->context); /* the only call of lws that another thread may make */
+}
+
+void server_set_status(struct server *s, const struct server_status *status)
+{
+    const char *detail = status->detail ? status->detail : "";
+    char *text = message_status_shared(status);
+
+    if (!text) /* out of memory: the one before stays */
+        return;
+    pthread_mutex_lock(&s->lock);
+    char *old = s->status;
+    const bool news = s->source != status->source || strncmp(s->detail, detail, sizeof(s->detail) - 1) != 0;
+    s->status = text;
+    s->source = status->source;
+    snprintf(s->detail, sizeof(s->detail), "%s", detail);
+    pthread_mutex_unlock(&s->lock);
+    message_free(old);
+    if (news) {
+        atomic_store(&s->urgent, true);
+        lws_cancel_service(s->context);
+    }
+}
+
+void server_demand(struct server *s, struct server_demand *out)
+{
+    pthread_mutex_lock(&s->lock);
+    *out = s->demand;
+    pthread_mutex_unlock(&s->lock);
+}
+
+void server_counters(struct server *s, struct server_counters *out)
+{
+    const struct stream_counts *c = &s->counts;
+
+    *out = (struct server_counters){
+        .connections = atomic_load(&c->connections),
+        .open = atomic_load(&c->open),
+        .refused = atomic_load(&c->refused),
+        .errors = atomic_load(&c->errors),
+        .sent = atomic_load(&c->sent),
+        .skipped = atomic_load(&c->skipped),
+        .acked = atomic_load(&c->acked),
+        .bytes = atomic_load(&c->bytes),
+        .stalled = atomic_load(&c->stalled),
+    };
+    pthread_mutex_lock(&s->lock);
+    out->published = s->published;
+    pthread_mutex_unlock(&s->lock);
+}

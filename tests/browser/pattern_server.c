@@ -1,0 +1,260 @@
+/* Publishes a moving pattern whose every pixel is known, so that a browser's canvas can be checked against it without
+ * any rendering. Lines on standard input change what it does: "go", "stop" (pictures), "state
+ * waiting|live|paused|ended", "fail REASON", "size WxH"; it ends with "quit", end of input, SIGTERM or SIGINT. */
+#include "clock.h"
+#include "log.h"
+#include "mem.h"
+#include "options.h"
+#include "server.h"
+
+#include <turbojpeg.h>
+
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+static volatile sig_atomic_t ended;
+
+static void end(int signal_number)
+{
+    (void)signal_number;
+    ended = 1;
+}
+
+struct pattern {
+    struct server *server;
+    tjhandle jpeg;
+    uint8_t *rgb;
+    uint32_t width, height;
+    uint64_t frame;
+    double fps;
+    int quality;
+    bool going;
+    enum server_source source;
+    char detail[256];
+};
+
+/* Four quarters that differ, so that no flip or swap of channels goes unseen; a white bar that moves 8 pixels a frame;
+ * along the bottom the frame number in 16 cells of 16 x 16, least significant first, white is 1. */
+static void draw(struct pattern *p)
+{
+    static const uint8_t quarters[4][3] = { { 200, 40, 40 }, { 40, 170, 60 }, { 50, 70, 200 }, { 220, 190, 40 } };
+    const uint32_t bar = (uint32_t)(p->frame * 8 % p->width);
+
+    for (uint32_t y = 0; y < p->height; y++) {
+        for (uint32_t x = 0; x < p->width; x++) {
+            uint8_t *out = p->rgb + ((size_t)y * p->width + x) * 3;
+            const int q = (y >= p->height / 2) * 2 + (x >= p->width / 2);
+            memcpy(out, quarters[q], 3);
+            if ((x + p->width - bar) % p->width < 16)
+                memset(out, 255, 3);
+            if (y >= p->height - 16 && x < 256)
+                memset(out, p->frame >> x / 16 & 1 ? 255 : 0, 3);
+        }
+    }
+}
+
+static int publish(struct pattern *p)
+{
+    unsigned char *bytes = NULL;
+    unsigned long size = 0;
+    const int64_t captured = clock_wall_us();
+    const double begun = clock_seconds();
+
+    draw(p);
+    const double drawn = clock_seconds();
+    if (tjCompress2(p->jpeg, p->rgb, (int)p->width, 0, (int)p->height, TJPF_RGB, &bytes, &size, TJSAMP_444, p->quality,
+                    TJFLAG_ACCURATEDCT) != 0) {
+        log_error("%s", tjGetErrorStr2(p->jpeg));
+        return -1;
+    }
+    const struct protocol_picture header = {
+        .format = PROTOCOL_JPEG,
+        .frame = p->frame,
+        .capture_us = captured,
+        .queued_us = 400,
+        .decoded_us = 1500,
+        .shaded_us = (uint32_t)((drawn - begun) * 1e6),
+        .encoded_us = (uint32_t)((clock_seconds() - drawn) * 1e6),
+        .width = p->width,
+        .height = p->height,
+        .gain = 1.0f,
+        .samples = 64,
+    };
+    struct picture *picture = picture_create(&header, bytes, size);
+    tjFree(bytes);
+    if (!picture)
+        return -1;
+    server_publish(p->server, picture);
+    p->frame++;
+    return 0;
+}
+
+static void tell(const struct pattern *p)
+{
+    const struct server_status status = {
+        .scene = "a test pattern",
+        .sky = "no sky at all",
+        .method = "mis",
+        .samples = 64,
+        .width = p->width,
+        .height = p->height,
+        .source = p->source,
+        .detail = p->detail,
+        .frame = p->frame,
+        .fps = p->going ? p->fps : 0.0,
+        .queued_ms = 0.4,
+        .decoded_ms = 1.5,
+        .shaded_ms = 12.0,
+        .encoded_ms = 0.7,
+        .received = p->frame,
+        .used = p->frame,
+        .refused = p->source == SERVER_FAILED,
+        .last_refusal = p->source == SERVER_FAILED ? p->detail : "",
+        .has_sun = true,
+        .sun_elevation = 40.0 * sin((double)p->frame * 0.01),
+        .sun_azimuth = fmod((double)p->frame * 0.5, 360.0),
+        .sky_time = "14:35",
+    };
+    server_set_status(p->server, &status);
+}
+
+static int resize(struct pattern *p, uint32_t width, uint32_t height)
+{
+    mem_free(p->rgb);
+    p->rgb = mem_alloc((size_t)width * height, 3);
+    p->width = width;
+    p->height = height;
+    return p->rgb ? 0 : -1;
+}
+
+static void obey(struct pattern *p, char *line)
+{
+    static const char *const states[] = { "waiting", "live", "paused", "ended" };
+    unsigned width, height;
+
+    line[strcspn(line, "\n")] = 0;
+    if (strcmp(line, "go") == 0 || strcmp(line, "stop") == 0) {
+        p->going = line[0] == 'g';
+    } else if (strncmp(line, "fail ", 5) == 0) {
+        p->source = SERVER_FAILED;
+        snprintf(p->detail, sizeof(p->detail), "%s", line + 5);
+    } else if (sscanf(line, "size %ux%u", &width, &height) == 2 && width && height && width <= 4096 && height <= 4096) {
+        if (resize(p, width, height))
+            ended = 1;
+    } else if (strcmp(line, "quit") == 0) {
+        ended = 1;
+    }
+    for (size_t i = 0; strncmp(line, "state ", 6) == 0 && i < sizeof(states) / sizeof(states[0]); i++) {
+        if (strncmp(line + 6, states[i], strlen(states[i])) == 0) {
+            p->source = (enum server_source)i;
+            p->detail[0] = 0;
+        }
+    }
+    tell(p);
+}
+
+/* Until the next picture is due: listens to standard input. */
+static void attend(struct pattern *p, double until)
+{
+    char line[256];
+
+    while (!ended) {
+        const double left = until - clock_seconds();
+        struct pollfd in = { .fd = STDIN_FILENO, .events = POLLIN };
+        if (left <= 0.0)
+            return;
+        if (poll(&in, 1, (int)ceil(left * 1000.0)) > 0) {
+            if (!fgets(line, sizeof(line), stdin))
+                ended = 1;
+            else
+                obey(p, line);
+        }
+    }
+}
+
+static enum err run(struct pattern *p)
+{
+    double due = clock_seconds(), told = 0.0;
+
+    while (!ended) {
+        if (p->going && publish(p))
+            return ERR_NOMEM;
+        if (clock_seconds() - told > 0.25) {
+            told = clock_seconds();
+            tell(p);
+        }
+        due += 1.0 / p->fps;
+        if (due < clock_seconds())
+            due = clock_seconds();
+        attend(p, due);
+    }
+    return ERR_OK;
+}
+
+int main(int argc, char **argv)
+{
+    struct option_row rows[] = {
+        { "port", "P", "the port; 0 takes any free one", "0" },
+        { "fps", "N", "pictures a second", "30" },
+        { "size", "WxH", "their size", "320x180" },
+        { "quality", "Q", "of the JPEG", "95" },
+        { "quiet", NULL, "publishes nothing until told to", NULL },
+        { 0 },
+    };
+    struct options o = { .program = "pattern_server", .synopsis = "[--port P]", .about = "A test.", .rows = rows };
+    struct pattern p = { .going = true, .source = SERVER_LIVE };
+    struct reason why = { { 0 } };
+    uint64_t port = 0, quality = 0;
+    uint32_t width = 0, height = 0;
+    bool done = false;
+    const struct sigaction action = { .sa_handler = end };
+
+    log_init("pattern_server", LOG_DEBUG);
+    setvbuf(stdin, NULL, _IONBF, 0); /* poll must see what fgets has not taken */
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGINT, &action, NULL);
+    enum err e = options_parse(&o, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
+    if (!e)
+        e = options_u64(&o, "port", 0, 65535, &port, &why);
+    if (!e)
+        e = options_double(&o, "fps", 0.1, 1000.0, &p.fps, &why);
+    if (!e)
+        e = options_u64(&o, "quality", 1, 100, &quality, &why);
+    if (!e)
+        e = options_size(&o, "size", &width, &height, &why);
+    if (e)
+        goto failed;
+    p.quality = (int)quality;
+    p.jpeg = tjInitCompress();
+    if (options_on(&o, "quiet")) {
+        p.going = false;
+        p.source = SERVER_WAITING;
+    }
+    if (!p.jpeg || resize(&p, width, height)) {
+        e = err_say(&why, ERR_NOMEM, "out of memory");
+        goto failed;
+    }
+    const struct server_desc desc = { .port = (uint16_t)port };
+    e = server_create(&desc, &p.server, &why);
+    if (e)
+        goto failed;
+    tell(&p);
+    log_info("listening on %s", server_url(p.server));
+    e = run(&p);
+failed:
+    if (e)
+        log_error("%s", why.text);
+    server_destroy(p.server);
+    if (p.jpeg)
+        tjDestroy(p.jpeg);
+    mem_free(p.rgb);
+    return err_exit_code(e);
+}
