@@ -7,6 +7,8 @@
 #include <assert.h>
 #include <string.h>
 
+#define MANY 64 /* terms that are still added in float */
+
 /* What one row of cube texels overlaps, while the table grows. */
 struct overlap_row {
     uint32_t *count; /* [n]: entries of each texel */
@@ -354,21 +356,36 @@ void resampler_destroy(struct resampler *r)
     mem_free(r);
 }
 
+/* Where a coarse cube map meets a fine source, thousands of terms add up: in double, so that the sum stays exact. */
+static void sum_many(const struct resampler *r, const float *rgb, uint64_t first, uint64_t last, float out[3])
+{
+    double sum[3] = { 0.0, 0.0, 0.0 };
+
+    for (uint64_t k = first; k < last; k++)
+        for (int c = 0; c < 3; c++)
+            sum[c] += (double)r->weight[k] * rgb[3 * (size_t)r->index[k] + (size_t)c];
+    for (int c = 0; c < 3; c++)
+        out[c] = (float)sum[c];
+}
+
 void resampler_row(const struct resampler *r, const float *rgb, float gain, uint32_t row, float *texels)
 {
     const uint64_t *first = r->first + (size_t)row * r->n;
 
     assert(row < CUBE_FACES * r->n);
     for (uint32_t j = 0; j < r->n; j++) {
-        float red = 0.0f, green = 0.0f, blue = 0.0f;
-        for (uint64_t k = first[j]; k < first[j + 1]; k++) {
-            const float *s = rgb + 3 * (size_t)r->index[k];
-            red += r->weight[k] * s[0];
-            green += r->weight[k] * s[1];
-            blue += r->weight[k] * s[2];
+        float sum[3] = { 0.0f, 0.0f, 0.0f };
+        if (first[j + 1] - first[j] > MANY) {
+            sum_many(r, rgb, first[j], first[j + 1], sum);
+        } else {
+            for (uint64_t k = first[j]; k < first[j + 1]; k++) {
+                const float *s = rgb + 3 * (size_t)r->index[k];
+                sum[0] += r->weight[k] * s[0];
+                sum[1] += r->weight[k] * s[1];
+                sum[2] += r->weight[k] * s[2];
+            }
         }
-        texels[4 * j] = gain * red;
-        texels[4 * j + 1] = gain * green;
-        texels[4 * j + 2] = gain * blue;
+        for (int c = 0; c < 3; c++)
+            texels[4 * j + (uint32_t)c] = gain * sum[c];
     }
 }

@@ -1,0 +1,124 @@
+/* Each CPU level against the baseline, over seeds and hurtful inputs: the same source, the same order of operations and
+ * no contraction, so the same bits are asked for. The seed is printed and may be given as RELIGHT_TEST_SEED. */
+#include "points.h"
+
+#include "lanes.h"
+
+static uint64_t first_seed(void)
+{
+    const char *text = getenv("RELIGHT_TEST_SEED");
+    const uint64_t seed = text ? strtoull(text, NULL, 0) : 1;
+    printf("seed %llu\n", (unsigned long long)seed);
+    return seed;
+}
+
+/* Materials and directions that hurt: no albedo at all, exponent 0 and 10^4, a viewer at grazing angle, normals along
+ * the axes and against the z axis, where frames have their pole. */
+static void make_hurtful(struct gbuffer *g, uint64_t seed)
+{
+    struct rng r = { seed };
+    static const float exponents[] = { 0.0f, 1.0f, 17.5f, 150.0f, 1e4f };
+
+    points_scatter(g, seed);
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        for (int l = 0; l < PACKET; l++) {
+            struct shade_packet *p = &g->packets[i];
+            p->gloss[l] = exponents[(int)(5.0 * rng_next(&r))];
+            for (int c = 0; c < 3; c++) {
+                p->diffuse[c][l] = rng_next(&r) < 0.2 ? 0.0f : (float)(0.5 * rng_next(&r));
+                p->specular[c][l] = rng_next(&r) < 0.2 ? 0.0f : (float)(0.5 * rng_next(&r));
+            }
+            if (l == 3)
+                p->ns_x[l] = p->ns_y[l] = p->ng_x[l] = p->ng_y[l] = 0.0f, p->ns_z[l] = p->ng_z[l] = -1.0f;
+            if (l == 5)
+                p->valid[l] = 0;
+        }
+}
+
+static void every_level_gives_the_bits_of_the_baseline(void **state)
+{
+    enum { PACKETS = 6 };
+    static float want[PACKETS * 3 * PACKET], got[PACKETS * 3 * PACKET + PACKET];
+    const struct kernels *const *all = kernels_all();
+    const uint64_t seed = first_seed();
+    (void)state;
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e6f), 32, 10.0);
+    for (int kind = LOBE_LAMBERT; kind <= LOBE_PHONG; kind++) {
+        struct gbuffer g = points_make(PACKETS, (enum lobe_kind)kind, 0, 0, 0);
+        for (uint64_t s = seed; s < seed + 8; s++) {
+            make_hurtful(&g, s);
+            for (int m = METHOD_UNIFORM; m <= METHOD_MIS; m++) {
+                struct direct *baseline = direct_create(all[0]);
+                shade(baseline, &g, e, (enum method)m, 21, s, want);
+                direct_destroy(baseline);
+                for (size_t k = 1; all[k]; k++) {
+                    struct direct *d = direct_create(all[k]);
+                    memset(got, 0x55, sizeof(got));
+                    shade(d, &g, e, (enum method)m, 21, s, got);
+                    for (int l = 0; l < PACKET; l++) /* the guard behind the last packet stands */
+                        assert_int_equal(((uint32_t *)got)[PACKETS * 3 * PACKET + l], 0x55555555);
+                    if (memcmp(want, got, sizeof(want)) != 0)
+                        printf("level %s, %s, seed %llu\n", all[k]->level, method_name((enum method)m),
+                               (unsigned long long)s);
+                    assert_memory_equal(want, got, sizeof(want));
+                    direct_destroy(d);
+                }
+            }
+        }
+        points_free(&g);
+    }
+    environment_destroy(e);
+}
+
+static void results_are_finite_and_not_negative(void **state)
+{
+    enum { PACKETS = 16 };
+    static float lo[PACKETS * 3 * PACKET];
+    (void)state;
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e9f), 32, 10.0);
+    struct gbuffer g = points_make(PACKETS, LOBE_PHONG, 0, 0, 0);
+    struct direct *d = direct_create(best_kernels());
+    for (uint64_t s = 0; s < 16; s++) {
+        make_hurtful(&g, s);
+        for (int m = METHOD_UNIFORM; m <= METHOD_MIS; m++)
+            for (uint32_t n = 1; n < 40; n += 13) {
+                shade(d, &g, e, (enum method)m, n, s, lo);
+                for (size_t k = 0; k < PACKETS * 3 * PACKET; k++)
+                    assert_true(isfinite(lo[k]) && lo[k] >= 0.0f);
+            }
+    }
+    direct_destroy(d);
+    points_free(&g);
+    environment_destroy(e);
+}
+
+static void lane_functions_keep_their_stated_error(void **state)
+{
+    double worst_log = 0.0, worst_exp = 0.0, worst_power = 0.0;
+    (void)state;
+    for (int k = 0; k < 2000000; k++) {
+        const float x = (float)exp2(-100.0 + 200.0 * k / 2000000.0);
+        const double want = log2((double)x);
+        if (fabs(want) > 1e-3)
+            worst_log = fmax(worst_log, fabs(lane_log2(x) - want) / fmax(fabs(want), 1.0));
+        const float y = (float)(-126.0 + 252.0 * k / 2000000.0);
+        worst_exp = fmax(worst_exp, fabs(lane_exp2(y) / exp2((double)y) - 1.0));
+        const float near_one = 1.0f - (float)k * 0x1p-24f * 0.01f;
+        if (near_one < 1.0f)
+            worst_power = fmax(worst_power, fabs(lane_power(near_one, 1e4f) / pow((double)near_one, 1e4) - 1.0) *
+                                                (pow((double)near_one, 1e4) > 1e-6));
+    }
+    printf("log2 %.2e, exp2 %.2e, power %.2e\n", worst_log, worst_exp, worst_power);
+    assert_true(worst_log < 3e-7);
+    assert_true(worst_exp < 3e-7);
+    assert_true(worst_power < 2e-5);
+    assert_true(lane_power(0.0f, 3.0f) == 0.0f && lane_power(-1.0f, 3.0f) == 0.0f);
+    assert_true(lane_exp2(-200.0f) == 0.0f && lane_power(1.0f, 1e4f) == 1.0f);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(every_level_gives_the_bits_of_the_baseline),
+    cmocka_unit_test(results_are_finite_and_not_negative),
+    cmocka_unit_test(lane_functions_keep_their_stated_error),
+};
+UNIT_MAIN(tests)
