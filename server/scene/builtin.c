@@ -222,11 +222,11 @@ static enum err add_sundial(struct scene *scene)
     const float blade[][2] = { { foot, 0.48f },
                                { foot + top / tanf(LATITUDE), 0.48f + top },
                                { foot + top / tanf(LATITUDE) + 0.12f, 0.48f + top },
-                               { foot + top / tanf(LATITUDE) - 0.25f, 0.48f } };
+                               { foot + 1.7f, 0.48f } };
     const struct sector rim = { 2.55f, 2.65f, 0.0f, TAU, 0.47f, 0.51f, 96 };
     struct shape s = { 0 };
 
-    shape_plate(&s, blade, 4, 0.14f);
+    shape_plate(&s, blade, 4, 0.16f);
     shape_sector(&s, &rim);
     for (int hour = -6; hour <= 6; hour++) {
         const float h = (float)hour * (float)PI / 12.0f;
@@ -243,7 +243,7 @@ static enum err add_sundial(struct scene *scene)
 
 static enum err add_plinths(struct scene *scene)
 {
-    static const float places[][2] = { { 4.3f, -3.3f }, { -4.4f, -3.6f }, { -2.7f, -5.2f } };
+    static const float places[][2] = { { 4.3f, -3.3f }, { -4.4f, -1.0f }, { -3.0f, -5.0f } };
     static const float heights[] = { 1.0f, 0.85f, 0.45f };
     struct shape s = { 0 };
 
@@ -289,7 +289,7 @@ static enum err add_vase(struct scene *scene)
                                         { 0.14f, 1.20f }, { 0.20f, 1.02f } };
     struct shape s = { 0 };
 
-    shape_place(&s, -4.4f, 0.85f, -3.6f, 0.0f);
+    shape_place(&s, -4.4f, 0.85f, -1.0f, 0.0f);
     add_lathe(&s, profile, 14, 64, 56);
     return shape_finish(&s, scene, STUFF_CLAY);
 }
@@ -299,7 +299,7 @@ static enum err add_ball(struct scene *scene)
     const float radius = 0.55f;
     struct shape s = { 0 };
 
-    shape_place(&s, -2.7f, 0.45f + radius, -5.2f, 0.0f);
+    shape_place(&s, -3.0f, 0.45f + radius, -5.0f, 0.0f);
     shape_grid(&s, 72, 36, true, sphere_at, &radius);
     return shape_finish(&s, scene, STUFF_GLAZE);
 }
@@ -313,13 +313,13 @@ static enum err add_cypresses(struct scene *scene)
     for (int i = 0; i < 7; i++) {
         float scaled[7][2];
         const float tall = 0.85f + 0.09f * (float)((i * 5) % 4),
-                    angle = 0.42f * (float)(i - 3) + 0.03f * (float)(i % 2);
+                    angle = 0.40f * (float)(i - 3) + 0.03f * (float)(i % 2);
         for (int k = 0; k < 7; k++) {
             scaled[k][0] = profile[k][0] * (0.9f + 0.05f * (float)(i % 3));
             scaled[k][1] = profile[k][1] * tall;
         }
         shape_place(&s, 12.4f * sinf(angle), 0.0f, 12.4f * cosf(angle), 0.0f);
-        add_lathe(&s, scaled, 7, 24, 18);
+        add_lathe(&s, scaled, 7, 24, 16);
     }
     return shape_finish(&s, scene, STUFF_LEAVES);
 }
@@ -327,9 +327,9 @@ static enum err add_cypresses(struct scene *scene)
 static enum err add_cameras(struct scene *scene)
 {
     static const struct camera cameras[] = {
-        { "main", { 1.6f, 2.5f, -13.5f }, { -0.1f, 1.75f, 0.0f }, { 0.0f, 1.0f, 0.0f }, 0.60f },
+        { "main", { 5.2f, 2.9f, -13.2f }, { -0.45f, 1.75f, 0.0f }, { 0.0f, 1.0f, 0.0f }, 0.575f },
         { "sundial", { 2.6f, 5.2f, -4.2f }, { 0.0f, 0.55f, 0.5f }, { 0.0f, 1.0f, 0.0f }, 0.72f },
-        { "gallery", { -7.6f, 2.0f, 2.2f }, { -2.0f, 1.9f, 9.0f }, { 0.0f, 1.0f, 0.0f }, 0.80f },
+        { "gallery", { 7.1f, 1.95f, 5.5f }, { 0.9f, 1.75f, 8.7f }, { 0.0f, 1.0f, 0.0f }, 0.95f },
     };
 
     for (size_t i = 0; i < sizeof(cameras) / sizeof(cameras[0]); i++) {
