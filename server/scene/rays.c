@@ -6,6 +6,7 @@
 #include <embree3/rtcore.h>
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #define SAME_PLACE(field)                                                                                              \
     _Static_assert(offsetof(struct ray16, field) == offsetof(struct RTCRay16, field) &&                                \
@@ -30,6 +31,7 @@ struct rays {
     const struct scene *scene;
     RTCDevice device;
     RTCScene bvh;
+    struct ray_log *log; /* NULL but in benchmarks */
 };
 
 static void log_embree_error(void *user, enum RTCError code, const char *text)
@@ -99,9 +101,34 @@ void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct r
 {
     struct RTCIntersectContext context;
 
+    if (r->log && r->log->count < r->log->capacity) {
+        r->log->packets[r->log->count] = *packet;
+        memcpy(r->log->valid[r->log->count++], valid, sizeof(r->log->valid[0]));
+    }
     rtcInitIntersectContext(&context);
     context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* neighbours share a direction */
     rtcOccluded16(valid, r->bvh, &context, (struct RTCRay16 *)packet);
+}
+
+void rays_set_log(struct rays *r, struct ray_log *log)
+{
+    r->log = log;
+}
+
+uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t first, size_t last)
+{
+    struct RTCIntersectContext context;
+    uint64_t occluded = 0;
+
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    for (size_t i = first; i < last; i++) {
+        struct ray16 packet = log->packets[i];
+        rtcOccluded16(log->valid[i], r->bvh, &context, (struct RTCRay16 *)&packet);
+        for (int l = 0; l < PACKET; l++)
+            occluded += packet.tfar[l] < 0.0f;
+    }
+    return occluded;
 }
 
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out)

@@ -6,6 +6,7 @@
 #include "scene.h"
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #define PACKET 16
@@ -45,6 +46,20 @@ void rays_destroy(struct rays *r); /* NULL is allowed */
 
 /* Sets tfar of each lane whose valid is -1 to -inf when anything lies between tnear and tfar. valid: 0 or -1 a lane. */
 void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet);
+
+/* Shadow queries written down as they are asked, to ask them again without anything around them: for benchmarks. */
+struct ray_log {
+    struct ray16 *packets; /* as they were before the query */
+    int32_t (*valid)[PACKET];
+    size_t count, capacity; /* what does not fit is not written down */
+};
+
+/* Writes down every rays_occluded16 from now on; NULL ends it. While a log is set, only one thread may ask. */
+void rays_set_log(struct rays *r, struct ray_log *log);
+
+/* The bare limit: asks the log's queries first .. last again, one after another, and nothing else. Returns how many
+ * lanes were occluded, so that the work cannot be left out. */
+uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t first, size_t last);
 
 /* True when dir meets something beyond tnear; *out is set then. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);

@@ -120,7 +120,7 @@ void scene_note_unmodelled(struct scene *s, enum scene_feature feature, const ch
     const uint32_t bit = UINT32_C(1) << feature;
 
     if (!(s->unmodelled & bit))
-        log_warning("%s: %s are not modelled", file, scene_feature_name(feature));
+        log_warning("%s: not modelled: %s", file, scene_feature_name(feature));
     s->unmodelled |= bit;
 }
 

@@ -21,7 +21,7 @@ enum scene_feature {
     FEATURE_ALPHA,         /* masks and blending: the surface is taken as opaque */
     FEATURE_VOLUME,        /* attenuation inside glass */
     FEATURE_EMISSION,      /* taken as black */
-    FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures: the factors alone count */
+    FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures: their means count */
     FEATURE_CLEARCOAT,     /* clearcoat and sheen */
     FEATURE_ROUGH_GLASS,   /* taken as smooth */
     FEATURE_TINTED_GLASS,  /* taken as clear */

@@ -73,11 +73,16 @@ bool path_is_gltf(const char *path);
 /* Reads a JSON scene into an empty scene. */
 MUST_CHECK enum err scene_load_json(struct scene *s, const char *path, struct progress *progress, struct reason *why);
 
-/* PNG or JPEG bytes, sRGB, decoded to linear; `name` begins messages. On ERR_OK the caller owns out->rgb. ERR_FORMAT,
- * ERR_RANGE beyond 16384 a side or 2^26 texels, ERR_UNSUPPORTED another format, ERR_NOMEM. */
-MUST_CHECK enum err texture_decode(const void *bytes, size_t count, const char *name, struct texture *out,
-                                   struct reason *why);
+enum texture_values {
+    TEXTURE_SRGB,   /* colours: decoded to linear */
+    TEXTURE_LINEAR, /* numbers: v / 255 */
+};
+
+/* A PNG or JPEG picture; `name` begins messages. On ERR_OK the caller owns out->rgb. ERR_FORMAT, ERR_RANGE beyond 16384
+ * a side or 2^26 texels, ERR_UNSUPPORTED another format, ERR_NOMEM. */
+MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
+                                   struct texture *out, struct reason *why);
 /* The same from a file; also ERR_IO. */
-MUST_CHECK enum err texture_load(const char *path, struct texture *out, struct reason *why);
+MUST_CHECK enum err texture_load(const char *path, enum texture_values values, struct texture *out, struct reason *why);
 
 #endif

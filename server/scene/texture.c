@@ -20,22 +20,20 @@ static float srgb_to_linear(float v)
 }
 
 /* 8-bit texels, `channels` bytes apart, to the texture's floats. */
-static enum err take_texels(const uint8_t *texels, int channels, uint32_t width, uint32_t height, struct texture *out)
+static enum err take_texels(const uint8_t *texels, int channels, enum texture_values values, struct texture *out)
 {
     float linear[256];
-    const size_t count = (size_t)width * height;
+    const size_t count = (size_t)out->width * out->height;
 
     out->rgb = mem_alloc(count, 3 * sizeof(float));
     if (!out->rgb)
         return ERR_NOMEM;
     for (int i = 0; i < 256; i++)
-        linear[i] = srgb_to_linear((float)i / 255.0f);
+        linear[i] = values == TEXTURE_SRGB ? srgb_to_linear((float)i / 255.0f) : (float)i / 255.0f;
     for (size_t i = 0; i < count; i++) {
         for (size_t k = 0; k < 3; k++)
             out->rgb[3 * i + k] = linear[texels[(size_t)channels * i + k]];
     }
-    out->width = width;
-    out->height = height;
     return ERR_OK;
 }
 
@@ -47,7 +45,8 @@ static enum err check_size(uint64_t width, uint64_t height, const char *name, st
     return ERR_OK;
 }
 
-static enum err decode_png(const void *bytes, size_t count, const char *name, struct texture *out, struct reason *why)
+static enum err decode_png(const void *bytes, size_t count, enum texture_values values, const char *name,
+                           struct texture *out, struct reason *why)
 {
     png_image image = { .version = PNG_IMAGE_VERSION };
     uint8_t *texels = NULL;
@@ -68,14 +67,17 @@ static enum err decode_png(const void *bytes, size_t count, const char *name, st
         e = err_say(why, ERR_FORMAT, "%s: PNG: %s", name, image.message);
         goto done;
     }
-    e = take_texels(texels, 4, image.width, image.height, out);
+    out->width = image.width;
+    out->height = image.height;
+    e = take_texels(texels, 4, values, out);
 done:
     mem_free(texels);
     png_image_free(&image);
     return e;
 }
 
-static enum err decode_jpeg(const void *bytes, size_t count, const char *name, struct texture *out, struct reason *why)
+static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values values, const char *name,
+                            struct texture *out, struct reason *why)
 {
     int width, height, subsampling, colours;
     uint8_t *texels = NULL;
@@ -100,27 +102,30 @@ static enum err decode_jpeg(const void *bytes, size_t count, const char *name, s
         e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
         goto done;
     }
-    e = take_texels(texels, 3, (uint32_t)width, (uint32_t)height, out);
+    out->width = (uint32_t)width;
+    out->height = (uint32_t)height;
+    e = take_texels(texels, 3, values, out);
 done:
     mem_free(texels);
     tjDestroy(tj);
     return e;
 }
 
-enum err texture_decode(const void *bytes, size_t count, const char *name, struct texture *out, struct reason *why)
+enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
+                        struct texture *out, struct reason *why)
 {
     static const uint8_t png_start[8] = { 0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n' };
     static const uint8_t jpeg_start[3] = { 0xff, 0xd8, 0xff };
 
     *out = (struct texture){ 0 };
     if (count >= sizeof(png_start) && memcmp(bytes, png_start, sizeof(png_start)) == 0)
-        return decode_png(bytes, count, name, out, why);
+        return decode_png(bytes, count, values, name, out, why);
     if (count >= sizeof(jpeg_start) && memcmp(bytes, jpeg_start, sizeof(jpeg_start)) == 0)
-        return decode_jpeg(bytes, count, name, out, why);
+        return decode_jpeg(bytes, count, values, name, out, why);
     return err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", name);
 }
 
-enum err texture_load(const char *path, struct texture *out, struct reason *why)
+enum err texture_load(const char *path, enum texture_values values, struct texture *out, struct reason *why)
 {
     uint8_t *bytes = NULL;
     enum err e = ERR_OK;
@@ -147,7 +152,7 @@ enum err texture_load(const char *path, struct texture *out, struct reason *why)
         e = err_say(why, ERR_IO, "%s: cannot be read", path);
         goto done;
     }
-    e = texture_decode(bytes, (size_t)size, path, out, why);
+    e = texture_decode(bytes, (size_t)size, values, path, out, why);
 done:
     mem_free(bytes);
     fclose(f);
