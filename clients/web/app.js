@@ -1,0 +1,235 @@
+// The page: puts states and figures into words and shapes. What comes over the wire is player.js and below.
+
+import { FLAG_REPEAT, PATH } from './protocol.js';
+import { Rate, Recent } from './figures.js';
+import { Screen } from './screen.js';
+import { bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence } from './sentences.js';
+
+const $ = (id) => document.getElementById(id);
+
+const STAGES = [
+  ['queued', 'wait'],
+  ['decoded', 'read sky'],
+  ['shaded', 'relight'],
+  ['encoded', 'encode'],
+  ['shown', 'to screen'],
+];
+
+const relight = {
+  state: { name: 'connecting' },
+  frames: 0, // pictures drawn
+  lastHeader: null,
+  status: null,
+  latencyMs: NaN,
+  readback: () => screen.readback(),
+};
+window.relight = relight;
+
+const figures = {
+  drawn: new Rate(),
+  arrived: new Rate(),
+  latency: new Recent(),
+  stages: Object.fromEntries(STAGES.map(([key]) => [key, new Recent(30)])),
+  clock: { known: false },
+};
+
+// ---- the player, in a worker where that works
+
+async function startPlayer(take) {
+  const start = {
+    op: 'start',
+    url: new URL(PATH, location.href.replace(/^http/, 'ws')).href,
+    hidden: document.visibilityState === 'hidden',
+  };
+  const inPage = async () => {
+    const { Player } = await import('./player.js');
+    const player = new Player(take);
+    player.command(start);
+    return (message) => player.command(message);
+  };
+  try {
+    const worker = new Worker(new URL('./worker.js', import.meta.url), { type: 'module' });
+    return await new Promise((resolve) => {
+      worker.onmessage = (event) => {
+        resolve((message) => worker.postMessage(message));
+        take(event.data);
+      };
+      worker.onerror = () => {
+        worker.terminate();
+        resolve(inPage());
+      };
+      worker.postMessage(start);
+    });
+  } catch {
+    return inPage();
+  }
+}
+
+let send = () => {};
+
+function take(event) {
+  switch (event.op) {
+    case 'state': showState(event.state); break;
+    case 'welcome': forgetFigures(); break;
+    case 'status': takeStatus(event.status, event.clock); break;
+    case 'picture': takePicture(event); break;
+    case 'error': console.warn(`relightd: ${event.error.message} (clause ${event.error.clause})`); break;
+    case 'undecodable': console.warn(`picture ${event.sequence} could not be decoded: ${event.reason}`); break;
+    default: break;
+  }
+}
+
+// ---- pictures
+
+const screen = new Screen($('picture'), drawn);
+
+function takePicture(picture) {
+  figures.arrived.add(performance.now(), picture.bytes);
+  figures.clock = picture.clock;
+  screen.show(picture);
+}
+
+function drawn(picture, nowMs) {
+  const { header } = picture;
+  send({ op: 'displayed', sequence: header.sequence, nowMs });
+  relight.frames++;
+  relight.lastHeader = header;
+  document.body.classList.add('seen');
+  figures.drawn.add(performance.now());
+
+  const serverUs = header.queuedUs + header.decodedUs + header.shadedUs + header.encodedUs;
+  for (const key of ['queued', 'decoded', 'shaded', 'encoded']) figures.stages[key].add(header[`${key}Us`] / 1000);
+  if (picture.clock.known && !(header.flags & FLAG_REPEAT)) {
+    const shownUs = nowMs * 1000 + picture.clock.offsetUs;
+    const bornUs = header.captureUs || header.publishedUs - serverUs;
+    figures.stages.shown.add(Math.max(0, shownUs - header.publishedUs) / 1000);
+    figures.latency.add(Math.max(0, shownUs - bornUs) / 1000);
+    relight.latencyMs = figures.latency.median();
+  }
+  if (relight.frames === 1) showState(relight.state);
+}
+
+function forgetFigures() {
+  figures.latency.clear();
+  for (const [key] of STAGES) figures.stages[key].clear();
+}
+
+// ---- status and state
+
+function takeStatus(status, clock) {
+  relight.status = status;
+  figures.clock = clock;
+  setText('about', describe(status));
+  $('picture').setAttribute('aria-label', describe(status));
+  setText('sun-text', sunSentence(status.light));
+  showSun(status.light?.sun);
+}
+
+function setText(id, text) {
+  const element = $(id);
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function showState(state) {
+  const seen = relight.frames > 0;
+  relight.state = state;
+  document.body.dataset.state = state.name;
+  setText('state-word', stateWord(state));
+  setText('sentence', stateSentence(state, seen));
+  setText('veil-sentence', stateSentence(state, seen));
+  showCountdown();
+  const stuck = state.name === 'reconnecting' || state.name === 'refused';
+  for (const button of document.querySelectorAll('.again')) button.hidden = !stuck;
+}
+
+function showCountdown() {
+  const { untilMs } = relight.state;
+  const left = untilMs ? Math.max(0, Math.ceil((untilMs - performance.timeOrigin - performance.now()) / 1000)) : null;
+  const text = left === null ? '' : left > 0 ? ` in ${left} s.` : ' now.';
+  for (const element of document.querySelectorAll('.countdown')) if (element.textContent !== text) element.textContent = text;
+}
+
+// The sky as a half circle: the sun on it at its height, left is where it rises.
+function showSun(sun) {
+  $('sky').hidden = !sun;
+  if (!sun) return;
+  const up = (sun.elevation * Math.PI) / 180;
+  // Azimuth 90 (east) is left, 270 (west) right, as one sees them looking south.
+  const across = Math.sin(((sun.azimuth - 180) * Math.PI) / 180) * Math.cos(up);
+  $('sun').setAttribute('cx', (50 + 40 * across).toFixed(1));
+  $('sun').setAttribute('cy', (46 - 40 * Math.sin(up)).toFixed(1));
+  $('sky').classList.toggle('night', sun.elevation < -0.8);
+}
+
+function showFigures() {
+  const now = performance.now();
+  const { clock, stages } = figures;
+  const status = relight.status;
+  const fps = figures.drawn.perSecond(now);
+  setText('fps', relight.frames ? fps.toFixed(fps < 9.95 ? 1 : 0) : '–');
+  setText('latency', milliseconds(figures.latency.median()));
+  setText('round-trip', clock.known ? `${milliseconds(clock.rttUs / 1000)}` : '–');
+  setText('clock', clock.known ? `± ${milliseconds(clock.uncertaintyUs / 1000)}` : '');
+  setText('frame', relight.lastHeader ? String(relight.lastHeader.frame) : '–');
+  setText('traffic', bitsPerSecond(figures.arrived.bytesPerSecond(now)));
+  if (status) {
+    const { used, dropped, refused, last_refusal: last } = status.frames;
+    setText('used', String(used));
+    setText('lost', `${dropped} dropped, ${refused} refused`);
+    setText('refusal', last ? `Last refused: ${last}` : '');
+    setText('skipped', String(status.skipped));
+    setText('viewers', String(status.viewers));
+  }
+  showStages(stages);
+  showCountdown();
+}
+
+function showStages(stages) {
+  const values = STAGES.map(([key]) => stages[key].median());
+  const sum = values.reduce((a, b) => a + (b || 0), 0);
+  STAGES.forEach(([key], i) => {
+    const share = sum > 0 ? ((values[i] || 0) / sum) * 100 : 0;
+    // Through the object model: a style attribute would be against the page's own content security policy.
+    $(`bar-${key}`).style.flexGrow = share.toFixed(2);
+    setText(`ms-${key}`, milliseconds(values[i]));
+  });
+}
+
+// ---- what a person does
+
+function toggleInfo() {
+  const shown = document.body.classList.toggle('plain');
+  $('info-button').setAttribute('aria-pressed', String(!shown));
+}
+
+async function toggleFullscreen() {
+  try {
+    if (document.fullscreenElement) await document.exitFullscreen();
+    else await $('stage').requestFullscreen();
+  } catch {
+    // not allowed here: the picture stays as it is
+  }
+}
+
+function listen() {
+  $('info-button').onclick = toggleInfo;
+  $('full-button').onclick = toggleFullscreen;
+  $('full-button').hidden = !document.fullscreenEnabled;
+  for (const button of document.querySelectorAll('.again'))
+    button.onclick = () => send({ op: 'retry', person: true });
+  document.addEventListener('keydown', (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === 'f' || event.key === 'F') toggleFullscreen();
+    if (event.key === 'i' || event.key === 'I') toggleInfo();
+  });
+  const look = () => send({ op: 'hidden', hidden: document.visibilityState === 'hidden' });
+  document.addEventListener('visibilitychange', look);
+  window.addEventListener('pageshow', look);
+  document.addEventListener('resume', look);
+  window.addEventListener('online', () => send({ op: 'retry' }));
+}
+
+showState(relight.state);
+listen();
+setInterval(showFigures, 250);
+send = await startPlayer(take);

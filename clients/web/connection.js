@@ -1,0 +1,331 @@
+// One viewer's connection: speaks relight.v1, keeps the server's clock, reconnects, and says in which state things are.
+// Knows no page and no canvas, so that it runs in a worker, in a page or under test; the world comes in through `world`.
+
+import { CREDIT, FLAG_REPEAT, PROTOCOL, VERSION, closePolicy, decodePicture } from './protocol.js';
+import { ServerClock } from './figures.js';
+
+const BACKOFF_MS = [300, 600, 1200, 2500];
+const BACKOFF_LATE_MS = 10000; // after a minute of trying
+const LATER_MS = 10000;
+const OPEN_MS = 8000; // to open and be welcomed
+const SILENCE_MS = 6000; // statuses come twice a second: after this the connection is dead
+const STALL_MS = 2000;
+const WAKE_MS = 3000; // from waking to the first picture
+
+export function realWorld() {
+  return {
+    WebSocket: globalThis.WebSocket,
+    fetch: (...args) => globalThis.fetch(...args),
+    setTimeout: (...args) => globalThis.setTimeout(...args),
+    clearTimeout: (id) => globalThis.clearTimeout(id),
+    nowMs: () => performance.timeOrigin + performance.now(), // wall clock that never steps
+    random: Math.random,
+  };
+}
+
+export class Connection {
+  // on: {state(state), status(status), welcome(welcome), picture(header, payload)}
+  constructor(url, on, world = realWorld()) {
+    this.url = url;
+    this.on = on;
+    this.world = world;
+    this.clock = new ServerClock();
+    this.state = { name: 'connecting' };
+    this.socket = null;
+    this.session = null;
+    this.source = null;
+    this.hidden = false;
+    this.quality = 90;
+    this.attempt = 0;
+    this.request = 0;
+    this.pings = new Map();
+    this.pingId = 0;
+    this.timers = {};
+  }
+
+  start() {
+    this.firstTryMs = this.world.nowMs();
+    this.open();
+    this.every('watch', 250, () => this.watch());
+  }
+
+  stop() {
+    for (const name of Object.keys(this.timers)) this.cancel(name);
+    this.drop();
+  }
+
+  // The network is back or the page is looked at again: no more waiting. Only a person asks again after a refusal.
+  retryNow(person = false) {
+    if (this.state.name === 'reconnecting' || (person && this.state.name === 'refused')) {
+      this.attempt = 0;
+      this.firstTryMs = this.world.nowMs();
+      this.cancel('retry');
+      this.open();
+    }
+  }
+
+  setHidden(hidden) {
+    if (this.hidden === hidden) return;
+    this.hidden = hidden;
+    this.sinceMs = this.world.nowMs();
+    this.wakes = 0;
+    if (this.welcomed) this.subscribe();
+    else if (!hidden) this.retryNow();
+    this.judge();
+  }
+
+  // The picture was drawn: its credit returns. Earlier ones that were passed over are meant too.
+  displayed(sequence, nowMs) {
+    if (!this.welcomed || this.pictureSession !== this.session || sequence > this.lastSequence) return;
+    const message = { op: 'ack', sequence };
+    if (this.clock.known) message.displayed_us = Math.round(nowMs * 1000 + this.clock.offsetUs);
+    this.send(message);
+  }
+
+  // ---- the socket
+
+  open() {
+    this.drop();
+    this.welcomed = false;
+    this.set({ name: 'connecting' });
+    let socket;
+    try {
+      socket = new this.world.WebSocket(this.url, PROTOCOL);
+    } catch (error) {
+      this.set({ name: 'refused', detail: `This page cannot open ${this.url}: ${error.message}` });
+      return;
+    }
+    socket.binaryType = 'arraybuffer';
+    this.socket = socket;
+    this.opened = false;
+    socket.onopen = () => {
+      this.opened = true;
+      this.send({ op: 'hello', role: 'viewer', version: VERSION });
+    };
+    socket.onmessage = (event) => this.receive(event.data);
+    socket.onclose = (event) => this.closed(socket, event.code, event.reason);
+    this.after('open', OPEN_MS, () => this.lost('The server does not answer.'));
+  }
+
+  // Lets go of the present socket; nothing it still says is heard.
+  drop() {
+    const socket = this.socket;
+    this.socket = null;
+    this.cancel('open');
+    this.cancel('ping');
+    if (!socket) return;
+    socket.onopen = socket.onmessage = socket.onclose = null;
+    socket.close();
+  }
+
+  send(message) {
+    if (this.socket && this.socket.readyState === 1) this.socket.send(JSON.stringify(message));
+  }
+
+  closed(socket, code, reason) {
+    if (socket !== this.socket) return;
+    const opened = this.opened;
+    this.socket = null;
+    this.cancel('open');
+    this.cancel('ping');
+    this.welcomed = false;
+    if (!opened) {
+      this.explain();
+      return;
+    }
+    const { policy, text } = closePolicy(code);
+    const said = code >= 4000 && reason ? `${text} (${reason})` : text;
+    if (policy === 'never') this.set({ name: 'refused', detail: said });
+    else this.retry(said, policy === 'later' ? LATER_MS : 0);
+  }
+
+  // A browser hides why a handshake failed; an ordinary request tells a dead server from one that refuses us.
+  async explain() {
+    let detail = 'The server cannot be reached.';
+    try {
+      const url = new URL('/healthz', this.url.replace(/^ws/, 'http'));
+      const health = await (await this.world.fetch(url, { cache: 'no-store' })).json();
+      if (health.protocol && health.protocol !== PROTOCOL) {
+        this.set({ name: 'refused', detail: `The server speaks ${health.protocol}, this page ${PROTOCOL}. Reloading the page may help.` });
+        return;
+      }
+      detail = 'The server is there, but did not take the connection.';
+    } catch {
+      // unreachable it is
+    }
+    if (!this.socket) this.retry(detail, 0);
+  }
+
+  lost(detail) {
+    this.drop();
+    this.welcomed = false;
+    this.retry(detail, 0);
+  }
+
+  retry(detail, leastMs) {
+    const now = this.world.nowMs();
+    const late = now - this.firstTryMs > 60000;
+    const cap = late ? BACKOFF_LATE_MS : BACKOFF_MS[Math.min(this.attempt, BACKOFF_MS.length - 1)];
+    this.attempt++;
+    // Jitter, so that many viewers of one server do not come back in the same moment.
+    const wait = Math.max(leastMs, cap * (0.5 + 0.5 * this.world.random()));
+    this.set({ name: 'reconnecting', detail, untilMs: now + wait, attempt: this.attempt });
+    this.after('retry', wait, () => this.open());
+  }
+
+  // ---- messages
+
+  receive(data) {
+    this.heardMs = this.world.nowMs();
+    if (data instanceof ArrayBuffer) {
+      this.takePicture(data);
+      return;
+    }
+    let message;
+    try {
+      message = JSON.parse(data);
+    } catch {
+      this.refuse('The server sent a message that is not JSON.');
+      return;
+    }
+    switch (message.op) {
+      case 'welcome': this.takeWelcome(message); break;
+      case 'status': this.takeStatus(message); break;
+      case 'pong': this.takePong(message); break;
+      case 'error': this.on.error?.(message); break;
+      default: break; // a later minor version may say more
+    }
+  }
+
+  refuse(detail) {
+    this.drop();
+    this.welcomed = false;
+    this.set({ name: 'refused', detail });
+  }
+
+  takeWelcome(message) {
+    this.cancel('open');
+    if (message.version?.major !== VERSION.major) {
+      this.refuse(`The server speaks version ${message.version?.major} of the protocol, this page ${VERSION.major}. Reloading the page may help.`);
+      return;
+    }
+    this.welcomed = true;
+    this.attempt = 0;
+    this.firstTryMs = this.heardMs;
+    this.session = message.session;
+    this.lastSequence = 0;
+    this.pictureMs = this.sinceMs = this.heardMs;
+    this.source = null;
+    this.wakes = 0;
+    this.clock = new ServerClock();
+    this.pings.clear();
+    this.on.welcome?.(message);
+    this.subscribe();
+    for (let i = 0; i < 4; i++) this.after(`ping${i}`, i * 120, () => this.ping());
+    this.every('ping', 2000, () => this.ping());
+    this.judge();
+  }
+
+  subscribe() {
+    this.askedMs = this.world.nowMs();
+    this.send({ op: 'subscribe', request: ++this.request, format: 'jpeg', quality: this.quality, paused: this.hidden });
+  }
+
+  ping() {
+    const id = ++this.pingId;
+    if (this.pings.size > 20) this.pings.clear();
+    this.pings.set(id, this.world.nowMs() * 1000);
+    this.send({ op: 'ping', id });
+  }
+
+  takePong(message) {
+    const sent = this.pings.get(message.id);
+    if (sent === undefined) return;
+    this.pings.delete(message.id);
+    this.clock.add(sent, message.server_us, this.heardMs * 1000);
+  }
+
+  takeStatus(message) {
+    this.source = message.source;
+    this.fps = message.fps;
+    this.on.status?.(message);
+    this.judge();
+  }
+
+  takePicture(data) {
+    const picture = decodePicture(data);
+    if (!picture.ok) {
+      this.refuse(`The server sent a picture that this page cannot read: ${picture.text} (clause ${picture.clause}).`);
+      return;
+    }
+    this.lastSequence = picture.header.sequence;
+    this.pictureSession = this.session;
+    this.pictureMs = this.heardMs;
+    this.wakes = 0;
+    this.on.picture(picture.header, picture.payload, this.heardMs);
+    this.judge();
+  }
+
+  // ---- the state
+
+  set(state) {
+    const before = JSON.stringify(this.state);
+    this.state = state;
+    if (JSON.stringify(state) !== before) this.on.state(state);
+  }
+
+  // What is the case while connected.
+  judge() {
+    if (!this.welcomed) return;
+    const name = this.source?.state;
+    const now = this.world.nowMs();
+    const quiet = now - Math.max(this.pictureMs, this.sinceMs);
+    const allowed = STALL_MS + (this.fps > 0 ? 3000 / this.fps : 3000);
+    if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
+    else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
+    else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });
+    else if (name === 'paused' || name === 'ended') this.set({ name });
+    else if (quiet > allowed) this.set({ name: 'stalled', seconds: Math.floor(quiet / 1000) });
+    else if (this.lastSequence > 0) this.set({ name: 'live' });
+    else this.set({ name: 'connecting' });
+  }
+
+  // Four times a second: dead connections, stalls, and pictures that do not come after waking.
+  watch() {
+    if (!this.welcomed) return;
+    const now = this.world.nowMs();
+    if (now - this.heardMs > SILENCE_MS) {
+      this.lost('The server has fallen silent.');
+      return;
+    }
+    this.judge();
+    if (this.state.name !== 'stalled' || now - this.askedMs < WAKE_MS) return;
+    // The server says that it makes pictures: ask again, and in the end on a new connection.
+    if (this.wakes++ < 3) this.subscribe();
+    else if (this.fps > 0) this.lost('No picture came.');
+  }
+
+  // ---- timers by name
+
+  after(name, ms, then) {
+    this.cancel(name);
+    this.timers[name] = this.world.setTimeout(() => {
+      delete this.timers[name];
+      then();
+    }, ms);
+  }
+
+  every(name, ms, then) {
+    this.after(name, ms, () => {
+      this.every(name, ms, then);
+      then();
+    });
+  }
+
+  cancel(name) {
+    if (this.timers[name] !== undefined) this.world.clearTimeout(this.timers[name]);
+    delete this.timers[name];
+  }
+}
+
+export { CREDIT, FLAG_REPEAT };

@@ -1,0 +1,39 @@
+// The canvas: draws the newest picture when the browser is about to paint, and closes what it passes over.
+
+export class Screen {
+  // drawn(picture, nowMs) follows each drawing.
+  constructor(canvas, drawn) {
+    this.canvas = canvas;
+    this.context = canvas.getContext('2d', { alpha: false, colorSpace: 'srgb' });
+    this.drawn = drawn;
+    this.waiting = null;
+    this.asked = 0;
+  }
+
+  show(picture) {
+    this.waiting?.bitmap.close();
+    this.waiting = picture;
+    if (!this.asked) this.asked = requestAnimationFrame(() => this.draw());
+  }
+
+  draw() {
+    this.asked = 0;
+    const picture = this.waiting;
+    this.waiting = null;
+    if (!picture) return;
+    const { bitmap } = picture;
+    // Setting the size clears the canvas, so only when it changes.
+    if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
+      this.canvas.width = bitmap.width;
+      this.canvas.height = bitmap.height;
+    }
+    this.context.drawImage(bitmap, 0, 0);
+    bitmap.close();
+    this.drawn(picture, performance.timeOrigin + performance.now());
+  }
+
+  // The pixels as they are now: {width, height, data: Uint8ClampedArray of RGBA, top row first}.
+  readback() {
+    return this.context.getImageData(0, 0, this.canvas.width, this.canvas.height);
+  }
+}

@@ -1,0 +1,81 @@
+// What the page says, in words. Pure functions of the state, so that each sentence can be tested.
+
+const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : text);
+
+// What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point."
+export function describe(status) {
+  if (!status) return '';
+  const what = capital(status.scene) || 'A scene';
+  const sky = status.sky ? ` under ${status.sky}` : '';
+  const size = status.width && status.height ? `${status.width} × ${status.height}` : '';
+  const samples = status.samples ? `${status.samples} samples per point` : '';
+  const method = status.method ? `method ${status.method}` : '';
+  const facts = [size, samples, method].filter(Boolean).join(', ');
+  return `${what}${sky}${facts ? `; ${facts}` : ''}.`;
+}
+
+// The short word beside the dot.
+export function stateWord(state) {
+  return {
+    connecting: 'Connecting',
+    waiting: 'Waiting',
+    live: 'Live',
+    paused: 'Paused',
+    ended: 'Ended',
+    failed: 'Bad frame',
+    stalled: 'Stalled',
+    reconnecting: 'Reconnecting',
+    refused: 'Refused',
+  }[state.name];
+}
+
+// The sentence for a state; `seen` is whether a picture is on the screen already. Without the countdown, which is
+// shown beside it, so that a screen reader is not told every second.
+export function stateSentence(state, seen) {
+  const stays = seen ? ' The last picture stays.' : '';
+  const because = state.detail ? `: ${state.detail}` : '';
+  switch (state.name) {
+    case 'connecting':
+      return 'Connecting to the server.';
+    case 'waiting':
+      return state.detail ? `Waiting for a sky${because}.` : 'Waiting for a sky. The server is ready and has had no frame yet.';
+    case 'live':
+      return seen ? 'Live.' : 'The first picture is on its way.';
+    case 'paused':
+      return state.detail === 'hidden' ? 'Paused while this page is hidden.' : `The sky is paused.${stays}`;
+    case 'ended':
+      return seen ? 'The sky sequence has ended. The last picture stays.' : 'The sky sequence has ended before a picture was made.';
+    case 'failed':
+      return `A sky frame could not be used${because}.${stays}`;
+    case 'stalled':
+      return `The server answers, but no picture has come for ${state.seconds} s.${stays}`;
+    case 'reconnecting':
+      return `${state.detail || 'The connection broke.'}${stays} Trying again`;
+    case 'refused':
+      return `${state.detail}`;
+    default:
+      return '';
+  }
+}
+
+// Where the sun stands: "Sun 32° up in the south-west".
+export function sunSentence(light) {
+  if (!light) return '';
+  const time = light.time ? `${light.time}, ` : '';
+  if (!light.sun) return light.time ? `Sky time ${light.time}` : '';
+  const names = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
+  const where = names[Math.round((((light.sun.azimuth % 360) + 360) % 360) / 45) % 8];
+  const up = Math.round(light.sun.elevation);
+  return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
+}
+
+export function milliseconds(ms) {
+  if (!Number.isFinite(ms)) return '–';
+  return `${ms < 9.95 ? ms.toFixed(1) : Math.round(ms)} ms`;
+}
+
+export function bitsPerSecond(bytes) {
+  const bits = bytes * 8;
+  if (!(bits > 0)) return '–';
+  return bits >= 1e6 ? `${(bits / 1e6).toFixed(bits < 1e7 ? 1 : 0)} Mbit/s` : `${Math.round(bits / 1e3)} kbit/s`;
+}

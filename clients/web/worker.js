@@ -1,0 +1,5 @@
+// The player in a thread of its own: a busy page delays neither messages nor decoding.
+import { Player } from './player.js';
+
+const player = new Player((event, transfer = []) => self.postMessage(event, transfer));
+self.onmessage = (event) => player.command(event.data);
