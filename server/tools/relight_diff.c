@@ -1,0 +1,312 @@
+/* server/tools/relight_diff.c */
+/* How far a picture is from a reference: means, relative squared error, visible error, and where. */
+#include "decode.h"
+#include "error_map.h"
+#include "exr_write.h"
+#include "log.h"
+#include "mem.h"
+#include "metrics.h"
+#include "options.h"
+#include "vec.h"
+
+#include <inttypes.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static struct option_row rows[] = {
+    { "", NULL, "what is compared", NULL },
+    { "mask", "FILE", "a picture of the same size: where it is black, pixels are left out", NULL },
+    { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02" },
+    { "", NULL, "what comes out", NULL },
+    { "map", "FILE", "error of each pixel: .png is coloured from 0.1 % to 100 %, .exr holds the squares", NULL },
+    { "json", NULL, "one JSON object in place of the table", NULL },
+    { "", NULL, "bounds: beyond one of them the exit code is 1", NULL },
+    { "max-mean", "X", "of the mean ratio's distance from 1, as 0.005", NULL },
+    { "max-relmse", "X", "of the relMSE without the worst pixels, as 1e-3", NULL },
+    { "max-delta-e", "X", "of the mean visible difference", NULL },
+    { NULL, NULL, NULL, NULL },
+};
+
+struct diff {
+    const char *names[2]; /* of the picture and of the reference */
+    struct image images[2];
+    double trim;
+    uint8_t *mask;
+    float *map;
+    double means[2][4]; /* luminance, red, green, blue */
+    struct metrics metrics;
+    bool json;
+};
+
+enum bound {
+    BOUND_MEAN,
+    BOUND_RELMSE,
+    BOUND_DELTA_E,
+    BOUNDS,
+};
+
+static enum err load(const char *path, struct image *im, struct reason *why)
+{
+    const enum err e = decode_file(path, im, why);
+    if (e)
+        return e;
+    const struct image_faults *f = &im->faults;
+    if (f->nan + f->infinite + f->negative > 0)
+        log_warning("%s: put right before comparing: %" PRIu64 " NaN, %" PRIu64 " infinite, %" PRIu64
+                    " negative values",
+                    path, f->nan, f->infinite, f->negative);
+    return ERR_OK;
+}
+
+static enum err want_same_size(const char *name, const struct image *im, const char *other_name,
+                               const struct image *other, struct reason *why)
+{
+    if (im->width == other->width && im->height == other->height)
+        return ERR_OK;
+    return err_say(why, ERR_RANGE, "%s is %" PRIu32 "x%" PRIu32 ", but %s is %" PRIu32 "x%" PRIu32, name, im->width,
+                   im->height, other_name, other->width, other->height);
+}
+
+static enum err load_mask(struct diff *d, const char *path, struct reason *why)
+{
+    struct image im = { 0 };
+    const size_t count = (size_t)d->images[1].width * d->images[1].height;
+    enum err e = load(path, &im, why);
+
+    if (!e)
+        e = want_same_size(path, &im, d->names[1], &d->images[1], why);
+    if (e)
+        goto done;
+    d->mask = mem_alloc(count, 1);
+    if (!d->mask) {
+        e = err_say(why, ERR_NOMEM, "%s: no memory for the mask", path);
+        goto done;
+    }
+    for (size_t i = 0; i < count; i++)
+        d->mask[i] = rgb_luminance(im.rgb[3 * i], im.rgb[3 * i + 1], im.rgb[3 * i + 2]) > 0.0f;
+done:
+    image_finish(&im);
+    return e;
+}
+
+static void take_means(struct diff *d)
+{
+    const size_t count = (size_t)d->images[1].width * d->images[1].height;
+
+    for (int n = 0; n < 2; n++) {
+        double sum[3] = { 0.0, 0.0, 0.0 };
+        for (size_t i = 0; i < count; i++)
+            for (size_t k = 0; k < 3 && (!d->mask || d->mask[i]); k++)
+                sum[k] += (double)d->images[n].rgb[3 * i + k];
+        for (int k = 0; k < 3; k++)
+            d->means[n][k + 1] = sum[k] / (double)d->metrics.pixels;
+        d->means[n][0] = 0.2126 * d->means[n][1] + 0.7152 * d->means[n][2] + 0.0722 * d->means[n][3];
+    }
+}
+
+static enum err compare(struct diff *d, struct reason *why)
+{
+    const uint32_t width = d->images[1].width, height = d->images[1].height;
+
+    d->map = mem_alloc((size_t)width * height, sizeof(*d->map));
+    if (!d->map)
+        return err_say(why, ERR_NOMEM, "no memory for %" PRIu32 "x%" PRIu32 " errors", width, height);
+    if (!metrics_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->trim, d->map, &d->metrics))
+        return err_say(why, ERR_RANGE, "no pixel is left to compare: the mask is black, or memory is out");
+    take_means(d);
+    return ERR_OK;
+}
+
+/* The squares themselves, the same in all three channels. */
+static enum err write_exr_map(const struct diff *d, const char *path, struct reason *why)
+{
+    const size_t count = (size_t)d->images[1].width * d->images[1].height;
+    const struct exr_attribute attributes[] = { { "comments", "relative squared error, DESIGN 3" } };
+    float *rgb = mem_alloc(count * 3, sizeof(*rgb));
+
+    if (!rgb)
+        return err_say(why, ERR_NOMEM, "%s: no memory for the error map", path);
+    for (size_t i = 0; i < 3 * count; i++)
+        rgb[i] = d->map[i / 3];
+    const struct exr_desc desc = { .rgb = rgb,
+                                   .width = d->images[1].width,
+                                   .height = d->images[1].height,
+                                   .attributes = attributes,
+                                   .attribute_count = 1 };
+    const enum err e = exr_write(&desc, path, why);
+    mem_free(rgb);
+    return e;
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text), m = strlen(end);
+    return n >= m && strcmp(text + n - m, end) == 0;
+}
+
+static enum err write_map(const struct diff *d, const char *path, struct reason *why)
+{
+    if (!path)
+        return ERR_OK;
+    if (ends_with(path, ".exr"))
+        return write_exr_map(d, path, why);
+    return error_map_write(d->map, d->mask, d->images[1].width, d->images[1].height, path, why);
+}
+
+/* Of what would be 0/0: 1, two black pictures are alike. */
+static double ratio(double x, double r)
+{
+    return x == r ? 1.0 : x / r;
+}
+
+static void print_table(const struct diff *d)
+{
+    static const char *const names[] = { "luminance", "red", "green", "blue" };
+    const struct metrics *m = &d->metrics;
+    char trimmed[40];
+
+    printf("%s\nagainst %s\n%" PRIu32 " x %" PRIu32 ", %" PRIu64 " pixels compared\n\n", d->names[0], d->names[1],
+           d->images[1].width, d->images[1].height, m->pixels);
+    printf("mean             picture   reference       ratio\n");
+    for (int i = 0; i < 4; i++)
+        printf("%-12s %11.6g %11.6g %11.5f\n", names[i], d->means[0][i], d->means[1][i],
+               ratio(d->means[0][i], d->means[1][i]));
+    snprintf(trimmed, sizeof(trimmed), "  without the worst %.3g %%", 100.0 * d->trim);
+    printf("\n%-26s%11.4g\n%-26s%11.4g\n", "relMSE", m->rel_mse, trimmed, m->rel_mse_trimmed);
+    printf("%-26s%11.4g\n", "delta E*ab, mean", m->delta_e);
+}
+
+/* JSON knows no infinity: null. */
+static json_t *number(double x)
+{
+    return isfinite(x) ? json_real(x) : json_null();
+}
+
+static enum err print_json(const struct diff *d, struct reason *why)
+{
+    const struct metrics *m = &d->metrics;
+    json_t *o =
+        json_pack("{s:s, s:s, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:f, s:o}", "picture", d->names[0], "reference",
+                  d->names[1], "width", (json_int_t)d->images[1].width, "height", (json_int_t)d->images[1].height,
+                  "pixels", (json_int_t)m->pixels, "mean", number(d->means[0][0]), "mean_reference",
+                  number(d->means[1][0]), "mean_ratio", number(m->mean_ratio), "relmse", number(m->rel_mse),
+                  "relmse_trimmed", number(m->rel_mse_trimmed), "trim", d->trim, "delta_e", number(m->delta_e));
+
+    /* names that are no UTF-8 cannot stand in JSON */
+    if (!o || json_dumpf(o, stdout, JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(9)) != 0) {
+        json_decref(o);
+        return err_say(why, ERR_FORMAT, "the result cannot be written as JSON: is a file name no UTF-8?");
+    }
+    putchar('\n');
+    json_decref(o);
+    return ERR_OK;
+}
+
+/* Prints each bound that is exceeded; how many. What is no number exceeds every bound. */
+static int exceeded(const struct diff *d, const double bounds[BOUNDS])
+{
+    static const char *const names[BOUNDS] = { "mean ratio off by", "relMSE without the worst", "delta E*ab" };
+    const double values[BOUNDS] = { fabs(d->metrics.mean_ratio - 1.0), d->metrics.rel_mse_trimmed, d->metrics.delta_e };
+    int count = 0;
+
+    for (int i = 0; i < BOUNDS; i++) {
+        if (isfinite(bounds[i]) && !(values[i] <= bounds[i])) {
+            log_error("%s %.4g exceeds %.4g", names[i], values[i], bounds[i]);
+            count++;
+        }
+    }
+    return count;
+}
+
+static enum err read_bounds(const struct options *o, double bounds[BOUNDS], struct reason *why)
+{
+    static const char *const flags[BOUNDS] = { "max-mean", "max-relmse", "max-delta-e" };
+
+    for (int i = 0; i < BOUNDS; i++) {
+        bounds[i] = INFINITY;
+        if (!options_get(o, flags[i]))
+            continue;
+        const enum err e = options_double(o, flags[i], 0.0, 1e9, &bounds[i], why);
+        if (e)
+            return e;
+    }
+    return ERR_OK;
+}
+
+/* Everything that the command line alone can get wrong, before any file is touched. */
+static enum err read_options(const struct options *o, struct diff *d, double bounds[BOUNDS], struct reason *why)
+{
+    const char *map = options_get(o, "map");
+
+    if (o->operand_count != 2)
+        return err_say(why, ERR_USAGE, "two pictures are wanted, PICTURE and REFERENCE (see %s --help)", o->program);
+    if (map && !ends_with(map, ".png") && !ends_with(map, ".exr"))
+        return err_say(why, ERR_USAGE, "--map '%s' ends neither in .png nor in .exr", map);
+    d->names[0] = o->operands[0];
+    d->names[1] = o->operands[1];
+    d->json = options_on(o, "json");
+    const enum err e = options_double(o, "trim", 0.0, 1.0, &d->trim, why);
+    return e ? e : read_bounds(o, bounds, why);
+}
+
+static enum err run(const struct options *o, struct diff *d, double bounds[BOUNDS], struct reason *why)
+{
+    enum err e = read_options(o, d, bounds, why);
+
+    for (int i = 0; i < 2 && !e; i++)
+        e = load(d->names[i], &d->images[i], why);
+    if (!e)
+        e = want_same_size(d->names[0], &d->images[0], d->names[1], &d->images[1], why);
+    if (!e && options_get(o, "mask"))
+        e = load_mask(d, options_get(o, "mask"), why);
+    if (!e)
+        e = compare(d, why);
+    if (!e)
+        e = write_map(d, options_get(o, "map"), why);
+    if (e)
+        return e;
+    if (d->json)
+        return print_json(d, why);
+    print_table(d);
+    return ERR_OK;
+}
+
+int main(int argc, char **argv)
+{
+    struct options o = {
+        .program = "relight-diff",
+        .synopsis = "PICTURE REFERENCE [--map FILE] [--max-relmse X] ...",
+        .about = "Compares two linear pictures (OpenEXR or Radiance .hdr): the ratio of their means, relMSE = mean((x "
+                 "- r)^2 /\n"
+                 "(r^2 + 0.01 mean(r)^2)) over channels and pixels, and the mean CIE76 delta E*ab after one tone map "
+                 "(filmic,\n"
+                 "the reference's log-average at 0.18) on both. Exit code: 0, 1 beyond a bound or on failure, 2 usage.",
+        .rows = rows,
+        .operand_max = 2,
+    };
+    struct diff d = { 0 };
+    struct reason why = { "" };
+    double bounds[BOUNDS];
+    bool done = false;
+    int code = 0;
+
+    log_init(o.program, LOG_INFO);
+    enum err e = options_parse(&o, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
+    if (!e)
+        e = run(&o, &d, bounds, &why);
+    if (e) {
+        log_error("%s", why.text[0] ? why.text : err_text(e));
+        code = err_exit_code(e);
+    } else if (exceeded(&d, bounds) > 0) {
+        code = 1;
+    }
+    mem_free(d.map);
+    mem_free(d.mask);
+    image_finish(&d.images[0]);
+    image_finish(&d.images[1]);
+    return code;
+}
