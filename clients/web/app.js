@@ -151,7 +151,7 @@ function showCountdown() {
 
 // The sky as a half circle: the sun on it at its height, left is where it rises.
 function showSun(sun) {
-  $('sky').hidden = !sun;
+  $('sky').toggleAttribute('hidden', !sun); // an SVG element has no property of that name
   if (!sun) return;
   const up = (sun.elevation * Math.PI) / 180;
   // Azimuth 90 (east) is left, 270 (west) right, as one sees them looking south.

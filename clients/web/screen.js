@@ -26,6 +26,7 @@ export class Screen {
     if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
       this.canvas.width = bitmap.width;
       this.canvas.height = bitmap.height;
+      this.canvas.parentElement.style.setProperty('--aspect', `${bitmap.width} / ${bitmap.height}`);
     }
     this.context.drawImage(bitmap, 0, 0);
     bitmap.close();

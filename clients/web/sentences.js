@@ -2,12 +2,12 @@
 
 const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : text);
 
-// What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point."
+// What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis."
 export function describe(status) {
   if (!status) return '';
   const what = capital(status.scene) || 'A scene';
   const sky = status.sky ? ` under ${status.sky}` : '';
-  const size = status.width && status.height ? `${status.width} × ${status.height}` : '';
+  const size = status.width && status.height ? `${status.width}\u00a0×\u00a0${status.height}` : '';
   const samples = status.samples ? `${status.samples} samples per point` : '';
   const method = status.method ? `method ${status.method}` : '';
   const facts = [size, samples, method].filter(Boolean).join(', ');
