@@ -1,0 +1,1 @@
+unit_test(scene test_rays)
