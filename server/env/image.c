@@ -1,0 +1,137 @@
+#include "image.h"
+
+#include "mem.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#define HALF_MAX 65504.0f
+#define BLOCK 64 /* texels that are looked at together: 768 bytes, which stay in the first cache */
+
+static const struct {
+    const char *name;
+    enum layout layout;
+} layouts[] = {
+    { "auto", LAYOUT_AUTO },
+    { "latlong", LAYOUT_LATLONG },
+    { "latlong-bottom", LAYOUT_LATLONG_BOTTOM_FIRST },
+    { "cube", LAYOUT_CUBE },
+};
+
+enum err image_resize(struct image *im, uint32_t width, uint32_t height)
+{
+    if (width == 0 || height == 0 || width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE ||
+        (size_t)width * height > IMAGE_MAX_TEXELS)
+        return ERR_RANGE;
+    const size_t count = (size_t)width * height * 3;
+    if (count > im->capacity) {
+        /* freed first: both at once need not fit */
+        image_finish(im);
+        im->rgb = mem_alloc(count, sizeof(*im->rgb));
+        if (!im->rgb)
+            return ERR_NOMEM;
+        im->capacity = count;
+    }
+    im->width = width;
+    im->height = height;
+    im->layout = LAYOUT_AUTO;
+    memset(&im->faults, 0, sizeof(im->faults));
+    return ERR_OK;
+}
+
+void image_finish(struct image *im)
+{
+    if (!im)
+        return;
+    mem_free(im->rgb);
+    memset(im, 0, sizeof(*im));
+}
+
+/* True when nothing has to be put right or counted: the common case, one comparison a value and no branch. */
+static bool are_plain(const float *v, size_t count)
+{
+    int odd = 0;
+
+    for (size_t i = 0; i < count; i++)
+        odd |= !(v[i] >= 0.0f && v[i] < HALF_MAX);
+    return !odd;
+}
+
+/* What holds before a change of primaries: no NaN, nothing beyond +-IMAGE_MAX. */
+static void bound(float *v, size_t count, struct image_faults *faults)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (isnan(v[i])) {
+            faults->nan++;
+            v[i] = 0.0f;
+        } else if (fabsf(v[i]) > IMAGE_MAX) {
+            faults->infinite++;
+            v[i] = v[i] > 0.0f ? IMAGE_MAX : 0.0f;
+        } else if (v[i] == HALF_MAX) {
+            faults->clipped++;
+        }
+    }
+}
+
+static void drop_negative(float *v, size_t count, struct image_faults *faults)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (v[i] < 0.0f) {
+            faults->negative++;
+            v[i] = 0.0f;
+        }
+    }
+}
+
+/* A bounded value can leave the bound by the matrix only; that is cut without being counted a second time. */
+static void transform(float *v, size_t texels, const float *m)
+{
+    for (size_t i = 0; i < texels; i++, v += 3) {
+        const float r = v[0], g = v[1], b = v[2];
+        for (int c = 0; c < 3; c++)
+            v[c] = fminf(m[3 * c] * r + m[3 * c + 1] * g + m[3 * c + 2] * b, IMAGE_MAX);
+    }
+}
+
+void image_sanitise_texels(float *rgb, size_t count, const float *to_rec709, struct image_faults *faults)
+{
+    for (size_t done = 0; done < count; done += BLOCK) {
+        const size_t texels = count - done < BLOCK ? count - done : BLOCK;
+        float *v = rgb + 3 * done;
+
+        const bool plain = are_plain(v, 3 * texels);
+        if (!plain)
+            bound(v, 3 * texels, faults);
+        if (to_rec709)
+            transform(v, texels, to_rec709);
+        if (to_rec709 || !plain)
+            drop_negative(v, 3 * texels, faults);
+    }
+}
+
+void image_sanitise(struct image *im)
+{
+    memset(&im->faults, 0, sizeof(im->faults));
+    image_sanitise_texels(im->rgb, (size_t)im->width * im->height, NULL, &im->faults);
+}
+
+enum err layout_parse(const char *name, enum layout *out, struct reason *why)
+{
+    *out = LAYOUT_AUTO;
+    for (size_t i = 0; i < sizeof(layouts) / sizeof(layouts[0]); i++) {
+        if (strcmp(name, layouts[i].name) == 0) {
+            *out = layouts[i].layout;
+            return ERR_OK;
+        }
+    }
+    return err_say(why, ERR_USAGE, "'%s' is no layout; known are auto, latlong, latlong-bottom and cube", name);
+}
+
+const char *layout_name(enum layout layout)
+{
+    for (size_t i = 0; i < sizeof(layouts) / sizeof(layouts[0]); i++)
+        if (layouts[i].layout == layout)
+            return layouts[i].name;
+    return "unknown";
+}

@@ -16,30 +16,37 @@ enum layout {
     LAYOUT_CUBE,                 /* OpenEXR's cube: six faces stacked, 1:6 */
 };
 
-struct image_faults { /* values (not texels) that were put right, of this frame */
+struct image_faults {  /* values (not texels) that were put right, of this frame */
     uint64_t nan;      /* became 0 */
-    uint64_t infinite; /* became IMAGE_MAX or 0 */
+    uint64_t infinite; /* infinite, or beyond IMAGE_MAX: became IMAGE_MAX, or 0 below 0 */
     uint64_t negative; /* became 0 */
     uint64_t clipped;  /* stand at 65504, a half float's largest: the capture may have been cut off; kept */
 };
 
 #define IMAGE_MAX_SIDE 16384
+#define IMAGE_MAX_TEXELS ((size_t)IMAGE_MAX_SIDE * (IMAGE_MAX_SIDE / 2)) /* the largest 2:1 picture: 1.5 GiB */
 #define IMAGE_MAX 1e12f /* larger finite values are cut here: sums of squares stay finite in float */
 
 struct image {
     uint32_t width, height;
     float *rgb;
-    size_t capacity;        /* floats that rgb has room for */
-    enum layout layout;     /* what the file itself says; LAYOUT_AUTO when it says nothing */
+    size_t capacity;    /* floats that rgb has room for */
+    enum layout layout; /* what the file itself says; LAYOUT_AUTO when it says nothing */
     struct image_faults faults;
 };
 
-/* Makes room; the texels are undefined afterwards. ERR_RANGE beyond IMAGE_MAX_SIDE or at 0, ERR_NOMEM. */
+/* Makes room, with no layout and no faults; the texels are undefined afterwards. ERR_RANGE at 0, beyond IMAGE_MAX_SIDE
+ * or IMAGE_MAX_TEXELS; ERR_NOMEM. On failure the image is as before, or empty. */
 MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t height);
 void image_finish(struct image *im); /* NULL and zeroed memory are allowed */
 
 /* Puts NaN, infinite, negative and too large values right and counts them into im->faults (which it first clears). */
 void image_sanitise(struct image *im);
+
+/* The same for `count` texels anywhere, adding to *faults. With to_rec709 (row-major 3x3, NULL: none) they are brought
+ * to linear Rec.709 on the way: NaN, infinite and clipped values are counted as they were read, negative ones as they
+ * came out. Any thread. */
+void image_sanitise_texels(float *rgb, size_t count, const float *to_rec709, struct image_faults *faults);
 
 /* "latlong", "latlong-bottom", "cube" or "auto"; LAYOUT_AUTO and ERR_USAGE for anything else. */
 MUST_CHECK enum err layout_parse(const char *name, enum layout *out, struct reason *why);
