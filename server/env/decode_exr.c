@@ -95,6 +95,15 @@ static enum err say_result(struct exr *x, exr_result_t r, const char *where)
     return err_say(x->why, r == EXR_ERR_OUT_OF_MEMORY ? ERR_NOMEM : ERR_FORMAT, "%s: %s: %s", x->name, where, text);
 }
 
+/* The library's decompressors call it a want of memory when their input ends early; it is one only if a buffer is
+ * missing. */
+static exr_result_t true_result(const struct exr *x, exr_result_t r)
+{
+    if (r == EXR_ERR_OUT_OF_MEMORY && x->pipe.packed_buffer && x->pipe.unpacked_buffer)
+        return EXR_ERR_CORRUPT_CHUNK;
+    return r;
+}
+
 static enum err open_header(struct exr *x)
 {
     exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
@@ -105,8 +114,9 @@ static enum err open_header(struct exr *x)
     init.user_data = x;
     init.read_fn = read_bytes;
     init.size_fn = count_bytes;
-    init.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION |
-                 EXR_CONTEXT_FLAG_STRICT_HEADER; /* a file without its table was not written to the end */
+    /* Strict: a header with a fault is refused, not mended. No table rebuilt: who left it out did not finish writing.
+     */
+    init.flags = EXR_CONTEXT_FLAG_STRICT_HEADER | EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
     const exr_result_t r = exr_start_read(&x->file, x->name, &init);
     return r == EXR_ERR_SUCCESS ? ERR_OK : say_result(x, r, "header");
 }
@@ -198,6 +208,9 @@ static enum err try_part(struct exr *x, int part)
                        CHANNELS_MOST);
     if ((int)x->compression < 0 || x->compression >= EXR_COMPRESSION_LAST_TYPE)
         return err_say(x->why, ERR_UNSUPPORTED, "%s: header: compression %d is unknown", x->name, (int)x->compression);
+    if (x->compression == EXR_COMPRESSION_DWAA || x->compression == EXR_COMPRESSION_DWAB)
+        return err_say(x->why, ERR_UNSUPPORTED, "%s: header: %s compression is not read, ZIP and PIZ are", x->name,
+                       compression_names[x->compression]);
     x->part = part;
     x->tiled = storage == EXR_STORAGE_TILED;
     const enum err e = choose_channels(x, list);
@@ -337,7 +350,7 @@ static enum err decode_chunk(struct exr *x, const exr_chunk_info_t *chunk, uint3
         return ERR_OK;
     char place[96];
     snprintf(place, sizeof(place), "%s, byte %" PRIu64, where, chunk->data_offset);
-    return say_result(x, r, place);
+    return say_result(x, true_result(x, r), place);
 }
 
 /* Rows that are complete: grey becomes three channels, then all is put right while it is still in the cache. */
