@@ -6,7 +6,7 @@
 #include <limits.h>
 #include <turbojpeg.h>
 
-#define SIDE_MAX 65535 /* the format counts with 16 bits */
+#define SIDE_MAX 65500 /* the library's own limit; the format would count to 65535 */
 
 struct jpeg_encoder {
     tjhandle handle;

@@ -1,0 +1,265 @@
+#include "film.h"
+
+#include "near.h"
+#include "rng.h"
+#include "unit.h"
+#include "vec.h"
+
+#include <float.h>
+#include <math.h>
+#include <omp.h>
+
+#define CURVES 3
+#define RAMP_FIRST 0x1p-14f
+#define RAMP_LAST 0x1p5f
+#define RAMP_STRIDE 1009 /* floats between two steps: 158 thousand of them, 8300 an octave */
+#define ROW 1000
+
+static const enum tone_curve curves[CURVES] = { TONE_FILMIC, TONE_REINHARD, TONE_LINEAR };
+
+static float float_of(uint32_t bits)
+{
+    float f;
+    memcpy(&f, &bits, sizeof(f));
+    return f;
+}
+
+static uint32_t bits_of(float f)
+{
+    uint32_t bits;
+    memcpy(&bits, &f, sizeof(bits));
+    return bits;
+}
+
+/* The exact formula: curve, transfer function, rounding. */
+static int want_code(enum tone_curve curve, double x)
+{
+    return (int)floor(255.0 * tone_srgb(tone_value(curve, x)) + 0.5);
+}
+
+/* The code of one grey pixel. */
+static int code(enum tone_curve curve, double gain, float grey)
+{
+    const float rgb[3] = { grey, grey, grey };
+    uint8_t out[3];
+    tone_map(rgb, 1, 1, gain, curve, out);
+    assert_true(out[0] == out[1] && out[1] == out[2]);
+    return out[0];
+}
+
+/* Calls `visit` with ROW grey values and their codes at a time, over the whole ramp. */
+static void walk_ramp(enum tone_curve curve, void (*visit)(enum tone_curve, const float *, const uint8_t *, void *),
+                      void *data)
+{
+    static float rgb[ROW][3];
+    static uint8_t out[ROW][3];
+    float grey[ROW];
+    uint8_t got[ROW];
+
+    for (uint32_t b = bits_of(RAMP_FIRST); b < bits_of(RAMP_LAST); b += ROW * RAMP_STRIDE) {
+        for (uint32_t i = 0; i < ROW; i++) {
+            grey[i] = float_of(b + i * RAMP_STRIDE);
+            rgb[i][0] = rgb[i][1] = rgb[i][2] = grey[i];
+        }
+        tone_map(&rgb[0][0], ROW, 1, 1.0, curve, &out[0][0]);
+        for (uint32_t i = 0; i < ROW; i++)
+            got[i] = out[i][1];
+        visit(curve, grey, got, data);
+    }
+}
+
+struct tally {
+    uint64_t count, differ;
+    int worst, last;
+};
+
+static void compare(enum tone_curve curve, const float *grey, const uint8_t *got, void *data)
+{
+    struct tally *t = data;
+    for (int i = 0; i < ROW; i++) {
+        const int error = abs((int)got[i] - want_code(curve, (double)grey[i]));
+        t->count++;
+        t->differ += error != 0;
+        t->worst = error > t->worst ? error : t->worst;
+    }
+}
+
+static void ramp_is_the_exact_formula_but_for_one_code_in_a_hundred(void **state)
+{
+    (void)state;
+    for (int c = 0; c < CURVES; c++) {
+        struct tally t = { 0 };
+        walk_ramp(curves[c], compare, &t);
+        print_message("%s: %llu of %llu differ, by at most %d\n", tone_name(curves[c]), (unsigned long long)t.differ,
+                      (unsigned long long)t.count, t.worst);
+        assert_true(t.count > 150000);
+        assert_true(t.worst <= 1);
+        assert_true(t.differ * 100 < t.count);
+    }
+}
+
+static void rise(enum tone_curve curve, const float *grey, const uint8_t *got, void *data)
+{
+    struct tally *t = data;
+    (void)curve;
+    (void)grey;
+    for (int i = 0; i < ROW; i++) {
+        assert_true(got[i] >= t->last);
+        assert_true(got[i] - t->last <= 1); /* no code is skipped either */
+        t->last = got[i];
+    }
+}
+
+static void ramp_never_falls_and_reaches_every_code(void **state)
+{
+    (void)state;
+    for (int c = 0; c < CURVES; c++) {
+        struct tally t = { 0 };
+        walk_ramp(curves[c], rise, &t);
+        assert_int_equal(t.last, 255);
+    }
+}
+
+static void white_is_255_and_filmic_leaves_middle_grey(void **state)
+{
+    (void)state;
+    assert_int_equal(code(TONE_FILMIC, 1.0, (float)TONE_WHITE * 1.002f), 255);
+    assert_int_equal(code(TONE_REINHARD, 1.0, (float)TONE_WHITE), 255);
+    assert_int_equal(code(TONE_LINEAR, 1.0, 1.0f), 255);
+    assert_true(tone_value(TONE_FILMIC, 0.98 * TONE_WHITE) < 1.0);
+    assert_near(tone_value(TONE_FILMIC, 0.18), 0.18, 1e-4);
+    assert_near(tone_value(TONE_REINHARD, 1.0), 0.505, 1e-12);
+}
+
+static void gain_is_a_factor(void **state)
+{
+    (void)state;
+    for (int c = 0; c < CURVES; c++)
+        for (int stops = -20; stops <= 20; stops += 4)
+            assert_int_equal(code(curves[c], ldexp(1.0, stops), ldexpf(0.3f, -stops)), code(curves[c], 1.0, 0.3f));
+}
+
+static void srgb_joins_its_two_pieces(void **state)
+{
+    (void)state;
+    assert_near(tone_srgb(0.0), 0.0, 0.0);
+    assert_near(tone_srgb(1.0), 1.0, 1e-12);
+    assert_near(tone_srgb(0.0031308), tone_srgb(0.00313081), 1e-6);
+    assert_near(tone_srgb(0.2140411), 0.5, 1e-6); /* half the signal is 21.4 % of the light */
+}
+
+static void odd_values_are_black_or_white(void **state)
+{
+    static const double gains[] = { 1.0, 1e-30, 1e30, 0.0, INFINITY, NAN, -1.0 };
+    (void)state;
+
+    for (int c = 0; c < CURVES; c++) {
+        for (size_t g = 0; g < sizeof(gains) / sizeof(gains[0]); g++) {
+            assert_int_equal(code(curves[c], gains[g], INFINITY), 255);
+            assert_int_equal(code(curves[c], gains[g], NAN), 0);
+            assert_int_equal(code(curves[c], gains[g], -1.0f), 0);
+            assert_int_equal(code(curves[c], gains[g], -INFINITY), 0);
+            assert_int_equal(code(curves[c], gains[g], -0.0f), 0);
+        }
+        assert_int_equal(code(curves[c], 1.0, FLT_MAX), 255);
+        assert_int_equal(code(curves[c], 1e30, FLT_MAX), 255);
+        assert_int_equal(code(curves[c], 1.0, 0x1p-149f), 0);
+        assert_near(tone_value(curves[c], INFINITY), 1.0, 0.0);
+        assert_near(tone_value(curves[c], NAN), 0.0, 0.0);
+    }
+}
+
+static void one_odd_channel_leaves_the_others(void **state)
+{
+    const float rgb[2][3] = { { INFINITY, 0.5f, NAN }, { NAN, -1.0f, 0.5f } };
+    uint8_t out[2][3];
+    (void)state;
+
+    tone_map(&rgb[0][0], 2, 1, 1.0, TONE_FILMIC, &out[0][0]);
+    const uint8_t half = (uint8_t)want_code(TONE_FILMIC, 0.5);
+    const uint8_t want[2][3] = { { 255, half, 0 }, { 0, 0, half } };
+    assert_memory_equal(out, want, sizeof(want));
+}
+
+/* Reinhard's operator on the luminance alone: a colour keeps its ratios, and its luminance is what the curve says. */
+static void reinhard_keeps_the_ratios_of_a_colour(void **state)
+{
+    const float rgb[3] = { 0.9f, 0.45f, 0.225f };
+    const double l = (double)rgb_luminance(rgb[0], rgb[1], rgb[2]);
+    uint8_t out[3];
+    (void)state;
+
+    tone_map(rgb, 1, 1, 1.0, TONE_REINHARD, out);
+    for (int k = 0; k < 3; k++) {
+        const double want = tone_srgb((double)rgb[k] * tone_value(TONE_REINHARD, l) / l);
+        assert_true(fabs(255.0 * want - out[k]) <= 1.0);
+    }
+}
+
+static void every_size_fills_its_bytes_and_no_more(void **state)
+{
+    static float rgb[2100 * 3];
+    static uint8_t out[2100 * 3 + 8];
+    (void)state;
+
+    for (size_t i = 0; i < 2100 * 3; i++)
+        rgb[i] = 5.0f;
+    for (uint32_t width = 1; width <= 2100; width += width < 520 ? 1 : 37) {
+        memset(out, 77, sizeof(out));
+        tone_map(rgb, width, 1, 1.0, TONE_LINEAR, out);
+        for (size_t i = 0; i < sizeof(out); i++)
+            assert_int_equal(out[i], i < 3 * (size_t)width ? 255 : 77);
+        assert_int_equal(out[3 * width], 77);
+    }
+}
+
+static void picture_has_the_same_bytes_at_any_thread_count(void **state)
+{
+    enum { SIDE = 83 };
+    static float rgb[SIDE * SIDE * 3];
+    static uint8_t want[sizeof(rgb) / sizeof(rgb[0])], got[sizeof(want)];
+    struct rng r = { 3 };
+    (void)state;
+
+    for (size_t i = 0; i < SIDE * SIDE * 3; i++)
+        rgb[i] = (float)exp2(14.0 * rng_next(&r) - 9.0);
+    for (int c = 0; c < CURVES; c++) {
+        omp_set_num_threads(1);
+        tone_map(rgb, SIDE, SIDE, 0.7, curves[c], want);
+        for (int n = 2; n <= 5; n++) {
+            omp_set_num_threads(n);
+            tone_map(rgb, SIDE, SIDE, 0.7, curves[c], got);
+            assert_memory_equal(got, want, sizeof(want));
+        }
+    }
+}
+
+static void names_are_parsed_and_others_refused(void **state)
+{
+    enum tone_curve c;
+    struct reason why = { "" };
+    (void)state;
+
+    for (int i = 0; i < CURVES; i++) {
+        assert_int_equal(tone_parse(tone_name(curves[i]), &c, &why), ERR_OK);
+        assert_int_equal(c, curves[i]);
+    }
+    assert_int_equal(tone_parse("aces", &c, &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "'aces'"));
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(ramp_is_the_exact_formula_but_for_one_code_in_a_hundred),
+    cmocka_unit_test(ramp_never_falls_and_reaches_every_code),
+    cmocka_unit_test(white_is_255_and_filmic_leaves_middle_grey),
+    cmocka_unit_test(gain_is_a_factor),
+    cmocka_unit_test(srgb_joins_its_two_pieces),
+    cmocka_unit_test(odd_values_are_black_or_white),
+    cmocka_unit_test(one_odd_channel_leaves_the_others),
+    cmocka_unit_test(reinhard_keeps_the_ratios_of_a_colour),
+    cmocka_unit_test(every_size_fills_its_bytes_and_no_more),
+    cmocka_unit_test(picture_has_the_same_bytes_at_any_thread_count),
+    cmocka_unit_test(names_are_parsed_and_others_refused),
+};
+
+UNIT_MAIN(tests)
