@@ -9,7 +9,7 @@
 #include <omp.h>
 
 #define WIDTH 97
-#define HEIGHT 61
+#define HEIGHT 71 /* more than the bands that sums are split into, and no multiple */
 #define COUNT (WIDTH * HEIGHT)
 
 struct picture {
