@@ -513,10 +513,16 @@ static void tear_down(struct daemon *d)
  * variable as it is loaded, so it must stand before the program begins. */
 static void wait_passively(char **argv)
 {
+    char path[4096]; /* the program's own, by name, so that it keeps it in lists of processes */
+
     if (getenv("OMP_WAIT_POLICY"))
         return;
+    const ssize_t length = readlink("/proc/self/exe", path, sizeof(path) - 1);
+    if (length <= 0)
+        return;
+    path[length] = '\0';
     setenv("OMP_WAIT_POLICY", "passive", 1);
-    execv("/proc/self/exe", argv);
+    execv(path, argv);
     /* Where that cannot be done, spinning costs speed and nothing else. */
 }
 

@@ -233,17 +233,17 @@ static inline void to_world(const struct lanes axis[3], const struct lanes local
     }
 }
 
-/* The lanes' directions by their own lobes, all from one point of the unit square: cosine-weighted about the normal, or
- * by cos^n about the mirror direction. */
-static void sample_lobes(const struct packet_state *s, float u0, float u1, struct lanes d[3])
+/* The lanes' directions by their own lobes, each from its point of the unit square: cosine-weighted about the normal,
+ * or by cos^n about the mirror direction. */
+static void sample_lobes(const struct packet_state *s, const struct lanes square[2], struct lanes d[3])
 {
     const struct shade_packet *p = s->points;
-    const float phi = (float)(2.0 * PI) * u1, sine = sinf(phi), cosine = cosf(phi);
     struct lanes axis[3], local[3];
 
     LANES(l)
     {
         const float part = s->diffuse_part.v[l];
+        const float u0 = square[0].v[l];
         const int diffuse = u0 < part;
         const float u = diffuse ? u0 / part : (u0 - part) / (1.0f - part);
         float z = sqrtf(1.0f - u);
@@ -251,6 +251,8 @@ static void sample_lobes(const struct packet_state *s, float u0, float u1, struc
             z = lane_exp2(lane_log2(u > 1e-30f ? u : 1e-30f) / (p->gloss[l] + 1.0f));
         z = z < 1.0f ? z : 1.0f;
         const float r = sqrtf((1.0f - z) * (1.0f + z));
+        float sine, cosine;
+        lane_sincos(square[1].v[l], &sine, &cosine);
         local[0].v[l] = r * cosine;
         local[1].v[l] = r * sine;
         local[2].v[l] = z;
@@ -262,12 +264,12 @@ static void sample_lobes(const struct packet_state *s, float u0, float u1, struc
 }
 
 /* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
-static void add_lobe_sample(struct packet_state *s, float beta, float u0, float u1)
+static void add_lobe_sample(struct packet_state *s, float beta, const struct lanes square[2])
 {
     struct lanes d[3], brdf[3], pdf_lobes;
     struct terms t;
 
-    sample_lobes(s, u0, u1, d);
+    sample_lobes(s, square, d);
     evaluate_lobes(s, d, brdf, &pdf_lobes);
     LANES(l)
     {
@@ -284,18 +286,34 @@ static void add_lobe_sample(struct packet_state *s, float beta, float u0, float 
     trace_and_add(s, d, &t);
 }
 
-/* Packets use the same numbers, turned by a random digital shift of their own: each stays uniform, each set a net. */
+/* All points use the same numbers, each turned by a random digital shift of its own, which keeps every number uniform
+ * and the set a net. The leading bits of the shift are common to a packet: its lanes then look into the same cell of
+ * the unit square at a time, so that their rays stay near each other, but differ within it, so that noise does not show
+ * as squares. */
 static void add_lobe_samples(struct packet_state *s, uint32_t index)
 {
     const struct direct_frame *f = s->frame;
-    const uint64_t shift = rng_mix(f->seed, index);
+    const uint64_t seed = rng_mix(f->seed, index);
+    uint32_t shift[2][PACKET], common = 0;
 
+    while (common < 16 && f->lobe_count >> (2 * common + 2))
+        common++;
+    const uint32_t differ = UINT32_MAX >> common;
+    LANES(l)
+    {
+        const uint64_t own = rng_mix(seed, (uint64_t)l);
+        shift[0][l] = ((uint32_t)seed & ~differ) | ((uint32_t)own & differ);
+        shift[1][l] = ((uint32_t)(seed >> 32) & ~differ) | ((uint32_t)(own >> 32) & differ);
+    }
     for (uint32_t i = 0; i < f->lobe_count; i++) {
         const float left = f->brdf_part * (float)f->samples - (float)i;
-        /* 24 bits: the largest stays below 1 in float */
-        const float u0 = (float)((f->numbers[2 * i] ^ (uint32_t)shift) >> 8) * 0x1p-24f;
-        const float u1 = (float)((f->numbers[2 * i + 1] ^ (uint32_t)(shift >> 32)) >> 8) * 0x1p-24f;
-        add_lobe_sample(s, left < 1.0f ? left : 1.0f, u0, u1);
+        struct lanes square[2];
+        LANES(l) /* 24 bits: the largest stays below 1 in float */
+        {
+            square[0].v[l] = (float)((f->numbers[2 * i] ^ shift[0][l]) >> 8) * 0x1p-24f;
+            square[1].v[l] = (float)((f->numbers[2 * i + 1] ^ shift[1][l]) >> 8) * 0x1p-24f;
+        }
+        add_lobe_sample(s, left < 1.0f ? left : 1.0f, square);
     }
 }
 

@@ -48,6 +48,22 @@ static inline float lane_exp2(float x)
     return x < -126.0f ? 0.0f : scale * p;
 }
 
+/* Sine and cosine of 2 pi u for u in [0, 1), absolute error below 2e-7: Taylor about the nearest quarter turn. */
+static inline void lane_sincos(float u, float *sine, float *cosine)
+{
+    const float turns = 4.0f * u, nearest = (turns + 12582912.0f) - 12582912.0f;
+    const int32_t quarter = (int32_t)nearest;
+    const float x = 1.57079633f * (turns - nearest), x2 = x * x;
+    const float s =
+        x * (1.0f + x2 * (-0.166666667f + x2 * (8.33333333e-3f + x2 * (-1.98412698e-4f + x2 * 2.75573192e-6f))));
+    const float c =
+        1.0f +
+        x2 * (-0.5f + x2 * (4.16666667e-2f + x2 * (-1.38888889e-3f + x2 * (2.48015873e-5f - x2 * 2.75573192e-7f))));
+    const float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
+    *sine = quarter & 2 ? -a : a;
+    *cosine = (quarter + 1) & 2 ? -b : b;
+}
+
 /* max(0, x)^n for n >= 0; 0 where x is not positive. */
 static inline float lane_power(float x, float n)
 {

@@ -108,6 +108,14 @@ static void lane_functions_keep_their_stated_error(void **state)
             worst_power = fmax(worst_power, fabs(lane_power(near_one, 1e4f) / pow((double)near_one, 1e4) - 1.0) *
                                                 (pow((double)near_one, 1e4) > 1e-6));
     }
+    double worst_sincos = 0.0;
+    for (int k = 0; k < 1 << 20; k++) {
+        const float u = (float)k * 0x1p-20f;
+        float sine, cosine;
+        lane_sincos(u, &sine, &cosine);
+        worst_sincos = fmax(worst_sincos, fmax(fabs(sine - sin(2.0 * PI * u)), fabs(cosine - cos(2.0 * PI * u))));
+    }
+    assert_true(worst_sincos < 2e-7);
     printf("log2 %.2e, exp2 %.2e, power %.2e\n", worst_log, worst_exp, worst_power);
     assert_true(worst_log < 3e-7);
     assert_true(worst_exp < 3e-7);

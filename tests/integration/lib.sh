@@ -1,0 +1,71 @@
+# What the integration tests share. Sourced by the scripts beside it; $bin is the folder of the programs.
+set -euo pipefail
+bin=${RELIGHT_BIN:?the folder of the programs}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+fail() {
+    echo "FAILED: $*"
+    exit 1
+}
+
+# Ends the test as skipped when the outside data is not there; $data is its folder then.
+need_data() {
+    if [ -z "${RELIGHT_TEST_DATA:-}" ]; then
+        echo "skipped: RELIGHT_TEST_DATA is not set"
+        exit 77
+    fi
+    data=$RELIGHT_TEST_DATA
+    scenes=$RELIGHT_TEST_DATA/../scenes
+    reference=$RELIGHT_TEST_DATA/../reference
+}
+
+# expect CODE 'PATTERN' COMMAND...: the command ends with that code and its standard error holds the pattern, in one line.
+expect() {
+    local want=$1 pattern=$2 got=0
+    shift 2
+    "$@" >"$work/stdout" 2>"$work/stderr" || got=$?
+    [ "$got" = "$want" ] || { cat "$work/stderr"; fail "exit code $got instead of $want: $*"; }
+    grep -Eq -- "$pattern" "$work/stderr" || { cat "$work/stderr"; fail "no '$pattern' on standard error: $*"; }
+}
+
+# A flat Radiance file of 2x1 texels, all of radiance 1: mantissa 128 of 256, exponent 129.
+constant_sky() {
+    printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81' >"$1"
+}
+
+# A small scene of its own: a box on a floor.
+box_scene() {
+    cat >"$1/box.obj" <<'OBJ'
+v -5 0 -5
+v -5 0 5
+v 5 0 5
+v 5 0 -5
+usemtl floor
+f 1 2 3 4
+v -1 0 -1
+v -1 0 1
+v 1 0 1
+v 1 0 -1
+v -1 2 -1
+v -1 2 1
+v 1 2 1
+v 1 2 -1
+usemtl box
+f 9 10 11 12
+f 6 7 11 10
+f 7 8 12 11
+f 8 5 9 12
+f 5 6 10 9
+OBJ
+    cat >"$1/box.json" <<'JSON'
+{
+ "camera": {"position": [4, 3, 6], "look_at": [0, 0.8, 0], "up": [0, 1, 0], "fov_y_degrees": 40},
+ "models": [{"file": "box.obj"}],
+ "materials": {
+  "floor": {"type": "lambert", "albedo": [0.5, 0.5, 0.5]},
+  "box": {"type": "phong", "diffuse": [0.4, 0.1, 0.1], "specular": [0.4, 0.4, 0.4], "exponent": 60}
+ }
+}
+JSON
+}
