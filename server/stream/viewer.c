@@ -282,6 +282,8 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
         if (v->unacked[i] > sequence)
             v->unacked[kept++] = v->unacked[i];
     atomic_fetch_add(&v->server->counts.acked, v->unacked_count - kept);
+    /* Acks that return credit cannot come faster than pictures go: they do not count as messages. */
+    v->tokens += v->unacked_count > kept ? 1.0 : 0.0;
     v->unacked_count = kept;
     if (may_begin(v))
         want_write(v);

@@ -1,0 +1,159 @@
+/* The text messages: PROTOCOL.md sections 3 and 4, each fault by its clause. */
+#include "unit.h"
+
+#include "message.h"
+
+struct row {
+    const char *text;
+    enum fault_code code;
+    const char *clause;
+};
+
+static const struct row rows[] = {
+    { "", FAULT_BAD_JSON, "3.1" },
+    { "{", FAULT_BAD_JSON, "3.1" },
+    { "[]", FAULT_BAD_JSON, "3.1" },
+    { "17", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"ping\",\"id\":1}x", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"ping\",\"id\":1,\"id\":2}", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"ping\",\"id\":1e999}", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"\\ud800\"}", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"\xff\"}", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"pi\\u0000ng\"}", FAULT_BAD_JSON, "3.1" },
+    { "{}", FAULT_BAD_FIELD, "3.2" },
+    { "{\"op\":1}", FAULT_BAD_FIELD, "3.2" },
+    { "{\"op\":\"dance\"}", FAULT_UNKNOWN_OP, "3.4" },
+    { "{\"op\":\"hello\",\"version\":{\"major\":1}}", FAULT_BAD_FIELD, "4.1.1" },
+    { "{\"op\":\"hello\",\"role\":\"king\",\"version\":{\"major\":1}}", FAULT_BAD_FIELD, "4.1.1" },
+    { "{\"op\":\"hello\",\"role\":7,\"version\":{\"major\":1}}", FAULT_BAD_FIELD, "4.1.1" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\"}", FAULT_BAD_FIELD, "4.1.2" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":1}", FAULT_BAD_FIELD, "4.1.2" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"minor\":1}}", FAULT_BAD_FIELD, "4.1.2" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1.5}}", FAULT_BAD_FIELD, "4.1.2" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":-1}}", FAULT_BAD_FIELD, "4.1.2" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1},\"token\":5}", FAULT_BAD_FIELD, "4.1.3" },
+    { "{\"op\":\"subscribe\"}", FAULT_BAD_FIELD, "4.3.1" },
+    { "{\"op\":\"subscribe\",\"format\":\"gif\"}", FAULT_BAD_FIELD, "4.3.1" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"quality\":0}", FAULT_BAD_FIELD, "4.3.2" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"quality\":101}", FAULT_BAD_FIELD, "4.3.2" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"quality\":\"90\"}", FAULT_BAD_FIELD, "4.3.2" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"max_rate\":0}", FAULT_BAD_FIELD, "4.3.3" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"max_rate\":-1.5}", FAULT_BAD_FIELD, "4.3.3" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"max_rate\":1001}", FAULT_BAD_FIELD, "4.3.3" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"max_rate\":null}", FAULT_BAD_FIELD, "4.3.3" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"paused\":1}", FAULT_BAD_FIELD, "4.3.4" },
+    { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"request\":-1}", FAULT_BAD_FIELD, "4.3.5" },
+    { "{\"op\":\"ack\"}", FAULT_BAD_FIELD, "4.5.1" },
+    { "{\"op\":\"ack\",\"sequence\":0}", FAULT_BAD_FIELD, "4.5.1" },
+    { "{\"op\":\"ack\",\"sequence\":9007199254740992}", FAULT_BAD_FIELD, "4.5.1" },
+    { "{\"op\":\"ack\",\"sequence\":1,\"displayed_us\":1.5}", FAULT_BAD_FIELD, "4.5.2" },
+    { "{\"op\":\"ping\"}", FAULT_BAD_FIELD, "4.6.1" },
+    { "{\"op\":\"ping\",\"id\":-1}", FAULT_BAD_FIELD, "4.6.1" },
+    { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1}}", FAULT_NONE, "" },
+    { "{\"op\":\"ping\",\"id\":0,\"colour\":\"green\"}", FAULT_NONE, "" },
+    { "{\"op\":\"ack\",\"sequence\":9007199254740991}", FAULT_NONE, "" },
+};
+
+static void parse_names_the_clause_that_was_broken(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        struct message m;
+        struct fault fault;
+        const enum fault_code code = message_parse(rows[i].text, strlen(rows[i].text), &m, &fault);
+        if (code != rows[i].code || fault.code != code || strcmp(fault.clause, rows[i].clause) != 0)
+            fail_msg("%s: %s (%s) instead of %s (%s)", rows[i].text, fault_name(code), fault.clause,
+                     fault_name(rows[i].code), rows[i].clause);
+        assert_true(code == FAULT_NONE || fault.text[0] != 0);
+    }
+}
+
+static void parse_refuses_what_is_cut_at_any_byte(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "{\"op\":\"subscribe\",\"request\":7,\"format\":\"jpeg\",\"quality\":90,\"max_rate\":12.5,"
+        "\"paused\":true}";
+    struct message m;
+    struct fault fault;
+
+    for (size_t length = 0; length < strlen(text); length++) {
+        char *exact = malloc(length ? length : 1);
+        memcpy(exact, text, length);
+        assert_int_equal(message_parse(exact, length, &m, &fault), FAULT_BAD_JSON);
+        free(exact);
+    }
+    assert_int_equal(message_parse(text, strlen(text), &m, &fault), FAULT_NONE);
+    assert_int_equal(m.op, MESSAGE_SUBSCRIBE);
+    assert_int_equal(m.subscribe.request, 7);
+    assert_int_equal(m.subscribe.format, PROTOCOL_JPEG);
+    assert_int_equal(m.subscribe.quality, 90);
+    assert_true(m.subscribe.max_rate == 12.5);
+    assert_true(m.subscribe.paused);
+}
+
+static void parse_survives_deep_nesting(void **state)
+{
+    (void)state;
+    char text[PROTOCOL_TEXT_MAX];
+    struct message m;
+    struct fault fault;
+
+    memset(text, '[', sizeof(text));
+    assert_int_equal(message_parse(text, sizeof(text), &m, &fault), FAULT_BAD_JSON);
+    for (size_t i = 0; i + 5 <= sizeof(text); i += 5)
+        memcpy(text + i, "{\"a\":", 5);
+    assert_int_equal(message_parse(text, sizeof(text), &m, &fault), FAULT_BAD_JSON);
+}
+
+static void parse_refuses_a_token_too_long(void **state)
+{
+    (void)state;
+    char text[600];
+    struct message m;
+    struct fault fault;
+
+    for (int length = 255; length <= 256; length++) {
+        snprintf(text, sizeof(text),
+                 "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1},\"token\":\"%0*d\"}", length, 7);
+        assert_int_equal(message_parse(text, strlen(text), &m, &fault), length == 255 ? FAULT_NONE : FAULT_BAD_FIELD);
+    }
+}
+
+static void status_survives_words_that_are_not_utf8(void **state)
+{
+    (void)state;
+    const struct server_status status = { .scene = "a \xff scene", .last_refusal = "\xc3", .fps = 1.0 / 0.0 };
+    char *shared = message_status_shared(&status);
+
+    assert_non_null(shared);
+    assert_non_null(strstr(shared, "(not UTF-8)"));
+    assert_non_null(strstr(shared, "\"fps\":0.0"));
+    char *text = message_status(shared, 5, 1, 2, 3);
+    assert_non_null(text);
+    assert_non_null(strstr(text, "\"sent\":2,\"skipped\":3,\"scene\""));
+    message_free(text);
+    message_free(shared);
+}
+
+static void close_reasons_fit_a_close_frame(void **state)
+{
+    (void)state;
+    struct fault fault;
+    char text[400];
+
+    memset(text, 'x', sizeof(text) - 1);
+    text[sizeof(text) - 1] = 0;
+    fault_say(&fault, FAULT_BAD_FIELD, "4.3.2", "%s", text);
+    assert_true(strlen(fault.text) <= 123); /* 125 less the code [RFC 6455, 5.5] */
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(parse_names_the_clause_that_was_broken),
+    cmocka_unit_test(parse_refuses_what_is_cut_at_any_byte),
+    cmocka_unit_test(parse_survives_deep_nesting),
+    cmocka_unit_test(parse_refuses_a_token_too_long),
+    cmocka_unit_test(status_survives_words_that_are_not_utf8),
+    cmocka_unit_test(close_reasons_fit_a_close_frame),
+};
+UNIT_MAIN(tests)
