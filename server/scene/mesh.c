@@ -71,34 +71,103 @@ uint32_t mesh_drop_degenerate(struct mesh *m)
     return dropped;
 }
 
-/* Vertices by position: open addressing over the first vertex at each place. */
+/* Vertices by what they hold: open addressing over the first vertex of each kind. */
 struct welder {
-    const float *positions;
+    const struct mesh *mesh;
+    bool all;        /* positions, normals and texture coordinates must agree; else positions alone */
     uint32_t *slots; /* vertex + 1, or 0 where free */
     size_t mask;
 };
 
-static uint32_t weld(struct welder *w, uint32_t vertex)
+static bool welder_init(struct welder *w, const struct mesh *m, bool all)
 {
-    const float *p = w->positions + 3 * (size_t)vertex;
-    uint64_t h = 0;
+    size_t slots = 16;
 
-    for (int k = 0; k < 3; k++) {
-        const float v = p[k] + 0.0f; /* -0 and 0 are one place */
+    while (slots < 2 * (size_t)m->vertex_count)
+        slots *= 2;
+    *w = (struct welder){ m, all, mem_alloc(slots, sizeof(*w->slots)), slots - 1 };
+    return w->slots != NULL;
+}
+
+static uint64_t hash_floats(uint64_t h, const float *v, int count)
+{
+    for (int k = 0; v && k < count; k++) {
+        const float x = v[k] + 0.0f; /* -0 and 0 are one place */
         uint32_t bits;
-        memcpy(&bits, &v, sizeof(bits));
+        memcpy(&bits, &x, sizeof(bits));
         h = (h ^ bits) * 0x9e3779b97f4a7c15u;
         h ^= h >> 29;
     }
+    return h;
+}
+
+static bool same_floats(const float *array, uint32_t a, uint32_t b, size_t count)
+{
+    for (size_t k = 0; array && k < count; k++) {
+        if (array[count * a + k] != array[count * b + k])
+            return false;
+    }
+    return true;
+}
+
+static bool same_vertex(const struct welder *w, uint32_t a, uint32_t b)
+{
+    const struct mesh *m = w->mesh;
+    return same_floats(m->positions, a, b, 3) &&
+           (!w->all || (same_floats(m->normals, a, b, 3) && same_floats(m->uvs, a, b, 2)));
+}
+
+/* The first vertex that is the same as this one, among those asked about so far. */
+static uint32_t weld(struct welder *w, uint32_t vertex)
+{
+    const struct mesh *m = w->mesh;
+    uint64_t h = hash_floats(0, m->positions + 3 * (size_t)vertex, 3);
+
+    if (w->all) {
+        h = hash_floats(h, m->normals ? m->normals + 3 * (size_t)vertex : NULL, 3);
+        h = hash_floats(h, m->uvs ? m->uvs + 2 * (size_t)vertex : NULL, 2);
+    }
     for (size_t i = h & w->mask;; i = (i + 1) & w->mask) {
-        if (w->slots[i] == 0) {
+        if (w->slots[i] == 0)
             w->slots[i] = vertex + 1;
-            return vertex;
-        }
-        const float *q = w->positions + 3 * (size_t)(w->slots[i] - 1);
-        if (p[0] == q[0] && p[1] == q[1] && p[2] == q[2])
+        if (same_vertex(w, w->slots[i] - 1, vertex) || w->slots[i] == vertex + 1)
             return w->slots[i] - 1;
     }
+}
+
+static void move_vertex(struct mesh *m, uint32_t from, uint32_t to)
+{
+    memmove(m->positions + 3 * (size_t)to, m->positions + 3 * (size_t)from, 3 * sizeof(float));
+    if (m->normals)
+        memmove(m->normals + 3 * (size_t)to, m->normals + 3 * (size_t)from, 3 * sizeof(float));
+    if (m->uvs)
+        memmove(m->uvs + 2 * (size_t)to, m->uvs + 2 * (size_t)from, 2 * sizeof(float));
+}
+
+enum err mesh_join_vertices(struct mesh *m)
+{
+    uint32_t *place = mem_alloc(m->vertex_count, sizeof(*place)); /* of a first vertex, plus 1; 0: not used */
+    struct welder w;
+    uint32_t kept = 0;
+    enum err e = welder_init(&w, m, true) && place ? ERR_OK : ERR_NOMEM;
+
+    for (size_t i = 0; i < 3 * (size_t)m->triangle_count && !e; i++) {
+        m->indices[i] = weld(&w, m->indices[i]);
+        place[m->indices[i]] = 1;
+    }
+    for (uint32_t v = 0; v < m->vertex_count && !e; v++) {
+        if (place[v]) { /* kept <= v: nothing is overwritten that is still to be moved */
+            move_vertex(m, v, kept);
+            place[v] = ++kept;
+        }
+    }
+    for (size_t i = 0; i < 3 * (size_t)m->triangle_count && !e; i++)
+        m->indices[i] = place[m->indices[i]] - 1;
+    if (!e)
+        m->vertex_count = kept;
+    mem_free(w.slots);
+    mem_free(place);
+    return e;
 }
 
 static double angle_between(struct vec3d a, struct vec3d b)
@@ -129,17 +198,10 @@ static void add_up_normals(const struct mesh *m, struct welder *w, struct vec3d 
 
 enum err mesh_make_normals(struct mesh *m)
 {
-    size_t slot_count = 16;
-    while (slot_count < 2 * (size_t)m->vertex_count)
-        slot_count *= 2;
-    struct welder w = {
-        .positions = m->positions,
-        .slots = mem_alloc(slot_count, sizeof(*w.slots)),
-        .mask = slot_count - 1,
-    };
+    struct welder w;
     struct vec3d *sums = mem_alloc(m->vertex_count, sizeof(*sums));
     float *normals = mem_alloc(m->vertex_count, 3 * sizeof(*normals));
-    enum err e = w.slots && sums && normals ? ERR_OK : ERR_NOMEM;
+    enum err e = welder_init(&w, m, false) && sums && normals ? ERR_OK : ERR_NOMEM;
 
     if (!e) {
         add_up_normals(m, &w, sums);

@@ -11,8 +11,10 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 #define DEPTH_MAX 256
+#define PLY_HEADER_MAX 65536
 
 /* What the walk over the nodes carries. */
 struct import {
@@ -169,7 +171,8 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
         e = fill_mesh(in, ai, matrix, &m);
     if (!e) {
         in->dropped += mesh_drop_degenerate(&m);
-        if (in->desc->normals == NORMALS_SMOOTH && !m.normals)
+        e = mesh_join_vertices(&m);
+        if (!e && in->desc->normals == NORMALS_SMOOTH && !m.normals)
             e = mesh_make_normals(&m);
     }
     if (!e && m.triangle_count > 0) {
@@ -274,36 +277,71 @@ static enum err take(struct import *in)
 
 static const struct aiScene *import_file(const struct model_desc *d)
 {
-    unsigned flags =
-        aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent | aiProcess_JoinIdenticalVertices;
+    /* Not JoinIdenticalVertices: it also joins what is only close by, and NaN with anything. */
+    const unsigned flags = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent;
     int unwanted = aiComponent_TANGENTS_AND_BITANGENTS | aiComponent_BONEWEIGHTS;
 
     struct aiPropertyStore *p = aiCreatePropertyStore();
     if (!p)
         return NULL;
     if (d->normals == NORMALS_FLAT)
-        unwanted |= aiComponent_NORMALS; /* before vertices are joined: corners of flat faces are then shared */
+        unwanted |= aiComponent_NORMALS;
     if (!d->own_materials)
         unwanted |= aiComponent_COLORS | aiComponent_TEXCOORDS;
     aiSetImportPropertyInteger(p, AI_CONFIG_PP_RVC_FLAGS, unwanted);
-    aiSetImportPropertyInteger(p, AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
     const struct aiScene *ai = aiImportFileExWithProperties(d->path, flags, NULL, p);
     aiReleasePropertyStore(p);
     return ai;
 }
 
-enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
+static bool has_ending(const char *path, const char *ending)
 {
-    enum err e;
+    const char *dot = strrchr(path, '.');
+    return dot && strcasecmp(dot, ending) == 0;
+}
 
-    FILE *f = fopen(d->path, "rb"); /* Assimp's own words for a missing file do not say why */
+/* Assimp reads on for ever where the line that ends a PLY's header is missing. */
+static enum err check_ply_header(FILE *f, const struct model_desc *d, struct reason *why)
+{
+    static const char last[] = "end_header";
+    size_t matched = 0;
+    int c;
+
+    for (size_t i = 0; i < PLY_HEADER_MAX && (c = fgetc(f)) != EOF; i++) {
+        matched = c == last[matched] ? matched + 1 : c == last[0];
+        if (matched == sizeof(last) - 1)
+            return ERR_OK;
+    }
+    return err_say(why, ERR_FORMAT, "%s: %s: the PLY header has no end_header", d->place, d->path);
+}
+
+/* Before Assimp sees it: a format that is read here, and a file that opens, whose faults Assimp would not name. */
+static enum err check_file(const struct model_desc *d, struct reason *why)
+{
+    const bool ply = has_ending(d->path, ".ply");
+    enum err e = ERR_OK;
+
+    if (!ply && !has_ending(d->path, ".obj") && !path_is_gltf(d->path))
+        return err_say(why, ERR_UNSUPPORTED, "%s: %s: a model is an .obj, .ply, .gltf or .glb file", d->place, d->path);
+    FILE *f = fopen(d->path, "rb");
     if (!f)
         return err_say(why, ERR_IO, "%s: %s: %s", d->place, d->path, strerror(errno));
+    if (ply)
+        e = check_ply_header(f, d, why);
     fclose(f);
+    return e;
+}
+
+enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
+{
+    enum err e = check_file(d, why);
+
+    if (e)
+        return e;
     const struct aiScene *ai = import_file(d);
     if (!ai)
         return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
-    if (!ai->mRootNode || (ai->mFlags & AI_SCENE_FLAGS_INCOMPLETE && ai->mNumMeshes == 0)) {
+    if (!ai->mRootNode) {
         e = err_say(why, ERR_FORMAT, "%s: %s: there are no triangles in it", d->place, d->path);
     } else {
         struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };

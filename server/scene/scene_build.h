@@ -38,6 +38,10 @@ void mesh_finish(struct mesh *m); /* frees the arrays */
  * there [Thuermer and Wuethrich 1998]; vertices at the same position share it. ERR_NOMEM. */
 MUST_CHECK enum err mesh_make_normals(struct mesh *m);
 
+/* Makes vertices that are the same to the bit one, and drops those that no triangle uses. ERR_NOMEM: nothing changed.
+ */
+MUST_CHECK enum err mesh_join_vertices(struct mesh *m);
+
 /* Drops triangles that are no triangles: a vertex that is not finite or beyond 1e15 m, or no area to speak of.
  * Returns how many. */
 uint32_t mesh_drop_degenerate(struct mesh *m);

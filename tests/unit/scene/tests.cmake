@@ -1,1 +1,2 @@
 unit_test(scene test_rays)
+unit_test(scene test_json)
