@@ -191,8 +191,8 @@ static enum err print_json(const struct diff *d, struct reason *why)
         json_pack("{s:s, s:s, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:f, s:o}", "picture", d->names[0], "reference",
                   d->names[1], "width", (json_int_t)d->images[1].width, "height", (json_int_t)d->images[1].height,
                   "pixels", (json_int_t)m->pixels, "mean", number(d->means[0][0]), "mean_reference",
-                  number(d->means[1][0]), "mean_ratio", number(m->mean_ratio), "relmse", number(m->rel_mse),
-                  "relmse_trimmed", number(m->rel_mse_trimmed), "trim", d->trim, "delta_e", number(m->delta_e));
+                  number(d->means[1][0]), "mean_ratio", number(m->mean_ratio), "rel_mse", number(m->rel_mse),
+                  "rel_mse_trimmed", number(m->rel_mse_trimmed), "trim", d->trim, "delta_e", number(m->delta_e));
 
     /* names that are no UTF-8 cannot stand in JSON */
     if (!o || json_dumpf(o, stdout, JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(9)) != 0) {
