@@ -178,10 +178,10 @@ static void cameras_have_names(void **state)
     (void)state;
     folder_make(&f);
     folder_text(&f, "quad.obj", quad);
-    struct scene *s = load_text(
-        &f, "{\"cameras\":{\"near\":{\"position\":[0,0,1],\"look_at\":[0,0,0],\"fov_y_degrees\":90},"
-            "\"far\":{\"position\":[0,0,9],\"look_at\":[0,0,0],\"up\":[1,0,0],\"fov_y_degrees\":20}}," MODEL "," GREY
-            "}");
+    struct scene *s =
+        load_text(&f, "{\"cameras\":{\"near\":{\"position\":[0,0,1],\"look_at\":[0,0,0],\"fov_y_degrees\":90},"
+                      "\"far\":{\"position\":[0,0,9],\"look_at\":[0,0,0],\"up\":[1,0,0],\"fov_y_degrees\":20}}," MODEL
+                      "," GREY "}");
     assert_int_equal(s->camera_count, 2);
     assert_string_equal(scene_camera(s, NULL)->name, "near");
     assert_float_equal(scene_camera(s, "far")->position.z, 9.0f, 0.0f);
@@ -222,8 +222,8 @@ static void unknown_keys_are_warned_about(void **state)
 }
 
 #define LAMBERT(albedo) "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"lambert\",\"albedo\":" albedo "}}}"
-#define PHONG(d, s, n)                                                                                                \
-    "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"phong\",\"diffuse\":" d ",\"specular\":" s             \
+#define PHONG(d, s, n)                                                                                                 \
+    "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"phong\",\"diffuse\":" d ",\"specular\":" s              \
     ",\"exponent\":" n "}}}"
 #define OTHER(body) "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{" body "}}}"
 #define SEEN_FROM(camera) "{\"camera\":{" camera "}," MODEL "," GREY "}"

@@ -1,2 +1,3 @@
 unit_test(scene test_rays)
 unit_test(scene test_json)
+unit_test(scene test_gbuffer OpenMP::OpenMP_C)
