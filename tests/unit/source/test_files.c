@@ -1,0 +1,422 @@
+#include "unit.h"
+
+#include "files.h"
+#include "folder.h"
+#include "source.h"
+
+#include <inttypes.h>
+
+/* What a source gives from first to last, as "number=text number=text", where text is the file's contents. */
+static const char *walk(const struct source_desc *desc, size_t most)
+{
+    static char said[4096];
+    struct source *s = NULL;
+    struct reason why = { "" };
+    struct frame f = { .kind = FRAME_NONE };
+    size_t at = 0;
+
+    said[0] = '\0';
+    assert_int_equal(source_open(desc, &s, &why), ERR_OK);
+    for (size_t i = 0; i < most; i++) {
+        const enum err e = source_next(s, &f, &why);
+        if (e == ERR_END)
+            break;
+        const char *space = at ? " " : "";
+        if (e)
+            at += (size_t)snprintf(said + at, sizeof(said) - at, "%s!%s", space, err_text(e));
+        else
+            at += (size_t)snprintf(said + at, sizeof(said) - at, "%s%" PRIu64 "=%.*s", space, f.number, (int)f.size,
+                                   (const char *)f.bytes);
+        assert_true(at < sizeof(said));
+        assert_int_equal(f.kind, e ? FRAME_NONE : FRAME_FILE);
+    }
+    frame_finish(&f);
+    source_close(s);
+    return said;
+}
+
+static const char *walk_spec(const char *spec)
+{
+    return walk(&(struct source_desc){ .spec = spec }, 100);
+}
+
+static enum err refuse(const char *spec, struct reason *why)
+{
+    struct source *s = NULL;
+    const enum err e = source_open(&(struct source_desc){ .spec = spec }, &s, why);
+
+    assert_null(s);
+    assert_non_null(strstr(why->text, spec)); /* every message names the spec */
+    assert_null(strchr(why->text, '\n'));
+    return e;
+}
+
+static void pattern_walks_the_numbers_that_exist_in_order(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "s.0010.exr", "ten");
+    folder_put(&f, "s.0003.exr", "three");
+    folder_put(&f, "s.12345.exr", "many");
+    folder_put(&f, "s.0001.exr", "one");
+    folder_put(&f, "s.2.exr", "not as printed");
+    folder_put(&f, "s.00003.exr", "not as printed");
+    folder_put(&f, "s.-001.exr", "not a frame");
+    folder_put(&f, "s.0004.exr.tmp", "not a frame");
+    folder_put(&f, "s.99999999999999999999.exr", "beyond 64 bits");
+    assert_string_equal(walk_spec(folder_path(&f, "s.%04d.exr")), "1=one 3=three 10=ten 12345=many");
+    assert_string_equal(walk_spec(folder_path(&f, "s.%d.exr")), "2=not as printed 12345=many");
+    folder_remove(&f);
+}
+
+static void pattern_knows_the_conversions_of_whole_numbers(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "a7", "seven");
+    folder_put(&f, "a  8", "eight");
+    folder_put(&f, "15", "tail");
+    assert_string_equal(walk_spec(folder_path(&f, "a%u")), "7=seven");
+    assert_string_equal(walk_spec(folder_path(&f, "a%i")), "7=seven");
+    assert_string_equal(walk_spec(folder_path(&f, "a%3d")), "8=eight");
+    assert_string_equal(walk_spec(folder_path(&f, "%d5")), "1=tail"); /* digits behind the number are not its own */
+    folder_remove(&f);
+}
+
+static void pattern_takes_every_other_percent_sign_literally(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "100%s%n_%%_4.exr", "four");
+    assert_string_equal(walk_spec(folder_path(&f, "100%s%n_%%_%d.exr")), "4=four");
+    folder_remove(&f);
+}
+
+static void pattern_must_hold_one_number_in_the_name(void **state)
+{
+    struct reason why;
+
+    (void)state;
+    assert_int_equal(refuse("/tmp/a%d-%04d.exr", &why), ERR_USAGE);
+    assert_int_equal(refuse("/tmp/x%d/a.exr", &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "folder"));
+}
+
+static void range_cuts_what_is_walked(void **state)
+{
+    struct folder f;
+    struct source *s = NULL;
+    struct reason why;
+
+    (void)state;
+    folder_make(&f);
+    for (int i = 0; i < 5; i++) {
+        char name[16], text[16];
+        snprintf(name, sizeof(name), "s%d.exr", 10 * i);
+        snprintf(text, sizeof(text), "t%d", i);
+        folder_put(&f, name, text);
+    }
+    struct source_desc d = { .spec = folder_path(&f, "s%d.exr"), .has_range = true, .first = 5, .last = 30 };
+    assert_string_equal(walk(&d, 100), "10=t1 20=t2 30=t3");
+    assert_int_equal(source_open(&d, &s, &why), ERR_OK);
+    assert_int_equal(source_count(s), 3);
+    source_close(s);
+    d.spec = f.path; /* a folder counts from 0, before the range is applied */
+    d.first = 3;
+    assert_string_equal(walk(&d, 100), "3=t3 4=t4");
+    d.first = 7;
+    d.last = 8;
+    assert_int_equal(source_open(&d, &s, &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "0 to 4")); /* says what there is */
+    d.last = 6;
+    assert_int_equal(source_open(&d, &s, &why), ERR_USAGE);
+    folder_remove(&f);
+}
+
+static void folder_gives_its_frames_in_byte_order(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "b.EXR", "b");
+    folder_put(&f, "a.hdr", "a");
+    folder_put(&f, "B.exr", "B");
+    folder_put(&f, "a10.Hdr", "a10");
+    folder_put(&f, "a9.exr", "a9");
+    folder_put(&f, "c.exr.part", "no frame");
+    folder_put(&f, "notes.txt", "no frame");
+    folder_put(&f, ".hidden.exr", "no frame");
+    folder_put(&f, ".exr", "no frame");
+    assert_int_equal(mkdir(folder_path(&f, "d.exr"), 0700), 0);
+    assert_string_equal(walk_spec(f.path), "0=B 1=a 2=a10 3=a9 4=b");
+    folder_remove(&f);
+}
+
+static void glob_gives_its_matches_in_byte_order(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "b1.exr", "b1");
+    folder_put(&f, "a2.exr", "a2");
+    folder_put(&f, "B3.exr", "B3");
+    folder_put(&f, "c.exr", "c");
+    assert_string_equal(walk_spec(folder_path(&f, "*[0-9].exr")), "0=B3 1=a2 2=b1");
+    folder_remove(&f);
+}
+
+static void name_that_exists_is_that_file(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "a%d.exr", "itself");
+    folder_put(&f, "a1.exr", "another");
+    folder_put(&f, "[a]1.exr", "brackets");
+    assert_string_equal(walk_spec(folder_path(&f, "a%d.exr")), "0=itself");
+    assert_string_equal(walk_spec(folder_path(&f, "[a]1.exr")), "1=brackets");
+    folder_remove(&f);
+}
+
+static void single_file_takes_its_number_from_its_name(void **state)
+{
+    static const struct {
+        const char *name, *want;
+    } cases[] = {
+        { "sky.0012.exr", "12=x" },
+        { "4k_dawn7b.hdr", "7=x" },
+        { "plain.exr", "0=x" },
+        { "n18446744073709551615.exr", "18446744073709551615=x" },
+        { "n18446744073709551616.exr", "0=x" }, /* does not fit */
+    };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        folder_put(&f, cases[i].name, "x");
+        assert_string_equal(walk_spec(folder_path(&f, cases[i].name)), cases[i].want);
+    }
+    folder_remove(&f);
+}
+
+static void nothing_there_is_said_when_it_is_opened(void **state)
+{
+    struct folder f;
+    struct reason why;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "notes.txt", "x");
+    assert_int_equal(refuse(f.path, &why), ERR_IO);
+    assert_int_equal(refuse(folder_path(&f, "s.%04d.exr"), &why), ERR_IO);
+    assert_int_equal(refuse(folder_path(&f, "*.exr"), &why), ERR_IO);
+    assert_int_equal(refuse(folder_path(&f, "none.exr"), &why), ERR_IO);
+    assert_non_null(strstr(why.text, "No such file"));
+    struct source *s = NULL;
+    const struct source_desc d = { .spec = folder_path(&f, "none/s.%04d.exr") };
+    assert_int_equal(source_open(&d, &s, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "/none/: cannot be opened as a folder"));
+    assert_int_equal(refuse("", &why), ERR_USAGE);
+    assert_int_equal(refuse("push:", &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "relightd"));
+    folder_remove(&f);
+}
+
+static void file_is_read_whole_with_its_time(void **state)
+{
+    struct folder f;
+    struct source *s = NULL;
+    struct reason why;
+    struct frame frame = { .kind = FRAME_NONE };
+    static char text[100001];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(text) - 1; i++)
+        text[i] = (char)('a' + (i * i) % 23);
+    folder_make(&f);
+    folder_put(&f, "a.exr", text);
+    const struct timespec times[2] = { { 1000000000, 0 }, { 1234567890, 123456789 } };
+    assert_int_equal(utimensat(AT_FDCWD, folder_path(&f, "a.exr"), times, 0), 0);
+    assert_int_equal(source_open(&(struct source_desc){ .spec = folder_path(&f, "a.exr") }, &s, &why), ERR_OK);
+    assert_int_equal(source_count(s), 1);
+    assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+    assert_int_equal(frame.size, sizeof(text) - 1);
+    assert_memory_equal(frame.bytes, text, sizeof(text) - 1);
+    assert_string_equal(frame.name, folder_path(&f, "a.exr"));
+    assert_true(frame.capture_us == INT64_C(1234567890123456));
+    assert_int_equal(source_next(s, &frame, &why), ERR_END);
+    frame_finish(&frame);
+    source_close(s);
+    folder_remove(&f);
+}
+
+static void file_that_cannot_be_read_is_named_and_passed_over(void **state)
+{
+    struct folder f;
+    struct source *s = NULL;
+    struct reason why;
+    struct frame frame = { .kind = FRAME_NONE };
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "1.exr", "one");
+    folder_put(&f, "2.exr", "");
+    folder_put(&f, "3.exr", "gone");
+    folder_put(&f, "4.exr", "huge");
+    folder_put(&f, "5.exr", "five");
+    assert_int_equal(truncate(folder_path(&f, "4.exr"), ((off_t)1 << 30) + 1), 0); /* a hole: takes no room */
+    assert_int_equal(source_open(&(struct source_desc){ .spec = f.path }, &s, &why), ERR_OK);
+    assert_int_equal(unlink(folder_path(&f, "3.exr")), 0);
+    assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+    assert_int_equal(source_next(s, &frame, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "2.exr: is empty"));
+    assert_int_equal(source_next(s, &frame, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "3.exr"));
+    assert_int_equal(source_next(s, &frame, &why), ERR_RANGE);
+    assert_non_null(strstr(why.text, "4.exr"));
+    assert_int_equal(frame.kind, FRAME_NONE);
+    assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+    assert_int_equal(frame.number, 4);
+    assert_memory_equal(frame.bytes, "five", 4);
+    frame_finish(&frame);
+    source_close(s);
+    folder_remove(&f);
+}
+
+static void fifo_is_refused_without_waiting(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    assert_int_equal(mkfifo(folder_path(&f, "a.exr"), 0600), 0);
+    assert_string_equal(walk_spec(folder_path(&f, "a.exr")), "!input or output failed");
+    folder_remove(&f);
+}
+
+static void loop_begins_again_with_the_same_numbers(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "s5.exr", "a");
+    folder_put(&f, "s8.exr", "b");
+    assert_string_equal(walk(&(struct source_desc){ .spec = folder_path(&f, "s%d.exr"), .loop = true }, 5),
+                        "5=a 8=b 5=a 8=b 5=a");
+    folder_remove(&f);
+}
+
+static void frame_keeps_the_larger_block(void **state)
+{
+    struct frame f = { .kind = FRAME_NONE };
+
+    (void)state;
+    assert_int_equal(frame_reserve_bytes(&f, 1000), ERR_OK);
+    const uint8_t *block = f.bytes;
+    assert_int_equal(frame_reserve_bytes(&f, 10), ERR_OK);
+    assert_ptr_equal(f.bytes, block);
+    assert_int_equal(f.size, 10);
+    assert_int_equal(frame_reserve_texels(&f, 8, 4), ERR_OK);
+    assert_int_equal(f.kind, FRAME_TEXELS);
+    f.rgb[8 * 4 * 3 - 1] = 1.0f; /* the last one is there */
+    const float *texels = f.rgb;
+    assert_int_equal(frame_reserve_texels(&f, 4, 2), ERR_OK);
+    assert_ptr_equal(f.rgb, texels);
+    assert_int_equal(f.width, 4);
+    frame_finish(&f);
+    assert_null(f.bytes);
+    frame_finish(&f);
+    frame_finish(NULL);
+}
+
+static void frame_too_large_for_memory_is_an_error(void **state)
+{
+    struct frame f = { .kind = FRAME_NONE };
+
+    (void)state;
+    assert_int_equal(frame_reserve_texels(&f, UINT32_MAX, UINT32_MAX), ERR_NOMEM);
+    assert_int_equal(f.kind, FRAME_NONE);
+    assert_int_equal(frame_reserve_bytes(&f, SIZE_MAX - 8), ERR_NOMEM);
+    assert_int_equal(f.kind, FRAME_NONE);
+    assert_int_equal(frame_reserve_bytes(&f, 4), ERR_OK); /* and it can be used afterwards */
+    frame_finish(&f);
+}
+
+static void long_path_keeps_its_end_as_a_name(void **state)
+{
+    struct folder f;
+    struct source *s = NULL;
+    struct reason why;
+    struct frame frame = { .kind = FRAME_NONE };
+    char spec[512];
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "end12.exr", "x");
+    snprintf(spec, sizeof(spec), "%s", f.path);
+    while (strlen(spec) < 400)
+        strcat(spec, "/.");
+    strcat(spec, "/end12.exr");
+    assert_int_equal(source_open(&(struct source_desc){ .spec = spec }, &s, &why), ERR_OK);
+    assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+    assert_int_equal(frame.number, 12);
+    assert_int_equal(strlen(frame.name), sizeof(frame.name) - 1);
+    assert_string_equal(frame.name + strlen(frame.name) - 9, "end12.exr");
+    frame_finish(&frame);
+    source_close(s);
+    folder_remove(&f);
+}
+
+static void real_sequence_has_its_67_frames(void **state)
+{
+    struct source *s = NULL;
+    struct reason why;
+    struct frame frame = { .kind = FRAME_NONE };
+
+    (void)state;
+    assert_int_equal(source_open(&(struct source_desc){ .spec = unit_data("sky/sky.%04d.exr") }, &s, &why), ERR_OK);
+    assert_int_equal(source_count(s), 67);
+    for (uint64_t i = 0; i < 67; i++) {
+        assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+        assert_int_equal(frame.number, i);
+        assert_true(frame.size > 4);
+        assert_memory_equal(frame.bytes, "\x76\x2f\x31\x01", 4); /* every EXR begins with it */
+    }
+    assert_int_equal(source_next(s, &frame, &why), ERR_END);
+    frame_finish(&frame);
+    source_close(s);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(pattern_walks_the_numbers_that_exist_in_order),
+    cmocka_unit_test(pattern_knows_the_conversions_of_whole_numbers),
+    cmocka_unit_test(pattern_takes_every_other_percent_sign_literally),
+    cmocka_unit_test(pattern_must_hold_one_number_in_the_name),
+    cmocka_unit_test(range_cuts_what_is_walked),
+    cmocka_unit_test(folder_gives_its_frames_in_byte_order),
+    cmocka_unit_test(glob_gives_its_matches_in_byte_order),
+    cmocka_unit_test(name_that_exists_is_that_file),
+    cmocka_unit_test(single_file_takes_its_number_from_its_name),
+    cmocka_unit_test(nothing_there_is_said_when_it_is_opened),
+    cmocka_unit_test(file_is_read_whole_with_its_time),
+    cmocka_unit_test(file_that_cannot_be_read_is_named_and_passed_over),
+    cmocka_unit_test(fifo_is_refused_without_waiting),
+    cmocka_unit_test(loop_begins_again_with_the_same_numbers),
+    cmocka_unit_test(frame_keeps_the_larger_block),
+    cmocka_unit_test(frame_too_large_for_memory_is_an_error),
+    cmocka_unit_test(long_path_keeps_its_end_as_a_name),
+    cmocka_unit_test(real_sequence_has_its_67_frames),
+};
+
+UNIT_MAIN(tests)
