@@ -1,0 +1,243 @@
+/* Camera rays through mirrors and glass, against closed forms. */
+#include "files.h"
+
+#include "gbuffer.h"
+
+#include <math.h>
+
+/* A long lens: all rays of the picture run along -z within 1e-3. */
+static const struct camera tele = { "tele", { 0, 0, 9 }, { 0, 0, 0 }, { 0, 1, 0 }, 1e-3f };
+
+static uint32_t add_material(struct scene *s, enum material_kind kind, struct vec3 colour, float ior)
+{
+    const struct material m = { .kind = kind, .diffuse = colour, .ior = ior, .texture = MATERIAL_NO_TEXTURE };
+    uint32_t index = 0;
+
+    assert_int_equal(scene_add_material(s, &m, &index), ERR_OK);
+    return index;
+}
+
+static struct gbuffer *look(struct scene *s, struct rays **r, const struct camera *c)
+{
+    const struct gbuffer_desc d = { .camera = c, .width = 4, .height = 4 };
+    struct reason why = { "" };
+    struct gbuffer *g = NULL;
+
+    *r = rays_create(s);
+    if (gbuffer_create(s, *r, &d, &g, &why))
+        fail_msg("%s", why.text);
+    return g;
+}
+
+/* Of pixel 5: the summed weights of what leaves with a z of this sign, and of all points. */
+static float escaping(const struct gbuffer *g, int sign)
+{
+    float sum = 0.0f;
+
+    for (uint32_t k = g->escape_first[5]; k < g->escape_first[6]; k++)
+        sum += g->escapes[k].direction.z * (float)sign > 0.0f ? g->escapes[k].weight[0] : 0.0f;
+    return sum;
+}
+
+static float arriving(const struct gbuffer *g)
+{
+    float sum = 0.0f;
+
+    for (uint32_t k = g->entry_first[5]; k < g->entry_first[6]; k++)
+        sum += g->entries[k].weight[0];
+    return sum;
+}
+
+static void mirror_shows_what_it_reflects(void **state)
+{
+    /* a mirror at 45 degrees turns the ray from -z to +x, where a wall stands */
+    const float mirror[4][3] = { { -1, -1, 1 }, { 1, -1, -1 }, { 1, 1, -1 }, { -1, 1, 1 } };
+    const float wall[4][3] = { { 5, -1, -1 }, { 5, -1, 1 }, { 5, 1, 1 }, { 5, 1, -1 } };
+    struct scene *s = scene_create();
+    struct rays *r;
+
+    (void)state;
+    add_quads(s, add_material(s, MATERIAL_MIRROR, vec3_make(0.9f, 0.6f, 0.3f), 0.0f), mirror, 1);
+    add_quads(s, add_lambert(s, 0.5f), wall, 1);
+    struct gbuffer *g = look(s, &r, &tele);
+    assert_int_equal(g->escape_first[16], 0);
+    assert_int_equal(g->entry_first[6] - g->entry_first[5], 1);
+    const struct gbuffer_entry *e = &g->entries[g->entry_first[5]];
+    assert_float_equal(e->weight[0], 0.9f, 1e-5f);
+    assert_float_equal(e->weight[1], 0.6f, 1e-5f);
+    assert_float_equal(e->weight[2], 0.3f, 1e-5f);
+    const struct shade_packet *k = &g->packets[e->point / PACKET];
+    assert_float_equal(k->x[e->point % PACKET], 5.0f, 1e-4f);
+    assert_float_equal(k->wo_x[e->point % PACKET], -1.0f, 1e-3f); /* back to the mirror, not to the eye */
+    assert_float_equal(k->ng_x[e->point % PACKET], -1.0f, 1e-3f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static void slab_of_glass_reflects_and_passes_what_fresnel_says(void **state)
+{
+    struct scene *s = scene_create();
+    struct rays *r;
+
+    (void)state;
+    add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f), (const float[3]){ -1, -1, -0.1f },
+            (const float[3]){ 1, 1, 0.1f });
+    struct gbuffer *g = look(s, &r, &tele);
+    /* F = ((n - 1) / (n + 1))^2 = 0.04 at each side; all orders together pass (1 - F) / (1 + F) */
+    assert_float_equal(escaping(g, -1), 0.96f / 1.04f, 1e-3f);
+    assert_float_equal(escaping(g, 1), 0.08f / 1.04f, 1e-3f);
+    assert_true(escaping(g, -1) + escaping(g, 1) <= 1.0f + 1e-6f);
+    assert_true(g->cut_weight > 0.0 && g->cut_weight / (16 * 16) < 1e-3);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static void radiance_scales_by_the_index_squared(void **state)
+{
+    struct scene *s = scene_create();
+    const float card[4][3] = { { -0.5f, -0.5f, 0 }, { 0.5f, -0.5f, 0 }, { 0.5f, 0.5f, 0 }, { -0.5f, 0.5f, 0 } };
+    struct rays *r;
+
+    (void)state;
+    add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f), (const float[3]){ -1, -1, -1 },
+            (const float[3]){ 1, 1, 1 });
+    add_quads(s, add_lambert(s, 0.5f), card, 1);
+    struct gbuffer *g = look(s, &r, &tele);
+    assert_float_equal(arriving(g), 0.96f / 2.25f, 1e-5f);
+    assert_float_equal(escaping(g, 1), 0.04f, 1e-5f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static void glass_bends_by_snell(void **state)
+{
+    struct scene *s = scene_create();
+    /* at 30 degrees onto a block, then to a card inside it: sin 30 / 1.5 */
+    const struct camera aslant = { "aslant", { -5, 8.6602540f, 0 }, { 0, 0, 0 }, { 0, 0, 1 }, 1e-4f };
+    const float card[4][3] = { { -9, -3, -9 }, { -9, -3, 9 }, { 9, -3, 9 }, { 9, -3, -9 } };
+    struct rays *r;
+
+    (void)state;
+    add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f), (const float[3]){ -10, -10, -10 },
+            (const float[3]){ 10, 0, 10 });
+    add_quads(s, add_lambert(s, 0.5f), card, 1);
+    struct gbuffer *g = look(s, &r, &aslant);
+    const uint32_t point = g->entries[g->entry_first[5]].point;
+    const float depth_tan = 3.0f * (0.5f / 1.5f) / sqrtf(1.0f - (0.5f / 1.5f) * (0.5f / 1.5f));
+    assert_float_equal(g->packets[point / PACKET].x[point % PACKET], depth_tan, 2e-3f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static void steep_rays_inside_are_reflected_totally(void **state)
+{
+    struct scene *s = scene_create();
+    /* a right-angled prism: in through the left leg, totally off the slope at 45 degrees, out downwards */
+    const float prism[8][3] = {
+        { -1, -1, 2 },  { -1, -1, -2 }, { 1, -1, -2 }, { 1, -1, 2 },  /* bottom, outside down */
+        { -1, -1, -2 }, { -1, -1, 2 },  { -1, 1, 2 },  { -1, 1, -2 }, /* left, outside -x */
+    };
+    const float slope[4][3] = { { 1, -1, 2 }, { 1, -1, -2 }, { -1, 1, -2 }, { -1, 1, 2 } };
+    const struct camera left = { "left", { -9, 0, 0 }, { 0, 0, 0 }, { 0, 1, 0 }, 1e-4f };
+    struct rays *r;
+
+    (void)state;
+    const uint32_t glass = add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f);
+    add_quads(s, glass, prism, 2);
+    add_quads(s, glass, slope, 1);
+    struct gbuffer *g = look(s, &r, &left);
+    float down = 0.0f, ahead = 0.0f;
+    for (uint32_t k = g->escape_first[5]; k < g->escape_first[6]; k++) {
+        down += g->escapes[k].direction.y < -0.99f ? g->escapes[k].weight[0] : 0.0f;
+        ahead += g->escapes[k].direction.x > 0.5f ? g->escapes[k].weight[0] : 0.0f;
+    }
+    assert_float_equal(down, 0.96f * 0.96f / (1.0f - 0.04f * 0.04f), 2e-3f);
+    assert_float_equal(ahead, 0.0f, 0.0f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static void polished_ggx_is_a_mirror_over_its_diffuse(void **state)
+{
+    const float wall[4][3] = { { -1, -1, 0 }, { 1, -1, 0 }, { 1, 1, 0 }, { -1, 1, 0 } };
+    struct scene *s = scene_create();
+    struct rays *r;
+
+    (void)state;
+    const uint32_t index = add_material(s, MATERIAL_GGX, vec3_make(0.5f, 0.5f, 0.5f), 0.0f);
+    s->materials[index].roughness = 0.02f;
+    add_quads(s, index, wall, 1);
+    struct gbuffer *g = look(s, &r, &tele);
+    assert_int_equal(g->packets[0].kind, LOBE_LAMBERT);
+    assert_float_equal(g->packets[0].diffuse[0][0], 0.5f, 1e-6f);
+    assert_float_equal(arriving(g), 1.0f, 1e-5f);
+    assert_float_equal(escaping(g, 1), 0.04f, 1e-5f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+/* Two mirrors face to face: the ray never leaves, and what is left is told. */
+static void endless_reflections_are_cut_and_counted(void **state)
+{
+    struct scene *s = scene_create();
+    struct rays *r;
+
+    (void)state;
+    add_box(s, add_material(s, MATERIAL_MIRROR, vec3_make(1, 1, 1), 0.0f), (const float[3]){ -20, -20, -20 },
+            (const float[3]){ 20, 20, 20 });
+    struct gbuffer *g = look(s, &r, &tele);
+    assert_int_equal(g->point_count, 0);
+    assert_int_equal(g->escape_first[16], 0);
+    assert_true(g->cut_weight >= 16 * 16); /* whole camera rays */
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static void shared_ring_adds_up_through_glass_and_gold(void **state)
+{
+    struct scene *s = load_or_fail(unit_data("../scenes/ring.json"));
+    const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
+    struct rays *r = rays_create(s);
+    struct gbuffer *g = NULL;
+    double red = 0.0, blue = 0.0;
+
+    (void)state;
+    assert_int_equal(gbuffer_create(s, r, &d, &g, NULL), ERR_OK);
+    for (size_t i = 0; i < 160 * 90; i++) {
+        double sum[3] = { 0 };
+        for (int c = 0; c < 3; c++) {
+            for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
+                sum[c] += (double)g->entries[k].weight[c];
+            for (uint32_t k = g->escape_first[i]; k < g->escape_first[i + 1]; k++)
+                sum[c] += (double)g->escapes[k].weight[c];
+            assert_true(sum[c] <= 1.0 + 1e-5);
+        }
+        red += sum[0];
+        blue += sum[2];
+    }
+    assert_true(red < 160 * 90 && blue < red - 100.0); /* gold takes more of the blue */
+    assert_true(g->cut_weight / (double)(g->edge_pixels * 16) < 1e-3);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(mirror_shows_what_it_reflects),
+    cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
+    cmocka_unit_test(radiance_scales_by_the_index_squared),
+    cmocka_unit_test(glass_bends_by_snell),
+    cmocka_unit_test(steep_rays_inside_are_reflected_totally),
+    cmocka_unit_test(polished_ggx_is_a_mirror_over_its_diffuse),
+    cmocka_unit_test(endless_reflections_are_cut_and_counted),
+    cmocka_unit_test(shared_ring_adds_up_through_glass_and_gold),
+};
+
+UNIT_MAIN(tests)
