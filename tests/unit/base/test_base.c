@@ -1,0 +1,274 @@
+/* Pseudo-terminals are X/Open's, beyond POSIX. */
+#define _XOPEN_SOURCE 700
+
+#include "unit.h"
+
+#include "err.h"
+#include "handoff.h"
+#include "mem.h"
+#include "progress.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+/* ---- Memory ---- */
+
+static void memory_is_aligned_and_zero(void **state)
+{
+    (void)state;
+    for (size_t n = 0; n < 300; n++) {
+        uint8_t *p = mem_alloc(n, 3);
+        assert_non_null(p);
+        assert_int_equal((uintptr_t)p % MEM_ALIGN, 0);
+        for (size_t i = 0; i < 3 * n; i++)
+            assert_int_equal(p[i], 0);
+        memset(p, 0xff, 3 * n); /* the next one may get this block */
+        mem_free(p);
+    }
+    mem_free(NULL);
+}
+
+static void sizes_that_overflow_are_refused(void **state)
+{
+    (void)state;
+    assert_null(mem_alloc(SIZE_MAX, 1));
+    assert_null(mem_alloc(SIZE_MAX - MEM_ALIGN + 1, 1));
+    assert_null(mem_alloc(SIZE_MAX / 2 + 1, 2));
+    assert_null(mem_alloc(2, SIZE_MAX / 2 + 1));
+    assert_null(mem_alloc((size_t)1 << 32, (size_t)1 << 32));
+    assert_null(mem_alloc(SIZE_MAX / 16, 16));
+    void *p = mem_alloc(SIZE_MAX, 0); /* no bytes, whatever the count */
+    assert_non_null(p);
+    mem_free(p);
+}
+
+static void growing_keeps_what_was_there(void **state)
+{
+    int *a = mem_alloc(3, sizeof(int));
+
+    (void)state;
+    assert_non_null(a);
+    for (int i = 0; i < 3; i++)
+        a[i] = i + 1;
+    int *b = mem_grow(a, 3, 100, sizeof(int));
+    assert_non_null(b);
+    for (int i = 0; i < 100; i++)
+        assert_int_equal(b[i], i < 3 ? i + 1 : 0);
+    assert_null(mem_grow(b, 100, SIZE_MAX / 2, sizeof(int))); /* refused: the old block is untouched */
+    assert_int_equal(b[2], 3);
+    mem_free(b);
+    int *c = mem_grow(NULL, 0, 5, sizeof(int));
+    assert_non_null(c);
+    assert_int_equal(c[4], 0);
+    mem_free(c);
+}
+
+/* ---- Errors ---- */
+
+static void reason_is_one_line_that_is_cut_when_too_long(void **state)
+{
+    struct reason why;
+    char text[1000];
+
+    (void)state;
+    memset(text, 'x', sizeof(text));
+    text[sizeof(text) - 1] = '\0';
+    assert_int_equal(err_say(&why, ERR_FORMAT, "%s", text), ERR_FORMAT);
+    assert_int_equal(strlen(why.text), sizeof(why.text) - 1);
+    assert_int_equal(err_say(NULL, ERR_IO, "nobody listens"), ERR_IO);
+    assert_int_equal(err_say(&why, ERR_RANGE, "%d of %s", 3, "four"), ERR_RANGE);
+    assert_string_equal(why.text, "3 of four");
+}
+
+static void every_code_has_its_own_words(void **state)
+{
+    (void)state;
+    for (int a = ERR_OK; a <= ERR_END; a++) {
+        assert_true(strlen(err_text((enum err)a)) > 0);
+        for (int b = ERR_OK; b < a; b++)
+            assert_string_not_equal(err_text((enum err)a), err_text((enum err)b));
+    }
+    assert_string_equal(err_text((enum err)99), "unknown error");
+    assert_int_equal(err_exit_code(ERR_OK), 0);
+    assert_int_equal(err_exit_code(ERR_USAGE), 2);
+    assert_int_equal(err_exit_code(ERR_FORMAT), 1);
+}
+
+/* ---- The progress line ---- */
+
+/* Everything that can be read now. */
+static size_t read_all(int fd, char *text, size_t size)
+{
+    size_t at = 0;
+
+    fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
+    for (ssize_t n = read(fd, text, size - 1); n > 0; n = read(fd, text + at, size - 1 - at))
+        at += (size_t)n;
+    text[at] = '\0';
+    return at;
+}
+
+static void work(FILE *stream)
+{
+    struct progress p;
+
+    progress_begin(&p, "rendering", 3, stream);
+    for (int i = 0; i < 5; i++) /* more than announced does no harm */
+        progress_step(&p, 1);
+    progress_end(&p);
+    progress_end(&p);
+    progress_begin(&p, "waiting", 0, stream);
+    progress_step(&p, 7);
+    progress_end(&p);
+    fflush(stream);
+}
+
+static void progress_is_silent_in_a_pipe(void **state)
+{
+    int ends[2];
+    char text[256];
+
+    (void)state;
+    assert_int_equal(pipe(ends), 0);
+    FILE *out = fdopen(ends[1], "w");
+    assert_non_null(out);
+    work(out);
+    assert_string_equal(progress_wipe(out), "");
+    assert_int_equal(read_all(ends[0], text, sizeof(text)), 0);
+    fclose(out);
+    close(ends[0]);
+    struct progress p;
+    progress_begin(&p, "nothing", 1, NULL);
+    progress_step(&p, 1);
+    progress_end(&p);
+    progress_step(NULL, 1);
+    progress_end(NULL);
+}
+
+static void progress_is_drawn_on_a_terminal_and_wiped(void **state)
+{
+    char text[4096];
+    const int terminal = posix_openpt(O_RDWR | O_NOCTTY);
+
+    (void)state;
+    if (terminal < 0 || grantpt(terminal) || unlockpt(terminal))
+        skip();
+    FILE *out = fopen(ptsname(terminal), "w");
+    assert_non_null(out);
+    work(out);
+    read_all(terminal, text, sizeof(text));
+    assert_non_null(strstr(text, "rendering  0/3  0 %"));
+    assert_non_null(strstr(text, "waiting  0"));
+    assert_string_equal(text + strlen(text) - 4, "\r\033[K");
+    struct progress p;
+    progress_begin(&p, "standing", 2, out);
+    assert_string_equal(progress_wipe(out), "\r\033[K"); /* another line goes first */
+    assert_string_equal(progress_wipe(out), "");         /* once */
+    progress_end(&p);
+    fclose(out);
+    close(terminal);
+}
+
+/* ---- Three slots ---- */
+
+static void newest_frame_wins(void **state)
+{
+    struct handoff h;
+
+    (void)state;
+    handoff_init(&h);
+    assert_int_equal(handoff_take(&h, 0), HANDOFF_NONE);
+    const int a = handoff_begin(&h);
+    assert_false(handoff_publish(&h, a));
+    const int b = handoff_begin(&h);
+    assert_int_not_equal(a, b);
+    assert_true(handoff_publish(&h, b)); /* a was dropped */
+    assert_false(handoff_wait_taken(&h, 0));
+    assert_int_equal(handoff_take(&h, 0), b);
+    assert_true(handoff_wait_taken(&h, 0));
+    for (int i = 0; i < 10; i++) { /* while b is being read, the writer never gets it */
+        const int slot = handoff_begin(&h);
+        assert_int_not_equal(slot, b);
+        assert_true(handoff_publish(&h, slot) == (i > 0));
+    }
+    handoff_release(&h, b);
+    assert_int_not_equal(handoff_take(&h, 0), HANDOFF_NONE);
+    handoff_close(&h);
+    assert_true(handoff_is_closed(&h));
+    handoff_finish(&h);
+}
+
+#define FRAMES 20000
+
+struct relay {
+    struct handoff h;
+    uint64_t first[HANDOFF_SLOTS], second[HANDOFF_SLOTS]; /* two halves of a frame: they must agree */
+};
+
+static void *write_frames(void *arg)
+{
+    struct relay *r = arg;
+
+    for (uint64_t i = 1; i <= FRAMES; i++) {
+        const int slot = handoff_begin(&r->h);
+        r->first[slot] = i;
+        r->second[slot] = i;
+        handoff_publish(&r->h, slot);
+    }
+    return NULL;
+}
+
+static void frames_arrive_whole_and_in_order_between_threads(void **state)
+{
+    struct relay r = { .first = { 0 } };
+    pthread_t writer;
+    uint64_t last = 0;
+
+    (void)state;
+    handoff_init(&r.h);
+    assert_int_equal(pthread_create(&writer, NULL, write_frames, &r), 0);
+    while (last < FRAMES) {
+        const int slot = handoff_take(&r.h, 5000);
+        assert_int_not_equal(slot, HANDOFF_NONE);
+        assert_true(r.first[slot] == r.second[slot] && r.first[slot] > last);
+        last = r.first[slot];
+        handoff_release(&r.h, slot);
+    }
+    assert_int_equal(pthread_join(writer, NULL), 0);
+    handoff_finish(&r.h);
+}
+
+static void *close_handoff(void *arg)
+{
+    handoff_close(arg);
+    return NULL;
+}
+
+static void closing_wakes_who_waits(void **state)
+{
+    struct handoff h;
+    pthread_t closer;
+
+    (void)state;
+    handoff_init(&h);
+    assert_int_equal(pthread_create(&closer, NULL, close_handoff, &h), 0);
+    assert_int_equal(handoff_take(&h, 600000), HANDOFF_NONE); /* ten minutes, were it not closed */
+    assert_false(handoff_wait_taken(&h, 600000));
+    assert_int_equal(pthread_join(closer, NULL), 0);
+    handoff_finish(&h);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(memory_is_aligned_and_zero),
+    cmocka_unit_test(sizes_that_overflow_are_refused),
+    cmocka_unit_test(growing_keeps_what_was_there),
+    cmocka_unit_test(reason_is_one_line_that_is_cut_when_too_long),
+    cmocka_unit_test(every_code_has_its_own_words),
+    cmocka_unit_test(progress_is_silent_in_a_pipe),
+    cmocka_unit_test(progress_is_drawn_on_a_terminal_and_wiped),
+    cmocka_unit_test(newest_frame_wins),
+    cmocka_unit_test(frames_arrive_whole_and_in_order_between_threads),
+    cmocka_unit_test(closing_wakes_who_waits),
+};
+
+UNIT_MAIN(tests)

@@ -1,0 +1,3 @@
+unit_test(base test_rng)
+unit_test(base test_options)
+unit_test(base test_base)
