@@ -36,6 +36,7 @@ struct exr {
 
     exr_decode_pipeline_t pipe;
     bool pipe_ready;
+    exr_result_t (*decompress)(exr_decode_pipeline_t *); /* what the library chose; NULL: nothing to undo */
 };
 
 static const char *const compression_names[] = {
@@ -323,9 +324,13 @@ static exr_result_t aim(struct exr *x, const exr_chunk_info_t *chunk, float *to)
         c->user_pixel_stride = TEXEL;
         c->user_line_stride = TEXEL * (int32_t)x->width;
     }
-    if (!x->pipe_ready)
+    if (!x->pipe_ready) {
         r = exr_decoding_choose_default_routines(x->file, x->part, &x->pipe);
+        x->decompress = x->pipe.decompress_fn;
+    }
     x->pipe_ready = r == EXR_ERR_SUCCESS;
+    /* A chunk that would not shrink is stored plain; the library forgets that for B44. */
+    x->pipe.decompress_fn = chunk->packed_size == chunk->unpacked_size ? NULL : x->decompress;
     return r;
 }
 
