@@ -64,6 +64,7 @@ struct daemon {
     struct relighter *relighter;
     struct jpeg_encoder *jpeg;
     struct exposure exposure;
+    uint64_t exposed; /* encode thread: the frame to which exposure has adapted */
     uint8_t *display; /* encode thread */
     struct server *server;
     struct ingested ingested[HANDOFF_SLOTS];
@@ -213,7 +214,9 @@ static void encode_picture(struct daemon *d, struct shaded *in)
     size_t size;
 
     server_demand(d->server, &demand);
-    const double gain = exposure_step(&d->exposure, in->rgb, width, height);
+    const uint64_t frame = in->header.frame, passed = frame > d->exposed ? frame - d->exposed : 1;
+    const double gain = exposure_step(&d->exposure, in->rgb, width, height, passed);
+    d->exposed = frame;
     tone_map(in->rgb, width, height, gain, d->tone, d->display);
     const int quality = demand.jpeg_quality ? demand.jpeg_quality : d->quality;
     if (jpeg_encode(d->jpeg, d->display, width, height, quality, &bytes, &size)) {

@@ -100,7 +100,7 @@ bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, u
     return true;
 }
 
-double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height)
+double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height, uint64_t frames)
 {
     double mean;
 
@@ -109,7 +109,8 @@ double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint3
         /* [Reinhard 2002, Eq. 2]: the gain is key over the log-average. A share of at most 1 of the way there, in
          * stops, can neither overshoot nor swing. */
         const double target = log2(e->key) - mean;
-        e->log2_gain += (e->started ? e->adapt : 1.0) * (target - e->log2_gain);
+        const double share = e->started ? 1.0 - pow(1.0 - e->adapt, (double)frames) : 1.0;
+        e->log2_gain += share * (target - e->log2_gain);
         e->started = 1;
     }
     return exp2(fmin(fmax(e->log2_gain + e->bias_stops, -GAIN_STOPS), GAIN_STOPS));

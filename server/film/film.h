@@ -46,9 +46,11 @@ void exposure_init(struct exposure *e);
  * it there is up to a half, nor a sun can drag the picture. False when nothing counts; *out is then untouched. */
 bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height, double *out);
 
-/* Steps by one frame and returns the gain (a factor, finite and > 0). Black pictures keep the gain; the user's bias
- * acts at once. All sums in double and in fixed order: the same picture gives the same gain at any thread count. */
-double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height);
+/* Steps by `frames` >= 1, the environment frames that passed since the last picture (one in a script; more where a
+ * stream dropped some), and returns the gain (a factor, finite and > 0): n steps by one on the same picture and one
+ * step by n end alike. Black pictures keep the gain; the user's bias acts at once. All sums in double and in fixed
+ * order: the same picture gives the same gain at any thread count. */
+double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height, uint64_t frames);
 
 /* gain * rgb through the curve and the sRGB transfer function [IEC 61966-2-1] into uint8_t[height][width][3].
  * Filmic and linear act per channel, Reinhard on luminance. No input makes it fail: NaN becomes 0, infinity 255.

@@ -243,7 +243,7 @@ static enum err write_file(const char *name, const uint8_t *bytes, size_t size, 
 static enum err write_picture(struct render *r, struct reason *why)
 {
     const uint32_t width = r->set->gbuffer->width, height = r->set->gbuffer->height;
-    const double gain = exposure_step(&r->exposure, r->rgb, width, height);
+    const double gain = exposure_step(&r->exposure, r->rgb, width, height, 1);
     char name[4096];
     enum err e = output_name(r->out, r->frame.number, name, sizeof(name), why);
 

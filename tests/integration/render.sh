@@ -15,7 +15,7 @@ renders_a_day_of_67_frames() {
     done
     # Noon is brighter than before sunrise, and morning differs from noon by more than a gain.
     "$bin/relight-diff" "$work/plaza.0012.exr" "$work/plaza.0033.exr" --json >"$work/diff.json"
-    grep -q relmse "$work/diff.json" || fail "relight-diff printed no relMSE"
+    grep -q rel_mse "$work/diff.json" || fail "relight-diff printed no relMSE"
     if "$bin/relight-diff" "$work/plaza.0012.exr" "$work/plaza.0033.exr" --max-relmse 0.05 >/dev/null; then
         fail "morning and noon are the same picture"
     fi

@@ -44,7 +44,7 @@ static double log2_mean(const struct picture *p)
 
 static double step(struct exposure *e, const struct picture *p)
 {
-    return exposure_step(e, &p->rgb[0][0], WIDTH, HEIGHT);
+    return exposure_step(e, &p->rgb[0][0], WIDTH, HEIGHT, 1);
 }
 
 static void log_average_of_a_constant_is_the_constant(void **state)
@@ -258,6 +258,25 @@ static void average_has_the_same_bits_at_any_thread_count(void **state)
     }
 }
 
+/* A stream that dropped six of seven frames adapts as far as a script that saw all seven. */
+static void seven_steps_and_one_step_by_seven_end_alike(void **state)
+{
+    (void)state;
+    static struct picture bright, dim;
+    struct exposure a, b;
+    fill(&bright, 10.0f);
+    fill(&dim, 0.01f);
+    exposure_init(&a);
+    exposure_init(&b);
+    step(&a, &bright);
+    step(&b, &bright);
+    double gain = 0.0;
+    for (int i = 0; i < 7; i++)
+        gain = step(&a, &dim);
+    assert_true(fabs(exposure_step(&b, &dim.rgb[0][0], WIDTH, HEIGHT, 7) / gain - 1.0) < 1e-9);
+    assert_true(gain > 1.1 * exp2(log2(0.18 / 10.0)));
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(log_average_of_a_constant_is_the_constant),
     cmocka_unit_test(log_average_is_the_geometric_mean),
@@ -273,6 +292,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(bias_acts_at_once_and_is_not_adapted_away),
     cmocka_unit_test(extreme_pictures_give_a_usable_gain),
     cmocka_unit_test(average_has_the_same_bits_at_any_thread_count),
+    cmocka_unit_test(seven_steps_and_one_step_by_seven_end_alike),
 };
 
 UNIT_MAIN(tests)
