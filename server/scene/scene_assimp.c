@@ -243,9 +243,8 @@ static enum err add_camera(struct import *in, const struct aiCamera *ai, unsigne
     c.position = turn(world, ai->mPosition, 1.0);
     c.look_at = vec3_add(c.position, vec3_normalize(turn(world, ai->mLookAt, 0.0)));
     c.up = vec3_normalize(turn(world, ai->mUp, 0.0));
-    /* Assimp holds half the horizontal angle... of the file's aspect ratio; glTF's own angle is the vertical one. */
-    const float aspect = ai->mAspect > 0.0f ? ai->mAspect : 1.0f;
-    c.fov_y = 2.0f * atanf(tanf(0.5f * ai->mHorizontalFOV) / aspect);
+    /* Assimp 5.2 turns glTF's vertical angle into a "horizontal" one by a plain product with the aspect ratio. */
+    c.fov_y = ai->mHorizontalFOV / (ai->mAspect > 0.0f ? ai->mAspect : 1.0f);
     snprintf(place, sizeof(place), "%s: camera '%s'", in->desc->path, c.name);
     const enum err e = camera_check(&c, place, in->why);
     return e ? e : scene_add_camera(in->scene, &c);

@@ -30,8 +30,12 @@ static inline const char *folder_write(struct folder *f, const char *name, const
 {
     static char path[256];
 
-    assert_true(f->count < 16);
-    snprintf(f->names[f->count++], sizeof(f->names[0]), "%s", name);
+    int known = 0;
+    while (known < f->count && strcmp(f->names[known], name) != 0)
+        known++;
+    assert_true(known < 16);
+    snprintf(f->names[known], sizeof(f->names[0]), "%s", name);
+    f->count = known < f->count ? f->count : known + 1;
     snprintf(path, sizeof(path), "%s/%s", f->path, name);
     FILE *out = fopen(path, "wb");
     assert_non_null(out);
