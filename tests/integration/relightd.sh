@@ -1,0 +1,92 @@
+#!/usr/bin/env bash
+# relightd as an operator meets it: how it starts, what it says, how it stops.
+. "$(dirname "$0")/lib.sh"
+
+# start ARGUMENTS...: a small server on a free port; $url, $port and $pid are set once it listens.
+start() {
+    "$bin/relightd" --port 0 --size 64x36 --samples 4 "$@" 2>"$work/log" &
+    pid=$!
+    local i
+    for ((i = 0; i < 300; i++)); do
+        url=$(sed -n 's/^relightd: listening on //p' "$work/log")
+        [ -n "$url" ] && break
+        kill -0 "$pid" 2>/dev/null || { cat "$work/log"; fail "it ended before it listened"; }
+        sleep 0.1
+    done
+    [ -n "$url" ] || fail "it does not listen after 30 s"
+    port=${url##*:}
+    port=${port%/}
+}
+
+# stop: SIGTERM, and the exit code into $code.
+stop() {
+    kill -TERM "$pid"
+    code=0
+    wait "$pid" || code=$?
+}
+
+# get PATH: status line, headers and body of one HTTP request.
+get() {
+    exec 9<>"/dev/tcp/127.0.0.1/$port"
+    printf 'GET %s HTTP/1.1\r\nHost: 127.0.0.1:%s\r\nConnection: close\r\n\r\n' "$1" "$port" >&9
+    timeout 10 cat <&9 || true
+    exec 9>&-
+}
+
+the_page_and_its_health_are_served() {
+    start
+    get / >"$work/page"
+    grep -q '200 OK' "$work/page" || { cat "$work/page"; fail "no page"; }
+    grep -q '<canvas' "$work/page" || fail "the page has no canvas"
+    get /app.js | grep -q import || fail "no module"
+    get /healthz | grep -q '200 OK' || fail "no /healthz"
+    get /../../etc/passwd >"$work/page"
+    if grep -q 'root:' "$work/page"; then fail "files outside of the page are served"; fi
+    stop
+    [ "$code" = 0 ] || { cat "$work/log"; fail "exit code $code"; }
+}
+
+# Whatever it is doing, a polite signal ends it with code 0.
+sigterm_ends_it_with_code_0() {
+    local i
+    for i in 0 0.3 1.1; do
+        start --source sky:speed=60
+        sleep $i
+        stop
+        [ "$code" = 0 ] || { cat "$work/log"; fail "exit code $code after $i s"; }
+        grep -q 'stopped' "$work/log" || fail "it did not say that it stopped"
+    done
+}
+
+a_port_in_use_is_said_before_the_long_work() {
+    start
+    expect 1 "port $port.*in use" "$bin/relightd" --port "$port" --size 16x9
+    stop
+}
+
+an_address_of_the_world_is_refused() {
+    expect 2 '0\.0\.0\.0' "$bin/relightd" --bind 0.0.0.0 --port 0 --size 16x9
+}
+
+bad_usage_and_input_end_it_with_one_line() {
+    expect 2 "unknown flag" "$bin/relightd" --prot 3
+    expect 2 "'0'" "$bin/relightd" --fps 0
+    expect 1 'nowhere' "$bin/relightd" --port 0 --size 16x9 --source "$work/nowhere/%d.exr"
+    expect 1 'nowhere.json' "$bin/relightd" --port 0 --size 16x9 --scene "$work/nowhere.json"
+    [ "$(wc -l <"$work/stderr")" = 1 ] || { cat "$work/stderr"; fail "more than one line"; }
+}
+
+a_bad_frame_is_reported_and_the_server_goes_on() {
+    constant_sky "$work/sky.0.hdr"
+    echo 'broken' >"$work/sky.1.hdr"
+    constant_sky "$work/sky.2.hdr"
+    start --source "$work/sky.%d.hdr" --rate 20
+    sleep 1
+    kill -0 "$pid" || fail "it died"
+    grep -q 'sky.1.hdr' "$work/log" || { cat "$work/log"; fail "the bad frame is not named"; }
+    get /healthz | grep -q '200 OK' || fail "it is not healthy any more"
+    stop
+    [ "$code" = 0 ] || fail "exit code $code"
+}
+
+"$1"
