@@ -100,14 +100,16 @@ void rays_destroy(struct rays *r)
 void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet)
 {
     struct RTCIntersectContext context;
+    _Alignas(64) int32_t lanes[PACKET]; /* Embree wants them aligned; a caller's need not be */
 
+    memcpy(lanes, valid, sizeof(lanes));
     if (r->log && r->log->count < r->log->capacity) {
         r->log->packets[r->log->count] = *packet;
         memcpy(r->log->valid[r->log->count++], valid, sizeof(r->log->valid[0]));
     }
     rtcInitIntersectContext(&context);
     context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* neighbours share a direction */
-    rtcOccluded16(valid, r->bvh, &context, (struct RTCRay16 *)packet);
+    rtcOccluded16(lanes, r->bvh, &context, (struct RTCRay16 *)packet);
 }
 
 void rays_set_log(struct rays *r, struct ray_log *log)
