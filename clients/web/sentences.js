@@ -1,12 +1,16 @@
 // What the page says, in words. Pure functions of the state, so that each sentence can be tested.
 
-const capital = (text) => (text ? text[0].toUpperCase() + text.slice(1) : text);
+// Words begin with a capital; the name of a file stays as it is.
+const capital = (text) => (/\s/.test(text) ? text[0].toUpperCase() + text.slice(1) : text);
+
+// Of a path, what a person would call it.
+const plain = (text) => (text && !/\s/.test(text) ? text.replace(/\/+$/, '').replace(/^.*\//, '') : text);
 
 // What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis."
 export function describe(status) {
   if (!status) return '';
-  const what = capital(status.scene) || 'A scene';
-  const sky = status.sky ? ` under ${status.sky}` : '';
+  const what = capital(plain(status.scene) || 'a scene');
+  const sky = status.sky ? ` under ${plain(status.sky)}` : '';
   const size = status.width && status.height ? `${status.width}\u00a0×\u00a0${status.height}` : '';
   const samples = status.samples ? `${status.samples} samples per point` : '';
   const method = status.method ? `method ${status.method}` : '';
@@ -71,6 +75,7 @@ export function sunSentence(light) {
 
 export function milliseconds(ms) {
   if (!Number.isFinite(ms)) return '–';
+  if (ms >= 999.5) return `${(ms / 1000).toFixed(1)} s`;
   return `${ms < 9.95 ? ms.toFixed(1) : Math.round(ms)} ms`;
 }
 

@@ -1,0 +1,326 @@
+// The connection's states under a made-up world: a socket and a clock that do what the test says.
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { Connection } from '../../clients/web/connection.js';
+import { encodePicture } from '../../clients/web/protocol.js';
+
+class World {
+  constructor() {
+    this.now = 1_700_000_000_000;
+    this.timers = new Map();
+    this.ids = 0;
+    this.sockets = [];
+    this.health = null; // what /healthz answers; null: unreachable
+    this.random = () => 1;
+    const world = this;
+    this.WebSocket = class {
+      constructor(url, protocol) {
+        Object.assign(this, { url, protocol, readyState: 0, sent: [] });
+        world.sockets.push(this);
+      }
+
+      send(text) { this.sent.push(JSON.parse(text)); }
+
+      close() { this.readyState = 3; }
+    };
+  }
+
+  nowMs() { return this.now; }
+
+  setTimeout(then, ms) {
+    this.timers.set(++this.ids, { then, at: this.now + ms });
+    return this.ids;
+  }
+
+  clearTimeout(id) { this.timers.delete(id); }
+
+  async fetch() {
+    if (!this.health) throw new TypeError('unreachable');
+    return { json: async () => this.health };
+  }
+
+  // Lets this much time pass, timer by timer.
+  async pass(ms) {
+    const until = this.now + ms;
+    for (;;) {
+      await null;
+      const due = [...this.timers].filter(([, t]) => t.at <= until).sort((a, b) => a[1].at - b[1].at)[0];
+      if (!due) break;
+      this.now = Math.max(this.now, due[1].at);
+      this.timers.delete(due[0]);
+      due[1].then();
+    }
+    this.now = until;
+    for (let i = 0; i < 10; i++) await null;
+  }
+
+  get socket() { return this.sockets[this.sockets.length - 1]; }
+
+  open() {
+    this.socket.readyState = 1;
+    this.socket.onopen();
+  }
+
+  // What a socket that was let go of still says is heard by nobody.
+  hear(message) { this.socket.onmessage?.({ data: JSON.stringify(message) }); }
+
+  welcome(session = 'a', major = 1) { this.hear({ op: 'welcome', version: { major, minor: 0 }, session }); }
+
+  status(state = 'live', detail = '', fps = 30) { this.hear({ op: 'status', source: { state, detail }, fps }); }
+
+  picture(sequence) {
+    const header = {
+      format: 'jpeg', flags: 0, sequence, frame: sequence, captureUs: 0, publishedUs: 0, queuedUs: 0, decodedUs: 0,
+      shadedUs: 0, encodedUs: 0, width: 4, height: 4, gain: 1, samples: 1, payload: 1,
+    };
+    const bytes = new Uint8Array(81);
+    bytes.set(encodePicture(header));
+    this.socket.onmessage({ data: bytes.buffer });
+  }
+
+  shut(code, reason = '') {
+    this.socket.readyState = 3;
+    this.socket.onclose({ code, reason });
+  }
+
+  said(op) { return this.socket.sent.filter((message) => message.op === op); }
+}
+
+function begin() {
+  const world = new World();
+  const states = [];
+  const pictures = [];
+  const connection = new Connection('ws://127.0.0.1:1/ws', {
+    state: (state) => states.push(state.name),
+    status: () => {},
+    picture: (header) => pictures.push(header.sequence),
+  }, world);
+  connection.start();
+  return { world, connection, states, pictures };
+}
+
+async function live() {
+  const all = begin();
+  all.world.open();
+  all.world.welcome();
+  all.world.status();
+  all.world.picture(1);
+  await all.world.pass(10);
+  assert.equal(all.connection.state.name, 'live');
+  return all;
+}
+
+test('hello comes first, then subscribe and pings', async () => {
+  const { world } = begin();
+  assert.equal(world.socket.protocol, 'relight.v1');
+  world.open();
+  assert.deepEqual(world.socket.sent, [{ op: 'hello', role: 'viewer', version: { major: 1, minor: 0 } }]);
+  world.welcome();
+  await world.pass(1000);
+  assert.equal(world.said('subscribe').length, 1);
+  assert.equal(world.said('subscribe')[0].paused, false);
+  assert.ok(world.said('ping').length >= 4);
+});
+
+test('the states of the source are those of the page', async () => {
+  const { world, connection } = begin();
+  world.open();
+  world.welcome();
+  world.status('waiting', 'nothing there');
+  assert.deepEqual(connection.state, { name: 'waiting', detail: 'nothing there' });
+  world.status('live');
+  assert.equal(connection.state.name, 'connecting'); // until there is a picture
+  world.picture(1);
+  assert.equal(connection.state.name, 'live');
+  for (const name of ['paused', 'ended']) {
+    world.status(name);
+    assert.equal(connection.state.name, name);
+  }
+  world.status('failed', 'a.exr: torn');
+  assert.deepEqual(connection.state, { name: 'failed', detail: 'a.exr: torn' });
+  world.status('live');
+  assert.equal(connection.state.name, 'live');
+});
+
+test('an ack carries the time of display on the server clock', async () => {
+  const { world, connection } = await live();
+  const ping = world.said('ping')[0];
+  world.hear({ op: 'pong', id: ping.id, server_us: world.now * 1000 + 5_000_000 });
+  connection.displayed(1, world.now + 16);
+  const ack = world.said('ack')[0];
+  assert.equal(ack.sequence, 1);
+  assert.ok(Math.abs(ack.displayed_us - ((world.now + 16) * 1000 + 5_000_000)) <= 10000);
+  connection.displayed(7, world.now); // never received: a late message of another session
+  assert.equal(world.said('ack').length, 1);
+});
+
+test('pictures that stop are a stall, asked for again and then fetched on a new connection', async () => {
+  const { world, connection, states } = await live();
+  for (let i = 0; i < 5; i++) {
+    await world.pass(1000);
+    world.status();
+  }
+  assert.equal(connection.state.name, 'stalled');
+  assert.ok(connection.state.seconds >= 2);
+  assert.ok(world.said('subscribe').length >= 2);
+  for (let i = 0; i < 20 && world.sockets.length === 1; i++) {
+    await world.pass(1000);
+    world.status();
+  }
+  assert.equal(world.sockets.length, 2);
+  assert.ok(states.includes('reconnecting'));
+});
+
+test('a server that makes no pictures is not left for that', async () => {
+  const { world, connection } = await live();
+  for (let i = 0; i < 40; i++) {
+    await world.pass(1000);
+    world.status('live', '', 0);
+  }
+  assert.equal(world.sockets.length, 1);
+  assert.equal(connection.state.name, 'stalled');
+  world.picture(2);
+  assert.equal(connection.state.name, 'live');
+});
+
+test('slow pictures are no stall', async () => {
+  const { world, connection } = await live();
+  for (let n = 2; n < 8; n++) {
+    await world.pass(4000);
+    world.status('live', '', 0.25);
+    assert.equal(connection.state.name, 'live');
+    world.picture(n);
+  }
+});
+
+test('silence is a dead connection', async () => {
+  const { world, states } = await live();
+  await world.pass(9000);
+  assert.ok(states.includes('reconnecting'));
+  assert.ok(world.sockets.length >= 2);
+});
+
+test('tries are backed off and go on', async () => {
+  const { world, connection } = await live();
+  world.shut(1006);
+  assert.equal(connection.state.name, 'reconnecting');
+  const begun = world.now;
+  const times = [];
+  while (world.now < begun + 120000) {
+    const count = world.sockets.length;
+    await world.pass(100);
+    if (world.sockets.length > count) {
+      times.push(world.now - begun);
+      world.shut(1006);
+      await world.pass(0);
+    }
+  }
+  assert.ok(times[0] <= 400);
+  assert.ok(times.length > 10 && times.length < 60, `${times.length} tries`);
+  const last = times[times.length - 1] - times[times.length - 2];
+  assert.ok(last >= 5000 && last <= 10200, `${last}`);
+  // while the server has been away for a few seconds only, it is found again within three
+  const early = times.filter((t) => t < 60000);
+  assert.ok(early.every((t, i) => i === 0 || t - early[i - 1] <= 2700));
+});
+
+test('the network coming back is used at once', async () => {
+  const { world, connection } = await live();
+  world.shut(1001);
+  const count = world.sockets.length;
+  connection.retryNow();
+  assert.equal(world.sockets.length, count + 1);
+  world.open();
+  world.welcome('b');
+  world.status();
+  world.picture(1); // sequence numbers start again in a new session
+  assert.equal(connection.state.name, 'live');
+});
+
+test('a refusal is final until a person asks', async () => {
+  for (const code of [4001, 4004, 4005, 4006, 1009]) {
+    const { world, connection } = await live();
+    world.shut(code, 'clause 1: because');
+    assert.equal(connection.state.name, 'refused', String(code));
+    assert.ok(connection.state.detail.length > 10);
+    await world.pass(60000);
+    connection.retryNow();
+    assert.equal(world.sockets.length, 1);
+    connection.retryNow(true);
+    assert.equal(world.sockets.length, 2);
+  }
+});
+
+test('a full server is not asked again before ten seconds', async () => {
+  const { world, connection } = begin();
+  world.open();
+  world.shut(4007);
+  assert.equal(connection.state.name, 'reconnecting');
+  await world.pass(9000);
+  assert.equal(world.sockets.length, 1);
+  await world.pass(2000);
+  assert.equal(world.sockets.length, 2);
+});
+
+test('a handshake that fails is explained by the health of the server', async () => {
+  const { world, connection } = begin();
+  world.shut(1006);
+  await world.pass(1);
+  assert.equal(connection.state.detail, 'The server cannot be reached.');
+  await world.pass(1000);
+  world.health = { protocol: 'relight.v1' };
+  world.shut(1006);
+  await world.pass(1);
+  assert.match(connection.state.detail, /is there, but did not take/);
+  await world.pass(2000);
+  world.health = { protocol: 'relight.v2' };
+  world.shut(1006);
+  await world.pass(1);
+  assert.equal(connection.state.name, 'refused');
+  assert.match(connection.state.detail, /relight\.v2/);
+});
+
+test('another major version is refused in words', async () => {
+  const { world, connection } = begin();
+  world.open();
+  world.welcome('a', 2);
+  assert.equal(connection.state.name, 'refused');
+  assert.match(connection.state.detail, /version 2/);
+});
+
+test('a hidden page pauses and a seen one resumes', async () => {
+  const { world, connection } = await live();
+  connection.setHidden(true);
+  assert.deepEqual(connection.state, { name: 'paused', detail: 'hidden' });
+  assert.equal(world.said('subscribe').at(-1).paused, true);
+  for (let i = 0; i < 60; i++) {
+    await world.pass(1000);
+    world.status();
+  }
+  assert.equal(connection.state.name, 'paused'); // no stall while nobody looks
+  connection.setHidden(false);
+  assert.equal(world.said('subscribe').at(-1).paused, false);
+  assert.ok(world.said('subscribe').at(-1).request > world.said('subscribe').at(-2).request);
+  assert.equal(connection.state.name, 'live');
+  assert.equal(world.sockets.length, 1);
+});
+
+test('a malformed picture is refused by its clause', async () => {
+  const { world, connection } = await live();
+  world.socket.onmessage({ data: new Uint8Array(100).buffer });
+  assert.equal(connection.state.name, 'refused');
+  assert.match(connection.state.detail, /clause 6\.1/);
+});
+
+test('unknown messages are ignored', async () => {
+  const { world, connection } = await live();
+  world.hear({ op: 'later', anything: 1 });
+  assert.equal(connection.state.name, 'live');
+});
+
+test('nothing is left running after stop', async () => {
+  const { world, connection } = await live();
+  connection.stop();
+  assert.equal(world.timers.size, 0);
+  assert.equal(world.socket.readyState, 3);
+});

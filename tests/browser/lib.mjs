@@ -1,0 +1,106 @@
+// What the browser tests share: a server as a child process, Chromium, and how to wait.
+import { spawn } from 'node:child_process';
+import { existsSync } from 'node:fs';
+
+export const CHROMIUM = process.env.RELIGHT_CHROMIUM ?? '/usr/bin/chromium';
+
+// Says why nothing can be tested here, in words that ctest takes for a skip; or undefined.
+export async function whatIsMissing() {
+  if (!existsSync(CHROMIUM)) return `no browser at ${CHROMIUM}`;
+  try {
+    await import('playwright-core');
+  } catch {
+    return 'playwright-core is not installed: npm ci --ignore-scripts in tests/browser';
+  }
+  return undefined;
+}
+
+// Starts `command` and waits for the address that it prints: {url, port, say(line), text(), ended, stop()}.
+export async function startServer(command, args = []) {
+  const child = spawn(command, args, { stdio: ['pipe', 'ignore', 'pipe'] });
+  let text = '';
+  const ended = new Promise((resolve) => {
+    child.on('exit', (code, signal) => resolve({ code, signal }));
+  });
+  child.stdin.on('error', () => {}); // it may have gone before it was told to
+  const url = await new Promise((resolve, reject) => {
+    const late = setTimeout(() => reject(new Error(`${command} printed no address within 120 s:\n${text}`)), 120000);
+    child.stderr.on('data', (data) => {
+      text += data;
+      const found = text.match(/listening on (http:\/\/\S+)/);
+      if (found) {
+        clearTimeout(late);
+        resolve(found[1]);
+      }
+    });
+    child.on('error', reject);
+    ended.then(() => reject(new Error(`${command} ended before it listened:\n${text}`)));
+  });
+  return {
+    url,
+    port: new URL(url).port,
+    say: (line) => child.stdin.write(`${line}\n`),
+    text: () => text,
+    ended,
+    kill: (signal) => child.kill(signal),
+    async stop() {
+      child.kill('SIGTERM');
+      const late = setTimeout(() => child.kill('SIGKILL'), 15000);
+      const how = await ended;
+      clearTimeout(late);
+      return how;
+    },
+  };
+}
+
+export async function openBrowser() {
+  const { chromium } = await import('playwright-core');
+  return chromium.launch({
+    executablePath: CHROMIUM,
+    args: ['--headless', '--no-sandbox', '--disable-gpu', '--no-first-run', '--disable-background-networking',
+      '--disable-component-update', '--disable-sync', '--force-color-profile=srgb', '--force-device-scale-factor=1',
+      '--hide-scrollbars'],
+  });
+}
+
+// A page on the viewer, whose faults fail the test that looks at `faults`.
+export async function openPage(browser, url, { width = 1000, height = 800 } = {}) {
+  const page = await browser.newPage({ viewport: { width, height } });
+  page.faults = [];
+  page.on('pageerror', (error) => page.faults.push(String(error)));
+  page.on('console', (message) => {
+    // A browser reports each failed connection by itself; those are what some tests are about.
+    if (message.type() === 'error' && !/ERR_CONNECTION|WebSocket connection|Failed to load/.test(message.text()))
+      page.faults.push(message.text());
+  });
+  await page.goto(url);
+  return page;
+}
+
+export const state = (page) => page.evaluate(() => window.relight.state.name);
+export const sentence = (page) => page.textContent('#sentence');
+
+// Until the page is in this state; the wait is generous, since the machine may be busy.
+export function untilState(page, name, timeout = 30000) {
+  return page.waitForFunction((n) => window.relight?.state.name === n, name, { timeout });
+}
+
+// Until `count` more pictures were drawn.
+export async function untilFrames(page, count, timeout = 60000) {
+  const now = await page.evaluate(() => window.relight.frames);
+  await page.waitForFunction((n) => window.relight.frames >= n, now + count, { timeout });
+}
+
+// The canvas as it is, with the header of the picture on it: {width, height, data, header}.
+export async function readback(page) {
+  const got = await page.evaluate(() => {
+    const { width, height, data } = window.relight.readback();
+    let text = '';
+    for (let i = 0; i < data.length; i += 32768) text += String.fromCharCode(...data.subarray(i, i + 32768));
+    return { width, height, base64: btoa(text), header: window.relight.lastHeader };
+  });
+  return { ...got, data: Buffer.from(got.base64, 'base64') };
+}
+
+// Rec.709 luminance of sRGB code values, 0..255, as they are: a rough measure of brightness.
+export const brightness = (data, i) => 0.2126 * data[i] + 0.7152 * data[i + 1] + 0.0722 * data[i + 2];

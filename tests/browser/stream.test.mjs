@@ -1,0 +1,127 @@
+// Any server that prints where it listens, seen in Chromium: are there pictures, do they move, do they look like a lit
+// scene? RELIGHT_STREAM_COMMAND is a JSON array, the program and its arguments; $RELIGHT_TEST_DATA in them is replaced.
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import {
+  brightness, openBrowser, openPage, readback, sentence, startServer, state, untilFrames, untilState, whatIsMissing,
+} from './lib.mjs';
+
+const command = process.env.RELIGHT_STREAM_COMMAND ?? '';
+const data = process.env.RELIGHT_TEST_DATA;
+const missing = (await whatIsMissing())
+  ?? (command ? undefined : 'RELIGHT_STREAM_COMMAND is not set')
+  ?? (command.includes('$RELIGHT_TEST_DATA') && !data ? 'RELIGHT_TEST_DATA is not set' : undefined);
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const [program, ...args] = JSON.parse(command).map((word) => word.replaceAll('$RELIGHT_TEST_DATA', data));
+
+let browser;
+let server;
+before(async () => {
+  server = await startServer(program, args);
+  browser = await openBrowser();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+});
+
+// Mean brightness over rows [from, to) of the picture, 0..255.
+function meanOf({ width, height, data }, from, to) {
+  let sum = 0;
+  let count = 0;
+  for (let y = Math.floor(from * height); y < Math.floor(to * height); y++)
+    for (let x = 0; x < width; x++, count++) sum += brightness(data, (y * width + x) * 4);
+  return sum / count;
+}
+
+// Share of the pixels that differ by more than two code values.
+function moved(a, b) {
+  let count = 0;
+  for (let i = 0; i < a.data.length; i += 4) if (Math.abs(brightness(a.data, i) - brightness(b.data, i)) > 2) count++;
+  return count / (a.width * a.height);
+}
+
+// How many different brightnesses there are, as a share of 256: a flat or torn picture has few.
+function tones({ data }) {
+  const seen = new Set();
+  for (let i = 0; i < data.length; i += 4) seen.add(Math.round(brightness(data, i)));
+  return seen.size / 256;
+}
+
+test('a lit scene comes, picture after picture, and moves', async () => {
+  const page = await openPage(browser, server.url);
+  try {
+    await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+    const pictures = [await readback(page)];
+    for (let i = 0; i < 8; i++) {
+      await untilFrames(page, 1, 120000);
+      pictures.push(await readback(page));
+    }
+    const last = pictures.at(-1);
+    for (const picture of pictures) {
+      const mean = meanOf(picture, 0, 1);
+      assert.ok(mean > 20 && mean < 235, `mean brightness ${mean.toFixed(1)} of frame ${picture.header.frame}`);
+      assert.ok(tones(picture) > 0.2, `${(tones(picture) * 256).toFixed(0)} tones only`);
+    }
+    const top = meanOf(last, 0, 0.25);
+    const bottom = meanOf(last, 0.75, 1);
+    assert.ok(Math.abs(top - bottom) > 5, `top ${top.toFixed(1)} and bottom ${bottom.toFixed(1)} are alike`);
+    const share = moved(pictures[0], last);
+    console.log(`frames ${pictures[0].header.frame}..${last.header.frame}, ${last.width} x ${last.height}, mean brightness `
+      + `${meanOf(last, 0, 1).toFixed(1)}, top ${top.toFixed(1)}, bottom ${bottom.toFixed(1)}, ${(share * 100).toFixed(1)} % moved`);
+    // numbers rise, or begin again where the sequence does; each picture is another
+    assert.equal(new Set(pictures.map((p) => p.header.sequence)).size, pictures.length);
+    assert.ok(new Set(pictures.map((p) => p.header.frame)).size >= pictures.length / 2, 'the sky frames do not advance');
+    assert.ok(share > 0.01, `only ${(share * 100).toFixed(2)} % of the pixels changed`);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.close();
+  }
+});
+
+test('the page says what it shows and how fast', async () => {
+  const page = await openPage(browser, server.url);
+  try {
+    await page.waitForFunction(() => window.relight?.frames > 2, null, { timeout: 120000 });
+    await page.waitForFunction(() => window.relight.status?.scene && window.relight.status?.samples > 0);
+    assert.match(await page.textContent('#about'), /^[^/]+ under [^/]+; \d+\u00a0×\u00a0\d+, \d+ samples per point, method \S+\.$/);
+    const { width, height, header } = await readback(page);
+    assert.deepEqual([width, height], [header.width, header.height]);
+    assert.ok(header.shadedUs > 0 && header.encodedUs > 0, 'stage times are missing');
+    assert.ok(header.gain > 0 && header.samples > 0);
+    assert.ok((await sentence(page)).length > 4);
+  } finally {
+    await page.close();
+  }
+});
+
+test('a second viewer changes nothing for the first', async () => {
+  const first = await openPage(browser, server.url);
+  const second = await openPage(browser, server.url);
+  try {
+    for (const page of [first, second])
+      await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+    await untilFrames(first, 2, 120000);
+    await second.close();
+    await untilFrames(first, 2, 120000);
+    assert.equal(await state(first), 'live', await sentence(first));
+  } finally {
+    await first.close();
+  }
+});
+
+test('the page hears of it when the server goes', async () => {
+  const page = await openPage(browser, server.url);
+  try {
+    await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+    const { code, signal } = await server.stop();
+    assert.ok(code === 0 && signal === null, `the server ended with ${code ?? signal}:\n${server.text()}`);
+    await untilState(page, 'reconnecting');
+    assert.match(await sentence(page), /Trying again$/);
+  } finally {
+    await page.close();
+  }
+});

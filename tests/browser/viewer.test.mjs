@@ -1,0 +1,330 @@
+// The viewer page in Chromium on pictures whose every pixel is known: pattern_server.c says what they show.
+// RELIGHT_PATTERN_SERVER names that program.
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import {
+  openBrowser, openPage, readback, sentence, startServer, state, untilFrames, untilState, whatIsMissing,
+} from './lib.mjs';
+
+const missing = await whatIsMissing();
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const PATTERN = process.env.RELIGHT_PATTERN_SERVER;
+assert.ok(PATTERN, 'RELIGHT_PATTERN_SERVER is not set');
+
+let browser;
+before(async () => { browser = await openBrowser(); });
+after(async () => { await browser?.close(); });
+
+// Runs `body` with a server and a page on it, and ends both.
+async function withPage(args, body, options) {
+  const server = await startServer(PATTERN, args);
+  const page = await openPage(browser, server.url, options);
+  try {
+    await body(page, server);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+}
+
+// What pattern_server.c draws at (x, y) of a frame.
+const QUARTERS = [[200, 40, 40], [40, 170, 60], [50, 70, 200], [220, 190, 40]];
+function wanted(frame, x, y, width, height) {
+  if (y >= height - 16 && x < 256) return Array(3).fill(((frame >> (x >> 4)) & 1) * 255);
+  const bar = (frame * 8) % width;
+  if ((x + width - bar) % width < 16) return [255, 255, 255];
+  return QUARTERS[(y >= height / 2 ? 2 : 0) + (x >= width / 2 ? 1 : 0)];
+}
+
+// The largest difference, in code values, away from edges, where JPEG rings.
+function compare({ width, height, data, header }) {
+  let worst = 0;
+  let seen = 0;
+  for (let y = 4; y < height - 4; y += 3) {
+    for (let x = 4; x < width - 4; x += 3) {
+      const want = wanted(header.frame, x, y, width, height);
+      // a block of 8 x 8 that has an edge in it is left out
+      const bx = x & ~7;
+      const by = y & ~7;
+      const flat = [[bx, by], [bx + 7, by], [bx, by + 7], [bx + 7, by + 7]].every(([cx, cy]) =>
+        wanted(header.frame, Math.min(cx, width - 1), Math.min(cy, height - 1), width, height).every((v, c) => v === want[c]));
+      if (!flat) continue;
+      seen++;
+      for (let c = 0; c < 3; c++) worst = Math.max(worst, Math.abs(data[(y * width + x) * 4 + c] - want[c]));
+    }
+  }
+  assert.ok(seen > 1000);
+  return worst;
+}
+
+test('every pixel is where it belongs and of the right colour, in picture after picture', () =>
+  withPage(['--size', '320x180', '--fps', '20'], async (page) => {
+    await untilState(page, 'live');
+    const frames = new Set();
+    for (let i = 0; i < 6; i++) {
+      await untilFrames(page, 2);
+      const got = await readback(page);
+      assert.equal(got.width, 320);
+      assert.equal(got.height, 180);
+      const worst = compare(got);
+      assert.ok(worst <= 4, `frame ${got.header.frame}: off by ${worst}`);
+      frames.add(got.header.frame);
+    }
+    assert.equal(frames.size, 6); // it moved
+  }));
+
+test('the canvas follows the size of the picture', () =>
+  withPage(['--size', '320x184'], async (page, server) => {
+    await untilState(page, 'live');
+    for (const size of ['640x352', '272x480', '320x184']) {
+      server.say(`size ${size}`);
+      const [width, height] = size.split('x').map(Number);
+      await page.waitForFunction(([w, h]) => window.relight.lastHeader.width === w && window.relight.lastHeader.height === h,
+        [width, height]);
+      const got = await readback(page);
+      assert.deepEqual([got.width, got.height], [width, height]);
+      assert.ok(compare(got) <= 4);
+    }
+  }));
+
+test('each state of the source has its sentence, before the first picture and after', () =>
+  withPage(['--quiet'], async (page, server) => {
+    await untilState(page, 'waiting');
+    assert.match(await sentence(page), /^Waiting for a sky/);
+    assert.ok(await page.isVisible('#veil-sentence'));
+    assert.match(await page.textContent('#veil-sentence'), /^Waiting for a sky/);
+    server.say('state live');
+    server.say('go');
+    await untilState(page, 'live');
+    await untilFrames(page, 2);
+    assert.equal(await sentence(page), 'Live.');
+    assert.ok(!(await page.isVisible('#veil')));
+    server.say('fail sky.0012.exr: byte 4711: torn');
+    await untilState(page, 'failed');
+    assert.equal(await sentence(page), 'A sky frame could not be used: sky.0012.exr: byte 4711: torn. The last picture stays.');
+    assert.ok(await page.isVisible('#notice'));
+    await page.waitForFunction(() => document.getElementById('refusal').textContent.includes('sky.0012.exr'));
+    server.say('state ended');
+    await untilState(page, 'ended');
+    assert.match(await sentence(page), /has ended\. The last picture stays/);
+    server.say('state paused');
+    await untilState(page, 'paused');
+    assert.match(await sentence(page), /paused/);
+    server.say('state live');
+    server.say('stop');
+    await untilState(page, 'stalled');
+    assert.match(await sentence(page), /no picture has come for \d+ s/);
+    server.say('go');
+    await untilState(page, 'live');
+  }));
+
+test('the page says what it shows, with figures that move', () =>
+  withPage([], async (page) => {
+    await untilState(page, 'live');
+    await untilFrames(page, 40);
+    assert.equal(await page.textContent('#about'),
+      'A test pattern under no sky at all; 320\u00a0×\u00a0180, 64 samples per point, method mis.');
+    await page.waitForFunction(() => parseFloat(document.getElementById('fps').textContent) > 0);
+    await page.waitForFunction(() => parseFloat(document.getElementById('latency').textContent) >= 0);
+    await page.waitForFunction(() => parseFloat(document.getElementById('round-trip').textContent) >= 0);
+    assert.match(await page.textContent('#clock'), /^± /);
+    assert.match(await page.textContent('#ms-decoded'), /^1\.5 ms$/);
+    assert.match(await page.textContent('#sun-text'), /14:35, sun /);
+    assert.ok(await page.isVisible('#sky'));
+    const grow = await page.evaluate(() => getComputedStyle(document.getElementById('bar-decoded')).flexGrow);
+    assert.ok(parseFloat(grow) > 0);
+    const before = Number(await page.textContent('#frame'));
+    await untilFrames(page, 10);
+    await page.waitForFunction((n) => Number(document.getElementById('frame').textContent) > n, before);
+    // capture to display cannot be negative nor absurd on one machine
+    const latency = await page.evaluate(() => window.relight.latencyMs);
+    assert.ok(latency >= 0 && latency < 5000, `${latency} ms`);
+  }));
+
+test('a server that comes back is found again, with its new session', () =>
+  withPage(['--fps', '20'], async (page, server) => {
+    await untilState(page, 'live');
+    await untilFrames(page, 10);
+    await server.stop();
+    await untilState(page, 'reconnecting');
+    assert.match(await sentence(page), /The last picture stays\. Trying again$/);
+    assert.ok(await page.isVisible('#notice button'));
+    assert.ok(compare(await readback(page)) <= 4); // it does stay
+    const again = await startServer(PATTERN, ['--port', server.port, '--fps', '20']);
+    try {
+      await untilState(page, 'live');
+      await untilFrames(page, 5);
+      assert.ok((await readback(page)).header.sequence < 1000);
+      assert.ok(compare(await readback(page)) <= 4);
+    } finally {
+      await again.stop();
+    }
+  }));
+
+test('a server that freezes is noticed', () =>
+  withPage([], async (page, server) => {
+    await untilState(page, 'live');
+    server.kill('SIGSTOP');
+    await page.waitForFunction(() => ['stalled', 'reconnecting', 'connecting'].includes(window.relight.state.name));
+    await untilState(page, 'reconnecting', 60000);
+    server.kill('SIGCONT');
+    await untilState(page, 'live', 60000);
+    await untilFrames(page, 3);
+  }));
+
+// Headless Chromium has no hidden tabs; the page is told that it is one.
+const setHidden = (page, hidden) => page.evaluate((h) => {
+  Object.defineProperty(document, 'visibilityState', { value: h ? 'hidden' : 'visible', configurable: true });
+  document.dispatchEvent(new Event('visibilitychange'));
+}, hidden);
+
+test('a hidden page takes no pictures and a seen one goes on at once', () =>
+  withPage([], async (page) => {
+    await untilState(page, 'live');
+    await untilFrames(page, 3);
+    await setHidden(page, true);
+    await untilState(page, 'paused');
+    assert.match(await sentence(page), /hidden/);
+    await page.waitForTimeout(500); // what was under way has arrived
+    const frames = await page.evaluate(() => window.relight.frames);
+    await page.waitForTimeout(1500);
+    assert.equal(await page.evaluate(() => window.relight.frames), frames);
+    await setHidden(page, false);
+    await untilState(page, 'live');
+    await untilFrames(page, 3);
+    // late, repeated and crossing events end where the last one says
+    for (const hidden of [true, false, true, true, false]) await setHidden(page, hidden);
+    await untilState(page, 'live');
+    await untilFrames(page, 3);
+  }));
+
+test('a page that draws nothing holds two pictures and no more, and then gets the newest', () =>
+  withPage(['--fps', '60'], async (page) => {
+    await untilFrames(page, 3);
+    const before = await page.evaluate(() => {
+      window.realFrame = window.requestAnimationFrame;
+      window.requestAnimationFrame = (then) => { window.held = then; return 1; };
+      return window.relight.lastHeader.sequence;
+    });
+    await page.waitForTimeout(2000);
+    const after = await page.evaluate(() => {
+      window.requestAnimationFrame = window.realFrame;
+      window.held?.();
+      return window.relight.lastHeader.sequence;
+    });
+    assert.ok(after - before <= 4, `${after - before}`); // what was under way, not the two seconds
+    await page.waitForFunction((n) => window.relight.lastHeader.sequence > n + 60, before);
+    await untilState(page, 'live');
+  }));
+
+test('keys and buttons do what they say', () =>
+  withPage([], async (page) => {
+    await untilState(page, 'live');
+    // by keyboard alone: every control is reached in turn and shows that it is
+    const names = [];
+    for (let i = 0; i < 2; i++) {
+      await page.keyboard.press('Tab');
+      names.push(await page.evaluate(() => document.activeElement.getAttribute('aria-label')));
+      assert.notEqual(await page.evaluate(() => getComputedStyle(document.activeElement).outlineStyle), 'none');
+    }
+    assert.deepEqual(names, ['Figures', 'Full screen']);
+    assert.ok(await page.isVisible('#figures'));
+    await page.keyboard.press('i');
+    assert.ok(!(await page.isVisible('#figures')));
+    assert.equal(await page.getAttribute('#info-button', 'aria-pressed'), 'false');
+    await page.click('#info-button');
+    assert.ok(await page.isVisible('#figures'));
+    await page.keyboard.press('f');
+    await page.waitForFunction(() => document.fullscreenElement?.id === 'stage');
+    await page.keyboard.press('f');
+    await page.waitForFunction(() => !document.fullscreenElement);
+  }));
+
+test('nothing sticks out at any width, in any state', async () => {
+  for (const [width, height] of [[320, 640], [390, 844], [844, 390], [1280, 720], [1920, 1080]]) {
+    await withPage(['--quiet'], async (page, server) => {
+      const fits = () => page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth);
+      await untilState(page, 'waiting');
+      assert.ok(await fits(), `waiting at ${width}`);
+      server.say('state live');
+      server.say('go');
+      await untilState(page, 'live');
+      await untilFrames(page, 1);
+      assert.ok(await fits(), `live at ${width}`);
+      const box = await page.locator('#picture').boundingBox();
+      assert.ok(box.width * box.height >= 0.2 * width * height, `the picture has ${box.width} x ${box.height} of ${width} x ${height}`);
+      server.say('fail a/path/that/is/rather/long/and/has/no/blank/in/it/sky.0012.exr: byte 4711: the chunk ends early');
+      await untilState(page, 'failed');
+      assert.ok(await fits(), `failed at ${width}`);
+    }, { width, height });
+  }
+});
+
+// Relative luminance and contrast as WCAG 2 defines them.
+test('all text is told from its ground by at least 4.5 to 1', () =>
+  withPage([], async (page, server) => {
+    await untilState(page, 'live');
+    server.say('fail torn');
+    await untilState(page, 'failed');
+    const poor = await page.evaluate(() => {
+      const parse = (text) => text.match(/[\d.]+/g).map(Number);
+      const luminance = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+      const ground = (element) => {
+        for (let e = element; e; e = e.parentElement) {
+          const color = parse(getComputedStyle(e).backgroundColor);
+          if ((color[3] ?? 1) > 0.9) return color;
+        }
+        return [0, 0, 0];
+      };
+      const found = [];
+      for (const element of document.querySelectorAll('h1, p, dt, dd, span, button, small')) {
+        if (!element.textContent.trim() || element.closest('#veil') || !element.checkVisibility()) continue;
+        const [a, b] = [luminance(parse(getComputedStyle(element).color)), luminance(ground(element))];
+        const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        if (contrast < 4.5) found.push(`${element.tagName} "${element.textContent.trim().slice(0, 20)}" ${contrast.toFixed(2)}`);
+      }
+      return found;
+    });
+    assert.deepEqual(poor, []);
+    // and those who do not see are told
+    assert.equal(await page.getAttribute('#sentence', 'aria-live'), 'polite');
+    assert.match(await page.getAttribute('#picture', 'aria-label'), /^A test pattern under/);
+  }));
+
+test('without workers the page itself does their work', async () => {
+  const server = await startServer(PATTERN, ['--fps', '20']);
+  const page = await browser.newPage();
+  try {
+    await page.addInitScript(() => { delete window.Worker; });
+    await page.goto(server.url);
+    await untilState(page, 'live');
+    await untilFrames(page, 5);
+    assert.ok(compare(await readback(page)) <= 4);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+});
+
+test('another site cannot open the stream', async () => {
+  const server = await startServer(PATTERN, []);
+  const page = await browser.newPage();
+  try {
+    await page.goto('about:blank'); // its origin is null
+    const opened = await page.evaluate((url) => new Promise((resolve) => {
+      const socket = new WebSocket(url, 'relight.v1');
+      socket.onopen = () => resolve(true);
+      socket.onerror = () => resolve(false);
+    }), `ws://127.0.0.1:${server.port}/ws`);
+    assert.equal(opened, false);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+});
