@@ -41,14 +41,14 @@ static void a_file_cut_at_any_byte_is_refused(void **state)
     }
 }
 
-static void any_bit_turned_over_is_survived(void **state)
+static void turned_bits_are_survived(void **state)
 {
     (void)state;
 
     for (size_t i = 0; i < SMALL; i++) {
         size_t size;
         uint8_t *bytes = exr_make(&small[i], &size);
-        must_survive_each_bit(bytes, size);
+        must_survive_turned_bits(bytes, size);
         free(bytes);
     }
 }
@@ -293,7 +293,7 @@ static void captured_maps_decode(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_file_cut_at_any_byte_is_refused),
-    cmocka_unit_test(any_bit_turned_over_is_survived),
+    cmocka_unit_test(turned_bits_are_survived),
     cmocka_unit_test(sizes_beyond_the_limit_are_refused_as_such),
     cmocka_unit_test(sizes_that_the_file_cannot_hold_take_no_memory),
     cmocka_unit_test(liars_are_refused_in_little_memory),

@@ -1,0 +1,141 @@
+/* An image's memory, and what sanitising does to each kind of value. */
+#include "unit.h"
+
+#include "image.h"
+
+#include <math.h>
+
+static void sizes_outside_the_limits_are_refused(void **state)
+{
+    static const uint32_t sizes[][2] = { { 0, 1 },
+                                         { 1, 0 },
+                                         { IMAGE_MAX_SIDE + 1, 1 },
+                                         { 1, IMAGE_MAX_SIDE + 1 },
+                                         { IMAGE_MAX_SIDE, IMAGE_MAX_SIDE / 2 + 1 },
+                                         { UINT32_MAX, UINT32_MAX } };
+    struct image im = { 0 };
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(sizes) / sizeof(sizes[0]); i++) {
+        assert_int_equal(image_resize(&im, sizes[i][0], sizes[i][1]), ERR_RANGE);
+        assert_null(im.rgb);
+    }
+}
+
+static void memory_is_kept_while_it_is_large_enough(void **state)
+{
+    struct image im = { 0 };
+    (void)state;
+
+    assert_int_equal(image_resize(&im, 20, 10), ERR_OK);
+    const float *before = im.rgb;
+    im.layout = LAYOUT_CUBE;
+    im.faults.negative = 3;
+    assert_int_equal(image_resize(&im, 8, 25), ERR_OK);
+    assert_ptr_equal(im.rgb, before);
+    assert_int_equal(im.width, 8);
+    assert_int_equal(im.height, 25);
+    assert_int_equal(im.layout, LAYOUT_AUTO);
+    assert_int_equal(im.faults.negative, 0);
+    assert_int_equal(image_resize(&im, 21, 10), ERR_OK);
+    assert_int_equal(im.capacity, 630);
+    image_finish(&im);
+    assert_null(im.rgb);
+    image_finish(&im);
+    image_finish(NULL);
+}
+
+/* Every odd value at every place of a picture that is no multiple of anything. */
+static void each_odd_value_is_put_right_and_counted_anywhere(void **state)
+{
+    static const struct {
+        float value, becomes;
+        struct image_faults faults;
+    } rows[] = {
+        { NAN, 0.0f, { .nan = 1 } },
+        { -NAN, 0.0f, { .nan = 1 } },
+        { INFINITY, IMAGE_MAX, { .infinite = 1 } },
+        { -INFINITY, 0.0f, { .infinite = 1 } },
+        { 3e38f, IMAGE_MAX, { .infinite = 1 } },
+        { -3e38f, 0.0f, { .infinite = 1 } },
+        { -1e-30f, 0.0f, { .negative = 1 } },
+        { -5.0f, 0.0f, { .negative = 1 } },
+        { 65504.0f, 65504.0f, { .clipped = 1 } },
+        { 65505.0f, 65505.0f, { .clipped = 0 } },
+        { IMAGE_MAX, IMAGE_MAX, { .clipped = 0 } },
+        { 1e-40f, 1e-40f, { .clipped = 0 } },
+    };
+    struct image im = { 0 };
+    (void)state;
+
+    assert_int_equal(image_resize(&im, 67, 3), ERR_OK);
+    for (size_t r = 0; r < sizeof(rows) / sizeof(rows[0]); r++) {
+        for (size_t at = 0; at < 67 * 3 * 3; at++) {
+            for (size_t i = 0; i < 67 * 3 * 3; i++)
+                im.rgb[i] = (float)i;
+            im.rgb[at] = rows[r].value;
+            im.faults.nan = 77; /* of the frame before */
+            image_sanitise(&im);
+            assert_memory_equal(&im.faults, &rows[r].faults, sizeof(im.faults));
+            for (size_t i = 0; i < 67 * 3 * 3; i++)
+                assert_true(im.rgb[i] == (i == at ? rows[r].becomes : (float)i));
+        }
+    }
+    image_finish(&im);
+}
+
+static void faults_are_counted_before_a_change_of_primaries_and_negatives_after(void **state)
+{
+    /* r' = r - g, g' = g, b' = b / 2 */
+    static const float m[9] = { 1, -1, 0, 0, 1, 0, 0, 0, 0.5f };
+    float rgb[5][3] = { { 3, 1, 4 }, { 1, 3, 4 }, { NAN, 1, -INFINITY }, { 65504, -65504, INFINITY }, { -2, -2, 0 } };
+    static const float want[5][3] = {
+        { 2, 1, 2 }, { 0, 3, 2 }, { 0, 1, 0 }, { 131008, 0, 0.5f * IMAGE_MAX }, { 0, 0, 0 }
+    };
+    struct image_faults faults = { .nan = 10 };
+    (void)state;
+
+    image_sanitise_texels(&rgb[0][0], 5, m, &faults);
+    for (int i = 0; i < 15; i++)
+        assert_true(rgb[i / 3][i % 3] == want[i / 3][i % 3]);
+    assert_int_equal(faults.nan, 11);
+    assert_int_equal(faults.infinite, 2);
+    assert_int_equal(faults.clipped, 1);
+    assert_int_equal(faults.negative, 4); /* r of texels 1 and 2, g of texels 3 and 4 */
+}
+
+static void no_texels_are_no_work(void **state)
+{
+    struct image_faults faults = { 0 };
+    (void)state;
+
+    image_sanitise_texels(NULL, 0, NULL, &faults);
+    assert_int_equal(faults.nan, 0);
+}
+
+static void layouts_have_names_that_parse(void **state)
+{
+    static const enum layout layouts[] = { LAYOUT_AUTO, LAYOUT_LATLONG, LAYOUT_LATLONG_BOTTOM_FIRST, LAYOUT_CUBE };
+    enum layout got;
+    struct reason why;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(layouts) / sizeof(layouts[0]); i++) {
+        assert_int_equal(layout_parse(layout_name(layouts[i]), &got, &why), ERR_OK);
+        assert_int_equal(got, layouts[i]);
+    }
+    assert_int_equal(layout_parse("mercator", &got, &why), ERR_USAGE);
+    assert_int_equal(got, LAYOUT_AUTO);
+    assert_non_null(strstr(why.text, "mercator"));
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(sizes_outside_the_limits_are_refused),
+    cmocka_unit_test(memory_is_kept_while_it_is_large_enough),
+    cmocka_unit_test(each_odd_value_is_put_right_and_counted_anywhere),
+    cmocka_unit_test(faults_are_counted_before_a_change_of_primaries_and_negatives_after),
+    cmocka_unit_test(no_texels_are_no_work),
+    cmocka_unit_test(layouts_have_names_that_parse),
+};
+
+UNIT_MAIN(tests)
