@@ -8,7 +8,8 @@ const BACKOFF_MS = [300, 600, 1200, 2500];
 const BACKOFF_LATE_MS = 10000; // after a minute of trying
 const LATER_MS = 10000;
 const OPEN_MS = 8000; // to open and be welcomed
-const SILENCE_MS = 6000; // statuses come twice a second: after this the connection is dead
+const QUIET_MS = 2000; // statuses come twice a second: after this it is said that nothing comes
+const SILENCE_MS = 12000; // and after this the connection is dead; a large picture on a slow line takes its time
 const STALL_MS = 2000;
 const WAKE_MS = 3000; // from waking to the first picture
 
@@ -282,10 +283,12 @@ export class Connection {
     const quiet = now - Math.max(this.pictureMs, this.sinceMs);
     const allowed = STALL_MS + (this.fps > 0 ? 3000 / this.fps : 3000);
     if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
+    else if (now - this.heardMs > QUIET_MS)
+      this.set({ name: 'stalled', silent: true, seconds: Math.floor((now - this.heardMs) / 1000) });
     else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
     else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });
     else if (name === 'paused' || name === 'ended') this.set({ name });
-    else if (quiet > allowed) this.set({ name: 'stalled', seconds: Math.floor(quiet / 1000) });
+    else if (quiet > allowed) this.set({ name: 'stalled', silent: false, seconds: Math.floor(quiet / 1000) });
     else if (this.lastSequence > 0) this.set({ name: 'live' });
     else this.set({ name: 'connecting' });
   }
@@ -299,7 +302,7 @@ export class Connection {
       return;
     }
     this.judge();
-    if (this.state.name !== 'stalled' || now - this.askedMs < WAKE_MS) return;
+    if (this.state.name !== 'stalled' || this.state.silent || now - this.askedMs < WAKE_MS) return;
     // The server says that it makes pictures: ask again, and in the end on a new connection.
     if (this.wakes++ < 3) this.subscribe();
     else if (this.fps > 0) this.lost('No picture came.');

@@ -52,7 +52,9 @@ export function stateSentence(state, seen) {
     case 'failed':
       return `A sky frame could not be used${because}.${stays}`;
     case 'stalled':
-      return `The server answers, but no picture has come for ${state.seconds} s.${stays}`;
+      return state.silent
+        ? `Nothing has come from the server for ${state.seconds} s.${stays}`
+        : `The server answers, but no picture has come for ${state.seconds} s.${stays}`;
     case 'reconnecting':
       return `${state.detail || 'The connection broke.'}${stays} Trying again`;
     case 'refused':

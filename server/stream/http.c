@@ -93,7 +93,7 @@ static int respond_text(struct lws *wsi, unsigned status, const char *type, cons
 }
 
 /* A request that is turned away costs its connection: what else may be on it is not looked at. */
-static int refuse(struct server *s, struct lws *wsi, unsigned status, const char *text)
+int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text)
 {
     atomic_fetch_add(&s->counts.refused, 1);
     respond_text(wsi, status, "text/plain; charset=utf-8", text, false);
@@ -121,12 +121,12 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
     char given[64];
 
     if (!http_host_ok(s, wsi))
-        return refuse(s, wsi, 403, "This server does not answer to that Host name.\n");
+        return http_refuse(s, wsi, 403, "This server does not answer to that Host name.\n");
     if (!head && lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) == 0)
-        return refuse(s, wsi, 405, "Only GET and HEAD are answered.\n");
+        return http_refuse(s, wsi, 405, "Only GET and HEAD are answered.\n");
     if (lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) > 0 ||
         lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0)
-        return refuse(s, wsi, 413, "A request must not have a body.\n");
+        return http_refuse(s, wsi, 413, "A request must not have a body.\n");
     if (strcmp(path, "/healthz") == 0)
         return answer_health(s, wsi, head);
 
@@ -176,7 +176,8 @@ int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     switch (reason) {
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);
     case LWS_CALLBACK_HTTP_WRITEABLE: return send_more(wsi, user);
-    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: atomic_fetch_add(&s->counts.refused, 1); return -1;
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
+        return http_refuse(s, wsi, 400, "The WebSocket subprotocol " PROTOCOL_NAME " must be asked for.\n");
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE: return confirm_upgrade(s, wsi);
     case LWS_CALLBACK_HTTP_BODY: return -1; /* answered already; the rest is not read */
     case LWS_CALLBACK_ESTABLISHED:

@@ -127,6 +127,26 @@ struct http_session {
  * not reach a server on a visitor's own machine, under whatever name they reach it. Thread: service. */
 bool http_host_ok(const struct server *s, struct lws *wsi);
 bool http_origin_ok(struct lws *wsi);
+/* Answers and has the connection closed: returns -1. */
+int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text);
+
+/* viewer_send.c, thread: service. */
+static inline int64_t viewer_now_us(void)
+{
+    return (int64_t)lws_now_usecs();
+}
+void viewer_want(struct viewer *v);            /* asks lws for a moment to write */
+void viewer_say(struct viewer *v, char *text); /* queues a message and takes it over; NULL says nothing */
+void viewer_part(struct viewer *v, uint16_t code, const char *text); /* closes, after what is queued */
+void viewer_complain(struct viewer *v, const struct fault *fault); /* says what is wrong, and closes if that is fatal */
+/* The newest picture of the viewer's format that it has not begun to get, as a new reference; NULL: none. */
+struct picture *viewer_next_picture(struct viewer *v);
+/* Whether a picture may begin now. Comes back by itself when only the viewer's rate stands against it. */
+bool viewer_may_begin(struct viewer *v);
+int viewer_write(struct viewer *v); /* one write; -1: the connection ends */
+
+/* viewer_receive.c, thread: service. One piece of a message from the viewer. */
+void viewer_receive(struct viewer *v, const uint8_t *in, size_t length);
 
 /* viewer.c, thread: service. */
 void viewers_wake(struct server *s);   /* new pictures or states: whoever may now send is asked to */

@@ -194,8 +194,12 @@ test('slow pictures are no stall', async () => {
 });
 
 test('silence is a dead connection', async () => {
-  const { world, states } = await live();
-  await world.pass(9000);
+  const { world, connection, states } = await live();
+  await world.pass(5000);
+  assert.equal(connection.state.name, 'stalled');
+  assert.equal(connection.state.silent, true);
+  assert.equal(world.sockets.length, 1);
+  await world.pass(15000);
   assert.ok(states.includes('reconnecting'));
   assert.ok(world.sockets.length >= 2);
 });

@@ -30,6 +30,11 @@ test('every state has a word and a sentence, with a picture and without', () => 
     }
 });
 
+test('a stall says whether anything is heard at all', () => {
+  assert.match(stateSentence({ name: 'stalled', silent: false, seconds: 4 }, true), /^The server answers, but no picture .* 4 s/);
+  assert.match(stateSentence({ name: 'stalled', silent: true, seconds: 4 }, true), /^Nothing has come from the server for 4 s/);
+});
+
 test('a reason is passed on', () => {
   assert.equal(stateSentence({ name: 'failed', detail: 'a.exr: byte 3: torn' }, true),
     'A sky frame could not be used: a.exr: byte 3: torn. The last picture stays.');

@@ -1,0 +1,145 @@
+#include "internal.h"
+
+#include "clock.h"
+
+#include <string.h>
+
+static bool same_token(const char *given, const char *wanted)
+{
+    /* Looks at every byte whatever it finds, so that the time taken tells nothing about the token. */
+    const size_t length = strlen(given);
+    unsigned differs = length != strlen(wanted);
+
+    for (size_t i = 0; wanted[i]; i++)
+        differs |= (unsigned char)wanted[i] ^ (unsigned char)given[i < length ? i : length];
+    return !differs;
+}
+
+static void take_hello(struct viewer *v, const struct message *m, struct fault *fault)
+{
+    const struct server *s = v->server;
+
+    if (v->greeted)
+        fault_say(fault, FAULT_BAD_ORDER, "4.1", "hello was said before");
+    else if (m->hello.major != PROTOCOL_MAJOR)
+        fault_say(fault, FAULT_BAD_VERSION, "4.1.2", "version %u is spoken here, not %u", PROTOCOL_MAJOR,
+                  m->hello.major);
+    else if (m->hello.role != SERVER_VIEWER)
+        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server takes viewers only");
+    else if (s->tokens[m->hello.role] && !same_token(m->hello.token, s->tokens[m->hello.role]))
+        fault_say(fault, FAULT_BAD_TOKEN, "4.1.3", "the token is missing or wrong");
+    if (fault->code)
+        return;
+    v->greeted = true;
+    v->role = m->hello.role;
+    v->status_due = true;
+    viewer_say(v, message_welcome(s->session, s->max_connections));
+}
+
+static void take_subscribe(struct viewer *v, const struct message *m, struct fault *fault)
+{
+    const bool watched = v->subscribed && !v->wish.subscribe.paused;
+
+    if (m->subscribe.format != PROTOCOL_JPEG) {
+        fault_say(fault, FAULT_NOT_OFFERED, "4.3.1", "this server makes jpeg only");
+        return;
+    }
+    v->wish = *m;
+    v->subscribed = true;
+    v->due_us = 0;
+    viewer_say(v, message_subscribed(m));
+    if (!watched && !m->subscribe.paused) {
+        /* Who begins or resumes gets the last picture at once, and has skipped none. */
+        struct picture *p = viewer_next_picture(v);
+        if (p)
+            v->begun = picture_header(p)->sequence - 1;
+        v->since_us = clock_wall_us();
+        picture_unref(p);
+    }
+    viewers_demand(v->server);
+    viewer_want(v);
+}
+
+static void take_ack(struct viewer *v, const struct message *m, struct fault *fault)
+{
+    const uint64_t sequence = m->ack.sequence;
+    unsigned kept = 0;
+
+    if (sequence > v->begun || (v->current && sequence == v->begun)) {
+        fault_say(fault, FAULT_BAD_ORDER, "4.5.1", "picture %llu was not sent yet", (unsigned long long)sequence);
+        return;
+    }
+    for (unsigned i = 0; i < v->unacked_count; i++)
+        if (v->unacked[i] > sequence)
+            v->unacked[kept++] = v->unacked[i];
+    atomic_fetch_add(&v->server->counts.acked, v->unacked_count - kept);
+    /* Acks that return credit cannot come faster than pictures go: they do not count as messages. */
+    v->tokens += v->unacked_count > kept ? 1.0 : 0.0;
+    v->unacked_count = kept;
+    if (viewer_may_begin(v))
+        viewer_want(v);
+}
+
+/* A bucket of STREAM_BURST messages that fills at STREAM_RATE a second. */
+static bool too_fast(struct viewer *v)
+{
+    const int64_t now = viewer_now_us();
+
+    v->tokens += (double)(now - v->tokens_us) * 1e-6 * STREAM_RATE;
+    v->tokens_us = now;
+    if (v->tokens > STREAM_BURST)
+        v->tokens = STREAM_BURST;
+    if (v->tokens < 1.0)
+        return true;
+    v->tokens -= 1.0;
+    return false;
+}
+
+static void take_text(struct viewer *v)
+{
+    struct message m;
+    struct fault fault = { .clause = "" };
+
+    if (too_fast(v))
+        fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %g messages a second", STREAM_RATE);
+    else if (!message_parse(v->text, v->text_size, &m, &fault)) {
+        if (!v->greeted && m.op != MESSAGE_HELLO)
+            fault_say(&fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
+        else if (m.op == MESSAGE_HELLO)
+            take_hello(v, &m, &fault);
+        else if (m.op == MESSAGE_SUBSCRIBE)
+            take_subscribe(v, &m, &fault);
+        else if (m.op == MESSAGE_ACK)
+            take_ack(v, &m, &fault);
+        else if (v->outbox_count < STREAM_OUTBOX) /* behind a large picture on a slow line, answers would only age */
+            viewer_say(v, message_pong(m.ping.id, clock_wall_us()));
+    }
+    if (fault.code)
+        viewer_complain(v, &fault);
+}
+
+/* Gathers the pieces of one message; its size is refused as soon as it is known. */
+void viewer_receive(struct viewer *v, const uint8_t *in, size_t length)
+{
+    struct fault fault;
+
+    if (v->close_code)
+        return;
+    if (lws_is_first_fragment(v->wsi)) {
+        v->text_size = 0;
+        v->pieces = 0;
+    }
+    const size_t coming = lws_remaining_packet_payload(v->wsi), room = sizeof(v->text) - v->text_size;
+    if (lws_frame_is_binary(v->wsi)) {
+        fault_say(&fault, FAULT_WRONG_ROLE, "3.5", "a viewer sends no binary messages");
+        viewer_complain(v, &fault);
+    } else if (length > room || coming > room - length || ++v->pieces > STREAM_PIECES) {
+        fault_say(&fault, FAULT_TOO_BIG, "3.3", "a text message has at most %d bytes", PROTOCOL_TEXT_MAX);
+        viewer_complain(v, &fault);
+    } else {
+        memcpy(v->text + v->text_size, in, length);
+        v->text_size += length;
+        if (lws_is_final_fragment(v->wsi) && coming == 0)
+            take_text(v);
+    }
+}

@@ -1,0 +1,200 @@
+#include "internal.h"
+
+#include "clock.h"
+#include "log.h"
+
+#include <stdio.h>
+#include <string.h>
+
+void viewer_want(struct viewer *v)
+{
+    if (!v->waiting) {
+        v->waiting = true;
+        v->moved_us = viewer_now_us();
+    }
+    lws_callback_on_writable(v->wsi);
+}
+
+void viewer_part(struct viewer *v, uint16_t code, const char *text)
+{
+    if (v->close_code)
+        return;
+    v->close_code = code;
+    snprintf(v->close_text, sizeof(v->close_text), "%s", text);
+    viewer_want(v);
+}
+
+void viewer_complain(struct viewer *v, const struct fault *fault)
+{
+    atomic_fetch_add(&v->server->counts.errors, 1);
+    log_debug("%s: %s (clause %s): %s", v->peer, fault_name(fault->code), fault->clause, fault->text);
+    if (v->outbox_count < STREAM_OUTBOX)
+        viewer_say(v, message_error(fault));
+    if (fault_close_code(fault->code)) {
+        char text[120];
+        snprintf(text, sizeof(text), "clause %s: %.100s", fault->clause, fault->text);
+        viewer_part(v, fault_close_code(fault->code), text);
+    }
+}
+
+void viewer_say(struct viewer *v, char *text)
+{
+    struct fault fault;
+
+    if (text && v->outbox_count == STREAM_OUTBOX) {
+        message_free(text);
+        fault_say(&fault, FAULT_TOO_FAST, "2.5", "answers wait and are not read");
+        viewer_complain(v, &fault);
+    } else if (text) {
+        v->outbox[v->outbox_count++] = text;
+        viewer_want(v);
+    }
+}
+
+/* The newest picture of the viewer's format, as a new reference, if it has not begun to get it yet. */
+struct picture *viewer_next_picture(struct viewer *v)
+{
+    struct server *s = v->server;
+    struct picture *p = NULL;
+
+    pthread_mutex_lock(&s->lock);
+    struct picture *latest = s->latest[v->wish.subscribe.format];
+    if (latest && picture_header(latest)->sequence > v->begun)
+        p = picture_ref(latest);
+    pthread_mutex_unlock(&s->lock);
+    return p;
+}
+
+static void pace_over(lws_sorted_usec_list_t *sul)
+{
+    struct viewer *v = lws_container_of(sul, struct viewer, pace);
+
+    viewer_want(v);
+}
+
+/* Whether a picture may begin now. Comes back by itself when only the viewer's rate stands against it. */
+bool viewer_may_begin(struct viewer *v)
+{
+    if (v->current || v->close_code || !v->subscribed || v->wish.subscribe.paused ||
+        v->unacked_count == PROTOCOL_CREDIT)
+        return false;
+    struct picture *p = viewer_next_picture(v);
+    if (!p)
+        return false;
+    picture_unref(p);
+    const int64_t wait = v->due_us - viewer_now_us();
+    if (wait > 0)
+        lws_sul_schedule(v->server->context, 0, &v->pace, pace_over, wait);
+    return wait <= 0;
+}
+
+static void begin_picture(struct viewer *v)
+{
+    struct picture *p = viewer_next_picture(v);
+
+    if (!p)
+        return;
+    const struct protocol_picture *header = picture_header(p);
+    const double rate = v->wish.subscribe.max_rate;
+    if (v->begun > 0) {
+        v->skipped += header->sequence - v->begun - 1;
+        atomic_fetch_add(&v->server->counts.skipped, header->sequence - v->begun - 1);
+    }
+    if (rate > 0.0) {
+        /* Late by less than one interval is made up for, so that the average holds. */
+        const int64_t interval = (int64_t)(1e6 / rate), now = viewer_now_us();
+        v->due_us = (v->due_us > now - interval ? v->due_us : now) + interval;
+    }
+    v->begun = header->sequence;
+    v->repeated = header->published_us < v->since_us;
+    v->unacked[v->unacked_count++] = header->sequence;
+    v->current = p;
+    v->offset = 0;
+}
+
+static int send_fragment(struct viewer *v)
+{
+    size_t size;
+    const uint8_t *message = picture_message(v->current, &size);
+    const size_t left = size - v->offset, piece = left < STREAM_CHUNK ? left : STREAM_CHUNK;
+    uint8_t *out = v->staging + LWS_PRE;
+
+    memcpy(out, message + v->offset, piece);
+    if (v->offset == 0 && v->repeated)
+        out[PROTOCOL_PICTURE_FLAGS_AT] |= PROTOCOL_PICTURE_REPEAT;
+    if (lws_write(v->wsi, out, piece, lws_write_ws_flags(LWS_WRITE_BINARY, v->offset == 0, piece == left)) < 0)
+        return -1;
+    v->offset += piece;
+    atomic_fetch_add(&v->server->counts.bytes, piece);
+    if (v->offset == size) {
+        picture_unref(v->current);
+        v->current = NULL;
+        v->sent++;
+        atomic_fetch_add(&v->server->counts.sent, 1);
+    }
+    return 0;
+}
+
+static int send_text(struct viewer *v, const char *text)
+{
+    const size_t size = strlen(text);
+
+    if (size > STREAM_CHUNK)
+        return -1;
+    memcpy(v->staging + LWS_PRE, text, size);
+    return lws_write(v->wsi, v->staging + LWS_PRE, size, LWS_WRITE_TEXT) < 0 ? -1 : 0;
+}
+
+static int send_outbox(struct viewer *v)
+{
+    char *text = v->outbox[0];
+
+    v->outbox_count--;
+    memmove(v->outbox, v->outbox + 1, v->outbox_count * sizeof(v->outbox[0]));
+    const int result = send_text(v, text);
+    message_free(text);
+    return result;
+}
+
+static int send_status(struct viewer *v)
+{
+    struct server *s = v->server;
+
+    v->status_due = false;
+    pthread_mutex_lock(&s->lock);
+    char *text = message_status(s->status, clock_wall_us(), s->demand.viewers, v->sent, v->skipped);
+    pthread_mutex_unlock(&s->lock);
+    const int result = text ? send_text(v, text) : 0;
+    message_free(text);
+    return result;
+}
+
+static int say_goodbye(struct viewer *v)
+{
+    lws_close_reason(v->wsi, (enum lws_close_status)v->close_code, (unsigned char *)v->close_text,
+                     strlen(v->close_text));
+    return -1;
+}
+
+/* One write per call, as lws wants it. Between the fragments of a picture only a close frame may go. */
+int viewer_write(struct viewer *v)
+{
+    int result = 0;
+
+    v->waiting = false;
+    if (v->close_code && (v->current || v->outbox_count == 0))
+        return say_goodbye(v);
+    if (!v->current && v->outbox_count > 0) {
+        result = send_outbox(v);
+    } else if (!v->current && v->status_due) {
+        result = send_status(v);
+    } else {
+        if (viewer_may_begin(v))
+            begin_picture(v);
+        if (v->current)
+            result = send_fragment(v);
+    }
+    if (result == 0 && (v->current || v->outbox_count > 0 || v->status_due || v->close_code || viewer_may_begin(v)))
+        viewer_want(v);
+    return result;
+}
