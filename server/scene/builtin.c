@@ -96,7 +96,7 @@ static struct vec3 lathe_at(float u, float v, const void *data)
 static void add_lathe(struct shape *s, const float (*points)[2], uint32_t count, uint32_t columns, uint32_t rows)
 {
     const struct lathe l = { points, count };
-    shape_grid(s, columns, rows, true, lathe_at, &l);
+    shape_grid(s, columns, rows, &(struct surface_map){ lathe_at, &l, true });
 }
 
 /* A fluted shaft that narrows upwards, a little fuller than a cone. */
@@ -123,7 +123,7 @@ static void add_column(struct shape *s, float radius, float angle)
     add_lathe(s, capital, 6, 32, 8);
     shape_box(s, vec3_make(-0.43f, 3.74f, -0.43f), vec3_make(0.43f, 3.88f, 0.43f));
     shape_place(s, x, 0.36f + 0.33f, z, angle);
-    shape_grid(s, 120, 4, true, shaft_at, &height);
+    shape_grid(s, 120, 4, &(struct surface_map){ shaft_at, &height, true });
     shape_place(s, 0.0f, 0.0f, 0.0f, 0.0f);
 }
 
@@ -274,8 +274,8 @@ static enum err add_armillary(struct scene *scene)
 
     shape_place(&s, 4.3f, 2.0f, -3.3f, 0.5f);
     for (size_t i = 0; i < sizeof(rings) / sizeof(rings[0]); i++)
-        shape_grid(&s, 80, 12, true, torus_at, &rings[i]);
-    shape_grid(&s, 32, 16, true, sphere_at, &globe);
+        shape_grid(&s, 80, 12, &(struct surface_map){ torus_at, &rings[i], true });
+    shape_grid(&s, 32, 16, &(struct surface_map){ sphere_at, &globe, true });
     shape_place(&s, 4.3f, 1.0f, -3.3f, 0.0f);
     add_lathe(&s, stand, 7, 40, 18);
     return shape_finish(&s, scene, STUFF_BRONZE);
@@ -300,7 +300,7 @@ static enum err add_ball(struct scene *scene)
     struct shape s = { 0 };
 
     shape_place(&s, -3.0f, 0.45f + radius, -5.0f, 0.0f);
-    shape_grid(&s, 72, 36, true, sphere_at, &radius);
+    shape_grid(&s, 72, 36, &(struct surface_map){ sphere_at, &radius, true });
     return shape_finish(&s, scene, STUFF_GLAZE);
 }
 

@@ -20,7 +20,7 @@ struct row {
     struct shade_point *points;
     struct gbuffer_entry *entries; /* .point counts from the row's first */
     struct gbuffer_escape *escapes;
-    uint32_t point_count, entry_count, escape_count; /* as many entries as points */
+    uint32_t point_count, escape_count; /* as many entries as points */
     uint32_t point_room, escape_room;
     uint32_t edge_pixels;
     struct sight_count count;
@@ -192,7 +192,7 @@ static bool add_point(struct row *r, const struct leaf *l, uint32_t x, uint32_t 
         return false;
     if (r->point_count == r->point_room)
         r->point_room = r->point_room ? 2 * r->point_room : 256;
-    struct gbuffer_entry *entry = &r->entries[r->entry_count++];
+    struct gbuffer_entry *entry = &r->entries[r->point_count];
     entry->point = r->point_count;
     memcpy(entry->weight, l->weight, sizeof(entry->weight));
     const struct surface *s = &l->surface;
@@ -229,7 +229,7 @@ static bool build_row(struct build *b, const struct scratch *s, uint32_t in_band
 
     for (uint32_t x = 0; x < width; x++) {
         const size_t pixel = (size_t)y * width + x;
-        const uint32_t points = r->entry_count, escapes = r->escape_count;
+        const uint32_t points = r->point_count, escapes = r->escape_count;
         const bool edge = is_edge(b, s, in_band, x, y);
         uint32_t n;
         if (edge) {
@@ -246,7 +246,7 @@ static bool build_row(struct build *b, const struct scratch *s, uint32_t in_band
             if (!add_leaf(r, &s->leaves[i], x, y))
                 return false;
         }
-        b->g->entry_first[pixel + 1] = r->entry_count - points;
+        b->g->entry_first[pixel + 1] = r->point_count - points;
         b->g->escape_first[pixel + 1] = r->escape_count - escapes;
     }
     return true;
@@ -254,7 +254,7 @@ static bool build_row(struct build *b, const struct scratch *s, uint32_t in_band
 
 static uint64_t row_bytes(const struct row *r)
 {
-    return r->point_count * (sizeof(struct shade_packet) / PACKET) + r->entry_count * sizeof(struct gbuffer_entry) +
+    return r->point_count * (sizeof(struct shade_packet) / PACKET + sizeof(struct gbuffer_entry)) +
            r->escape_count * sizeof(struct gbuffer_escape);
 }
 

@@ -2,6 +2,8 @@
 /* What the camera sees, without light: the input of relighting. Not pixels but shade points: a pixel is
  *     sum over its entries   weight * Lo(shade point)  +  sum over its escapes  weight * Lenv(direction)
  * A plain pixel has one of the two with weight 1; a pixel on an edge of geometry has several, from more camera rays.
+ * Camera rays are followed through mirrors and smooth glass, so that a weight may be coloured; the weights of a pixel
+ * without them sum to 1. Inside glass of index n a point weighs n^-2, since radiance there is n^2 as large.
  * Shade points stand in packets of 16 that are near each other in the picture and scatter by the same kind of lobe.
  * Never changes after gbuffer_create: any number of threads may read one. */
 #ifndef SCENE_GBUFFER_H
@@ -63,10 +65,10 @@ struct gbuffer {
 
 struct gbuffer_desc {
     const struct camera *camera;
-    uint32_t width, height;    /* 1..16384 */
-    uint32_t edge_rays;        /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no anti-aliasing */
-    bool every_pixel;          /* treat all pixels as edges */
-    uint64_t max_bytes;        /* 0: 4 GiB; ERR_RANGE beyond */
+    uint32_t width, height; /* 1..16384 */
+    uint32_t edge_rays;     /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: none extra; at most 64 */
+    bool every_pixel;       /* treat all pixels as edges */
+    uint64_t max_bytes;     /* 0: 4 GiB; ERR_RANGE beyond */
     struct progress *progress; /* may be NULL; stepped once per row */
 };
 

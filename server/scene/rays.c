@@ -155,7 +155,8 @@ bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, f
 }
 
 /* How far a point, computed on a triangle and rounded to float, may lie from where a ray query believes the triangle's
- * plane to be, along the plane's unit normal n; by running error analysis with u = 2^-24 per rounding.
+ * plane to be, along the plane's unit normal n; a running error bound [Higham 2002, section 3.3], with
+ * u = 2^-24 per rounding.
  *  - The point: each coordinate is rounded once when it is stored and once when it is moved: 2 u |n_i| |p_i|.
  *  - The query computes (v - o).N with N = e1 x e2, all in float. v - o is rounded: u |n_i| D_i, where D_i is the
  *    largest distance of a vertex along axis i; the dot product adds at most 3 u |n_i| D_i; and each component of N

@@ -10,6 +10,10 @@
 #include <string.h>
 #include <strings.h>
 
+/* Of the camera that frames a file without one: radians, and the least width over height it is meant for. */
+#define FRAMING_FOV (35.0f * (float)PI / 180.0f)
+#define FRAMING_ASPECT (4.0f / 3.0f)
+
 const char *scene_feature_name(enum scene_feature feature)
 {
     switch (feature) {
@@ -159,17 +163,26 @@ enum err scene_finish(struct scene *s, const char *file, struct reason *why)
 struct camera scene_framing_camera(const struct scene *s)
 {
     const struct vec3 centre = vec3_scale(vec3_add(s->low, s->high), 0.5f);
-    const float radius = fmaxf(0.5f * vec3_length(vec3_sub(s->high, s->low)), 1e-6f);
-    const float fov_y = 35.0f * (float)PI / 180.0f;
+    const struct vec3 half = vec3_scale(vec3_sub(s->high, s->low), 0.5f);
+    const float tan_y = tanf(0.5f * FRAMING_FOV), tan_x = FRAMING_ASPECT * tan_y;
     /* a little above the eye's usual height, off the axes so that three sides are seen */
     const struct vec3 from = vec3_normalize(vec3_make(0.62f, 0.42f, 1.0f));
+    const struct vec3 right = vec3_normalize(vec3_cross(vec3_make(0.0f, 1.0f, 0.0f), from));
+    const struct vec3 up = vec3_cross(from, right);
+    float distance = 0.0f;
 
+    /* The least distance from which each corner of the box lies within the picture, and a margin. */
+    for (int i = 0; i < 8; i++) {
+        const struct vec3 corner = { i & 1 ? half.x : -half.x, i & 2 ? half.y : -half.y, i & 4 ? half.z : -half.z };
+        const float across = fabsf(vec3_dot(corner, right)) / tan_x, along = fabsf(vec3_dot(corner, up)) / tan_y;
+        distance = fmaxf(distance, vec3_dot(corner, from) + 1.1f * fmaxf(across, along));
+    }
     struct camera c = {
         .name = "framed",
-        .position = vec3_add(centre, vec3_scale(from, radius / sinf(0.5f * fov_y))),
+        .position = vec3_add(centre, vec3_scale(from, fmaxf(distance, 1e-6f))),
         .look_at = centre,
         .up = { 0.0f, 1.0f, 0.0f },
-        .fov_y = fov_y,
+        .fov_y = FRAMING_FOV,
     };
     return c;
 }

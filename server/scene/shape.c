@@ -141,18 +141,18 @@ void shape_sector(struct shape *s, const struct sector *k)
     }
 }
 
-static struct vec3 grid_normal(float u, float v, bool wrap_u, shape_point *at, const void *data)
+static struct vec3 grid_normal(const struct surface_map *m, float u, float v)
 {
     const float h = 1e-3f;
     /* a step inside at the rims, where the surface may come to a point */
     const float v0 = fminf(fmaxf(v, 2.0f * h), 1.0f - 2.0f * h);
-    const float u0 = wrap_u ? u : fminf(fmaxf(u, h), 1.0f - h);
-    const struct vec3 du = vec3_sub(at(u0 + h, v0, data), at(u0 - h, v0, data));
-    const struct vec3 dv = vec3_sub(at(u0, v0 + h, data), at(u0, v0 - h, data));
+    const float u0 = m->wrap_u ? u : fminf(fmaxf(u, h), 1.0f - h);
+    const struct vec3 du = vec3_sub(m->at(u0 + h, v0, m->data), m->at(u0 - h, v0, m->data));
+    const struct vec3 dv = vec3_sub(m->at(u0, v0 + h, m->data), m->at(u0, v0 - h, m->data));
     return vec3_normalize(vec3_cross(du, dv));
 }
 
-void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, bool wrap_u, shape_point *at, const void *data)
+void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, const struct surface_map *map)
 {
     const uint32_t across = columns + 1;
 
@@ -161,10 +161,10 @@ void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, bool wrap_u, s
     const uint32_t first = s->mesh.vertex_count;
     for (uint32_t j = 0; j <= rows; j++) {
         for (uint32_t i = 0; i <= columns; i++) {
-            const float u = (float)i / (float)columns, v = (float)j / (float)rows;
             /* the seam's two rows of vertices must be the same points, to the bit */
-            const float closed = wrap_u && i == columns ? 0.0f : u;
-            add_vertex(s, at(closed, v, data), grid_normal(closed, v, wrap_u, at, data));
+            const float u = map->wrap_u && i == columns ? 0.0f : (float)i / (float)columns;
+            const float v = (float)j / (float)rows;
+            add_vertex(s, map->at(u, v, map->data), grid_normal(map, u, v));
         }
     }
     for (uint32_t j = 0; j < rows; j++) {

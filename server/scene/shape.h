@@ -28,10 +28,14 @@ struct sector {
 };
 void shape_sector(struct shape *s, const struct sector *k);
 
-/* A surface over (u, v) in the unit square: `at` gives its points; u x v counter-clockwise from outside. Normals from
- * differences; wrap_u: the surface closes where u = 1 meets 0. */
-typedef struct vec3 shape_point(float u, float v, const void *data);
-void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, bool wrap_u, shape_point *at, const void *data);
+/* A surface over (u, v) in the unit square: at(u, v, data) is its point; u x v counter-clockwise from outside. Normals
+ * from differences; wrap_u: the surface closes where u = 1 meets 0. */
+struct surface_map {
+    struct vec3 (*at)(float u, float v, const void *data);
+    const void *data;
+    bool wrap_u;
+};
+void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, const struct surface_map *map);
 
 /* A convex outline of n <= 8 corners in the plane x = 0, (z, y) each, given a thickness along x. */
 void shape_plate(struct shape *s, const float (*outline)[2], uint32_t n, float thickness);

@@ -168,11 +168,18 @@ static void without_a_camera_the_whole_is_framed(void **state)
     struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", "{" ONE_NODE MATERIAL("\"doubleSided\":true") TAIL));
     const struct camera *c = scene_camera(s, NULL);
     const struct vec3 ahead = vec3_normalize(vec3_sub(c->look_at, c->position));
-    for (int i = 0; i < 4; i++) { /* each corner within the angle of view */
-        const struct vec3 p = { square[3 * i], square[3 * i + 1], square[3 * i + 2] };
-        const struct vec3 to = vec3_normalize(vec3_sub(p, c->position));
-        assert_true(acosf(vec3_dot(to, ahead)) < 0.5f * c->fov_y);
+    const struct vec3 right = vec3_normalize(vec3_cross(ahead, c->up)), up = vec3_cross(right, ahead);
+    const float tan_y = tanf(0.5f * c->fov_y);
+    float most = 0.0f;
+    for (int i = 0; i < 4; i++) { /* each corner within a picture of 4:3, which is about filled */
+        const struct vec3 to = vec3_sub(vec3_make(square[3 * i], square[3 * i + 1], square[3 * i + 2]), c->position);
+        const float depth = vec3_dot(to, ahead);
+        const float x = fabsf(vec3_dot(to, right)) / (depth * tan_y * 4.0f / 3.0f);
+        const float y = fabsf(vec3_dot(to, up)) / (depth * tan_y);
+        assert_true(depth > 0.0f && x < 1.0f && y < 1.0f);
+        most = fmaxf(most, fmaxf(x, y));
     }
+    assert_true(most > 0.8f);
     scene_destroy(s);
     folder_remove(&f);
 }
