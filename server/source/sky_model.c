@@ -232,6 +232,11 @@ double sky_twilight_weight(const struct sky_dome *dome, double up)
     return dome->twilight[1] + (dome->twilight[0] - dome->twilight[1]) * exp(-4.0 * up);
 }
 
+double sky_warmth_kept(double angle)
+{
+    return 0.3 + 0.7 * exp(-1.5 * angle);
+}
+
 void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3])
 {
     const struct sky_dome *dome = &s->dome;
@@ -248,9 +253,12 @@ void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3])
     for (int i = 0; i < 3; i++)
         value[i] = dome->gain[i] * gradation(dome->perez[i], w[1]) * indicatrix(dome->perez[i], angle);
     const double blue = sky_twilight_weight(dome, w[1]);
-    const double x = value[1] + blue * (SKY_TWILIGHT_X - value[1]), y = value[2] + blue * (SKY_TWILIGHT_Y - value[2]);
+    const double y = value[2] + blue * (SKY_TWILIGHT_Y - value[2]);
+    double x = value[1] + blue * (SKY_TWILIGHT_X - value[1]);
+    if (x > SKY_WHITE_X)
+        x = SKY_WHITE_X + sky_warmth_kept(angle) * (x - SKY_WHITE_X);
     const double locus = sky_locus(x);
-    sky_rgb_from_xyy(x, y < locus ? y : locus, value[0], rgb);
+    sky_rgb_from_xyy(x, clamp(y, locus - SKY_LOCUS_BELOW, locus + SKY_LOCUS_ABOVE), value[0], rgb);
     for (int c = 0; c < 3; c++)
         rgb[c] += dome->night[c] * gradation(dome->perez[0], w[1]);
 }

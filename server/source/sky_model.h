@@ -32,15 +32,22 @@ void sky_state_fill(const struct sky_desc *d, struct sky_state *s);
 /* Its weight in the row whose cosine to the zenith is `up`: it begins high up, the horizon stays warm longer. */
 double sky_twilight_weight(const struct sky_dome *dome, double up);
 
-/* How far above the CIE daylight locus y may lie. Natural skies keep to that locus (or below, in twilight); the fit
- * leaves it towards yellow and green at low sun and in haze. */
-#define SKY_LOCUS_MARGIN 0.006
+/* How far from the CIE daylight locus y may lie. Natural skies keep near that locus; the fit leaves it towards yellow
+ * and green at low sun and in haze, and towards pink at the horizon of a clear day. */
+#define SKY_LOCUS_ABOVE 0.006
+#define SKY_LOCUS_BELOW 0.004
 
-/* y of the daylight locus plus margin [Judd et al. 1964], x in 0.2..0.7. */
+/* y of the daylight locus [Judd et al. 1964], x in 0.2..0.7. */
 static inline double sky_locus(double x)
 {
-    return (-3.0 * x + 2.870) * x - 0.275 + SKY_LOCUS_MARGIN;
+    return (-3.0 * x + 2.870) * x - 0.275;
 }
+
+/* Where x exceeds that of an even white, only this share of the excess is kept at an angle from the sun: the fit makes
+ * the whole horizon as warm as the sun's side of it, while reddened light is scattered forward. */
+#define SKY_WHITE_X (1.0 / 3.0)
+
+double sky_warmth_kept(double angle);
 
 /* CIE xyY to linear Rec.709; what lies outside its gamut is drawn towards grey of the same luminance until the smallest
  * channel is 0: continuous, never negative for Y >= 0, y > 0. */

@@ -7,25 +7,27 @@
 
 /* ---- The sky ---- */
 
-/* The indicatrix of a texel depends on the angle to the sun alone: three tables over the sine of half that angle,
+/* The indicatrix of a texel depends on the angle to the sun alone: four tables over the sine of half that angle,
  * linear between 2048 steps. Within 1e-5 of the exact value, but 1e-3 of it within some degrees of the point opposite
  * the sun, where the formula has a cusp that no sky has. */
 #define STEPS 2048
 
 struct angle_entry {
-    float value[3], slope[3];
-    float unused[2]; /* 32 bytes: an entry never lies across two cache lines */
+    float value[4], slope[4]; /* of luminance, x and y; and the warmth kept. 32 bytes: within one cache line */
 };
 
 static void fill_table(const struct sky_dome *dome, struct angle_entry table[STEPS + 1])
 {
-    double next[3], here[3];
+    double next[4] = { 0.0 }, here[4];
 
     for (int i = STEPS; i >= 0; i--) {
         const double angle = 2.0 * asin((double)i / STEPS), c = cos(angle);
         for (int k = 0; k < 3; k++) {
             const double *p = dome->perez[k];
             here[k] = dome->gain[k] * (1.0 + p[2] * exp(p[3] * angle) + p[4] * c * c);
+        }
+        here[3] = sky_warmth_kept(angle);
+        for (int k = 0; k < 4; k++) {
             table[i].value[k] = (float)here[k];
             table[i].slope[k] = i < STEPS ? (float)(next[k] - here[k]) : 0.0f;
             next[k] = here[k];
@@ -69,10 +71,12 @@ static void render_row(const struct sky_row *row, const struct angle_entry table
         const float part = place - (float)step;
         const struct angle_entry *t = &table[step];
         const float luminance = row->gradation[0] * (t->value[0] + part * t->slope[0]);
-        const float x = row->gradation[1] * (t->value[1] + part * t->slope[1]) + row->twilight[0];
+        const float x_fit = row->gradation[1] * (t->value[1] + part * t->slope[1]) + row->twilight[0];
+        const float warm = fmaxf(x_fit - (float)SKY_WHITE_X, 0.0f);
+        const float x = x_fit - warm + warm * (t->value[3] + part * t->slope[3]);
         const float y_fit = row->gradation[2] * (t->value[2] + part * t->slope[2]) + row->twilight[1];
-        const float y_locus = (-3.0f * x + 2.870f) * x - (float)(0.275 - SKY_LOCUS_MARGIN); /* as sky_locus */
-        const float y = fminf(y_fit, y_locus);
+        const float locus = (-3.0f * x + 2.870f) * x - 0.275f; /* as sky_locus */
+        const float y = fminf(fmaxf(y_fit, locus - (float)SKY_LOCUS_BELOW), locus + (float)SKY_LOCUS_ABOVE);
         const float sum = luminance / y, cx = x * sum, cz = sum - cx - luminance;
         float r = 3.2404542f * cx - 1.5371385f * luminance - 0.4985314f * cz; /* as sky_rgb_from_xyy */
         float g = -0.9692660f * cx + 1.8760108f * luminance + 0.0415560f * cz;
