@@ -222,23 +222,19 @@ static enum err try_part(struct exr *x, int part)
 static enum err choose_part(struct exr *x)
 {
     int count = 0;
-    enum err first = ERR_OK;
     struct reason *const why = x->why;
     struct reason ignored = { "" };
     const exr_result_t r = exr_get_count(x->file, &count);
 
     if (r != EXR_ERR_SUCCESS || count < 1)
         return say_result(x, r, "header");
-    for (int part = 0; part < count; part++) {
-        const enum err e = try_part(x, part);
-        if (!e)
-            return ERR_OK;
-        if (part == 0)
-            first = e;
-        x->why = &ignored;
-    }
+    const enum err first = try_part(x, 0);
+    enum err e = first;
+    x->why = &ignored;
+    for (int part = 1; part < count && e; part++)
+        e = try_part(x, part);
     x->why = why;
-    return first;
+    return e ? first : ERR_OK;
 }
 
 /* The window must be within the limits, and such that the file could hold it: each chunk has a place in the table and

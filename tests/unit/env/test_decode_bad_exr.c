@@ -53,6 +53,23 @@ static void turned_bits_are_survived(void **state)
     }
 }
 
+static void faults_in_a_later_part_are_told(void **state)
+{
+    static const struct exr_channel depth[] = { { "Z", EXR_PIXEL_FLOAT }, { NULL, EXR_PIXEL_HALF } };
+    const struct exr_recipe parts[] = {
+        { .channels = depth, .width = 2, .height = 2 },
+        { .channels = rgba, .width = 5, .height = 4, .compression = EXR_COMPRESSION_RLE }
+    };
+    size_t size;
+    uint8_t *bytes = exr_make_parts(parts, 2, &size);
+    (void)state;
+
+    must_refuse_each_cut(bytes, size);
+    must_refuse(bytes, size - 1, ERR_FORMAT, "scanline 3");
+    must_survive_turned_bits(bytes, size);
+    free(bytes);
+}
+
 /* Finds the attribute's value: behind its name, its type and four bytes of size. */
 static uint8_t *find_attribute(uint8_t *bytes, size_t size, const char *name, const char *type)
 {
@@ -294,6 +311,7 @@ static void captured_maps_decode(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_file_cut_at_any_byte_is_refused),
     cmocka_unit_test(turned_bits_are_survived),
+    cmocka_unit_test(faults_in_a_later_part_are_told),
     cmocka_unit_test(sizes_beyond_the_limit_are_refused_as_such),
     cmocka_unit_test(sizes_that_the_file_cannot_hold_take_no_memory),
     cmocka_unit_test(liars_are_refused_in_little_memory),

@@ -1,0 +1,14 @@
+#include "harness.h"
+
+#include "picture.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+    struct image im = { 0 };
+    struct reason why = { "" };
+    const enum err e = decode_exr(bytes, size, PICTURE_NAME, &im, &why);
+
+    picture_check(e, &im, &why);
+    image_finish(&im);
+    return 0;
+}

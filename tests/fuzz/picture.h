@@ -1,0 +1,39 @@
+/* tests/fuzz/picture.h */
+/* What must hold after a decoder was given anything at all. */
+#ifndef TESTS_FUZZ_PICTURE_H
+#define TESTS_FUZZ_PICTURE_H
+
+#include "decode.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PICTURE_NAME "picture"
+
+static inline void picture_require(int holds, const char *what)
+{
+    if (holds)
+        return;
+    fprintf(stderr, "broken promise: %s\n", what);
+    abort();
+}
+
+/* Decoded: every texel is there, finite and not negative. Refused: in one line that begins with the name. */
+static inline void picture_check(enum err e, const struct image *im, const struct reason *why)
+{
+    if (e) {
+        picture_require(strncmp(why->text, PICTURE_NAME ": ", sizeof(PICTURE_NAME) + 1) == 0, "a reason has the name");
+        for (const char *s = why->text; *s; s++)
+            picture_require(*s >= 0x20 && *s < 0x7f, "a reason is one plain line");
+        return;
+    }
+    picture_require(im->width >= 1 && im->width <= IMAGE_MAX_SIDE, "width");
+    picture_require(im->height >= 1 && im->height <= IMAGE_MAX_SIDE, "height");
+    const size_t count = (size_t)im->width * im->height * 3;
+    picture_require(im->capacity >= count, "capacity");
+    for (size_t i = 0; i < count; i++)
+        picture_require(im->rgb[i] >= 0.0f && im->rgb[i] <= IMAGE_MAX, "a value lies in 0..IMAGE_MAX");
+}
+
+#endif
