@@ -14,7 +14,7 @@
 #include <strings.h>
 
 #define DEPTH_MAX 256
-#define PLY_HEADER_MAX 65536
+#define PLY_LINES_MAX 1000
 
 /* What the walk over the nodes carries. */
 struct import {
@@ -186,25 +186,23 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
     return e;
 }
 
-static enum err add_node(struct import *in, const struct aiNode *node, const double parent[16], int depth)
+/* Nodes are at most DEPTH_MAX deep here. */
+static enum err add_node(struct import *in, const struct aiNode *node, const double parent[16])
 {
     double local[16], world[16];
     enum err e = ERR_OK;
 
-    if (depth > DEPTH_MAX)
-        return err_say(in->why, ERR_RANGE, "%s: %s: nodes nested more than %d deep", in->desc->place, in->desc->path,
-                       DEPTH_MAX);
     node_matrix(&node->mTransformation, local);
     multiply(parent, local, world);
     for (unsigned i = 0; i < node->mNumMeshes && !e; i++)
         e = add_mesh(in, in->ai->mMeshes[node->mMeshes[i]], world);
     for (unsigned i = 0; i < node->mNumChildren && !e; i++)
-        e = add_node(in, node->mChildren[i], world, depth + 1);
+        e = add_node(in, node->mChildren[i], world);
     return e;
 }
 
 /* World matrix of the node of that name; false when there is none. */
-static bool find_node(const struct aiNode *node, const char *name, const double parent[16], double out[16], int depth)
+static bool find_node(const struct aiNode *node, const char *name, const double parent[16], double out[16])
 {
     double local[16], world[16];
 
@@ -214,8 +212,8 @@ static bool find_node(const struct aiNode *node, const char *name, const double 
         memcpy(out, world, sizeof(world));
         return true;
     }
-    for (unsigned i = 0; i < node->mNumChildren && depth < DEPTH_MAX; i++) {
-        if (find_node(node->mChildren[i], name, world, out, depth + 1))
+    for (unsigned i = 0; i < node->mNumChildren; i++) {
+        if (find_node(node->mChildren[i], name, world, out))
             return true;
     }
     return false;
@@ -234,7 +232,7 @@ static enum err add_camera(struct import *in, const struct aiCamera *ai, unsigne
     double world[16];
     char place[512];
 
-    if (!find_node(in->ai->mRootNode, ai->mName.data, in->desc->transform, world, 0))
+    if (!find_node(in->ai->mRootNode, ai->mName.data, in->desc->transform, world))
         memcpy(world, in->desc->transform, sizeof(world));
     if (ai->mName.length > 0)
         snprintf(c.name, sizeof(c.name), "%.63s", ai->mName.data);
@@ -258,7 +256,7 @@ static enum err take(struct import *in)
     if (in->desc->own_materials)
         e = gltf_add_materials(in->scene, in->ai, in->desc->path, &in->first_material, in->why);
     if (!e)
-        e = add_node(in, in->ai->mRootNode, in->desc->transform, 0);
+        e = add_node(in, in->ai->mRootNode, in->desc->transform);
     for (unsigned i = 0; in->desc->camera && i < in->ai->mNumCameras && !e; i++)
         e = add_camera(in, in->ai->mCameras[i], i);
     if (e)
@@ -274,10 +272,9 @@ static enum err take(struct import *in)
     return ERR_OK;
 }
 
+/* The file as it is, without post-processing, which trusts every index. */
 static const struct aiScene *import_file(const struct model_desc *d)
 {
-    /* Not JoinIdenticalVertices: it also joins what is only close by, and NaN with anything. */
-    const unsigned flags = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent;
     int unwanted = aiComponent_TANGENTS_AND_BITANGENTS | aiComponent_BONEWEIGHTS;
 
     struct aiPropertyStore *p = aiCreatePropertyStore();
@@ -288,9 +285,58 @@ static const struct aiScene *import_file(const struct model_desc *d)
     if (!d->own_materials)
         unwanted |= aiComponent_COLORS | aiComponent_TEXCOORDS;
     aiSetImportPropertyInteger(p, AI_CONFIG_PP_RVC_FLAGS, unwanted);
-    const struct aiScene *ai = aiImportFileExWithProperties(d->path, flags, NULL, p);
+    const struct aiScene *ai = aiImportFileExWithProperties(d->path, 0, NULL, p);
     aiReleasePropertyStore(p);
     return ai;
+}
+
+static enum err check_mesh(const struct aiScene *ai, const struct aiMesh *m, const struct model_desc *d,
+                           struct reason *why)
+{
+    if (m->mMaterialIndex >= ai->mNumMaterials)
+        return err_say(why, ERR_FORMAT, "%s: %s: a mesh asks for material %u of %u", d->place, d->path,
+                       m->mMaterialIndex, ai->mNumMaterials);
+    if (m->mNumVertices > 0 && !m->mVertices)
+        return err_say(why, ERR_FORMAT, "%s: %s: a mesh has no positions", d->place, d->path);
+    for (unsigned i = 0; i < m->mNumFaces; i++) {
+        const struct aiFace *f = &m->mFaces[i];
+        if (f->mNumIndices == 0) /* which Assimp takes for a polygon */
+            return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh has no vertices", d->place, d->path, i);
+        for (unsigned k = 0; k < f->mNumIndices; k++) {
+            if (f->mIndices[k] >= m->mNumVertices)
+                return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh names vertex %u of %u", d->place, d->path, i,
+                               f->mIndices[k], m->mNumVertices);
+        }
+    }
+    return ERR_OK;
+}
+
+static enum err check_node(const struct aiScene *ai, const struct aiNode *node, const struct model_desc *d, int depth,
+                           struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    if (depth > DEPTH_MAX)
+        return err_say(why, ERR_RANGE, "%s: %s: nodes nested more than %d deep", d->place, d->path, DEPTH_MAX);
+    for (unsigned i = 0; i < node->mNumMeshes; i++) {
+        if (node->mMeshes[i] >= ai->mNumMeshes)
+            return err_say(why, ERR_FORMAT, "%s: %s: a node asks for mesh %u of %u", d->place, d->path,
+                           node->mMeshes[i], ai->mNumMeshes);
+    }
+    for (unsigned i = 0; i < node->mNumChildren && !e; i++)
+        e = check_node(ai, node->mChildren[i], d, depth + 1, why);
+    return e;
+}
+
+/* Whatever the file says must hold together before anything follows its indices. */
+static enum err check_scene(const struct aiScene *ai, const struct model_desc *d, struct reason *why)
+{
+    if (!ai->mRootNode)
+        return err_say(why, ERR_FORMAT, "%s: %s: there are no triangles in it", d->place, d->path);
+    enum err e = check_node(ai, ai->mRootNode, d, 0, why);
+    for (unsigned i = 0; i < ai->mNumMeshes && !e; i++)
+        e = check_mesh(ai, ai->mMeshes[i], d, why);
+    return e;
 }
 
 static bool has_ending(const char *path, const char *ending)
@@ -299,17 +345,32 @@ static bool has_ending(const char *path, const char *ending)
     return dot && strcasecmp(dot, ending) == 0;
 }
 
-/* Assimp reads on for ever where the line that ends a PLY's header is missing. */
+static bool is_ply_line(const char *line)
+{
+    static const char *const starts[] = {
+        "ply", "format ", "comment", "obj_info", "element ", "property ", "end_header"
+    };
+
+    for (size_t i = 0; i < sizeof(starts) / sizeof(starts[0]); i++) {
+        if (strncmp(line, starts[i], strlen(starts[i])) == 0)
+            return true;
+    }
+    return false;
+}
+
+/* Assimp 5.2 reads on for ever where it does not understand a PLY's header. */
 static enum err check_ply_header(FILE *f, const struct model_desc *d, struct reason *why)
 {
-    static const char last[] = "end_header";
-    size_t matched = 0;
-    int c;
+    char line[1024];
 
-    for (size_t i = 0; i < PLY_HEADER_MAX && (c = fgetc(f)) != EOF; i++) {
-        matched = c == last[matched] ? matched + 1 : c == last[0];
-        if (matched == sizeof(last) - 1)
+    for (int number = 1; number <= PLY_LINES_MAX && fgets(line, sizeof(line), f); number++) {
+        const size_t length = strcspn(line, "\r\n");
+        const bool whole = line[length] != '\0';
+        line[length] = '\0';
+        if (strcmp(line, "end_header") == 0 && whole)
             return ERR_OK;
+        if (!is_ply_line(line) || !whole || strncmp(line, "end_header", 10) == 0)
+            return err_say(why, ERR_FORMAT, "%s: %s: line %d is none of a PLY header", d->place, d->path, number);
     }
     return err_say(why, ERR_FORMAT, "%s: %s: the PLY header has no end_header", d->place, d->path);
 }
@@ -333,16 +394,19 @@ static enum err check_file(const struct model_desc *d, struct reason *why)
 
 enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
 {
-    enum err e = check_file(d, why);
+    /* Not JoinIdenticalVertices: it also joins what is only close by, and NaN with anything. */
+    const unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent;
 
+    enum err e = check_file(d, why);
     if (e)
         return e;
     const struct aiScene *ai = import_file(d);
     if (!ai)
         return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
-    if (!ai->mRootNode) {
-        e = err_say(why, ERR_FORMAT, "%s: %s: there are no triangles in it", d->place, d->path);
-    } else {
+    e = check_scene(ai, d, why);
+    if (!e && !aiApplyPostProcessing(ai, steps)) /* which then has freed it */
+        return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
+    if (!e) {
         struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };
         e = take(&in);
     }

@@ -252,6 +252,10 @@ static const struct {
     { MODELS("[{\"file\":\"empty.obj\"}]"), ERR_FORMAT, "empty.obj", "" },
     { MODELS("[{\"file\":\"lines.obj\"}]"), ERR_FORMAT, "lines.obj", "no triangles" },
     { MODELS("[{\"file\":\"broken.ply\"}]"), ERR_FORMAT, "broken.ply", "" },
+    { MODELS("[{\"file\":\"ended.ply\"}]"), ERR_FORMAT, "ended.ply: line 9", "none of a PLY header" },
+    { MODELS("[{\"file\":\"far.ply\",\"material\":\"grey\"}]"), ERR_FORMAT, "far.ply", "names vertex 7 of 3" },
+    { MODELS("[{\"file\":\"none.ply\",\"material\":\"grey\"}]"), ERR_FORMAT, "none.ply", "has no vertices" },
+    { MODELS("[{\"file\":\"model.stl\"}]"), ERR_UNSUPPORTED, "models[0]", "model.stl: a model is" },
     { MODELS("[{\"file\":\"quad.obj\",\"smooth\":1}]"), ERR_FORMAT, "models[0]", "'smooth'" },
     { MODELS("[{\"file\":\"quad.obj\",\"transform\":[1,2]}]"), ERR_FORMAT, "models[0]", "16 numbers" },
     { MODELS("[{\"file\":\"quad.obj\",\"transform\":[1,0,0,1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}]"), ERR_RANGE, "models[0]",
@@ -283,6 +287,11 @@ static const struct {
     { SEEN_FROM("\"position\":[0,0,1],\"look_at\":[0,0,0]"), ERR_FORMAT, "camera", "'fov_y_degrees' is missing" },
 };
 
+#define PLY_HEADER                                                                                                     \
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"  \
+    "property list uchar int vertex_indices\n"
+#define PLY_POINTS "0 0 0\n1 0 0\n1 1 0\n"
+
 static void bad_scenes_are_refused_by_file_place_and_reason(void **state)
 {
     struct folder f;
@@ -294,6 +303,9 @@ static void bad_scenes_are_refused_by_file_place_and_reason(void **state)
     folder_text(&f, "empty.obj", "");
     folder_text(&f, "lines.obj", "v 0 0 0\nv 1 0 0\nusemtl grey\nl 1 2\n");
     folder_text(&f, "broken.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 90\nproperty float x\n");
+    folder_text(&f, "ended.ply", PLY_HEADER "xend_header\n" PLY_POINTS "3 0 1 2\n");
+    folder_text(&f, "far.ply", PLY_HEADER "end_header\n" PLY_POINTS "3 0 1 7\n");
+    folder_text(&f, "none.ply", PLY_HEADER "end_header\n" PLY_POINTS "0\n");
     for (size_t i = 0; i < sizeof(bad_scenes) / sizeof(bad_scenes[0]); i++) {
         struct reason why = { "" };
         struct scene *s = (struct scene *)&why;
