@@ -77,6 +77,28 @@ static struct vec3 sun_at(double hour, double declination_degrees)
                      (float)-south);
 }
 
+static void hour_lines_lie_where_the_shadow_falls(void **state)
+{
+    struct scene *s = scene_create_builtin();
+    struct rays *r = rays_create(s);
+
+    (void)state;
+    for (int hour = -6; hour <= 6; hour++) {
+        const double h = hour * PI / 12.0;
+        for (int beside = -1; beside <= 1; beside++) {
+            const double a = atan2(sin(48.0 * PI / 180.0) * sin(h), cos(h)) + 0.07 * beside;
+            const double reach = hour == 0 ? 3.5 : 2.1; /* behind the blade, whose foot is over the noon line */
+            const struct vec3 above = { (float)(-reach * sin(a)), 0.6f, (float)(-1.1 + reach * cos(a)) };
+            struct hit hit;
+            assert_true(rays_intersect(r, above, vec3_make(0.0f, -1.0f, 0.0f), 0.0f, &hit));
+            const char *what = s->materials[s->meshes[hit.mesh].material].name;
+            assert_string_equal(what, beside == 0 ? "bronze" : "stone");
+        }
+    }
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
 static void sundial_tells_the_hour(void **state)
 {
     struct scene *s = scene_create_builtin();
@@ -114,6 +136,7 @@ static void sundial_tells_the_hour(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(cameras_and_materials_are_as_promised),
     cmocka_unit_test(solids_are_closed_and_normals_point_outwards),
+    cmocka_unit_test(hour_lines_lie_where_the_shadow_falls),
     cmocka_unit_test(sundial_tells_the_hour),
 };
 

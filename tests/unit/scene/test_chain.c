@@ -133,6 +133,29 @@ static void glass_bends_by_snell(void **state)
     scene_destroy(s);
 }
 
+static void only_one_polarisation_is_reflected_at_brewsters_angle(void **state)
+{
+    struct scene *s = scene_create();
+    /* tan 56.31 degrees = 1.5; a card below the surface keeps what went in */
+    const struct camera aslant = { "aslant", { -9, 6, 0 }, { 0, 0, 0 }, { 0, 0, 1 }, 1e-4f };
+    const float card[4][3] = { { -9, -0.1f, -9 }, { -9, -0.1f, 9 }, { 9, -0.1f, 9 }, { 9, -0.1f, -9 } };
+    struct rays *r;
+
+    (void)state;
+    add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f), (const float[3]){ -10, -10, -10 },
+            (const float[3]){ 10, 0, 10 });
+    add_quads(s, add_lambert(s, 0.5f), card, 1);
+    struct gbuffer *g = look(s, &r, &aslant);
+    const float across = (1.0f - 2.25f) / (1.0f + 2.25f); /* r_s = (1 - n^2) / (1 + n^2), r_p = 0 */
+    const struct gbuffer_escape *out = &g->escapes[g->escape_first[5]];
+    assert_int_equal(g->escape_first[6] - g->escape_first[5], 1);
+    assert_float_equal(out->weight[0], 0.5f * across * across, 1e-4f);
+    assert_float_equal(out->direction.y, 6.0f / sqrtf(117.0f), 1e-3f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
 static void steep_rays_inside_are_reflected_totally(void **state)
 {
     struct scene *s = scene_create();
@@ -234,6 +257,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
     cmocka_unit_test(radiance_scales_by_the_index_squared),
     cmocka_unit_test(glass_bends_by_snell),
+    cmocka_unit_test(only_one_polarisation_is_reflected_at_brewsters_angle),
     cmocka_unit_test(steep_rays_inside_are_reflected_totally),
     cmocka_unit_test(polished_ggx_is_a_mirror_over_its_diffuse),
     cmocka_unit_test(endless_reflections_are_cut_and_counted),

@@ -179,6 +179,42 @@ static void facets_within_a_pixel_are_kept_apart(void **state)
     view_end(&v);
 }
 
+/* Points in pixel column 32 of a roof whose ridge runs down its middle and whose sides fall by `fall` per metre, when
+ * the normals at its left and right vertices are as given. */
+static uint32_t points_on_ridge(float fall, const float left[3], const float right[3])
+{
+    const float m = 0.5f / 32.0f, f = -2.0f * fall;
+    const float roof[8][3] = { { -2 + m, -2, f }, { m, -2, 0 },     { m, 2, 0 },     { -2 + m, 2, f },
+                               { m, -2, 0 },      { 2 + m, -2, f }, { 2 + m, 2, f }, { m, 2, 0 } };
+    const struct gbuffer_desc d = { .camera = &front, .width = 64, .height = 64 };
+    struct scene *s = scene_create();
+
+    add_quads(s, add_lambert(s, 0.5f), roof, 2);
+    float *n = mem_alloc(8, 3 * sizeof(*n));
+    for (int i = 0; i < 8; i++)
+        memcpy(n + 3 * i, i < 4 ? left : right, 3 * sizeof(*n));
+    s->meshes[0].normals = n;
+    struct rays *r = rays_create(s);
+    struct gbuffer *g = make(s, r, &d);
+    const size_t i = (size_t)20 * 64 + 32;
+    const uint32_t points = g->entry_first[i + 1] - g->entry_first[i];
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+    return points;
+}
+
+static void interpolated_normals_decide_where_there_are_any(void **state)
+{
+    const float ahead[3] = { 0, 0, 1 }, left[3] = { -0.1f, 0, 0.994987f }, right[3] = { 0.1f, 0, 0.994987f };
+
+    (void)state;
+    assert_int_equal(points_on_ridge(0.0f, ahead, ahead), 1);
+    assert_int_equal(points_on_ridge(0.0f, left, right), 2);  /* a plane that pretends to have a ridge */
+    assert_int_equal(points_on_ridge(0.1f, ahead, ahead), 1); /* facets 11 degrees apart that pretend to be smooth */
+    assert_int_equal(points_on_ridge(0.5f, ahead, ahead), 2); /* 53 degrees: the light's horizon is another */
+}
+
 static bool same_gbuffer(const struct gbuffer *a, const struct gbuffer *b)
 {
     const size_t pixels = (size_t)a->width * a->height;
@@ -439,6 +475,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(weights_sum_to_one_everywhere),
     cmocka_unit_test(background_is_one_escape_through_the_pixel_centre),
     cmocka_unit_test(facets_within_a_pixel_are_kept_apart),
+    cmocka_unit_test(interpolated_normals_decide_where_there_are_any),
     cmocka_unit_test(same_bits_at_any_number_of_threads),
     cmocka_unit_test(packets_are_whole),
     cmocka_unit_test(packets_are_near_each_other),

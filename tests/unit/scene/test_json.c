@@ -126,6 +126,27 @@ static void flat_unless_smooth_is_asked_for(void **state)
     folder_remove(&f);
 }
 
+static void made_normals_do_not_depend_on_how_faces_are_cut(void **state)
+{
+    /* three sides of a cube about the corner 0 0 0, which two of the triangles of one side share */
+    static const char corner[] = "v 0 0 0\nv -1 0 0\nv 0 -1 0\nv 0 0 -1\nv -1 -1 0\nusemtl grey\n"
+                                 "f 1 2 5\nf 1 5 3\nf 1 3 4\nf 1 4 2\n";
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "quad.obj", corner);
+    struct scene *s = load_text(&f, "{" CAMERA ",\"models\":[{\"file\":\"quad.obj\",\"smooth\":true}]," GREY "}");
+    const struct mesh *m = &s->meshes[0];
+    for (uint32_t i = 0; i < m->vertex_count; i++) {
+        const float *p = m->positions + 3 * i, *n = m->normals + 3 * i;
+        for (int k = 0; k < 3 && p[0] == 0.0f && p[1] == 0.0f && p[2] == 0.0f; k++)
+            assert_float_equal(n[k], 1.0f / sqrtf(3.0f), 1e-6f);
+    }
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
 static void normals_of_the_file_are_used_where_smooth(void **state)
 {
     static const char tilted[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvn 0.6 0 0.8\nusemtl grey\nf 1//1 2//1 3//1\n";
@@ -398,6 +419,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(transform_is_column_major),
     cmocka_unit_test(reflected_models_keep_their_outside),
     cmocka_unit_test(flat_unless_smooth_is_asked_for),
+    cmocka_unit_test(made_normals_do_not_depend_on_how_faces_are_cut),
     cmocka_unit_test(normals_of_the_file_are_used_where_smooth),
     cmocka_unit_test(what_is_no_triangle_is_left_out_with_one_warning),
     cmocka_unit_test(cameras_have_names),
