@@ -9,7 +9,7 @@
 #include <stdio.h>
 
 #define TAU (2.0f * (float)PI)
-#define LATITUDE (48.0f * (float)PI / 180.0f) /* for which the sundial is made; the sky's default */
+#define LATITUDE (45.0f * (float)PI / 180.0f) /* for which the sundial is made; the sky's default */
 
 enum stuff {
     STUFF_GROUND,

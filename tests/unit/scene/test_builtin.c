@@ -71,7 +71,7 @@ static void solids_are_closed_and_normals_point_outwards(void **state)
 /* Towards the sun at an hour angle (from noon, afternoon positive), for the dial's latitude; south is -z, west +x. */
 static struct vec3 sun_at(double hour, double declination_degrees)
 {
-    const double latitude = 48.0 * PI / 180.0, h = hour * PI / 12.0, d = declination_degrees * PI / 180.0;
+    const double latitude = 45.0 * PI / 180.0, h = hour * PI / 12.0, d = declination_degrees * PI / 180.0;
     const double south = sin(latitude) * cos(d) * cos(h) - cos(latitude) * sin(d);
     return vec3_make((float)(cos(d) * sin(h)), (float)(sin(latitude) * sin(d) + cos(latitude) * cos(d) * cos(h)),
                      (float)-south);
@@ -86,7 +86,7 @@ static void hour_lines_lie_where_the_shadow_falls(void **state)
     for (int hour = -6; hour <= 6; hour++) {
         const double h = hour * PI / 12.0;
         for (int beside = -1; beside <= 1; beside++) {
-            const double a = atan2(sin(48.0 * PI / 180.0) * sin(h), cos(h)) + 0.07 * beside;
+            const double a = atan2(sin(45.0 * PI / 180.0) * sin(h), cos(h)) + 0.07 * beside;
             const double reach = hour == 0 ? 3.5 : 2.1; /* behind the blade, whose foot is over the noon line */
             const struct vec3 above = { (float)(-reach * sin(a)), 0.6f, (float)(-1.1 + reach * cos(a)) };
             struct hit hit;
@@ -113,7 +113,7 @@ static void sundial_tells_the_hour(void **state)
             if (sun.y < 0.5f)
                 continue; /* shadows of the columns may lie there */
             const double h = hour * PI / 12.0;
-            const double line = atan2(sin(48.0 * PI / 180.0) * sin(h), cos(h));
+            const double line = atan2(sin(45.0 * PI / 180.0) * sin(h), cos(h));
             for (int beside = -1; beside <= 1; beside++) {
                 /* 0.9 m from the foot; the shadow falls away from the sun, in the afternoon to the east, -x */
                 const double a = line + 0.2 * beside;
