@@ -45,14 +45,15 @@ enum protocol_format {
 };
 
 enum {
-    PROTOCOL_PICTURE_LAST = 1,   /* flags: the source has ended, no picture follows */
-    PROTOCOL_PICTURE_REPEAT = 2, /* flags: made before this viewer came, so its age is no measure of latency */
+    PROTOCOL_PICTURE_LAST = 1,     /* flags: the source has ended, no picture follows */
+    PROTOCOL_PICTURE_REPEAT = 2,   /* flags: made before this viewer came, so its age is no measure of latency */
+    PROTOCOL_PICTURE_LOCKSTEP = 4, /* flags: the one picture that a lockstep frame yields */
 };
 
 /* The header of a picture. Times of day are microseconds since 1970-01-01 UTC on the server's clock. */
 struct protocol_picture {
     enum protocol_format format;
-    uint8_t flags;          /* of PROTOCOL_PICTURE_LAST, _REPEAT; unknown bits are kept */
+    uint8_t flags;          /* of PROTOCOL_PICTURE_LAST, _REPEAT, _LOCKSTEP; unknown bits are kept */
     uint64_t sequence;      /* 1, 2, ... within one session of the server; gaps are pictures skipped */
     uint64_t frame;         /* number of the environment frame that lit it, as its producer counts */
     int64_t capture_us;     /* when that frame was captured, on the producer's clock; 0: unknown */

@@ -12,7 +12,7 @@
 enum frame_kind {
     FRAME_NONE,
     FRAME_FILE,   /* bytes of an EXR or Radiance file */
-    FRAME_TEXELS, /* linear Rec.709 radiance, lat-long, float[height][width][3], top row = +Y */
+    FRAME_TEXELS, /* linear Rec.709 radiance, float[height][width][3], lat-long with +Y at the top where `layout` is "" */
 };
 
 struct frame {
@@ -20,6 +20,7 @@ struct frame {
     uint64_t number;    /* the source's own number: a pattern's, or counted from 0 */
     int64_t capture_us; /* when the light was captured, wall clock; 0: unknown */
     char name[256];     /* for messages: the file's path, or what the sky is */
+    char layout[16];    /* a name that env's layout_parse reads; "": by the file itself, of texels lat-long */
 
     uint8_t *bytes; /* FRAME_FILE */
     size_t size;

@@ -6,6 +6,7 @@
 #define STREAM_SERVER_H
 
 #include "err.h"
+#include "frame.h"
 #include "picture.h"
 
 #include <stdbool.h>
@@ -28,6 +29,8 @@ struct server_desc {
     uint32_t max_connections;         /* WebSockets at once; default 128 */
     bool allow_remote;                /* an address other than loopback, and any Host name, are taken */
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */
+    bool push;                        /* producers are taken; else their role is not offered */
+    size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
 };
 
 /* Starts listening and starts the thread. On any error *out is NULL.
@@ -45,6 +48,60 @@ const char *server_url(const struct server *s); /* "http://127.0.0.1:8080/", to 
 /* Gives the picture its sequence number and time and offers it to all viewers of its format. Takes over the caller's
  * reference. A picture is published once, to one server. Any thread. */
 void server_publish(struct server *s, struct picture *picture);
+
+/* ---- Frames that producers push ---- */
+
+/* Names a frame that was taken, until its fate is told. id 0 names none: every call below then does nothing for it. */
+struct server_ticket {
+    uint64_t id;
+    bool lockstep; /* owed exactly one picture, made the same way however fast or often */
+};
+
+/* The newest frame that a producer has completed, or the one of a lockstep sequence. Its memory is moved into *f, whose
+ * old memory may be taken over in return: FRAME_FILE holds a file's bytes that may be decoded though they came from a
+ * network, FRAME_TEXELS what came raw, as float RGB. number, capture_us, layout and name ("frame 17 of producer
+ * 127.0.0.1") are set. A second lockstep frame is not given out while the fate of one is open.
+ * False after timeout_ms without one. One thread takes. */
+bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms);
+
+enum server_fate {
+    SERVER_USED,       /* a picture was made of it */
+    SERVER_SUPERSEDED, /* a newer one came before it was */
+    SERVER_REFUSED,    /* it could not be used: `why` says so */
+};
+
+/* What became of a taken frame: told to its producer, if it is still there, and its credit returned as the pace asks. A
+ * lockstep frame is never superseded. Any thread; a second call for the same frame does nothing. why may be NULL. */
+void server_frame_fate(struct server *s, const struct server_ticket *ticket, enum server_fate fate, const char *why);
+
+/* As server_publish, for a picture made of that frame, and tells SERVER_USED with its number. Of a lockstep frame the
+ * picture in the recorder's format (server_demand) does so, and is kept until the recorder has acknowledged it as
+ * stored, which returns the producer's credit; others are only shown. Any thread. */
+void server_publish_for(struct server *s, struct picture *picture, const struct server_ticket *ticket);
+
+/* ---- What controllers ask for ---- */
+
+struct server_control {
+    bool has_rotate, has_scale, has_method, has_samples, has_tone, has_paused;
+    double rotate_degrees, scale_stops;
+    char method[32], tone[16];
+    uint32_t samples;
+    bool paused;
+    uint64_t by, request; /* who asked, and the number of the request: handed back with the answer */
+};
+
+/* The next change asked for; what one controller asked in a row is one change, in which the newest word wins. Ranges
+ * are those of PROTOCOL.md 4.13; whether method and tone are known is for the caller to say. False: none. Any thread.
+ */
+bool server_take_control(struct server *s, struct server_control *out);
+
+/* What is in force (all has_ fields set that are known), told to all controllers and viewers and to those who come.
+ * `answered`: what server_take_control gave; NULL at the start, or when the change came from elsewhere. `error`: why it
+ * was not done, told to who asked; NULL when it was. Any thread. */
+void server_set_control(struct server *s, const struct server_control *now, const struct server_control *answered,
+                        const char *error);
+
+/* ---- The state, told and asked ---- */
 
 enum server_source {
     SERVER_WAITING, /* no frame yet */
@@ -85,6 +142,12 @@ struct server_demand {
     uint32_t formats; /* bit 1 << enum protocol_format for each that somebody watches */
     int jpeg_quality; /* the best anyone wishes, 1..100; 0: nobody said */
     double max_rate;  /* the highest anyone takes, pictures per second; 0: no limit */
+
+    bool producer; /* one is connected */
+    bool ended;    /* the last one said that no more frames come, and none has */
+    /* Of the lockstep frame that was taken last, or else of the sequence whose producer is connected. */
+    bool recorder;                        /* its recorder is connected and has subscribed */
+    enum protocol_format recorder_format; /* as it subscribed last; 0: it never did */
 };
 void server_demand(struct server *s, struct server_demand *out);
 
@@ -100,6 +163,14 @@ struct server_counters {
     uint64_t acked;
     uint64_t bytes;   /* of pictures handed to the kernel */
     uint64_t stalled; /* connections cut since they took no bytes */
+
+    /* Environment frames that producers pushed. */
+    uint64_t frames_received;   /* whole */
+    uint64_t frames_superseded; /* of these, by a newer one before a picture was made */
+    uint64_t frames_refused;    /* of these */
+    uint64_t frames_repeated;   /* of these, lockstep frames that had been received before */
+    uint64_t frames_cut;        /* begun and never completed */
+    uint64_t frame_bytes;       /* received, with headers, complete or not */
 };
 void server_counters(struct server *s, struct server_counters *out);
 
