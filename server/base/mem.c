@@ -5,15 +5,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-void *mem_alloc(size_t count, size_t size)
+void *mem_alloc_raw(size_t count, size_t size)
 {
     if (size != 0 && count > (SIZE_MAX - MEM_ALIGN) / size)
         return NULL;
     /* aligned_alloc wants a multiple of the alignment, and not zero */
-    const size_t bytes = (count * size + MEM_ALIGN) / MEM_ALIGN * MEM_ALIGN;
-    void *p = aligned_alloc(MEM_ALIGN, bytes);
+    return aligned_alloc(MEM_ALIGN, (count * size + MEM_ALIGN) / MEM_ALIGN * MEM_ALIGN);
+}
+
+void *mem_alloc(size_t count, size_t size)
+{
+    void *p = mem_alloc_raw(count, size);
+
     if (p)
-        memset(p, 0, bytes);
+        memset(p, 0, count * size);
     return p;
 }
 

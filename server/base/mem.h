@@ -11,6 +11,10 @@
 /* count * size bytes, all zero; NULL when that overflows or memory is out. count or size 0 gives a valid pointer. */
 void *mem_alloc(size_t count, size_t size);
 
+/* As mem_alloc, but what it holds is undefined, and the system need not find it real memory before it is written: for
+ * large blocks whose size somebody else has claimed. */
+void *mem_alloc_raw(size_t count, size_t size);
+
 /* As mem_alloc, but what is there is moved over: the first old_count elements are kept, the rest is zero.
  * On NULL the old block is untouched. old may be NULL. */
 void *mem_grow(void *old, size_t old_count, size_t count, size_t size);
