@@ -242,6 +242,12 @@ test('keys and buttons do what they say', () =>
     await page.waitForFunction(() => document.fullscreenElement?.id === 'stage');
     await page.keyboard.press('f');
     await page.waitForFunction(() => !document.fullscreenElement);
+    await page.click('#full-button');
+    await page.waitForFunction(() => document.fullscreenElement?.id === 'stage');
+    const box = await page.locator('#picture').boundingBox();
+    assert.ok(box.width >= 990 && box.height >= 790, `${box.width} x ${box.height} of 1000 x 800`);
+    await page.keyboard.press('f');
+    await page.waitForFunction(() => !document.fullscreenElement);
   }));
 
 test('nothing sticks out at any width, in any state', async () => {
