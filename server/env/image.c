@@ -28,7 +28,7 @@ enum err image_resize(struct image *im, uint32_t width, uint32_t height)
     if (count > im->capacity) {
         /* freed first: both at once need not fit */
         image_finish(im);
-        im->rgb = mem_alloc(count, sizeof(*im->rgb));
+        im->rgb = mem_alloc_raw(count, sizeof(*im->rgb));
         if (!im->rgb)
             return ERR_NOMEM;
         im->capacity = count;

@@ -22,14 +22,15 @@ static const struct exr_channel layered[] = { { "a.R", FLOAT },  { "sky.B", HALF
                                               { "sky.R", HALF }, { "sun.B", HALF }, { "sun.G", HALF },
                                               { "sun.R", HALF }, { NULL, HALF } };
 static const struct exr_channel half_y[] = { { "A", HALF }, { "Y", HALF }, { NULL, HALF } };
+static const struct exr_channel y_of_three[] = { { "B", HALF }, { "R", HALF }, { "Y", HALF }, { NULL, HALF } };
 static const struct exr_channel float_y[] = { { "Y", FLOAT }, { NULL, HALF } };
 
 static const struct {
     const struct exr_channel *channels;
     int r, g, b; /* their places in the list */
 } sets[] = {
-    { half_rgb, 2, 1, 0 }, { float_rgb, 2, 1, 0 }, { half_rgba, 3, 2, 1 }, { float_rgba, 3, 2, 1 },
-    { mixed, 3, 2, 1 },    { layered, 3, 2, 1 },   { half_y, 1, 1, 1 },    { float_y, 0, 0, 0 },
+    { half_rgb, 2, 1, 0 }, { float_rgb, 2, 1, 0 }, { half_rgba, 3, 2, 1 }, { float_rgba, 3, 2, 1 }, { mixed, 3, 2, 1 },
+    { layered, 3, 2, 1 },  { half_y, 1, 1, 1 },    { float_y, 0, 0, 0 },   { y_of_three, 2, 2, 2 },
 };
 
 #define SETS (sizeof(sets) / sizeof(sets[0]))
