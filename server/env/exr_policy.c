@@ -131,7 +131,7 @@ static enum err check_version(const struct header *h)
 enum err exr_policy_check(const uint8_t *bytes, size_t size, const char *name, struct reason *why)
 {
     struct header h = { .bytes = bytes, .size = size, .at = 8, .name = name, .why = why };
-    struct attribute a;
+    struct attribute a = { 0 };
 
     if (size >= 4 && get32(bytes) != MAGIC)
         return err_say(why, ERR_FORMAT, "%s: not an EXR file", name);
