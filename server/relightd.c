@@ -1,83 +1,23 @@
 /* server/relightd.c */
 /* The server, from top to bottom: a sky comes in, pictures go out. Four threads, each handing on to the next:
- *     ingest   source -> decode -> cube map and tables
+ *     ingest   source or producer -> decode -> cube map and tables
  *     shade    (main) direct light at the shade points -> linear picture
- *     encode   exposure -> tone curve -> JPEG
+ *     encode   exposure -> tone curve -> JPEG, or EXR for those who need the numbers
  *     network  belongs to stream/server.h
  * Between two of them stands a handoff of three slots: the newest wins, nobody waits for a copy. */
+#include "relightd.h"
+
 #include "clock.h"
-#include "environment.h"
-#include "film.h"
-#include "handoff.h"
-#include "jpeg.h"
+#include "exr_write.h"
 #include "log.h"
 #include "mem.h"
-#include "options.h"
-#include "relight.h"
-#include "server.h"
-#include "sky.h"
-#include "source.h"
 
-#include <inttypes.h>
 #include <omp.h>
-#include <pthread.h>
 #include <signal.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
-
-#define SMOOTH 0.2 /* share of a new reading in the figures that viewers are shown */
-
-/* What a frame was through before it reached the shade thread. */
-struct ingested {
-    struct environment *environment;
-    double decode_ms;
-    int64_t ready_ms; /* when it began to wait */
-};
-
-/* A linear picture on its way to the encoder. */
-struct shaded {
-    float *rgb;
-    struct protocol_picture header;
-};
-
-struct daemon {
-    /* Said on the command line, then only read. */
-    struct direct_desc direct;
-    bool reseed;
-    double fps, rate; /* rate 0: each frame waits until the one before it is shaded */
-    enum tone_curve tone;
-    int quality;
-    struct set_desc set_desc;
-    struct source_desc source_desc;
-    struct environment_desc environment_desc;
-    struct server_desc server_desc;
-    const struct kernels *kernels;
-    bool computed_sky;
-    struct sky_desc sky;
-
-    struct set *set;
-    struct source *source;
-    struct relighter *relighter;
-    struct jpeg_encoder *jpeg;
-    struct exposure exposure;
-    uint64_t exposed; /* encode thread: the frame to which exposure has adapted */
-    uint8_t *display; /* encode thread */
-    struct server *server;
-    struct ingested ingested[HANDOFF_SLOTS];
-    struct handoff frames;
-    struct shaded shaded[HANDOFF_SLOTS];
-    struct handoff pictures;
-    pthread_t ingest_thread, encode_thread;
-    bool ingesting, encoding; /* the threads run */
-
-    pthread_mutex_t status_lock;
-    struct server_status status; /* {status_lock} its strings point into what follows */
-    char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
-};
 
 /* Set by the signal handler, which can reach nothing else. */
 static volatile sig_atomic_t stop_asked;
@@ -93,78 +33,140 @@ static bool stopping(struct daemon *d)
     return stop_asked || handoff_is_closed(&d->frames);
 }
 
-static double smooth(double old, double reading)
+static void nap_ms(int64_t ms)
 {
-    return old > 0.0 ? old + SMOOTH * (reading - old) : reading;
+    nanosleep(&(struct timespec){ .tv_nsec = (long)ms * 1000000 }, NULL);
 }
 
+/* In short naps, so that a signal is answered at once. */
 static void sleep_until_ms(struct daemon *d, int64_t when_ms)
 {
-    /* In short naps, so that a signal is answered at once. */
-    for (int64_t left = when_ms - clock_ms(); left > 0 && !stopping(d); left = when_ms - clock_ms()) {
-        const int64_t nap = left < 50 ? left : 50;
-        nanosleep(&(struct timespec){ .tv_nsec = (long)nap * 1000000 }, NULL);
-    }
-}
-
-/* ---- What viewers are told ---- */
-
-static void tell_source(struct daemon *d, enum server_source source, const char *detail)
-{
-    pthread_mutex_lock(&d->status_lock);
-    d->status.source = source;
-    snprintf(d->detail, sizeof(d->detail), "%s", detail);
-    server_set_status(d->server, &d->status);
-    pthread_mutex_unlock(&d->status_lock);
-}
-
-static void tell_refused(struct daemon *d, const char *why)
-{
-    log_warning("%s", why);
-    pthread_mutex_lock(&d->status_lock);
-    d->status.refused++;
-    snprintf(d->refusal, sizeof(d->refusal), "%s", why);
-    pthread_mutex_unlock(&d->status_lock);
-    tell_source(d, SERVER_FAILED, why);
-}
-
-/* Where the sun stands in a computed sky, in words of the page. */
-static void note_sun(struct daemon *d, uint64_t frame)
-{
-    struct sky_state s;
-
-    if (!d->computed_sky)
-        return;
-    sky_state_at(&d->sky, frame, &s);
-    const double hour = fmod(d->sky.hour + d->sky.speed_hours * (double)frame, 24.0);
-    const double azimuth = atan2(-s.sun_direction[0], s.sun_direction[2]) * 180.0 / PI; /* north +Z, east -X */
-    d->status.has_sun = true;
-    d->status.sun_elevation = s.sun_elevation * 180.0 / PI;
-    d->status.sun_azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth;
-    snprintf(d->sky_time, sizeof(d->sky_time), "%02u:%02u", (unsigned)hour % 24u, (unsigned)(hour * 60.0) % 60u);
+    for (int64_t left = when_ms - clock_ms(); left > 0 && !stopping(d); left = when_ms - clock_ms())
+        nap_ms(left < 50 ? left : 50);
 }
 
 /* ---- Ingest ---- */
 
-static enum err ingest_frame(struct daemon *d, const struct frame *f, struct reason *why)
+static enum err ingest_frame(struct daemon *d, const struct frame *f, const struct server_ticket *ticket,
+                             struct reason *why)
 {
     const int slot = handoff_begin(&d->frames);
     struct ingested *in = &d->ingested[slot];
+    const struct settings now = ticket->lockstep ? d->said : daemon_settings(d);
+    const struct environment_desc desc = { .layout = d->layout,
+                                           .rotation_degrees = now.rotation_degrees,
+                                           .scale_stops = now.scale_stops };
     const double start = clock_seconds();
 
+    environment_set(in->environment, &desc);
     const enum err e = environment_update(in->environment, f, why);
     if (e)
         return e;
-    const struct image_faults *faults = &in->environment->image.faults;
+    in->ticket = *ticket;
     in->decode_ms = 1e3 * (clock_seconds() - start);
     in->ready_ms = clock_ms();
-    const bool dropped = handoff_publish(&d->frames, slot);
-    pthread_mutex_lock(&d->status_lock);
-    d->status.received++;
-    d->status.dropped += dropped;
-    d->status.repaired += faults->nan + faults->infinite + faults->negative;
-    pthread_mutex_unlock(&d->status_lock);
+    const struct image_faults faults = in->environment->image.faults; /* the slot is the reader's once published */
+    const int dropped = handoff_publish(&d->frames, slot);
+    if (dropped != HANDOFF_NONE)
+        server_frame_fate(d->server, &d->ingested[dropped].ticket, SERVER_SUPERSEDED, NULL);
+    daemon_tell_received(d, &faults, dropped != HANDOFF_NONE);
     return ERR_OK;
+}
+
+/* What viewers are told while no frame comes. */
+static enum server_source tell_silence(struct daemon *d, enum server_source told)
+{
+    struct server_demand demand;
+
+    server_demand(d->server, &demand);
+    const enum server_source now = demand.ended ? SERVER_ENDED : demand.producer ? told : SERVER_WAITING;
+    if (told == SERVER_LIVE && now != told) {
+        daemon_tell_source(
+            d, now, demand.ended ? "the producer has sent all its frames" : "the producer is gone, its last sky stays");
+        return now;
+    }
+    return told;
+}
+
+/* Frames from the outside: each one's fate is told to its producer. */
+static void ingest_pushed(struct daemon *d, struct frame *f, struct reason *why)
+{
+    struct server_ticket ticket;
+    enum server_source told = SERVER_WAITING;
+
+    while (!stopping(d)) {
+        if (daemon_settings(d).paused) {
+            nap_ms(50);
+            continue;
+        }
+        if (!server_take_frame(d->server, f, &ticket, 100)) {
+            told = tell_silence(d, told);
+            continue;
+        }
+        if (ingest_frame(d, f, &ticket, why)) {
+            server_frame_fate(d->server, &ticket, SERVER_REFUSED, why->text);
+            daemon_tell_refused(d, why->text);
+            told = SERVER_FAILED;
+        } else if (told != SERVER_LIVE) {
+            daemon_tell_source(d, SERVER_LIVE, "");
+            told = SERVER_LIVE;
+        }
+    }
+}
+
+/* Without a next frame, changed settings are applied to the one that stands. True when there may be a next one. */
+static bool hold(struct daemon *d, const struct frame *f, uint64_t *version, bool ended, struct reason *why)
+{
+    const struct settings now = daemon_settings(d);
+    static const struct server_ticket none = { 0 };
+
+    if (!ended && !now.paused)
+        return true;
+    if (now.version != *version && f->kind != FRAME_NONE && ingest_frame(d, f, &none, why))
+        daemon_tell_refused(d, why->text);
+    *version = now.version;
+    nap_ms(30);
+    return false;
+}
+
+static void ingest_source(struct daemon *d, struct frame *f, struct reason *why)
+{
+    static const struct server_ticket none = { 0 };
+    const int64_t start = clock_ms();
+    uint64_t count = 0, version = 0;
+    bool failed = false, ended = false, paused = false;
+
+    while (!stopping(d)) {
+        const bool held = !hold(d, f, &version, ended, why);
+        if (!ended && held != paused && count > 0)
+            daemon_tell_source(d, held ? SERVER_PAUSED : SERVER_LIVE, "");
+        paused = held;
+        if (held)
+            continue;
+        enum err e = source_next(d->source, f, why);
+        if (e == ERR_END) {
+            ended = true;
+            if (!failed)
+                daemon_tell_source(d, SERVER_ENDED, "the last frame was shown");
+            continue;
+        }
+        if (!e && f->kind == FRAME_NONE)
+            continue;
+        if (!e)
+            e = ingest_frame(d, f, &none, why);
+        if (e)
+            daemon_tell_refused(d, why->text);
+        else if (failed || count == 0)
+            daemon_tell_source(d, SERVER_LIVE, "");
+        failed = e != ERR_OK;
+        count++;
+        version = daemon_settings(d).version;
+        if (d->rate > 0.0)
+            sleep_until_ms(d, start + (int64_t)(1e3 * (double)count / d->rate));
+        else
+            while (!failed && !handoff_wait_taken(&d->frames, 100) && !stopping(d))
+                continue;
+    }
 }
 
 static void *ingest_main(void *arg)
@@ -172,71 +174,95 @@ static void *ingest_main(void *arg)
     struct daemon *d = arg;
     struct frame f = { 0 };
     struct reason why = { "" };
-    const int64_t start = clock_ms();
-    uint64_t count = 0;
-    bool failed = false;
 
     omp_set_num_threads(1); /* the other processor is shading */
-    while (!stopping(d)) {
-        enum err e = source_next(d->source, &f, &why);
-        if (e == ERR_END)
-            break;
-        if (!e && f.kind == FRAME_NONE)
-            continue;
-        if (!e)
-            e = ingest_frame(d, &f, &why);
-        if (e)
-            tell_refused(d, why.text);
-        else if (failed || count == 0)
-            tell_source(d, SERVER_LIVE, "");
-        failed = e != ERR_OK;
-        count++;
-        if (d->rate > 0.0)
-            sleep_until_ms(d, start + (int64_t)(1e3 * (double)count / d->rate));
-        else
-            while (!failed && !handoff_wait_taken(&d->frames, 100) && !stopping(d))
-                continue;
-    }
+    if (d->push)
+        ingest_pushed(d, &f, &why);
+    else
+        ingest_source(d, &f, &why);
     frame_finish(&f);
-    if (!stopping(d) && !failed)
-        tell_source(d, SERVER_ENDED, "the last frame was shown");
     return NULL;
 }
 
 /* ---- Encode ---- */
 
-static void encode_picture(struct daemon *d, struct shaded *in)
+static void publish(struct daemon *d, struct shaded *in, enum protocol_format format, const uint8_t *bytes, size_t size)
+{
+    in->header.format = format;
+    struct picture *p = picture_create(&in->header, bytes, size);
+
+    if (p)
+        server_publish_for(d->server, p, &in->ticket);
+    else
+        log_error("no memory for a picture of %zu bytes", size);
+}
+
+/* Whoever sent the frame must not wait for a picture that will not come; after server_publish_for this says nothing. */
+static void close_ticket(struct daemon *d, const struct shaded *in)
+{
+    server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, "its picture could not be encoded");
+}
+
+static void encode_jpeg(struct daemon *d, struct shaded *in, int quality)
 {
     const uint32_t width = in->header.width, height = in->header.height;
-    struct server_demand demand;
     const double start = clock_seconds();
     const uint8_t *bytes;
     size_t size;
 
-    server_demand(d->server, &demand);
-    const uint64_t frame = in->header.frame, passed = frame > d->exposed ? frame - d->exposed : 1;
-    const double gain = exposure_step(&d->exposure, in->rgb, width, height, passed);
-    d->exposed = frame;
-    tone_map(in->rgb, width, height, gain, d->tone, d->display);
-    const int quality = demand.jpeg_quality ? demand.jpeg_quality : d->quality;
+    tone_map(in->rgb, width, height, in->header.gain, daemon_settings(d).tone, d->display);
     if (jpeg_encode(d->jpeg, d->display, width, height, quality, &bytes, &size)) {
         log_error("a picture of %ux%u could not be encoded", width, height);
         return;
     }
-    in->header.gain = (float)gain;
-    in->header.format = PROTOCOL_JPEG;
     const double ms = 1e3 * (clock_seconds() - start);
     in->header.encoded_us = (uint32_t)(1e3 * ms);
-    struct picture *p = picture_create(&in->header, bytes, size);
-    if (!p) {
-        log_error("no memory for a picture of %zu bytes", size);
+    publish(d, in, PROTOCOL_JPEG, bytes, size);
+    daemon_tell_encoded(d, ms);
+}
+
+static void encode_exr(struct daemon *d, struct shaded *in, enum protocol_format format)
+{
+    const struct exr_desc desc = {
+        in->rgb, in->header.width, in->header.height, format == PROTOCOL_EXR_HALF ? EXR_HALF : EXR_FLOAT, NULL, 0
+    };
+    const double start = clock_seconds();
+    struct reason why;
+    uint8_t *bytes;
+    size_t size;
+
+    if (exr_encode(&desc, &bytes, &size, &why)) {
+        log_error("frame %llu: %s", (unsigned long long)in->header.frame, why.text);
         return;
     }
-    server_publish(d->server, p);
-    pthread_mutex_lock(&d->status_lock);
-    d->status.encoded_ms = smooth(d->status.encoded_ms, ms);
-    server_set_status(d->server, &d->status);
-    pthread_mutex_unlock(&d->status_lock);
+    in->header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
+    publish(d, in, format, bytes, size);
+    mem_free(bytes);
+}
+
+/* Each format that somebody watches, once however many they are; JPEG always, for whoever comes next. A lockstep
+ * sequence's own format goes last: its recorder's word that it is stored lets the next frame in. */
+static void encode_picture(struct daemon *d, struct shaded *in)
+{
+    struct server_demand demand;
+    const uint64_t frame = in->header.frame, passed = frame > d->exposed ? frame - d->exposed : 1;
+
+    server_demand(d->server, &demand);
+    const enum protocol_format wanted = demand.recorder_format ? demand.recorder_format : PROTOCOL_EXR_FLOAT;
+    const enum protocol_format last = in->ticket.lockstep ? wanted : PROTOCOL_JPEG;
+    in->header.gain = (float)exposure_step(&d->exposure, in->rgb, in->header.width, in->header.height, passed);
+    d->exposed = frame;
+    for (int format = PROTOCOL_JPEG; format <= PROTOCOL_EXR_FLOAT + 1; format++) {
+        const bool at_end = format > PROTOCOL_EXR_FLOAT;
+        const enum protocol_format now = at_end ? last : (enum protocol_format)format;
+        if (!at_end && (now == last || !(demand.formats >> now & 1 || now == PROTOCOL_JPEG)))
+            continue;
+        if (now == PROTOCOL_JPEG)
+            encode_jpeg(d, in, demand.jpeg_quality ? demand.jpeg_quality : d->quality);
+        else
+            encode_exr(d, in, now);
+    }
+    close_ticket(d, in);
 }
 
 static void *encode_main(void *arg)
@@ -261,45 +287,48 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     const struct environment *e = in->environment;
     const int slot = handoff_begin(&d->pictures);
     struct shaded *out = &d->shaded[slot];
+    const struct settings now = in->ticket.lockstep ? d->said : daemon_settings(d);
+    const struct direct_desc desc = { .method = now.method,
+                                      .samples = now.samples,
+                                      .seed = d->seed,
+                                      .pass = d->reseed ? e->number : 0,
+                                      .no_visibility = d->no_visibility };
     struct relight_stats stats;
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
-    d->direct.pass = d->reseed ? e->number : 0;
-    const enum err result = relighter_run(d->relighter, e, &d->direct, out->rgb, &stats);
+    const enum err result = relighter_run(d->relighter, e, &desc, out->rgb, &stats);
     if (result)
         return err_say(why, result, "%s: no memory for the light samples", e->name);
-    const double shaded_ms = stats.shade_ms + stats.resolve_ms, now_s = clock_seconds();
+    out->ticket = in->ticket;
     out->header = (struct protocol_picture){
         .frame = e->number,
         .capture_us = e->capture_us,
         .queued_us = (uint32_t)(1e3 * queued_ms),
         .decoded_us = (uint32_t)(1e3 * in->decode_ms),
-        .shaded_us = (uint32_t)(1e3 * shaded_ms),
+        .shaded_us = (uint32_t)(1e3 * (stats.shade_ms + stats.resolve_ms)),
         .width = d->set_desc.width,
         .height = d->set_desc.height,
-        .samples = d->direct.samples,
+        .samples = now.samples,
     };
-    handoff_publish(&d->pictures, slot);
-    pthread_mutex_lock(&d->status_lock);
-    d->status.used++;
-    d->status.frame = e->number;
-    d->status.queued_ms = smooth(d->status.queued_ms, queued_ms);
-    d->status.decoded_ms = smooth(d->status.decoded_ms, in->decode_ms);
-    d->status.shaded_ms = smooth(d->status.shaded_ms, shaded_ms);
-    if (*last_s > 0.0)
-        d->status.fps = 1.0 / smooth(d->status.fps > 0.0 ? 1.0 / d->status.fps : 0.0, now_s - *last_s);
-    *last_s = now_s;
-    note_sun(d, e->number);
-    pthread_mutex_unlock(&d->status_lock);
+    const struct protocol_picture header = out->header; /* the slot is the encoder's once published */
+    const int dropped = handoff_publish(&d->pictures, slot);
+    if (dropped != HANDOFF_NONE)
+        server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
+    const double shaded_s = clock_seconds();
+    daemon_tell_shaded(d, &header, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    *last_s = shaded_s;
     return ERR_OK;
 }
 
-/* With nobody watching, one picture a second keeps the last one fresh for whoever comes. */
+/* Seconds between pictures: with nobody watching, one a second keeps the last one fresh for whoever comes; a recorder
+ * waits for every frame, as fast as they can be made. */
 static double pace_s(const struct daemon *d)
 {
     struct server_demand demand;
 
     server_demand(d->server, &demand);
+    if (demand.recorder)
+        return 0.0;
     return demand.viewers ? 1.0 / d->fps : 1.0;
 }
 
@@ -309,8 +338,9 @@ static enum err shade_all(struct daemon *d, struct reason *why)
     enum err e = ERR_OK;
 
     while (!e && !stop_asked) {
+        daemon_take_control(d);
         if (clock_seconds() < next_s && pace_s(d) + last_s > clock_seconds()) {
-            nanosleep(&(struct timespec){ .tv_nsec = 2000000 }, NULL);
+            nap_ms(2);
             continue;
         }
         const int slot = handoff_take(&d->frames, 100);
@@ -327,109 +357,6 @@ static enum err shade_all(struct daemon *d, struct reason *why)
 
 /* ---- Wiring ---- */
 
-static struct option_row rows[] = {
-    { "", NULL, "what is lit, and by what", NULL },
-    { "scene", "FILE", "scene to light: .json, .gltf or .glb; left out: the built-in one", NULL },
-    { "camera", "NAME", "camera of the scene; left out: the first", NULL },
-    { "source", "S", "a file, directory, printf or glob pattern, watch:DIR, or sky:key=value,...", "sky:" },
-    { "frames", "A-B", "only the frames with these numbers", NULL },
-    { "once", NULL, "stop after the last frame and keep its picture; else begin again", NULL },
-    { "rate", "N", "frames per second that the source gives; 0: as fast as they are shown", "0" },
-    { "layout", "L", "of the environment: auto, latlong or latlong-bottom", "auto" },
-    { "rotate", "DEGREES", "turns the environment about the vertical axis", "0" },
-    { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
-    { "", NULL, "how", NULL },
-    { "size", "WxH", "of the pictures, in pixels", "640x360" },
-    { "method", "M", "uniform, brdf, light, faces-uniform, faces, mis or auto", "auto" },
-    { "samples", "N", "N_s per shade point", "16" },
-    { "fps", "N", "pictures per second at most", "30" },
-    { "seed", "K", "of all random numbers", "0" },
-    { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
-    { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
-    { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
-    { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
-    { "threads", "N", "for shading; 0: as many as there are processors", "0" },
-    { "", NULL, "what goes out, and where", NULL },
-    { "bind", "ADDRESS", "address to listen on", "127.0.0.1" },
-    { "port", "P", "port to listen on; 0: any free one", "8080" },
-    { "web", "DIR", "folder of the page; left out: the one that came with the program", NULL },
-    { "tone", "CURVE", "filmic, reinhard or linear", "filmic" },
-    { "quality", "Q", "of JPEG where a viewer does not say, 1 to 100", "85" },
-    { NULL, NULL, NULL, NULL },
-};
-
-static enum err read_source_options(const struct options *o, struct daemon *d, struct reason *why)
-{
-    struct source_desc *s = &d->source_desc;
-    const char *frames = options_get(o, "frames");
-    int used = 0;
-    enum err e = ERR_OK;
-
-    s->spec = options_get(o, "source");
-    s->loop = !options_on(o, "once");
-    if (frames) {
-        s->has_range = true;
-        if (sscanf(frames, "%" SCNu64 "-%" SCNu64 "%n", &s->first, &s->last, &used) != 2 || frames[used] ||
-            s->first > s->last)
-            return err_say(why, ERR_USAGE, "--frames '%s' is not A-B with A <= B", frames);
-    }
-    d->computed_sky = strncmp(s->spec, "sky:", 4) == 0;
-    if (d->computed_sky)
-        e = sky_parse(s->spec + 4, &d->sky, why);
-    if (!e)
-        e = options_double(o, "rate", 0.0, 1000.0, &d->rate, why);
-    if (!e)
-        e = layout_parse(options_get(o, "layout"), &d->environment_desc.layout, why);
-    if (!e)
-        e = options_double(o, "rotate", -3600.0, 3600.0, &d->environment_desc.rotation_degrees, why);
-    if (!e)
-        e = options_double(o, "scale", -60.0, 60.0, &d->environment_desc.scale_stops, why);
-    return e;
-}
-
-static enum err read_options(const struct options *o, struct daemon *d, struct reason *why)
-{
-    uint64_t samples = 0, edge = 0, port = 0, quality = 0, threads = 0;
-    enum err e = read_source_options(o, d, why);
-
-    if (!e)
-        e = method_parse(options_get(o, "method"), &d->direct.method, why);
-    if (!e)
-        e = options_size(o, "size", &d->set_desc.width, &d->set_desc.height, why);
-    if (!e)
-        e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
-    if (!e)
-        e = options_u64(o, "seed", 0, UINT64_MAX, &d->direct.seed, why);
-    if (!e)
-        e = options_u64(o, "edge-rays", 1, 16, &edge, why);
-    if (!e)
-        e = options_u64(o, "port", 0, 65535, &port, why);
-    if (!e)
-        e = options_u64(o, "quality", 1, 100, &quality, why);
-    if (!e)
-        e = options_u64(o, "threads", 0, 1024, &threads, why);
-    if (!e)
-        e = options_double(o, "fps", 0.01, 1000.0, &d->fps, why);
-    if (!e)
-        e = tone_parse(options_get(o, "tone"), &d->tone, why);
-    if (!e)
-        e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
-    d->direct.samples = (uint32_t)samples;
-    d->direct.no_visibility = options_on(o, "no-visibility");
-    d->reseed = options_on(o, "reseed");
-    d->quality = (int)quality;
-    d->set_desc.scene = options_get(o, "scene");
-    d->set_desc.camera = options_get(o, "camera");
-    d->set_desc.edge_rays = (uint32_t)edge;
-    d->set_desc.progress = true;
-    d->server_desc.address = options_get(o, "bind");
-    d->server_desc.port = (uint16_t)port;
-    d->server_desc.web_dir = options_get(o, "web");
-    if (threads)
-        omp_set_num_threads((int)threads);
-    return e;
-}
-
 static enum err allocate(struct daemon *d, struct reason *why)
 {
     const size_t pixels = (size_t)d->set_desc.width * d->set_desc.height;
@@ -439,7 +366,7 @@ static enum err allocate(struct daemon *d, struct reason *why)
     d->jpeg = jpeg_encoder_create();
     d->display = mem_alloc(pixels, 3);
     for (int i = 0; i < HANDOFF_SLOTS; i++) {
-        d->ingested[i].environment = environment_create(&d->environment_desc);
+        d->ingested[i].environment = environment_create(&(struct environment_desc){ .layout = d->layout });
         d->shaded[i].rgb = mem_alloc(pixels, 3 * sizeof(float));
         all = all && d->ingested[i].environment && d->shaded[i].rgb;
     }
@@ -454,28 +381,18 @@ static enum err set_up(struct daemon *d, struct reason *why)
 {
     enum err e = server_create(&d->server_desc, &d->server, why);
 
-    if (!e)
+    if (!e && !d->push)
         e = source_open(&d->source_desc, &d->source, why);
     if (e)
         return e;
-    d->status = (struct server_status){
-        .scene = d->set_desc.scene ? d->set_desc.scene : "the built-in scene",
-        .sky = d->computed_sky ? "a computed sky" : d->source_desc.spec,
-        .method = method_name(d->direct.method),
-        .samples = d->direct.samples,
-        .width = d->set_desc.width,
-        .height = d->set_desc.height,
-        .source = SERVER_WAITING,
-        .detail = d->detail,
-        .last_refusal = d->refusal,
-        .sky_time = d->sky_time,
-    };
-    tell_source(d, SERVER_WAITING, "the scene is being prepared");
+    daemon_tell_start(d);
+    daemon_tell_source(d, SERVER_WAITING, "the scene is being prepared");
     e = set_create(&d->set_desc, &d->set, why);
     if (!e)
         e = allocate(d, why);
     if (!e)
-        tell_source(d, SERVER_WAITING, "the first frame of the sky is being read");
+        daemon_tell_source(d, SERVER_WAITING,
+                           d->push ? "no producer has sent a frame yet" : "the first frame of the sky is being read");
     return e;
 }
 
@@ -509,6 +426,7 @@ static void tear_down(struct daemon *d)
     source_close(d->source);
     handoff_finish(&d->frames);
     handoff_finish(&d->pictures);
+    pthread_mutex_destroy(&d->settings_lock);
     pthread_mutex_destroy(&d->status_lock);
 }
 
@@ -531,30 +449,22 @@ static void wait_passively(char **argv)
 
 int main(int argc, char **argv)
 {
-    struct options options = {
-        .program = "relightd",
-        .synopsis = "[--scene FILE] [--source S] [flags]",
-        .about = "Lights a scene by a live stream of sky frames and shows it in a browser.\n"
-                 "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
-        .rows = rows,
-    };
     static struct daemon d; /* zeroed, and too large for a stack */
     struct reason why = { "" };
     bool done;
 
     wait_passively(argv);
     log_init("relightd", LOG_INFO);
-    enum err e = options_parse(&options, argc, argv, &done, &why);
-    if (!e && done)
-        return 0;
     handoff_init(&d.frames);
     handoff_init(&d.pictures);
+    pthread_mutex_init(&d.settings_lock, NULL);
     pthread_mutex_init(&d.status_lock, NULL);
     sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
     sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
     sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
-    if (!e)
-        e = read_options(&options, &d, &why);
+    enum err e = daemon_read_options(&d, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
     if (!e)
         e = set_up(&d, &why);
     if (!e)

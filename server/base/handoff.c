@@ -48,11 +48,11 @@ int handoff_begin(struct handoff *h)
     return slot;
 }
 
-bool handoff_publish(struct handoff *h, int slot)
+int handoff_publish(struct handoff *h, int slot)
 {
     pthread_mutex_lock(&h->lock);
     assert(slot >= 0 && slot < HANDOFF_SLOTS && slot != h->taken);
-    const bool dropped = h->ready != HANDOFF_NONE;
+    const int dropped = h->ready;
     h->ready = slot;
     pthread_cond_broadcast(&h->changed);
     pthread_mutex_unlock(&h->lock);

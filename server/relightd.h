@@ -1,0 +1,105 @@
+/* server/relightd.h */
+/* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_options.c reads the
+ * command line, relightd_settings.c holds what a controller may change, relightd_status.c is what viewers are told. */
+#ifndef RELIGHTD_H
+#define RELIGHTD_H
+
+#include "environment.h"
+#include "film.h"
+#include "handoff.h"
+#include "jpeg.h"
+#include "relight.h"
+#include "server.h"
+#include "sky.h"
+#include "source.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+/* What may change while the daemon runs. */
+struct settings {
+    enum method method;
+    uint32_t samples;
+    enum tone_curve tone;
+    double rotation_degrees, scale_stops;
+    bool paused;      /* the source is held */
+    uint64_t version; /* rises with every change */
+};
+
+/* A frame that is ready to light the scene. */
+struct ingested {
+    struct environment *environment;
+    struct server_ticket ticket; /* id 0: not pushed by a producer */
+    double decode_ms;
+    int64_t ready_ms; /* when it began to wait */
+};
+
+/* A linear picture on its way to the encoder. */
+struct shaded {
+    float *rgb;
+    struct protocol_picture header;
+    struct server_ticket ticket;
+};
+
+struct daemon {
+    /* Said on the command line, then only read. */
+    struct settings said; /* a lockstep sequence is made with these, whatever a controller changes */
+    uint64_t seed;
+    bool reseed, no_visibility;
+    double fps, rate; /* rate 0: each frame waits until the one before it is shaded */
+    int quality;
+    struct set_desc set_desc;
+    struct source_desc source_desc;
+    enum layout layout;
+    struct server_desc server_desc;
+    const struct kernels *kernels;
+    bool push; /* frames come over the protocol */
+    bool computed_sky;
+    struct sky_desc sky;
+
+    struct set *set;
+    struct source *source;       /* ingest thread; NULL when frames are pushed */
+    struct relighter *relighter; /* shade thread */
+    struct jpeg_encoder *jpeg;   /* encode thread, and what follows */
+    struct exposure exposure;
+    uint64_t exposed; /* the frame to which exposure has adapted */
+    uint8_t *display;
+
+    struct server *server;
+    struct ingested ingested[HANDOFF_SLOTS];
+    struct handoff frames;
+    struct shaded shaded[HANDOFF_SLOTS];
+    struct handoff pictures;
+    pthread_t ingest_thread, encode_thread;
+    bool ingesting, encoding; /* the threads run */
+
+    pthread_mutex_t settings_lock;
+    struct settings settings; /* {settings_lock} */
+
+    pthread_mutex_t status_lock;
+    struct server_status status; /* {status_lock} its strings point into what follows */
+    char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
+};
+
+/* ---- relightd_options.c ---- */
+
+/* ERR_USAGE names the flag. *done: --help or --version was printed. */
+MUST_CHECK enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done, struct reason *why);
+
+/* ---- relightd_settings.c: any thread ---- */
+
+struct settings daemon_settings(struct daemon *d);
+
+/* Takes what controllers have asked for since the last call, if anything, and tells everybody what is in force. */
+void daemon_take_control(struct daemon *d);
+
+/* ---- relightd_status.c: any thread ---- */
+
+void daemon_tell_start(struct daemon *d);
+void daemon_tell_source(struct daemon *d, enum server_source source, const char *detail);
+void daemon_tell_refused(struct daemon *d, const char *why);
+void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped);
+void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, double interval_s);
+void daemon_tell_encoded(struct daemon *d, double ms);
+
+#endif

@@ -1,0 +1,154 @@
+/* server/relightd_options.c */
+#include "relightd.h"
+
+#include "options.h"
+
+#include <inttypes.h>
+#include <omp.h>
+#include <stdio.h>
+#include <string.h>
+
+static struct option_row rows[] = {
+    { "", NULL, "what is lit, and by what", NULL },
+    { "scene", "FILE", "scene to light: .json, .gltf or .glb; left out: the built-in one", NULL },
+    { "camera", "NAME", "camera of the scene; left out: the first", NULL },
+    { "source", "S", "file, directory, printf or glob pattern, watch:DIR, push:, or sky:key=value,...", "sky:" },
+    { "frames", "A-B", "only the frames with these numbers", NULL },
+    { "once", NULL, "stop after the last frame and keep its picture; else begin again", NULL },
+    { "rate", "N", "frames per second that the source gives; 0: as fast as they are shown", "0" },
+    { "layout", "L", "of the environment; see relight-render --help", "auto" },
+    { "rotate", "DEGREES", "turns the environment about the vertical axis", "0" },
+    { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
+    { "", NULL, "how", NULL },
+    { "size", "WxH", "of the pictures, in pixels", "640x360" },
+    { "method", "M", "uniform, brdf, light, faces-uniform, faces, mis or auto", "auto" },
+    { "samples", "N", "N_s per shade point", "16" },
+    { "fps", "N", "pictures per second at most", "30" },
+    { "seed", "K", "of all random numbers", "0" },
+    { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
+    { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
+    { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
+    { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
+    { "threads", "N", "for shading; 0: as many as there are processors", "0" },
+    { "", NULL, "what goes out, and where", NULL },
+    { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1" },
+    { "port", "P", "port to listen on; 0: any free one", "8080" },
+    { "web", "DIR", "folder of the page; left out: the one that came with the program", NULL },
+    { "tone", "CURVE", "filmic, reinhard or linear", "filmic" },
+    { "quality", "Q", "of JPEG where a viewer does not say, 1 to 100", "85" },
+    { "", NULL, "who may do what", NULL },
+    { "token-viewer", "T", "what viewers must know", NULL },
+    { "token-controller", "T", "what controllers must know", NULL },
+    { "token-producer", "T", "what producers must know", NULL },
+    { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
+    { NULL, NULL, NULL, NULL },
+};
+
+static enum err read_source(const struct options *o, struct daemon *d, struct reason *why)
+{
+    struct source_desc *s = &d->source_desc;
+    const char *frames = options_get(o, "frames");
+    int used = 0;
+    enum err e = ERR_OK;
+
+    s->spec = options_get(o, "source");
+    s->loop = !options_on(o, "once");
+    d->push = strcmp(s->spec, "push:") == 0;
+    if (frames) {
+        s->has_range = true;
+        if (sscanf(frames, "%" SCNu64 "-%" SCNu64 "%n", &s->first, &s->last, &used) != 2 || frames[used] ||
+            s->first > s->last)
+            return err_say(why, ERR_USAGE, "--frames '%s' is not A-B with A <= B", frames);
+    }
+    d->computed_sky = strncmp(s->spec, "sky:", 4) == 0;
+    if (d->computed_sky)
+        e = sky_parse(s->spec + 4, &d->sky, why);
+    if (!e)
+        e = options_double(o, "rate", 0.0, 1000.0, &d->rate, why);
+    if (!e)
+        e = layout_parse(options_get(o, "layout"), &d->layout, why);
+    if (!e)
+        e = options_double(o, "rotate", -3600.0, 3600.0, &d->said.rotation_degrees, why);
+    if (!e)
+        e = options_double(o, "scale", -60.0, 60.0, &d->said.scale_stops, why);
+    return e;
+}
+
+static enum err read_light(const struct options *o, struct daemon *d, struct reason *why)
+{
+    uint64_t samples = 0, edge = 0, threads = 0;
+    enum err e = method_parse(options_get(o, "method"), &d->said.method, why);
+
+    if (!e)
+        e = options_size(o, "size", &d->set_desc.width, &d->set_desc.height, why);
+    if (!e)
+        e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
+    if (!e)
+        e = options_u64(o, "seed", 0, UINT64_MAX, &d->seed, why);
+    if (!e)
+        e = options_u64(o, "edge-rays", 1, 16, &edge, why);
+    if (!e)
+        e = options_u64(o, "threads", 0, 1024, &threads, why);
+    if (!e)
+        e = options_double(o, "fps", 0.01, 1000.0, &d->fps, why);
+    if (!e)
+        e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
+    d->said.samples = (uint32_t)samples;
+    d->no_visibility = options_on(o, "no-visibility");
+    d->reseed = options_on(o, "reseed");
+    d->set_desc.scene = options_get(o, "scene");
+    d->set_desc.camera = options_get(o, "camera");
+    d->set_desc.edge_rays = (uint32_t)edge;
+    d->set_desc.progress = true;
+    if (threads)
+        omp_set_num_threads((int)threads);
+    return e;
+}
+
+static enum err read_network(const struct options *o, struct daemon *d, struct reason *why)
+{
+    uint64_t port = 0, quality = 0, mib = 0;
+    enum err e = options_u64(o, "port", 0, 65535, &port, why);
+
+    if (!e)
+        e = options_u64(o, "quality", 1, 100, &quality, why);
+    if (!e)
+        e = options_u64(o, "max-frame-mib", 1, 2047, &mib, why);
+    if (!e)
+        e = tone_parse(options_get(o, "tone"), &d->said.tone, why);
+    d->quality = (int)quality;
+    d->server_desc.address = options_get(o, "bind");
+    d->server_desc.port = (uint16_t)port;
+    d->server_desc.web_dir = options_get(o, "web");
+    d->server_desc.push = d->push;
+    d->server_desc.max_frame_bytes = (size_t)mib << 20;
+    d->server_desc.tokens[SERVER_VIEWER] = options_get(o, "token-viewer");
+    d->server_desc.tokens[SERVER_CONTROLLER] = options_get(o, "token-controller");
+    d->server_desc.tokens[SERVER_PRODUCER] = options_get(o, "token-producer");
+    /* With a token for every role the whole world may be listened to. */
+    d->server_desc.allow_remote = d->server_desc.tokens[SERVER_VIEWER] && d->server_desc.tokens[SERVER_CONTROLLER] &&
+                                  d->server_desc.tokens[SERVER_PRODUCER];
+    return e;
+}
+
+enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done, struct reason *why)
+{
+    struct options o = {
+        .program = "relightd",
+        .synopsis = "[--scene FILE] [--source S] [flags]",
+        .about = "Lights a scene by a live stream of sky frames and shows it in a browser.\n"
+                 "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
+        .rows = rows,
+    };
+    enum err e = options_parse(&o, argc, argv, done, why);
+
+    if (e || *done)
+        return e;
+    e = read_source(&o, d, why);
+    if (!e)
+        e = read_light(&o, d, why);
+    if (!e)
+        e = read_network(&o, d, why);
+    d->settings = d->said;
+    return e;
+}

@@ -1,0 +1,106 @@
+/* server/relightd_status.c */
+#include "relightd.h"
+
+#include "log.h"
+
+#include <math.h>
+#include <stdio.h>
+
+#define SMOOTH 0.2 /* share of a new reading in the figures that viewers are shown */
+
+static double smooth(double old, double reading)
+{
+    return old > 0.0 ? old + SMOOTH * (reading - old) : reading;
+}
+
+void daemon_tell_start(struct daemon *d)
+{
+    pthread_mutex_lock(&d->status_lock);
+    d->status = (struct server_status){
+        .scene = d->set_desc.scene ? d->set_desc.scene : "the built-in scene",
+        .sky = d->computed_sky ? "a computed sky"
+               : d->push       ? "a sky sent by a producer"
+                               : d->source_desc.spec,
+        .method = method_name(d->said.method),
+        .samples = d->said.samples,
+        .width = d->set_desc.width,
+        .height = d->set_desc.height,
+        .source = SERVER_WAITING,
+        .detail = d->detail,
+        .last_refusal = d->refusal,
+        .sky_time = d->sky_time,
+    };
+    pthread_mutex_unlock(&d->status_lock);
+}
+
+void daemon_tell_source(struct daemon *d, enum server_source source, const char *detail)
+{
+    pthread_mutex_lock(&d->status_lock);
+    d->status.source = source;
+    snprintf(d->detail, sizeof(d->detail), "%s", detail);
+    server_set_status(d->server, &d->status);
+    pthread_mutex_unlock(&d->status_lock);
+}
+
+void daemon_tell_refused(struct daemon *d, const char *why)
+{
+    log_warning("%s", why);
+    pthread_mutex_lock(&d->status_lock);
+    d->status.received++;
+    d->status.refused++;
+    snprintf(d->refusal, sizeof(d->refusal), "%s", why);
+    pthread_mutex_unlock(&d->status_lock);
+    daemon_tell_source(d, SERVER_FAILED, why);
+}
+
+void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped)
+{
+    pthread_mutex_lock(&d->status_lock);
+    d->status.received++;
+    d->status.dropped += dropped;
+    d->status.repaired += faults->nan + faults->infinite + faults->negative;
+    pthread_mutex_unlock(&d->status_lock);
+}
+
+/* Where the sun stands in a computed sky, in words of the page. */
+static void note_sun(struct daemon *d, uint64_t frame)
+{
+    struct sky_state s;
+
+    if (!d->computed_sky)
+        return;
+    sky_state_at(&d->sky, frame, &s);
+    const double hour = fmod(d->sky.hour + d->sky.speed_hours * (double)frame, 24.0);
+    const double azimuth = atan2(-s.sun_direction[0], s.sun_direction[2]) * 180.0 / PI; /* north +Z, east -X */
+    d->status.has_sun = true;
+    d->status.sun_elevation = s.sun_elevation * 180.0 / PI;
+    d->status.sun_azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth;
+    snprintf(d->sky_time, sizeof(d->sky_time), "%02u:%02u", (unsigned)hour % 24u, (unsigned)(hour * 60.0) % 60u);
+}
+
+void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, double interval_s)
+{
+    const struct settings now = daemon_settings(d);
+
+    pthread_mutex_lock(&d->status_lock);
+    struct server_status *s = &d->status;
+    s->used++;
+    s->frame = p->frame;
+    s->method = method_name(now.method);
+    s->samples = p->samples;
+    s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
+    s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
+    s->shaded_ms = smooth(s->shaded_ms, 1e-3 * p->shaded_us);
+    if (interval_s > 0.0)
+        s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, interval_s);
+    note_sun(d, p->frame);
+    pthread_mutex_unlock(&d->status_lock);
+}
+
+void daemon_tell_encoded(struct daemon *d, double ms)
+{
+    pthread_mutex_lock(&d->status_lock);
+    d->status.encoded_ms = smooth(d->status.encoded_ms, ms);
+    server_set_status(d->server, &d->status);
+    pthread_mutex_unlock(&d->status_lock);
+}
