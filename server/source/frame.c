@@ -9,7 +9,7 @@ static enum err reserve(void **block, size_t *capacity, size_t count, size_t siz
         return ERR_OK;
     mem_free(*block);
     *capacity = 0;
-    *block = mem_alloc(count, size);
+    *block = mem_alloc_raw(count, size);
     if (!*block)
         return ERR_NOMEM;
     *capacity = count;

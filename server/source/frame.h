@@ -12,7 +12,8 @@
 enum frame_kind {
     FRAME_NONE,
     FRAME_FILE,   /* bytes of an EXR or Radiance file */
-    FRAME_TEXELS, /* linear Rec.709 radiance, float[height][width][3], lat-long with +Y at the top where `layout` is "" */
+    FRAME_TEXELS, /* linear Rec.709 radiance, float[height][width][3], lat-long with +Y at the top where `layout` is ""
+                   */
 };
 
 struct frame {
@@ -20,7 +21,7 @@ struct frame {
     uint64_t number;    /* the source's own number: a pattern's, or counted from 0 */
     int64_t capture_us; /* when the light was captured, wall clock; 0: unknown */
     char name[256];     /* for messages: the file's path, or what the sky is */
-    char layout[16];    /* a name that env's layout_parse reads; "": by the file itself, of texels lat-long */
+    char layout[16];    /* a name that env's layout_parse reads; "": as the file says, and lat-long for texels */
 
     uint8_t *bytes; /* FRAME_FILE */
     size_t size;
@@ -31,7 +32,8 @@ struct frame {
     size_t rgb_capacity; /* floats */
 };
 
-/* Make room for `size` bytes or width x height texels and set kind and sizes. ERR_NOMEM leaves FRAME_NONE. */
+/* Make room for `size` bytes or width x height texels and set kind and sizes; the contents are undefined. ERR_NOMEM
+ * leaves FRAME_NONE. */
 MUST_CHECK enum err frame_reserve_bytes(struct frame *f, size_t size);
 MUST_CHECK enum err frame_reserve_texels(struct frame *f, uint32_t width, uint32_t height);
 

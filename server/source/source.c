@@ -165,6 +165,7 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
 enum err source_next(struct source *s, struct frame *f, struct reason *why)
 {
     f->kind = FRAME_NONE;
+    f->layout[0] = '\0';
     switch (s->kind) {
     case SOURCE_FILES: return next_file(s, f, why);
     case SOURCE_WATCH: return next_watched(s, f, why);

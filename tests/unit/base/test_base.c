@@ -37,6 +37,7 @@ static void sizes_that_overflow_are_refused(void **state)
     assert_null(mem_alloc(2, SIZE_MAX / 2 + 1));
     assert_null(mem_alloc((size_t)1 << 32, (size_t)1 << 32));
     assert_null(mem_alloc(SIZE_MAX / 16, 16));
+    assert_null(mem_alloc_raw(SIZE_MAX / 16, 16));
     void *p = mem_alloc(SIZE_MAX, 0); /* no bytes, whatever the count */
     assert_non_null(p);
     mem_free(p);
@@ -179,17 +180,18 @@ static void newest_frame_wins(void **state)
     handoff_init(&h);
     assert_int_equal(handoff_take(&h, 0), HANDOFF_NONE);
     const int a = handoff_begin(&h);
-    assert_false(handoff_publish(&h, a));
+    assert_int_equal(handoff_publish(&h, a), HANDOFF_NONE);
     const int b = handoff_begin(&h);
     assert_int_not_equal(a, b);
-    assert_true(handoff_publish(&h, b)); /* a was dropped */
+    assert_int_equal(handoff_publish(&h, b), a); /* a was dropped */
     assert_false(handoff_wait_taken(&h, 0));
     assert_int_equal(handoff_take(&h, 0), b);
     assert_true(handoff_wait_taken(&h, 0));
-    for (int i = 0; i < 10; i++) { /* while b is being read, the writer never gets it */
+    for (int i = 0, before = HANDOFF_NONE; i < 10; i++) { /* while b is being read, the writer never gets it */
         const int slot = handoff_begin(&h);
         assert_int_not_equal(slot, b);
-        assert_true(handoff_publish(&h, slot) == (i > 0));
+        assert_int_equal(handoff_publish(&h, slot), before);
+        before = slot;
     }
     handoff_release(&h, b);
     assert_int_not_equal(handoff_take(&h, 0), HANDOFF_NONE);

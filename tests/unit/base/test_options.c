@@ -123,6 +123,8 @@ static void bad_whole_numbers_are_named(void **state)
     assert_int_equal(GIVE(&g, 0, "--samples", "18446744073709551615"), ERR_OK);
     assert_int_equal(options_u64(&g.o, "samples", 0, UINT64_MAX, &n, &g.why), ERR_OK);
     assert_true(n == UINT64_MAX);
+    assert_int_equal(GIVE(&g, 0, "--samples", "-1"), ERR_OK); /* which C would read as the largest number */
+    assert_int_equal(options_u64(&g.o, "samples", 0, UINT64_MAX, &n, &g.why), ERR_USAGE);
 }
 
 static void bad_numbers_are_named(void **state)

@@ -347,6 +347,7 @@ static void frame_too_large_for_memory_is_an_error(void **state)
     (void)state;
     assert_int_equal(frame_reserve_texels(&f, UINT32_MAX, UINT32_MAX), ERR_NOMEM);
     assert_int_equal(f.kind, FRAME_NONE);
+    assert_int_equal(frame_reserve_texels(&f, 2863311531u, 2147483648u), ERR_NOMEM); /* times 3 it is 2^64 + 2^31 */
     assert_int_equal(frame_reserve_bytes(&f, SIZE_MAX - 8), ERR_NOMEM);
     assert_int_equal(f.kind, FRAME_NONE);
     assert_int_equal(frame_reserve_bytes(&f, 4), ERR_OK); /* and it can be used afterwards */
