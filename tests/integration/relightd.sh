@@ -4,6 +4,7 @@
 
 # start ARGUMENTS...: a small server on a free port; $url, $port and $pid are set once it listens.
 start() {
+    : >"$work/log"
     "$bin/relightd" --port 0 --size 64x36 --samples 4 "$@" 2>"$work/log" &
     pid=$!
     local i
