@@ -19,6 +19,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
+
 /* Set by the signal handler, which can reach nothing else. */
 static volatile sig_atomic_t stop_asked;
 
@@ -129,6 +131,15 @@ static bool hold(struct daemon *d, const struct frame *f, uint64_t *version, boo
     return false;
 }
 
+/* A source that sets no pace gives its next frame just before the shading of this one ends: earlier, it would only grow
+ * old while it waits. */
+static void wait_until_wanted(struct daemon *d)
+{
+    while (!handoff_wait_taken(&d->frames, 100) && !stopping(d))
+        continue;
+    sleep_until_ms(d, clock_ms() + (int64_t)daemon_slack_ms(d) - MARGIN_MS);
+}
+
 static void ingest_source(struct daemon *d, struct frame *f, struct reason *why)
 {
     static const struct server_ticket none = { 0 };
@@ -163,9 +174,8 @@ static void ingest_source(struct daemon *d, struct frame *f, struct reason *why)
         version = daemon_settings(d).version;
         if (d->rate > 0.0)
             sleep_until_ms(d, start + (int64_t)(1e3 * (double)count / d->rate));
-        else
-            while (!failed && !handoff_wait_taken(&d->frames, 100) && !stopping(d))
-                continue;
+        else if (!failed)
+            wait_until_wanted(d);
     }
 }
 

@@ -102,4 +102,7 @@ void daemon_tell_received(struct daemon *d, const struct image_faults *faults, b
 void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, double interval_s);
 void daemon_tell_encoded(struct daemon *d, double ms);
 
+/* By how much shading a picture takes longer than reading its frame, of late; 0 when it does not. */
+double daemon_slack_ms(struct daemon *d);
+
 #endif

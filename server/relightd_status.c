@@ -104,3 +104,11 @@ void daemon_tell_encoded(struct daemon *d, double ms)
     server_set_status(d->server, &d->status);
     pthread_mutex_unlock(&d->status_lock);
 }
+
+double daemon_slack_ms(struct daemon *d)
+{
+    pthread_mutex_lock(&d->status_lock);
+    const double slack = d->status.shaded_ms - d->status.decoded_ms;
+    pthread_mutex_unlock(&d->status_lock);
+    return slack > 0.0 ? slack : 0.0;
+}
