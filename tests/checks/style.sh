@@ -47,8 +47,9 @@ findings() {
     # Libraries that one room hides from the others.
     sources server | xargs -r -d '\n' grep -nE '#include *[<"].*(rtcore|embree)' | grep -v '^server/scene/rays\.c:' |
         sed -E 's/^([^:]*:[0-9]+):.*/\1: Embree outside server\/scene\/rays.c/' || true
-    sources server | xargs -r -d '\n' grep -nE '#include *[<"]libwebsockets' | grep -v '^server/stream/' |
-        sed -E 's/^([^:]*:[0-9]+):.*/\1: libwebsockets outside server\/stream/' || true
+    sources server clients | xargs -r -d '\n' grep -nE '#include *[<"]libwebsockets' |
+        grep -vE '^(server/stream|clients/common)/' |
+        sed -E 's/^([^:]*:[0-9]+):.*/\1: libwebsockets outside server\/stream and clients\/common/' || true
 
     # shade/ knows no socket, no file and no clock.
     sources server | { grep '^server/shade/' || true; } |

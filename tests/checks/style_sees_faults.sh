@@ -7,7 +7,7 @@ trap 'rm -rf "$tree"' EXIT
 
 plant() { # FILE, text: a file of that content in an otherwise clean tree
     rm -rf "${tree:?}"/*
-    mkdir -p "$tree/server/base" "$tree/server/env" "$tree/server/shade" "$tree/server/stream"
+    mkdir -p "$tree/server/base" "$tree/server/env" "$tree/server/shade" "$tree/server/stream" "$tree/clients"
     echo '/* base */' >"$tree/server/base/vec.h"
     echo '/* env */' >"$tree/server/env/cube.h"
     echo '/* stream */' >"$tree/server/stream/viewer.h"
@@ -55,6 +55,8 @@ plant server/shade/a.c '#include <embree3/rtcore.h>'
 expect 'server/shade/a.c:1: Embree outside'
 plant server/film/a.c '#include <libwebsockets.h>'
 expect 'libwebsockets outside'
+plant clients/feed/a.c '#include <libwebsockets.h>'
+expect 'clients/feed/a.c:1: libwebsockets outside'
 plant server/shade/a.c '#include <time.h>'
 expect 'shade knows no socket, file or clock'
 plant server/shade/a.c '#include "viewer.h"'

@@ -1,0 +1,84 @@
+/* clients/common/connection.h */
+/* A relight.v1 client over libwebsockets: connects, says hello, hears welcome, carries text and binary messages both
+ * ways, and comes back with back-off when the connection breaks. One thread runs it (connection_run) and gets all the
+ * hooks; only connection_wake may be called from others. At most one binary message is under way outwards; what comes
+ * in is bounded by the description. */
+#ifndef CLIENTS_CONNECTION_H
+#define CLIENTS_CONNECTION_H
+
+#include "err.h"
+
+#include <jansson.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct connection;
+
+/* How connection_run ended. */
+enum connection_end {
+    CONNECTION_DONE,    /* as asked for by connection_finish or connection_stop */
+    CONNECTION_LOST,    /* gave up, or a fault that trying again does not mend */
+    CONNECTION_REFUSED, /* the server does not want us: role, token, version, all places taken */
+};
+
+/* Called on the thread of connection_run. NULL: not of interest. */
+struct connection_hooks {
+    json_t *(*hello)(void *user);                                 /* what to say first; the caller takes it over */
+    void (*welcome)(void *user, const json_t *welcome);           /* on every connection anew */
+    void (*text)(void *user, const char *op, const json_t *text); /* all but welcome, pong, error */
+    void (*binary)(void *user, const uint8_t *bytes, size_t size);
+    void (*sent)(void *user); /* the last byte of connection_send's message was taken */
+    void (*lost)(void *user); /* the connection that had been welcomed is gone; what was not sent is forgotten */
+    void (*tick)(void *user); /* ten times a second, also without a connection, and after connection_wake */
+};
+
+struct connection_desc {
+    const char *url;    /* ws://HOST:PORT */
+    int64_t tries;      /* attempts in a row before giving up after a loss; below 0: for ever */
+    double give_up_s;   /* gives up after so long without a connection; 0: never */
+    size_t binary_most; /* bytes of a message from the server; larger ones end it with CONNECTION_LOST */
+    bool quiet;         /* no lines about losing and finding the server */
+    struct connection_hooks hooks;
+    void *user;
+};
+
+/* ERR_USAGE: no such address. ERR_NOMEM. */
+MUST_CHECK enum err connection_create(const struct connection_desc *d, struct connection **out, struct reason *why);
+void connection_destroy(struct connection *c); /* NULL is allowed */
+
+/* Until one of the ends. *why says what it was, but for CONNECTION_DONE. */
+enum connection_end connection_run(struct connection *c, struct reason *why);
+
+/* A text message, soon; the object is taken over. Nothing happens without a welcomed connection. */
+void connection_say(struct connection *c, json_t *object);
+
+/* A binary message of two parts, in fragments; one at a time, only while welcomed. `payload` stays the caller's and
+ * must not change until the hook sent or lost. */
+void connection_send(struct connection *c, const uint8_t *head, size_t head_size, const uint8_t *payload, size_t size);
+bool connection_is_sending(const struct connection *c);
+bool connection_is_open(const struct connection *c); /* welcomed */
+
+/* Ends after the server has confirmed that it read all that was said; when the connection breaks before that, it is
+ * built again, and the next welcome may call this again. */
+void connection_finish(struct connection *c);
+
+/* Ends at once, with a clean close where there is a connection. */
+void connection_stop(struct connection *c);
+
+/* Ends with this result and text, after a clean close. */
+void connection_fail(struct connection *c, enum connection_end end, const char *format, ...) PRINTF_LIKE(3, 4);
+
+/* Something useful was done: the next loss begins with the shortest wait again. */
+void connection_thrive(struct connection *c);
+
+/* The server's clock against ours; false while unknown. */
+bool connection_clock(const struct connection *c, int64_t *ahead_us, int64_t *uncertain_us);
+
+unsigned connection_count(const struct connection *c); /* welcomed so far */
+
+void connection_tick_within(struct connection *c, int64_t us); /* the next tick, if a tenth of a second is too long */
+
+void connection_wake(struct connection *c); /* any thread */
+
+#endif

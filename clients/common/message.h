@@ -1,0 +1,27 @@
+/* clients/common/message.h */
+/* Fields of the server's text messages, read with limits; what a server sends is outside data. Any thread. */
+#ifndef CLIENTS_MESSAGE_H
+#define CLIENTS_MESSAGE_H
+
+#include <jansson.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define MESSAGE_TEXT_MAX ((size_t)256 << 10) /* bytes of a text message from a server; 1.0's have below 16 KiB */
+
+/* The message as an object with a string `op`, which goes to *op; NULL when it is anything else. The caller decrefs. */
+json_t *message_read(const uint8_t *bytes, size_t size, const char **op);
+
+/* An integer 0..2^53-1 (times: also negative). False, and *out untouched, where there is none. */
+bool message_number(const json_t *object, const char *name, uint64_t *out);
+bool message_time(const json_t *object, const char *name, int64_t *out);
+
+/* The string's beginning with all but printable ASCII as '?', for a terminal or a log; "" where there is none.
+ * Returns out. */
+const char *message_plain(const json_t *object, const char *name, char *out, size_t room);
+
+/* The same for any bytes, up to a NUL. */
+const char *message_plain_bytes(const void *bytes, size_t size, char *out, size_t room);
+
+#endif

@@ -1,0 +1,154 @@
+#include "parcel.h"
+
+#include "decode.h"
+#include "exr_policy.h"
+#include "mem.h"
+
+#include <half.h>
+#include <inttypes.h>
+#include <string.h>
+
+#define PAYLOAD_MOST UINT32_MAX
+
+static bool is_exr(const uint8_t *bytes, size_t size)
+{
+    return size >= 4 && memcmp(bytes, "\x76\x2f\x31\x01", 4) == 0;
+}
+
+static bool is_radiance(const uint8_t *bytes, size_t size)
+{
+    return size >= 2 && bytes[0] == '#' && bytes[1] == '?';
+}
+
+static enum err state_texels(struct parcel *p, const struct parcel_desc *d, const float *rgb, uint32_t width,
+                             uint32_t height, struct reason *why)
+{
+    const uint64_t count = (uint64_t)width * height * 3, bytes = count * (d->half ? 2 : 4);
+
+    if (width > PROTOCOL_SIDE_MAX || height > PROTOCOL_SIDE_MAX || bytes > PAYLOAD_MOST)
+        return err_say(why, ERR_RANGE, "%s: %" PRIu32 "x%" PRIu32 " texels are more than a message carries%s",
+                       p->frame.name, width, height, d->half ? "" : "; try --raw half");
+    p->header.encoding = d->half ? PROTOCOL_RAW_HALF : PROTOCOL_RAW_FLOAT;
+    p->header.width = width;
+    p->header.height = height;
+    p->header.channels = 3;
+    p->header.payload = (uint32_t)bytes;
+    p->payload = (const uint8_t *)rgb; /* little-endian, as all computers are for which this is built */
+    if (!d->half)
+        return ERR_OK;
+    if (p->half_count < count) {
+        mem_free(p->half);
+        p->half_count = 0;
+        p->half = mem_alloc((size_t)count, sizeof(*p->half));
+        if (!p->half)
+            return err_say(why, ERR_NOMEM, "%s: no memory for its half floats", p->frame.name);
+        p->half_count = (size_t)count;
+    }
+    for (size_t i = 0; i < count; i++) /* beyond its range a half becomes infinite, which no light is */
+        p->half[i] = imath_float_to_half(rgb[i] > 65504.0f ? 65504.0f : rgb[i]);
+    p->payload = (const uint8_t *)p->half;
+    return ERR_OK;
+}
+
+/* A file's own statement about its layout would be lost with the file. */
+static void keep_layout(struct parcel *p)
+{
+    if (p->header.layout != PROTOCOL_LAYOUT_AUTO)
+        return;
+    if (p->image.layout == LAYOUT_LATLONG)
+        p->header.layout = PROTOCOL_LATLONG;
+    else if (p->image.layout == LAYOUT_CUBE)
+        p->header.layout = PROTOCOL_CUBE;
+}
+
+static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct reason *why)
+{
+    const struct frame *f = &p->frame;
+    const bool exr = is_exr(f->bytes, f->size);
+    /* What is damaged goes out as it is: that the server refuses it shall show in its counters. */
+    const bool barred = exr && exr_policy_check(f->bytes, f->size, f->name, &p->barred) == ERR_UNSUPPORTED;
+
+    if (!exr && !is_radiance(f->bytes, f->size))
+        return err_say(why, ERR_FORMAT, "%s: neither an OpenEXR nor a Radiance file", f->name);
+    if (!barred)
+        p->barred.text[0] = '\0';
+    if (barred || d->raw) {
+        const enum err e = decode_image(f->bytes, f->size, f->name, &p->image, why);
+        if (e)
+            return e;
+        keep_layout(p);
+        return state_texels(p, d, p->image.rgb, p->image.width, p->image.height, why);
+    }
+    if (f->size > PAYLOAD_MOST)
+        return err_say(why, ERR_RANGE, "%s: %zu bytes are more than a message carries", f->name, f->size);
+    p->header.encoding = exr ? PROTOCOL_FILE_EXR : PROTOCOL_FILE_HDR;
+    p->header.payload = (uint32_t)f->size;
+    p->payload = f->bytes;
+    return ERR_OK;
+}
+
+enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reason *why)
+{
+    const struct frame *f = &p->frame;
+
+    p->barred.text[0] = '\0';
+    p->header = (struct protocol_environment){
+        .layout = d->layout,
+        .flags = d->bottom_first ? PROTOCOL_BOTTOM_FIRST : 0,
+        .frame = f->number,
+        .capture_us = f->capture_us,
+    };
+    if (f->number > PROTOCOL_NUMBER_MAX)
+        return err_say(why, ERR_RANGE, "%s: frame numbers go up to 2^53 - 1", f->name);
+    if (f->capture_us > PROTOCOL_NUMBER_MAX || f->capture_us < -PROTOCOL_NUMBER_MAX)
+        p->header.capture_us = 0;
+    enum err e;
+    if (f->kind == FRAME_TEXELS) {
+        p->header.layout = PROTOCOL_LATLONG;
+        p->header.flags = 0;
+        e = state_texels(p, d, f->rgb, f->width, f->height, why);
+    } else {
+        e = state_file(p, d, why);
+    }
+    if (!e)
+        protocol_environment_encode(&p->header, p->head);
+    return e;
+}
+
+void parcel_finish(struct parcel *p)
+{
+    frame_finish(&p->frame);
+    image_finish(&p->image);
+    mem_free(p->half);
+    *p = (struct parcel){ .payload = NULL };
+}
+
+enum err parcel_layout_parse(const char *name, struct parcel_desc *out, struct reason *why)
+{
+    static const struct {
+        const char *name;
+        enum protocol_layout layout;
+        bool bottom_first;
+    } table[] = {
+        { "auto", PROTOCOL_LAYOUT_AUTO, false },
+        { "latlong", PROTOCOL_LATLONG, false },
+        { "latlong-bottom", PROTOCOL_LATLONG, true },
+        { "cube", PROTOCOL_CUBE, false },
+        { "hcross", PROTOCOL_HCROSS, false },
+        { "vcross", PROTOCOL_VCROSS, false },
+        { "ball", PROTOCOL_BALL, false },
+        { "fisheye", PROTOCOL_FISHEYE, false },
+    };
+
+    for (size_t i = 0; i < sizeof(table) / sizeof(table[0]); i++) {
+        if (strcmp(name, table[i].name) == 0) {
+            out->layout = table[i].layout;
+            out->bottom_first = table[i].bottom_first;
+            return ERR_OK;
+        }
+    }
+    return err_say(why, ERR_USAGE,
+                   "--layout '%s' is not known; there are auto, latlong, latlong-bottom, cube, hcross, vcross, ball "
+                   "and fisheye",
+                   name);
+}
