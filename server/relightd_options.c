@@ -138,6 +138,8 @@ enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done
         .synopsis = "[--scene FILE] [--source S] [flags]",
         .about = "Lights a scene by a live stream of sky frames and shows it in a browser.\n"
                  "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
+        .epilogue_title = "keys of sky:, with their defaults",
+        .epilogue = sky_help,
         .rows = rows,
     };
     enum err e = options_parse(&o, argc, argv, done, why);

@@ -1,6 +1,7 @@
 #include "options.h"
 
 #include <assert.h>
+#include <ctype.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
@@ -34,6 +35,8 @@ static void print_help(const struct options *o)
         printf("\n");
     }
     printf("  %-26s %s\n  %-26s %s\n", "--help", "this text", "--version", "the program's version");
+    if (o->epilogue)
+        printf("\n%s\n%s", o->epilogue_title, o->epilogue);
 }
 
 /* One flag and its value, which may follow as --name=value or as the next argument. */
@@ -112,7 +115,7 @@ enum err options_u64(const struct options *o, const char *name, uint64_t least, 
         return err_say(why, ERR_USAGE, "--%s is missing", name);
     errno = 0;
     const unsigned long long v = strtoull(text, &end, 0);
-    if (errno || end == text || *end || text[0] == '-' || v < least || v > most)
+    if (errno || !isdigit((unsigned char)text[0]) || *end || v < least || v > most)
         return err_say(why, ERR_USAGE, "--%s '%s' is not a whole number from %" PRIu64 " to %" PRIu64, name, text,
                        least, most);
     *out = v;

@@ -18,9 +18,10 @@ struct option_row {
 };
 
 struct options {
-    const char *program;  /* as in "relight-render" */
-    const char *synopsis; /* what follows the name in the usage line */
-    const char *about;    /* a paragraph */
+    const char *program;                   /* as in "relight-render" */
+    const char *synopsis;                  /* what follows the name in the usage line */
+    const char *about;                     /* a paragraph */
+    const char *epilogue_title, *epilogue; /* a heading and lines that end --help; NULL: nothing */
     struct option_row *rows;
     const char *operands[8]; /* out: what was not a flag, in order */
     size_t operand_count;

@@ -10,6 +10,7 @@
 #include "options.h"
 #include "progress.h"
 #include "relight.h"
+#include "sky.h"
 #include "source.h"
 
 #include <errno.h>
@@ -370,6 +371,8 @@ int main(int argc, char **argv)
         .synopsis = "--out PATTERN [--scene FILE] [--source S] [flags]",
         .about = "Lights a scene by each frame of an environment sequence and writes the pictures to files.\n"
                  "Exit code: 0 all frames rendered, 1 some could not be (each is named), 2 wrong usage.",
+        .epilogue_title = "keys of sky:, with their defaults",
+        .epilogue = sky_help,
         .rows = rows,
     };
     struct source_desc source = { 0 };

@@ -105,7 +105,7 @@ static void bad_command_lines_are_named(void **state)
 
 static void bad_whole_numbers_are_named(void **state)
 {
-    static const char *const bad[] = { "-1", "0", "1001", "ten", "", "7.5", "7 ", "99999999999999999999", "0x" };
+    static const char *const bad[] = { "-1", " -1", "0", "1001", "ten", "", "7.5", "7 ", "99999999999999999999", "0x" };
     struct given g;
     uint64_t n = 12345;
 
