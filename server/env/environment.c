@@ -1,6 +1,7 @@
 #include "environment.h"
 
 #include "decode.h"
+#include "layout.h"
 #include "mem.h"
 #include "resample.h"
 
@@ -90,16 +91,7 @@ static enum err choose_layout(const struct environment *e, enum layout *out, str
     const uint32_t w = e->image.width, h = e->image.height;
 
     *out = e->layout != LAYOUT_AUTO ? e->layout : e->image.layout;
-    if (*out == LAYOUT_AUTO && w == 2 * h)
-        *out = LAYOUT_LATLONG;
-    if (*out == LAYOUT_AUTO)
-        return err_say(why, ERR_UNSUPPORTED,
-                       "%s: %ux%u is not 2:1, so the layout is unknown; say --layout latlong if it is lat-long",
-                       e->name, w, h);
-    if (*out != LAYOUT_LATLONG && *out != LAYOUT_LATLONG_BOTTOM_FIRST)
-        return err_say(why, ERR_UNSUPPORTED, "%s: layout %s is not read yet, only lat-long", e->name,
-                       layout_name(*out));
-    return ERR_OK;
+    return *out == LAYOUT_AUTO ? layout_guess(w, h, e->name, out, why) : layout_fits(*out, w, h, e->name, why);
 }
 
 static enum err match_resampler(struct environment *e, enum layout layout, struct reason *why)
@@ -127,7 +119,7 @@ static void rebuild_row(struct environment *e, uint32_t row)
     const double per_uv = 0.25 * n * n;
     double sum = 0.0;
 
-    resampler_row(e->resampler, e->image.rgb, e->gain, row, &t->r);
+    resampler_row(e->resampler, e->gain, row, &t->r);
     for (uint32_t j = 0; j < n; j++) {
         const double weight = rgb_luminance(t[j].r, t[j].g, t[j].b) * solid_angle[j];
         t[j].density = (float)(weight * per_uv);
@@ -146,6 +138,7 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
         result = match_resampler(e, layout, why);
     if (result)
         return result;
+    resampler_load(e->resampler, e->image.rgb);
 #pragma omp parallel for schedule(static)
     for (uint32_t row = 0; row < CUBE_FACES * n; row++)
         rebuild_row(e, row);
@@ -169,27 +162,50 @@ enum err environment_update(struct environment *e, const struct frame *f, struct
     return result ? result : environment_rebuild(e, why);
 }
 
+/* Where the neighbours of a place are kept to what belongs together: the azimuth wraps, all else is held at its border.
+ */
+static int64_t hold(int64_t at, uint32_t low, uint32_t high, bool wraps)
+{
+    if (wraps)
+        return at < low ? at + (high - low) : at >= high ? at - (high - low) : at;
+    return at < low ? low : at >= high ? (int64_t)high - 1 : at;
+}
+
+/* False for a texel of a ball or fisheye whose centre is outside the circle. */
+static bool is_shown(const struct resampler *r, int64_t column, int64_t row)
+{
+    const double x = 2.0 * (double)column + 1.0 - r->width, y = 2.0 * (double)row + 1.0 - r->height;
+    const double side = r->width < r->height ? r->width : r->height;
+
+    return !layout_is_disc(r->layout) || x * x + y * y < side * side;
+}
+
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
 {
-    const int64_t width = e->image.width, height = e->image.height;
-    const double phi = atan2(w.x, w.z) - e->rotation, theta = acos(fmin(1.0, fmax(-1.0, w.y)));
-    const bool flipped = e->resampler->layout == LAYOUT_LATLONG_BOTTOM_FIRST;
-    /* Texel centres stand at half-integers; the azimuth wraps, the poles are held. */
-    const double x = (PI - phi) / (2.0 * PI) * (double)width - 0.5;
-    const double y = (flipped ? 1.0 - theta / PI : theta / PI) * (double)height - 0.5;
+    const struct resampler *r = e->resampler;
+    const double c = cos(e->rotation), s = sin(e->rotation);
+    const double own[3] = { c * w.x - s * w.z, w.y, c * w.z + s * w.x };
+    struct layout_place at;
+    float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
+
+    const bool shown = layout_find(r->layout, r->width, r->height, own, &at);
+    /* Texel centres stand at half-integers. */
+    const double x = at.x - 0.5, y = at.y - 0.5;
     const int64_t x0 = (int64_t)floor(x), y0 = (int64_t)floor(y);
     const float fx = (float)(x - (double)x0), fy = (float)(y - (double)y0);
     const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
-
-    rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    for (int k = 0; k < 4; k++) {
-        const int64_t column = ((x0 + (k & 1)) % width + width) % width;
-        int64_t row = y0 + (k >> 1);
-        row = row < 0 ? 0 : row >= height ? height - 1 : row;
-        const float *s = e->image.rgb + 3 * (row * width + column);
-        for (int c = 0; c < 3; c++)
-            rgb[c] += e->gain * weight[k] * s[c];
+    for (int k = 0; k < 4 && shown; k++) {
+        const int64_t column = hold(x0 + (k & 1), at.low[0], at.high[0], at.wraps);
+        const int64_t row = hold(y0 + (k >> 1), at.low[1], at.high[1], false);
+        const float *texel = e->image.rgb + 3 * (row * r->width + column);
+        if (!is_shown(r, column, row))
+            continue;
+        whole += weight[k];
+        for (int i = 0; i < 3; i++)
+            sum[i] += weight[k] * texel[i];
     }
+    for (int i = 0; i < 3; i++)
+        rgb[i] = e->gain * (whole > 0.0f ? sum[i] / whole : r->mean[i]);
 }
 
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf)

@@ -67,7 +67,8 @@ MUST_CHECK enum err environment_update(struct environment *e, const struct frame
 MUST_CHECK enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why);
 MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *why);
 
-/* What is seen when looking along w (unit, world): the source image, bilinear, so that it is not blocky. */
+/* What is seen when looking along w (unit, world): the source image, bilinear, so that it is not blocky. Faces of a
+ * cube are interpolated each within itself. What the layout does not show is the mean of what it does. */
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3]);
 
 /* The sampled function itself: radiance of the cube texel that w falls in, and pdf(w | its face) (0 where that is

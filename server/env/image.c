@@ -13,10 +13,9 @@ static const struct {
     const char *name;
     enum layout layout;
 } layouts[] = {
-    { "auto", LAYOUT_AUTO },
-    { "latlong", LAYOUT_LATLONG },
-    { "latlong-bottom", LAYOUT_LATLONG_BOTTOM_FIRST },
-    { "cube", LAYOUT_CUBE },
+    { "auto", LAYOUT_AUTO }, { "latlong", LAYOUT_LATLONG }, { "latlong-bottom", LAYOUT_LATLONG_BOTTOM_FIRST },
+    { "cube", LAYOUT_CUBE }, { "hcross", LAYOUT_HCROSS },   { "vcross", LAYOUT_VCROSS },
+    { "ball", LAYOUT_BALL }, { "fisheye", LAYOUT_FISHEYE },
 };
 
 enum err image_resize(struct image *im, uint32_t width, uint32_t height)
@@ -125,7 +124,9 @@ enum err layout_parse(const char *name, enum layout *out, struct reason *why)
             return ERR_OK;
         }
     }
-    return err_say(why, ERR_USAGE, "'%s' is no layout; known are auto, latlong, latlong-bottom and cube", name);
+    return err_say(why, ERR_USAGE,
+                   "'%s' is no layout; known are auto, latlong, latlong-bottom, cube, hcross, vcross, ball and fisheye",
+                   name);
 }
 
 const char *layout_name(enum layout layout)

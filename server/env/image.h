@@ -14,6 +14,10 @@ enum layout {
     LAYOUT_LATLONG,
     LAYOUT_LATLONG_BOTTOM_FIRST, /* rows counted from the bottom, as in [Scotty3D] */
     LAYOUT_CUBE,                 /* OpenEXR's cube: six faces stacked, 1:6 */
+    LAYOUT_HCROSS,               /* horizontal cross, 4:3 */
+    LAYOUT_VCROSS,               /* vertical cross, 3:4 */
+    LAYOUT_BALL,                 /* photograph of a mirror ball */
+    LAYOUT_FISHEYE,              /* equidistant, one hemisphere, looking up */
 };
 
 struct image_faults {  /* values (not texels) that were put right, of this frame */
@@ -48,7 +52,8 @@ void image_sanitise(struct image *im);
  * came out. Any thread. */
 void image_sanitise_texels(float *rgb, size_t count, const float *to_rec709, struct image_faults *faults);
 
-/* "latlong", "latlong-bottom", "cube" or "auto"; LAYOUT_AUTO and ERR_USAGE for anything else. */
+/* "auto", "latlong", "latlong-bottom", "cube", "hcross", "vcross", "ball" or "fisheye"; LAYOUT_AUTO and ERR_USAGE for
+ * anything else. Which way each looks is in layout.h. */
 MUST_CHECK enum err layout_parse(const char *name, enum layout *out, struct reason *why);
 const char *layout_name(enum layout layout);
 

@@ -58,8 +58,9 @@ static void resample_keeps_a_constant(void **state)
             ERR_OK);
         struct frame f = sky_constant(cases[q].width, cases[q].height, 3.0f);
         float *row = mem_alloc(cases[q].n, 4 * sizeof(float));
+        resampler_load(r, f.rgb);
         for (uint32_t i = 0; i < 6 * cases[q].n; i++) {
-            resampler_row(r, f.rgb, 2.0f, i, row);
+            resampler_row(r, 2.0f, i, row);
             for (uint32_t j = 0; j < cases[q].n; j++)
                 assert_true(fabsf(row[4 * j] / 6.0f - 1.0f) < 1e-5f);
         }
@@ -139,11 +140,13 @@ static void bottom_first_rows_are_the_same_sky_turned_over(void **state)
         memcpy(g.rgb + 96 * (size_t)y, f.rgb + 96 * (size_t)(15 - y), 96 * sizeof(float));
     assert_int_equal(resampler_create(LAYOUT_LATLONG, 32, 16, 8, 0.2, &top), ERR_OK);
     assert_int_equal(resampler_create(LAYOUT_LATLONG_BOTTOM_FIRST, 32, 16, 8, 0.2, &bottom), ERR_OK);
+    resampler_load(top, f.rgb);
+    resampler_load(bottom, g.rgb);
     for (uint32_t i = 0; i < 48; i++) {
-        resampler_row(top, f.rgb, 1.0f, i, a);
-        resampler_row(bottom, g.rgb, 1.0f, i, b);
-        for (int k = 0; k < 8; k++)
-            assert_true(memcmp(a + 4 * k, b + 4 * k, 12) == 0);
+        resampler_row(top, 1.0f, i, a);
+        resampler_row(bottom, 1.0f, i, b);
+        for (int k = 0; k < 32; k++) /* summed in another order */
+            assert_true(k % 4 == 3 || fabsf(a[k] - b[k]) <= 1e-6f * a[k]);
     }
     resampler_destroy(top);
     resampler_destroy(bottom);
