@@ -1,22 +1,16 @@
 #include "exr_write.h"
 
+#include "file_store.h"
 #include "mem.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <inttypes.h>
 #include <openexr.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #define HALF_MAX 65504.0f
 #define SIDE_MAX 65535
 #define FIRST_ROOM 65536 /* bytes */
-#define PATH_ROOM 4096
-#define NAME_TRIES 100
 
 /* Where the library writes: one growing block. */
 struct sink {
@@ -188,82 +182,14 @@ enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t *size, str
     return ERR_OK;
 }
 
-static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
-{
-    char text[128];
-
-    if (strerror_r(number, text, sizeof(text)) != 0)
-        snprintf(text, sizeof(text), "error %d", number);
-    return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, text);
-}
-
-/* A new file beside `path`; its name goes to temporary. The name holds the process and a count: no other writer's. */
-static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd, struct reason *why)
-{
-    for (int i = 0; i < NAME_TRIES; i++) {
-        const int n = snprintf(temporary, PATH_ROOM, "%s.%ld-%d.part", path, (long)getpid(), i);
-        if (n < 0 || n >= PATH_ROOM)
-            return err_say(why, ERR_IO, "%.200s...: the path is longer than %d bytes", path, PATH_ROOM - 32);
-        *fd = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (*fd >= 0)
-            return ERR_OK;
-        if (errno != EEXIST)
-            return say_errno(why, path, "create the file", errno);
-    }
-    return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) stand beside it", path, NAME_TRIES);
-}
-
-/* 0 or errno. Pipes and devices know no fsync. */
-static int write_fully(int fd, const uint8_t *bytes, size_t size)
-{
-    while (size > 0) {
-        const ssize_t n = write(fd, bytes, size);
-        if (n < 0 && errno == EINTR)
-            continue;
-        if (n < 0)
-            return errno;
-        bytes += n;
-        size -= (size_t)n;
-    }
-    return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
-}
-
-/* What is no plain file (a pipe, a device, a link to one) must not be replaced by one: written in place. */
-static bool is_replaceable(const char *path)
-{
-    struct stat st;
-    return lstat(path, &st) != 0 || S_ISREG(st.st_mode);
-}
-
 enum err exr_write(const struct exr_desc *d, const char *path, struct reason *why)
 {
-    char temporary[PATH_ROOM];
     uint8_t *bytes = NULL;
     size_t size = 0;
-    int fd = -1;
-    const bool replace = is_replaceable(path);
 
     enum err e = exr_encode(d, &bytes, &size, why);
-    if (e)
-        return e;
-    if (replace) {
-        e = open_beside(path, temporary, &fd, why);
-    } else {
-        fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-        e = fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
-    }
-    if (e)
-        goto done;
-    int failed = write_fully(fd, bytes, size);
-    if (close(fd) != 0 && !failed)
-        failed = errno;
-    if (failed)
-        e = say_errno(why, path, "write the file", failed);
-    else if (replace && rename(temporary, path) != 0)
-        e = say_errno(why, path, "rename the finished file", errno);
-    if (e && replace)
-        unlink(temporary);
-done:
+    if (!e)
+        e = file_store(path, bytes, size, why);
     mem_free(bytes);
     return e;
 }

@@ -29,9 +29,7 @@ struct exr_desc {
 /* Into memory: the caller frees *bytes with mem_free. Same input, same bytes. */
 MUST_CHECK enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t *size, struct reason *why);
 
-/* To a file: written under a temporary name in the same folder, synced, then renamed over `path`; a pipe, device or
- * symbolic link is written in place. ERR_IO names path and cause (a full disk, a missing folder); no half-written file
- * stays behind. */
+/* To a file, as base/file_store.h does it: whole or not at all. ERR_IO names path and cause. */
 MUST_CHECK enum err exr_write(const struct exr_desc *d, const char *path, struct reason *why);
 
 #endif

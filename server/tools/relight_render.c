@@ -3,6 +3,8 @@
 #include "clock.h"
 #include "environment.h"
 #include "exr_write.h"
+#include "file_pattern.h"
+#include "file_store.h"
 #include "film.h"
 #include "jpeg.h"
 #include "log.h"
@@ -23,7 +25,7 @@
 struct render {
     struct direct_desc direct;
     struct environment_desc environment_desc;
-    const char *out;
+    struct file_pattern out;
     const char *stats_path;
     bool reseed, half;
     enum tone_curve tone;
@@ -97,57 +99,20 @@ static bool ends_with(const char *text, const char *end)
     return a >= b && strcmp(text + a - b, end) == 0;
 }
 
-/* Where the number goes in the name: position and length of its %d or %0Nd; 0 length when there is none. A '%' that is
- * anything else is refused, since the name would not be what was meant. */
-static enum err find_number(const char *out, size_t *at, size_t *length, unsigned *digits, struct reason *why)
-{
-    *at = *length = 0;
-    *digits = 0;
-    for (const char *p = strchr(out, '%'); p; p = strchr(p + 1, '%')) {
-        size_t n = 1;
-        unsigned width = 0;
-        while (p[n] >= '0' && p[n] <= '9' && width < 20)
-            width = 10 * width + (unsigned)(p[n++] - '0');
-        if (p[n] != 'd' || width > 20 || *length)
-            return err_say(why, ERR_USAGE, "--out '%s' may hold one %%d or %%04d and no other '%%'", out);
-        *at = (size_t)(p - out);
-        *length = n + 1;
-        *digits = width;
-    }
-    return ERR_OK;
-}
-
-static enum err output_name(const char *out, uint64_t number, char *name, size_t size, struct reason *why)
-{
-    size_t at, length;
-    unsigned digits;
-    const enum err e = find_number(out, &at, &length, &digits, why);
-
-    if (e)
-        return e;
-    const int n =
-        length ? snprintf(name, size, "%.*s%0*" PRIu64 "%s", (int)at, out, (int)digits, number, out + at + length)
-               : snprintf(name, size, "%s", out);
-    return n > 0 && (size_t)n < size ? ERR_OK : err_say(why, ERR_USAGE, "--out '%s' is too long", out);
-}
-
 static enum err read_options(const struct options *o, struct render *r, struct source_desc *source,
                              struct set_desc *set, struct reason *why)
 {
     uint64_t samples = 0, edge = 0, quality = 0, threads = 0;
-    size_t at, length;
-    unsigned digits;
     enum err e = method_parse(options_get(o, "method"), &r->direct.method, why);
 
     if (!e && !options_get(o, "out"))
         e = err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
     if (!e && strcmp(options_get(o, "paths"), "direct") != 0)
         e = err_say(why, ERR_USAGE, "--paths '%s' is not known; there is direct", options_get(o, "paths"));
-    r->out = options_get(o, "out");
-    if (!e && !ends_with(r->out, ".exr") && !ends_with(r->out, ".jpg"))
-        e = err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", r->out);
     if (!e)
-        e = find_number(r->out, &at, &length, &digits, why);
+        e = file_pattern_parse(options_get(o, "out"), "--out", &r->out, why);
+    if (!e && !ends_with(r->out.text, ".exr") && !ends_with(r->out.text, ".jpg"))
+        e = err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", r->out.text);
     if (!e)
         e = parse_frames(options_get(o, "frames"), source, why);
     if (!e)
@@ -192,8 +157,6 @@ static enum err read_options(const struct options *o, struct render *r, struct s
 static enum err set_up(struct render *r, const struct source_desc *source, const struct set_desc *set,
                        struct reason *why)
 {
-    size_t at, length;
-    unsigned digits;
     struct source_desc one = *source;
     enum err e = source_open(&one, &r->source, why);
 
@@ -202,13 +165,11 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
         one.has_range = true;
         e = source_open(&one, &r->source, why);
     }
-    if (!e)
-        e = find_number(r->out, &at, &length, &digits, why);
-    if (!e && !length && source_count(r->source) > 1)
+    if (!e && !r->out.length && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
                     "--out '%s' names one file, but the source has %" PRIu64
                     " frames: put %%04d into it, or choose one by --frames",
-                    r->out, source_count(r->source));
+                    r->out.text, source_count(r->source));
     if (!e)
         e = set_create(set, &r->set, why);
     if (e)
@@ -231,22 +192,12 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
     return ERR_OK;
 }
 
-static enum err write_file(const char *name, const uint8_t *bytes, size_t size, struct reason *why)
-{
-    FILE *f = fopen(name, "wb");
-    const bool written = f && fwrite(bytes, 1, size, f) == size;
-
-    if (f && fclose(f) == 0 && written)
-        return ERR_OK;
-    return err_say(why, ERR_IO, "%s: %s", name, strerror(errno));
-}
-
 static enum err write_picture(struct render *r, struct reason *why)
 {
     const uint32_t width = r->set->gbuffer->width, height = r->set->gbuffer->height;
     const double gain = exposure_step(&r->exposure, r->rgb, width, height, 1);
     char name[4096];
-    enum err e = output_name(r->out, r->frame.number, name, sizeof(name), why);
+    enum err e = file_pattern_name(&r->out, r->frame.number, name, sizeof(name), why);
 
     if (e)
         return e;
@@ -258,7 +209,7 @@ static enum err write_picture(struct render *r, struct reason *why)
     size_t size;
     tone_map(r->rgb, width, height, gain, r->tone, r->display);
     e = jpeg_encode(r->jpeg, r->display, width, height, r->quality, &bytes, &size);
-    return e ? err_say(why, e, "%s: cannot be encoded", name) : write_file(name, bytes, size, why);
+    return e ? err_say(why, e, "%s: cannot be encoded", name) : file_store(name, bytes, size, why);
 }
 
 static void write_stats(struct render *r, const struct relight_stats *s, const double ms[3])

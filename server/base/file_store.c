@@ -1,0 +1,131 @@
+#include "file_store.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define PATH_ROOM 4096
+#define NAME_TRIES 100 /* processes that write under one name at once */
+
+static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
+{
+    char text[128];
+
+    if (strerror_r(number, text, sizeof(text)) != 0)
+        snprintf(text, sizeof(text), "error %d", number);
+    return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, text);
+}
+
+/* Whether the name still stands for the open file: another process may have renamed it before we had the lock. */
+static bool is_still(int fd, const char *name)
+{
+    struct stat open_one, named;
+
+    return fstat(fd, &open_one) == 0 && lstat(name, &named) == 0 && open_one.st_ino == named.st_ino &&
+           open_one.st_dev == named.st_dev && S_ISREG(named.st_mode);
+}
+
+/* Opens and locks `name`, and empties it: what a killed process has left there is nobody's. *fd is -1 when another
+ * process is writing to it. 0 or errno. */
+static int claim(const char *name, int *fd)
+{
+    struct flock lock = { .l_type = F_WRLCK, .l_whence = SEEK_SET };
+
+    *fd = open(name, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (*fd < 0)
+        return errno;
+    /* Where a file system has no locks, one process a name must do. */
+    const bool taken = fcntl(*fd, F_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES);
+    if (!taken && is_still(*fd, name) && ftruncate(*fd, 0) == 0)
+        return 0;
+    close(*fd);
+    *fd = -1;
+    return 0;
+}
+
+static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd, struct reason *why)
+{
+    for (int i = 0; i < NAME_TRIES; i++) {
+        const int n =
+            i ? snprintf(temporary, PATH_ROOM, "%s.%d.part", path, i) : snprintf(temporary, PATH_ROOM, "%s.part", path);
+        if (n < 0 || n >= PATH_ROOM)
+            return err_say(why, ERR_IO, "%.200s...: the path is longer than %d bytes", path, PATH_ROOM - 32);
+        const int number = claim(temporary, fd);
+        if (number && number != ELOOP)
+            return say_errno(why, path, "create the file", number);
+        if (*fd >= 0)
+            return ERR_OK;
+    }
+    return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) stand beside it", path, NAME_TRIES);
+}
+
+/* 0 or errno. Pipes and devices know no fsync. */
+static int write_fully(int fd, const uint8_t *bytes, size_t size)
+{
+    while (size > 0) {
+        const ssize_t n = write(fd, bytes, size);
+        if (n < 0 && errno == EINTR)
+            continue;
+        if (n < 0)
+            return errno;
+        bytes += n;
+        size -= (size_t)n;
+    }
+    return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
+}
+
+/* A rename is on disk when its folder is. 0 or errno; file systems that cannot do that say EINVAL. */
+static int sync_folder(const char *path)
+{
+    char folder[PATH_ROOM];
+    const char *slash = strrchr(path, '/');
+
+    if (slash)
+        snprintf(folder, sizeof(folder), "%.*s", slash == path ? 1 : (int)(slash - path), path);
+    const int fd = open(slash ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (fd < 0)
+        return errno == EACCES ? 0 : errno; /* a folder that may be written and not read: no more can be done */
+    const int failed = fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
+    close(fd);
+    return failed;
+}
+
+/* What is no plain file (a pipe, a device, a link to one) must not be replaced by one: written in place. */
+static bool is_replaceable(const char *path)
+{
+    struct stat st;
+    return lstat(path, &st) != 0 || S_ISREG(st.st_mode);
+}
+
+enum err file_store(const char *path, const void *bytes, size_t size, struct reason *why)
+{
+    char temporary[PATH_ROOM];
+    int fd = -1;
+    const bool replace = is_replaceable(path);
+    enum err e = ERR_OK;
+
+    if (replace) {
+        e = open_beside(path, temporary, &fd, why);
+    } else {
+        fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+        e = fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
+    }
+    if (e)
+        return e;
+    int failed = write_fully(fd, bytes, size);
+    if (failed)
+        e = say_errno(why, path, "write the file", failed);
+    else if (replace && rename(temporary, path) != 0) /* while it is locked: nobody else may have begun to write it */
+        e = say_errno(why, path, "rename the finished file", errno);
+    if (e && replace)
+        unlink(temporary);
+    if (close(fd) != 0 && !e)
+        e = say_errno(why, path, "write the file", errno);
+    if (!e && replace && (failed = sync_folder(path)) != 0)
+        e = say_errno(why, path, "sync its folder", failed);
+    return e;
+}
