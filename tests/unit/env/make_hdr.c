@@ -32,8 +32,8 @@ static void put_byte(struct sink *s, unsigned value)
 
 void hdr_recipe_texel(uint32_t s, uint32_t i, uint8_t out[4])
 {
-    /* stretches of one texel at the ends of odd scanlines, noise elsewhere */
-    const uint32_t n = s % 2 && i > 3 ? s : 31 * s + 17 * i;
+    /* one texel to the end, or several stretches, in odd scanlines; noise in even ones */
+    const uint32_t n = s % 4 == 3 && i > 3 ? s : s % 2 ? s + i / 9 : 31 * s + 17 * i;
 
     out[0] = (uint8_t)(128 + n % 128);
     out[1] = (uint8_t)(n * 7 % 256);

@@ -220,6 +220,37 @@ static void odd_values_are_put_right_and_counted(void **state)
     image_finish(&im);
 }
 
+/* The half float of bits 256 y + x, from the format's definition. */
+static float half_pattern(int c, int32_t x, int32_t y)
+{
+    const int bits = 256 * y + x, exponent = bits >> 10 & 31, mantissa = bits & 1023;
+    const float magnitude = exponent == 31  ? (mantissa ? NAN : INFINITY)
+                            : exponent == 0 ? ldexpf((float)mantissa, -24)
+                                            : ldexpf((float)(1024 + mantissa), exponent - 25);
+
+    (void)c;
+    return bits & 0x8000 ? -magnitude : magnitude;
+}
+
+static void every_half_float_has_its_value(void **state)
+{
+    const struct exr_recipe r = { .channels = half_y, .width = 256, .height = 256, .value = half_pattern };
+    struct image im = { 0 };
+    size_t size;
+    uint8_t *bytes = exr_make(&r, &size);
+    (void)state;
+
+    must_decode(bytes, size, &im);
+    free(bytes);
+    for (int32_t i = 0; i < 0x7c00; i++)
+        assert_true(im.rgb[3 * i] == half_pattern(0, i % 256, i / 256));
+    assert_int_equal(im.faults.nan, 3 * 2 * 1023);
+    assert_int_equal(im.faults.infinite, 3 * 2);
+    assert_int_equal(im.faults.negative, 3 * (0x7c00 - 1)); /* -0 is none */
+    assert_int_equal(im.faults.clipped, 3);
+    image_finish(&im);
+}
+
 /* Texel 0 is white, texel 1 pure green, texel 2 pure red. */
 static float primary_value(int c, int32_t x, int32_t y)
 {
@@ -367,6 +398,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_smallest_picture_decodes),
     cmocka_unit_test(memory_is_reused_for_pictures_that_fit),
     cmocka_unit_test(odd_values_are_put_right_and_counted),
+    cmocka_unit_test(every_half_float_has_its_value),
     cmocka_unit_test(chromaticities_are_brought_to_rec709),
     cmocka_unit_test(chromaticities_of_rec709_change_no_bit),
     cmocka_unit_test(grey_stays_grey_under_any_chromaticities),

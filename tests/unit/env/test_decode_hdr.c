@@ -172,6 +172,11 @@ static void primaries_are_brought_to_rec709(void **state)
     assert_true(fabsf(got[0] - 1.34846f) < 2e-4f);
     assert_true(fabsf(got[1] - 0.43980f) < 2e-4f);
     assert_true(fabsf(got[2] - 0.21119f) < 2e-4f);
+    /* the correction stands before the primaries: red halved, then brought over */
+    decode_one("COLORCORR=2 1 1\nPRIMARIES= 0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290", got);
+    assert_true(fabsf(got[0] - 0.51823f) < 2e-4f);
+    assert_true(fabsf(got[1] - 0.50211f) < 2e-4f);
+    assert_true(fabsf(got[2] - 0.22029f) < 2e-4f);
 }
 
 static void xyze_is_brought_to_rec709(void **state)

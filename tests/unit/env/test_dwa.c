@@ -250,7 +250,69 @@ static void heads_that_disagree_with_the_texels_are_refused(void **state)
     dwa_finish(&d);
 }
 
-/* c: place of the first of the three channels in the list, step: to the next. */
+static void counts_that_disagree_with_the_texels_are_refused(void **state)
+{
+    const exr_coding_channel_info_t y = channel("Y", EXR_PIXEL_HALF, true);
+    uint16_t dc[2] = { half_of(8.0f), half_of(8.0f) }, ac[80];
+    uint8_t out[SIDE * SIDE * 2];
+    (void)state;
+
+    for (size_t i = 0; i < 80; i++)
+        ac[i] = half_of(1.0f);
+    for (size_t dcs = 0; dcs < 3; dcs++) {
+        for (size_t acs = 60; acs < 67; acs++) {
+            const struct parts p = {
+                .version = 2, .rules = "Y\0\4\1", .rules_size = 4, .dc = dc, .dc_count = dcs, .ac = ac, .ac_count = acs
+            };
+            const char *fault = round_trip(&p, &y, 1, out);
+            assert_true(dcs == 1 && acs == 63 ? !fault : !!fault);
+        }
+    }
+}
+
+/* Bits from a text of 0 and 1, behind a head for the symbols 0..last. */
+static size_t huffman_block(uint8_t last, const char *bits, uint8_t *out)
+{
+    size_t n = 0;
+
+    memset(out, 0, 64);
+    out[4] = last;
+    for (; *bits; bits++)
+        if (*bits != ' ') {
+            out[20 + n / 8] |= (uint8_t)((*bits - '0') << (7 - n % 8));
+            n++;
+        }
+    return 20 + (n + 7) / 8;
+}
+
+static void huffman_codes_are_canonical_and_repeat(void **state)
+{
+    /* lengths 2, none, none, 2, 1 of symbols 0..4: codes 00, 01 and 1; 4 repeats. Values from the next byte on. */
+    static const char good[] = "000010 111011 000010 000001  01 1 00000011 00 1 00000000 01  000";
+    static const char *const bad[] = {
+        "000001 000001 000001 000000 000000  00000000",  /* three codes of one bit */
+        "000010 000001 000000 000000 000000  00000000",  /* half of a code is left over */
+        "000010 000000 000000 000000 000000  11111111",  /* bits that are no code */
+        "000000 000000 000000 000000 000000  00000000",  /* no code at all */
+        "111111 11111111 000000",                        /* zeros beyond the last symbol */
+        "111001 000000",                                 /* 57 bits */
+        "000010 111011 000010 000001  1 00000011 00000", /* repeats what is not there */
+        "000010 111011 000010 000001  01 1 11111111 00", /* repeats beyond the end */
+    };
+    uint8_t block[64];
+    uint16_t got[6];
+    (void)state;
+
+    assert_null(dwa_huffman(block, huffman_block(4, good, block), got, 6));
+    assert_memory_equal(got, ((uint16_t[]){ 3, 3, 3, 3, 0, 3 }), sizeof(got));
+    for (size_t n = 0; n < 20 + 5; n++)
+        assert_non_null(dwa_huffman(block, n, got, 6));
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++)
+        if (!dwa_huffman(block, huffman_block(4, bad[i], block), got, 6))
+            fail_msg("'%s' is taken", bad[i]);
+}
+
+/* place: of the three channels in the file's list. */
 static void check_even(const uint8_t *bytes, size_t size, uint32_t width, uint32_t height, const int place[3])
 {
     struct image im = { 0 };
@@ -300,6 +362,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(red_green_and_blue_of_a_layer_come_from_luma_and_chroma),
     cmocka_unit_test(other_channels_come_back_to_the_byte),
     cmocka_unit_test(heads_that_disagree_with_the_texels_are_refused),
+    cmocka_unit_test(counts_that_disagree_with_the_texels_are_refused),
+    cmocka_unit_test(huffman_codes_are_canonical_and_repeat),
     cmocka_unit_test(files_of_the_cxx_library_decode),
     cmocka_unit_test(files_cut_at_any_byte_are_refused),
     cmocka_unit_test(turned_bits_are_survived),
