@@ -7,8 +7,12 @@
 #include <inttypes.h>
 #include <string.h>
 
-#define BLOCK_MOST ((size_t)1 << 30) /* bytes that the library may take at once */
-#define SAME_COLOUR 1e-4             /* of chromaticities: equal for what floats in a header are worth */
+#define BLOCK_MOST ((size_t)1 << 30)                        /* bytes that the library may take at once */
+#define ATTRIBUTES_MOST 1024                                /* of a part */
+#define CHANNEL_LIST_MOST ((size_t)EXR_CHANNELS_MOST * 272) /* bytes: the longest names, and 16 for each channel */
+#define FLAG_PARTS 0x10
+#define NAME_MOST 255
+#define SAME_COLOUR 1e-4 /* of chromaticities: equal for what floats in a header are worth */
 
 static const char *const compression_names[] = {
     "no", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB",
@@ -75,6 +79,59 @@ bool exr_file_is_dwa(const struct exr_file *x)
 bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpacked)
 {
     return unpacked / compression_ratios[x->compression] <= packed;
+}
+
+/* Steps over one attribute: name, type, size, value. *list is the size of a list of channels. */
+static bool skip_attribute(const struct exr_file *x, size_t *at, size_t *list)
+{
+    const uint8_t *type = x->bytes, *end = type;
+
+    for (int i = 0; i < 2; i++) { /* name, type */
+        const size_t left = x->size - *at;
+        type = x->bytes + *at;
+        end = memchr(type, 0, left < NAME_MOST + 1 ? left : NAME_MOST + 1);
+        if (!end)
+            return false;
+        *at += (size_t)(end - type) + 1;
+    }
+    if (x->size - *at < 4)
+        return false;
+    const uint8_t *n = x->bytes + *at;
+    const size_t size = (size_t)n[0] | (size_t)n[1] << 8 | (size_t)n[2] << 16 | (size_t)n[3] << 24;
+    *at += 4;
+    if (size > x->size - *at)
+        return false;
+    *at += size;
+    *list = strcmp((const char *)type, "chlist") == 0 ? size : 0;
+    return true;
+}
+
+/* The library finds a place for each attribute and channel by going through those before it, which takes hours for a
+ * header of a million. So they are counted first. */
+static enum err check_header(const struct exr_file *x)
+{
+    size_t at = 8, list;
+    int attributes = 0;
+    const bool parts = x->size > 5 && x->bytes[5] & FLAG_PARTS;
+
+    while (at < x->size) {
+        if (x->bytes[at] == 0) { /* the end of a part's header; another one ends them all */
+            if (!parts || (++at < x->size && x->bytes[at] == 0))
+                return ERR_OK;
+            attributes = 0;
+            continue;
+        }
+        const size_t begin = at;
+        if (!skip_attribute(x, &at, &list))
+            return err_say(x->why, ERR_FORMAT, "%s: header: byte %zu: an attribute that does not end", x->name, begin);
+        if (++attributes > ATTRIBUTES_MOST)
+            return err_say(x->why, ERR_RANGE, "%s: header: byte %zu: more than %d attributes", x->name, begin,
+                           ATTRIBUTES_MOST);
+        if (list > CHANNEL_LIST_MOST)
+            return err_say(x->why, ERR_RANGE, "%s: header: byte %zu: a list of channels of %zu bytes", x->name, begin,
+                           list);
+    }
+    return err_say(x->why, ERR_FORMAT, "%s: header: byte %zu: the file ends here", x->name, x->size);
 }
 
 static enum err open_header(struct exr_file *x)
@@ -276,8 +333,10 @@ static void take_layout(struct exr_file *x)
 /* Everything that the header says, held against the limits before any memory is taken. */
 static enum err read_header(struct exr_file *x)
 {
-    enum err e = open_header(x);
+    enum err e = check_header(x);
 
+    if (!e)
+        e = open_header(x);
     if (!e)
         e = choose_part(x);
     if (!e)
