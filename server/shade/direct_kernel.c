@@ -2,6 +2,7 @@
 /* One packet of 16 shade points under one frame's light: compiled once per CPU level, see CMakeLists.txt. */
 #include "kernels.h"
 #include "lanes.h"
+#include "lobes.h"
 #include "rng.h"
 #include "vec.h"
 
@@ -17,11 +18,9 @@ struct packet_state {
     const struct direct_frame *frame;
     const struct shade_packet *points;
     struct ray16 rays;
-    struct lanes reflected[3];        /* mirror direction of wo about the shading normal */
-    struct lanes diffuse_part;        /* probability of the diffuse lobe */
-    struct lanes brdf_norm, pdf_norm; /* (n + 2) / (2 pi) and (n + 1) / (2 pi) */
-    struct lanes share[STRATA_MAX];   /* mu_f(n) */
-    struct lanes sum[3];              /* sum of the estimator's terms, before 1 / N_s */
+    struct lobes lobes;
+    struct lanes share[STRATA_MAX]; /* mu_f(n) */
+    struct lanes sum[3];            /* sum of the estimator's terms, before 1 / N_s */
     struct direct_counts *counts;
 };
 
@@ -30,24 +29,6 @@ struct terms {
     struct lanes rgb[3];
     int32_t valid[PACKET];
 };
-
-static void set_up_lobes(struct packet_state *s)
-{
-    const struct shade_packet *p = s->points;
-
-    LANES(l)
-    {
-        const float c = 2.0f * (p->ns_x[l] * p->wo_x[l] + p->ns_y[l] * p->wo_y[l] + p->ns_z[l] * p->wo_z[l]);
-        s->reflected[0].v[l] = c * p->ns_x[l] - p->wo_x[l];
-        s->reflected[1].v[l] = c * p->ns_y[l] - p->wo_y[l];
-        s->reflected[2].v[l] = c * p->ns_z[l] - p->wo_z[l];
-        const float d = rgb_luminance(p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l]);
-        const float g = rgb_luminance(p->specular[0][l], p->specular[1][l], p->specular[2][l]);
-        s->diffuse_part.v[l] = p->kind != LOBE_PHONG || d + g <= 0.0f ? 1.0f : d / (d + g);
-        s->brdf_norm.v[l] = (p->gloss[l] + 2.0f) * (float)(0.5 / PI);
-        s->pdf_norm.v[l] = (p->gloss[l] + 1.0f) * (float)(0.5 / PI);
-    }
-}
 
 static void set_up_rays(struct packet_state *s)
 {
@@ -97,48 +78,6 @@ static void set_up_shares(struct packet_state *s)
             LANES(l) s->share[f].v[l] = total.v[l] > 0.0f ? s->share[f].v[l] / total.v[l] : 0.0f;
 }
 
-/* For each lane the direction (dx, dy, dz): cosine factor times BRDF into brdf[3], density of the lobes into pdf. Both
- * are 0 where the direction lies below the shading or the geometric surface. */
-static inline void evaluate_lobes(const struct packet_state *s, const struct lanes d[3], struct lanes brdf[3],
-                                  struct lanes *pdf)
-{
-    const struct shade_packet *p = s->points;
-    struct lanes cosine, lobe;
-
-    LANES(l)
-    {
-        const float shading = p->ns_x[l] * d[0].v[l] + p->ns_y[l] * d[1].v[l] + p->ns_z[l] * d[2].v[l];
-        const float geometric = p->ng_x[l] * d[0].v[l] + p->ng_y[l] * d[1].v[l] + p->ng_z[l] * d[2].v[l];
-        cosine.v[l] = shading > 0.0f && geometric > 0.0f ? shading : 0.0f;
-    }
-    if (p->kind != LOBE_PHONG) {
-        LANES(l)
-        {
-            const float c = cosine.v[l] * (float)(1.0 / PI);
-            pdf->v[l] = c;
-            brdf[0].v[l] = c * p->diffuse[0][l];
-            brdf[1].v[l] = c * p->diffuse[1][l];
-            brdf[2].v[l] = c * p->diffuse[2][l];
-        }
-        return;
-    }
-    LANES(l)
-    {
-        const float c =
-            s->reflected[0].v[l] * d[0].v[l] + s->reflected[1].v[l] * d[1].v[l] + s->reflected[2].v[l] * d[2].v[l];
-        lobe.v[l] = cosine.v[l] > 0.0f ? lane_power(c < 1.0f ? c : 1.0f, p->gloss[l]) : 0.0f;
-    }
-    LANES(l)
-    {
-        const float c = cosine.v[l] * (float)(1.0 / PI), part = s->diffuse_part.v[l];
-        const float shine = cosine.v[l] * s->brdf_norm.v[l] * lobe.v[l];
-        pdf->v[l] = part * c + (1.0f - part) * s->pdf_norm.v[l] * lobe.v[l];
-        brdf[0].v[l] = c * p->diffuse[0][l] + shine * p->specular[0][l];
-        brdf[1].v[l] = c * p->diffuse[1][l] + shine * p->specular[1][l];
-        brdf[2].v[l] = c * p->diffuse[2][l] + shine * p->specular[2][l];
-    }
-}
-
 /* Traces the lanes that would bring something and adds what arrives. */
 static inline void trace_and_add(struct packet_state *s, const struct lanes d[3], const struct terms *t)
 {
@@ -181,7 +120,7 @@ static void add_light_sample(struct packet_state *s, uint32_t f, uint32_t i, uin
         d[1].v[l] = lights->y[k];
         d[2].v[l] = lights->z[k];
     }
-    evaluate_lobes(s, d, brdf, &pdf_lobes);
+    lobes_evaluate(&s->lobes, s->points, d, brdf, &pdf_lobes);
     const float pdf_light = s->frame->light_part * lights->pdf[k];
     LANES(l)
     {
@@ -219,58 +158,14 @@ static void add_light_samples(struct packet_state *s)
     }
 }
 
-/* A vector (x, y, z) of the frame whose z axis is `axis`, in world space [Duff et al. 2017]. */
-static inline void to_world(const struct lanes axis[3], const struct lanes local[3], struct lanes out[3])
-{
-    LANES(l)
-    {
-        const float x = axis[0].v[l], y = axis[1].v[l], z = axis[2].v[l];
-        const float sign = copysignf(1.0f, z), a = -1.0f / (sign + z), b = x * y * a;
-        const float lx = local[0].v[l], ly = local[1].v[l], lz = local[2].v[l];
-        out[0].v[l] = lx * (1.0f + sign * x * x * a) + ly * b + lz * x;
-        out[1].v[l] = lx * sign * b + ly * (sign + y * y * a) + lz * y;
-        out[2].v[l] = -lx * sign * x - ly * y + lz * z;
-    }
-}
-
-/* The lanes' directions by their own lobes, each from its point of the unit square: cosine-weighted about the normal,
- * or by cos^n about the mirror direction. */
-static void sample_lobes(const struct packet_state *s, const struct lanes square[2], struct lanes d[3])
-{
-    const struct shade_packet *p = s->points;
-    struct lanes axis[3], local[3];
-
-    LANES(l)
-    {
-        const float part = s->diffuse_part.v[l];
-        const float u0 = square[0].v[l];
-        const int diffuse = u0 < part;
-        const float u = diffuse ? u0 / part : (u0 - part) / (1.0f - part);
-        float z = sqrtf(1.0f - u);
-        if (!diffuse)
-            z = lane_exp2(lane_log2(u > 1e-30f ? u : 1e-30f) / (p->gloss[l] + 1.0f));
-        z = z < 1.0f ? z : 1.0f;
-        const float r = sqrtf((1.0f - z) * (1.0f + z));
-        float sine, cosine;
-        lane_sincos(square[1].v[l], &sine, &cosine);
-        local[0].v[l] = r * cosine;
-        local[1].v[l] = r * sine;
-        local[2].v[l] = z;
-        axis[0].v[l] = diffuse ? p->ns_x[l] : s->reflected[0].v[l];
-        axis[1].v[l] = diffuse ? p->ns_y[l] : s->reflected[1].v[l];
-        axis[2].v[l] = diffuse ? p->ns_z[l] : s->reflected[2].v[l];
-    }
-    to_world(axis, local, d);
-}
-
 /* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
 static void add_lobe_sample(struct packet_state *s, float beta, const struct lanes square[2])
 {
     struct lanes d[3], brdf[3], pdf_lobes;
     struct terms t;
 
-    sample_lobes(s, square, d);
-    evaluate_lobes(s, d, brdf, &pdf_lobes);
+    lobes_sample(&s->lobes, s->points, square, d);
+    lobes_evaluate(&s->lobes, s->points, d, brdf, &pdf_lobes);
     LANES(l)
     {
         const float w[3] = { d[0].v[l], d[1].v[l], d[2].v[l] };
@@ -327,7 +222,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     s.counts = counts;
     for (int c = 0; c < 3; c++)
         LANES(l) s.sum[c].v[l] = 0.0f;
-    set_up_lobes(&s);
+    lobes_set_up(p, &s.lobes);
     set_up_rays(&s);
     if (f->light_part > 0.0f || f->share == SHARE_CORNERS)
         set_up_shares(&s);
