@@ -52,12 +52,13 @@ static inline struct frame sky_with_sun(uint32_t width, uint32_t height, float r
     return f;
 }
 
-/* The environment of a frame, which is finished here. */
-static inline struct environment *sky_environment(struct frame f, uint32_t n, double rotation_degrees)
+/* The environment of a frame of some layout; the frame is finished here. */
+static inline struct environment *sky_environment_of(struct frame f, enum layout layout, uint32_t n,
+                                                     double rotation_degrees)
 {
     struct reason why;
     struct environment *e = environment_create(
-        &(struct environment_desc){ .n = n, .layout = LAYOUT_LATLONG, .rotation_degrees = rotation_degrees });
+        &(struct environment_desc){ .n = n, .layout = layout, .rotation_degrees = rotation_degrees });
     assert_non_null(e);
     if (environment_update(e, &f, &why)) {
         printf("%s\n", why.text);
@@ -65,6 +66,11 @@ static inline struct environment *sky_environment(struct frame f, uint32_t n, do
     }
     frame_finish(&f);
     return e;
+}
+
+static inline struct environment *sky_environment(struct frame f, uint32_t n, double rotation_degrees)
+{
+    return sky_environment_of(f, LAYOUT_LATLONG, n, rotation_degrees);
 }
 
 #endif
