@@ -79,6 +79,14 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
     }
     if (result)
         return result;
+    if (f->layout[0]) {
+        enum layout said; /* by whoever sent the frame: above what the file says, below the user's own word */
+        struct reason unknown;
+        if (layout_parse(f->layout, &said, &unknown))
+            return err_say(why, ERR_FORMAT, "%s: %s", f->name, unknown.text);
+        if (said != LAYOUT_AUTO)
+            e->image.layout = said;
+    }
     e->number = f->number;
     e->capture_us = f->capture_us;
     memcpy(e->name, f->name, sizeof(e->name));
