@@ -1,0 +1,509 @@
+/* clients/record/relight_record.c */
+/* Writes the pictures of a relightd to files: live, as many as come, or as the recorder of a lockstep sequence, exactly
+ * one for each environment frame. A picture is acknowledged when it is safely on disk and not before. Everything runs
+ * on one thread: while a picture is being stored the server waits with the next but one. */
+#include "clock.h"
+#include "connection.h"
+#include "file_pattern.h"
+#include "file_store.h"
+#include "journal.h"
+#include "log.h"
+#include "message.h"
+#include "options.h"
+#include "progress.h"
+#include "relight_protocol.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define EXIT_REFUSED 3
+#define PICTURE_MOST ((size_t)1 << 30) /* bytes; memory is taken as they come */
+#define GOODBYE_MS 2000
+
+struct span { /* microseconds */
+    uint64_t count;
+    double sum, least, most;
+};
+
+struct record {
+    struct file_pattern out;
+    enum protocol_format format;
+    int quality;     /* 0: the server's */
+    double max_rate; /* 0: all */
+    uint64_t wanted; /* pictures; 0: until told to stop */
+    const char *recorder, *token;
+    bool json;
+    struct journal journal;
+    struct connection_desc connection_desc;
+
+    struct connection *connection;
+    struct progress line;
+    char session[64];
+    uint64_t newest; /* sequence number of the last picture of this session */
+    bool has_stored; /* first and last are valid */
+    uint64_t first, last;
+    uint64_t stored, again, passed, bytes;
+    struct span latency;
+    int64_t uncertain_us;
+    bool ended;         /* the sequence has, or all that was wanted is there */
+    bool failed;        /* a picture could not be stored */
+    int64_t stopped_ms; /* when an interrupt was seen; 0: none */
+    double start_s;
+};
+
+/* Set by the signal handler, which can reach nothing else: how often it was asked to stop. */
+static volatile sig_atomic_t stops_asked;
+
+static void ask_to_stop(int signal_number)
+{
+    (void)signal_number;
+    stops_asked++;
+}
+
+/* ---- Pictures ---- */
+
+static const char *const format_names[] = {
+    [PROTOCOL_JPEG] = "jpeg", [PROTOCOL_EXR_HALF] = "exr_half", [PROTOCOL_EXR_FLOAT] = "exr_float"
+};
+
+/* From capture to disk, on the server's clock; false where either is unknown. */
+static bool measure(struct record *r, const struct protocol_picture *h, int64_t *latency_us)
+{
+    int64_t ahead_us;
+
+    if (h->capture_us == 0 || !connection_clock(r->connection, &ahead_us, &r->uncertain_us))
+        return false;
+    *latency_us = clock_wall_us() + ahead_us - h->capture_us;
+    return true;
+}
+
+static void span_add(struct span *s, double us)
+{
+    s->least = s->count == 0 || us < s->least ? us : s->least;
+    s->most = s->count == 0 || us > s->most ? us : s->most;
+    s->sum += us;
+    s->count++;
+}
+
+static enum err list(struct record *r, const struct protocol_picture *h, const char *name, struct reason *why)
+{
+    static const char *const key[] = { "session", "sequence", "frame", NULL };
+    int64_t latency_us = 0;
+    const bool known = measure(r, h, &latency_us);
+
+    if (known && !(h->flags & PROTOCOL_PICTURE_REPEAT))
+        span_add(&r->latency, (double)latency_us);
+    if (r->journal.fd < 0)
+        return ERR_OK;
+    return journal_add(&r->journal,
+                       json_pack("{s:I, s:s, s:s, s:I, s:I, s:I, s:I, s:I, s:o, s:o}", "frame", (json_int_t)h->frame,
+                                 "file", name, "session", r->session, "sequence", (json_int_t)h->sequence, "bytes",
+                                 (json_int_t)h->payload, "capture_us", (json_int_t)h->capture_us, "published_us",
+                                 (json_int_t)h->published_us, "stored_us", (json_int_t)clock_wall_us(), "latency_us",
+                                 known ? json_integer((json_int_t)latency_us) : json_null(), "uncertain_us",
+                                 known ? json_integer((json_int_t)r->uncertain_us) : json_null()),
+                       key, why);
+}
+
+static enum err store(struct record *r, const struct protocol_picture *h, const uint8_t *payload, struct reason *why)
+{
+    char name[4096];
+    enum err e = file_pattern_name(&r->out, h->frame, name, sizeof(name), why);
+
+    if (!e)
+        e = file_store(name, payload, h->payload, why);
+    if (!e)
+        e = list(r, h, name, why);
+    if (e)
+        return e;
+    r->first = r->has_stored ? r->first : h->frame;
+    r->last = h->frame;
+    r->has_stored = true;
+    r->stored++;
+    r->bytes += h->payload;
+    progress_step(&r->line, 1);
+    connection_thrive(r->connection);
+    return ERR_OK;
+}
+
+/* Whether the file is already there: a picture that comes again since its acknowledgement was lost, or the last one,
+ * which a viewer gets again on every connection. */
+static bool is_stored(const struct record *r, const struct protocol_picture *h)
+{
+    if (r->recorder)
+        return r->has_stored && h->frame <= r->last;
+    return h->sequence <= r->newest;
+}
+
+static void acknowledge(struct record *r, const struct protocol_picture *h, bool stored)
+{
+    json_t *ack = json_pack("{s:s, s:I}", "op", "ack", "sequence", (json_int_t)h->sequence);
+
+    if (stored && r->recorder)
+        json_object_set_new(ack, "stored", json_true());
+    connection_say(r->connection, ack);
+}
+
+static void on_binary(void *user, const uint8_t *bytes, size_t size)
+{
+    struct record *r = user;
+    struct protocol_picture h;
+    struct reason why = { "" };
+    size_t offset;
+
+    if (r->ended || stops_asked)
+        return;
+    const enum protocol_result result = protocol_picture_decode(bytes, size, &h, &offset);
+    if (result || h.format != r->format) {
+        connection_fail(r->connection, CONNECTION_LOST, "%s sent a picture that cannot be stored: %s",
+                        r->connection_desc.url,
+                        result ? protocol_result_text(result) : "it has another format than asked for");
+        return;
+    }
+    if (r->recorder && !(h.flags & PROTOCOL_PICTURE_LOCKSTEP)) { /* of no sequence: shown to all viewers */
+        r->passed++;
+        acknowledge(r, &h, false);
+        return;
+    }
+    const bool again = is_stored(r, &h);
+    if (!again && store(r, &h, bytes + offset, &why)) {
+        r->failed = true;
+        connection_fail(r->connection, CONNECTION_LOST, "%s", why.text);
+        return;
+    }
+    r->again += again;
+    r->newest = h.sequence > r->newest ? h.sequence : r->newest;
+    acknowledge(r, &h, true);
+    if (r->wanted > 0 && r->stored == r->wanted) {
+        r->ended = true;
+        connection_finish(r->connection);
+    }
+}
+
+/* ---- Connections ---- */
+
+static json_t *say_hello(void *user)
+{
+    const struct record *r = user;
+    json_t *hello = json_pack("{s:s, s:s, s:{s:i, s:i}}", "op", "hello", "role", "viewer", "version", "major",
+                              PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR);
+
+    if (r->recorder)
+        json_object_set_new(hello, "recorder", json_string(r->recorder));
+    if (r->token)
+        json_object_set_new(hello, "token", json_string(r->token));
+    return hello;
+}
+
+static bool is_offered(const json_t *welcome, const char *format)
+{
+    const json_t *formats = json_object_get(welcome, "formats");
+
+    for (size_t i = 0; i < json_array_size(formats); i++) {
+        const char *one = json_string_value(json_array_get(formats, i));
+        if (one && strcmp(one, format) == 0)
+            return true;
+    }
+    return false;
+}
+
+static void on_welcome(void *user, const json_t *welcome)
+{
+    struct record *r = user;
+    const char *format = format_names[r->format];
+    char session[sizeof(r->session)];
+
+    message_plain(welcome, "session", session, sizeof(session));
+    if (strcmp(session, r->session) != 0) { /* another run of the server: its numbers begin again */
+        snprintf(r->session, sizeof(r->session), "%s", session);
+        r->newest = 0;
+        r->has_stored = r->recorder ? false : r->has_stored;
+    }
+    if (r->ended) { /* only the last acknowledgements were left to hear */
+        connection_finish(r->connection);
+        return;
+    }
+    if (!is_offered(welcome, format) || (r->recorder && !json_is_object(json_object_get(welcome, "recorder")))) {
+        connection_fail(r->connection, CONNECTION_REFUSED, "%s offers no %s", r->connection_desc.url,
+                        is_offered(welcome, format) ? "lockstep (relightd --source push: does)" : format);
+        return;
+    }
+    json_t *subscribe = json_pack("{s:s, s:s}", "op", "subscribe", "format", format);
+    if (r->quality)
+        json_object_set_new(subscribe, "quality", json_integer(r->quality));
+    if (r->max_rate > 0.0)
+        json_object_set_new(subscribe, "max_rate", json_real(r->max_rate));
+    connection_say(r->connection, subscribe);
+}
+
+static void on_text(void *user, const char *op, const json_t *m)
+{
+    struct record *r = user;
+    const char *name = json_string_value(json_object_get(m, "name"));
+    const char *state = json_string_value(json_object_get(m, "state"));
+
+    if (strcmp(op, "sequence") != 0 || !r->recorder || !name || strcmp(name, r->recorder) != 0)
+        return;
+    if (state && strcmp(state, "ended") == 0 && !r->ended) {
+        r->ended = true;
+        connection_finish(r->connection);
+    }
+}
+
+static void on_tick(void *user)
+{
+    struct record *r = user;
+    const int64_t now = clock_ms();
+
+    if (!stops_asked)
+        return;
+    if (!r->stopped_ms)
+        r->stopped_ms = now;
+    if (stops_asked > 1 || now - r->stopped_ms > GOODBYE_MS || !connection_is_open(r->connection))
+        connection_stop(r->connection);
+    else
+        connection_finish(r->connection);
+}
+
+/* ---- The program ---- */
+
+static struct option_row rows[] = {
+    { "", NULL, "where from", NULL },
+    { "from", "URL", "ws://HOST:PORT of a relightd", "ws://127.0.0.1:8080" },
+    { "token", "T", "what the server asks viewers for; left out: the variable RELIGHT_TOKEN", NULL },
+    { "", NULL, "what comes out", NULL },
+    { "out", "PATTERN", "a name with %d or %04d for the environment frame's number", NULL },
+    { "format", "F", "jpeg, exr-half or exr-float; left out: jpeg for .jpg, exr-float for .exr", NULL },
+    { "quality", "Q", "of JPEG, 1 to 100; left out: the server's", NULL },
+    { "index", "FILE", "appends a line of JSON for each picture: frame, file, times, latency", NULL },
+    { "", NULL, "how long", NULL },
+    { "frames", "N", "end after so many pictures", NULL },
+    { "once", NULL, "the newest picture and no more; PATTERN needs no number then", NULL },
+    { "", NULL, "how", NULL },
+    { "lockstep", NULL, "store one picture for each frame of relight-feed --lockstep, until that has ended", NULL },
+    { "recorder", "NAME", "the same for the sequence of this name; --lockstep alone means 'default'", NULL },
+    { "max-rate", "N", "pictures per second at most; 0: all that come", "0" },
+    { "retry", "N", "try so many times in a row to come back after a loss; left out: for ever", NULL },
+    { "give-up-after", "SECONDS", "give up after so long without a connection; 0: never", "0" },
+    { "", NULL, "what is said", NULL },
+    { "json", NULL, "a summary as one JSON object on standard output", NULL },
+    { "quiet", NULL, "no progress, and no lines but errors", NULL },
+    { NULL, NULL, NULL, NULL },
+};
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t a = strlen(text), b = strlen(end);
+    return a >= b && strcmp(text + a - b, end) == 0;
+}
+
+static enum err parse_format(struct record *r, const char *name, struct reason *why)
+{
+    const bool jpg = ends_with(r->out.text, ".jpg") || ends_with(r->out.text, ".jpeg"),
+               exr = ends_with(r->out.text, ".exr");
+
+    if (!name && !jpg && !exr)
+        return err_say(why, ERR_USAGE, "--out '%s' ends neither in .jpg nor in .exr: --format is missing", r->out.text);
+    if (!name)
+        r->format = jpg ? PROTOCOL_JPEG : PROTOCOL_EXR_FLOAT;
+    else if (strcmp(name, "jpeg") == 0)
+        r->format = PROTOCOL_JPEG;
+    else if (strcmp(name, "exr-half") == 0)
+        r->format = PROTOCOL_EXR_HALF;
+    else if (strcmp(name, "exr-float") == 0)
+        r->format = PROTOCOL_EXR_FLOAT;
+    else
+        return err_say(why, ERR_USAGE, "--format '%s' is not known; there are jpeg, exr-half and exr-float", name);
+    if ((jpg && r->format != PROTOCOL_JPEG) || (exr && r->format == PROTOCOL_JPEG))
+        return err_say(why, ERR_USAGE, "--format %s does not go with --out '%s'", name, r->out.text);
+    return ERR_OK;
+}
+
+/* That the folder is there is better known before an hour's wait for the first picture. */
+static enum err check_folder(const struct file_pattern *p, struct reason *why)
+{
+    char folder[4096];
+    const char *slash = strrchr(p->text, '/');
+
+    if (slash && ((p->length && (size_t)(slash - p->text) > p->at) || (size_t)(slash - p->text) >= sizeof(folder)))
+        return ERR_OK; /* one folder a frame: each is looked for in its time */
+    if (slash)
+        snprintf(folder, sizeof(folder), "%.*s", slash == p->text ? 1 : (int)(slash - p->text), p->text);
+    if (access(slash ? folder : ".", W_OK) == 0)
+        return ERR_OK;
+    return err_say(why, ERR_IO, "%s: cannot be written to: %s", slash ? folder : ".", strerror(errno));
+}
+
+static enum err read_output_options(const struct options *o, struct record *r, struct reason *why)
+{
+    uint64_t quality = 0;
+    const char *out = options_get(o, "out");
+
+    if (!out)
+        return err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.jpg");
+    enum err e = file_pattern_parse(out, "--out", &r->out, why);
+    if (!e)
+        e = parse_format(r, options_get(o, "format"), why);
+    if (!e && options_get(o, "quality"))
+        e = options_u64(o, "quality", 1, 100, &quality, why);
+    if (!e && quality && r->format != PROTOCOL_JPEG)
+        e = err_say(why, ERR_USAGE, "--quality is of JPEG only");
+    r->quality = (int)quality;
+    if (!e && options_get(o, "frames"))
+        e = options_u64(o, "frames", 1, UINT64_MAX, &r->wanted, why);
+    if (!e && options_on(o, "once"))
+        r->wanted = 1;
+    if (!e && !r->out.length && r->wanted != 1)
+        e = err_say(why, ERR_USAGE, "--out '%s' names one file: put %%04d into it, or ask for one picture by --once",
+                    out);
+    return e ? e : check_folder(&r->out, why);
+}
+
+/* 1..64 of [A-Za-z0-9._-] */
+static bool is_sequence_name(const char *name)
+{
+    const size_t n = strlen(name);
+    return n >= 1 && n <= 64 && strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == n;
+}
+
+static enum err read_options(const struct options *o, struct record *r, struct reason *why)
+{
+    uint64_t tries = 0;
+    struct connection_desc *d = &r->connection_desc;
+    enum err e = read_output_options(o, r, why);
+
+    r->json = options_on(o, "json");
+    r->recorder = options_get(o, "recorder")  ? options_get(o, "recorder")
+                  : options_on(o, "lockstep") ? "default"
+                                              : NULL;
+    r->token = options_get(o, "token") ? options_get(o, "token") : getenv("RELIGHT_TOKEN");
+    d->url = options_get(o, "from");
+    d->quiet = options_on(o, "quiet");
+    d->tries = -1;
+    d->binary_most = PICTURE_MOST;
+    if (!e && r->recorder && !is_sequence_name(r->recorder))
+        e = err_say(why, ERR_USAGE, "--recorder '%s' is not 1 to 64 letters, digits, '.', '_' or '-'", r->recorder);
+    if (!e && r->recorder && options_on(o, "once"))
+        e = err_say(why, ERR_USAGE, "--once takes the newest picture, lockstep takes them all");
+    if (!e)
+        e = options_double(o, "max-rate", 0.0, 1000.0, &r->max_rate, why);
+    if (!e && r->recorder && r->max_rate > 0.0)
+        e = err_say(why, ERR_USAGE, "--max-rate leaves pictures out, lockstep takes them all");
+    if (!e)
+        e = options_double(o, "give-up-after", 0.0, 1e6, &d->give_up_s, why);
+    if (!e && options_get(o, "retry")) {
+        e = options_u64(o, "retry", 0, 1000000, &tries, why);
+        d->tries = (int64_t)tries;
+    }
+    if (!e && r->token && strlen(r->token) > 255)
+        e = err_say(why, ERR_USAGE, "--token: longer than 255 bytes");
+    return e ? e : journal_open(&r->journal, options_get(o, "index"), why);
+}
+
+static const char *end_name(const struct record *r, enum connection_end end)
+{
+    if (end == CONNECTION_DONE)
+        return r->ended ? "done" : "interrupted";
+    return r->failed ? "failed" : end == CONNECTION_LOST ? "lost" : "refused";
+}
+
+static json_t *number_or_null(bool is, uint64_t number)
+{
+    return is ? json_integer((json_int_t)number) : json_null();
+}
+
+static void print_summary(const struct record *r, enum connection_end end, const char *message)
+{
+    int64_t ahead_us = 0, uncertain_us = 0;
+    const bool clock = connection_clock(r->connection, &ahead_us, &uncertain_us);
+    const struct span *l = &r->latency;
+
+    json_t *j = json_pack(
+        "{s:s, s:s, s:I, s:I, s:I, s:s?, s:o, s:o, s:i, s:f, s:o, s:o}", "end", end_name(r, end), "message", message,
+        "stored", (json_int_t)r->stored, "again", (json_int_t)r->again, "bytes", (json_int_t)r->bytes, "recorder",
+        r->recorder, "first_frame", number_or_null(r->stored > 0, r->first), "last_frame",
+        number_or_null(r->stored > 0, r->last), "connections", (int)connection_count(r->connection), "seconds",
+        clock_seconds() - r->start_s, "clock",
+        clock
+            ? json_pack("{s:I, s:I}", "server_ahead_us", (json_int_t)ahead_us, "uncertain_us", (json_int_t)uncertain_us)
+            : json_null(),
+        "latency_ms",
+        l->count > 0
+            ? json_pack("{s:f, s:f, s:f, s:f}", "least", 1e-3 * l->least, "mean", 1e-3 * l->sum / (double)l->count,
+                        "most", 1e-3 * l->most, "uncertain", 1e-3 * (double)r->uncertain_us)
+            : json_null());
+    if (!j)
+        return;
+    json_dumpf(j, stdout, JSON_REAL_PRECISION(6));
+    fputs("\n", stdout);
+    json_decref(j);
+}
+
+static int run(struct record *r, struct reason *why)
+{
+    r->start_s = clock_seconds();
+    progress_begin(&r->line, "pictures", r->wanted, r->connection_desc.quiet ? NULL : stderr);
+    const enum connection_end end = connection_run(r->connection, why);
+    progress_end(&r->line);
+    if (end != CONNECTION_DONE)
+        log_error("%s", why->text);
+    if (r->json)
+        print_summary(r, end, end == CONNECTION_DONE ? "" : why->text);
+    else
+        log_info("%" PRIu64 " pictures stored", r->stored);
+    if (end == CONNECTION_DONE && r->recorder && r->ended && r->stored == 0)
+        log_warning("sequence %s had ended before; another name begins anew", r->recorder);
+    if (end == CONNECTION_REFUSED)
+        return EXIT_REFUSED;
+    return end == CONNECTION_DONE && (r->ended || (!r->recorder && !r->wanted)) ? 0 : 1;
+}
+
+int main(int argc, char **argv)
+{
+    struct options options = {
+        .program = "relight-record",
+        .synopsis = "--out PATTERN [--from ws://HOST:PORT] [flags]",
+        .about =
+            "Stores the pictures of a relightd as files, each whole or not at all, named by the number of the frame\n"
+            "that lit it; a number that comes again replaces its file. When the connection breaks it comes back.\n"
+            "Exit code: 0 all that was asked for is stored (without --frames and --lockstep: until Ctrl-C),\n"
+            "1 it is not, 2 wrong usage, 3 the server refused us (role, token, version, or its place is taken).",
+        .rows = rows,
+    };
+    static struct record r = { .journal = { .fd = -1 } };
+    struct reason why = { "" };
+    bool done;
+
+    log_init("relight-record", LOG_INFO);
+    enum err e = options_parse(&options, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
+    if (!e)
+        e = read_options(&options, &r, &why);
+    if (!e && r.connection_desc.quiet)
+        log_init("relight-record", LOG_ERROR);
+    sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
+    sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
+    sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
+    sigaction(SIGXFSZ, &(struct sigaction){ .sa_handler = SIG_IGN },
+              NULL); /* a size limit is an error like any other */
+    r.connection_desc.user = &r;
+    r.connection_desc.hooks = (struct connection_hooks){
+        .hello = say_hello, .welcome = on_welcome, .text = on_text, .binary = on_binary, .tick = on_tick
+    };
+    if (!e)
+        e = connection_create(&r.connection_desc, &r.connection, &why);
+    int code = err_exit_code(e);
+    if (e)
+        log_error("%s", why.text[0] ? why.text : err_text(e));
+    else
+        code = run(&r, &why);
+    connection_destroy(r.connection);
+    journal_close(&r.journal);
+    return code;
+}
