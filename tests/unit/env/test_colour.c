@@ -50,7 +50,7 @@ static void rec709_is_itself(void **state)
 
 static void published_matrices_are_met(void **state)
 {
-    static const double of_2020[9] = { /* [ITU-R BT.2407-0, 2.2] */
+    static const double of_2020[9] = { /* [ITU-R BT.2407-0] */
                                        1.6605, -0.5876, -0.0728, -0.1246, 1.1329, -0.0083, -0.0182, -0.1006, 1.1187
     };
     static const double of_p3[9] = { 1.2249, -0.2249, 0.0, -0.0421, 1.0421, 0.0, -0.0196, -0.0786, 1.0983 };

@@ -224,6 +224,33 @@ static void neither_format_is_said_with_the_first_bytes(void **state)
     must_refuse((const uint8_t *)"v", 1, ERR_FORMAT, "76 00");
 }
 
+static void files_are_read_whole_or_refused_with_their_path(void **state)
+{
+    char path[] = "/tmp/relight-decode-XXXXXX";
+    struct image im = { 0 };
+    struct reason why;
+    size_t size;
+    uint8_t *bytes = exr_make(&small[4], &size);
+    const int fd = mkstemp(path);
+    (void)state;
+
+    assert_true(fd >= 0);
+    assert_int_equal(write(fd, bytes, size), size);
+    assert_int_equal(decode_file(path, &im, &why), ERR_OK);
+    assert_int_equal(im.width, small[4].width);
+    assert_int_equal(ftruncate(fd, (off_t)size - 1), 0);
+    assert_int_equal(decode_file(path, &im, &why), ERR_FORMAT);
+    check_reason(path, ERR_FORMAT, &why);
+    close(fd);
+    unlink(path);
+    assert_int_equal(decode_file(path, &im, &why), ERR_IO);
+    check_reason(path, ERR_IO, &why);
+    assert_int_equal(decode_file("/tmp", &im, &why), ERR_IO);
+    check_reason("/tmp", ERR_IO, &why);
+    image_finish(&im);
+    free(bytes);
+}
+
 /* Decodes the file at unit_data(relative) and returns the code; any reason names the file. */
 static enum err decode_data(const char *relative, struct image *im, struct reason *why)
 {
@@ -349,6 +376,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(endless_headers_are_refused_before_they_are_sorted),
     cmocka_unit_test(lists_of_many_channels_are_refused),
     cmocka_unit_test(neither_format_is_said_with_the_first_bytes),
+    cmocka_unit_test(files_are_read_whole_or_refused_with_their_path),
     cmocka_unit_test(damaged_files_are_refused),
     cmocka_unit_test(odd_files_decode_or_are_refused_by_name),
     cmocka_unit_test(all_half_values_are_counted),
