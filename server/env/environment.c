@@ -60,6 +60,21 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->gain = (float)exp2(desc->scale_stops);
 }
 
+/* What whoever sent the frame says of its layout stands above what the file says; "" says nothing. */
+static enum err take_layout(struct environment *e, const struct frame *f, struct reason *why)
+{
+    struct reason said;
+    enum layout layout;
+
+    if (!f->layout[0])
+        return ERR_OK;
+    if (layout_parse(f->layout, &layout, &said))
+        return err_say(why, ERR_UNSUPPORTED, "%s: %s", f->name, said.text);
+    if (layout != LAYOUT_AUTO || f->kind == FRAME_TEXELS)
+        e->image.layout = layout;
+    return ERR_OK;
+}
+
 enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why)
 {
     enum err result = ERR_OK;

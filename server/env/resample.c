@@ -402,23 +402,35 @@ static void sum_many(const struct resampler *r, uint64_t first, uint64_t last, f
         out[c] = (float)sum[c];
 }
 
+/* Four floats a texel instead of three, which is one operation of a vector; what the fourth reads is the next texel's
+ * red, and is dropped. */
+static void sum_few(const struct resampler *r, uint32_t first, uint32_t last, float out[4])
+{
+    const float *restrict source = r->source;
+    float sum[4] = { 0.0f, 0.0f, 0.0f, 0.0f };
+
+    for (uint32_t k = first; k < last; k++) {
+        float s[4];
+        memcpy(s, source + 3 * (size_t)r->index[k], sizeof(s));
+        for (int c = 0; c < 4; c++)
+            sum[c] += r->weight[k] * s[c];
+    }
+    memcpy(out, sum, sizeof(sum));
+}
+
 void resampler_row(const struct resampler *r, float gain, uint32_t row, float *texels)
 {
-    const uint32_t *first = r->first + (size_t)row * r->n;
+    const uint32_t *first = r->first + (size_t)row * r->n, end = r->columns * r->rows - 1;
 
     assert(row < CUBE_FACES * r->n && r->source);
     for (uint32_t j = 0; j < r->n; j++) {
-        float sum[3] = { 0.0f, 0.0f, 0.0f };
-        if (first[j + 1] - first[j] > MANY) {
+        float sum[4] = { 0.0f, 0.0f, 0.0f, 0.0f };
+        const uint32_t count = first[j + 1] - first[j];
+        /* After the very last source texel there is no next one. */
+        if (count > MANY || (count && r->index[first[j + 1] - 1] == end))
             sum_many(r, first[j], first[j + 1], sum);
-        } else {
-            for (uint32_t k = first[j]; k < first[j + 1]; k++) {
-                const float *s = r->source + 3 * (size_t)r->index[k];
-                sum[0] += r->weight[k] * s[0];
-                sum[1] += r->weight[k] * s[1];
-                sum[2] += r->weight[k] * s[2];
-            }
-        }
+        else
+            sum_few(r, first[j], first[j + 1], sum);
         const float unseen = r->unseen ? r->unseen[(size_t)row * r->n + j] : 0.0f;
         for (int c = 0; c < 3; c++)
             texels[4 * j + (uint32_t)c] = gain * (sum[c] + unseen * r->mean[c]);

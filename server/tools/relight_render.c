@@ -51,7 +51,7 @@ static struct option_row rows[] = {
     { "camera", "NAME", "camera of the scene; left out: the first", NULL },
     { "source", "S", "a file, a directory, a printf or glob pattern, or sky:key=value,...", "sky:" },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL },
-    { "layout", "L", "of the environment: auto, latlong or latlong-bottom", "auto" },
+    { "layout", "L", "of the environment: auto, latlong, latlong-bottom, cube, hcross, vcross, ball, fisheye", "auto" },
     { "rotate", "DEGREES", "turns the environment about the vertical axis", "0" },
     { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
     { "", NULL, "how", NULL },

@@ -257,6 +257,25 @@ static void option_wins_over_file_and_file_over_shape(void **state)
     check_choice(LAYOUT_LATLONG, LAYOUT_CUBE, 10, 60, NULL);
 }
 
+/* A frame may bring the word of whoever sent it, which stands between the option and the file. */
+static void a_frames_own_word_is_heard(void **state)
+{
+    struct reason why = { "" };
+    struct frame f = sky_constant(40, 30, 1.0f);
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 8 });
+    (void)state;
+    snprintf(f.layout, sizeof(f.layout), "hcross");
+    assert_int_equal(environment_update(e, &f, &why), ERR_OK);
+    assert_int_equal(e->resampler->layout, LAYOUT_HCROSS);
+    snprintf(f.layout, sizeof(f.layout), "auto"); /* texels of 4:3 that nobody names */
+    assert_int_equal(environment_update(e, &f, &why), ERR_UNSUPPORTED);
+    snprintf(f.layout, sizeof(f.layout), "mercator");
+    assert_int_equal(environment_update(e, &f, &why), ERR_UNSUPPORTED);
+    assert_non_null(strstr(why.text, "mercator"));
+    frame_finish(&f);
+    environment_destroy(e);
+}
+
 static void unknown_shapes_ask_for_the_layouts_that_fit(void **state)
 {
     (void)state;
@@ -287,6 +306,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_layout_gives_the_same_cube_map),
     cmocka_unit_test(large_pictures_are_reduced_and_keep_their_energy),
     cmocka_unit_test(option_wins_over_file_and_file_over_shape),
+    cmocka_unit_test(a_frames_own_word_is_heard),
     cmocka_unit_test(unknown_shapes_ask_for_the_layouts_that_fit),
     cmocka_unit_test(shapes_that_cannot_be_the_layout_are_refused_by_name),
 };
