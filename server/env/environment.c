@@ -60,7 +60,8 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->gain = (float)exp2(desc->scale_stops);
 }
 
-/* What whoever sent the frame says of its layout stands above what the file says; "" says nothing. */
+/* What whoever sent the frame says of its layout stands above what the file says and below the user's own word; ""
+ * says nothing. "auto" does not either, but then texels are not taken as lat-long whatever their shape. */
 static enum err take_layout(struct environment *e, const struct frame *f, struct reason *why)
 {
     struct reason said;
@@ -69,7 +70,7 @@ static enum err take_layout(struct environment *e, const struct frame *f, struct
     if (!f->layout[0])
         return ERR_OK;
     if (layout_parse(f->layout, &layout, &said))
-        return err_say(why, ERR_UNSUPPORTED, "%s: %s", f->name, said.text);
+        return err_say(why, ERR_FORMAT, "%s: %s", f->name, said.text);
     if (layout != LAYOUT_AUTO || f->kind == FRAME_TEXELS)
         e->image.layout = layout;
     return ERR_OK;
@@ -92,16 +93,10 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
     } else {
         return err_say(why, ERR_FORMAT, "%s: the frame is empty", f->name);
     }
+    if (!result)
+        result = take_layout(e, f, why);
     if (result)
         return result;
-    if (f->layout[0]) {
-        enum layout said; /* by whoever sent the frame: above what the file says, below the user's own word */
-        struct reason unknown;
-        if (layout_parse(f->layout, &said, &unknown))
-            return err_say(why, ERR_FORMAT, "%s: %s", f->name, unknown.text);
-        if (said != LAYOUT_AUTO)
-            e->image.layout = said;
-    }
     e->number = f->number;
     e->capture_us = f->capture_us;
     memcpy(e->name, f->name, sizeof(e->name));

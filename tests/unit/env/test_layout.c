@@ -270,7 +270,7 @@ static void a_frames_own_word_is_heard(void **state)
     snprintf(f.layout, sizeof(f.layout), "auto"); /* texels of 4:3 that nobody names */
     assert_int_equal(environment_update(e, &f, &why), ERR_UNSUPPORTED);
     snprintf(f.layout, sizeof(f.layout), "mercator");
-    assert_int_equal(environment_update(e, &f, &why), ERR_UNSUPPORTED);
+    assert_int_equal(environment_update(e, &f, &why), ERR_FORMAT);
     assert_non_null(strstr(why.text, "mercator"));
     frame_finish(&f);
     environment_destroy(e);
