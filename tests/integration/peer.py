@@ -151,14 +151,16 @@ class Server:
         script = self.scripts[min(self.connections, len(self.scripts) - 1)]
         self.connections += 1
         try:
+            if self.faults:
+                raise self.faults[0]
             check(socket.subprotocol == "relight.v1", "the client did not offer relight.v1")
             check("Origin" not in socket.request_headers, "a client that is no browser sends no Origin")
             await script(Link(socket, self))
         except websockets.ConnectionClosed:
             pass
-        except Exception as fault:  # told by the test, which waits for the client
+        except Exception as fault:  # told by the test; 4003 is never tried again, so that it need not wait
             self.faults.append(fault if isinstance(fault, Failed) else Failed(repr(fault)))
-            socket.transport.abort()
+            await socket.close(4003)
 
 
 # ---- The programs ----
