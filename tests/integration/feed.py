@@ -5,6 +5,7 @@ import asyncio
 import random
 import signal
 import struct
+from pathlib import Path
 
 from peer import Failed, Frame, Program, Server, check, expect, main, radiance, run, sky_files
 
@@ -98,6 +99,28 @@ async def files_become_texels_when_asked(folder):
     async with Server(script) as server:
         expect(await feed(server, "--raw", "float", folder / "a.hdr"), 0)
     check(struct.unpack("<24f", frames[0].payload) == (1.0,) * 24, "not texels of radiance 1")
+
+
+async def files_barred_from_the_network_are_decoded_here(folder):
+    """One part of scanlines with no, RLE, ZIPS or ZIP compression goes out as it is; the rest as texels, which is said
+    once. What is damaged goes out too, so that the server's counters show it."""
+    frames = []
+    corpus = Path(__file__).parent.parent / "fuzz" / "corpus" / "exr"
+
+    async def script(link):
+        await obliging(link, frames)
+
+    names = [f"lines{i}" for i in range(4)] + ["piz", "tiles3", "mip", "parts", "bad_scanline_n_error_reading_from_stream"]
+    for i, name in enumerate(names):
+        (folder / f"sky.{i}.exr").write_bytes((corpus / name).read_bytes())
+    async with Server(script) as server:
+        program = await feed(server, folder / "sky.%d.exr")
+        expect(program, 0, "decoded here")
+    check(program.err.count("decoded here") == 1, program.err)
+    check([f.encoding for f in frames] == [1, 1, 1, 1, 4, 4, 4, 4, 1], f"{[f.encoding for f in frames]}")
+    check([(f.width, f.height) for f in frames[4:6]] == [(24, 33), (9, 7)], "not the pictures' sizes")
+    for i in (0, 1, 2, 3, 8):
+        check(frames[i].payload == (corpus / names[i]).read_bytes(), f"{names[i]} did not go out as it is")
 
 
 # ---- Credit and pace ----
