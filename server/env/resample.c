@@ -10,11 +10,12 @@
 #include <string.h>
 
 #define MANY 64                      /* terms that are still added in float */
-#define BLOCKS_MAX ((size_t)1 << 23) /* a table of about 100 MB, and some 400 MB while it is made */
-#define BLOCKS_PER_TEXEL 32          /* of the cube map: finer than that is not seen */
+#define BLOCKS_MAX ((size_t)1 << 23) /* a table of about 100 MB, and some 500 MB while it is made */
+#define BLOCKS_PER_TEXEL 8           /* of the cube map: finer than that is not seen */
 #define BLOCKS_FEW ((size_t)1 << 20) /* not worth reducing, however coarse the cube map */
 #define FIT_ROUNDS 400
-#define FIT_TOLERANCE 4e-6
+#define FIT_TOLERANCE 8e-6
+#define FIT_HASTE 1.7 /* over-relaxation: halves the rounds */
 
 void blocks_init(struct blocks *b, enum layout layout, uint32_t width, uint32_t height, uint32_t factor)
 {
@@ -195,7 +196,8 @@ static enum err fit(const struct resampler *r, struct overlap *table, const doub
         for (size_t b = 0; b < blocks; b++) {
             if (sum[b] > 0.0)
                 worst = fmax(worst, fabs(sum[b] / column_sum[b] - 1.0));
-            sum[b] = sum[b] > 0.0 ? column_sum[b] / sum[b] : 0.0;
+            const double scale = sum[b] > 0.0 ? column_sum[b] / sum[b] : 0.0;
+            sum[b] = fabs(scale - 1.0) < 0.1 ? 1.0 + FIT_HASTE * (scale - 1.0) : scale;
         }
         if (worst > FIT_TOLERANCE)
             for (size_t k = 0; k < r->first[texels]; k++)
@@ -351,22 +353,44 @@ void resampler_destroy(struct resampler *r)
     mem_free(r);
 }
 
-/* One block: the mean of its texels, weighted by solid angle. What is masked weighs nothing. */
-static void reduce_block(const struct resampler *r, const struct blocks *b, const float *rgb, uint32_t x, uint32_t y,
-                         float *out)
+/* Part of a row of the source into its block: sum[3] of texels by solid angle, and whole, the solid angles'. */
+static void add_texels(const struct resampler *r, const float *rgb, uint32_t x0, uint32_t x1, uint32_t y, double sum[3],
+                       double *whole)
 {
-    double sum[3] = { 0.0, 0.0, 0.0 }, whole = 0.0;
+    const float *s = rgb + 3 * ((size_t)y * r->width + x0);
+    const int by_row = !layout_faces(r->layout) && !layout_is_disc(r->layout);
+    float row[3] = { 0.0f, 0.0f, 0.0f };
 
-    for (uint32_t row = block_start(b, 1, y); row < block_end(b, 1, y); row++)
-        for (uint32_t column = block_start(b, 0, x); column < block_end(b, 0, x); column++) {
-            const float *s = rgb + 3 * ((size_t)row * r->width + column);
-            const double share = r->share[share_place(r, column, row)];
+    if (by_row) { /* one solid angle for all, and few enough for a sum in float */
+        for (uint32_t x = x0; x < x1; x++, s += 3)
             for (int c = 0; c < 3; c++)
-                sum[c] += share * s[c];
-            whole += share;
-        }
-    for (int c = 0; c < 3; c++)
-        out[c] = whole > 0.0 ? (float)(sum[c] / whole) : 0.0f;
+                row[c] += s[c];
+        for (int c = 0; c < 3; c++)
+            sum[c] += (double)r->share[y] * row[c];
+        *whole += (double)r->share[y] * (x1 - x0);
+        return;
+    }
+    for (uint32_t x = x0; x < x1; x++, s += 3) {
+        const double share = r->share[share_place(r, x, y)];
+        for (int c = 0; c < 3; c++)
+            sum[c] += share * s[c];
+        *whole += share;
+    }
+}
+
+/* A row of blocks: each the mean of its texels, weighted by solid angle. What is masked weighs nothing. */
+static void reduce_row(const struct resampler *r, const struct blocks *b, const float *rgb, uint32_t y, float *out)
+{
+    const uint32_t y0 = block_start(b, 1, y), y1 = block_end(b, 1, y);
+
+    for (uint32_t x = 0; x < b->columns; x++, out += 3) {
+        const uint32_t x0 = block_start(b, 0, x), x1 = block_end(b, 0, x);
+        double sum[3] = { 0.0, 0.0, 0.0 }, whole = 0.0;
+        for (uint32_t row = y0; row < y1; row++)
+            add_texels(r, rgb, x0, x1, row, sum, &whole);
+        for (int c = 0; c < 3; c++)
+            out[c] = whole > 0.0 ? (float)(sum[c] / whole) : 0.0f;
+    }
 }
 
 void resampler_load(struct resampler *r, const float *rgb)
@@ -379,8 +403,7 @@ void resampler_load(struct resampler *r, const float *rgb)
         blocks_init(&b, r->layout, r->width, r->height, r->factor);
 #pragma omp parallel for schedule(static)
         for (uint32_t y = 0; y < r->rows; y++)
-            for (uint32_t x = 0; x < r->columns; x++)
-                reduce_block(r, &b, rgb, x, y, r->reduced + 3 * ((size_t)y * r->columns + x));
+            reduce_row(r, &b, rgb, y, r->reduced + 3 * (size_t)y * r->columns);
         r->source = r->reduced;
     }
     for (size_t k = 0; r->unseen && k < (size_t)r->columns * r->rows; k++)

@@ -11,7 +11,7 @@
 #define STRAIGHT 1e-8 /* likewise: what is as good as straight */
 #define BEND_DEPTH 7
 #define RIM_DEPTH 5
-#define BEND_TOLERANCE 1e-2 /* of a piece's length: how far a curved border may leave its chord */
+#define BEND_TOLERANCE 1e-3 /* of a piece's length: how far a curved border may leave its chord */
 
 /* The border of a block as directions that are joined by great circles, and on the plane of a face as points (u, v)
  * that are joined by straight lines, which is the same. */
@@ -86,11 +86,12 @@ static void bend(enum layout layout, const double a[2], const double b[2], int d
     const double length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
     const double off = normal[0] * wm[0] + normal[1] * wm[1] + normal[2] * wm[2];
     const int rim = depth > BEND_DEPTH - RIM_DEPTH && (is_rim(a) || is_rim(b));
-    if (depth > 0 && (rim || fabs(off) > BEND_TOLERANCE * length2)) {
+    const int room = out->count < CORNERS_MAX / 4; /* clipping adds corners too */
+    if (depth > 0 && room && (rim || fabs(off) > BEND_TOLERANCE * length2)) {
         bend(layout, a, m, depth - 1, out);
         ring_add(out, wm);
         bend(layout, m, b, depth - 1, out);
-    } else if (fabs(off) > STRAIGHT * length2) {
+    } else if (fabs(off) > STRAIGHT * length2 && out->count < CORNERS_MAX / 2) {
         for (int k = 0; k < 3; k++)
             wm[k] += off / (3.0 * length2) * normal[k];
         ring_add(out, wm);
