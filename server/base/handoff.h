@@ -25,7 +25,8 @@ void handoff_finish(struct handoff *h);
 /* Writer: a slot that nobody reads and that is not waiting to be read. */
 int handoff_begin(struct handoff *h);
 
-/* Writer: makes the slot the newest. Returns the slot that this dropped because it had not been taken, or HANDOFF_NONE. */
+/* Writer: makes the slot the newest. Returns the slot that this dropped because it had not been taken, or HANDOFF_NONE.
+ */
 int handoff_publish(struct handoff *h, int slot);
 
 /* Writer: waits until what was published has been taken, at most timeout_ms. True when it has; false also when closed.

@@ -99,6 +99,17 @@ static const float *rows(const struct exr_desc *d, uint32_t y, uint32_t height, 
     return scratch;
 }
 
+/* Between compressing and writing: noise may come out of ZIP exactly as long as it went in. A reader takes a chunk of
+ * that size for a plain one, but OpenEXRCore 3.1's writer would store it compressed. */
+static exr_result_t store_plain(exr_encode_pipeline_t *pipe)
+{
+    if (pipe->compressed_buffer != pipe->packed_buffer && pipe->compressed_bytes >= pipe->packed_bytes) {
+        memcpy(pipe->compressed_buffer, pipe->packed_buffer, pipe->packed_bytes);
+        pipe->compressed_bytes = pipe->packed_bytes;
+    }
+    return EXR_ERR_SUCCESS;
+}
+
 static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uint32_t y, float *scratch,
                                 exr_encode_pipeline_t *pipe)
 {
@@ -120,6 +131,7 @@ static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uin
     }
     if (y == 0)
         r = exr_encoding_choose_default_routines(ctx, 0, pipe);
+    pipe->yield_until_ready_fn = store_plain;
     return r == EXR_ERR_SUCCESS ? exr_encoding_run(ctx, 0, pipe) : r;
 }
 
