@@ -16,12 +16,22 @@ except ImportError:
     print("skipped: python3-websockets is not installed")
     sys.exit(77)
 
+SKIPPED = 77
+
 BIN = Path(os.environ["RELIGHT_BIN"])
 WAIT_S = 60  # until something that must come has come; machines may be slow
 
 
 class Failed(Exception):
     pass
+
+
+class Skipped(Exception):
+    pass
+
+
+def skip(why):
+    raise Skipped(why)
 
 
 def check(what, message):
@@ -224,3 +234,6 @@ def main(claims):
     except Failed as fault:
         print("FAILED:", fault)
         sys.exit(1)
+    except Skipped as why:
+        print("skipped:", why)
+        sys.exit(SKIPPED)
