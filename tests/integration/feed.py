@@ -263,7 +263,8 @@ async def the_token_is_said(folder):
 
 async def nonsense_from_a_server_ends_it(folder):
     pattern = sky_files(folder, 1)
-    for nonsense in ("no json", "[1]", '{"op":5}', '{"op":"a","op":"b"}', "x" * 300000, '{"op":"x","a":' + "[" * 5000):
+    for nonsense in ("no json", "[1]", '{"op":5}', '{"op":"a","op":"b"}', "x" * 300000,
+                     '{"op":"x","a":' + "[" * 5000):
 
         async def script(link):
             await link.read()

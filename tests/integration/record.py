@@ -418,7 +418,8 @@ async def wrong_usage_ends_with_2(folder):
             (("--out", jpg, "--format", "png"), "not known"), (("--out", jpg, "--quality", "0"), "--quality"),
             (("--out", folder / "%d.exr", "--quality", "50"), "of JPEG only"),
             (("--out", jpg, "--lockstep", "--once"), "--once"), (("--out", jpg, "--recorder", "a b"), "'a b'"),
-            (("--out", jpg, "--lockstep", "--max-rate", "3"), "--max-rate"), (("--out", jpg, "--frames", "0"), "--frames"),
+            (("--out", jpg, "--lockstep", "--max-rate", "3"), "--max-rate"),
+            (("--out", jpg, "--frames", "0"), "--frames"),
             (("--out", jpg, "--from", "here"), "ws://HOST:PORT"), (("--out", jpg, "more"), "too many")):
         expect(await run("relight-record", *arguments), 2, text)
     expect(await run("relight-record", "--out", folder / "nowhere" / "%d.jpg"), 1, "No such file")
