@@ -76,12 +76,66 @@ static enum err take_layout(struct environment *e, const struct frame *f, struct
     return ERR_OK;
 }
 
+static void add_faults(struct image_faults *to, const struct image_faults *more)
+{
+    to->nan += more->nan;
+    to->infinite += more->infinite;
+    to->negative += more->negative;
+    to->clipped += more->clipped;
+}
+
+/* One face of six files into its place in OpenEXR's cube; the first gives all their size. Graphics libraries name the
+ * faces so that px lies to the right of pz, seen from the inside, as cells of a horizontal cross: with pz at +Z that is
+ * -X. Turned by half, their py and ny are OpenEXR's. */
+static enum err place_face(struct image *cube, struct image *face, uint32_t k, const char *name, struct reason *why)
+{
+    static const uint32_t slot[CUBE_FACES] = { 1, 0, 2, 3, 4, 5 };
+    const uint32_t size = face->width;
+
+    const enum err e = k == 0 && size == face->height ? image_resize(cube, size, CUBE_FACES * size) : ERR_OK;
+    if (e)
+        return err_say(why, e, "%s: six faces of %ux%u texels cannot be held", name, size, size);
+    if (size != face->height || size != cube->width || CUBE_FACES * size != cube->height)
+        return err_say(why, ERR_FORMAT, "%s: %ux%u is no square face of the same size as the first", name, size,
+                       face->height);
+    const size_t texels = (size_t)size * size;
+    float *to = cube->rgb + 3 * texels * slot[k];
+    if (k == 2 || k == 3)
+        for (size_t t = 0; t < texels; t++)
+            memcpy(to + 3 * t, face->rgb + 3 * (texels - 1 - t), 3 * sizeof(float));
+    else
+        memcpy(to, face->rgb, 3 * texels * sizeof(float));
+    add_faults(&cube->faults, &face->faults);
+    return ERR_OK;
+}
+
+static enum err decode_faces(struct environment *e, const struct frame *f, struct reason *why)
+{
+    static const char *const names[CUBE_FACES] = { "px", "nx", "py", "ny", "pz", "nz" };
+    struct image face = { .rgb = NULL };
+    char name[sizeof(f->name) + 16];
+    enum err result = ERR_OK;
+    size_t at = 0;
+
+    for (uint32_t k = 0; k < CUBE_FACES && !result; at += f->faces[k++]) {
+        snprintf(name, sizeof(name), "%s (face %s)", f->name, names[k]);
+        result = decode_image(f->bytes + at, f->faces[k], name, &face, why);
+        if (!result)
+            result = place_face(&e->image, &face, k, name, why);
+    }
+    e->image.layout = LAYOUT_CUBE;
+    image_finish(&face);
+    return result;
+}
+
 enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why)
 {
     enum err result = ERR_OK;
 
     e->ready = false;
-    if (f->kind == FRAME_FILE) {
+    if (f->kind == FRAME_FILE && f->faces[0]) {
+        result = decode_faces(e, f, why);
+    } else if (f->kind == FRAME_FILE) {
         result = decode_image(f->bytes, f->size, f->name, &e->image, why);
     } else if (f->kind == FRAME_TEXELS) {
         result = image_resize(&e->image, f->width, f->height);

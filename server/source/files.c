@@ -16,6 +16,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define FACE "{face}"
+
 enum err files_say_errno(struct reason *why, const char *path, const char *what, int number)
 {
     char text[128] = "";
@@ -45,7 +47,7 @@ enum err files_add(struct file_list *l, const char *dir, const char *name, uint6
         snprintf(path, size, "%s%s%s", dir, dir[0] && dir[strlen(dir) - 1] == '/' ? "" : "/", name);
     else
         memcpy(path, name, size);
-    l->items[l->count++] = (struct file_item){ path, number };
+    l->items[l->count++] = (struct file_item){ .path = path, .number = number };
     return ERR_OK;
 }
 
@@ -294,25 +296,66 @@ static enum err from_existing(const char *spec, const struct stat *st, struct fi
     return e;
 }
 
-enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why)
+static enum err expand(const char *spec, struct file_list *out, struct reason *why)
 {
     struct pattern p;
     struct stat st;
     const char *at;
     size_t length;
+
+    if (stat(spec, &st) == 0)
+        return from_existing(spec, &st, out, why);
+    if (count_conversions(spec, &at, &length, &p) > 0)
+        return from_pattern(spec, out, why);
+    if (strpbrk(spec, "*?["))
+        return from_glob(spec, out, why);
+    return files_say_errno(why, spec, "cannot be opened", errno);
+}
+
+/* The names that the faces of a cube have, in the order of frame.h. */
+static const char *const face_names[2][6] = { { "px", "nx", "py", "ny", "pz", "nz" },
+                                              { "posx", "negx", "posy", "negy", "posz", "negz" } };
+
+/* What the spec gives with the first face's name in place of `{face}`, which `at` points to. */
+static enum err from_faces(const char *spec, const char *at, struct file_list *out, struct reason *why)
+{
+    const size_t before = (size_t)(at - spec), size = strlen(spec) + 1;
+    const char *after = at + strlen(FACE);
+    char *first = mem_alloc(size, 1);
+    enum err e = ERR_IO;
+
+    if (!first)
+        return ERR_NOMEM;
+    if (strpbrk(after, "%*?[{")) {
+        mem_free(first);
+        return err_say(why, ERR_USAGE, "%s: after " FACE " nothing may vary", spec);
+    }
+    for (int k = 0; k < 2 && e == ERR_IO; k++) {
+        snprintf(first, size, "%.*s%s%s", (int)before, spec, face_names[k][0], after);
+        files_finish(out);
+        e = expand(first, out, why);
+        for (size_t i = 0; !e && i < out->count; i++) {
+            out->items[i].face_length = strlen(face_names[k][0]);
+            out->items[i].face_at = strlen(out->items[i].path) - strlen(after) - out->items[i].face_length;
+        }
+    }
+    mem_free(first);
+    return e == ERR_IO ? err_say(why, e, "%s: there is no file of the first face, px or posx", spec) : e;
+}
+
+enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why)
+{
+    struct stat st;
+    const char *face = strstr(spec, FACE);
     enum err e;
 
     *out = (struct file_list){ .items = NULL };
     if (!spec[0])
         return err_say(why, ERR_USAGE, "the source is empty: a file, folder, pattern, watch:DIR or sky: is wanted");
-    if (stat(spec, &st) == 0)
-        e = from_existing(spec, &st, out, why);
-    else if (count_conversions(spec, &at, &length, &p) > 0)
-        e = from_pattern(spec, out, why);
-    else if (strpbrk(spec, "*?["))
-        e = from_glob(spec, out, why);
+    if (face && stat(spec, &st) != 0)
+        e = from_faces(spec, face, out, why);
     else
-        e = files_say_errno(why, spec, "cannot be opened", errno);
+        e = expand(spec, out, why);
     if (e == ERR_NOMEM)
         err_say(why, e, "%s: no memory for the list of its files", spec);
     if (e)
@@ -333,54 +376,93 @@ static void set_name(struct frame *f, const char *path)
         snprintf(f->name, sizeof(f->name), "...%s", path + n - (room - 3));
 }
 
-static enum err read_bytes(int fd, struct frame *f, const char *path, struct reason *why)
+static enum err read_bytes(int fd, uint8_t *to, size_t size, const char *path, struct reason *why)
 {
-    for (size_t done = 0; done < f->size;) {
-        const ssize_t n = read(fd, f->bytes + done, f->size - done);
+    for (size_t done = 0; done < size;) {
+        const ssize_t n = read(fd, to + done, size - done);
         if (n < 0 && errno == EINTR)
             continue;
         if (n < 0)
             return files_say_errno(why, path, "cannot be read", errno);
         if (n == 0)
             return err_say(why, ERR_IO, "%s: byte %zu: the file became shorter while it was read (%zu bytes before)",
-                           path, done, f->size);
+                           path, done, size);
         done += (size_t)n;
     }
     return ERR_OK;
 }
 
-static enum err read_open(int fd, const struct file_item *item, struct frame *f, struct reason *why)
+/* On ERR_OK *fd is open and *st tells its size, which is within the limits. */
+static enum err open_file(const char *path, int *fd, struct stat *st, struct reason *why)
 {
-    struct stat st;
+    enum err e = ERR_OK;
 
-    if (fstat(fd, &st) != 0)
-        return files_say_errno(why, item->path, "cannot be examined", errno);
-    if (!S_ISREG(st.st_mode))
-        return err_say(why, ERR_IO, "%s: is not a plain file", item->path);
-    if (st.st_size <= 0)
-        return err_say(why, ERR_IO, "%s: is empty", item->path);
-    if ((uint64_t)st.st_size > FILES_SIZE_MAX)
-        return err_say(why, ERR_RANGE, "%s: is %lld bytes long, more than the limit of %" PRIu64, item->path,
-                       (long long)st.st_size, FILES_SIZE_MAX);
-    if (frame_reserve_bytes(f, (size_t)st.st_size))
-        return err_say(why, ERR_NOMEM, "%s: no memory for its %lld bytes", item->path, (long long)st.st_size);
-    f->number = item->number;
-    f->capture_us = (int64_t)st.st_mtim.tv_sec * 1000000 + st.st_mtim.tv_nsec / 1000;
-    set_name(f, item->path);
-    return read_bytes(fd, f, item->path, why);
+    /* O_NONBLOCK: opening a FIFO must not wait for its writer before we can see that it is one. */
+    *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (*fd < 0)
+        return files_say_errno(why, path, "cannot be opened", errno);
+    if (fstat(*fd, st) != 0)
+        e = files_say_errno(why, path, "cannot be examined", errno);
+    else if (!S_ISREG(st->st_mode))
+        e = err_say(why, ERR_IO, "%s: is not a plain file", path);
+    else if (st->st_size <= 0)
+        e = err_say(why, ERR_IO, "%s: is empty", path);
+    else if ((uint64_t)st->st_size > FILES_SIZE_MAX)
+        e = err_say(why, ERR_RANGE, "%s: is %lld bytes long, more than the limit of %" PRIu64, path,
+                    (long long)st->st_size, FILES_SIZE_MAX);
+    if (e) {
+        close(*fd);
+        *fd = -1;
+    }
+    return e;
+}
+
+/* `count` files, one after another. A path with several faces has the name of each in turn written into it. */
+static enum err read_all(const struct file_item *item, char *path, size_t count, struct frame *f, struct reason *why)
+{
+    const char *const *names = face_names[item->face_length == 4];
+    struct stat st[6];
+    int fd[6];
+    size_t total = 0, opened = 0;
+    enum err e = ERR_OK;
+
+    for (; opened < count && !e; opened += !e) {
+        if (count > 1)
+            memcpy(path + item->face_at, names[opened], item->face_length);
+        e = open_file(path, &fd[opened], &st[opened], why);
+        total += e ? 0 : (size_t)st[opened].st_size;
+    }
+    if (!e && total > FILES_SIZE_MAX)
+        e = err_say(why, ERR_RANGE, "%s: the faces together have more than %" PRIu64 " bytes", path, FILES_SIZE_MAX);
+    if (!e && frame_reserve_bytes(f, total))
+        e = err_say(why, ERR_NOMEM, "%s: no memory for its %zu bytes", path, total);
+    for (size_t k = 0, at = 0; k < count && !e; at += (size_t)st[k++].st_size) {
+        if (count > 1) {
+            memcpy(path + item->face_at, names[k], item->face_length);
+            f->faces[k] = (size_t)st[k].st_size;
+        }
+        f->capture_us = (int64_t)st[k].st_mtim.tv_sec * 1000000 + st[k].st_mtim.tv_nsec / 1000;
+        e = read_bytes(fd[k], f->bytes + at, (size_t)st[k].st_size, path, why);
+    }
+    while (opened)
+        close(fd[--opened]);
+    return e;
 }
 
 enum err files_read(const struct file_item *item, struct frame *f, struct reason *why)
 {
     assert(item->path);
     f->kind = FRAME_NONE;
-    /* O_NONBLOCK: opening a FIFO must not wait for its writer before we can see that it is one. */
-    const int fd = open(item->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    if (fd < 0)
-        return files_say_errno(why, item->path, "cannot be opened", errno);
-    const enum err e = read_open(fd, item, f, why);
+    f->number = item->number;
+    set_name(f, item->path);
+    const size_t size = strlen(item->path) + 1;
+    char *path = mem_alloc(size, 1);
+    if (!path)
+        return err_say(why, ERR_NOMEM, "%s: no memory for its name", item->path);
+    memcpy(path, item->path, size);
+    const enum err e = read_all(item, path, item->face_length ? 6 : 1, f, why);
     if (e)
         f->kind = FRAME_NONE;
-    close(fd);
+    mem_free(path);
     return e;
 }

@@ -16,6 +16,9 @@
 struct file_item {
     char *path; /* owned */
     uint64_t number;
+    /* Of six files, one a face of a cube, path is the first; the others have another name of face_length characters
+     * (px, nx, py, ny, pz, nz: 2; posx ..: 4) at path + face_at. 0: one file. */
+    size_t face_at, face_length;
 };
 
 /* A queue of files: items[next] is the one to read next, what lies before it was read. Zeroed memory is an empty one.
@@ -41,8 +44,9 @@ MUST_CHECK enum err files_from_spec(const char *spec, struct file_list *out, str
 /* All frames of a folder in byte order of their names, numbered from 0. There may be none. ERR_IO, ERR_NOMEM. */
 MUST_CHECK enum err files_from_folder(const char *dir, struct file_list *out, struct reason *why);
 
-/* The whole file into f->bytes, with number, name and capture time (the file's last modification).
- * ERR_IO: cannot be read, is empty or no plain file. ERR_RANGE: above FILES_SIZE_MAX. ERR_NOMEM. */
+/* The whole file, or six in the order px, nx, py, ny, pz, nz (f->faces), into f->bytes, with number, name and capture
+ * time (the file's last modification). ERR_IO: cannot be read, is empty or no plain file. ERR_RANGE: above
+ * FILES_SIZE_MAX. ERR_NOMEM. */
 MUST_CHECK enum err files_read(const struct file_item *item, struct frame *f, struct reason *why);
 
 /* "dir: cannot be opened: No such file or directory", from errno. */

@@ -2,6 +2,8 @@
 
 #include "mem.h"
 
+#include <string.h>
+
 /* The old contents need not survive, so the old block goes first and the two are never held at once. */
 static enum err reserve(void **block, size_t *capacity, size_t count, size_t size)
 {
@@ -22,6 +24,7 @@ enum err frame_reserve_bytes(struct frame *f, size_t size)
 
     f->kind = FRAME_NONE;
     f->size = 0;
+    memset(f->faces, 0, sizeof(f->faces));
     const enum err e = reserve(&block, &f->bytes_capacity, size, 1);
     f->bytes = block;
     if (e)

@@ -26,6 +26,8 @@ struct frame {
     uint8_t *bytes; /* FRAME_FILE */
     size_t size;
     size_t bytes_capacity;
+    size_t faces[6]; /* bytes of each of six files that stand one after another in `bytes`: the faces px, nx, py, ny, pz
+                      * and nz of a cube; all 0: one file */
 
     float *rgb; /* FRAME_TEXELS */
     uint32_t width, height;

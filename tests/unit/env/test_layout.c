@@ -226,6 +226,52 @@ static void large_pictures_are_reduced_and_keep_their_energy(void **state)
     }
 }
 
+/* A flat Radiance file of one cell of a horizontal cross, each texel its own direction; returns its size. */
+static size_t put_face(uint8_t *to, uint32_t size, uint32_t column, uint32_t row)
+{
+    size_t at = (size_t)sprintf((char *)to, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n", size, size);
+    for (uint32_t i = 0; i < size * size; i++) {
+        double w[3] = { 0.0, 0.0, 0.0 };
+        assert_true(test_direction("hcross", 4.0 * size, 3.0 * size, column * size + i % size + 0.5,
+                                   row * size + i / size + 0.5, w));
+        for (int c = 0; c < 3; c++)
+            to[at++] = (uint8_t)((2.0 + w[c]) * 64.0); /* exponent 130: 4 is 256 */
+        to[at++] = 130;
+    }
+    return at;
+}
+
+/* px lies to the right of pz, which is at +Z: the cells of a horizontal cross, as graphics libraries unfold a cube. */
+static void six_files_are_the_cells_of_a_horizontal_cross(void **state)
+{
+    static const uint32_t cell[6][2] = { { 2, 1 }, { 0, 1 }, { 1, 0 }, { 1, 2 }, { 1, 1 }, { 3, 1 } };
+    struct rng random = { 3 };
+    struct reason why = { "" };
+    struct frame f = { 0 };
+    (void)state;
+    assert_int_equal(frame_reserve_bytes(&f, 6 * (64 * 64 * 4 + 100)), ERR_OK);
+    f.size = 0;
+    for (int k = 0; k < 6; k++) {
+        f.faces[k] = put_face(f.bytes + f.size, 64, cell[k][0], cell[k][1]);
+        f.size += f.faces[k];
+    }
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 48 });
+    assert_int_equal(environment_update(e, &f, &why), ERR_OK);
+    for (int k = 0; k < 1000; k++) {
+        const double z = 2.0 * rng_next(&random) - 1.0, phi = 2.0 * PI * rng_next(&random), s = sqrt(1.0 - z * z);
+        const float w[3] = { (float)(s * cos(phi)), (float)(s * sin(phi)), (float)z };
+        float rgb[3];
+        environment_look(e, vec3_make(w[0], w[1], w[2]), rgb);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(rgb[c] - 2.0f - w[c]) < 0.04f);
+    }
+    put_face(f.bytes + f.faces[0], 32, 0, 0 + 1); /* the second face is of another size */
+    assert_int_equal(environment_update(e, &f, &why), ERR_FORMAT);
+    assert_non_null(strstr(why.text, "face nx"));
+    frame_finish(&f);
+    environment_destroy(e);
+}
+
 static void check_choice(enum layout option, enum layout file, uint32_t width, uint32_t height, const char *refusal)
 {
     struct reason why = { "" };
@@ -305,6 +351,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_layout_shows_each_direction_where_it_says),
     cmocka_unit_test(every_layout_gives_the_same_cube_map),
     cmocka_unit_test(large_pictures_are_reduced_and_keep_their_energy),
+    cmocka_unit_test(six_files_are_the_cells_of_a_horizontal_cross),
     cmocka_unit_test(option_wins_over_file_and_file_over_shape),
     cmocka_unit_test(a_frames_own_word_is_heard),
     cmocka_unit_test(unknown_shapes_ask_for_the_layouts_that_fit),

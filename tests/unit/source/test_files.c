@@ -51,6 +51,39 @@ static enum err refuse(const char *spec, struct reason *why)
     return e;
 }
 
+/* {face} stands for six names, in the order of frame.h; numbers go on as ever. */
+static void faces_come_as_six_files_in_one_frame(void **state)
+{
+    static const char *const names[] = { "posx", "negx", "posy", "negy", "posz", "negz" };
+    char spec[4200], name[64];
+    struct folder f;
+    struct source *s;
+    struct reason why;
+    struct frame frame = { .kind = FRAME_NONE };
+
+    (void)state;
+    folder_make(&f);
+    for (int k = 0; k < 12; k++) {
+        snprintf(name, sizeof(name), "s.%d.%s.hdr", 3 + k / 6, names[k % 6]);
+        folder_put(&f, name, names[k % 6] + (k < 6 ? 0 : 3));
+    }
+    snprintf(spec, sizeof(spec), "%s/s.%%d.{face}.hdr", f.path);
+    assert_string_equal(walk_spec(spec), "3=posxnegxposynegyposznegz 4=xxyyzz");
+    assert_int_equal(source_open(&(struct source_desc){ .spec = spec }, &s, &why), ERR_OK);
+    assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+    for (int k = 0; k < 6; k++)
+        assert_int_equal(frame.faces[k], 4);
+    source_close(s);
+    frame_finish(&frame);
+    assert_int_equal(remove(folder_path(&f, "s.4.negy.hdr")), 0);
+    assert_string_equal(walk_spec(spec), "3=posxnegxposynegyposznegz !input or output failed");
+    snprintf(spec, sizeof(spec), "%s/{face}.%%d.hdr", f.path);
+    assert_int_equal(refuse(spec, &why), ERR_USAGE);
+    snprintf(spec, sizeof(spec), "%s/{face}.hdr", f.path);
+    assert_int_equal(refuse(spec, &why), ERR_IO);
+    folder_remove(&f);
+}
+
 static void pattern_walks_the_numbers_that_exist_in_order(void **state)
 {
     struct folder f;
@@ -400,6 +433,7 @@ static void real_sequence_has_its_67_frames(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(faces_come_as_six_files_in_one_frame),
     cmocka_unit_test(pattern_walks_the_numbers_that_exist_in_order),
     cmocka_unit_test(pattern_knows_the_conversions_of_whole_numbers),
     cmocka_unit_test(pattern_takes_every_other_percent_sign_literally),
