@@ -4,7 +4,7 @@
  * literal) walks the numbers that exist between first and last, ascending; a directory takes its *.exr and *.hdr of any
  * case, a glob what it matches, both in byte order, counted from 0; one file is one frame with the number in its name's
  * last run of digits, or 0. A name that exists is that file, whatever characters it has.
- * A spec with `{face}` in it, after which nothing may vary, means six files for each frame, the faces of a cube: px, nx,
+ * A spec with `{face}` in it, after which nothing may vary, means six files a frame, the faces of a cube: px, nx,
  * py, ny, pz and nz, or posx, negx and so on, in its place (`pier/{face}.hdr`, `sky.%04d.{face}.exr`).
  * `watch:DIR` gives the frames of DIR in byte order, then those that are closed after writing or moved in, as they
  * come, counted from 0 in that order; hidden names (".x.exr") are left alone, so that a writer may use and then rename
