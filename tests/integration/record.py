@@ -2,10 +2,13 @@
 """relight-record against a scripted server: what it asks for, what it stores, and when it says that it has."""
 
 import asyncio
+import base64
 import functools
+import hashlib
 import json
 import os
 import random
+import re
 import resource
 import signal
 
@@ -215,6 +218,27 @@ async def pictures_that_lie_are_not_stored(folder):
         async with Server(script) as server:
             expect(await record(server, "--once", "--out", folder / "a.exr"), 1, "cannot be stored")
     check(names(folder) == [], f"{names(folder)}")
+
+
+async def a_size_beyond_all_bounds_is_not_waited_for(folder):
+    """A WebSocket frame that announces a tebibyte, as binary and as text: given up when the first 64 KiB are there."""
+    for opcode, kind in ((0x82, "binary"), (0x81, "text")):
+
+        async def serve(reader, writer):
+            request = (await reader.readuntil(b"\r\n\r\n")).decode()
+            key = re.search("Sec-WebSocket-Key: (.*)\r", request)[1]
+            accept = hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()
+            writer.write(b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                         b"Sec-WebSocket-Protocol: relight.v1\r\nSec-WebSocket-Accept: "
+                         + base64.b64encode(accept) + b"\r\n\r\n"
+                         + bytes([opcode, 127]) + (1 << 40).to_bytes(8, "big") + b"RLP1" * 50000)
+            await reader.read(10000)
+
+        server = await asyncio.start_server(serve, "127.0.0.1", 0)
+        url = "ws://127.0.0.1:%d" % server.sockets[0].getsockname()[1]
+        program = await run("relight-record", "--from", url, "--once", "--out", folder / "a.exr")
+        expect(program, 1, f"sent a {kind} message of more than")
+        server.close()
 
 
 async def a_server_that_does_not_want_us_is_told(folder):
