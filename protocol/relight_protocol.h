@@ -20,6 +20,7 @@
 #define PROTOCOL_SIDE_MAX 16384              /* width and height of anything */
 #define PROTOCOL_TEXT_MAX 16384              /* bytes of a text message to the server */
 #define PROTOCOL_CREDIT 2                    /* pictures under way to a viewer and not yet acknowledged */
+#define PROTOCOL_NAME_MAX 64                 /* characters of a sequence's name */
 #define PROTOCOL_NUMBER_MAX 9007199254740991 /* 2^53 - 1: what every JSON reader keeps exactly */
 
 enum protocol_result {

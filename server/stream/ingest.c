@@ -1,44 +1,363 @@
-#include "server.h"
+#include "ingest.h"
 
+#include "clock.h"
 #include "internal.h"
+#include "texels.h"
 
+#include <assert.h>
+#include <stdio.h>
+#include <string.h>
 #include <time.h>
+
+void ingest_init(struct ingest *g)
+{
+    pthread_condattr_t monotonic;
+
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&g->arrived, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+}
+
+void ingest_finish(struct ingest *g)
+{
+    block_finish(&g->live.payload);
+    block_finish(&g->lockstep.payload);
+    block_finish(&g->spare);
+    for (int i = 0; i < INGEST_SEQUENCES; i++)
+        picture_unref(g->sequences[i].kept);
+    pthread_cond_destroy(&g->arrived);
+}
+
+/* {lock} Keeps the larger of two spare blocks, and none for nobody. */
+static void keep_spare(struct ingest *g, struct block *b)
+{
+    if (g->producer && b->capacity > g->spare.capacity) {
+        const struct block old = g->spare;
+        g->spare = *b;
+        *b = old;
+    }
+    block_finish(b);
+}
+
+void ingest_spare(struct server *s, struct block *out)
+{
+    pthread_mutex_lock(&s->lock);
+    *out = s->ingest.spare;
+    s->ingest.spare = (struct block){ 0 };
+    pthread_mutex_unlock(&s->lock);
+}
+
+void ingest_attach(struct server *s, uint64_t producer, struct sequence *sequence)
+{
+    struct ingest *g = &s->ingest;
+
+    pthread_mutex_lock(&s->lock);
+    g->producer = producer;
+    g->current = sequence;
+    g->returned = 0;
+    pthread_mutex_unlock(&s->lock);
+}
+
+void ingest_detach(struct server *s, uint64_t producer)
+{
+    struct ingest *g = &s->ingest;
+
+    pthread_mutex_lock(&s->lock);
+    if (g->producer == producer) {
+        g->producer = 0;
+        g->current = NULL;
+        block_finish(&g->spare);
+    }
+    pthread_mutex_unlock(&s->lock);
+}
+
+/* {lock} */
+static struct note *note(struct ingest *g, uint64_t producer, struct sequence *sequence, uint64_t number,
+                         enum server_fate fate)
+{
+    assert(g->note_count < INGEST_NOTES);
+    struct note *n = &g->notes[g->note_count++];
+    *n = (struct note){ .producer = producer, .sequence = sequence, .number = number, .fate = fate };
+    n->fault.clause = "";
+    return n;
+}
+
+unsigned ingest_notes(struct server *s, struct note out[INGEST_NOTES])
+{
+    struct ingest *g = &s->ingest;
+
+    pthread_mutex_lock(&s->lock);
+    const unsigned count = g->note_count;
+    memcpy(out, g->notes, count * sizeof(out[0]));
+    g->note_count = 0;
+    pthread_mutex_unlock(&s->lock);
+    return count;
+}
+
+/* {lock} A frame that had been received before its producer came back: its fate stands. */
+static void deliver_again(struct ingest *g, const struct pushed *p)
+{
+    const bool refused = p->sequence->refused && p->header.frame == p->sequence->accepted;
+    struct note *n = note(g, p->producer, p->sequence, p->header.frame, refused ? SERVER_REFUSED : SERVER_USED);
+
+    g->repeated++;
+    if (refused)
+        fault_say(&n->fault, FAULT_BAD_FRAME, "7.10", "it was refused before");
+}
+
+/* {lock} */
+static void deliver_refused(struct ingest *g, const struct pushed *p, const struct fault *refusal)
+{
+    g->refused++;
+    note(g, p->producer, p->sequence, p->header.frame, SERVER_REFUSED)->fault = *refusal;
+    if (p->sequence) {
+        p->sequence->has_accepted = p->sequence->refused = true;
+        p->sequence->accepted = p->header.frame;
+        p->sequence->ended = false;
+    } else {
+        g->returned++;
+    }
+    g->ended = false;
+}
+
+/* {lock} */
+static void deliver_live(struct ingest *g, const struct pushed *p)
+{
+    if (g->live.full) {
+        g->superseded++;
+        note(g, g->live.producer, NULL, g->live.header.frame, SERVER_SUPERSEDED);
+        if (g->live.producer == g->producer)
+            g->returned++;
+        keep_spare(g, &g->live.payload);
+    }
+    g->live = *p;
+    g->ended = false;
+}
+
+/* {lock} */
+static void deliver_lockstep(struct ingest *g, const struct pushed *p)
+{
+    struct sequence *q = p->sequence;
+
+    assert(q->stage == SEQUENCE_IDLE && !g->lockstep.full); /* or no credit would have been given */
+    q->stage = SEQUENCE_WAITING;
+    q->has_accepted = true;
+    q->accepted = p->header.frame;
+    q->refused = q->ended = false;
+    g->lockstep = *p;
+    g->ended = false;
+}
+
+void ingest_deliver(struct server *s, struct assembly *a, uint64_t producer, const char *peer,
+                    struct sequence *sequence, const struct fault *refusal)
+{
+    struct ingest *g = &s->ingest;
+    struct pushed p = {
+        .full = true, .header = a->header, .payload = a->payload, .producer = producer, .sequence = sequence
+    };
+
+    snprintf(p.peer, sizeof(p.peer), "%s", peer);
+    pthread_mutex_lock(&s->lock);
+    g->received++;
+    if (sequence && sequence->has_accepted && p.header.frame <= sequence->accepted) {
+        deliver_again(g, &p);
+    } else if (refusal) {
+        deliver_refused(g, &p, refusal);
+    } else {
+        if (sequence)
+            deliver_lockstep(g, &p);
+        else
+            deliver_live(g, &p);
+        a->payload = (struct block){ 0 };
+        pthread_cond_signal(&g->arrived);
+    }
+    pthread_mutex_unlock(&s->lock);
+}
+
+/* ---- Credit ---- */
+
+bool ingest_may_grant(struct server *s, const struct sequence *sequence)
+{
+    const struct ingest *g = &s->ingest;
+
+    pthread_mutex_lock(&s->lock);
+    bool may = sequence->stage == SEQUENCE_IDLE && sequence->recording;
+    for (int i = 0; i < INGEST_SEQUENCES; i++) /* one frame at a time, whoever's */
+        may = may && g->sequences[i].stage != SEQUENCE_WAITING && g->sequences[i].stage != SEQUENCE_WORKING;
+    pthread_mutex_unlock(&s->lock);
+    return may;
+}
+
+uint32_t ingest_returned(struct server *s)
+{
+    pthread_mutex_lock(&s->lock);
+    const uint32_t n = s->ingest.returned;
+    s->ingest.returned = 0;
+    pthread_mutex_unlock(&s->lock);
+    return n;
+}
+
+/* ---- Taking, and what became of it: any thread ---- */
+
+/* {lock} */
+static struct ticket *open_ticket(struct ingest *g, const struct pushed *p)
+{
+    struct ticket *t = NULL;
+
+    for (int i = 0; i < INGEST_TICKETS; i++) {
+        struct ticket *c = &g->tickets[i];
+        if (c->id && c->sequence) /* never forgotten; there is at most one, see ingest_may_grant */
+            continue;
+        if (!t || c->id < t->id)
+            t = c;
+    }
+    *t = (struct ticket){ ++g->last_ticket, p->producer, p->header.frame, p->sequence };
+    return t;
+}
+
+/* {lock} */
+static struct ticket *find_ticket(struct ingest *g, const struct server_ticket *ticket)
+{
+    for (int i = 0; ticket->id && i < INGEST_TICKETS; i++)
+        if (g->tickets[i].id == ticket->id)
+            return &g->tickets[i];
+    return NULL;
+}
+
+static void set_layout(struct frame *f, const struct protocol_environment *h)
+{
+    static const char *const names[] = { "", "latlong", "cube", "hcross", "vcross", "ball", "fisheye" };
+    const bool raw = f->kind == FRAME_TEXELS;
+    const char *name = names[h->layout];
+
+    if (h->layout == PROTOCOL_LAYOUT_AUTO && raw)
+        name = "auto";
+    if (!raw && h->flags & PROTOCOL_BOTTOM_FIRST)
+        name = "latlong-bottom"; /* of files no other is taken bottom first */
+    snprintf(f->layout, sizeof(f->layout), "%s", name);
+}
+
+/* The payload into the frame; what memory the frame had goes back in its place. */
+static enum err fill_frame(struct frame *f, struct pushed *p)
+{
+    const struct protocol_environment *h = &p->header;
+    enum err e = ERR_OK;
+
+    if (h->encoding == PROTOCOL_FILE_EXR || h->encoding == PROTOCOL_FILE_HDR) {
+        const struct block old = { f->bytes, f->bytes_capacity };
+        f->bytes = p->payload.bytes;
+        f->bytes_capacity = p->payload.capacity;
+        p->payload = old;
+        f->kind = FRAME_FILE;
+        f->size = h->payload;
+    } else {
+        e = texels_take(f, h, &p->payload);
+    }
+    f->number = h->frame;
+    f->capture_us = h->capture_us;
+    snprintf(f->name, sizeof(f->name), "frame %llu of producer %s", (unsigned long long)h->frame, p->peer);
+    set_layout(f, h);
+    return e;
+}
+
+/* {lock} Waits for a frame and moves it into *out. */
+static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
+{
+    struct ingest *g = &s->ingest;
+    struct timespec until;
+
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_sec += timeout_ms / 1000;
+    until.tv_nsec += timeout_ms % 1000 * 1000000L;
+    if (until.tv_nsec >= 1000000000L) {
+        until.tv_sec++;
+        until.tv_nsec -= 1000000000L;
+    }
+    while (!g->lockstep.full && !g->live.full)
+        if (pthread_cond_timedwait(&g->arrived, &s->lock, &until) != 0)
+            break;
+    struct pushed *from = g->lockstep.full ? &g->lockstep : &g->live;
+    if (!from->full)
+        return false;
+    *out = *from;
+    *from = (struct pushed){ 0 };
+    return true;
+}
 
 bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms)
 {
-    (void)s;
-    (void)f;
+    struct ingest *g = &s->ingest;
+    struct pushed p;
+
     *ticket = (struct server_ticket){ 0 };
-    nanosleep(&(struct timespec){ timeout_ms / 1000, timeout_ms % 1000 * 1000000L }, NULL);
-    return false;
+    pthread_mutex_lock(&s->lock);
+    if (!wait_frame(s, &p, timeout_ms)) {
+        pthread_mutex_unlock(&s->lock);
+        return false;
+    }
+    *ticket = (struct server_ticket){ open_ticket(g, &p)->id, p.sequence != NULL };
+    if (p.sequence)
+        p.sequence->stage = SEQUENCE_WORKING;
+    else if (p.producer == g->producer)
+        g->returned++; /* the next may come while this one is decoded */
+    pthread_mutex_unlock(&s->lock);
+
+    const enum err e = fill_frame(f, &p);
+    pthread_mutex_lock(&s->lock);
+    keep_spare(g, &p.payload);
+    pthread_mutex_unlock(&s->lock);
+    lws_cancel_service(s->context);
+    if (e)
+        server_frame_fate(s, ticket, SERVER_REFUSED, "there is no memory for its texels");
+    return e == ERR_OK;
 }
 
 void server_frame_fate(struct server *s, const struct server_ticket *ticket, enum server_fate fate, const char *why)
 {
-    (void)s;
-    (void)ticket;
-    (void)fate;
-    (void)why;
+    struct ingest *g = &s->ingest;
+
+    pthread_mutex_lock(&s->lock);
+    struct ticket *t = find_ticket(g, ticket);
+    if (!t) {
+        pthread_mutex_unlock(&s->lock);
+        return;
+    }
+    if (t->sequence) {
+        if (fate != SERVER_REFUSED) {
+            fate = SERVER_REFUSED;
+            why = "no picture was made of it";
+        }
+        t->sequence->stage = SEQUENCE_IDLE;
+        t->sequence->refused = true;
+    }
+    g->refused += fate == SERVER_REFUSED;
+    g->superseded += fate == SERVER_SUPERSEDED;
+    struct note *n = note(g, t->producer, t->sequence, t->number, fate);
+    if (fate == SERVER_REFUSED)
+        fault_say(&n->fault, FAULT_BAD_FRAME, "7.10", "%s", why ? why : "it could not be used");
+    *t = (struct ticket){ 0 };
+    pthread_mutex_unlock(&s->lock);
+    lws_cancel_service(s->context);
 }
 
 void server_publish_for(struct server *s, struct picture *picture, const struct server_ticket *ticket)
 {
-    (void)ticket;
-    server_publish(s, picture);
-}
+    struct ingest *g = &s->ingest;
 
-bool server_take_control(struct server *s, struct server_control *out)
-{
-    (void)s;
-    (void)out;
-    return false;
-}
-
-void server_set_control(struct server *s, const struct server_control *now, const struct server_control *answered,
-                        const char *error)
-{
-    (void)s;
-    (void)now;
-    (void)answered;
-    (void)error;
+    pthread_mutex_lock(&s->lock);
+    struct picture *old = server_place(s, picture, ticket->lockstep ? PROTOCOL_PICTURE_LOCKSTEP : 0);
+    const struct protocol_picture *header = picture_header(picture);
+    struct ticket *t = find_ticket(g, ticket);
+    if (t && (!t->sequence || t->sequence->format == header->format)) {
+        note(g, t->producer, t->sequence, t->number, SERVER_USED)->picture = header->sequence;
+        if (t->sequence) {
+            t->sequence->kept = picture_ref(picture);
+            t->sequence->stage = SEQUENCE_KEPT;
+        }
+        *t = (struct ticket){ 0 };
+    }
+    pthread_mutex_unlock(&s->lock);
+    picture_unref(old);
+    lws_cancel_service(s->context);
 }

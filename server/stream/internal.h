@@ -4,6 +4,9 @@
 #ifndef STREAM_INTERNAL_H
 #define STREAM_INTERNAL_H
 
+#include "assembly.h"
+#include "control.h"
+#include "ingest.h"
 #include "message.h"
 #include "server.h"
 #include "site.h"
@@ -15,26 +18,33 @@
 #define STREAM_FORMATS (PROTOCOL_EXR_FLOAT + 1) /* indexed by enum protocol_format */
 #define STREAM_CHUNK ((size_t)64 << 10)         /* one fragment of a picture */
 #define STREAM_UNSENT (128 << 10)               /* bytes the kernel may hold unsent: what is behind cannot be skipped */
-#define STREAM_OUTBOX 8                         /* text messages waiting for one viewer */
-#define STREAM_PIECES 4096                      /* callbacks that one message from a viewer may take */
+#define STREAM_RECEIVE ((size_t)128 << 10)      /* the largest piece that is received at once */
+#define STREAM_OUTBOX 32                        /* text messages waiting for one client */
+#define STREAM_PONGS 8                          /* above so many waiting, pings stay unanswered */
+#define STREAM_PIECES 4096                      /* callbacks that one text message may take */
 
 enum {
     STREAM_STATUS_US = 500000,   /* between statuses */
     STREAM_HELLO_US = 5000000,   /* from connection to hello */
     STREAM_STALL_US = 10000000,  /* without a byte taken while some wait */
     STREAM_GOODBYE_US = 2000000, /* for all to hear that the server goes */
+    STREAM_FRAME_US = 30000000,  /* from a frame's first byte to its last */
+    STREAM_SILENT_US = 5000000,  /* after which another producer may take a silent one's place */
+    STREAM_GRANT_US = 2000,      /* between two grants of credit, so that small frames cannot flood */
 };
 
 /* Text messages a viewer may send: so many at once, and so many a second in the long run. */
 #define STREAM_BURST 200.0
 #define STREAM_RATE 300.0
 
+/* A connection, whatever its role. */
 struct viewer {
     struct server *server;
     struct viewer *next; /* in server->viewers */
     struct lws *wsi;
+    uint64_t id; /* 1, 2, ... in the order of arrival */
     char peer[64];
-    int64_t opened_us;
+    int64_t opened_us, heard_us; /* when it came, and when bytes last came from it */
 
     bool greeted; /* hello was accepted */
     enum server_role role;
@@ -47,10 +57,25 @@ struct viewer {
     size_t offset;           /* bytes of current that lws has taken */
     uint64_t unacked[PROTOCOL_CREDIT];
     unsigned unacked_count;
-    uint64_t begun; /* sequence of the last picture begun */
+    uint64_t begun;    /* sequence of the last picture begun, in the format of the moment */
+    uint64_t outdated; /* acks up to this sequence may mean pictures of a format watched before */
     uint64_t sent, skipped;
     int64_t due_us; /* not before: the viewer's max_rate */
     lws_sorted_usec_list_t pace;
+
+    struct sequence *sequence; /* of a lockstep producer or a recorder */
+    bool recorder, told_end;
+
+    bool producing;           /* it is server->producer */
+    uint32_t credit;          /* frames that it may still begin to send */
+    struct assembly assembly; /* the frame that is coming in */
+    int64_t frame_us;         /* when that began */
+    int64_t granted_us;
+    lws_sorted_usec_list_t grant;
+
+    uint64_t control_seen; /* version of what is in force that it was told */
+    bool answer_due;       /* an answer to its own control message `answer` */
+    uint64_t answer;
 
     char *outbox[STREAM_OUTBOX];
     unsigned outbox_count;
@@ -59,7 +84,7 @@ struct viewer {
     bool waiting;     /* a write callback has been asked for */
 
     uint16_t close_code; /* 0: stays */
-    char close_text[120];
+    char close_text[FAULT_REASON];
 
     char text[PROTOCOL_TEXT_MAX]; /* the message coming in */
     size_t text_size;
@@ -73,6 +98,7 @@ struct viewer {
 /* Counted by the service thread, read by any. */
 struct stream_counts {
     atomic_uint_fast64_t connections, open, refused, errors, sent, skipped, acked, bytes, stalled;
+    atomic_uint_fast64_t frames_cut, frame_bytes;
 };
 
 struct server {
@@ -82,7 +108,8 @@ struct server {
     char url[96];
     char session[20]; /* random, new with every start */
     char *tokens[SERVER_ROLES];
-    bool allow_remote;
+    bool allow_remote, push, controllers; /* the last two: that role is offered */
+    size_t max_frame_bytes;
     uint16_t port;
     uint32_t max_connections;
     struct lws_context *context;
@@ -93,6 +120,8 @@ struct server {
 
     /* The service thread's own. */
     struct viewer *viewers;
+    struct viewer *producer; /* the one there is, or NULL */
+    uint64_t last_id;
     lws_sorted_usec_list_t tick;
     bool leaving; /* everybody has been told */
 
@@ -107,11 +136,16 @@ struct server {
     char *status;                           /* {lock} what all viewers are told, see message_status_shared */
     enum server_source source;              /* {lock} of that status */
     char detail[sizeof(((struct reason *)NULL)->text)]; /* {lock} */
-    struct server_demand demand;                        /* {lock} */
+    struct server_demand demand;                        /* {lock} what viewers want; the rest is found when asked */
+    struct ingest ingest;                               /* {lock} but for what it says of itself */
+    struct control control;                             /* {lock} */
 };
 
-/* picture.c: gives a picture its place in the stream; before anybody else sees it. */
-void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us);
+/* picture.c: gives a picture its place in the stream; before anybody else sees it. flags are added. */
+void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, uint8_t flags);
+
+/* server.c: {lock} makes the picture the newest of its format. Returns the one before, to be released by the caller. */
+struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);
 
 /* http.c, viewer.c: the callbacks of lws. Thread: service. */
 int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
@@ -147,6 +181,26 @@ int viewer_write(struct viewer *v); /* one write; -1: the connection ends */
 
 /* viewer_receive.c, thread: service. One piece of a message from the viewer. */
 void viewer_receive(struct viewer *v, const uint8_t *in, size_t length);
+
+/* producer.c, thread: service. */
+void producer_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
+/* One piece of a binary message. */
+void producer_receive(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last);
+void producer_tick(struct viewer *v, int64_t now_us);
+void producer_leave(struct viewer *v); /* it is closed, or replaced: frees what was coming in */
+void producers_tell(struct server *s); /* fates and credit that are due */
+
+/* recorder.c, thread: service. A recorder is a viewer that gets the pictures of one lockstep sequence, all of them. */
+void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
+bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault);
+void recorder_ack(struct viewer *v, const struct message *m, struct fault *fault);
+void recorder_tell(struct viewer *v); /* that its sequence is over, if it is */
+void recorder_leave(struct viewer *v);
+
+/* control.c, thread: service. */
+void controls_tell(struct server *s);     /* answers that have come */
+bool control_due(const struct viewer *v); /* whether v is to be told what is in force */
+char *control_text(struct viewer *v);     /* the message that is due; NULL: out of memory */
 
 /* viewer.c, thread: service. */
 void viewers_wake(struct server *s);   /* new pictures or states: whoever may now send is asked to */

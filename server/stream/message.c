@@ -1,10 +1,7 @@
 #include "message.h"
 
-#include "mem.h"
-
 #include <jansson.h>
 
-#include <assert.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -25,9 +22,15 @@ static const struct {
     [FAULT_NO_HELLO] = { "no_hello", 4008 },
     [FAULT_STALLED] = { "stalled", 4009 },
     [FAULT_TOO_FAST] = { "too_fast", 4010 },
+    [FAULT_SUPERSEDED] = { "superseded", 4011 },
+    [FAULT_BUSY] = { "busy", 4012 },
+    [FAULT_TOO_SLOW] = { "too_slow", 4013 },
+    [FAULT_NO_CREDIT] = { "no_credit", 4014 },
+    [FAULT_BAD_UTF8] = { "bad_utf8", 1007 },
     [FAULT_TOO_BIG] = { "too_big", 1009 },
     [FAULT_UNKNOWN_OP] = { "unknown_op", 0 },
     [FAULT_NOT_OFFERED] = { "not_offered", 0 },
+    [FAULT_BAD_FRAME] = { "bad_frame", 0 },
 };
 
 const char *fault_name(enum fault_code code)
@@ -35,9 +38,9 @@ const char *fault_name(enum fault_code code)
     return faults[code].name;
 }
 
-uint16_t fault_close_code(enum fault_code code)
+uint16_t fault_close_code(const struct fault *f)
 {
-    return faults[code].close_code;
+    return f->stays ? 0 : faults[f->code].close_code;
 }
 
 enum fault_code fault_say(struct fault *f, enum fault_code code, const char *clause, const char *format, ...)
@@ -46,10 +49,22 @@ enum fault_code fault_say(struct fault *f, enum fault_code code, const char *cla
 
     f->code = code;
     f->clause = clause;
+    f->stays = false;
+    f->request = 0;
     va_start(args, format);
     vsnprintf(f->text, sizeof(f->text), format, args);
     va_end(args);
     return code;
+}
+
+char *fault_reason(const struct fault *f, char out[FAULT_REASON])
+{
+    snprintf(out, FAULT_REASON, "clause %s: %.100s", f->clause, f->text);
+    /* A letter of several bytes may have been cut. */
+    for (char *c = out; *c; c++)
+        if (*c < 0x20 || *c > 0x7e)
+            *c = '?';
+    return out;
 }
 
 /* An integer field within [least, most]; absent: *out keeps its value, unless it is required. */
@@ -82,6 +97,39 @@ static enum fault_code take_word(const json_t *object, const char *key, const ch
     return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be a known word, such as \"%s\"", key, words[0]);
 }
 
+/* The name of a sequence into out[PROTOCOL_NAME_MAX + 1]; absent: "". */
+static enum fault_code take_name(const json_t *object, const char *key, char *out, const char *clause,
+                                 struct fault *fault)
+{
+    static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
+    const json_t *v = json_object_get(object, key);
+    const size_t length = json_string_length(v);
+
+    out[0] = '\0';
+    if (!v)
+        return FAULT_NONE;
+    if (length < 1 || length > PROTOCOL_NAME_MAX || strspn(json_string_value(v), allowed) != length)
+        return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be 1 to %d of A-Z, a-z, 0-9, '.', '_' and '-'", key,
+                         PROTOCOL_NAME_MAX);
+    memcpy(out, json_string_value(v), length + 1);
+    return FAULT_NONE;
+}
+
+static enum fault_code parse_pace(const json_t *object, struct message *m, struct fault *fault)
+{
+    static const char *const paces[] = { "live", "lockstep" };
+    size_t pace = 0;
+
+    if (take_name(object, "recorder", m->hello.recorder, "4.1.6", fault) ||
+        take_name(object, "sequence", m->hello.sequence, "4.1.5", fault) ||
+        (json_object_get(object, "pace") && take_word(object, "pace", paces, 2, &pace, "4.1.4", fault)))
+        return fault->code;
+    m->hello.lockstep = pace == 1;
+    if (m->hello.role == SERVER_PRODUCER && m->hello.lockstep && !m->hello.sequence[0])
+        return fault_say(fault, FAULT_BAD_FIELD, "4.1.5", "sequence must name the sequence that is made in lockstep");
+    return FAULT_NONE;
+}
+
 static enum fault_code parse_hello(const json_t *object, struct message *m, struct fault *fault)
 {
     static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
@@ -104,10 +152,8 @@ static enum fault_code parse_hello(const json_t *object, struct message *m, stru
     m->hello.minor = (uint32_t)minor;
     if (token)
         memcpy(m->hello.token, json_string_value(token), json_string_length(token) + 1);
-    return FAULT_NONE;
+    return parse_pace(object, m, fault);
 }
-
-static const char *const formats[] = { "jpeg", "exr_half", "exr_float" };
 
 static enum fault_code parse_subscribe(const json_t *object, struct message *m, struct fault *fault)
 {
@@ -116,7 +162,7 @@ static enum fault_code parse_subscribe(const json_t *object, struct message *m, 
     int64_t quality = 0, request = 0;
     size_t format = 0;
 
-    if (take_word(object, "format", formats, sizeof(formats) / sizeof(formats[0]), &format, "4.3.1", fault) ||
+    if (take_word(object, "format", message_formats, MESSAGE_FORMATS, &format, "4.3.1", fault) ||
         take_integer(object, "quality", false, 1, 100, &quality, "4.3.2", fault) ||
         take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.3.5", fault))
         return fault->code;
@@ -141,8 +187,12 @@ static enum fault_code parse_ack(const json_t *object, struct message *m, struct
         take_integer(object, "displayed_us", false, -PROTOCOL_NUMBER_MAX, PROTOCOL_NUMBER_MAX, &displayed, "4.5.2",
                      fault))
         return fault->code;
+    const json_t *stored = json_object_get(object, "stored");
+    if (stored && !json_is_boolean(stored))
+        return fault_say(fault, FAULT_BAD_FIELD, "4.5.3", "stored must be true or false");
     m->ack.sequence = (uint64_t)sequence;
     m->ack.displayed_us = displayed;
+    m->ack.stored = json_is_true(stored);
     return FAULT_NONE;
 }
 
@@ -153,6 +203,64 @@ static enum fault_code parse_ping(const json_t *object, struct message *m, struc
     if (take_integer(object, "id", true, 0, PROTOCOL_NUMBER_MAX, &id, "4.6.1", fault))
         return fault->code;
     m->ping.id = (uint64_t)id;
+    return FAULT_NONE;
+}
+
+/* A number within [-most, most]. */
+static enum fault_code take_real(const json_t *object, const char *key, double most, bool *has, double *out,
+                                 const char *clause, struct fault *fault)
+{
+    const json_t *v = json_object_get(object, key);
+
+    if (!v)
+        return FAULT_NONE;
+    if (!json_is_number(v) || !(fabs(json_number_value(v)) <= most))
+        return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be a number from -%g to %g", key, most, most);
+    *has = true;
+    *out = json_number_value(v);
+    return FAULT_NONE;
+}
+
+/* Words that this room does not know: only their form is looked at. */
+static enum fault_code take_text(const json_t *object, const char *key, char *out, size_t room, bool *has,
+                                 const char *clause, struct fault *fault)
+{
+    const json_t *v = json_object_get(object, key);
+    const size_t length = json_string_length(v);
+
+    if (!v)
+        return FAULT_NONE;
+    if (length == 0 || length >= room)
+        return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be a word of at most %zu bytes", key, room - 1);
+    *has = true;
+    memcpy(out, json_string_value(v), length + 1);
+    return FAULT_NONE;
+}
+
+/* A slip of a hand at a control must not cost the connection. */
+static enum fault_code parse_control(const json_t *object, struct message *m, struct fault *fault)
+{
+    struct server_control *c = &m->control;
+    const json_t *paused = json_object_get(object, "paused");
+    int64_t request = 0, samples = 0;
+
+    if (take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.13.1", fault) ||
+        take_real(object, "rotate_degrees", 3600.0, &c->has_rotate, &c->rotate_degrees, "4.13.2", fault) ||
+        take_real(object, "scale_stops", 60.0, &c->has_scale, &c->scale_stops, "4.13.3", fault) ||
+        take_text(object, "method", c->method, sizeof(c->method), &c->has_method, "4.13.4", fault) ||
+        take_integer(object, "samples", false, 1, 1 << 20, &samples, "4.13.5", fault) ||
+        take_text(object, "tone", c->tone, sizeof(c->tone), &c->has_tone, "4.13.6", fault) ||
+        (paused && !json_is_boolean(paused) &&
+         fault_say(fault, FAULT_BAD_FIELD, "4.13.7", "paused must be true or false"))) {
+        fault->stays = true;
+        fault->request = (uint64_t)request;
+        return fault->code;
+    }
+    c->has_samples = samples > 0;
+    c->samples = (uint32_t)samples;
+    c->has_paused = paused != NULL;
+    c->paused = json_is_true(paused);
+    c->request = (uint64_t)request;
     return FAULT_NONE;
 }
 
@@ -167,6 +275,8 @@ static enum fault_code parse_object(const json_t *object, struct message *m, str
         { "subscribe", MESSAGE_SUBSCRIBE, parse_subscribe },
         { "ack", MESSAGE_ACK, parse_ack },
         { "ping", MESSAGE_PING, parse_ping },
+        { "end", MESSAGE_END, NULL },
+        { "control", MESSAGE_CONTROL, parse_control },
     };
     const char *op = json_string_value(json_object_get(object, "op"));
 
@@ -175,7 +285,7 @@ static enum fault_code parse_object(const json_t *object, struct message *m, str
     for (size_t i = 0; i < sizeof(ops) / sizeof(ops[0]); i++) {
         if (strcmp(op, ops[i].op) == 0) {
             m->op = ops[i].code;
-            return ops[i].parse(object, m, fault);
+            return ops[i].parse ? ops[i].parse(object, m, fault) : FAULT_NONE;
         }
     }
     return fault_say(fault, FAULT_UNKNOWN_OP, "3.4", "op \"%.40s\" is not known to this server", op);
@@ -188,6 +298,8 @@ enum fault_code message_parse(const char *text, size_t length, struct message *m
     *fault = (struct fault){ .clause = "" };
     *m = (struct message){ 0 };
     json_t *object = json_loadb(text, length, JSON_REJECT_DUPLICATES, &wrong);
+    if (!object && json_error_code(&wrong) == json_error_invalid_utf8)
+        return fault_say(fault, FAULT_BAD_UTF8, "3.1", "byte %d: not UTF-8", wrong.position);
     if (!object)
         return fault_say(fault, FAULT_BAD_JSON, "3.1", "byte %d: %s", wrong.position, wrong.text);
     if (json_is_object(object))
@@ -196,95 +308,4 @@ enum fault_code message_parse(const char *text, size_t length, struct message *m
         fault_say(fault, FAULT_BAD_JSON, "3.1", "the message is not a JSON object");
     json_decref(object);
     return fault->code;
-}
-
-/* The text of an object, which is given back; NULL when it could not be made. */
-static char *dump(json_t *object)
-{
-    const size_t length = object ? json_dumpb(object, NULL, 0, JSON_COMPACT) : 0;
-    char *text = length > 0 ? mem_alloc(length + 1, 1) : NULL;
-
-    if (text && json_dumpb(object, text, length, JSON_COMPACT) != length) {
-        mem_free(text);
-        text = NULL;
-    }
-    json_decref(object);
-    return text;
-}
-
-char *message_welcome(const char *session, uint32_t max_connections)
-{
-    return dump(json_pack("{s:s s:{s:i s:i} s:s s:s s:[s] s:[s] s:{s:i s:i s:I}}", "op", "welcome", "version", "major",
-                          PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR, "server", "relightd " RELIGHT_VERSION, "session",
-                          session, "roles", "viewer", "formats", "jpeg", "limits", "text_bytes", PROTOCOL_TEXT_MAX,
-                          "credit", PROTOCOL_CREDIT, "connections", (json_int_t)max_connections));
-}
-
-char *message_subscribed(const struct message *m)
-{
-    assert(m->op == MESSAGE_SUBSCRIBE);
-    return dump(json_pack("{s:s s:I s:s s:b}", "op", "subscribed", "request", (json_int_t)m->subscribe.request,
-                          "format", formats[m->subscribe.format - PROTOCOL_JPEG], "paused", m->subscribe.paused));
-}
-
-char *message_pong(uint64_t id, int64_t server_us)
-{
-    return dump(json_pack("{s:s s:I s:I}", "op", "pong", "id", (json_int_t)id, "server_us", (json_int_t)server_us));
-}
-
-char *message_error(const struct fault *fault)
-{
-    return dump(json_pack("{s:s s:s s:s s:s s:b}", "op", "error", "code", fault_name(fault->code), "clause",
-                          fault->clause, "message", fault->text, "fatal", fault_close_code(fault->code) != 0));
-}
-
-/* JSON has no NaN or infinity, and Jansson refuses them: a figure nobody knows is 0. */
-static double figure(double x)
-{
-    return isfinite(x) ? x : 0.0;
-}
-
-/* Words from outside (a file's name in a reason) may not be UTF-8; then they are left out rather than the message. */
-static json_t *words(const char *text)
-{
-    json_t *s = json_string(text ? text : "");
-    return s ? s : json_string("(not UTF-8)");
-}
-
-char *message_status_shared(const struct server_status *s)
-{
-    static const char *const sources[] = { "waiting", "live", "paused", "ended", "failed" };
-    json_t *sun = s->has_sun
-                      ? json_pack("{s:f s:f}", "elevation", figure(s->sun_elevation), "azimuth", figure(s->sun_azimuth))
-                      : json_null();
-    json_t *all = json_pack(
-        "{s:o s:o s:o s:I s:I s:I s:{s:s s:o} s:I s:f s:{s:f s:f s:f s:f} s:{s:I s:I s:I s:I s:o s:I} s:{s:o s:o}}",
-        "scene", words(s->scene), "sky", words(s->sky), "method", words(s->method), "samples", (json_int_t)s->samples,
-        "width", (json_int_t)s->width, "height", (json_int_t)s->height, "source", "state", sources[s->source], "detail",
-        words(s->detail), "frame", (json_int_t)s->frame, "fps", figure(s->fps), "stages_ms", "queued",
-        figure(s->queued_ms), "decoded", figure(s->decoded_ms), "shaded", figure(s->shaded_ms), "encoded",
-        figure(s->encoded_ms), "frames", "received", (json_int_t)s->received, "used", (json_int_t)s->used, "dropped",
-        (json_int_t)s->dropped, "refused", (json_int_t)s->refused, "last_refusal", words(s->last_refusal), "repaired",
-        (json_int_t)s->repaired, "light", "sun", sun, "time", words(s->sky_time));
-
-    return dump(all);
-}
-
-char *message_status(const char *shared, int64_t server_us, uint32_t viewers, uint64_t sent, uint64_t skipped)
-{
-    static const char format[] =
-        "{\"op\":\"status\",\"server_us\":%lld,\"viewers\":%u,\"sent\":%llu,\"skipped\":%llu,%s";
-
-    assert(shared[0] == '{' && shared[1] != '}');
-    const size_t room = sizeof(format) + 4 * 20 + strlen(shared);
-    char *text = mem_alloc(room, 1);
-    if (text)
-        snprintf(text, room, format, (long long)server_us, viewers, (unsigned long long)sent,
-                 (unsigned long long)skipped, shared + 1);
-    return text;
-}
-
-void message_free(char *text)
-{
-    mem_free(text);
 }

@@ -23,20 +23,32 @@ enum fault_code {
     FAULT_NO_HELLO,
     FAULT_STALLED,
     FAULT_TOO_FAST,
+    FAULT_SUPERSEDED,
+    FAULT_BUSY,
+    FAULT_TOO_SLOW,
+    FAULT_NO_CREDIT,
+    FAULT_BAD_UTF8,
     FAULT_TOO_BIG,
     FAULT_UNKNOWN_OP,
     FAULT_NOT_OFFERED,
+    FAULT_BAD_FRAME,
     FAULT_CODES,
 };
 
 struct fault {
     enum fault_code code;
     const char *clause; /* of PROTOCOL.md */
-    char text[120];     /* fits a close frame's reason */
+    bool stays;         /* the connection does, though others with this code are closed */
+    uint64_t request;   /* of the message at fault, if it had one */
+    char text[160];
 };
 
 const char *fault_name(enum fault_code code);
-uint16_t fault_close_code(enum fault_code code);
+uint16_t fault_close_code(const struct fault *f); /* 0: the connection stays */
+
+/* "clause 4.3.2: ...", cut to what a close frame holds, in plain ASCII. Returns out. */
+#define FAULT_REASON 120 /* 125 less the code, and a NUL [RFC 6455, 5.5] */
+char *fault_reason(const struct fault *f, char out[FAULT_REASON]);
 
 /* Sets *f and returns its code. */
 enum fault_code fault_say(struct fault *f, enum fault_code code, const char *clause, const char *format, ...)
@@ -47,7 +59,12 @@ enum message_op {
     MESSAGE_SUBSCRIBE,
     MESSAGE_ACK,
     MESSAGE_PING,
+    MESSAGE_END,
+    MESSAGE_CONTROL,
 };
+
+#define MESSAGE_FORMATS 3
+extern const char *const message_formats[MESSAGE_FORMATS]; /* indexed by enum protocol_format - 1 */
 
 struct message {
     enum message_op op;
@@ -56,6 +73,9 @@ struct message {
             enum server_role role;
             uint32_t major, minor;
             char token[256];
+            bool lockstep;
+            char sequence[PROTOCOL_NAME_MAX + 1]; /* of a producer; "": none */
+            char recorder[PROTOCOL_NAME_MAX + 1]; /* the sequence that a viewer records; "": none */
         } hello;
         struct {
             enum protocol_format format;
@@ -67,10 +87,12 @@ struct message {
         struct {
             uint64_t sequence;
             int64_t displayed_us; /* on the server's clock as the viewer estimates it; 0: not said */
+            bool stored;
         } ack;
         struct {
             uint64_t id;
         } ping;
+        struct server_control control;
     };
 };
 
@@ -78,10 +100,29 @@ struct message {
 enum fault_code message_parse(const char *text, size_t length, struct message *m, struct fault *fault);
 
 /* Whole messages, to be freed with message_free; NULL when out of memory. */
-char *message_welcome(const char *session, uint32_t max_connections);
+struct welcome {
+    const char *session;
+    uint64_t id; /* of the connection */
+    uint32_t max_connections;
+    bool controllers, producers; /* these roles are offered */
+    bool producer, recorder;     /* the one welcomed is one */
+    bool has_after;              /* there is a last frame that was accepted (producer) or stored (recorder): */
+    uint64_t after;
+    uint32_t credit;
+    size_t frame_bytes;
+};
+char *message_welcome(const struct welcome *w);
 char *message_subscribed(const struct message *m);
 char *message_pong(uint64_t id, int64_t server_us);
 char *message_error(const struct fault *fault);
+char *message_credit(uint32_t frames);
+/* sequence: of the picture, 0 when none is named; fault: why it was refused, or NULL. */
+char *message_fate(uint64_t number, enum server_fate fate, uint64_t sequence, const struct fault *fault);
+char *message_sequence(const char *name, uint64_t stored);
+
+/* What controllers have set, as a status in two parts. */
+char *message_control_shared(const struct server_control *c);
+char *message_control(const char *shared, uint64_t by, uint64_t request);
 
 /* A status, in two parts: what all viewers share, made once, and a message made of it for one viewer. */
 char *message_status_shared(const struct server_status *status);

@@ -55,10 +55,11 @@ const uint8_t *picture_message(const struct picture *p, size_t *size)
     return p->message;
 }
 
-void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us)
+void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, uint8_t flags)
 {
     assert(p->header.sequence == 0); /* published once */
     p->header.sequence = sequence;
     p->header.published_us = published_us;
+    p->header.flags |= flags;
     protocol_picture_encode(&p->header, p->message);
 }

@@ -93,6 +93,8 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     memcpy(s->address, address, strlen(address) + 1);
     s->allow_remote = desc->allow_remote;
     s->max_connections = desc->max_connections ? desc->max_connections : CONNECTIONS_DEFAULT;
+    s->push = desc->push;
+    s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
     if (s->max_connections > CONNECTIONS_MAX)
         return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
     for (int r = 0; r < SERVER_ROLES; r++) {
@@ -161,7 +163,7 @@ static struct lws_context *context_create(struct server *s, const struct address
     s->protocols[1] = (struct lws_protocols){ .name = PROTOCOL_NAME,
                                               .callback = viewer_callback,
                                               .per_session_data_size = sizeof(struct viewer *),
-                                              .rx_buffer_size = 16384,
+                                              .rx_buffer_size = STREAM_RECEIVE,
                                               .tx_packet_size = STREAM_CHUNK + LWS_PRE };
     s->validity = (lws_retry_bo_t){ .secs_since_valid_ping = 10, .secs_since_valid_hangup = 25 };
 
@@ -172,12 +174,11 @@ static struct lws_context *context_create(struct server *s, const struct address
         .gid = (gid_t)-1,
         .uid = (uid_t)-1,
         .user = s,
-        .options = LWS_SERVER_OPTION_VALIDATE_UTF8 | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND |
-                   (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
+        .options = LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
         .fd_limit_per_thread = s->max_connections + 64, /* the rest is for HTTP, listening and waking */
         .max_http_header_pool = 32,
         .max_http_header_data = 8192,
-        .pt_serv_buf_size = 32768,
+        .pt_serv_buf_size = STREAM_RECEIVE,
         .timeout_secs = 5,
         .timeout_secs_ah_idle = 5,
         .keepalive_timeout = 5,
@@ -186,6 +187,20 @@ static struct lws_context *context_create(struct server *s, const struct address
         .server_string = "relightd",
     };
     return lws_create_context(&info);
+}
+
+/* Whoever can reach a port that is not loopback's is a stranger until he shows a token. Controllers are not offered
+ * where they have none. */
+static enum err check_tokens(struct server *s, const struct address *a, struct reason *why)
+{
+    s->controllers = a->loopback || s->tokens[SERVER_CONTROLLER];
+    if (!a->loopback && !s->tokens[SERVER_VIEWER])
+        return err_say(why, ERR_USAGE, "--bind %s: anybody on the network could watch; --token-viewer is needed",
+                       s->address);
+    if (!a->loopback && s->push && !s->tokens[SERVER_PRODUCER])
+        return err_say(why, ERR_USAGE, "--bind %s: anybody on the network could send; --token-producer is needed",
+                       s->address);
+    return ERR_OK;
 }
 
 static enum err start(struct server *s, const struct server_desc *desc, struct reason *why)
@@ -201,7 +216,9 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
                        "--bind %s: anybody on the network could reach it; only loopback is served unless remote access "
                        "is allowed",
                        s->address);
-    e = address_try(&a, s->address, desc->port, why);
+    e = check_tokens(s, &a, why);
+    if (!e)
+        e = address_try(&a, s->address, desc->port, why);
     if (e)
         return e;
     lws_set_log_level(LLL_ERR, route_log);
@@ -232,6 +249,7 @@ enum err server_create(const struct server_desc *desc, struct server **out, stru
     if (!s)
         return err_say(why, ERR_NOMEM, "out of memory");
     pthread_mutex_init(&s->lock, NULL);
+    ingest_init(&s->ingest);
     e = copy_desc(s, desc, why);
     if (e)
         goto failed;
@@ -269,6 +287,8 @@ void server_destroy(struct server *s)
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
     message_free(s->status);
+    message_free(s->control.shared);
+    ingest_finish(&s->ingest);
     site_finish(&s->site);
     pthread_mutex_destroy(&s->lock);
     mem_free(s);
@@ -284,16 +304,22 @@ const char *server_url(const struct server *s)
     return s->url;
 }
 
-void server_publish(struct server *s, struct picture *picture)
+struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
 {
-    const enum protocol_format format = picture_header(picture)->format;
+    const enum protocol_format format = picture_header(p)->format;
 
     assert(format >= PROTOCOL_JPEG && format < STREAM_FORMATS);
-    pthread_mutex_lock(&s->lock);
     struct picture *old = s->latest[format];
-    picture_stamp(picture, ++s->issued[format], clock_wall_us());
-    s->latest[format] = picture;
+    picture_stamp(p, ++s->issued[format], clock_wall_us(), flags);
+    s->latest[format] = p;
     s->published++;
+    return old;
+}
+
+void server_publish(struct server *s, struct picture *picture)
+{
+    pthread_mutex_lock(&s->lock);
+    struct picture *old = server_place(s, picture, 0);
     pthread_mutex_unlock(&s->lock);
     picture_unref(old);
     lws_cancel_service(s->context); /* the only call of lws that another thread may make */
@@ -324,6 +350,7 @@ void server_demand(struct server *s, struct server_demand *out)
 {
     pthread_mutex_lock(&s->lock);
     *out = s->demand;
+    ingest_demand(&s->ingest, out);
     pthread_mutex_unlock(&s->lock);
 }
 
@@ -341,8 +368,14 @@ void server_counters(struct server *s, struct server_counters *out)
         .acked = atomic_load(&c->acked),
         .bytes = atomic_load(&c->bytes),
         .stalled = atomic_load(&c->stalled),
+        .frames_cut = atomic_load(&c->frames_cut),
+        .frame_bytes = atomic_load(&c->frame_bytes),
     };
     pthread_mutex_lock(&s->lock);
     out->published = s->published;
+    out->frames_received = s->ingest.received;
+    out->frames_superseded = s->ingest.superseded;
+    out->frames_refused = s->ingest.refused;
+    out->frames_repeated = s->ingest.repeated;
     pthread_mutex_unlock(&s->lock);
 }

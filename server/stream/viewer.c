@@ -36,8 +36,9 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     *out = v;
     v->server = s;
     v->wsi = wsi;
+    v->id = ++s->last_id;
     v->tokens = STREAM_BURST;
-    v->opened_us = v->tokens_us = v->moved_us = viewer_now_us();
+    v->opened_us = v->heard_us = v->tokens_us = v->moved_us = viewer_now_us();
     lws_get_peer_simple(wsi, v->peer, sizeof(v->peer));
     setsockopt(lws_get_socket_fd(wsi), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof(unsent));
     v->next = s->viewers;
@@ -62,6 +63,8 @@ static void close_viewer(struct viewer *v)
     while (*link != v)
         link = &(*link)->next;
     *link = v->next;
+    producer_leave(v);
+    recorder_leave(v);
     atomic_fetch_sub(&s->counts.open, 1);
     lws_sul_cancel(&v->pace);
     picture_unref(v->current);
@@ -75,10 +78,13 @@ void viewers_wake(struct server *s)
 {
     const bool urgent = atomic_exchange(&s->urgent, false);
 
+    controls_tell(s);
+    producers_tell(s);
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (urgent && v->greeted)
             v->status_due = true;
-        if (v->status_due || viewer_may_begin(v))
+        recorder_tell(v);
+        if (v->status_due || control_due(v) || viewer_may_begin(v))
             viewer_want(v);
     }
 }
@@ -98,6 +104,7 @@ void viewers_tick(struct server *s)
             fault_say(&fault, FAULT_NO_HELLO, "4.1", "no hello within %d s", STREAM_HELLO_US / 1000000);
             viewer_complain(v, &fault);
         } else if (v->greeted && !v->close_code) {
+            producer_tick(v, now);
             v->status_due = true;
             viewer_want(v);
         }
@@ -116,7 +123,7 @@ void viewers_demand(struct server *s)
     bool unlimited = false;
 
     for (struct viewer *v = s->viewers; v; v = v->next) {
-        if (!v->subscribed || v->wish.subscribe.paused || v->close_code)
+        if (!v->subscribed || v->wish.subscribe.paused || v->close_code || v->recorder)
             continue;
         d.viewers++;
         d.formats |= 1u << v->wish.subscribe.format;
@@ -143,6 +150,7 @@ int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *use
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return filter(s, wsi);
     case LWS_CALLBACK_ESTABLISHED: return open_viewer(s, wsi, slot);
     case LWS_CALLBACK_RECEIVE:
+        v->heard_us = viewer_now_us();
         viewer_receive(v, in, length);
         lws_validity_confirmed(wsi);
         return 0;

@@ -15,6 +15,35 @@ static bool same_token(const char *given, const char *wanted)
     return !differs;
 }
 
+static bool role_offered(const struct server *s, enum server_role role)
+{
+    return role == SERVER_VIEWER || (role == SERVER_CONTROLLER && s->controllers) ||
+           (role == SERVER_PRODUCER && s->push);
+}
+
+static void welcome(struct viewer *v, const struct message *m, struct fault *fault)
+{
+    const struct server *s = v->server;
+    struct welcome w = {
+        .session = s->session,
+        .id = v->id,
+        .max_connections = s->max_connections,
+        .controllers = s->controllers,
+        .producers = s->push,
+    };
+
+    if (m->hello.role == SERVER_PRODUCER)
+        producer_hello(v, m, &w, fault);
+    else if (m->hello.recorder[0])
+        recorder_hello(v, m, &w, fault);
+    if (fault->code)
+        return;
+    v->greeted = true;
+    v->role = m->hello.role;
+    v->status_due = true;
+    viewer_say(v, message_welcome(&w));
+}
+
 static void take_hello(struct viewer *v, const struct message *m, struct fault *fault)
 {
     const struct server *s = v->server;
@@ -24,25 +53,27 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
     else if (m->hello.major != PROTOCOL_MAJOR)
         fault_say(fault, FAULT_BAD_VERSION, "4.1.2", "version %u is spoken here, not %u", PROTOCOL_MAJOR,
                   m->hello.major);
-    else if (m->hello.role != SERVER_VIEWER)
-        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server takes viewers only");
+    else if (!role_offered(s, m->hello.role))
+        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server does not take that role");
+    else if (m->hello.recorder[0] && m->hello.role != SERVER_VIEWER)
+        fault_say(fault, FAULT_WRONG_ROLE, "4.1.6", "a recorder is a viewer");
     else if (s->tokens[m->hello.role] && !same_token(m->hello.token, s->tokens[m->hello.role]))
         fault_say(fault, FAULT_BAD_TOKEN, "4.1.3", "the token is missing or wrong");
-    if (fault->code)
-        return;
-    v->greeted = true;
-    v->role = m->hello.role;
-    v->status_due = true;
-    viewer_say(v, message_welcome(s->session, s->max_connections));
+    else
+        welcome(v, m, fault);
 }
 
 static void take_subscribe(struct viewer *v, const struct message *m, struct fault *fault)
 {
     const bool watched = v->subscribed && !v->wish.subscribe.paused;
 
-    if (m->subscribe.format != PROTOCOL_JPEG) {
-        fault_say(fault, FAULT_NOT_OFFERED, "4.3.1", "this server makes jpeg only");
+    if (v->recorder && !recorder_subscribe(v, m, fault))
         return;
+    if (v->subscribed && v->wish.subscribe.format != m->subscribe.format) {
+        /* Each format has its own numbers. What is on its way need not be acknowledged any more. */
+        v->outdated = v->begun > v->outdated ? v->begun : v->outdated;
+        v->begun = 0;
+        v->unacked_count = 0;
     }
     v->wish = *m;
     v->subscribed = true;
@@ -56,6 +87,10 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
         v->since_us = clock_wall_us();
         picture_unref(p);
     }
+    if (v->recorder) {
+        producers_tell(v->server);
+        recorder_tell(v);
+    }
     viewers_demand(v->server);
     viewer_want(v);
 }
@@ -65,6 +100,8 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
     const uint64_t sequence = m->ack.sequence;
     unsigned kept = 0;
 
+    if (sequence <= v->outdated && (sequence > v->begun || v->current))
+        return;
     if (sequence > v->begun || (v->current && sequence == v->begun)) {
         fault_say(fault, FAULT_BAD_ORDER, "4.5.1", "picture %llu was not sent yet", (unsigned long long)sequence);
         return;
@@ -76,8 +113,31 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
     /* Acks that return credit cannot come faster than pictures go: they do not count as messages. */
     v->tokens += v->unacked_count > kept ? 1.0 : 0.0;
     v->unacked_count = kept;
+    if (v->recorder)
+        recorder_ack(v, m, fault);
     if (viewer_may_begin(v))
         viewer_want(v);
+}
+
+static void take_control(struct viewer *v, struct message *m, struct fault *fault)
+{
+    if (v->role != SERVER_CONTROLLER) {
+        fault_say(fault, FAULT_WRONG_ROLE, "4.13", "only a controller may change what is in force");
+        return;
+    }
+    m->control.by = v->id;
+    control_ask(v->server, &m->control);
+}
+
+static void take_end(struct viewer *v, struct fault *fault)
+{
+    if (v->role != SERVER_PRODUCER) {
+        fault_say(fault, FAULT_WRONG_ROLE, "4.12", "only a producer can end");
+        return;
+    }
+    ingest_end(v->server, v->sequence);
+    if (v->sequence && v->sequence->recorder)
+        recorder_tell(v->sequence->recorder);
 }
 
 /* A bucket of STREAM_BURST messages that fills at STREAM_RATE a second. */
@@ -107,39 +167,58 @@ static void take_text(struct viewer *v)
             fault_say(&fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
         else if (m.op == MESSAGE_HELLO)
             take_hello(v, &m, &fault);
+        else if (m.op == MESSAGE_END)
+            take_end(v, &fault);
+        else if (m.op == MESSAGE_CONTROL)
+            take_control(v, &m, &fault);
+        else if (m.op != MESSAGE_PING && v->role == SERVER_PRODUCER)
+            fault_say(&fault, FAULT_WRONG_ROLE, "4.1.1", "a producer watches nothing");
         else if (m.op == MESSAGE_SUBSCRIBE)
             take_subscribe(v, &m, &fault);
         else if (m.op == MESSAGE_ACK)
             take_ack(v, &m, &fault);
-        else if (v->outbox_count < STREAM_OUTBOX) /* behind a large picture on a slow line, answers would only age */
+        else if (v->outbox_count < STREAM_PONGS) /* behind a large picture on a slow line, answers would only age */
             viewer_say(v, message_pong(m.ping.id, clock_wall_us()));
     }
     if (fault.code)
         viewer_complain(v, &fault);
 }
 
-/* Gathers the pieces of one message; its size is refused as soon as it is known. */
-void viewer_receive(struct viewer *v, const uint8_t *in, size_t length)
+/* Gathers the pieces of one text message; its size is refused as soon as it is known. */
+static void receive_text(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last)
 {
     struct fault fault;
 
-    if (v->close_code)
-        return;
     if (lws_is_first_fragment(v->wsi)) {
         v->text_size = 0;
         v->pieces = 0;
     }
-    const size_t coming = lws_remaining_packet_payload(v->wsi), room = sizeof(v->text) - v->text_size;
-    if (lws_frame_is_binary(v->wsi)) {
-        fault_say(&fault, FAULT_WRONG_ROLE, "3.5", "a viewer sends no binary messages");
-        viewer_complain(v, &fault);
-    } else if (length > room || coming > room - length || ++v->pieces > STREAM_PIECES) {
+    const size_t room = sizeof(v->text) - v->text_size;
+    if (length > room || coming > room - length || ++v->pieces > STREAM_PIECES) {
         fault_say(&fault, FAULT_TOO_BIG, "3.3", "a text message has at most %d bytes", PROTOCOL_TEXT_MAX);
         viewer_complain(v, &fault);
+        return;
+    }
+    memcpy(v->text + v->text_size, in, length);
+    v->text_size += length;
+    if (last && coming == 0)
+        take_text(v);
+}
+
+void viewer_receive(struct viewer *v, const uint8_t *in, size_t length)
+{
+    const size_t coming = lws_remaining_packet_payload(v->wsi);
+    const bool last = lws_is_final_fragment(v->wsi);
+    struct fault fault;
+
+    if (v->close_code)
+        return;
+    if (!lws_frame_is_binary(v->wsi)) {
+        receive_text(v, in, length, coming, last);
+    } else if (v->greeted && v->role == SERVER_PRODUCER) {
+        producer_receive(v, in, length, coming, last);
     } else {
-        memcpy(v->text + v->text_size, in, length);
-        v->text_size += length;
-        if (lws_is_final_fragment(v->wsi) && coming == 0)
-            take_text(v);
+        fault_say(&fault, FAULT_WRONG_ROLE, "3.5", "only a producer sends binary messages");
+        viewer_complain(v, &fault);
     }
 }

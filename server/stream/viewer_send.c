@@ -30,10 +30,9 @@ void viewer_complain(struct viewer *v, const struct fault *fault)
     log_debug("%s: %s (clause %s): %s", v->peer, fault_name(fault->code), fault->clause, fault->text);
     if (v->outbox_count < STREAM_OUTBOX)
         viewer_say(v, message_error(fault));
-    if (fault_close_code(fault->code)) {
-        char text[120];
-        snprintf(text, sizeof(text), "clause %s: %.100s", fault->clause, fault->text);
-        viewer_part(v, fault_close_code(fault->code), text);
+    if (fault_close_code(fault)) {
+        char text[FAULT_REASON];
+        viewer_part(v, fault_close_code(fault), fault_reason(fault, text));
     }
 }
 
@@ -57,6 +56,14 @@ struct picture *viewer_next_picture(struct viewer *v)
     struct server *s = v->server;
     struct picture *p = NULL;
 
+    if (v->recorder) { /* all of its sequence and nothing else: there is one at a time */
+        p = v->sequence ? ingest_kept(s, v->sequence) : NULL;
+        if (p && picture_header(p)->sequence <= v->begun) {
+            picture_unref(p);
+            p = NULL;
+        }
+        return p;
+    }
     pthread_mutex_lock(&s->lock);
     struct picture *latest = s->latest[v->wish.subscribe.format];
     if (latest && picture_header(latest)->sequence > v->begun)
@@ -96,7 +103,7 @@ static void begin_picture(struct viewer *v)
         return;
     const struct protocol_picture *header = picture_header(p);
     const double rate = v->wish.subscribe.max_rate;
-    if (v->begun > 0) {
+    if (v->begun > 0 && !v->recorder) { /* between those of a recorder are pictures that were never its own */
         v->skipped += header->sequence - v->begun - 1;
         atomic_fetch_add(&v->server->counts.skipped, header->sequence - v->begun - 1);
     }
@@ -169,6 +176,15 @@ static int send_status(struct viewer *v)
     return result;
 }
 
+static int send_control(struct viewer *v)
+{
+    char *text = control_text(v);
+    const int result = text ? send_text(v, text) : 0;
+
+    message_free(text);
+    return result;
+}
+
 static int say_goodbye(struct viewer *v)
 {
     lws_close_reason(v->wsi, (enum lws_close_status)v->close_code, (unsigned char *)v->close_text,
@@ -188,13 +204,16 @@ int viewer_write(struct viewer *v)
         result = send_outbox(v);
     } else if (!v->current && v->status_due) {
         result = send_status(v);
+    } else if (!v->current && control_due(v)) {
+        result = send_control(v);
     } else {
         if (viewer_may_begin(v))
             begin_picture(v);
         if (v->current)
             result = send_fragment(v);
     }
-    if (result == 0 && (v->current || v->outbox_count > 0 || v->status_due || v->close_code || viewer_may_begin(v)))
+    if (result == 0 &&
+        (v->current || v->outbox_count > 0 || v->status_due || control_due(v) || v->close_code || viewer_may_begin(v)))
         viewer_want(v);
     return result;
 }

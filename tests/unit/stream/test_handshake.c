@@ -101,7 +101,8 @@ static void offences_are_answered_with_their_clause_and_close_code(void **state)
         { "{\"op\":\"subscribe\",\"format\":\"jpeg\"}", false, 4003, "4.1" },
         { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":2}}", false, 4005, "4.1.2" },
         { "{\"op\":\"hello\",\"role\":\"producer\",\"version\":{\"major\":1}}", false, 4004, "4.1.1" },
-        { "{\"op\":\"hello\",\"role\":\"controller\",\"version\":{\"major\":1}}", false, 4004, "4.1.1" },
+        { "{\"op\":\"hello\",\"role\":\"controller\",\"version\":{\"major\":1},\"recorder\":\"r\"}", false, 4004,
+          "4.1.6" },
         { "{\"op\":\"hello\",\"role\":\"viewer\"}", false, 4002, "4.1.2" },
         { "nonsense", false, 4001, "3.1" },
         { NULL, false, 4004, "3.5" },
@@ -153,10 +154,11 @@ static void the_rest_is_let_pass(void **state)
     assert_string_equal(json_string_value(json_object_get(error, "code")), "unknown_op");
     assert_true(json_is_false(json_object_get(error, "fatal")));
     json_decref(error);
-    client_say(&c, "{\"op\":\"subscribe\",\"format\":\"exr_float\"}");
+    client_say(&c, "{\"op\":\"control\",\"samples\":0}"); /* a slip of the hand */
     error = client_await(&c, "error");
     assert_non_null(error);
-    assert_string_equal(json_string_value(json_object_get(error, "code")), "not_offered");
+    assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.13.5");
+    assert_true(json_is_false(json_object_get(error, "fatal")));
     json_decref(error);
     client_say(&c, "{\"op\":\"ping\",\"id\":77,\"new\":{}}");
     json_t *pong = client_await(&c, "pong");

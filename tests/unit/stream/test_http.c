@@ -235,6 +235,13 @@ static void only_loopback_is_bound_unless_remote_is_allowed(void **state)
     assert_int_equal(server_create(&desc, &s, &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "0.0.0.0"));
     desc.allow_remote = true;
+    assert_int_equal(server_create(&desc, &s, &why), ERR_USAGE); /* who comes from outside must show a token */
+    assert_non_null(strstr(why.text, "--token-viewer"));
+    desc.tokens[SERVER_VIEWER] = "v";
+    desc.push = true;
+    assert_int_equal(server_create(&desc, &s, &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "--token-producer"));
+    desc.tokens[SERVER_PRODUCER] = "p";
     s = server_start(&desc);
     ask(s, "GET / HTTP/1.1\r\nHost: any.name.example\r\nConnection: close\r\n\r\n", &a);
     assert_int_equal(a.status, 200);

@@ -18,7 +18,7 @@ static const struct row rows[] = {
     { "{\"op\":\"ping\",\"id\":1,\"id\":2}", FAULT_BAD_JSON, "3.1" },
     { "{\"op\":\"ping\",\"id\":1e999}", FAULT_BAD_JSON, "3.1" },
     { "{\"op\":\"\\ud800\"}", FAULT_BAD_JSON, "3.1" },
-    { "{\"op\":\"\xff\"}", FAULT_BAD_JSON, "3.1" },
+    { "{\"op\":\"\xff\"}", FAULT_BAD_UTF8, "3.1" },
     { "{\"op\":\"pi\\u0000ng\"}", FAULT_BAD_JSON, "3.1" },
     { "{}", FAULT_BAD_FIELD, "3.2" },
     { "{\"op\":1}", FAULT_BAD_FIELD, "3.2" },
@@ -145,7 +145,12 @@ static void close_reasons_fit_a_close_frame(void **state)
     memset(text, 'x', sizeof(text) - 1);
     text[sizeof(text) - 1] = 0;
     fault_say(&fault, FAULT_BAD_FIELD, "4.3.2", "%s", text);
-    assert_true(strlen(fault.text) <= 123); /* 125 less the code [RFC 6455, 5.5] */
+    char reason[FAULT_REASON];
+    assert_true(strlen(fault_reason(&fault, reason)) <= 123); /* 125 less the code [RFC 6455, 5.5] */
+    assert_non_null(strstr(reason, "clause 4.3.2: xxx"));
+    memset(text, 0xc3, sizeof(text) - 1);
+    fault_say(&fault, FAULT_BAD_FIELD, "4.3.2", "%s", text);
+    assert_non_null(strstr(fault_reason(&fault, reason), "clause 4.3.2: ???"));
 }
 
 static const struct CMUnitTest tests[] = {
