@@ -2,6 +2,10 @@
 
 #include "relight_protocol.h"
 
+#include <string.h>
+
+#define NAME_MOST 64
+
 json_t *message_read(const uint8_t *bytes, size_t size, const char **op)
 {
     json_t *object = json_loadb((const char *)bytes, size, JSON_REJECT_DUPLICATES, NULL);
@@ -50,4 +54,12 @@ const char *message_plain(const json_t *object, const char *name, char *out, siz
     const json_t *v = json_object_get(object, name);
 
     return message_plain_bytes(json_is_string(v) ? json_string_value(v) : "", json_string_length(v), out, room);
+}
+
+bool message_is_sequence_name(const char *name)
+{
+    static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
+    const size_t n = strlen(name);
+
+    return n >= 1 && n <= NAME_MOST && strspn(name, allowed) == n;
 }

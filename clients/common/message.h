@@ -24,4 +24,7 @@ const char *message_plain(const json_t *object, const char *name, char *out, siz
 /* The same for any bytes, up to a NUL. */
 const char *message_plain_bytes(const void *bytes, size_t size, char *out, size_t room);
 
+/* Whether a lockstep sequence may have this name: 1 to 64 letters, digits, '.', '_' and '-'. */
+bool message_is_sequence_name(const char *name);
+
 #endif

@@ -373,31 +373,6 @@ static struct option_row rows[] = {
     { NULL, NULL, NULL, NULL },
 };
 
-/* "17" or "3-66". */
-static enum err parse_frames(const char *text, struct source_desc *d, struct reason *why)
-{
-    int used = 0;
-
-    if (!text)
-        return ERR_OK;
-    d->has_range = true;
-    if (sscanf(text, "%" SCNu64 "-%" SCNu64 "%n", &d->first, &d->last, &used) == 2 && !text[used] &&
-        d->first <= d->last)
-        return ERR_OK;
-    if (sscanf(text, "%" SCNu64 "%n", &d->first, &used) == 1 && !text[used]) {
-        d->last = d->first;
-        return ERR_OK;
-    }
-    return err_say(why, ERR_USAGE, "--frames '%s' is not A-B with A <= B", text);
-}
-
-/* 1..64 of [A-Za-z0-9._-] */
-static bool is_sequence_name(const char *name)
-{
-    const size_t n = strlen(name);
-    return n >= 1 && n <= 64 && strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == n;
-}
-
 static enum err read_source_options(const struct options *o, struct feed *f, struct reason *why)
 {
     struct reader_desc *d = &f->reader_desc;
@@ -412,7 +387,7 @@ static enum err read_source_options(const struct options *o, struct feed *f, str
         return err_say(why, ERR_USAGE, "--raw '%s' is neither half nor float", raw);
     d->parcel.raw = raw != NULL;
     d->parcel.half = raw && strcmp(raw, "half") == 0;
-    const enum err e = parse_frames(options_get(o, "frames"), &d->source, why);
+    const enum err e = options_range(o, "frames", &d->source.has_range, &d->source.first, &d->source.last, why);
     return e ? e : parcel_layout_parse(options_get(o, "layout"), &d->parcel, why);
 }
 
@@ -440,7 +415,7 @@ static enum err read_options(const struct options *o, struct feed *f, struct rea
         e = err_say(why, ERR_USAGE, "--loop and --lockstep exclude each other: numbers must rise");
     if (!e && f->lockstep && f->rate > 0.0)
         e = err_say(why, ERR_USAGE, "--rate and --lockstep exclude each other: the recorder sets the pace");
-    if (!e && !is_sequence_name(f->sequence))
+    if (!e && !message_is_sequence_name(f->sequence))
         e = err_say(why, ERR_USAGE, "--sequence '%s' is not 1 to 64 letters, digits, '.', '_' or '-'", f->sequence);
     if (!e && f->token && strlen(f->token) > 255)
         e = err_say(why, ERR_USAGE, "--token: longer than 255 bytes");

@@ -364,13 +364,6 @@ static enum err read_output_options(const struct options *o, struct record *r, s
     return e ? e : check_folder(&r->out, why);
 }
 
-/* 1..64 of [A-Za-z0-9._-] */
-static bool is_sequence_name(const char *name)
-{
-    const size_t n = strlen(name);
-    return n >= 1 && n <= 64 && strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == n;
-}
-
 static enum err read_options(const struct options *o, struct record *r, struct reason *why)
 {
     uint64_t tries = 0;
@@ -386,7 +379,7 @@ static enum err read_options(const struct options *o, struct record *r, struct r
     d->quiet = options_on(o, "quiet");
     d->tries = -1;
     d->binary_most = PICTURE_MOST;
-    if (!e && r->recorder && !is_sequence_name(r->recorder))
+    if (!e && r->recorder && !message_is_sequence_name(r->recorder))
         e = err_say(why, ERR_USAGE, "--recorder '%s' is not 1 to 64 letters, digits, '.', '_' or '-'", r->recorder);
     if (!e && r->recorder && options_on(o, "once"))
         e = err_say(why, ERR_USAGE, "--once takes the newest picture, lockstep takes them all");

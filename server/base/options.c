@@ -137,6 +137,41 @@ enum err options_double(const struct options *o, const char *name, double least,
     return ERR_OK;
 }
 
+/* 1 to 19 digits, which fit 64 bits, and nothing else: no sign, no blank. */
+static bool take_digits(const char **at, uint64_t *out)
+{
+    uint64_t v = 0;
+    int count = 0;
+
+    for (; **at >= '0' && **at <= '9' && count < 20; (*at)++, count++)
+        v = 10 * v + (uint64_t)(**at - '0');
+    *out = v;
+    return count >= 1 && count <= 19;
+}
+
+enum err options_range(const struct options *o, const char *name, bool *given, uint64_t *first, uint64_t *last,
+                       struct reason *why)
+{
+    const char *text = options_get(o, name), *at = text;
+    uint64_t a = 0, b = 0;
+
+    *given = false;
+    if (!text)
+        return ERR_OK;
+    bool good = take_digits(&at, &a);
+    b = a;
+    if (good && *at == '-') {
+        at++;
+        good = take_digits(&at, &b);
+    }
+    if (!good || *at || a > b)
+        return err_say(why, ERR_USAGE, "--%s '%s' is not A-B with A <= B", name, text);
+    *given = true;
+    *first = a;
+    *last = b;
+    return ERR_OK;
+}
+
 enum err options_size(const struct options *o, const char *name, uint32_t *width, uint32_t *height, struct reason *why)
 {
     const char *text = options_get(o, name);

@@ -42,6 +42,10 @@ MUST_CHECK enum err options_u64(const struct options *o, const char *name, uint6
 MUST_CHECK enum err options_double(const struct options *o, const char *name, double least, double most, double *out,
                                    struct reason *why);
 
+/* "3-66", or "17" for 17-17. *given false, and the rest untouched, where nothing was given. */
+MUST_CHECK enum err options_range(const struct options *o, const char *name, bool *given, uint64_t *first,
+                                  uint64_t *last, struct reason *why);
+
 /* "640x360" into two numbers in 1..16384. */
 MUST_CHECK enum err options_size(const struct options *o, const char *name, uint32_t *width, uint32_t *height,
                                  struct reason *why);

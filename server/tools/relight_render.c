@@ -75,24 +75,6 @@ static struct option_row rows[] = {
     { NULL, NULL, NULL, NULL },
 };
 
-/* "17" or "3-66". */
-static enum err parse_frames(const char *text, struct source_desc *d, struct reason *why)
-{
-    int used = 0;
-
-    if (!text)
-        return ERR_OK;
-    d->has_range = true;
-    if (sscanf(text, "%" SCNu64 "-%" SCNu64 "%n", &d->first, &d->last, &used) == 2 && !text[used] &&
-        d->first <= d->last)
-        return ERR_OK;
-    if (sscanf(text, "%" SCNu64 "%n", &d->first, &used) == 1 && !text[used]) {
-        d->last = d->first;
-        return ERR_OK;
-    }
-    return err_say(why, ERR_USAGE, "--frames '%s' is not A-B with A <= B", text);
-}
-
 static bool ends_with(const char *text, const char *end)
 {
     const size_t a = strlen(text), b = strlen(end);
@@ -114,7 +96,7 @@ static enum err read_options(const struct options *o, struct render *r, struct s
     if (!e && !ends_with(r->out.text, ".exr") && !ends_with(r->out.text, ".jpg"))
         e = err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", r->out.text);
     if (!e)
-        e = parse_frames(options_get(o, "frames"), source, why);
+        e = options_range(o, "frames", &source->has_range, &source->first, &source->last, why);
     if (!e)
         e = options_size(o, "size", &set->width, &set->height, why);
     if (!e)
@@ -281,6 +263,8 @@ static enum err render_all(struct render *r, struct reason *why)
             log_error("%s", why->text);
             r->refused++;
             e = ERR_OK;
+        } else if (r->frame.kind == FRAME_NONE) {
+            continue; /* a watched folder that is quiet */
         } else {
             e = render_frame(r, why);
         }

@@ -191,6 +191,39 @@ static const char *printed_by(struct given *g, const char *word)
     return text;
 }
 
+static void ranges_are_read_and_bad_ones_named(void **state)
+{
+    static const char *const bad[] = {
+        "", "-", "5-", "-5", "9-3", "3--5", "3- 5", " 3", "+3-5", "3-5x", "a-b", "3-5-7", "12345678901234567890"
+    };
+    static const struct {
+        const char *text;
+        uint64_t first, last;
+    } good[] = {
+        { "17", 17, 17 }, { "3-66", 3, 66 }, { "0-0", 0, 0 }, { "0-9999999999999999999", 0, 9999999999999999999u }
+    };
+    uint64_t first = 7, last = 8;
+    bool is = true;
+    struct given g;
+
+    (void)state;
+    assert_int_equal(give(&g, 0, NULL), ERR_OK);
+    assert_int_equal(options_range(&g.o, "gain", &is, &first, &last, &g.why), ERR_OK);
+    assert_false(is);
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
+        assert_int_equal(give(&g, 0, (const char *const[]){ "--samples", bad[i], NULL }), ERR_OK);
+        if (options_range(&g.o, "samples", &is, &first, &last, &g.why) != ERR_USAGE || is)
+            fail_msg("taken: %s", bad[i]);
+        assert_non_null(strstr(g.why.text, "--samples"));
+    }
+    assert_int_equal(first, 7);
+    for (size_t i = 0; i < sizeof(good) / sizeof(good[0]); i++) {
+        assert_int_equal(give(&g, 0, (const char *const[]){ "--samples", good[i].text, NULL }), ERR_OK);
+        assert_int_equal(options_range(&g.o, "samples", &is, &first, &last, &g.why), ERR_OK);
+        assert_true(is && first == good[i].first && last == good[i].last);
+    }
+}
+
 static void help_tells_every_flag_and_its_default(void **state)
 {
     static const char *const told[] = { "usage: relight-test [flags] FILE\n",
@@ -233,6 +266,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(bad_whole_numbers_are_named),
     cmocka_unit_test(bad_numbers_are_named),
     cmocka_unit_test(bad_sizes_are_named),
+    cmocka_unit_test(ranges_are_read_and_bad_ones_named),
     cmocka_unit_test(help_tells_every_flag_and_its_default),
     cmocka_unit_test(version_is_told_in_one_line),
 };

@@ -66,10 +66,28 @@ static void texts_are_cut_and_plain(void **state)
     json_decref(m);
 }
 
+static void sequence_names_are_as_the_protocol_says(void **state)
+{
+    char name[66];
+
+    (void)state;
+    assert_true(message_is_sequence_name("day-1_B.x"));
+    assert_false(message_is_sequence_name(""));
+    assert_false(message_is_sequence_name("a b"));
+    assert_false(message_is_sequence_name("a/b"));
+    assert_false(message_is_sequence_name("\xc3\xa9"));
+    memset(name, 'a', sizeof(name));
+    name[65] = '\0';
+    assert_false(message_is_sequence_name(name));
+    name[64] = '\0';
+    assert_true(message_is_sequence_name(name));
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(only_objects_with_an_op_are_messages),
     cmocka_unit_test(numbers_are_whole_and_within_limits),
     cmocka_unit_test(texts_are_cut_and_plain),
+    cmocka_unit_test(sequence_names_are_as_the_protocol_says),
 };
 
 UNIT_MAIN(tests)
