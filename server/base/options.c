@@ -114,7 +114,7 @@ enum err options_u64(const struct options *o, const char *name, uint64_t least, 
     if (!text)
         return err_say(why, ERR_USAGE, "--%s is missing", name);
     errno = 0;
-    const unsigned long long v = strtoull(text, &end, 0);
+    const unsigned long long v = strtoull(text, &end, 10);
     if (errno || !isdigit((unsigned char)text[0]) || *end || v < least || v > most)
         return err_say(why, ERR_USAGE, "--%s '%s' is not a whole number from %" PRIu64 " to %" PRIu64, name, text,
                        least, most);

@@ -36,7 +36,7 @@ MUST_CHECK enum err options_parse(struct options *o, int argc, char **argv, bool
 const char *options_get(const struct options *o, const char *name);
 bool options_on(const struct options *o, const char *name);
 
-/* The value as a number within [least, most]; ERR_USAGE names flag, value and limits. */
+/* The value as a decimal number within [least, most]; ERR_USAGE names flag, value and limits. */
 MUST_CHECK enum err options_u64(const struct options *o, const char *name, uint64_t least, uint64_t most, uint64_t *out,
                                 struct reason *why);
 MUST_CHECK enum err options_double(const struct options *o, const char *name, double least, double most, double *out,

@@ -105,7 +105,8 @@ static void bad_command_lines_are_named(void **state)
 
 static void bad_whole_numbers_are_named(void **state)
 {
-    static const char *const bad[] = { "-1", " -1", "0", "1001", "ten", "", "7.5", "7 ", "99999999999999999999", "0x" };
+    static const char *const bad[] = { "-1", " -1", "0", "1001", "ten", "", "7.5", "7 ", "99999999999999999999",
+                                       "0x", "0x10" };
     struct given g;
     uint64_t n = 12345;
 
@@ -125,6 +126,20 @@ static void bad_whole_numbers_are_named(void **state)
     assert_true(n == UINT64_MAX);
     assert_int_equal(GIVE(&g, 0, "--samples", "-1"), ERR_OK); /* which C would read as the largest number */
     assert_int_equal(options_u64(&g.o, "samples", 0, UINT64_MAX, &n, &g.why), ERR_USAGE);
+}
+
+static void whole_numbers_are_decimal_whatever_zeros_lead(void **state)
+{
+    struct given g;
+    uint64_t n = 0;
+
+    (void)state;
+    assert_int_equal(GIVE(&g, 0, "--samples", "010"), ERR_OK);
+    assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_OK);
+    assert_int_equal(n, 10);
+    assert_int_equal(GIVE(&g, 0, "--samples", "0089"), ERR_OK); /* no octal number at all */
+    assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_OK);
+    assert_int_equal(n, 89);
 }
 
 static void bad_numbers_are_named(void **state)
@@ -264,6 +279,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(last_of_two_wins),
     cmocka_unit_test(bad_command_lines_are_named),
     cmocka_unit_test(bad_whole_numbers_are_named),
+    cmocka_unit_test(whole_numbers_are_decimal_whatever_zeros_lead),
     cmocka_unit_test(bad_numbers_are_named),
     cmocka_unit_test(bad_sizes_are_named),
     cmocka_unit_test(ranges_are_read_and_bad_ones_named),
