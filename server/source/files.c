@@ -268,28 +268,10 @@ static enum err from_glob(const char *spec, struct file_list *out, struct reason
     return e;
 }
 
-/* The name's last run of digits, the extension's included; 0 where there is none or it does not fit 64 bits. */
-static uint64_t number_in_name(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-    const char *name = slash ? slash + 1 : path, *end = name + strlen(name);
-
-    while (end > name && !isdigit((unsigned char)end[-1]))
-        end--;
-    const char *begin = end;
-    while (begin > name && isdigit((unsigned char)begin[-1]))
-        begin--;
-    if (begin == end)
-        return 0;
-    errno = 0;
-    const unsigned long long number = strtoull(begin, NULL, 10);
-    return errno ? 0 : number;
-}
-
 static enum err from_existing(const char *spec, const struct stat *st, struct file_list *out, struct reason *why)
 {
     if (!S_ISDIR(st->st_mode))
-        return files_add(out, NULL, spec, number_in_name(spec));
+        return files_add(out, NULL, spec, 0);
     const enum err e = files_from_folder(spec, out, why);
     if (!e && out->count == 0)
         return err_say(why, ERR_IO, "%s: this folder holds no .exr or .hdr file", spec);

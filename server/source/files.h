@@ -44,8 +44,8 @@ MUST_CHECK enum err files_from_spec(const char *spec, struct file_list *out, str
 /* All frames of a folder in byte order of their names, numbered from 0. There may be none. ERR_IO, ERR_NOMEM. */
 MUST_CHECK enum err files_from_folder(const char *dir, struct file_list *out, struct reason *why);
 
-/* The whole file, or six in the order px, nx, py, ny, pz, nz (f->faces), into f->bytes, with number, name and capture
- * time (the file's last modification). ERR_IO: cannot be read, is empty or no plain file. ERR_RANGE: above
+/* The whole file, or six in the order px, nx, py, ny, pz, nz (f->faces), into f->bytes, with number, name and the
+ * file's last modification as capture time. ERR_IO: cannot be read, is empty or no plain file. ERR_RANGE: above
  * FILES_SIZE_MAX. ERR_NOMEM. */
 MUST_CHECK enum err files_read(const struct file_item *item, struct frame *f, struct reason *why);
 

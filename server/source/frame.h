@@ -19,7 +19,7 @@ enum frame_kind {
 struct frame {
     enum frame_kind kind;
     uint64_t number;    /* the source's own number: a pattern's, or counted from 0 */
-    int64_t capture_us; /* when the light was captured, wall clock; 0: unknown */
+    int64_t capture_us; /* when the light was captured, wall clock; 0: unknown (source.h says of which) */
     char name[256];     /* for messages: the file's path, or what the sky is */
     char layout[16];    /* a name that env's layout_parse reads; "": as the file says, and lat-long for texels */
 

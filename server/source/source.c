@@ -65,7 +65,8 @@ static enum err cut_to_range(struct source *s, const char *spec, struct reason *
 static enum err open_spec(struct source *s, const char *spec, struct reason *why)
 {
     if (starts_with(spec, "push:"))
-        return err_say(why, ERR_USAGE, "%s: frames that are pushed over the network are taken by relightd alone", spec);
+        return err_say(why, ERR_USAGE, "'%s': frames that are pushed over the network are taken by relightd alone",
+                       spec);
     if (starts_with(spec, "watch:")) {
         if (!spec[strlen("watch:")])
             return err_say(why, ERR_USAGE, "%s: the folder to watch is missing, as in watch:DIR", spec);
@@ -114,6 +115,13 @@ void source_close(struct source *s)
     mem_free(s);
 }
 
+/* From here on the frame is no longer the one before. */
+static void forget(struct frame *f)
+{
+    f->kind = FRAME_NONE;
+    f->layout[0] = '\0';
+}
+
 static enum err next_file(struct source *s, struct frame *f, struct reason *why)
 {
     if (s->files.next == s->files.count) {
@@ -121,7 +129,10 @@ static enum err next_file(struct source *s, struct frame *f, struct reason *why)
             return ERR_END;
         s->files.next = 0;
     }
-    return files_read(&s->files.items[s->files.next++], f, why);
+    forget(f);
+    const enum err e = files_read(&s->files.items[s->files.next++], f, why);
+    f->capture_us = 0; /* a file that lies there was copied, converted, checked out: its time is not the light's */
+    return e;
 }
 
 static enum err next_watched(struct source *s, struct frame *f, struct reason *why)
@@ -129,10 +140,11 @@ static enum err next_watched(struct source *s, struct frame *f, struct reason *w
     const struct file_item *item = NULL;
 
     const enum err e = watch_next(&s->watch, WATCH_WAIT_MS, &item, why);
+    if (e == ERR_END || (item && s->has_range && item->number > s->last))
+        return ERR_END;
+    forget(f);
     if (e || !item)
         return e;
-    if (s->has_range && item->number > s->last)
-        return ERR_END;
     return in_range(s, item->number) ? files_read(item, f, why) : ERR_OK;
 }
 
@@ -146,6 +158,7 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
         s->sky_ended = false;
         s->sky_frame = s->first;
     }
+    forget(f);
     f->capture_us = clock_wall_us(); /* this light is as old as its computation */
     if (frame_reserve_texels(f, s->sky.width, s->sky.height))
         return err_say(why, ERR_NOMEM, "sky: no memory for %" PRIu32 "x%" PRIu32 " texels", s->sky.width,
@@ -164,8 +177,6 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
 
 enum err source_next(struct source *s, struct frame *f, struct reason *why)
 {
-    f->kind = FRAME_NONE;
-    f->layout[0] = '\0';
     switch (s->kind) {
     case SOURCE_FILES: return next_file(s, f, why);
     case SOURCE_WATCH: return next_watched(s, f, why);

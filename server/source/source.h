@@ -2,8 +2,8 @@
 /* Where frames come from: a file, a directory, a printf or glob pattern, a watched folder, or the built-in sky.
  * `sky.%04d.exr` (one %d, %i or %u with an optional width, in the file's name; every other character, '%' included, is
  * literal) walks the numbers that exist between first and last, ascending; a directory takes its *.exr and *.hdr of any
- * case, a glob what it matches, both in byte order, counted from 0; one file is one frame with the number in its name's
- * last run of digits, or 0. A name that exists is that file, whatever characters it has.
+ * case, a glob what it matches, both in byte order, counted from 0; one file is one frame with the number 0, whatever
+ * digits its name has (dawn_1k.hdr is no frame 1). A name that exists is that file, whatever characters it has.
  * A spec with `{face}` in it, after which nothing may vary, means six files a frame, the faces of a cube: px, nx,
  * py, ny, pz and nz, or posx, negx and so on, in its place (`pier/{face}.hdr`, `sky.%04d.{face}.exr`).
  * `watch:DIR` gives the frames of DIR in byte order, then those that are closed after writing or moved in, as they
@@ -32,9 +32,11 @@ struct source_desc {
 MUST_CHECK enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why);
 void source_close(struct source *s); /* NULL is allowed */
 
-/* The next frame into *f, whose memory is reused. ERR_END after the last one. ERR_IO, ERR_RANGE (a file above 1 GiB),
+/* The next frame into *f, whose memory is reused. ERR_END after the last one: *f is left as it was, so that a caller
+ * may go on with the frame that stands. ERR_IO, ERR_RANGE (a file above 1 GiB),
  * ERR_NOMEM: this frame could not be read (*why says which), but the source goes on with the one after it at the next
- * call; f->kind is FRAME_NONE then. Capture time: a file's last modification; for a sky, the moment of its computation.
+ * call; f->kind is FRAME_NONE then. Capture time: for `watch:` the file's last modification;
+ * for a sky the moment of its computation; 0, unknown, for all other files, which may have lain there for years.
  * `watch:` blocks at most 200 ms and then answers ERR_OK with f->kind FRAME_NONE, so that the caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 

@@ -161,6 +161,25 @@ static void range_begins_and_ends_the_watch(void **state)
     expect(s, &frame, NULL, NULL); /* number 0 is passed over */
     expect(s, &frame, "/b.exr", "b");
     assert_int_equal(source_next(s, &frame, &why), ERR_END);
+    assert_int_equal(frame.kind, FRAME_FILE); /* as it was */
+    source_close(s);
+    frame_finish(&frame);
+    folder_remove(&f);
+}
+
+static void file_was_captured_when_it_was_last_written(void **state)
+{
+    static const struct timespec times[2] = { { 1000000000, 0 }, { 1234567890, 123456789 } };
+    struct folder f;
+    struct frame frame = { .kind = FRAME_NONE };
+
+    (void)state;
+    folder_make(&f);
+    folder_put(&f, "a.exr", "a");
+    assert_int_equal(utimensat(AT_FDCWD, folder_path(&f, "a.exr"), times, 0), 0);
+    struct source *s = watch(&f, NULL);
+    expect(s, &frame, "/a.exr", "a");
+    assert_true(frame.capture_us == INT64_C(1234567890123456));
     source_close(s);
     frame_finish(&frame);
     folder_remove(&f);
@@ -211,6 +230,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(file_written_twice_before_its_turn_comes_once),
     cmocka_unit_test(file_that_vanished_is_named_and_passed_over),
     cmocka_unit_test(range_begins_and_ends_the_watch),
+    cmocka_unit_test(file_was_captured_when_it_was_last_written),
     cmocka_unit_test(removed_folder_ends_the_watch_after_what_came),
     cmocka_unit_test(folder_must_be_there),
 };
