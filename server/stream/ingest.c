@@ -175,6 +175,15 @@ void ingest_deliver(struct server *s, struct assembly *a, uint64_t producer, con
     pthread_mutex_unlock(&s->lock);
 }
 
+/* {lock} One lockstep frame is worked on at a time, whoever's; and meanwhile no live one, which could overtake it. */
+static bool is_working(const struct ingest *g)
+{
+    for (int i = 0; i < INGEST_SEQUENCES; i++)
+        if (g->sequences[i].stage == SEQUENCE_WORKING)
+            return true;
+    return false;
+}
+
 /* ---- Credit ---- */
 
 bool ingest_may_grant(struct server *s, const struct sequence *sequence)
@@ -182,9 +191,7 @@ bool ingest_may_grant(struct server *s, const struct sequence *sequence)
     const struct ingest *g = &s->ingest;
 
     pthread_mutex_lock(&s->lock);
-    bool may = sequence->stage == SEQUENCE_IDLE && sequence->recording;
-    for (int i = 0; i < INGEST_SEQUENCES; i++) /* one frame at a time, whoever's */
-        may = may && g->sequences[i].stage != SEQUENCE_WAITING && g->sequences[i].stage != SEQUENCE_WORKING;
+    const bool may = sequence->stage == SEQUENCE_IDLE && sequence->format != 0 && !g->lockstep.full && !is_working(g);
     pthread_mutex_unlock(&s->lock);
     return may;
 }
@@ -261,6 +268,14 @@ static enum err fill_frame(struct frame *f, struct pushed *p)
     return e;
 }
 
+/* {lock} */
+static struct pushed *to_take(struct ingest *g)
+{
+    if (is_working(g))
+        return NULL;
+    return g->lockstep.full ? &g->lockstep : g->live.full ? &g->live : NULL;
+}
+
 /* {lock} Waits for a frame and moves it into *out. */
 static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
 {
@@ -274,11 +289,10 @@ static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
         until.tv_sec++;
         until.tv_nsec -= 1000000000L;
     }
-    while (!g->lockstep.full && !g->live.full)
-        if (pthread_cond_timedwait(&g->arrived, &s->lock, &until) != 0)
-            break;
-    struct pushed *from = g->lockstep.full ? &g->lockstep : &g->live;
-    if (!from->full)
+    struct pushed *from = to_take(g);
+    while (!from && pthread_cond_timedwait(&g->arrived, &s->lock, &until) == 0)
+        from = to_take(g);
+    if (!from)
         return false;
     *out = *from;
     *from = (struct pushed){ 0 };
@@ -330,6 +344,7 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
         }
         t->sequence->stage = SEQUENCE_IDLE;
         t->sequence->refused = true;
+        pthread_cond_signal(&g->arrived);
     }
     g->refused += fate == SERVER_REFUSED;
     g->superseded += fate == SERVER_SUPERSEDED;
@@ -354,6 +369,7 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
         if (t->sequence) {
             t->sequence->kept = picture_ref(picture);
             t->sequence->stage = SEQUENCE_KEPT;
+            pthread_cond_signal(&g->arrived);
         }
         *t = (struct ticket){ 0 };
     }

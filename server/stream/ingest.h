@@ -115,7 +115,8 @@ void ingest_deliver(struct server *s, struct assembly *a, uint64_t producer, con
 /* What there is to tell: up to INGEST_NOTES fates, which are then forgotten here. */
 unsigned ingest_notes(struct server *s, struct note out[INGEST_NOTES]);
 
-/* Whether the sequence may be granted a frame; what a live producer is granted anew, which then counts as told. */
+/* Whether the sequence may be granted a frame: when nothing of it is under way, and its format is known; what a live
+ * producer is granted anew, which then counts as told. */
 bool ingest_may_grant(struct server *s, const struct sequence *sequence);
 uint32_t ingest_returned(struct server *s);
 

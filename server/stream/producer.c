@@ -99,7 +99,7 @@ static enum fault_code inspect(const struct assembly *a, struct fault *fault)
     if (h->encoding == PROTOCOL_RAW_HALF || h->encoding == PROTOCOL_RAW_FLOAT)
         return FAULT_NONE;
     if (h->flags & PROTOCOL_BOTTOM_FIRST && h->layout != PROTOCOL_LAYOUT_AUTO && h->layout != PROTOCOL_LATLONG)
-        return fault_say(fault, FAULT_BAD_FRAME, "7.5", "%s: of files only a lat-long may be bottom first", name);
+        return fault_say(fault, FAULT_BAD_FRAME, "7.10", "%s: of files only a lat-long may be bottom first", name);
     if (h->encoding == PROTOCOL_FILE_EXR) {
         if (exr_policy_check(bytes, h->payload, name, &why))
             fault_say(fault, FAULT_BAD_FRAME, "7.10", "%s", why.text);
@@ -163,7 +163,7 @@ static void grant(struct viewer *v)
     const int64_t wait = v->granted_us + STREAM_GRANT_US - viewer_now_us();
     uint32_t frames;
 
-    if (wait > 0) {
+    if (!v->sequence && wait > 0) {
         lws_sul_schedule(s->context, 0, &v->grant, grant_later, wait);
         return;
     }
