@@ -14,6 +14,7 @@
 
 #include <omp.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
@@ -21,13 +22,13 @@
 
 #define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
 
-/* Set by the signal handler, which can reach nothing else. */
-static volatile sig_atomic_t stop_asked;
+/* Set by the signal handler, which can reach nothing else; shading looks at it from packet to packet. */
+static atomic_bool stop_asked;
 
 static void ask_to_stop(int signal_number)
 {
     (void)signal_number;
-    stop_asked = 1;
+    atomic_store(&stop_asked, true); /* lock-free, so a handler may */
 }
 
 static bool stopping(struct daemon *d)
@@ -107,7 +108,7 @@ static void ingest_pushed(struct daemon *d, struct frame *f, struct reason *why)
         }
         if (ingest_frame(d, f, &ticket, why)) {
             server_frame_fate(d->server, &ticket, SERVER_REFUSED, why->text);
-            daemon_tell_refused(d, why->text);
+            daemon_tell_refused(d, why->text, true);
             told = SERVER_FAILED;
         } else if (told != SERVER_LIVE) {
             daemon_tell_source(d, SERVER_LIVE, "");
@@ -116,17 +117,33 @@ static void ingest_pushed(struct daemon *d, struct frame *f, struct reason *why)
     }
 }
 
+/* What the ingest thread remembers of a source between its frames. */
+struct pull {
+    uint64_t count;     /* frames asked for */
+    uint64_t version;   /* of the settings, as the frame that stands was read with */
+    int64_t next_ms;    /* when the next frame is due, if the source has a pace */
+    int64_t failure_ms; /* how long to wait after a frame that could not be used: doubles up to a second */
+    bool failed, ended, told_end, paused;
+};
+
 /* Without a next frame, changed settings are applied to the one that stands. True when there may be a next one. */
-static bool hold(struct daemon *d, const struct frame *f, uint64_t *version, bool ended, struct reason *why)
+static bool hold(struct daemon *d, const struct frame *f, struct pull *p, struct reason *why)
 {
     const struct settings now = daemon_settings(d);
     static const struct server_ticket none = { 0 };
 
-    if (!ended && !now.paused)
+    if (!p->ended && now.paused != p->paused && p->count > 0)
+        daemon_tell_source(d, now.paused ? SERVER_PAUSED : SERVER_LIVE, "");
+    p->paused = now.paused;
+    if (!p->ended && !now.paused)
         return true;
-    if (now.version != *version && f->kind != FRAME_NONE && ingest_frame(d, f, &none, why))
-        daemon_tell_refused(d, why->text);
-    *version = now.version;
+    if (now.version != p->version && f->kind != FRAME_NONE && ingest_frame(d, f, &none, why))
+        daemon_tell_refused(d, why->text, true);
+    p->version = now.version;
+    if (p->ended && !p->told_end && !p->failed && daemon_all_shown(d)) {
+        daemon_tell_source(d, SERVER_ENDED, p->count == 1 ? "it is one picture" : "the last frame was shown");
+        p->told_end = true;
+    }
     nap_ms(30);
     return false;
 }
@@ -140,42 +157,54 @@ static void wait_until_wanted(struct daemon *d)
     sleep_until_ms(d, clock_ms() + (int64_t)daemon_slack_ms(d) - MARGIN_MS);
 }
 
+static void pace(struct daemon *d, struct pull *p)
+{
+    const int64_t now = clock_ms();
+
+    if (p->failed) { /* a source without a good frame must not turn at full speed */
+        p->failure_ms = p->failure_ms ? 2 * p->failure_ms : 100;
+        p->failure_ms = p->failure_ms < 1000 ? p->failure_ms : 1000;
+        sleep_until_ms(d, now + (d->rate > 0.0 ? (int64_t)(1e3 / d->rate) : p->failure_ms));
+        return;
+    }
+    p->failure_ms = 0;
+    if (d->rate > 0.0) {
+        p->next_ms += (int64_t)(1e3 / d->rate);
+        p->next_ms = p->next_ms > now ? p->next_ms : now;
+        sleep_until_ms(d, p->next_ms);
+    } else {
+        wait_until_wanted(d);
+    }
+}
+
 static void ingest_source(struct daemon *d, struct frame *f, struct reason *why)
 {
     static const struct server_ticket none = { 0 };
-    const int64_t start = clock_ms();
-    uint64_t count = 0, version = 0;
-    bool failed = false, ended = false, paused = false;
+    const uint64_t in_a_pass = source_count(d->source);
+    struct pull p = { .next_ms = clock_ms() };
 
     while (!stopping(d)) {
-        const bool held = !hold(d, f, &version, ended, why);
-        if (!ended && held != paused && count > 0)
-            daemon_tell_source(d, held ? SERVER_PAUSED : SERVER_LIVE, "");
-        paused = held;
-        if (held)
+        if (!hold(d, f, &p, why))
             continue;
         enum err e = source_next(d->source, f, why);
         if (e == ERR_END) {
-            ended = true;
-            if (!failed)
-                daemon_tell_source(d, SERVER_ENDED, "the last frame was shown");
+            p.ended = true;
             continue;
         }
         if (!e && f->kind == FRAME_NONE)
             continue;
         if (!e)
             e = ingest_frame(d, f, &none, why);
-        if (e)
-            daemon_tell_refused(d, why->text);
-        else if (failed || count == 0)
+        p.count++;
+        if (e) /* what every pass would say again is said in the first */
+            daemon_tell_refused(d, why->text, in_a_pass == 0 || p.count <= in_a_pass);
+        else if (p.failed || p.count == 1)
             daemon_tell_source(d, SERVER_LIVE, "");
-        failed = e != ERR_OK;
-        count++;
-        version = daemon_settings(d).version;
-        if (d->rate > 0.0)
-            sleep_until_ms(d, start + (int64_t)(1e3 * (double)count / d->rate));
-        else if (!failed)
-            wait_until_wanted(d);
+        p.failed = e != ERR_OK;
+        p.ended = !e && in_a_pass == 1 && !d->reseed; /* one picture need not be read again */
+        p.version = daemon_settings(d).version;
+        if (!p.ended)
+            pace(d, &p);
     }
 }
 
@@ -302,13 +331,16 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
                                       .samples = now.samples,
                                       .seed = d->seed,
                                       .pass = d->reseed ? e->number : 0,
-                                      .no_visibility = d->no_visibility };
+                                      .no_visibility = d->no_visibility,
+                                      .cancel = &stop_asked };
     struct relight_stats stats;
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
     const enum err result = relighter_run(d->relighter, e, &desc, out->rgb, &stats);
     if (result)
         return err_say(why, result, "%s: no memory for the light samples", e->name);
+    if (stop_asked) /* half a picture is none */
+        return ERR_OK;
     out->ticket = in->ticket;
     out->header = (struct protocol_picture){
         .frame = e->number,
@@ -344,21 +376,21 @@ static double pace_s(const struct daemon *d)
 
 static enum err shade_all(struct daemon *d, struct reason *why)
 {
-    double next_s = clock_seconds(), last_s = 0.0;
+    double begun_s = 0.0, last_s = 0.0;
     enum err e = ERR_OK;
 
     while (!e && !stop_asked) {
         daemon_take_control(d);
-        if (clock_seconds() < next_s && pace_s(d) + last_s > clock_seconds()) {
+        const double due_s = begun_s + pace_s(d), now_s = clock_seconds();
+        if (now_s < due_s) {
             nap_ms(2);
             continue;
         }
         const int slot = handoff_take(&d->frames, 100);
         if (slot == HANDOFF_NONE)
             continue;
-        /* Held to the grid of the wished rate, and never behind it by more than a frame. */
-        const double pace = pace_s(d), now = clock_seconds();
-        next_s = next_s + pace > now ? next_s + pace : now + pace;
+        /* On the grid of the wished rate, unless it was missed by more than a picture. */
+        begun_s = now_s - due_s < pace_s(d) ? due_s : now_s;
         e = shade_frame(d, &d->ingested[slot], &last_s, why);
         handoff_release(&d->frames, slot);
     }
@@ -469,8 +501,9 @@ int main(int argc, char **argv)
     handoff_init(&d.pictures);
     pthread_mutex_init(&d.settings_lock, NULL);
     pthread_mutex_init(&d.status_lock, NULL);
-    sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
-    sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
+    /* The second signal of a kind ends the program at once, whatever it is doing. */
+    sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
+    sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
     sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
     enum err e = daemon_read_options(&d, argc, argv, &done, &why);
     if (!e && done)

@@ -97,10 +97,13 @@ void daemon_take_control(struct daemon *d);
 
 void daemon_tell_start(struct daemon *d);
 void daemon_tell_source(struct daemon *d, enum server_source source, const char *detail);
-void daemon_tell_refused(struct daemon *d, const char *why);
+void daemon_tell_refused(struct daemon *d, const char *why, bool log);
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped);
 void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, double interval_s);
 void daemon_tell_encoded(struct daemon *d, double ms);
+
+/* Every frame that came was shaded, dropped or refused. */
+bool daemon_all_shown(struct daemon *d);
 
 /* By how much shading a picture takes longer than reading its frame, of late; 0 when it does not. */
 double daemon_slack_ms(struct daemon *d);

@@ -16,7 +16,7 @@ static struct option_row rows[] = {
     { "frames", "A-B", "only the frames with these numbers", NULL },
     { "once", NULL, "stop after the last frame and keep its picture; else begin again", NULL },
     { "rate", "N", "frames per second that the source gives; 0: as fast as they are shown", "0" },
-    { "layout", "L", "of the environment; see relight-render --help", "auto" },
+    { "layout", "L", "of the environment: auto, latlong, latlong-bottom, cube, hcross, vcross, ball, fisheye", "auto" },
     { "rotate", "DEGREES", "turns the environment about the vertical axis", "0" },
     { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
     { "", NULL, "how", NULL },

@@ -21,7 +21,7 @@ void daemon_tell_start(struct daemon *d)
         .sky = d->computed_sky ? "a computed sky"
                : d->push       ? "a sky sent by a producer"
                                : d->source_desc.spec,
-        .method = method_name(d->said.method),
+        .method = method_recipe(d->said.method)->name,
         .samples = d->said.samples,
         .width = d->set_desc.width,
         .height = d->set_desc.height,
@@ -42,9 +42,10 @@ void daemon_tell_source(struct daemon *d, enum server_source source, const char 
     pthread_mutex_unlock(&d->status_lock);
 }
 
-void daemon_tell_refused(struct daemon *d, const char *why)
+void daemon_tell_refused(struct daemon *d, const char *why, bool log)
 {
-    log_warning("%s", why);
+    if (log)
+        log_warning("%s", why);
     pthread_mutex_lock(&d->status_lock);
     d->status.received++;
     d->status.refused++;
@@ -86,7 +87,7 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, doub
     struct server_status *s = &d->status;
     s->used++;
     s->frame = p->frame;
-    s->method = method_name(now.method);
+    s->method = method_recipe(now.method)->name; /* what auto stands for, not its name */
     s->samples = p->samples;
     s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
     s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
@@ -103,6 +104,15 @@ void daemon_tell_encoded(struct daemon *d, double ms)
     d->status.encoded_ms = smooth(d->status.encoded_ms, ms);
     server_set_status(d->server, &d->status);
     pthread_mutex_unlock(&d->status_lock);
+}
+
+bool daemon_all_shown(struct daemon *d)
+{
+    pthread_mutex_lock(&d->status_lock);
+    const struct server_status *s = &d->status;
+    const bool all = s->used + s->dropped + s->refused >= s->received;
+    pthread_mutex_unlock(&d->status_lock);
+    return all;
 }
 
 double daemon_slack_ms(struct daemon *d)

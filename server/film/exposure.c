@@ -10,6 +10,7 @@
 #define EXPONENTS 256    /* of a float: one bin of the histogram per stop */
 #define REACH_STOPS 8.0  /* from the median; a clear sky over its own shadows spans about 12 stops in all */
 #define PRODUCT_LENGTH 6 /* floats that a double multiplies without leaving its range: 6 * 149 < 1022 stops */
+#define LAG_STOPS 1.0    /* exposure is never further than this from what the picture asks for */
 #define GAIN_STOPS 120.0 /* the gain stays a float, and times a float it stays a double */
 
 void exposure_init(struct exposure *e)
@@ -109,8 +110,10 @@ double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint3
         /* [Reinhard 2002, Eq. 2]: the gain is key over the log-average. A share of at most 1 of the way there, in
          * stops, can neither overshoot nor swing. */
         const double target = log2(e->key) - mean;
-        const double share = e->started ? 1.0 - pow(1.0 - e->adapt, (double)frames) : 1.0;
-        e->log2_gain += share * (target - e->log2_gain);
+        /* What is left of the way is first cut to a stop: a sequence in long steps would otherwise burn out or sink
+         * into black before exposure has followed. */
+        const double way = fmin(fmax(target - e->log2_gain, -LAG_STOPS), LAG_STOPS);
+        e->log2_gain = e->started ? target - way * pow(1.0 - e->adapt, (double)frames) : target;
         e->started = 1;
     }
     return exp2(fmin(fmax(e->log2_gain + e->bias_stops, -GAIN_STOPS), GAIN_STOPS));

@@ -29,8 +29,9 @@ double tone_value(enum tone_curve curve, double x);
 double tone_srgb(double linear);
 
 /* Exposure that follows the picture: the log-average luminance is brought to the key of 0.18 [Reinhard 2002, Eq. 1]
- * and approached by a fixed share per frame, in stops, so that a script and a stream step alike: no clock.
- * Zeroed memory with desc set by exposure_init is ready; the first frame is taken at once. */
+ * and approached by a fixed share per frame, in stops, never staying further from it than one stop, so that a script
+ * and a stream step alike: no clock. Zeroed memory with desc set by exposure_init is ready; the first frame is taken at
+ * once. */
 struct exposure {
     double key;        /* 0.18 */
     double adapt;      /* share of the way covered per frame, 0..1; 1: at once */

@@ -80,8 +80,8 @@ static void restore_denormals(unsigned before)
 #endif
 }
 
-static void shade_packets(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame, float *lo,
-                          struct direct_stats *stats)
+static void shade_packets(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
+                          const atomic_bool *cancel, float *lo, struct direct_stats *stats)
 {
     uint64_t rays = 0, chosen = 0, effective = 0;
 
@@ -90,8 +90,11 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
         const unsigned before = flush_denormals();
         struct direct_counts counts = { 0 };
 #pragma omp for schedule(dynamic, 32)
-        for (uint32_t i = 0; i < g->packet_count; i++)
+        for (uint32_t i = 0; i < g->packet_count; i++) {
+            if (cancel && atomic_load_explicit(cancel, memory_order_relaxed))
+                continue;
             d->kernels->direct_packet(frame, &g->packets[i], i, lo + (size_t)i * 3 * PACKET, &counts);
+        }
         rays += counts.rays;
         chosen += counts.chosen;
         effective += counts.effective;
@@ -114,6 +117,7 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     *stats = (struct direct_stats){ 0 };
     if (!(e->total_energy > 0.0)) { /* a black sky lights nothing */
         memset(lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
+        d->lights.strata = 0;
         return ERR_OK;
     }
     enum err result = samples_draw(e, recipe->strata, light_count, rng_mix(seed, 0), &d->lights);
@@ -133,7 +137,7 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         .lobe_count = lobe_count,
         .seed = rng_mix(seed, 2),
     };
-    shade_packets(d, g, &frame, lo, stats);
+    shade_packets(d, g, &frame, desc->cancel, lo, stats);
     stats->generated = d->lights.first[d->lights.strata];
     stats->lobes = lobe_count * g->point_count;
     return ERR_OK;

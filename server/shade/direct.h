@@ -14,6 +14,7 @@
 #include "method.h"
 #include "rays.h"
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -22,9 +23,10 @@ struct kernels;
 
 struct direct_desc {
     enum method method;
-    uint32_t samples;    /* N_s per shade point, 1..2^20 */
-    uint64_t seed, pass; /* together they decide every random number */
-    bool no_visibility;  /* V = 1, as the paper */
+    uint32_t samples;          /* N_s per shade point, 1..2^20 */
+    uint64_t seed, pass;       /* together they decide every random number */
+    bool no_visibility;        /* V = 1, as the paper */
+    const atomic_bool *cancel; /* once true, what is left is not shaded; may be NULL */
 };
 
 struct direct_stats {
@@ -44,7 +46,8 @@ MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, cons
                                  const struct environment *e, const struct direct_desc *desc, float *lo,
                                  struct direct_stats *stats);
 
-/* The light samples of the last direct_shade: for benchmarks, tests and the page's sky view. */
+/* The light samples of the last direct_shade (no strata under a black sky): for benchmarks, tests and the page's sky.
+ */
 const struct light_samples *direct_samples(const struct direct *d);
 
 #endif

@@ -224,10 +224,10 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         LANES(l) s.sum[c].v[l] = 0.0f;
     lobes_set_up(p, &s.lobes);
     set_up_rays(&s);
-    if (f->light_part > 0.0f || f->share == SHARE_CORNERS)
+    if (f->light_part > 0.0f) {
         set_up_shares(&s);
-    if (f->light_part > 0.0f)
         add_light_samples(&s);
+    }
     if (f->brdf_part > 0.0f)
         add_lobe_samples(&s, index);
     for (int c = 0; c < 3; c++)

@@ -22,11 +22,11 @@
 struct lobes {
     struct lanes reflected[3];        /* phong: mirror direction of wo about the shading normal */
     struct lanes brdf_norm, pdf_norm; /* phong: (n + 2) / (2 pi) and (n + 1) / (2 pi) */
-    struct lanes cosine_out;          /* ggx: n.wo, held above 0 */
+    struct lanes out[3], cosine_out;  /* ggx: wo, bent up to where n.wo > 0 if it is not, and n.wo then */
     struct lanes diffuse_part;        /* probability of the diffuse lobe */
 };
 
-#define LEAST_COSINE 1e-4f /* of the viewer's direction with a shading normal that turns away from it */
+#define LEAST_COSINE 1e-3f /* of the viewer's direction with a shading normal that turns away from it */
 
 /* The fifth power by which reflectance grows to 1 at grazing angles [Schlick 1994]. */
 static inline float schlick_weight(float cosine)
@@ -45,7 +45,14 @@ static void lobes_set_up(const struct shade_packet *p, struct lobes *s)
         s->reflected[2].v[l] = 2.0f * out * p->ns_z[l] - p->wo_z[l];
         s->brdf_norm.v[l] = (p->gloss[l] + 2.0f) * (float)(0.5 / PI);
         s->pdf_norm.v[l] = (p->gloss[l] + 1.0f) * (float)(0.5 / PI);
-        s->cosine_out.v[l] = out > LEAST_COSINE ? out : LEAST_COSINE;
+        const float lift = out < LEAST_COSINE ? LEAST_COSINE - out : 0.0f;
+        const float x = p->wo_x[l] + lift * p->ns_x[l], y = p->wo_y[l] + lift * p->ns_y[l],
+                    z = p->wo_z[l] + lift * p->ns_z[l];
+        const float scale = 1.0f / sqrtf(x * x + y * y + z * z);
+        s->out[0].v[l] = x * scale;
+        s->out[1].v[l] = y * scale;
+        s->out[2].v[l] = z * scale;
+        s->cosine_out.v[l] = (out + lift) * scale;
     }
     LANES(l)
     {
@@ -100,13 +107,13 @@ static inline void evaluate_ggx(const struct lobes *s, const struct shade_packet
     {
         /* The half vector; its sine with the normal from the cross product, which keeps its precision where it is
          * small. */
-        float hx = p->wo_x[l] + d[0].v[l], hy = p->wo_y[l] + d[1].v[l], hz = p->wo_z[l] + d[2].v[l];
+        float hx = s->out[0].v[l] + d[0].v[l], hy = s->out[1].v[l] + d[1].v[l], hz = s->out[2].v[l] + d[2].v[l];
         const float length2 = hx * hx + hy * hy + hz * hz, scale = length2 > 1e-12f ? 1.0f / sqrtf(length2) : 0.0f;
         hx *= scale;
         hy *= scale;
         hz *= scale;
         const float nh = p->ns_x[l] * hx + p->ns_y[l] * hy + p->ns_z[l] * hz;
-        const float oh = p->wo_x[l] * hx + p->wo_y[l] * hy + p->wo_z[l] * hz;
+        const float oh = s->out[0].v[l] * hx + s->out[1].v[l] * hy + s->out[2].v[l] * hz;
         const float cx = p->ns_y[l] * hz - p->ns_z[l] * hy, cy = p->ns_z[l] * hx - p->ns_x[l] * hz,
                     cz = p->ns_x[l] * hy - p->ns_y[l] * hx;
         const float a2 = p->gloss[l] * p->gloss[l], sine2 = cx * cx + cy * cy + cz * cz;
@@ -176,7 +183,7 @@ static inline void sample_visible_normals(const struct lobes *s, const struct sh
         const float sign = copysignf(1.0f, nz), a = -1.0f / (sign + nz), b = nx * ny * a;
         const float t[3] = { 1.0f + sign * nx * nx * a, sign * b, -sign * nx };
         const float u[3] = { b, sign + ny * ny * a, -ny };
-        const float alpha = p->gloss[l], ox = p->wo_x[l], oy = p->wo_y[l], oz = p->wo_z[l];
+        const float alpha = p->gloss[l], ox = s->out[0].v[l], oy = s->out[1].v[l], oz = s->out[2].v[l];
         float wx = alpha * (ox * t[0] + oy * t[1] + oz * t[2]), wy = alpha * (ox * u[0] + oy * u[1] + oz * u[2]);
         float wz = s->cosine_out.v[l];
         const float stretch = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz);

@@ -21,6 +21,7 @@
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 struct render {
     struct direct_desc direct;
@@ -67,7 +68,8 @@ static struct option_row rows[] = {
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
     { "threads", "N", "at most; 0: as many as there are processors", "0" },
     { "", NULL, "what comes out", NULL },
-    { "out", "PATTERN", "a name with %d or %04d for the frame's number; .exr (linear) or .jpg (tone-mapped)", NULL },
+    { "out", "PATTERN",
+      "a name with %d or %04d for the frame's number, else one frame; .exr (linear) or .jpg (tone-mapped)", NULL },
     { "half", NULL, "EXR of 16-bit floats instead of 32", NULL },
     { "tone", "CURVE", "of .jpg: filmic, reinhard or linear", "filmic" },
     { "quality", "Q", "of .jpg, 1 to 100", "92" },
@@ -136,6 +138,24 @@ static enum err read_options(const struct options *o, struct render *r, struct s
     return e;
 }
 
+/* What would fail after the work is found out before it. */
+static enum err check_outputs(struct render *r, struct reason *why)
+{
+    const char *out = r->out.text, *slash = strrchr(out, '/');
+    char folder[4096];
+
+    snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - out) + 1 : 1, slash ? out : ".");
+    if (access(folder, W_OK) != 0)
+        return err_say(why, ERR_IO, "--out '%s': %s", out, strerror(errno));
+    if (r->stats_path) {
+        r->stats = strcmp(r->stats_path, "-") == 0 ? stdout : fopen(r->stats_path, "w");
+        if (!r->stats)
+            return err_say(why, ERR_IO, "%s: %s", r->stats_path, strerror(errno));
+        fputs("[", r->stats);
+    }
+    return ERR_OK;
+}
+
 static enum err set_up(struct render *r, const struct source_desc *source, const struct set_desc *set,
                        struct reason *why)
 {
@@ -152,6 +172,8 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
                     "--out '%s' names one file, but the source has %" PRIu64
                     " frames: put %%04d into it, or choose one by --frames",
                     r->out.text, source_count(r->source));
+    if (!e)
+        e = check_outputs(r, why);
     if (!e)
         e = set_create(set, &r->set, why);
     if (e)
@@ -199,12 +221,14 @@ static void write_stats(struct render *r, const struct relight_stats *s, const d
     const struct gbuffer *g = r->set->gbuffer;
     const struct image_faults *f = &r->environment->image.faults;
 
+    json_t *name = json_string(r->environment->name); /* NULL where a file's name is not UTF-8 */
+
     json_t *j =
-        json_pack("{s:I, s:s, s:s, s:i, s:{s:f, s:f, s:f, s:f, s:f}, s:I, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, "
+        json_pack("{s:I, s:o, s:s, s:i, s:{s:f, s:f, s:f, s:f, s:f}, s:I, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, "
                   "s:I}, s:{s:I, s:I, s:I}, s:[s]}",
-                  "frame", (json_int_t)r->frame.number, "environment", r->environment->name, "method",
-                  method_name(r->direct.method), "samples", (int)r->direct.samples, "ms", "decode", ms[0], "rebuild",
-                  ms[1], "shade", s->shade_ms, "resolve", s->resolve_ms, "write", ms[2], "rays",
+                  "frame", (json_int_t)r->frame.number, "environment", name ? name : json_null(), "method",
+                  method_recipe(r->direct.method)->name, "samples", (int)r->direct.samples, "ms", "decode", ms[0],
+                  "rebuild", ms[1], "shade", s->shade_ms, "resolve", s->resolve_ms, "write", ms[2], "rays",
                   (json_int_t)s->direct.rays, "light_samples", "generated", (json_int_t)s->direct.generated, "chosen",
                   (json_int_t)s->direct.chosen, "effective", (json_int_t)s->direct.effective, "lobes",
                   (json_int_t)s->direct.lobes, "repaired", "nan", (json_int_t)f->nan, "infinite",

@@ -127,9 +127,28 @@ static void lobes_and_light_sampling_agree(void **state)
     }
 }
 
+/* A shading normal that turns away from the viewer: the viewer is taken to stand just above the surface, and what is
+ * evaluated is still what is sampled. */
+static void a_viewer_below_the_shading_normal_counts_as_grazing(void **state)
+{
+    static const double alphas[] = { 0.05, 0.2, 0.5, 1.0 }, cosines[] = { -0.3, -0.1, -0.02 };
+    const double least = 1e-3;
+    (void)state;
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 3; k++) {
+            const struct lobe m = { LOBE_GGX, 0.4, 0.3, alphas[i] };
+            const double bent = least / sqrt(1.0 - cosines[k] * cosines[k] + least * least);
+            const double got = rendered(&m, cosines[k], METHOD_BRDF, 1 << 14, 4), want = albedo(&m, bent);
+            if (fabs(got / want - 1.0) >= 2e-3)
+                printf("alpha %g, cosine %g: %.5f, quadrature %.5f\n", alphas[i], cosines[k], got, want);
+            assert_true(fabs(got / want - 1.0) < 2e-3);
+        }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(phong_albedo_is_that_of_quadrature_at_every_exponent),
     cmocka_unit_test(ggx_albedo_is_that_of_quadrature_at_every_roughness),
     cmocka_unit_test(lobes_and_light_sampling_agree),
+    cmocka_unit_test(a_viewer_below_the_shading_normal_counts_as_grazing),
 };
 UNIT_MAIN(tests)
