@@ -3,7 +3,6 @@
 
 #include "options.h"
 
-#include <inttypes.h>
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
@@ -47,19 +46,14 @@ static struct option_row rows[] = {
 static enum err read_source(const struct options *o, struct daemon *d, struct reason *why)
 {
     struct source_desc *s = &d->source_desc;
-    const char *frames = options_get(o, "frames");
-    int used = 0;
-    enum err e = ERR_OK;
+    enum err e;
 
     s->spec = options_get(o, "source");
     s->loop = !options_on(o, "once");
     d->push = strcmp(s->spec, "push:") == 0;
-    if (frames) {
-        s->has_range = true;
-        if (sscanf(frames, "%" SCNu64 "-%" SCNu64 "%n", &s->first, &s->last, &used) != 2 || frames[used] ||
-            s->first > s->last)
-            return err_say(why, ERR_USAGE, "--frames '%s' is not A-B with A <= B", frames);
-    }
+    e = options_range(o, "frames", &s->has_range, &s->first, &s->last, why);
+    if (e)
+        return e;
     d->computed_sky = strncmp(s->spec, "sky:", 4) == 0;
     if (d->computed_sky)
         e = sky_parse(s->spec + 4, &d->sky, why);
