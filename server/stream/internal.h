@@ -28,7 +28,7 @@ enum {
     STREAM_HELLO_US = 5000000,   /* from connection to hello */
     STREAM_STALL_US = 10000000,  /* without a byte taken while some wait */
     STREAM_GOODBYE_US = 2000000, /* for all to hear that the server goes */
-    STREAM_FRAME_US = 30000000,  /* from a frame's first byte to its last */
+    STREAM_FRAME_MS = 30000,     /* from a frame's first byte to its last, where nothing else is said */
     STREAM_SILENT_US = 5000000,  /* after which another producer may take a silent one's place */
     STREAM_GRANT_US = 2000,      /* between two grants of credit, so that small frames cannot flood */
 };
@@ -110,6 +110,7 @@ struct server {
     char *tokens[SERVER_ROLES];
     bool allow_remote, push, controllers; /* the last two: that role is offered */
     size_t max_frame_bytes;
+    uint32_t frame_ms;
     uint16_t port;
     uint32_t max_connections;
     struct lws_context *context;

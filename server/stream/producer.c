@@ -54,7 +54,7 @@ void producer_hello(struct viewer *v, const struct message *m, struct welcome *w
     w->after = q ? q->accepted : 0;
     w->credit = v->credit;
     w->frame_bytes = s->max_frame_bytes;
-    log_info("%s: a producer, %s%s", v->peer, q ? "lockstep, sequence " : "live", q ? q->name : "");
+    log_debug("%s: a producer, %s%s", v->peer, q ? "lockstep, sequence " : "live", q ? q->name : "");
 }
 
 void producer_leave(struct viewer *v)
@@ -145,9 +145,9 @@ void producer_tick(struct viewer *v, int64_t now_us)
 {
     struct fault fault;
 
-    if (!v->assembly.under_way || now_us - v->frame_us <= STREAM_FRAME_US)
+    if (!v->assembly.under_way || now_us - v->frame_us <= (int64_t)v->server->frame_ms * 1000)
         return;
-    fault_say(&fault, FAULT_TOO_SLOW, "7.9", "a frame was not complete after %d s", STREAM_FRAME_US / 1000000);
+    fault_say(&fault, FAULT_TOO_SLOW, "7.9", "a frame was not complete after %g s", v->server->frame_ms / 1000.0);
     give_up(v, &fault);
 }
 

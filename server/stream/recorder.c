@@ -39,7 +39,7 @@ void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w
     w->recorder = true;
     w->has_after = q->has_stored; /* this thread alone hears of it: no lock */
     w->after = q->stored;
-    log_info("%s: the recorder of sequence %s", v->peer, q->name);
+    log_debug("%s: the recorder of sequence %s", v->peer, q->name);
 }
 
 bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault)

@@ -31,6 +31,7 @@ struct server_desc {
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */
     bool push;                        /* producers are taken; else their role is not offered */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
+    uint32_t frame_ms;                /* within which a frame must be complete once begun; default 30 s */
 };
 
 /* Starts listening and starts the thread. On any error *out is NULL.

@@ -347,4 +347,21 @@ static inline void sleep_ms(long ms)
     nanosleep(&t, NULL);
 }
 
+/* 0 under AddressSanitizer, which keeps freed memory on purpose. */
+static inline long resident_kib(void)
+{
+#ifdef __SANITIZE_ADDRESS__
+    return 0;
+#endif
+    char line[256];
+    long kib = 0;
+    FILE *in = fopen("/proc/self/status", "r");
+
+    assert_non_null(in);
+    while (fgets(line, sizeof(line), in))
+        sscanf(line, "VmRSS: %ld", &kib);
+    fclose(in);
+    return kib;
+}
+
 #endif

@@ -4,23 +4,6 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-/* 0 under AddressSanitizer, which keeps freed memory on purpose. */
-static long resident_kib(void)
-{
-#ifdef __SANITIZE_ADDRESS__
-    return 0;
-#endif
-    char line[256];
-    long kib = 0;
-    FILE *in = fopen("/proc/self/status", "r");
-
-    assert_non_null(in);
-    while (fgets(line, sizeof(line), in))
-        sscanf(line, "VmRSS: %ld", &kib);
-    fclose(in);
-    return kib;
-}
-
 static void a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_server(void **state)
 {
     (void)state;

@@ -1,0 +1,567 @@
+/* PROTOCOL.md 5.8 to 5.10: each frame of a lockstep sequence yields one picture, whoever is killed and when. */
+#include "producing.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+static void a_producer_has_no_credit_before_a_recorder_has_come(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_demand demand;
+    int64_t after;
+
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 0);
+    assert_int_equal(after, -1);
+    assert_true(nothing_comes(&p, "credit", 300));
+    server_demand(s, &demand);
+    assert_false(demand.recorder);
+    assert_int_equal(demand.recorder_format, 0);
+    assert_int_equal(record(&r, s, "a", "exr_float"), -1);
+    assert_int_equal(credit_comes(&p), 1);
+    server_demand(s, &demand);
+    assert_true(demand.recorder);
+    assert_int_equal(demand.recorder_format, PROTOCOL_EXR_FLOAT);
+    assert_int_equal(demand.viewers, 0); /* it watches nothing but its sequence */
+    client_shut(&p);
+    client_shut(&r);
+    server_destroy(s);
+}
+
+static void credit_returns_when_the_picture_is_stored_and_not_before(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r, viewer;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h = { 0 };
+    int64_t after;
+
+    record(&r, s, "a", "exr_half");
+    client_greet(&viewer, s);
+    client_say(&viewer, "{\"op\":\"subscribe\",\"format\":\"exr_half\"}");
+    client_expect(&viewer, "subscribed");
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 1);
+    for (uint64_t number = 3; number <= 9; number += 3) {
+        frame_send(&p, number);
+        take(s, &f, &t, number);
+        assert_true(t.lockstep);
+        publish_for(s, PROTOCOL_JPEG, number, &t); /* only shown */
+        publish_for(s, PROTOCOL_EXR_HALF, number, &t);
+        expect_fate(&p, number, "used");
+        assert_true(client_picture(&r, &h, CLIENT_WAIT_MS) > 0);
+        assert_int_equal(h.frame, number);
+        assert_int_equal(h.capture_us, number * 1000);
+        assert_int_equal(h.flags, PROTOCOL_PICTURE_LOCKSTEP);
+        assert_true(client_picture(&viewer, &h, CLIENT_WAIT_MS) > 0); /* sees it, and its ack counts for nothing */
+        client_ack(&viewer, h.sequence);
+        if (number == 3)
+            assert_true(nothing_comes(&p, "credit", 300));
+        store(&r, h.sequence);
+        assert_int_equal(credit_comes(&p), 1);
+    }
+    assert_int_equal(h.sequence, 3);
+    client_shut(&p);
+    client_shut(&r);
+    client_shut(&viewer);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void a_recorder_must_say_that_it_has_stored(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h = { 0 };
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    produce_lockstep(&p, s, "a", &after);
+    publish(s, 1, 500); /* of no sequence: not for a recorder */
+    frame_send(&p, 1);
+    take(s, &f, &t, 1);
+    publish_for(s, PROTOCOL_JPEG, 1, &t);
+    assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), 2);
+    client_ack(&r, 2);
+    json_t *error = client_await(&r, "error");
+    assert_non_null(error);
+    assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.5.3");
+    json_decref(error);
+    assert_int_equal(client_close_code(&r), 4002);
+    client_shut(&r);
+    client_shut(&p);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void a_picture_comes_again_until_it_is_stored(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h = { 0 };
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    produce_lockstep(&p, s, "a", &after);
+    frame_send(&p, 1);
+    take(s, &f, &t, 1);
+    client_shut(&r); /* killed while the picture is made */
+    COUNTER_BECOMES(s, open, 1);
+    publish_for(s, PROTOCOL_JPEG, 1, &t);
+    expect_fate(&p, 1, "used");
+    for (int i = 0; i < 3; i++) { /* and again while it is being stored */
+        assert_int_equal(record(&r, s, "a", "jpeg"), -1);
+        assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), 1);
+        assert_int_equal(h.frame, 1);
+        assert_int_equal(h.flags, PROTOCOL_PICTURE_LOCKSTEP | PROTOCOL_PICTURE_REPEAT);
+        client_shut(&r);
+    }
+    assert_true(nothing_comes(&p, "credit", 200));
+    assert_int_equal(record(&r, s, "a", "jpeg"), -1);
+    assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), 1);
+    store(&r, 1);
+    assert_int_equal(credit_comes(&p), 1);
+    client_shut(&r); /* killed after its ack: it does not come again */
+    assert_int_equal(record(&r, s, "a", "jpeg"), 1);
+    assert_int_equal(client_picture(&r, &h, 300), 0);
+    client_shut(&r);
+    client_shut(&p);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void a_producer_goes_on_after_what_was_accepted(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h = { 0 };
+    uint8_t bytes[FRAME_SIZE];
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 1);
+    frame_make(7, bytes); /* killed in the middle of a frame: it was not accepted */
+    client_frame(&p, OP_BINARY, false, bytes, FRAME_SIZE - 1);
+    client_shut(&p);
+    COUNTER_BECOMES(s, frames_cut, 1);
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 1);
+    assert_int_equal(after, -1);
+    frame_send(&p, 7);
+    COUNTER_BECOMES(s, frames_received, 1);
+    client_shut(&p); /* killed while its frame waits */
+    COUNTER_BECOMES(s, open, 1);
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 0);
+    assert_int_equal(after, 7);
+    take(s, &f, &t, 7);
+    client_shut(&p); /* killed while it is worked on */
+    COUNTER_BECOMES(s, open, 1);
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 0);
+    assert_int_equal(after, 7);
+    publish_for(s, PROTOCOL_JPEG, 7, &t);
+    expect_fate(&p, 7, "used"); /* told to whoever makes the sequence now */
+    client_shut(&p);            /* killed while the picture waits */
+    COUNTER_BECOMES(s, open, 1);
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 0);
+    assert_int_equal(after, 7);
+    assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), 1);
+    store(&r, 1);
+    assert_int_equal(credit_comes(&p), 1);
+    frame_send(&p, 7); /* a feeder that does not listen */
+    expect_fate(&p, 7, "used");
+    assert_int_equal(credit_comes(&p), 1);
+    assert_false(server_take_frame(s, &f, &t, 20));
+    COUNTER_BECOMES(s, frames_repeated, 1);
+    frame_send(&p, 8);
+    take(s, &f, &t, 8);
+    client_shut(&p);
+    client_shut(&r);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void a_refused_frame_returns_its_credit_and_is_remembered(void **state)
+{
+    (void)state;
+    static const char not_radiance[] = "no";
+    const struct protocol_environment file = { .encoding = PROTOCOL_FILE_HDR, .payload = 2, .frame = 2 };
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    produce_lockstep(&p, s, "a", &after);
+    frame_send(&p, 1);
+    take(s, &f, &t, 1);
+    server_frame_fate(s, &t, SERVER_REFUSED, "no sky");
+    expect_fate(&p, 1, "refused");
+    assert_int_equal(credit_comes(&p), 1);
+    payload_send(&p, file, not_radiance); /* refused before it is taken */
+    expect_fate(&p, 2, "refused");
+    assert_int_equal(credit_comes(&p), 1);
+    frame_send(&p, 2);
+    expect_fate(&p, 2, "refused");
+    assert_int_equal(credit_comes(&p), 1);
+    frame_send(&p, 3);
+    take(s, &f, &t, 3);
+    server_frame_fate(s, &t, SERVER_SUPERSEDED, NULL); /* may not be: then it was refused */
+    expect_fate(&p, 3, "refused");
+    client_shut(&p);
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 1);
+    assert_int_equal(after, 3);
+    client_shut(&p);
+    client_shut(&r);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void whoever_comes_second_with_the_name_takes_over(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p[2], r[2], other;
+    int64_t after;
+
+    record(&r[0], s, "a", "jpeg");
+    assert_int_equal(produce_lockstep(&p[0], s, "a", &after), 1);
+    assert_int_equal(produce_lockstep(&p[1], s, "a", &after), 1);
+    assert_int_equal(client_close_code(&p[0]), 4011);
+    record(&r[1], s, "a", "jpeg");
+    assert_int_equal(client_close_code(&r[0]), 4011);
+    client_open(&other, s);
+    assert_int_equal(client_handshake(&other, NULL), 101);
+    client_say(&other, "{\"op\":\"hello\",\"role\":\"producer\",\"version\":{\"major\":1},\"pace\":\"lockstep\","
+                       "\"sequence\":\"b\"}");
+    assert_int_equal(client_close_code(&other), 4012);
+    client_shut(&other);
+    client_shut(&p[0]);
+    client_shut(&r[0]);
+    frame_send(&p[1], 1);
+    COUNTER_BECOMES(s, frames_received, 1);
+    client_shut(&p[1]);
+    client_shut(&r[1]);
+    server_destroy(s);
+}
+
+static void the_end_is_told_when_all_is_stored(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h = { 0 };
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    produce_lockstep(&p, s, "a", &after);
+    frame_send(&p, 1);
+    client_say(&p, "{\"op\":\"end\"}");
+    take(s, &f, &t, 1);
+    publish_for(s, PROTOCOL_JPEG, 1, &t);
+    assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), 1);
+    assert_true(nothing_comes(&r, "sequence", 200));
+    store(&r, 1);
+    for (int i = 0; i < 2; i++) { /* again to who has been away */
+        json_t *m = client_await(&r, "sequence");
+        assert_non_null(m);
+        assert_string_equal(json_string_value(json_object_get(m, "name")), "a");
+        assert_string_equal(json_string_value(json_object_get(m, "state")), "ended");
+        assert_int_equal(json_integer_value(json_object_get(m, "stored")), 1);
+        json_decref(m);
+        client_shut(&r);
+        record(&r, s, "a", "jpeg");
+    }
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 1); /* also without a recorder it knows that all is done */
+    client_shut(&r);
+    client_shut(&p);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void the_format_stands_while_a_frame_is_under_way(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h = { 0 };
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    client_say(&r, "{\"op\":\"subscribe\",\"format\":\"exr_float\"}"); /* nothing is under way yet */
+    client_expect(&r, "subscribed");
+    produce_lockstep(&p, s, "a", &after);
+    frame_send(&p, 1);
+    take(s, &f, &t, 1);
+    client_say(&r, "{\"op\":\"subscribe\",\"format\":\"jpeg\"}");
+    json_t *error = client_await(&r, "error");
+    assert_non_null(error);
+    assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.3.6");
+    assert_true(json_is_false(json_object_get(error, "fatal")));
+    json_decref(error);
+    publish_for(s, PROTOCOL_EXR_FLOAT, 1, &t);
+    assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), 1);
+    assert_int_equal(h.format, PROTOCOL_EXR_FLOAT);
+    store(&r, 1);
+    assert_int_equal(credit_comes(&p), 1);
+    client_say(&r, "{\"op\":\"subscribe\",\"format\":\"jpeg\"}");
+    client_expect(&r, "subscribed");
+    client_shut(&r);
+    client_shut(&p);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void a_live_frame_never_overtakes_one_in_lockstep(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client live, p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    int64_t after;
+
+    produce_live(&live, s);
+    frame_send(&live, 100);
+    COUNTER_BECOMES(s, frames_received, 1);
+    client_shut(&live);
+    COUNTER_BECOMES(s, open, 0);
+    record(&r, s, "a", "jpeg");
+    assert_int_equal(produce_lockstep(&p, s, "a", &after), 1);
+    frame_send(&p, 1);
+    COUNTER_BECOMES(s, frames_received, 2);
+    take(s, &f, &t, 1);
+    struct server_ticket none;
+    assert_false(server_take_frame(s, &f, &none, 50));
+    publish_for(s, PROTOCOL_JPEG, 1, &t);
+    take(s, &f, &none, 100);
+    assert_false(none.lockstep);
+    client_shut(&r);
+    client_shut(&p);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+static void sixteen_names_are_remembered(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r[17];
+    struct server_ticket t;
+    struct frame f = { 0 };
+    char name[20];
+    int64_t after;
+
+    for (int i = 0; i < 40; i++) { /* names that are done with make way */
+        snprintf(name, sizeof(name), "n%d", i);
+        record(&r[0], s, name, "jpeg");
+        client_shut(&r[0]);
+        COUNTER_BECOMES(s, open, 0);
+    }
+    for (int i = 0; i < 16; i++) {
+        snprintf(name, sizeof(name), "m%d", i);
+        record(&r[i], s, name, "jpeg");
+    }
+    client_open(&r[16], s);
+    assert_int_equal(client_handshake(&r[16], NULL), 101);
+    client_say(&r[16],
+               "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1},\"recorder\":\"one.too.many\"}");
+    assert_int_equal(client_close_code(&r[16]), 4012);
+    client_shut(&r[16]);
+    /* One that still owes a picture does not make way, though nobody is there. */
+    assert_int_equal(produce_lockstep(&p, s, "m0", &after), 1);
+    frame_send(&p, 1);
+    take(s, &f, &t, 1);
+    publish_for(s, PROTOCOL_JPEG, 1, &t);
+    expect_fate(&p, 1, "used");
+    client_shut(&p);
+    for (int i = 0; i < 16; i++)
+        client_shut(&r[i]);
+    COUNTER_BECOMES(s, open, 0);
+    for (int i = 0; i < 40; i++) {
+        snprintf(name, sizeof(name), "o%d", i);
+        record(&r[0], s, name, "jpeg");
+        client_shut(&r[0]);
+        COUNTER_BECOMES(s, open, 0);
+    }
+    struct protocol_picture h;
+    record(&r[0], s, "m0", "jpeg");
+    assert_int_equal(client_picture(&r[0], &h, CLIENT_WAIT_MS), 1);
+    client_shut(&r[0]);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+/* ---- Everybody is killed at random ---- */
+
+enum { FRAMES = 120 };
+
+struct play {
+    struct server *s;
+    atomic_bool over;
+    unsigned seed;
+    int files[FRAMES + 2]; /* how often the picture of each frame was stored, in the recorder's "folder" */
+    int stored_last;       /* as the recorder knows across its lives: nothing but its folder */
+    atomic_int deaths;
+};
+
+static unsigned dice(unsigned *seed, unsigned sides)
+{
+    *seed = *seed * 1664525u + 1013904223u;
+    return (*seed >> 16) % sides;
+}
+
+/* The renderer: takes, sometimes slowly, and publishes. */
+static void *render(void *arg)
+{
+    struct play *play = arg;
+    struct frame f = { 0 };
+    struct server_ticket t;
+
+    while (!atomic_load(&play->over)) {
+        if (!server_take_frame(play->s, &f, &t, 20))
+            continue;
+        assert_true(f.rgb[0] == (float)f.number);
+        if (f.number % 7 == 0)
+            sleep_ms(3);
+        publish_for(play->s, PROTOCOL_JPEG, f.number, &t);
+        publish_for(play->s, PROTOCOL_EXR_FLOAT, f.number, &t);
+    }
+    frame_finish(&f);
+    return NULL;
+}
+
+/* Connects, feeds from where the server says, and dies at some message or in the middle of a frame; until all is sent
+ * and the credit is back. */
+static void *feed(void *arg)
+{
+    struct play *play = arg;
+    unsigned seed = play->seed;
+
+    for (bool done = false; !done;) {
+        struct client c;
+        int64_t after;
+        int credit = produce_lockstep(&c, play->s, "play", &after);
+        uint64_t next = after < 0 ? 1 : (uint64_t)after + 1;
+        for (;;) {
+            const bool dies = dice(&seed, 12) == 0;
+            if (credit > 0 && next > FRAMES) {
+                client_say(&c, "{\"op\":\"end\"}");
+                done = true;
+            } else if (credit > 0) {
+                uint8_t bytes[FRAME_SIZE];
+                frame_make(next, bytes);
+                client_frame(&c, OP_BINARY, !dies, bytes, dies ? dice(&seed, FRAME_SIZE) : FRAME_SIZE);
+                next++;
+                credit--;
+            }
+            if (done || dies)
+                break;
+            const int got = client_next(&c, 100);
+            if (got == OP_TEXT && strstr((char *)c.message, "\"op\":\"credit\""))
+                credit++;
+        }
+        if (done)
+            client_next(&c, 200);
+        client_shut(&c);
+        atomic_fetch_add(&play->deaths, 1);
+    }
+    return NULL;
+}
+
+/* Stores, and dies before the store, between store and ack, or after. */
+static void *keep(void *arg)
+{
+    struct play *play = arg;
+    unsigned seed = play->seed + 77;
+
+    for (bool done = false; !done;) {
+        struct client c;
+        record(&c, play->s, "play", "exr_float");
+        for (bool dies = false; !dies && !done;) {
+            const int got = client_next(&c, 200);
+            if (got == OP_TEXT)
+                done = strstr((char *)c.message, "\"op\":\"sequence\"") != NULL;
+            if (got != OP_BINARY)
+                continue;
+            struct protocol_picture h;
+            size_t offset;
+            assert_int_equal(protocol_picture_decode(c.message, c.size, &h, &offset), PROTOCOL_OK);
+            assert_int_equal(h.format, PROTOCOL_EXR_FLOAT);
+            const unsigned death = dice(&seed, 30);
+            dies = death < 3;
+            if (death == 0)
+                break;
+            /* In order; and again only what it could not acknowledge. */
+            assert_true((int)h.frame == play->stored_last + 1 || (int)h.frame == play->stored_last);
+            play->files[h.frame] = 1;
+            play->stored_last = (int)h.frame;
+            if (death != 1)
+                store(&c, h.sequence);
+        }
+        client_shut(&c);
+        atomic_fetch_add(&play->deaths, 1);
+    }
+    return NULL;
+}
+
+static void no_frame_is_lost_or_doubled_whoever_is_killed(void **state)
+{
+    (void)state;
+    for (unsigned seed = 1; seed <= 4; seed++) {
+        struct play play = { .s = push_server(), .seed = seed };
+        struct server_counters counters;
+        struct client viewer;
+        pthread_t renderer, feeder, keeper;
+
+        client_watch(&viewer, play.s); /* never reads: delays nobody */
+        assert_int_equal(pthread_create(&renderer, NULL, render, &play), 0);
+        assert_int_equal(pthread_create(&keeper, NULL, keep, &play), 0);
+        assert_int_equal(pthread_create(&feeder, NULL, feed, &play), 0);
+        pthread_join(feeder, NULL);
+        pthread_join(keeper, NULL);
+        atomic_store(&play.over, true);
+        pthread_join(renderer, NULL);
+        for (int i = 1; i <= FRAMES; i++)
+            if (!play.files[i])
+                fail_msg("seed %u: the picture of frame %d is missing", seed, i);
+        server_counters(play.s, &counters);
+        /* Each frame was accepted once and rendered once, in two formats. */
+        assert_int_equal(counters.frames_received - counters.frames_repeated, FRAMES);
+        assert_int_equal(counters.published, 2 * FRAMES);
+        assert_int_equal(counters.frames_refused, 0);
+        assert_true(atomic_load(&play.deaths) > 10);
+        client_shut(&viewer);
+        server_destroy(play.s);
+    }
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_producer_has_no_credit_before_a_recorder_has_come),
+    cmocka_unit_test(credit_returns_when_the_picture_is_stored_and_not_before),
+    cmocka_unit_test(a_recorder_must_say_that_it_has_stored),
+    cmocka_unit_test(a_picture_comes_again_until_it_is_stored),
+    cmocka_unit_test(a_producer_goes_on_after_what_was_accepted),
+    cmocka_unit_test(a_refused_frame_returns_its_credit_and_is_remembered),
+    cmocka_unit_test(whoever_comes_second_with_the_name_takes_over),
+    cmocka_unit_test(the_end_is_told_when_all_is_stored),
+    cmocka_unit_test(the_format_stands_while_a_frame_is_under_way),
+    cmocka_unit_test(a_live_frame_never_overtakes_one_in_lockstep),
+    cmocka_unit_test(sixteen_names_are_remembered),
+    cmocka_unit_test(no_frame_is_lost_or_doubled_whoever_is_killed),
+};
+UNIT_MAIN(tests)
