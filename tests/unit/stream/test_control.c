@@ -1,0 +1,218 @@
+/* PROTOCOL.md 4.13: controllers, and who is told what. */
+#include "producing.h"
+
+static void control_in(struct client *c, const struct server *s)
+{
+    json_decref(hello(c, s, "\"role\":\"controller\""));
+}
+
+static struct server_control taken(struct server *s)
+{
+    struct server_control c = { 0 };
+
+    for (int i = 0; i < 400; i++) {
+        if (server_take_control(s, &c))
+            return c;
+        sleep_ms(20);
+    }
+    fail_msg("nothing was asked for");
+    return c;
+}
+
+static void expect_control(struct client *c, uint64_t by, int request, const char *words)
+{
+    json_t *m = client_await(c, "control");
+    char id[24];
+
+    assert_non_null(m);
+    snprintf(id, sizeof(id), "%llu", (unsigned long long)by);
+    assert_string_equal(json_string_value(json_object_get(m, "by")), id);
+    assert_int_equal(json_integer_value(json_object_get(m, "request")), request);
+    if (!strstr((char *)c->message, words))
+        fail_msg("no %s in %s", words, (char *)c->message);
+    json_decref(m);
+}
+
+static const struct server_control in_force = {
+    .has_rotate = true,
+    .has_scale = true,
+    .has_method = true,
+    .has_samples = true,
+    .has_tone = true,
+    .has_paused = true,
+    .rotate_degrees = 12.5,
+    .method = "mis",
+    .tone = "filmic",
+    .samples = 64,
+};
+
+static void all_that_can_be_asked_for_arrives(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client c;
+
+    control_in(&c, s);
+    client_say(&c, "{\"op\":\"control\",\"request\":3,\"rotate_degrees\":-90.5,\"scale_stops\":2,\"method\":\"mis\","
+                   "\"samples\":128,\"tone\":\"linear\",\"paused\":true}");
+    const struct server_control a = taken(s);
+    assert_true(a.has_rotate && a.has_scale && a.has_method && a.has_samples && a.has_tone && a.has_paused);
+    assert_true(a.rotate_degrees == -90.5 && a.scale_stops == 2.0 && a.samples == 128 && a.paused);
+    assert_string_equal(a.method, "mis");
+    assert_string_equal(a.tone, "linear");
+    assert_int_equal(a.request, 3);
+    client_say(&c, "{\"op\":\"control\",\"samples\":7}");
+    const struct server_control b = taken(s);
+    assert_true(!b.has_rotate && !b.has_scale && !b.has_method && b.has_samples && !b.has_tone && !b.has_paused);
+    client_shut(&c);
+    server_destroy(s);
+}
+
+static void the_last_word_wins_and_all_are_told(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct server_control now = in_force, a;
+    struct client one, two, viewer, late;
+
+    client_greet(&viewer, s);
+    control_in(&one, s);
+    control_in(&two, s);
+    client_say(&one, "{\"op\":\"control\",\"request\":1,\"rotate_degrees\":10}");
+    a = taken(s);
+    const uint64_t first = a.by;
+    now.rotate_degrees = 10;
+    server_set_control(s, &now, &a, NULL);
+    expect_control(&one, first, 1, "\"rotate_degrees\":10.0");
+    expect_control(&two, first, 1, "\"rotate_degrees\":10.0");
+    expect_control(&viewer, first, 1, "\"samples\":64");
+    client_say(&two, "{\"op\":\"control\",\"request\":9,\"rotate_degrees\":20}");
+    a = taken(s);
+    assert_true(a.by != first);
+    now.rotate_degrees = 20;
+    server_set_control(s, &now, &a, NULL);
+    expect_control(&one, a.by, 9, "\"rotate_degrees\":20.0");
+    expect_control(&two, a.by, 9, "\"rotate_degrees\":20.0");
+    client_greet(&late, s); /* and who comes later */
+    expect_control(&late, a.by, 9, "\"rotate_degrees\":20.0");
+    client_shut(&one);
+    client_shut(&two);
+    client_shut(&viewer);
+    client_shut(&late);
+    server_destroy(s);
+}
+
+static void words_in_a_row_are_one_change_and_between_two_the_order_stands(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct server_control a;
+    struct client one, two;
+
+    control_in(&one, s);
+    control_in(&two, s);
+    client_say(&one, "{\"op\":\"control\",\"request\":1,\"rotate_degrees\":1,\"tone\":\"linear\"}");
+    client_say(&one, "{\"op\":\"control\",\"request\":2,\"rotate_degrees\":2,\"samples\":5}");
+    client_say(&one, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&one, "pong");
+    client_say(&two, "{\"op\":\"control\",\"request\":8,\"rotate_degrees\":8}");
+    client_say(&two, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&two, "pong");
+    client_say(&one, "{\"op\":\"control\",\"request\":3,\"rotate_degrees\":3}");
+    client_say(&one, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&one, "pong");
+    a = taken(s);
+    assert_true(a.request == 2 && a.rotate_degrees == 2.0 && a.samples == 5 && a.has_tone);
+    assert_string_equal(a.tone, "linear");
+    a = taken(s);
+    assert_true(a.request == 8 && a.rotate_degrees == 8.0 && !a.has_tone);
+    a = taken(s);
+    assert_true(a.request == 3 && a.rotate_degrees == 3.0 && !a.has_samples);
+    assert_false(server_take_control(s, &a));
+    client_shut(&one);
+    client_shut(&two);
+    server_destroy(s);
+}
+
+static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text, *clause;
+    } bad[] = {
+        { "\"rotate_degrees\":\"far\"", "4.13.2" },
+        { "\"rotate_degrees\":1e9", "4.13.2" },
+        { "\"scale_stops\":61", "4.13.3" },
+        { "\"method\":\"\"", "4.13.4" },
+        { "\"method\":5", "4.13.4" },
+        { "\"samples\":0", "4.13.5" },
+        { "\"samples\":1.5", "4.13.5" },
+        { "\"tone\":\"a word much too long for a curve\"", "4.13.6" },
+        { "\"paused\":1", "4.13.7" },
+    };
+    struct server *s = push_server();
+    struct server_control a;
+    struct client c, viewer;
+    char text[200];
+
+    control_in(&c, s);
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
+        snprintf(text, sizeof(text), "{\"op\":\"control\",\"request\":%zu,%s}", i + 1, bad[i].text);
+        client_say(&c, text);
+        json_t *error = client_await(&c, "error");
+        assert_non_null(error);
+        assert_string_equal(json_string_value(json_object_get(error, "code")), "bad_field");
+        assert_string_equal(json_string_value(json_object_get(error, "clause")), bad[i].clause);
+        assert_true(json_is_false(json_object_get(error, "fatal")));
+        assert_int_equal(json_integer_value(json_object_get(error, "request")), i + 1);
+        json_decref(error);
+    }
+    assert_false(server_take_control(s, &a));
+    client_say(&c, "{\"op\":\"control\",\"request\":40,\"method\":\"magic\"}");
+    a = taken(s);
+    server_set_control(s, &in_force, &a, "there is no method 'magic'");
+    json_t *error = client_await(&c, "error");
+    assert_non_null(error);
+    assert_non_null(strstr(json_string_value(json_object_get(error, "message")), "magic"));
+    assert_int_equal(json_integer_value(json_object_get(error, "request")), 40);
+    assert_true(json_is_false(json_object_get(error, "fatal")));
+    json_decref(error);
+    expect_control(&c, a.by, 40, "\"method\":\"mis\""); /* and what is in force instead */
+    client_greet(&viewer, s);
+    client_say(&viewer, "{\"op\":\"control\",\"samples\":4}");
+    assert_int_equal(client_close_code(&viewer), 4004);
+    client_shut(&viewer);
+    client_shut(&c);
+    server_destroy(s);
+}
+
+static void a_slider_does_not_cost_slow_viewers_their_connection(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct server_control now = in_force;
+    struct protocol_picture h;
+    struct client stuck;
+
+    client_watch(&stuck, s);
+    publish(s, 1, 8000000); /* in transmission for as long as nobody reads */
+    for (int i = 0; i < 500; i++) {
+        now.samples = (uint32_t)i + 1;
+        server_set_control(s, &now, NULL, NULL);
+        if (i % 100 == 0)
+            sleep_ms(20);
+    }
+    assert_int_equal(client_picture(&stuck, &h, CLIENT_WAIT_MS), 1);
+    expect_control(&stuck, 0, 0, "\"samples\":500"); /* the newest, and only that */
+    client_shut(&stuck);
+    server_destroy(s);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(all_that_can_be_asked_for_arrives),
+    cmocka_unit_test(the_last_word_wins_and_all_are_told),
+    cmocka_unit_test(words_in_a_row_are_one_change_and_between_two_the_order_stands),
+    cmocka_unit_test(what_cannot_be_done_is_told_to_who_asked_and_costs_nothing),
+    cmocka_unit_test(a_slider_does_not_cost_slow_viewers_their_connection),
+};
+UNIT_MAIN(tests)
