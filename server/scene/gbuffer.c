@@ -15,15 +15,14 @@
 #define BAND_ROWS 16u     /* rows that one thread takes at a time; it traces one more above and below for their edges */
 #define COLOUR_STEP 0.04f /* neighbours whose texture differs by more are an edge */
 
-/* What a row of pixels came to; joined in order afterwards, so that threads do not show. */
-struct row {
-    struct shade_point *points;
-    struct gbuffer_entry *entries; /* .point counts from the row's first */
-    struct gbuffer_escape *escapes;
-    uint32_t point_count, escape_count; /* as many entries as points */
-    uint32_t point_room, escape_room;
-    uint32_t edge_pixels;
-    struct sight_count count;
+/* Rows lie one after another in blocks that are large enough to go back to the system when they are freed: below 32 MiB
+ * the C library may keep them in its heap, where they are of no use to the larger arrays that follow. */
+#define SLAB_BYTES ((size_t)33 << 20)
+
+struct slab {
+    _Alignas(MEM_ALIGN) size_t size; /* bytes behind this head */
+    size_t used;
+    uint32_t holders; /* rows, and the thread that still fills it */
 };
 
 struct view { /* the camera's axes, scaled so that a pixel is one step */
@@ -38,16 +37,18 @@ struct build {
     struct row *rows;
     uint32_t side; /* camera rays per side of an edge pixel */
     uint64_t max_bytes;
-    _Atomic uint64_t bytes;
-    _Atomic bool failed; /* out of memory */
+    _Atomic uint64_t bytes; /* of all that is held at once, with what sorting the points will take */
+    _Atomic bool failed;    /* out of memory */
 };
 
-/* A thread's own: centre samples of a band, and the leaves of one pixel. */
+/* A thread's own: centre samples of a band, the leaves of one pixel and the row that is being made. */
 struct scratch {
-    struct leaf *centres; /* [BAND_ROWS + 2][width] */
+    struct leaf *centres; /* [rows of a band + 2][width] */
     uint8_t *specular;    /* likewise: the first surface is a mirror or glass */
     struct leaf *leaves;  /* [side * side * LEAF_MAX] */
     uint32_t *owner;
+    struct row draft;  /* one row after another is made here and then copied at its size */
+    struct slab *slab; /* the one that takes the copies; NULL: none yet */
 };
 
 static void view_init(struct view *v, const struct camera *c, uint32_t width, uint32_t height)
@@ -222,11 +223,13 @@ static bool add_leaf(struct row *r, const struct leaf *l, uint32_t x, uint32_t y
 
 /* One row of pixels; entry_first and escape_first take the counts within the row, of which prefix sums are made
  * later. */
-static bool build_row(struct build *b, const struct scratch *s, uint32_t in_band, uint32_t y)
+static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint32_t y)
 {
     const uint32_t width = b->desc->width;
-    struct row *r = &b->rows[y];
+    struct row *r = &s->draft;
 
+    r->point_count = r->escape_count = r->edge_pixels = 0;
+    r->count = b->rows[y].count; /* of its centre samples */
     for (uint32_t x = 0; x < width; x++) {
         const size_t pixel = (size_t)y * width + x;
         const uint32_t points = r->point_count, escapes = r->escape_count;
@@ -252,13 +255,69 @@ static bool build_row(struct build *b, const struct scratch *s, uint32_t in_band
     return true;
 }
 
+static void slab_release(struct slab *slab)
+{
+    if (slab && --slab->holders == 0)
+        mem_free(slab);
+}
+
+/* Place for `bytes` more in the thread's slab, or in a new one. */
+static bool slab_reserve(struct slab **slab, size_t bytes)
+{
+    if (*slab && (*slab)->size - (*slab)->used >= bytes)
+        return true;
+    const size_t least = SLAB_BYTES - sizeof(**slab), size = bytes > least ? bytes : least;
+    struct slab *fresh = mem_alloc_raw(1, sizeof(*fresh) + size);
+    if (!fresh)
+        return false;
+    *fresh = (struct slab){ .size = size, .holders = 1 };
+    slab_release(*slab);
+    *slab = fresh;
+    return true;
+}
+
+static size_t aligned(size_t bytes)
+{
+    return (bytes + MEM_ALIGN - 1) / MEM_ALIGN * MEM_ALIGN;
+}
+
+static void *slab_copy(struct slab *slab, const void *from, size_t bytes)
+{
+    void *to = (char *)(slab + 1) + slab->used;
+
+    if (bytes > 0)
+        memcpy(to, from, bytes);
+    slab->used += aligned(bytes);
+    return to;
+}
+
+/* The draft as row y. */
+static bool keep_row(struct build *b, struct scratch *s, uint32_t y)
+{
+    const struct row *draft = &s->draft;
+    const size_t points = draft->point_count * sizeof(*draft->points);
+    const size_t entries = draft->point_count * sizeof(*draft->entries);
+    const size_t escapes = draft->escape_count * sizeof(*draft->escapes);
+    struct row *r = &b->rows[y];
+
+    if (!slab_reserve(&s->slab, aligned(points) + aligned(entries) + aligned(escapes)))
+        return false;
+    *r = *draft;
+    r->slab = s->slab;
+    r->slab->holders++;
+    r->points = slab_copy(r->slab, draft->points, points);
+    r->entries = slab_copy(r->slab, draft->entries, entries);
+    r->escapes = slab_copy(r->slab, draft->escapes, escapes);
+    return true;
+}
+
 static uint64_t row_bytes(const struct row *r)
 {
-    return r->point_count * (sizeof(struct shade_packet) / PACKET + sizeof(struct gbuffer_entry)) +
+    return r->point_count * (sizeof(struct shade_point) + sizeof(struct gbuffer_entry) + PACKING_BYTES) +
            r->escape_count * sizeof(struct gbuffer_escape);
 }
 
-static void build_band(struct build *b, const struct scratch *s, uint32_t band)
+static void build_band(struct build *b, struct scratch *s, uint32_t band)
 {
     const uint32_t width = b->desc->width, height = b->desc->height;
     const uint32_t from = band * BAND_ROWS, to = from + BAND_ROWS < height ? from + BAND_ROWS : height;
@@ -273,7 +332,7 @@ static void build_band(struct build *b, const struct scratch *s, uint32_t band)
                            .count);
     }
     for (uint32_t y = from; y < to; y++) {
-        if (!build_row(b, s, y - from + 1, y)) {
+        if (!build_row(b, s, y - from + 1, y) || !keep_row(b, s, y)) {
             b->failed = true;
             return;
         }
@@ -282,15 +341,30 @@ static void build_band(struct build *b, const struct scratch *s, uint32_t band)
     }
 }
 
-static bool scratch_init(struct scratch *s, uint32_t width, uint32_t side)
+/* How many samples the centres of a band and its neighbours are. */
+static size_t centre_count(const struct gbuffer_desc *d)
 {
-    const size_t leaves = (size_t)side * side * LEAF_MAX;
+    return ((d->height < BAND_ROWS ? d->height : BAND_ROWS) + 2) * (size_t)d->width;
+}
 
-    s->centres = mem_alloc((BAND_ROWS + 2) * (size_t)width, sizeof(*s->centres));
-    s->specular = mem_alloc((BAND_ROWS + 2) * (size_t)width, sizeof(*s->specular));
-    s->leaves = mem_alloc(leaves, sizeof(*s->leaves));
-    s->owner = mem_alloc(leaves, sizeof(*s->owner));
+static bool scratch_init(struct scratch *s, const struct gbuffer_desc *d, uint32_t side)
+{
+    const size_t leaves = (size_t)side * side * LEAF_MAX, centres = centre_count(d);
+
+    *s = (struct scratch){
+        .centres = mem_alloc(centres, sizeof(*s->centres)),
+        .specular = mem_alloc(centres, sizeof(*s->specular)),
+        .leaves = mem_alloc(leaves, sizeof(*s->leaves)),
+        .owner = mem_alloc(leaves, sizeof(*s->owner)),
+    };
     return s->centres && s->specular && s->leaves && s->owner;
+}
+
+/* The draft apart, which is a row among thousands. */
+static uint64_t scratch_bytes(const struct gbuffer_desc *d, uint32_t side)
+{
+    return centre_count(d) * (sizeof(struct leaf) + 1) +
+           (uint64_t)side * side * LEAF_MAX * (sizeof(struct leaf) + sizeof(uint32_t));
 }
 
 static void scratch_finish(struct scratch *s)
@@ -299,6 +373,10 @@ static void scratch_finish(struct scratch *s)
     mem_free(s->specular);
     mem_free(s->leaves);
     mem_free(s->owner);
+    mem_free(s->draft.points);
+    mem_free(s->draft.entries);
+    mem_free(s->draft.escapes);
+    slab_release(s->slab);
 }
 
 static void build_bands(struct build *b)
@@ -308,7 +386,8 @@ static void build_bands(struct build *b)
 #pragma omp parallel
     {
         struct scratch s;
-        if (!scratch_init(&s, b->desc->width, b->side))
+        atomic_fetch_add(&b->bytes, scratch_bytes(b->desc, b->side));
+        if (!scratch_init(&s, b->desc, b->side))
             b->failed = true;
 #pragma omp for schedule(dynamic)
         for (int band = 0; band < bands; band++) {
@@ -331,69 +410,73 @@ static uint64_t prefix_sum(uint32_t *first, size_t count)
     return sum;
 }
 
-/* The rows one after another, in the G-buffer's own arrays; *points is the caller's. */
-static enum err join_rows(struct build *b, uint64_t point_count, uint64_t escape_count, struct shade_point **points)
+/* The rows one after another, in the G-buffer's own arrays. Each row is given back at once, and the new arrays are not
+ * real memory before they are written: the two are never there in full together. */
+static enum err join_rows(struct build *b, struct packing *p)
 {
     struct gbuffer *g = b->g;
-    uint32_t at = 0, escapes = 0;
+    const size_t pixels = (size_t)g->width * g->height;
 
-    *points = mem_alloc(point_count, sizeof(**points));
-    g->entries = mem_alloc(point_count, sizeof(*g->entries));
-    g->escapes = mem_alloc(escape_count, sizeof(*g->escapes));
-    if (!*points || !g->entries || !g->escapes)
+    g->packets = mem_alloc_raw(g->packet_count, sizeof(*g->packets));
+    g->entries = mem_alloc_raw(g->entry_first[pixels], sizeof(*g->entries));
+    g->escapes = mem_alloc_raw(g->escape_first[pixels], sizeof(*g->escapes));
+    if (!g->packets || !g->entries || !g->escapes)
         return ERR_NOMEM;
     for (uint32_t y = 0; y < g->height; y++) {
         struct row *r = &b->rows[y];
+        const uint32_t first = g->entry_first[(size_t)y * g->width];
+        packing_put(p, r, first, g->packets);
         for (uint32_t i = 0; i < r->point_count; i++) {
-            (*points)[at + i] = r->points[i];
-            g->entries[at + i] = r->entries[i];
-            g->entries[at + i].point += at;
+            g->entries[first + i] = r->entries[i];
+            g->entries[first + i].point = p->slots[first + i];
         }
         if (r->escape_count > 0)
-            memcpy(g->escapes + escapes, r->escapes, r->escape_count * sizeof(*g->escapes));
-        at += r->point_count;
-        escapes += r->escape_count;
-        g->edge_pixels += r->edge_pixels;
-        g->camera_rays += r->count.rays;
-        g->cut_weight += r->count.cut;
+            memcpy(g->escapes + g->escape_first[(size_t)y * g->width], r->escapes,
+                   r->escape_count * sizeof(*g->escapes));
+        slab_release(r->slab);
+        r->slab = NULL;
     }
     return ERR_OK;
 }
 
+static void add_counts(struct build *b)
+{
+    for (uint32_t y = 0; y < b->g->height; y++) {
+        b->g->edge_pixels += b->rows[y].edge_pixels;
+        b->g->camera_rays += b->rows[y].count.rays;
+        b->g->cut_weight += b->rows[y].count.cut;
+    }
+}
+
 static enum err too_large(const struct build *b, struct reason *why)
 {
-    return err_say(why, ERR_RANGE, "G-buffer of %u x %u pixels: more than the allowed %.3g MiB", b->desc->width,
-                   b->desc->height, (double)b->max_bytes / 1048576.0);
+    return err_say(why, ERR_RANGE, "G-buffer of %u x %u pixels: more than the allowed %.1f GiB", b->desc->width,
+                   b->desc->height, (double)b->max_bytes / 1073741824.0);
 }
 
 static enum err finish(struct build *b, struct reason *why)
 {
     struct gbuffer *g = b->g;
-    struct shade_point *points = NULL;
-    uint32_t *slots = NULL;
+    struct packing packing;
     const size_t pixels = (size_t)g->width * g->height;
     const uint64_t point_count = prefix_sum(g->entry_first, pixels);
     const uint64_t escape_count = prefix_sum(g->escape_first, pixels);
 
     if (point_count > UINT32_MAX - 4 * PACKET || escape_count > UINT32_MAX)
         return too_large(b, why);
-    enum err e = join_rows(b, point_count, escape_count, &points);
+    enum err e = packing_init(&packing, b->rows, g->height, (uint32_t)point_count);
     if (e)
-        goto done;
-    slots = mem_alloc(point_count, sizeof(*slots));
-    e = slots ? points_pack(points, (uint32_t)point_count, &g->packets, &g->packet_count, slots) : ERR_NOMEM;
-    if (e)
-        goto done;
-    for (uint64_t i = 0; i < point_count; i++)
-        g->entries[i].point = slots[g->entries[i].point];
+        return e;
     g->point_count = point_count;
+    g->packet_count = packing.packet_count;
     g->bytes = sizeof(*g) + g->packet_count * sizeof(*g->packets) + point_count * sizeof(*g->entries) +
                escape_count * sizeof(*g->escapes) + 2 * (pixels + 1) * sizeof(*g->entry_first);
     if (g->bytes > b->max_bytes)
         e = too_large(b, why);
-done:
-    mem_free(points);
-    mem_free(slots);
+    else
+        e = join_rows(b, &packing);
+    add_counts(b);
+    packing_finish(&packing);
     return e;
 }
 
@@ -424,11 +507,8 @@ static enum err build_all(struct build *b, struct reason *why)
 
 static void free_rows(struct row *rows, uint32_t count)
 {
-    for (uint32_t y = 0; rows && y < count; y++) {
-        mem_free(rows[y].points);
-        mem_free(rows[y].entries);
-        mem_free(rows[y].escapes);
-    }
+    for (uint32_t y = 0; rows && y < count; y++)
+        slab_release(rows[y].slab);
     mem_free(rows);
 }
 

@@ -59,7 +59,7 @@ struct gbuffer {
     uint64_t edge_pixels; /* got more camera rays than one */
     uint64_t camera_rays; /* with those that follow mirrors and glass */
     double cut_weight;    /* sum over all camera rays of what was left when a chain of mirrors and glass was cut */
-    uint64_t bytes;       /* what all of it takes */
+    uint64_t bytes;       /* what all of it takes, once it is built */
     float pixel_angle;    /* radians, height of a pixel at the picture's centre */
 };
 
@@ -68,7 +68,8 @@ struct gbuffer_desc {
     uint32_t width, height; /* 1..16384 */
     uint32_t edge_rays;     /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: none extra; at most 64 */
     bool every_pixel;       /* treat all pixels as edges */
-    uint64_t max_bytes;     /* 0: 4 GiB; ERR_RANGE beyond */
+    uint64_t max_bytes;     /* of all that is held at once, building included, about 1.3 times what stays; 0: 4 GiB;
+                             * ERR_RANGE beyond */
     struct progress *progress; /* may be NULL; stepped once per row */
 };
 

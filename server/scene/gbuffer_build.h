@@ -4,6 +4,8 @@
 
 #include "gbuffer.h"
 
+#include <stdbool.h>
+
 /* One end of a camera ray that was followed through mirrors and glass: a rough surface, or the environment. */
 struct leaf {
     bool escaped;
@@ -55,9 +57,41 @@ struct shade_point {
     uint32_t x, y; /* pixel */
 };
 
-/* Sorts points into packets: homogeneous in kind, near each other, alike where they can be. *packets is allocated and
- * slots[i] tells where point i went: packet * 16 + lane. ERR_NOMEM. */
-MUST_CHECK enum err points_pack(const struct shade_point *points, uint32_t count, struct shade_packet **packets,
-                                uint32_t *packet_count, uint32_t *slots);
+struct slab; /* memory of several rows */
+
+/* What a row of pixels came to. A draft has arrays of its own that grow; the rows that are kept lie in slabs. */
+struct row {
+    struct slab *slab;
+    struct shade_point *points;
+    struct gbuffer_entry *entries; /* as many as points; .point counts from the row's first */
+    struct gbuffer_escape *escapes;
+    uint32_t point_count, escape_count;
+    uint32_t point_room, escape_room; /* of the draft alone: what its arrays can hold */
+    uint32_t edge_pixels;
+    struct sight_count count;
+};
+
+/* What a packet will be, known before it is filled. */
+struct packet_head {
+    uint8_t kind, count;
+    bool begun; /* its memory is zeroed */
+};
+
+/* Which point goes where: homogeneous in kind, near each other, alike where they can be. */
+struct packing {
+    uint32_t *slots; /* [point_count]: packet * 16 + lane, the points of all rows counted on */
+    struct packet_head *heads;
+    uint32_t packet_count;
+};
+
+#define PACKING_BYTES 24 /* what packing_init takes for each point while it sorts */
+
+/* Needs no more of the rows than their points. ERR_NOMEM; then *p is finished. */
+MUST_CHECK enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count);
+void packing_finish(struct packing *p); /* zeroed memory is allowed */
+
+/* Writes a row's points into their places; `first` is the number of the row's first. In any order of rows, each once;
+ * no byte of `packets` need be defined before, and after the last row all are. */
+void packing_put(struct packing *p, const struct row *r, uint32_t first, struct shade_packet *packets);
 
 #endif

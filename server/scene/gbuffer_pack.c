@@ -2,6 +2,7 @@
 
 #include "mem.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -10,6 +11,7 @@
 #define TILE_BITS 4u
 #define KEY_BITS 44u
 #define DIGIT_BITS 11u
+#define KIND_SHIFT 42u /* the kind is the key's topmost two bits */
 
 /* Spreads the low 16 bits of x to the even places. */
 static uint64_t spread(uint64_t x)
@@ -51,9 +53,15 @@ static uint64_t sort_key(const struct shade_point *p)
 }
 
 struct item {
-    uint64_t key;
+    uint32_t key_high, key_low; /* in halves: 12 bytes, not 16 */
     uint32_t point;
 };
+_Static_assert(2 * sizeof(struct item) == PACKING_BYTES, "items and spare ones");
+
+static uint32_t digit(const struct item *item, unsigned shift)
+{
+    return ((uint64_t)item->key_high << 32 | item->key_low) >> shift & ((1u << DIGIT_BITS) - 1u);
+}
 
 /* Stable, so that equal keys keep the picture's order. */
 static void radix_sort(struct item *items, struct item *spare, uint32_t count)
@@ -63,11 +71,11 @@ static void radix_sort(struct item *items, struct item *spare, uint32_t count)
     for (unsigned shift = 0; shift < KEY_BITS; shift += DIGIT_BITS) {
         uint32_t start[DIGITS + 1] = { 0 };
         for (uint32_t i = 0; i < count; i++)
-            start[((items[i].key >> shift) & (DIGITS - 1)) + 1]++;
+            start[digit(&items[i], shift) + 1]++;
         for (unsigned d = 0; d < DIGITS; d++)
             start[d + 1] += start[d];
         for (uint32_t i = 0; i < count; i++)
-            spare[start[(items[i].key >> shift) & (DIGITS - 1)]++] = items[i];
+            spare[start[digit(&items[i], shift)]++] = items[i];
         struct item *swap = items;
         items = spare;
         spare = swap;
@@ -102,59 +110,93 @@ static void put(struct shade_packet *k, uint32_t lane, const struct shade_point 
     k->valid[lane] = valid;
 }
 
-/* Packets that `items` take when a new kind begins a new packet. */
-static uint32_t count_packets(const struct shade_point *points, const struct item *items, uint32_t count)
+/* The kind stands in the topmost bits of the key. */
+static uint8_t kind_of(const struct item *item)
+{
+    return (uint8_t)(item->key_high >> (KIND_SHIFT - 32));
+}
+
+/* Packets that `items` take when a new kind begins a new packet; writes their heads and the slots where those are
+ * given. */
+static uint32_t lay_out(const struct item *items, uint32_t count, struct packet_head *heads, uint32_t *slots)
 {
     uint32_t packets = 0, lane = 0;
 
     for (uint32_t i = 0; i < count; i++) {
-        if (i == 0 || lane == PACKET || points[items[i].point].kind != points[items[i - 1].point].kind) {
+        if (i == 0 || lane == PACKET || kind_of(&items[i]) != kind_of(&items[i - 1])) {
             packets++;
             lane = 0;
         }
         lane++;
+        if (heads)
+            heads[packets - 1] = (struct packet_head){ .kind = kind_of(&items[i]), .count = (uint8_t)lane };
+        if (slots)
+            slots[items[i].point] = (packets - 1) * PACKET + lane - 1;
     }
     return packets;
 }
 
-static void fill(const struct shade_point *points, const struct item *items, uint32_t count,
-                 struct shade_packet *packets, uint32_t *slots)
+/* The points of all rows into the order of the packets. */
+static void sort_points(const struct row *rows, uint32_t row_count, uint32_t point_count, struct item *items,
+                        struct item *spare)
 {
-    struct shade_packet *k = packets;
+    uint32_t n = 0;
 
-    for (uint32_t i = 0; i < count; i++) {
-        const struct shade_point *p = &points[items[i].point];
-        if (k->count == PACKET || (k->count > 0 && k->kind != p->kind))
-            k++;
-        k->kind = p->kind;
-        slots[items[i].point] = (uint32_t)(k - packets) * PACKET + k->count;
-        put(k, k->count++, p, -1);
-        for (uint32_t lane = k->count; lane < PACKET; lane++)
-            put(k, lane, p, 0);
+    for (uint32_t y = 0; y < row_count; y++) {
+        for (uint32_t i = 0; i < rows[y].point_count; i++, n++) {
+            const uint64_t key = sort_key(&rows[y].points[i]);
+            items[n] = (struct item){ (uint32_t)(key >> 32), (uint32_t)key, n };
+        }
     }
+    assert(n == point_count);
+    radix_sort(items, spare, point_count);
 }
 
-enum err points_pack(const struct shade_point *points, uint32_t count, struct shade_packet **packets,
-                     uint32_t *packet_count, uint32_t *slots)
+enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count)
 {
-    struct item *items = mem_alloc(count, sizeof(*items));
-    struct item *spare = mem_alloc(count, sizeof(*spare));
+    struct item *items = mem_alloc_raw(point_count, sizeof(*items));
+    void *spare = mem_alloc_raw(point_count, sizeof(*items));
     enum err e = items && spare ? ERR_OK : ERR_NOMEM;
 
-    *packets = NULL;
+    *p = (struct packing){ .slots = NULL };
     if (e)
         goto done;
-    for (uint32_t i = 0; i < count; i++)
-        items[i] = (struct item){ sort_key(&points[i]), i };
-    radix_sort(items, spare, count);
-    *packet_count = count_packets(points, items, count);
-    *packets = mem_alloc(*packet_count, sizeof(**packets));
-    if (*packets)
-        fill(points, items, count, *packets, slots);
-    else
-        e = ERR_NOMEM;
+    sort_points(rows, row_count, point_count, items, spare);
+    p->packet_count = lay_out(items, point_count, NULL, NULL);
+    p->heads = mem_alloc(p->packet_count, sizeof(*p->heads));
+    e = p->heads ? ERR_OK : ERR_NOMEM;
+    if (e)
+        goto done;
+    p->slots = spare; /* which is there already */
+    spare = NULL;
+    lay_out(items, point_count, p->heads, p->slots);
 done:
     mem_free(spare);
     mem_free(items);
     return e;
+}
+
+void packing_finish(struct packing *p)
+{
+    mem_free(p->slots);
+    mem_free(p->heads);
+    *p = (struct packing){ .slots = NULL };
+}
+
+void packing_put(struct packing *p, const struct row *r, uint32_t first, struct shade_packet *packets)
+{
+    for (uint32_t i = 0; i < r->point_count; i++) {
+        const uint32_t slot = p->slots[first + i], lane = slot % PACKET;
+        struct packet_head *head = &p->heads[slot / PACKET];
+        struct shade_packet *k = &packets[slot / PACKET];
+        if (!head->begun) {
+            memset(k, 0, sizeof(*k));
+            k->kind = head->kind;
+            k->count = head->count;
+            head->begun = true;
+        }
+        put(k, lane, &r->points[i], -1);
+        for (uint32_t rest = lane + 1; lane + 1u == head->count && rest < PACKET; rest++)
+            put(k, rest, &r->points[i], 0);
+    }
 }

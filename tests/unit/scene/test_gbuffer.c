@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <omp.h>
+#include <sys/resource.h>
 
 /* 64 x 64 pixels that span -1..1 at distance 1: a pixel is 1/32 m there. The camera looks along -z, x to the right. */
 static const struct camera front = { "front", { 0, 0, 1 }, { 0, 0, 0 }, { 0, 1, 0 }, (float)PI / 2.0f };
@@ -429,6 +430,42 @@ static void sizes_and_memory_are_limited(void **state)
     view_end(&v);
 }
 
+static void building_takes_little_more_than_what_stays(void **state)
+{
+    const float wall[4][3] = { { -9, -9, 0 }, { 9, -9, 0 }, { 9, 9, 0 }, { -9, 9, 0 } };
+    static const struct {
+        uint32_t width, height;
+        uint64_t max_bytes;
+        enum err want;
+    } cases[] = {
+        { 2048, 1024, 320 << 20, ERR_OK },    /* 2^21 points of 116 bytes stay: 232 MiB */
+        { 2048, 1024, 256 << 20, ERR_RANGE }, /* enough for these, but not for the building */
+        { 1, 16384, 16 << 20, ERR_OK },       /* a row of one pixel takes no more than one pixel */
+        { 16384, 1, 32 << 20, ERR_OK },
+    };
+    struct view v = view_quads(wall, 1, 1);
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        const struct gbuffer_desc d = {
+            .camera = &front, .width = cases[i].width, .height = cases[i].height, .max_bytes = cases[i].max_bytes
+        };
+        struct reason why = { "" };
+        struct gbuffer *g = NULL;
+        struct rusage before, after;
+        getrusage(RUSAGE_SELF, &before);
+        assert_int_equal(gbuffer_create(v.scene, v.rays, &d, &g, &why), cases[i].want);
+        getrusage(RUSAGE_SELF, &after);
+#ifndef __SANITIZE_ADDRESS__ /* which keeps what is freed. ru_maxrss is in KiB; a slab goes back whole */
+        assert_true((uint64_t)(after.ru_maxrss - before.ru_maxrss) * 1024 <= cases[i].max_bytes + (33 << 20));
+#endif
+        if (!g)
+            assert_non_null(strstr(why.text, "2048 x 1024 pixels: more than the allowed 0.2 GiB"));
+        gbuffer_destroy(g);
+    }
+    view_end(&v);
+}
+
 static void every_pixel_can_be_taken_as_an_edge(void **state)
 {
     const float wall[4][3] = { { -2, -2, 0 }, { 2, -2, 0 }, { 2, 2, 0 }, { -2, 2, 0 } };
@@ -483,6 +520,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(textures_are_averaged_over_the_pixel),
     cmocka_unit_test(ggx_carries_its_parameters),
     cmocka_unit_test(sizes_and_memory_are_limited),
+    cmocka_unit_test(building_takes_little_more_than_what_stays),
     cmocka_unit_test(every_pixel_can_be_taken_as_an_edge),
     cmocka_unit_test(shared_plaza_has_a_shade_point_where_it_should),
 };
