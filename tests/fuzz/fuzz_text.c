@@ -1,0 +1,75 @@
+/* A client's text message: either what it says lies within its limits, or a fault names clause and reason. */
+#include "harness.h"
+
+#include "message.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void require(int holds, const char *what)
+{
+    if (holds)
+        return;
+    fprintf(stderr, "broken promise: %s\n", what);
+    abort();
+}
+
+static void check_fault(const struct fault *f)
+{
+    char reason[FAULT_REASON];
+    char *error = message_error(f);
+
+    require(f->clause[0] == '3' || f->clause[0] == '4', "a fault names its clause");
+    require(f->text[0] != 0, "a fault has a reason");
+    require(strlen(fault_reason(f, reason)) <= 123, "a reason fits a close frame");
+    require(error && strstr(error, fault_name(f->code)), "a fault can be told");
+    message_free(error);
+}
+
+static void check_control(const struct server_control *c)
+{
+    require(!c->has_rotate || fabs(c->rotate_degrees) <= 3600, "rotation");
+    require(!c->has_scale || fabs(c->scale_stops) <= 60, "scale");
+    require(!c->has_samples || (c->samples >= 1 && c->samples <= 1 << 20), "samples");
+    require(memchr(c->method, 0, sizeof(c->method)) && memchr(c->tone, 0, sizeof(c->tone)), "words end");
+    require(c->request <= PROTOCOL_NUMBER_MAX, "request");
+}
+
+static void check_message(const struct message *m)
+{
+    switch (m->op) {
+    case MESSAGE_HELLO:
+        require(m->hello.role < SERVER_ROLES, "role");
+        require(memchr(m->hello.token, 0, sizeof(m->hello.token)) != NULL, "a token ends");
+        require(memchr(m->hello.sequence, 0, sizeof(m->hello.sequence)) != NULL, "a name ends");
+        require(memchr(m->hello.recorder, 0, sizeof(m->hello.recorder)) != NULL, "a name ends");
+        require(m->hello.role != SERVER_PRODUCER || !m->hello.lockstep || m->hello.sequence[0], "a name is there");
+        break;
+    case MESSAGE_SUBSCRIBE:
+        require(m->subscribe.format >= PROTOCOL_JPEG && m->subscribe.format <= PROTOCOL_EXR_FLOAT, "format");
+        require(m->subscribe.quality >= 0 && m->subscribe.quality <= 100, "quality");
+        require(m->subscribe.max_rate >= 0.0 && m->subscribe.max_rate <= 1000.0, "rate");
+        break;
+    case MESSAGE_ACK: require(m->ack.sequence >= 1 && m->ack.sequence <= PROTOCOL_NUMBER_MAX, "sequence"); break;
+    case MESSAGE_PING: require(m->ping.id <= PROTOCOL_NUMBER_MAX, "id"); break;
+    case MESSAGE_END: break;
+    case MESSAGE_CONTROL: check_control(&m->control); break;
+    default: require(0, "a known message");
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+    struct message m;
+    struct fault fault;
+    const enum fault_code code = message_parse((const char *)bytes, size, &m, &fault);
+
+    require(code == fault.code && code < FAULT_CODES, "one fault");
+    if (code)
+        check_fault(&fault);
+    else
+        check_message(&m);
+    return 0;
+}
