@@ -90,8 +90,8 @@ static struct sums sum_all(const float *x, const float *r, const uint8_t *mask, 
     return all;
 }
 
-/* DESIGN 3's relative squared error of one pixel, the mean over its channels. What is no number is infinitely wrong,
- * and so is light where the whole reference is black. */
+/* (x - r)^2 / (r^2 + soft) of one pixel, the mean over its channels. What is no number is infinitely wrong, and so is
+ * light where the whole reference is black. */
 static double pixel_error(const float *x, const float *r, double soft)
 {
     double sum = 0.0;

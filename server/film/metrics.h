@@ -1,5 +1,6 @@
 /* server/film/metrics.h */
-/* How far a picture is from a reference: DESIGN 3. Both are float[height][width][3], linear. */
+/* How far a picture is from a reference (docs/how-it-works.md, Conventions). Both are linear,
+ * float[height][width][3]. */
 #ifndef FILM_METRICS_H
 #define FILM_METRICS_H
 

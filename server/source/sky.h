@@ -1,7 +1,7 @@
 /* server/source/sky.h */
 /* The built-in daylight: an analytic clear sky with its sun, for any place and time [Preetham et al. 1999], its level
  * after [Rigollier et al. 2000] by day and [Janiczek and DeYoung 1987] in twilight; docs/sky.md has the whole model.
- * Radiance in linear Rec.709 with luminance = cd m^-2 / 179, lat-long in OpenEXR's orientation (DESIGN: image centre =
+ * Radiance in linear Rec.709 with luminance = cd m^-2 / 179, lat-long in OpenEXR's orientation (image centre =
  * +Z, a quarter left = +X, top = +Y). North is +Z and east is -X, so that with +Y up east is on the right of a map
  * whose north is on top: the sun rises at -X and stands at noon over -Z (northern hemisphere). */
 #ifndef SOURCE_SKY_H

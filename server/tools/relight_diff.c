@@ -123,7 +123,8 @@ static enum err compare(struct diff *d, struct reason *why)
 static enum err write_exr_map(const struct diff *d, const char *path, struct reason *why)
 {
     const size_t count = (size_t)d->images[1].width * d->images[1].height;
-    const struct exr_attribute attributes[] = { { "comments", "relative squared error, DESIGN 3" } };
+    const struct exr_attribute attributes[] = { { "comments",
+                                                  "relative squared error (x - r)^2 / (r^2 + 1e-2 mean(r)^2)" } };
     float *rgb = mem_alloc(count * 3, sizeof(*rgb));
 
     if (!rgb)

@@ -1,5 +1,6 @@
 #!/bin/bash
-# style.sh is trusted because it was seen to fail: each planted fault must be named, and a clean tree must pass.
+# style.sh and references.sh are trusted because they were seen to fail: each planted fault must be named, and a clean
+# tree must pass.
 set -euo pipefail
 style="$(dirname "$(readlink -f "$0")")/style.sh"
 tree="$(mktemp -d)"
@@ -67,4 +68,14 @@ plant docs/a.md "see /ho""me/someone/notes"
 expect 'docs/a.md:1: path of one machine'
 plant package-lock.json '"resolved": "https://registry.example.org/a.tgz"'
 expect 'host of a package registry'
+
+style="$(dirname "$style")/references.sh"
+plant docs/REFERENCES.md '- [Known 1999] A. Known, "A Title", 1999.'
+mkdir -p "$tree/protocol"
+echo '/* [Known 1999, Eq. 1] and a [link](a.md) */ int a[LENGTH + 2000];' >"$tree/server/base/a.c"
+"$style" "$tree"
+printf '/* as in [Known 1999; Nobody and\n * None 2001, Eq. 3] */\n' >"$tree/server/base/a.c"
+expect 'server/base/a.c: [Nobody and None 2001] is not in docs/REFERENCES.md'
+echo 'see [ABC12] for it' >"$tree/docs/a.md"
+expect 'docs/a.md: [ABC12]'
 echo 'every planted fault was named'
