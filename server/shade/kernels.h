@@ -31,13 +31,13 @@ struct direct_frame { /* what all packets of a frame share; borrowed */
 };
 
 struct kernels {
-    const char *level; /* "v2", "v3", "v4": x86-64 micro-architecture levels; "baseline" elsewhere */
+    const char *level; /* "v3", "v4": x86-64 micro-architecture levels; "baseline" everywhere */
     /* Radiance of one packet into lo[3][16]; adds to *counts. */
     void (*direct_packet)(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, float *lo,
                           struct direct_counts *counts);
 };
 
-/* The best level that this CPU has, or the one named ("v2", "v3", "v4", "baseline"); ERR_USAGE when it is unknown or
+/* The best level that this CPU has, or the one named ("baseline", "v3", "v4"); ERR_USAGE when it is unknown or
  * the CPU lacks it. */
 MUST_CHECK enum err kernels_select(const char *level, const struct kernels **out, struct reason *why);
 
