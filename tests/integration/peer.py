@@ -176,7 +176,9 @@ class Server:
 # ---- The programs ----
 
 class Program:
-    """A client under test; `await program` gives exit code, standard output and standard error."""
+    """A program under test; after end() it has code, out and err."""
+
+    started = []
 
     def __init__(self, name, *arguments):
         self.arguments = [str(BIN / name), *map(str, arguments)]
@@ -184,10 +186,11 @@ class Program:
     async def start(self):
         self.process = await asyncio.create_subprocess_exec(*self.arguments, stdout=asyncio.subprocess.PIPE,
                                                             stderr=asyncio.subprocess.PIPE)
+        Program.started.append(self.process)
         return self
 
-    async def end(self):
-        out, err = await asyncio.wait_for(self.process.communicate(), WAIT_S)
+    async def end(self, most_s=WAIT_S):
+        out, err = await asyncio.wait_for(self.process.communicate(), most_s)
         self.out, self.err = out.decode(), err.decode()
         self.code = self.process.returncode
         return self
@@ -228,9 +231,17 @@ def sky_files(folder, count, pad=0):
 def main(claims):
     """Runs the claim that the command line names."""
     claim = claims[sys.argv[1]]
+    async def claimed(folder):
+        try:
+            await claim(Path(folder))
+        finally:
+            for process in Program.started:  # a client comes back for ever, also when its test is over
+                if process.returncode is None:
+                    process.kill()
+
     try:
         with tempfile.TemporaryDirectory() as folder:
-            asyncio.run(claim(Path(folder)))
+            asyncio.run(claimed(folder))
     except Failed as fault:
         print("FAILED:", fault)
         sys.exit(1)
