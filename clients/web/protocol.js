@@ -184,6 +184,10 @@ const CLOSES = {
   4008: ['again', 'The server did not hear from this page in time.'],
   4009: ['again', 'The connection was too slow for the server.'],
   4010: ['later', 'This page asked for too much at once.'],
+  4011: ['never', 'Another client has taken the place of this one.'],
+  4012: ['later', 'Another producer is at work.'],
+  4013: ['again', 'A frame took too long to arrive.'],
+  4014: ['never', 'A frame was sent that the server had not asked for.'],
 };
 
 // {policy: 'again' | 'later' | 'never', text}: with back-off, not before ten seconds, or only when a person asks.
