@@ -26,7 +26,7 @@ enum connection_end {
 struct connection_hooks {
     json_t *(*hello)(void *user);                                 /* what to say first; the caller takes it over */
     void (*welcome)(void *user, const json_t *welcome);           /* on every connection anew */
-    void (*text)(void *user, const char *op, const json_t *text); /* all but welcome, pong, error */
+    void (*text)(void *user, const char *op, const json_t *text); /* all but welcome, pong, fatal errors */
     void (*binary)(void *user, const uint8_t *bytes, size_t size);
     void (*sent)(void *user); /* the last byte of connection_send's message was taken */
     void (*lost)(void *user); /* the connection that had been welcomed is gone; what was not sent is forgotten */

@@ -67,8 +67,11 @@ static void on_error(struct connection *c, const json_t *error)
     message_plain(error, "message", message, sizeof(message));
     snprintf(c->complaint, sizeof(c->complaint), "%s: %s%s%s", code, message, clause[0] ? ", PROTOCOL.md " : "",
              clause);
-    if (!json_is_true(json_object_get(error, "fatal")))
-        log_warning("%s: %s", c->address.named, c->complaint);
+    if (json_is_true(json_object_get(error, "fatal")))
+        return; /* the connection is closed next, and that says it */
+    log_warning("%s: %s", c->address.named, c->complaint);
+    if (c->state == STATE_WELCOMED && c->desc.hooks.text)
+        c->desc.hooks.text(c->desc.user, "error", error);
 }
 
 static void on_text(struct connection *c)

@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RETRY_FIRST_MS 250
+#define RETRY_FIRST_MS 500
 #define RETRY_MOST_MS 10000 /* also what "later" waits at least */
 #define RETRY_JITTER 0.2
 
@@ -30,7 +30,7 @@ struct retry_rule retry_after_close(int code);
 /* After a handshake that was answered with this HTTP status; 0 for no answer at all. */
 struct retry_rule retry_after_status(int status);
 
-/* How long to wait before try number `tries` (from 0) since the last success: 250 ms doubling up to 10 s, 20 % more or
+/* How long to wait before try number `tries` (from 0) since the last success: 500 ms doubling up to 10 s, 20 % more or
  * less, so that many clients do not come back at the same moment. */
 int retry_wait_ms(unsigned tries, enum retry_when when, struct rng *rng);
 

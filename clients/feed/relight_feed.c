@@ -50,6 +50,9 @@ struct feed {
     int64_t interrupted_ms; /* 0: no */
     bool complete;          /* end was said */
 
+    bool has_owed, owed_counted; /* lockstep: the fate of a frame that an earlier connection sent may still come */
+    uint64_t owed;               /* its number; counted: as used */
+
     bool resumed;
     uint64_t resume_after; /* of the first welcome */
     uint64_t sent, used, superseded, refused, lost, bytes;
@@ -188,10 +191,31 @@ static void on_sent(void *user)
     pump(f);
 }
 
+static void tell_refused(const char *name, uint64_t number, const json_t *m)
+{
+    char code[40], message[240];
+
+    message_plain(m, "code", code, sizeof(code));
+    message_plain(m, "message", message, sizeof(message));
+    log_error("%s%sframe %" PRIu64 " refused%s%s: %s", name, name[0] ? ": " : "", number, code[0] ? " as " : "", code,
+              message);
+}
+
+/* In lockstep a fate goes to whoever produces the sequence by then: this frame was sent by an earlier connection, or
+ * even by a feeder that was killed. */
+static void on_owed_fate(struct feed *f, uint64_t number, const json_t *m)
+{
+    if (strcmp(json_string_value(json_object_get(m, "fate")), "refused") == 0) {
+        tell_refused("", number, m);
+        f->refused++;
+        f->used -= f->owed_counted;
+    }
+    f->has_owed = false;
+}
+
 static void on_fate(struct feed *f, const json_t *m)
 {
     const char *fate = json_string_value(json_object_get(m, "fate"));
-    char code[40], message[240];
     uint64_t number;
     size_t i = 0;
 
@@ -199,13 +223,12 @@ static void on_fate(struct feed *f, const json_t *m)
         return;
     while (i < f->flight_count && f->flights[i].number != number)
         i++;
+    if (i == f->flight_count && f->has_owed && f->owed == number)
+        on_owed_fate(f, number, m);
     if (i == f->flight_count || (f->transmitting && i == f->flight_count - 1))
         return; /* not one of ours, or not yet sent whole */
     if (strcmp(fate, "refused") == 0) {
-        message_plain(m, "code", code, sizeof(code));
-        message_plain(m, "message", message, sizeof(message));
-        log_error("%s: frame %" PRIu64 " refused%s%s: %s", f->flights[i].name, number, code[0] ? " as " : "", code,
-                  message);
+        tell_refused(f->flights[i].name, number, m);
         settle(f, &f->refused);
     } else {
         settle(f, strcmp(fate, "superseded") == 0 ? &f->superseded : &f->used);
@@ -260,6 +283,7 @@ static void resume_lockstep(struct feed *f, bool has_after, uint64_t after)
 {
     const struct parcel *held = f->begun ? reader_take(f->reader) : NULL;
 
+    f->owed_counted = false;
     if (!f->begun) {
         f->resumed = has_after;
         f->resume_after = after;
@@ -274,9 +298,12 @@ static void resume_lockstep(struct feed *f, bool has_after, uint64_t after)
             begin_reading(f, has_after, after);
         }
     } else if (f->sent_once && held && held->frame.number == f->last_sent && has_after && after >= f->last_sent) {
-        settle(f, &f->used); /* its fate was lost with the connection */
+        settle(f, &f->used); /* its fate was lost with the connection, or will come yet */
         reader_drop(f->reader);
+        f->owed_counted = true;
     }
+    f->has_owed = has_after;
+    f->owed = after;
     f->has_settled = has_after;
     f->settled = after;
 }

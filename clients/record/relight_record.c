@@ -47,7 +47,7 @@ struct record {
     uint64_t newest; /* sequence number of the last picture of this session */
     bool has_stored; /* first and last are valid */
     uint64_t first, last;
-    uint64_t stored, again, passed, bytes;
+    uint64_t stored, again, bytes;
     struct span latency;
     int64_t uncertain_us;
     bool ended;         /* the sequence has, or all that was wanted is there */
@@ -140,13 +140,28 @@ static bool is_stored(const struct record *r, const struct protocol_picture *h)
     return h->sequence <= r->newest;
 }
 
-static void acknowledge(struct record *r, const struct protocol_picture *h, bool stored)
+static void acknowledge(struct record *r, const struct protocol_picture *h)
 {
     json_t *ack = json_pack("{s:s, s:I}", "op", "ack", "sequence", (json_int_t)h->sequence);
 
-    if (stored && r->recorder)
+    if (r->recorder)
         json_object_set_new(ack, "stored", json_true());
     connection_say(r->connection, ack);
+}
+
+/* What is wrong with a message that should be a picture; NULL: nothing. */
+static const char *examine(const struct record *r, const uint8_t *bytes, size_t size, struct protocol_picture *h,
+                           size_t *offset)
+{
+    const enum protocol_result result = protocol_picture_decode(bytes, size, h, offset);
+
+    if (result)
+        return protocol_result_text(result);
+    if (h->format != r->format)
+        return "it has another format than asked for";
+    if (r->recorder && !(h->flags & PROTOCOL_PICTURE_LOCKSTEP))
+        return "it is of no sequence";
+    return NULL;
 }
 
 static void on_binary(void *user, const uint8_t *bytes, size_t size)
@@ -158,16 +173,10 @@ static void on_binary(void *user, const uint8_t *bytes, size_t size)
 
     if (r->ended || stops_asked)
         return;
-    const enum protocol_result result = protocol_picture_decode(bytes, size, &h, &offset);
-    if (result || h.format != r->format) {
+    const char *fault = examine(r, bytes, size, &h, &offset);
+    if (fault) {
         connection_fail(r->connection, CONNECTION_LOST, "%s sent a picture that cannot be stored: %s",
-                        r->connection_desc.url,
-                        result ? protocol_result_text(result) : "it has another format than asked for");
-        return;
-    }
-    if (r->recorder && !(h.flags & PROTOCOL_PICTURE_LOCKSTEP)) { /* of no sequence: shown to all viewers */
-        r->passed++;
-        acknowledge(r, &h, false);
+                        r->connection_desc.url, fault);
         return;
     }
     const bool again = is_stored(r, &h);
@@ -178,7 +187,7 @@ static void on_binary(void *user, const uint8_t *bytes, size_t size)
     }
     r->again += again;
     r->newest = h.sequence > r->newest ? h.sequence : r->newest;
-    acknowledge(r, &h, true);
+    acknowledge(r, &h);
     if (r->wanted > 0 && r->stored == r->wanted) {
         r->ended = true;
         connection_finish(r->connection);
@@ -246,7 +255,12 @@ static void on_text(void *user, const char *op, const json_t *m)
     struct record *r = user;
     const char *name = json_string_value(json_object_get(m, "name"));
     const char *state = json_string_value(json_object_get(m, "state"));
+    const char *code = json_string_value(json_object_get(m, "code"));
+    char message[200];
 
+    if (strcmp(op, "error") == 0 && code && strcmp(code, "not_offered") == 0) /* nothing would come, for ever */
+        connection_fail(r->connection, CONNECTION_REFUSED, "%s: %s", r->connection_desc.url,
+                        message_plain(m, "message", message, sizeof(message)));
     if (strcmp(op, "sequence") != 0 || !r->recorder || !name || strcmp(name, r->recorder) != 0)
         return;
     if (state && strcmp(state, "ended") == 0 && !r->ended) {

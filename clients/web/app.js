@@ -3,7 +3,9 @@
 import { FLAG_REPEAT, PATH } from './protocol.js';
 import { Rate, Recent } from './figures.js';
 import { Screen } from './screen.js';
-import { bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence } from './sentences.js';
+import {
+  bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
+} from './sentences.js';
 
 const $ = (id) => document.getElementById(id);
 
@@ -176,7 +178,7 @@ function showFigures() {
     const { used, dropped, refused, last_refusal: last } = status.frames;
     setText('used', String(used));
     setText('lost', `${dropped} dropped, ${refused} refused`);
-    setText('refusal', last ? `Last refused: ${last}` : '');
+    setText('refusal', last ? `Last refused: ${withoutFolders(last)}` : '');
     setText('skipped', String(status.skipped));
     setText('viewers', String(status.viewers));
   }
@@ -197,7 +199,13 @@ function showStages(stages) {
 
 // ---- what a person does
 
+// Figures that are shown, but below the window's edge as on a phone on its side, are not hidden but brought in.
 function toggleInfo() {
+  const figuresAt = $('figures').getBoundingClientRect().top;
+  if (!document.body.classList.contains('plain') && figuresAt > window.innerHeight - 24) {
+    $('figures').scrollIntoView({ block: 'start' });
+    return;
+  }
   const shown = document.body.classList.toggle('plain');
   $('info-button').setAttribute('aria-pressed', String(!shown));
 }

@@ -281,9 +281,11 @@ export class Connection {
     const name = this.source?.state;
     const now = this.world.nowMs();
     const quiet = now - Math.max(this.pictureMs, this.sinceMs);
+    // Only who makes pictures can stall; silence of another source ends with the connection (watch).
+    const resting = ['waiting', 'failed', 'paused', 'ended'].includes(name);
     const allowed = STALL_MS + (this.fps > 0 ? 3000 / this.fps : 3000);
     if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
-    else if (now - this.heardMs > QUIET_MS)
+    else if (!resting && now - this.heardMs > QUIET_MS)
       this.set({ name: 'stalled', silent: true, seconds: Math.floor((now - this.heardMs) / 1000) });
     else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
     else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });

@@ -3,8 +3,14 @@
 // Words begin with a capital; the name of a file stays as it is.
 const capital = (text) => (/\s/.test(text) ? text[0].toUpperCase() + text.slice(1) : text);
 
-// Of a path, what a person would call it.
-const plain = (text) => (text && !/\s/.test(text) ? text.replace(/\/+$/, '').replace(/^.*\//, '') : text);
+// Of a path, what a person would call it: where a server keeps its files is nobody's business.
+const plain = (text) => text?.replace(/\/+$/, '').replace(/^.*\//, '');
+
+// Likewise for the paths in a reason, as "folder/a.exr: byte 3: torn": what stands before the first colon, which may
+// have blanks, and every other one that begins with a slash or a dot.
+export const withoutFolders = (text) => (text || '')
+  .replace(/^(watch:)?[^:'"]*\/(?=[^/:]+: )/, '$1')
+  .replace(/(^|[\s'":=(])\.{0,2}\/(?!\/)(?:[^\s:'"/]+\/)*/g, '$1');
 
 // What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis."
 export function describe(status) {
@@ -37,7 +43,7 @@ export function stateWord(state) {
 // shown beside it, so that a screen reader is not told every second.
 export function stateSentence(state, seen) {
   const stays = seen ? ' The last picture stays.' : '';
-  const because = state.detail ? `: ${state.detail}` : '';
+  const because = state.detail ? `: ${withoutFolders(state.detail)}` : '';
   switch (state.name) {
     case 'connecting':
       return 'Connecting to the server.';
@@ -64,11 +70,12 @@ export function stateSentence(state, seen) {
   }
 }
 
-// Where the sun stands: "Sun 32° up in the south-west".
+// Where the sun stands: "14:35 solar time, sun 32° high in the south-west". A sky's clock has its noon when the sun is
+// highest, which is not what the clocks of its place say.
 export function sunSentence(light) {
   if (!light) return '';
-  const time = light.time ? `${light.time}, ` : '';
-  if (!light.sun) return light.time ? `Sky time ${light.time}` : '';
+  const time = light.time ? `${light.time} solar time, ` : '';
+  if (!light.sun) return light.time ? `${light.time} solar time` : '';
   const names = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
   const where = names[Math.round((((light.sun.azimuth % 360) + 360) % 360) / 45) % 8];
   const up = Math.round(light.sun.elevation);

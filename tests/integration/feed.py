@@ -436,6 +436,32 @@ async def a_killed_feeder_goes_on_where_it_was(folder):
     check(state.accepted == list(range(40)), f"{state.accepted}")
 
 
+async def a_fate_that_comes_late_is_heard(folder):
+    """The frame was accepted, the connection broke, and only then was it refused: told to whoever produces by then."""
+    pattern = sky_files(folder, 3)
+
+    async def first(link):
+        await link.welcome_producer(credit=1)
+        await link.frame()
+        link.cut()
+
+    async def second(link):
+        await link.welcome_producer(after=0, credit=0)
+        await link.fate(0, "refused", code="bad_frame", message="of no use")
+        for number in (1, 2):
+            await link.credit()
+            check((await link.frame()).number == number, f"not frame {number}")
+            await link.fate(number)
+        await link.credit()
+        await link.parted()
+
+    for scripts in ((first, second), (second,)):  # the same feeder, and one that came anew
+        async with Server(*scripts) as server:
+            program = await feed(server, "--lockstep", pattern)
+            expect(program, 1, "frame 0 refused as bad_frame: of no use")
+        check(program.summary()["used"] == 2 and program.summary()["refused"] == 1, program.out)
+
+
 async def a_server_that_forgot_gets_all_again(folder):
     pattern = sky_files(folder, 5)
     got = []

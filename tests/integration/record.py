@@ -320,11 +320,9 @@ async def lockstep_stores_before_it_acknowledges(folder):
     check(program.summary()["recorder"] == "day-1" and program.summary()["stored"] == 8, program.out)
 
 
-async def pictures_of_no_sequence_are_passed_over(folder):
+async def only_the_own_sequence_is_stored(folder):
     async def script(link):
         await subscribed(link, recorder="default")
-        await link.socket.send(picture(1, 1, payload(1)))
-        check("stored" not in await acked(link, 1), "a live picture was stored")
         await link.socket.send(picture(2, 2, payload(2), flags=LOCKSTEP))
         check((await acked(link, 2))["stored"] is True, "not stored")
         await link.say(op="sequence", name="another", state="ended", stored=1)
@@ -332,9 +330,26 @@ async def pictures_of_no_sequence_are_passed_over(folder):
         await link.say(op="sequence", name="default", state="ended", stored=1)
         await link.parted()
 
+    async def of_none(link):
+        await subscribed(link, recorder="default")
+        await link.socket.send(picture(1, 1, payload(1)))
+        check(await link.parted() == 1000, "it was acknowledged")
+
     async with Server(script) as server:
         expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 0)
+    async with Server(of_none) as server:
+        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 1, "of no sequence")
     check(names(folder) == ["2.exr"], f"{names(folder)}")
+
+
+async def another_format_under_way_is_told(folder):
+    async def script(link):
+        await subscribed(link, recorder="default")
+        await link.say(op="error", code="not_offered", clause="4.3.6", message="another format", fatal=False)
+        check(await link.parted() == 1000, "no clean close")
+
+    async with Server(script) as server:
+        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 3, "another format")
 
 
 async def a_picture_sent_again_is_acknowledged_again(folder):

@@ -46,7 +46,7 @@ static void waits_double_up_to_ten_seconds_with_jitter(void **state)
 
     (void)state;
     for (unsigned tries = 0; tries < 40; tries++) {
-        const double plain = tries < 6 ? 250.0 * (1 << tries) : 10000.0;
+        const double plain = tries < 5 ? 500.0 * (1 << tries) : 10000.0;
         double least = 1e9, most = 0.0;
         for (int i = 0; i < 200; i++) {
             const int ms = retry_wait_ms(tries, RETRY_AGAIN, &rng);
