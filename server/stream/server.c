@@ -214,8 +214,8 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
         return e;
     if (!a.loopback && !s->allow_remote)
         return err_say(why, ERR_USAGE,
-                       "--bind %s: anybody on the network could reach it; only loopback is served unless remote access "
-                       "is allowed",
+                       "--bind %s: anybody on the network could reach it; other than loopback is served only with "
+                       "--token-viewer, --token-controller and --token-producer",
                        s->address);
     e = check_tokens(s, &a, why);
     if (!e)
