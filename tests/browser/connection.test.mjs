@@ -142,6 +142,21 @@ test('the states of the source are those of the page', async () => {
   assert.equal(connection.state.name, 'live');
 });
 
+test('only pictures under way can stall: another state stays through silence, until the connection is given up', async () => {
+  for (const name of ['waiting', 'failed', 'paused', 'ended']) {
+    const { world, connection } = await live();
+    world.status(name, 'Because.');
+    const states = new Set();
+    for (let i = 0; i < 11; i++) {
+      await world.pass(1000);
+      states.add(connection.state.name);
+    }
+    assert.deepEqual([...states], [name]);
+    await world.pass(2000);
+    assert.ok(['reconnecting', 'connecting'].includes(connection.state.name), connection.state.name);
+  }
+});
+
 test('an ack carries the time of display on the server clock', async () => {
   const { world, connection } = await live();
   const ping = world.said('ping')[0];

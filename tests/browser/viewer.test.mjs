@@ -133,7 +133,7 @@ test('the page says what it shows, with figures that move', () =>
     await page.waitForFunction(() => parseFloat(document.getElementById('round-trip').textContent) >= 0);
     assert.match(await page.textContent('#clock'), /^± /);
     assert.match(await page.textContent('#ms-decoded'), /^1\.5 ms$/);
-    assert.match(await page.textContent('#sun-text'), /14:35, sun /);
+    assert.match(await page.textContent('#sun-text'), /14:35 solar time, sun /);
     assert.ok(await page.isVisible('#sky'));
     const grow = await page.evaluate(() => getComputedStyle(document.getElementById('bar-decoded')).flexGrow);
     assert.ok(parseFloat(grow) > 0);
@@ -266,6 +266,36 @@ test('nothing sticks out at any width, in any state', async () => {
       server.say('fail a/path/that/is/rather/long/and/has/no/blank/in/it/sky.0012.exr: byte 4711: the chunk ends early');
       await untilState(page, 'failed');
       assert.ok(await fits(), `failed at ${width}`);
+    }, { width, height });
+  }
+});
+
+test('on a phone on its side the button brings the figures in, and then hides them', () =>
+  withPage([], async (page) => {
+    await untilState(page, 'live');
+    await untilFrames(page, 1);
+    await page.click('#info-button');
+    await page.waitForFunction(() => {
+      const box = document.getElementById('figures').getBoundingClientRect();
+      return box.top >= 0 && box.bottom <= window.innerHeight + 1;
+    });
+    assert.ok(await page.isVisible('#fps'));
+    await page.evaluate(() => document.getElementById('info-button').click());
+    assert.ok(!(await page.isVisible('#figures')));
+  }, { width: 844, height: 390 }));
+
+test('a slow round trip keeps within its tile', async () => {
+  for (const [width, height] of [[320, 640], [390, 844], [640, 900]]) {
+    await withPage([], async (page) => {
+      await untilState(page, 'live');
+      const out = await page.evaluate(() => {
+        document.getElementById('round-trip').textContent = '1234 ms';
+        document.getElementById('clock').textContent = '± 617 ms';
+        const edge = (id) => document.getElementById(id).getBoundingClientRect().right;
+        const tile = document.getElementById('clock').closest('div').getBoundingClientRect().right;
+        return Math.max(edge('clock'), edge('round-trip')) - tile;
+      });
+      assert.ok(out <= 0.5, `${out} px too far at ${width}`);
     }, { width, height });
   }
 });

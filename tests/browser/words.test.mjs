@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence,
+  bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
 } from '../../clients/web/sentences.js';
 
 const STATES = ['connecting', 'waiting', 'live', 'paused', 'ended', 'failed', 'stalled', 'reconnecting', 'refused'];
@@ -16,6 +16,7 @@ test('one sentence says what is seen', () => {
     'The built-in scene under a computed sky; 640\u00a0×\u00a0360, 64 samples per point, method mis.');
   assert.equal(describe({ ...status, sky: '', method: '', samples: 0, width: 0 }), 'The built-in scene.');
   assert.equal(describe({ scene: '/somewhere/scenes/plaza.json', sky: 'skies/sky.%04d.exr' }), 'plaza.json under sky.%04d.exr.');
+  assert.equal(describe({ scene: '/home of/my scenes/a court.json', sky: '*.hdr' }), 'A court.json under *.hdr.');
   assert.equal(describe({ scene: '', sky: 'skies/' }), 'A scene under skies.');
   assert.equal(describe(null), '');
 });
@@ -41,8 +42,25 @@ test('a reason is passed on', () => {
   assert.match(stateSentence({ name: 'waiting', detail: 'no file matches sky/*.exr' }, false), /no file matches/);
 });
 
+test('the folders of a server are not shown', () => {
+  const told = [
+    ['/srv/sky data/sky.0012.exr: byte 3: torn', 'sky.0012.exr: byte 3: torn'],
+    ['skies/a.exr: Input/output error', 'a.exr: Input/output error'],
+    ['watch:/srv/skies: the folder is gone', 'watch:skies: the folder is gone'],
+    ["cannot open '/srv/a/b.exr' for (../c/d.hdr)", "cannot open 'b.exr' for (d.hdr)"],
+    ['a half/float mix at http://host/path', 'a half/float mix at http://host/path'],
+    ['sky.0012.exr: torn', 'sky.0012.exr: torn'],
+    ['', ''],
+    [undefined, ''],
+  ];
+  for (const [reason, want] of told) assert.equal(withoutFolders(reason), want);
+  assert.match(stateSentence({ name: 'failed', detail: '/srv/a.exr: torn' }, true), /used: a\.exr: torn/);
+  assert.match(stateSentence({ name: 'waiting', detail: '/srv/a.exr: torn' }, true), /sky: a\.exr: torn/);
+});
+
 test('the sun stands where it is said to stand', () => {
-  assert.equal(sunSentence({ time: '14:35', sun: { elevation: 31.6, azimuth: 225 } }), '14:35, sun 32° high in the south-west');
+  assert.equal(sunSentence({ time: '14:35', sun: { elevation: 31.6, azimuth: 225 } }), '14:35 solar time, sun 32° high in the south-west');
+  assert.equal(sunSentence({ sun: null, time: '14:35' }), '14:35 solar time');
   assert.equal(sunSentence({ sun: { elevation: -4, azimuth: -10 } }), 'sun 4° below the horizon in the north');
   assert.equal(sunSentence({ sun: null, time: '' }), '');
 });
