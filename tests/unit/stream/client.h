@@ -20,7 +20,9 @@
 #include <unistd.h>
 
 #define CLIENT_WAIT_MS 8000
+#ifndef CLIENT_MESSAGE_MAX
 #define CLIENT_MESSAGE_MAX ((size_t)32 << 20)
+#endif
 
 enum { OP_CONTINUE = 0, OP_TEXT = 1, OP_BINARY = 2, OP_CLOSE = 8, OP_PING = 9, OP_PONG = 10 };
 
@@ -46,9 +48,9 @@ static inline struct server *server_start(const struct server_desc *given)
     return s;
 }
 
-static inline void client_open(struct client *c, const struct server *s)
+static inline void client_open_port(struct client *c, uint16_t port)
 {
-    struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons(server_port(s)) };
+    struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons(port) };
 
     *c = (struct client){ .fd = socket(AF_INET, SOCK_STREAM, 0), .close_code = 0 };
     to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
@@ -58,6 +60,11 @@ static inline void client_open(struct client *c, const struct server *s)
     c->message = malloc(CLIENT_MESSAGE_MAX + 1);
     assert_non_null(c->in);
     assert_non_null(c->message);
+}
+
+static inline void client_open(struct client *c, const struct server *s)
+{
+    client_open_port(c, server_port(s));
 }
 
 static inline void client_shut(struct client *c)

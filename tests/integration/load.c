@@ -1,0 +1,245 @@
+/* relightd under load: one producer at up to 30 frames a second and 50 viewers, ten of which read a tenth of what
+ * comes. A program of its own plays all of them on one thread, over plain sockets, and looks at relightd from outside.
+ * Nothing here asserts a time: the next frame is sent when the last has been seen by all who keep up, not before a
+ * thirtieth of a second has passed. usage: load (RELIGHT_BIN names the folder of relightd) */
+#define CLIENT_MESSAGE_MAX ((size_t)1 << 20)
+#include "../unit/stream/client.h"
+
+#include <signal.h>
+#include <sys/wait.h>
+
+enum {
+    VIEWERS = 50,
+    SLOW = 10,  /* of these */
+    TENTH = 10, /* of the pictures, that is what a slow one takes */
+    WARM = 30,  /* frames: the first second */
+    FRAMES = 180,
+    GROWTH_KIB = 6144, /* allowed to relightd after the first second; its pictures alone would be more */
+    WIDTH = 64,
+    HEIGHT = 32,
+};
+
+struct daemon {
+    pid_t pid;
+    int out; /* its standard error */
+    uint16_t port;
+};
+
+struct watcher {
+    struct client c;
+    uint64_t first, last, got, gaps;
+};
+
+static void daemon_start(struct daemon *d)
+{
+    static const char *const argv[] = { "relightd", "--source",  "push:", "--port", "0",  "--size",
+                                        "320x180",  "--samples", "4",     "--fps",  "60", NULL };
+    const char *bin = getenv("RELIGHT_BIN");
+    char path[4096], text[4096] = "";
+    size_t size = 0;
+    int ends[2];
+
+    assert_non_null(bin);
+    snprintf(path, sizeof(path), "%s/relightd", bin);
+    assert_int_equal(pipe(ends), 0);
+    d->pid = fork();
+    assert_true(d->pid >= 0);
+    if (d->pid == 0) {
+        dup2(ends[1], STDERR_FILENO);
+        close(ends[0]);
+        close(ends[1]);
+        execv(path, (char *const *)argv);
+        _exit(127);
+    }
+    close(ends[1]);
+    d->out = ends[0];
+    for (;;) {
+        const char *at = strstr(text, "http://127.0.0.1:");
+        if (at && strchr(at + 17, '/')) {
+            d->port = (uint16_t)atoi(at + 17);
+            return;
+        }
+        const ssize_t n = read(d->out, text + size, sizeof(text) - 1 - size);
+        if (n <= 0)
+            fail_msg("relightd did not start: %s", text);
+        size += (size_t)n;
+        text[size] = 0;
+    }
+}
+
+static void daemon_stop(struct daemon *d)
+{
+    int status = 0;
+
+    kill(d->pid, SIGTERM);
+    assert_int_equal(waitpid(d->pid, &status, 0), d->pid);
+    close(d->out);
+    assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+}
+
+static long daemon_kib(const struct daemon *d)
+{
+    char path[64], line[256];
+    long kib = 0;
+
+    snprintf(path, sizeof(path), "/proc/%ld/status", (long)d->pid);
+    FILE *in = fopen(path, "r");
+    assert_non_null(in);
+    while (fgets(line, sizeof(line), in))
+        sscanf(line, "VmRSS: %ld", &kib);
+    fclose(in);
+    return kib;
+}
+
+/* How many pictures relightd has encoded and published. */
+static uint64_t daemon_pictures(const struct daemon *d)
+{
+    struct client c;
+    unsigned long long pictures = 0;
+
+    client_open_port(&c, d->port);
+    static const char request[] = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    client_write(&c, request, sizeof(request) - 1);
+    const char *at = strstr(client_rest(&c), "\"pictures\":");
+    assert_non_null(at);
+    assert_int_equal(sscanf(at, "\"pictures\":%llu", &pictures), 1);
+    client_shut(&c);
+    return pictures;
+}
+
+static void greet(struct client *c, const struct daemon *d, const char *role)
+{
+    char text[120];
+
+    client_open_port(c, d->port);
+    assert_int_equal(client_handshake(c, NULL), 101);
+    snprintf(text, sizeof(text), "{\"op\":\"hello\",\"role\":\"%s\",\"version\":{\"major\":1}}", role);
+    client_say(c, text);
+    client_expect(c, "welcome");
+}
+
+static void send_frame(struct client *c, uint64_t number)
+{
+    static uint8_t bytes[PROTOCOL_ENVIRONMENT_BYTES + WIDTH * HEIGHT * 6];
+    const struct protocol_environment e = {
+        .encoding = PROTOCOL_RAW_HALF,
+        .layout = PROTOCOL_LATLONG,
+        .channels = 3,
+        .width = WIDTH,
+        .height = HEIGHT,
+        .payload = WIDTH * HEIGHT * 6,
+        .frame = number,
+    };
+
+    protocol_environment_encode(&e, bytes);
+    for (size_t i = 0; i < e.payload; i += 2) { /* halves from 0.5 to 2, another pattern in each frame */
+        bytes[PROTOCOL_ENVIRONMENT_BYTES + i] = (uint8_t)(i * 13 + number * 31);
+        bytes[PROTOCOL_ENVIRONMENT_BYTES + i + 1] = (uint8_t)(0x38 + (i / 6 + number) % 8);
+    }
+    client_frame(c, OP_BINARY, true, bytes, sizeof(bytes));
+}
+
+/* Reads until a picture of this frame or a later one; acknowledges each. */
+static void watch_until(struct watcher *w, uint64_t frame)
+{
+    struct protocol_picture h = { 0 };
+
+    while (h.frame < frame) {
+        const uint64_t sequence = client_picture(&w->c, &h, CLIENT_WAIT_MS);
+        if (!sequence)
+            fail_msg("the picture of frame %llu did not come; closed with %d", (unsigned long long)frame,
+                     w->c.close_code);
+        assert_true(sequence > w->last);
+        w->gaps += w->last ? sequence - w->last - 1 : 0;
+        w->first = w->first ? w->first : sequence;
+        w->last = sequence;
+        w->got++;
+        client_ack(&w->c, sequence);
+    }
+}
+
+/* The producer's messages of one frame: until its fate is known and there is credit for the next. */
+static void await_used(struct client *producer, uint64_t number)
+{
+    json_t *m = client_await(producer, "frame");
+
+    assert_non_null(m);
+    assert_int_equal(json_integer_value(json_object_get(m, "number")), number);
+    assert_string_equal(json_string_value(json_object_get(m, "fate")), "used");
+    json_decref(m);
+}
+
+static double seconds(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void play(struct daemon *d, struct client *producer, struct watcher *watchers)
+{
+    long before = 0;
+    const double begun = seconds();
+
+    for (uint64_t number = 1; number <= FRAMES; number++) {
+        const double due = begun + (double)(number - 1) / 30.0;
+        if (seconds() < due)
+            sleep_ms((long)(1e3 * (due - seconds())));
+        send_frame(producer, number);
+        await_used(producer, number);
+        for (int i = SLOW; i < VIEWERS; i++)
+            watch_until(&watchers[i], number);
+        for (int i = 0; i < SLOW && number % TENTH == 0; i++) {
+            struct protocol_picture h;
+            const uint64_t sequence = client_picture(&watchers[i].c, &h, CLIENT_WAIT_MS);
+            assert_true(sequence > watchers[i].last);
+            watchers[i].last = sequence;
+            watchers[i].got++;
+            client_ack(&watchers[i].c, sequence);
+        }
+        if (number == WARM)
+            before = daemon_kib(d);
+    }
+    const long after = daemon_kib(d);
+    printf("%d frames in %.1f s; relightd holds %ld KiB, %+ld since the first second\n", FRAMES, seconds() - begun,
+           after, after - before);
+#ifndef __SANITIZE_ADDRESS__ /* which keeps freed memory on purpose */
+    assert_true(after - before < GROWTH_KIB);
+#endif
+}
+
+static void fifty_viewers_get_every_picture_though_ten_of_them_are_slow(void **state)
+{
+    (void)state;
+    static struct watcher watchers[VIEWERS];
+    struct client producer;
+    struct daemon d;
+
+    daemon_start(&d);
+    greet(&producer, &d, "producer");
+    for (int i = 0; i < VIEWERS; i++) {
+        greet(&watchers[i].c, &d, "viewer");
+        client_say(&watchers[i].c, "{\"op\":\"subscribe\",\"format\":\"jpeg\"}");
+        client_expect(&watchers[i].c, "subscribed");
+    }
+    play(&d, &producer, watchers);
+    for (int i = 0; i < VIEWERS; i++) {
+        const struct watcher *w = &watchers[i];
+        if (i >= SLOW)
+            assert_true(w->got == FRAMES && w->gaps == 0 && w->last - w->first + 1 == FRAMES);
+        else
+            assert_int_equal(w->got, FRAMES / TENTH);
+        client_shut(&watchers[i].c);
+    }
+    const uint64_t pictures = daemon_pictures(&d);
+    printf("%d viewers, %d of them slow; %llu pictures encoded\n", VIEWERS, SLOW, (unsigned long long)pictures);
+    assert_int_equal(pictures, FRAMES); /* each once, however many watch */
+    client_shut(&producer);
+    daemon_stop(&d);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(fifty_viewers_get_every_picture_though_ten_of_them_are_slow),
+};
+UNIT_MAIN(tests)
