@@ -106,6 +106,17 @@ built_in_scene_and_sky_need_no_file() {
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
 
+what_the_readme_names_is_there() {
+    local root program
+    root="$(dirname "$(readlink -f "$0")")/../.."
+    for program in $(sed -n 's/^| `\(relight[a-z-]*\)`.*/\1/p' "$root/README.md"); do
+        grep -q "add_dependencies(programs.*[ (]$program[ )]" "$root/CMakeLists.txt" ||
+            fail "./run does not build $program"
+        "$bin/$program" --version >/dev/null || fail "$program does not start"
+    done
+    "$bin/relight-render" --scene "$root/docs/examples/steps.json" --size 96x54 --samples 8 --out "$work/steps.jpg"
+}
+
 wrong_usage_ends_with_2_and_says_why() {
     expect 2 '--out is missing' "$bin/relight-render"
     expect 2 "unknown flag '--frobnicate'" "$bin/relight-render" --frobnicate --out x.exr
