@@ -6,6 +6,7 @@
 #include "../unit/stream/client.h"
 
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 
 enum {
@@ -45,6 +46,7 @@ static void daemon_start(struct daemon *d)
     d->pid = fork();
     assert_true(d->pid >= 0);
     if (d->pid == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGKILL); /* a test that fails leaves nothing running */
         dup2(ends[1], STDERR_FILENO);
         close(ends[0]);
         close(ends[1]);
