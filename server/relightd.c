@@ -65,6 +65,7 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     const enum err e = environment_update(in->environment, f, why);
     if (e)
         return e;
+    environment_warn_clipped(in->environment, &d->warned_clipped);
     in->ticket = *ticket;
     in->decode_ms = 1e3 * (clock_seconds() - start);
     in->ready_ms = clock_ms();

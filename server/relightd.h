@@ -59,6 +59,7 @@ struct daemon {
 
     struct set *set;
     struct source *source;       /* ingest thread; NULL when frames are pushed */
+    bool warned_clipped;         /* ingest thread */
     struct relighter *relighter; /* shade thread */
     struct jpeg_encoder *jpeg;   /* encode thread, and what follows */
     struct exposure exposure;

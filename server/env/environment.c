@@ -2,9 +2,11 @@
 
 #include "decode.h"
 #include "layout.h"
+#include "log.h"
 #include "mem.h"
 #include "resample.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -250,6 +252,16 @@ static bool is_shown(const struct resampler *r, int64_t column, int64_t row)
     const double side = r->width < r->height ? r->width : r->height;
 
     return !layout_is_disc(r->layout) || x * x + y * y < side * side;
+}
+
+void environment_warn_clipped(const struct environment *e, bool *warned)
+{
+    if (*warned || e->image.faults.clipped == 0)
+        return;
+    *warned = true;
+    log_warning("%s: %" PRIu64 " values stand at 65504, the largest of a half float: the light there may have been "
+                "brighter; capture it darker and give it back by --scale STOPS",
+                e->name, e->image.faults.clipped);
 }
 
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3])

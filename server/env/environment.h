@@ -67,6 +67,10 @@ MUST_CHECK enum err environment_update(struct environment *e, const struct frame
 MUST_CHECK enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why);
 MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *why);
 
+/* One warning, the first time that a sequence holds values at a half float's largest: its sun may have been cut off
+ * when it was captured. *warned remembers; it begins false. */
+void environment_warn_clipped(const struct environment *e, bool *warned);
+
 /* What is seen when looking along w (unit, world): the source image, bilinear, so that it is not blocky. Faces of a
  * cube are interpolated each within itself. What the layout does not show is the mean of what it does. */
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3]);

@@ -44,6 +44,7 @@ struct render {
     FILE *stats;
     struct frame frame;
     uint64_t rendered, refused;
+    bool warned_clipped;
 };
 
 static struct option_row rows[] = {
@@ -260,6 +261,7 @@ static enum err render_frame(struct render *r, struct reason *why)
         r->refused++;
         return e == ERR_NOMEM ? e : ERR_OK;
     }
+    environment_warn_clipped(r->environment, &r->warned_clipped);
     r->direct.pass = r->reseed ? r->frame.number : 0;
     e = relighter_run(r->relighter, r->environment, &r->direct, r->rgb, &stats);
     if (e)
