@@ -49,6 +49,8 @@ enum {
     PROTOCOL_PICTURE_LAST = 1,     /* flags: the source has ended, no picture follows */
     PROTOCOL_PICTURE_REPEAT = 2,   /* flags: made before this viewer came, so its age is no measure of latency */
     PROTOCOL_PICTURE_LOCKSTEP = 4, /* flags: the one picture that a lockstep frame yields */
+    PROTOCOL_PICTURE_HALF = 8,     /* flags: both sides halved, for viewers that take no larger one */
+    PROTOCOL_PICTURE_QUARTER = 16, /* flags: both sides quartered */
 };
 
 /* The header of a picture. Times of day are microseconds since 1970-01-01 UTC on the server's clock. */

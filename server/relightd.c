@@ -261,6 +261,29 @@ static void encode_jpeg(struct daemon *d, struct shaded *in, int quality)
     daemon_tell_encoded(d, ms);
 }
 
+/* The picture at half or a quarter of its sides: means of 2 x 2 or 4 x 4 pixels of light, before exposure and tone. A
+ * border that does not fill a block is left out. */
+static void encode_small(struct daemon *d, struct shaded *in, unsigned scale, uint8_t flag, int quality)
+{
+    const uint32_t width = in->header.width, block = 1u << scale;
+    struct shaded small = { d->small, in->header, in->ticket };
+
+    small.header.width = in->header.width >> scale;
+    small.header.height = in->header.height >> scale;
+    small.header.flags |= flag;
+    if (small.header.width == 0 || small.header.height == 0)
+        return;
+    for (uint32_t y = 0; y < small.header.height; y++)
+        for (uint32_t x = 0; x < 3 * small.header.width; x++) {
+            float sum = 0.0f;
+            for (uint32_t j = 0; j < block; j++)
+                for (uint32_t i = 0; i < block; i++)
+                    sum += in->rgb[3 * ((size_t)(block * y + j) * width + block * (x / 3) + i) + x % 3];
+            small.rgb[3 * (size_t)small.header.width * y + x] = sum / (float)(block * block);
+        }
+    encode_jpeg(d, &small, quality);
+}
+
 static void encode_exr(struct daemon *d, struct shaded *in, enum protocol_format format)
 {
     const struct exr_desc desc = {
@@ -303,6 +326,11 @@ static void encode_picture(struct daemon *d, struct shaded *in)
             encode_exr(d, in, now);
     }
     close_ticket(d, in);
+    const int quality = demand.jpeg_quality ? demand.jpeg_quality : d->quality;
+    if (demand.halves)
+        encode_small(d, in, 1, PROTOCOL_PICTURE_HALF, quality);
+    if (demand.quarters)
+        encode_small(d, in, 2, PROTOCOL_PICTURE_QUARTER, quality);
 }
 
 static void *encode_main(void *arg)
@@ -408,13 +436,14 @@ static enum err allocate(struct daemon *d, struct reason *why)
     d->relighter = relighter_create(d->set, d->kernels);
     d->jpeg = jpeg_encoder_create();
     d->display = mem_alloc(pixels, 3);
+    d->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
     for (int i = 0; i < HANDOFF_SLOTS; i++) {
         d->ingested[i].environment = environment_create(&(struct environment_desc){ .layout = d->layout });
         d->shaded[i].rgb = mem_alloc(pixels, 3 * sizeof(float));
         all = all && d->ingested[i].environment && d->shaded[i].rgb;
     }
     exposure_init(&d->exposure);
-    if (!all || !d->relighter || !d->jpeg || !d->display)
+    if (!all || !d->relighter || !d->jpeg || !d->display || !d->small)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->set_desc.width, d->set_desc.height);
     return ERR_OK;
 }
@@ -463,6 +492,7 @@ static void tear_down(struct daemon *d)
         mem_free(d->shaded[i].rgb);
     }
     mem_free(d->display);
+    mem_free(d->small);
     jpeg_encoder_destroy(d->jpeg);
     relighter_destroy(d->relighter);
     set_destroy(d->set);

@@ -65,6 +65,7 @@ struct daemon {
     struct exposure exposure;
     uint64_t exposed; /* the frame to which exposure has adapted */
     uint8_t *display;
+    float *small; /* a picture of half the sides or less */
 
     struct server *server;
     struct ingested ingested[HANDOFF_SLOTS];

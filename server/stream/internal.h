@@ -15,13 +15,17 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-#define STREAM_FORMATS (PROTOCOL_EXR_FLOAT + 1) /* indexed by enum protocol_format */
-#define STREAM_CHUNK ((size_t)64 << 10)         /* one fragment of a picture */
-#define STREAM_UNSENT (128 << 10)               /* bytes the kernel may hold unsent: what is behind cannot be skipped */
-#define STREAM_RECEIVE ((size_t)128 << 10)      /* the largest piece that is received at once */
-#define STREAM_OUTBOX 32                        /* text messages waiting for one client */
-#define STREAM_PONGS 8                          /* above so many waiting, pings stay unanswered */
-#define STREAM_PIECES 4096                      /* callbacks that one text message may take */
+/* Kinds of picture, each with a newest one and numbers of its own: the formats, and JPEG at half and a quarter of its
+ * size. A kind is an enum protocol_format or one of these. */
+#define STREAM_JPEG_HALF (PROTOCOL_EXR_FLOAT + 1)
+#define STREAM_JPEG_QUARTER (PROTOCOL_EXR_FLOAT + 2)
+#define STREAM_KINDS (PROTOCOL_EXR_FLOAT + 3)
+#define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
+#define STREAM_UNSENT (128 << 10)          /* bytes the kernel may hold unsent: what is behind cannot be skipped */
+#define STREAM_RECEIVE ((size_t)128 << 10) /* the largest piece that is received at once */
+#define STREAM_OUTBOX 32                   /* text messages waiting for one client */
+#define STREAM_PONGS 8                     /* above so many waiting, pings stay unanswered */
+#define STREAM_PIECES 4096                 /* callbacks that one text message may take */
 
 enum {
     STREAM_STATUS_US = 500000,   /* between statuses */
@@ -131,11 +135,12 @@ struct server {
     struct stream_counts counts;
 
     pthread_mutex_t lock;
-    struct picture *latest[STREAM_FORMATS]; /* {lock} indexed by enum protocol_format; NULL before the first */
-    uint64_t issued[STREAM_FORMATS];        /* {lock} the last sequence number given */
-    uint64_t published;                     /* {lock} */
-    char *status;                           /* {lock} what all viewers are told, see message_status_shared */
-    enum server_source source;              /* {lock} of that status */
+    struct picture *latest[STREAM_KINDS]; /* {lock} NULL before the first */
+    uint64_t issued[STREAM_KINDS];        /* {lock} the last sequence number given */
+    uint32_t width, height;               /* {lock} of a whole picture, as the status says; 0: unknown */
+    uint64_t published;                   /* {lock} */
+    char *status;                         /* {lock} what all viewers are told, see message_status_shared */
+    enum server_source source;            /* {lock} of that status */
     char detail[sizeof(((struct reason *)NULL)->text)]; /* {lock} */
     struct server_demand demand;                        /* {lock} what viewers want; the rest is found when asked */
     struct ingest ingest;                               /* {lock} but for what it says of itself */
@@ -145,7 +150,11 @@ struct server {
 /* picture.c: gives a picture its place in the stream; before anybody else sees it. flags are added. */
 void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, uint8_t flags);
 
-/* server.c: {lock} makes the picture the newest of its format. Returns the one before, to be released by the caller. */
+/* server.c: the kind of a picture, and {lock} the one that a subscription asks for: the largest that fits. */
+unsigned picture_kind(const struct protocol_picture *header);
+unsigned subscribed_kind(const struct server *s, const struct message *wish);
+
+/* server.c: {lock} makes the picture the newest of its kind. Returns the one before, to be released by the caller. */
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);
 
 /* http.c, viewer.c: the callbacks of lws. Thread: service. */

@@ -159,12 +159,14 @@ static enum fault_code parse_subscribe(const json_t *object, struct message *m, 
 {
     const json_t *rate = json_object_get(object, "max_rate");
     const json_t *paused = json_object_get(object, "paused");
-    int64_t quality = 0, request = 0;
+    int64_t quality = 0, request = 0, width = 0, height = 0;
     size_t format = 0;
 
     if (take_word(object, "format", message_formats, MESSAGE_FORMATS, &format, "4.3.1", fault) ||
         take_integer(object, "quality", false, 1, 100, &quality, "4.3.2", fault) ||
-        take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.3.5", fault))
+        take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.3.5", fault) ||
+        take_integer(object, "max_width", false, 1, PROTOCOL_SIDE_MAX, &width, "4.3.7", fault) ||
+        take_integer(object, "max_height", false, 1, PROTOCOL_SIDE_MAX, &height, "4.3.7", fault))
         return fault->code;
     /* NaN cannot be written in JSON */
     if (rate && !(json_is_number(rate) && json_number_value(rate) > 0.0 && json_number_value(rate) <= 1000.0))
@@ -175,6 +177,8 @@ static enum fault_code parse_subscribe(const json_t *object, struct message *m, 
     m->subscribe.quality = (int)quality;
     m->subscribe.request = (uint64_t)request;
     m->subscribe.max_rate = rate ? json_number_value(rate) : 0.0;
+    m->subscribe.max_width = (uint32_t)width;
+    m->subscribe.max_height = (uint32_t)height;
     m->subscribe.paused = json_is_true(paused);
     return FAULT_NONE;
 }

@@ -79,8 +79,9 @@ struct message {
         } hello;
         struct {
             enum protocol_format format;
-            int quality;     /* 1..100; 0: not said */
-            double max_rate; /* pictures per second; 0: no limit */
+            int quality;                    /* 1..100; 0: not said */
+            double max_rate;                /* pictures per second; 0: no limit */
+            uint32_t max_width, max_height; /* pixels; 0: no limit */
             bool paused;
             uint64_t request; /* echoed; 0: not said */
         } subscribe;

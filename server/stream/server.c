@@ -283,8 +283,8 @@ void server_destroy(struct server *s)
     }
     if (s->context)
         lws_context_destroy(s->context); /* calls back for every connection left */
-    for (int f = 0; f < STREAM_FORMATS; f++)
-        picture_unref(s->latest[f]);
+    for (int k = 0; k < STREAM_KINDS; k++)
+        picture_unref(s->latest[k]);
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
     message_free(s->status);
@@ -305,14 +305,35 @@ const char *server_url(const struct server *s)
     return s->url;
 }
 
+unsigned picture_kind(const struct protocol_picture *header)
+{
+    if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_HALF)
+        return STREAM_JPEG_HALF;
+    if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_QUARTER)
+        return STREAM_JPEG_QUARTER;
+    return header->format;
+}
+
+unsigned subscribed_kind(const struct server *s, const struct message *wish)
+{
+    const uint32_t width = wish->subscribe.max_width, height = wish->subscribe.max_height;
+    unsigned scale = 0;
+
+    if (wish->subscribe.format != PROTOCOL_JPEG)
+        return wish->subscribe.format;
+    while (scale < 2 && ((width && s->width >> scale > width) || (height && s->height >> scale > height)))
+        scale++;
+    return scale == 0 ? PROTOCOL_JPEG : scale == 1 ? STREAM_JPEG_HALF : STREAM_JPEG_QUARTER;
+}
+
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
 {
-    const enum protocol_format format = picture_header(p)->format;
+    const unsigned kind = picture_kind(picture_header(p));
 
-    assert(format >= PROTOCOL_JPEG && format < STREAM_FORMATS);
-    struct picture *old = s->latest[format];
-    picture_stamp(p, ++s->issued[format], clock_wall_us(), flags);
-    s->latest[format] = p;
+    assert(kind >= PROTOCOL_JPEG && kind < STREAM_KINDS);
+    struct picture *old = s->latest[kind];
+    picture_stamp(p, ++s->issued[kind], clock_wall_us(), flags);
+    s->latest[kind] = p;
     s->published++;
     return old;
 }
@@ -337,6 +358,8 @@ void server_set_status(struct server *s, const struct server_status *status)
     char *old = s->status;
     const bool news = s->source != status->source || strncmp(s->detail, detail, sizeof(s->detail) - 1) != 0;
     s->status = text;
+    s->width = status->width;
+    s->height = status->height;
     s->source = status->source;
     snprintf(s->detail, sizeof(s->detail), "%s", detail);
     pthread_mutex_unlock(&s->lock);

@@ -139,10 +139,11 @@ void server_set_status(struct server *s, const struct server_status *status);
 
 /* What is wanted just now, so that nothing is rendered or encoded that nobody looks at. Any thread. */
 struct server_demand {
-    uint32_t viewers; /* subscribed and not paused */
-    uint32_t formats; /* bit 1 << enum protocol_format for each that somebody watches */
-    int jpeg_quality; /* the best anyone wishes, 1..100; 0: nobody said */
-    double max_rate;  /* the highest anyone takes, pictures per second; 0: no limit */
+    uint32_t viewers;      /* subscribed and not paused */
+    uint32_t formats;      /* bit 1 << enum protocol_format for each that somebody watches */
+    bool halves, quarters; /* somebody watches JPEG at half, at a quarter of the size (flags of the picture's header) */
+    int jpeg_quality;      /* the best anyone wishes, 1..100; 0: nobody said */
+    double max_rate;       /* the highest anyone takes, pictures per second; 0: no limit */
 
     bool producer; /* one is connected */
     bool ended;    /* the last one said that no more frames come, and none has */

@@ -122,11 +122,14 @@ void viewers_demand(struct server *s)
     struct server_demand d = { 0 };
     bool unlimited = false;
 
+    pthread_mutex_lock(&s->lock);
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (!v->subscribed || v->wish.subscribe.paused || v->close_code || v->recorder)
             continue;
         d.viewers++;
         d.formats |= 1u << v->wish.subscribe.format;
+        d.halves |= subscribed_kind(s, &v->wish) == STREAM_JPEG_HALF;
+        d.quarters |= subscribed_kind(s, &v->wish) == STREAM_JPEG_QUARTER;
         if (v->wish.subscribe.quality > d.jpeg_quality)
             d.jpeg_quality = v->wish.subscribe.quality;
         if (v->wish.subscribe.max_rate > d.max_rate)
@@ -135,7 +138,6 @@ void viewers_demand(struct server *s)
     }
     if (unlimited)
         d.max_rate = 0.0;
-    pthread_mutex_lock(&s->lock);
     s->demand = d;
     pthread_mutex_unlock(&s->lock);
 }

@@ -69,8 +69,11 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
 
     if (v->recorder && !recorder_subscribe(v, m, fault))
         return;
-    if (v->subscribed && v->wish.subscribe.format != m->subscribe.format) {
-        /* Each format has its own numbers. What is on its way need not be acknowledged any more. */
+    pthread_mutex_lock(&v->server->lock);
+    const bool other = subscribed_kind(v->server, &v->wish) != subscribed_kind(v->server, m);
+    pthread_mutex_unlock(&v->server->lock);
+    if (v->subscribed && other) {
+        /* Each kind of picture has its own numbers. What is on its way need not be acknowledged any more. */
         v->outdated = v->begun > v->outdated ? v->begun : v->outdated;
         v->begun = 0;
         v->unacked_count = 0;

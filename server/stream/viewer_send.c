@@ -65,7 +65,7 @@ struct picture *viewer_next_picture(struct viewer *v)
         return p;
     }
     pthread_mutex_lock(&s->lock);
-    struct picture *latest = s->latest[v->wish.subscribe.format];
+    struct picture *latest = s->latest[subscribed_kind(s, &v->wish)];
     if (latest && picture_header(latest)->sequence > v->begun)
         p = picture_ref(latest);
     pthread_mutex_unlock(&s->lock);
