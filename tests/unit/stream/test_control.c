@@ -134,6 +134,32 @@ static void words_in_a_row_are_one_change_and_between_two_the_order_stands(void 
     server_destroy(s);
 }
 
+static void an_answer_does_not_hide_what_another_has_said_since(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct server_control a, b;
+    struct client one, two;
+    char text[80];
+
+    control_in(&one, s);
+    control_in(&two, s);
+    for (int i = 1; i <= 20; i++) {
+        snprintf(text, sizeof(text), "{\"op\":\"control\",\"request\":%d,\"samples\":8}", i);
+        client_say(&one, text);
+        a = taken(s);
+        client_say(&two, text);
+        b = taken(s);
+        server_set_control(s, &in_force, &a, NULL);
+        server_set_control(s, &in_force, &b, NULL); /* most likely before the first was told */
+        expect_control(&one, a.by, i, "\"samples\":64");
+        expect_control(&one, b.by, i, "\"samples\":64");
+    }
+    client_shut(&one);
+    client_shut(&two);
+    server_destroy(s);
+}
+
 static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **state)
 {
     (void)state;
@@ -212,6 +238,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(all_that_can_be_asked_for_arrives),
     cmocka_unit_test(the_last_word_wins_and_all_are_told),
     cmocka_unit_test(words_in_a_row_are_one_change_and_between_two_the_order_stands),
+    cmocka_unit_test(an_answer_does_not_hide_what_another_has_said_since),
     cmocka_unit_test(what_cannot_be_done_is_told_to_who_asked_and_costs_nothing),
     cmocka_unit_test(a_slider_does_not_cost_slow_viewers_their_connection),
 };
