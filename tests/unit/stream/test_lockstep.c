@@ -56,6 +56,10 @@ static void credit_returns_when_the_picture_is_stored_and_not_before(void **stat
         client_ack(&viewer, h.sequence);
         if (number == 3)
             assert_true(nothing_comes(&p, "credit", 300));
+        if (number == 6) { /* to acknowledge the one before again is not to store this one */
+            store(&r, h.sequence - 1);
+            assert_true(nothing_comes(&p, "credit", 300));
+        }
         store(&r, h.sequence);
         assert_int_equal(credit_comes(&p), 1);
     }
@@ -355,6 +359,37 @@ static void a_live_frame_never_overtakes_one_in_lockstep(void **state)
     server_destroy(s);
 }
 
+static void another_sequence_waits_until_the_frame_under_way_has_its_picture(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client a, b, ra, rb;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    int64_t after;
+
+    record(&ra, s, "a", "jpeg");
+    record(&rb, s, "b", "exr_half");
+    assert_int_equal(produce_lockstep(&a, s, "a", &after), 1);
+    frame_send(&a, 1);
+    COUNTER_BECOMES(s, frames_received, 1);
+    client_shut(&a);
+    COUNTER_BECOMES(s, open, 2);
+    assert_int_equal(produce_lockstep(&b, s, "b", &after), 0); /* one waits to be taken */
+    take(s, &f, &t, 1);
+    assert_true(nothing_comes(&b, "credit", 200)); /* and is worked on */
+    struct server_demand demand;
+    server_demand(s, &demand);
+    assert_int_equal(demand.recorder_format, PROTOCOL_JPEG); /* its own, not that of the producer there is */
+    publish_for(s, PROTOCOL_JPEG, 1, &t);
+    assert_int_equal(credit_comes(&b), 1);
+    client_shut(&b);
+    client_shut(&ra);
+    client_shut(&rb);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
 static void sixteen_names_are_remembered(void **state)
 {
     (void)state;
@@ -397,10 +432,30 @@ static void sixteen_names_are_remembered(void **state)
         client_shut(&r[0]);
         COUNTER_BECOMES(s, open, 0);
     }
-    struct protocol_picture h;
-    record(&r[0], s, "m0", "jpeg");
-    assert_int_equal(client_picture(&r[0], &h, CLIENT_WAIT_MS), 1);
+    for (int i = 1; i < 16; i++) { /* nor do sixteen of them */
+        snprintf(name, sizeof(name), "k%d", i);
+        record(&r[0], s, name, "jpeg");
+        assert_int_equal(produce_lockstep(&p, s, name, &after), 1);
+        frame_send(&p, 1);
+        take(s, &f, &t, 1);
+        publish_for(s, PROTOCOL_JPEG, 1, &t);
+        expect_fate(&p, 1, "used");
+        client_shut(&p);
+        client_shut(&r[0]);
+        COUNTER_BECOMES(s, open, 0);
+    }
+    client_open(&r[0], s);
+    assert_int_equal(client_handshake(&r[0], NULL), 101);
+    client_say(&r[0], "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1},\"recorder\":\"one.too.many\"}");
+    assert_int_equal(client_close_code(&r[0]), 4012);
     client_shut(&r[0]);
+    struct protocol_picture h;
+    for (int i = 0; i < 16; i++) {
+        snprintf(name, sizeof(name), i ? "k%d" : "m%d", i);
+        record(&r[0], s, name, "jpeg");
+        assert_true(client_picture(&r[0], &h, CLIENT_WAIT_MS) > 0);
+        client_shut(&r[0]);
+    }
     frame_finish(&f);
     server_destroy(s);
 }
@@ -416,6 +471,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_end_is_told_when_all_is_stored),
     cmocka_unit_test(the_format_stands_while_a_frame_is_under_way),
     cmocka_unit_test(a_live_frame_never_overtakes_one_in_lockstep),
+    cmocka_unit_test(another_sequence_waits_until_the_frame_under_way_has_its_picture),
     cmocka_unit_test(sixteen_names_are_remembered),
 };
 UNIT_MAIN(tests)
