@@ -70,6 +70,30 @@ static uint32_t pick_face(const struct environment *e, double *x)
     return (uint32_t)at;
 }
 
+float samples_whole_density(const struct environment *e, const float w[3], float rgb[3])
+{
+    float pdf;
+    const uint32_t face = environment_evaluate(e, w, rgb, &pdf);
+
+    return e->total_energy > 0.0 ? pdf * (float)(e->energy[face] / e->total_energy) : 0.0f;
+}
+
+bool samples_whole(const struct environment *e, const double x[2], float w[3], float rgb[3], float *pdf)
+{
+    double rest[2] = { x[0], x[1] };
+
+    if (!(e->total_energy > 0.0))
+        return false;
+    const uint32_t face = pick_face(e, &rest[0]);
+    samples_invert_face(e, face, rest, w);
+    *pdf = samples_whole_density(e, w, rgb);
+    if (!(*pdf > 0.0f)) { /* rounding carried it over the border of its texel: it brings nothing */
+        *pdf = 1.0f;
+        rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    }
+    return true;
+}
+
 static enum err reserve(struct light_samples *s, uint32_t count)
 {
     float **arrays[] = { &s->x, &s->y, &s->z, &s->r, &s->g, &s->b, &s->pdf };

@@ -9,6 +9,7 @@
 #include "environment.h"
 #include "err.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 enum strata_kind {
@@ -42,5 +43,12 @@ void samples_finish(struct light_samples *s); /* NULL is allowed */
 /* Inverts the tables of one face at x in [0, 1)^2: a direction (unit) with density pdf(w | face). The face must not be
  * black. */
 void samples_invert_face(const struct environment *e, uint32_t face, const double x[2], float w[3]);
+
+/* One direction by all faces as one table, for who needs them one at a time: paths from the light, next event
+ * estimation. w unit, the radiance that environment_evaluate gives there, and its density sr^-1 over the sphere: in
+ * proportion to luminance. False under a black sky. samples_whole_density is that density of any direction, with the
+ * radiance there. Any thread. */
+bool samples_whole(const struct environment *e, const double x[2], float w[3], float rgb[3], float *pdf);
+float samples_whole_density(const struct environment *e, const float w[3], float rgb[3]);
 
 #endif

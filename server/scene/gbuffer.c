@@ -4,6 +4,7 @@
 #include "mem.h"
 #include "progress.h"
 #include "rng.h"
+#include "view.h"
 
 #include <assert.h>
 #include <math.h>
@@ -23,10 +24,6 @@ struct slab {
     _Alignas(MEM_ALIGN) size_t size; /* bytes behind this head */
     size_t used;
     uint32_t holders; /* rows, and the thread that still fills it */
-};
-
-struct view { /* the camera's axes, scaled so that a pixel is one step */
-    double origin[3], corner[3], step_x[3], step_y[3];
 };
 
 struct build {
@@ -50,33 +47,6 @@ struct scratch {
     struct row draft;  /* one row after another is made here and then copied at its size */
     struct slab *slab; /* the one that takes the copies; NULL: none yet */
 };
-
-static void view_init(struct view *v, const struct camera *c, uint32_t width, uint32_t height)
-{
-    const struct vec3 ahead = vec3_normalize(vec3_sub(c->look_at, c->position));
-    const struct vec3 right = vec3_normalize(vec3_cross(ahead, vec3_normalize(c->up)));
-    const struct vec3 up = vec3_cross(right, ahead);
-    const double step = 2.0 * tan(0.5 * c->fov_y) / height;
-    const float a[3] = { ahead.x, ahead.y, ahead.z }, r[3] = { right.x, right.y, right.z };
-    const float u[3] = { up.x, up.y, up.z }, o[3] = { c->position.x, c->position.y, c->position.z };
-
-    for (int i = 0; i < 3; i++) {
-        v->origin[i] = o[i];
-        v->step_x[i] = step * r[i];
-        v->step_y[i] = -step * u[i];
-        v->corner[i] = a[i] - 0.5 * width * v->step_x[i] - 0.5 * height * v->step_y[i];
-    }
-}
-
-static struct vec3 view_direction(const struct view *v, double x, double y)
-{
-    double d[3];
-
-    for (int i = 0; i < 3; i++)
-        d[i] = v->corner[i] + x * v->step_x[i] + y * v->step_y[i];
-    const double l = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    return vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
-}
 
 static uint32_t trace(const struct build *b, double x, double y, struct leaf out[LEAF_MAX], bool *specular,
                       struct sight_count *count)
@@ -208,6 +178,7 @@ static bool add_point(struct row *r, const struct leaf *l, uint32_t x, uint32_t 
         .mesh = l->mesh,
         .material = l->material,
         .kind = l->kind,
+        .behind = l->bounces > 0,
         .x = x,
         .y = y,
     };

@@ -11,17 +11,12 @@
 
 #include "err.h"
 #include "rays.h"
+#include "scatter.h"
 #include "scene.h"
 
 #include <stdint.h>
 
 struct progress;
-
-enum lobe_kind {
-    LOBE_LAMBERT, /* diffuse only */
-    LOBE_PHONG,   /* diffuse + specular lobe with exponent */
-    LOBE_GGX,     /* diffuse = base colour * (1 - metallic), specular = F0, gloss = alpha */
-};
 
 struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and are not shaded */
     _Alignas(64) float x[PACKET];
@@ -33,8 +28,9 @@ struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and
     float gloss[PACKET];                            /* phong: exponent; ggx: alpha */
     int32_t valid[PACKET];                          /* -1 lit, 0 padding */
     uint32_t mesh[PACKET], material[PACKET];
-    uint32_t kind;  /* enum lobe_kind */
-    uint32_t count; /* 1..16 */
+    uint8_t behind[PACKET]; /* 1: the camera sees it in a mirror or through glass; 0: directly */
+    uint32_t kind;          /* enum lobe_kind */
+    uint32_t count;         /* 1..16 */
 };
 
 struct gbuffer_entry {

@@ -54,6 +54,7 @@ struct shade_point {
     struct vec3 diffuse, specular;
     float gloss;
     uint32_t mesh, material, kind;
+    bool behind;   /* a mirror or glass */
     uint32_t x, y; /* pixel */
 };
 

@@ -107,6 +107,7 @@ static void put(struct shade_packet *k, uint32_t lane, const struct shade_point 
     k->gloss[lane] = p->gloss;
     k->mesh[lane] = p->mesh;
     k->material[lane] = p->material;
+    k->behind[lane] = p->behind;
     k->valid[lane] = valid;
 }
 

@@ -154,6 +154,26 @@ bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, f
     return true;
 }
 
+bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar)
+{
+    struct RTCIntersectContext context;
+    struct RTCRay q = {
+        .org_x = origin.x,
+        .org_y = origin.y,
+        .org_z = origin.z,
+        .tnear = tnear,
+        .dir_x = dir.x,
+        .dir_y = dir.y,
+        .dir_z = dir.z,
+        .tfar = tfar,
+        .mask = UINT32_MAX,
+    };
+
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(r->bvh, &context, &q);
+    return q.tfar < 0.0f;
+}
+
 /* How far a point, computed on a triangle and rounded to float, may lie from where a ray query believes the triangle's
  * plane to be, along the plane's unit normal n; a running error bound [Higham 2002, section 3.3], with
  * u = 2^-24 per rounding.

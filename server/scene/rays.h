@@ -64,6 +64,9 @@ uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t fir
 /* True when dir meets something beyond tnear; *out is set then. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
 
+/* True when anything lies along dir between tnear and tfar. */
+bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar);
+
 /* The surface at a hit. `towards` points away from the surface, back along the ray that met it. */
 void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out);
 

@@ -3,6 +3,7 @@
 #include "log.h"
 #include "mem.h"
 #include "progress.h"
+#include "scatter.h"
 #include "scene_build.h"
 
 #include <assert.h>
@@ -259,4 +260,30 @@ enum err scene_load(const char *path, struct scene **out, struct progress *progr
     else
         *out = s;
     return e;
+}
+
+static struct box mesh_box(const struct mesh *m)
+{
+    struct box b = { vec3_make(INFINITY, INFINITY, INFINITY), vec3_make(-INFINITY, -INFINITY, -INFINITY) };
+
+    for (size_t k = 0; k < 3 * (size_t)m->triangle_count; k++) {
+        const float *p = m->positions + 3 * (size_t)m->indices[k];
+        b.low = vec3_make(fminf(b.low.x, p[0]), fminf(b.low.y, p[1]), fminf(b.low.z, p[2]));
+        b.high = vec3_make(fmaxf(b.high.x, p[0]), fmaxf(b.high.y, p[1]), fmaxf(b.high.z, p[2]));
+    }
+    return b;
+}
+
+size_t scene_casters(const struct scene *s, struct box *out, size_t room)
+{
+    size_t count = 0;
+
+    for (size_t i = 0; i < s->mesh_count; i++) {
+        if (s->meshes[i].triangle_count == 0 || !material_is_delta(&s->materials[s->meshes[i].material]))
+            continue;
+        if (count < room)
+            out[count] = mesh_box(&s->meshes[i]);
+        count++;
+    }
+    return count;
 }

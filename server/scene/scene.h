@@ -87,6 +87,13 @@ void scene_destroy(struct scene *s); /* NULL is allowed */
 /* The camera of that name, or the first when name is NULL; NULL when there is none such. */
 const struct camera *scene_camera(const struct scene *s, const char *name);
 
+/* Axis-aligned boxes around what scatters by a delta lobe (mirror, glass, sharp ggx), one per mesh. Returns how many
+ * there are; writes at most `room` of them. */
+struct box {
+    struct vec3 low, high; /* m */
+};
+size_t scene_casters(const struct scene *s, struct box *out, size_t room);
+
 /* Bilinear, wrapped lookup of a texture; u right, v up. */
 struct vec3 texture_lookup(const struct texture *t, float u, float v);
 

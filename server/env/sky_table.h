@@ -1,0 +1,68 @@
+/* server/env/sky_table.h */
+/* The cube map's densities shaped for balanced multiple importance sampling at shade points, and cut into strata: cells
+ * of the faces, and the sun by itself. The light tracer and eye paths do not use it: their one table is that of
+ * environment.h (samples_whole), which holds everything.
+ *
+ * Let g(t) be the importance (luminance, mean or maximum) x solid angle of texel t.
+ * - Plain: a cell's samples are drawn in proportion to g over the cell's texels.
+ * - Sun out: where there is a sun (below) and a texel of it is brighter than the level c, the cells keep the part up to
+ *   c and the stratum `sun` takes the part above it, in proportion. A direction on such a texel has two densities, and
+ *   both belong into the denominator of the balance heuristic; the radiance is always the whole texel's.
+ * - Compensated [Karlik et al. 2019]: cells keep max(0, g - half of the clamped mean), for MIS with the lobes only,
+ *   which cover what becomes 0. Where everything would become 0 the table stays plain.
+ *
+ * A sun: the texels within SUN_RADIUS of the brightest that are brighter than the level c; there is one when they hold
+ * at least SUN_SHARE of the sky's energy. c and the rest of the rule are in sky_table.c with their reasons.
+ *
+ * sky_table_build is for one thread at a time; then any number may read. Memory is reused from frame to frame. */
+#ifndef ENV_SKY_TABLE_H
+#define ENV_SKY_TABLE_H
+
+#include "environment.h"
+#include "err.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define CELLS_MAX 8                                           /* along a face's edge */
+#define STRATA_CELLS_MAX (CUBE_FACES * CELLS_MAX * CELLS_MAX) /* 384 */
+
+struct sky_table_desc {
+    uint32_t cells;  /* along a face's edge: 1, 2, 4 or 8, a divisor of n */
+    bool sun;        /* take the sun out, if there is one */
+    bool compensate; /* reshape for MIS */
+};
+
+struct sky_table {
+    const struct environment *environment; /* of the last build */
+    struct sky_table_desc desc;
+    uint32_t n, cells, strata; /* strata: 6 cells^2; stratum (face cells + i) cells + j, rows i, columns j */
+    double *energy;            /* [strata]: sum of the shaped g, W m^-2 up to the scale */
+    float (*corner)[4][3];     /* [strata]: unit vectors of the cell's corners, for F of [LPG13, Eq. 3] */
+    float *density;            /* [6][n][n]: shaped importance x solid angle x n^2 / 4, as texel.density */
+    double *row_cdf;           /* [6][n][n]: running sums along each row of the shaped g */
+    double *cell_cdf;          /* [6][cells][n]: face, column of cells, row: running sums, begun anew in each cell */
+
+    bool has_sun;
+    double sun_energy;    /* sum of the g above the level; 0 where there is no sun */
+    float sun_level;      /* c, in units of importance */
+    float sun_axis[3];    /* unit */
+    float sun_spread;     /* radians: no part of a texel of the sun is further from the axis */
+    uint32_t sun_count;   /* texels */
+    uint32_t *sun_texels; /* [sun_count]: index into environment.texels, ascending */
+    double *sun_cdf;      /* [sun_count] */
+    bool compensated;     /* false where it was asked for and everything would have become 0 */
+};
+
+/* e must be ready. ERR_NOMEM; ERR_USAGE when cells is not 1, 2, 4 or 8 or does not divide n. */
+MUST_CHECK enum err sky_table_build(struct sky_table *t, const struct environment *e, const struct sky_table_desc *desc);
+void sky_table_finish(struct sky_table *t); /* zeroed memory is allowed */
+
+/* A direction (unit) of a stratum with energy > 0, from x in [0, 1)^2; stratum `strata` is the sun. */
+void sky_table_invert(const struct sky_table *t, uint32_t stratum, const double x[2], float w[3]);
+
+/* The stratum that w falls in, radiance of its texel, density within that stratum, and the sun's density there (0 off
+ * the sun); sr^-1. */
+uint32_t sky_table_evaluate(const struct sky_table *t, const float w[3], float rgb[3], float *pdf, float *sun_pdf);
+
+#endif

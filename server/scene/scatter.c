@@ -1,0 +1,219 @@
+#include "scatter.h"
+
+#include <math.h>
+
+static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2])
+{
+    if (m->texture == MATERIAL_NO_TEXTURE)
+        return m->diffuse;
+    return vec3_mul(m->diffuse, texture_lookup(&scene->textures[m->texture], uv[0], uv[1]));
+}
+
+/* glTF's F0: 0.04 of a dielectric, the base colour of a metal [glTF 2.0, appendix B]. */
+static struct vec3 ggx_f0(struct vec3 base, float metallic)
+{
+    const float d = 0.04f * (1.0f - metallic);
+    return vec3_make(d + base.x * metallic, d + base.y * metallic, d + base.z * metallic);
+}
+
+static bool is_sharp(const struct material *m)
+{
+    return m->kind == MATERIAL_GGX && m->roughness * m->roughness < ALPHA_DELTA;
+}
+
+bool material_is_delta(const struct material *m)
+{
+    return m->kind == MATERIAL_MIRROR || m->kind == MATERIAL_GLASS || is_sharp(m);
+}
+
+bool material_is_rough(const struct material *m)
+{
+    return m->kind == MATERIAL_LAMBERT || m->kind == MATERIAL_PHONG ||
+           (m->kind == MATERIAL_GGX && (!is_sharp(m) || m->metallic < 1.0f));
+}
+
+static void fill_rough(const struct material *m, struct vec3 base, struct scatter *out)
+{
+    out->kind = LOBE_LAMBERT;
+    out->diffuse = base;
+    out->specular = vec3_make(0.0f, 0.0f, 0.0f);
+    out->gloss = 0.0f;
+    if (m->kind == MATERIAL_PHONG && m->specular.x + m->specular.y + m->specular.z > 0.0f) {
+        out->kind = LOBE_PHONG;
+        out->specular = m->specular;
+        out->gloss = m->exponent;
+    } else if (m->kind == MATERIAL_GGX) {
+        out->diffuse = vec3_scale(base, 1.0f - m->metallic);
+        if (!is_sharp(m)) { /* else the lobe is a mirror, and the diffuse part is what is left */
+            out->kind = LOBE_GGX;
+            out->specular = ggx_f0(base, m->metallic);
+            out->gloss = m->roughness * m->roughness;
+        }
+    }
+}
+
+void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
+                struct scatter *out)
+{
+    const uint32_t material = scene->meshes[h->mesh].material;
+    const struct material *m = &scene->materials[material];
+
+    rays_surface(rays, h, vec3_scale(dir, -1.0f), &out->surface);
+    const struct vec3 base = base_colour(scene, m, out->surface.uv);
+    out->mesh = h->mesh;
+    out->material = material;
+    out->rough = material_is_rough(m);
+    fill_rough(m, base, out);
+    out->delta = m->kind == MATERIAL_MIRROR  ? DELTA_MIRROR
+                 : m->kind == MATERIAL_GLASS ? DELTA_GLASS
+                 : is_sharp(m)               ? DELTA_GLOSS
+                                             : DELTA_NONE;
+    out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, m->metallic) : base;
+    out->ior = m->kind == MATERIAL_GLASS ? m->ior : 1.0f;
+}
+
+double fresnel_dielectric(double cos_i, double eta, double *cos_t)
+{
+    const double sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
+
+    *cos_t = 0.0;
+    if (sin2_t >= 1.0)
+        return 1.0;
+    *cos_t = sqrt(1.0 - sin2_t);
+    const double parallel = (eta * cos_i - *cos_t) / (eta * cos_i + *cos_t);
+    const double across = (cos_i - eta * *cos_t) / (cos_i + eta * *cos_t);
+    return 0.5 * (parallel * parallel + across * across);
+}
+
+struct vec3 surface_start(const struct surface *s, float side)
+{
+    return vec3_add(s->position, vec3_scale(s->geometric, side * s->offset));
+}
+
+static struct vec3 reflect(struct vec3 dir, struct vec3 n)
+{
+    return vec3_normalize(vec3_sub(dir, vec3_scale(n, 2.0f * vec3_dot(dir, n))));
+}
+
+/* Refraction about n (on the side that dir comes from): returns Fresnel's reflectance, 1 where nothing goes through. */
+static double refract(struct vec3 dir, struct vec3 n, double eta, struct vec3 *out)
+{
+    const double cos_i = fmin(1.0, -(double)vec3_dot(dir, n));
+    double cos_t;
+
+    const double f = fresnel_dielectric(cos_i, eta, &cos_t);
+    *out = vec3_normalize(vec3_add(vec3_scale(dir, (float)(1.0 / eta)), vec3_scale(n, (float)(cos_i / eta - cos_t))));
+    return f;
+}
+
+/* Index behind over index before the surface: glass stands in air. */
+static double index_ratio(const struct scatter *s)
+{
+    return s->surface.outside ? (double)s->ior : 1.0 / (double)s->ior;
+}
+
+/* The normal that an eye ray along dir is sent on by: the shading normal, unless that would send it, reflected or
+ * refracted, to the wrong side of the triangle. geometric and shading are turned to the side that dir comes from.
+ * True: the shading normal. */
+static bool by_shading_normal(struct vec3 geometric, struct vec3 shading, struct vec3 dir, enum delta_kind delta,
+                              double eta)
+{
+    struct vec3 through;
+
+    if (vec3_dot(dir, shading) >= 0.0f || vec3_dot(reflect(dir, shading), geometric) <= 0.0f)
+        return false;
+    if (delta != DELTA_GLASS || refract(dir, shading, eta, &through) >= 1.0)
+        return true;
+    return vec3_dot(through, geometric) < 0.0f;
+}
+
+static struct vec3 reflectance_at(const struct scatter *s, float cosine)
+{
+    const float c = 1.0f - fminf(1.0f, fmaxf(0.0f, cosine)), x = c * c * c * c * c;
+    const struct vec3 r = s->reflectance;
+
+    if (s->delta == DELTA_MIRROR)
+        return r;
+    return vec3_make(r.x + (1.0f - r.x) * x, r.y + (1.0f - r.y) * x, r.z + (1.0f - r.z) * x);
+}
+
+static void set_ray(struct delta_ray *ray, const struct scatter *s, float side, struct vec3 dir, struct vec3 weight)
+{
+    ray->origin = surface_start(&s->surface, side);
+    ray->dir = dir;
+    ray->weight[0] = weight.x;
+    ray->weight[1] = weight.y;
+    ray->weight[2] = weight.z;
+    ray->crosses = side < 0.0f;
+    ray->radiance_scale = 1.0f;
+    if (ray->crosses) {
+        const float eta = (float)index_ratio(s);
+        ray->radiance_scale = 1.0f / (eta * eta);
+    }
+}
+
+static struct vec3 grey(double x)
+{
+    return vec3_make((float)x, (float)x, (float)x);
+}
+
+uint32_t scatter_eye(const struct scatter *s, struct vec3 dir, struct delta_ray out[2])
+{
+    const double eta = index_ratio(s);
+    struct vec3 through;
+
+    if (s->delta == DELTA_NONE)
+        return 0;
+    const bool shading = by_shading_normal(s->surface.geometric, s->surface.shading, dir, s->delta, eta);
+    const struct vec3 n = shading ? s->surface.shading : s->surface.geometric;
+    const struct vec3 back = reflect(dir, n);
+    if (s->delta != DELTA_GLASS) {
+        set_ray(&out[0], s, 1.0f, back, reflectance_at(s, -vec3_dot(dir, n)));
+        return 1;
+    }
+    const double f = refract(dir, n, eta, &through);
+    set_ray(&out[0], s, 1.0f, back, grey(f));
+    if (f >= 1.0)
+        return 1;
+    set_ray(&out[1], s, -1.0f, through, grey(1.0 - f));
+    return 2;
+}
+
+/* Light along dir, sent on by the normal n, which is the shading normal or not. */
+static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n, bool shading, struct delta_ray *out)
+{
+    const struct surface *at = &s->surface;
+    const float in_g = -vec3_dot(dir, at->geometric), in_n = -vec3_dot(dir, n);
+    const double eta = index_ratio(s);
+    uint32_t count = 0;
+    struct vec3 through;
+
+    if (!(in_n > 0.0f && in_g > 0.0f))
+        return 0;
+    const struct vec3 back = reflect(dir, n);
+    const float out_g = vec3_dot(back, at->geometric);
+    const double f = s->delta == DELTA_GLASS ? refract(dir, n, eta, &through) : 1.0;
+    if (out_g > 0.0f &&
+        by_shading_normal(at->geometric, at->shading, vec3_scale(back, -1.0f), s->delta, eta) == shading) {
+        const struct vec3 r = s->delta == DELTA_GLASS ? grey(f) : reflectance_at(s, in_n);
+        set_ray(&out[count++], s, 1.0f, back, vec3_scale(r, out_g / in_g));
+    }
+    if (f >= 1.0)
+        return count;
+    const float through_g = -vec3_dot(through, at->geometric), through_n = -vec3_dot(through, n);
+    if (through_g > 0.0f && through_n > 0.0f &&
+        by_shading_normal(vec3_scale(at->geometric, -1.0f), vec3_scale(at->shading, -1.0f), vec3_scale(through, -1.0f),
+                          s->delta, 1.0 / eta) == shading)
+        set_ray(&out[count++], s, -1.0f, through, grey((1.0 - f) * in_n * through_g / (in_g * through_n)));
+    return count;
+}
+
+uint32_t scatter_light(const struct scatter *s, struct vec3 dir, struct delta_ray out[4])
+{
+    const struct surface *at = &s->surface;
+
+    if (s->delta == DELTA_NONE)
+        return 0;
+    const uint32_t count = light_by(s, dir, at->shading, true, out);
+    return count + light_by(s, dir, at->geometric, false, out + count);
+}
