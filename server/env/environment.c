@@ -14,6 +14,24 @@
 #define DEFAULT_N 256
 #define MAX_N 1024
 
+static const char *const importance_names[] = { "luminance", "mean", "max" };
+
+enum err importance_parse(const char *name, enum importance *out, struct reason *why)
+{
+    for (size_t k = 0; k < sizeof(importance_names) / sizeof(importance_names[0]); k++)
+        if (strcmp(name, importance_names[k]) == 0) {
+            *out = (enum importance)k;
+            return ERR_OK;
+        }
+    *out = IMPORTANCE_LUMINANCE;
+    return err_say(why, ERR_USAGE, "importance '%s' is not known: it is luminance, mean or max", name);
+}
+
+const char *importance_name(enum importance kind)
+{
+    return importance_names[kind];
+}
+
 struct environment *environment_create(const struct environment_desc *desc)
 {
     const uint32_t n = desc->n ? desc->n : DEFAULT_N;
@@ -60,6 +78,7 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->layout = desc->layout;
     e->rotation = desc->rotation_degrees * PI / 180.0;
     e->gain = (float)exp2(desc->scale_stops);
+    e->importance = desc->importance;
 }
 
 /* What whoever sent the frame says of its layout stands above what the file says and below the user's own word; ""
@@ -182,7 +201,7 @@ static enum err match_resampler(struct environment *e, enum layout layout, struc
                   : ERR_OK;
 }
 
-/* Row `row` of 6n: its texels, their densities, and the running sum of luminance x solid angle along it [LPG13, 2.2].
+/* Row `row` of 6n: its texels, their densities, and the running sum of importance x solid angle along it [LPG13, 2.2].
  */
 static void rebuild_row(struct environment *e, uint32_t row)
 {
@@ -191,11 +210,12 @@ static void rebuild_row(struct environment *e, uint32_t row)
     double *cdf = e->row_cdf + (size_t)row * n;
     const double *solid_angle = e->solid_angle + (size_t)(row % n) * n;
     const double per_uv = 0.25 * n * n;
+    const enum importance kind = e->importance;
     double sum = 0.0;
 
     resampler_row(e->resampler, e->gain, row, &t->r);
     for (uint32_t j = 0; j < n; j++) {
-        const double weight = rgb_luminance(t[j].r, t[j].g, t[j].b) * solid_angle[j];
+        const double weight = importance_of(kind, t[j].r, t[j].g, t[j].b) * solid_angle[j];
         t[j].density = (float)(weight * per_uv);
         sum += weight;
         cdf[j] = sum;
@@ -295,13 +315,9 @@ void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf)
 {
     float u, v;
-    const uint32_t face = cube_locate(w, &u, &v), n = e->n;
-    const float half = 0.5f * (float)n;
-    uint32_t j = (uint32_t)((u + 1.0f) * half), i = (uint32_t)((v + 1.0f) * half);
+    const uint32_t at = environment_texel(e, w, &u, &v), face = at / (e->n * e->n);
+    const struct texel *t = &e->texels[at];
 
-    j = j < n ? j : n - 1;
-    i = i < n ? i : n - 1;
-    const struct texel *t = &e->texels[((size_t)face * n + i) * n + j];
     rgb[0] = t->r;
     rgb[1] = t->g;
     rgb[2] = t->b;

@@ -17,9 +17,28 @@
 
 struct resampler;
 
-/* One texel of the cube map. density is luminance x solid angle x n^2/4, so that, for a direction through (u, v) of
+/* What a texel's light is weighed by when samples are drawn: one number for three. Each is 0 only where all three are.
+ */
+enum importance {
+    IMPORTANCE_LUMINANCE, /* what the eye sees; blue light gets few samples and is noisy where it meets blue albedo */
+    IMPORTANCE_MEAN,      /* of r, g and b, as [Nori] */
+    IMPORTANCE_MAX,       /* of r, g and b: no colour's radiance over density exceeds the others' bound */
+};
+
+static inline float importance_of(enum importance kind, float r, float g, float b)
+{
+    if (kind == IMPORTANCE_LUMINANCE)
+        return rgb_luminance(r, g, b);
+    return kind == IMPORTANCE_MEAN ? (r + g + b) * (1.0f / 3.0f) : fmaxf(r, fmaxf(g, b));
+}
+
+/* "luminance", "mean" or "max"; IMPORTANCE_LUMINANCE and ERR_USAGE for anything else. */
+MUST_CHECK enum err importance_parse(const char *name, enum importance *out, struct reason *why);
+const char *importance_name(enum importance kind);
+
+/* One texel of the cube map. density is importance x solid angle x n^2/4, so that, for a direction through (u, v) of
  * face f, pdf(w | f) = density * (1 + u^2 + v^2)^(3/2) / energy[f]      per steradian, which is the density of choosing
- * the texel in proportion to luminance x solid angle and a point of it evenly in (u, v). */
+ * the texel in proportion to importance x solid angle and a point of it evenly in (u, v). */
 struct texel {
     float r, g, b, density;
 };
@@ -29,14 +48,15 @@ struct environment {
     enum layout layout; /* of image */
     double rotation;    /* radians about +Y, right-handed */
     float gain;         /* 2^scale_stops */
+    enum importance importance;
     struct resampler *resampler;
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
-    double *row_cdf;           /* [6][n][n]: running sums of luminance x solid angle within each row */
+    double *row_cdf;           /* [6][n][n]: running sums of importance x solid angle within each row */
     double *face_cdf;          /* [6][n]: running sums over the rows of a face */
     double *solid_angle;       /* [n][n]: of a texel, the same on each face */
-    double energy[CUBE_FACES]; /* sum of luminance x solid angle of a face, W m^-2 up to the scale */
+    double energy[CUBE_FACES]; /* sum of importance x solid angle of a face, W m^-2 up to the scale */
     double total_energy;       /* over the six */
 
     uint64_t number; /* the frame's own */
@@ -50,13 +70,14 @@ struct environment_desc {
     enum layout layout; /* LAYOUT_AUTO: by the file */
     double rotation_degrees;
     double scale_stops;
+    enum importance importance;
 };
 
 /* NULL when out of memory or n is out of range. */
 struct environment *environment_create(const struct environment_desc *desc);
 void environment_destroy(struct environment *e); /* NULL is allowed */
 
-/* Takes another rotation and scale from the next update on. */
+/* Takes another layout, rotation, scale and importance from the next update on. */
 void environment_set(struct environment *e, const struct environment_desc *desc);
 
 /* Decodes the frame and rebuilds cube map and tables. On any error *why names frame and fault and the environment must
@@ -74,6 +95,17 @@ void environment_warn_clipped(const struct environment *e, bool *warned);
 /* What is seen when looking along w (unit, world): the source image, bilinear, so that it is not blocky. Faces of a
  * cube are interpolated each within itself. What the layout does not show is the mean of what it does. */
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3]);
+
+/* The cube texel that a direction (any length but zero) falls in, as an index into texels, and its (u, v) there: the
+ * one place where that is decided. Face by / n^2. */
+static inline uint32_t environment_texel(const struct environment *e, const float w[3], float *u, float *v)
+{
+    const uint32_t face = cube_locate(w, u, v), n = e->n;
+    const float half = 0.5f * (float)n;
+    const uint32_t j = (uint32_t)((*u + 1.0f) * half), i = (uint32_t)((*v + 1.0f) * half);
+
+    return (face * n + (i < n ? i : n - 1)) * n + (j < n ? j : n - 1);
+}
 
 /* The sampled function itself: radiance of the cube texel that w falls in, and pdf(w | its face) (0 where that is
  * black). */
