@@ -435,7 +435,7 @@ static enum err finish(struct build *b, struct reason *why)
 
     if (point_count > UINT32_MAX - 4 * PACKET || escape_count > UINT32_MAX)
         return too_large(b, why);
-    enum err e = packing_init(&packing, b->rows, g->height, (uint32_t)point_count);
+    enum err e = packing_init(&packing, b->rows, g->height, (uint32_t)point_count, g->interleave);
     if (e)
         return e;
     g->point_count = point_count;
@@ -494,6 +494,9 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     if (desc->edge_rays > EDGE_RAYS_MAX)
         return err_say(why, ERR_RANGE, "%u camera rays per side of an edge pixel, more than %u", desc->edge_rays,
                        EDGE_RAYS_MAX);
+    if (desc->interleave > 4 || desc->interleave == 3)
+        return err_say(why, ERR_RANGE, "light samples interleaved %u x %u: 1, 2 and 4 are possible", desc->interleave,
+                       desc->interleave);
     struct build b = {
         .desc = desc,
         .g = mem_alloc(1, sizeof(*b.g)),
@@ -504,6 +507,7 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
         return err_say(why, ERR_NOMEM, "no memory for the G-buffer");
     b.g->width = desc->width;
     b.g->height = desc->height;
+    b.g->interleave = desc->interleave ? desc->interleave : 1;
     b.g->pixel_angle = 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height;
     b.sight = (struct sight){ .scene = scene, .rays = rays, .pixel_angle = b.g->pixel_angle };
     view_init(&b.view, desc->camera, desc->width, desc->height);

@@ -31,6 +31,7 @@ struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and
     uint8_t behind[PACKET]; /* 1: the camera sees it in a mirror or through glass; 0: directly */
     uint32_t kind;          /* enum lobe_kind */
     uint32_t count;         /* 1..16 */
+    uint32_t set;           /* (y mod K) K + x mod K of its pixels, K = interleave: 0 at K = 1 */
 };
 
 struct gbuffer_entry {
@@ -45,6 +46,7 @@ struct gbuffer_escape {
 
 struct gbuffer {
     uint32_t width, height;
+    uint32_t interleave; /* K, at least 1; 0 says 1 too, in one that is made by hand */
     struct shade_packet *packets;
     uint32_t packet_count;
     uint64_t point_count;  /* lanes in use */
@@ -64,12 +66,14 @@ struct gbuffer_desc {
     uint32_t width, height; /* 1..16384 */
     uint32_t edge_rays;     /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: none extra; at most 64 */
     bool every_pixel;       /* treat all pixels as edges */
+    uint32_t interleave;    /* 1, 2 or 4 = K: packets hold pixels of one place in the K x K pattern, so that each place
+                             * can have light samples of its own [Keller and Heidrich 2001]; 0: 1 */
     uint64_t max_bytes;     /* of all that is held at once, building included, about 1.3 times what stays; 0: 4 GiB;
                              * ERR_RANGE beyond */
     struct progress *progress; /* may be NULL; stepped once per row */
 };
 
-/* On ERR_OK the caller owns *out. ERR_RANGE: size or memory cap. ERR_NOMEM. */
+/* On ERR_OK the caller owns *out. ERR_RANGE: size, interleave or memory cap. ERR_NOMEM. */
 MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
                                    struct gbuffer **out, struct reason *why);
 void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */

@@ -74,11 +74,11 @@ struct row {
 
 /* What a packet will be, known before it is filled. */
 struct packet_head {
-    uint8_t kind, count;
+    uint8_t kind, count, set;
     bool begun; /* its memory is zeroed */
 };
 
-/* Which point goes where: homogeneous in kind, near each other, alike where they can be. */
+/* Which point goes where: homogeneous in kind and set, near each other, alike where they can be. */
 struct packing {
     uint32_t *slots; /* [point_count]: packet * 16 + lane, the points of all rows counted on */
     struct packet_head *heads;
@@ -87,8 +87,9 @@ struct packing {
 
 #define PACKING_BYTES 24 /* what packing_init takes for each point while it sorts */
 
-/* Needs no more of the rows than their points. ERR_NOMEM; then *p is finished. */
-MUST_CHECK enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count);
+/* Needs no more of the rows than their points. interleave: 1, 2 or 4. ERR_NOMEM; then *p is finished. */
+MUST_CHECK enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count,
+                                 uint32_t interleave);
 void packing_finish(struct packing *p); /* zeroed memory is allowed */
 
 /* Writes a row's points into their places; `first` is the number of the row's first. In any order of rows, each once;

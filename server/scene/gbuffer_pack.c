@@ -12,6 +12,7 @@
 #define KEY_BITS 44u
 #define DIGIT_BITS 11u
 #define KIND_SHIFT 42u /* the kind is the key's topmost two bits */
+#define SET_SHIFT 38u  /* below it up to four bits of the set */
 
 /* Spreads the low 16 bits of x to the even places. */
 static uint64_t spread(uint64_t x)
@@ -38,17 +39,21 @@ static uint64_t normal_cell(struct vec3 n)
     return cell;
 }
 
-/* Kind (2 bits), neighbourhood in Morton order, material (8), normal (6), place in the neighbourhood: pixels of a
- * picture of 2^14 a side take 28 bits together. */
-static uint64_t sort_key(const struct shade_point *p)
+/* Kind (2 bits), set (2 bits `phase`), neighbourhood in Morton order, material (8), normal (6), place in the
+ * neighbourhood: pixels of a picture of 2^14 a side take 28 bits together with the set, which is their lowest bits. A
+ * set stands above the neighbourhood, since below it each would leave a packet half filled in each neighbourhood; the
+ * neighbourhoods count a set's own pixels, so that they hold as many points at any interleave. */
+static uint64_t sort_key(const struct shade_point *p, unsigned phase)
 {
-    const uint32_t inside = (1u << TILE_BITS) - 1u;
+    const uint32_t inside = (1u << TILE_BITS) - 1u, among = (1u << phase) - 1u;
+    const uint32_t x = p->x >> phase, y = p->y >> phase;
     uint64_t key = p->kind;
 
-    key = key << (28 - 2 * TILE_BITS) | morton(p->x >> TILE_BITS, p->y >> TILE_BITS);
+    key = key << 2 * phase | (p->y & among) << phase | (p->x & among);
+    key = key << (28 - 2 * TILE_BITS - 2 * phase) | morton(x >> TILE_BITS, y >> TILE_BITS);
     key = key << 8 | ((p->material * 29u + p->mesh) & 0xffu);
     key = key << 6 | normal_cell(p->shading);
-    key = key << 2 * TILE_BITS | morton(p->x & inside, p->y & inside);
+    key = key << 2 * TILE_BITS | morton(x & inside, y & inside);
     return key;
 }
 
@@ -117,20 +122,29 @@ static uint8_t kind_of(const struct item *item)
     return (uint8_t)(item->key_high >> (KIND_SHIFT - 32));
 }
 
-/* Packets that `items` take when a new kind begins a new packet; writes their heads and the slots where those are
- * given. */
-static uint32_t lay_out(const struct item *items, uint32_t count, struct packet_head *heads, uint32_t *slots)
+/* The set stands next to it. */
+static uint8_t set_of(const struct item *item, unsigned phase)
+{
+    const uint32_t below_kind = item->key_high >> (SET_SHIFT - 32) & 15u;
+    return (uint8_t)(below_kind >> (4 - 2 * phase));
+}
+
+/* Packets that `items` take when a new kind or set begins a new packet; writes their heads and the slots where those
+ * are given. */
+static uint32_t lay_out(const struct item *items, uint32_t count, unsigned phase, struct packet_head *heads,
+                        uint32_t *slots)
 {
     uint32_t packets = 0, lane = 0;
 
     for (uint32_t i = 0; i < count; i++) {
-        if (i == 0 || lane == PACKET || kind_of(&items[i]) != kind_of(&items[i - 1])) {
+        const uint8_t kind = kind_of(&items[i]), set = set_of(&items[i], phase);
+        if (i == 0 || lane == PACKET || kind != kind_of(&items[i - 1]) || set != set_of(&items[i - 1], phase)) {
             packets++;
             lane = 0;
         }
         lane++;
         if (heads)
-            heads[packets - 1] = (struct packet_head){ .kind = kind_of(&items[i]), .count = (uint8_t)lane };
+            heads[packets - 1] = (struct packet_head){ .kind = kind, .count = (uint8_t)lane, .set = set };
         if (slots)
             slots[items[i].point] = (packets - 1) * PACKET + lane - 1;
     }
@@ -138,14 +152,14 @@ static uint32_t lay_out(const struct item *items, uint32_t count, struct packet_
 }
 
 /* The points of all rows into the order of the packets. */
-static void sort_points(const struct row *rows, uint32_t row_count, uint32_t point_count, struct item *items,
-                        struct item *spare)
+static void sort_points(const struct row *rows, uint32_t row_count, uint32_t point_count, unsigned phase,
+                        struct item *items, struct item *spare)
 {
     uint32_t n = 0;
 
     for (uint32_t y = 0; y < row_count; y++) {
         for (uint32_t i = 0; i < rows[y].point_count; i++, n++) {
-            const uint64_t key = sort_key(&rows[y].points[i]);
+            const uint64_t key = sort_key(&rows[y].points[i], phase);
             items[n] = (struct item){ (uint32_t)(key >> 32), (uint32_t)key, n };
         }
     }
@@ -153,8 +167,10 @@ static void sort_points(const struct row *rows, uint32_t row_count, uint32_t poi
     radix_sort(items, spare, point_count);
 }
 
-enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count)
+enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count,
+                      uint32_t interleave)
 {
+    const unsigned phase = interleave / 2; /* bits: 1, 2, 4 make 0, 1, 2 */
     struct item *items = mem_alloc_raw(point_count, sizeof(*items));
     void *spare = mem_alloc_raw(point_count, sizeof(*items));
     enum err e = items && spare ? ERR_OK : ERR_NOMEM;
@@ -162,15 +178,15 @@ enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_co
     *p = (struct packing){ .slots = NULL };
     if (e)
         goto done;
-    sort_points(rows, row_count, point_count, items, spare);
-    p->packet_count = lay_out(items, point_count, NULL, NULL);
+    sort_points(rows, row_count, point_count, phase, items, spare);
+    p->packet_count = lay_out(items, point_count, phase, NULL, NULL);
     p->heads = mem_alloc(p->packet_count, sizeof(*p->heads));
     e = p->heads ? ERR_OK : ERR_NOMEM;
     if (e)
         goto done;
     p->slots = spare; /* which is there already */
     spare = NULL;
-    lay_out(items, point_count, p->heads, p->slots);
+    lay_out(items, point_count, phase, p->heads, p->slots);
 done:
     mem_free(spare);
     mem_free(items);
@@ -194,6 +210,7 @@ void packing_put(struct packing *p, const struct row *r, uint32_t first, struct 
             memset(k, 0, sizeof(*k));
             k->kind = head->kind;
             k->count = head->count;
+            k->set = head->set;
             head->begun = true;
         }
         put(k, lane, &r->points[i], -1);
