@@ -30,6 +30,17 @@ static inline uint32_t cube_locate(const float w[3], float *u, float *v)
     return 2 * a + (w[a] < 0.0f);
 }
 
+/* The texel that a direction (any length but zero) falls in, [face][row][column], and its (u, v): the one place where
+ * that is decided. */
+static inline uint32_t cube_texel(uint32_t n, const float w[3], float *u, float *v)
+{
+    const uint32_t face = cube_locate(w, u, v);
+    const float half = 0.5f * (float)n;
+    const uint32_t j = (uint32_t)((*u + 1.0f) * half), i = (uint32_t)((*v + 1.0f) * half);
+
+    return (face * n + (i < n ? i : n - 1)) * n + (j < n ? j : n - 1);
+}
+
 /* Solid angle between (u0, v0) and (u1, v1) on a face, sr: differences of the corner integral atan(uv / sqrt(u^2 + v^2
  * + 1)). */
 double cube_solid_angle(double u0, double v0, double u1, double v1);

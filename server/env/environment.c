@@ -315,7 +315,7 @@ void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf)
 {
     float u, v;
-    const uint32_t at = environment_texel(e, w, &u, &v), face = at / (e->n * e->n);
+    const uint32_t at = cube_texel(e->n, w, &u, &v), face = at / (e->n * e->n);
     const struct texel *t = &e->texels[at];
 
     rgb[0] = t->r;

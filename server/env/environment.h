@@ -96,17 +96,6 @@ void environment_warn_clipped(const struct environment *e, bool *warned);
  * cube are interpolated each within itself. What the layout does not show is the mean of what it does. */
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3]);
 
-/* The cube texel that a direction (any length but zero) falls in, as an index into texels, and its (u, v) there: the
- * one place where that is decided. Face by / n^2. */
-static inline uint32_t environment_texel(const struct environment *e, const float w[3], float *u, float *v)
-{
-    const uint32_t face = cube_locate(w, u, v), n = e->n;
-    const float half = 0.5f * (float)n;
-    const uint32_t j = (uint32_t)((*u + 1.0f) * half), i = (uint32_t)((*v + 1.0f) * half);
-
-    return (face * n + (i < n ? i : n - 1)) * n + (j < n ? j : n - 1);
-}
-
 /* The sampled function itself: radiance of the cube texel that w falls in, and pdf(w | its face) (0 where that is
  * black). */
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf);

@@ -1,39 +1,30 @@
 #include "samples.h"
 
+#include "invert.h"
 #include "mem.h"
 #include "rng.h"
 
 #include <assert.h>
 #include <math.h>
 
-/* The first entry of an ascending cdf that exceeds target. Where rounding put target on the total, the last entry that
- * has mass, so that no texel of probability zero is ever chosen. */
-static uint32_t find_interval(const double *cdf, uint32_t n, double target)
+static void direct(uint32_t n, uint32_t face, double row, double column, float w[3])
 {
-    uint32_t low = 0, high = n;
+    double d[3];
 
-    while (low < high) {
-        const uint32_t mid = (low + high) / 2;
-        if (cdf[mid] > target)
-            high = mid;
-        else
-            low = mid + 1;
-    }
-    if (low == n)
-        for (low = n - 1; low > 0 && cdf[low] == cdf[low - 1];)
-            low--;
-    return low;
+    cube_direction(face, -1.0 + 2.0 * column / n, -1.0 + 2.0 * row / n, d);
+    const double scale = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    for (int c = 0; c < 3; c++)
+        w[c] = (float)(d[c] * scale);
 }
 
-/* Position in 0..n, real-valued: the texel chosen and the place within it. */
-static double invert(const double *cdf, uint32_t n, double x)
+void invert_direction(uint32_t n, uint32_t face, double row, double column, float w[3])
 {
-    const double target = x * cdf[n - 1];
-    const uint32_t k = find_interval(cdf, n, target);
-    const double below = k ? cdf[k - 1] : 0.0;
-    const double within = (target - below) / (cdf[k] - below);
+    float u, v;
 
-    return k + fmin(fmax(within, 0.0), 1.0 - 0x1p-53);
+    direct(n, face, row, column, w);
+    const uint32_t wanted = (face * n + (uint32_t)row) * n + (uint32_t)column;
+    if (cube_texel(n, w, &u, &v) != wanted)
+        direct(n, face, invert_hold(row), invert_hold(column), w);
 }
 
 void samples_invert_face(const struct environment *e, uint32_t face, const double x[2], float w[3])
@@ -42,12 +33,8 @@ void samples_invert_face(const struct environment *e, uint32_t face, const doubl
     const double row = invert(e->face_cdf + (size_t)face * n, n, x[0]);
     const uint32_t i = (uint32_t)row;
     const double column = invert(e->row_cdf + ((size_t)face * n + i) * n, n, x[1]);
-    double d[3];
 
-    cube_direction(face, -1.0 + 2.0 * column / n, -1.0 + 2.0 * row / n, d);
-    const double scale = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    for (int c = 0; c < 3; c++)
-        w[c] = (float)(d[c] * scale);
+    invert_direction(n, face, row, column, w);
 }
 
 static void sphere_direction(const double x[2], float w[3])

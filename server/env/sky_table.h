@@ -5,14 +5,16 @@
  *
  * Let g(t) be the importance (luminance, mean or maximum) x solid angle of texel t.
  * - Plain: a cell's samples are drawn in proportion to g over the cell's texels.
- * - Sun out: where there is a sun (below) and a texel of it is brighter than the level c, the cells keep the part up to
- *   c and the stratum `sun` takes the part above it, in proportion. A direction on such a texel has two densities, and
- *   both belong into the denominator of the balance heuristic; the radiance is always the whole texel's.
- * - Compensated [Karlik et al. 2019]: cells keep max(0, g - half of the clamped mean), for MIS with the lobes only,
- *   which cover what becomes 0. Where everything would become 0 the table stays plain.
+ * - Sun out: where there is a sun (below), the cells keep of its texels the part up to the level c and the stratum
+ * `sun` takes the part above it, in proportion. A direction on such a texel has two densities, and both belong into the
+ *   denominator of the balance heuristic; the radiance is always the whole texel's.
+ * - Compensated [Karlik et al. 2019]: cells keep max(0, g - half of the clamped mean x solid angle), for MIS with the
+ *   lobes only, which cover what becomes 0. Some texel is always brighter than half of the mean, so that not everything
+ *   becomes 0; where the clamped mean is 0 the table stays plain.
  *
- * A sun: the texels within SUN_RADIUS of the brightest that are brighter than the level c; there is one when they hold
- * at least SUN_SHARE of the sky's energy. c and the rest of the rule are in sky_table.c with their reasons.
+ * The clamped mean m is the sky's mean with every texel cut at c = 16 m (sky_table.c has the reasons), which leaves the
+ * sun out. A sun: the texels brighter than c within 2.5 degrees of the brightest; there is one when their part above c
+ * is at least a tenth of the sky's energy.
  *
  * sky_table_build is for one thread at a time; then any number may read. Memory is reused from frame to frame. */
 #ifndef ENV_SKY_TABLE_H
@@ -40,25 +42,33 @@ struct sky_table {
     double *energy;            /* [strata]: sum of the shaped g, W m^-2 up to the scale */
     float (*corner)[4][3];     /* [strata]: unit vectors of the cell's corners, for F of [LPG13, Eq. 3] */
     float *density;            /* [6][n][n]: shaped importance x solid angle x n^2 / 4, as texel.density */
-    double *row_cdf;           /* [6][n][n]: running sums along each row of the shaped g */
+    double *row_cdf;           /* [6][n][n]: running sums along each row of the shaped g, begun anew in each cell */
     double *cell_cdf;          /* [6][cells][n]: face, column of cells, row: running sums, begun anew in each cell */
 
-    bool has_sun;
+    float mean;           /* m, in units of importance; 0 unless sun or compensation was asked for */
+    float level;          /* c */
+    bool has_sun;         /* asked for, and there is one */
     double sun_energy;    /* sum of the g above the level; 0 where there is no sun */
-    float sun_level;      /* c, in units of importance */
     float sun_axis[3];    /* unit */
     float sun_spread;     /* radians: no part of a texel of the sun is further from the axis */
     uint32_t sun_count;   /* texels */
     uint32_t *sun_texels; /* [sun_count]: index into environment.texels, ascending */
     double *sun_cdf;      /* [sun_count] */
-    bool compensated;     /* false where it was asked for and everything would have become 0 */
+    bool compensated;     /* asked for, and there was a mean to take away */
+
+    enum importance importance; /* of the build */
+    float *row_max;             /* [6][n]: the brightest importance of each row of texels */
+    uint32_t sun_capacity;
 };
 
-/* e must be ready. ERR_NOMEM; ERR_USAGE when cells is not 1, 2, 4 or 8 or does not divide n. */
-MUST_CHECK enum err sky_table_build(struct sky_table *t, const struct environment *e, const struct sky_table_desc *desc);
+/* e must be ready, and stay as it is while the table is used. ERR_NOMEM; ERR_USAGE when cells is not 1, 2, 4 or 8 or
+ * does not divide n. On an error the table must not be read. The same bits at any number of OpenMP threads. */
+MUST_CHECK enum err sky_table_build(struct sky_table *t, const struct environment *e,
+                                    const struct sky_table_desc *desc);
 void sky_table_finish(struct sky_table *t); /* zeroed memory is allowed */
 
-/* A direction (unit) of a stratum with energy > 0, from x in [0, 1)^2; stratum `strata` is the sun. */
+/* A direction (unit) of a stratum with energy > 0, from x in [0, 1)^2; stratum `strata` is the sun. It is always in the
+ * very texel that x falls in, so that sky_table_evaluate finds it in that stratum with a density > 0. */
 void sky_table_invert(const struct sky_table *t, uint32_t stratum, const double x[2], float w[3]);
 
 /* The stratum that w falls in, radiance of its texel, density within that stratum, and the sun's density there (0 off
