@@ -14,11 +14,6 @@
 /* Numbers that come from a sequence; the rest of a path draws from a stream of its own. */
 enum number { NUMBER_LOBE, NUMBER_POLAR, NUMBER_AZIMUTH, NUMBER_SKY_X, NUMBER_SKY_Y, NUMBER_COUNT };
 
-/* Up to here a path ends only by what it loses; from here on also one time in twenty, so that light between perfect
- * mirrors ends. */
-#define SURE_EVENTS 16u
-#define MOST_LIKELY 0.95
-
 struct frame_paths { /* what all points share; borrowed */
     const struct scene *scene;
     const struct rays *rays;
@@ -154,7 +149,9 @@ static bool meet(struct walk *w, const struct hit *h)
     const double total = share[0] + share[1] + share[2];
     if (!(total > 0.0))
         return false;
-    const double scale = fmin(1.0, (w->events < SURE_EVENTS ? 1.0 : MOST_LIKELY) / total);
+    /* Of each way its share, or more than is left would go on; what is missing to 1 is Russian roulette. None beyond
+     * that: a path that loses nothing, between mirrors or in glass, is rare, and to let few stand for many is noise. */
+    const double scale = fmin(1.0, 1.0 / total);
     if (rough) {
         sample_sky(w, &lobe, start, share[0] * scale);
         w->met_rough = true;
