@@ -21,8 +21,8 @@ struct resampler;
  */
 enum importance {
     IMPORTANCE_LUMINANCE, /* what the eye sees; blue light gets few samples and is noisy where it meets blue albedo */
-    IMPORTANCE_MEAN,      /* of r, g and b, as [Nori] */
-    IMPORTANCE_MAX,       /* of r, g and b: no colour's radiance over density exceeds the others' bound */
+    IMPORTANCE_MEAN,      /* of r, g and b */
+    IMPORTANCE_MAX,       /* of r, g and b, as [Nori]: no colour's radiance over density is larger than a grey's */
 };
 
 static inline float importance_of(enum importance kind, float r, float g, float b)
