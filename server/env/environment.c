@@ -4,6 +4,7 @@
 #include "layout.h"
 #include "log.h"
 #include "mem.h"
+#include "pyramid.h"
 #include "resample.h"
 
 #include <inttypes.h>
@@ -56,6 +57,11 @@ struct environment *environment_create(const struct environment_desc *desc)
         for (uint32_t j = 0; j < n; j++)
             e->solid_angle[(size_t)i * n + j] =
                 cube_solid_angle(-1.0 + step * j, -1.0 + step * i, -1.0 + step * (j + 1), -1.0 + step * (i + 1));
+    e->pyramid = pyramid_create(n, e->solid_angle);
+    if (!e->pyramid) {
+        environment_destroy(e);
+        return NULL;
+    }
     environment_set(e, desc);
     return e;
 }
@@ -70,6 +76,7 @@ void environment_destroy(struct environment *e)
     mem_free(e->row_cdf);
     mem_free(e->face_cdf);
     mem_free(e->solid_angle);
+    pyramid_destroy(e->pyramid);
     mem_free(e);
 }
 
@@ -246,6 +253,7 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
         e->energy[f] = sum;
         e->total_energy += sum;
     }
+    pyramid_build(e->pyramid, &e->texels->r);
     e->ready = true;
     return ERR_OK;
 }
@@ -256,24 +264,6 @@ enum err environment_update(struct environment *e, const struct frame *f, struct
     return result ? result : environment_rebuild(e, why);
 }
 
-/* Where the neighbours of a place are kept to what belongs together: the azimuth wraps, all else is held at its border.
- */
-static int64_t hold(int64_t at, uint32_t low, uint32_t high, bool wraps)
-{
-    if (wraps)
-        return at < low ? at + (high - low) : at >= high ? at - (high - low) : at;
-    return at < low ? low : at >= high ? (int64_t)high - 1 : at;
-}
-
-/* False for a texel of a ball or fisheye whose centre is outside the circle. */
-static bool is_shown(const struct resampler *r, int64_t column, int64_t row)
-{
-    const double x = 2.0 * (double)column + 1.0 - r->width, y = 2.0 * (double)row + 1.0 - r->height;
-    const double side = r->width < r->height ? r->width : r->height;
-
-    return !layout_is_disc(r->layout) || x * x + y * y < side * side;
-}
-
 void environment_warn_clipped(const struct environment *e, bool *warned)
 {
     if (*warned || e->image.faults.clipped == 0)
@@ -282,34 +272,6 @@ void environment_warn_clipped(const struct environment *e, bool *warned)
     log_warning("%s: %" PRIu64 " values stand at 65504, the largest of a half float: the light there may have been "
                 "brighter; capture it darker and give it back by --scale STOPS",
                 e->name, e->image.faults.clipped);
-}
-
-void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
-{
-    const struct resampler *r = e->resampler;
-    const double c = cos(e->rotation), s = sin(e->rotation);
-    const double own[3] = { c * w.x - s * w.z, w.y, c * w.z + s * w.x };
-    struct layout_place at;
-    float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
-
-    const bool shown = layout_find(r->layout, r->width, r->height, own, &at);
-    /* Texel centres stand at half-integers. */
-    const double x = at.x - 0.5, y = at.y - 0.5;
-    const int64_t x0 = (int64_t)floor(x), y0 = (int64_t)floor(y);
-    const float fx = (float)(x - (double)x0), fy = (float)(y - (double)y0);
-    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
-    for (int k = 0; k < 4 && shown; k++) {
-        const int64_t column = hold(x0 + (k & 1), at.low[0], at.high[0], at.wraps);
-        const int64_t row = hold(y0 + (k >> 1), at.low[1], at.high[1], false);
-        const float *texel = e->image.rgb + 3 * (row * r->width + column);
-        if (!is_shown(r, column, row))
-            continue;
-        whole += weight[k];
-        for (int i = 0; i < 3; i++)
-            sum[i] += weight[k] * texel[i];
-    }
-    for (int i = 0; i < 3; i++)
-        rgb[i] = e->gain * (whole > 0.0f ? sum[i] / whole : r->mean[i]);
 }
 
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf)

@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+struct pyramid;
 struct resampler;
 
 /* What a texel's light is weighed by when samples are drawn: one number for three. Each is 0 only where all three are.
@@ -58,6 +59,7 @@ struct environment {
     double *solid_angle;       /* [n][n]: of a texel, the same on each face */
     double energy[CUBE_FACES]; /* sum of importance x solid angle of a face, W m^-2 up to the scale */
     double total_energy;       /* over the six */
+    struct pyramid *pyramid;   /* of texels: what is looked at with a wide eye */
 
     uint64_t number; /* the frame's own */
     int64_t capture_us;
@@ -95,6 +97,12 @@ void environment_warn_clipped(const struct environment *e, bool *warned);
 /* What is seen when looking along w (unit, world): the source image, bilinear, so that it is not blocky. Faces of a
  * cube are interpolated each within itself. What the layout does not show is the mean of what it does. */
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3]);
+
+/* The same for an eye that sees all about w at once: the mean over a pixel of `width` x `width` radians, by a filter of
+ * the same variance (full width of the square; a round cone of as much solid angle is 1.13 times as wide). As long as
+ * the source's texels are wider, width / sqrt(3) being compared, it is environment_look; from sqrt(4 pi) on it is
+ * the mean of the sphere. Continuous in w and in width. */
+void environment_look_wide(const struct environment *e, struct vec3 w, float width, float rgb[3]);
 
 /* The sampled function itself: radiance of the cube texel that w falls in, and pdf(w | its face) (0 where that is
  * black). */

@@ -48,11 +48,15 @@ struct scratch {
     struct slab *slab; /* the one that takes the copies; NULL: none yet */
 };
 
-static uint32_t trace(const struct build *b, double x, double y, struct leaf out[LEAF_MAX], bool *specular,
-                      struct sight_count *count)
+/* The ray through (x, y), of `side` x `side` in the pixel; a pixel off the picture's centre is smaller: as many radians
+ * along an edge as its solid angle step^2 cos^3 is the square of. */
+static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX],
+                      bool *specular, struct sight_count *count)
 {
-    const struct vec3 o = b->desc->camera->position;
-    return sight_trace(&b->sight, o, view_direction(&b->view, x, y), out, specular, count);
+    const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
+    const double *ahead = b->view.ahead, cosine = ahead[0] * dir.x + ahead[1] * dir.y + ahead[2] * dir.z;
+
+    return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, specular, count);
 }
 
 /* The centre sample of each pixel of row y: the heaviest of its leaves, which without mirrors is the only one. */
@@ -61,7 +65,7 @@ static void trace_centres(const struct build *b, uint32_t y, struct leaf *centre
 {
     for (uint32_t x = 0; x < b->desc->width; x++) {
         bool mirror;
-        const uint32_t n = trace(b, x + 0.5, y + 0.5, leaves, &mirror, count);
+        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, leaves, &mirror, count);
         specular[x] = mirror || n != 1;
         centres[x] = leaves[0];
         if (n == 0)
@@ -114,7 +118,7 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
         const double jx = (i % b->side + rng_next(&r)) / b->side;
         const double jy = (i / b->side + rng_next(&r)) / b->side;
         bool mirror;
-        const uint32_t more = trace(b, x + jx, y + jy, s->leaves + n, &mirror, count);
+        const uint32_t more = trace(b, x + jx, y + jy, b->side, s->leaves + n, &mirror, count);
         for (uint32_t k = n; k < n + more; k++) {
             for (int c = 0; c < 3; c++)
                 s->leaves[k].weight[c] *= share;
@@ -147,6 +151,7 @@ static bool add_escape(struct row *r, const struct leaf *l)
         r->escape_room = r->escape_room ? 2 * r->escape_room : 256;
     struct gbuffer_escape *out = &r->escapes[r->escape_count++];
     out->direction = l->arrival;
+    out->width = l->footprint;
     memcpy(out->weight, l->weight, sizeof(out->weight));
     return true;
 }
@@ -211,7 +216,7 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
             r->edge_pixels++;
         } else if (s->specular[(size_t)in_band * width + x]) {
             bool mirror;
-            n = trace(b, x + 0.5, y + 0.5, s->leaves, &mirror, &r->count);
+            n = trace(b, x + 0.5, y + 0.5, 1, s->leaves, &mirror, &r->count);
         } else {
             s->leaves[0] = s->centres[(size_t)in_band * width + x];
             n = 1;

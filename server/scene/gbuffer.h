@@ -42,6 +42,8 @@ struct gbuffer_entry {
 struct gbuffer_escape {
     struct vec3 direction; /* unit, world */
     float weight[3];
+    float width; /* radians, > 0: edge of the square of directions that it stands for, as mirrors and glass spread the
+                  * pixel's or camera ray's own; what environment_look_wide asks for */
 };
 
 struct gbuffer {

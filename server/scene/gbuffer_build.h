@@ -3,6 +3,7 @@
 #define SCENE_GBUFFER_BUILD_H
 
 #include "gbuffer.h"
+#include "scatter.h"
 
 #include <stdbool.h>
 
@@ -16,7 +17,7 @@ struct leaf {
     struct surface surface;
     struct vec3 diffuse, specular; /* textures applied */
     float gloss;
-    float footprint; /* m: about the height of a pixel there */
+    float footprint; /* about the height of a pixel there, m; escaped: of what it sees of the environment, radians */
 };
 
 /* What a camera ray can come to. */
@@ -28,15 +29,36 @@ struct sight {
     float pixel_angle; /* radians */
 };
 
+/* What lies between a ray and its neighbours one pixel (or part of one) to the right and down: first derivatives. */
+struct cone {
+    struct vec3 origin[2]; /* m */
+    struct vec3 dir[2];    /* across the ray's unit direction, radians */
+};
+
+/* Where the neighbours meet the triangle's plane, and how its interpolated normal turns on the way there. */
+struct footprint {
+    struct vec3 step[2]; /* m */
+    struct vec3 turn[2]; /* across the shading normal, radians */
+};
+
+void cone_begin(struct cone *c, struct vec3 dir, float angle); /* from one point, `angle` radians apart */
+float cone_width(const struct cone *c);                        /* radians between its directions; finite */
+void cone_meet(const struct cone *c, const struct scene *scene, const struct hit *h, const struct surface *s,
+               struct vec3 dir, struct footprint *out);
+
+/* The cone of the ray `to` that scatter_eye made of dir; back: the reflection among those it made. */
+void cone_turn(const struct cone *c, const struct footprint *at, const struct scatter *s, struct vec3 dir,
+               const struct delta_ray *back, const struct delta_ray *to, struct cone *out);
+
 /* What tracing costs and leaves out; each thread and row has its own. */
 struct sight_count {
     uint64_t rays;
     double cut; /* sum of the weights not followed, of all camera rays */
 };
 
-/* Follows the camera ray; returns how many leaves were written, 0 only where everything was absorbed. *specular: the
- * first surface was a mirror or glass. Any thread. */
-uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, struct leaf out[LEAF_MAX],
+/* Follows the camera ray, which is `angle` radians from its neighbours; returns how many leaves were written, 0 only
+ * where everything was absorbed. *specular: the first surface was a mirror or glass. Any thread. */
+uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
                      bool *specular, struct sight_count *count);
 
 /* True when the two can be shaded as one point, or looked up as one direction. */
@@ -44,7 +66,8 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
 
 /* Merges leaves that are alike. In: leaves[count], each of the weight its camera ray has in the pixel. Out: the
  * first *count leaves, each the real one nearest to the mean of those merged, with their weights' sum and the mean
- * colour (escapes: the mean direction). owner: room for count numbers. */
+ * colour (escapes: the mean direction, and a footprint of the variance that all have together). owner: room for count
+ * numbers. */
 void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, uint32_t *count);
 
 /* One shade point before it has its place in a packet. */

@@ -1,7 +1,5 @@
 #include "gbuffer_build.h"
 
-#include "scatter.h"
-
 #include <assert.h>
 #include <math.h>
 #include <string.h>
@@ -17,6 +15,7 @@ struct branch {
     float ior;       /* of the medium the ray runs in */
     float distance;  /* m, from the eye */
     uint32_t bounces;
+    struct cone cone;
 };
 
 struct chain {
@@ -75,6 +74,7 @@ static struct leaf *new_leaf(struct chain *c, const struct branch *b)
         l->weight[k] = b->weight[k] / (b->ior * b->ior);
     l->arrival = b->dir;
     l->bounces = b->bounces;
+    l->footprint = cone_width(&b->cone);
     return l;
 }
 
@@ -94,6 +94,7 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 {
     struct scatter at;
     struct delta_ray out[2];
+    struct footprint footprint;
 
     scatter_at(c->sight->scene, c->sight->rays, h, b->dir, &at);
     b->distance += h->t; /* dir is of unit length */
@@ -103,11 +104,14 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
         l->footprint = b->distance * c->sight->pixel_angle;
     }
     const uint32_t count = scatter_eye(&at, b->dir, out);
+    if (count > 0)
+        cone_meet(&b->cone, c->sight->scene, h, &at.surface, b->dir, &footprint);
     for (uint32_t i = 0; i < count; i++) {
         struct branch next = *b;
         next.origin = out[i].origin;
         next.dir = out[i].dir;
         next.bounces++;
+        cone_turn(&b->cone, &footprint, &at, b->dir, &out[0], &out[i], &next.cone);
         if (out[i].crosses) /* glass stands in air */
             next.ior = at.surface.outside ? at.ior : 1.0f;
         for (int k = 0; k < 3; k++)
@@ -117,7 +121,7 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     return at.delta != DELTA_NONE;
 }
 
-uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, struct leaf out[LEAF_MAX],
+uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
                      bool *specular, struct sight_count *count)
 {
     struct chain c;
@@ -128,7 +132,9 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
     c.leaf_count = c.pending_count = 0;
     c.cut = 0.0;
     *specular = false;
-    push(&c, &(struct branch){ .origin = origin, .dir = dir, .weight = { 1.0f, 1.0f, 1.0f }, .ior = 1.0f });
+    struct branch camera = { .origin = origin, .dir = dir, .weight = { 1.0f, 1.0f, 1.0f }, .ior = 1.0f };
+    cone_begin(&camera.cone, dir, angle);
+    push(&c, &camera);
     while (c.pending_count > 0 && rays < RAYS_MAX && (rays == 0 || pending_weight(&c) >= (double)CUT)) {
         struct branch b = pop_heaviest(&c);
         struct hit h;

@@ -35,6 +35,25 @@ static float total(const struct leaf *l)
     return l->weight[0] + l->weight[1] + l->weight[2];
 }
 
+/* Variances add up: width^2 / 12 is the mean of those of the rays, and what their directions scatter about their mean,
+ * half of it along either axis. */
+static float merged_width(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
+                          struct vec3 mean)
+{
+    double sum = 0.0, all = 0.0;
+
+    for (uint32_t i = first; i < count; i++) {
+        if (owner[i] != first)
+            continue;
+        const struct leaf *l = &leaves[i];
+        const struct vec3 off = vec3_sub(l->arrival, mean);
+        const double w = total(l);
+        sum += w * ((double)l->footprint * l->footprint + 6.0 * (double)vec3_dot(off, off));
+        all += w;
+    }
+    return (float)sqrt(sum / all);
+}
+
 /* The cluster of seed `first` as one leaf. Colours are averaged per channel with the weights of the pixel, which is
  * exact: a pixel is linear in them. */
 static struct leaf merge_cluster(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count)
@@ -73,8 +92,10 @@ static struct leaf merge_cluster(const struct leaf *leaves, const uint32_t *owne
     l.diffuse = vec3_make(weight[0] > 0.0 ? (float)(colour[0] / weight[0]) : 0.0f,
                           weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
                           weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
-    if (l.escaped)
+    if (l.escaped) {
         l.arrival = vec3_normalize(mean);
+        l.footprint = merged_width(leaves, owner, first, count, mean);
+    }
     return l;
 }
 

@@ -1,0 +1,245 @@
+/* What is only looked at: the source picture where the eye is narrow, the pyramid where it is wide. */
+#include "environment.h"
+
+#include "layout.h"
+#include "pyramid.h"
+#include "resample.h"
+
+#include <math.h>
+
+/* A level whose texels are s radians along an edge, seen through bilinear interpolation, spreads each direction with a
+ * variance of s^2/4 along each axis: s^2/12 of the texel, which is a mean, and s^2/6 of the tent. A pixel that is a
+ * square of edge `width` asks for width^2/12. So s = width / sqrt(3); and since variances add up in a mixture of two
+ * levels of the same centre, s^2 is what is interpolated between them. */
+#define TEXEL_PER_WIDTH 0.57735027f
+#define WHOLE_SPHERE 2.0466534f /* s for a width of sqrt(4 pi), whose square is the sphere: the mean of all */
+#define TAPS_MAX 8
+#define GAP 2.0f /* between levels, beyond which the finer one is widened by several taps: a mixture would alias */
+
+/* The source picture or, with factor > 1, the resampler's blocks of it. */
+struct picture {
+    const float *rgb;
+    uint32_t columns, rows, factor;
+};
+
+/* Where the neighbours of a place are kept to what belongs together: the azimuth wraps, all else is held at its border.
+ */
+static int64_t hold(int64_t at, uint32_t low, uint32_t high, bool wraps)
+{
+    if (wraps)
+        return at < low ? at + (high - low) : at >= high ? at - (high - low) : at;
+    return at < low ? low : at >= high ? (int64_t)high - 1 : at;
+}
+
+/* False for a texel of a ball or fisheye whose centre is outside the circle. */
+static bool is_shown(const struct resampler *r, const struct picture *p, int64_t column, int64_t row)
+{
+    const double x = 2.0 * (double)column + 1.0 - p->columns, y = 2.0 * (double)row + 1.0 - p->rows;
+    const double side = p->columns < p->rows ? p->columns : p->rows;
+
+    return !layout_is_disc(r->layout) || x * x + y * y < side * side;
+}
+
+/* From texels of the source to blocks. The last block of a face or picture may be cut short; all are taken as equally
+ * large, so that the azimuth still closes. */
+static void place_in_blocks(const struct resampler *r, uint32_t factor, struct layout_place *at)
+{
+    const uint32_t size = layout_faces(r->layout) ? layout_face_size(r->layout, r->width) : 0;
+    const uint32_t cell[2] = { size ? size : r->width, size ? size : r->height };
+    double *place[2] = { &at->x, &at->y };
+
+    for (int k = 0; k < 2; k++) {
+        const uint32_t blocks = (cell[k] + factor - 1) / factor, low = at->low[k] / cell[k] * blocks;
+        *place[k] = low + (*place[k] - at->low[k]) * blocks / cell[k];
+        at->low[k] = low;
+        at->high[k] = low + blocks;
+    }
+}
+
+static void interpolate(const struct environment *e, const struct picture *p, struct vec3 w, float rgb[3])
+{
+    const struct resampler *r = e->resampler;
+    const double c = cos(e->rotation), s = sin(e->rotation);
+    const double own[3] = { c * w.x - s * w.z, w.y, c * w.z + s * w.x };
+    struct layout_place at;
+    float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
+
+    const bool shown = layout_find(r->layout, r->width, r->height, own, &at);
+    if (p->factor > 1)
+        place_in_blocks(r, p->factor, &at);
+    /* Texel centres stand at half-integers. */
+    const double x = at.x - 0.5, y = at.y - 0.5;
+    const int64_t x0 = (int64_t)floor(x), y0 = (int64_t)floor(y);
+    const float fx = (float)(x - (double)x0), fy = (float)(y - (double)y0);
+    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
+    for (int k = 0; k < 4 && shown; k++) {
+        const int64_t column = hold(x0 + (k & 1), at.low[0], at.high[0], at.wraps);
+        const int64_t row = hold(y0 + (k >> 1), at.low[1], at.high[1], false);
+        const float *texel = p->rgb + 3 * (row * p->columns + column);
+        if (!is_shown(r, p, column, row))
+            continue;
+        whole += weight[k];
+        for (int i = 0; i < 3; i++)
+            sum[i] += weight[k] * texel[i];
+    }
+    for (int i = 0; i < 3; i++)
+        rgb[i] = e->gain * (whole > 0.0f ? sum[i] / whole : r->mean[i]);
+}
+
+static struct picture source_of(const struct environment *e)
+{
+    return (struct picture){ e->image.rgb, e->image.width, e->image.height, 1 };
+}
+
+static struct picture blocks_of(const struct environment *e)
+{
+    const struct resampler *r = e->resampler;
+    return (struct picture){ r->reduced, r->columns, r->rows, r->factor };
+}
+
+void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
+{
+    const struct picture p = source_of(e);
+    interpolate(e, &p, w, rgb);
+}
+
+/* Edge, in radians, of a texel of a cube with n along a face's edge, at the unit direction w: the root of its solid
+ * angle (2/n)^2 (1 + u^2 + v^2)^(-3/2), the bracket being the largest component of w to the power -2. */
+static float cube_edge(uint32_t n, struct vec3 w)
+{
+    const float m = fmaxf(fabsf(w.x), fmaxf(fabsf(w.y), fabsf(w.z)));
+    return 2.0f / (float)n * m * sqrtf(m);
+}
+
+/* The same of the source at w. About the vertical axis all layouts but the cubes are the same, and turning those by
+ * e->rotation matters to none. */
+static float source_texel(const struct environment *e, struct vec3 w)
+{
+    const struct resampler *r = e->resampler;
+    const float side = (float)(r->width < r->height ? r->width : r->height), pi = (float)PI;
+
+    if (layout_faces(r->layout)) {
+        const float c = (float)cos(e->rotation), s = (float)sin(e->rotation);
+        return cube_edge(layout_face_size(r->layout, r->width), vec3_make(c * w.x - s * w.z, w.y, c * w.z + s * w.x));
+    }
+    if (r->layout == LAYOUT_BALL)
+        return 4.0f / side;
+    const float across = sqrtf(w.x * w.x + w.z * w.z);
+    if (r->layout == LAYOUT_FISHEYE) {
+        const float theta = atan2f(across, fmaxf(w.y, 0.0f));
+        return pi / side * sqrtf(theta > 1e-3f ? sinf(theta) / theta : 1.0f);
+    }
+    /* Not smaller than half a row from the pole. */
+    return pi * sqrtf(2.0f / ((float)r->width * (float)r->height) * fmaxf(across, 0.5f * pi / (float)r->height));
+}
+
+/* The source's texels where they are largest, as edges of a cube's texels are counted: root of the mean solid angle. */
+static float nominal_texel(const struct environment *e)
+{
+    const struct resampler *r = e->resampler;
+    const float side = (float)(r->width < r->height ? r->width : r->height), pi = (float)PI;
+
+    if (layout_faces(r->layout))
+        return sqrtf(4.0f * pi / 6.0f) / (float)layout_face_size(r->layout, r->width);
+    if (layout_is_disc(r->layout))
+        return (r->layout == LAYOUT_BALL ? 4.0f : pi) / side;
+    return pi * sqrtf(2.0f / ((float)r->width * (float)r->height));
+}
+
+/* What there is to look at, from fine to coarse: the source, blocks of it where the resampler has made them, the cube
+ * map's levels from the first that is clearly coarser, the mean. Which there are does not depend on the direction, so
+ * that what is seen is continuous in it; how large their texels are does. */
+enum { RUNG_SOURCE = -2, RUNG_BLOCKS = -1 }; /* then the pyramid's levels, and their count: the mean */
+
+struct rung {
+    int what;
+    float texel; /* radians along an edge, here */
+};
+
+static struct rung coarser(const struct environment *e, struct rung from, float source, struct vec3 w)
+{
+    const uint32_t factor = e->resampler->factor;
+    const struct pyramid *p = e->pyramid;
+    struct rung next = { from.what + 1, WHOLE_SPHERE };
+
+    if (from.what == RUNG_SOURCE && factor > 1) {
+        next.texel = (float)factor * source;
+    } else {
+        if (from.what < 0) {
+            const float least = (float)sqrt(2.0) * (float)factor * nominal_texel(e),
+                        face = sqrtf(4.0f * (float)PI / 6.0f);
+            for (next.what = 0; next.what < (int)p->count && face / (float)p->level[next.what].n < least;)
+                next.what++;
+        }
+        if (next.what < (int)p->count)
+            next.texel = cube_edge(p->level[next.what].n, w);
+    }
+    next.texel = fmaxf(next.texel, from.texel);
+    return next;
+}
+
+static void look_at_rung(const struct environment *e, int what, struct vec3 w, float rgb[3])
+{
+    const struct pyramid *p = e->pyramid;
+    const struct picture picture = what == RUNG_SOURCE ? source_of(e) : blocks_of(e);
+
+    if (what < 0)
+        interpolate(e, &picture, w, rgb);
+    else if (what < (int)p->count)
+        pyramid_look(p, (uint32_t)what, (const float[3]){ w.x, w.y, w.z }, rgb);
+    else
+        for (int c = 0; c < 3; c++)
+            rgb[c] = p->mean[c];
+}
+
+/* A picture of texels `texel` as one of texels `wide`: the mean of T x T lookups at steps d, which add (T^2 - 1) d^2 /
+ * 12 to the variance. T is the least for which they stand no further apart than texels, while that is at most 8. */
+static void look_by_taps(const struct environment *e, struct rung fine, float wide, struct vec3 w, float rgb[3])
+{
+    const float more = 3.0f * (wide * wide - fine.texel * fine.texel), t2 = fine.texel * fine.texel;
+    const int taps = (int)fminf((float)TAPS_MAX, fmaxf(2.0f, ceilf(sqrtf(1.0f + more / t2))));
+    const float step = sqrtf(more / (float)(taps * taps - 1));
+    const struct vec3 axis = fabsf(w.y) < 0.7f ? vec3_make(0, 1, 0) : vec3_make(1, 0, 0);
+    const struct vec3 a = vec3_normalize(vec3_cross(axis, w)), b = vec3_cross(w, a);
+
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    for (int k = 0; k < taps * taps; k++) {
+        const float x = step * ((float)(k % taps) - 0.5f * (float)(taps - 1));
+        const float y = step * ((float)(k / taps) - 0.5f * (float)(taps - 1));
+        const struct vec3 to = vec3_normalize(vec3_add(w, vec3_add(vec3_scale(a, x), vec3_scale(b, y))));
+        float seen[3];
+        look_at_rung(e, fine.what, to, seen);
+        for (int c = 0; c < 3; c++)
+            rgb[c] += seen[c] / (float)(taps * taps);
+    }
+}
+
+void environment_look_wide(const struct environment *e, struct vec3 w, float width, float rgb[3])
+{
+    const float want = width * TEXEL_PER_WIDTH, source = source_texel(e, w);
+    struct rung fine = { RUNG_SOURCE, source }, coarse;
+    float far[3];
+
+    if (!(want > source)) {
+        environment_look(e, w, rgb);
+        return;
+    }
+    for (coarse = coarser(e, fine, source, w); coarse.texel <= want && coarse.what < (int)e->pyramid->count;) {
+        fine = coarse;
+        coarse = coarser(e, fine, source, w);
+    }
+    const float wide = fminf(want, coarse.texel / GAP);
+    if (fine.what < 0 && wide > fine.texel) {
+        look_by_taps(e, fine, wide, w, rgb);
+        fine.texel = wide;
+    } else {
+        look_at_rung(e, fine.what, w, rgb);
+    }
+    const float f2 = fine.texel * fine.texel, span = coarse.texel * coarse.texel - f2;
+    const float share = span > 0.0f ? fminf(1.0f, (want * want - f2) / span) : 1.0f;
+    if (share <= 0.0f)
+        return;
+    look_at_rung(e, coarse.what, w, far);
+    for (int c = 0; c < 3; c++)
+        rgb[c] += share * (far[c] - rgb[c]);
+}
