@@ -6,6 +6,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <string.h>
 
 static void direct(uint32_t n, uint32_t face, double row, double column, float w[3])
 {
@@ -94,8 +95,32 @@ static enum err reserve(struct light_samples *s, uint32_t count)
         if (!*arrays[k])
             return ERR_NOMEM;
     }
+    mem_free(s->sun_pdf);
+    mem_free(s->stratum);
+    s->sun_pdf = mem_alloc(count, sizeof(*s->sun_pdf));
+    s->stratum = mem_alloc(count, sizeof(*s->stratum));
+    if (!s->sun_pdf || !s->stratum)
+        return ERR_NOMEM;
     s->capacity = count;
     return ERR_OK;
+}
+
+/* Sample k: its direction and radiance, and the densities that it may have come by. Rounding to float may carry a
+ * direction over a texel's border onto one that none of them reaches: then it brings nothing. */
+static void put_sample(struct light_samples *s, uint32_t k, const float w[3], const float rgb[3], uint32_t stratum,
+                       float pdf, float sun_pdf)
+{
+    const bool brings = pdf > 0.0f || sun_pdf > 0.0f;
+
+    s->x[k] = w[0];
+    s->y[k] = w[1];
+    s->z[k] = w[2];
+    s->r[k] = brings ? rgb[0] : 0.0f;
+    s->g[k] = brings ? rgb[1] : 0.0f;
+    s->b[k] = brings ? rgb[2] : 0.0f;
+    s->pdf[k] = brings ? pdf : 1.0f;
+    s->sun_pdf[k] = sun_pdf;
+    s->stratum[k] = stratum;
 }
 
 /* Sample i of a stratum: a direction, and what the cube map holds there. The density is read back by the same lookup
@@ -115,18 +140,7 @@ static void draw_one(const struct environment *e, enum strata_kind kind, uint32_
         pdf = (float)(0.25 / PI);
     else if (kind == STRATA_ALL)
         pdf *= (float)(e->energy[face] / e->total_energy);
-    /* Rounding to float may carry a direction over a texel's border onto a black one: then it brings nothing. */
-    if (!(pdf > 0.0f)) {
-        pdf = 1.0f;
-        rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    }
-    s->x[k] = w[0];
-    s->y[k] = w[1];
-    s->z[k] = w[2];
-    s->r[k] = rgb[0];
-    s->g[k] = rgb[1];
-    s->b[k] = rgb[2];
-    s->pdf[k] = pdf;
+    put_sample(s, k, w, rgb, stratum, pdf, 0.0f);
 }
 
 enum err samples_draw(const struct environment *e, enum strata_kind kind, uint32_t count, uint64_t seed,
@@ -135,6 +149,7 @@ enum err samples_draw(const struct environment *e, enum strata_kind kind, uint32
     assert(e->ready);
     out->kind = kind;
     out->strata = kind == STRATA_FACES ? CUBE_FACES : 1;
+    out->has_sun = false;
     if (count > UINT32_MAX / CUBE_FACES || reserve(out, count * out->strata))
         return ERR_NOMEM;
     out->first[0] = 0;
@@ -153,6 +168,69 @@ enum err samples_draw(const struct environment *e, enum strata_kind kind, uint32
     return ERR_OK;
 }
 
+void samples_shape(const struct sky_table *t, struct light_samples *out)
+{
+    out->kind = STRATA_TABLE;
+    out->strata = t->strata + t->has_sun;
+    out->has_sun = t->has_sun;
+    memset(out->first, 0, sizeof(out->first));
+    memcpy(out->energy, t->energy, t->strata * sizeof(*t->energy));
+    memcpy(out->corner, t->corner, t->strata * sizeof(*t->corner));
+    if (t->has_sun)
+        out->energy[t->strata] = t->sun_energy;
+    memcpy(out->sun_axis, t->sun_axis, sizeof(out->sun_axis));
+    out->sun_spread = t->sun_spread;
+}
+
+enum err samples_draw_table(const struct sky_table *t, const uint32_t *count, uint64_t seed, struct light_samples *s)
+{
+    uint64_t total = 0;
+
+    assert(s->kind == STRATA_TABLE && s->strata == t->strata + t->has_sun);
+    for (uint32_t f = 0; f < s->strata; f++)
+        total += s->energy[f] > 0.0 ? count[f] : 0;
+    if (total > UINT32_MAX || reserve(s, (uint32_t)total))
+        return ERR_NOMEM;
+    s->first[0] = 0;
+    for (uint32_t f = 0; f < s->strata; f++) {
+        const uint32_t drawn = s->energy[f] > 0.0 ? count[f] : 0;
+        for (uint32_t i = 0; i < drawn; i++) {
+            double x[2];
+            float w[3], rgb[3], pdf, sun_pdf;
+            rng_sobol2(rng_mix(seed, f), i, x);
+            sky_table_invert(t, f, x, w);
+            const uint32_t stratum = sky_table_evaluate(t, w, rgb, &pdf, &sun_pdf);
+            put_sample(s, s->first[f] + i, w, rgb, stratum, pdf, sun_pdf);
+        }
+        s->first[f + 1] = s->first[f] + drawn;
+    }
+    return ERR_OK;
+}
+
+enum err samples_draw_latlong(const struct latlong *t, enum strata_kind kind, uint32_t count, uint64_t seed,
+                              struct light_samples *out)
+{
+    out->kind = kind;
+    out->strata = 1;
+    out->has_sun = false;
+    out->energy[0] = t->total;
+    out->first[0] = 0;
+    out->first[1] = t->total > 0.0 ? count : 0;
+    if (reserve(out, count))
+        return ERR_NOMEM;
+    for (uint32_t i = 0; i < out->first[1]; i++) {
+        double x[2];
+        float w[3], rgb[3], pdf;
+        rng_sobol2(rng_mix(seed, 0), i, x);
+        if (kind == STRATA_ROWS)
+            latlong_sample_rows(t, x, w, rgb, &pdf);
+        else
+            latlong_sample(t, x, w, rgb, &pdf);
+        put_sample(out, i, w, rgb, 0, pdf, 0.0f);
+    }
+    return ERR_OK;
+}
+
 void samples_finish(struct light_samples *s)
 {
     if (!s)
@@ -164,5 +242,7 @@ void samples_finish(struct light_samples *s)
     mem_free(s->g);
     mem_free(s->b);
     mem_free(s->pdf);
+    mem_free(s->sun_pdf);
+    mem_free(s->stratum);
     *s = (struct light_samples){ 0 };
 }

@@ -1,5 +1,6 @@
 #include "direct.h"
 
+#include "denormals.h"
 #include "kernels.h"
 #include "mem.h"
 #include "rng.h"
@@ -7,13 +8,12 @@
 #include <assert.h>
 #include <math.h>
 #include <string.h>
-#ifdef __x86_64__
-#include <pmmintrin.h>
-#endif
 
 struct direct {
     const struct kernels *kernels;
-    struct light_samples lights;
+    struct light_samples *lights; /* [SETS_MAX] */
+    struct sky_table table;
+    struct latlong latlong;
     uint32_t *numbers; /* [number_capacity][2] */
     uint32_t number_capacity;
 };
@@ -21,8 +21,14 @@ struct direct {
 struct direct *direct_create(const struct kernels *kernels)
 {
     struct direct *d = mem_alloc(1, sizeof(*d));
-    if (d)
-        d->kernels = kernels;
+    if (!d)
+        return NULL;
+    d->kernels = kernels;
+    d->lights = mem_alloc(SETS_MAX, sizeof(*d->lights));
+    if (!d->lights) {
+        direct_destroy(d);
+        return NULL;
+    }
     return d;
 }
 
@@ -30,14 +36,18 @@ void direct_destroy(struct direct *d)
 {
     if (!d)
         return;
-    samples_finish(&d->lights);
+    for (uint32_t k = 0; d->lights && k < SETS_MAX; k++)
+        samples_finish(&d->lights[k]);
+    mem_free(d->lights);
+    sky_table_finish(&d->table);
+    latlong_finish(&d->latlong);
     mem_free(d->numbers);
     mem_free(d);
 }
 
 const struct light_samples *direct_samples(const struct direct *d)
 {
-    return &d->lights;
+    return d->lights;
 }
 
 static enum err draw_numbers(struct direct *d, uint32_t count, uint64_t seed)
@@ -59,25 +69,113 @@ static enum err draw_numbers(struct direct *d, uint32_t count, uint64_t seed)
     return ERR_OK;
 }
 
-/* Denormals cost a hundred cycles each and light nothing: flushed, in every thread alike, so that bits agree. */
-static unsigned flush_denormals(void)
+/* What the options come to under a sky. */
+struct strategy {
+    bool table;        /* the strata are those of d->table */
+    bool systematic;   /* counts are drawn by packet */
+    uint32_t light;    /* samples for each stratum at most */
+    uint32_t sets;     /* of light samples */
+    uint64_t set_seed; /* of the first */
+};
+
+/* The table where it differs from the faces' own. */
+static enum err build_table(struct direct *d, const struct environment *e, const struct direct_desc *desc,
+                            const struct method_recipe *recipe, struct strategy *s)
 {
-#ifdef __x86_64__
-    const unsigned before = _mm_getcsr();
-    _mm_setcsr(before | 0x8040); /* FTZ and DAZ */
-    return before;
-#else
-    return 0;
-#endif
+    const bool both = recipe->brdf_part > 0.0f, gated = both && desc->compensate == COMPENSATE_AUTO;
+    struct sky_table_desc t = {
+        .cells = desc->cells ? desc->cells : 1,
+        .sun = desc->sun || gated,
+        .compensate = both && desc->compensate != COMPENSATE_OFF,
+    };
+
+    if (recipe->strata != STRATA_FACES || recipe->light_part <= 0.0f || (t.cells == 1 && !t.sun && !t.compensate))
+        return ERR_OK;
+    enum err result = sky_table_build(&d->table, e, &t);
+    if (!result && gated && d->table.has_sun) {
+        t.compensate = false;
+        t.sun = desc->sun;
+        result = sky_table_build(&d->table, e, &t);
+    }
+    if (result == ERR_USAGE)
+        err_say(desc->why, result,
+                "%u x %u cells of a cube map's face of %u x %u texels: 1, 2, 4 and 8 are possible "
+                "where they divide it",
+                t.cells, t.cells, e->n, e->n);
+    s->table = t.cells > 1 || d->table.has_sun || d->table.compensated;
+    s->systematic = t.cells > 1;
+    return result;
 }
 
-static void restore_denormals(unsigned before)
+/* Which set a packet takes: its own of the G-buffer's K x K, folded where fewer are asked for. */
+static enum err fold_sets(const struct gbuffer *g, const struct direct_desc *desc, struct direct_frame *frame)
 {
-#ifdef __x86_64__
-    _mm_setcsr(before);
-#else
-    (void)before;
-#endif
+    const uint32_t packed = g->interleave ? g->interleave : 1, used = desc->interleave ? desc->interleave : 1;
+
+    if (used > packed || packed % used != 0)
+        return err_say(desc->why, ERR_USAGE, "%u x %u sets of light samples on a G-buffer packed for %u x %u", used,
+                       used, packed, packed);
+    for (uint32_t k = 0; k < packed * packed; k++)
+        frame->set_of[k] = (uint8_t)(k / packed % used * used + k % packed % used);
+    return ERR_OK;
+}
+
+/* The largest count that a packet asks for in each stratum of each set: what is drawn of cells. */
+static void count_most(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
+                       uint32_t (*most)[STRATA_MAX])
+{
+    const uint32_t strata = d->lights[0].strata;
+
+#pragma omp parallel
+    {
+        const unsigned before = denormals_flush();
+        uint32_t own[SETS_MAX][STRATA_MAX] = { { 0 } }, count[STRATA_MAX];
+#pragma omp for schedule(static)
+        for (uint32_t i = 0; i < g->packet_count; i++) {
+            uint32_t *m = own[frame->set_of[g->packets[i].set]];
+            d->kernels->direct_counts(frame, &g->packets[i], i, count);
+            for (uint32_t f = 0; f < strata; f++)
+                m[f] = count[f] > m[f] ? count[f] : m[f];
+        }
+#pragma omp critical(count_most)
+        for (uint32_t k = 0; k < SETS_MAX; k++)
+            for (uint32_t f = 0; f < strata; f++)
+                most[k][f] = own[k][f] > most[k][f] ? own[k][f] : most[k][f];
+        denormals_restore(before);
+    }
+}
+
+/* One set of light samples. The first has the seed that it would have alone. */
+static enum err draw_set(struct direct *d, const struct environment *e, const struct method_recipe *recipe,
+                         const struct strategy *s, uint32_t k, const uint32_t *most)
+{
+    const uint64_t seed = k == 0 ? s->set_seed : rng_mix(rng_mix(s->set_seed, UINT64_MAX), k);
+
+    if (s->table)
+        return samples_draw_table(&d->table, most, seed, &d->lights[k]);
+    if (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS)
+        return samples_draw_latlong(&d->latlong, recipe->strata, s->light, seed, &d->lights[k]);
+    return samples_draw(e, recipe->strata, s->light, seed, &d->lights[k]);
+}
+
+static enum err draw_sets(struct direct *d, const struct gbuffer *g, const struct environment *e,
+                          const struct method_recipe *recipe, const struct strategy *s,
+                          const struct direct_frame *frame)
+{
+    uint32_t most[SETS_MAX][STRATA_MAX] = { { 0 } };
+    int failed = 0;
+
+    for (uint32_t k = 0; k < s->sets && s->table; k++) {
+        samples_shape(&d->table, &d->lights[k]);
+        for (uint32_t f = 0; f < STRATA_MAX && !s->systematic; f++)
+            most[k][f] = s->light;
+    }
+    if (s->systematic)
+        count_most(d, g, frame, most);
+#pragma omp parallel for schedule(dynamic) reduction(+ : failed)
+    for (uint32_t k = 0; k < s->sets; k++)
+        failed += draw_set(d, e, recipe, s, k, most[k]) != ERR_OK;
+    return failed ? ERR_NOMEM : ERR_OK;
 }
 
 static void shade_packets(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
@@ -87,7 +185,7 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
 
 #pragma omp parallel reduction(+ : rays, chosen, effective)
     {
-        const unsigned before = flush_denormals();
+        const unsigned before = denormals_flush();
         struct direct_counts counts = { 0 };
 #pragma omp for schedule(dynamic, 32)
         for (uint32_t i = 0; i < g->packet_count; i++) {
@@ -98,11 +196,20 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
         rays += counts.rays;
         chosen += counts.chosen;
         effective += counts.effective;
-        restore_denormals(before);
+        denormals_restore(before);
     }
     stats->rays = rays;
     stats->chosen = chosen;
     stats->effective = effective;
+}
+
+static void take_stats(const struct direct *d, const struct strategy *s, struct direct_stats *stats)
+{
+    for (uint32_t k = 0; k < s->sets; k++)
+        stats->generated += d->lights[k].first[d->lights[k].strata];
+    stats->strata = d->lights[0].strata;
+    stats->sun = s->table && d->table.has_sun;
+    stats->compensated = s->table && d->table.compensated;
 }
 
 enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct rays *rays, const struct environment *e,
@@ -110,35 +217,49 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
 {
     const struct method_recipe *recipe = method_recipe(desc->method);
     const uint64_t seed = rng_mix(desc->seed, desc->pass);
-    const uint32_t light_count = (uint32_t)ceilf(recipe->light_part * (float)desc->samples);
-    const uint32_t lobe_count = (uint32_t)ceilf(recipe->brdf_part * (float)desc->samples);
-
-    assert(e->ready && desc->samples >= 1);
-    *stats = (struct direct_stats){ 0 };
-    if (!(e->total_energy > 0.0)) { /* a black sky lights nothing */
-        memset(lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
-        d->lights.strata = 0;
-        return ERR_OK;
-    }
-    enum err result = samples_draw(e, recipe->strata, light_count, rng_mix(seed, 0), &d->lights);
-    if (!result)
-        result = draw_numbers(d, lobe_count, rng_mix(seed, 1));
-    if (result)
-        return result;
-    const struct direct_frame frame = {
+    const uint32_t interleave = desc->interleave ? desc->interleave : 1;
+    struct strategy s = {
+        .light = (uint32_t)ceilf(recipe->light_part * (float)desc->samples),
+        .sets = recipe->light_part > 0.0f ? interleave * interleave : 1,
+        .set_seed = rng_mix(seed, 0),
+    };
+    struct direct_frame frame = {
         .environment = e,
-        .lights = &d->lights,
+        .lights = d->lights,
         .rays = desc->no_visibility ? NULL : rays,
         .share = recipe->share,
         .samples = desc->samples,
         .light_part = recipe->light_part,
         .brdf_part = recipe->brdf_part,
-        .numbers = d->numbers,
-        .lobe_count = lobe_count,
+        .lobe_count = (uint32_t)ceilf(recipe->brdf_part * (float)desc->samples),
         .seed = rng_mix(seed, 2),
     };
+
+    assert(e->ready && desc->samples >= 1);
+    *stats = (struct direct_stats){ 0 };
+    enum err result = fold_sets(g, desc, &frame);
+    if (!result && (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS))
+        result = latlong_build(&d->latlong, e, desc->why);
+    if (result)
+        return result;
+    if (!(e->total_energy > 0.0)) { /* a black sky lights nothing */
+        memset(lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
+        d->lights[0].strata = 0;
+        return ERR_OK;
+    }
+    result = build_table(d, e, desc, recipe, &s);
+    if (result)
+        return result;
+    frame.table = s.table ? &d->table : NULL;
+    frame.systematic = s.systematic;
+    result = draw_sets(d, g, e, recipe, &s, &frame);
+    if (!result)
+        result = draw_numbers(d, frame.lobe_count, rng_mix(seed, 1));
+    if (result)
+        return result;
+    frame.numbers = d->numbers;
     shade_packets(d, g, &frame, desc->cancel, lo, stats);
-    stats->generated = d->lights.first[d->lights.strata];
-    stats->lobes = lobe_count * g->point_count;
+    take_stats(d, &s, stats);
+    stats->lobes = frame.lobe_count * g->point_count;
     return ERR_OK;
 }

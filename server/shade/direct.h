@@ -21,12 +21,35 @@
 struct direct;
 struct kernels;
 
+/* Whether the sky's tables are reshaped for what the lobes' samples will not cover as well [Karlik et al. 2019]. */
+enum compensate {
+    COMPENSATE_OFF,
+    COMPENSATE_ON,
+    COMPENSATE_AUTO, /* where the sky has no sun of its own (sky_table.h): under one it has been seen to lose */
+};
+
 struct direct_desc {
     enum method method;
-    uint32_t samples;          /* N_s per shade point, 1..2^20 */
-    uint64_t seed, pass;       /* together they decide every random number */
-    bool no_visibility;        /* V = 1, as the paper */
+    uint32_t samples;    /* N_s per shade point, 1..2^20 */
+    uint64_t seed, pass; /* together they decide every random number */
+    bool no_visibility;  /* V = 1, as the paper */
+
+    /* Beyond the paper; all zero is as the paper has it. The first three mean something only where faces are the
+     * strata: faces, faces-uniform, mis and auto; elsewhere they change nothing.
+     *
+     * cells: strata along a face's edge: 1, 2, 4 or 8, a divisor of the cube map's size; 0: 1, the faces themselves.
+     * From 2 on a packet draws whole counts for all its points at once, by systematic resampling: the mean of a count
+     * is N q, q the mean of its points' shares, and beta of Eq. 5 has nothing to do.
+     * sun: where the sky has one, it is one more stratum.
+     * compensate: honoured only where lobes are sampled too.
+     * interleave: K, for K x K sets of light samples, a divisor of the G-buffer's own; 0: 1. */
+    uint32_t cells;
+    bool sun;
+    enum compensate compensate;
+    uint32_t interleave;
+
     const atomic_bool *cancel; /* once true, what is left is not shaded; may be NULL */
+    struct reason *why;        /* where an error other than ERR_NOMEM is explained; may be NULL */
 };
 
 struct direct_stats {
@@ -35,19 +58,26 @@ struct direct_stats {
     uint64_t chosen;    /* light samples in use, summed over the points: sum of ceil(N_f) */
     uint64_t effective; /* of these, with positive cosines and light: the green dots of [LPG13, Fig. 1] */
     uint64_t lobes;     /* samples of the material's lobes, summed over the points */
+    uint32_t strata;    /* that light samples are drawn in, the sun with them; 0 under a black sky */
+    bool sun;           /* it was one of them */
+    bool compensated;
 };
 
 /* kernels: from kernels_select; must outlive the object. NULL when out of memory. */
 struct direct *direct_create(const struct kernels *kernels);
 void direct_destroy(struct direct *d); /* NULL is allowed */
 
-/* lo: float[packet_count][3][16], radiance towards the viewer; every lane is written, padding with 0. ERR_NOMEM. */
+/* lo: float[packet_count][3][16], radiance towards the viewer; every lane is written, padding with 0.
+ * ERR_UNSUPPORTED: latlong methods on a source that is none. ERR_USAGE: cells or interleave that do not fit. ERR_NOMEM.
+ */
 MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct rays *rays,
                                  const struct environment *e, const struct direct_desc *desc, float *lo,
                                  struct direct_stats *stats);
 
-/* The light samples of the last direct_shade (no strata under a black sky): for benchmarks, tests and the page's sky.
- */
+/* The light samples of the last direct_shade (no strata under a black sky), the first set of them: for benchmarks,
+ * tests and the page's sky. How many there are: the paper's N_s / 2 for each face, N_s for methods by light alone, and
+ * as many for the sun. Cells get the largest count that any packet asks for, which is at most ceil(N q) for the largest
+ * share q that the cell has at a packet. */
 const struct light_samples *direct_samples(const struct direct *d);
 
 #endif

@@ -17,10 +17,12 @@
 struct packet_state {
     const struct direct_frame *frame;
     const struct shade_packet *points;
+    const struct light_samples *lights; /* the packet's set */
     struct ray16 rays;
     struct lobes lobes;
-    struct lanes share[STRATA_MAX]; /* mu_f(n) */
-    struct lanes sum[3];            /* sum of the estimator's terms, before 1 / N_s */
+    struct lanes sum[3];                /* sum of the estimator's terms, before 1 / N_s */
+    struct lanes share[STRATA_MAX + 1]; /* mu_f(n); the one behind the strata is 0 */
+    uint32_t sun;                       /* the sun's place in `share`; without a sun the one behind the strata */
     struct direct_counts *counts;
 };
 
@@ -47,35 +49,96 @@ static void set_up_rays(struct packet_state *s)
     }
 }
 
-/* mu_f(n) = F_f(n) I_f / sum, F_f the sum of the clamped cosines of the face's corners [LPG13, Eq. 3]. A face is
- * convex: where all four are zero, so is every cosine on it. */
+/* F_f I_f of a cell, F_f the sum of the clamped cosines of its corners [LPG13, Eq. 3]. A cell is convex: where all four
+ * are zero, so is every cosine on it. */
+static void weigh_cell(const struct shade_packet *p, const float corner[4][3], float energy, struct lanes *out)
+{
+    LANES(l)
+    {
+        float sum = 0.0f;
+        for (int k = 0; k < 4; k++) {
+            const float *c = corner[k];
+            const float cosine = p->ns_x[l] * c[0] + p->ns_y[l] * c[1] + p->ns_z[l] * c[2];
+            sum += cosine > 0.0f ? cosine : 0.0f;
+        }
+        out->v[l] = sum * energy;
+    }
+}
+
+/* The same of the sun: four times the clamped cosine of that direction of its cone which is nearest to the normal, so
+ * that it is positive wherever any of them is. */
+static void weigh_sun(const struct shade_packet *p, const struct light_samples *lights, float energy, struct lanes *out)
+{
+    const float spread = lights->sun_spread + 1e-4f; /* more than rounding takes away */
+    const float c = cosf(spread), s = sinf(spread);
+    const float *axis = lights->sun_axis;
+
+    LANES(l)
+    {
+        const float cosine = p->ns_x[l] * axis[0] + p->ns_y[l] * axis[1] + p->ns_z[l] * axis[2];
+        const float sine2 = 1.0f - cosine * cosine;
+        const float edge = cosine * c + sqrtf(sine2 > 0.0f ? sine2 : 0.0f) * s; /* of the angle less the spread */
+        const float nearest = cosine >= c ? 1.0f : edge;
+        out->v[l] = nearest > 0.0f ? 4.0f * nearest * energy : 0.0f;
+    }
+}
+
+/* mu_f(n) = F_f(n) I_f / sum [LPG13, Eq. 3]. */
 static void set_up_shares(struct packet_state *s)
 {
-    const struct light_samples *lights = s->frame->lights;
-    const struct shade_packet *p = s->points;
+    const struct light_samples *lights = s->lights;
     struct lanes total = { { 0 } };
 
     for (uint32_t f = 0; f < lights->strata; f++) {
-        if (s->frame->share != SHARE_CORNERS) {
-            LANES(l) s->share[f].v[l] = 1.0f / (float)lights->strata;
-            continue;
-        }
         const float energy = (float)lights->energy[f];
-        LANES(l)
-        {
-            float sum = 0.0f;
-            for (int k = 0; k < 4; k++) {
-                const float *c = lights->corner[f][k];
-                const float cosine = p->ns_x[l] * c[0] + p->ns_y[l] * c[1] + p->ns_z[l] * c[2];
-                sum += cosine > 0.0f ? cosine : 0.0f;
-            }
-            s->share[f].v[l] = sum * energy;
-            total.v[l] += sum * energy;
-        }
+        if (s->frame->share != SHARE_CORNERS)
+            LANES(l) s->share[f].v[l] = 1.0f / (float)lights->strata;
+        else if (lights->has_sun && f == lights->strata - 1)
+            weigh_sun(s->points, lights, energy, &s->share[f]);
+        else
+            weigh_cell(s->points, lights->corner[f], energy, &s->share[f]);
+        LANES(l) total.v[l] += s->share[f].v[l];
     }
     if (s->frame->share == SHARE_CORNERS)
         for (uint32_t f = 0; f < lights->strata; f++)
             LANES(l) s->share[f].v[l] = total.v[l] > 0.0f ? s->share[f].v[l] / total.v[l] : 0.0f;
+}
+
+/* One share for all points of the packet, the mean of those that see light at all: positive wherever one of them is. */
+static void join_shares(struct packet_state *s)
+{
+    const uint32_t strata = s->lights->strata;
+    struct lanes lit = { { 0 } };
+    float count = 0.0f;
+
+    for (uint32_t f = 0; f < strata; f++)
+        LANES(l) lit.v[l] = s->share[f].v[l] > 0.0f ? 1.0f : lit.v[l];
+    LANES(l)
+    {
+        lit.v[l] = s->points->valid[l] ? lit.v[l] : 0.0f;
+        count += lit.v[l];
+    }
+    for (uint32_t f = 0; f < strata; f++) {
+        float sum = 0.0f;
+        LANES(l) sum += lit.v[l] * s->share[f].v[l];
+        LANES(l) s->share[f].v[l] = count > 0.0f ? sum / count : 0.0f;
+    }
+}
+
+/* Whole counts of mean N q_f for a packet's share q_f: the running sums of N q_f are cut at u, u + 1, u + 2, ..., with
+ * one u for the packet, so that each count is one of the two whole numbers next to its mean [Kitagawa 1996]. */
+static void count_samples(struct packet_state *s, uint32_t index, uint32_t *count)
+{
+    const struct direct_frame *f = s->frame;
+    const double u = rng_unit(rng_mix(rng_mix(f->seed, index), PACKET));
+    const double samples = (double)f->light_part * f->samples;
+    double sum = u;
+
+    for (uint32_t k = 0; k < s->lights->strata; k++) {
+        const double before = floor(sum);
+        sum += samples * (double)s->share[k].v[0];
+        count[k] = (uint32_t)(floor(sum) - before);
+    }
 }
 
 /* Traces the lanes that would bring something and adds what arrives. */
@@ -105,11 +168,12 @@ static inline void trace_and_add(struct packet_state *s, const struct lanes d[3]
     }
 }
 
-/* Light sample k, the i-th of its stratum f: beta g of Eq. 6. beta of Eq. 5, counted from i = 0, is N_f - i held to
- * 0..1. */
-static void add_light_sample(struct packet_state *s, uint32_t f, uint32_t i, uint32_t k, const struct lanes *n_f)
+/* Light sample k, the i-th of its stratum: beta g of Eq. 6. beta of Eq. 5, counted from i = 0, is N_f - i held to 0..1.
+ * The denominator sums what may have made the direction: a cell, the sun, the lobes. */
+static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, const struct lanes *n_f)
 {
-    const struct light_samples *lights = s->frame->lights;
+    const struct light_samples *lights = s->lights;
+    const struct lanes *share = &s->share[lights->stratum[k]], *sun_share = &s->share[s->sun];
     struct lanes d[3], brdf[3], pdf_lobes;
     struct terms t;
     int effective = 0;
@@ -121,12 +185,13 @@ static void add_light_sample(struct packet_state *s, uint32_t f, uint32_t i, uin
         d[2].v[l] = lights->z[k];
     }
     lobes_evaluate(&s->lobes, s->points, d, brdf, &pdf_lobes);
-    const float pdf_light = s->frame->light_part * lights->pdf[k];
+    const float pdf_light = s->frame->light_part * lights->pdf[k], pdf_sun = s->frame->light_part * lights->sun_pdf[k];
     LANES(l)
     {
         const float left = n_f->v[l] - (float)i;
         const float beta = left < 0.0f ? 0.0f : left < 1.0f ? left : 1.0f;
-        const float density = s->share[f].v[l] * pdf_light + s->frame->brdf_part * pdf_lobes.v[l];
+        const float density =
+            share->v[l] * pdf_light + sun_share->v[l] * pdf_sun + s->frame->brdf_part * pdf_lobes.v[l];
         const float weight = beta > 0.0f && density > 0.0f ? beta / density : 0.0f;
         t.rgb[0].v[l] = weight * brdf[0].v[l] * lights->r[k];
         t.rgb[1].v[l] = weight * brdf[1].v[l] * lights->g[k];
@@ -138,24 +203,51 @@ static void add_light_sample(struct packet_state *s, uint32_t f, uint32_t i, uin
     trace_and_add(s, d, &t);
 }
 
-static void add_light_samples(struct packet_state *s)
+static void add_light_samples(struct packet_state *s, uint32_t index)
 {
-    const struct light_samples *lights = s->frame->lights;
+    const struct light_samples *lights = s->lights;
+    uint32_t count[STRATA_MAX];
 
+    if (s->frame->systematic)
+        count_samples(s, index, count);
     for (uint32_t f = 0; f < lights->strata; f++) {
         struct lanes n_f;
         float most = 0.0f;
+        if (lights->first[f + 1] == lights->first[f])
+            continue;
         LANES(l)
         {
-            n_f.v[l] = s->share[f].v[l] * s->frame->light_part * (float)s->frame->samples;
-            if (s->points->valid[l] && lights->first[f + 1] > lights->first[f]) {
+            n_f.v[l] = s->frame->systematic ? (float)count[f]
+                                            : s->share[f].v[l] * s->frame->light_part * (float)s->frame->samples;
+            if (s->points->valid[l]) {
                 s->counts->chosen += (uint64_t)ceilf(n_f.v[l]);
                 most = n_f.v[l] > most ? n_f.v[l] : most;
             }
         }
         for (uint32_t i = 0; (float)i < most && lights->first[f] + i < lights->first[f + 1]; i++)
-            add_light_sample(s, f, i, lights->first[f] + i, &n_f);
+            add_light_sample(s, i, lights->first[f] + i, &n_f);
     }
+}
+
+/* The strata's shares of what the packet's light samples are. */
+static void set_up_strata(struct packet_state *s)
+{
+    s->lights = &s->frame->lights[s->frame->set_of[s->points->set]];
+    s->sun = s->lights->has_sun ? s->lights->strata - 1 : s->lights->strata;
+    set_up_shares(s);
+    if (s->frame->systematic)
+        join_shares(s);
+    LANES(l) s->share[s->lights->strata].v[l] = 0.0f;
+}
+
+static void direct_counts(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, uint32_t *count)
+{
+    struct packet_state s;
+
+    s.frame = f;
+    s.points = p;
+    set_up_strata(&s);
+    count_samples(&s, index, count);
 }
 
 /* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
@@ -169,9 +261,11 @@ static void add_lobe_sample(struct packet_state *s, float beta, const struct lan
     LANES(l)
     {
         const float w[3] = { d[0].v[l], d[1].v[l], d[2].v[l] };
-        float rgb[3], pdf_face;
-        const uint32_t face = environment_evaluate(s->frame->environment, w, rgb, &pdf_face);
-        const float pdf_light = s->frame->light_part > 0.0f ? s->share[face].v[l] * pdf_face : 0.0f;
+        float rgb[3], pdf, pdf_sun = 0.0f, pdf_light = 0.0f;
+        const uint32_t stratum = s->frame->table ? sky_table_evaluate(s->frame->table, w, rgb, &pdf, &pdf_sun)
+                                                 : environment_evaluate(s->frame->environment, w, rgb, &pdf);
+        if (s->frame->light_part > 0.0f)
+            pdf_light = s->share[stratum].v[l] * pdf + s->share[s->sun].v[l] * pdf_sun;
         const float density = s->frame->light_part * pdf_light + s->frame->brdf_part * pdf_lobes.v[l];
         const float weight = density > 0.0f ? beta / density : 0.0f;
         for (int c = 0; c < 3; c++)
@@ -225,8 +319,8 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     lobes_set_up(p, &s.lobes);
     set_up_rays(&s);
     if (f->light_part > 0.0f) {
-        set_up_shares(&s);
-        add_light_samples(&s);
+        set_up_strata(&s);
+        add_light_samples(&s, index);
     }
     if (f->brdf_part > 0.0f)
         add_lobe_samples(&s, index);
@@ -234,4 +328,4 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)f->samples;
 }
 
-const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_packet };
+const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_counts, direct_packet };

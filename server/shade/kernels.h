@@ -11,18 +11,25 @@
 #include "method.h"
 #include "rays.h"
 #include "samples.h"
+#include "sky_table.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct direct_counts {
     uint64_t rays, chosen, effective;
 };
 
+#define SETS_MAX 16 /* of light samples */
+
 struct direct_frame { /* what all packets of a frame share; borrowed */
     const struct environment *environment;
-    const struct light_samples *lights;
-    const struct rays *rays; /* NULL: everything is visible */
+    const struct sky_table *table;      /* the strata's; NULL: the environment's own faces, or one stratum */
+    const struct light_samples *lights; /* [sets] */
+    uint8_t set_of[SETS_MAX];           /* from shade_packet.set to the one of `lights` that the packet uses */
+    const struct rays *rays;            /* NULL: everything is visible */
     enum share share;
+    bool systematic;             /* whole counts for a packet at a time; else N_f of each point */
     uint32_t samples;            /* N_s */
     float light_part, brdf_part; /* of N_s */
     const uint32_t *numbers;     /* [lobe_count][2]: points of the unit square in units of 2^-32, for the lobes */
@@ -32,6 +39,9 @@ struct direct_frame { /* what all packets of a frame share; borrowed */
 
 struct kernels {
     const char *level; /* "v3", "v4": x86-64 micro-architecture levels; "baseline" everywhere */
+    /* Where counts are systematic: how many samples of each stratum the packet takes, count[strata]. */
+    void (*direct_counts)(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, uint32_t *count);
+
     /* Radiance of one packet into lo[3][16]; adds to *counts. */
     void (*direct_packet)(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, float *lo,
                           struct direct_counts *counts);

@@ -10,6 +10,8 @@ static const struct method_recipe recipes[METHOD_COUNT] = {
     [METHOD_FACES_UNIFORM] = { "faces-uniform", "six faces, even shares", STRATA_FACES, SHARE_EVEN, 1.0f, 0.0f },
     [METHOD_FACES] = { "faces", "six faces, shares by normal", STRATA_FACES, SHARE_CORNERS, 1.0f, 0.0f },
     [METHOD_MIS] = { "mis", "faces and lobes, balanced", STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
+    [METHOD_LATLONG] = { "latlong", "by the source's texels", STRATA_LATLONG, SHARE_WHOLE, 1.0f, 0.0f },
+    [METHOD_LATLONG_ROWS] = { "latlong-rows", "likewise, one table", STRATA_ROWS, SHARE_WHOLE, 1.0f, 0.0f },
     [METHOD_AUTO] = { "auto", "chosen for scene and sky", STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
 };
 
@@ -27,7 +29,9 @@ enum err method_parse(const char *name, enum method *out, struct reason *why)
             return ERR_OK;
         }
     return err_say(why, ERR_USAGE,
-                   "unknown method '%s'; there are uniform, brdf, light, faces-uniform, faces, mis and auto", name);
+                   "unknown method '%s'; there are uniform, brdf, light, faces-uniform, faces, mis, latlong, "
+                   "latlong-rows and auto",
+                   name);
 }
 
 const char *method_name(enum method m)

@@ -15,6 +15,8 @@ enum method {
     METHOD_FACES_UNIFORM, /* six faces, a sixth of the samples each: Eq. 2 of [LPG13] with mu_f = 1/6 */
     METHOD_FACES,         /* six faces, shares by Eq. 3: the estimator of Eq. 4 */
     METHOD_MIS,           /* half by faces, half by the lobes, balance heuristic: Eq. 6 */
+    METHOD_LATLONG,       /* by the texels of a lat-long source, a row and then a place within it */
+    METHOD_LATLONG_ROWS,  /* likewise, all texels as one row-major table */
     METHOD_AUTO,          /* what the scene and sky call for; what is not weighed yet is METHOD_MIS */
     METHOD_COUNT,
 };
