@@ -30,10 +30,11 @@ struct walk {
     struct vec3 origin, dir; /* of the next ray */
     double weight[3];        /* product of BRDF x cosine / probability so far, and of n^2 */
     double density;          /* sr^-1: probability of going on from the last rough surface, along dir */
-    bool met_rough;          /* since the shade point */
-    bool specular;           /* since the last rough surface, or the shade point */
+    bool met_rough;          /* scattered by a rough lobe since the shade point */
+    bool specular;           /* scattered by a delta lobe since the last rough one */
     uint32_t events;
     double sky[2]; /* numbers of the first light sample */
+    bool sky_used;
     struct rng rng;
     double sum[3]; /* what it has brought */
     uint64_t rays;
@@ -71,10 +72,11 @@ static void sample_sky(struct walk *w, const struct lobe *lobe, struct vec3 star
     double x[2] = { w->sky[0], w->sky[1] }, brdf[3];
     float d[3], rgb[3], light;
 
-    if (w->met_rough) {
+    if (w->sky_used) {
         x[0] = rng_next(&w->rng);
         x[1] = rng_next(&w->rng);
     }
+    w->sky_used = true;
     if (!samples_whole(w->frame->environment, x, d, rgb, &light) || !(light > 0.0f))
         return;
     const struct vec3 wi = vec3_make(d[0], d[1], d[2]);
@@ -152,15 +154,14 @@ static bool meet(struct walk *w, const struct hit *h)
     /* Of each way its share, or more than is left would go on; what is missing to 1 is Russian roulette. None beyond
      * that: a path that loses nothing, between mirrors or in glass, is rare, and to let few stand for many is noise. */
     const double scale = fmin(1.0, 1.0 / total);
-    if (rough) {
+    if (rough)
         sample_sky(w, &lobe, start, share[0] * scale);
-        w->met_rough = true;
-    }
     const double pick = rng_next(&w->rng) / scale;
     if (pick < share[0]) {
         double x[3];
         for (int k = 0; k < 3; k++)
             x[k] = rng_next(&w->rng);
+        w->met_rough = true;
         return follow_lobe(w, &lobe, wo, start, x, share[0] * scale);
     }
     for (uint32_t i = 0; i < count; i++)
@@ -215,7 +216,7 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
         for (int k = 0; k < NUMBER_COUNT; k++)
             x[k] = rng_unit(f->numbers[i][k] ^ shift[k]);
         w.weight[0] = w.weight[1] = w.weight[2] = 1.0;
-        w.met_rough = false;
+        w.met_rough = w.sky_used = false;
         w.events = 0;
         w.sky[0] = x[NUMBER_SKY_X];
         w.sky[1] = x[NUMBER_SKY_Y];
