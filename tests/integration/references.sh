@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Pictures of all paths against another renderer's: those that were made once, and new ones where Blender is installed.
+. "$(dirname "$0")/lib.sh"
+references="$(dirname "$(readlink -f "$0")")/../references"
+
+# against NAME SCENE SOURCE MEAN SAMPLES: the bounds of the pictures that have 1024 samples a pixel or more.
+against() {
+    "$bin/relight-render" --scene "$scenes/$2.json" --source "$3" --size 640x360 --samples "$5" --paths all \
+        --out "$work/$1.exr"
+    "$bin/relight-diff" "$work/$1.exr" "$reference/$1.exr" --trim 0.02 --max-relmse 1e-3 --max-mean "$4"
+}
+
+interreflection_agrees_with_cycles_under_a_low_sun() {
+    need_data
+    against plaza_all_sky0012 plaza "$data/sky/sky.0012.exr" 0.005 512
+}
+
+mirror_glass_and_caustics_agree_with_cycles_under_overcast() {
+    need_data
+    against ring_all_overcast_city ring "$data/env/overcast_city_1k.hdr" 0.01 512
+}
+
+# sky TEXELS RADIANCE: a sky of 1024x512 with a square sun, 31 degrees high and behind the fence on its left.
+sky() {
+    python3 - "$1" "$2" <<'PY'
+import math
+import sys
+
+def rgbe(*rgb):
+    exponent = math.frexp(max(rgb))[1]
+    return bytes([min(255, int(x * 2.0 ** (8 - exponent) + 0.5)) for x in rgb] + [exponent + 128])
+
+side, radiance = int(sys.argv[1]), float(sys.argv[2])
+sun = rgbe(radiance, 0.95 * radiance, 0.9 * radiance) * side
+sys.stdout.buffer.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 512 +X 1024\n")
+for y in range(512):
+    height = max(0.0, 1.0 - y / 256)
+    plain = rgbe(0.25 + 0.25 * height, 0.35 + 0.35 * height, 0.5 + 0.5 * height) if y < 256 else rgbe(0.25, 0.22, 0.2)
+    left = 62 - side // 2
+    row = plain * left + sun + plain * (1024 - left - side) if abs(y - 152.5) < side / 2 else plain * 1024
+    sys.stdout.buffer.write(row)
+PY
+}
+
+# compare TEXELS RADIANCE ARGUMENTS...: the blocks under that sky, by both renderers.
+compare() {
+    local code=0
+    sky "$1" "$2" >"$work/sky.hdr"
+    shift 2
+    RELIGHT_CACHE="$work/cache" "$references/compare.sh" "$references/blocks.json" "$work/sky.hdr" "$@" || code=$?
+    [ "$code" != 77 ] || exit 77
+    return "$code"
+}
+
+shadows_seen_directly_in_a_mirror_and_through_glass_agree_with_cycles_made_now() {
+    compare 4 2e4 192x108 256 --direct || fail "another picture"
+    if compare 4 2e4 192x108 256 --direct -- --rotate 1; then fail "a sky turned by a degree is not found out"; fi
+}
+
+all_paths_through_mirror_and_glass_agree_with_cycles_made_now() {
+    compare 60 30 160x90 256 || fail "another picture"
+    sed 's/0.6, 0.55, 0.5/0.63, 0.5775, 0.525/' "$references/blocks.json" >"$work/blocks.json"
+    cp "$references/blocks.obj" "$work"
+    if compare 60 30 160x90 256 -- --scene "$work/blocks.json"; then
+        fail "a floor whose albedo is 5 % too high is not found out"
+    fi
+}
+
+"$1"
