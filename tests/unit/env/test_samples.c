@@ -1,50 +1,14 @@
 /* Light samples: densities integrate to 1, samples follow them, and no light is left without density. */
 #include "samples.h"
 
-#include "skies.h"
-
-/* Probability that a chi-square variable with k degrees of freedom exceeds x [Wilson and Hilferty 1931]: good to a few
- * per cent for k > 10, which is enough to tell 0.5 from 1e-6. */
-static double chi_square_tail(double x, double k)
-{
-    const double z = (cbrt(x / k) - (1.0 - 2.0 / (9.0 * k))) / sqrt(2.0 / (9.0 * k));
-    return 0.5 * erfc(z / sqrt(2.0));
-}
-
-enum { SKY_COUNT = 7 };
-
-static struct environment *make_sky(int which)
-{
-    struct frame f;
-
-    switch (which) {
-    case 0: return sky_environment(sky_overcast(64, 32), 16, 0.0);
-    case 1: return sky_environment(sky_with_sun(64, 32, 1e6f), 16, 0.0);
-    case 2: /* black rows */
-        f = sky_overcast(64, 32);
-        for (uint32_t y = 3; y < 9; y++)
-            for (uint32_t x = 0; x < 64; x++)
-                sky_paint(&f, x, y, 0, 0, 0);
-        return sky_environment(f, 16, 0.0);
-    case 3: /* a single lit texel, on the seam */
-        f = sky_constant(16, 8, 0.0f);
-        sky_paint(&f, 0, 3, 1, 1, 1);
-        return sky_environment(f, 16, 0.0);
-    case 4: return sky_environment(sky_constant(1, 1, 2.0f), 1, 0.0);
-    case 5: return sky_environment(sky_with_sun(37, 19, 50.0f), 13, 33.0);
-    default: /* blue alone: luminance is small, but not 0 */
-        f = sky_constant(8, 4, 0.0f);
-        sky_paint(&f, 3, 1, 0, 0, 5);
-        return sky_environment(f, 8, 0.0);
-    }
-}
+#include "sampling.h"
 
 /* Midpoint rule on a grid much finer than the texels. */
 static void densities_integrate_to_one(void **state)
 {
     (void)state;
     for (int s = 0; s < SKY_COUNT; s++) {
-        struct environment *e = make_sky(s);
+        struct environment *e = make_sky(s, IMPORTANCE_LUMINANCE);
         const uint32_t fine = e->n * (e->n > 4 ? 8 : 64);
         for (uint32_t face = 0; face < 6; face++) {
             double sum = 0.0;
@@ -71,7 +35,7 @@ static void every_lit_texel_has_density(void **state)
 {
     (void)state;
     for (int s = 0; s < SKY_COUNT; s++) {
-        struct environment *e = make_sky(s);
+        struct environment *e = make_sky(s, IMPORTANCE_LUMINANCE);
         for (size_t t = 0; t < 6 * (size_t)e->n * e->n; t++) {
             const bool lit = e->texels[t].r > 0 || e->texels[t].g > 0 || e->texels[t].b > 0;
             assert_int_equal(lit, e->texels[t].density > 0);
@@ -88,7 +52,7 @@ static void samples_follow_luminance_times_solid_angle(void **state)
     enum { N = 1 << 17 };
     (void)state;
     for (int s = 0; s < SKY_COUNT; s++) {
-        struct environment *e = make_sky(s);
+        struct environment *e = make_sky(s, IMPORTANCE_LUMINANCE);
         const uint32_t n = e->n;
         uint32_t *count = mem_alloc((size_t)n * n, sizeof(*count));
         for (uint32_t face = 0; face < 6; face++) {
@@ -136,7 +100,7 @@ static void samples_follow_luminance_times_solid_angle(void **state)
 static void the_dim_part_beside_a_sun_is_sampled_in_proportion(void **state)
 {
     (void)state;
-    struct environment *e = make_sky(1);
+    struct environment *e = make_sky(SKY_SUN, IMPORTANCE_LUMINANCE);
     uint32_t face = 0;
     for (uint32_t f = 1; f < 6; f++)
         face = e->energy[f] > e->energy[face] ? f : face;
@@ -168,7 +132,7 @@ static void drawn_samples_are_unit_and_consistent(void **state)
     struct light_samples s = { 0 };
     (void)state;
     for (int which = 0; which < SKY_COUNT; which++) {
-        struct environment *e = make_sky(which);
+        struct environment *e = make_sky(which, IMPORTANCE_LUMINANCE);
         for (int kind = STRATA_SPHERE; kind <= STRATA_FACES; kind++) {
             assert_int_equal(samples_draw(e, (enum strata_kind)kind, 64, 3, &s), ERR_OK);
             for (uint32_t k = 0; k < s.first[s.strata]; k++) {
@@ -186,12 +150,57 @@ static void black_faces_get_no_samples(void **state)
 {
     struct light_samples s = { 0 };
     (void)state;
-    struct environment *e = make_sky(3);
+    struct environment *e = make_sky(SKY_SEAM, IMPORTANCE_LUMINANCE);
     assert_int_equal(samples_draw(e, STRATA_FACES, 16, 0, &s), ERR_OK);
     for (uint32_t f = 0; f < 6; f++)
         assert_int_equal(s.first[f + 1] - s.first[f], e->energy[f] > 0.0 ? 16 : 0);
     samples_finish(&s);
     environment_destroy(e);
+}
+
+static void importances_have_names_that_parse(void **state)
+{
+    static const char *const names[] = { "luminance", "mean", "max" };
+    enum importance got = IMPORTANCE_MAX;
+    struct reason why;
+    (void)state;
+
+    for (int k = 0; k < 3; k++) {
+        assert_int_equal(importance_parse(names[k], &got, &why), ERR_OK);
+        assert_int_equal(got, k);
+        assert_string_equal(importance_name(got), names[k]);
+    }
+    assert_int_equal(importance_parse("average", &got, &why), ERR_USAGE);
+    assert_int_equal(got, IMPORTANCE_LUMINANCE);
+    assert_non_null(strstr(why.text, "'average'"));
+    for (int k = 0; k < 3; k++)
+        assert_non_null(strstr(why.text, names[k]));
+    assert_int_equal(importance_parse("", &got, NULL), ERR_USAGE);
+}
+
+/* A sky of one colour: what the three make of it is known. A description of zeros means luminance. */
+static void importance_weighs_the_colours_as_it_says(void **state)
+{
+    static const double want[] = { 0.2126 * 0.5 + 0.7152 * 0.25 + 0.0722 * 1.0, 1.75 / 3.0, 1.0 };
+    (void)state;
+    for (int k = 0; k < 4; k++) {
+        struct environment_desc desc = { .n = 8, .importance = (enum importance)(k % 3) };
+        struct environment *e = environment_create(k < 3 ? &desc : &(struct environment_desc){ .n = 8 });
+        struct frame f = sky_constant(2, 1, 0.0f);
+        struct reason why;
+        for (uint32_t x = 0; x < 2; x++)
+            sky_paint(&f, x, 0, 0.5f, 0.25f, 1.0f);
+        assert_non_null(e);
+        assert_int_equal(environment_update(e, &f, &why), ERR_OK);
+        assert_true(fabs(e->total_energy / (4.0 * PI) - want[k % 3]) < 1e-6);
+        desc.importance = IMPORTANCE_MAX; /* from the next update on */
+        environment_set(e, &desc);
+        assert_true(fabs(e->total_energy / (4.0 * PI) - want[k % 3]) < 1e-6);
+        assert_int_equal(environment_update(e, &f, &why), ERR_OK);
+        assert_true(fabs(e->total_energy / (4.0 * PI) - want[2]) < 1e-6);
+        frame_finish(&f);
+        environment_destroy(e);
+    }
 }
 
 static const struct CMUnitTest tests[] = {
@@ -201,5 +210,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_dim_part_beside_a_sun_is_sampled_in_proportion),
     cmocka_unit_test(drawn_samples_are_unit_and_consistent),
     cmocka_unit_test(black_faces_get_no_samples),
+    cmocka_unit_test(importances_have_names_that_parse),
+    cmocka_unit_test(importance_weighs_the_colours_as_it_says),
 };
 UNIT_MAIN(tests)
