@@ -58,7 +58,8 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     const struct settings now = ticket->lockstep ? d->said : daemon_settings(d);
     const struct environment_desc desc = { .layout = d->layout,
                                            .rotation_degrees = now.rotation_degrees,
-                                           .scale_stops = now.scale_stops };
+                                           .scale_stops = now.scale_stops,
+                                           .importance = d->importance };
     const double start = clock_seconds();
 
     environment_set(in->environment, &desc);
@@ -356,16 +357,21 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     const int slot = handoff_begin(&d->pictures);
     struct shaded *out = &d->shaded[slot];
     const struct settings now = in->ticket.lockstep ? d->said : daemon_settings(d);
-    const struct direct_desc desc = { .method = now.method,
-                                      .samples = now.samples,
-                                      .seed = d->seed,
-                                      .pass = d->reseed ? e->number : 0,
-                                      .no_visibility = d->no_visibility,
-                                      .cancel = &stop_asked };
+    struct relight_desc desc = d->light;
+    desc.direct.method = now.method;
+    desc.direct.samples = now.samples;
+    desc.direct.pass = d->reseed ? e->number : 0;
+    desc.direct.cancel = &stop_asked;
+    desc.direct.why = why;
     struct relight_stats stats;
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
     const enum err result = relighter_run(d->relighter, e, &desc, out->rgb, &stats);
+    if (result == ERR_UNSUPPORTED) { /* this layout, with this method: the picture before it stays */
+        server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, why->text);
+        daemon_tell_unusable(d, why->text);
+        return ERR_OK;
+    }
     if (result)
         return err_say(why, result, "%s: no memory for the light samples", e->name);
     if (stop_asked) /* half a picture is none */
@@ -376,7 +382,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         .capture_us = e->capture_us,
         .queued_us = (uint32_t)(1e3 * queued_ms),
         .decoded_us = (uint32_t)(1e3 * in->decode_ms),
-        .shaded_us = (uint32_t)(1e3 * (stats.shade_ms + stats.resolve_ms)),
+        .shaded_us = (uint32_t)(1e3 * (stats.shade_ms + stats.eye_ms + stats.light_ms + stats.resolve_ms)),
         .width = d->set_desc.width,
         .height = d->set_desc.height,
         .samples = now.samples,
@@ -386,7 +392,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     if (dropped != HANDOFF_NONE)
         server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
     const double shaded_s = clock_seconds();
-    daemon_tell_shaded(d, &header, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    daemon_tell_shaded(d, &header, &stats.plan, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
     *last_s = shaded_s;
     return ERR_OK;
 }
@@ -438,7 +444,8 @@ static enum err allocate(struct daemon *d, struct reason *why)
     d->display = mem_alloc(pixels, 3);
     d->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
     for (int i = 0; i < HANDOFF_SLOTS; i++) {
-        d->ingested[i].environment = environment_create(&(struct environment_desc){ .layout = d->layout });
+        d->ingested[i].environment =
+            environment_create(&(struct environment_desc){ .layout = d->layout, .importance = d->importance });
         d->shaded[i].rgb = mem_alloc(pixels, 3 * sizeof(float));
         all = all && d->ingested[i].environment && d->shaded[i].rgb;
     }

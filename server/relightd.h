@@ -43,9 +43,10 @@ struct shaded {
 
 struct daemon {
     /* Said on the command line, then only read. */
-    struct settings said; /* a lockstep sequence is made with these, whatever a controller changes */
-    uint64_t seed;
-    bool reseed, no_visibility;
+    struct settings said;      /* a lockstep sequence is made with these, whatever a controller changes */
+    struct relight_desc light; /* but for method and samples, which are settings */
+    enum importance importance;
+    bool reseed;
     double fps, rate; /* rate 0: each frame waits until the one before it is shaded */
     int quality;
     struct set_desc set_desc;
@@ -81,6 +82,7 @@ struct daemon {
     pthread_mutex_t status_lock;
     struct server_status status; /* {status_lock} its strings point into what follows */
     char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
+    char paths[128], left_out[512];                                                  /* {status_lock} */
 };
 
 /* ---- relightd_options.c ---- */
@@ -100,8 +102,10 @@ void daemon_take_control(struct daemon *d);
 void daemon_tell_start(struct daemon *d);
 void daemon_tell_source(struct daemon *d, enum server_source source, const char *detail);
 void daemon_tell_refused(struct daemon *d, const char *why, bool log);
+/* A frame that was received and read, but that the method in force cannot use. */
+void daemon_tell_unusable(struct daemon *d, const char *why);
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped);
-void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, double interval_s);
+void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct plan *plan, double interval_s);
 void daemon_tell_encoded(struct daemon *d, double ms);
 
 /* Every frame that came was shaded, dropped or refused. */

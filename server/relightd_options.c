@@ -1,6 +1,7 @@
 /* server/relightd_options.c */
 #include "relightd.h"
 
+#include "light_options.h"
 #include "options.h"
 
 #include <omp.h>
@@ -20,12 +21,8 @@ static struct option_row rows[] = {
     { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
     { "", NULL, "how", NULL },
     { "size", "WxH", "of the pictures, in pixels", "640x360" },
-    { "method", "M", "uniform, brdf, light, faces-uniform, faces, mis or auto", "auto" },
-    { "samples", "N", "N_s per shade point", "16" },
     { "fps", "N", "pictures per second at most", "30" },
-    { "seed", "K", "of all random numbers", "0" },
     { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
-    { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
     { "threads", "N", "for shading; 0: as many as there are processors", "0" },
@@ -42,6 +39,7 @@ static struct option_row rows[] = {
     { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
     { NULL, NULL, NULL, NULL },
 };
+static struct option_row light_rows[LIGHT_OPTIONS];
 
 static enum err read_source(const struct options *o, struct daemon *d, struct reason *why)
 {
@@ -70,15 +68,15 @@ static enum err read_source(const struct options *o, struct daemon *d, struct re
 
 static enum err read_light(const struct options *o, struct daemon *d, struct reason *why)
 {
-    uint64_t samples = 0, edge = 0, threads = 0;
-    enum err e = method_parse(options_get(o, "method"), &d->said.method, why);
+    uint64_t edge = 0, threads = 0;
+    struct environment_desc environment = { 0 };
+    enum err e = light_options_read(o, &d->light, &d->set_desc, &environment, why);
 
+    if (!e && method_is_reference(d->light.direct.method))
+        e = err_say(why, ERR_USAGE, "--method %s is a reference, for relight-render: a live picture cannot wait for it",
+                    method_name(d->light.direct.method));
     if (!e)
         e = options_size(o, "size", &d->set_desc.width, &d->set_desc.height, why);
-    if (!e)
-        e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
-    if (!e)
-        e = options_u64(o, "seed", 0, UINT64_MAX, &d->seed, why);
     if (!e)
         e = options_u64(o, "edge-rays", 1, 16, &edge, why);
     if (!e)
@@ -87,8 +85,9 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
         e = options_double(o, "fps", 0.01, 1000.0, &d->fps, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
-    d->said.samples = (uint32_t)samples;
-    d->no_visibility = options_on(o, "no-visibility");
+    d->said.method = d->light.direct.method;
+    d->said.samples = d->light.direct.samples;
+    d->importance = environment.importance;
     d->reseed = options_on(o, "reseed");
     d->set_desc.scene = options_get(o, "scene");
     d->set_desc.camera = options_get(o, "camera");
@@ -135,7 +134,9 @@ enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done
         .epilogue_title = "keys of sky:, with their defaults",
         .epilogue = sky_help,
         .rows = rows,
+        .shared = light_rows,
     };
+    light_options_init(light_rows, "16", "all");
     enum err e = options_parse(&o, argc, argv, done, why);
 
     if (e || *done)

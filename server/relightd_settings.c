@@ -18,6 +18,8 @@ static enum err apply(const struct server_control *c, struct settings *s, struct
 
     if (c->has_method)
         e = method_parse(c->method, &s->method, why);
+    if (!e && method_is_reference(s->method))
+        e = err_say(why, ERR_USAGE, "method '%s' is a reference: a live picture cannot wait for it", c->method);
     if (!e && c->has_tone)
         e = tone_parse(c->tone, &s->tone, why);
     if (c->has_samples)

@@ -29,6 +29,8 @@ void daemon_tell_start(struct daemon *d)
         .detail = d->detail,
         .last_refusal = d->refusal,
         .sky_time = d->sky_time,
+        .paths = d->paths,
+        .left_out = d->left_out,
     };
     pthread_mutex_unlock(&d->status_lock);
 }
@@ -52,6 +54,30 @@ void daemon_tell_refused(struct daemon *d, const char *why, bool log)
     snprintf(d->refusal, sizeof(d->refusal), "%s", why);
     pthread_mutex_unlock(&d->status_lock);
     daemon_tell_source(d, SERVER_FAILED, why);
+}
+
+void daemon_tell_unusable(struct daemon *d, const char *why)
+{
+    log_warning("%s", why);
+    pthread_mutex_lock(&d->status_lock);
+    d->status.refused++;
+    snprintf(d->refusal, sizeof(d->refusal), "%s", why);
+    pthread_mutex_unlock(&d->status_lock);
+    daemon_tell_source(d, SERVER_FAILED, why);
+}
+
+/* What the plan chose and what it left out, as phrases: "direct light, interreflection by eye paths". */
+static void note_plan(struct daemon *d, const struct plan *p)
+{
+    size_t used = 0;
+
+    snprintf(d->paths, sizeof(d->paths), "direct light%s%s%s%s", p->caustics == PLAN_NONE ? "" : ", caustics by ",
+             p->caustics == PLAN_NONE ? "" : plan_estimator_name(p->caustics),
+             p->indirect == PLAN_NONE ? "" : ", interreflection by ",
+             p->indirect == PLAN_NONE ? "" : plan_estimator_name(p->indirect));
+    d->left_out[0] = '\0';
+    for (uint32_t k = 0; k < p->left_out_count && used < sizeof(d->left_out); k++)
+        used += (size_t)snprintf(d->left_out + used, sizeof(d->left_out) - used, "%s%s", k ? "; " : "", p->left_out[k]);
 }
 
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped)
@@ -79,7 +105,7 @@ static void note_sun(struct daemon *d, uint64_t frame)
     snprintf(d->sky_time, sizeof(d->sky_time), "%02u:%02u", (unsigned)hour % 24u, (unsigned)(hour * 60.0) % 60u);
 }
 
-void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, double interval_s)
+void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct plan *plan, double interval_s)
 {
     const struct settings now = daemon_settings(d);
 
@@ -95,6 +121,7 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, doub
     if (interval_s > 0.0)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, interval_s);
     note_sun(d, p->frame);
+    note_plan(d, plan);
     pthread_mutex_unlock(&d->status_lock);
 }
 

@@ -11,18 +11,23 @@
 
 #define SIZE_MAX_SIDE 16384
 
-static struct option_row *find(const struct options *o, const char *name, size_t length)
+static struct option_row *find_in(struct option_row *rows, const char *name, size_t length)
 {
-    for (struct option_row *r = o->rows; r->name; r++)
+    for (struct option_row *r = rows; r && r->name; r++)
         if (r->name[0] && strlen(r->name) == length && strncmp(r->name, name, length) == 0)
             return r;
     return NULL;
 }
 
-static void print_help(const struct options *o)
+static struct option_row *find(const struct options *o, const char *name, size_t length)
 {
-    printf("usage: %s %s\n\n%s\n", o->program, o->synopsis, o->about);
-    for (const struct option_row *r = o->rows; r->name; r++) {
+    struct option_row *r = find_in(o->rows, name, length);
+    return r ? r : find_in(o->shared, name, length);
+}
+
+static void print_rows(const struct option_row *rows)
+{
+    for (const struct option_row *r = rows; r && r->name; r++) {
         char left[40];
         if (!r->name[0]) {
             printf("\n%s\n", r->help);
@@ -34,6 +39,13 @@ static void print_help(const struct options *o)
             printf(" [%s]", r->given);
         printf("\n");
     }
+}
+
+static void print_help(const struct options *o)
+{
+    printf("usage: %s %s\n\n%s\n", o->program, o->synopsis, o->about);
+    print_rows(o->rows);
+    print_rows(o->shared);
     printf("  %-26s %s\n  %-26s %s\n", "--help", "this text", "--version", "the program's version");
     if (o->epilogue)
         printf("\n%s\n%s", o->epilogue_title, o->epilogue);

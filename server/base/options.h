@@ -23,7 +23,8 @@ struct options {
     const char *about;                     /* a paragraph */
     const char *epilogue_title, *epilogue; /* a heading and lines that end --help; NULL: nothing */
     struct option_row *rows;
-    const char *operands[8]; /* out: what was not a flag, in order */
+    struct option_row *shared; /* another table, of flags that several programs have, or NULL; shown after the rows */
+    const char *operands[8];   /* out: what was not a flag, in order */
     size_t operand_count;
     size_t operand_max; /* 0: none allowed; at most 8 */
 };

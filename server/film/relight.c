@@ -1,15 +1,20 @@
 #include "relight.h"
 
 #include "clock.h"
+#include "facts.h"
 #include "mem.h"
 #include "progress.h"
+#include "reference.h"
 #include "resolve.h"
+#include "rng.h"
 
 #include <stdio.h>
+#include <string.h>
 
 struct relighter {
     const struct set *set;
     struct direct *direct;
+    struct light_tracer *light;
     float *lo; /* [packet_count][3][16] */
 };
 
@@ -60,11 +65,15 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
         .height = desc->height,
         .edge_rays = desc->edge_rays,
         .every_pixel = desc->every_pixel,
+        .interleave = desc->interleave,
         .progress = &line,
     };
     const enum err e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
     s->gbuffer_ms = 1e3 * (clock_seconds() - start);
     progress_end(&line);
+    view_init(&s->view, camera, desc->width, desc->height);
+    if (!e)
+        facts_of_set(s->scene, s->gbuffer, &s->facts);
     return e;
 }
 
@@ -105,7 +114,8 @@ struct relighter *relighter_create(const struct set *set, const struct kernels *
     r->set = set;
     r->direct = direct_create(kernels);
     r->lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(float));
-    if (!r->direct || !r->lo) {
+    r->light = light_tracer_create(set->scene, set->rays, &set->view);
+    if (!r->direct || !r->lo || !r->light) {
         relighter_destroy(r);
         return NULL;
     }
@@ -117,23 +127,111 @@ void relighter_destroy(struct relighter *r)
     if (!r)
         return;
     direct_destroy(r->direct);
+    light_tracer_destroy(r->light);
     mem_free(r->lo);
     mem_free(r);
 }
 
-enum err relighter_run(struct relighter *r, const struct environment *e, const struct direct_desc *desc, float *rgb,
+static void make_plan(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                      struct plan *out)
+{
+    const struct plan_wish wish = {
+        .caustics = desc->classes & PATH_CAUSTICS,
+        .indirect = desc->classes & PATH_INDIRECT,
+        .caustics_by = desc->caustics,
+        .indirect_by = desc->indirect,
+        .particles = desc->particles,
+        .eye_paths = desc->eye_paths,
+        .samples = desc->direct.samples,
+    };
+    struct plan_facts facts = r->set->facts;
+
+    if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0)
+        facts.peakedness = facts_peakedness(e);
+    plan_make(&facts, &wish, out);
+}
+
+/* Direct light, or darkness where it was not asked for. */
+static enum err run_direct(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                           struct relight_stats *stats)
+{
+    const struct gbuffer *g = r->set->gbuffer;
+
+    if (desc->classes & PATH_DIRECT || desc->classes == 0)
+        return direct_shade(r->direct, g, r->set->rays, e, &desc->direct, r->lo, &stats->direct);
+    memset(r->lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
+    return ERR_OK;
+}
+
+static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
+{
+    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT : 0);
+}
+
+static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                              struct relight_stats *stats)
+{
+    const struct plan *p = &stats->plan;
+    const struct eye_paths_desc eye = {
+        .classes = classes_by(p, PLAN_EYE),
+        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? PATH_INDIRECT : 0),
+        .paths = p->eye_paths,
+        .seed = rng_mix(desc->direct.seed, 0x657965),
+        .pass = desc->direct.pass,
+        .cancel = desc->direct.cancel,
+    };
+
+    if (p->eye_paths == 0)
+        return ERR_OK;
+    return eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &stats->eye);
+}
+
+static enum err run_light_tracer(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                                 float *rgb, struct relight_stats *stats)
+{
+    const struct light_tracer_desc light = {
+        .classes = classes_by(&stats->plan, PLAN_LIGHT),
+        .particles = stats->plan.particles,
+        .seed = rng_mix(desc->direct.seed, 0x6c6967),
+        .pass = desc->direct.pass,
+        .start = desc->start,
+        .cancel = desc->direct.cancel,
+    };
+
+    if (stats->plan.particles == 0)
+        return ERR_OK;
+    return light_tracer_run(r->light, e, &light, rgb, &stats->light);
+}
+
+enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,
                        struct relight_stats *stats)
 {
-    const double start = clock_seconds();
+    const struct gbuffer *g = r->set->gbuffer;
+    double at[5] = { clock_seconds() };
 
-    const enum err result = direct_shade(r->direct, r->set->gbuffer, r->set->rays, e, desc, r->lo, &stats->direct);
+    *stats = (struct relight_stats){ 0 };
+    if (method_is_reference(desc->direct.method)) {
+        const enum err failed = reference_run(r->set, e, desc, rgb, &stats->reference_rays);
+        stats->shade_ms = 1e3 * (clock_seconds() - at[0]);
+        return failed;
+    }
+    make_plan(r, e, desc, &stats->plan);
+    enum err result = run_direct(r, e, desc, stats);
+    at[1] = clock_seconds();
+    if (!result)
+        result = run_eye_paths(r, e, desc, stats);
+    at[2] = clock_seconds();
     if (result)
         return result;
-    const double shaded = clock_seconds();
-    resolve_pixels(r->set->gbuffer, r->lo, e, rgb);
-    stats->shade_ms = 1e3 * (shaded - start);
-    stats->resolve_ms = 1e3 * (clock_seconds() - shaded);
-    return ERR_OK;
+    resolve_pixels(g, r->lo, desc->classes & PATH_BACKGROUND || desc->classes == 0 ? e : NULL, rgb);
+    at[3] = clock_seconds();
+    result = run_light_tracer(r, e, desc, rgb, stats);
+    at[4] = clock_seconds();
+    stats->shade_ms = 1e3 * (at[1] - at[0]);
+    stats->eye_ms = 1e3 * (at[2] - at[1]);
+    stats->resolve_ms = 1e3 * (at[3] - at[2]);
+    stats->light_ms = 1e3 * (at[4] - at[3]);
+    return result;
 }
 
 const float *relighter_points(const struct relighter *r)

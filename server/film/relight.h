@@ -7,10 +7,15 @@
 #include "direct.h"
 #include "environment.h"
 #include "err.h"
+#include "eye_paths.h"
 #include "gbuffer.h"
 #include "kernels.h"
+#include "light_tracer.h"
+#include "paths.h"
+#include "plan.h"
 #include "rays.h"
 #include "scene.h"
+#include "view.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -21,6 +26,8 @@ struct set {
     struct scene *scene;
     struct rays *rays;
     struct gbuffer *gbuffer;
+    struct view view;
+    struct plan_facts facts; /* all but the sky's */
     double load_ms, bvh_ms, gbuffer_ms;
 };
 
@@ -28,18 +35,33 @@ struct set_desc {
     const char *scene;  /* a path; NULL: the built-in one */
     const char *camera; /* NULL: the first */
     uint32_t width, height;
-    uint32_t edge_rays; /* per side; 0: the default of gbuffer.h */
-    bool every_pixel;   /* all pixels get the rays of edges */
-    bool progress;      /* show a progress line on standard error, if that is a terminal */
+    uint32_t edge_rays;  /* per side; 0: the default of gbuffer.h */
+    bool every_pixel;    /* all pixels get the rays of edges */
+    uint32_t interleave; /* sets of light samples among neighbouring pixels, per side: gbuffer.h; 0: 1 */
+    bool progress;       /* show a progress line on standard error, if that is a terminal */
 };
 
 /* On ERR_OK the caller owns *out. Errors are those of scene_load and gbuffer_create; ERR_USAGE: no such camera. */
 MUST_CHECK enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why);
 void set_destroy(struct set *s); /* NULL is allowed */
 
-struct relight_stats { /* of one picture */
-    double shade_ms, resolve_ms;
+struct relight_desc {
+    struct direct_desc direct; /* seed, pass and cancel are those of all parts; a reference's samples are per pixel */
+    uint32_t classes;          /* PATH_* of paths.h; 0: PATH_BACKGROUND | PATH_DIRECT */
+    enum plan_estimator caustics, indirect; /* PLAN_AUTO: the plan chooses */
+    uint64_t particles;                     /* 0: the plan chooses */
+    uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
+    enum start_kind start;                  /* of light paths */
+};
+
+struct relight_stats {           /* of one picture */
+    double shade_ms, resolve_ms; /* direct light; from points to pixels */
+    double eye_ms, light_ms;     /* eye paths; light tracer */
+    struct plan plan;
     struct direct_stats direct;
+    struct eye_paths_stats eye;
+    struct light_tracer_stats light;
+    uint64_t reference_rays; /* where the method is a reference, which takes the whole picture: in shade_ms */
 };
 
 struct relighter;
@@ -48,8 +70,9 @@ struct relighter;
 struct relighter *relighter_create(const struct set *set, const struct kernels *kernels);
 void relighter_destroy(struct relighter *r); /* NULL is allowed */
 
-/* The picture of the set under e: rgb float[height][width][3], linear. ERR_NOMEM. */
-MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment *e, const struct direct_desc *desc,
+/* The picture of the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method
+ * needs another layout of environment. */
+MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                                   float *rgb, struct relight_stats *stats);
 
 /* The shade points' own radiance of the last run, as direct_shade writes it. */

@@ -10,7 +10,7 @@ static void resolve_pixel(const struct gbuffer *g, const float *lo, const struct
         for (int c = 0; c < 3; c++)
             rgb[c] += entry->weight[c] * point[c * PACKET];
     }
-    for (uint32_t k = g->escape_first[pixel]; k < g->escape_first[pixel + 1]; k++) {
+    for (uint32_t k = g->escape_first[pixel]; e && k < g->escape_first[pixel + 1]; k++) {
         float seen[3];
         environment_look_wide(e, g->escapes[k].direction, g->escapes[k].width, seen);
         for (int c = 0; c < 3; c++)

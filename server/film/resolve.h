@@ -1,7 +1,8 @@
 /* server/film/resolve.h */
 /* A pixel is the sum of its parts: weight * Lo(shade point) over its entries, weight * Lenv(direction) over its
- * escapes. lo: float[packet_count][3][16] as direct_shade writes it. rgb: float[height][width][3], every pixel is
- * written. Runs on all OpenMP threads; the result does not depend on their number. */
+ * escapes (e NULL: without those). lo: float[packet_count][3][16] as direct_shade writes it. rgb:
+ * float[height][width][3], every pixel is written. Runs on all OpenMP threads; the result does not depend on their
+ * number. */
 #ifndef FILM_RESOLVE_H
 #define FILM_RESOLVE_H
 

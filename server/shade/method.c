@@ -12,6 +12,8 @@ static const struct method_recipe recipes[METHOD_COUNT] = {
     [METHOD_MIS] = { "mis", "faces and lobes, balanced", STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
     [METHOD_LATLONG] = { "latlong", "by the source's texels", STRATA_LATLONG, SHARE_WHOLE, 1.0f, 0.0f },
     [METHOD_LATLONG_ROWS] = { "latlong-rows", "likewise, one table", STRATA_ROWS, SHARE_WHOLE, 1.0f, 0.0f },
+    [METHOD_PATH] = { .name = "path", .about = "path tracing, the whole picture" },
+    [METHOD_MLT] = { .name = "mlt", .about = "Metropolis sampling, the whole picture" },
     [METHOD_AUTO] = { "auto", "chosen for scene and sky", STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
 };
 
@@ -30,7 +32,7 @@ enum err method_parse(const char *name, enum method *out, struct reason *why)
         }
     return err_say(why, ERR_USAGE,
                    "unknown method '%s'; there are uniform, brdf, light, faces-uniform, faces, mis, latlong, "
-                   "latlong-rows and auto",
+                   "latlong-rows, path, mlt and auto",
                    name);
 }
 
@@ -38,4 +40,9 @@ const char *method_name(enum method m)
 {
     assert(m < METHOD_COUNT);
     return recipes[m].name;
+}
+
+bool method_is_reference(enum method m)
+{
+    return m == METHOD_PATH || m == METHOD_MLT;
 }

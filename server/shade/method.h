@@ -17,6 +17,8 @@ enum method {
     METHOD_MIS,           /* half by faces, half by the lobes, balance heuristic: Eq. 6 */
     METHOD_LATLONG,       /* by the texels of a lat-long source, a row and then a place within it */
     METHOD_LATLONG_ROWS,  /* likewise, all texels as one row-major table */
+    METHOD_PATH,          /* the whole picture by path tracing, camera rays included: baselines/path.h */
+    METHOD_MLT,           /* likewise by Metropolis sampling: baselines/mlt.h */
     METHOD_AUTO,          /* what the scene and sky call for; what is not weighed yet is METHOD_MIS */
     METHOD_COUNT,
 };
@@ -43,5 +45,8 @@ const struct method_recipe *method_recipe(enum method m);
 /* ERR_USAGE with the list of names for an unknown one. */
 MUST_CHECK enum err method_parse(const char *name, enum method *out, struct reason *why);
 const char *method_name(enum method m);
+
+/* Whether it makes a whole picture by itself; its recipe has a name and no more. */
+bool method_is_reference(enum method m);
 
 #endif

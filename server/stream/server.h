@@ -132,6 +132,8 @@ struct server_status {
     double sun_elevation; /* degrees above the horizon */
     double sun_azimuth;   /* degrees, clockwise from north */
     const char *sky_time; /* the sky's own clock, "14:35" */
+    const char *paths;    /* which light is in the picture and by whom: "direct light, caustics by light tracer" */
+    const char *left_out; /* which is not, and why; "" where nothing is */
 };
 
 /* Any thread. */

@@ -192,6 +192,8 @@ static enum err set_up(struct bench *b, const struct options *o, struct reason *
     enum err e = options_size(o, "size", &set.width, &set.height, why);
     if (!e)
         e = method_parse(options_get(o, "method"), &b->desc.method, why);
+    if (!e && method_is_reference(b->desc.method))
+        e = err_say(why, ERR_USAGE, "--method %s is a reference: it has no stages", method_name(b->desc.method));
     if (!e)
         e = options_u64(o, "samples", 1, 4096, &samples, why);
     if (!e)

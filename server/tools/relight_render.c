@@ -7,6 +7,7 @@
 #include "file_store.h"
 #include "film.h"
 #include "jpeg.h"
+#include "light_options.h"
 #include "log.h"
 #include "mem.h"
 #include "options.h"
@@ -24,7 +25,7 @@
 #include <unistd.h>
 
 struct render {
-    struct direct_desc direct;
+    struct relight_desc light;
     struct environment_desc environment_desc;
     struct file_pattern out;
     const char *stats_path;
@@ -58,12 +59,7 @@ static struct option_row rows[] = {
     { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
     { "", NULL, "how", NULL },
     { "size", "WxH", "of the pictures, in pixels", "640x360" },
-    { "method", "M", "uniform, brdf, light, faces-uniform, faces, mis or auto", "auto" },
-    { "samples", "N", "N_s per shade point", "64" },
-    { "paths", "P", "direct: light that comes straight from the environment", "direct" },
-    { "seed", "K", "of all random numbers", "0" },
     { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
-    { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
     { "every-pixel", NULL, "K x K camera rays in all pixels", NULL },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
@@ -77,6 +73,7 @@ static struct option_row rows[] = {
     { "stats", "FILE", "statistics as JSON, one object a frame ('-': standard output)", NULL },
     { NULL, NULL, NULL, NULL },
 };
+static struct option_row light_rows[LIGHT_OPTIONS];
 
 static bool ends_with(const char *text, const char *end)
 {
@@ -87,13 +84,11 @@ static bool ends_with(const char *text, const char *end)
 static enum err read_options(const struct options *o, struct render *r, struct source_desc *source,
                              struct set_desc *set, struct reason *why)
 {
-    uint64_t samples = 0, edge = 0, quality = 0, threads = 0;
-    enum err e = method_parse(options_get(o, "method"), &r->direct.method, why);
+    uint64_t edge = 0, quality = 0, threads = 0;
+    enum err e = light_options_read(o, &r->light, set, &r->environment_desc, why);
 
     if (!e && !options_get(o, "out"))
         e = err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
-    if (!e && strcmp(options_get(o, "paths"), "direct") != 0)
-        e = err_say(why, ERR_USAGE, "--paths '%s' is not known; there is direct", options_get(o, "paths"));
     if (!e)
         e = file_pattern_parse(options_get(o, "out"), "--out", &r->out, why);
     if (!e && !ends_with(r->out.text, ".exr") && !ends_with(r->out.text, ".jpg"))
@@ -102,10 +97,6 @@ static enum err read_options(const struct options *o, struct render *r, struct s
         e = options_range(o, "frames", &source->has_range, &source->first, &source->last, why);
     if (!e)
         e = options_size(o, "size", &set->width, &set->height, why);
-    if (!e)
-        e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
-    if (!e)
-        e = options_u64(o, "seed", 0, UINT64_MAX, &r->direct.seed, why);
     if (!e)
         e = options_u64(o, "edge-rays", 1, 16, &edge, why);
     if (!e)
@@ -122,8 +113,6 @@ static enum err read_options(const struct options *o, struct render *r, struct s
         e = tone_parse(options_get(o, "tone"), &r->tone, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &r->kernels, why);
-    r->direct.samples = (uint32_t)samples;
-    r->direct.no_visibility = options_on(o, "no-visibility");
     r->reseed = options_on(o, "reseed");
     r->half = options_on(o, "half");
     r->quality = (int)quality;
@@ -188,12 +177,6 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
     exposure_init(&r->exposure);
     if (!r->relighter || !r->environment || !r->jpeg || !r->rgb || !r->display)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", set->width, set->height);
-    if (r->stats_path) {
-        r->stats = strcmp(r->stats_path, "-") == 0 ? stdout : fopen(r->stats_path, "w");
-        if (!r->stats)
-            return err_say(why, ERR_IO, "%s: %s", r->stats_path, strerror(errno));
-        fputs("[", r->stats);
-    }
     return ERR_OK;
 }
 
@@ -217,29 +200,55 @@ static enum err write_picture(struct render *r, struct reason *why)
     return e ? err_say(why, e, "%s: cannot be encoded", name) : file_store(name, bytes, size, why);
 }
 
-static void write_stats(struct render *r, const struct relight_stats *s, const double ms[3])
+/* Which estimator took which class, with what, and what was left out and why. */
+static json_t *plan_stats(const struct relight_stats *s)
+{
+    const struct plan *p = &s->plan;
+    json_t *left_out = json_array();
+
+    for (uint32_t k = 0; k < p->left_out_count; k++)
+        json_array_append_new(left_out, json_string(p->left_out[k]));
+    return json_pack("{s:s, s:s, s:I, s:i, s:o}", "caustics", plan_estimator_name(p->caustics), "interreflection",
+                     plan_estimator_name(p->indirect), "particles", (json_int_t)p->particles, "eye_paths",
+                     (int)p->eye_paths, "left_out", left_out);
+}
+
+static json_t *picture_stats(const struct render *r, const struct relight_stats *s, const double ms[3])
 {
     const struct gbuffer *g = r->set->gbuffer;
     const struct image_faults *f = &r->environment->image.faults;
 
-    json_t *name = json_string(r->environment->name); /* NULL where a file's name is not UTF-8 */
+    return json_pack(
+        "{s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f}, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I}, "
+        "s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I}}",
+        "ms", "decode", ms[0], "rebuild", ms[1], "shade", s->shade_ms, "eye_paths", s->eye_ms, "light_tracer",
+        s->light_ms, "resolve", s->resolve_ms, "write", ms[2], "rays", "direct", (json_int_t)s->direct.rays,
+        "eye_paths", (json_int_t)s->eye.rays, "light_tracer", (json_int_t)s->light.rays, "reference",
+        (json_int_t)s->reference_rays, "light_samples", "generated", (json_int_t)s->direct.generated, "chosen",
+        (json_int_t)s->direct.chosen, "effective", (json_int_t)s->direct.effective, "lobes",
+        (json_int_t)s->direct.lobes, "light_paths", "particles", (json_int_t)s->light.particles, "starts_hit",
+        (json_int_t)s->light.starts_hit, "splats", (json_int_t)s->light.splats, "repaired", "nan", (json_int_t)f->nan,
+        "infinite", (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
+        "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels, "bytes",
+        (json_int_t)g->bytes);
+}
 
-    json_t *j =
-        json_pack("{s:I, s:o, s:s, s:i, s:{s:f, s:f, s:f, s:f, s:f}, s:I, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, "
-                  "s:I}, s:{s:I, s:I, s:I}, s:[s]}",
-                  "frame", (json_int_t)r->frame.number, "environment", name ? name : json_null(), "method",
-                  method_recipe(r->direct.method)->name, "samples", (int)r->direct.samples, "ms", "decode", ms[0],
-                  "rebuild", ms[1], "shade", s->shade_ms, "resolve", s->resolve_ms, "write", ms[2], "rays",
-                  (json_int_t)s->direct.rays, "light_samples", "generated", (json_int_t)s->direct.generated, "chosen",
-                  (json_int_t)s->direct.chosen, "effective", (json_int_t)s->direct.effective, "lobes",
-                  (json_int_t)s->direct.lobes, "repaired", "nan", (json_int_t)f->nan, "infinite",
-                  (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
-                  "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels,
-                  "bytes", (json_int_t)g->bytes, "left_out", "caustics and interreflection: --paths direct");
-    if (!j)
-        return;
-    fputs(r->rendered ? ",\n" : "\n", r->stats);
-    json_dumpf(j, r->stats, JSON_REAL_PRECISION(6));
+static void write_stats(struct render *r, const struct relight_stats *s, const double ms[3])
+{
+    json_t *name = json_string(r->environment->name); /* NULL where a file's name is not UTF-8 */
+    json_t *j = json_pack("{s:I, s:o, s:s, s:i}", "frame", (json_int_t)r->frame.number, "environment",
+                          name ? name : json_null(), "method", method_recipe(r->light.direct.method)->name, "samples",
+                          (int)r->light.direct.samples);
+    json_t *more = picture_stats(r, s, ms);
+
+    if (j && more) {
+        json_object_update(j, more);
+        if (!method_is_reference(r->light.direct.method))
+            json_object_set_new(j, "plan", plan_stats(s));
+        fputs(r->rendered ? ",\n" : "\n", r->stats);
+        json_dumpf(j, r->stats, JSON_REAL_PRECISION(6));
+    }
+    json_decref(more);
     json_decref(j);
 }
 
@@ -262,10 +271,11 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e == ERR_NOMEM ? e : ERR_OK;
     }
     environment_warn_clipped(r->environment, &r->warned_clipped);
-    r->direct.pass = r->reseed ? r->frame.number : 0;
-    e = relighter_run(r->relighter, r->environment, &r->direct, r->rgb, &stats);
+    r->light.direct.why = why;
+    r->light.direct.pass = r->reseed ? r->frame.number : 0;
+    e = relighter_run(r->relighter, r->environment, &r->light, r->rgb, &stats);
     if (e)
-        return err_say(why, e, "%s: no memory for the light samples", r->frame.name);
+        return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     start = clock_seconds();
     e = write_picture(r, why);
     ms[2] = 1e3 * (clock_seconds() - start);
@@ -335,6 +345,7 @@ int main(int argc, char **argv)
         .epilogue_title = "keys of sky:, with their defaults",
         .epilogue = sky_help,
         .rows = rows,
+        .shared = light_rows,
     };
     struct source_desc source = { 0 };
     struct set_desc set = { 0 };
@@ -343,6 +354,7 @@ int main(int argc, char **argv)
     bool done;
 
     log_init("relight-render", LOG_INFO);
+    light_options_init(light_rows, "64", "all");
     enum err e = options_parse(&options, argc, argv, &done, &why);
     if (!e && done)
         return 0;

@@ -16,7 +16,7 @@ declare -A may_include=(
     [scene]="base"
     [shade]="base source env scene"
     [plan]="base"
-    [film]="base source env scene shade"
+    [film]="base source env scene shade plan"
 )
 
 sources() { # ours, C; with an argument: below these folders only

@@ -1,0 +1,14 @@
+/* server/film/reference.h */
+/* The methods that make a whole picture by themselves, camera rays included: the reference and the baselines of
+ * server/shade/baselines, behind one door. */
+#ifndef FILM_REFERENCE_H
+#define FILM_REFERENCE_H
+
+#include "relight.h"
+
+/* Fills rgb float[height][width][3] by desc->direct.method, which must be one of them, with desc->direct.samples per
+ * pixel. *rays: traced. ERR_NOMEM. Runs on all OpenMP threads. */
+MUST_CHECK enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc,
+                                  float *rgb, uint64_t *rays);
+
+#endif

@@ -1,0 +1,79 @@
+#include "plan.h"
+
+#include <math.h>
+#include <string.h>
+
+/* One bounce between surfaces of this albedo changes a pixel by at most as much of its direct light: below 4 % it is
+ * hard to see. */
+#define ALBEDO_LEAST 0.04
+/* Above it lobe rays find the light that mirrors and glass gather too seldom. Skies of even cloud stay below it, any
+ * sun that casts shadows is far above: docs/mathematics.md has the figures. */
+#define PEAKED 5.0
+
+static void leave_out(struct plan *p, const char *why)
+{
+    if (p->left_out_count < PLAN_LEFT_OUT_MAX)
+        p->left_out[p->left_out_count++] = why;
+}
+
+static void choose_caustics(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
+{
+    p->caustics = PLAN_NONE;
+    if (!w->caustics) {
+        leave_out(p, "caustics: not asked for");
+    } else if (w->caustics_by == PLAN_NONE) {
+        leave_out(p, "caustics: switched off");
+    } else if (f->casters == 0) {
+        leave_out(p, "caustics: the scene has no mirror and no glass");
+    } else {
+        p->caustics = w->caustics_by != PLAN_AUTO ? w->caustics_by : f->peakedness >= PEAKED ? PLAN_LIGHT : PLAN_EYE;
+        p->behind_caustics = f->behind > 0;
+    }
+}
+
+static void choose_indirect(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
+{
+    p->indirect = PLAN_NONE;
+    if (!w->indirect) {
+        leave_out(p, "interreflection: not asked for");
+    } else if (w->indirect_by == PLAN_NONE) {
+        leave_out(p, "interreflection: switched off");
+    } else if (w->indirect_by == PLAN_AUTO && f->albedo < ALBEDO_LEAST) {
+        leave_out(p, "interreflection: the surfaces are too dark for it to be seen");
+    } else {
+        p->indirect = w->indirect_by == PLAN_AUTO ? PLAN_EYE : w->indirect_by;
+        p->behind_indirect = f->behind > 0;
+    }
+}
+
+void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
+{
+    *p = (struct plan){ .caustics = PLAN_NONE };
+    choose_caustics(f, w, p);
+    choose_indirect(f, w, p);
+    /* A particle for each pixel and eight samples, an eye path for every sixteen samples: as measured, direct light and
+     * the rest then take about as long as each other. */
+    const uint32_t per_point = w->samples / 16 ? w->samples / 16 : 1;
+    if (p->caustics == PLAN_LIGHT || p->indirect == PLAN_LIGHT)
+        p->particles = w->particles ? w->particles : f->pixels * (w->samples / 8 ? w->samples / 8 : 1);
+    if (p->caustics == PLAN_EYE || p->indirect == PLAN_EYE || p->behind_caustics || p->behind_indirect)
+        p->eye_paths = w->eye_paths ? w->eye_paths : per_point;
+}
+
+const char *plan_estimator_name(enum plan_estimator e)
+{
+    static const char *const names[] = { "auto", "none", "light tracer", "eye paths" };
+    return names[e];
+}
+
+enum err plan_estimator_parse(const char *name, const char *flag, enum plan_estimator *out, struct reason *why)
+{
+    static const char *const names[] = { "auto", "none", "light", "eye" };
+
+    for (int k = 0; k < 4; k++)
+        if (strcmp(name, names[k]) == 0) {
+            *out = (enum plan_estimator)k;
+            return ERR_OK;
+        }
+    return err_say(why, ERR_USAGE, "%s '%s' is not known; there are auto, none, light and eye", flag, name);
+}
