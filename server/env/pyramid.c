@@ -6,6 +6,12 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <string.h>
+
+#define FIT_MAX 32  /* in finer levels what gains put right is below 1 % */
+#define FIT_STEPS 4 /* a texel; on a face at least */
+#define FIT_LEAST 64
+#define FIT_ROUNDS 5
 
 /* What texel `to` of m covers of n texels below: first .. last - 1, each wholly or in part. Counted in m-ths of a texel
  * below all borders are whole numbers. */
@@ -41,6 +47,123 @@ static void sum_solid_angles(const struct pyramid_level *fine, struct pyramid_le
         }
 }
 
+/* One of the texels that a bilinear lookup is made of. */
+struct tap {
+    uint32_t face, row, column;
+    float weight;
+};
+
+/* The texel beyond the border of a face. On the neighbour that lies beyond u = +-1, whose axis is the face's u axis,
+ * the face's v runs along u, and the face's own axis along v; beyond v = +-1 it is the other way round. Both faces
+ * divide their common edge in the same way. */
+static struct tap beyond_u(uint32_t n, uint32_t face, uint32_t row, bool positive, float weight)
+{
+    return (struct tap){ 2 * ((face / 2 + 1) % 3) + !positive, face & 1 ? 0 : n - 1, row, weight };
+}
+
+static struct tap beyond_v(uint32_t n, uint32_t face, uint32_t column, bool positive, float weight)
+{
+    return (struct tap){ 2 * ((face / 2 + 2) % 3) + !positive, column, face & 1 ? 0 : n - 1, weight };
+}
+
+/* Texel (i, j) of a face, either of which may lie one step outside. Where both do, at a corner of the cube, there is no
+ * texel: all three faces that meet there see the mean of their own three instead, and so agree. Returns how many. */
+static int place_tap(uint32_t n, uint32_t face, int64_t i, int64_t j, float weight, struct tap *out)
+{
+    const bool out_i = i < 0 || i >= n, out_j = j < 0 || j >= n;
+    const uint32_t row = (uint32_t)(i < 0    ? 0
+                                    : i >= n ? n - 1
+                                             : i),
+                   column = (uint32_t)(j < 0    ? 0
+                                       : j >= n ? n - 1
+                                                : j);
+
+    if (out_i && out_j) {
+        out[0] = (struct tap){ face, row, column, weight / 3.0f };
+        out[1] = beyond_u(n, face, row, j > 0, weight / 3.0f);
+        out[2] = beyond_v(n, face, column, i > 0, weight / 3.0f);
+        return 3;
+    }
+    out[0] = out_i   ? beyond_v(n, face, column, i > 0, weight)
+             : out_j ? beyond_u(n, face, row, j > 0, weight)
+                     : (struct tap){ face, row, column, weight };
+    return 1;
+}
+
+/* The taps at (u, v) of a face, at most 6 (at n = 1, 12); their weights add up to 1. */
+static int find_taps(uint32_t n, uint32_t face, float u, float v, struct tap out[12])
+{
+    const float half = 0.5f * (float)n;
+    /* Texel centres stand at half-integers. */
+    const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
+    const float x0 = floorf(x), y0 = floorf(y), fx = x - x0, fy = y - y0;
+    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
+    int count = 0;
+
+    for (int k = 0; k < 4; k++)
+        count += place_tap(n, face, (int64_t)y0 + (k >> 1), (int64_t)x0 + (k & 1), weight[k], out + count);
+    return count;
+}
+
+/* The texel that stands for all those which a cube turned or mirrored has in the same place. */
+static size_t alike(uint32_t n, uint32_t row, uint32_t column)
+{
+    const uint32_t i = row < n - 1 - row ? row : n - 1 - row, j = column < n - 1 - column ? column : n - 1 - column;
+    return (size_t)(i < j ? i : j) * n + (i < j ? j : i);
+}
+
+/* What the texels that are alike spread over the sphere, in sr, of which a face has a sixth. */
+static void sum_spread(const struct pyramid_level *l, double *spread)
+{
+    const uint32_t steps = l->n > FIT_LEAST / FIT_STEPS ? FIT_STEPS * l->n : FIT_LEAST;
+    const double step = 2.0 / steps;
+
+    for (uint32_t at = 0; at < steps * steps; at++) {
+        const double u = -1.0 + step * (at % steps), v = -1.0 + step * (at / steps);
+        const double solid_angle = cube_solid_angle(u, v, u + step, v + step);
+        struct tap taps[12];
+        const int count = find_taps(l->n, 0, (float)(u + 0.5 * step), (float)(v + 0.5 * step), taps);
+        double whole = 0.0;
+        for (int k = 0; k < count; k++)
+            whole += (double)taps[k].weight * (double)l->gain[taps[k].row * l->n + taps[k].column];
+        for (int k = 0; k < count; k++) {
+            const uint32_t in_face = taps[k].row * l->n + taps[k].column;
+            spread[alike(l->n, taps[k].row, taps[k].column)] +=
+                solid_angle * (double)taps[k].weight * (double)l->gain[in_face] / whole;
+        }
+    }
+}
+
+/* Bilinear weights alone would give a texel at an edge of the cube more than its solid angle, since texels grow away
+ * from there on both sides: 4 % in rows of 9. The gains by which they are multiplied, before they
+ * are made to add up to 1 again, are found by turns [Deming and Stephan 1940]: then each texel spreads what it holds.
+ */
+static bool fit_gains(struct pyramid_level *l)
+{
+    const size_t texels = (size_t)l->n * l->n;
+    double *spread = mem_alloc(2 * texels, sizeof(*spread)), *want = spread ? spread + texels : NULL;
+
+    l->gain = mem_alloc(texels, sizeof(*l->gain));
+    const bool ok = spread && l->gain;
+    if (!ok)
+        goto done;
+    for (size_t t = 0; t < texels; t++) {
+        want[alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n))] += (double)l->solid_angle[t];
+        l->gain[t] = 1.0f;
+    }
+    for (int round = 0; round < FIT_ROUNDS; round++) {
+        memset(spread, 0, texels * sizeof(*spread));
+        sum_spread(l, spread);
+        for (size_t t = 0; t < texels; t++) {
+            const size_t as = alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n));
+            l->gain[t] *= (float)(want[as] / spread[as]);
+        }
+    }
+done:
+    mem_free(spread);
+    return ok;
+}
+
 struct pyramid *pyramid_create(uint32_t n, const double *solid_angle)
 {
     struct pyramid *p = mem_alloc(1, sizeof(*p));
@@ -62,6 +185,10 @@ struct pyramid *pyramid_create(uint32_t n, const double *solid_angle)
             l->solid_angle[t] = (float)solid_angle[t];
         if (size < n)
             sum_solid_angles(l - 1, l);
+        if (size <= FIT_MAX && !fit_gains(l)) {
+            pyramid_destroy(p);
+            return NULL;
+        }
         if (size == 1)
             return p;
     }
@@ -74,6 +201,7 @@ void pyramid_destroy(struct pyramid *p)
     for (uint32_t k = 0; k < p->count; k++) {
         mem_free(p->level[k].own);
         mem_free(p->level[k].solid_angle);
+        mem_free(p->level[k].gain);
     }
     mem_free(p);
 }
@@ -118,71 +246,23 @@ void pyramid_build(struct pyramid *p, const float *texels)
     }
 }
 
-static const float *texel_at(const struct pyramid_level *l, uint32_t face, uint32_t i, uint32_t j)
-{
-    return l->texels + 4 * (((size_t)face * l->n + i) * l->n + j);
-}
-
-/* The texel beyond the border of a face. On the neighbour that lies beyond u = +-1, whose axis is the face's u axis,
- * the face's v runs along u, and the face's own axis along v; beyond v = +-1 it is the other way round. Both faces
- * divide their common edge in the same way. */
-static const float *texel_beyond_u(const struct pyramid_level *l, uint32_t face, uint32_t i, bool positive)
-{
-    const uint32_t axis = (face / 2 + 1) % 3;
-    return texel_at(l, 2 * axis + !positive, face & 1 ? 0 : l->n - 1, i);
-}
-
-static const float *texel_beyond_v(const struct pyramid_level *l, uint32_t face, uint32_t j, bool positive)
-{
-    const uint32_t axis = (face / 2 + 2) % 3;
-    return texel_at(l, 2 * axis + !positive, j, face & 1 ? 0 : l->n - 1);
-}
-
-/* Texel (i, j) of a face, either of which may lie one step outside. Where both do, at a corner of the cube, there is no
- * texel: all three faces that meet there see the mean of their own three instead, and so agree. */
-static void fetch(const struct pyramid_level *l, uint32_t face, int64_t i, int64_t j, float rgb[3])
-{
-    const int64_t n = l->n;
-    const bool out_i = i < 0 || i >= n, out_j = j < 0 || j >= n;
-    const uint32_t row = (uint32_t)(i < 0    ? 0
-                                    : i >= n ? n - 1
-                                             : i),
-                   column = (uint32_t)(j < 0    ? 0
-                                       : j >= n ? n - 1
-                                                : j);
-    const float *t = texel_at(l, face, row, column);
-
-    if (out_i && out_j) {
-        const float *a = texel_beyond_u(l, face, row, j > 0), *b = texel_beyond_v(l, face, column, i > 0);
-        for (int c = 0; c < 3; c++)
-            rgb[c] = (t[c] + a[c] + b[c]) / 3.0f;
-        return;
-    }
-    if (out_i)
-        t = texel_beyond_v(l, face, column, i > 0);
-    else if (out_j)
-        t = texel_beyond_u(l, face, row, j > 0);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = t[c];
-}
-
 void pyramid_look(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
 {
     const struct pyramid_level *l = &p->level[level];
-    float u, v, sum[3] = { 0.0f, 0.0f, 0.0f };
+    float u, v, sum[3] = { 0.0f, 0.0f, 0.0f }, whole = 0.0f;
+    struct tap taps[12];
     const uint32_t face = cube_locate(w, &u, &v);
-    const float half = 0.5f * (float)l->n;
-    /* Texel centres stand at half-integers. */
-    const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
-    const float x0 = floorf(x), y0 = floorf(y), fx = x - x0, fy = y - y0;
-    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
+    const int count = find_taps(l->n, face, u, v, taps);
 
-    for (int k = 0; k < 4; k++) {
-        float t[3];
-        fetch(l, face, (int64_t)y0 + (k >> 1), (int64_t)x0 + (k & 1), t);
+    for (int k = 0; k < count; k++) {
+        const struct tap *t = &taps[k];
+        const size_t in_face = (size_t)t->row * l->n + t->column;
+        const float *texel = l->texels + 4 * ((size_t)t->face * l->n * l->n + in_face);
+        const float weight = l->gain ? t->weight * l->gain[in_face] : t->weight;
+        whole += weight;
         for (int c = 0; c < 3; c++)
-            sum[c] += weight[k] * t[c];
+            sum[c] += weight * texel[c];
     }
     for (int c = 0; c < 3; c++)
-        rgb[c] = sum[c];
+        rgb[c] = sum[c] / whole;
 }

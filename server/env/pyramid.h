@@ -22,6 +22,7 @@ struct pyramid_level {
     const float *texels; /* [6][n][n][4], faces as in cube.h; the fourth float is of no use here */
     float *own;          /* the same, writable; NULL at level 0, which is the caller's cube map */
     float *solid_angle;  /* [n][n], sr, the same on each face */
+    float *gain;         /* [n][n]: by which bilinear weights are multiplied to keep energy; NULL: not */
 };
 
 struct pyramid {

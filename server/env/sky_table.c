@@ -26,10 +26,10 @@
 #define SUN_RADIUS 2.5 /* degrees */
 #define SUN_SHARE 0.1
 
-/* A histogram of solid angles over importance, eight bins to the octave: the bits of a float >= 0 above the third of
+/* A histogram of solid angles over importance, 16 bins to the octave: the bits of a float >= 0 above the fourth of
  * its mantissa. The solid angles are integers, so that their sums do not depend on the order of the threads. */
-#define BIN_SHIFT 20
-#define BINS 2048
+#define BIN_SHIFT 19
+#define BINS 4096
 #define PER_SR 0x1p40 /* 4 pi is 1.4e13, the smallest texel of 1024^2 is 8e5 */
 
 static uint32_t bin_of(float importance)
@@ -70,7 +70,7 @@ static float measure_row(const struct sky_table *t, uint32_t row, uint64_t *bins
 }
 
 /* The c > 0 with c = LEVEL m(c), where m(c) is the mean over the sphere of min(importance, c); 0 where less than
- * 1/LEVEL of the sphere is lit, and there is none. From the histogram (whose bins are 1/8 of an octave, so that m is
+ * 1/LEVEL of the sphere is lit, and there is none. From the histogram (whose bins are 1/16 of an octave, so that m is
  * good to some 3 %, and need not be better). m is concave and m(0) = 0: there is one such c, and with bin k the
  * brightest that is not cut, c = LEVEL (below[k] + c above). */
 static double find_level(const uint64_t *bins)

@@ -29,8 +29,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* What 0 stands for in starts_per_direction: light_tracer.c has the measurement. */
-#define STARTS_PER_DIRECTION 4
+/* What 0 stands for in starts_per_direction. On the ring scene the variance of a picture is the same within its doubt
+ * from 1 to 64, under a sun and under an overcast sky, and a particle takes half the time at 16 that it takes at 1. */
+#define STARTS_PER_DIRECTION 16
 #define STARTS_PER_DIRECTION_MAX 1024
 
 struct light_tracer;

@@ -56,10 +56,13 @@ static double diffuse_part(const struct lobe *l, struct vec3 out)
     return matte + grown > 0.0 ? matte / (matte + grown) : 1.0;
 }
 
-/* D of [Walter et al. 2007, Eq. 33] about the normal n. */
-static double microfacets(double alpha, double nh)
+/* D of [Walter et al. 2007, Eq. 33] about the normal n. The sine from the cross product keeps its precision where it is
+ * small: 1 - cos^2 of two rounded vectors is wrong by a tenth at alpha = ALPHA_DELTA. */
+static double microfacets(double alpha, struct vec3 n, struct vec3 h)
 {
-    const double a2 = alpha * alpha, q = nh * nh * (a2 - 1.0) + 1.0;
+    const double x = (double)n.y * h.z - (double)n.z * h.y, y = (double)n.z * h.x - (double)n.x * h.z,
+                 z = (double)n.x * h.y - (double)n.y * h.x;
+    const double a2 = alpha * alpha, nh = dot(n, h), q = a2 * nh * nh + x * x + y * y + z * z;
     return nh > 0.0 ? a2 / (PI * fmax(q * q, 1e-30)) : 0.0;
 }
 
@@ -85,7 +88,7 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
         return;
     }
     const struct vec3 o = lifted(l, wo), h = vec3_normalize(vec3_add(o, wi));
-    const double out = dot(l->shading, o), d = microfacets(l->gloss, dot(l->shading, h));
+    const double out = dot(l->shading, o), d = microfacets(l->gloss, l->shading, h);
     const double shine = d * 0.5 / (in * masked(l->gloss, out) + out * masked(l->gloss, in) + 1e-20);
     const double fresnel = schlick(dot(o, h)), enter = 1.0 - schlick(in), leave = 1.0 - schlick(out);
     for (int k = 0; k < 3; k++) {
@@ -107,7 +110,7 @@ double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi)
         const struct vec3 h = vec3_normalize(vec3_add(o, wi));
         const double out = dot(l->shading, o);
         /* visible normals: G1 D / (4 cos_out), G1 = 2 cos_out / (cos_out + masked) */
-        p += (1.0 - part) * microfacets(l->gloss, dot(l->shading, h)) * 0.5 / (out + masked(l->gloss, out));
+        p += (1.0 - part) * microfacets(l->gloss, l->shading, h) * 0.5 / (out + masked(l->gloss, out));
     }
     return p;
 }

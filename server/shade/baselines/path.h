@@ -39,6 +39,7 @@ struct path_desc {
 struct path_stats {
     uint64_t rays;    /* traced, shadow rays included */
     uint64_t samples; /* paths from the eye */
+    const char *bias; /* NULL: right in the mean; else in what it is not, in words */
 };
 
 /* rgb: float[height][width][3] of the view's size, every pixel is written: mean radiance over the pixel. Runs on all

@@ -9,6 +9,7 @@
 #include "scene.h"
 #include "scene_build.h"
 
+#include <math.h>
 #include <unistd.h>
 
 /* A folder that lasts as long as the process's temporary files do; remove it with folder_remove. */
@@ -143,6 +144,38 @@ static inline void add_box(struct scene *s, uint32_t material, const float a[3],
         { a[0], a[1], b[2] }, { b[0], a[1], b[2] }, { b[0], b[1], b[2] }, { a[0], b[1], b[2] }, /* +z */
     };
     add_quads(s, material, q, 6);
+}
+
+/* A ball about the origin with its true normals, of 2 rows x rows quads. */
+static inline void add_ball(struct scene *s, uint32_t material, float radius, uint32_t rows)
+{
+    const uint32_t columns = 2 * rows;
+    struct mesh m = { .vertex_count = (rows + 1) * columns, .triangle_count = 2 * (rows - 1) * columns };
+    uint32_t *t;
+
+    m.material = material;
+    m.positions = mem_alloc(3 * (size_t)m.vertex_count + 1, sizeof(float));
+    m.normals = mem_alloc(3 * (size_t)m.vertex_count, sizeof(float));
+    m.indices = t = mem_alloc(m.triangle_count, 3 * sizeof(uint32_t));
+    assert_true(m.positions && m.normals && m.indices);
+    for (uint32_t k = 0; k < m.vertex_count; k++) {
+        const double theta = PI * (k / columns) / rows, phi = 2.0 * PI * (k % columns) / columns;
+        const double n[3] = { sin(theta) * sin(phi), cos(theta), sin(theta) * cos(phi) };
+        for (int c = 0; c < 3; c++) {
+            m.normals[3 * (size_t)k + (size_t)c] = (float)n[c];
+            m.positions[3 * (size_t)k + (size_t)c] = (float)(radius * n[c]);
+        }
+    }
+    for (uint32_t i = 0; i < rows; i++)
+        for (uint32_t j = 0; j < columns; j++) {
+            const uint32_t a = i * columns + j, b = i * columns + (j + 1) % columns, c = a + columns, d = b + columns;
+            const uint32_t lower[3] = { a, c, d }, upper[3] = { a, d, b }; /* at the poles one of them is a line */
+            memcpy(t, lower, i + 1 < rows ? sizeof(lower) : 0);
+            t += i + 1 < rows ? 3 : 0;
+            memcpy(t, upper, i > 0 ? sizeof(upper) : 0);
+            t += i > 0 ? 3 : 0;
+        }
+    assert_int_equal(scene_add_mesh(s, &m), ERR_OK);
 }
 
 #endif

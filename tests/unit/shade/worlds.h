@@ -21,6 +21,8 @@ struct world { /* owns what .path borrows */
 static inline void world_make(struct world *w, struct scene *scene, const struct camera *camera, uint32_t width,
                               uint32_t height, struct environment *sky)
 {
+    if (scene->triangle_count == 0) /* made by hand: its bounds are still to be found */
+        assert_int_equal(scene_finish(scene, "a scene made by hand", NULL), ERR_OK);
     w->scene = scene;
     w->rays = rays_create(scene);
     w->environment = sky;
