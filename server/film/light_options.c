@@ -6,7 +6,7 @@ static const struct option_row table[LIGHT_OPTIONS] = {
     { "", NULL, "which light, and by whom", NULL },
     { "method", "M",
       "of direct light: uniform, brdf, light, faces-uniform, faces, mis, latlong, latlong-rows or auto; of the whole "
-      "picture: path or mlt",
+      "picture: path, mlt, photons or vpl",
       "auto" },
     { "samples", "N", "N_s per shade point; of a reference, per pixel", NULL },
     { "paths", "P", "direct, caustics, indirect (interreflection) or all", NULL },

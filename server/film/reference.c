@@ -1,11 +1,24 @@
 #include "reference.h"
 
 #include "baselines/mlt.h"
+#include "baselines/photons.h"
+#include "baselines/vpl.h"
 
 #include <assert.h>
 
+static enum err render(enum method m, const struct path_world *world, const struct path_desc *desc, float *rgb,
+                       struct path_stats *stats)
+{
+    switch (m) {
+    case METHOD_MLT: return mlt_render(world, desc, rgb, stats);
+    case METHOD_PHOTONS: return photons_render(world, desc, rgb, stats);
+    case METHOD_VPL: return vpl_render(world, desc, rgb, stats);
+    default: assert(m == METHOD_PATH); return path_render(world, desc, rgb, stats);
+    }
+}
+
 enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc, float *rgb,
-                       uint64_t *rays)
+                       struct relight_stats *stats)
 {
     const struct path_world world = { set->scene, set->rays, &set->view, e };
     const struct path_desc path = {
@@ -15,11 +28,10 @@ enum err reference_run(const struct set *set, const struct environment *e, const
         .pass = desc->direct.pass,
         .cancel = desc->direct.cancel,
     };
-    struct path_stats stats = { 0 };
+    struct path_stats counted = { 0 };
 
-    assert(method_is_reference(desc->direct.method));
-    const enum err result = desc->direct.method == METHOD_MLT ? mlt_render(&world, &path, rgb, &stats)
-                                                              : path_render(&world, &path, rgb, &stats);
-    *rays = stats.rays;
+    const enum err result = render(desc->direct.method, &world, &path, rgb, &counted);
+    stats->reference_rays = counted.rays;
+    stats->bias = counted.bias;
     return result;
 }

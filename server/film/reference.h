@@ -7,8 +7,8 @@
 #include "relight.h"
 
 /* Fills rgb float[height][width][3] by desc->direct.method, which must be one of them, with desc->direct.samples per
- * pixel. *rays: traced. ERR_NOMEM. Runs on all OpenMP threads. */
+ * pixel. Sets the fields of *stats that are a reference's. ERR_NOMEM. Runs on all OpenMP threads. */
 MUST_CHECK enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc,
-                                  float *rgb, uint64_t *rays);
+                                  float *rgb, struct relight_stats *stats);
 
 #endif

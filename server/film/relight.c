@@ -211,7 +211,7 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
 
     *stats = (struct relight_stats){ 0 };
     if (method_is_reference(desc->direct.method)) {
-        const enum err failed = reference_run(r->set, e, desc, rgb, &stats->reference_rays);
+        const enum err failed = reference_run(r->set, e, desc, rgb, stats);
         stats->shade_ms = 1e3 * (clock_seconds() - at[0]);
         return failed;
     }

@@ -61,7 +61,9 @@ struct relight_stats {           /* of one picture */
     struct direct_stats direct;
     struct eye_paths_stats eye;
     struct light_tracer_stats light;
-    uint64_t reference_rays; /* where the method is a reference, which takes the whole picture: in shade_ms */
+    /* Where the method is a reference, which takes the whole picture, in shade_ms. */
+    uint64_t reference_rays;
+    const char *bias; /* in what it is not right in the mean, in words; NULL: in nothing */
 };
 
 struct relighter;

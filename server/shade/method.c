@@ -14,6 +14,8 @@ static const struct method_recipe recipes[METHOD_COUNT] = {
     [METHOD_LATLONG_ROWS] = { "latlong-rows", "likewise, one table", STRATA_ROWS, SHARE_WHOLE, 1.0f, 0.0f },
     [METHOD_PATH] = { .name = "path", .about = "path tracing, the whole picture" },
     [METHOD_MLT] = { .name = "mlt", .about = "Metropolis sampling, the whole picture" },
+    [METHOD_PHOTONS] = { .name = "photons", .about = "a photon map, the whole picture, biased" },
+    [METHOD_VPL] = { .name = "vpl", .about = "virtual point lights, the whole picture, biased" },
     [METHOD_AUTO] = { "auto", "chosen for scene and sky", STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
 };
 
@@ -32,7 +34,7 @@ enum err method_parse(const char *name, enum method *out, struct reason *why)
         }
     return err_say(why, ERR_USAGE,
                    "unknown method '%s'; there are uniform, brdf, light, faces-uniform, faces, mis, latlong, "
-                   "latlong-rows, path, mlt and auto",
+                   "latlong-rows, path, mlt, photons, vpl and auto",
                    name);
 }
 
@@ -44,5 +46,5 @@ const char *method_name(enum method m)
 
 bool method_is_reference(enum method m)
 {
-    return m == METHOD_PATH || m == METHOD_MLT;
+    return m == METHOD_PATH || m == METHOD_MLT || m == METHOD_PHOTONS || m == METHOD_VPL;
 }

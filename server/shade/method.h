@@ -19,6 +19,8 @@ enum method {
     METHOD_LATLONG_ROWS,  /* likewise, all texels as one row-major table */
     METHOD_PATH,          /* the whole picture by path tracing, camera rays included: baselines/path.h */
     METHOD_MLT,           /* likewise by Metropolis sampling: baselines/mlt.h */
+    METHOD_PHOTONS,       /* likewise by a photon map, biased: baselines/photons.h */
+    METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
     METHOD_AUTO,          /* what the scene and sky call for; what is not weighed yet is METHOD_MIS */
     METHOD_COUNT,
 };

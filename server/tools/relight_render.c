@@ -245,6 +245,8 @@ static void write_stats(struct render *r, const struct relight_stats *s, const d
         json_object_update(j, more);
         if (!method_is_reference(r->light.direct.method))
             json_object_set_new(j, "plan", plan_stats(s));
+        else if (s->bias)
+            json_object_set_new(j, "bias", json_string(s->bias));
         fputs(r->rendered ? ",\n" : "\n", r->stats);
         json_dumpf(j, r->stats, JSON_REAL_PRECISION(6));
     }
