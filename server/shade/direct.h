@@ -39,7 +39,7 @@ struct direct_desc {
      *
      * cells: strata along a face's edge: 1, 2, 4 or 8, a divisor of the cube map's size; 0: 1, the faces themselves.
      * From 2 on a packet draws whole counts for all its points at once, by systematic resampling: the mean of a count
-     * is N q, q the mean of its points' shares, and beta of Eq. 5 has nothing to do.
+     * is N q, q the mean of its points' shares. beta of Eq. 5 is then left to the sun alone.
      * sun: where the sky has one, it is one more stratum.
      * compensate: honoured only where lobes are sampled too.
      * interleave: K, for K x K sets of light samples, a divisor of the G-buffer's own; 0: 1. */

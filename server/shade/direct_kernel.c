@@ -125,9 +125,12 @@ static void join_shares(struct packet_state *s)
     }
 }
 
-/* Whole counts of mean N q_f for a packet's share q_f: the running sums of N q_f are cut at u, u + 1, u + 2, ..., with
- * one u for the packet, so that each count is one of the two whole numbers next to its mean [Kitagawa 1996]. */
-static void count_samples(struct packet_state *s, uint32_t index, uint32_t *count)
+/* Whole counts of mean N q_f for a packet's shares q_f of the cells: the running sums of N q_f are cut at u, u + 1, u +
+ * 2,
+ * ..., with one u for the packet, so that each count is one of the two whole numbers next to its mean [Kitagawa 1996].
+ * The sun keeps a real-valued count with beta: where it shines nearly all the light is its own, and a sample more or
+ * less of it would be seen. */
+static void count_samples(struct packet_state *s, uint32_t index, float *count)
 {
     const struct direct_frame *f = s->frame;
     const double u = rng_unit(rng_mix(rng_mix(f->seed, index), PACKET));
@@ -135,9 +138,13 @@ static void count_samples(struct packet_state *s, uint32_t index, uint32_t *coun
     double sum = u;
 
     for (uint32_t k = 0; k < s->lights->strata; k++) {
-        const double before = floor(sum);
-        sum += samples * (double)s->share[k].v[0];
-        count[k] = (uint32_t)(floor(sum) - before);
+        const double before = floor(sum), mean = samples * (double)s->share[k].v[0];
+        if (k == s->sun) {
+            count[k] = (float)mean;
+            continue;
+        }
+        sum += mean;
+        count[k] = (float)(floor(sum) - before);
     }
 }
 
@@ -206,7 +213,7 @@ static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, con
 static void add_light_samples(struct packet_state *s, uint32_t index)
 {
     const struct light_samples *lights = s->lights;
-    uint32_t count[STRATA_MAX];
+    float count[STRATA_MAX];
 
     if (s->frame->systematic)
         count_samples(s, index, count);
@@ -217,8 +224,8 @@ static void add_light_samples(struct packet_state *s, uint32_t index)
             continue;
         LANES(l)
         {
-            n_f.v[l] = s->frame->systematic ? (float)count[f]
-                                            : s->share[f].v[l] * s->frame->light_part * (float)s->frame->samples;
+            n_f.v[l] =
+                s->frame->systematic ? count[f] : s->share[f].v[l] * s->frame->light_part * (float)s->frame->samples;
             if (s->points->valid[l]) {
                 s->counts->chosen += (uint64_t)ceilf(n_f.v[l]);
                 most = n_f.v[l] > most ? n_f.v[l] : most;
@@ -243,11 +250,14 @@ static void set_up_strata(struct packet_state *s)
 static void direct_counts(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, uint32_t *count)
 {
     struct packet_state s;
+    float real[STRATA_MAX];
 
     s.frame = f;
     s.points = p;
     set_up_strata(&s);
-    count_samples(&s, index, count);
+    count_samples(&s, index, real);
+    for (uint32_t k = 0; k < s.lights->strata; k++)
+        count[k] = (uint32_t)ceilf(real[k]);
 }
 
 /* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */

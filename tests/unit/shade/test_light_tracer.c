@@ -135,7 +135,7 @@ static void an_open_sphere_fills_with_interreflected_light(void **state)
         struct environment *e = sky_sun_only(k ? 40.0 : 70.0, 30.0, 1e3f);
         struct scene *s = scene_create();
         const float rho = (float)albedos[k];
-        add_ball(s, add_kind(s, MATERIAL_LAMBERT, rho, rho, rho, 0.0f), vec3_make(0, 0, 0), 1.0f, PI / 4.0, 96, 192,
+        add_bowl(s, add_kind(s, MATERIAL_LAMBERT, rho, rho, rho, 0.0f), vec3_make(0, 0, 0), 1.0f, PI / 4.0, 96, 192,
                  false);
         struct stage g = stage_make(s, vec3_make(0.0f, 0.2f, 0.0f), vec3_make(0.3f, -0.8f, 0.1f), 110.0, 4, 4);
         const double flux = sky_integral(e, into_opening, NULL);

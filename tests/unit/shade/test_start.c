@@ -126,7 +126,7 @@ static void check_density(const struct box *boxes, uint32_t count, enum start_ki
     struct grid g = { .cell = 12.0 / CELLS };
     struct rng r = { seed };
     struct start s;
-    int cells = 0;
+    int cells = 0, otherwise = 0; /* lines of which another density was told when they were drawn */
 
     start_init(&s, kind, boxes, count, &scene_bounds, d);
     across(s.along, g.t, g.u);
@@ -137,7 +137,9 @@ static void check_density(const struct box *boxes, uint32_t count, enum start_ki
         struct vec3 o;
         double density;
         assert_true(start_sample(&s, x, &o, &density));
-        drawn[cell_of(&g, (const double[3]){ o.x, o.y, o.z })] += 1.0;
+        const double q[3] = { o.x, o.y, o.z };
+        drawn[cell_of(&g, q)] += 1.0;
+        otherwise += fabs(start_density(&s, q) - density) > 1e-9 * density;
         const double share = start_density(&s, p) * 144.0; /* of the lines, if all places were as this one */
         want[cell_of(&g, p)] += share;
         squares[cell_of(&g, p)] += share * share;
@@ -150,6 +152,7 @@ static void check_density(const struct box *boxes, uint32_t count, enum start_ki
             cells++;
         }
     }
+    assert_true(otherwise < LINES / 1000); /* but for rounding at borders */
     const double v = 2.0 / (9.0 * cells), z = (cbrt(chi2 / cells) - (1.0 - v)) / sqrt(v);
     if (!(cells >= 4 && z < 4.2))
         printf("kind %d, direction %g %g %g: %d cells, z %.2f\n", kind, d.x, d.y, d.z, cells, z);
@@ -194,6 +197,28 @@ static void a_flat_box_is_drawn_from_and_not_along_its_plane(void **state)
     start_init(&s, START_FACES, &flat_box, 1, &flat_box, vec3_make(0.36f, -0.48f, 0.8f));
     assert_true(start_sample(&s, (const double[2]){ 0.3, 0.7 }, &o, &density));
     assert_true(o.y > 1.0f && o.y < 1.001f && fabs(density * 9.0 * 0.48 - 1.0) < 1e-6);
+}
+
+static void every_line_that_meets_a_box_can_be_drawn(void **state)
+{
+    struct rng r = { 11 };
+    (void)state;
+    for (uint32_t k = 0; k < 300; k++) {
+        const struct vec3 d = direction(k, &r);
+        for (int kind = START_FACES; kind <= START_DISC; kind++) {
+            struct start s;
+            start_init(&s, (enum start_kind)kind, three_boxes, 3, &scene_bounds, d);
+            for (int i = 0; i < 60; i++) {
+                const struct box *b = &three_boxes[i % 3];
+                const double x[3] = { rng_next(&r), rng_next(&r), rng_next(&r) };
+                const double p[3] = { b->low.x + x[0] * (b->high.x - b->low.x),
+                                      b->low.y + x[1] * (b->high.y - b->low.y),
+                                      b->low.z + x[2] * (b->high.z - b->low.z) };
+                if (i % 3 < 2 || d.y != 0.0f) /* the flat one has no silhouette from its side */
+                    assert_true(start_density(&s, p) > 0.0);
+            }
+        }
+    }
 }
 
 /* A density that is sampled is the one that is told for the line, and the start is outside of everything. */
@@ -252,6 +277,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(lines_are_drawn_evenly_over_the_silhouette),
     cmocka_unit_test(a_mixture_has_the_density_that_it_says),
     cmocka_unit_test(a_flat_box_is_drawn_from_and_not_along_its_plane),
+    cmocka_unit_test(every_line_that_meets_a_box_can_be_drawn),
     cmocka_unit_test(starts_are_before_the_scene),
     cmocka_unit_test(any_number_of_boxes_is_joined_into_few_that_hold_them),
 };

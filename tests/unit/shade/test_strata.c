@@ -9,6 +9,8 @@
  * a_planted_bias_of_one_percent_is_caught. */
 #include "points.h"
 
+#include <omp.h>
+
 #define LIMIT 4.5
 #define WORST_ERROR 1.2e-3
 
@@ -54,6 +56,7 @@ static struct estimate measure(const struct environment *e, const struct gbuffer
     double sum = 0.0, squares = 0.0;
     struct direct *d = direct_create(best_kernels());
 
+    omp_set_num_threads(1);     /* the work is in small pieces, and the cores may be busy */
     if (v->desc.interleave > 1) /* the sets average each other: as few samples as keep the work alike */
         samples /= v->desc.interleave;
     if (v->desc.method == METHOD_FACES_UNIFORM) /* wastes the most */

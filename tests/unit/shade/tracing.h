@@ -44,7 +44,7 @@ static inline void add_wall(struct scene *s, uint32_t material, int axis, float 
 
 /* The part of a sphere from polar angle `open` (radians from +Y) to the south pole, of rings x spokes quads; smooth:
  * shading normals are the sphere's. */
-static inline void add_ball(struct scene *s, uint32_t material, struct vec3 centre, float radius, double open,
+static inline void add_bowl(struct scene *s, uint32_t material, struct vec3 centre, float radius, double open,
                             uint32_t rings, uint32_t spokes, bool smooth)
 {
     struct mesh m = { .vertex_count = (rings + 1) * spokes, .material = material };
@@ -209,11 +209,11 @@ static inline struct stage busy_stage(void)
     add_wall(s, matte, 1, 0.0f, (const float[2]){ -2.0f, -2.0f }, (const float[2]){ 2.0f, 2.0f });
     add_wall(s, glossy, 2, -1.0f, (const float[2]){ -1.0f, 0.0f }, (const float[2]){ 1.0f, 1.0f });
     add_box(s, varnished, (const float[3]){ -0.9f, 0.0f, 0.4f }, (const float[3]){ -0.5f, 0.3f, 0.8f });
-    add_ball(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.8f, 0.6f, 0.0f), vec3_make(-0.5f, 0.4f, 0), 0.35f, 0.0, 10, 16,
+    add_bowl(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.8f, 0.6f, 0.0f), vec3_make(-0.5f, 0.4f, 0), 0.35f, 0.0, 10, 16,
              true);
-    add_ball(s, add_kind(s, MATERIAL_GLASS, 1.0f, 1.0f, 1.0f, 1.5f), vec3_make(0.5f, 0.5f, 0), 0.35f, 0.0, 20, 32,
+    add_bowl(s, add_kind(s, MATERIAL_GLASS, 1.0f, 1.0f, 1.0f, 1.5f), vec3_make(0.5f, 0.5f, 0), 0.35f, 0.0, 20, 32,
              true);
-    add_ball(s, matte, vec3_make(0.0f, 0.25f, 0.6f), 0.25f, 0.0, 8, 12, true);
+    add_bowl(s, matte, vec3_make(0.0f, 0.25f, 0.6f), 0.25f, 0.0, 8, 12, true);
     return stage_make(s, vec3_make(0.6f, 1.6f, 2.6f), vec3_make(0.0f, 0.2f, 0.0f), 45.0, 8, 8);
 }
 
