@@ -165,7 +165,8 @@ static enum err run_direct(struct relighter *r, const struct environment *e, con
 
 static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
 {
-    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT : 0);
+    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT_LIT : 0) |
+           (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
 }
 
 static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
@@ -186,21 +187,38 @@ static enum err run_eye_paths(struct relighter *r, const struct environment *e, 
     return eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &stats->eye);
 }
 
+static void add_stats(struct light_tracer_stats *to, const struct light_tracer_stats *more)
+{
+    to->particles += more->particles;
+    to->starts_hit += more->starts_hit;
+    to->rays += more->rays;
+    to->splats += more->splats;
+}
+
+/* Particles that are aimed at the casters apart from those for the whole scene: each run has as many as the plan says.
+ */
 static enum err run_light_tracer(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                                  float *rgb, struct relight_stats *stats)
 {
-    const struct light_tracer_desc light = {
-        .classes = classes_by(&stats->plan, PLAN_LIGHT),
+    const uint32_t all = classes_by(&stats->plan, PLAN_LIGHT);
+    const uint32_t runs[2] = { all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC), all & PATH_INDIRECT_LIT };
+    struct light_tracer_desc light = {
         .particles = stats->plan.particles,
         .seed = rng_mix(desc->direct.seed, 0x6c6967),
         .pass = desc->direct.pass,
         .start = desc->start,
         .cancel = desc->direct.cancel,
     };
+    enum err result = ERR_OK;
 
-    if (stats->plan.particles == 0)
-        return ERR_OK;
-    return light_tracer_run(r->light, e, &light, rgb, &stats->light);
+    for (int k = 0; k < 2 && !result; k++) {
+        struct light_tracer_stats one = { 0 };
+        light.classes = runs[k];
+        if (light.classes && light.particles > 0)
+            result = light_tracer_run(r->light, e, &light, rgb, &one);
+        add_stats(&stats->light, &one);
+    }
+    return result;
 }
 
 enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,

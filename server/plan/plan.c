@@ -44,6 +44,9 @@ static void choose_indirect(const struct plan_facts *f, const struct plan_wish *
         p->indirect = w->indirect_by == PLAN_AUTO ? PLAN_EYE : w->indirect_by;
         p->behind_indirect = f->behind > 0;
     }
+    /* What a mirror or glass has gathered comes by the particles that are aimed at them, if there are any. */
+    p->indirect_caustics =
+        f->casters > 0 && p->caustics == PLAN_LIGHT && p->indirect != PLAN_NONE ? PLAN_LIGHT : p->indirect;
 }
 
 void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)

@@ -39,6 +39,7 @@ struct plan_wish {
 
 struct plan {
     enum plan_estimator caustics, indirect;  /* at points that the camera sees directly */
+    enum plan_estimator indirect_caustics;   /* interreflection of caustics, which may have another than the rest */
     bool behind_caustics, behind_indirect;   /* at the others, by eye paths */
     uint64_t particles;                      /* 0 where the light tracer has nothing to do */
     uint32_t eye_paths;                      /* per shade point; 0 where nobody needs them */

@@ -54,7 +54,9 @@ static void add(struct walk *w, const double brdf[3], double scale, const float 
 /* The ray left the scene. */
 static void escape(struct walk *w)
 {
-    const uint32_t class = w->met_rough ? PATH_INDIRECT : w->specular ? PATH_CAUSTICS : PATH_DIRECT;
+    const uint32_t class = w->met_rough  ? (w->specular ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT)
+                           : w->specular ? PATH_CAUSTICS
+                                         : PATH_DIRECT;
     const float dir[3] = { w->dir.x, w->dir.y, w->dir.z };
     float rgb[3];
 
@@ -154,7 +156,7 @@ static bool meet(struct walk *w, const struct hit *h)
     /* Of each way its share, or more than is left would go on; what is missing to 1 is Russian roulette. None beyond
      * that: a path that loses nothing, between mirrors or in glass, is rare, and to let few stand for many is noise. */
     const double scale = fmin(1.0, 1.0 / total);
-    if (rough)
+    if (rough && (w->classes & PATH_INDIRECT_LIT))
         sample_sky(w, &lobe, start, share[0] * scale);
     const double pick = rng_next(&w->rng) / scale;
     if (pick < share[0]) {
@@ -262,10 +264,10 @@ static void fill_numbers(uint64_t seed, uint32_t first, uint32_t paths, uint64_t
 /* What there is to be found at all: no caustics without a mirror or glass. */
 static uint32_t classes_in(const struct scene *scene)
 {
-    uint32_t classes = PATH_INDIRECT;
+    uint32_t classes = PATH_INDIRECT_LIT;
     for (size_t i = 0; i < scene->material_count; i++)
         if (material_is_delta(&scene->materials[i]))
-            classes |= PATH_CAUSTICS;
+            classes |= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
     return classes;
 }
 

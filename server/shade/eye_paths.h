@@ -28,7 +28,7 @@
 #include <stdint.h>
 
 struct eye_paths_desc {
-    uint32_t classes;          /* PATH_CAUSTICS | PATH_INDIRECT at points that the camera sees directly */
+    uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT, or part of them, at points that the camera sees directly */
     uint32_t behind_classes;   /* likewise at points behind mirrors and glass (shade_packet.behind) */
     uint32_t paths;            /* per shade point, >= 1 */
     uint64_t seed, pass;       /* together they decide every random number; the passes of a seed go on with one

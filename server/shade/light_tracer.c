@@ -54,6 +54,7 @@ struct particle {
     struct vec3 origin, dir;
     double flux[3], first_flux; /* first_flux: luminance of the flux it began with */
     uint32_t rough, delta;      /* events behind it */
+    bool gathered;              /* the first of them was a delta event */
     struct rng rng;
 };
 
@@ -213,6 +214,7 @@ static void go_on_delta(struct particle *p, const struct delta_ray *rays, uint32
         p->flux[c] *= rays[k].weight[c] * sum / share[k];
     p->origin = rays[k].origin;
     p->dir = rays[k].dir;
+    p->gathered |= p->rough + p->delta == 0;
     p->delta++;
 }
 
@@ -223,7 +225,7 @@ static bool go_on(const struct run *run, struct particle *p, const struct scatte
     double share[4];
     const uint32_t count = scatter_light(at, p->dir, rays);
     const double delta = weigh(rays, count, share);
-    const bool may_rough = at->rough && (run->classes & PATH_INDIRECT);
+    const bool may_rough = at->rough && (run->classes & (p->gathered ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT));
     double by_delta = delta > 0.0 ? 1.0 : 0.0;
 
     if (may_rough && delta > 0.0) {
@@ -261,7 +263,9 @@ static bool survives(struct particle *p)
 /* The class of the path that ends at the eye after one more rough event; 0: direct light, which is not counted here. */
 static uint32_t class_at(const struct particle *p)
 {
-    return p->rough ? PATH_INDIRECT : p->delta ? PATH_CAUSTICS : 0;
+    if (p->rough)
+        return p->gathered ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT;
+    return p->delta ? PATH_CAUSTICS : 0;
 }
 
 static void follow(const struct run *run, struct particle *p, struct batch *b)
@@ -275,7 +279,7 @@ static void follow(const struct run *run, struct particle *p, struct batch *b)
         if (!rays_intersect(t->rays, p->origin, p->dir, 0.0f, &h))
             return;
         scatter_at(t->scene, t->rays, &h, p->dir, &at);
-        if (event == 0 && run->classes == PATH_CAUSTICS && at.delta == DELTA_NONE)
+        if (event == 0 && !(run->classes & PATH_INDIRECT_LIT) && at.delta == DELTA_NONE)
             return;
         b->stats.starts_hit += event == 0;
         if (at.rough && (class_at(p) & run->classes))
@@ -407,7 +411,7 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
                           float *rgb, struct light_tracer_stats *stats)
 {
     const size_t values = 3 * (size_t)t->view.width * t->view.height;
-    const bool aimed = desc->classes == PATH_CAUSTICS;
+    const bool aimed = !(desc->classes & PATH_INDIRECT_LIT);
     const uint32_t starts = desc->starts_per_direction ? desc->starts_per_direction : STARTS_PER_DIRECTION;
 
     assert(e->ready && starts <= STARTS_PER_DIRECTION_MAX);

@@ -3,9 +3,9 @@
  * which no path from the eye finds under a sun, and interreflection (paths.h).
  *
  * A particle begins with flux L / (p_w p_y) / N: its direction is drawn from the sky's whole table (samples_whole), its
- * line from the boxes that may count (start.h): those of the specular casters where only caustics are wanted, else the
- * scene's. At a surface it meets, with wi pointing back to where it came from, w to where it goes, and n_s, n_g the
- * shading and the geometric normal:
+ * line from the boxes that may count (start.h): those of the specular casters where only caustics and their
+ * interreflection are wanted, else the scene's. At a surface it meets, with wi pointing back to where it came from, w
+ * to where it goes, and n_s, n_g the shading and the geometric normal:
  *  - at a rough lobe f the eye receives flux f(wo, wi) |wi.n_s| / |wi.n_g| |wo.n_g| times the camera's response
  *    (view.h), if nothing is in between: one splat, on the pixel that sees the point;
  *  - it goes on by the rough lobe with f(w, wi) |wi.n_s| |w.n_g| / (|wi.n_g| pdf) of its flux, every w with w.n_g > 0
@@ -37,7 +37,8 @@
 struct light_tracer;
 
 struct light_tracer_desc {
-    uint32_t classes;    /* PATH_CAUSTICS | PATH_INDIRECT; with caustics alone the boxes are the casters' */
+    uint32_t classes;    /* PATH_CAUSTICS | PATH_INDIRECT, or part of them; without PATH_INDIRECT_LIT all begin
+                          * at a caster, and the boxes are the casters' */
     uint64_t particles;  /* N; 0: nothing is done */
     uint64_t seed, pass; /* together they decide every random number; the passes of a seed that have the same N
                           * go on with one low-discrepancy sequence, so that their mean gains from it */

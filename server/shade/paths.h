@@ -4,9 +4,11 @@
  *   background       E S* L                       looked up at the G-buffer's escape directions
  *   direct           E S* D L                     direct.h, at the shade points
  *   caustics         E D S+ L                     light_tracer.h, or eye_paths.h
- *   interreflection  E D (S* D)+ S* L             eye_paths.h, or light_tracer.h
- *   behind specular  E S+ D S+ L, E S+ D (S* D)+ S* L: caustics and interreflection at points that the camera sees in
- *                    a mirror or through glass (shade_packet.behind), which no light path can reach: eye_paths.h */
+ *   interreflection  E D (S* D)+ S* L             eye_paths.h, or light_tracer.h; in two parts: where the last rough
+ *                                                 surface is lit directly, ... D L, eye paths find the sun by next
+ * event estimation; where it is lit by a caustic, ... D S+ L, only light paths find it, and those that are aimed at the
+ * casters do so best behind specular  E S+ D S+ L, E S+ D (S* D)+ S* L: caustics and interreflection at points that the
+ * camera sees in a mirror or through glass (shade_packet.behind), which no light path can reach: eye_paths.h */
 #ifndef SHADE_PATHS_H
 #define SHADE_PATHS_H
 
@@ -15,11 +17,13 @@
 #include <stdint.h>
 
 enum path_class { /* bits */
-    PATH_BACKGROUND = 1,
-    PATH_DIRECT = 2,
-    PATH_CAUSTICS = 4,
-    PATH_INDIRECT = 8,
-    PATH_ALL = 15,
+                  PATH_BACKGROUND = 1,
+                  PATH_DIRECT = 2,
+                  PATH_CAUSTICS = 4,
+                  PATH_INDIRECT_LIT = 8,      /* E D (S* D)+ L */
+                  PATH_INDIRECT_CAUSTIC = 16, /* E D (S* D)+ S+ L */
+                  PATH_INDIRECT = 24,
+                  PATH_ALL = 31,
 };
 
 /* No path has more events than this: with Russian roulette it is reached once in 2^100 paths or so. */

@@ -54,7 +54,7 @@ static uint32_t class_now(const struct walk *w)
         return PATH_BACKGROUND;
     if (w->rough_events == 1)
         return w->after_delta ? PATH_CAUSTICS : PATH_DIRECT;
-    return PATH_INDIRECT;
+    return w->after_delta ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT;
 }
 
 /* The classes that it may still come to belong to. */

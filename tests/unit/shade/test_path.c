@@ -54,7 +54,7 @@ static void classes_add_up_to_all(void **state)
     static const float plate[4][3] = {
         { -0.2f, 0.01f, 1.0f }, { 0.8f, 0.01f, 1.6f }, { 0.7f, 0.6f, 1.2f }, { -0.3f, 0.6f, 0.6f }
     };
-    static float all[SIZE], part[4][SIZE];
+    static float all[SIZE], part[5][SIZE];
     struct scene *s = corner_scene(0.7f, 0.9f);
     struct world w;
 
@@ -64,7 +64,7 @@ static void classes_add_up_to_all(void **state)
         plate, 1);
     world_make(&w, s, &corner_camera, WIDTH, HEIGHT, sky_environment(sky_with_sun(64, 32, 1000.0f), 32, 0.0));
     render(&w, PATH_ALL, 16, 5, all);
-    for (uint32_t k = 0; k < 4; k++) {
+    for (uint32_t k = 0; k < 5; k++) {
         double sum = 0.0;
         render(&w, 1u << k, 16, 5, part[k]);
         for (size_t i = 0; i < SIZE; i++)
@@ -72,7 +72,7 @@ static void classes_add_up_to_all(void **state)
         assert_true(sum > 0.0);
     }
     for (size_t i = 0; i < SIZE; i++) {
-        const float sum = part[0][i] + part[1][i] + part[2][i] + part[3][i];
+        const float sum = part[0][i] + part[1][i] + part[2][i] + part[3][i] + part[4][i];
         assert_float_equal(sum, all[i], 1e-5f * all[i]);
     }
     world_finish(&w);
