@@ -4,6 +4,8 @@
 
 #include "lanes.h"
 
+#include <omp.h>
+
 static uint64_t first_seed(void)
 {
     const char *text = getenv("RELIGHT_TEST_SEED");
@@ -70,6 +72,51 @@ static void every_level_gives_the_bits_of_the_baseline(void **state)
     environment_destroy(e);
 }
 
+/* Strata of other kinds, and sets. One thread and two, too. */
+static void every_level_gives_the_same_bits_at_all_options(void **state)
+{
+    enum { PACKETS = 40 };
+    static float want[PACKETS * 3 * PACKET], got[PACKETS * 3 * PACKET];
+    static const struct direct_desc options[] = {
+        { .method = METHOD_FACES, .cells = 8, .samples = 21 },
+        { .method = METHOD_FACES_UNIFORM, .cells = 2, .sun = true, .samples = 40 },
+        { .method = METHOD_FACES, .sun = true, .interleave = 4, .samples = 9 },
+        { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON, .interleave = 2, .samples = 33 },
+        { .method = METHOD_MIS, .sun = true, .compensate = COMPENSATE_AUTO, .samples = 7 },
+        { .method = METHOD_LATLONG, .samples = 16 },
+        { .method = METHOD_LATLONG_ROWS, .interleave = 2, .samples = 16 },
+    };
+    const struct kernels *const *all = kernels_all();
+    const uint64_t seed = first_seed();
+    struct direct_stats stats;
+    (void)state;
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e6f), 32, 10.0);
+    for (int kind = LOBE_LAMBERT; kind <= LOBE_GGX; kind++) {
+        struct gbuffer g = points_make(PACKETS, (enum lobe_kind)kind, 0, 0, 0);
+        make_hurtful(&g, seed);
+        g.interleave = 4;
+        for (uint32_t i = 0; i < PACKETS; i++)
+            g.packets[i].set = i % 16;
+        for (size_t o = 0; o < sizeof(options) / sizeof(options[0]); o++)
+            for (size_t k = 0; all[k]; k++)
+                for (int threads = 1; threads <= 2; threads++) {
+                    struct direct_desc desc = options[o];
+                    struct direct *d = direct_create(all[k]);
+                    float *lo = k == 0 && threads == 1 ? want : got;
+                    desc.seed = seed;
+                    desc.no_visibility = true;
+                    omp_set_num_threads(threads);
+                    assert_int_equal(direct_shade(d, &g, NULL, e, &desc, lo, &stats), ERR_OK);
+                    assert_memory_equal(want, lo, sizeof(want));
+                    for (size_t i = 0; i < PACKETS * 3 * PACKET; i++)
+                        assert_true(isfinite(lo[i]) && lo[i] >= 0.0f);
+                    direct_destroy(d);
+                }
+        points_free(&g);
+    }
+    environment_destroy(e);
+}
+
 static void results_are_finite_and_not_negative(void **state)
 {
     enum { PACKETS = 16 };
@@ -126,6 +173,7 @@ static void lane_functions_keep_their_stated_error(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_level_gives_the_bits_of_the_baseline),
+    cmocka_unit_test(every_level_gives_the_same_bits_at_all_options),
     cmocka_unit_test(results_are_finite_and_not_negative),
     cmocka_unit_test(lane_functions_keep_their_stated_error),
 };

@@ -56,28 +56,54 @@ static void a_mirror_lights_the_floor_as_its_image_of_the_sun_would(void **state
     environment_destroy(e);
 }
 
-/* The camera looks along -X: +Z is on its left, what is nearer to the mirror is higher up. A mirror below 0.5 at +Z
- * lights the upper left quarter, but for the sun's own width at its borders. */
+/* The camera looks along -X: +Z is on its left, what is nearer to the mirror is higher up. A mirror at +Z alone lights
+ * the left half, one below 0.5 the upper half, but for the sun's own width at the border. */
 static void splats_land_on_the_pixels_that_see_them(void **state)
 {
-    struct tally pixels[PICTURE_MAX];
     struct environment *e = sky_sun_only(45.0, 90.0, 1000.0f);
-    struct stage s = mirror_and_floor(0.3f, 0.5f, 0.0f);
     const double want = 0.5 / PI * (0.9 + 0.8 + 0.4) / 3.0 * sky_integral(e, floor_cosine, NULL);
     const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 16 };
     (void)state;
-    stage_trace(&s, e, d, 16, pixels);
-    for (uint32_t y = 0; y < 4; y++)
-        for (uint32_t x = 0; x < 4; x++) {
-            const double value = tally_mean(&pixels[4 * y + x]);
-            if (x < 1 && y < 1)
-                assert_true(fabs(value / want - 1.0) < 0.05);
-            else if (x > 2 || y > 2)
-                assert_true(value == 0.0);
-            else
-                assert_true((value > 0.5 * want) == (x < 2 && y < 2));
+    for (uint32_t upper = 0; upper < 2; upper++) {
+        struct tally pixels[PICTURE_MAX];
+        struct stage s = upper ? mirror_and_floor(0.3f, 0.5f, -0.2f) : mirror_and_floor(0.3f, 0.7f, 0.0f);
+        stage_trace(&s, e, d, 16, pixels);
+        for (uint32_t i = 0; i < 16; i++) {
+            const uint32_t across = upper ? i / 4 : i % 4;
+            const double value = tally_mean(&pixels[i]);
+            assert_true(across > 0 || fabs(value / want - 1.0) < 0.05);
+            assert_true(across < 3 || value == 0.0);
+            assert_true((value > 0.5 * want) == (across < 2));
         }
-    stage_free(&s);
+        stage_free(&s);
+    }
+    environment_destroy(e);
+}
+
+/* The sun's image stands at (-x, y, z); the floor's shading normal leans 30 degrees towards it. */
+static double leaning_cosine(const double w[3], const void *user)
+{
+    (void)user;
+    return fmax(0.0, sqrt(0.75) * w[1] + 0.5 * w[0]);
+}
+
+static void a_leaning_shading_normal_counts_as_the_eye_counts_it(void **state)
+{
+    struct tally pixels[PICTURE_MAX];
+    struct environment *e = sky_sun_only(45.0, 90.0, 1000.0f);
+    struct scene *s = scene_create();
+    const double want = 0.5 / PI * sky_integral(e, leaning_cosine, NULL);
+    const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 16 };
+    (void)state;
+    add_wall(s, add_kind(s, MATERIAL_LAMBERT, 0.5f, 0.5f, 0.5f, 0.0f), 1, 0.0f, (const float[2]){ -1.0f, 0.0f },
+             (const float[2]){ 1.0f, 3.0f });
+    tilt_last(s, -0.5f, sqrtf(0.75f), 0.0f);
+    add_wall(s, add_kind(s, MATERIAL_MIRROR, 1.0f, 1.0f, 1.0f, 0.0f), 0, 0.0f, (const float[2]){ 0.3f, -0.2f },
+             (const float[2]){ 0.7f, 0.2f });
+    struct stage g = stage_make(s, vec3_make(2.0f, 2.0f, 0.0f), vec3_make(0.5f, 0.0f, 0.0f), 2.5, 4, 4);
+    const struct tally whole = stage_trace(&g, e, d, 16, pixels);
+    compare("leaning", &whole, want, 1.5e-3);
+    stage_free(&g);
     environment_destroy(e);
 }
 
@@ -317,6 +343,7 @@ static void half_of_the_particles_meet_a_caster_of_the_ring_scene(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_mirror_lights_the_floor_as_its_image_of_the_sun_would),
     cmocka_unit_test(splats_land_on_the_pixels_that_see_them),
+    cmocka_unit_test(a_leaning_shading_normal_counts_as_the_eye_counts_it),
     cmocka_unit_test(a_slab_of_glass_dims_the_sun_as_fresnel_says),
     cmocka_unit_test(an_open_sphere_fills_with_interreflected_light),
     cmocka_unit_test(flux_times_response_is_radiance_in_every_pixel),

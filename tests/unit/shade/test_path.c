@@ -132,8 +132,8 @@ static void a_wedge_has_its_closed_form(void **state)
     }
 }
 
-/* Under glass a matte card's radiance is n^2 as large, and the sky's light reaches it by refraction alone: with both
- * sides of a slab far away, the card is lit by E D S L and shows a. */
+/* A white card in a block of glass is lit by refraction alone, and keeps all light: with what the surface reflects the
+ * eye sees 1. */
 static void a_card_in_glass_is_lit_through_it(void **state)
 {
     static const float q[4][3] = { { -4, 0, -4 }, { -4, 0, 4 }, { 4, 0, 4 }, { 4, 0, -4 } };
@@ -154,6 +154,24 @@ static void a_card_in_glass_is_lit_through_it(void **state)
     if (fabs(all - 1.0) > 5.0 * error)
         printf("%.5f +- %.5f\n", all, error);
     assert_true(fabs(all - 1.0) <= 5.0 * error && error < 5e-3);
+    world_finish(&w);
+}
+
+/* Where glass has no far side, what is behind it is inside: radiance there counts n^-2 at the eye, as it does in the
+ * G-buffer. Square on, 0.04 comes back and 0.96 goes through. Everywhere else the factors cancel, light being outside.
+ */
+static void an_open_sheet_of_glass_keeps_its_index(void **state)
+{
+    static const float q[1][4][3] = { { { -4, 0, -4 }, { -4, 0, 4 }, { 4, 0, 4 }, { 4, 0, -4 } } };
+    static const struct camera above = { "above", { 0, 9, 0 }, { 0, 0, 0 }, { 0, 0, 1 }, 0.01f };
+    struct scene *s = scene_create();
+    struct world w;
+
+    (void)state;
+    add_quads(s, add_stuff(s, (struct material){ .kind = MATERIAL_GLASS, .diffuse = { 1, 1, 1 }, .ior = 1.5f }), q[0],
+              1);
+    world_make(&w, s, &above, 4, 4, sky_environment(sky_constant(32, 16, 1.0f), 16, 0.0));
+    expect(&w, "background", PATH_BACKGROUND, 0.04 + 0.96 / 2.25);
     world_finish(&w);
 }
 
@@ -299,12 +317,12 @@ static void threads_do_not_change_a_bit(void **state)
     world_make(&w, corner_scene(0.7f, 0.9f), &corner_camera, WIDTH, HEIGHT,
                sky_environment(sky_with_sun(64, 32, 1000.0f), 32, 0.0));
     omp_set_num_threads(1);
-    render(&w, PATH_ALL, 4, 9, one);
+    render(&w, PATH_ALL, 64, 9, one);
     omp_set_num_threads(3);
-    render(&w, PATH_ALL, 4, 9, three);
+    render(&w, PATH_ALL, 64, 9, three);
     omp_set_num_threads(threads);
     assert_memory_equal(one, three, sizeof(one));
-    render(&w, PATH_ALL, 4, 10, three);
+    render(&w, PATH_ALL, 64, 10, three);
     assert_true(memcmp(one, three, sizeof(one)) != 0);
     world_finish(&w);
 }
@@ -349,6 +367,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(classes_add_up_to_all),
     cmocka_unit_test(a_wedge_has_its_closed_form),
     cmocka_unit_test(a_card_in_glass_is_lit_through_it),
+    cmocka_unit_test(an_open_sheet_of_glass_keeps_its_index),
     cmocka_unit_test(a_pixel_is_the_mean_over_its_square),
     cmocka_unit_test(direct_class_agrees_with_direct_shade_under_overcast),
     cmocka_unit_test(direct_class_agrees_with_direct_shade_under_a_small_sun),

@@ -42,6 +42,17 @@ static inline void add_wall(struct scene *s, uint32_t material, int axis, float 
     add_quads(s, material, (const float(*)[3])q, 1);
 }
 
+/* Gives the last mesh one shading normal all over, which need not be near its own. */
+static inline void tilt_last(struct scene *s, float x, float y, float z)
+{
+    struct mesh *m = &s->meshes[s->mesh_count - 1];
+    const struct vec3 n = vec3_normalize(vec3_make(x, y, z));
+
+    m->normals = mem_alloc(m->vertex_count, 3 * sizeof(float));
+    for (uint32_t i = 0; i < m->vertex_count; i++)
+        memcpy(m->normals + 3 * i, &n, sizeof(n));
+}
+
 /* The part of a sphere from polar angle `open` (radians from +Y) to the south pole, of rings x spokes quads; smooth:
  * shading normals are the sphere's. */
 static inline void add_bowl(struct scene *s, uint32_t material, struct vec3 centre, float radius, double open,
@@ -208,6 +219,9 @@ static inline struct stage busy_stage(void)
     assert_int_equal(scene_add_material(s, &polished, &varnished), ERR_OK);
     add_wall(s, matte, 1, 0.0f, (const float[2]){ -2.0f, -2.0f }, (const float[2]){ 2.0f, 2.0f });
     add_wall(s, glossy, 2, -1.0f, (const float[2]){ -1.0f, 0.0f }, (const float[2]){ 1.0f, 1.0f });
+    tilt_last(s, 0.5f, 0.2f, 0.8f);
+    add_wall(s, matte, 0, -1.0f, (const float[2]){ 0.0f, -1.0f }, (const float[2]){ 1.0f, 1.0f });
+    tilt_last(s, 0.5f, 0.8f, 0.3f);
     add_box(s, varnished, (const float[3]){ -0.9f, 0.0f, 0.4f }, (const float[3]){ -0.5f, 0.3f, 0.8f });
     add_bowl(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.8f, 0.6f, 0.0f), vec3_make(-0.5f, 0.4f, 0), 0.35f, 0.0, 10, 16,
              true);
