@@ -136,7 +136,7 @@ enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done
         .rows = rows,
         .shared = light_rows,
     };
-    light_options_init(light_rows, "16", "all");
+    light_options_init(light_rows, "16", "direct");
     enum err e = options_parse(&o, argc, argv, done, why);
 
     if (e || *done)

@@ -54,11 +54,11 @@ void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct pla
     *p = (struct plan){ .caustics = PLAN_NONE };
     choose_caustics(f, w, p);
     choose_indirect(f, w, p);
-    /* A particle for each pixel and eight samples, an eye path for every sixteen samples: as measured, direct light and
-     * the rest then take about as long as each other. */
-    const uint32_t per_point = w->samples / 16 ? w->samples / 16 : 1;
+    /* Two rays or so for each eye path, three for each particle: for every eight samples one of them costs about as
+     * much as direct light does, by the measurements of docs/mathematics.md. */
+    const uint32_t per_point = w->samples / 8 ? w->samples / 8 : 1;
     if (p->caustics == PLAN_LIGHT || p->indirect == PLAN_LIGHT)
-        p->particles = w->particles ? w->particles : f->pixels * (w->samples / 8 ? w->samples / 8 : 1);
+        p->particles = w->particles ? w->particles : f->pixels * per_point;
     if (p->caustics == PLAN_EYE || p->indirect == PLAN_EYE || p->behind_caustics || p->behind_indirect)
         p->eye_paths = w->eye_paths ? w->eye_paths : per_point;
 }
