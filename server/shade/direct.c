@@ -82,19 +82,19 @@ struct strategy {
 static enum err build_table(struct direct *d, const struct environment *e, const struct direct_desc *desc,
                             const struct method_recipe *recipe, struct strategy *s)
 {
-    const bool both = recipe->brdf_part > 0.0f, gated = both && desc->compensate == COMPENSATE_AUTO;
+    const bool both = recipe->brdf_part > 0.0f, chosen = desc->method == METHOD_AUTO, apart = desc->sun || chosen;
+    const bool gated = both && (desc->compensate == COMPENSATE_AUTO || chosen);
     struct sky_table_desc t = {
         .cells = desc->cells ? desc->cells : 1,
-        .sun = desc->sun || gated,
-        .compensate = both && desc->compensate != COMPENSATE_OFF,
+        .sun = apart || gated,
+        .compensate = both && (desc->compensate != COMPENSATE_OFF || chosen),
     };
 
     if (recipe->strata != STRATA_FACES || recipe->light_part <= 0.0f || (t.cells == 1 && !t.sun && !t.compensate))
         return ERR_OK;
     enum err result = sky_table_build(&d->table, e, &t);
-    if (!result && gated && d->table.has_sun) {
-        t.compensate = false;
-        t.sun = desc->sun;
+    if (!result && gated && d->table.has_sun && !apart) {
+        t.compensate = t.sun = false;
         result = sky_table_build(&d->table, e, &t);
     }
     if (result == ERR_USAGE)

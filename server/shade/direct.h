@@ -25,7 +25,8 @@ struct kernels;
 enum compensate {
     COMPENSATE_OFF,
     COMPENSATE_ON,
-    COMPENSATE_AUTO, /* where the sky has no sun of its own (sky_table.h): under one it has been seen to lose */
+    COMPENSATE_AUTO, /* where the sky has no sun of its own (sky_table.h), or that is taken out: with a sun among the
+                      * rest it has been seen to lose */
 };
 
 struct direct_desc {

@@ -21,7 +21,8 @@ enum method {
     METHOD_MLT,           /* likewise by Metropolis sampling: baselines/mlt.h */
     METHOD_PHOTONS,       /* likewise by a photon map, biased: baselines/photons.h */
     METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
-    METHOD_AUTO,          /* what the scene and sky call for; what is not weighed yet is METHOD_MIS */
+    METHOD_AUTO, /* METHOD_MIS with the sun apart, where there is one, and compensated: what has been measured to
+                  * lose nowhere (tests/unit/shade/test_gain.c) */
     METHOD_COUNT,
 };
 
