@@ -392,7 +392,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     if (dropped != HANDOFF_NONE)
         server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
     const double shaded_s = clock_seconds();
-    daemon_tell_shaded(d, &header, &stats.plan, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    daemon_tell_shaded(d, &header, &stats, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
     *last_s = shaded_s;
     return ERR_OK;
 }

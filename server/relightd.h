@@ -105,7 +105,8 @@ void daemon_tell_refused(struct daemon *d, const char *why, bool log);
 /* A frame that was received and read, but that the method in force cannot use. */
 void daemon_tell_unusable(struct daemon *d, const char *why);
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped);
-void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct plan *plan, double interval_s);
+void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
+                        double interval_s);
 void daemon_tell_encoded(struct daemon *d, double ms);
 
 /* Every frame that came was shaded, dropped or refused. */

@@ -67,11 +67,13 @@ void daemon_tell_unusable(struct daemon *d, const char *why)
 }
 
 /* What the plan chose and what it left out, as phrases: "direct light, interreflection by eye paths". */
-static void note_plan(struct daemon *d, const struct plan *p)
+static void note_plan(struct daemon *d, const struct relight_stats *s)
 {
+    const struct plan *p = &s->plan;
     size_t used = 0;
 
-    snprintf(d->paths, sizeof(d->paths), "direct light%s%s%s%s", p->caustics == PLAN_NONE ? "" : ", caustics by ",
+    snprintf(d->paths, sizeof(d->paths), "direct light%s%s%s%s%s", s->direct.sun ? " with the sun apart" : "",
+             p->caustics == PLAN_NONE ? "" : ", caustics by ",
              p->caustics == PLAN_NONE ? "" : plan_estimator_name(p->caustics),
              p->indirect == PLAN_NONE ? "" : ", interreflection by ",
              p->indirect == PLAN_NONE ? "" : plan_estimator_name(p->indirect));
@@ -105,7 +107,8 @@ static void note_sun(struct daemon *d, uint64_t frame)
     snprintf(d->sky_time, sizeof(d->sky_time), "%02u:%02u", (unsigned)hour % 24u, (unsigned)(hour * 60.0) % 60u);
 }
 
-void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct plan *plan, double interval_s)
+void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
+                        double interval_s)
 {
     const struct settings now = daemon_settings(d);
 
@@ -121,7 +124,7 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     if (interval_s > 0.0)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, interval_s);
     note_sun(d, p->frame);
-    note_plan(d, plan);
+    note_plan(d, stats);
     pthread_mutex_unlock(&d->status_lock);
 }
 

@@ -208,10 +208,11 @@ static json_t *plan_stats(const struct relight_stats *s)
 
     for (uint32_t k = 0; k < p->left_out_count; k++)
         json_array_append_new(left_out, json_string(p->left_out[k]));
-    return json_pack("{s:s, s:s, s:s, s:I, s:i, s:o}", "caustics", plan_estimator_name(p->caustics), "interreflection",
-                     plan_estimator_name(p->indirect), "interreflection_of_caustics",
-                     plan_estimator_name(p->indirect_caustics), "particles", (json_int_t)p->particles, "eye_paths",
-                     (int)p->eye_paths, "left_out", left_out);
+    return json_pack("{s:{s:i, s:b, s:b}, s:s, s:s, s:s, s:I, s:i, s:o}", "direct", "strata", (int)s->direct.strata,
+                     "sun_apart", s->direct.sun, "compensated", s->direct.compensated, "caustics",
+                     plan_estimator_name(p->caustics), "interreflection", plan_estimator_name(p->indirect),
+                     "interreflection_of_caustics", plan_estimator_name(p->indirect_caustics), "particles",
+                     (json_int_t)p->particles, "eye_paths", (int)p->eye_paths, "left_out", left_out);
 }
 
 static json_t *picture_stats(const struct render *r, const struct relight_stats *s, const double ms[3])

@@ -72,6 +72,8 @@ an_address_of_the_world_is_refused() {
 bad_usage_and_input_end_it_with_one_line() {
     expect 2 "unknown flag" "$bin/relightd" --prot 3
     expect 2 "'0'" "$bin/relightd" --fps 0
+    expect 2 "--method mlt is a reference" "$bin/relightd" --method mlt
+    expect 2 "'mist'" "$bin/relightd" --method mist
     expect 1 'nowhere' "$bin/relightd" --port 0 --size 16x9 --source "$work/nowhere/%d.exr"
     expect 1 'nowhere.json' "$bin/relightd" --port 0 --size 16x9 --scene "$work/nowhere.json"
     [ "$(wc -l <"$work/stderr")" = 1 ] || { cat "$work/stderr"; fail "more than one line"; }

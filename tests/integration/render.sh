@@ -106,6 +106,52 @@ built_in_scene_and_sky_need_no_file() {
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
 
+# The ring's picture: what each class adds, that the classes sum to the whole, and what is said of it.
+classes_of_light_add_up_and_are_told() {
+    local ring paths sum
+    ring="$(dirname "$(readlink -f "$0")")/../../docs/examples/ring.json"
+    for paths in direct caustics indirect all; do
+        "$bin/relight-render" --scene "$ring" --source sky:time=08:30 --size 96x54 --samples 16 --paths $paths \
+            --particles 20000 --eye-paths 4 --seed 3 --out "$work/$paths.exr" --stats "$work/$paths.json"
+    done
+    python3 - "$work" <<'PY'
+import json
+import sys
+
+def read(paths):
+    return json.load(open(f"{sys.argv[1]}/{paths}.json"))[0]["plan"]
+
+every, direct = read("all"), read("direct")
+assert every["caustics"] == "light tracer" and every["interreflection"] == "eye paths", every
+assert every["particles"] == 20000 and every["eye_paths"] == 4 and every["left_out"] == [], every
+assert every["direct"] == {"strata": 7, "sun_apart": True, "compensated": True}, every
+assert direct["left_out"] == ["caustics: not asked for", "interreflection: not asked for"], direct
+PY
+    for paths in caustics indirect; do
+        "$bin/relight-diff" "$work/$paths.exr" "$work/all.exr" >"$work/diff.txt"
+        awk -v p=$paths '
+            /^luminance/ { if ($2 <= 0 || $2 >= $3) { print p " is no part of the whole: " $0; exit 1 } }' "$work/diff.txt"
+    done
+    sum="$(for paths in direct caustics indirect; do
+        "$bin/relight-diff" "$work/$paths.exr" "$work/all.exr"
+    done | awk '/^luminance/ { part += $2; whole = $3 } END { print part / whole }')"
+    awk -v s="$sum" 'BEGIN { exit !(s > 0.99 && s < 1.01) }' || fail "the classes sum to $sum of the whole"
+}
+
+methods_that_cannot_be_are_refused_by_name() {
+    local six="$work/six"
+    expect 2 'caustics' "$bin/relight-render" --size 16x9 --samples 1 --paths shiny --out "$work/x.exr"
+    expect 2 "'3' is no power of two" "$bin/relight-render" --size 16x9 --cells 3 --out "$work/x.exr"
+    mkdir "$six"
+    local face
+    for face in px nx py ny pz nz; do
+        printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\200\200\200\201' >"$six/$face.hdr"
+    done
+    expect 1 'latlong' "$bin/relight-render" --source "$six/{face}.hdr" --method latlong --size 16x9 --samples 1 \
+        --out "$work/x.exr"
+    [ ! -e "$work/x.exr" ] || fail "a refused method left a picture"
+}
+
 what_the_readme_names_is_there() {
     local root program
     root="$(dirname "$(readlink -f "$0")")/../.."

@@ -1,11 +1,12 @@
 /* The light tracer against paths from the eye, written here as plainly as can be: each event is sampled by its own lobe
  * and what escapes is multiplied by the sky, without any light sampling. Both count a class of paths, under an overcast
  * sky, on scenes whose shading normals are far from the geometric ones.
- * Replicates are seeds, and fixed. The picture's mean and its quarters fail beyond 3.5 joint standard errors. Light that
- * grazes a facet carries |wi.n_s| / |wi.n_g| without limit, so that the variance of interreflection is that of rare large
- * splats, and its error another at other seeds: 0.3 to 0.55 % of the picture's mean by three sets of them. It must be
- * below 0.9 %, that of caustics below 0.28 %: a bias of 1.2 % in caustics and of 4 % in interreflection is caught in 4 of
- * 5 at the least. Scenes whose normals are those of their facets are held to 1 % in film/test_estimators.c. */
+ * Replicates are seeds, and fixed. The picture's mean and its quarters fail beyond 3.5 joint standard errors. Light
+ * that grazes a facet carries |wi.n_s| / |wi.n_g| without limit, so that the variance of interreflection is that of
+ * rare large splats, and its error another at other seeds: 0.3 to 0.55 % of the picture's mean by three sets of them.
+ * It must be below 0.9 %, that of caustics below 0.28 %: a bias of 1.2 % in caustics and of 4 % in interreflection is
+ * caught in 4 of 5 at the least. Scenes whose normals are those of their facets are held to 1 % in
+ * film/test_estimators.c. */
 #include "shade/tracing.h"
 
 #include "lobe.h"

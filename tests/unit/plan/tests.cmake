@@ -1,0 +1,1 @@
+unit_test(plan test_plan)
