@@ -14,7 +14,7 @@ picture morning time=06:40 --eye-paths 128
 picture noon time=11:30 --eye-paths 128
 picture evening time=18:50 --eye-paths 128
 
-# Gathered light: traced from the sky, and by eye paths alone in the same time or more.
+# Gathered light: traced from the sky, and by eye paths alone, twice as many, in about the same time.
 ring=(--scene "$here/../examples/ring.json")
 picture caustics time=08:30 "${ring[@]}" --eye-paths 96 --particles 12000000
-picture caustics-from-the-eye time=08:30 "${ring[@]}" --caustics eye --eye-paths 96
+picture caustics-from-the-eye time=08:30 "${ring[@]}" --caustics eye --eye-paths 192
