@@ -58,6 +58,18 @@ static inline void fails_above(const char *name, const char *methods, const char
     say(name, methods, measured, limit, "fails as stated", value >= bound);
 }
 
+/* What tells of a failure before anybody has a reference. */
+static inline void shows_above(const char *name, const char *methods, const char *what, double value, double bound,
+                               const char *where)
+{
+    char measured[256], limit[64];
+
+    snprintf(measured, sizeof(measured), "%s %.3g%s%s%s", what, value, where[0] ? " (" : "", where,
+             where[0] ? ")" : "");
+    snprintf(limit, sizeof(limit), ">= %.3g", bound);
+    say(name, methods, measured, limit, "shows", value >= bound);
+}
+
 /* A yes that is counted: `count` things of `total` were as they must be. */
 static inline void holds_all(const char *name, const char *methods, const char *what, uint64_t count, uint64_t total)
 {

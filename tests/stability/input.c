@@ -1,0 +1,316 @@
+/* Frames that are not as they should be: values that are no radiance, light that was cut off, a lookup that is not the
+ * function which was sampled, sequences that change in mid-stream, maps as wide as the program takes. */
+#include "stability.h"
+
+#include "image.h"
+#include "layout.h"
+#include "sky_table.h"
+
+enum { WIDTH = 16, HEIGHT = 12, VALUES = WIDTH * HEIGHT * 3 };
+
+/* The built-in scene, small. */
+static struct set *court(void)
+{
+    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 };
+    struct set *set = NULL;
+    struct reason why;
+
+    assert_int_equal(set_create(&desc, &set, &why), ERR_OK);
+    return set;
+}
+
+/* Every way to light a picture: the variants of direct light, then whole pictures, then light and eye paths. */
+static const struct relight_desc others[] = {
+    { .direct = { .method = METHOD_PATH }, .classes = PATH_ALL },
+    { .direct = { .method = METHOD_MLT }, .classes = PATH_ALL },
+    { .direct = { .method = METHOD_PHOTONS }, .classes = PATH_ALL },
+    { .direct = { .method = METHOD_VPL }, .classes = PATH_ALL },
+    { .direct = { .method = METHOD_AUTO }, .classes = PATH_ALL, .caustics = PLAN_LIGHT, .indirect = PLAN_LIGHT },
+    { .direct = { .method = METHOD_AUTO }, .classes = PATH_ALL, .caustics = PLAN_EYE, .indirect = PLAN_EYE },
+};
+enum { WAYS = VARIANTS + sizeof(others) / sizeof(others[0]) };
+
+static struct relight_desc way(int k)
+{
+    struct relight_desc d = k < VARIANTS ? (struct relight_desc){ .direct = variants[k].desc } : others[k - VARIANTS];
+
+    d.direct.samples = 4;
+    d.particles = 500;
+    d.eye_paths = 1;
+    return d;
+}
+
+/* Is every value a radiance? */
+static bool is_radiance(const float *rgb)
+{
+    bool good = true;
+
+    for (int i = 0; i < VALUES; i++)
+        good = good && isfinite(rgb[i]) && rgb[i] >= 0.0f;
+    return good;
+}
+
+/* A sky in which every thirtieth value is one of all that a float can hold and light cannot; and the same with what
+ * image.h makes of each. */
+static struct frame spoilt(bool put_right)
+{
+    static const float odd[] = { NAN, -NAN, INFINITY, -INFINITY, -1.0f, -1e30f, 1e30f, 3.4e38f, -0.0f, 1e-42f };
+    static const float even[] = { 0, 0, IMAGE_MAX, 0, 0, 0, IMAGE_MAX, IMAGE_MAX, 0, 1e-42f };
+    struct frame f = sky_with_sun(64, 32, 1e4f);
+
+    for (size_t i = 0, k = 0; i < 3 * 64 * 32; i += 30 + i % 7, k++)
+        f.rgb[i] = put_right ? even[k % 10] : odd[k % 10];
+    return f;
+}
+
+static void values_that_are_no_radiance_are_as_if_they_were_put_right(void **state)
+{
+    static float got[VALUES], want[VALUES];
+    uint64_t same = 0, finite = 0;
+    (void)state;
+    struct set *set = court();
+    struct environment *bad = sky_environment(spoilt(false), 32, 15.0);
+    struct environment *good = sky_environment(spoilt(true), 32, 15.0);
+    struct relighter *r = relighter_create(set, best_kernels());
+    const struct image_faults *f = &bad->image.faults;
+    for (int k = 0; k < WAYS; k++) {
+        const struct relight_desc desc = way(k);
+        picture_of(r, bad, &desc, got);
+        picture_of(r, good, &desc, want);
+        same += memcmp(got, want, sizeof(got)) == 0;
+        finite += is_radiance(got);
+    }
+    shows_above("NaN, infinite, negative: counted", "decoding", "values put right",
+                (double)(f->nan + f->infinite + f->negative), 100.0, "");
+    holds_all("NaN, infinite, negative: nothing of it is left", "all, references and light paths too (21)",
+              "finite pictures", finite, WAYS);
+    holds_all("NaN, infinite, negative: as if put right before", "all, references and light paths too (21)",
+              "pictures of the same bits", same, WAYS);
+    relighter_destroy(r);
+    environment_destroy(bad);
+    environment_destroy(good);
+    set_destroy(set);
+    verdict();
+}
+
+/* A half float ends at 65504: a sun of 10^6 that went through one has lost nearly all its light, and nothing can bring
+ * it back. */
+static void half_floats_clip_the_sun_and_it_is_said(void **state)
+{
+    const double up[3] = { 0, 1, 0 };
+    double light[2];
+    bool warned = false;
+    (void)state;
+    for (int half = 0; half < 2; half++) {
+        struct frame f = sky_overcast(256, 128);
+        sky_disc(&f, (const double[3]){ 0.3, 0.9, 0.3 }, 0.5, half ? 65504.0f : 1e6f, half ? 65504.0f : 1e6f,
+                 half ? 65504.0f : 1e6f);
+        struct environment *e = sky_environment(f, 64, 0.0);
+        light[half] = irradiance(e, up, false);
+        if (half) {
+            log_begin();
+            for (int k = 0; k < 3; k++)
+                environment_warn_clipped(e, &warned);
+            const int said = count_of(log_end(), "65504");
+            shows_above("half floats clipped at 65504: counted", "decoding", "values at the limit",
+                        (double)e->image.faults.clipped, 3.0, "");
+            holds_all("half floats clipped at 65504: one warning a sequence", "programs", "lines in three frames",
+                      (uint64_t)said, 1);
+        }
+        environment_destroy(e);
+    }
+    fails_above("half floats clipped at 65504", "every method", "share of the light that is lost",
+                1.0 - light[1] / light[0], 0.8, "a sun of 10^6");
+    verdict();
+}
+
+/* Directions all over the sphere, and about the lit texel. */
+static void random_near(struct rng *r, const double centre[3], double spread, float w[3])
+{
+    const double y = 2.0 * rng_next(r) - 1.0, phi = 2.0 * PI * rng_next(r), s = sqrt(1.0 - y * y);
+    double d[3] = { centre[0] + spread * s * sin(phi), centre[1] + spread * y, centre[2] + spread * s * cos(phi) };
+
+    unit3(d);
+    for (int c = 0; c < 3; c++)
+        w[c] = (float)d[c];
+}
+
+/* Of a single lit texel a bilinear lookup sees a tent four times as large, 7/16 of which lies on its neighbours, where
+ * the density of the nearest texel is 0: never sampled [Scotty3D]. Here what is evaluated is what is sampled: wherever
+ * there is light there is density, in every table. */
+static void light_has_density_wherever_it_is_evaluated(void **state)
+{
+    enum { DIRECTIONS = 200000 };
+    uint64_t lit = 0, found = 0;
+    double seen = 0.0, missed = 0.0;
+    struct rng r = { 12 };
+    struct sky_table tables[4] = { { 0 } };
+    struct latlong latlong = { 0 };
+    struct reason why;
+    (void)state;
+    struct frame f = sky_constant(64, 32, 0.0f);
+    const double theta = PI * 12.5 / 32.0, phi = PI - 2.0 * PI * 20.5 / 64.0;
+    const double centre[3] = { sin(theta) * sin(phi), cos(theta), sin(theta) * cos(phi) };
+    sky_paint(&f, 20, 12, 1e5f, 1e5f, 1e5f);
+    struct environment *e = sky_environment(f, 32, 0.0);
+    for (uint32_t k = 0; k < 4; k++)
+        assert_int_equal(
+            sky_table_build(&tables[k], e, &(struct sky_table_desc){ .cells = k & 1 ? 4 : 1, .sun = k & 2 }), ERR_OK);
+    assert_int_equal(latlong_build(&latlong, e, &why), ERR_OK);
+    for (int k = 0; k < DIRECTIONS; k++) {
+        float w[3], rgb[3], pdf[8], sun[2];
+        random_near(&r, centre, k % 2 ? 0.2 : 1e6, w);
+        (void)environment_evaluate(e, w, rgb, &pdf[0]);
+        pdf[1] = samples_whole_density(e, w, rgb);
+        for (int t = 0; t < 4; t++) {
+            (void)sky_table_evaluate(&tables[t], w, rgb, &pdf[2 + t], &sun[0]);
+            pdf[2 + t] += sun[0];
+        }
+        for (int t = 0; t < 6 && rgb[0] > 0.0f; t++) {
+            lit++;
+            found += pdf[t] > 0.0f && isfinite(pdf[t]);
+        }
+        latlong_evaluate(&latlong, w, rgb, &pdf[6]);
+        latlong_evaluate_rows(&latlong, w, rgb, &pdf[7]);
+        for (int t = 6; t < 8 && rgb[0] > 0.0f; t++) {
+            lit++;
+            found += pdf[t] > 0.0f && isfinite(pdf[t]);
+        }
+        if (k % 2)
+            continue; /* the sphere evenly but for the lit texel's own size: each direction stands for as much */
+        environment_look(e, vec3_make(w[0], w[1], w[2]), rgb);
+        seen += rgb[0];
+        missed += pdf[6] > 0.0f ? 0.0 : rgb[0];
+    }
+    for (int k = 0; k < 4; k++)
+        sky_table_finish(&tables[k]);
+    latlong_finish(&latlong);
+    environment_destroy(e);
+    fails_above("a bilinear lookup over nearest-texel densities", "not ours", "share of the light without density",
+                missed / seen, 0.35, "7/16 of a single texel's");
+    holds_all("evaluated light has density", "samplers (8)", "directions with light", found, lit);
+    verdict();
+}
+
+/* What comes one after another in one sequence: sizes and layouts as a producer may send them. */
+static const struct {
+    const char *layout;
+    uint32_t width, height;
+} pictures[] = {
+    { "latlong", 64, 32 }, { "latlong", 1, 1 },    { "latlong", 128, 64 },
+    { "cube", 16, 96 },    { "hcross", 64, 48 },   { "latlong", 64, 32 },
+    { "vcross", 48, 64 },  { "ball", 40, 40 },     { "latlong-bottom", 96, 48 },
+    { "fisheye", 40, 40 }, { "latlong", 7, 5 },    { "latlong", 2, 1 },
+    { "", 64, 32 },        { "latlong", 300, 20 },
+};
+enum { PICTURES = sizeof(pictures) / sizeof(pictures[0]) };
+
+static struct frame noise_of(int k)
+{
+    struct frame f = sky_constant(pictures[k].width, pictures[k].height, 0.0f);
+    struct rng r = { 100 + (uint64_t)k };
+
+    for (size_t i = 0; i < 3 * (size_t)f.width * f.height; i++)
+        f.rgb[i] = (float)(0.2 + rng_next(&r));
+    snprintf(f.layout, sizeof(f.layout), "%s", pictures[k].layout);
+    return f;
+}
+
+/* Tables, samples and pictures are made in memory that other sizes left behind: to the bit as in memory of their own.
+ */
+static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(void **state)
+{
+    static float got[VALUES], want[VALUES];
+    const struct environment_desc desc = { .n = 32 };
+    uint64_t same = 0, total = 0;
+    struct reason why;
+    (void)state;
+    struct set *set = court();
+    struct environment *used = environment_create(&desc);
+    struct relighter *worn = relighter_create(set, best_kernels());
+    for (int k = 0; k < PICTURES; k++) {
+        struct frame f = noise_of(k);
+        struct environment *fresh = environment_create(&desc);
+        struct relighter *new = relighter_create(set, best_kernels());
+        assert_int_equal(environment_update(used, &f, &why), ERR_OK);
+        assert_int_equal(environment_update(fresh, &f, &why), ERR_OK);
+        const bool latlong = strstr(pictures[k].layout, "latlong") || !pictures[k].layout[0];
+        for (int q = 0; q < WAYS; q++) {
+            const struct relight_desc by = way(q);
+            if (!latlong && q < VARIANTS && variants[q].claims & OWN_SOURCE) {
+                struct relight_stats stats; /* refused, and what comes after is none the worse */
+                assert_int_equal(relighter_run(worn, used, &by, got, &stats), ERR_UNSUPPORTED);
+                continue;
+            }
+            if (q >= VARIANTS && q < VARIANTS + 4 && k % 4) /* references keep nothing between pictures */
+                continue;
+            picture_of(worn, used, &by, got);
+            picture_of(new, fresh, &by, want);
+            same += memcmp(got, want, sizeof(got)) == 0;
+            total++;
+        }
+        relighter_destroy(new);
+        environment_destroy(fresh);
+        frame_finish(&f);
+    }
+    relighter_destroy(worn);
+    environment_destroy(used);
+    set_destroy(set);
+    holds_all("14 sizes and layouts in one sequence", "all, references and light paths too (21)",
+              "pictures as if each came alone", same, total);
+    verdict();
+}
+
+/* The widest map there may be, with one lit texel at the horizon's height where no texel is smaller against the whole;
+ * in the short form it is a band of few rows. 13 methods, |z| < 5; standard errors below 3 %. */
+static void a_map_as_wide_as_may_be_lights_as_quadrature(void **state)
+{
+    const uint32_t height = full() ? 8192 : 24;
+    const double up[3] = { 0, 1, 0 };
+    struct worst z = { 0.0, "" }, error = { 0.0, "" };
+    char name[96];
+    (void)state;
+    struct frame f = sky_constant(IMAGE_MAX_SIDE, height, 0.0f);
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < f.width; x++) {
+            const float l = y < height / 2 ? 0.5f : 0.1f;
+            sky_paint(&f, x, y, l, l, l);
+        }
+    /* As much light as the sky's, whatever the height. */
+    const float sun = full() ? 1e8f : 3e4f;
+    sky_paint(&f, 12345, height / 3, sun, sun, sun);
+    struct environment *e = sky_environment(f, 64, 0.0);
+    struct gbuffer g = points_with_sets(1, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    /* In closed form, texel by texel: a quadrature of 10^8 of them would take longer than all else. */
+    const double a = PI * (height / 3) / height, b = PI * (height / 3 + 1) / height;
+    const double of_sun = (sun - 0.5) * 2.0 * PI / f.width * 0.5 * (sin(b) * sin(b) - sin(a) * sin(a));
+    const double source = (0.5 * PI + of_sun) / PI, cube = irradiance(e, up, false) / PI;
+    (void)up;
+    for (int k = 0; k < VARIANTS; k++) {
+        if (!(variants[k].claims & SMALL_SUN))
+            continue;
+        const bool own = variants[k].claims & OWN_SOURCE;
+        const struct tally t = tally_by(&g, e, &variants[k], 64, own && full() ? 4 : 64);
+        worst_of(&z, fabs(tally_mean(&t) - (own ? source : cube)) / (tally_error(&t) + 1e-3 * cube), variants[k].name,
+                 "");
+        worst_of(&error, tally_error(&t) / cube, variants[k].name, "");
+    }
+    points_free(&g);
+    environment_destroy(e);
+    snprintf(name, sizeof(name), "a map of %u x %u: the mean", IMAGE_MAX_SIDE, height);
+    holds_below(name, claimants(SMALL_SUN), "standard errors from quadrature", z.value, 5.0, z.where);
+    snprintf(name, sizeof(name), "a map of %u x %u: the doubt", IMAGE_MAX_SIDE, height);
+    holds_below(name, claimants(SMALL_SUN), "relative standard error", error.value, 0.03, error.where);
+    snprintf(name, sizeof(name), "a map of %u x %u: energy of the cube map", IMAGE_MAX_SIDE, height);
+    holds_below(name, "resampling", "relative difference from the source's light", fabs(cube / source - 1.0), 0.02, "");
+    verdict();
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(values_that_are_no_radiance_are_as_if_they_were_put_right),
+    cmocka_unit_test(half_floats_clip_the_sun_and_it_is_said),
+    cmocka_unit_test(light_has_density_wherever_it_is_evaluated),
+    cmocka_unit_test(a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone),
+    cmocka_unit_test(a_map_as_wide_as_may_be_lights_as_quadrature),
+};
+UNIT_MAIN(tests)
