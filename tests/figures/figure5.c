@@ -1,0 +1,229 @@
+/* [DH09, Fig. 5] again: how far each technique's caustics are from the truth after equal time. Each gets the samples
+ * that it can take in the same CPU time; runs are interleaved, one seed each, so that a noisy machine does not decide.
+ *
+ * Two figures stand for each: the median over the runs, which is what one picture mostly shows, and the mean, which is
+ * the relMSE that the estimator has by definition. Where a technique meets the sun by accident the two differ: few
+ * pictures have nearly all of the error, in single pixels of enormous value. Error x time is the figure that does not
+ * depend on the time taken, as long as error falls with its inverse: for the means. */
+#include "shade/seen_caustics.h"
+
+#include "facts.h"
+#include "log.h"
+#include "options.h"
+
+#include <inttypes.h>
+#include <omp.h>
+#include <time.h>
+
+#define RUNS_MAX 99
+
+static const double shares[] = { 0.05, 0.1, 0.25, 0.5 }; /* regions: caustics' least part of a pixel's light */
+#define REGIONS (sizeof(shares) / sizeof(shares[0]))
+
+struct measured {
+    uint32_t samples; /* in each run */
+    double seconds[RUNS_MAX], error[REGIONS][RUNS_MAX];
+    uint64_t rays;
+};
+
+struct figure {
+    struct seen seen;
+    struct relighter *relighter;
+    bool whole;
+    float *rgb;
+    uint8_t *region[REGIONS];
+    uint32_t count[REGIONS];
+    struct measured measured[SEEN_BY_COUNT];
+};
+
+static struct option_row rows[] = {
+    { "scene", "FILE", "scene with mirrors or glass", RING },
+    { "sky", "S", "source of the light, its first frame is used", "sky:sun_ratio=1000" },
+    { "size", "WxH", "of the pictures, in pixels", "320x180" },
+    { "runs", "N", "interleaved runs, 1 to 99", "9" },
+    { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4" },
+    { "whole", NULL, "all light, by the program's own frame: direct light and eye paths beside the caustics", NULL },
+    { "reference", "N", "particles a pixel of the truth", "1000" },
+    { "threads", "N", "1: times are the techniques' own; 0: as many as there are processors", "1" },
+    { NULL, NULL, NULL, NULL },
+};
+
+static double cpu_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* All light: the program's frame with 8 samples of direct light for each eye path and each particle, as its plan has
+ * it. */
+static uint64_t render_whole(struct figure *f, enum seen_by by, uint32_t samples, uint64_t seed)
+{
+    const struct relight_desc d = {
+        .direct = { .method = by == SEEN_PATH  ? METHOD_PATH
+                              : by == SEEN_MLT ? METHOD_MLT
+                                               : METHOD_MIS,
+                    .samples = by == SEEN_PATH || by == SEEN_MLT ? samples : 8 * samples,
+                    .seed = seed },
+        .classes = PATH_ALL,
+        .caustics = by == SEEN_EYE ? PLAN_EYE : PLAN_LIGHT,
+        .indirect = PLAN_EYE,
+    };
+    const struct reason none = { { 0 } };
+    struct relight_stats stats;
+
+    seen_must(relighter_run(f->relighter, f->seen.environment, &d, f->rgb, &stats), &none);
+    return stats.reference_rays + stats.direct.rays + stats.eye.rays + stats.light.rays;
+}
+
+static uint64_t render(struct figure *f, enum seen_by by, uint32_t samples, uint64_t seed, double *seconds)
+{
+    const double begun = cpu_seconds();
+    const uint64_t rays =
+        f->whole ? render_whole(f, by, samples, seed) : seen_caustics(&f->seen, by, samples, seed, f->rgb);
+
+    *seconds = cpu_seconds() - begun;
+    return rays;
+}
+
+/* How many samples a technique takes in the time: by a run of the time's tenth, found by doubling. */
+static uint32_t samples_in(struct figure *f, enum seen_by by, double seconds)
+{
+    for (uint32_t samples = 1;; samples *= 2) {
+        double took;
+        render(f, by, samples, UINT64_C(1) << 61, &took);
+        if (took >= 0.1 * seconds)
+            return (uint32_t)fmax(1.0, round(samples * seconds / took));
+    }
+}
+
+static void run(struct figure *f, enum seen_by by, uint32_t k)
+{
+    struct measured *m = &f->measured[by];
+
+    m->rays += render(f, by, m->samples, k, &m->seconds[k]);
+    for (size_t r = 0; r < REGIONS; r++)
+        m->error[r][k] = seen_error(&f->seen, f->region[r], f->rgb, f->whole ? f->seen.whole : f->seen.caustics);
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double *v, uint32_t n)
+{
+    qsort(v, n, sizeof(*v), ascending);
+    return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
+}
+
+static double mean(const double *v, uint32_t n)
+{
+    double sum = 0.0;
+    for (uint32_t i = 0; i < n; i++)
+        sum += v[i];
+    return sum / n;
+}
+
+static void print_region(struct figure *f, size_t r, uint32_t runs)
+{
+    double light_median = 0.0, light_mean = 0.0;
+
+    printf("\nwhere caustics bring at least %.0f %% of the light: %" PRIu32 " pixels\n", 100.0 * shares[r],
+           f->count[r]);
+    if (f->count[r] == 0)
+        return;
+    printf("%-14s %8s %8s %8s %8s %11s %11s %15s\n", "technique", "samples", "CPU s", "10^6rays", "us/ray",
+           "relMSE med", "relMSE mean", "x time / light");
+    for (int by = SEEN_BY_COUNT - 1; by >= 0; by--) {
+        struct measured *m = &f->measured[by];
+        const double seconds = mean(m->seconds, runs), rays = (double)m->rays / runs;
+        const double average = mean(m->error[r], runs), middle = median(m->error[r], runs);
+        if (by == SEEN_LIGHT) {
+            light_median = middle * seconds;
+            light_mean = average * seconds;
+        }
+        printf("%-14s %8" PRIu32 " %8.2f %8.1f %8.3f %11.4g %11.4g %7.2f %7.2f\n", seen_names[by], m->samples, seconds,
+               rays * 1e-6, 1e6 * seconds / rays, middle, average, middle * seconds / light_median,
+               average * seconds / light_mean);
+    }
+}
+
+static enum err set_up(struct figure *f, const struct options *o, uint64_t *runs, double *seconds, struct reason *why)
+{
+    const char *scene = options_get(o, "scene");
+    const struct kernels *kernels;
+    uint64_t particles = 0, threads = 0;
+    uint32_t width = 0, height = 0;
+    enum err e = options_size(o, "size", &width, &height, why);
+
+    if (!e)
+        e = options_u64(o, "runs", 1, RUNS_MAX, runs, why);
+    if (!e)
+        e = options_double(o, "seconds", 0.01, 1000.0, seconds, why);
+    if (!e)
+        e = options_u64(o, "reference", 4, 1000000, &particles, why);
+    if (!e)
+        e = options_u64(o, "threads", 0, 1024, &threads, why);
+    if (!e)
+        e = kernels_select(NULL, &kernels, why);
+    if (e)
+        return e;
+    if (threads)
+        omp_set_num_threads((int)threads);
+    f->whole = options_on(o, "whole");
+    seen_open(&f->seen, scene, options_get(o, "sky"), width, height);
+    seen_refer(&f->seen, scene, 4, (uint32_t)particles / 4, f->whole ? 16 : 2);
+    f->relighter = relighter_create(f->seen.set, kernels);
+    f->rgb = mem_alloc(f->seen.pixels, 3 * sizeof(float));
+    for (size_t r = 0; r < REGIONS; r++) {
+        f->region[r] = mem_alloc(f->seen.pixels, 1);
+        f->count[r] = seen_region(&f->seen, shares[r], f->region[r]);
+    }
+    return f->relighter && f->rgb ? ERR_OK : ERR_NOMEM;
+}
+
+int main(int argc, char **argv)
+{
+    struct options options = {
+        .program = "figure5",
+        .synopsis = "[flags]",
+        .about =
+            "Caustics by path tracer, Metropolis sampling, eye paths and light tracer, each in the same CPU time:\n"
+            "relMSE against the light tracer's mean over other seeds, and its ratio to the light tracer's own.",
+        .rows = rows,
+    };
+    struct figure f = { 0 };
+    struct reason why = { "" };
+    uint64_t runs = 0;
+    double seconds = 0.0;
+    bool done;
+
+    log_init("figure5", LOG_INFO);
+    enum err e = options_parse(&options, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
+    if (!e)
+        e = set_up(&f, &options, &runs, &seconds, &why);
+    if (e) {
+        log_error("%s", why.text[0] ? why.text : err_text(e));
+        return err_exit_code(e);
+    }
+    printf("%s, %s, peakedness %.2f, %" PRIu32 "x%" PRIu32 ", %s, %d threads, %" PRIu64 " runs\n", f.seen.set->name,
+           f.seen.environment->name, facts_peakedness(f.seen.environment), f.seen.width, f.seen.height,
+           f.whole ? "all light" : "caustics alone", omp_get_max_threads(), runs);
+    for (int by = 0; by < SEEN_BY_COUNT; by++)
+        f.measured[by].samples = samples_in(&f, (enum seen_by)by, seconds);
+    for (uint32_t k = 0; k < runs; k++)
+        for (int by = 0; by < SEEN_BY_COUNT; by++)
+            run(&f, (enum seen_by)by, k);
+    for (size_t r = 0; r < REGIONS; r++)
+        print_region(&f, r, (uint32_t)runs);
+    for (size_t r = 0; r < REGIONS; r++)
+        mem_free(f.region[r]);
+    mem_free(f.rgb);
+    relighter_destroy(f.relighter);
+    seen_close(&f.seen);
+    return 0;
+}
