@@ -27,8 +27,8 @@ static const struct place seen[] = {
 enum { SEEN = sizeof(seen) / sizeof(seen[0]) };
 
 /* A sun of 20000 times the sky over 1.5 degrees, high up 20 times as much light as the rest. 130 comparisons. Power:
- * standard errors are at most 3 % (second line; half set, where it is mostly sky that lights and mostly sun that is
- * sampled), elsewhere 0.2 %, so that a bias of 15 % is caught everywhere and one of 1 % mostly. */
+ * standard errors are at most 5 % (second line; half set, where it is mostly sky that lights and mostly sun that is
+ * sampled), elsewhere 0.2 %, so that a bias of 25 % is caught everywhere and one of 1 % mostly. */
 static void a_sun_at_every_awkward_place_lights_as_quadrature(void **state)
 {
     struct worst z = { 0.0, "" }, error = { 0.0, "" };
@@ -57,7 +57,7 @@ static void a_sun_at_every_awkward_place_lights_as_quadrature(void **state)
     holds_below("sun at 10 awkward places: the mean", claimants(SMALL_SUN), "standard errors from quadrature", z.value,
                 Z_LIMIT, z.where);
     holds_below("sun at 10 awkward places: the doubt", claimants(SMALL_SUN), "relative standard error", error.value,
-                0.03, error.where);
+                0.05, error.where);
     verdict();
 }
 
@@ -260,9 +260,9 @@ static void seven_orders_of_magnitude_leave_the_dim_part_right(void **state)
         worst_of(&tail, -log10(p), drawn_names[kind], "");
         worst_of(&share, off, drawn_names[kind], "");
         if (kind == DRAWN_ROWS) {
-            const double planted = dim_tail_in_float(&s, count, &off);
+            const double planted = dim_tail_in_float(&s, 4 * count, &off);
             fails_above("10^7 in one map, running sums in float", "not ours", "-log10 of chi-square's tail",
-                        -log10(planted + 1e-300), 6.0, "");
+                        -log10(planted + 1e-300), 10.0, "");
         }
         mem_free(got);
         mem_free(s.weight);
