@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #define SMOOTH 0.2 /* share of a new reading in the figures that viewers are shown */
 
@@ -66,20 +67,27 @@ void daemon_tell_unusable(struct daemon *d, const char *why)
     daemon_tell_source(d, SERVER_FAILED, why);
 }
 
-/* What the plan chose and what it left out, as phrases: "direct light, interreflection by eye paths". */
+/* Adds a phrase to those in text[size], which are parted by `between`. */
+static void add_phrase(char *text, size_t size, const char *between, const char *phrase, const char *more)
+{
+    const size_t used = strlen(text);
+    snprintf(text + used, size - used, "%s%s%s", used ? between : "", phrase, more);
+}
+
+/* What the plan chose and what it left out: "direct light, interreflection by eye paths". */
 static void note_plan(struct daemon *d, const struct relight_stats *s)
 {
     const struct plan *p = &s->plan;
-    size_t used = 0;
 
-    snprintf(d->paths, sizeof(d->paths), "direct light%s%s%s%s%s", s->direct.sun ? " with the sun apart" : "",
-             p->caustics == PLAN_NONE ? "" : ", caustics by ",
-             p->caustics == PLAN_NONE ? "" : plan_estimator_name(p->caustics),
-             p->indirect == PLAN_NONE ? "" : ", interreflection by ",
-             p->indirect == PLAN_NONE ? "" : plan_estimator_name(p->indirect));
-    d->left_out[0] = '\0';
-    for (uint32_t k = 0; k < p->left_out_count && used < sizeof(d->left_out); k++)
-        used += (size_t)snprintf(d->left_out + used, sizeof(d->left_out) - used, "%s%s", k ? "; " : "", p->left_out[k]);
+    d->paths[0] = d->left_out[0] = '\0';
+    if (d->light.classes & PATH_DIRECT)
+        add_phrase(d->paths, sizeof(d->paths), ", ", "direct light", s->direct.sun ? " with the sun apart" : "");
+    if (p->caustics != PLAN_NONE)
+        add_phrase(d->paths, sizeof(d->paths), ", ", "caustics by ", plan_estimator_name(p->caustics));
+    if (p->indirect != PLAN_NONE)
+        add_phrase(d->paths, sizeof(d->paths), ", ", "interreflection by ", plan_estimator_name(p->indirect));
+    for (uint32_t k = 0; k < p->left_out_count; k++)
+        add_phrase(d->left_out, sizeof(d->left_out), "; ", p->left_out[k], "");
 }
 
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped)

@@ -43,12 +43,10 @@ static void fill_rough(const struct material *m, struct vec3 base, struct scatte
         out->specular = m->specular;
         out->gloss = m->exponent;
     } else if (m->kind == MATERIAL_GGX) {
+        out->kind = LOBE_GGX;
         out->diffuse = vec3_scale(base, 1.0f - m->metallic);
-        if (!is_sharp(m)) { /* else the lobe is a mirror, and the diffuse part is what is left */
-            out->kind = LOBE_GGX;
-            out->specular = ggx_f0(base, m->metallic);
-            out->gloss = m->roughness * m->roughness;
-        }
+        out->specular = ggx_f0(base, m->metallic);
+        out->gloss = is_sharp(m) ? 0.0f : m->roughness * m->roughness;
     }
 }
 

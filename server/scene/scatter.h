@@ -18,7 +18,8 @@
 enum lobe_kind {
     LOBE_LAMBERT, /* diffuse only */
     LOBE_PHONG,   /* diffuse + specular lobe with exponent */
-    LOBE_GGX,     /* diffuse = base colour * (1 - metallic), specular = F0, gloss = alpha */
+    LOBE_GGX,     /* diffuse = base colour * (1 - metallic), specular = F0, gloss = alpha; where that is 0, the
+                   * specular lobe is the delta lobe's, and what is left is the diffuse part below such a surface */
 };
 
 /* Below this alpha a GGX lobe is a mirror. */

@@ -48,7 +48,7 @@ static double diffuse_part(const struct lobe *l, struct vec3 out)
     const double d = rgb_luminance(l->diffuse.x, l->diffuse.y, l->diffuse.z);
     const double f0 = rgb_luminance(l->specular.x, l->specular.y, l->specular.z);
 
-    if (l->kind == LOBE_LAMBERT)
+    if (l->kind == LOBE_LAMBERT || (l->kind == LOBE_GGX && l->gloss <= 0.0f))
         return 1.0;
     if (l->kind == LOBE_PHONG)
         return d + f0 > 0.0 ? d / (d + f0) : 1.0;

@@ -61,7 +61,8 @@ static void lobes_set_up(const struct shade_packet *p, struct lobes *s)
         const float grown = f0 + (1.0f - f0) * schlick_weight(s->cosine_out.v[l]);
         const float g = p->kind == LOBE_GGX ? grown : f0;
         const float matte = p->kind == LOBE_GGX ? (1.0f - grown) * d : d;
-        s->diffuse_part.v[l] = p->kind == LOBE_LAMBERT || matte + g <= 0.0f ? 1.0f : matte / (matte + g);
+        const int alone = p->kind == LOBE_LAMBERT || (p->kind == LOBE_GGX && p->gloss[l] <= 0.0f);
+        s->diffuse_part.v[l] = alone || matte + g <= 0.0f ? 1.0f : matte / (matte + g);
     }
 }
 

@@ -196,8 +196,10 @@ static void polished_ggx_is_a_mirror_over_its_diffuse(void **state)
     s->materials[index].roughness = 0.02f;
     add_quads(s, index, wall, 1);
     struct gbuffer *g = look(s, &r, &tele);
-    assert_int_equal(g->packets[0].kind, LOBE_LAMBERT);
+    assert_int_equal(g->packets[0].kind, LOBE_GGX);
     assert_float_equal(g->packets[0].diffuse[0][0], 0.5f, 1e-6f);
+    assert_float_equal(g->packets[0].specular[0][0], 0.04f, 1e-6f); /* what the diffuse part leaves to the mirror */
+    assert_float_equal(g->packets[0].gloss[0], 0.0f, 0.0f);
     assert_float_equal(arriving(g), 1.0f, 1e-5f);
     assert_float_equal(escaping(g, 1), 0.04f, 1e-5f);
     gbuffer_destroy(g);

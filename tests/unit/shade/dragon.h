@@ -41,7 +41,7 @@ static inline struct view view_load(uint32_t width, uint32_t height, const char 
     struct view v = { .e = load_sky(unit_data(sky), 256) };
     struct reason why = { "" };
 
-    if (scene_load(unit_data("scenes/dragon.json"), &v.scene, NULL, &why))
+    if (scene_load(unit_data("../scenes/dragon.json"), &v.scene, NULL, &why))
         fail_msg("%s", why.text);
     v.rays = rays_create(v.scene);
     assert_non_null(v.rays);

@@ -100,10 +100,26 @@ static void phong_albedo_is_that_of_quadrature_at_every_exponent(void **state)
 static void ggx_albedo_is_that_of_quadrature_at_every_roughness(void **state)
 {
     (void)state;
-    for (int i = 0; i < 8; i++) {
-        static const double roughness[] = { 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0 };
+    for (int i = 0; i < 10; i++) {
+        static const double roughness[] = { 0.035, 0.06, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0 };
         check(&(struct lobe){ LOBE_GGX, 0.8, 0.04, roughness[i] * roughness[i] });
         check(&(struct lobe){ LOBE_GGX, 0.0, 0.95, roughness[i] * roughness[i] });
+    }
+}
+
+/* Below alpha = 1e-3 the specular lobe is a mirror's, of another estimator; beside it stands the diffuse part alone,
+ * which must leave to it what that reflects. */
+static void a_sharp_surface_gives_back_no_more_than_it_gets(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        static const double f0[] = { 0.02, 0.04, 0.3, 1.0 };
+        const struct lobe m = { LOBE_GGX, 1.0, f0[i], 0.0 };
+        check(&(struct lobe){ LOBE_GGX, 0.8, fmin(f0[i], 0.9), 0.0 });
+        for (int k = 1; k <= 100; k++) {
+            const double mirror = f0[i] + (1.0 - f0[i]) * pow(1.0 - k / 100.0, 5.0);
+            assert_true(albedo(&m, k / 100.0) + mirror <= 1.0 + 1e-6);
+        }
     }
 }
 
@@ -148,6 +164,7 @@ static void a_viewer_below_the_shading_normal_counts_as_grazing(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(phong_albedo_is_that_of_quadrature_at_every_exponent),
     cmocka_unit_test(ggx_albedo_is_that_of_quadrature_at_every_roughness),
+    cmocka_unit_test(a_sharp_surface_gives_back_no_more_than_it_gets),
     cmocka_unit_test(lobes_and_light_sampling_agree),
     cmocka_unit_test(a_viewer_below_the_shading_normal_counts_as_grazing),
 };

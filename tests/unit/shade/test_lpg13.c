@@ -20,7 +20,7 @@
 #include <omp.h>
 
 #define ALBEDO 0.5
-#define SKY "data/sky/sky.0012.exr" /* a morning, the sun at 26 degrees */
+#define SKY "sky/sky.0012.exr" /* a morning, the sun at 26 degrees */
 #define LIMIT 4.5
 
 enum { SPLIT = 4 }; /* quadrature: SPLIT^2 places in a texel */
