@@ -11,14 +11,13 @@
 #include "exr_write.h"
 #include "log.h"
 #include "mem.h"
+#include "threads.h"
 
 #include <omp.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <time.h>
-#include <unistd.h>
 
 #define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
 
@@ -510,30 +509,13 @@ static void tear_down(struct daemon *d)
     pthread_mutex_destroy(&d->status_lock);
 }
 
-/* OpenMP's waiting threads spin by default and would take the processors from the other stages. The library reads the
- * variable as it is loaded, so it must stand before the program begins. */
-static void wait_passively(char **argv)
-{
-    char path[4096]; /* the program's own, by name, so that it keeps it in lists of processes */
-
-    if (getenv("OMP_WAIT_POLICY"))
-        return;
-    const ssize_t length = readlink("/proc/self/exe", path, sizeof(path) - 1);
-    if (length <= 0)
-        return;
-    path[length] = '\0';
-    setenv("OMP_WAIT_POLICY", "passive", 1);
-    execv(path, argv);
-    /* Where that cannot be done, spinning costs speed and nothing else. */
-}
-
 int main(int argc, char **argv)
 {
     static struct daemon d; /* zeroed, and too large for a stack */
     struct reason why = { "" };
     bool done;
 
-    wait_passively(argv);
+    threads_wait_passively(argv);
     log_init("relightd", LOG_INFO);
     handoff_init(&d.frames);
     handoff_init(&d.pictures);
