@@ -1,0 +1,15 @@
+/* server/chart/csv.h */
+/* Every point of every panel as a row of CSV [RFC 4180], a head first; times in milliseconds. */
+#ifndef CHART_CSV_H
+#define CHART_CSV_H
+
+#include "panel.h"
+#include "text.h"
+
+/* One row for each technique at each budget. */
+void csv_points(struct text *t, const struct panel *const *panels, size_t count);
+
+/* One row for each single run, from which all of the chart can be made again. */
+void csv_runs(struct text *t, const struct panel *const *panels, size_t count);
+
+#endif

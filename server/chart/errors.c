@@ -1,0 +1,45 @@
+#include "errors.h"
+
+#include "metrics.h"
+
+#include <math.h>
+
+static const struct error_about kinds[ERROR_KINDS] = {
+    [ERROR_REL_MSE] = { "rel_mse", "relative squared error (relMSE)",
+                        "The square of how far a pixel is off, in proportion to its brightness; 0.01 is 10 % off." },
+    [ERROR_NOISE] = { "noise", "noise alone (relMSE without bias)",
+                      "The part of that error that goes away with more samples: how much two runs differ." },
+    [ERROR_DELTA_E] = { "delta_e", "visible difference (mean delta E*ab)",
+                        "How different the finished picture looks; 1 is just noticeable side by side, 5 is plain." },
+};
+
+const struct error_about *error_about(enum error_kind kind)
+{
+    return &kinds[kind];
+}
+
+/* (x_i - x_k)^2 in mean over the others; half of it is the variance. Both references cancel in it. */
+static double noise_of(const double *pairs, uint32_t n, uint32_t i)
+{
+    double sum = 0.0;
+
+    for (uint32_t k = 0; k < n; k++)
+        if (k != i)
+            sum += 0.5 * (pairs[i * n + i] + pairs[k * n + k]) - pairs[i * n + k];
+    return isfinite(sum) ? sum / (n - 1) : INFINITY;
+}
+
+enum err errors_of(const struct judge *j, const uint8_t *mask, const float *const *x, const double *pairs, uint32_t n,
+                   double *out)
+{
+    struct metrics m;
+
+    for (uint32_t i = 0; i < n; i++) {
+        if (!metrics_compare(x[i], j->mean, mask, j->width, j->height, 0.0, NULL, &m))
+            return ERR_NOMEM;
+        out[ERROR_REL_MSE * n + i] = pairs[i * n + i];
+        out[ERROR_NOISE * n + i] = noise_of(pairs, n, i);
+        out[ERROR_DELTA_E * n + i] = m.delta_e;
+    }
+    return ERR_OK;
+}

@@ -1,0 +1,53 @@
+#include "folder.h"
+
+#include <errno.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+static bool is_folder(const char *path)
+{
+    struct stat st;
+    return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
+}
+
+enum err folder_make(const char *path, struct reason *why)
+{
+    char folder[4096];
+
+    if (snprintf(folder, sizeof(folder), "%s", path) >= (int)sizeof(folder) || !path[0])
+        return err_say(why, ERR_IO, "%.200s: is no name of a folder", path);
+    for (char *p = folder + 1;; p++) {
+        if (*p && *p != '/')
+            continue;
+        const char kept = *p;
+        *p = '\0';
+        if (mkdir(folder, 0777) != 0 && errno != EEXIST)
+            return err_say(why, ERR_IO, "%s: cannot be made: %s", folder, strerror(errno));
+        *p = kept;
+        if (!kept)
+            return is_folder(folder) ? ERR_OK : err_say(why, ERR_IO, "%s: is no folder", folder);
+    }
+}
+
+enum err folder_cache(const char *asked, char *path, size_t size, struct reason *why)
+{
+    const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    int n;
+
+    if (asked && asked[0])
+        n = snprintf(path, size, "%s", asked);
+    else if (cache && cache[0] == '/')
+        n = snprintf(path, size, "%s/relight-chart", cache);
+    else if (home && home[0] == '/')
+        n = snprintf(path, size, "%s/.cache/relight-chart", home);
+    else
+        return err_say(why, ERR_USAGE,
+                       "neither XDG_CACHE_HOME nor HOME is set: --cache DIR says where references are "
+                       "kept");
+    if (n < 0 || (size_t)n >= size - 64)
+        return err_say(why, ERR_IO, "%.200s...: the path is too long", path);
+    return folder_make(path, why);
+}

@@ -1,0 +1,65 @@
+/* server/chart/judge.h */
+/* How far pictures are from a truth that nobody has: two references a and b of it, made from different random numbers,
+ * stand for it. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of a picture x is
+ *     mean(q (x - a)(x - b)),
+ * whose mean over a and b is that of relMSE against the truth itself: their own noise is independent of each other and
+ * of x, so it cancels, where (x - r)^2 would add it. Such an error may come out below 0 where x is better than the
+ * references can tell; `doubt` says where that is. Pictures are float[height][width][3], linear. Sums are in fixed
+ * order: the same bits at any number of threads. */
+#ifndef CHART_JUDGE_H
+#define CHART_JUDGE_H
+
+#include "err.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct judge {
+    const float *a, *b; /* borrowed */
+    float *mean;        /* [height][width][3]: r */
+    float *weight;      /* likewise: q / (3 pixels); 0 where a pixel is left out */
+    uint32_t width, height;
+    uint64_t pixels; /* counted */
+    /* Of the references: mean(q (a - b)^2) / 4, which is what r's own noise would add to an error against it. */
+    double noise;
+    /* Standard deviation of the error that a perfect picture is given, from the same differences: errors below two of
+     * them cannot be told from 0. */
+    double doubt;
+};
+
+/* mask: uint8_t[height][width], 0 = leave the pixel out. ERR_NOMEM; ERR_RANGE where no pixel is counted or the
+ * references are black. On an error *j needs no finish. */
+MUST_CHECK enum err judge_init(struct judge *j, const float *a, const float *b, const uint8_t *mask, uint32_t width,
+                               uint32_t height, struct reason *why);
+void judge_finish(struct judge *j); /* zeroed memory is allowed */
+
+/* The error; INFINITY for a picture that holds what is no number. */
+double judge_error(const struct judge *j, const float *x);
+
+/* Each pixel's part of it, (x - a)(x - b) q averaged over the channels, at least 0: for a map. */
+void judge_map(const struct judge *j, const float *x, float *map);
+
+/* out[n][n]: mean(q (x_i - a)(x_k - b)), made symmetric in i and k. The diagonal holds the errors; what stands beside
+ * it knows no variance of x_i, since that is independent of x_k's: its mean is the square of the bias. */
+void judge_pairs(const struct judge *j, const float *const *x, uint32_t n, double *out);
+
+/* What of an error no number of seeds takes away. */
+struct judge_floor {
+    double error;    /* mean of the seeds' */
+    double bias;     /* its part that is bias, squared like the error; may be below 0 by chance */
+    double variance; /* the rest */
+    double doubt;    /* standard deviation of `bias`: over the draw of the seeds, and the references' own */
+    double z;        /* bias / doubt: above 3 it is real */
+    double energy;   /* mean luminance over that of the truth, over all seeds */
+    double energy_doubt;
+};
+
+/* pairs[n][n] as above of n >= 3 pictures; luminance[n], each picture's mean over that of the references. */
+void judge_floor(const struct judge *j, const double *pairs, const double *luminance, uint32_t n,
+                 struct judge_floor *out);
+
+/* Mean luminance over the pixels that count, over that of r. */
+double judge_energy(const struct judge *j, const float *x);
+
+#endif

@@ -1,0 +1,18 @@
+/* server/chart/machine.h */
+/* Where and when a chart was made: without it no time means anything. */
+#ifndef CHART_MACHINE_H
+#define CHART_MACHINE_H
+
+struct machine {
+    char cpu[128]; /* as the system names it; "unknown" where it does not */
+    char date[32]; /* UTC, to the minute */
+    int processors, threads;
+    const char *level;  /* of the kernels: "v4" */
+    const char *commit; /* that the program was built from; "unknown" outside a repository */
+    const char *version;
+};
+
+/* level: of the kernels in use. Reads /proc/cpuinfo. */
+void machine_describe(struct machine *m, const char *level);
+
+#endif

@@ -1,0 +1,106 @@
+/* server/chart/panel.h */
+/* One panel of the chart: a scene under a sky, in one class of light, and what every technique made of it at every
+ * budget. panel_measure fills it; then it is only read. */
+#ifndef CHART_PANEL_H
+#define CHART_PANEL_H
+
+#include "errors.h"
+#include "judge.h"
+#include "relight.h"
+#include "series.h"
+#include "technique.h"
+#include "truth.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct progress;
+
+#define BUDGETS_MAX 16
+#define SEEDS_MAX 256
+
+/* Milliseconds that every technique pays alike, medians over all rounds. Each is added to every technique's time. */
+enum common_part {
+    COMMON_DECODE,
+    COMMON_REBUILD, /* resampling onto the cube map, and its sampling tables */
+    COMMON_TONE,
+    COMMON_ENCODE, /* JPEG */
+    COMMON_PARTS,
+};
+const char *common_name(enum common_part part); /* "decode", ... */
+
+struct panel_point { /* one technique at one budget */
+    uint32_t budget, samples, eye_paths;
+    uint64_t particles, rays;
+    struct band seconds, errors[ERROR_KINDS]; /* over the seeds */
+    struct judge_floor floor;
+};
+
+struct panel_curve {
+    const struct technique *technique;
+    struct reason left_out;     /* why there is none; "": there is */
+    const char *bias;           /* in what the method says that it is wrong; NULL: in nothing */
+    struct panel_point *points; /* [budget_count] */
+    double *seconds;            /* [budget_count][seeds]: whole frames */
+    double *errors;             /* [ERROR_KINDS][budget_count][seeds] */
+    float *pictures;            /* [budget_count][height][width][3]: those of the first seed */
+};
+
+struct panel {
+    char scene[128], source[128]; /* titles */
+    enum light_class light_class;
+    uint32_t width, height, seeds, budget_count;
+    uint32_t budgets[BUDGETS_MAX];
+    size_t curve_count;
+    struct panel_curve *curves; /* in the order of the legend */
+
+    double common_ms[COMMON_PARTS];
+    double load_ms, bvh_ms, gbuffer_ms, table_ms; /* once, before the first frame; table: of resampling */
+    uint64_t points, casters, behind, gbuffer_bytes;
+
+    struct truth truth;
+    struct judge judge;
+    uint8_t *mask;    /* [height][width]: pixels that see a surface */
+    double gain_log2; /* the reference's exposure: its log-average luminance to middle grey */
+};
+
+struct panel_desc {
+    const char *scene, *source; /* titles */
+    const struct set *set;
+    const struct kernels *kernels;
+    struct environment *environment; /* of `frame`; decoded and rebuilt again and again, always to the same */
+    const struct frame *frame;
+    enum light_class light_class;
+    const uint32_t *budgets; /* ascending */
+    uint32_t budget_count, seeds;
+    const char *techniques; /* a list of names with commas between; NULL: all */
+    uint32_t truth_samples;
+    const char *cache;     /* folder; NULL: none */
+    double table_ms;       /* as measured by whoever made the environment */
+    struct progress *line; /* stepped by panel_work in all; may be NULL */
+};
+
+/* How much there is to do, in units that take about the same time each. */
+uint64_t panel_work(const struct panel_desc *desc);
+
+/* Runs all of it. The runs of one budget are interleaved, technique by technique within each seed, so that a noisy
+ * moment of the machine hits all alike. On an error *out is NULL: those of truth.h, ERR_NOMEM. Free with
+ * panel_destroy. */
+MUST_CHECK enum err panel_measure(const struct panel_desc *desc, struct panel **out, struct reason *why);
+void panel_destroy(struct panel *p); /* NULL is allowed */
+
+/* Frees pictures and references, by far the most of it, once the page has them; what is left serves tables. */
+void panel_drop_pictures(struct panel *p);
+
+/* Whether the list names the technique. ERR_USAGE from panel_check_techniques names what no technique is called. */
+bool panel_takes(const char *techniques, const struct technique *t);
+MUST_CHECK enum err panel_check_techniques(const char *techniques, struct reason *why);
+
+/* A curve's error for series.h. */
+struct curve panel_curve_of(const struct panel *p, size_t curve, enum error_kind kind);
+
+/* "noon, direct light" and the like, for people. */
+void panel_title(const struct panel *p, char *title, size_t size);
+
+#endif

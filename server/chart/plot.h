@@ -1,0 +1,26 @@
+/* server/chart/plot.h */
+/* Charts by gnuplot: error over time, both logarithmic, a line for each technique with its 10-90 % band, and a guide of
+ * slope -1, along which the error halves when the time doubles. One thread at a time. */
+#ifndef CHART_PLOT_H
+#define CHART_PLOT_H
+
+#include "panel.h"
+#include "text.h"
+#include "winners.h"
+
+/* ERR_UNSUPPORTED, with the package's name, where gnuplot cannot be run. */
+MUST_CHECK enum err plot_check(struct reason *why);
+
+/* The script that draws a panel into the file `svg`. */
+void plot_script(struct text *t, const struct panel *p, const struct winners *w, enum error_kind kind, const char *svg);
+
+/* Draws it. ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED. */
+MUST_CHECK enum err plot_draw(const struct panel *p, const struct winners *w, enum error_kind kind, const char *svg,
+                              struct reason *why);
+
+/* Adds an SVG file of gnuplot's to a page: its names get a prefix, so that several may stand in one page, and its ink
+ * is the page's. ERR_IO, ERR_FORMAT. */
+MUST_CHECK enum err plot_inline(struct text *t, const char *svg, const char *prefix, const char *label,
+                                struct reason *why);
+
+#endif

@@ -1,0 +1,103 @@
+#include "technique.h"
+
+#include "clock.h"
+#include "paths.h"
+#include "rng.h"
+
+#define DIRECT .light_class = LIGHT_DIRECT, .light.classes = PATH_BACKGROUND | PATH_DIRECT, .times = 1, .per = 1
+/* All light: twice the samples, so that a budget of 4 comes to one eye path and one particle a pixel. */
+#define ALL .light_class = LIGHT_ALL, .light.classes = PATH_ALL, .times = 2, .per = 1
+/* A whole path for every four samples: it costs about as much. */
+#define PICTURE_DIRECT                                                                                                 \
+    .light_class = LIGHT_DIRECT, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_BACKGROUND | PATH_DIRECT,           \
+    .times = 1, .per = 4
+#define PICTURE_ALL                                                                                                    \
+    .light_class = LIGHT_ALL, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_ALL, .times = 1, .per = 4
+
+static const struct technique techniques[] = {
+    { "uniform", "directions evenly from all around", DIRECT, .colour = 0x8c8c8c,
+      .light.direct.method = METHOD_UNIFORM },
+    { "brdf", "directions that the material reflects well", DIRECT, .colour = 0xa97bc4,
+      .light.direct.method = METHOD_BRDF },
+    { "light", "directions where the sky is bright", DIRECT, .colour = 0x3f95cf, .light.direct.method = METHOD_LIGHT },
+    { "latlong", "bright directions from the sky's own picture, by rows", DIRECT, .colour = 0x1fa894,
+      .light.direct.method = METHOD_LATLONG },
+    { "latlong-rows", "bright directions from the sky's own picture, by one long table", DIRECT, .colour = 0x78a520,
+      .light.direct.method = METHOD_LATLONG_ROWS },
+    { "faces-uniform", "as many bright directions from each of the sky's six faces", DIRECT, .colour = 0xc79a00,
+      .light.direct.method = METHOD_FACES_UNIFORM },
+    { "faces", "bright directions, more from those faces that the surface looks at", DIRECT, .colour = 0xef8122,
+      .light.direct.method = METHOD_FACES },
+    { "mis", "half bright directions by faces, half what the material reflects well", DIRECT, .colour = 0xdd4b4e,
+      .light.direct.method = METHOD_MIS },
+    { "mis+sun", "bright directions, the sun's by themselves, and what the material reflects well", DIRECT,
+      .colour = 0xd1359b, .light.direct = { .method = METHOD_MIS, .sun = true } },
+    { "mis+sun+cells", "the same as mis+sun, with 384 cells instead of six faces", DIRECT, .colour = 0x7a5af0,
+      .light.direct = { .method = METHOD_MIS, .sun = true, .cells = 8, .compensate = COMPENSATE_AUTO } },
+    { "auto", "what the program chooses by itself", DIRECT, .kind = TECHNIQUE_AUTO,
+      .light.direct.method = METHOD_AUTO },
+    { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_DIRECT, .colour = 0x94704a,
+      .light.direct.method = METHOD_PATH },
+
+    { "mis/light", "mis, paths from the light for caustics, paths from the eye for light from wall to wall", ALL,
+      .colour = 0xdd4b4e, .light.direct.method = METHOD_MIS, .light.caustics = PLAN_LIGHT, .light.indirect = PLAN_EYE },
+    { "mis/eye", "mis, and paths from the eye for all that comes by detours", ALL, .colour = 0x3f95cf,
+      .light.direct.method = METHOD_MIS, .light.caustics = PLAN_EYE, .light.indirect = PLAN_EYE },
+    { "auto", "what the program chooses by itself", ALL, .kind = TECHNIQUE_AUTO, .light.direct.method = METHOD_AUTO },
+    { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_ALL, .colour = 0x94704a,
+      .light.direct.method = METHOD_PATH },
+    { "mlt", "chains of paths that dwell where it is bright (Metropolis)", PICTURE_ALL, .colour = 0x7a5af0,
+      .light.direct.method = METHOD_MLT },
+    { "photons", "a photon map, blurred", PICTURE_ALL, .colour = 0x1fa894, .light.direct.method = METHOD_PHOTONS },
+    { "vpl", "virtual point lights, dim in corners", PICTURE_ALL, .colour = 0xc79a00,
+      .light.direct.method = METHOD_VPL },
+};
+
+const char *light_class_name(enum light_class c)
+{
+    return c == LIGHT_DIRECT ? "direct" : "all";
+}
+
+const char *light_class_title(enum light_class c)
+{
+    return c == LIGHT_DIRECT ? "direct light" : "all light";
+}
+
+uint32_t light_class_paths(enum light_class c)
+{
+    return c == LIGHT_DIRECT ? PATH_BACKGROUND | PATH_DIRECT : PATH_ALL;
+}
+
+const struct technique *technique_all(size_t *count)
+{
+    *count = sizeof(techniques) / sizeof(techniques[0]);
+    return techniques;
+}
+
+uint32_t technique_samples(const struct technique *t, uint32_t budget)
+{
+    const uint64_t n = (uint64_t)budget * t->times / t->per;
+    return n ? (uint32_t)n : 1;
+}
+
+enum err technique_run(const struct technique *t, struct relighter *r, const struct environment *e, uint32_t budget,
+                       uint64_t seed, float *rgb, struct technique_cost *cost, struct reason *why)
+{
+    struct relight_desc light = t->light;
+    struct relight_stats stats;
+
+    light.direct.samples = technique_samples(t, budget);
+    light.direct.seed = rng_mix(0x6368617274u, seed);
+    light.direct.why = why;
+    const double start = clock_seconds();
+    const enum err result = relighter_run(r, e, &light, rgb, &stats);
+    *cost = (struct technique_cost){
+        .seconds = clock_seconds() - start,
+        .samples = light.direct.samples,
+        .eye_paths = stats.plan.eye_paths,
+        .particles = stats.plan.particles,
+        .rays = stats.direct.rays + stats.eye.rays + stats.light.rays + stats.reference_rays,
+        .bias = stats.bias,
+    };
+    return result == ERR_NOMEM ? err_say(why, result, "no memory for the samples of %s", t->name) : result;
+}

@@ -1,0 +1,62 @@
+/* server/chart/technique.h */
+/* What is compared: named ways of lighting a picture, and the knob that a budget turns. Constant tables; any thread may
+ * read them, and run techniques on a relighter of its own. */
+#ifndef CHART_TECHNIQUE_H
+#define CHART_TECHNIQUE_H
+
+#include "err.h"
+#include "relight.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Which light a picture holds; a chart compares techniques for the same light only. */
+enum light_class {
+    LIGHT_DIRECT, /* the sky, and what it lights directly */
+    LIGHT_ALL,    /* and caustics and interreflection */
+    LIGHT_CLASSES,
+};
+
+const char *light_class_name(enum light_class c);  /* "direct", "all" */
+const char *light_class_title(enum light_class c); /* for people */
+uint32_t light_class_paths(enum light_class c);    /* PATH_* */
+
+enum technique_kind {
+    TECHNIQUE_FIXED,    /* one of those that auto chooses from: the lower envelope is theirs */
+    TECHNIQUE_BASELINE, /* there to be compared with: paths, Metropolis, photons, point lights */
+    TECHNIQUE_AUTO,     /* chooses by itself; held to the envelope of the fixed ones */
+};
+
+struct technique {
+    const char *name;  /* on command lines and in the CSV: no blanks, no commas */
+    const char *about; /* for people, a phrase that goes on from "it takes ..." */
+    enum light_class light_class;
+    uint32_t colour; /* of its line, 0xrrggbb; 0: the ink's */
+    enum technique_kind kind;
+    struct relight_desc light; /* all but the budget and the seed */
+    /* What a budget N means, as a ratio: N times / per samples per shade point, or per pixel where the method makes the
+     * whole picture. Particles and eye paths follow by the plan (server/plan), one for every eight samples. */
+    uint32_t times, per;
+};
+
+/* All of them, in the order of the legend. */
+const struct technique *technique_all(size_t *count);
+
+/* The samples that a budget comes to, at least 1. */
+uint32_t technique_samples(const struct technique *t, uint32_t budget);
+
+struct technique_cost {
+    double seconds; /* of relighter_run: samples, shading, light tracing, resolving */
+    uint32_t samples, eye_paths;
+    uint64_t particles, rays;
+    const char *bias; /* in what the method says that it is wrong; NULL: in nothing */
+};
+
+/* One picture: rgb float[height][width][3]. Errors as relighter_run's: ERR_UNSUPPORTED where the method needs another
+ * layout of sky. */
+MUST_CHECK enum err technique_run(const struct technique *t, struct relighter *r, const struct environment *e,
+                                  uint32_t budget, uint64_t seed, float *rgb, struct technique_cost *cost,
+                                  struct reason *why);
+
+#endif

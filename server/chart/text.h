@@ -1,0 +1,37 @@
+/* server/chart/text.h */
+/* Text that grows: what the chart writes is built in memory and stored whole. A struct text of zeroes is empty. When
+ * memory is out the text stays as it is and `failed` is set: who stores it asks once. One thread at a time. */
+#ifndef CHART_TEXT_H
+#define CHART_TEXT_H
+
+#include "err.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct text {
+    char *bytes; /* ended by 0; NULL while nothing was added */
+    size_t size; /* without the 0 */
+    size_t capacity;
+    bool failed;
+};
+
+void text_finish(struct text *t); /* zeroed memory is allowed */
+
+void text_add(struct text *t, const char *format, ...) PRINTF_LIKE(2, 3);
+void text_add_bytes(struct text *t, const char *bytes, size_t size);
+
+/* With <, >, &, " and ' as HTML's entities; control characters become blanks. */
+void text_add_escaped(struct text *t, const char *plain);
+
+/* In CSV: within quotes where it needs them [RFC 4180]. */
+void text_add_field(struct text *t, const char *plain);
+
+/* As base64 [RFC 4648], for data: addresses. */
+void text_add_base64(struct text *t, const uint8_t *bytes, size_t size);
+
+/* As base/file_store.h does it; ERR_NOMEM where something could not be added. */
+MUST_CHECK enum err text_store(const struct text *t, const char *path, struct reason *why);
+
+#endif

@@ -1,0 +1,15 @@
+/* server/chart/thumb.h */
+/* Small pictures within a page: JPEG in a data: address. One thread at a time per encoder. */
+#ifndef CHART_THUMB_H
+#define CHART_THUMB_H
+
+#include "jpeg.h"
+#include "panel.h"
+#include "text.h"
+
+/* Adds `data:image/jpeg;base64,...` of a linear picture under the panel's exposure, or of its errors: relative error
+ * from 0.1 % (black) over violet and red to 100 % (pale yellow), grey where nothing is compared. ERR_NOMEM. */
+MUST_CHECK enum err thumb_picture(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb);
+MUST_CHECK enum err thumb_errors(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb);
+
+#endif

@@ -1,0 +1,59 @@
+/* server/chart/winners.h */
+/* Who wins: at equal time, at equal error, over all panels; and who is how far behind. Pure functions of panels; any
+ * thread. */
+#ifndef CHART_WINNERS_H
+#define CHART_WINNERS_H
+
+#include "panel.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define MARKS 3 /* a quarter, half and three quarters of the way through a panel's times, in log */
+#define MARK_MIDDLE 1
+#define TECHNIQUES_MAX 32
+
+struct standing {              /* of one curve */
+    bool has_error[MARKS];     /* it makes a picture in that time at all */
+    double error[MARKS];       /* at that time */
+    bool error_at_most[MARKS]; /* it is through with all its budgets by then: `error` is its last point's */
+    bool reached[MARKS];       /* it gets to that error within its budgets */
+    bool at_most[MARKS];       /* it is there at its first point already: `seconds` is that point's */
+    double seconds[MARKS];     /* of the frame that has that error */
+    double pays_off; /* frames after which what is computed beforehand has been won back against path tracing, at
+                      * the middle error; 0: cannot be told, or it needs nothing beforehand */
+};
+
+struct winners {
+    double seconds[MARKS]; /* equal times */
+    double error[MARKS];   /* equal errors: the best that is had at those times */
+    int by_error[MARKS];   /* the curve with the least error at that time; -1: none has one there */
+    int by_seconds[MARKS]; /* the curve that gets to that error first; -1: none does */
+    struct standing of[TECHNIQUES_MAX];
+    bool auto_known;
+    struct envelope_verdict automatic; /* auto against the envelope of the fixed techniques */
+};
+
+#define ENVELOPE_LIMIT 1.1
+#define WIN_MARGIN 1.05
+
+/* By medians of this error. rounds: of the bootstrap. ERR_NOMEM. */
+MUST_CHECK enum err winners_find(const struct panel *p, enum error_kind kind, uint32_t rounds, struct winners *out);
+
+/* One technique over all panels of a class of light, by its error at the middle time over the best there. */
+struct ranking {
+    const struct technique *technique;
+    uint32_t panels;    /* where it can be compared */
+    uint32_t wins;      /* where its error is the least, or within WIN_MARGIN of it */
+    double mean_ratio;  /* geometric mean */
+    double worst_ratio; /* >= 1 */
+    size_t worst_panel;
+};
+
+/* Sorted: those that are in all panels of the class by their worst ratio, then the others. panel_count panels with
+ * their winners, of any class; room for TECHNIQUES_MAX. Returns how many. */
+size_t winners_rank(const struct panel *const *panels, const struct winners *winners, size_t panel_count,
+                    enum light_class light_class, struct ranking out[TECHNIQUES_MAX]);
+
+#endif

@@ -1,0 +1,135 @@
+#!/usr/bin/env bash
+# relight-chart as a script uses it: what comes out, what is kept, bad input.
+. "$(dirname "$0")/lib.sh"
+export XDG_CACHE_HOME="$work/cache"
+
+# chart OUT FLAGS...: as small as a chart can be.
+chart() {
+    local out=$1
+    shift
+    "$bin/relight-chart" --quick --size 32x18 --seeds 4 --budgets 4,16 --reference 64 --out "$out" "$@" 2>"$work/log" ||
+        { cat "$work/log"; fail "relight-chart $*"; }
+}
+
+# The page stands alone and is well-formed: tags nest, names are unique, nothing is fetched, pictures are JPEG files.
+check_page() {
+    /usr/bin/python3 -B - "$1" <<'PY'
+import base64, html.parser, re, sys
+
+class Page(html.parser.HTMLParser):
+    void = {"meta", "img", "br", "link"}
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.images, self.words = [], set(), 0, []
+    def handle_starttag(self, tag, attributes):
+        named = dict(attributes)
+        assert len(named) == len(attributes), f"{tag}: an attribute twice"
+        if "id" in named:
+            assert named["id"] not in self.ids, f"id {named['id']} twice"
+            self.ids.add(named["id"])
+        for key in ("src", "href", "xlink:href"):
+            value = named.get(key, "")
+            assert re.match(r"(data:|#|chart\.csv$|runs\.csv$|$)", value), f"{key}={value[:60]}"
+        if tag == "img":
+            head, data = named["src"].split(",")
+            assert head == "data:image/jpeg;base64" and base64.b64decode(data, validate=True)[:3] == b"\xff\xd8\xff"
+            assert named["alt"]
+            self.images += 1
+        if tag not in self.void:
+            self.open.append(tag)
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in self.void:
+            self.open.pop()
+    def handle_endtag(self, tag):
+        assert self.open and self.open.pop() == tag, f"</{tag}> closes nothing"
+    def handle_data(self, data):
+        self.words.append(data)
+
+text = open(sys.argv[1], encoding="utf-8").read()
+page = Page()
+page.feed(text)
+page.close()
+assert not page.open, page.open
+words = " ".join(page.words)
+for wanted in ("Which to choose", "Worst case", "Winners", "commit", "threads", "how it was made"):
+    assert wanted in words, wanted
+for link in re.findall(r'href="#([^"]*)"', text):
+    assert link in page.ids, link
+assert "nan" not in words.lower().split() and "inf" not in words.lower().split()
+print(page.images, "pictures")
+PY
+}
+
+# Every row has every column, numbers are numbers, and there are as many rows as points.
+check_table() {
+    /usr/bin/python3 -B - "$1" "$2" <<'PY'
+import csv, sys
+rows = list(csv.DictReader(open(sys.argv[1], newline="")))
+assert len(rows) == int(sys.argv[2]), len(rows)
+words = {"scene", "source", "light", "technique", "kind"}
+for row in rows:
+    assert None not in row and None not in row.values(), row
+    for key, value in row.items():
+        assert key in words or value == "" or float(value) is not None
+    assert float(row.get("frame_ms_median", row.get("frame_ms"))) > 0
+PY
+}
+
+a_small_chart_has_all_its_files() {
+    chart "$work/out"
+    check_page "$work/out/index.html" || fail "index.html"
+    check_table "$work/out/chart.csv" $((2 * (12 + 7) * 2)) || fail "chart.csv"
+    check_table "$work/out/runs.csv" $((2 * (12 + 7) * 2 * 4)) || fail "runs.csv"
+    [ "$(find "$work/out" -name '*.svg' | wc -l)" = 12 ] || fail "not three charts for each of four panels"
+    find "$work/out" -name '*.svg' -exec /usr/bin/python3 -B -c \
+        'import sys, xml.etree.ElementTree as t; [t.parse(f) for f in sys.argv[1:]]' {} + || fail "an SVG file"
+    [ -z "$(find "$work/out" -name '*.gp' -o -name '*.part')" ] || fail "something is left over"
+}
+
+references_are_kept_and_used_again() {
+    chart "$work/a" --techniques mis,faces --sources 'a<b&c=sky:hour=12,size=64x32'
+    find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/before"
+    [ "$(wc -l <"$work/before")" = 2 ] || fail "not two references"
+    chart "$work/b" --techniques faces,uniform --sources 'a<b&c=sky:hour=12,size=64x32'
+    find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/after"
+    cmp "$work/before" "$work/after" || fail "references have changed"
+    check_page "$work/b/index.html" || fail "a title with marks of HTML"
+    # The same seeds and references: the same errors, whatever else is charted.
+    /usr/bin/python3 -B - "$work/a/runs.csv" "$work/b/runs.csv" <<'PY' || fail "errors differ"
+import csv, sys
+def errors(name):
+    return [(r["budget"], r["seed"], r["rel_mse"], r["noise"], r["delta_e"]) for r in csv.DictReader(open(name))
+            if r["technique"] == "faces"]
+a, b = map(errors, sys.argv[1:])
+assert len(a) == 8 and a == b, (a, b)
+PY
+    head -c 100 /dev/zero >"$(cut -c 67- "$work/before" | head -n 1)"
+    chart "$work/c" --techniques faces --sources 'sky:hour=12,size=64x32'
+    grep -q 'is no reference of this program; it is made again' "$work/log" || fail "damage is not reported"
+    find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/after"
+    cmp "$work/before" "$work/after" || fail "the reference is not the same again"
+}
+
+bad_input_ends_with_its_code() {
+    local program=("$bin/relight-chart" --quick)
+    expect 2 '--out is missing' "${program[@]}"
+    expect 2 "there are uniform,brdf,light" "${program[@]}" --out "$work/o" --techniques metropolis
+    expect 2 'does not ascend' "${program[@]}" --out "$work/o" --budgets 8,4
+    expect 2 '--seeds' "${program[@]}" --out "$work/o" --seeds 3
+    expect 2 '--size' "${program[@]}" --out "$work/o" --size 320
+    expect 2 'at least one of each' "${program[@]}" --out "$work/o" --sources ' ; '
+    expect 1 'nowhere.json' "${program[@]}" --out "$work/o" --scenes "$work/nowhere.json"
+    expect 1 'nowhere.exr' "${program[@]}" --out "$work/o" --sources "$work/nowhere.exr"
+    : >"$work/file"
+    expect 1 "$work/file.*is no folder" "${program[@]}" --out "$work/file"
+    expect 1 "$work/file.*is no folder" "${program[@]}" --out "$work/o" --cache "$work/file"
+    expect 2 'neither XDG_CACHE_HOME nor HOME' env -u XDG_CACHE_HOME -u HOME "${program[@]}" --out "$work/o"
+}
+
+a_machine_without_gnuplot_is_told() {
+    mkdir "$work/empty"
+    expect 1 'gnuplot-nox' env PATH="$work/empty" "$bin/relight-chart" --quick --out "$work/o"
+}
+
+"$1"

@@ -1,0 +1,118 @@
+#include "text.h"
+
+#include "chart.h"
+#include "panel.h"
+#include "technique.h"
+#include "unit.h"
+
+static void escapes_leave_no_mark_of_html(void **state)
+{
+    struct text t = { .bytes = NULL };
+    (void)state;
+
+    text_add_escaped(&t, "<a href=\"x\">&'\n");
+    assert_string_equal(t.bytes, "&lt;a href=&quot;x&quot;&gt;&amp;&#39; ");
+    text_finish(&t);
+}
+
+/* The vectors of RFC 4648, section 10. */
+static void base64_is_that_of_the_vectors(void **state)
+{
+    static const char *const want[] = { "", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy" };
+    (void)state;
+
+    for (size_t n = 0; n <= 6; n++) {
+        struct text t = { .bytes = NULL };
+        text_add_base64(&t, (const uint8_t *)"foobar", n);
+        assert_string_equal(t.bytes ? t.bytes : "", want[n]);
+        text_finish(&t);
+    }
+}
+
+static void fields_are_quoted_where_they_must_be(void **state)
+{
+    struct text t = { .bytes = NULL };
+    (void)state;
+
+    text_add_field(&t, "plain one");
+    text_add(&t, "|");
+    text_add_field(&t, "sky:hour=12,turbidity=3");
+    text_add(&t, "|");
+    text_add_field(&t, "say \"noon\"");
+    assert_string_equal(t.bytes, "plain one|\"sky:hour=12,turbidity=3\"|\"say \"\"noon\"\"\"");
+    text_finish(&t);
+}
+
+static void long_text_grows(void **state)
+{
+    struct text t = { .bytes = NULL };
+    (void)state;
+
+    for (int k = 0; k < 20000; k++)
+        text_add(&t, "%05d,", k);
+    assert_true(t.size == 120000 && !t.failed && memcmp(t.bytes + 6 * 12345, "12345,", 6) == 0);
+    text_finish(&t);
+}
+
+/* A name stands for one technique in each class of light, and fits into lists and files. */
+static void techniques_are_told_by_their_names(void **state)
+{
+    size_t count;
+    const struct technique *all = technique_all(&count);
+    (void)state;
+
+    for (size_t i = 0; i < count; i++) {
+        assert_null(strpbrk(all[i].name, " ,;\"'\\"));
+        assert_true(technique_samples(&all[i], 1) >= 1 &&
+                    technique_samples(&all[i], 64) > technique_samples(&all[i], 16));
+        for (size_t k = 0; k < i; k++)
+            assert_false(all[i].light_class == all[k].light_class && strcmp(all[i].name, all[k].name) == 0);
+    }
+    struct reason why = { "" };
+    assert_true(panel_takes("faces,mis", &all[7]) == (strcmp(all[7].name, "mis") == 0));
+    assert_int_equal(panel_check_techniques("faces,mis", &why), ERR_OK);
+    assert_int_equal(panel_check_techniques("faces,mi", &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "'mi'"));
+}
+
+static void budgets_must_ascend(void **state)
+{
+    static const char *const bad[] = { "", "4", "4,4", "8,4", "4,x", "0,4", "4,-8", "4 8", "4,8 ", "4,99999999999" };
+    uint32_t out[4], count;
+    struct reason why;
+    (void)state;
+
+    assert_int_equal(chart_read_budgets("4,8,16", out, 4, &count, &why), ERR_OK);
+    assert_true(count == 3 && out[0] == 4 && out[2] == 16);
+    for (size_t k = 0; k < sizeof(bad) / sizeof(bad[0]); k++)
+        assert_int_equal(chart_read_budgets(bad[k], out, 4, &count, &why), ERR_USAGE);
+    assert_int_equal(chart_read_budgets("1,2,3,4,5", out, 4, &count, &why), ERR_USAGE);
+}
+
+static void lists_give_titles_and_specs(void **state)
+{
+    static const char *const want[][2] = { { "noon", "sky:hour=12,turbidity=3" },
+                                           { "sky:hour=6", "sky:hour=6" },
+                                           { "dawn_1k", "env/dawn_1k.hdr" },
+                                           { "grey", "env/a b.exr" },
+                                           { "builtin", "builtin" } };
+    const char *list = "noon=sky:hour=12,turbidity=3;sky:hour=6; env/dawn_1k.hdr;grey=env/a b.exr;;builtin;";
+    char title[128], spec[4096];
+    (void)state;
+
+    for (size_t k = 0; k < 5; k++) {
+        assert_true(chart_next_item(&list, title, spec));
+        assert_string_equal(title, want[k][0]);
+        assert_string_equal(spec, want[k][1]);
+        list += *list == ';' && list[1] == ';';
+    }
+    assert_false(chart_next_item(&list, title, spec));
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(escapes_leave_no_mark_of_html),        cmocka_unit_test(base64_is_that_of_the_vectors),
+    cmocka_unit_test(fields_are_quoted_where_they_must_be), cmocka_unit_test(long_text_grows),
+    cmocka_unit_test(techniques_are_told_by_their_names),   cmocka_unit_test(budgets_must_ascend),
+    cmocka_unit_test(lists_give_titles_and_specs),
+};
+UNIT_MAIN(tests)
