@@ -7,9 +7,9 @@
  * hard to see. */
 #define ALBEDO_LEAST 0.04
 /* Above it lobe rays find the light that mirrors and glass gather too seldom. In equal time eye paths have 0.4 to 0.6
- * of the light tracer's relMSE under even cloud (2.8), as much as it at 3.8, twice as much at 6.8, three times at 7.3
- * and five or more at 8.1, where caustics bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun
- * that casts shadows is far above: docs/mathematics.md has the figures of more skies. */
+ * of the light tracer's relMSE under even cloud (2.8), as much as it at 3.8, twice as much at 6.8 and 1.7 to 9 times
+ * from 7.3 to 8.7, where caustics bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun that
+ * casts shadows is far above: docs/mathematics.md has the figures of more skies. */
 #define PEAKED 5.0
 
 static void leave_out(struct plan *p, const char *why)
