@@ -44,7 +44,7 @@ static struct option_row rows[] = {
     { "runs", "N", "interleaved runs, 1 to 99", "9" },
     { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4" },
     { "whole", NULL, "all light, by the program's own frame: direct light and eye paths beside the caustics", NULL },
-    { "particles", "N", "of --whole's light tracer, a pixel for each eye path", "3" },
+    { "particles", "N", "of --whole's light tracer, a pixel for each eye path", "1" },
     { "reference", "N", "particles a pixel of the truth", "1000" },
     { "threads", "N", "1: times are the techniques' own; 0: as many as there are processors", "1" },
     { NULL, NULL, NULL, NULL },
@@ -57,8 +57,8 @@ static double cpu_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* All light: the program's frame with 8 samples of direct light for each eye path, as its plan has it. Particles are
- * more than the plan's one: where caustics are, nearly all of the error is theirs. */
+/* All light: the program's frame with 8 samples of direct light and so many particles for each eye path. Its points lie
+ * in the pixels' centres, which after long times is the error that is left. */
 static uint64_t render_whole(struct figure *f, enum seen_by by, uint32_t samples, uint64_t seed)
 {
     const struct relight_desc d = {
