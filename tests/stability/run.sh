@@ -62,5 +62,8 @@ else
                       print line
                   } }'
 fi
+for claim in "${failed[@]}"; do
+    echo "failed: $claim"
+done
 echo "$(wc -l <"$rows") cases, $(grep -c '| BROKEN$' "$rows" || true) broken, ${#failed[@]} claims failed"
 ((${#failed[@]} == 0))
