@@ -43,7 +43,7 @@ static void both_sides_agree_on_plaza(void **state)
 {
     (void)state;
     struct world w = world_open("../scenes/plaza.json");
-    assert_sides_agree(&w, 3.5f, &(struct budget){ 96, 80000, 9e-3, 4.5e-3 });
+    assert_sides_agree(&w, 3.5f, &(struct budget){ 384, 320000, 4.5e-3, 2.2e-3 });
     world_finish(&w);
 }
 
@@ -51,7 +51,7 @@ static void both_sides_agree_on_ring(void **state)
 {
     (void)state;
     struct world w = world_open("../scenes/ring.json");
-    assert_sides_agree(&w, 2.5f, &(struct budget){ 128, 80000, 9e-3, 4.5e-3 });
+    assert_sides_agree(&w, 2.5f, &(struct budget){ 512, 320000, 4.5e-3, 2.2e-3 });
     world_finish(&w);
 }
 
@@ -69,7 +69,7 @@ static void both_sides_agree_on_dragon(void **state)
     (void)state;
     struct world w = world_open("../scenes/dragon.json");
     blunt(w.scene);
-    assert_sides_agree(&w, 2.0f, &(struct budget){ 96, 80000, 2e-2, 1e-2 });
+    assert_sides_agree(&w, 2.0f, &(struct budget){ 384, 320000, 9e-3, 4e-3 });
     world_finish(&w);
 }
 
