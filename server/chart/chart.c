@@ -160,13 +160,10 @@ static enum err show_panel(struct chart *c, struct reason *why)
     enum err e = winners_find(p, ERROR_REL_MSE, BOOTSTRAP_ROUNDS, &c->winners[k]);
 
     for (int kind = 0; kind < ERROR_KINDS && !e; kind++) {
-        struct winners w = c->winners[k]; /* the guide of other errors has its own place */
-        if (kind != ERROR_REL_MSE)
-            e = winners_find(p, (enum error_kind)kind, 0, &w);
         page_svg_name(p, k, (enum error_kind)kind, name, sizeof(name));
         snprintf(path, sizeof(path), "%s/%s", c->desc->out, name);
         if (!e)
-            e = plot_draw(p, &w, (enum error_kind)kind, path, why);
+            e = plot_draw(p, (enum error_kind)kind, path, why);
     }
     if (!e)
         e = page_add_panel(&c->sections[k], p, &c->winners[k], k, c->desc->out, why);
@@ -247,6 +244,8 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
         .scene = strcmp(spec, BUILTIN) == 0 ? NULL : spec,
         .width = c->desc->width,
         .height = c->desc->height,
+        .edge_rays = c->desc->edge_rays,
+        .every_pixel = c->desc->every_pixel,
     };
     const char *list = c->desc->sources;
     char source[128], source_spec[4096];

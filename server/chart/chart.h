@@ -22,6 +22,8 @@ struct chart_desc {
     const char *command;    /* for the page */
     const struct kernels *kernels;
     uint32_t width, height, seeds;
+    uint32_t edge_rays; /* as in set_desc, likewise every_pixel */
+    bool every_pixel;
     uint32_t truth_samples; /* of each reference, per pixel */
     bool progress;          /* a line on standard error, if that is a terminal */
 };

@@ -18,15 +18,17 @@ const struct error_about *error_about(enum error_kind kind)
     return &kinds[kind];
 }
 
-/* (x_i - x_k)^2 in mean over the others; half of it is the variance. Both references cancel in it. */
+/* n / (n - 1) times the square of x_i - m, m the mean of all: their mean is the variance. Both references cancel. */
 static double noise_of(const double *pairs, uint32_t n, uint32_t i)
 {
-    double sum = 0.0;
+    double row = 0.0, all = 0.0;
 
-    for (uint32_t k = 0; k < n; k++)
-        if (k != i)
-            sum += 0.5 * (pairs[i * n + i] + pairs[k * n + k]) - pairs[i * n + k];
-    return isfinite(sum) ? sum / (n - 1) : INFINITY;
+    for (uint32_t k = 0; k < n * n; k++) {
+        all += pairs[k] / ((double)n * n);
+        row += k / n == i ? pairs[k] / n : 0.0;
+    }
+    const double square = pairs[i * n + i] - 2.0 * row + all;
+    return isfinite(square) ? square * n / (n - 1) : INFINITY;
 }
 
 enum err errors_of(const struct judge *j, const uint8_t *mask, const float *const *x, const double *pairs, uint32_t n,

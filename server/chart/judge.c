@@ -81,7 +81,7 @@ void judge_finish(struct judge *j)
     *j = (struct judge){ .a = NULL };
 }
 
-/* Sum of q (x - a)(y - b). */
+/* Half the sum of q ((x - a)(y - b) + (y - a)(x - b)). */
 static double product(const struct judge *j, const float *x, const float *y)
 {
     const size_t values = values_of(j);
@@ -90,13 +90,15 @@ static double product(const struct judge *j, const float *x, const float *y)
 #pragma omp parallel for schedule(static)
     for (size_t k = 0; k < BANDS; k++) {
         double s = 0.0;
-        for (size_t v = values * k / BANDS; v < values * (k + 1) / BANDS; v++)
+        for (size_t v = values * k / BANDS; v < values * (k + 1) / BANDS; v++) {
+            const double a = (double)j->a[v], b = (double)j->b[v], p = (double)x[v], q = (double)y[v];
             if (j->weight[v] != 0.0f)
-                s += (double)j->weight[v] * ((double)x[v] - (double)j->a[v]) * ((double)y[v] - (double)j->b[v]);
+                s += (double)j->weight[v] * ((p - a) * (q - b) + (q - a) * (p - b));
+        }
         band[k] = s;
     }
     for (int k = 0; k < BANDS; k++)
-        sum += band[k];
+        sum += 0.5 * band[k];
     return isfinite(sum) ? sum : INFINITY;
 }
 
@@ -119,10 +121,8 @@ void judge_map(const struct judge *j, const float *x, float *map)
 void judge_pairs(const struct judge *j, const float *const *x, uint32_t n, double *out)
 {
     for (uint32_t i = 0; i < n; i++)
-        for (uint32_t k = 0; k <= i; k++) {
-            const double p = i == k ? product(j, x[i], x[i]) : 0.5 * (product(j, x[i], x[k]) + product(j, x[k], x[i]));
-            out[i * n + k] = out[k * n + i] = p;
-        }
+        for (uint32_t k = 0; k <= i; k++)
+            out[i * n + k] = out[k * n + i] = product(j, x[i], x[k]);
 }
 
 double judge_energy(const struct judge *j, const float *x)

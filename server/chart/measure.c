@@ -14,6 +14,8 @@
 
 #define JPEG_QUALITY 92 /* relightd's own default */
 #define WARM_UP_SEED UINT64_MAX
+#define JUDGE_WORK 4                   /* of comparing a picture, in the units of work_of */
+#define PICTURES_MAX ((size_t)8 << 30) /* bytes */
 
 struct bench { /* what the runs share */
     const struct panel_desc *desc;
@@ -21,7 +23,7 @@ struct bench { /* what the runs share */
     struct relighter *relighter;
     struct jpeg_encoder *jpeg;
     uint8_t *display;             /* [height][width][3] */
-    float *pictures;              /* [curve_count][seeds][height][width][3], of one budget */
+    float *pictures;              /* [curve_count][budget_count][seeds][height][width][3] */
     double *common[COMMON_PARTS]; /* [rounds] milliseconds */
     uint32_t rounds;
 };
@@ -31,9 +33,10 @@ static size_t values_of(const struct panel *p)
     return 3 * (size_t)p->width * p->height;
 }
 
-static float *picture_of(const struct bench *b, size_t curve, uint32_t seed)
+static float *picture_of(const struct bench *b, size_t curve, uint32_t budget, uint32_t seed)
 {
-    return b->pictures + (curve * b->panel->seeds + seed) * values_of(b->panel);
+    const struct panel *p = b->panel;
+    return b->pictures + ((curve * p->budget_count + budget) * p->seeds + seed) * values_of(p);
 }
 
 /* About how long a run takes: rays are its cost, and something a frame. */
@@ -57,7 +60,7 @@ uint64_t panel_work(const struct panel_desc *desc)
     for (size_t t = 0; t < count; t++)
         for (uint32_t k = 0; k < desc->budget_count; k++)
             if (all[t].light_class == desc->light_class && panel_takes(desc->techniques, &all[t]))
-                work += desc->seeds * work_of(&all[t], desc->budgets[k]);
+                work += desc->seeds * (JUDGE_WORK + work_of(&all[t], desc->budgets[k]));
     return work;
 }
 
@@ -92,7 +95,13 @@ static enum err set_up(struct bench *b, struct reason *why)
     b->relighter = relighter_create(d->set, d->kernels);
     b->jpeg = jpeg_encoder_create();
     b->display = mem_alloc(values_of(p), 1);
-    b->pictures = mem_alloc_raw(p->curve_count * p->seeds * values_of(p), sizeof(float));
+    const size_t bytes = p->curve_count * p->budget_count * p->seeds * values_of(p) * sizeof(float);
+    if (bytes > PICTURES_MAX)
+        return err_say(why, ERR_RANGE,
+                       "the pictures of %zu techniques, %u budgets and %u seeds take %.1f GB, at most %.1f: "
+                       "make them smaller, or fewer",
+                       p->curve_count, p->budget_count, p->seeds, 1e-9 * (double)bytes, 1e-9 * (double)PICTURES_MAX);
+    b->pictures = mem_alloc_raw(bytes, 1);
     p->mask = mem_alloc((size_t)p->width * p->height, 1);
     for (int k = 0; k < COMMON_PARTS; k++) {
         b->common[k] = mem_alloc((size_t)p->budget_count * p->seeds, sizeof(double));
@@ -129,6 +138,14 @@ static enum err find_truth(struct bench *b, struct reason *why)
     return e;
 }
 
+/* What would be the same as its neighbour in this scene is not run. */
+static void leave_out(const struct bench *b, struct panel_curve *c)
+{
+    if (b->desc->set->facts.casters == 0 && c->technique->light.caustics == PLAN_LIGHT)
+        snprintf(c->left_out.text, sizeof(c->left_out.text),
+                 "the scene has no mirror and no glass, so that no path from the light is asked for");
+}
+
 /* One run that is not measured: code and memory are warm then, and what a method cannot do is known. */
 static enum err warm_up(struct bench *b, struct reason *why)
 {
@@ -137,8 +154,11 @@ static enum err warm_up(struct bench *b, struct reason *why)
 
     for (size_t c = 0; c < p->curve_count; c++) {
         struct reason said = { "" };
+        leave_out(b, &p->curves[c]);
+        if (p->curves[c].left_out.text[0])
+            continue;
         const enum err e = technique_run(p->curves[c].technique, b->relighter, b->desc->environment, p->budgets[0],
-                                         WARM_UP_SEED, picture_of(b, c, 0), &cost, &said);
+                                         WARM_UP_SEED, picture_of(b, c, 0, 0), &cost, &said);
         if (e == ERR_UNSUPPORTED || e == ERR_USAGE)
             err_say(&p->curves[c].left_out, e, "%s", said.text[0] ? said.text : err_text(e));
         else if (e)
@@ -186,7 +206,7 @@ static enum err run_round(struct bench *b, uint32_t budget, uint32_t seed, struc
         struct technique_cost cost;
 
         if (!curve->left_out.text[0]) {
-            float *rgb = picture_of(b, c, seed);
+            float *rgb = picture_of(b, c, budget, seed);
             e = technique_run(curve->technique, b->relighter, b->desc->environment, p->budgets[budget], seed, rgb,
                               &cost, why);
             curve->seconds[(size_t)budget * p->seeds + seed] = cost.seconds;
@@ -210,7 +230,7 @@ static enum err judge_point(struct bench *b, size_t c, uint32_t budget, double *
     double energy[SEEDS_MAX];
 
     for (uint32_t s = 0; s < p->seeds; s++) {
-        x[s] = picture_of(b, c, s);
+        x[s] = picture_of(b, c, budget, s);
         energy[s] = judge_energy(&p->judge, x[s]);
     }
     judge_pairs(&p->judge, x, p->seeds, pairs);
@@ -225,30 +245,34 @@ static enum err judge_point(struct bench *b, size_t c, uint32_t budget, double *
     return ERR_OK;
 }
 
-/* The seed's picture by one technique or another; where there is none, the truth. */
-static const float *some_picture(const struct bench *b, uint32_t seed)
+/* A picture by one technique or another; where there is none, the truth. */
+static const float *some_picture(const struct bench *b, uint32_t budget, uint32_t seed)
 {
     for (size_t k = 0; k < b->panel->curve_count; k++) {
         const size_t c = (k + seed) % b->panel->curve_count;
         if (!b->panel->curves[c].left_out.text[0])
-            return picture_of(b, c, seed);
+            return picture_of(b, c, budget, seed);
     }
     return b->panel->judge.mean;
 }
 
-static enum err run_budget(struct bench *b, uint32_t budget, double *pairs, struct reason *why)
+static enum err run_all(struct bench *b, double *pairs, struct reason *why)
 {
     struct panel *p = b->panel;
     enum err e = ERR_OK;
 
-    for (uint32_t s = 0; s < p->seeds && !e; s++) {
-        e = run_round(b, budget, s, why);
-        if (!e)
-            e = run_common(b, some_picture(b, s), why);
-    }
-    for (size_t c = 0; c < p->curve_count && !e; c++)
-        if (!p->curves[c].left_out.text[0])
-            e = judge_point(b, c, budget, pairs, pairs + (size_t)p->seeds * p->seeds);
+    for (uint32_t s = 0; s < p->seeds; s++)
+        for (uint32_t k = 0; k < p->budget_count && !e; k++) {
+            e = run_round(b, k, s, why);
+            if (!e)
+                e = run_common(b, some_picture(b, k, s), why);
+        }
+    for (size_t c = 0; c < p->curve_count; c++)
+        for (uint32_t k = 0; k < p->budget_count && !e; k++) {
+            if (!p->curves[c].left_out.text[0])
+                e = judge_point(b, c, k, pairs, pairs + (size_t)p->seeds * p->seeds);
+            progress_step(b->desc->line, JUDGE_WORK * p->seeds);
+        }
     return e;
 }
 
@@ -289,8 +313,8 @@ static enum err measure(struct bench *b, struct reason *why)
         e = find_truth(b, why);
     if (!e)
         e = warm_up(b, why);
-    for (uint32_t k = 0; k < p->budget_count && !e; k++)
-        e = run_budget(b, k, pairs, why);
+    if (!e)
+        e = run_all(b, pairs, why);
     if (!e)
         e = summarise(b);
     mem_free(pairs);

@@ -156,22 +156,46 @@ static void add_curve(struct text *t, const struct panel *p, const struct winner
         text_add(t, "<td class=\"soft\">&ndash;</td></tr>");
 }
 
-/* Words on what the table cannot hold. */
-static void add_remarks(struct text *t, const struct panel *p, const struct winners *w)
+static void add_automatic(struct text *t, const struct winners *w)
+{
+    const struct envelope_verdict *v = &w->automatic;
+
+    text_add(
+        t,
+        "<p><b>auto</b> %s within %.1f times the best of the fixed methods: at worst it had %.2f times their error, "
+        "at ",
+        v->within                    ? "stays"
+        : v->worst <= ENVELOPE_LIMIT ? "may or may not stay"
+                                     : "<span class=\"bad\">does not stay</span>",
+        ENVELOPE_LIMIT, v->worst);
+    add_figure(t, 1e3 * v->worst_seconds);
+    text_add(t, " ms. Nine of ten bootstrap rounds stay below %.2f; %.0f %% of them hold the limit.</p>", v->upper,
+             100.0 * v->confidence);
+}
+
+/* How much of the best error at the middle time is no noise. */
+static void add_floor(struct text *t, const struct panel *p, const struct winners *w)
+{
+    const int best = w->by_error[MARK_MIDDLE];
+
+    if (best < 0)
+        return;
+    const struct panel_curve *c = &p->curves[best];
+    const struct judge_floor *f = &c->points[nearest_budget(p, c, w->seconds[MARK_MIDDLE])].floor;
+    const double share = f->bias / f->error;
+    if (share > 0.2 && !method_is_reference(c->technique->light.direct.method))
+        text_add(
+            t,
+            "<p>Of the best error half way, %.0f %% is no noise: it is what one point for a whole pixel misses, the "
+            "same for all methods but <b>path</b> and its like. More samples do not change it; more camera rays "
+            "(<code>--every-pixel</code>) do.</p>",
+            100.0 * fmin(share, 1.0));
+}
+
+static void add_times(struct text *t, const struct panel *p)
 {
     double common = 0.0;
 
-    if (w->auto_known) {
-        text_add(t, "<p><b>auto</b> ");
-        text_add(t, w->automatic.within                    ? "stays"
-                    : w->automatic.worst <= ENVELOPE_LIMIT ? "may or may not stay"
-                                                           : "<span class=\"bad\">does not stay</span>");
-        text_add(t, " within %.1f times the best of the fixed methods: at worst it had %.2f times their error, at ",
-                 ENVELOPE_LIMIT, w->automatic.worst);
-        add_figure(t, 1e3 * w->automatic.worst_seconds);
-        text_add(t, " ms. Nine of ten bootstrap rounds stay below %.2f; %.0f %% of them hold the limit.</p>",
-                 w->automatic.upper, 100.0 * w->automatic.confidence);
-    }
     text_add(t, "<p class=\"soft\">Of every frame's time");
     for (int k = 0; k < COMMON_PARTS; k++) {
         text_add(t, "%s %s ", k ? "," : "", common_name((enum common_part)k));
@@ -192,13 +216,24 @@ static void add_remarks(struct text *t, const struct panel *p, const struct winn
              " ms; the G-buffer's %" PRIu64 " shade points take %.1f MB. Relative squared errors below %.1e cannot be "
              "told from 0 by these references.</p>",
              p->points, 1e-6 * (double)p->gbuffer_bytes, 2.0 * p->judge.doubt);
-    for (size_t c = 0; c < p->curve_count; c++) {
-        const struct panel_curve *q = &p->curves[c];
-        if (q->left_out.text[0] || q->bias) {
-            text_add(t, "<p class=\"soft\"><b>%s</b>%s ", q->technique->name,
-                     q->left_out.text[0] ? " is left out:" : " is wrong by itself:");
-            text_add_escaped(t, q->left_out.text[0] ? q->left_out.text : q->bias);
+}
+
+/* What is to be said of single methods. */
+static void add_notes(struct text *t, const struct panel *p)
+{
+    for (size_t k = 0; k < p->curve_count; k++) {
+        const struct panel_curve *c = &p->curves[k];
+        const struct judge_floor *f = &c->points[p->budget_count - 1].floor;
+        if (c->left_out.text[0] || c->bias) {
+            text_add(t, "<p class=\"soft\"><b>%s</b>%s ", c->technique->name,
+                     c->left_out.text[0] ? " is left out:" : " is wrong by itself:");
+            text_add_escaped(t, c->left_out.text[0] ? c->left_out.text : c->bias);
             text_add(t, ".</p>");
+        } else if (f->energy < 0.9) {
+            text_add(t,
+                     "<p class=\"soft\"><b>%s</b> shows %.0f %% of the light: the rest comes in pixels that are rare "
+                     "and very bright, and %u seeds have met too few of them. It is not wrong in the mean.</p>",
+                     c->technique->name, 100.0 * f->energy, p->seeds);
         }
     }
 }
@@ -221,7 +256,11 @@ enum err page_add_panel(struct text *t, const struct panel *p, const struct winn
             if (!p->curves[c].left_out.text[0])
                 add_curve(t, p, w, c);
         text_add(t, "</table></div>");
-        add_remarks(t, p, w);
+        if (w->auto_known)
+            add_automatic(t, w);
+        add_floor(t, p, w);
+        add_times(t, p);
+        add_notes(t, p);
         e = add_strip(t, p, w, jpeg);
         if (e)
             e = err_say(why, e, "no memory for the page's pictures");

@@ -84,9 +84,10 @@ struct panel_desc {
 /* How much there is to do, in units that take about the same time each. */
 uint64_t panel_work(const struct panel_desc *desc);
 
-/* Runs all of it. The runs of one budget are interleaved, technique by technique within each seed, so that a noisy
- * moment of the machine hits all alike. On an error *out is NULL: those of truth.h, ERR_NOMEM. Free with
- * panel_destroy. */
+/* Runs all of it. Seed by seed, within it budget by budget, within that technique by technique, so that a noisy moment
+ * of the machine hits all alike. All pictures are held until they are compared: 12 bytes times pixels, techniques,
+ * budgets and seeds, 660 MB for 12, 5 and 16 at 320x180; ERR_RANGE above 8 GiB. On an error *out is NULL: those of
+ * truth.h, ERR_NOMEM. Free with panel_destroy. */
 MUST_CHECK enum err panel_measure(const struct panel_desc *desc, struct panel **out, struct reason *why);
 void panel_destroy(struct panel *p); /* NULL is allowed */
 

@@ -13,7 +13,6 @@
 #define WIDTH 820 /* of the smaller charts; the first is half as wide again */
 #define HEIGHT 500
 #define SPAN 300.0 /* highest over least error that is drawn: what is wronger is named in the legend */
-#define GUIDE 0.5  /* of the best error at the middle time: below all curves */
 
 extern char **environ;
 
@@ -129,7 +128,7 @@ static void add_style(struct text *t, const struct technique *q)
 static void add_curves(struct text *t, const struct panel *p, enum error_kind kind, double top)
 {
     for (size_t c = 0; c < p->curve_count; c++)
-        if (!p->curves[c].left_out.text[0])
+        if (!p->curves[c].left_out.text[0] && !is_above(p, &p->curves[c], kind, top))
             text_add(t,
                      ", \\\n  $curve%zu using 1:2:4 with filledcurves fc rgb '#%06x' fs transparent solid 0.13 "
                      "noborder notitle",
@@ -145,10 +144,10 @@ static void add_curves(struct text *t, const struct panel *p, enum error_kind ki
     text_add(t, "\n");
 }
 
-void plot_script(struct text *t, const struct panel *p, const struct winners *w, enum error_kind kind, const char *svg)
+void plot_script(struct text *t, const struct panel *p, enum error_kind kind, const char *svg)
 {
     const struct frame_of f = find_frame(p, kind);
-    const double along = w->seconds[MARK_MIDDLE] * 1e3 * w->error[MARK_MIDDLE] * GUIDE;
+    const double through = sqrt(f.x[0] * f.x[1] * f.y[0] * f.y[1]); /* the middle of the chart */
 
     text_add(t,
              "set terminal svg size %d,%d dynamic noenhanced font 'sans-serif,15' background rgb '#ffffff'\n"
@@ -164,20 +163,19 @@ void plot_script(struct text *t, const struct panel *p, const struct winners *w,
     if (kind == ERROR_REL_MSE)
         text_add(t, "doubt = %.6g\n", fmax(2.0 * p->judge.doubt, 1e-30));
     add_data(t, p, kind);
-    text_add(t, "plot %.6g / x with lines lc rgb '#888888' lw 1.2 dt (2,4) title 'slope -1'", along);
+    text_add(t, "plot %.6g / x with lines lc rgb '#888888' lw 1.5 dt (2,4) title 'slope -1'", through);
     if (kind == ERROR_REL_MSE && 2.0 * p->judge.doubt > f.y[0])
         text_add(t, ", \\\n  doubt with lines lc rgb '#888888' lw 1 dt (8,6) title 'reference ends'");
     add_curves(t, p, kind, f.y[1]);
 }
 
-enum err plot_draw(const struct panel *p, const struct winners *w, enum error_kind kind, const char *svg,
-                   struct reason *why)
+enum err plot_draw(const struct panel *p, enum error_kind kind, const char *svg, struct reason *why)
 {
     struct text script = { .bytes = NULL };
     char name[4200];
 
     snprintf(name, sizeof(name), "%s.gp", svg);
-    plot_script(&script, p, w, kind, svg);
+    plot_script(&script, p, kind, svg);
     enum err e = text_store(&script, name, why);
     if (!e)
         e = run_gnuplot(name, why);

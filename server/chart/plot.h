@@ -6,17 +6,15 @@
 
 #include "panel.h"
 #include "text.h"
-#include "winners.h"
 
 /* ERR_UNSUPPORTED, with the package's name, where gnuplot cannot be run. */
 MUST_CHECK enum err plot_check(struct reason *why);
 
 /* The script that draws a panel into the file `svg`. */
-void plot_script(struct text *t, const struct panel *p, const struct winners *w, enum error_kind kind, const char *svg);
+void plot_script(struct text *t, const struct panel *p, enum error_kind kind, const char *svg);
 
 /* Draws it. ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED. */
-MUST_CHECK enum err plot_draw(const struct panel *p, const struct winners *w, enum error_kind kind, const char *svg,
-                              struct reason *why);
+MUST_CHECK enum err plot_draw(const struct panel *p, enum error_kind kind, const char *svg, struct reason *why);
 
 /* Adds an SVG file of gnuplot's to a page: its names get a prefix, so that several may stand in one page, and its ink
  * is the page's. ERR_IO, ERR_FORMAT. */

@@ -20,11 +20,13 @@ static struct option_row rows[] = {
     { "sources", "LIST", "sources with ; between, of which the first frame counts; TITLE=SOURCE likewise", SKIES },
     { "techniques", "LIST", "names with commas between; left out: all", NULL },
     { "", NULL, "how well", NULL },
-    { "quick", NULL, "96x54 pixels and fewer samples in the references: two minutes on two cores", NULL },
+    { "quick", NULL, "64x36 pixels and fewer samples in the references: two minutes on two cores", NULL },
     { "size", "WxH", "of the pictures, in pixels; left out: 320x180", NULL },
+    { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
+    { "every-pixel", NULL, "K x K camera rays in all pixels", NULL },
     { "seeds", "N", "runs of each point, 4 to 256", "16" },
     { "budgets", "LIST", "samples N_s per shade point, ascending, with commas between", "4,8,16,32,64" },
-    { "reference", "N", "samples per pixel of each of the two references; left out: 2048, or 1024 if quick", NULL },
+    { "reference", "N", "samples per pixel of each of the two references; left out: 2048, or 512 if quick", NULL },
     { "threads", "N", "at most; 0: as many as there are processors", "0" },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
     { "", NULL, "where to", NULL },
@@ -35,15 +37,15 @@ static struct option_row rows[] = {
 
 static enum err read_size(const struct options *o, bool quick, struct chart_desc *d, struct reason *why)
 {
-    d->width = quick ? 96 : 320;
-    d->height = quick ? 54 : 180;
+    d->width = quick ? 64 : 320;
+    d->height = quick ? 36 : 180;
     return options_get(o, "size") ? options_size(o, "size", &d->width, &d->height, why) : ERR_OK;
 }
 
 static enum err read_options(const struct options *o, struct chart_desc *d, struct reason *why)
 {
     const bool quick = options_on(o, "quick");
-    uint64_t seeds = 0, threads = 0, reference = quick ? 1024 : 2048;
+    uint64_t seeds = 0, threads = 0, edge = 0, reference = quick ? 512 : 2048;
 
     d->scenes = options_get(o, "scenes");
     d->sources = options_get(o, "sources");
@@ -60,11 +62,15 @@ static enum err read_options(const struct options *o, struct chart_desc *d, stru
     if (!e && options_get(o, "reference"))
         e = options_u64(o, "reference", 1, 1 << 20, &reference, why);
     if (!e)
+        e = options_u64(o, "edge-rays", 1, 16, &edge, why);
+    if (!e)
         e = options_u64(o, "threads", 0, 1024, &threads, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
     if (!e && threads)
         omp_set_num_threads((int)threads);
+    d->edge_rays = (uint32_t)edge;
+    d->every_pixel = options_on(o, "every-pixel");
     d->seeds = (uint32_t)seeds;
     d->truth_samples = (uint32_t)reference;
     return e;
