@@ -193,6 +193,9 @@ static const struct change { /* {} stands for the prefix */
     { "url(#", "url(#{}" },
     { "'black'", "'currentColor'" },
     { "\"black\"", "\"currentColor\"" },
+    { "'rgb(  0,   0,   0)'", "'currentColor'" },
+    { "\"rgb(  0,   0,   0)\"", "\"currentColor\"" },
+    { "\"rgb(0,0,0)\"", "\"currentColor\"" },
     { "fill=\"#ffffff\"", "fill=\"none\"" },
 };
 

@@ -9,11 +9,11 @@
 
 #include <math.h>
 
-enum { FACES_UNIFORM, FACES, MIS, CURVES, SEEDS = 24 };
+enum { FACES_UNIFORM, FACES, MIS, CURVES, SEEDS = 64 };
 
 static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t count)
 {
-    const struct set_desc stage = { .width = 48, .height = 27 };
+    const struct set_desc stage = { .width = 40, .height = 22 };
     const struct source_desc from = { .spec = sky };
     struct frame frame = { .kind = FRAME_NONE };
     struct source *source;
@@ -63,11 +63,13 @@ static double mean_log(const struct panel *p, size_t curve, uint32_t budget, dou
     return sum;
 }
 
-/* At 16 and 64 samples: each of the two steps lowers the noise, by more than 4 of its standard errors, which are those
- * of a geometric mean over 24 seeds. Four comparisons: by chance none in ten thousand runs. */
+/* At 32 and 64 samples: each of the two steps lowers the noise, by more than 3 of its standard errors, which are those
+ * of a geometric mean over 64 seeds; all points of a picture share their light samples, so that a seed is one
+ * observation. Four comparisons: by chance once in two hundred sets of seeds, and these are fixed. A method that lowers
+ * the noise by half is found; measured were 0.4 to 0.6 for the first step, 0.2 to 0.3 for the second. */
 static void faces_beat_even_faces_and_lobes_beat_both(void **state)
 {
-    static const uint32_t budgets[] = { 16, 64 };
+    static const uint32_t budgets[] = { 32, 64 };
     (void)state;
 
     struct panel *p = measure("sky:hour=12,size=256x128", budgets, 2);
@@ -79,7 +81,7 @@ static void faces_beat_even_faces_and_lobes_beat_both(void **state)
             const double z = (before - after) / sqrt(before2 + after2);
             print_message("%u samples: %s has %.3f of the noise of %s, z %.1f\n", budgets[b],
                           p->curves[c].technique->name, exp(after - before), p->curves[c - 1].technique->name, z);
-            assert_true(z > 4.0);
+            assert_true(z > 3.0);
         }
     panel_destroy(p);
 }
