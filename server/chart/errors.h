@@ -11,6 +11,7 @@ enum error_kind {
     ERROR_REL_MSE, /* against two references, no pixel left out: judge.h */
     ERROR_NOISE,   /* the part of it that another seed changes: no reference enters */
     ERROR_DELTA_E, /* mean CIE76 after one fixed tone map: film/metrics.h. Not free of the references' own noise */
+    ERROR_FLIP,    /* mean FLIP under the same exposure: film/flip.h. Nor is this */
     ERROR_KINDS,
 };
 

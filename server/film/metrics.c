@@ -1,6 +1,7 @@
 #include "metrics.h"
 
 #include "film.h"
+#include "lab.h"
 #include "mem.h"
 #include "vec.h"
 
@@ -19,27 +20,6 @@ struct sums {
     double delta_e;
     uint64_t pixels;
 };
-
-struct lab {
-    double l, a, b;
-};
-
-/* CIE 1976 (L*a*b*) [CIE 15:2004, 8.2.1]: f(t). */
-static double lab_root(double t)
-{
-    const double d = 6.0 / 29.0;
-    return t > d * d * d ? cbrt(t) : t / (3.0 * d * d) + 4.0 / 29.0;
-}
-
-/* Display-linear Rec.709, white D65 = (1, 1, 1), to L*a*b*. The rows add up to the white point's X and Z. */
-static struct lab lab_from(const double c[3])
-{
-    const double x = (0.4123907993 * c[0] + 0.3575843394 * c[1] + 0.1804807884 * c[2]) / 0.9504559271;
-    const double y = 0.2126390059 * c[0] + 0.7151686788 * c[1] + 0.0721923154 * c[2];
-    const double z = (0.0193308187 * c[0] + 0.1191947798 * c[1] + 0.9505321522 * c[2]) / 1.0890577508;
-    const double fx = lab_root(x), fy = lab_root(y), fz = lab_root(z);
-    return (struct lab){ 116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz) };
-}
 
 static struct lab lab_of_pixel(const float *rgb, double gain)
 {

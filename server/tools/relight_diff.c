@@ -3,6 +3,7 @@
 #include "decode.h"
 #include "error_map.h"
 #include "exr_write.h"
+#include "flip.h"
 #include "log.h"
 #include "mem.h"
 #include "metrics.h"
@@ -19,6 +20,7 @@ static struct option_row rows[] = {
     { "", NULL, "what is compared", NULL },
     { "mask", "FILE", "a picture of the same size: where it is black, pixels are left out", NULL },
     { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02" },
+    { "pixels-per-degree", "X", "of the observer's eye, for FLIP", "67" },
     { "", NULL, "what comes out", NULL },
     { "map", "FILE", "error of each pixel: .png is coloured from 0.1 % to 100 %, .exr holds the squares", NULL },
     { "json", NULL, "one JSON object in place of the table", NULL },
@@ -26,17 +28,19 @@ static struct option_row rows[] = {
     { "max-mean", "X", "of the mean ratio's distance from 1, as 0.005", NULL },
     { "max-relmse", "X", "of the relMSE without the worst pixels, as 1e-3", NULL },
     { "max-delta-e", "X", "of the mean visible difference", NULL },
+    { "max-flip", "X", "of mean FLIP", NULL },
     { NULL, NULL, NULL, NULL },
 };
 
 struct diff {
     const char *names[2]; /* of the picture and of the reference */
     struct image images[2];
-    double trim;
+    double trim, pixels_per_degree;
     uint8_t *mask;
     float *map;
     double means[2][4]; /* luminance, red, green, blue */
     struct metrics metrics;
+    double flip; /* mean */
     bool json;
 };
 
@@ -44,6 +48,7 @@ enum bound {
     BOUND_MEAN,
     BOUND_RELMSE,
     BOUND_DELTA_E,
+    BOUND_FLIP,
     BOUNDS,
 };
 
@@ -115,6 +120,8 @@ static enum err compare(struct diff *d, struct reason *why)
         return err_say(why, ERR_NOMEM, "no memory for %" PRIu32 "x%" PRIu32 " errors", width, height);
     if (!metrics_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->trim, d->map, &d->metrics))
         return err_say(why, ERR_RANGE, "no pixel is left to compare: the mask is black, or memory is out");
+    if (!flip_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->pixels_per_degree, NULL, &d->flip))
+        return err_say(why, ERR_NOMEM, "no memory to compare %" PRIu32 "x%" PRIu32 " as the eye does", width, height);
     take_means(d);
     return ERR_OK;
 }
@@ -177,6 +184,7 @@ static void print_table(const struct diff *d)
     snprintf(trimmed, sizeof(trimmed), "  without the worst %.3g %%", 100.0 * d->trim);
     printf("\n%-26s%11.4g\n%-26s%11.4g\n", "relMSE", m->rel_mse, trimmed, m->rel_mse_trimmed);
     printf("%-26s%11.4g\n", "delta E*ab, mean", m->delta_e);
+    printf("%-26s%11.4g\n", "FLIP, mean", d->flip);
 }
 
 /* JSON knows no infinity: null. */
@@ -188,12 +196,12 @@ static json_t *number(double x)
 static enum err print_json(const struct diff *d, struct reason *why)
 {
     const struct metrics *m = &d->metrics;
-    json_t *o =
-        json_pack("{s:s, s:s, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:f, s:o}", "picture", d->names[0], "reference",
-                  d->names[1], "width", (json_int_t)d->images[1].width, "height", (json_int_t)d->images[1].height,
-                  "pixels", (json_int_t)m->pixels, "mean", number(d->means[0][0]), "mean_reference",
-                  number(d->means[1][0]), "mean_ratio", number(m->mean_ratio), "rel_mse", number(m->rel_mse),
-                  "rel_mse_trimmed", number(m->rel_mse_trimmed), "trim", d->trim, "delta_e", number(m->delta_e));
+    json_t *o = json_pack("{s:s, s:s, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:f, s:o, s:f}", "picture", d->names[0],
+                          "reference", d->names[1], "width", (json_int_t)d->images[1].width, "height",
+                          (json_int_t)d->images[1].height, "pixels", (json_int_t)m->pixels, "mean",
+                          number(d->means[0][0]), "mean_reference", number(d->means[1][0]), "mean_ratio",
+                          number(m->mean_ratio), "rel_mse", number(m->rel_mse), "rel_mse_trimmed",
+                          number(m->rel_mse_trimmed), "trim", d->trim, "delta_e", number(m->delta_e), "flip", d->flip);
 
     /* names that are no UTF-8 cannot stand in JSON */
     if (!o || json_dumpf(o, stdout, JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(9)) != 0) {
@@ -208,8 +216,9 @@ static enum err print_json(const struct diff *d, struct reason *why)
 /* Prints each bound that is exceeded; how many. What is no number exceeds every bound. */
 static int exceeded(const struct diff *d, const double bounds[BOUNDS])
 {
-    static const char *const names[BOUNDS] = { "mean ratio off by", "relMSE without the worst", "delta E*ab" };
-    const double values[BOUNDS] = { fabs(d->metrics.mean_ratio - 1.0), d->metrics.rel_mse_trimmed, d->metrics.delta_e };
+    static const char *const names[BOUNDS] = { "mean ratio off by", "relMSE without the worst", "delta E*ab", "FLIP" };
+    const double values[BOUNDS] = { fabs(d->metrics.mean_ratio - 1.0), d->metrics.rel_mse_trimmed, d->metrics.delta_e,
+                                    d->flip };
     int count = 0;
 
     for (int i = 0; i < BOUNDS; i++) {
@@ -223,7 +232,7 @@ static int exceeded(const struct diff *d, const double bounds[BOUNDS])
 
 static enum err read_bounds(const struct options *o, double bounds[BOUNDS], struct reason *why)
 {
-    static const char *const flags[BOUNDS] = { "max-mean", "max-relmse", "max-delta-e" };
+    static const char *const flags[BOUNDS] = { "max-mean", "max-relmse", "max-delta-e", "max-flip" };
 
     for (int i = 0; i < BOUNDS; i++) {
         bounds[i] = INFINITY;
@@ -248,7 +257,9 @@ static enum err read_options(const struct options *o, struct diff *d, double bou
     d->names[0] = o->operands[0];
     d->names[1] = o->operands[1];
     d->json = options_on(o, "json");
-    const enum err e = options_double(o, "trim", 0.0, 1.0, &d->trim, why);
+    enum err e = options_double(o, "trim", 0.0, 1.0, &d->trim, why);
+    if (!e)
+        e = options_double(o, "pixels-per-degree", 1.0, FLIP_PIXELS_PER_DEGREE_MAX, &d->pixels_per_degree, why);
     return e ? e : read_bounds(o, bounds, why);
 }
 
@@ -281,9 +292,11 @@ int main(int argc, char **argv)
         .synopsis = "PICTURE REFERENCE [--map FILE] [--max-relmse X] ...",
         .about = "Compares two linear pictures (OpenEXR or Radiance .hdr): the ratio of their means, relMSE = mean((x "
                  "- r)^2 /\n"
-                 "(r^2 + 0.01 mean(r)^2)) over channels and pixels, and the mean CIE76 delta E*ab after one tone map "
-                 "(filmic,\n"
-                 "the reference's log-average at 0.18) on both. Exit code: 0, 1 beyond a bound or on failure, 2 usage.",
+                 "(r^2 + 0.01 mean(r)^2)) over channels and pixels, and, after one tone map on both (filmic, the "
+                 "reference's\n"
+                 "log-average at 0.18), the mean CIE76 delta E*ab and FLIP, what an eye notices that sees both in turn "
+                 "(0 to 1).\n"
+                 "Exit code: 0, 1 beyond a bound or on failure, 2 usage.",
         .rows = rows,
         .operand_max = 2,
     };

@@ -36,8 +36,20 @@ numbers_are_those_of_the_formula() {
 
 a_picture_equals_itself() {
     flat "$work/a.hdr" 20 10 160
-    "$bin/relight-diff" "$work/a.hdr" "$work/a.hdr" --max-mean 0 --max-relmse 0 --max-delta-e 0 --json >"$work/json"
+    "$bin/relight-diff" "$work/a.hdr" "$work/a.hdr" --max-mean 0 --max-relmse 0 --max-delta-e 0 --max-flip 0 --json >"$work/json"
     [ "$(value rel_mse)" = 0.0 ] || fail "relMSE $(value rel_mse)"
+}
+
+# Of greys delta E is the difference of L*, and FLIP 0.95 of its power of 0.7 over 0.4 c_max = 16.5105.
+flip_of_greys_follows_from_delta_e() {
+    flat "$work/a.hdr" 20 10 160
+    flat "$work/b.hdr" 20 10 128
+    local e
+    for e in 67 20; do
+        "$bin/relight-diff" "$work/a.hdr" "$work/b.hdr" --pixels-per-degree "$e" --json >"$work/json"
+        near "$(value flip)" "$(awk -v e="$(value delta_e)" 'BEGIN { print 0.95 * e ^ 0.7 / 16.5105 }')"
+    done
+    expect 2 'pixels-per-degree' "$bin/relight-diff" "$work/a.hdr" "$work/b.hdr" --pixels-per-degree 0
 }
 
 each_bound_ends_with_1_and_is_named() {
@@ -47,7 +59,8 @@ each_bound_ends_with_1_and_is_named() {
     expect 1 'mean ratio off by 0.25 exceeds 0.2' "${diff[@]}" --max-mean 0.2
     expect 1 'relMSE .* 0.06188 exceeds 0.06' "${diff[@]}" --max-relmse 0.06
     expect 1 'delta E.* exceeds 0.5' "${diff[@]}" --max-delta-e 0.5
-    "${diff[@]}" --max-mean 0.26 --max-relmse 0.062 --max-delta-e 50 >"$work/stdout" || fail "bounds that hold"
+    expect 1 'FLIP .* exceeds 0.1' "${diff[@]}" --max-flip 0.1
+    "${diff[@]}" --max-mean 0.26 --max-relmse 0.062 --max-delta-e 50 --max-flip 1 >"$work/stdout" || fail "bounds that hold"
 }
 
 maps_are_written_as_png_and_exr() {

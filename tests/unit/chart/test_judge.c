@@ -184,6 +184,7 @@ static void noise_alone_is_the_variance(void **state)
         sum += errors[ERROR_NOISE * SEEDS + s] / SEEDS;
     assert_true(fabs(sum / f.variance - 1.0) < 1e-9);
     assert_true(f.bias > 0.8 && errors[ERROR_REL_MSE * SEEDS] > 0.8 && errors[ERROR_DELTA_E * SEEDS] > 1.0);
+    assert_true(errors[ERROR_FLIP * SEEDS] > 0.1 && errors[ERROR_FLIP * SEEDS] < 1.0);
     judge_finish(&j);
 }
 
