@@ -102,7 +102,7 @@ static struct gbuffer alike(enum lobe_kind kind, float diffuse, float specular, 
     return g;
 }
 
-/* The sharper the lobe, the fewer of the sky's samples it sees: of an even sky one in n / 4 at an exponent n. */
+/* The sharper the lobe, the fewer of the sky's samples it sees: of an even sky one in n / 2 at an exponent n. */
 static void light_sampling_fails_on_a_near_mirror(void **state)
 {
     static const struct {
