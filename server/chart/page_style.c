@@ -25,7 +25,6 @@ const char page_style[] =
     ".choice .card{margin:0}"
     ".answer{font-size:1.15rem;line-height:1.4}"
     ".charts{display:grid;gap:1rem;grid-template-columns:repeat(auto-fit,minmax(min(100%,32rem),1fr))}"
-    ".charts figure:first-child{grid-column:1/-1}.charts figure:first-child svg{min-width:40rem}"
     "figure{margin:0}"
     ".charts figure{background:var(--raised);border:1px solid var(--line);border-radius:.7rem;padding:.6rem;"
     "overflow-x:auto}"

@@ -10,7 +10,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define WIDTH 820 /* of the smaller charts; the first is half as wide again */
+#define WIDTH 820
 #define HEIGHT 500
 #define SPAN 300.0 /* highest over least error that is drawn: what is wronger is named in the legend */
 
@@ -152,7 +152,7 @@ void plot_script(struct text *t, const struct panel *p, enum error_kind kind, co
     text_add(t,
              "set terminal svg size %d,%d dynamic noenhanced font 'sans-serif,15' background rgb '#ffffff'\n"
              "set output ",
-             kind == ERROR_REL_MSE ? WIDTH * 3 / 2 : WIDTH, HEIGHT);
+             WIDTH, HEIGHT);
     add_quoted(t, svg);
     text_add(t, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", f.x[0], f.x[1], f.y[0], f.y[1]);
     text_add(t, "set xlabel 'milliseconds for a whole frame'\nset ylabel '%s'\n", error_about(kind)->title);
