@@ -7,7 +7,8 @@ enum { WIDTH = 16, HEIGHT = 12, PIXELS = WIDTH * HEIGHT, VALUES = 3 * PIXELS };
 /* A block and a mirror on a floor that reaches `half` metres each way. */
 static struct set *yard(float half, bool mirror)
 {
-    static const struct camera camera = { "yard", { 0.6f, 2.6f, 2.2f }, { -0.3f, 0, 0 }, { 0, 1, 0 }, 0.5f };
+    static const struct camera aside = { "aside", { 0.6f, 2.6f, 2.2f }, { -0.3f, 0, 0 }, { 0, 1, 0 }, 0.5f };
+    static const struct camera above = { "above", { -0.3f, 3.0f, 0 }, { -0.3f, 0, 0 }, { 0, 0, -1 }, 0.3f };
     struct scene *s = scene_create();
     const uint32_t matte = add_lambert(s, 0.7f);
 
@@ -16,7 +17,7 @@ static struct set *yard(float half, bool mirror)
     if (mirror)
         add_wall(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.9f, 0.9f, 0.0f), 0, -1.0f, (const float[2]){ 0, -0.8f },
                  (const float[2]){ 0.8f, 0.8f });
-    return set_of(s, &camera, WIDTH, HEIGHT, 1);
+    return set_of(s, mirror ? &above : &aside, WIDTH, HEIGHT, 1); /* from above the mirror is not seen */
 }
 
 static struct environment *sunny(void)
