@@ -34,6 +34,12 @@ struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and
     uint32_t set;           /* (y mod K) K + x mod K of its pixels, K = interleave: 0 at K = 1 */
 };
 
+/* Some of a G-buffer's packets, by their places, each once: what is asked to be shaded where not all is. */
+struct packet_list {
+    const uint32_t *index;
+    uint32_t count;
+};
+
 struct gbuffer_entry {
     uint32_t point; /* packet * 16 + lane */
     float weight[3];

@@ -16,6 +16,7 @@ struct direct {
     struct latlong latlong;
     uint32_t *numbers; /* [number_capacity][2] */
     uint32_t number_capacity;
+    bool tabled; /* what the last call's options came to: the strata are those of the table */
 };
 
 struct direct *direct_create(const struct kernels *kernels)
@@ -90,6 +91,12 @@ static enum err build_table(struct direct *d, const struct environment *e, const
         .compensate = both && (desc->compensate != COMPENSATE_OFF || chosen),
     };
 
+    if (desc->keep) {
+        s->table = d->tabled;
+        s->systematic = d->tabled && t.cells > 1;
+        return ERR_OK;
+    }
+    d->tabled = false;
     if (recipe->strata != STRATA_FACES || recipe->light_part <= 0.0f || (t.cells == 1 && !t.sun && !t.compensate))
         return ERR_OK;
     enum err result = sky_table_build(&d->table, e, &t);
@@ -102,7 +109,7 @@ static enum err build_table(struct direct *d, const struct environment *e, const
                 "%u x %u cells of a cube map's face of %u x %u texels: 1, 2, 4 and 8 are possible "
                 "where they divide it",
                 t.cells, t.cells, e->n, e->n);
-    s->table = t.cells > 1 || d->table.has_sun || d->table.compensated;
+    d->tabled = s->table = t.cells > 1 || d->table.has_sun || d->table.compensated;
     s->systematic = t.cells > 1;
     return result;
 }
@@ -121,17 +128,18 @@ static enum err fold_sets(const struct gbuffer *g, const struct direct_desc *des
 }
 
 /* The largest count that a packet asks for in each stratum of each set: what is drawn of cells. */
-static void count_most(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
-                       uint32_t (*most)[STRATA_MAX])
+static void count_most(const struct direct *d, const struct gbuffer *g, const struct packet_list *only,
+                       const struct direct_frame *frame, uint32_t (*most)[STRATA_MAX])
 {
-    const uint32_t strata = d->lights[0].strata;
+    const uint32_t strata = d->lights[0].strata, packets = only ? only->count : g->packet_count;
 
 #pragma omp parallel
     {
         const unsigned before = denormals_flush();
         uint32_t own[SETS_MAX][STRATA_MAX] = { { 0 } }, count[STRATA_MAX];
 #pragma omp for schedule(static)
-        for (uint32_t i = 0; i < g->packet_count; i++) {
+        for (uint32_t k = 0; k < packets; k++) {
+            const uint32_t i = only ? only->index[k] : k;
             uint32_t *m = own[frame->set_of[g->packets[i].set]];
             d->kernels->direct_counts(frame, &g->packets[i], i, count);
             for (uint32_t f = 0; f < strata; f++)
@@ -159,7 +167,7 @@ static enum err draw_set(struct direct *d, const struct environment *e, const st
 }
 
 static enum err draw_sets(struct direct *d, const struct gbuffer *g, const struct environment *e,
-                          const struct method_recipe *recipe, const struct strategy *s,
+                          const struct method_recipe *recipe, const struct strategy *s, const struct packet_list *only,
                           const struct direct_frame *frame)
 {
     uint32_t most[SETS_MAX][STRATA_MAX] = { { 0 } };
@@ -171,7 +179,7 @@ static enum err draw_sets(struct direct *d, const struct gbuffer *g, const struc
             most[k][f] = s->light;
     }
     if (s->systematic)
-        count_most(d, g, frame, most);
+        count_most(d, g, only, frame, most);
 #pragma omp parallel for schedule(dynamic) reduction(+ : failed)
     for (uint32_t k = 0; k < s->sets; k++)
         failed += draw_set(d, e, recipe, s, k, most[k]) != ERR_OK;
@@ -179,18 +187,21 @@ static enum err draw_sets(struct direct *d, const struct gbuffer *g, const struc
 }
 
 static void shade_packets(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
-                          const atomic_bool *cancel, float *lo, struct direct_stats *stats)
+                          const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
-    uint64_t rays = 0, chosen = 0, effective = 0;
+    const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
+    uint64_t rays = 0, chosen = 0, effective = 0, points = 0;
 
-#pragma omp parallel reduction(+ : rays, chosen, effective)
+#pragma omp parallel reduction(+ : rays, chosen, effective, points)
     {
         const unsigned before = denormals_flush();
         struct direct_counts counts = { 0 };
 #pragma omp for schedule(dynamic, 32)
-        for (uint32_t i = 0; i < g->packet_count; i++) {
-            if (cancel && atomic_load_explicit(cancel, memory_order_relaxed))
+        for (uint32_t k = 0; k < packets; k++) {
+            const uint32_t i = desc->only ? desc->only->index[k] : k;
+            if (desc->cancel && atomic_load_explicit(desc->cancel, memory_order_relaxed))
                 continue;
+            points += g->packets[i].count;
             d->kernels->direct_packet(frame, &g->packets[i], i, lo + (size_t)i * 3 * PACKET, &counts);
         }
         rays += counts.rays;
@@ -201,6 +212,7 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
     stats->rays = rays;
     stats->chosen = chosen;
     stats->effective = effective;
+    stats->lobes = frame->lobe_count * points;
 }
 
 static void take_stats(const struct direct *d, const struct strategy *s, struct direct_stats *stats)
@@ -238,12 +250,13 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     assert(e->ready && desc->samples >= 1);
     *stats = (struct direct_stats){ 0 };
     enum err result = fold_sets(g, desc, &frame);
-    if (!result && (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS))
+    if (!result && !desc->keep && (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS))
         result = latlong_build(&d->latlong, e, desc->why);
     if (result)
         return result;
     if (!(e->total_energy > 0.0)) { /* a black sky lights nothing */
-        memset(lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
+        for (uint32_t k = 0; k < (desc->only ? desc->only->count : g->packet_count); k++)
+            memset(lo + (size_t)(desc->only ? desc->only->index[k] : k) * 3 * PACKET, 0, 3 * PACKET * sizeof(float));
         d->lights[0].strata = 0;
         return ERR_OK;
     }
@@ -252,14 +265,13 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         return result;
     frame.table = s.table ? &d->table : NULL;
     frame.systematic = s.systematic;
-    result = draw_sets(d, g, e, recipe, &s, &frame);
+    result = draw_sets(d, g, e, recipe, &s, desc->only, &frame);
     if (!result)
         result = draw_numbers(d, frame.lobe_count, rng_mix(seed, 1));
     if (result)
         return result;
     frame.numbers = d->numbers;
-    shade_packets(d, g, &frame, desc->cancel, lo, stats);
+    shade_packets(d, g, &frame, desc, lo, stats);
     take_stats(d, &s, stats);
-    stats->lobes = frame.lobe_count * g->point_count;
     return ERR_OK;
 }

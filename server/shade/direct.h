@@ -49,6 +49,12 @@ struct direct_desc {
     enum compensate compensate;
     uint32_t interleave;
 
+    /* only: the packets to be shaded, NULL: all; of lo the others' places stay as they are. A packet has the same bits
+     * in any list, but for cells, whose samples are as many as the packets of the list ask for. keep: sky, cells, sun,
+     * compensate and method are those of the last call: its tables are not built again. */
+    const struct packet_list *only;
+    bool keep;
+
     const atomic_bool *cancel; /* once true, what is left is not shaded; may be NULL */
     struct reason *why;        /* where an error other than ERR_NOMEM is explained; may be NULL */
 };

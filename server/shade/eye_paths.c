@@ -276,13 +276,15 @@ static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, 
 {
     const uint32_t found = classes_in(f->scene);
     const uint32_t classes[2] = { desc->classes & found, desc->behind_classes & found };
+    const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
     uint64_t rays = 0, paths = 0;
 
 #pragma omp parallel reduction(+ : rays, paths)
     {
         const unsigned before = denormals_flush();
 #pragma omp for schedule(dynamic, 4)
-        for (uint32_t i = 0; i < g->packet_count; i++) {
+        for (uint32_t k = 0; k < packets; k++) {
+            const uint32_t i = desc->only ? desc->only->index[k] : k;
             const struct shade_packet *p = &g->packets[i];
             if (desc->cancel && atomic_load_explicit(desc->cancel, memory_order_relaxed))
                 continue;

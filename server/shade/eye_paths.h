@@ -29,11 +29,12 @@
 
 struct eye_paths_desc {
     uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT, or part of them, at points that the camera sees directly */
-    uint32_t behind_classes;   /* likewise at points behind mirrors and glass (shade_packet.behind) */
-    uint32_t paths;            /* per shade point, >= 1 */
-    uint64_t seed, pass;       /* together they decide every random number; the passes of a seed go on with one
-                                * low-discrepancy sequence, so that their mean gains from it */
-    const atomic_bool *cancel; /* once true, what is left is not shaded; may be NULL */
+    uint32_t behind_classes;        /* likewise at points behind mirrors and glass (shade_packet.behind) */
+    uint32_t paths;                 /* per shade point, >= 1 */
+    const struct packet_list *only; /* the packets to be shaded; NULL: all */
+    uint64_t seed, pass;            /* together they decide every random number; the passes of a seed go on with one
+                                     * low-discrepancy sequence, so that their mean gains from it */
+    const atomic_bool *cancel;      /* once true, what is left is not shaded; may be NULL */
 };
 
 struct eye_paths_stats {

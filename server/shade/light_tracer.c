@@ -431,10 +431,13 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
         .first_direction = desc->pass * ((desc->particles + starts - 1) / starts),
         .seed = rng_mix(rng_mix(desc->seed, desc->particles), desc->classes),
     };
-    memset(t->sum, 0, values * sizeof(*t->sum));
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < values; i++)
+        t->sum[i] = 0.0;
     const enum err result = trace(t, &run, desc->cancel, stats);
     if (result || cancelled(desc->cancel))
         return result;
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)
         rgb[i] += (float)t->sum[i];
     return ERR_OK;

@@ -1,1 +1,2 @@
 unit_test(plan test_plan)
+unit_test(plan test_budget)

@@ -1,0 +1,386 @@
+#include "pilot_parts.h"
+
+#include "clock.h"
+#include "film.h"
+#include "mem.h"
+#include "resolve.h"
+#include "rng.h"
+
+#include <math.h>
+#include <string.h>
+
+#define SMOOTH 0.3
+#define PACE_STEP 0.3
+
+/* The second differs from what the programs' own flags give by nothing: it is what `auto` stands for without a pilot.
+ */
+const struct technique techniques[PILOT_TECHNIQUES] = {
+    { "light and lobes, the sun apart", { .method = METHOD_AUTO }, false },
+    { "light alone", { .method = METHOD_FACES, .sun = true }, false },
+    { "lobes alone", { .method = METHOD_BRDF }, false },
+    { "light by cells and lobes",
+      { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON },
+      false },
+    { "light alone by cells", { .method = METHOD_FACES, .cells = 8, .sun = true }, false },
+    { "light alone, one table", { .method = METHOD_LIGHT }, false },
+    { "light and lobes", { .method = METHOD_MIS }, false },
+};
+
+const char *pilot_technique_name(uint32_t technique)
+{
+    return techniques[technique].name;
+}
+
+const char *pilot_part_name(enum pilot_part part)
+{
+    static const char *const names[] = {
+        "direct, matte", "direct, glossy", "eye paths", "light tracer at mirrors and glass", "light tracer",
+    };
+    return names[part];
+}
+
+enum pilot_part pilot_part_of(uint32_t way)
+{
+    return way < WAY_GLOSSY    ? PILOT_MATTE
+           : way < WAY_EYE_ALL ? PILOT_GLOSSY
+           : way < WAY_AIMED   ? PILOT_EYE
+           : way == WAY_AIMED  ? PILOT_AIMED
+                               : PILOT_WHOLE;
+}
+
+double pilot_now(const struct pilot *p)
+{
+    return p->desc.price ? 0.0 : clock_seconds();
+}
+
+double pilot_spent(const struct pilot *p, double start, const struct pilot_work *work)
+{
+    return p->desc.price ? p->desc.price(work) : clock_seconds() - start;
+}
+
+static bool allocate(struct pilot *p, const struct kernels *kernels)
+{
+    const struct gbuffer *g = p->set->gbuffer;
+    const size_t pixels = (size_t)g->width * g->height;
+    float **const points[] = { &p->lo_direct, &p->lo_eye, &p->lo_other, &p->lo_sum };
+    bool all = true;
+
+    for (int k = 0; k < 4; k++)
+        all = (*points[k] = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float))) && all;
+    for (int k = 0; k < SURFACE_KINDS; k++) {
+        all = (p->direct[k] = direct_create(kernels)) && all;
+        all = (p->half[k] = mem_alloc(pixels, 3 * sizeof(float))) && all;
+    }
+    all = (p->probe = direct_create(kernels)) && all;
+    all = (p->light = light_tracer_create(p->set->scene, p->set->rays, &p->set->view)) && all;
+    all = (p->mask = mem_alloc(pixels, 1)) && all;
+    return groups_init(&p->groups, g) && all;
+}
+
+struct pilot *pilot_create(const struct set *set, const struct kernels *kernels, const struct pilot_desc *desc)
+{
+    struct pilot *p = mem_alloc(1, sizeof(*p));
+
+    if (!p)
+        return NULL;
+    p->set = set;
+    p->pace = 1.0;
+    if (desc)
+        p->desc = *desc;
+    if (!allocate(p, kernels)) {
+        pilot_destroy(p);
+        return NULL;
+    }
+    resolve_mask(set->gbuffer, p->mask);
+    return p;
+}
+
+void pilot_destroy(struct pilot *p)
+{
+    if (!p)
+        return;
+    for (int k = 0; k < SURFACE_KINDS; k++) {
+        direct_destroy(p->direct[k]);
+        mem_free(p->half[k]);
+    }
+    direct_destroy(p->probe);
+    light_tracer_destroy(p->light);
+    groups_finish(&p->groups);
+    mem_free(p->mask);
+    mem_free(p->lo_direct);
+    mem_free(p->lo_eye);
+    mem_free(p->lo_other);
+    mem_free(p->lo_sum);
+    mem_free(p);
+}
+
+enum err pilot_direct(struct pilot *p, struct direct *d, uint32_t way, double n, uint64_t pass, bool keep,
+                      const struct packet_list *only, float *lo, struct direct_stats *stats)
+{
+    const struct direct_desc *asked = &p->wish_light->direct;
+    struct direct_desc desc = techniques[way % PILOT_TECHNIQUES].desc;
+
+    desc.samples = (uint32_t)n;
+    desc.seed = asked->seed;
+    desc.pass = pass;
+    desc.no_visibility = asked->no_visibility;
+    desc.interleave = asked->interleave;
+    desc.only = only;
+    desc.keep = keep;
+    desc.cancel = asked->cancel;
+    desc.why = asked->why;
+    return direct_shade(d, p->set->gbuffer, p->set->rays, p->environment, &desc, lo, stats);
+}
+
+enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only, float *lo,
+                   struct eye_paths_stats *stats)
+{
+    const struct direct_desc *asked = &p->wish_light->direct;
+    const struct eye_paths_desc desc = {
+        .classes = p->route[way].classes,
+        .behind_classes = p->route[way].behind,
+        .paths = (uint32_t)n,
+        .only = only,
+        .seed = rng_mix(rng_mix(asked->seed, 0x657965), pass),
+        .cancel = asked->cancel,
+    };
+
+    for (uint32_t k = 0; k < only->count; k++)
+        memset(lo + (size_t)only->index[k] * 3 * PACKET, 0, 3 * PACKET * sizeof(float));
+    return eye_paths_shade(p->set->scene, p->set->rays, p->set->gbuffer, p->environment, &desc, lo, stats);
+}
+
+enum err pilot_light(struct pilot *p, uint32_t way, double n, uint64_t pass, struct light_tracer_stats *stats)
+{
+    const struct gbuffer *g = p->set->gbuffer;
+    const struct direct_desc *asked = &p->wish_light->direct;
+    struct light_tracer_desc desc = {
+        .classes = p->route[way].classes,
+        .particles = (uint64_t)(0.5 * n * UNIT_PARTICLES),
+        .start = p->wish_light->start,
+        .cancel = asked->cancel,
+    };
+    enum err e = ERR_OK;
+
+    *stats = (struct light_tracer_stats){ 0 };
+    for (uint64_t k = 0; k < 2 && !e; k++) {
+        struct light_tracer_stats one;
+        memset(p->half[k], 0, (size_t)g->width * g->height * 3 * sizeof(float));
+        desc.seed = rng_mix(rng_mix(asked->seed, 0x6c6967), 2 * pass + k);
+        e = light_tracer_run(p->light, p->environment, &desc, p->half[k], &one);
+        stats->particles += one.particles;
+        stats->starts_hit += one.starts_hit;
+        stats->rays += one.rays;
+        stats->splats += one.splats;
+    }
+    return e;
+}
+
+/* What a whole picture's part took, and what it says about the machine's pace. */
+static void note_time(struct pilot *p, enum pilot_part part, double seconds)
+{
+    struct model *m = &p->model[p->choice.way[part]];
+
+    p->ran_s[part] = seconds;
+    if (p->environment->total_energy > 0.0) /* a black sky takes no time, and teaches nothing */
+        model_ran(m, p->choice.n[part], seconds / p->pace);
+}
+
+static enum err make_direct(struct pilot *p, struct relight_stats *stats)
+{
+    const uint64_t pass = p->wish_light->direct.pass;
+    enum err e = ERR_OK;
+
+    for (int kind = 0; kind < SURFACE_KINDS && !e; kind++) {
+        const struct packet_list *list = &p->groups.all.list[kind];
+        const uint32_t way = p->choice.way[kind];
+        struct direct_stats *s = &p->direct_stats[kind];
+        *s = (struct direct_stats){ 0 };
+        if (list->count == 0)
+            continue;
+        if (way == WAY_NONE) {
+            for (uint32_t k = 0; k < list->count; k++)
+                memset(p->lo_direct + (size_t)list->index[k] * 3 * PACKET, 0, 3 * PACKET * sizeof(float));
+            continue;
+        }
+        const double start = pilot_now(p), n = p->choice.n[kind];
+        e = pilot_direct(p, p->direct[kind], way, n, pass, false, list, p->lo_direct, s);
+        const struct pilot_work work = { (enum pilot_part)kind, p->groups.all.points[kind], s->rays, n };
+        note_time(p, (enum pilot_part)kind, pilot_spent(p, start, &work));
+        stats->direct.rays += s->rays;
+        stats->direct.generated += s->generated;
+        stats->direct.chosen += s->chosen;
+        stats->direct.effective += s->effective;
+        stats->direct.lobes += s->lobes;
+        stats->direct.strata = s->strata > stats->direct.strata ? s->strata : stats->direct.strata;
+        stats->direct.sun |= s->sun;
+        stats->direct.compensated |= s->compensated;
+        stats->shade_ms += 1e3 * p->ran_s[kind];
+    }
+    return e;
+}
+
+static enum err make_eye(struct pilot *p, struct relight_stats *stats)
+{
+    if (p->choice.way[PILOT_EYE] == WAY_NONE)
+        return ERR_OK;
+    const double start = pilot_now(p), n = p->choice.n[PILOT_EYE];
+    const enum err e = pilot_eye(p, p->choice.way[PILOT_EYE], n, p->wish_light->direct.pass, &p->groups.all.both,
+                                 p->lo_eye, &stats->eye);
+    const struct pilot_work work = { PILOT_EYE, p->set->gbuffer->point_count, stats->eye.rays, n };
+    note_time(p, PILOT_EYE, pilot_spent(p, start, &work));
+    stats->eye_ms = 1e3 * p->ran_s[PILOT_EYE];
+    return e;
+}
+
+static void make_pixels(struct pilot *p, float *rgb, struct relight_stats *stats)
+{
+    const struct gbuffer *g = p->set->gbuffer;
+    const size_t values = (size_t)g->packet_count * 3 * PACKET;
+    const bool eye = p->choice.way[PILOT_EYE] != WAY_NONE;
+    const uint32_t classes = p->wish_light->classes;
+    const double start = pilot_now(p);
+
+    if (eye) {
+#pragma omp parallel for schedule(static)
+        for (size_t i = 0; i < values; i++)
+            p->lo_sum[i] = p->lo_direct[i] + p->lo_eye[i];
+    }
+    resolve_pixels(g, eye ? p->lo_sum : p->lo_direct, classes & PATH_BACKGROUND || classes == 0 ? p->environment : NULL,
+                   rgb);
+    const struct pilot_work work = { PILOT_PARTS, g->point_count, 0, 0.0 };
+    stats->resolve_ms = 1e3 * pilot_spent(p, start, &work);
+}
+
+/* Both halves' mean into the picture. What their difference says is read at once, before the next run takes the place;
+ * the yardstick is what the picture is so far, and the part itself. */
+static enum err make_light(struct pilot *p, float *rgb, struct relight_stats *stats)
+{
+    const size_t values = 3 * (size_t)p->set->gbuffer->width * p->set->gbuffer->height;
+    enum err e = ERR_OK;
+
+    for (int part = PILOT_AIMED; part <= PILOT_WHOLE && !e; part++) {
+        const uint32_t way = p->choice.way[part];
+        struct light_tracer_stats one;
+        struct pair pair;
+        if (way == WAY_NONE)
+            continue;
+        const double start = pilot_now(p), n = p->choice.n[part];
+        e = pilot_light(p, way, n, p->wish_light->direct.pass, &one);
+#pragma omp parallel for schedule(static)
+        for (size_t i = 0; i < values; i++)
+            rgb[i] += 0.5f * (p->half[0][i] + p->half[1][i]);
+        const struct pilot_work work = { (enum pilot_part)part, 0, one.rays, n };
+        note_time(p, (enum pilot_part)part, pilot_spent(p, start, &work));
+        stats->light.particles += one.particles;
+        stats->light.starts_hit += one.starts_hit;
+        stats->light.rays += one.rays;
+        stats->light.splats += one.splats;
+        stats->light_ms += 1e3 * p->ran_s[part];
+        yardstick_init(&p->yardstick, rgb, p->mask, p->set->gbuffer->width, p->set->gbuffer->height);
+        p->yardstick.place = PAIR_BOTH;
+        pair_of_pictures(&p->groups.all, p->half[0], p->half[1], &p->yardstick, &pair);
+        if (pair.pixels &&
+            p->environment->total_energy > 0.0) /* the mean of the halves has half of either's variance */
+            model_read(&p->model[way], n, 0.5 * pair.error / (double)pair.pixels, pair.energy / (double)pair.pixels);
+    }
+    return e;
+}
+
+static enum err make_picture(struct pilot *p, float *rgb, struct relight_stats *stats)
+{
+    memset(p->ran_s, 0, sizeof(p->ran_s));
+    enum err e = make_direct(p, stats);
+    if (!e)
+        e = make_eye(p, stats);
+    if (e)
+        return e;
+    make_pixels(p, rgb, stats);
+    e = make_light(p, rgb, stats);
+    p->picture_s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->resolve_ms + stats->light_ms);
+    return e;
+}
+
+/* Other work on the machine makes all parts slower alike. */
+static void note_pace(struct pilot *p, const double expected[PILOT_PARTS], const bool seasoned[PILOT_PARTS])
+{
+    double took = 0.0, should = 0.0;
+
+    for (int part = 0; part < PILOT_PARTS; part++)
+        if (seasoned[part] && expected[part] > 0.0) {
+            took += p->ran_s[part];
+            should += expected[part];
+        }
+    if (!(should > 0.0) || !(took > 0.0) || p->desc.price)
+        return;
+    const double ratio = fmin(2.0, fmax(0.5, took / should));
+    p->pace *= pow(ratio, PACE_STEP);
+    /* The models' own times follow too, slowly; together they must not answer the same reading twice. */
+    for (int part = 0; part < PILOT_PARTS; part++)
+        if (seasoned[part]) {
+            p->model[p->choice.way[part]].begin_s /= pow(ratio, PACE_STEP);
+            p->model[p->choice.way[part]].unit_s /= pow(ratio, PACE_STEP);
+        }
+}
+
+static bool cancelled(const struct pilot *p)
+{
+    const atomic_bool *c = p->wish_light->direct.cancel;
+    return c && atomic_load_explicit(c, memory_order_relaxed);
+}
+
+enum err pilot_run(struct pilot *p, const struct environment *e, const struct relight_desc *light,
+                   const struct pilot_wish *wish, float *rgb, struct relight_stats *stats, struct pilot_stats *out)
+{
+    const struct gbuffer *g = p->set->gbuffer;
+    double expected[PILOT_PARTS] = { 0.0 };
+    bool seasoned[PILOT_PARTS] = { false };
+    enum err result;
+
+    *stats = (struct relight_stats){ 0 };
+    *out = (struct pilot_stats){ 0 };
+    p->environment = e;
+    p->wish_light = light;
+    p->pilot_s = 0.0;
+    pilot_take_wish(p, light);
+    pilot_look_at_sky(p);
+    if (!p->begun && e->total_energy > 0.0) { /* a quick picture, by which the rest is measured */
+        pilot_choose(p, wish);
+        result = make_picture(p, rgb, stats);
+        if (result || cancelled(p))
+            return result;
+        yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
+        result = pilot_probe(p, wish);
+        if (result || cancelled(p))
+            return result;
+        p->begun = true;
+        p->pilot_s += p->picture_s;
+        *stats = (struct relight_stats){ 0 };
+    }
+    const double start = pilot_now(p);
+    pilot_choose(p, wish);
+    p->pilot_s += p->desc.price ? 0.0 : pilot_now(p) - start;
+    for (int part = 0; part < PILOT_PARTS; part++)
+        if (p->choice.way[part] != WAY_NONE) {
+            const struct model *m = &p->model[p->choice.way[part]];
+            expected[part] = p->pace * model_seconds(m, p->choice.n[part]);
+            seasoned[part] = m->ran;
+        }
+    result = make_picture(p, rgb, stats);
+    if (result || cancelled(p))
+        return result;
+    note_pace(p, expected, seasoned);
+    const double probing = pilot_now(p);
+    yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
+    result = p->runs == 0 || !(e->total_energy > 0.0) ? ERR_OK : pilot_probe(p, wish);
+    if (!p->desc.price)
+        p->pilot_s += pilot_now(p) - probing;
+    p->frames++;
+    p->runs++;
+    p->other_s += SMOOTH * (1e-3 * stats->resolve_ms - p->other_s);
+    p->frame_s += (p->frame_s > 0.0 ? SMOOTH : 1.0) * (p->picture_s - p->frame_s);
+    for (int part = 0; part < PILOT_PARTS; part++)
+        out->part[part].expected_seconds = expected[part];
+    pilot_say(p, wish, stats, out);
+    return result;
+}

@@ -1,0 +1,235 @@
+#include "pilot_measure.h"
+
+#include "mem.h"
+#include "scatter.h"
+
+#include <string.h>
+
+#define TILE 16u /* pixels a side: packets hold points of such a neighbourhood (gbuffer_pack.c) */
+#define TILES_A_GROUP 6u
+
+static uint32_t tiles_of(uint32_t pixels, uint32_t tile)
+{
+    return (pixels + tile - 1) / tile;
+}
+
+/* Neighbouring tiles are of different groups, and each group's lie all over the picture. */
+static uint32_t group_of(const struct groups *s, uint32_t tile, uint32_t x, uint32_t y)
+{
+    const uint32_t across = tiles_of(s->gbuffer->width, tile), number = y / tile * across + x / tile;
+    return (uint32_t)((uint64_t)number * 40503u % 65537u % s->count);
+}
+
+static bool holds_points(const struct gbuffer *g, size_t pixel)
+{
+    return g->entry_first[pixel + 1] > g->entry_first[pixel];
+}
+
+/* The packets of one kind that `seen` marks, appended to the group's list. */
+static void append(const struct gbuffer *g, const uint8_t *seen, enum surface_kind kind, struct group *group,
+                   uint32_t *used)
+{
+    struct packet_list *list = &group->list[kind];
+
+    list->index = group->index + *used;
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        if (seen[i] && surface_of(&g->packets[i]) == kind) {
+            group->index[(*used)++] = i;
+            list->count++;
+            group->points[kind] += g->packets[i].count;
+        }
+}
+
+static bool list_packets(const struct gbuffer *g, const uint8_t *seen, struct group *group)
+{
+    uint32_t count = 0, used = 0;
+
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        count += seen[i];
+    group->index = mem_alloc(count, sizeof(*group->index));
+    if (!group->index)
+        return false;
+    for (int kind = 0; kind < SURFACE_KINDS; kind++)
+        append(g, seen, (enum surface_kind)kind, group, &used);
+    group->both = (struct packet_list){ group->index, count };
+    return true;
+}
+
+/* One group's pixels and packets; owner[pixel] names the group. */
+static bool fill_group(const struct gbuffer *g, const uint8_t *owner, uint8_t number, uint8_t *seen,
+                       struct group *group)
+{
+    const size_t pixels = (size_t)g->width * g->height;
+
+    memset(seen, 0, g->packet_count);
+    for (size_t i = 0; i < pixels; i++)
+        group->pixel_count += owner[i] == number;
+    group->pixels = mem_alloc(group->pixel_count, sizeof(*group->pixels));
+    if (!group->pixels)
+        return false;
+    group->pixel_count = 0;
+    for (size_t i = 0; i < pixels; i++) {
+        if (owner[i] != number)
+            continue;
+        group->pixels[group->pixel_count++] = (uint32_t)i;
+        for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++) {
+            const float *w = g->entries[k].weight;
+            const uint32_t packet = g->entries[k].point / PACKET;
+            seen[packet] = 1;
+            group->weight[surface_of(&g->packets[packet])] += ((double)w[0] + (double)w[1] + (double)w[2]) / 3.0;
+        }
+    }
+    return list_packets(g, seen, group);
+}
+
+bool groups_init(struct groups *s, const struct gbuffer *g)
+{
+    const size_t pixels = (size_t)g->width * g->height;
+    const uint32_t tile = TILE * (g->interleave ? g->interleave : 1);
+    uint8_t *owner = mem_alloc(pixels, 1), *seen = mem_alloc(g->packet_count, 1);
+    bool all = owner && seen;
+    uint64_t edge = 0;
+
+    *s = (struct groups){ .gbuffer = g };
+    s->count = tiles_of(g->width, tile) * tiles_of(g->height, tile) / TILES_A_GROUP;
+    s->count = s->count < 1 ? 1 : s->count > GROUPS_MAX ? GROUPS_MAX : s->count;
+    for (uint32_t y = 0; y < g->height && all; y++)
+        for (uint32_t x = 0; x < g->width; x++) {
+            const size_t i = (size_t)y * g->width + x;
+            const uint32_t entries = g->entry_first[i + 1] - g->entry_first[i];
+            owner[i] = entries ? 0 : UINT8_MAX;
+            s->pixels += entries > 0;
+            edge += entries > 1 ? entries : 0;
+        }
+    s->edge_points = g->point_count ? (double)edge / (double)g->point_count : 0.0;
+    all = all && fill_group(g, owner, 0, seen, &s->all);
+    for (size_t i = 0; i < pixels && all; i++)
+        if (holds_points(g, i))
+            owner[i] = (uint8_t)group_of(s, tile, (uint32_t)(i % g->width), (uint32_t)(i / g->width));
+    for (uint32_t k = 0; k < s->count && all; k++)
+        all = fill_group(g, owner, (uint8_t)k, seen, &s->group[k]);
+    mem_free(owner);
+    mem_free(seen);
+    return all;
+}
+
+static void finish(struct group *g)
+{
+    mem_free(g->pixels);
+    mem_free(g->index);
+}
+
+void groups_finish(struct groups *s)
+{
+    for (uint32_t k = 0; k < GROUPS_MAX; k++)
+        finish(&s->group[k]);
+    finish(&s->all);
+    *s = (struct groups){ 0 };
+}
+
+void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
+{
+    double sum = 0.0;
+    uint64_t pixels = 0;
+
+#pragma omp parallel for schedule(static) reduction(+ : sum, pixels)
+    for (uint32_t row = 0; row < height; row++)
+        for (size_t i = (size_t)row * width; i < (size_t)(row + 1) * width; i++)
+            if (mask[i]) {
+                sum += (double)rgb[3 * i] + (double)rgb[3 * i + 1] + (double)rgb[3 * i + 2];
+                pixels++;
+            }
+    const double mean = pixels ? sum / (3.0 * (double)pixels) : 0.0;
+    *y = (struct yardstick){ rgb, PAIR_FIRST, 1e-2 * mean * mean };
+}
+
+/* r^2 + 1e-2 mean(r)^2 of a pixel. */
+static void measure_of(const struct yardstick *y, uint32_t pixel, const double a[3], const double b[3], double out[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const double own = (double)y->rgb[3 * (size_t)pixel + (size_t)c];
+        const double r = y->place == PAIR_FIRST  ? own + 0.5 * (b[c] - a[c])
+                         : y->place == PAIR_NONE ? own + 0.5 * (a[c] + b[c])
+                                                 : own;
+        out[c] = r * r + y->soft;
+    }
+}
+
+/* A pixel's value from its shade points, and by its heaviest entry alone. */
+static void resolve(const struct gbuffer *g, uint32_t pixel, const bool kinds[SURFACE_KINDS], const float *lo,
+                    double full[3], double one[3])
+{
+    double heaviest = -1.0, share[3] = { 0.0, 0.0, 0.0 };
+
+    full[0] = full[1] = full[2] = one[0] = one[1] = one[2] = 0.0;
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++) {
+        const struct gbuffer_entry *entry = &g->entries[k];
+        const uint32_t packet = entry->point / PACKET;
+        const float *at = lo + (size_t)packet * 3 * PACKET + entry->point % PACKET;
+        const double weight = (double)entry->weight[0] + (double)entry->weight[1] + (double)entry->weight[2];
+        const bool wanted = kinds[surface_of(&g->packets[packet])];
+        for (int c = 0; c < 3; c++) {
+            const double value = wanted ? (double)at[c * PACKET] : 0.0;
+            full[c] += entry->weight[c] * value;
+            share[c] += entry->weight[c];
+            if (weight > heaviest)
+                one[c] = value;
+        }
+        heaviest = weight > heaviest ? weight : heaviest;
+    }
+    for (int c = 0; c < 3; c++)
+        one[c] *= share[c];
+}
+
+static void add_pixel(const double a[3], const double b[3], const double measure[3], struct pair *out)
+{
+    for (int c = 0; c < 3; c++) {
+        if (!(measure[c] > 0.0))
+            continue;
+        out->error += (a[c] - b[c]) * (a[c] - b[c]) / (6.0 * measure[c]);
+        out->energy += a[c] * b[c] / (3.0 * measure[c]);
+    }
+    out->pixels++;
+}
+
+void pair_of_points(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+                    const float *b, const struct yardstick *y, struct pair *out)
+{
+    double error = 0.0, energy = 0.0, edge = 0.0;
+
+#pragma omp parallel for schedule(static) reduction(+ : error, energy, edge)
+    for (uint32_t k = 0; k < group->pixel_count; k++) {
+        struct pair one = { 0 };
+        double first[3], second[3], first_one[3], second_one[3], measure[3];
+        resolve(s->gbuffer, group->pixels[k], kinds, a, first, first_one);
+        resolve(s->gbuffer, group->pixels[k], kinds, b, second, second_one);
+        measure_of(y, group->pixels[k], first, second, measure);
+        add_pixel(first, second, measure, &one);
+        error += one.error;
+        energy += one.energy;
+        for (int c = 0; c < 3 && measure[0] > 0.0; c++)
+            edge += (first_one[c] - first[c]) * (second_one[c] - second[c]) / (3.0 * measure[c]);
+    }
+    *out = (struct pair){ error, energy, edge, group->pixel_count };
+}
+
+void pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y,
+                      struct pair *out)
+{
+    double error = 0.0, energy = 0.0;
+
+#pragma omp parallel for schedule(static) reduction(+ : error, energy)
+    for (uint32_t k = 0; k < group->pixel_count; k++) {
+        const float *p = a + 3 * (size_t)group->pixels[k], *q = b + 3 * (size_t)group->pixels[k];
+        const double first[3] = { p[0], p[1], p[2] }, second[3] = { q[0], q[1], q[2] };
+        struct pair one = { 0 };
+        double measure[3];
+        if (first[0] + first[1] + first[2] + second[0] + second[1] + second[2] == 0.0)
+            continue;
+        measure_of(y, group->pixels[k], first, second, measure);
+        add_pixel(first, second, measure, &one);
+        error += one.error;
+        energy += one.energy;
+    }
+    *out = (struct pair){ .error = error, .energy = energy, .pixels = group->pixel_count };
+}

@@ -1,0 +1,80 @@
+/* server/film/pilot_measure.h */
+/* Parts of a picture by which the whole is judged: groups of pixels spread over it, with the packets that hold their
+ * shade points, and what two independent pictures of a group say. A set's groups are made once and then only read. */
+#ifndef FILM_PILOT_MEASURE_H
+#define FILM_PILOT_MEASURE_H
+
+#include "gbuffer.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define GROUPS_MAX 24
+
+enum surface_kind { SURFACE_MATTE, SURFACE_GLOSSY, SURFACE_KINDS };
+
+struct group {
+    uint32_t *pixels; /* that hold a shade point */
+    uint32_t pixel_count;
+    uint32_t *index;                        /* of packets: the matte ones, then the glossy ones */
+    struct packet_list list[SURFACE_KINDS]; /* into it */
+    struct packet_list both;
+    uint64_t points[SURFACE_KINDS]; /* in those packets, other pixels' included */
+    double weight[SURFACE_KINDS];   /* of the pixels, in their own points: how many of them each kind fills */
+};
+
+struct groups {
+    const struct gbuffer *gbuffer;
+    struct group group[GROUPS_MAX];
+    uint32_t count;
+    struct group all;   /* the whole picture */
+    double edge_points; /* share of the shade points in pixels that have several */
+    uint64_t pixels;    /* that hold a shade point */
+};
+
+/* False when out of memory; finish all the same. */
+bool groups_init(struct groups *s, const struct gbuffer *g);
+void groups_finish(struct groups *s);
+
+static inline enum surface_kind surface_of(const struct shade_packet *p)
+{
+    return p->kind == LOBE_LAMBERT ? SURFACE_MATTE : SURFACE_GLOSSY;
+}
+
+/* What the picture has of the part that a pair is of. */
+enum pair_place {
+    PAIR_APART, /* another estimate of it: neither of the two */
+    PAIR_FIRST, /* the first of the two */
+    PAIR_BOTH,  /* their mean */
+    PAIR_NONE,  /* nothing: the part is left out */
+};
+
+/* The picture by which errors are made relative: float[height][width][3] as resolved, and 1e-2 mean(r)^2. r of a pixel
+ * is the picture's own value, with the pair's mean for the part where that is known: so r is as good as it can be, and
+ * of symmetric noise the mean of two tells nothing about their difference. */
+struct yardstick {
+    const float *rgb;
+    enum pair_place place;
+    double soft;
+};
+
+void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
+
+/* Sums over pixels, each the mean over its channels, relative as relMSE is. */
+struct pair {
+    double error;  /* of either of the two: half of the squared difference */
+    double energy; /* product: of the part itself, squared */
+    double edge;   /* of what edge pixels would be if their heaviest entry stood for all, squared */
+    uint64_t pixels;
+};
+
+/* Two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Points of the kinds
+ * that are not wanted count 0. */
+void pair_of_points(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+                    const float *b, const struct yardstick *y, struct pair *out);
+
+/* Two pictures of a part. */
+void pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y,
+                      struct pair *out);
+
+#endif

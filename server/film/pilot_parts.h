@@ -1,0 +1,140 @@
+/* server/film/pilot_parts.h */
+/* What the pilot's files share: pilot.c makes the frame, pilot_probe.c goes ahead of it, pilot_choose.c decides,
+ * pilot_say.c puts it into words. */
+#ifndef FILM_PILOT_PARTS_H
+#define FILM_PILOT_PARTS_H
+
+#include "budget.h"
+#include "pilot.h"
+#include "pilot_measure.h"
+#include "pilot_model.h"
+
+#define UNIT_PARTICLES 2048.0 /* the light tracer's n: two halves of whole batches */
+
+/* A way to make a part of the picture: what is measured, timed and chosen among. */
+enum {
+    WAY_MATTE = 0,                               /* + technique */
+    WAY_GLOSSY = WAY_MATTE + PILOT_TECHNIQUES,   /* + technique */
+    WAY_EYE_ALL = WAY_GLOSSY + PILOT_TECHNIQUES, /* eye paths for all that is neither direct nor background, */
+    WAY_EYE_REST,                                /* for what light that is aimed at mirrors and glass leaves, */
+    WAY_EYE_BEHIND,                              /* for what no light path reaches */
+    WAY_AIMED,                                   /* the light tracer */
+    WAY_WHOLE,
+    WAYS,
+    WAY_NONE = WAYS,
+};
+
+struct technique {
+    const char *name;
+    struct direct_desc desc;
+    bool by_sun; /* it differs from the one before it only where there is a sun */
+};
+extern const struct technique techniques[PILOT_TECHNIQUES];
+
+struct route {                /* how one way of eye paths or light tracer goes */
+    uint32_t classes, behind; /* PATH_* */
+};
+
+struct choice {                /* what a frame is made by */
+    uint32_t route;            /* ROUTES: none yet */
+    uint32_t way[PILOT_PARTS]; /* WAY_NONE: left out */
+    double n[PILOT_PARTS];
+};
+
+#define ROUTES                                                                                                         \
+    3 /* the ways by which a frame may have its other light, together: eye paths; particles aimed at mirrors           \
+       * and glass, and eye paths; particles, and eye paths where none can come */
+extern const uint32_t pilot_routes[ROUTES][3]; /* from PILOT_EYE on */
+
+struct pilot {
+    const struct set *set;
+    struct pilot_desc desc;
+    struct direct *direct[SURFACE_KINDS], *probe; /* of the picture; of what goes ahead of it */
+    struct light_tracer *light;
+    struct groups groups;
+    uint8_t *mask;
+    float *lo_direct, *lo_eye, *lo_other, *lo_sum; /* [packet_count][3][16] */
+    float *half[2];                                /* [height][width][3]: of the light tracer */
+
+    /* Of the wish and the scene, made anew when they change. */
+    uint32_t classes; /* asked for, and to be found in the scene */
+    enum plan_estimator caustics_by, indirect_by;
+    double peakedness; /* of the sky that the readings began with; 0: not asked for, since nothing hangs on it */
+    uint32_t eye_wish;
+    uint64_t particles_wish;
+    bool there[WAYS];
+    struct route route[WAYS];
+
+    struct model model[WAYS];
+    double pace;    /* times are as much longer than they were */
+    double other_s; /* from points to pixels, and what the pilot reckons */
+    struct choice choice;
+    bool begun;                /* there has been a frame */
+    uint32_t turn;             /* of the groups */
+    uint32_t next_way;         /* of those not in use, to be probed next */
+    double bank_s;             /* time that the pilot may still take */
+    double frame_s;            /* a frame's, smoothed */
+    uint64_t frames;           /* since the sky changed */
+    uint64_t runs;             /* all */
+    double energy[CUBE_FACES]; /* of the sky that the readings began with */
+    struct direct_stats direct_stats[SURFACE_KINDS];
+    struct pair edge; /* rolling sums */
+    double edge_sum;
+
+    /* Of the frame that is being made. */
+    const struct environment *environment;
+    const struct relight_desc *wish_light;
+    struct yardstick yardstick;
+    double picture_s, pilot_s;
+    double ran_s[PILOT_PARTS]; /* seconds of each part */
+    struct budget budget;
+    struct budget_way ways[PILOT_PARTS][WAYS];
+    uint32_t of_way[PILOT_PARTS][WAYS]; /* which way a budget's way is */
+    uint32_t way_count[PILOT_PARTS];
+    char sentence[PLAN_LEFT_OUT_MAX][160];
+};
+
+/* The clock, or the price of what has been done since `start`. */
+double pilot_now(const struct pilot *p);
+double pilot_spent(const struct pilot *p, double start, const struct pilot_work *work);
+
+enum pilot_part pilot_part_of(uint32_t way);
+
+/* Direct light by a technique, of some packets, n samples a point. */
+MUST_CHECK enum err pilot_direct(struct pilot *p, struct direct *d, uint32_t way, double n, uint64_t pass, bool keep,
+                                 const struct packet_list *only, float *lo, struct direct_stats *stats);
+MUST_CHECK enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only,
+                              float *lo, struct eye_paths_stats *stats);
+/* The two halves of n x UNIT_PARTICLES particles, into half[0] and half[1]. */
+MUST_CHECK enum err pilot_light(struct pilot *p, uint32_t way, double n, uint64_t pass,
+                                struct light_tracer_stats *stats);
+
+/* ---- pilot_probe.c ---- */
+
+/* Whether the sky is another than the one that the readings are of; then they are made old. */
+void pilot_look_at_sky(struct pilot *p);
+/* After the picture: measures what is in use, then, as far as the time allows, what is not. */
+MUST_CHECK enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish);
+/* Share of the frame that goes to probes. */
+double pilot_share(const struct pilot *p);
+
+/* ---- pilot_choose.c ---- */
+
+void pilot_take_wish(struct pilot *p, const struct relight_desc *light);
+/* Which ways there are, by wish, scene and sky. */
+void pilot_set_routes(struct pilot *p);
+/* Above this peakedness (facts.h) what lobe rays find behind mirrors and glass cannot be judged by probes: a sun is met
+ * once in so many thousand rays that they never see it, and the picture does. */
+#define PEAKED_MOST 100.0
+void pilot_choose(struct pilot *p, const struct pilot_wish *wish);
+/* The error that is expected of the choice, and of its route with other time. */
+double pilot_error(const struct pilot *p);
+double pilot_error_at(struct pilot *p, double seconds);
+/* What a part that is left out would bring, squared and relative; 0: not there or not known. */
+double pilot_missing(const struct pilot *p, enum pilot_part part);
+
+/* ---- pilot_say.c ---- */
+
+void pilot_say(struct pilot *p, const struct pilot_wish *wish, struct relight_stats *stats, struct pilot_stats *out);
+
+#endif

@@ -1,0 +1,353 @@
+#include "pilot_parts.h"
+
+#include "facts.h"
+
+#include <math.h>
+#include <string.h>
+
+#define SHARE_AT_FIRST 0.25 /* of a frame's time, for probes: while something is not known */
+#define SHARE_LATER 0.05
+#define READINGS_WANTED 2 /* of each way, before it may be chosen */
+#define FRAMES_AT_FIRST 4
+#define HOPELESS 2.5                 /* times the error of what is in use, in the same time: seldom looked at again, */
+#define SELDOM 8                     /* every so many turns */
+#define BANK_FRAMES 2.0              /* time that is saved up at most */
+#define SKY_SHARE 0.04               /* of the light, come or gone on a face of the cube: another sky; */
+#define SKY_RATIO 1.3                /* so is more or less in all */
+#define PASS_OWN (UINT64_C(1) << 40) /* the pilot's own numbers: no picture has so high a pass */
+#define SAMPLES_TIMED 8.0            /* at least, of direct light */
+#define LIGHT_LEAST 4.0              /* units, of a first look at the light tracer, */
+#define LIGHT_MOST 64.0              /* and later */
+#define FAIR 0.3                     /* of what a group holds in the mean */
+
+/* How much of a way makes as long a part as the one in use takes. */
+static double equal_count(const struct pilot *p, uint32_t way)
+{
+    const enum pilot_part part = pilot_part_of(way);
+    const uint32_t used = p->choice.way[part];
+    const struct model *m = &p->model[way];
+
+    if (used == WAY_NONE)
+        return 1.0;
+    if (!m->timed || !p->model[used].timed || !(m->unit_s > 0.0))
+        return p->choice.n[part];
+    const double n = floor((model_seconds(&p->model[used], p->choice.n[part]) - m->begin_s) / m->unit_s);
+    return fmin(4.0 * p->choice.n[part], fmax(1.0, n));
+}
+
+static bool in_use(const struct pilot *p, uint32_t way)
+{
+    return p->choice.way[pilot_part_of(way)] == way;
+}
+
+static bool hopeless(const struct pilot *p, uint32_t way)
+{
+    const enum pilot_part part = pilot_part_of(way);
+    const uint32_t used = p->choice.way[part];
+
+    return part <= PILOT_GLOSSY && used != WAY_NONE && p->model[way].fresh && p->model[used].fresh &&
+           model_error(&p->model[way], equal_count(p, way)) >
+               HOPELESS * model_error(&p->model[used], p->choice.n[part]);
+}
+
+static bool known(const struct pilot *p)
+{
+    for (uint32_t way = 0; way < WAYS; way++)
+        if (p->there[way] && p->model[way].fresh < READINGS_WANTED && !(p->model[way].fresh && hopeless(p, way)))
+            return false;
+    return true;
+}
+
+double pilot_share(const struct pilot *p)
+{
+    return p->frames < FRAMES_AT_FIRST || !known(p) ? SHARE_AT_FIRST : SHARE_LATER;
+}
+
+void pilot_look_at_sky(struct pilot *p)
+{
+    const struct environment *e = p->environment;
+    double total = 0.0, apart = 0.0;
+
+    for (int f = 0; f < CUBE_FACES; f++)
+        total += p->energy[f];
+    for (int f = 0; f < CUBE_FACES && total > 0.0 && e->total_energy > 0.0; f++)
+        apart = fmax(apart, fabs(e->energy[f] / e->total_energy - p->energy[f] / total));
+    const double ratio = total > 0.0 ? e->total_energy / total : INFINITY;
+    if (apart <= SKY_SHARE && ratio <= SKY_RATIO && ratio >= 1.0 / SKY_RATIO)
+        return;
+    memcpy(p->energy, e->energy, sizeof(p->energy));
+    p->peakedness = p->set->facts.casters > 0 ? facts_peakedness(e) : 0.0;
+    pilot_set_routes(p);
+    for (uint32_t way = 0; way < WAYS; way++)
+        model_age(&p->model[way]);
+    p->edge = (struct pair){ 0 };
+    p->frames = 0;
+}
+
+/* The next one that holds a fair part of the kind; SURFACE_KINDS: of any. */
+static const struct group *next_group(struct pilot *p, enum surface_kind kind)
+{
+    const struct groups *s = &p->groups;
+
+    for (uint32_t k = 0; k < s->count; k++) {
+        const struct group *g = &s->group[p->turn++ % s->count];
+        if (kind == SURFACE_KINDS || g->weight[kind] * s->count >= FAIR * s->all.weight[kind])
+            return g;
+    }
+    return &s->all;
+}
+
+static uint64_t next_pass(struct pilot *p)
+{
+    return PASS_OWN + p->turn++;
+}
+
+static void pay(struct pilot *p, double seconds)
+{
+    p->bank_s -= seconds;
+    if (p->desc.price)
+        p->pilot_s += seconds;
+}
+
+/* Of a group, what stands for the picture: by the pixels that the kind fills, since it may fill few in one group and
+ * many in another. */
+static void read_pair(struct pilot *p, uint32_t way, double n, const struct group *g, const struct pair *pair)
+{
+    const enum pilot_part part = pilot_part_of(way);
+    const double own = part <= PILOT_GLOSSY ? g->weight[part] : g->pixel_count;
+    const double all = part <= PILOT_GLOSSY ? p->groups.all.weight[part] : p->groups.all.pixel_count;
+
+    if (own > 0.0) {
+        const double scale = all / own / p->groups.all.pixel_count;
+        model_read(&p->model[way], n, scale * pair->error, scale * pair->energy);
+    }
+}
+
+static void note_edges(struct pilot *p, const struct pair *pair)
+{
+    /* A mean over some hundred groups. */
+    const double keep = p->edge.pixels > 100 * p->groups.pixels / p->groups.count ? 0.9 : 1.0;
+
+    p->edge.edge = keep * p->edge.edge + pair->edge;
+    p->edge.pixels = (uint64_t)(keep * (double)p->edge.pixels) + pair->pixels;
+}
+
+/* A part that the picture has, once more on a group, with other numbers. */
+static enum err again_direct(struct pilot *p, enum surface_kind kind)
+{
+    const struct group *g = next_group(p, kind);
+    const uint32_t way = p->choice.way[kind];
+    const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
+    const double start = pilot_now(p), n = p->choice.n[kind];
+    struct direct_stats stats;
+    struct pair pair;
+
+    const enum err e =
+        pilot_direct(p, p->direct[kind], way, n, next_pass(p), true, &g->list[kind], p->lo_other, &stats);
+    if (e)
+        return e;
+    pair_of_points(&p->groups, g, kinds, p->lo_direct, p->lo_other, &p->yardstick, &pair);
+    read_pair(p, way, n, g, &pair);
+    note_edges(p, &pair);
+    pay(p, pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n }));
+    return ERR_OK;
+}
+
+static enum err again_eye(struct pilot *p)
+{
+    const struct group *g = next_group(p, SURFACE_KINDS);
+    static const bool both[SURFACE_KINDS] = { true, true };
+    const uint32_t way = p->choice.way[PILOT_EYE];
+    const double start = pilot_now(p), n = p->choice.n[PILOT_EYE];
+    struct eye_paths_stats stats;
+    struct pair pair;
+
+    const enum err e = pilot_eye(p, way, n, next_pass(p), &g->both, p->lo_other, &stats);
+    if (e)
+        return e;
+    pair_of_points(&p->groups, g, both, p->lo_eye, p->lo_other, &p->yardstick, &pair);
+    read_pair(p, way, n, g, &pair);
+    pay(p, pilot_spent(p, start, &(struct pilot_work){ PILOT_EYE, g->points[0] + g->points[1], stats.rays, n }));
+    return ERR_OK;
+}
+
+static enum err again(struct pilot *p)
+{
+    enum err e = ERR_OK;
+
+    for (int kind = 0; kind < SURFACE_KINDS && !e; kind++)
+        if (p->choice.way[kind] != WAY_NONE)
+            e = again_direct(p, (enum surface_kind)kind);
+    if (!e && p->choice.way[PILOT_EYE] != WAY_NONE)
+        e = again_eye(p);
+    return e;
+}
+
+/* One timed run; n samples. */
+static enum err timed(struct pilot *p, uint32_t way, double n, bool keep, const struct group *g, float *lo,
+                      double *seconds)
+{
+    const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
+    const double start = pilot_now(p);
+    struct direct_stats stats;
+
+    const enum err e = pilot_direct(p, p->probe, way, n, next_pass(p), keep, &g->list[kind], lo, &stats);
+    *seconds = pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n });
+    pay(p, *seconds);
+    return e;
+}
+
+/* Twice with n samples, the second time by the tables of the first: the difference in time is what beginning takes. Few
+ * samples tell their time badly, and so it is taken from more. lo_sum has served the picture already. */
+static enum err probe_direct(struct pilot *p, uint32_t way)
+{
+    const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
+    const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
+    const struct group *g = next_group(p, kind);
+    const double n = fmax(2.0, equal_count(p, way)), enough = fmax(n, SAMPLES_TIMED);
+    struct yardstick y = p->yardstick;
+    double first, second, run;
+    struct pair pair;
+
+    const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
+    enum err e = timed(p, way, n, false, g, p->lo_sum, &first);
+    if (!e)
+        e = timed(p, way, n, true, g, p->lo_other, &second);
+    if (e)
+        return e;
+    y.place = PAIR_APART;
+    pair_of_points(&p->groups, g, kinds, p->lo_sum, p->lo_other, &y, &pair);
+    read_pair(p, way, n, g, &pair);
+    run = second;
+    if (n < enough)
+        e = timed(p, way, enough, true, g, p->lo_other, &run);
+    model_time(&p->model[way], fmax(0.0, first - second) / p->pace, enough, run / p->pace, share);
+    return e;
+}
+
+static enum err probe_eye(struct pilot *p, uint32_t way)
+{
+    static const bool both[SURFACE_KINDS] = { true, true };
+    const struct group *g = next_group(p, SURFACE_KINDS);
+    struct yardstick y = p->yardstick;
+    const double n = equal_count(p, way), share = (double)(g->points[0] + g->points[1]) /
+                                                  (double)(p->groups.all.points[0] + p->groups.all.points[1]);
+    double least = INFINITY;
+    struct pair pair;
+
+    for (int k = 0; k < 2; k++) {
+        const double start = pilot_now(p);
+        struct eye_paths_stats stats;
+        const enum err e = pilot_eye(p, way, n, next_pass(p), &g->both, k ? p->lo_other : p->lo_sum, &stats);
+        if (e)
+            return e;
+        const struct pilot_work work = { PILOT_EYE, g->points[0] + g->points[1], stats.rays, n };
+        const double seconds = pilot_spent(p, start, &work);
+        least = fmin(least, seconds);
+        pay(p, seconds);
+    }
+    y.place = p->choice.way[PILOT_EYE] == WAY_NONE ? PAIR_NONE : PAIR_APART;
+    pair_of_points(&p->groups, g, both, p->lo_sum, p->lo_other, &y, &pair);
+    read_pair(p, way, n, g, &pair);
+    model_time(&p->model[way], 0.0, n, least / p->pace, share);
+    return ERR_OK;
+}
+
+static enum err probe_light(struct pilot *p, uint32_t way)
+{
+    const struct model *m = &p->model[way];
+    struct yardstick y = p->yardstick;
+    double n[2] = { LIGHT_LEAST, 4.0 * LIGHT_LEAST }, seconds[2];
+    const int runs = m->timed ? 1 : 2;
+    struct pair pair;
+
+    if (m->timed)
+        n[0] = floor(fmin(LIGHT_MOST, fmax(LIGHT_LEAST, 0.5 * p->bank_s / (p->pace * m->unit_s))));
+    for (int k = 0; k < runs; k++) {
+        const double start = pilot_now(p);
+        struct light_tracer_stats stats;
+        const enum err e = pilot_light(p, way, n[k], next_pass(p), &stats);
+        if (e)
+            return e;
+        seconds[k] =
+            pilot_spent(p, start, &(struct pilot_work){ pilot_part_of(way), 0, stats.rays, n[k] * UNIT_PARTICLES });
+        pay(p, seconds[k]);
+        seconds[k] /= p->pace;
+        y.place = p->choice.way[pilot_part_of(way)] == WAY_NONE ? PAIR_NONE : PAIR_APART;
+        pair_of_pictures(&p->groups.all, p->half[0], p->half[1], &y, &pair);
+        if (pair.pixels)
+            model_read(&p->model[way], n[k], 0.5 * pair.error / (double)pair.pixels, pair.energy / (double)pair.pixels);
+    }
+    if (runs == 2) {
+        const double unit = fmax((seconds[1] - seconds[0]) / (n[1] - n[0]), 0.3 * seconds[1] / n[1]);
+        model_time(&p->model[way], fmax(0.0, seconds[1] - unit * n[1]), n[1], unit * n[1], 1.0);
+    }
+    return ERR_OK;
+}
+
+/* Who is looked at next: whoever is least known; among equals first what `auto` stands for, then the estimators of the
+ * rest, then other techniques. Where all are known, in turn. WAYS: nobody. */
+static uint32_t next_way(struct pilot *p)
+{
+    uint32_t best = WAYS, least = UINT32_MAX;
+
+    for (uint32_t way = 0; way < WAYS; way++) {
+        const struct model *m = &p->model[way];
+        const bool first = way % PILOT_TECHNIQUES == 0 || way >= WAY_EYE_ALL;
+        const uint32_t rank = 2 * m->fresh + !first;
+        if (!p->there[way] || (in_use(p, way) && m->timed && m->fresh) || m->fresh >= READINGS_WANTED ||
+            (m->fresh && hopeless(p, way)))
+            continue;
+        if (rank < least) {
+            least = rank;
+            best = way;
+        }
+    }
+    for (uint32_t k = 0; k < WAYS && best == WAYS; k++) {
+        const uint32_t way = p->next_way++ % WAYS;
+        if (p->there[way] && !in_use(p, way) && (!hopeless(p, way) || p->next_way / WAYS % SELDOM == 0))
+            best = way;
+    }
+    return best;
+}
+
+/* What a probe of it will take, about; 0 where that is not known. */
+static double cost_of(const struct pilot *p, uint32_t way)
+{
+    const struct model *m = &p->model[way];
+    const double share = 1.0 / p->groups.count;
+
+    if (!m->timed)
+        return 0.0;
+    if (way >= WAY_AIMED)
+        return p->pace * model_seconds(m, LIGHT_LEAST);
+    if (way >= WAY_EYE_ALL)
+        return 2.0 * p->pace * m->unit_s * share * equal_count(p, way);
+    return p->pace * (2.0 * m->begin_s + 3.0 * m->unit_s * share * equal_count(p, way));
+}
+
+enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish)
+{
+    const double frame = wish->seconds > 0.0 ? wish->seconds : p->frame_s;
+    enum err e = ERR_OK;
+
+    if (!p->begun) { /* half of a first frame; without a time to keep to, until each way has been seen */
+        p->bank_s = wish->seconds > 0.0 ? 0.5 * wish->seconds : INFINITY;
+        p->turn = 0;
+    } else {
+        p->bank_s = isinf(p->bank_s) ? 0.0 : fmax(-BANK_FRAMES * frame, p->bank_s);
+        p->bank_s = fmin(BANK_FRAMES * frame, p->bank_s + pilot_share(p) * frame);
+        /* What is in use is not to starve the rest: it goes first every other frame, or every fourth. */
+        if (p->bank_s > 0.0 && p->runs % (known(p) ? 2 : 4) == 0)
+            e = again(p);
+    }
+    for (uint32_t probes = 0; probes < 2 * WAYS && !e; probes++) {
+        const uint32_t way = next_way(p);
+        const bool must = !p->begun && way < WAY_EYE_ALL && way % PILOT_TECHNIQUES == 0 && !p->model[way].fresh;
+        if (way == WAYS || (!must && p->bank_s <= cost_of(p, way)) ||
+            (isinf(p->bank_s) && p->model[way].fresh >= READINGS_WANTED))
+            break;
+        e = way < WAY_EYE_ALL ? probe_direct(p, way) : way < WAY_AIMED ? probe_eye(p, way) : probe_light(p, way);
+    }
+    return e;
+}

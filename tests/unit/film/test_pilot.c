@@ -1,0 +1,281 @@
+/* What the pilot chooses, by a price list instead of a clock, so that it is the same everywhere: the built-in court,
+ * and a card under a mirror ring where casters are wanted. */
+#include "pilots.h"
+
+#include "scatter.h"
+
+#include <math.h>
+
+enum { WIDTH = 96, HEIGHT = 54 };
+
+static float rgb[3 * WIDTH * HEIGHT];
+
+static bool says(const struct relight_stats *s, const char *part)
+{
+    for (uint32_t k = 0; k < s->plan.left_out_count; k++)
+        if (strstr(s->plan.left_out[k], part))
+            return true;
+    return false;
+}
+
+/* All of it matte. */
+static void make_matte(struct set *s)
+{
+    for (uint32_t i = 0; i < s->gbuffer->packet_count; i++)
+        s->gbuffer->packets[i].kind = LOBE_LAMBERT;
+}
+
+static void a_scene_without_mirrors_runs_no_caustics(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct pilot *p = pilot_of(set);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    assert_int_equal(set->facts.casters, 0);
+    for (int k = 0; k < 5; k++) {
+        fly(p, e, &light, (struct pilot_wish){ .seconds = 0.1 }, 1, rgb, &stats, &said);
+        assert_int_equal(stats.plan.caustics, PLAN_NONE);
+        assert_false(said.part[PILOT_AIMED].there);
+        assert_true(says(&stats, "the scene has no mirror and no glass"));
+    }
+    pilot_destroy(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void an_overcast_sky_gets_no_samples_of_a_sun(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    struct environment *fine = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    const struct pilot_wish wish = { .seconds = 0.05 };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, dull, &light, wish, 6, rgb, &stats, &said);
+    assert_false(stats.direct.sun);
+    assert_true(says(&stats, "samples of the sun: this sky has none"));
+    pilot_destroy(p);
+    p = pilot_of(set);
+    fly(p, fine, &light, wish, 6, rgb, &stats, &said);
+    assert_true(stats.direct.sun);
+    assert_false(says(&stats, "samples of the sun"));
+    pilot_destroy(p);
+    environment_destroy(dull);
+    environment_destroy(fine);
+    set_destroy(set);
+}
+
+static struct environment *sun_alone(void)
+{
+    struct frame f = sky_constant(64, 32, 0.0f);
+
+    sky_paint(&f, 20, 8, 1e4f, 9e3f, 7e3f);
+    sky_paint(&f, 21, 8, 2e3f, 2e3f, 2e3f);
+    return sky_environment(f, 32, 0.0);
+}
+
+/* A sun in a black sky: what lobes draw meets nothing. */
+static void matte_surfaces_under_a_sun_alone_get_no_samples_of_lobes(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct environment *e = sun_alone();
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    make_matte(set);
+    struct pilot *p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.05 }, 40, rgb, &stats, &said);
+    printf("%s: relMSE %.2g\n", said.part[PILOT_MATTE].name, said.error);
+    assert_int_equal(stats.direct.lobes, 0);
+    assert_true(says(&stats, "lobe samples on matte surfaces"));
+    assert_false(said.part[PILOT_GLOSSY].there);
+    pilot_destroy(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* Overcast, then from one frame to the next nothing but a sun: within sixteen frames no samples of lobes are drawn any
+ *  more on matte surfaces. */
+static void another_sky_changes_the_choice_within_sixteen_frames(void **state)
+{
+    enum { W = 160, H = 90 };
+    static float large[3 * W * H];
+    struct set *set = set_of(NULL, W, H);
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0), *sun = sun_alone();
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    const struct pilot_wish wish = { .seconds = 0.1 };
+    struct relight_stats stats;
+    struct pilot_stats before, at_once, after;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, dull, &light, wish, 12, large, &stats, &before);
+    fly(p, sun, &light, wish, 1, large, &stats, &at_once);
+    assert_int_equal(at_once.frames, 1); /* it has seen that this is another sky */
+    fly(p, sun, &light, wish, 15, large, &stats, &after);
+    pilot_destroy(p);
+    printf("overcast: %s, %.2g; sun: %s, %.2g\n", before.part[PILOT_MATTE].name, before.error,
+           after.part[PILOT_MATTE].name, after.error);
+    assert_true(strcmp(before.part[PILOT_MATTE].name, after.part[PILOT_MATTE].name) != 0);
+    assert_true(says(&stats, "lobe samples on matte surfaces"));
+    environment_destroy(dull);
+    environment_destroy(sun);
+    set_destroy(set);
+}
+
+static bool same_choice(const struct pilot_stats *a, const struct pilot_stats *b)
+{
+    for (int k = 0; k < PILOT_PARTS; k++)
+        if (strcmp(a->part[k].name, b->part[k].name) != 0)
+            return false;
+    return true;
+}
+
+/* From the tenth of 40 frames on: the wish is kept to, measuring takes a twentieth, and nothing goes to and fro. */
+static void a_sky_that_stands_still_has_a_steady_picture_in_time(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct pilot *p = pilot_of(set);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    struct pilot_wish wish = { .seconds = 0.1 };
+    struct relight_stats stats;
+    struct pilot_stats said, last;
+    double all = 0.0, own = 0.0;
+    int changes = 0;
+    (void)state;
+
+    fly(p, e, &light, wish, 10, rgb, &stats, &last);
+    for (int k = 0; k < 30; k++) {
+        fly(p, e, &light, wish, 1, rgb, &stats, &said);
+        all += said.seconds;
+        own += said.pilot_seconds;
+        changes += !same_choice(&said, &last);
+        last = said;
+    }
+    printf("%.1f ms a frame where 100 are wished for, %.1f %% of it for measuring, %d changes; relMSE %.2g\n",
+           1e3 / 30.0 * all, 100.0 * own / all, changes, said.error);
+    assert_true(all / 30.0 < 1.05 * wish.seconds && all / 30.0 > 0.85 * wish.seconds);
+    assert_true(own / all < 0.07);
+    assert_true(changes <= 4);
+    pilot_destroy(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void a_wish_for_an_error_is_met_by_time(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    struct relight_stats stats;
+    struct pilot_stats coarse, fine;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_wish){ .error = 1e-2 }, 8, rgb, &stats, &coarse);
+    fly(p, e, &light, (struct pilot_wish){ .error = 1e-3 }, 8, rgb, &stats, &fine);
+    printf("relMSE %.2g in %.3f s, %.2g in %.3f s\n", coarse.error, coarse.seconds, fine.error, fine.seconds);
+    assert_true(coarse.met && fine.met);
+    assert_true(coarse.error < 1.15e-2 && fine.error < 1.15e-3 && fine.error > 0.5e-3);
+    assert_true(fine.seconds > 1.5 * coarse.seconds);
+    pilot_destroy(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* A time in which nothing else can be done: the bounce is left out, and it is said what it would have bought. */
+static void interreflection_is_left_out_where_the_time_is_short(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    struct relight_stats stats;
+    struct pilot_stats hasty, patient;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.006 }, 20, rgb, &stats, &hasty);
+    printf("in haste: %.4f s, eye paths %.2g, light tracer %.2g of %.2g\n", hasty.seconds, hasty.part[PILOT_EYE].error,
+           hasty.part[PILOT_WHOLE].error, hasty.error);
+    assert_int_equal(stats.plan.indirect, PLAN_NONE);
+    assert_true(says(&stats, "interreflection by eye paths"));
+    assert_true(hasty.part[PILOT_EYE].n == 0.0 && hasty.part[PILOT_EYE].error > 0.0);
+    pilot_destroy(p);
+    p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.3 }, 6, rgb, &stats, &patient);
+    assert_int_not_equal(stats.plan.indirect, PLAN_NONE);
+    assert_true(patient.error < hasty.error);
+    pilot_destroy(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* Counts that the user names are kept to. */
+static void named_counts_and_estimators_are_kept_to(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct pilot *p = pilot_of(set);
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL, .indirect = PLAN_EYE, .eye_paths = 3 };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.1 }, 4, rgb, &stats, &said);
+    assert_int_equal(stats.plan.eye_paths, 3);
+    assert_int_equal(stats.plan.indirect, PLAN_EYE);
+    assert_int_equal(stats.eye.paths, 3 * set->gbuffer->point_count);
+    pilot_destroy(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void a_black_sky_is_no_trouble(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct pilot *p = pilot_of(set);
+    struct environment *black = sky_environment(sky_constant(64, 32, 0.0f), 32, 0.0);
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    const struct pilot_wish wish = { .seconds = 0.05 };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, black, &light, wish, 3, rgb, &stats, &said);
+    assert_true(said.error == 0.0);
+    for (size_t i = 0; i < sizeof(rgb) / sizeof(rgb[0]); i++)
+        assert_true(rgb[i] == 0.0f);
+    fly(p, dull, &light, wish, 6, rgb, &stats, &said);
+    assert_true(said.error > 0.0 && said.error < 0.2);
+    fly(p, black, &light, wish, 2, rgb, &stats, &said);
+    assert_true(isfinite(said.error));
+    pilot_destroy(p);
+    environment_destroy(black);
+    environment_destroy(dull);
+    set_destroy(set);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_scene_without_mirrors_runs_no_caustics),
+    cmocka_unit_test(an_overcast_sky_gets_no_samples_of_a_sun),
+    cmocka_unit_test(matte_surfaces_under_a_sun_alone_get_no_samples_of_lobes),
+    cmocka_unit_test(another_sky_changes_the_choice_within_sixteen_frames),
+    cmocka_unit_test(a_sky_that_stands_still_has_a_steady_picture_in_time),
+    cmocka_unit_test(a_wish_for_an_error_is_met_by_time),
+    cmocka_unit_test(interreflection_is_left_out_where_the_time_is_short),
+    cmocka_unit_test(named_counts_and_estimators_are_kept_to),
+    cmocka_unit_test(a_black_sky_is_no_trouble),
+};
+UNIT_MAIN(tests)

@@ -1,0 +1,131 @@
+/* Some packets instead of all, and tables that are kept: the same bits as by the ordinary way. */
+#include "eye_paths.h"
+#include "points.h"
+#include "relight.h"
+
+enum { WIDTH = 48, HEIGHT = 27 };
+
+struct court {
+    struct set *set;
+    struct environment *sky;
+    struct direct *direct;
+    size_t values;
+    float *all, *some;
+    uint32_t *index;
+    struct packet_list list;
+};
+
+/* Every third packet of the built-in court. */
+static struct court court_make(void)
+{
+    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    struct court c = { .sky = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0),
+                       .direct = direct_create(best_kernels()) };
+    struct reason why;
+
+    assert_int_equal(set_create(&desc, &c.set, &why), ERR_OK);
+    const uint32_t packets = c.set->gbuffer->packet_count;
+    c.values = (size_t)packets * 3 * PACKET;
+    c.all = mem_alloc(c.values, sizeof(float));
+    c.some = mem_alloc(c.values, sizeof(float));
+    c.index = mem_alloc(packets, sizeof(*c.index));
+    for (uint32_t i = 1; i < packets; i += 3)
+        c.index[c.list.count++] = i;
+    c.list.index = c.index;
+    return c;
+}
+
+static void court_finish(struct court *c)
+{
+    mem_free(c->all);
+    mem_free(c->some);
+    mem_free(c->index);
+    direct_destroy(c->direct);
+    environment_destroy(c->sky);
+    set_destroy(c->set);
+}
+
+/* Listed packets as in the whole, the others untouched. */
+static void assert_only_listed(const struct court *c)
+{
+    for (size_t i = 0; i < c->values; i++) {
+        const float want = i / (3 * PACKET) % 3 == 1 ? c->all[i] : -1.0f;
+        assert_memory_equal(&c->some[i], &want, sizeof(want));
+    }
+}
+
+static void listed_packets_have_the_bits_of_the_whole(void **state)
+{
+    static const enum method methods[] = { METHOD_MIS, METHOD_BRDF, METHOD_LIGHT, METHOD_AUTO };
+    struct court c = court_make();
+    const struct gbuffer *g = c.set->gbuffer;
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(methods) / sizeof(methods[0]); k++) {
+        struct direct_desc desc = { .method = methods[k], .samples = 9, .seed = 4 };
+        struct direct_stats all, some;
+        assert_int_equal(direct_shade(c.direct, g, c.set->rays, c.sky, &desc, c.all, &all), ERR_OK);
+        for (size_t i = 0; i < c.values; i++)
+            c.some[i] = -1.0f;
+        desc.only = &c.list;
+        assert_int_equal(direct_shade(c.direct, g, c.set->rays, c.sky, &desc, c.some, &some), ERR_OK);
+        assert_only_listed(&c);
+        assert_true(some.rays > 0 && some.rays < all.rays);
+        assert_true(all.lobes == 0 ? some.lobes == 0 : some.lobes < all.lobes);
+    }
+    court_finish(&c);
+}
+
+static void kept_tables_give_the_bits_of_new_ones(void **state)
+{
+    static const struct direct_desc descs[] = {
+        { .method = METHOD_AUTO },
+        { .method = METHOD_MIS },
+        { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON },
+        { .method = METHOD_FACES, .cells = 8 },
+        { .method = METHOD_BRDF, .cells = 4 },
+        { .method = METHOD_LATLONG },
+    };
+    struct court c = court_make();
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(descs) / sizeof(descs[0]); k++) {
+        struct direct_desc desc = descs[k];
+        struct direct_stats new, kept;
+        desc.samples = 8;
+        for (desc.seed = 0; desc.seed < 2; desc.seed++) { /* the first builds what the second keeps */
+            desc.keep = desc.seed > 0;
+            assert_int_equal(direct_shade(c.direct, c.set->gbuffer, c.set->rays, c.sky, &desc, c.some, &kept), ERR_OK);
+        }
+        desc.seed = 1;
+        desc.keep = false;
+        assert_int_equal(direct_shade(c.direct, c.set->gbuffer, c.set->rays, c.sky, &desc, c.all, &new), ERR_OK);
+        assert_memory_equal(c.all, c.some, c.values * sizeof(float));
+        assert_int_equal(new.strata, kept.strata);
+    }
+    court_finish(&c);
+}
+
+static void listed_packets_alone_get_eye_paths(void **state)
+{
+    struct court c = court_make();
+    struct eye_paths_desc desc = { .classes = PATH_INDIRECT, .behind_classes = PATH_INDIRECT, .paths = 2, .seed = 8 };
+    struct eye_paths_stats all, some;
+    (void)state;
+
+    assert_int_equal(eye_paths_shade(c.set->scene, c.set->rays, c.set->gbuffer, c.sky, &desc, c.all, &all), ERR_OK);
+    for (size_t i = 0; i < c.values; i++)
+        c.some[i] = i / (3 * PACKET) % 3 == 1 ? 0.0f : -1.0f;
+    desc.only = &c.list;
+    assert_int_equal(eye_paths_shade(c.set->scene, c.set->rays, c.set->gbuffer, c.sky, &desc, c.some, &some), ERR_OK);
+    assert_only_listed(&c);
+    assert_true(some.paths > 0 && some.paths < all.paths);
+    court_finish(&c);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(listed_packets_have_the_bits_of_the_whole),
+    cmocka_unit_test(kept_tables_give_the_bits_of_new_ones),
+    cmocka_unit_test(listed_packets_alone_get_eye_paths),
+};
+UNIT_MAIN(tests)
