@@ -77,7 +77,7 @@ static void under_the_real_sun_the_light_tracer_has_a_tenth_of_the_error(void **
 static void under_the_real_sun_it_has_a_tenth_on_the_shared_ring(void **state)
 {
     (void)state;
-    compare(unit_data("scenes/ring.json"), "sky:", 10.0, 10.0);
+    compare(unit_data("../scenes/ring.json"), "sky:", 10.0, 10.0);
 }
 
 static const struct CMUnitTest tests[] = {
