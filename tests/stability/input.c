@@ -197,11 +197,12 @@ static const struct {
     const char *layout;
     uint32_t width, height;
 } pictures[] = {
-    { "latlong", 64, 32 }, { "latlong", 1, 1 },    { "latlong", 128, 64 },
-    { "cube", 16, 96 },    { "hcross", 64, 48 },   { "latlong", 64, 32 },
-    { "vcross", 48, 64 },  { "ball", 40, 40 },     { "latlong-bottom", 96, 48 },
-    { "fisheye", 40, 40 }, { "latlong", 7, 5 },    { "latlong", 2, 1 },
-    { "", 64, 32 },        { "latlong", 300, 20 },
+    { "latlong", 64, 32 },        { "latlong", 1, 1 },  { "latlong", 128, 64 },
+    { "cube", 16, 96 },           { "hcross", 64, 48 }, { "latlong", 64, 32 },
+    { "latlong-bottom", 64, 32 },                                              /* the same shape, another layout */
+    { "vcross", 48, 64 },         { "ball", 40, 40 },   { "fisheye", 40, 40 }, /* likewise */
+    { "latlong", 7, 5 },          { "latlong", 2, 1 },  { "", 64, 32 },
+    { "latlong", 300, 20 },
 };
 enum { PICTURES = sizeof(pictures) / sizeof(pictures[0]) };
 
