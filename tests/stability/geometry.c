@@ -78,6 +78,7 @@ static void a_ground_of_a_thousand_times_the_object_takes_no_direct_light(void *
     static float a[VALUES], b[VALUES];
     struct worst off = { 0.0, "" };
     (void)state;
+    omp_set_num_threads(1); /* the work is in small pieces, and the cores may be busy */
     struct set *small = yard(3.0f, true), *large = yard(3000.0f, true);
     struct environment *e = sunny();
     struct relighter *r = relighter_create(small, best_kernels()), *q = relighter_create(large, best_kernels());
@@ -160,6 +161,7 @@ static struct set *card(bool spoilt)
     struct set *set = NULL;
     struct reason why = { "" };
 
+    omp_set_num_threads(1);
     snprintf(text, sizeof(text), "%s%s%s%s", good, spoilt ? bad : "", more, spoilt ? bad : "");
     folder_make(&f);
     folder_text(&f, "model.obj", text);
@@ -399,6 +401,7 @@ static void a_caster_without_area_casts_nothing(void **state)
     double caustics = 0.0, direct = 0.0;
     (void)state;
     struct scene *s = scene_create();
+    omp_set_num_threads(1);
     static const struct camera camera = { "flat", { 0.6f, 2.6f, 2.2f }, { -0.3f, 0, 0 }, { 0, 1, 0 }, 0.5f };
     add_wall(s, add_lambert(s, 0.7f), 1, 0.0f, (const float[2]){ -3, -3 }, (const float[2]){ 3, 3 });
     add_wall(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.9f, 0.9f, 0.0f), 0, -0.5f, (const float[2]){ 0, -0.8f },

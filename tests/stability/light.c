@@ -268,6 +268,7 @@ static void a_black_frame_is_black_by_every_method(void **state)
         set_create(&(struct set_desc){ .width = W, .height = H, .edge_rays = 1, .interleave = 2 }, &set, &why), ERR_OK);
     struct environment *e = sky_environment(sky_constant(32, 16, 0.0f), 16, 0.0);
     struct relighter *r = relighter_create(set, best_kernels());
+    omp_set_num_threads(1);
     const enum method whole[] = { METHOD_PATH, METHOD_MLT, METHOD_PHOTONS, METHOD_VPL };
     for (int k = 0; k < VARIANTS + 4 + 2; k++) {
         struct relight_desc desc = { .classes = PATH_ALL, .particles = 1000, .eye_paths = 2 };
