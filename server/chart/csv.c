@@ -45,6 +45,7 @@ static void add_point(struct text *t, const struct panel *p, const struct panel_
     add_number(t, k->floor.variance);
     add_number(t, k->floor.energy);
     add_number(t, k->floor.energy_doubt);
+    add_number(t, k->expected > 0.0 ? k->expected : NAN);
     for (int m = 0; m < COMMON_PARTS; m++) {
         add_number(t, p->common_ms[m]);
         common += p->common_ms[m];
@@ -67,7 +68,7 @@ void csv_points(struct text *t, const struct panel *const *panels, size_t count)
         const char *name = error_about((enum error_kind)m)->name;
         text_add(t, ",%s_p10,%s_median,%s_p90", name, name, name);
     }
-    text_add(t, ",rel_mse_mean,bias,bias_doubt,bias_z,variance,energy,energy_doubt");
+    text_add(t, ",rel_mse_mean,bias,bias_doubt,bias_z,variance,energy,energy_doubt,expected_noise");
     for (int m = 0; m < COMMON_PARTS; m++)
         text_add(t, ",%s_ms", common_name((enum common_part)m));
     text_add(t, ",technique_ms,load_ms,bvh_ms,gbuffer_ms,table_ms,reference_noise,reference_doubt,reference_samples,"

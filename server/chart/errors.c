@@ -10,13 +10,13 @@
 #define KEY 0.18
 
 static const struct error_about kinds[ERROR_KINDS] = {
-    [ERROR_REL_MSE] = { "rel_mse", "relative squared error (relMSE)",
+    [ERROR_REL_MSE] = { "rel_mse", "relative squared error (relMSE)", -1.0,
                         "The square of how far a pixel is off, in proportion to its brightness; 0.01 is 10 % off." },
-    [ERROR_NOISE] = { "noise", "noise alone (relMSE without bias)",
+    [ERROR_NOISE] = { "noise", "noise alone (relMSE without bias)", -1.0,
                       "The part of that error that goes away with more samples: how much two runs differ." },
-    [ERROR_DELTA_E] = { "delta_e", "visible difference (mean delta E*ab)",
+    [ERROR_DELTA_E] = { "delta_e", "visible difference (mean delta E*ab)", -0.5,
                         "How different the finished picture looks; 1 is just noticeable side by side, 5 is plain." },
-    [ERROR_FLIP] = { "flip", "what an eye notices (mean FLIP)",
+    [ERROR_FLIP] = { "flip", "what an eye notices (mean FLIP)", -0.5,
                      "What stands out when the finished picture and the true one are shown in turn, seen from where 67 "
                      "pixels make a degree; 0 is nothing, 1 everything." },
 };

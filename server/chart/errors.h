@@ -18,6 +18,7 @@ enum error_kind {
 struct error_about {
     const char *name;  /* in the CSV and in file names */
     const char *title; /* of an axis */
+    double slope;      /* over time in log-log, where more time is more samples and there is no bias */
     const char *plain; /* one sentence for who does not know it */
 };
 const struct error_about *error_about(enum error_kind kind);

@@ -14,13 +14,14 @@
 
 #define JPEG_QUALITY 92 /* relightd's own default */
 #define WARM_UP_SEED UINT64_MAX
+#define PACE_RUNS 3                    /* whose median is a pilot's wish */
 #define JUDGE_WORK 4                   /* of comparing a picture, in the units of work_of */
 #define PICTURES_MAX ((size_t)8 << 30) /* bytes */
 
 struct bench { /* what the runs share */
     const struct panel_desc *desc;
     struct panel *panel;
-    struct relighter *relighter;
+    struct technique_stage stage[BUDGETS_MAX]; /* of each budget, with its own pilot and its wish */
     struct jpeg_encoder *jpeg;
     uint8_t *display;             /* [height][width][3] */
     float *pictures;              /* [curve_count][budget_count][seeds][height][width][3] */
@@ -60,7 +61,8 @@ uint64_t panel_work(const struct panel_desc *desc)
     for (size_t t = 0; t < count; t++)
         for (uint32_t k = 0; k < desc->budget_count; k++)
             if (all[t].light_class == desc->light_class && panel_takes(desc->techniques, &all[t]))
-                work += desc->seeds * (JUDGE_WORK + work_of(&all[t], desc->budgets[k]));
+                work += desc->seeds * (JUDGE_WORK + work_of(&all[t], desc->budgets[k])) +
+                        (all[t].kind == TECHNIQUE_AUTO ? PILOT_FRAMES * work_of(&all[t], desc->budgets[k]) : 0);
     return work;
 }
 
@@ -92,7 +94,6 @@ static enum err set_up(struct bench *b, struct reason *why)
     struct panel *p = b->panel;
     enum err e = make_curves(p, d);
 
-    b->relighter = relighter_create(d->set, d->kernels);
     b->jpeg = jpeg_encoder_create();
     b->display = mem_alloc(values_of(p), 1);
     const size_t bytes = p->curve_count * p->budget_count * p->seeds * values_of(p) * sizeof(float);
@@ -108,7 +109,15 @@ static enum err set_up(struct bench *b, struct reason *why)
         if (!b->common[k])
             e = ERR_NOMEM;
     }
-    if (e || !b->relighter || !b->jpeg || !b->display || !b->pictures || !p->mask)
+    struct relighter *relighter = relighter_create(d->set, d->kernels);
+    for (uint32_t k = 0; k < p->budget_count; k++) {
+        b->stage[k].relighter = relighter;
+        b->stage[k].environment = d->environment;
+        b->stage[k].pilot = pilot_create(d->set, d->kernels, &(struct pilot_desc){ .price = NULL });
+        if (!b->stage[k].pilot)
+            e = ERR_NOMEM;
+    }
+    if (e || !relighter || !b->jpeg || !b->display || !b->pictures || !p->mask)
         return err_say(why, ERR_NOMEM, "no memory for the pictures of %zu techniques under %u seeds", p->curve_count,
                        p->seeds);
     resolve_mask(d->set->gbuffer, p->mask);
@@ -146,6 +155,32 @@ static void leave_out(const struct bench *b, struct panel_curve *c)
                  "the scene has no mirror and no glass, so that no path from the light is asked for");
 }
 
+/* What pilots are told, and their first frames, in which they learn. */
+static enum err teach_pilots(struct bench *b, const struct technique *automatic, struct reason *why)
+{
+    const struct panel *p = b->panel;
+    float *rgb = picture_of(b, 0, 0, 0);
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 0; k < p->budget_count && !e; k++) {
+        struct technique_cost cost;
+        double seconds[PACE_RUNS];
+        struct band pace = { 0 };
+        for (uint64_t s = 0; s < PACE_RUNS && !e; s++) {
+            e = technique_run(technique_pace(p->light_class), &b->stage[k], p->budgets[k], WARM_UP_SEED - s, rgb, &cost,
+                              why);
+            seconds[s] = cost.seconds;
+        }
+        if (!e)
+            e = series_band(seconds, PACE_RUNS, &pace);
+        b->stage[k].seconds = pace.median;
+        for (uint64_t s = 0; s < PILOT_FRAMES && !e; s++)
+            e = technique_run(automatic, &b->stage[k], p->budgets[k], WARM_UP_SEED - s, rgb, &cost, why);
+        progress_step(b->desc->line, PILOT_FRAMES * work_of(automatic, p->budgets[k]));
+    }
+    return e;
+}
+
 /* One run that is not measured: code and memory are warm then, and what a method cannot do is known. */
 static enum err warm_up(struct bench *b, struct reason *why)
 {
@@ -157,8 +192,13 @@ static enum err warm_up(struct bench *b, struct reason *why)
         leave_out(b, &p->curves[c]);
         if (p->curves[c].left_out.text[0])
             continue;
-        const enum err e = technique_run(p->curves[c].technique, b->relighter, b->desc->environment, p->budgets[0],
-                                         WARM_UP_SEED, picture_of(b, c, 0, 0), &cost, &said);
+        if (p->curves[c].technique->kind == TECHNIQUE_AUTO) {
+            const enum err taught = teach_pilots(b, p->curves[c].technique, why);
+            if (taught)
+                return taught;
+        }
+        const enum err e = technique_run(p->curves[c].technique, &b->stage[0], p->budgets[0], WARM_UP_SEED,
+                                         picture_of(b, c, 0, 0), &cost, &said);
         if (e == ERR_UNSUPPORTED || e == ERR_USAGE)
             err_say(&p->curves[c].left_out, e, "%s", said.text[0] ? said.text : err_text(e));
         else if (e)
@@ -207,14 +247,14 @@ static enum err run_round(struct bench *b, uint32_t budget, uint32_t seed, struc
 
         if (!curve->left_out.text[0]) {
             float *rgb = picture_of(b, c, budget, seed);
-            e = technique_run(curve->technique, b->relighter, b->desc->environment, p->budgets[budget], seed, rgb,
-                              &cost, why);
+            e = technique_run(curve->technique, &b->stage[budget], p->budgets[budget], seed, rgb, &cost, why);
             curve->seconds[(size_t)budget * p->seeds + seed] = cost.seconds;
             point->budget = p->budgets[budget];
             point->samples = cost.samples;
             point->eye_paths = cost.eye_paths;
             point->particles = cost.particles;
             point->rays = cost.rays;
+            point->expected += cost.expected / p->seeds;
         }
         progress_step(b->desc->line, work_of(curve->technique, p->budgets[budget]));
     }
@@ -318,7 +358,9 @@ static enum err measure(struct bench *b, struct reason *why)
     if (!e)
         e = summarise(b);
     mem_free(pairs);
-    relighter_destroy(b->relighter);
+    relighter_destroy(b->stage[0].relighter);
+    for (uint32_t k = 0; k < p->budget_count; k++)
+        pilot_destroy(b->stage[k].pilot);
     jpeg_encoder_destroy(b->jpeg);
     mem_free(b->display);
     mem_free(b->pictures);

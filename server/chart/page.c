@@ -134,7 +134,7 @@ static void add_how_to_read(struct text *t)
              "<p>Every line is one way of lighting the picture. To the right it takes longer, further down it is "
              "nearer to the truth: <b>the lowest line at the time you have is the one to choose.</b> The shade about "
              "a line holds eight of ten runs with other random numbers. A line that runs parallel to the dotted "
-             "guide halves its error when it gets twice the time; one that becomes level has an error that no time "
+             "guide gets out of more time what more samples can give; one that becomes level has an error that no time "
              "takes away.</p>"
              "<p>Time is that of a whole frame of a stream: reading the sky, making its tables, lighting, tone curve "
              "and JPEG. What is computed once for a scene stands beside it.</p>");

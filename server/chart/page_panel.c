@@ -218,11 +218,32 @@ static void add_times(struct text *t, const struct panel *p)
              p->points, 1e-6 * (double)p->gbuffer_bytes, 2.0 * p->judge.doubt);
 }
 
+/* How well a pilot knows what it does. */
+static void add_estimate(struct text *t, const struct panel *p, const struct panel_curve *c)
+{
+    if (c->left_out.text[0] || c->technique->kind != TECHNIQUE_AUTO)
+        return;
+    text_add(t,
+             "<p class=\"soft\"><b>%s</b> was given the time of <b>%s</b>, %u frames to learn, and expected noise of",
+             c->technique->name, technique_pace(p->light_class)->name, PILOT_FRAMES);
+    for (uint32_t k = 0; k < p->budget_count; k++) {
+        text_add(t, k ? ", " : " ");
+        add_figure(t, c->points[k].expected);
+    }
+    text_add(t, "; it had");
+    for (uint32_t k = 0; k < p->budget_count; k++) {
+        text_add(t, k ? ", " : " ");
+        add_figure(t, c->points[k].floor.variance);
+    }
+    text_add(t, ".</p>");
+}
+
 /* What is to be said of single methods. */
 static void add_notes(struct text *t, const struct panel *p)
 {
     for (size_t k = 0; k < p->curve_count; k++) {
         const struct panel_curve *c = &p->curves[k];
+        add_estimate(t, p, c);
         const struct judge_floor *f = &c->points[p->budget_count - 1].floor;
         if (c->left_out.text[0] || c->bias) {
             text_add(t, "<p class=\"soft\"><b>%s</b>%s ", c->technique->name,

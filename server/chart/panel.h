@@ -19,6 +19,7 @@ struct progress;
 
 #define BUDGETS_MAX 16
 #define SEEDS_MAX 256
+#define PILOT_FRAMES 16 /* that a pilot has before it is measured: a stream's first half second */
 
 /* Milliseconds that every technique pays alike, medians over all rounds. Each is added to every technique's time. */
 enum common_part {
@@ -33,6 +34,7 @@ const char *common_name(enum common_part part); /* "decode", ... */
 struct panel_point { /* one technique at one budget */
     uint32_t budget, samples, eye_paths;
     uint64_t particles, rays;
+    double expected; /* relMSE without bias, as a pilot estimated it, the mean over the seeds; 0: nobody did */
     struct band seconds, errors[ERROR_KINDS]; /* over the seeds */
     struct judge_floor floor;
 };

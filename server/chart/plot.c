@@ -147,7 +147,8 @@ static void add_curves(struct text *t, const struct panel *p, enum error_kind ki
 void plot_script(struct text *t, const struct panel *p, enum error_kind kind, const char *svg)
 {
     const struct frame_of f = find_frame(p, kind);
-    const double through = sqrt(f.x[0] * f.x[1] * f.y[0] * f.y[1]); /* the middle of the chart */
+    const double slope = error_about(kind)->slope;
+    const double through = sqrt(f.y[0] * f.y[1]) * pow(f.x[0] * f.x[1], -0.5 * slope); /* the middle of the chart */
 
     text_add(t,
              "set terminal svg size %d,%d dynamic noenhanced font 'sans-serif,15' background rgb '#ffffff'\n"
@@ -163,7 +164,8 @@ void plot_script(struct text *t, const struct panel *p, enum error_kind kind, co
     if (kind == ERROR_REL_MSE)
         text_add(t, "doubt = %.6g\n", fmax(2.0 * p->judge.doubt, 1e-30));
     add_data(t, p, kind);
-    text_add(t, "plot %.6g / x with lines lc rgb '#888888' lw 1.5 dt (2,4) title 'slope -1'", through);
+    text_add(t, "plot %.6g * x ** %g with lines lc rgb '#888888' lw 1.5 dt (2,4) title 'slope %g'", through, slope,
+             slope);
     if (kind == ERROR_REL_MSE && 2.0 * p->judge.doubt > f.y[0])
         text_add(t, ", \\\n  doubt with lines lc rgb '#888888' lw 1 dt (8,6) title 'reference ends'");
     add_curves(t, p, kind, f.y[1]);

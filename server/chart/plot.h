@@ -1,6 +1,6 @@
 /* server/chart/plot.h */
 /* Charts by gnuplot: error over time, both logarithmic, a line for each technique with its 10-90 % band, and a guide of
- * slope -1, along which the error halves when the time doubles. One thread at a time. */
+ * the slope that more samples alone give. One thread at a time. */
 #ifndef CHART_PLOT_H
 #define CHART_PLOT_H
 

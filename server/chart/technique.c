@@ -4,6 +4,9 @@
 #include "paths.h"
 #include "rng.h"
 
+#include <math.h>
+#include <string.h>
+
 #define DIRECT .light_class = LIGHT_DIRECT, .light.classes = PATH_BACKGROUND | PATH_DIRECT, .times = 1, .per = 1
 /* All light: twice the samples, so that a budget of 4 comes to one eye path and one particle a pixel. */
 #define ALL .light_class = LIGHT_ALL, .light.classes = PATH_ALL, .times = 2, .per = 1
@@ -34,7 +37,9 @@ static const struct technique techniques[] = {
       .colour = 0xd1359b, .light.direct = { .method = METHOD_MIS, .sun = true } },
     { "mis+sun+cells", "the same as mis+sun, with 384 cells instead of six faces", DIRECT, .colour = 0x7a5af0,
       .light.direct = { .method = METHOD_MIS, .sun = true, .cells = 8, .compensate = COMPENSATE_AUTO } },
-    { "auto", "what the program chooses by itself", DIRECT, .kind = TECHNIQUE_AUTO,
+    { "rules", "what the program takes by rule, the sun apart and compensated", DIRECT, .colour = 0x5b7f95,
+      .light.direct.method = METHOD_AUTO },
+    { "auto", "what the program chooses by measuring, given the time", DIRECT, .kind = TECHNIQUE_AUTO,
       .light.direct.method = METHOD_AUTO },
     { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_DIRECT, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
@@ -43,7 +48,9 @@ static const struct technique techniques[] = {
       .colour = 0xdd4b4e, .light.direct.method = METHOD_MIS, .light.caustics = PLAN_LIGHT, .light.indirect = PLAN_EYE },
     { "mis/eye", "mis, and paths from the eye for all that comes by detours", ALL, .colour = 0x3f95cf,
       .light.direct.method = METHOD_MIS, .light.caustics = PLAN_EYE, .light.indirect = PLAN_EYE },
-    { "auto", "what the program chooses by itself", ALL, .kind = TECHNIQUE_AUTO, .light.direct.method = METHOD_AUTO },
+    { "rules", "what the program takes by rule", ALL, .colour = 0x5b7f95, .light.direct.method = METHOD_AUTO },
+    { "auto", "what the program chooses by measuring, given the time", ALL, .kind = TECHNIQUE_AUTO,
+      .light.direct.method = METHOD_AUTO },
     { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_ALL, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
     { "mlt", "chains of paths that dwell where it is bright (Metropolis)", PICTURE_ALL, .colour = 0x7a5af0,
@@ -80,17 +87,42 @@ uint32_t technique_samples(const struct technique *t, uint32_t budget)
     return n ? (uint32_t)n : 1;
 }
 
-enum err technique_run(const struct technique *t, struct relighter *r, const struct environment *e, uint32_t budget,
-                       uint64_t seed, float *rgb, struct technique_cost *cost, struct reason *why)
+const struct technique *technique_pace(enum light_class c)
 {
+    const char *name = c == LIGHT_DIRECT ? "mis" : "mis/eye";
+    size_t k = 0;
+
+    while (techniques[k].light_class != c || strcmp(techniques[k].name, name) != 0)
+        k++;
+    return &techniques[k];
+}
+
+/* What a pilot has chosen. */
+static void take_choice(const struct pilot_stats *p, struct technique_cost *cost)
+{
+    cost->expected = p->error;
+    cost->samples = (uint32_t)fmax(p->part[PILOT_MATTE].n, p->part[PILOT_GLOSSY].n);
+    cost->eye_paths = (uint32_t)p->part[PILOT_EYE].n;
+    cost->particles = (uint64_t)(p->part[PILOT_AIMED].n + p->part[PILOT_WHOLE].n);
+}
+
+enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget, uint64_t seed,
+                       float *rgb, struct technique_cost *cost, struct reason *why)
+{
+    const struct pilot_wish wish = { .seconds = stage->seconds };
     struct relight_desc light = t->light;
-    struct relight_stats stats;
+    struct relight_stats stats = { 0 };
+    struct pilot_stats pilot = { 0 };
+    enum err result;
 
     light.direct.samples = technique_samples(t, budget);
     light.direct.seed = rng_mix(0x6368617274u, seed);
     light.direct.why = why;
     const double start = clock_seconds();
-    const enum err result = relighter_run(r, e, &light, rgb, &stats);
+    if (t->kind == TECHNIQUE_AUTO)
+        result = pilot_run(stage->pilot, stage->environment, &light, &wish, rgb, &stats, &pilot);
+    else
+        result = relighter_run(stage->relighter, stage->environment, &light, rgb, &stats);
     *cost = (struct technique_cost){
         .seconds = clock_seconds() - start,
         .samples = light.direct.samples,
@@ -99,5 +131,7 @@ enum err technique_run(const struct technique *t, struct relighter *r, const str
         .rays = stats.direct.rays + stats.eye.rays + stats.light.rays + stats.reference_rays,
         .bias = stats.bias,
     };
+    if (t->kind == TECHNIQUE_AUTO && !result)
+        take_choice(&pilot, cost);
     return result == ERR_NOMEM ? err_say(why, result, "no memory for the samples of %s", t->name) : result;
 }

@@ -5,6 +5,7 @@
 #define CHART_TECHNIQUE_H
 
 #include "err.h"
+#include "pilot.h"
 #include "relight.h"
 
 #include <stdbool.h>
@@ -25,7 +26,7 @@ uint32_t light_class_paths(enum light_class c);    /* PATH_* */
 enum technique_kind {
     TECHNIQUE_FIXED,    /* one of those that auto chooses from: the lower envelope is theirs */
     TECHNIQUE_BASELINE, /* there to be compared with: paths, Metropolis, photons, point lights */
-    TECHNIQUE_AUTO,     /* chooses by itself; held to the envelope of the fixed ones */
+    TECHNIQUE_AUTO,     /* a pilot (film/pilot.h) chooses by what it measures; held to the envelope of the fixed ones */
 };
 
 struct technique {
@@ -36,7 +37,9 @@ struct technique {
     enum technique_kind kind;
     struct relight_desc light; /* all but the budget and the seed */
     /* What a budget N means, as a ratio: N times / per samples per shade point, or per pixel where the method makes the
-     * whole picture. Particles and eye paths follow by the plan (server/plan), one for every eight samples. */
+     * whole picture. Particles and eye paths follow by the plan (server/plan), one for every eight samples. A pilot is
+     * told the time that technique_pace takes for that budget; what it makes of it, and the time it really takes, is
+     * measured like all else. */
     uint32_t times, per;
 };
 
@@ -46,17 +49,27 @@ const struct technique *technique_all(size_t *count);
 /* The samples that a budget comes to, at least 1. */
 uint32_t technique_samples(const struct technique *t, uint32_t budget);
 
+/* The technique whose time a pilot is given. */
+const struct technique *technique_pace(enum light_class c);
+
+struct technique_stage { /* what a run needs; borrowed */
+    struct relighter *relighter;
+    struct pilot *pilot; /* for TECHNIQUE_AUTO: one that has seen this sky and this wish in some frames before */
+    double seconds;      /* its wish */
+    const struct environment *environment;
+};
+
 struct technique_cost {
-    double seconds; /* of relighter_run: samples, shading, light tracing, resolving */
-    uint32_t samples, eye_paths;
+    double seconds;  /* of the picture: samples, shading, light tracing, resolving, and the pilot's own measurements */
+    double expected; /* relMSE without bias, as a pilot estimates it; 0: nobody does */
+    uint32_t samples, eye_paths; /* per shade point; of a pilot the larger of its two numbers of samples */
     uint64_t particles, rays;
     const char *bias; /* in what the method says that it is wrong; NULL: in nothing */
 };
 
 /* One picture: rgb float[height][width][3]. Errors as relighter_run's: ERR_UNSUPPORTED where the method needs another
  * layout of sky. */
-MUST_CHECK enum err technique_run(const struct technique *t, struct relighter *r, const struct environment *e,
-                                  uint32_t budget, uint64_t seed, float *rgb, struct technique_cost *cost,
-                                  struct reason *why);
+MUST_CHECK enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget,
+                                  uint64_t seed, float *rgb, struct technique_cost *cost, struct reason *why);
 
 #endif
