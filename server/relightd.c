@@ -20,6 +20,7 @@
 #include <time.h>
 
 #define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
+#define TURN 0.9     /* of the time between two pictures that one may take to shade */
 
 /* Set by the signal handler, which can reach nothing else; shading looks at it from packet to packet. */
 static atomic_bool stop_asked;
@@ -350,6 +351,24 @@ static void *encode_main(void *arg)
 
 /* ---- Shade ---- */
 
+/* A lockstep sequence is to come out the same whenever it is made: its counts are those that were said. */
+static bool is_piloted(const struct daemon *d, const struct settings *now, const struct ingested *in)
+{
+    return now->method == METHOD_AUTO && !now->counted && !in->ticket.lockstep && d->fps > 0.0;
+}
+
+/* The picture's time is the whole of its turn but for a margin: what else is done for it goes on beside, on other
+ * threads, and makes the measured times longer where it is in the way. */
+static enum err run_pilot(struct daemon *d, const struct environment *e, const struct relight_desc *desc, float *rgb,
+                          struct relight_stats *stats, struct pilot_stats *out)
+{
+    const struct pilot_wish wish = { .seconds = TURN / d->fps, .error = d->error };
+
+    if (!d->pilot)
+        d->pilot = pilot_create(d->set, d->kernels, NULL);
+    return d->pilot ? pilot_run(d->pilot, e, desc, &wish, rgb, stats, out) : ERR_NOMEM;
+}
+
 static enum err shade_frame(struct daemon *d, const struct ingested *in, double *last_s, struct reason *why)
 {
     const struct environment *e = in->environment;
@@ -363,9 +382,12 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     desc.direct.cancel = &stop_asked;
     desc.direct.why = why;
     struct relight_stats stats;
+    struct pilot_stats pilot = { 0 };
+    const bool piloted = is_piloted(d, &now, in);
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
-    const enum err result = relighter_run(d->relighter, e, &desc, out->rgb, &stats);
+    const enum err result = piloted ? run_pilot(d, e, &desc, out->rgb, &stats, &pilot)
+                                    : relighter_run(d->relighter, e, &desc, out->rgb, &stats);
     if (result == ERR_UNSUPPORTED) { /* this layout, with this method: the picture before it stays */
         server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, why->text);
         daemon_tell_unusable(d, why->text);
@@ -384,14 +406,14 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         .shaded_us = (uint32_t)(1e3 * (stats.shade_ms + stats.eye_ms + stats.light_ms + stats.resolve_ms)),
         .width = d->set_desc.width,
         .height = d->set_desc.height,
-        .samples = now.samples,
+        .samples = piloted ? pilot.samples : now.samples,
     };
     const struct protocol_picture header = out->header; /* the slot is the encoder's once published */
     const int dropped = handoff_publish(&d->pictures, slot);
     if (dropped != HANDOFF_NONE)
         server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
     const double shaded_s = clock_seconds();
-    daemon_tell_shaded(d, &header, &stats, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    daemon_tell_shaded(d, &header, &stats, piloted ? &pilot : NULL, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
     *last_s = shaded_s;
     return ERR_OK;
 }
@@ -501,6 +523,7 @@ static void tear_down(struct daemon *d)
     mem_free(d->small);
     jpeg_encoder_destroy(d->jpeg);
     relighter_destroy(d->relighter);
+    pilot_destroy(d->pilot);
     set_destroy(d->set);
     source_close(d->source);
     handoff_finish(&d->frames);

@@ -8,6 +8,7 @@
 #include "film.h"
 #include "handoff.h"
 #include "jpeg.h"
+#include "pilot.h"
 #include "relight.h"
 #include "server.h"
 #include "sky.h"
@@ -20,6 +21,7 @@
 struct settings {
     enum method method;
     uint32_t samples;
+    bool counted; /* somebody has said how many samples: no pilot */
     enum tone_curve tone;
     double rotation_degrees, scale_stops;
     bool paused;      /* the source is held */
@@ -47,7 +49,9 @@ struct daemon {
     struct relight_desc light; /* but for method and samples, which are settings */
     enum importance importance;
     bool reseed;
-    double fps, rate; /* rate 0: each frame waits until the one before it is shaded */
+    double fps;   /* pictures per second at most; also the pilot's wish, */
+    double error; /* or this, where it is > 0: relMSE */
+    double rate;  /* 0: each frame waits until the one before it is shaded */
     int quality;
     struct set_desc set_desc;
     struct source_desc source_desc;
@@ -62,6 +66,7 @@ struct daemon {
     struct source *source;       /* ingest thread; NULL when frames are pushed */
     bool warned_clipped;         /* ingest thread */
     struct relighter *relighter; /* shade thread */
+    struct pilot *pilot;         /* shade thread; NULL until it is wanted */
     struct jpeg_encoder *jpeg;   /* encode thread, and what follows */
     struct exposure exposure;
     uint64_t exposed; /* the frame to which exposure has adapted */
@@ -82,7 +87,7 @@ struct daemon {
     pthread_mutex_t status_lock;
     struct server_status status; /* {status_lock} its strings point into what follows */
     char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
-    char paths[128], left_out[512];                                                  /* {status_lock} */
+    char paths[320], left_out[1024];                                                 /* {status_lock} */
 };
 
 /* ---- relightd_options.c ---- */
@@ -105,8 +110,9 @@ void daemon_tell_refused(struct daemon *d, const char *why, bool log);
 /* A frame that was received and read, but that the method in force cannot use. */
 void daemon_tell_unusable(struct daemon *d, const char *why);
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped);
+/* pilot: NULL where none was at work. */
 void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
-                        double interval_s);
+                        const struct pilot_stats *pilot, double interval_s);
 void daemon_tell_encoded(struct daemon *d, double ms);
 
 /* Every frame that came was shaded, dropped or refused. */

@@ -21,7 +21,9 @@ static struct option_row rows[] = {
     { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
     { "", NULL, "how", NULL },
     { "size", "WxH", "of the pictures, in pixels", "640x360" },
-    { "fps", "N", "pictures per second at most", "30" },
+    { "fps", "N", "pictures per second at most; with --method auto and no --samples each is as good as its time allows",
+      "30" },
+    { "error", "E", "with --method auto: no better than this (relMSE), in less time where that is enough", NULL },
     { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
@@ -40,6 +42,8 @@ static struct option_row rows[] = {
     { NULL, NULL, NULL, NULL },
 };
 static struct option_row light_rows[LIGHT_OPTIONS];
+
+static const char samples_default[] = "16";
 
 static enum err read_source(const struct options *o, struct daemon *d, struct reason *why)
 {
@@ -83,10 +87,15 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
         e = options_u64(o, "threads", 0, 1024, &threads, why);
     if (!e)
         e = options_double(o, "fps", 0.01, 1000.0, &d->fps, why);
+    if (!e && options_get(o, "error"))
+        e = options_double(o, "error", 1e-9, 10.0, &d->error, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
     d->said.method = d->light.direct.method;
     d->said.samples = d->light.direct.samples;
+    d->said.counted = options_get(o, "samples") != samples_default;
+    if (!e && d->error > 0.0 && (d->said.counted || d->said.method != METHOD_AUTO))
+        e = err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
     d->importance = environment.importance;
     d->reseed = options_on(o, "reseed");
     d->set_desc.scene = options_get(o, "scene");
@@ -136,7 +145,7 @@ enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done
         .rows = rows,
         .shared = light_rows,
     };
-    light_options_init(light_rows, "16", "direct");
+    light_options_init(light_rows, samples_default, "direct");
     enum err e = options_parse(&o, argc, argv, done, why);
 
     if (e || *done)

@@ -22,8 +22,10 @@ static enum err apply(const struct server_control *c, struct settings *s, struct
         e = err_say(why, ERR_USAGE, "method '%s' is a reference: a live picture cannot wait for it", c->method);
     if (!e && c->has_tone)
         e = tone_parse(c->tone, &s->tone, why);
-    if (c->has_samples)
+    if (c->has_samples) {
         s->samples = c->samples;
+        s->counted = true;
+    }
     if (c->has_rotate)
         s->rotation_degrees = c->rotate_degrees;
     if (c->has_scale)

@@ -75,13 +75,20 @@ static void add_phrase(char *text, size_t size, const char *between, const char 
 }
 
 /* What the plan chose and what it left out: "direct light, interreflection by eye paths". */
-static void note_plan(struct daemon *d, const struct relight_stats *s)
+static void note_plan(struct daemon *d, const struct relight_stats *s, const struct pilot_stats *pilot)
 {
     const struct plan *p = &s->plan;
 
     d->paths[0] = d->left_out[0] = '\0';
     if (d->light.classes & PATH_DIRECT)
         add_phrase(d->paths, sizeof(d->paths), ", ", "direct light", s->direct.sun ? " with the sun apart" : "");
+    for (int k = PILOT_MATTE; pilot && k <= PILOT_GLOSSY; k++)
+        if (pilot->part[k].n > 0.0) {
+            char how[32];
+            snprintf(how, sizeof(how), "%s by %.0f samples of ", k == PILOT_MATTE ? "matte" : "glossy",
+                     pilot->part[k].n);
+            add_phrase(d->paths, sizeof(d->paths), ", ", how, pilot->part[k].name);
+        }
     if (p->caustics != PLAN_NONE)
         add_phrase(d->paths, sizeof(d->paths), ", ", "caustics by ", plan_estimator_name(p->caustics));
     if (p->indirect != PLAN_NONE)
@@ -116,7 +123,7 @@ static void note_sun(struct daemon *d, uint64_t frame)
 }
 
 void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
-                        double interval_s)
+                        const struct pilot_stats *pilot, double interval_s)
 {
     const struct settings now = daemon_settings(d);
 
@@ -124,7 +131,7 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     struct server_status *s = &d->status;
     s->used++;
     s->frame = p->frame;
-    s->method = method_recipe(now.method)->name; /* what auto stands for, not its name */
+    s->method = pilot ? "auto" : method_recipe(now.method)->name; /* what auto stands for where it is one thing */
     s->samples = p->samples;
     s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
     s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
@@ -132,7 +139,8 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     if (interval_s > 0.0)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, interval_s);
     note_sun(d, p->frame);
-    note_plan(d, stats);
+    note_plan(d, stats, pilot);
+    s->error = pilot ? pilot->error : 0.0;
     pthread_mutex_unlock(&d->status_lock);
 }
 

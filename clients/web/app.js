@@ -4,7 +4,7 @@ import { FLAG_REPEAT, PATH } from './protocol.js';
 import { Rate, Recent } from './figures.js';
 import { Screen } from './screen.js';
 import {
-  bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
+  bitsPerSecond, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
 } from './sentences.js';
 
 const $ = (id) => document.getElementById(id);
@@ -181,6 +181,7 @@ function showFigures() {
     setText('refusal', last ? `Last refused: ${withoutFolders(last)}` : '');
     setText('skipped', String(status.skipped));
     setText('viewers', String(status.viewers));
+    setText('light', lightSentence(status.light));
   }
   showStages(stages);
   showCountdown();

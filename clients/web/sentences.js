@@ -82,6 +82,15 @@ export function sunSentence(light) {
   return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
 }
 
+// Which light the picture holds, how far it is from the truth, where the server says so, and what is left out of it.
+export function lightSentence(light) {
+  if (!light?.paths) return '';
+  const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
+  return `Light: ${light.paths}.${off}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
+}
+
+const percent = (x) => `${(100 * x).toFixed(x < 0.0995 ? 1 : 0)} %`;
+
 export function milliseconds(ms) {
   if (!Number.isFinite(ms)) return '–';
   if (ms >= 999.5) return `${(ms / 1000).toFixed(1)} s`;

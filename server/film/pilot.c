@@ -10,7 +10,8 @@
 #include <string.h>
 
 #define SMOOTH 0.3
-#define PACE_STEP 0.3
+#define PACE_STEP 0.3      /* of what a picture says about the machine's pace, in its logarithm: it was early, */
+#define PACE_STEP_LATE 0.6 /* it was late */
 
 /* The second differs from what the programs' own flags give by nothing: it is what `auto` stands for without a pilot.
  */
@@ -313,8 +314,9 @@ static void note_pace(struct pilot *p, const double expected[PILOT_PARTS], const
         }
     if (!(should > 0.0) || !(took > 0.0) || p->desc.price)
         return;
-    const double ratio = fmin(2.0, fmax(0.5, took / should));
-    p->pace *= pow(ratio, PACE_STEP);
+    /* Late pictures are worse than early ones. */
+    const double ratio = fmin(3.0, fmax(0.5, took / should));
+    p->pace *= pow(ratio, ratio > 1.0 ? PACE_STEP_LATE : PACE_STEP);
     /* The models' own times follow too, slowly; together they must not answer the same reading twice. */
     for (int part = 0; part < PILOT_PARTS; part++)
         if (seasoned[part]) {

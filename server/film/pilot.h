@@ -56,6 +56,7 @@ struct pilot_part_stats {
 
 struct pilot_stats {
     struct pilot_part_stats part[PILOT_PARTS];
+    uint32_t samples;     /* N_s of direct light, the mean over the shade points */
     double seconds;       /* the picture and the pilot */
     double pilot_seconds; /* of these */
     double error;         /* relMSE, estimated: sum over the parts */

@@ -69,17 +69,19 @@ void pilot_set_routes(struct pilot *p)
 void pilot_take_wish(struct pilot *p, const struct relight_desc *light)
 {
     const uint32_t classes = classes_of(p, light);
+    const bool direct = light->classes & PATH_DIRECT || light->classes == 0;
 
-    if (p->runs && classes == p->classes && light->caustics == p->caustics_by && light->indirect == p->indirect_by &&
-        light->eye_paths == p->eye_wish && light->particles == p->particles_wish)
+    if (p->runs && classes == p->classes && direct == p->with_direct && light->caustics == p->caustics_by &&
+        light->indirect == p->indirect_by && light->eye_paths == p->eye_wish && light->particles == p->particles_wish)
         return;
     p->classes = classes;
+    p->with_direct = direct;
     p->caustics_by = light->caustics;
     p->indirect_by = light->indirect;
     p->eye_wish = light->eye_paths;
     p->particles_wish = light->particles;
     for (uint32_t way = 0; way < WAY_EYE_ALL; way++)
-        p->there[way] = p->groups.all.list[way / PILOT_TECHNIQUES].count > 0;
+        p->there[way] = direct && p->groups.all.list[way / PILOT_TECHNIQUES].count > 0;
     for (uint32_t way = WAY_EYE_ALL; way < WAYS; way++)
         p->model[way] = (struct model){ 0 };
     pilot_set_routes(p);
@@ -94,6 +96,12 @@ static bool usable(const struct pilot *p, uint32_t way)
     return way != WAY_NONE && p->there[way] && p->model[way].known && p->model[way].timed;
 }
 
+/* Half of the samples by light, half by lobes: an odd one takes the time of the next even number. */
+static bool halves(uint32_t way)
+{
+    return method_recipe(techniques[way % PILOT_TECHNIQUES].desc.method)->brdf_part == 0.5f;
+}
+
 /* What a model knows, as a way of the budget. */
 static struct budget_way way_of(const struct pilot *p, uint32_t way)
 {
@@ -105,7 +113,7 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
         .order = m->order,
         .begin_s = p->pace * m->begin_s,
         .unit_s = p->pace * fmax(m->unit_s, 1e-12),
-        .least = 1.0,
+        .least = way < WAY_EYE_ALL && halves(way) ? 2.0 : 1.0,
         .most = part <= PILOT_GLOSSY ? SAMPLES_MOST
                 : part == PILOT_EYE  ? PATHS_MOST
                                      : UNITS_MOST,
@@ -197,6 +205,8 @@ static void solve(const struct pilot *p, const struct pilot_wish *wish, struct p
         const struct budget_share *s = &out->budget.part[part];
         out->choice.way[part] = p->of_way[part][s->way];
         out->choice.n[part] = s->n;
+        if (part <= PILOT_GLOSSY && out->choice.way[part] != WAY_NONE && halves(out->choice.way[part]))
+            out->choice.n[part] = 2.0 * ceil(0.5 * s->n);
     }
     out->there = true;
 }

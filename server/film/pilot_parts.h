@@ -57,7 +57,8 @@ struct pilot {
     float *half[2];                                /* [height][width][3]: of the light tracer */
 
     /* Of the wish and the scene, made anew when they change. */
-    uint32_t classes; /* asked for, and to be found in the scene */
+    uint32_t classes; /* of the other light: asked for, and to be found in the scene */
+    bool with_direct;
     enum plan_estimator caustics_by, indirect_by;
     double peakedness; /* of the sky that the readings began with; 0: not asked for, since nothing hangs on it */
     uint32_t eye_wish;

@@ -155,6 +155,11 @@ void pilot_say(struct pilot *p, const struct pilot_wish *wish, struct relight_st
         if (way != WAY_NONE && p->model[way].chosen < out->readings)
             out->readings = p->model[way].chosen;
     }
+    const double matte = (double)p->groups.all.points[SURFACE_MATTE];
+    const double glossy = (double)p->groups.all.points[SURFACE_GLOSSY];
+    if (matte + glossy > 0.0)
+        out->samples = (uint32_t)lround((matte * out->part[PILOT_MATTE].n + glossy * out->part[PILOT_GLOSSY].n) /
+                                        (matte + glossy));
     out->pilot_seconds = p->pilot_s;
     out->seconds = p->picture_s + p->pilot_s;
     out->error = pilot_error(p);

@@ -134,6 +134,7 @@ struct server_status {
     const char *sky_time; /* the sky's own clock, "14:35" */
     const char *paths;    /* which light is in the picture and by whom: "direct light, caustics by light tracer" */
     const char *left_out; /* which is not, and why; "" where nothing is */
+    double error;         /* of the last picture: relMSE, as the server estimates it; 0: unknown */
 };
 
 /* Any thread. */

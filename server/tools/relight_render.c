@@ -11,6 +11,7 @@
 #include "log.h"
 #include "mem.h"
 #include "options.h"
+#include "pilot.h"
 #include "progress.h"
 #include "relight.h"
 #include "sky.h"
@@ -19,6 +20,7 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <jansson.h>
+#include <math.h>
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
@@ -36,7 +38,10 @@ struct render {
     const struct kernels *kernels;
     struct source *source;
     struct set *set;
-    struct relighter *relighter;
+    struct relighter *relighter; /* or, where a time or an error is wished for, */
+    struct pilot *pilot;
+    struct pilot_wish wish;
+    double beside_s; /* of a frame, what is not light: reading and writing it, smoothed */
     struct environment *environment;
     struct jpeg_encoder *jpeg;
     struct exposure exposure;
@@ -59,6 +64,8 @@ static struct option_row rows[] = {
     { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
     { "", NULL, "how", NULL },
     { "size", "WxH", "of the pictures, in pixels", "640x360" },
+    { "fps", "N", "with --method auto: the least error at N frames a second, files and all; for --samples", NULL },
+    { "error", "E", "with --method auto: the least time for this error (relMSE); with --fps: within its time", NULL },
     { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
     { "every-pixel", NULL, "K x K camera rays in all pixels", NULL },
@@ -79,6 +86,30 @@ static bool ends_with(const char *text, const char *end)
 {
     const size_t a = strlen(text), b = strlen(end);
     return a >= b && strcmp(text + a - b, end) == 0;
+}
+
+static const char samples_default[] = "64";
+
+/* Whoever wishes for a time or an error does not count samples. */
+static enum err read_wish(const struct options *o, struct render *r, struct reason *why)
+{
+    double fps = 0.0;
+    enum err e = ERR_OK;
+
+    if (options_get(o, "fps"))
+        e = options_double(o, "fps", 1e-4, 1000.0, &fps, why);
+    if (!e && options_get(o, "error"))
+        e = options_double(o, "error", 1e-9, 10.0, &r->wish.error, why);
+    if (e || (fps <= 0.0 && r->wish.error <= 0.0))
+        return e;
+    if (fps > 0.0)
+        r->wish.seconds = 1.0 / fps;
+    if (r->light.direct.method != METHOD_AUTO)
+        return err_say(why, ERR_USAGE, "--fps and --error are for --method auto, not for %s",
+                       method_name(r->light.direct.method));
+    if (options_get(o, "samples") != samples_default)
+        return err_say(why, ERR_USAGE, "--samples says how many samples are taken; --fps and --error leave that open");
+    return ERR_OK;
 }
 
 static enum err read_options(const struct options *o, struct render *r, struct source_desc *source,
@@ -113,6 +144,8 @@ static enum err read_options(const struct options *o, struct render *r, struct s
         e = tone_parse(options_get(o, "tone"), &r->tone, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &r->kernels, why);
+    if (!e)
+        e = read_wish(o, r, why);
     r->reseed = options_on(o, "reseed");
     r->half = options_on(o, "half");
     r->quality = (int)quality;
@@ -169,13 +202,17 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
     if (e)
         return e;
     const size_t pixels = (size_t)set->width * set->height;
-    r->relighter = relighter_create(r->set, r->kernels);
+    const bool piloted = r->wish.seconds > 0.0 || r->wish.error > 0.0;
+    if (piloted)
+        r->pilot = pilot_create(r->set, r->kernels, NULL);
+    else
+        r->relighter = relighter_create(r->set, r->kernels);
     r->environment = environment_create(&r->environment_desc);
     r->jpeg = jpeg_encoder_create();
     r->rgb = mem_alloc(pixels, 3 * sizeof(float));
     r->display = mem_alloc(pixels, 3);
     exposure_init(&r->exposure);
-    if (!r->relighter || !r->environment || !r->jpeg || !r->rgb || !r->display)
+    if (!(piloted ? (void *)r->pilot : (void *)r->relighter) || !r->environment || !r->jpeg || !r->rgb || !r->display)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", set->width, set->height);
     return ERR_OK;
 }
@@ -231,16 +268,38 @@ static json_t *picture_stats(const struct render *r, const struct relight_stats 
         (json_int_t)s->direct.lobes, "light_paths", "particles", (json_int_t)s->light.particles, "starts_hit",
         (json_int_t)s->light.starts_hit, "splats", (json_int_t)s->light.splats, "repaired", "nan", (json_int_t)f->nan,
         "infinite", (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
-        "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels,
-        "cut_rays", g->cut_weight, "bytes", (json_int_t)g->bytes);
+        "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels, "cut_rays",
+        g->cut_weight, "bytes", (json_int_t)g->bytes);
 }
 
-static void write_stats(struct render *r, const struct relight_stats *s, const double ms[3])
+/* What was wished for, what was chosen, and the error that is expected of it. */
+static json_t *estimate_stats(const struct render *r, const struct pilot_stats *s)
+{
+    json_t *parts = json_array();
+
+    for (int k = 0; k < PILOT_PARTS; k++) {
+        const struct pilot_part_stats *part = &s->part[k];
+        if (part->there)
+            json_array_append_new(parts, json_pack("{s:s, s:s, s:f, s:f, s:f, s:f}", "part",
+                                                   pilot_part_name((enum pilot_part)k), "by", part->name, "count",
+                                                   part->n, "ms", 1e3 * part->seconds, "expected_ms",
+                                                   1e3 * part->expected_seconds, "error", part->error));
+    }
+    return json_pack("{s:f, s:f, s:f, s:b, s:I, s:f, s:f, s:f, s:{s:f, s:f}, s:o}", "error", s->error, "wished_error",
+                     r->wish.error, "wished_ms", 1e3 * r->wish.seconds, "met", s->met, "readings",
+                     (json_int_t)s->readings, "light_ms", 1e3 * s->seconds, "pilot_ms", 1e3 * s->pilot_seconds,
+                     "error_in_twice_the_time", s->more, "edges", "points", s->edge_points, "error_without",
+                     s->edge_error, "parts", parts);
+}
+
+static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
+                        const double ms[3])
 {
     json_t *name = json_string(r->environment->name); /* NULL where a file's name is not UTF-8 */
-    json_t *j = json_pack("{s:I, s:o, s:s, s:i}", "frame", (json_int_t)r->frame.number, "environment",
-                          name ? name : json_null(), "method", method_recipe(r->light.direct.method)->name, "samples",
-                          (int)r->light.direct.samples);
+    json_t *j =
+        json_pack("{s:I, s:o, s:s, s:i}", "frame", (json_int_t)r->frame.number, "environment",
+                  name ? name : json_null(), "method", r->pilot ? "auto" : method_recipe(r->light.direct.method)->name,
+                  "samples", (int)(r->pilot ? pilot->samples : r->light.direct.samples));
     json_t *more = picture_stats(r, s, ms);
 
     if (j && more) {
@@ -249,6 +308,8 @@ static void write_stats(struct render *r, const struct relight_stats *s, const d
             json_object_set_new(j, "plan", plan_stats(s));
         else if (s->bias)
             json_object_set_new(j, "bias", json_string(s->bias));
+        if (r->pilot)
+            json_object_set_new(j, "estimate", estimate_stats(r, pilot));
         fputs(r->rendered ? ",\n" : "\n", r->stats);
         json_dumpf(j, r->stats, JSON_REAL_PRECISION(6));
     }
@@ -256,10 +317,23 @@ static void write_stats(struct render *r, const struct relight_stats *s, const d
     json_decref(j);
 }
 
+/* The time for light is what reading and writing leave of the frame's. */
+static enum err relight(struct render *r, struct relight_stats *stats, struct pilot_stats *pilot)
+{
+    struct pilot_wish wish = r->wish;
+
+    if (!r->pilot)
+        return relighter_run(r->relighter, r->environment, &r->light, r->rgb, stats);
+    if (wish.seconds > 0.0)
+        wish.seconds = fmax(0.2 * wish.seconds, wish.seconds - r->beside_s);
+    return pilot_run(r->pilot, r->environment, &r->light, &wish, r->rgb, stats, pilot);
+}
+
 /* One frame that was read: refused frames are reported and passed over, the sequence goes on. */
 static enum err render_frame(struct render *r, struct reason *why)
 {
     struct relight_stats stats;
+    struct pilot_stats pilot = { 0 };
     double ms[3];
 
     double start = clock_seconds();
@@ -277,14 +351,17 @@ static enum err render_frame(struct render *r, struct reason *why)
     environment_warn_clipped(r->environment, &r->warned_clipped);
     r->light.direct.why = why;
     r->light.direct.pass = r->reseed ? r->frame.number : 0;
-    e = relighter_run(r->relighter, r->environment, &r->light, r->rgb, &stats);
+    e = relight(r, &stats, &pilot);
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     start = clock_seconds();
     e = write_picture(r, why);
     ms[2] = 1e3 * (clock_seconds() - start);
+    const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
+    if (r->rendered > 0) /* the first makes tables that stay */
+        r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
     if (!e && r->stats)
-        write_stats(r, &stats, ms);
+        write_stats(r, &stats, &pilot, ms);
     r->rendered += !e;
     return e;
 }
@@ -334,6 +411,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     jpeg_encoder_destroy(r->jpeg);
     environment_destroy(r->environment);
     relighter_destroy(r->relighter);
+    pilot_destroy(r->pilot);
     set_destroy(r->set);
     source_close(r->source);
     return e;
@@ -358,7 +436,7 @@ int main(int argc, char **argv)
     bool done;
 
     log_init("relight-render", LOG_INFO);
-    light_options_init(light_rows, "64", "all");
+    light_options_init(light_rows, samples_default, "all");
     enum err e = options_parse(&options, argc, argv, &done, &why);
     if (!e && done)
         return 0;

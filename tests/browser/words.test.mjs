@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, describe, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
+  bitsPerSecond, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
 } from '../../clients/web/sentences.js';
 
 const STATES = ['connecting', 'waiting', 'live', 'paused', 'ended', 'failed', 'stalled', 'reconnecting', 'refused'];
@@ -63,6 +63,15 @@ test('the sun stands where it is said to stand', () => {
   assert.equal(sunSentence({ sun: null, time: '14:35' }), '14:35 solar time');
   assert.equal(sunSentence({ sun: { elevation: -4, azimuth: -10 } }), 'sun 4° below the horizon in the north');
   assert.equal(sunSentence({ sun: null, time: '' }), '');
+});
+
+test('the light in the picture is named with its noise and with what is left out', () => {
+  assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0004 }), 'Light: direct light. Noise about 2.0 %.');
+  assert.equal(lightSentence({ paths: 'direct light', left_out: 'caustics: not asked for', error: null }),
+    'Light: direct light. Left out: caustics: not asked for.');
+  assert.equal(lightSentence({ paths: 'direct light', error: 0.04 }), 'Light: direct light. Noise about 20 %.');
+  assert.equal(lightSentence({}), '');
+  assert.equal(lightSentence(undefined), '');
 });
 
 test('figures are written so that they can be read', () => {
