@@ -107,6 +107,28 @@ built_in_scene_and_sky_need_no_file() {
 }
 
 # The ring's picture: what each class adds, that the classes sum to the whole, and what is said of it.
+a_wish_for_a_rate_or_an_error_is_kept_to_and_told() {
+    "$bin/relight-render" --source sky:hour=12 --size 96x54 --paths all --frames 0-9 --fps 4 --out "$work/rate%d.jpg" \
+        --stats "$work/rate.json"
+    "$bin/relight-render" --source sky:hour=12 --size 96x54 --paths direct --frames 0-5 --error 0.02 \
+        --out "$work/error%d.jpg" --stats "$work/error.json"
+    python3 - "$work" <<'PY'
+import json
+import sys
+
+rate = json.load(open(f"{sys.argv[1]}/rate.json"))
+for f in rate:
+    assert f["method"] == "auto" and f["estimate"]["wished_ms"] == 250.0, f["estimate"]
+    assert "caustics: the scene has no mirror and no glass" in f["plan"]["left_out"], f["plan"]
+    assert f["light_paths"]["particles"] == 0 or f["plan"]["caustics"] == "none", f["plan"]
+last = json.load(open(f"{sys.argv[1]}/error.json"))[-1]["estimate"]
+assert last["wished_error"] == 0.02 and last["met"] and 0.0 < last["error"] < 0.04, last
+PY
+    local render=("$bin/relight-render" --size 16x9 --out "$work/none.exr")
+    expect 2 'fps and --error' "${render[@]}" --fps 4 --samples 16
+    expect 2 'fps and --error' "${render[@]}" --error 0.1 --method mis
+}
+
 classes_of_light_add_up_and_are_told() {
     local ring paths sum
     ring="$(dirname "$(readlink -f "$0")")/../../docs/examples/ring.json"
