@@ -88,13 +88,14 @@ a_small_chart_has_all_its_files() {
 }
 
 references_are_kept_and_used_again() {
-    chart "$work/a" --techniques mis,faces --sources 'a<b&c=sky:hour=12,size=64x32'
+    chart "$work/a" --techniques mis,faces --sources 'a<b, "c"&d=sky:hour=12,size=64x32'
     find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/before"
     [ "$(wc -l <"$work/before")" = 2 ] || fail "not two references"
-    chart "$work/b" --techniques faces,uniform --sources 'a<b&c=sky:hour=12,size=64x32'
+    chart "$work/b" --techniques faces,uniform --sources 'a<b, "c"&d=sky:hour=12,size=64x32'
     find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/after"
     cmp "$work/before" "$work/after" || fail "references have changed"
     check_page "$work/b/index.html" || fail "a title with marks of HTML"
+    check_table "$work/b/chart.csv" 4 || fail "a title with marks of CSV"
     # The same seeds and references: the same errors, whatever else is charted.
     /usr/bin/python3 -B - "$work/a/runs.csv" "$work/b/runs.csv" <<'PY' || fail "errors differ"
 import csv, sys

@@ -93,7 +93,7 @@ static void the_envelope_is_the_lower_of_the_lines(void **state)
 
 /* Seeds scatter by 15 % either way. One as good as the single fixed one is granted a limit of 1.5 in each of 20 trials
  * (medians of 16 have a standard error of about 3 %); one that is 1.5 times as bad is never granted 1.1. In between, at
- * a limit of just the true ratio, neither answer may be given always. */
+ * a limit of just the true ratio, it is seldom granted, and the rounds do not agree among themselves. */
 static void bootstrap_tells_the_good_from_the_bad(void **state)
 {
     int good = 0, bad = 0, edge = 0, unsure = 0;
