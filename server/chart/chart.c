@@ -10,6 +10,7 @@
 #include "progress.h"
 #include "source.h"
 #include "text.h"
+#include "video.h"
 #include "winners.h"
 
 #include <errno.h>
@@ -29,6 +30,7 @@ struct chart {
     struct panel **panels;
     struct winners *winners;
     struct text *sections;
+    struct text video; /* its section; empty while there is none */
     size_t count, room;
     struct progress line;
     double begun;
@@ -132,6 +134,7 @@ static enum err write_files(const struct chart *c, struct reason *why)
         .winners = c->winners,
         .sections = c->sections,
         .count = c->count,
+        .video = c->video.size ? &c->video : NULL,
         .command = c->desc->command,
         .seconds = clock_seconds() - c->begun,
     };
@@ -259,6 +262,50 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
     return e;
 }
 
+static bool has_video(const struct chart *c)
+{
+    return c->desc->video && video_takes_any(c->desc->techniques);
+}
+
+/* Of the first scene. */
+static struct video_desc video_desc_of(const struct chart *c, const char *scene, const char *spec)
+{
+    return (struct video_desc){
+        .scene = scene,
+        .scene_spec = strcmp(spec, BUILTIN) == 0 ? NULL : spec,
+        .sources = c->desc->sources,
+        .techniques = c->desc->techniques,
+        .kernels = c->desc->kernels,
+        .cache = c->cache,
+        .quick = c->desc->quick,
+        .width = c->desc->width,
+        .height = c->desc->height,
+    };
+}
+
+static enum err run_video(struct chart *c, struct reason *why)
+{
+    const char *list = c->desc->scenes;
+    char title[128], spec[4096];
+    struct text csv = { .bytes = NULL };
+    struct video *v;
+
+    (void)chart_next_item(&list, title, spec);
+    struct video_desc d = video_desc_of(c, title, spec);
+    d.line = &c->line;
+    enum err e = video_measure(&d, &v, why);
+    if (e)
+        return e;
+    video_csv(&csv, v);
+    e = store(&csv, c->desc->out, "video.csv", why);
+    if (!e)
+        e = video_draw(v, c->desc->out, why);
+    if (!e)
+        e = video_add_section(&c->video, v, c->desc->out, why);
+    video_destroy(v);
+    return e ? e : write_files(c, why);
+}
+
 /* Everything that can be found wrong before the work. */
 static enum err check(struct chart *c, struct reason *why)
 {
@@ -286,13 +333,18 @@ static enum err check(struct chart *c, struct reason *why)
         if (has_class(d, p.light_class))
             work += panel_work(&p);
     }
+    work *= skies;
+    if (has_video(c)) {
+        const struct video_desc v = video_desc_of(c, "", BUILTIN);
+        work += video_work(&v);
+    }
     c->room = skies * LIGHT_CLASSES;
     c->panels = mem_alloc(c->room, sizeof(struct panel *));
     c->winners = mem_alloc(c->room, sizeof(*c->winners));
     c->sections = mem_alloc(c->room, sizeof(*c->sections));
     if (!c->panels || !c->winners || !c->sections)
         return err_say(why, ERR_NOMEM, "out of memory");
-    progress_begin(&c->line, "charting", skies * work, d->progress ? stderr : NULL);
+    progress_begin(&c->line, "charting", work, d->progress ? stderr : NULL);
     return ERR_OK;
 }
 
@@ -305,11 +357,14 @@ enum err chart_run(const struct chart_desc *desc, struct reason *why)
     enum err e = check(&c, why);
     while (!e && chart_next_item(&list, title, spec))
         e = run_scene(&c, title, spec, why);
+    if (!e && c.count > 0 && has_video(&c))
+        e = run_video(&c, why);
     progress_end(&c.line);
     for (size_t k = 0; k < c.count; k++) {
         panel_destroy(c.panels[k]);
         text_finish(&c.sections[k]);
     }
+    text_finish(&c.video);
     mem_free(c.panels);
     mem_free(c.winners);
     mem_free(c.sections);

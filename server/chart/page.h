@@ -15,6 +15,7 @@ struct page {
     const struct winners *winners; /* [count], by ERROR_REL_MSE */
     const struct text *sections;   /* [count]: what page_add_panel made of them */
     size_t count;
+    const struct text *video; /* the section of moving pictures; NULL: there is none */
     struct machine machine;
     const char *command; /* that made it */
     double seconds;      /* that it took */

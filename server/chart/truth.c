@@ -48,6 +48,8 @@ static struct digest key_of(const struct truth_desc *desc, int half)
     digest_view(&d, &desc->set->view);
     digest_frame(&d, desc->frame);
     digest_u64(&d, desc->environment->n);
+    if (desc->environment->rotation != 0.0) /* of the frame as it is, nothing is said */
+        digest_bytes(&d, &desc->environment->rotation, sizeof(desc->environment->rotation));
     digest_u64(&d, desc->classes);
     digest_u64(&d, (uint64_t)half);
     return d;

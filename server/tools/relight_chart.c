@@ -27,10 +27,12 @@ static struct option_row rows[] = {
     { "seeds", "N", "runs of each point, 4 to 256", "16" },
     { "budgets", "LIST", "samples N_s per shade point, ascending, with commas between", "4,8,16,32,64" },
     { "reference", "N", "samples per pixel of each of the two references; left out: 2048, or 512 if quick", NULL },
+    { "no-video", NULL, "leave out moving pictures: flicker, frame differences, and the answer to a step", NULL },
     { "threads", "N", "at most; 0: as many as there are processors", "0" },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
     { "", NULL, "where to", NULL },
-    { "out", "DIR", "folder of chart.csv, runs.csv, index.html and the charts; made if it is missing", NULL },
+    { "out", "DIR", "folder of chart.csv, runs.csv, video.csv, index.html and the charts; made if it is missing",
+      NULL },
     { "cache", "DIR", "folder where references are kept; left out: relight-chart in the user's cache", NULL },
     { NULL, NULL, NULL, NULL },
 };
@@ -54,6 +56,8 @@ static enum err read_options(const struct options *o, struct chart_desc *d, stru
     d->out = options_get(o, "out");
     d->cache = options_get(o, "cache");
     d->progress = true;
+    d->quick = quick;
+    d->video = !options_on(o, "no-video");
     enum err e = d->out ? ERR_OK : err_say(why, ERR_USAGE, "--out is missing: the folder that the chart goes to");
     if (!e)
         e = read_size(o, quick, d, why);

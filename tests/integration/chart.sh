@@ -7,7 +7,7 @@ export XDG_CACHE_HOME="$work/cache"
 chart() {
     local out=$1
     shift
-    "$bin/relight-chart" --quick --size 32x18 --seeds 4 --budgets 4,16 --reference 64 --out "$out" "$@" 2>"$work/log" ||
+    "$bin/relight-chart" --quick --size 32x18 --seeds 4 --budgets 4,16 --reference 64 --no-video --out "$out" "$@" 2>"$work/log" ||
         { cat "$work/log"; fail "relight-chart $*"; }
 }
 
@@ -29,7 +29,7 @@ class Page(html.parser.HTMLParser):
             self.ids.add(named["id"])
         for key in ("src", "href", "xlink:href"):
             value = named.get(key, "")
-            assert re.match(r"(data:|#|chart\.csv$|runs\.csv$|$)", value), f"{key}={value[:60]}"
+            assert re.match(r"(data:|#|(chart|runs|video)\.csv$|$)", value), f"{key}={value[:60]}"
         if tag == "img":
             head, data = named["src"].split(",")
             assert head == "data:image/jpeg;base64" and base64.b64decode(data, validate=True)[:3] == b"\xff\xd8\xff"
@@ -85,6 +85,31 @@ a_small_chart_has_all_its_files() {
     find "$work/out" -name '*.svg' -exec /usr/bin/python3 -B -c \
         'import sys, xml.etree.ElementTree as t; [t.parse(f) for f in sys.argv[1:]]' {} + || fail "an SVG file"
     [ -z "$(find "$work/out" -name '*.gp' -o -name '*.part')" ] || fail "something is left over"
+}
+
+# What is true of moving pictures at any size and load: noise that is new in each frame flickers more than noise that
+# stands still, though each frame is as wrong, and its differences are far off; nothing is remembered after a step.
+moving_pictures_are_judged() {
+    "$bin/relight-chart" --quick --size 24x14 --seeds 4 --budgets 4,16 --reference 64 --techniques mis \
+        --sources 'noon=sky:hour=12' --out "$work/out" 2>"$work/log" || { cat "$work/log"; fail "relight-chart"; }
+    check_page "$work/out/index.html" || fail "index.html"
+    [ "$(find "$work/out" -name 'video-*.svg' | wc -l)" = 4 ] || fail "not four charts of moving pictures"
+    grep -q 'In motion' "$work/out/index.html" || fail "no section of moving pictures"
+    /usr/bin/python3 -B - "$work/out/video.csv" <<'PY' || fail "video.csv"
+import csv, sys
+rows = list(csv.DictReader(open(sys.argv[1], newline="")))
+got = {(r["sequence"], r["way"], r["budget"] or r["frame"], r["quantity"]): float(r["median"]) for r in rows}
+assert len(rows) == len(got) == 2 * 3 * 4 + 2 * 2 * 35 + 35, len(rows)
+for budget in ("4", "8", "16"):
+    of = lambda way, quantity: got["noon", way, budget, quantity]
+    assert of("mis, reseeded", "flicker") > 2 * of("mis", "flicker")
+    assert of("mis, reseeded", "change") > 5 * of("mis", "change")
+    assert of("mis, reseeded", "rel_mse") < 3 * of("mis", "rel_mse") < 9 * of("mis, reseeded", "rel_mse")
+still = [got["step", "mis", str(k), "rel_mse"] for k in range(-5, 30)]
+assert len(set(still[:5])) == len(set(still[5:])) == 1, still
+shown = [got["step", "exposure alone", str(k), "delta_e_shown"] for k in range(-5, 30)]
+assert max(shown[:5]) < 0.01 and shown[5] > 3 and shown[34] < 0.3 and sorted(shown[5:], reverse=True) == shown[5:], shown
+PY
 }
 
 references_are_kept_and_used_again() {
