@@ -3,6 +3,7 @@
  * direction, by its mean over seeds in standard errors. */
 #include "stability.h"
 
+#include "latlong.h"
 #include "lobe.h"
 
 #include "env/sampling.h"
@@ -52,9 +53,10 @@ static struct gbuffer lobes_make(enum lobe_kind kind, float diffuse, float specu
     return g;
 }
 
-/* Light towards wo by midpoints about the mirror direction, which lie the denser the nearer: 6e-4 of the sphere's polar
- * range at the middle of the sharpest lobe here. */
-static double lobe_light(const struct environment *e, const struct lobe *x, struct vec3 wo)
+/* Light towards wo, of the cube map or of the source, by midpoints about the mirror direction, which lie the denser the
+ * nearer: 6e-4 of the sphere's polar range at the middle of the sharpest lobe here. */
+static double lobe_light(const struct environment *e, const struct latlong *source, const struct lobe *x,
+                         struct vec3 wo)
 {
     enum { RINGS = 900, SPOKES = 360 };
     const struct vec3 r = vec3_add(vec3_scale(x->shading, 2.0f * vec3_dot(x->shading, wo)), vec3_scale(wo, -1.0f));
@@ -78,7 +80,11 @@ static double lobe_light(const struct environment *e, const struct lobe *x, stru
             if (cosine <= 0.0)
                 continue;
             lobe_evaluate(x, wo, w, brdf);
-            (void)environment_evaluate(e, (const float[3]){ w.x, w.y, w.z }, rgb, &pdf);
+            const float d[3] = { w.x, w.y, w.z };
+            if (source)
+                latlong_evaluate(source, d, rgb, &pdf);
+            else
+                (void)environment_evaluate(e, d, rgb, &pdf);
             sum += brdf[0] * cosine * angle * rgb_luminance(rgb[0], rgb[1], rgb[2]);
         }
     }
@@ -132,26 +138,33 @@ static void under(const char *name, const struct environment *e, uint32_t sample
                   bool sun)
 {
     struct worst z[2] = { { 0.0, "" } }, error[2] = { { 0.0, "" } };
+    struct latlong source = { 0 };
+    struct reason why;
     char text[128];
 
+    assert_int_equal(latlong_build(&source, e, &why), ERR_OK);
     for (size_t s = 0; s < sizeof(lobe_sets) / sizeof(lobe_sets[0]); s++) {
         const struct lobe_set *set = &lobe_sets[s];
         struct gbuffer g = lobes_make(set->kind, set->diffuse, set->specular);
-        double want[LOBES];
+        double want[LOBES], want_source[LOBES] = { 0.0 };
         for (uint32_t i = 0; i < LOBES; i++) {
             struct vec3 wo;
             const struct lobe x = lobe_at(set->kind, set->diffuse, set->specular, i, &wo);
-            want[i] = lobe_light(e, &x, wo);
+            want[i] = lobe_light(e, NULL, &x, wo);
+            if (i >= set->rough_first && i < set->rough_last)
+                want_source[i] = lobe_light(e, &source, &x, wo);
         }
         for (int k = 0; k < VARIANTS; k++) {
             const bool sharp = variants[k].claims & SHARP_LOBE;
             if ((sun && !(variants[k].claims & SMALL_SUN)) || (!sharp && sun))
                 continue;
-            compare(e, &g, want, sharp ? 0 : set->rough_first, sharp ? LOBES : set->rough_last, &variants[k],
-                    sharp ? samples : 8 * samples, slack, &z[sharp], &error[sharp]);
+            const bool own = variants[k].claims & OWN_SOURCE;
+            compare(e, &g, own ? want_source : want, sharp ? 0 : set->rough_first, sharp ? LOBES : set->rough_last,
+                    &variants[k], sharp ? samples : 8 * samples, slack, &z[sharp], &error[sharp]);
         }
         points_free(&g);
     }
+    latlong_finish(&source);
     snprintf(text, sizeof(text), "%s: alpha 0.001 to 1, exponents 1 to 10^4", name);
     holds_below(text, sun ? "mis, auto (5)" : "brdf, mis, auto (6)", "standard errors from quadrature", z[1].value,
                 Z_LIMIT, z[1].where);
