@@ -17,6 +17,7 @@
 #define STILL 0.05
 #define TRUTH_QUICK 64
 #define TRUTH_FULL 512
+#define PACE_RUNS 5
 #define SEEDS_QUICK 3
 #define SEEDS_FULL 8
 
@@ -25,7 +26,8 @@ const struct video_way video_ways[VIDEO_WAYS] = {
     { "mis, reseeded", "mis", "other random numbers in each frame (--reseed)", true, 0x3f95cf },
     { "faces", "faces", "the same random numbers in each frame", false, 0xef8122 },
     { "mis+sun", "mis+sun", "the same random numbers in each frame", false, 0xd1359b },
-    { "auto", "auto", "what the program chooses, the same random numbers in each frame", false, 0 },
+    { "auto", "auto", "what the pilot chooses in the time that mis takes, the same random numbers in each frame", false,
+      0 },
 };
 
 #define BUDGETS 3
@@ -193,14 +195,57 @@ enum err video_truth(const struct video_runs *r, const struct video_light *l, st
     return e;
 }
 
-enum err video_run(const struct video_runs *r, struct relighter *relighter, int way, const struct video_light *l,
+enum err video_stage_init(struct technique_stage *s, const struct video_runs *r, int way, struct reason *why)
+{
+    *s = (struct technique_stage){ .relighter = NULL };
+    if (!r->techniques[way])
+        return ERR_OK;
+    if (r->techniques[way]->kind == TECHNIQUE_AUTO)
+        s->pilot = pilot_create(r->set, r->desc->kernels, &(struct pilot_desc){ .price = NULL });
+    else
+        s->relighter = relighter_create(r->set, r->desc->kernels);
+    return s->pilot || s->relighter ? ERR_OK : err_say(why, ERR_NOMEM, "no memory for moving pictures");
+}
+
+void video_stage_finish(struct technique_stage *s)
+{
+    pilot_destroy(s->pilot);
+    relighter_destroy(s->relighter);
+    *s = (struct technique_stage){ .relighter = NULL };
+}
+
+enum err video_pace(const struct video_runs *r, const struct video_light *l, uint32_t budget, float *rgb,
+                    double *seconds, struct reason *why)
+{
+    struct technique_stage s = {
+        .relighter = relighter_create(r->set, r->desc->kernels),
+        .environment = l->environment,
+    };
+    struct technique_cost cost;
+    double values[PACE_RUNS];
+    struct band pace = { .median = 0.0 };
+    enum err e = s.relighter ? ERR_OK : ERR_NOMEM;
+
+    for (uint32_t k = 0; k < PACE_RUNS && !e; k++) {
+        e = technique_run(technique_pace(LIGHT_DIRECT), &s, budget, k, rgb, &cost, why);
+        values[k] = cost.seconds;
+    }
+    if (!e)
+        e = series_band(values, PACE_RUNS, &pace);
+    *seconds = pace.median;
+    relighter_destroy(s.relighter);
+    return e;
+}
+
+enum err video_run(const struct video_runs *r, struct technique_stage *stage, int way, const struct video_light *l,
                    uint32_t budget, uint32_t seed, uint32_t frame, float *rgb, double *seconds, struct reason *why)
 {
     struct technique t = *r->techniques[way];
     struct technique_cost cost;
 
+    stage->environment = l->environment;
     t.light.direct.pass = video_ways[way].reseed ? frame : 0; /* as relightd's --reseed */
-    const enum err e = technique_run(&t, relighter, l->environment, budget, seed, rgb, &cost, why);
+    const enum err e = technique_run(&t, stage, budget, seed, rgb, &cost, why);
     *seconds = cost.seconds;
     return e;
 }
@@ -208,14 +253,14 @@ enum err video_run(const struct video_runs *r, struct relighter *relighter, int 
 /* A sequence while it is made. */
 struct reel {
     const struct video_runs *runs;
-    struct truth *truths;          /* [frames] */
-    struct judge *judges;          /* [frames] */
-    uint32_t made;                 /* of these */
-    size_t takes;                  /* VIDEO_WAYS * budgets * seeds */
-    struct relighter **relighters; /* [takes]: what a way remembers is its own */
-    float *pictures;               /* [takes][frames][height][width][3] */
-    double *seconds;               /* [takes]: sums over frames */
-    double *errors;                /* [takes]: likewise */
+    struct truth *truths;           /* [frames] */
+    struct judge *judges;           /* [frames] */
+    uint32_t made;                  /* of these */
+    size_t takes;                   /* VIDEO_WAYS * budgets * seeds */
+    struct technique_stage *stages; /* [takes]: what a way remembers is its own */
+    float *pictures;                /* [takes][frames][height][width][3] */
+    double *seconds;                /* [takes]: sums over frames */
+    double *errors;                 /* [takes]: likewise */
 };
 
 static size_t take_index(const struct video *v, int way, uint32_t budget, uint32_t seed)
@@ -235,11 +280,11 @@ static void reel_finish(struct reel *r)
         truth_finish(&r->truths[t]);
         judge_finish(&r->judges[t]);
     }
-    for (size_t k = 0; k < r->takes && r->relighters; k++)
-        relighter_destroy(r->relighters[k]);
+    for (size_t k = 0; k < r->takes && r->stages; k++)
+        video_stage_finish(&r->stages[k]);
     mem_free(r->truths);
     mem_free(r->judges);
-    mem_free(r->relighters);
+    mem_free(r->stages);
     mem_free(r->pictures);
     mem_free(r->seconds);
     mem_free(r->errors);
@@ -253,19 +298,38 @@ static enum err reel_init(struct reel *r, const struct video_runs *runs, struct 
     *r = (struct reel){ .runs = runs, .takes = (size_t)VIDEO_WAYS * v->budget_count * v->seeds };
     r->truths = mem_alloc(v->frames, sizeof(*r->truths));
     r->judges = mem_alloc(v->frames, sizeof(*r->judges));
-    r->relighters = mem_alloc(r->takes, sizeof(struct relighter *));
+    r->stages = mem_alloc(r->takes, sizeof(*r->stages));
     r->pictures = mem_alloc(r->takes * v->frames * 3 * v->width * v->height, sizeof(float));
     r->seconds = mem_alloc(r->takes, sizeof(double));
     r->errors = mem_alloc(r->takes, sizeof(double));
-    for (size_t k = 0; k < r->takes && r->relighters && made; k++) {
-        r->relighters[k] = relighter_create(runs->set, runs->desc->kernels);
-        made = r->relighters[k];
-    }
-    if (made && r->truths && r->judges && r->relighters && r->pictures && r->seconds && r->errors)
+    for (size_t k = 0; k < r->takes && r->stages && made; k++)
+        made = !video_stage_init(&r->stages[k], runs, (int)(k / (v->budget_count * v->seeds)), why);
+    if (made && r->truths && r->judges && r->stages && r->pictures && r->seconds && r->errors)
         return ERR_OK;
     reel_finish(r);
     *r = (struct reel){ .takes = 0 };
     return err_say(why, ERR_NOMEM, "no memory for %u frames of %zu sequences", v->frames, r->takes);
+}
+
+/* Pilots get their wish, and some frames to learn in that do not count. */
+static enum err teach_pilots(struct reel *r, const struct video_light *l, struct reason *why)
+{
+    const struct video *v = r->runs->video;
+    double pace, seconds;
+    enum err e = ERR_OK;
+
+    for (int way = 0; way < VIDEO_WAYS; way++)
+        for (uint32_t budget = 0; budget < v->budget_count && !e; budget++) {
+            if (!r->stages[take_index(v, way, budget, 0)].pilot)
+                continue;
+            e = video_pace(r->runs, l, v->budgets[budget], r->pictures, &pace, why);
+            for (uint32_t k = 0; k < PILOT_FRAMES * v->seeds && !e; k++) {
+                struct technique_stage *s = &r->stages[take_index(v, way, budget, k % v->seeds)];
+                s->seconds = pace;
+                e = video_run(r->runs, s, way, l, v->budgets[budget], k % v->seeds, 0, r->pictures, &seconds, why);
+            }
+        }
+    return e;
 }
 
 /* Everything that is made of one frame. */
@@ -282,8 +346,8 @@ static enum err run_frame(struct reel *r, const struct video_light *l, uint32_t 
                 double seconds;
                 if (!v->takes[way])
                     continue;
-                e = video_run(r->runs, r->relighters[k], way, l, v->budgets[budget], seed, frame,
-                              picture_of(r, k, frame), &seconds, why);
+                e = video_run(r->runs, &r->stages[k], way, l, v->budgets[budget], seed, frame, picture_of(r, k, frame),
+                              &seconds, why);
                 r->seconds[k] += e ? 0.0 : seconds / v->frames;
                 r->errors[k] += e ? 0.0 : judge_error(&r->judges[frame], picture_of(r, k, frame)) / v->frames;
             }
@@ -352,6 +416,8 @@ static enum err measure_sequence(const struct video_runs *runs, const char *sour
     s->degrees = l.degrees;
     if (!e)
         e = reel_init(&r, runs, why);
+    if (!e)
+        e = teach_pilots(&r, &l, why);
     for (uint32_t t = 0; t < v->frames && !e; t++) {
         e = video_light_turn(&l, t, why);
         if (!e)

@@ -37,8 +37,17 @@ void video_light_finish(struct video_light *l); /* zeroed memory is allowed */
 MUST_CHECK enum err video_truth(const struct video_runs *r, const struct video_light *l, struct truth *truth,
                                 struct judge *judge, struct reason *why);
 
+/* What one way remembers from frame to frame, under one seed at one budget. */
+MUST_CHECK enum err video_stage_init(struct technique_stage *s, const struct video_runs *r, int way,
+                                     struct reason *why);
+void video_stage_finish(struct technique_stage *s); /* zeroed memory is allowed */
+
+/* The time of a picture that a pilot is given at a budget, as the chart gives it (technique_pace). */
+MUST_CHECK enum err video_pace(const struct video_runs *r, const struct video_light *l, uint32_t budget, float *rgb,
+                               double *seconds, struct reason *why);
+
 /* One picture, the frame's number deciding the random numbers of a way that takes new ones. */
-MUST_CHECK enum err video_run(const struct video_runs *r, struct relighter *relighter, int way,
+MUST_CHECK enum err video_run(const struct video_runs *r, struct technique_stage *stage, int way,
                               const struct video_light *l, uint32_t budget, uint32_t seed, uint32_t frame, float *rgb,
                               double *seconds, struct reason *why);
 

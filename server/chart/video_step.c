@@ -16,7 +16,7 @@
 static const char *const skies[2] = { "sky:hour=12,turbidity=10,sun_ratio=1,scale=0.0013", "sky:hour=12" };
 
 struct state { /* of one way under one seed, from frame to frame */
-    struct relighter *relighter;
+    struct technique_stage stage;
     struct exposure exposure;
     double error[FRAMES], display[FRAMES];
 };
@@ -68,7 +68,7 @@ static enum err run_frame(struct steps *s, uint32_t frame, struct reason *why)
         for (uint32_t seed = 0; seed < v->seeds && v->takes[way] && !e; seed++) {
             struct state *state = &s->states[(uint32_t)way * v->seeds + seed];
             double seconds;
-            e = video_run(s->runs, state->relighter, way, &s->lights[sky], budget, seed, frame, s->rgb, &seconds, why);
+            e = video_run(s->runs, &state->stage, way, &s->lights[sky], budget, seed, frame, s->rgb, &seconds, why);
             if (e)
                 break;
             state->error[frame] = judge_error(&s->judges[sky], s->rgb);
@@ -81,6 +81,7 @@ static enum err run_frame(struct steps *s, uint32_t frame, struct reason *why)
 static enum err prepare(struct steps *s, struct reason *why)
 {
     const struct video *v = s->runs->video;
+    double pace = 0.0;
     enum err e = ERR_OK;
 
     s->states = mem_alloc((size_t)VIDEO_WAYS * v->seeds, sizeof(*s->states));
@@ -89,9 +90,9 @@ static enum err prepare(struct steps *s, struct reason *why)
     if (!s->states || !s->rgb || !s->shown)
         return err_say(why, ERR_NOMEM, "no memory for the step");
     for (uint32_t k = 0; k < VIDEO_WAYS * v->seeds; k++) {
-        s->states[k].relighter = relighter_create(s->runs->set, s->runs->desc->kernels);
-        if (!s->states[k].relighter)
-            return err_say(why, ERR_NOMEM, "no memory for the step");
+        e = video_stage_init(&s->states[k].stage, s->runs, (int)(k / v->seeds), why);
+        if (e)
+            return e;
         exposure_init(&s->states[k].exposure);
     }
     while (s->made < 2 && !e) {
@@ -103,6 +104,10 @@ static enum err prepare(struct steps *s, struct reason *why)
         else
             s->made++;
     }
+    if (!e)
+        e = video_pace(s->runs, &s->lights[0], v->budgets[v->budget_count / 2], s->rgb, &pace, why);
+    for (uint32_t k = 0; k < VIDEO_WAYS * v->seeds; k++)
+        s->states[k].stage.seconds = pace; /* whoever has a pilot learns from the first frame on, as a stream does */
     return e;
 }
 
@@ -160,7 +165,7 @@ enum err video_measure_step(const struct video_runs *runs, struct reason *why)
         video_light_finish(&s.lights[k]);
     }
     for (uint32_t k = 0; s.states && k < VIDEO_WAYS * runs->video->seeds; k++)
-        relighter_destroy(s.states[k].relighter);
+        video_stage_finish(&s.states[k].stage);
     mem_free(s.states);
     mem_free(s.rgb);
     mem_free(s.shown);
