@@ -120,6 +120,37 @@ static void add_answer(struct text *t, const struct video *v, const struct video
     text_add(t, ".</p>");
 }
 
+/* Auto, at the budget where it flickers most, beside the steadiest of the others there. */
+static void add_auto(struct text *t, const struct video *v, const struct video_sequence *s)
+{
+    int automatic = -1, steady = -1;
+    uint32_t worst = 0;
+
+    for (int w = 0; w < VIDEO_WAYS; w++)
+        if (v->takes[w] && strcmp(video_ways[w].technique, "auto") == 0)
+            automatic = w;
+    if (automatic < 0 || !(s->still_share > 0.0))
+        return;
+    for (uint32_t k = 1; k < v->budget_count; k++)
+        if (s->points[automatic][k].flicker.median > s->points[automatic][worst].flicker.median)
+            worst = k;
+    for (int w = 0; w < VIDEO_WAYS; w++)
+        if (v->takes[w] && w != automatic &&
+            (steady < 0 || s->points[w][worst].flicker.median < s->points[steady][worst].flicker.median))
+            steady = w;
+    const double flicker = s->points[automatic][worst].flicker.median;
+    text_add(t, "<p>");
+    add_name(t, &video_ways[automatic]);
+    text_add(t, " flickers by at most ");
+    add_percent(t, flicker);
+    if (steady >= 0 && flicker > 2.0 * s->points[steady][worst].flicker.median) {
+        text_add(t, ", %.1f times as much as ", flicker / s->points[steady][worst].flicker.median);
+        add_name(t, &video_ways[steady]);
+        text_add(t, " there: when its pilot changes how many samples go where, the noise becomes another");
+    }
+    text_add(t, ". A pilot's own measurements weigh most in pictures as small as these.</p>");
+}
+
 static void add_table(struct text *t, const struct video *v, const struct video_sequence *s)
 {
     text_add(t, "<div class=\"wide\"><table><tr><th>way</th>");
@@ -179,7 +210,7 @@ static enum err add_strip(struct text *t, const struct video *v, const struct vi
     double log2_mean = log2(0.18);
     enum err e = display && j ? ERR_OK : ERR_NOMEM;
 
-    text_add(t, "<div class=\"strip\">");
+    text_add(t, "<div class=\"strip video\">");
     if (!e) {
         (void)exposure_log2_mean(s->picture, NULL, v->width, v->height, &log2_mean);
         tone_map(s->picture, v->width, v->height, 0.18 / exp2(log2_mean), TONE_FILMIC, display);
@@ -215,6 +246,7 @@ static enum err add_sequence(struct text *t, const struct video *v, uint32_t num
     text_add_escaped(t, s->source);
     text_add(t, ", turned by %.3g degrees a frame</h3>", s->degrees);
     add_answer(t, v, s);
+    add_auto(t, v, s);
     text_add(t,
              "<p class=\"soft\">Of what sees a surface, %.0f %% stands still: it varies by no more than %.0f %% in %u "
              "frames.</p><div class=\"charts video\">",
