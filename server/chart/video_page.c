@@ -275,6 +275,26 @@ static uint32_t frames_to_settle(const struct video *v, int way)
     return motion_settled(after, VIDEO_AFTER, SETTLED_TIMES * end);
 }
 
+/* Those whose error changes much after the step though neither light nor random numbers do. */
+static void add_wanderers(struct text *t, const struct video *v)
+{
+    for (int w = 0; w < VIDEO_WAYS; w++) {
+        double low = INFINITY, high = 0.0;
+        if (!v->takes[w] || video_ways[w].reseed)
+            continue;
+        for (int k = VIDEO_BEFORE; k < VIDEO_BEFORE + VIDEO_AFTER; k++) {
+            low = fmin(low, v->step.error[w][k]);
+            high = fmax(high, v->step.error[w][k]);
+        }
+        if (!(high > SETTLED_TIMES * low))
+            continue;
+        text_add(t, "<p>");
+        add_name(t, &video_ways[w]);
+        text_add(t, " wanders between an error of %.2g and one of %.2g after that, though nothing changes.</p>", low,
+                 high);
+    }
+}
+
 static enum err add_step(struct text *t, const struct video *v, const char *folder, struct reason *why)
 {
     const uint32_t shown = motion_settled(v->step.exposure + VIDEO_BEFORE, VIDEO_AFTER, NOTICED);
@@ -288,8 +308,8 @@ static enum err add_step(struct text *t, const struct video *v, const char *fold
         }
     text_add(t, "<h3>The sun comes out, at %u samples</h3><p class=\"answer\">", v->budgets[v->budget_count / 2]);
     if (longest == 0) {
-        text_add(t, "The light answers at once: the first frame with the sun is as right as any later one, for all of "
-                    "them, since none keeps light from one frame to the next.");
+        text_add(t, "The light answers at once: no method's first frame with the sun is worse than later ones, since "
+                    "none keeps light from one frame to the next.");
     } else {
         text_add(t, "The light of ");
         add_name(t, &video_ways[slowest]);
@@ -299,7 +319,9 @@ static enum err add_step(struct text *t, const struct video *v, const char *fold
         text_add(t, " What is shown has not settled after %d frames", VIDEO_AFTER);
     else
         text_add(t, " What is shown takes %u frame%s until nobody would notice the rest", shown, shown == 1 ? "" : "s");
-    text_add(t, ": exposure follows slowly, so that it does not flicker.</p><div class=\"charts video\">");
+    text_add(t, ": exposure follows slowly, so that it does not flicker.</p>");
+    add_wanderers(t, v);
+    text_add(t, "<div class=\"charts video\">");
     enum err e = add_chart(t, folder, "step-error", "Error of the light, frame by frame", why);
     if (!e)
         e = add_chart(t, folder, "step-display", "What is shown, against how it ends", why);
