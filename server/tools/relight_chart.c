@@ -20,7 +20,7 @@ static struct option_row rows[] = {
     { "sources", "LIST", "sources with ; between, of which the first frame counts; TITLE=SOURCE likewise", SKIES },
     { "techniques", "LIST", "names with commas between; left out: all", NULL },
     { "", NULL, "how well", NULL },
-    { "quick", NULL, "64x36 pixels and fewer samples in the references: two minutes on two cores", NULL },
+    { "quick", NULL, "56x32 pixels and fewer samples in the references: two minutes on two cores", NULL },
     { "size", "WxH", "of the pictures, in pixels; left out: 320x180", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
     { "every-pixel", NULL, "K x K camera rays in all pixels", NULL },
@@ -39,8 +39,8 @@ static struct option_row rows[] = {
 
 static enum err read_size(const struct options *o, bool quick, struct chart_desc *d, struct reason *why)
 {
-    d->width = quick ? 64 : 320;
-    d->height = quick ? 36 : 180;
+    d->width = quick ? 56 : 320;
+    d->height = quick ? 32 : 180;
     return options_get(o, "size") ? options_size(o, "size", &d->width, &d->height, why) : ERR_OK;
 }
 
