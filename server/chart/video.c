@@ -57,7 +57,7 @@ static struct video shape_of(const struct video_desc *d)
     struct video v = {
         .width = d->quick ? 48 : 96,
         .height = d->quick ? 27 : 54,
-        .frames = d->quick ? 16 : 48,
+        .frames = d->quick ? 12 : 48,
         .seeds = d->quick ? SEEDS_QUICK : SEEDS_FULL,
         .budget_count = BUDGETS,
         .truth_samples = d->quick ? TRUTH_QUICK : TRUTH_FULL,

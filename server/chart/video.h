@@ -71,7 +71,7 @@ struct video_desc {
     const char *techniques;         /* names with commas between; NULL: all */
     const struct kernels *kernels;
     const char *cache;      /* folder of references; NULL: none */
-    bool quick;             /* 48x27 pixels and 16 frames, else 96x54 and 48 */
+    bool quick;             /* 48x27 pixels and 12 frames, else 96x54 and 48 */
     uint32_t width, height; /* if these are fewer pixels they are taken; 0 */
     struct progress *line;  /* stepped by video_work in all; may be NULL */
 };
