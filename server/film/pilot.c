@@ -10,6 +10,8 @@
 #include <string.h>
 
 #define SMOOTH 0.3
+#define READINGS_SOON 4    /* of the light tracer in use; after that */
+#define READ_EVERY 4       /* frames */
 #define PACE_STEP 0.3      /* of what a picture says about the machine's pace, in its logarithm: it was early, */
 #define PACE_STEP_LATE 0.6 /* it was late */
 
@@ -71,6 +73,7 @@ static bool allocate(struct pilot *p, const struct kernels *kernels)
     for (int k = 0; k < SURFACE_KINDS; k++) {
         all = (p->direct[k] = direct_create(kernels)) && all;
         all = (p->half[k] = mem_alloc(pixels, 3 * sizeof(float))) && all;
+        all = (p->spread[k] = mem_alloc(pixels, 3 * sizeof(float))) && all;
     }
     all = (p->probe = direct_create(kernels)) && all;
     all = (p->light = light_tracer_create(p->set->scene, p->set->rays, &p->set->view)) && all;
@@ -103,6 +106,7 @@ void pilot_destroy(struct pilot *p)
     for (int k = 0; k < SURFACE_KINDS; k++) {
         direct_destroy(p->direct[k]);
         mem_free(p->half[k]);
+        mem_free(p->spread[k]);
     }
     direct_destroy(p->probe);
     light_tracer_destroy(p->light);
@@ -187,6 +191,13 @@ static void note_time(struct pilot *p, enum pilot_part part, double seconds)
         model_ran(m, p->choice.n[part], seconds / p->pace);
 }
 
+/* Glossy surfaces by the technique of matte ones take their tables too. */
+static bool shares_tables(const struct pilot *p, int kind)
+{
+    return kind == SURFACE_GLOSSY && p->choice.way[PILOT_MATTE] != WAY_NONE &&
+           p->choice.way[PILOT_MATTE] - WAY_MATTE == p->choice.way[PILOT_GLOSSY] - WAY_GLOSSY;
+}
+
 static enum err make_direct(struct pilot *p, struct relight_stats *stats)
 {
     const uint64_t pass = p->wish_light->direct.pass;
@@ -205,7 +216,8 @@ static enum err make_direct(struct pilot *p, struct relight_stats *stats)
             continue;
         }
         const double start = pilot_now(p), n = p->choice.n[kind];
-        e = pilot_direct(p, p->direct[kind], way, n, pass, false, list, p->lo_direct, s);
+        p->tables[kind] = shares_tables(p, kind) ? p->direct[SURFACE_MATTE] : p->direct[kind];
+        e = pilot_direct(p, p->tables[kind], way, n, pass, p->tables[kind] != p->direct[kind], list, p->lo_direct, s);
         const struct pilot_work work = { (enum pilot_part)kind, p->groups.all.points[kind], s->rays, n };
         note_time(p, (enum pilot_part)kind, pilot_spent(p, start, &work));
         stats->direct.rays += s->rays;
@@ -253,37 +265,52 @@ static void make_pixels(struct pilot *p, float *rgb, struct relight_stats *stats
     stats->resolve_ms = 1e3 * pilot_spent(p, start, &work);
 }
 
-/* Both halves' mean into the picture. What their difference says is read at once, before the next run takes the place;
- * the yardstick is what the picture is so far, and the part itself. */
+void pilot_read_light(struct pilot *p, uint32_t way, double n, const float *rgb)
+{
+    const struct gbuffer *g = p->set->gbuffer;
+    struct yardstick y = p->yardstick;
+    struct pair pair;
+
+    yardstick_spread(p->half[0], p->half[1], g->width, g->height, p->spread[0], p->spread[1]);
+    y.rgb = rgb;
+    y.part = p->spread[1];
+    pair_of_pictures(&p->groups.all, p->half[0], p->half[1], &y, &pair);
+    if (pair.pixels) /* the mean of the halves has half of either's variance */
+        model_read(&p->model[way], n, 0.5 * pair.error / (double)pair.pixels, pair.energy / (double)pair.pixels);
+}
+
+/* Both halves' mean into the picture. What their difference says is read before the next run takes the place, and not
+ * in every frame. */
 static enum err make_light(struct pilot *p, float *rgb, struct relight_stats *stats)
 {
-    const size_t values = 3 * (size_t)p->set->gbuffer->width * p->set->gbuffer->height;
+    const struct gbuffer *g = p->set->gbuffer;
+    const size_t values = 3 * (size_t)g->width * g->height;
     enum err e = ERR_OK;
 
     for (int part = PILOT_AIMED; part <= PILOT_WHOLE && !e; part++) {
         const uint32_t way = p->choice.way[part];
         struct light_tracer_stats one;
-        struct pair pair;
         if (way == WAY_NONE)
             continue;
-        const double start = pilot_now(p), n = p->choice.n[part];
+        double start = pilot_now(p);
+        const double n = p->choice.n[part];
         e = pilot_light(p, way, n, p->wish_light->direct.pass, &one);
+        const struct pilot_work work = { (enum pilot_part)part, 0, one.rays, n };
+        note_time(p, (enum pilot_part)part, pilot_spent(p, start, &work));
+        start = pilot_now(p);
+        if (p->environment->total_energy > 0.0 && (p->model[way].fresh < READINGS_SOON || p->runs % READ_EVERY == 0)) {
+            yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
+            pilot_read_light(p, way, n, rgb);
+        }
+        p->pilot_s += pilot_now(p) - start;
 #pragma omp parallel for schedule(static)
         for (size_t i = 0; i < values; i++)
             rgb[i] += 0.5f * (p->half[0][i] + p->half[1][i]);
-        const struct pilot_work work = { (enum pilot_part)part, 0, one.rays, n };
-        note_time(p, (enum pilot_part)part, pilot_spent(p, start, &work));
         stats->light.particles += one.particles;
         stats->light.starts_hit += one.starts_hit;
         stats->light.rays += one.rays;
         stats->light.splats += one.splats;
         stats->light_ms += 1e3 * p->ran_s[part];
-        yardstick_init(&p->yardstick, rgb, p->mask, p->set->gbuffer->width, p->set->gbuffer->height);
-        p->yardstick.place = PAIR_BOTH;
-        pair_of_pictures(&p->groups.all, p->half[0], p->half[1], &p->yardstick, &pair);
-        if (pair.pixels &&
-            p->environment->total_energy > 0.0) /* the mean of the halves has half of either's variance */
-            model_read(&p->model[way], n, 0.5 * pair.error / (double)pair.pixels, pair.energy / (double)pair.pixels);
     }
     return e;
 }
@@ -352,6 +379,7 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
         if (result || cancelled(p))
             return result;
         yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
+        p->picture_noise = 1.0; /* four samples a point */
         result = pilot_probe(p, wish);
         if (result || cancelled(p))
             return result;
@@ -373,6 +401,7 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
         return result;
     note_pace(p, expected, seasoned);
     const double probing = pilot_now(p);
+    p->picture_noise = pilot_error(p);
     yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
     result = p->runs == 0 || !(e->total_energy > 0.0) ? ERR_OK : pilot_probe(p, wish);
     if (!p->desc.price)

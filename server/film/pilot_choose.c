@@ -45,17 +45,33 @@ static void set_route(struct pilot *p, uint32_t way, bool there, uint32_t classe
     p->there[way] = there && (p->route[way].classes || p->route[way].behind);
 }
 
+/* The techniques of direct light. Lobes alone must meet what they are to find, light alone knows nothing of a narrow
+ * lobe: where that may be a sun, or a highlight, their readings are small until one is large, and so they are not
+ * offered. Both together are safe everywhere [Veach 1997, section 9.2]. */
+static void set_techniques(struct pilot *p)
+{
+    for (uint32_t way = 0; way < WAY_EYE_ALL; way++) {
+        const enum surface_kind kind = (enum surface_kind)(way / PILOT_TECHNIQUES);
+        const struct method_recipe *r = method_recipe(techniques[way % PILOT_TECHNIQUES].desc.method);
+        const bool safe =
+            (r->light_part > 0.0f || p->peakedness <= PEAKED_MOST) && (r->brdf_part > 0.0f || kind == SURFACE_MATTE);
+        p->there[way] = p->with_direct && p->groups.all.list[kind].count > 0 && safe;
+    }
+}
+
 /* A change makes nothing known of the way. */
 void pilot_set_routes(struct pilot *p)
 {
     const uint32_t all = p->classes, aimed = all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
     const bool peaked = p->peakedness > PEAKED_MOST && p->caustics_by != PLAN_EYE;
     const uint32_t behind = peaked ? all & ~aimed : all;
+
     const bool light_caustics = all & PATH_CAUSTICS && p->caustics_by != PLAN_EYE;
     const bool light_whole = all & PATH_INDIRECT_LIT && p->indirect_by != PLAN_EYE;
     const bool eye_caustics = !(all & PATH_CAUSTICS) || (p->caustics_by != PLAN_LIGHT && !peaked);
     const bool eye_rest = !(all & PATH_INDIRECT) || p->indirect_by != PLAN_LIGHT;
 
+    set_techniques(p);
     set_route(p, WAY_AIMED, light_caustics, aimed, 0);
     set_route(p, WAY_WHOLE, light_whole, all & PATH_INDIRECT_LIT, 0);
     set_route(p, WAY_EYE_ALL, eye_caustics && eye_rest, all, behind);
@@ -80,8 +96,6 @@ void pilot_take_wish(struct pilot *p, const struct relight_desc *light)
     p->indirect_by = light->indirect;
     p->eye_wish = light->eye_paths;
     p->particles_wish = light->particles;
-    for (uint32_t way = 0; way < WAY_EYE_ALL; way++)
-        p->there[way] = direct && p->groups.all.list[way / PILOT_TECHNIQUES].count > 0;
     for (uint32_t way = WAY_EYE_ALL; way < WAYS; way++)
         p->model[way] = (struct model){ 0 };
     pilot_set_routes(p);
@@ -109,7 +123,7 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
     const enum pilot_part part = pilot_part_of(way);
     const bool used = p->choice.way[part] == way;
     struct budget_way w = {
-        .variance = m->variance,
+        .variance = used ? model_error_told(m, p->choice.n[part]) * pow(p->choice.n[part], m->order) : m->variance,
         .order = m->order,
         .begin_s = p->pace * m->begin_s,
         .unit_s = p->pace * fmax(m->unit_s, 1e-12),

@@ -7,6 +7,7 @@
 
 #define TILE 16u /* pixels a side: packets hold points of such a neighbourhood (gbuffer_pack.c) */
 #define TILES_A_GROUP 6u
+#define SPREAD 4u /* pixels to either side */
 
 static uint32_t tiles_of(uint32_t pixels, uint32_t tile)
 {
@@ -140,17 +141,78 @@ void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, 
                 pixels++;
             }
     const double mean = pixels ? sum / (3.0 * (double)pixels) : 0.0;
-    *y = (struct yardstick){ rgb, PAIR_FIRST, 1e-2 * mean * mean };
+    *y = (struct yardstick){
+        .rgb = rgb, .mask = mask, .width = width, .height = height, .place = PAIR_FIRST, .soft = 1e-2 * mean * mean
+    };
+}
+
+/* Means along rows of 3 values, or along columns of a row's values: `count` places `step` values apart. */
+static void spread_line(const float *from, size_t step, uint32_t count, float *to)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t first = i > SPREAD ? i - SPREAD : 0, last = i + SPREAD < count ? i + SPREAD : count - 1;
+        float sum = 0.0f;
+        for (uint32_t k = first; k <= last; k++)
+            sum += from[k * step];
+        to[i * step] = sum / (float)(last - first + 1);
+    }
+}
+
+void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t height, float *spare, float *out)
+{
+    const size_t row = 3 * (size_t)width;
+
+#pragma omp parallel
+    {
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < row * height; i++)
+            out[i] = 0.5f * (a[i] + b[i]);
+#pragma omp for schedule(static)
+        for (uint32_t y = 0; y < height; y++)
+            for (size_t c = 0; c < 3; c++)
+                spread_line(out + y * row + c, 3, width, spare + y * row + c);
+#pragma omp for schedule(static)
+        for (size_t x = 0; x < row; x++)
+            spread_line(spare + x, row, height, out + x);
+    }
+}
+
+static void add_neighbours(const struct yardstick *y, uint32_t pixel, double out[3])
+{
+    const uint32_t px = pixel % y->width, py = pixel / y->width;
+    double weight = 0.0;
+
+    out[0] = out[1] = out[2] = 0.0;
+    for (uint32_t v = py ? py - 1 : 0; v <= py + 1 && v < y->height; v++)
+        for (uint32_t u = px ? px - 1 : 0; u <= px + 1 && u < y->width; u++) {
+            const size_t i = (size_t)v * y->width + u;
+            if (!y->mask[i])
+                continue;
+            for (size_t c = 0; c < 3; c++)
+                out[c] += y->rgb[3 * i + c];
+            weight += 1.0;
+        }
+    for (int c = 0; c < 3; c++)
+        out[c] /= weight > 0.0 ? weight : 1.0;
 }
 
 /* r^2 + 1e-2 mean(r)^2 of a pixel. */
-static void measure_of(const struct yardstick *y, uint32_t pixel, const double a[3], const double b[3], double out[3])
+static void measure_of(const struct yardstick *y, uint32_t pixel, const double a[3], const double b[3],
+                       const double mean[3], double out[3])
 {
+    double near[3] = { 0.0, 0.0, 0.0 };
+
+    if (y->smooth)
+        add_neighbours(y, pixel, near);
     for (int c = 0; c < 3; c++) {
-        const double own = (double)y->rgb[3 * (size_t)pixel + (size_t)c];
-        const double r = y->place == PAIR_FIRST  ? own + 0.5 * (b[c] - a[c])
-                         : y->place == PAIR_NONE ? own + 0.5 * (a[c] + b[c])
-                                                 : own;
+        const size_t i = 3 * (size_t)pixel + (size_t)c;
+        double r = y->smooth ? near[c] : (double)y->rgb[i];
+        if (y->part)
+            r += (double)y->part[i];
+        else if (y->place == PAIR_NONE)
+            r += mean[c];
+        else if (y->place == PAIR_FIRST && !y->smooth)
+            r += 0.5 * (b[c] - a[c]);
         out[c] = r * r + y->soft;
     }
 }
@@ -195,15 +257,22 @@ static void add_pixel(const double a[3], const double b[3], const double measure
 void pair_of_points(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
                     const float *b, const struct yardstick *y, struct pair *out)
 {
-    double error = 0.0, energy = 0.0, edge = 0.0;
+    double error = 0.0, energy = 0.0, edge = 0.0, mean[3] = { 0.0, 0.0, 0.0 };
 
+    for (uint32_t k = 0; k < group->pixel_count && y->place == PAIR_NONE; k++) {
+        double first[3], second[3], one[3];
+        resolve(s->gbuffer, group->pixels[k], kinds, a, first, one);
+        resolve(s->gbuffer, group->pixels[k], kinds, b, second, one);
+        for (int c = 0; c < 3; c++)
+            mean[c] += 0.5 * (first[c] + second[c]) / group->pixel_count;
+    }
 #pragma omp parallel for schedule(static) reduction(+ : error, energy, edge)
     for (uint32_t k = 0; k < group->pixel_count; k++) {
         struct pair one = { 0 };
         double first[3], second[3], first_one[3], second_one[3], measure[3];
         resolve(s->gbuffer, group->pixels[k], kinds, a, first, first_one);
         resolve(s->gbuffer, group->pixels[k], kinds, b, second, second_one);
-        measure_of(y, group->pixels[k], first, second, measure);
+        measure_of(y, group->pixels[k], first, second, mean, measure);
         add_pixel(first, second, measure, &one);
         error += one.error;
         energy += one.energy;
@@ -226,7 +295,7 @@ void pair_of_pictures(const struct group *group, const float *a, const float *b,
         double measure[3];
         if (first[0] + first[1] + first[2] + second[0] + second[1] + second[2] == 0.0)
             continue;
-        measure_of(y, group->pixels[k], first, second, measure);
+        measure_of(y, group->pixels[k], first, second, (const double[3]){ 0.0, 0.0, 0.0 }, measure);
         add_pixel(first, second, measure, &one);
         error += one.error;
         energy += one.energy;

@@ -45,18 +45,28 @@ static inline enum surface_kind surface_of(const struct shade_packet *p)
 enum pair_place {
     PAIR_APART, /* another estimate of it: neither of the two */
     PAIR_FIRST, /* the first of the two */
-    PAIR_BOTH,  /* their mean */
-    PAIR_NONE,  /* nothing: the part is left out */
+    PAIR_NONE,  /* nothing: the group's mean of it stands for it */
 };
 
 /* The picture by which errors are made relative: float[height][width][3] as resolved, and 1e-2 mean(r)^2. r of a pixel
- * is the picture's own value, with the pair's mean for the part where that is known: so r is as good as it can be, and
- * of symmetric noise the mean of two tells nothing about their difference. */
+ * is the picture's own value, with the pair's mean for the part where that is known: of symmetric noise the mean of two
+ * tells nothing about their difference. Where noise is as large as the light itself that would not do, since a pixel
+ * that is far off would be measured by itself: then r is a mean over the neighbours, 3 x 3 pixels of a picture, and of
+ * particles, which are sparse, the mean of 9 x 9 that `part` holds. */
 struct yardstick {
     const float *rgb;
+    const float *part; /* what is to be added; NULL: nothing */
+    const uint8_t *mask;
+    uint32_t width, height;
     enum pair_place place;
+    bool smooth;
     double soft;
 };
+
+#define YARDSTICK_NOISY 0.05 /* relMSE of a part from which the smooth one is the better */
+
+/* The mean of two pictures over 9 x 9 pixels, into out; spare is as large. */
+void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t height, float *spare, float *out);
 
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
 

@@ -50,17 +50,19 @@ struct pilot {
     const struct set *set;
     struct pilot_desc desc;
     struct direct *direct[SURFACE_KINDS], *probe; /* of the picture; of what goes ahead of it */
+    struct direct *tables[SURFACE_KINDS];         /* which of them the last picture had */
     struct light_tracer *light;
     struct groups groups;
     uint8_t *mask;
     float *lo_direct, *lo_eye, *lo_other, *lo_sum; /* [packet_count][3][16] */
+    float *spread[2];                              /* [height][width][3]: of yardsticks */
     float *half[2];                                /* [height][width][3]: of the light tracer */
 
     /* Of the wish and the scene, made anew when they change. */
     uint32_t classes; /* of the other light: asked for, and to be found in the scene */
     bool with_direct;
     enum plan_estimator caustics_by, indirect_by;
-    double peakedness; /* of the sky that the readings began with; 0: not asked for, since nothing hangs on it */
+    double peakedness; /* of the sky that the readings began with; 0: black, or there was none yet */
     uint32_t eye_wish;
     uint64_t particles_wish;
     bool there[WAYS];
@@ -87,6 +89,7 @@ struct pilot {
     const struct relight_desc *wish_light;
     struct yardstick yardstick;
     double picture_s, pilot_s;
+    double picture_noise;      /* the error that the choice is expected to leave */
     double ran_s[PILOT_PARTS]; /* seconds of each part */
     struct budget budget;
     struct budget_way ways[PILOT_PARTS][WAYS];
@@ -109,6 +112,9 @@ MUST_CHECK enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t 
 /* The two halves of n x UNIT_PARTICLES particles, into half[0] and half[1]. */
 MUST_CHECK enum err pilot_light(struct pilot *p, uint32_t way, double n, uint64_t pass,
                                 struct light_tracer_stats *stats);
+
+/* What the two halves say, beside a picture without them. */
+void pilot_read_light(struct pilot *p, uint32_t way, double n, const float *rgb);
 
 /* ---- pilot_probe.c ---- */
 

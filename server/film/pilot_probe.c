@@ -9,7 +9,7 @@
 #define SHARE_LATER 0.05
 #define READINGS_WANTED 2 /* of each way, before it may be chosen */
 #define FRAMES_AT_FIRST 4
-#define HOPELESS 2.5                 /* times the error of what is in use, in the same time: seldom looked at again, */
+#define HOPELESS 2.0                 /* times the error of what is in use, in the same time: seldom looked at again, */
 #define SELDOM 8                     /* every so many turns */
 #define BANK_FRAMES 2.0              /* time that is saved up at most */
 #define SKY_SHARE 0.04               /* of the light, come or gone on a face of the cube: another sky; */
@@ -76,7 +76,7 @@ void pilot_look_at_sky(struct pilot *p)
     if (apart <= SKY_SHARE && ratio <= SKY_RATIO && ratio >= 1.0 / SKY_RATIO)
         return;
     memcpy(p->energy, e->energy, sizeof(p->energy));
-    p->peakedness = p->set->facts.casters > 0 ? facts_peakedness(e) : 0.0;
+    p->peakedness = facts_peakedness(e);
     pilot_set_routes(p);
     for (uint32_t way = 0; way < WAYS; way++)
         model_age(&p->model[way]);
@@ -139,14 +139,16 @@ static enum err again_direct(struct pilot *p, enum surface_kind kind)
     const uint32_t way = p->choice.way[kind];
     const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
     const double start = pilot_now(p), n = p->choice.n[kind];
+    struct yardstick y = p->yardstick;
     struct direct_stats stats;
     struct pair pair;
 
     const enum err e =
-        pilot_direct(p, p->direct[kind], way, n, next_pass(p), true, &g->list[kind], p->lo_other, &stats);
+        pilot_direct(p, p->tables[kind], way, n, next_pass(p), true, &g->list[kind], p->lo_other, &stats);
     if (e)
         return e;
-    pair_of_points(&p->groups, g, kinds, p->lo_direct, p->lo_other, &p->yardstick, &pair);
+    y.smooth = model_error(&p->model[way], n) > YARDSTICK_NOISY;
+    pair_of_points(&p->groups, g, kinds, p->lo_direct, p->lo_other, &y, &pair);
     read_pair(p, way, n, g, &pair);
     note_edges(p, &pair);
     pay(p, pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n }));
@@ -159,13 +161,15 @@ static enum err again_eye(struct pilot *p)
     static const bool both[SURFACE_KINDS] = { true, true };
     const uint32_t way = p->choice.way[PILOT_EYE];
     const double start = pilot_now(p), n = p->choice.n[PILOT_EYE];
+    struct yardstick y = p->yardstick;
     struct eye_paths_stats stats;
     struct pair pair;
 
     const enum err e = pilot_eye(p, way, n, next_pass(p), &g->both, p->lo_other, &stats);
     if (e)
         return e;
-    pair_of_points(&p->groups, g, both, p->lo_eye, p->lo_other, &p->yardstick, &pair);
+    y.smooth = model_error(&p->model[way], n) > YARDSTICK_NOISY;
+    pair_of_points(&p->groups, g, both, p->lo_eye, p->lo_other, &y, &pair);
     read_pair(p, way, n, g, &pair);
     pay(p, pilot_spent(p, start, &(struct pilot_work){ PILOT_EYE, g->points[0] + g->points[1], stats.rays, n }));
     return ERR_OK;
@@ -198,30 +202,47 @@ static enum err timed(struct pilot *p, uint32_t way, double n, bool keep, const 
 }
 
 /* Twice with n samples, the second time by the tables of the first: the difference in time is what beginning takes. Few
- * samples tell their time badly, and so it is taken from more. lo_sum has served the picture already. */
-static enum err probe_direct(struct pilot *p, uint32_t way)
+ * samples tell their time badly, and so it is once taken from more. `keep`: the tables are there already, and took
+ * *begin_s. lo_sum has served the picture already. */
+static enum err probe_surfaces(struct pilot *p, uint32_t way, bool keep, double *begin_s)
 {
     const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
     const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
     const struct group *g = next_group(p, kind);
-    const double n = fmax(2.0, equal_count(p, way)), enough = fmax(n, SAMPLES_TIMED);
+    const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
+    const double n = fmax(2.0, equal_count(p, way)), enough = p->model[way].timed ? n : fmax(n, SAMPLES_TIMED);
     struct yardstick y = p->yardstick;
     double first, second, run;
     struct pair pair;
 
-    const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
-    enum err e = timed(p, way, n, false, g, p->lo_sum, &first);
+    enum err e = timed(p, way, n, keep, g, p->lo_sum, &first);
     if (!e)
         e = timed(p, way, n, true, g, p->lo_other, &second);
     if (e)
         return e;
     y.place = PAIR_APART;
+    y.smooth = p->picture_noise > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, kinds, p->lo_sum, p->lo_other, &y, &pair);
     read_pair(p, way, n, g, &pair);
     run = second;
     if (n < enough)
         e = timed(p, way, enough, true, g, p->lo_other, &run);
-    model_time(&p->model[way], fmax(0.0, first - second) / p->pace, enough, run / p->pace, share);
+    if (!keep)
+        *begin_s = fmax(0.0, first - second) / p->pace;
+    if (n >= SAMPLES_TIMED || !p->model[way].timed)
+        model_time(&p->model[way], *begin_s, enough, run / p->pace, share);
+    return e;
+}
+
+/* A technique on the surfaces of one kind, and by the same tables on the others while little is known of those. */
+static enum err probe_direct(struct pilot *p, uint32_t way)
+{
+    const uint32_t other = way < WAY_GLOSSY ? way + PILOT_TECHNIQUES : way - PILOT_TECHNIQUES;
+    double begin_s = 0.0;
+    enum err e = probe_surfaces(p, way, false, &begin_s);
+
+    if (!e && p->there[other] && !in_use(p, other) && p->model[other].fresh < READINGS_WANTED && !hopeless(p, other))
+        e = probe_surfaces(p, other, true, &begin_s);
     return e;
 }
 
@@ -247,6 +268,7 @@ static enum err probe_eye(struct pilot *p, uint32_t way)
         pay(p, seconds);
     }
     y.place = p->choice.way[PILOT_EYE] == WAY_NONE ? PAIR_NONE : PAIR_APART;
+    y.smooth = p->picture_noise > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, both, p->lo_sum, p->lo_other, &y, &pair);
     read_pair(p, way, n, g, &pair);
     model_time(&p->model[way], 0.0, n, least / p->pace, share);
@@ -256,10 +278,8 @@ static enum err probe_eye(struct pilot *p, uint32_t way)
 static enum err probe_light(struct pilot *p, uint32_t way)
 {
     const struct model *m = &p->model[way];
-    struct yardstick y = p->yardstick;
     double n[2] = { LIGHT_LEAST, 4.0 * LIGHT_LEAST }, seconds[2];
     const int runs = m->timed ? 1 : 2;
-    struct pair pair;
 
     if (m->timed)
         n[0] = floor(fmin(LIGHT_MOST, fmax(LIGHT_LEAST, 0.5 * p->bank_s / (p->pace * m->unit_s))));
@@ -273,10 +293,7 @@ static enum err probe_light(struct pilot *p, uint32_t way)
             pilot_spent(p, start, &(struct pilot_work){ pilot_part_of(way), 0, stats.rays, n[k] * UNIT_PARTICLES });
         pay(p, seconds[k]);
         seconds[k] /= p->pace;
-        y.place = p->choice.way[pilot_part_of(way)] == WAY_NONE ? PAIR_NONE : PAIR_APART;
-        pair_of_pictures(&p->groups.all, p->half[0], p->half[1], &y, &pair);
-        if (pair.pixels)
-            model_read(&p->model[way], n[k], 0.5 * pair.error / (double)pair.pixels, pair.energy / (double)pair.pixels);
+        pilot_read_light(p, way, n[k], p->yardstick.rgb);
     }
     if (runs == 2) {
         const double unit = fmax((seconds[1] - seconds[0]) / (n[1] - n[0]), 0.3 * seconds[1] / n[1]);

@@ -66,7 +66,7 @@ static void pairs_tell_variance_and_energy(void **state)
         mask[i / 3] = 1;
     }
     yardstick_init(&y, r, mask, 160, 90);
-    y.place = PAIR_BOTH;
+    y.place = PAIR_APART;
     pair_of_pictures(&s.all, a, b, &y, &pair);
     assert_int_equal(pair.pixels, s.all.pixel_count);
     const double measure = 4.0 * 1.01;
