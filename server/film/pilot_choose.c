@@ -13,7 +13,10 @@
 #define STEADY 1.12     /* counts that would change by less stay as they are, */
 #define OVERTIME 1.02   /* unless they take longer than this, */
 #define OVER_ERROR 1.05 /* or leave more than this */
-#define TIME_LEAST 0.2  /* of the wish, that is always the picture's */
+#define LATE 1.1        /* times the wish */
+#define CHOOSE_OFTEN 16 /* frames */
+#define CHOOSE_EVERY 4
+#define TIME_LEAST 0.2 /* of the wish, that is always the picture's */
 
 const uint32_t pilot_routes[ROUTES][3] = {
     { WAY_EYE_ALL, WAY_NONE, WAY_NONE },
@@ -302,6 +305,29 @@ static void choose_first(struct pilot *p)
     p->choice.route = ROUTES;
 }
 
+/* The error that is expected of the choice's route in another time. */
+static double error_at(struct pilot *p, double seconds)
+{
+    const struct pilot_wish wish = { .seconds = seconds };
+    struct plan_trial t;
+
+    if (p->choice.route >= ROUTES)
+        return 0.0;
+    try_route(p, p->choice.route, false, &wish, &t);
+    return t.budget.error;
+}
+
+/* To choose takes about a third of a millisecond, and little changes from frame to frame: later on it is done for every
+ * fourth, unless the sky or the wish is another or the last picture was late. */
+static bool choice_stands(const struct pilot *p, const struct pilot_wish *wish)
+{
+    const bool same = wish->error == p->solved.error && wish->seconds <= STEADY * p->solved.seconds &&
+                      p->solved.seconds <= STEADY * wish->seconds;
+    const bool late = wish->seconds > 0.0 && p->picture_s > LATE * wish->seconds;
+
+    return same && !late && p->frames > CHOOSE_OFTEN && p->runs % CHOOSE_EVERY != 0;
+}
+
 void pilot_choose(struct pilot *p, const struct pilot_wish *wish)
 {
     struct pilot_wish left = *wish;
@@ -312,6 +338,9 @@ void pilot_choose(struct pilot *p, const struct pilot_wish *wish)
         p->budget = (struct budget){ .met = true };
         return;
     }
+    if (choice_stands(p, wish))
+        return;
+    p->solved = *wish;
     if (left.seconds > 0.0)
         left.seconds = fmax(TIME_LEAST * wish->seconds, (1.0 - pilot_share(p)) * wish->seconds - p->other_s);
     for (uint32_t route = 0; route < ROUTES; route++) {
@@ -340,6 +369,7 @@ void pilot_choose(struct pilot *p, const struct pilot_wish *wish)
             p->model[best.choice.way[part]].chosen = 0;
     p->choice = best.choice;
     p->budget = best.budget;
+    p->more = error_at(p, 2.0 * p->budget.seconds);
 }
 
 double pilot_missing(const struct pilot *p, enum pilot_part part)
@@ -367,15 +397,4 @@ double pilot_error(const struct pilot *p)
         missing += sqrt(pilot_missing(p, (enum pilot_part)part));
     }
     return error + missing * missing;
-}
-
-double pilot_error_at(struct pilot *p, double seconds)
-{
-    const struct pilot_wish wish = { .seconds = seconds };
-    struct plan_trial t;
-
-    if (p->choice.route >= ROUTES)
-        return 0.0;
-    try_route(p, p->choice.route, false, &wish, &t);
-    return t.budget.error;
 }

@@ -92,6 +92,8 @@ struct pilot {
     double picture_noise;      /* the error that the choice is expected to leave */
     double ran_s[PILOT_PARTS]; /* seconds of each part */
     struct budget budget;
+    struct pilot_wish solved; /* what the choice was made for */
+    double more;              /* pilot_stats.more, of then */
     struct budget_way ways[PILOT_PARTS][WAYS];
     uint32_t of_way[PILOT_PARTS][WAYS]; /* which way a budget's way is */
     uint32_t way_count[PILOT_PARTS];
@@ -134,9 +136,8 @@ void pilot_set_routes(struct pilot *p);
  * once in so many thousand rays that they never see it, and the picture does. */
 #define PEAKED_MOST 100.0
 void pilot_choose(struct pilot *p, const struct pilot_wish *wish);
-/* The error that is expected of the choice, and of its route with other time. */
+/* The error that is expected of the choice. */
 double pilot_error(const struct pilot *p);
-double pilot_error_at(struct pilot *p, double seconds);
 /* What a part that is left out would bring, squared and relative; 0: not there or not known. */
 double pilot_missing(const struct pilot *p, enum pilot_part part);
 

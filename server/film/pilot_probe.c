@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#define SHARE_AT_FIRST 0.25 /* of a frame's time, for probes: while something is not known */
+#define SHARE_AT_FIRST 0.3 /* of a frame's time, for probes: while something is not known */
 #define SHARE_LATER 0.05
 #define READINGS_WANTED 2 /* of each way, before it may be chosen */
 #define FRAMES_AT_FIRST 4

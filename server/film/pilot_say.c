@@ -164,7 +164,7 @@ void pilot_say(struct pilot *p, const struct pilot_wish *wish, struct relight_st
     out->seconds = p->picture_s + p->pilot_s;
     out->error = pilot_error(p);
     out->met = p->budget.met;
-    out->more = pilot_error_at(p, 2.0 * p->picture_s);
+    out->more = p->more;
     out->edge_points = p->groups.edge_points;
     out->edge_error = p->edge.pixels ? fmax(0.0, p->edge.edge / (double)p->edge.pixels) : 0.0;
     out->frames = p->frames;

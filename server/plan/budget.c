@@ -94,7 +94,7 @@ static void bisect(const struct budget_part *parts, uint32_t count, const struct
     answer_all(parts, count, exp(out), free, outside);
     if (!meets(inside, w) || meets(outside, w))
         return;
-    for (int step = 0; step < STEPS && fabs(in - out) > 1e-4; step++) {
+    for (int step = 0; step < STEPS && fabs(in - out) > 1e-3; step++) {
         struct budget b = *inside;
         const double middle = 0.5 * (in + out);
         answer_all(parts, count, exp(middle), free, &b);
@@ -200,9 +200,8 @@ static void solve(const struct budget_part *parts, uint32_t count, const struct 
     /* Both sides of the price are good places to begin. */
     settle(parts, count, w, &inside);
     settle(parts, count, w, &outside);
-    try_others(parts, count, w, &inside);
-    try_others(parts, count, w, &outside);
     *out = better(&outside, &inside, w) ? outside : inside;
+    try_others(parts, count, w, out);
     out->met = meets(out, w);
 }
 
