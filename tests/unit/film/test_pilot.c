@@ -123,11 +123,11 @@ static void another_sky_changes_the_choice_within_sixteen_frames(void **state)
     fly(p, sun, &light, wish, 1, large, &stats, &at_once);
     assert_int_equal(at_once.frames, 1); /* it has seen that this is another sky */
     fly(p, sun, &light, wish, 15, large, &stats, &after);
-    pilot_destroy(p);
     printf("overcast: %s, %.2g; sun: %s, %.2g\n", before.part[PILOT_MATTE].name, before.error,
            after.part[PILOT_MATTE].name, after.error);
     assert_true(strcmp(before.part[PILOT_MATTE].name, after.part[PILOT_MATTE].name) != 0);
     assert_true(says(&stats, "lobe samples on matte surfaces"));
+    pilot_destroy(p);
     environment_destroy(dull);
     environment_destroy(sun);
     set_destroy(set);
