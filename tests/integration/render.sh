@@ -232,7 +232,7 @@ a_bad_frame_does_not_end_the_sequence() {
 help_and_version_are_there() {
     local program
     for program in relightd relight-render relight-diff relight-bench; do
-        "$bin/$program" --help | grep -q usage || fail "$program --help"
+        "$bin/$program" --help >"$work/help" && grep -q usage "$work/help" || fail "$program --help"
         "$bin/$program" --version | grep -Eq "$program [0-9]+\.[0-9]+\.[0-9]+" || fail "$program --version"
     done
 }
