@@ -116,9 +116,9 @@ static void a_sharp_surface_gives_back_no_more_than_it_gets(void **state)
         static const double f0[] = { 0.02, 0.04, 0.3, 1.0 };
         const struct lobe m = { LOBE_GGX, 1.0, f0[i], 0.0 };
         check(&(struct lobe){ LOBE_GGX, 0.8, fmin(f0[i], 0.9), 0.0 });
-        for (int k = 1; k <= 100; k++) {
-            const double mirror = f0[i] + (1.0 - f0[i]) * pow(1.0 - k / 100.0, 5.0);
-            assert_true(albedo(&m, k / 100.0) + mirror <= 1.0 + 1e-6);
+        for (int k = 1; k <= 20; k++) {
+            const double mirror = f0[i] + (1.0 - f0[i]) * pow(1.0 - k / 20.0, 5.0);
+            assert_true(albedo(&m, k / 20.0) + mirror <= 1.0 + 1e-6);
         }
     }
 }
