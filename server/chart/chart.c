@@ -190,17 +190,11 @@ static void light_finish(struct light *l)
 static enum err light_init(struct light *l, const char *spec, struct reason *why)
 {
     const struct source_desc d = { .spec = spec };
-    struct source *s = NULL;
 
     *l = (struct light){ .environment = environment_create(&(struct environment_desc){ .n = 0 }) };
     if (!l->environment)
         return err_say(why, ERR_NOMEM, "no memory for a sky");
-    enum err e = source_open(&d, &s, why);
-    if (!e)
-        e = source_next(s, &l->frame, why);
-    source_close(s);
-    if (e == ERR_END || (!e && l->frame.kind == FRAME_NONE))
-        e = err_say(why, ERR_IO, "%s: has no frame", spec);
+    enum err e = source_first(&d, &l->frame, why);
     if (!e)
         e = environment_decode(l->environment, &l->frame, why);
     const double start = clock_seconds();

@@ -68,7 +68,7 @@ static void add_answer(struct text *t, const struct page *p, const struct rankin
     if (automatic && automatic != best) {
         text_add(t, "<p>");
         page_add_swatch(t, automatic->technique);
-        text_add(t, " is what you get without choosing: typically ");
+        text_add(t, " is what a server does unless told otherwise: typically ");
         add_times(t, automatic->mean_ratio);
         text_add(t, " the best error, at worst ");
         add_times(t, automatic->worst_ratio);

@@ -128,7 +128,6 @@ static enum err keep_columns(struct video_light *l, struct reason *why)
 enum err video_light_init(struct video_light *l, const char *source, struct reason *why)
 {
     const struct source_desc d = { .spec = source };
-    struct source *s = NULL;
 
     *l = (struct video_light){
         .environment = environment_create(&(struct environment_desc){ .n = 0 }),
@@ -136,12 +135,7 @@ enum err video_light_init(struct video_light *l, const char *source, struct reas
     };
     if (!l->environment)
         return err_say(why, ERR_NOMEM, "no memory for a sky");
-    enum err e = source_open(&d, &s, why);
-    if (!e)
-        e = source_next(s, &l->frame, why);
-    source_close(s);
-    if (e == ERR_END || (!e && l->frame.kind == FRAME_NONE))
-        e = err_say(why, ERR_IO, "%s: has no frame", source);
+    enum err e = source_first(&d, &l->frame, why);
     if (!e)
         e = environment_update(l->environment, &l->frame, why);
     if (!e)

@@ -194,3 +194,16 @@ uint64_t source_count(const struct source *s)
     }
     return 0;
 }
+
+enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why)
+{
+    struct source *s = NULL;
+    enum err e = source_open(desc, &s, why);
+
+    if (!e)
+        e = source_next(s, f, why);
+    source_close(s);
+    if (e == ERR_END || (!e && f->kind == FRAME_NONE))
+        e = err_say(why, ERR_IO, "%s: has no frame", desc->spec);
+    return e;
+}

@@ -40,6 +40,9 @@ void source_close(struct source *s); /* NULL is allowed */
  * `watch:` blocks at most 200 ms and then answers ERR_OK with f->kind FRAME_NONE, so that the caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 
+/* The first frame alone, of a source that is not needed any longer. ERR_IO also where there is none. */
+MUST_CHECK enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why);
+
 /* How many frames one pass has; 0 when that is unknown or without end. */
 uint64_t source_count(const struct source *s);
 

@@ -187,7 +187,6 @@ static enum err set_up(struct bench *b, const struct options *o, struct reason *
     uint64_t samples = 0, rounds = 0, threads = 0;
     struct set_desc set = { .scene = options_get(o, "scene"), .progress = true };
     struct source_desc source = { .spec = options_get(o, "source") };
-    struct source *s = NULL;
 
     enum err e = options_size(o, "size", &set.width, &set.height, why);
     if (!e)
@@ -203,10 +202,7 @@ static enum err set_up(struct bench *b, const struct options *o, struct reason *
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &b->kernels, why);
     if (!e)
-        e = source_open(&source, &s, why);
-    if (!e)
-        e = source_next(s, &b->frame, why);
-    source_close(s);
+        e = source_first(&source, &b->frame, why);
     if (!e)
         e = set_create(&set, &b->set, why);
     if (e)

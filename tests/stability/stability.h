@@ -33,41 +33,38 @@ static inline void say(const char *name, const char *methods, const char *measur
     broken += !good;
 }
 
-/* The case holds while `value` is at most `bound`; `what` says what is counted, `where` (may be "") at what. NaN does
- * not hold. */
-static inline void holds_below(const char *name, const char *methods, const char *what, double value, double bound,
-                               const char *where)
+/* A case of one number: `sign` is how it must stand to its bound, `yes` whether it does. */
+static inline void say_bounded(const char *name, const char *methods, const char *what, double value, const char *sign,
+                               double bound, bool yes, const char *where, const char *verdict)
 {
     char measured[256], limit[64];
 
     snprintf(measured, sizeof(measured), "%s %.3g%s%s%s", what, value, where[0] ? " (" : "", where,
              where[0] ? ")" : "");
-    snprintf(limit, sizeof(limit), "<= %.3g", bound);
-    say(name, methods, measured, limit, "holds", value <= bound);
+    snprintf(limit, sizeof(limit), "%s %.3g", sign, bound);
+    say(name, methods, measured, limit, verdict, yes);
+}
+
+/* The case holds while `value` is at most `bound`; `what` says what is counted, `where` (may be "") at what. NaN does
+ * not hold. */
+static inline void holds_below(const char *name, const char *methods, const char *what, double value, double bound,
+                               const char *where)
+{
+    say_bounded(name, methods, what, value, "<=", bound, value <= bound, where, "holds");
 }
 
 /* A method that must fail: the case states by how much at least. */
 static inline void fails_above(const char *name, const char *methods, const char *what, double value, double bound,
                                const char *where)
 {
-    char measured[256], limit[64];
-
-    snprintf(measured, sizeof(measured), "%s %.3g%s%s%s", what, value, where[0] ? " (" : "", where,
-             where[0] ? ")" : "");
-    snprintf(limit, sizeof(limit), ">= %.3g", bound);
-    say(name, methods, measured, limit, "fails as stated", value >= bound);
+    say_bounded(name, methods, what, value, ">=", bound, value >= bound, where, "fails as stated");
 }
 
 /* What tells of a failure before anybody has a reference. */
 static inline void shows_above(const char *name, const char *methods, const char *what, double value, double bound,
                                const char *where)
 {
-    char measured[256], limit[64];
-
-    snprintf(measured, sizeof(measured), "%s %.3g%s%s%s", what, value, where[0] ? " (" : "", where,
-             where[0] ? ")" : "");
-    snprintf(limit, sizeof(limit), ">= %.3g", bound);
-    say(name, methods, measured, limit, "shows", value >= bound);
+    say_bounded(name, methods, what, value, ">=", bound, value >= bound, where, "shows");
 }
 
 /* A yes that is counted: `count` things of `total` were as they must be. */

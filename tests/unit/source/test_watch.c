@@ -203,6 +203,24 @@ static void removed_folder_ends_the_watch_after_what_came(void **state)
     frame_finish(&frame);
 }
 
+static void first_of_an_empty_folder_is_an_error_and_no_wait(void **state)
+{
+    struct folder f;
+    char spec[128];
+    struct frame frame = { 0 };
+    struct reason why = { "" };
+    (void)state;
+
+    folder_make(&f);
+    snprintf(spec, sizeof(spec), "watch:%s", f.path);
+    assert_int_equal(source_first(&(struct source_desc){ .spec = spec }, &frame, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "has no frame"));
+    assert_int_equal(source_first(&(struct source_desc){ .spec = "sky:size=16x8" }, &frame, &why), ERR_OK);
+    assert_int_equal(frame.kind == FRAME_NONE, false);
+    frame_finish(&frame);
+    folder_remove(&f);
+}
+
 static void folder_must_be_there(void **state)
 {
     struct folder f;
@@ -232,6 +250,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(range_begins_and_ends_the_watch),
     cmocka_unit_test(file_was_captured_when_it_was_last_written),
     cmocka_unit_test(removed_folder_ends_the_watch_after_what_came),
+    cmocka_unit_test(first_of_an_empty_folder_is_an_error_and_no_wait),
     cmocka_unit_test(folder_must_be_there),
 };
 
