@@ -133,6 +133,38 @@ uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t fir
     return occluded;
 }
 
+uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, size_t first, size_t last)
+{
+    struct RTCIntersectContext context;
+    uint64_t met = 0;
+
+    for (size_t i = first; i < last; i++) {
+        const struct ray_single *s = &log->singles[i];
+        struct RTCRayHit q = {
+            .ray = {
+                .org_x = s->origin.x, .org_y = s->origin.y, .org_z = s->origin.z, .tnear = s->tnear,
+                .dir_x = s->dir.x, .dir_y = s->dir.y, .dir_z = s->dir.z, .tfar = s->tfar,
+                .mask = UINT32_MAX,
+            },
+            .hit = { .geomID = RTC_INVALID_GEOMETRY_ID, .instID = { RTC_INVALID_GEOMETRY_ID } },
+        };
+        rtcInitIntersectContext(&context);
+        if (s->blocked)
+            rtcOccluded1(r->bvh, &context, &q.ray);
+        else
+            rtcIntersect1(r->bvh, &context, &q);
+        met += q.ray.tfar < s->tfar;
+    }
+    return met;
+}
+
+static void note_single(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar,
+                        bool blocked)
+{
+    if (r->log && r->log->single_count < r->log->single_capacity)
+        r->log->singles[r->log->single_count++] = (struct ray_single){ origin, dir, tnear, tfar, blocked };
+}
+
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out)
 {
     struct RTCIntersectContext context;
@@ -146,6 +178,7 @@ bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, f
         .hit = { .geomID = RTC_INVALID_GEOMETRY_ID, .instID = { RTC_INVALID_GEOMETRY_ID } },
     };
 
+    note_single(r, origin, dir, tnear, INFINITY, false);
     rtcInitIntersectContext(&context);
     rtcIntersect1(r->bvh, &context, &q);
     if (q.hit.geomID == RTC_INVALID_GEOMETRY_ID)
@@ -169,6 +202,7 @@ bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, flo
         .mask = UINT32_MAX,
     };
 
+    note_single(r, origin, dir, tnear, tfar, true);
     rtcInitIntersectContext(&context);
     rtcOccluded1(r->bvh, &context, &q);
     return q.tfar < 0.0f;

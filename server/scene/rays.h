@@ -47,19 +47,30 @@ void rays_destroy(struct rays *r); /* NULL is allowed */
 /* Sets tfar of each lane whose valid is -1 to -inf when anything lies between tnear and tfar. valid: 0 or -1 a lane. */
 void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet);
 
-/* Shadow queries written down as they are asked, to ask them again without anything around them: for benchmarks. */
-struct ray_log {
-    struct ray16 *packets; /* as they were before the query */
-    int32_t (*valid)[PACKET];
-    size_t count, capacity; /* what does not fit is not written down */
+struct ray_single { /* a query of rays_intersect, or of rays_blocked */
+    struct vec3 origin, dir;
+    float tnear, tfar;
+    bool blocked; /* asked whether anything is in the way; else what is met first */
 };
 
-/* Writes down every rays_occluded16 from now on; NULL ends it. While a log is set, only one thread may ask. */
+/* Queries written down as they are asked, to ask them again without anything around them: for benchmarks. */
+struct ray_log {
+    struct ray16 *packets; /* of rays_occluded16, as they were before the query */
+    int32_t (*valid)[PACKET];
+    size_t count, capacity; /* what does not fit is not written down */
+    struct ray_single *singles;
+    size_t single_count, single_capacity; /* likewise */
+};
+
+/* Writes down every query from now on; NULL ends it. While a log is set, only one thread may ask. */
 void rays_set_log(struct rays *r, struct ray_log *log);
 
 /* The bare limit: asks the log's queries first .. last again, one after another, and nothing else. Returns how many
  * lanes were occluded, so that the work cannot be left out. */
 uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t first, size_t last);
+
+/* The same for single rays. Returns how many met something. */
+uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, size_t first, size_t last);
 
 /* True when dir meets something beyond tnear; *out is set then. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
