@@ -1,0 +1,296 @@
+#include "bench_parts.h"
+
+#include "clock.h"
+#include "exr_write.h"
+#include "machine.h"
+#include "mem.h"
+#include "source.h"
+
+#include <math.h>
+#include <omp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SAMPLE_SECONDS 4e-3 /* what is shorter is called several times in a row */
+#define REPEATS_MAX 64
+#define ROW_SECONDS 30.0 /* a row that would take longer has fewer rounds */
+
+/* In the order of the pipeline. */
+static const struct {
+    enum err (*run)(struct bench *, struct bench_row *);
+    const char *doing;
+} stages[] = {
+    { bench_decode, "measuring: decoding" },
+    { bench_rebuild, "measuring: the sky's tables" },
+    { bench_shadow_rays, "measuring: shadow rays" },
+    { bench_terms, "measuring: arithmetic" },
+    { bench_light_rays, "measuring: light tracer" },
+    { bench_tone, "measuring: tone map" },
+    { bench_jpeg, "measuring: JPEG" },
+    { bench_delivery, "measuring: delivery" },
+    { bench_pipeline, "measuring: the pipeline" },
+    { bench_threads_light, "measuring: threads" },
+    { bench_threads_whole, "measuring: threads, whole frames" },
+    { bench_pixels, "measuring: four times the pixels" },
+    { bench_triangles, "measuring: 16 times the triangles" },
+    { bench_allocations, "measuring: allocations" },
+    { bench_no_visibility, "measuring: no visibility" },
+};
+
+#define STAGES (sizeof(stages) / sizeof(stages[0]))
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+double bench_median(double *v, int n)
+{
+    qsort(v, (size_t)n, sizeof(*v), ascending);
+    return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
+}
+
+void bench_take(struct bench_row *row, double *ours, double *bare, int rounds)
+{
+    double ratios[BENCH_ROUNDS_MAX];
+
+    for (int i = 0; i < rounds; i++)
+        ratios[i] = ours[i] / bare[i];
+    row->ratio = bench_median(ratios, rounds);
+    row->ours = bench_median(ours, rounds);
+    row->bare = bench_median(bare, rounds);
+    row->rounds = rounds;
+}
+
+int bench_rounds(const struct bench *b, double seconds)
+{
+    return (int)fmin(fmax(ROW_SECONDS / fmax(seconds, 1e-9), 3.0), b->desc->rounds);
+}
+
+void bench_skip(struct bench_row *row, const char *format, ...)
+{
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(row->skipped, sizeof(row->skipped), format, args);
+    va_end(args);
+}
+
+static enum err time_calls(enum err (*work)(void *), void *context, int repeats, double *seconds)
+{
+    const double start = clock_seconds();
+    enum err e = ERR_OK;
+
+    for (int k = 0; k < repeats && !e; k++)
+        e = work(context);
+    *seconds = (clock_seconds() - start) / repeats;
+    return e;
+}
+
+static double figure(const struct bench_pair *p, double seconds, double scale)
+{
+    return p->rate ? scale / seconds : scale * seconds;
+}
+
+enum err bench_time(struct bench *b, const struct bench_pair *p, struct bench_row *row)
+{
+    enum err (*const work[2])(void *) = { p->ours, p->bare };
+    double seconds[2][BENCH_ROUNDS_MAX], once, round = 0.0;
+    const int sides = p->bare ? 2 : 1;
+    int repeats[2] = { 1, 1 };
+    enum err e = ERR_OK;
+
+    for (int k = 0; k < sides && !e; k++) { /* warms up, and finds how often to call */
+        e = time_calls(work[k], p->context, 1, &once);
+        if (!e && once < SAMPLE_SECONDS)
+            e = time_calls(work[k], p->context, 2, &once);
+        repeats[k] = (int)fmin(fmax(ceil(SAMPLE_SECONDS / once), 1.0), REPEATS_MAX);
+        round += once * repeats[k];
+    }
+    const int rounds = bench_rounds(b, round);
+    for (int i = 0; i < rounds && !e; i++) {
+        for (int j = 0; j < sides && !e; j++) {
+            const int k = sides == 2 ? (i + j) % 2 : 0; /* each goes first in half of the rounds */
+            e = time_calls(work[k], p->context, repeats[k], &seconds[k][i]);
+        }
+        progress_step(&b->line, 1);
+    }
+    if (e)
+        return e;
+    for (int i = 0; i < rounds; i++) {
+        seconds[0][i] = figure(p, seconds[0][i], p->ours_scale);
+        if (sides == 2)
+            seconds[1][i] = figure(p, seconds[1][i], p->bare_scale);
+    }
+    if (sides == 2)
+        bench_take(row, seconds[0], seconds[1], rounds);
+    else
+        row->ours = bench_median(seconds[0], rounds);
+    row->rounds = rounds;
+    row->alone = sides == 1;
+    return ERR_OK;
+}
+
+enum err picture_maker_init(struct picture_maker *m, const struct bench *b, const struct set *set)
+{
+    const size_t values = 3 * (size_t)set->gbuffer->width * set->gbuffer->height;
+
+    *m = (struct picture_maker){
+        .relighter = relighter_create(set, b->kernels),
+        .environment = b->environment,
+        .light = &b->light,
+        .jpeg = jpeg_encoder_create(),
+        .rgb = mem_alloc(values, sizeof(float)),
+        .display = mem_alloc(values, 1),
+        .width = set->gbuffer->width,
+        .height = set->gbuffer->height,
+    };
+    exposure_init(&m->exposure);
+    return m->relighter && m->jpeg && m->rgb && m->display ? ERR_OK : ERR_NOMEM;
+}
+
+void picture_maker_finish(struct picture_maker *m)
+{
+    relighter_destroy(m->relighter);
+    jpeg_encoder_destroy(m->jpeg);
+    mem_free(m->rgb);
+    mem_free(m->display);
+    *m = (struct picture_maker){ 0 };
+}
+
+enum err picture_maker_light(struct picture_maker *m)
+{
+    struct relight_stats stats;
+
+    return relighter_run(m->relighter, m->environment, m->light, m->rgb, &stats);
+}
+
+enum err picture_maker_encode(struct picture_maker *m)
+{
+    const uint8_t *bytes;
+    size_t size;
+
+    tone_map(m->rgb, m->width, m->height, exposure_step(&m->exposure, m->rgb, m->width, m->height, 1), TONE_FILMIC,
+             m->display);
+    return jpeg_encode(m->jpeg, m->display, m->width, m->height, BENCH_QUALITY, &bytes, &size);
+}
+
+static bool is_one_exr(const struct frame *f)
+{
+    static const uint8_t magic[4] = { 0x76, 0x2f, 0x31, 0x01 };
+    return f->kind == FRAME_FILE && !f->faces[0] && f->size > sizeof(magic) && memcmp(f->bytes, magic, 4) == 0;
+}
+
+/* The sky as an OpenEXR file: as it came, or else written here, in half floats as most are. */
+static enum err make_file(struct bench *b, struct reason *why)
+{
+    const struct image *im = &b->environment->image;
+    const struct exr_desc d = { .rgb = im->rgb, .width = im->width, .height = im->height, .depth = EXR_HALF };
+
+    if (!is_one_exr(&b->frame))
+        return exr_encode(&d, &b->exr, &b->exr_size, why);
+    b->exr = mem_alloc(b->frame.size, 1);
+    b->exr_size = b->frame.size;
+    if (!b->exr)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    memcpy(b->exr, b->frame.bytes, b->frame.size);
+    return ERR_OK;
+}
+
+/* A first picture: what the film's rows work on. */
+static enum err make_picture(struct bench *b, struct reason *why)
+{
+    const uint32_t width = b->desc->width, height = b->desc->height;
+    const size_t values = 3 * (size_t)width * height;
+    struct relight_stats stats;
+    struct exposure exposure;
+
+    b->rgb = mem_alloc(values, sizeof(float));
+    b->display = mem_alloc(values, 1);
+    b->relighter = relighter_create(b->set, b->kernels);
+    if (!b->rgb || !b->display || !b->relighter)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    b->light.direct.method = b->desc->method;
+    b->light.direct.samples = b->desc->samples;
+    const enum err e = relighter_run(b->relighter, b->environment, &b->light, b->rgb, &stats);
+    if (e)
+        return err_say(why, e, "no picture could be made: %s", err_text(e));
+    exposure_init(&exposure);
+    b->gain = (float)exposure_step(&exposure, b->rgb, width, height, 1);
+    tone_map(b->rgb, width, height, (double)b->gain, TONE_FILMIC, b->display);
+    return ERR_OK;
+}
+
+static enum err set_up(struct bench *b, struct reason *why)
+{
+    const struct bench_desc *d = b->desc;
+    const struct set_desc set = { .scene = d->scene, .width = d->width, .height = d->height, .progress = d->progress };
+    const struct source_desc source = { .spec = d->source };
+
+    if (d->threads)
+        omp_set_num_threads(d->threads);
+    b->threads = omp_get_max_threads();
+    enum err e = kernels_select(d->cpu, &b->kernels, why);
+    if (!e)
+        e = source_first(&source, &b->frame, why);
+    if (!e)
+        e = set_create(&set, &b->set, why);
+    if (e)
+        return e;
+    b->environment = environment_create(&(struct environment_desc){ .n = 0 });
+    if (!b->environment)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    e = environment_update(b->environment, &b->frame, why);
+    if (!e)
+        e = make_file(b, why);
+    return e ? e : make_picture(b, why);
+}
+
+static void tear_down(struct bench *b)
+{
+    relighter_destroy(b->relighter);
+    environment_destroy(b->environment);
+    set_destroy(b->set);
+    frame_finish(&b->frame);
+    mem_free(b->exr);
+    mem_free(b->rgb);
+    mem_free(b->display);
+}
+
+static void write_title(const struct bench *b, struct bench_report *out)
+{
+    struct machine m;
+
+    machine_describe(&m, b->kernels->level);
+    snprintf(
+        out->title, sizeof(out->title),
+        "%s, %llu triangles, %s (%ux%u), %ux%u, %s, %u samples, %d of %d threads, kernels %s, medians of at most %d "
+        "rounds\n"
+        "%s, commit %s, %s",
+        b->set->name, (unsigned long long)b->set->scene->triangle_count, b->environment->name,
+        b->environment->image.width, b->environment->image.height, b->desc->width, b->desc->height,
+        method_name(b->desc->method), b->desc->samples, b->threads, m.processors, b->kernels->level, b->desc->rounds,
+        m.cpu, m.commit, m.date);
+}
+
+enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why)
+{
+    struct bench b = { .desc = desc };
+
+    _Static_assert(STAGES <= BENCH_ROWS, "a row for each stage");
+    *out = (struct bench_report){ .count = 0 };
+    enum err e = set_up(&b, why);
+    if (!e)
+        write_title(&b, out);
+    for (size_t i = 0; i < STAGES && !e; i++) {
+        progress_begin(&b.line, stages[i].doing, (uint64_t)desc->rounds, desc->progress ? stderr : NULL);
+        e = stages[i].run(&b, &out->rows[out->count++]);
+        progress_end(&b.line);
+        if (e)
+            err_say(why, e, "%s: %s", stages[i].doing, err_text(e));
+    }
+    tear_down(&b);
+    return e;
+}

@@ -1,0 +1,66 @@
+/* server/bench/bench.h */
+/* Each stage of the pipeline, and the whole of it, against its bare limit, measured side by side in one process: both
+ * are timed in turns, and medians over the rounds count, so that a noisy machine does not decide. Main thread. */
+#ifndef BENCH_BENCH_H
+#define BENCH_BENCH_H
+
+#include "err.h"
+#include "method.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#define BENCH_ROWS 18
+#define BENCH_ROUNDS_MAX 99
+
+struct bench_desc {
+    const char *scene;      /* a path; NULL: the built-in one */
+    const char *scene_fine; /* the same with 16 times the triangles; NULL: they are made by halving edges twice */
+    const char *source;     /* its first frame is used */
+    const char *cpu;        /* level of the kernels; NULL: the best */
+    uint32_t width, height; /* of the pictures, pixels */
+    enum method method;
+    uint32_t samples;   /* N_s per shade point */
+    uint32_t particles; /* of the light tracer */
+    uint32_t viewers;
+    int rounds;    /* 3..BENCH_ROUNDS_MAX */
+    int threads;   /* 0: as many as there are processors */
+    bool progress; /* show a progress line on standard error, if that is a terminal */
+};
+
+enum bench_sense {
+    BENCH_STATED,   /* no limit is set: the figure is told */
+    BENCH_AT_LEAST, /* the ratio must reach the target */
+    BENCH_AT_MOST,  /* the ratio must not exceed it */
+};
+
+/* Two figures of one unit and their ratio ours / bare, which is the median of the rounds' own ratios. */
+struct bench_row {
+    const char *name, *unit;
+    double ours, bare, ratio; /* medians */
+    int rounds;               /* over so many */
+    enum bench_sense sense;
+    double target;
+    bool alone;        /* there is nothing to compare with: bare and ratio are 0 */
+    char note[192];    /* what the second figure is, or why there is none */
+    char skipped[160]; /* why the row could not be measured; "" where it was */
+};
+
+struct bench_report {
+    char title[1024];
+    struct bench_row rows[BENCH_ROWS];
+    size_t count;
+};
+
+/* Fills *out. What one row lacks is said in that row; an error ends it all: those of the scene and the source, and
+ * ERR_NOMEM. */
+MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
+
+/* True when the row has a target and meets it. */
+bool bench_holds(const struct bench_row *row);
+
+void bench_print_table(const struct bench_report *r, FILE *to);
+void bench_print_json(const struct bench_report *r, FILE *to);
+
+#endif

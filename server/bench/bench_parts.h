@@ -1,0 +1,102 @@
+/* server/bench/bench_parts.h */
+/* What the rows share. Inside this room only; main thread. */
+#ifndef BENCH_BENCH_PARTS_H
+#define BENCH_BENCH_PARTS_H
+
+#include "bench.h"
+#include "film.h"
+#include "frame.h"
+#include "jpeg.h"
+#include "progress.h"
+#include "relight.h"
+
+struct scene;
+
+#define BENCH_QUALITY 85 /* of JPEG, as relightd's default */
+
+struct bench {
+    const struct bench_desc *desc;
+    struct set *set;
+    struct environment *environment;
+    const struct kernels *kernels;
+    struct relighter *relighter;
+    struct relight_desc light;
+    struct frame frame;
+    uint8_t *exr; /* the sky as a file in memory */
+    size_t exr_size;
+    float *rgb; /* the picture, made once under the sky */
+    float gain; /* of its exposure */
+    uint8_t *display;
+    int threads;
+    struct progress line;
+};
+
+struct bench_pair {
+    enum err (*ours)(void *);
+    enum err (*bare)(void *); /* NULL: `ours` alone is timed */
+    void *context;
+    /* What one call of each is worth: the row's figures are seconds * scale, or with `rate` scale / seconds. */
+    double ours_scale, bare_scale;
+    bool rate;
+};
+
+/* Times both in turns after one call of each that warms up, calling the short ones several times, and fills the row's
+ * figures. */
+MUST_CHECK enum err bench_time(struct bench *b, const struct bench_pair *pair, struct bench_row *row);
+
+/* From figures that were taken elsewhere, one of each per round. Sorts them. */
+void bench_take(struct bench_row *row, double *ours, double *bare, int rounds);
+double bench_median(double *v, int n);
+
+/* How many rounds of so many seconds a row takes: what was asked for, or fewer where that would take too long. */
+int bench_rounds(const struct bench *b, double seconds);
+
+/* Marks the row as not measured. */
+void bench_skip(struct bench_row *row, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* One picture of a set, as far as it depends on its size: light, exposure, tone curve, JPEG. */
+struct picture_maker {
+    struct relighter *relighter;
+    const struct environment *environment;
+    const struct relight_desc *light;
+    struct exposure exposure;
+    struct jpeg_encoder *jpeg;
+    float *rgb;
+    uint8_t *display;
+    uint32_t width, height;
+};
+MUST_CHECK enum err picture_maker_init(struct picture_maker *m, const struct bench *b, const struct set *set);
+void picture_maker_finish(struct picture_maker *m);
+MUST_CHECK enum err picture_maker_light(struct picture_maker *m);
+MUST_CHECK enum err picture_maker_encode(struct picture_maker *m);
+
+/* The rows, each with name, target and figures. */
+enum err bench_decode(struct bench *b, struct bench_row *row);
+enum err bench_rebuild(struct bench *b, struct bench_row *row);
+enum err bench_shadow_rays(struct bench *b, struct bench_row *row);
+enum err bench_terms(struct bench *b, struct bench_row *row);
+enum err bench_light_rays(struct bench *b, struct bench_row *row);
+enum err bench_no_visibility(struct bench *b, struct bench_row *row);
+enum err bench_tone(struct bench *b, struct bench_row *row);
+enum err bench_jpeg(struct bench *b, struct bench_row *row);
+enum err bench_delivery(struct bench *b, struct bench_row *row);
+enum err bench_pipeline(struct bench *b, struct bench_row *row);
+enum err bench_threads_light(struct bench *b, struct bench_row *row);
+enum err bench_threads_whole(struct bench *b, struct bench_row *row);
+enum err bench_pixels(struct bench *b, struct bench_row *row);
+enum err bench_triangles(struct bench *b, struct bench_row *row);
+enum err bench_allocations(struct bench *b, struct bench_row *row);
+
+/* Each of the scene's triangles cut into four at the middles of its edges, `times` times over; the
+ * surface is the same. ERR_NOMEM; ERR_RANGE: indices would no longer fit. */
+MUST_CHECK enum err subdivide(struct scene *s, int times);
+
+/* Calls of the C library's allocator so far, by whomever in this process, all threads; false where they cannot be
+ * counted: in builds with sanitizers, which have an allocator of their own. */
+bool allocations_count(uint64_t *out);
+
+/* Instructions that this thread has executed outside the kernel while `work` ran once; false where the machine does not
+ * let its counters be read. */
+bool instructions_of(enum err (*work)(void *), void *context, uint64_t *out);
+
+#endif

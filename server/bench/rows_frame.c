@@ -1,0 +1,505 @@
+/* Whole frames: how the stages overlap, and how their time grows. */
+#include "bench_parts.h"
+
+#include "clock.h"
+#include "handoff.h"
+#include "mem.h"
+
+#include <math.h>
+#include <omp.h>
+#include <pthread.h>
+#include <string.h>
+
+#define WARM 4          /* pictures before the first that counts: more than slots */
+#define RUN_SECONDS 0.4 /* of pictures that are counted in one go, at least */
+#define PICTURES_MAX 64 /* of them */
+#define TRIANGLES_MAX 4000000u
+#define FRAMES_WARM 10 /* before allocations count */
+#define FRAMES_COUNTED 10
+
+static enum err decode_and_rebuild(struct environment *e, const struct bench *b)
+{
+    const struct frame file = { .kind = FRAME_FILE, .name = "a sky", .bytes = b->exr, .size = b->exr_size };
+    struct reason why;
+
+    return environment_update(e, &file, &why);
+}
+
+/* ---- The pipeline, as relightd has it: decode of the next frame, light of this one, encoding of the last ---- */
+
+struct pipeline {
+    struct bench *b;
+    struct picture_maker maker; /* its relighter is the middle thread's, the rest the last one's */
+    struct environment *sky[HANDOFF_SLOTS];
+    float *picture[HANDOFF_SLOTS];
+    struct handoff skies, pictures;
+    int count;          /* of pictures in one run */
+    enum err failed[3]; /* by stage */
+    double seconds;     /* per picture, of the last run */
+};
+
+static void *decode_main(void *arg)
+{
+    struct pipeline *p = arg;
+
+    omp_set_num_threads(1);
+    for (int i = 0; i < WARM + p->count && !p->failed[0] && !handoff_is_closed(&p->skies); i++) {
+        const int slot = handoff_begin(&p->skies);
+        p->failed[0] = decode_and_rebuild(p->sky[slot], p->b);
+        if (p->failed[0])
+            break;
+        handoff_publish(&p->skies, slot);
+        while (!handoff_wait_taken(&p->skies, 100) && !handoff_is_closed(&p->skies))
+            continue;
+    }
+    if (p->failed[0])
+        handoff_close(&p->skies);
+    return NULL;
+}
+
+static void *encode_main(void *arg)
+{
+    struct pipeline *p = arg;
+    struct picture_maker last = p->maker;
+
+    omp_set_num_threads(1);
+    for (int i = 0; i < WARM + p->count && !p->failed[2]; i++) {
+        int slot;
+        while ((slot = handoff_take(&p->pictures, 100)) == HANDOFF_NONE)
+            if (handoff_is_closed(&p->pictures))
+                return NULL;
+        last.rgb = p->picture[slot];
+        p->failed[2] = picture_maker_encode(&last);
+        handoff_release(&p->pictures, slot);
+    }
+    return NULL;
+}
+
+/* No picture is dropped: each waits until the one before has been taken. */
+static void light_all(struct pipeline *p)
+{
+    struct relight_stats stats;
+    double start = 0.0;
+
+    for (int i = 0; i < WARM + p->count && !p->failed[1]; i++) {
+        int sky;
+        while ((sky = handoff_take(&p->skies, 100)) == HANDOFF_NONE)
+            if (handoff_is_closed(&p->skies))
+                return;
+        const int slot = handoff_begin(&p->pictures);
+        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky], &p->b->light, p->picture[slot], &stats);
+        handoff_release(&p->skies, sky);
+        handoff_publish(&p->pictures, slot);
+        while (!handoff_wait_taken(&p->pictures, 100) && !p->failed[2])
+            continue;
+        if (i == WARM - 1)
+            start = clock_seconds();
+    }
+    p->seconds = (clock_seconds() - start) / p->count;
+}
+
+static enum err pipeline_run(struct pipeline *p)
+{
+    pthread_t decode, encode;
+
+    handoff_init(&p->skies);
+    handoff_init(&p->pictures);
+    memset(p->failed, 0, sizeof(p->failed));
+    if (pthread_create(&decode, NULL, decode_main, p))
+        return ERR_NOMEM;
+    if (pthread_create(&encode, NULL, encode_main, p)) {
+        handoff_close(&p->skies);
+        pthread_join(decode, NULL);
+        return ERR_NOMEM;
+    }
+    light_all(p);
+    if (p->failed[0] || p->failed[1] || p->failed[2]) {
+        handoff_close(&p->skies);
+        handoff_close(&p->pictures);
+    }
+    pthread_join(decode, NULL);
+    pthread_join(encode, NULL);
+    handoff_finish(&p->skies);
+    handoff_finish(&p->pictures);
+    return p->failed[0] ? p->failed[0] : p->failed[1] ? p->failed[1] : p->failed[2];
+}
+
+/* ---- Its stages alone ---- */
+
+static enum err decode_alone(void *context)
+{
+    struct pipeline *p = context;
+
+    omp_set_num_threads(1);
+    const enum err e = decode_and_rebuild(p->sky[0], p->b);
+    omp_set_num_threads(p->b->threads);
+    return e;
+}
+
+static enum err light_alone(void *context)
+{
+    return picture_maker_light(&((struct pipeline *)context)->maker);
+}
+
+static enum err encode_alone(void *context)
+{
+    struct pipeline *p = context;
+
+    omp_set_num_threads(1);
+    const enum err e = picture_maker_encode(&p->maker);
+    omp_set_num_threads(p->b->threads);
+    return e;
+}
+
+static enum err all_in_a_row(void *context)
+{
+    struct pipeline *p = context;
+    enum err e;
+
+    omp_set_num_threads(1);
+    e = decode_and_rebuild(p->sky[0], p->b);
+    if (!e)
+        e = picture_maker_light(&p->maker);
+    if (!e)
+        e = picture_maker_encode(&p->maker);
+    omp_set_num_threads(p->b->threads);
+    return e;
+}
+
+static enum err seconds_of(enum err (*work)(void *), struct pipeline *p, double *out)
+{
+    double v[3];
+    enum err e = work(p);
+
+    for (int i = 0; i < 3 && !e; i++) {
+        const double start = clock_seconds();
+        e = work(p);
+        v[i] = clock_seconds() - start;
+    }
+    *out = e ? 1.0 : bench_median(v, 3);
+    return e;
+}
+
+static enum err pipeline_init(struct pipeline *p, struct bench *b)
+{
+    double seconds = 1.0;
+    *p = (struct pipeline){ .b = b };
+    enum err e = picture_maker_init(&p->maker, b, b->set);
+
+    for (int k = 0; k < HANDOFF_SLOTS && !e; k++) {
+        p->sky[k] = environment_create(&(struct environment_desc){ .n = 0 });
+        p->picture[k] = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float));
+        e = p->sky[k] && p->picture[k] ? decode_and_rebuild(p->sky[k], b) : ERR_NOMEM;
+    }
+    if (!e)
+        e = seconds_of(light_alone, p, &seconds);
+    p->count = (int)fmin(fmax(ceil(RUN_SECONDS / seconds), 3.0), PICTURES_MAX);
+    return e;
+}
+
+static void pipeline_finish(struct pipeline *p)
+{
+    picture_maker_finish(&p->maker);
+    for (int k = 0; k < HANDOFF_SLOTS; k++) {
+        environment_destroy(p->sky[k]);
+        mem_free(p->picture[k]);
+    }
+}
+
+/* Runs of the pipeline in turns with `alone`, both as milliseconds a picture. */
+static enum err in_turns(struct pipeline *p, enum err (*alone)(void *), double *whole, double *single, int *rounds)
+{
+    enum err e = pipeline_run(p); /* warms up */
+
+    *rounds = bench_rounds(p->b, p->seconds * (p->count + WARM));
+    for (int i = 0; i < *rounds && !e; i++) {
+        e = pipeline_run(p);
+        whole[i] = 1e3 * p->seconds;
+        const double start = clock_seconds();
+        if (!e)
+            e = alone(p);
+        single[i] = 1e3 * (clock_seconds() - start);
+        progress_step(&p->b->line, 1);
+    }
+    return e;
+}
+
+enum err bench_pipeline(struct bench *b, struct bench_row *row)
+{
+    static const struct {
+        enum err (*work)(void *);
+        const char *name;
+    } parts[] = { { decode_alone, "decode and tables" }, { light_alone, "light" }, { encode_alone, "encoding" } };
+    double whole[BENCH_ROUNDS_MAX], single[BENCH_ROUNDS_MAX], ms[3] = { 0.0, 0.0, 0.0 };
+    struct pipeline p;
+    int slowest = 0, rounds = 0;
+
+    row->name = "pipeline / its slowest stage";
+    row->unit = "ms";
+    row->sense = BENCH_AT_MOST;
+    row->target = 1.15;
+    enum err e = pipeline_init(&p, b);
+    for (int k = 0; k < 3 && !e; k++) {
+        e = seconds_of(parts[k].work, &p, &ms[k]);
+        ms[k] *= 1e3;
+        slowest = ms[k] > ms[slowest] ? k : slowest;
+    }
+    if (!e)
+        e = in_turns(&p, parts[slowest].work, whole, single, &rounds);
+    if (!e)
+        bench_take(row, whole, single, rounds);
+    snprintf(
+        row->note, sizeof(row->note),
+        "bare: %s alone; ms alone: decode and tables %.3g (1 thread), light %.3g (%d), exposure, tone, JPEG %.3g (1)",
+        parts[slowest].name, ms[0], ms[1], b->threads, ms[2]);
+    pipeline_finish(&p);
+    return e;
+}
+
+enum err bench_threads_whole(struct bench *b, struct bench_row *row)
+{
+    double whole[BENCH_ROUNDS_MAX], single[BENCH_ROUNDS_MAX];
+    struct pipeline p;
+    int rounds = 0;
+
+    row->name = "one thread / pipeline";
+    row->unit = "ms";
+    row->sense = BENCH_AT_LEAST;
+    row->target = 1.9;
+    snprintf(row->note, sizeof(row->note),
+             "whole frames from EXR to JPEG: stages in a row on one thread, and the pipeline on %d", b->threads);
+    if (b->threads < 2) {
+        bench_skip(row, "there is one thread only");
+        return ERR_OK;
+    }
+    enum err e = pipeline_init(&p, b);
+    if (!e)
+        e = in_turns(&p, all_in_a_row, whole, single, &rounds);
+    if (!e)
+        bench_take(row, single, whole, rounds);
+    pipeline_finish(&p);
+    return e;
+}
+
+/* ---- How time grows ---- */
+
+struct threads {
+    struct picture_maker maker;
+    int count;
+};
+
+static enum err threads_one(void *context)
+{
+    struct threads *t = context;
+
+    omp_set_num_threads(1);
+    const enum err e = picture_maker_light(&t->maker);
+    omp_set_num_threads(t->count);
+    return e;
+}
+
+static enum err threads_all(void *context)
+{
+    return picture_maker_light(&((struct threads *)context)->maker);
+}
+
+enum err bench_threads_light(struct bench *b, struct bench_row *row)
+{
+    struct threads t = { .count = b->threads };
+    const struct bench_pair pair = { threads_one, threads_all, &t, 1e3, 1e3, false };
+
+    row->name = "light: one thread / all";
+    row->unit = "ms";
+    row->sense = BENCH_AT_LEAST;
+    row->target = 1.9;
+    snprintf(row->note, sizeof(row->note), "direct light and the sum of the pixels; second figure: on %d threads",
+             b->threads);
+    if (b->threads < 2) {
+        bench_skip(row, "there is one thread only");
+        return ERR_OK;
+    }
+    enum err e = picture_maker_init(&t.maker, b, b->set);
+    if (!e)
+        e = bench_time(b, &pair, row);
+    picture_maker_finish(&t.maker);
+    return e;
+}
+
+struct two { /* pictures of two sets */
+    struct picture_maker large, small;
+    bool encodes;
+};
+
+static enum err make_one(struct picture_maker *m, bool encodes)
+{
+    const enum err e = picture_maker_light(m);
+    return e || !encodes ? e : picture_maker_encode(m);
+}
+
+static enum err make_large(void *context)
+{
+    struct two *t = context;
+    return make_one(&t->large, t->encodes);
+}
+
+static enum err make_small(void *context)
+{
+    struct two *t = context;
+    return make_one(&t->small, t->encodes);
+}
+
+static enum err time_two(struct bench *b, const struct set *large, bool encodes, struct bench_row *row)
+{
+    struct two t = { .encodes = encodes };
+    const struct bench_pair pair = { make_large, make_small, &t, 1e3, 1e3, false };
+    enum err e = picture_maker_init(&t.large, b, large);
+
+    if (!e)
+        e = picture_maker_init(&t.small, b, b->set);
+    if (!e)
+        e = bench_time(b, &pair, row);
+    picture_maker_finish(&t.large);
+    picture_maker_finish(&t.small);
+    return e;
+}
+
+enum err bench_pixels(struct bench *b, struct bench_row *row)
+{
+    const struct set_desc desc = {
+        .scene = b->desc->scene,
+        .width = 2 * b->desc->width,
+        .height = 2 * b->desc->height,
+    };
+    struct reason why = { "" };
+    struct set *large = NULL;
+    enum err e = ERR_OK;
+
+    row->name = "four times the pixels";
+    row->unit = "ms";
+    row->sense = BENCH_AT_MOST;
+    row->target = 4.1;
+    snprintf(row->note, sizeof(row->note), "%ux%u over %ux%u: light, exposure, tone curve, JPEG, one after another",
+             desc.width, desc.height, b->desc->width, b->desc->height);
+    if (set_create(&desc, &large, &why))
+        bench_skip(row, "%.150s", why.text);
+    else
+        e = time_two(b, large, true, row);
+    set_destroy(large);
+    return e;
+}
+
+/* The same scene with each triangle cut into 16. */
+static enum err make_fine(const struct bench *b, struct set *fine, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    *fine = *b->set;
+    fine->scene = NULL;
+    fine->rays = NULL;
+    fine->gbuffer = NULL;
+    if (b->desc->scene)
+        e = scene_load(b->desc->scene, &fine->scene, NULL, why);
+    else
+        fine->scene = scene_create_builtin();
+    if (!e)
+        e = fine->scene ? subdivide(fine->scene, 2) : ERR_NOMEM;
+    if (!e)
+        fine->rays = rays_create(fine->scene);
+    if (!e && !fine->rays)
+        e = ERR_NOMEM;
+    const struct gbuffer_desc g = { .camera = e ? NULL : scene_camera(fine->scene, NULL),
+                                    .width = b->desc->width,
+                                    .height = b->desc->height };
+    return e ? e : gbuffer_create(fine->scene, fine->rays, &g, &fine->gbuffer, why);
+}
+
+enum err bench_triangles(struct bench *b, struct bench_row *row)
+{
+    const struct set_desc given = { .scene = b->desc->scene_fine, .width = b->desc->width, .height = b->desc->height };
+    struct set made = { .scene = NULL }, *loaded = NULL;
+    struct reason why = { "" };
+    enum err e;
+
+    row->name = "16 times the triangles";
+    row->unit = "ms";
+    row->sense = BENCH_AT_MOST;
+    row->target = 2.0;
+    if (!given.scene && b->set->scene->triangle_count > TRIANGLES_MAX) {
+        bench_skip(row, "16 times as many would be more than %u", 16 * TRIANGLES_MAX);
+        return ERR_OK;
+    }
+    e = given.scene ? set_create(&given, &loaded, &why) : make_fine(b, &made, &why);
+    if (e) {
+        bench_skip(row, "%.150s", why.text[0] ? why.text : err_text(e));
+        e = ERR_OK;
+    } else {
+        const struct set *fine = loaded ? loaded : &made;
+        snprintf(row->note, sizeof(row->note), "light alone; %llu triangles over %llu",
+                 (unsigned long long)fine->scene->triangle_count, (unsigned long long)b->set->scene->triangle_count);
+        e = time_two(b, fine, false, row);
+    }
+    set_destroy(loaded);
+    gbuffer_destroy(made.gbuffer);
+    rays_destroy(made.rays);
+    scene_destroy(made.scene);
+    return e;
+}
+
+/* ---- Memory ---- */
+
+/* One frame, stage by stage; what each allocates is added up. */
+static enum err count_frame(struct environment *sky, struct picture_maker *m, const struct bench *b, uint64_t sum[4])
+{
+    const struct frame file = { .kind = FRAME_FILE, .name = "a sky", .bytes = b->exr, .size = b->exr_size };
+    uint64_t at[5] = { 0 };
+    struct reason why;
+
+    allocations_count(&at[0]);
+    enum err e = environment_decode(sky, &file, &why);
+    allocations_count(&at[1]);
+    if (!e)
+        e = environment_rebuild(sky, &why);
+    allocations_count(&at[2]);
+    if (!e)
+        e = picture_maker_light(m);
+    allocations_count(&at[3]);
+    if (!e)
+        e = picture_maker_encode(m);
+    allocations_count(&at[4]);
+    for (int k = 0; k < 4; k++)
+        sum[k] += at[k + 1] - at[k];
+    return e;
+}
+
+enum err bench_allocations(struct bench *b, struct bench_row *row)
+{
+    struct picture_maker m;
+    struct environment *sky = environment_create(&(struct environment_desc){ .n = 0 });
+    uint64_t sum[4] = { 0 }, ignored;
+    enum err e = picture_maker_init(&m, b, b->set);
+
+    row->name = "allocations after frame 10";
+    row->unit = "per frame";
+    row->sense = BENCH_AT_MOST;
+    row->target = 0.0;
+    row->alone = true;
+    e = !e && !sky ? ERR_NOMEM : e;
+    m.environment = sky;
+    if (!allocations_count(&ignored)) {
+        bench_skip(row, "this build has an allocator of its own, whose calls are not counted");
+    } else {
+        for (int i = 0; i < FRAMES_WARM + FRAMES_COUNTED && !e; i++) {
+            if (i == FRAMES_WARM)
+                memset(sum, 0, sizeof(sum));
+            e = count_frame(sky, &m, b, sum);
+        }
+        row->ours = row->ratio = (double)(sum[0] + sum[1] + sum[2] + sum[3]) / FRAMES_COUNTED;
+        snprintf(row->note, sizeof(row->note),
+                 "decode %g, tables %g, light %g, exposure, tone and JPEG %g, libraries included; delivery is not",
+                 (double)sum[0] / FRAMES_COUNTED, (double)sum[1] / FRAMES_COUNTED, (double)sum[2] / FRAMES_COUNTED,
+                 (double)sum[3] / FRAMES_COUNTED);
+    }
+    picture_maker_finish(&m);
+    environment_destroy(sky);
+    return e;
+}

@@ -1,0 +1,245 @@
+/* Light: shadow rays, arithmetic, particles. */
+#include "bench_parts.h"
+
+#include "mem.h"
+#include "resolve.h"
+
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CHUNK 64     /* packets of rays that a thread takes at a time from the bare loop */
+#define SINGLES 1024 /* likewise, single rays */
+#define PAPER_SAMPLES 60
+#define PAPER_FRAMES 198.0 /* per second, on its GPU [LPG13] */
+
+/* Some of the set's packets, so that their rays can be written down. */
+struct part {
+    struct bench *b;
+    struct gbuffer g;
+    struct direct *direct;
+    struct direct_desc desc;
+    struct direct_stats stats;
+    struct ray_log log;
+    float *lo;
+};
+
+/* Every eighth run of 32 packets: about an eighth of the picture, spread over it, with its coherence kept. */
+static enum err part_init(struct part *p, struct bench *b, bool with_log)
+{
+    const struct gbuffer *g = b->set->gbuffer;
+
+    *p = (struct part){ .b = b, .desc = b->light.direct, .g.interleave = g->interleave };
+    p->g.packets = mem_alloc(g->packet_count, sizeof(*p->g.packets));
+    p->lo = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
+    p->direct = direct_create(b->kernels);
+    if (!p->g.packets || !p->lo || !p->direct)
+        return ERR_NOMEM;
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        if (i / 32 % 8 == 0) {
+            p->g.packets[p->g.packet_count++] = g->packets[i];
+            p->g.point_count += g->packets[i].count;
+        }
+    if (!with_log)
+        return ERR_OK;
+    p->log.capacity = (size_t)p->g.packet_count * (2 * p->desc.samples + 16);
+    p->log.packets = mem_alloc_raw(p->log.capacity, sizeof(*p->log.packets));
+    p->log.valid = mem_alloc_raw(p->log.capacity, sizeof(*p->log.valid));
+    return p->log.packets && p->log.valid ? ERR_OK : ERR_NOMEM;
+}
+
+static void part_finish(struct part *p)
+{
+    mem_free(p->g.packets);
+    mem_free(p->log.packets);
+    mem_free(p->log.valid);
+    mem_free(p->lo);
+    direct_destroy(p->direct);
+}
+
+static enum err shade_part(void *context)
+{
+    struct part *p = context;
+
+    return direct_shade(p->direct, &p->g, p->b->set->rays, p->b->environment, &p->desc, p->lo, &p->stats);
+}
+
+static enum err replay_packets(void *context)
+{
+    const struct part *p = context;
+    const size_t count = p->log.count;
+    uint64_t occluded = 0;
+
+#pragma omp parallel for schedule(dynamic, 1) reduction(+ : occluded)
+    for (size_t i = 0; i < count; i += CHUNK)
+        occluded += rays_replay(p->b->set->rays, &p->log, i, i + CHUNK < count ? i + CHUNK : count);
+    return occluded == UINT64_MAX ? ERR_RANGE : ERR_OK; /* never: the sum must be made */
+}
+
+static enum err on_one_thread(const struct bench *b, struct ray_log *log, enum err (*work)(void *), void *context)
+{
+    omp_set_num_threads(1);
+    rays_set_log(b->set->rays, log);
+    const enum err e = work(context);
+    rays_set_log(b->set->rays, NULL);
+    omp_set_num_threads(b->threads);
+    return e;
+}
+
+enum err bench_shadow_rays(struct bench *b, struct bench_row *row)
+{
+    struct part p;
+
+    row->name = "shadow rays of the direct stage";
+    row->unit = "Mrays/s";
+    row->sense = BENCH_AT_LEAST;
+    row->target = 0.85;
+    snprintf(row->note, sizeof(row->note),
+             "bare: rtcOccluded16 over the same packets of rays, an eighth of the picture; ours with all its shading");
+    enum err e = part_init(&p, b, true);
+    if (!e)
+        e = on_one_thread(b, &p.log, shade_part, &p);
+    const double rays = 1e-6 * (double)p.stats.rays;
+    const struct bench_pair pair = { shade_part, replay_packets, &p, rays, rays, true };
+    if (!e && (p.stats.rays == 0 || p.log.count == p.log.capacity))
+        bench_skip(row, p.stats.rays == 0 ? "nothing is lit, so that no ray is traced" : "too many rays to write down");
+    else if (!e)
+        e = bench_time(b, &pair, row);
+    part_finish(&p);
+    return e;
+}
+
+/* Without rays: what it takes to weigh one sample of the sky or of a lobe at one point. */
+enum err bench_terms(struct bench *b, struct bench_row *row)
+{
+    struct part p;
+    uint64_t instructions = 0;
+
+    row->name = "shading a sample at a point";
+    row->unit = "ns core";
+    enum err e = part_init(&p, b, false);
+    p.desc.no_visibility = true;
+    if (!e)
+        e = shade_part(&p);
+    const double terms = (double)(p.stats.chosen + p.stats.lobes);
+    const struct bench_pair pair = { shade_part, NULL, &p, 1e9 * b->threads / terms, 0.0, false };
+    if (!e && terms > 0.0) {
+        omp_set_num_threads(1);
+        if (instructions_of(shade_part, &p, &instructions))
+            snprintf(row->note, sizeof(row->note), "%.1f instructions a sample and point; nothing is traced",
+                     (double)instructions / terms);
+        else
+            snprintf(row->note, sizeof(row->note),
+                     "nothing is traced; the processor's counter of instructions is not readable here");
+        omp_set_num_threads(b->threads);
+        e = bench_time(b, &pair, row);
+    } else if (!e) {
+        bench_skip(row, "nothing is lit");
+    }
+    part_finish(&p);
+    return e;
+}
+
+/* ---- Light tracer ---- */
+
+struct tracing {
+    struct bench *b;
+    struct light_tracer *tracer;
+    struct light_tracer_desc desc;
+    struct light_tracer_stats stats;
+    struct ray_log log;
+    float *rgb;
+};
+
+static enum err trace(void *context)
+{
+    struct tracing *t = context;
+
+    return light_tracer_run(t->tracer, t->b->environment, &t->desc, t->rgb, &t->stats);
+}
+
+static enum err replay_singles(void *context)
+{
+    const struct tracing *t = context;
+    const size_t count = t->log.single_count;
+    uint64_t met = 0;
+
+#pragma omp parallel for schedule(dynamic, 1) reduction(+ : met)
+    for (size_t i = 0; i < count; i += SINGLES)
+        met += rays_replay_singles(t->b->set->rays, &t->log, i, i + SINGLES < count ? i + SINGLES : count);
+    return met == UINT64_MAX ? ERR_RANGE : ERR_OK;
+}
+
+enum err bench_light_rays(struct bench *b, struct bench_row *row)
+{
+    const bool casters = scene_casters(b->set->scene, NULL, 0) > 0;
+    struct tracing t = {
+        .b = b,
+        .tracer = light_tracer_create(b->set->scene, b->set->rays, &b->set->view),
+        .desc = { .classes = casters ? PATH_CAUSTICS | PATH_INDIRECT : PATH_INDIRECT, .particles = b->desc->particles },
+        .rgb = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float)),
+    };
+    enum err e = t.tracer && t.rgb ? trace(&t) : ERR_NOMEM;
+
+    row->name = "rays of the light tracer";
+    row->unit = "Mrays/s";
+    t.log.single_capacity = (size_t)t.stats.rays + 1;
+    t.log.singles = mem_alloc_raw(t.log.single_capacity, sizeof(*t.log.singles));
+    e = !e && !t.log.singles ? ERR_NOMEM : e;
+    if (!e)
+        e = on_one_thread(b, &t.log, trace, &t);
+    const double rays = 1e-6 * (double)t.stats.rays;
+    const struct bench_pair pair = { trace, replay_singles, &t, rays, rays, true };
+    if (!e && t.log.single_count != t.stats.rays)
+        bench_skip(row, "%zu rays written down of %llu", t.log.single_count, (unsigned long long)t.stats.rays);
+    else if (!e && t.stats.rays == 0)
+        bench_skip(row, "no particle meets anything");
+    else if (!e)
+        e = bench_time(b, &pair, row);
+    snprintf(
+        row->note, sizeof(row->note),
+        "bare: rtcIntersect1 and rtcOccluded1 over the same rays, %llu of %llu particles; ours with all scattering",
+        (unsigned long long)t.stats.rays, (unsigned long long)t.stats.particles);
+    light_tracer_destroy(t.tracer);
+    mem_free(t.log.singles);
+    mem_free(t.rgb);
+    return e;
+}
+
+/* ---- As the paper has it ---- */
+
+static enum err whole_unshadowed(void *context)
+{
+    struct picture_maker *m = context;
+    struct reason why;
+    enum err e = environment_rebuild((struct environment *)m->environment, &why);
+
+    if (!e)
+        e = picture_maker_light(m);
+    if (!e)
+        tone_map(m->rgb, m->width, m->height, 1.0, TONE_FILMIC, m->display);
+    return e;
+}
+
+enum err bench_no_visibility(struct bench *b, struct bench_row *row)
+{
+    struct picture_maker m;
+    struct relight_desc light = {
+        .direct = { .method = METHOD_MIS, .samples = PAPER_SAMPLES, .no_visibility = true },
+    };
+    const struct bench_pair pair = { whole_unshadowed, NULL, &m, 1.0, 0.0, true };
+
+    row->name = "no visibility, 60 samples";
+    row->unit = "frames/s";
+    enum err e = picture_maker_init(&m, b, b->set);
+    m.light = &light;
+    if (!e)
+        e = bench_time(b, &pair, row);
+    row->alone = false;
+    row->bare = PAPER_FRAMES;
+    row->ratio = row->ours / PAPER_FRAMES;
+    snprintf(row->note, sizeof(row->note),
+             "the sky's tables, direct light by mis, tone map; second figure: what [LPG13, Fig. 3] states for its GPU");
+    picture_maker_finish(&m);
+    return e;
+}
