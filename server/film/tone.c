@@ -1,28 +1,13 @@
 #include "film.h"
 
+#include "tone_kernel.h"
 #include "vec.h"
 
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
-/* The way from exposed light to a code value is a table over the float's own bits: 64 nodes per octave, straight lines
- * between them. Below 2^-13 every curve's code is 0, from 2^4 on it is 255. */
-#define LOWEST_OCTAVE (-13)
-#define OCTAVES 17
-#define NODE_BITS 6
-#define NODES (OCTAVES << NODE_BITS)
-#define STEP_BITS 11 /* of the mantissa between two nodes: 17 bits are left, 11 keep the product within 32 */
-#define LOWEST 0x1p-13f
-#define HIGHEST 0x1.fffffep3f
 #define BLOCK 512 /* pixels treated at a time: 6 KB, stays in the first cache */
-
-struct tone_table {
-    struct {
-        uint32_t base; /* code value in 1/65536, plus a half for rounding */
-        uint32_t rise; /* up to the next node's */
-    } node[NODES];
-};
 
 static const char *const names[] = {
     [TONE_FILMIC] = "filmic",
@@ -74,36 +59,37 @@ double tone_srgb(double linear)
     return linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1.0 / 2.4) - 0.055;
 }
 
-/* `curve` acts per channel here. Node by node in double; non-decreasing because each rise is a difference of rounded
- * bases. */
-static void fill(struct tone_table *t, enum tone_curve curve)
+/* The code before it is rounded, and before it is cut off at 1: `curve` acts per channel here. */
+static double smooth_code(enum tone_curve curve, double x)
 {
-    uint32_t here = 0;
+    return 255.0 * tone_srgb(curve == TONE_FILMIC ? filmic(x) : x);
+}
 
-    for (int i = 0; i <= NODES; i++) {
-        const double x =
-            ldexp(1.0 + (i & ((1 << NODE_BITS) - 1)) / (double)(1 << NODE_BITS), LOWEST_OCTAVE + (i >> NODE_BITS));
-        const uint32_t next = (uint32_t)(65536.0 * (255.0 * tone_srgb(tone_value(curve, x)) + 0.5));
-        if (i > 0) {
-            t->node[i - 1].base = here;
-            t->node[i - 1].rise = next - here;
+/* The cubic through four places of each half octave, its ends among them, so that neighbours meet:
+ * u = -1/4, -1/8, 1/8, 1/4, the extremes of Chebyshev's third polynomial. */
+void tone_table_fill(struct tone_table *t, enum tone_curve curve)
+{
+    for (uint32_t k = 0; k < TONE_SEGMENTS; k++) {
+        const double octave = ldexp(1.0 / TONE_SCALE, -13 + (int)(k / 2)), middle = k % 2 ? 1.75 : 1.25;
+        double f[4];
+        for (int i = 0; i < 4; i++) {
+            static const double places[4] = { -0.25, -0.125, 0.125, 0.25 };
+            f[i] = smooth_code(curve, octave * (middle + places[i]));
         }
-        here = next;
+        /* Even and odd parts: (f(u) + f(-u)) / 2 = c0 + c2 u^2, (f(u) - f(-u)) / 2 = c1 u + c3 u^3. */
+        const double even1 = 0.5 * (f[1] + f[2]), even2 = 0.5 * (f[0] + f[3]);
+        const double odd1 = 8.0 * 0.5 * (f[2] - f[1]), odd2 = 4.0 * 0.5 * (f[3] - f[0]);
+        const double c2 = (even2 - even1) / (1.0 / 16.0 - 1.0 / 64.0), c3 = (odd2 - odd1) / (1.0 / 16.0 - 1.0 / 64.0);
+        /* 114 is the biased exponent of 2^-13 */
+        const uint32_t s = (2 * 114 + k) % TONE_SEGMENTS;
+        t->c[0][s] = (float)(even1 - c2 / 64.0 + 0.5);
+        t->c[1][s] = (float)(odd1 - c3 / 64.0);
+        t->c[2][s] = (float)c2;
+        t->c[3][s] = (float)c3;
     }
 }
 
-/* Scales and clamps count floats into the table's range. The comparisons are written so that NaN fails the first one
- * and comes out as the lowest value. */
-static void expose(const float *in, size_t count, float gain, float *out)
-{
-    for (size_t i = 0; i < count; i++) {
-        const float x = in[i] * gain;
-        const float floored = x > LOWEST ? x : LOWEST;
-        out[i] = floored < HIGHEST ? floored : HIGHEST;
-    }
-}
-
-/* [Reinhard 2002, Eq. 4] on the luminance, the colour's ratios kept; what then exceeds 1 is clipped by the table.
+/* [Reinhard 2002, Eq. 4] on the luminance, the colour's ratios kept; what then exceeds 1 is clipped with the codes.
  * Three plain loops, because compilers vectorise each of them and not the one that they would make together. */
 static void expose_reinhard(const float *in, size_t count, float gain, float *out)
 {
@@ -123,39 +109,27 @@ static void expose_reinhard(const float *in, size_t count, float gain, float *ou
     for (size_t i = 0; i < count / 3; i++)
         for (size_t k = 0; k < 3; k++)
             out[3 * i + k] *= scale[i];
-    expose(out, count, 1.0f, out);
-}
-
-static void look_up(const struct tone_table *t, const float *x, size_t count, uint8_t *out)
-{
-    const uint32_t lowest_bits = (uint32_t)(127 + LOWEST_OCTAVE) << 23;
-
-    for (size_t i = 0; i < count; i++) {
-        uint32_t bits;
-        memcpy(&bits, &x[i], sizeof(bits));
-        bits -= lowest_bits;
-        const uint32_t n = bits >> (23 - NODE_BITS);
-        const uint32_t step = bits >> (23 - NODE_BITS - STEP_BITS) & ((1u << STEP_BITS) - 1);
-        out[i] = (uint8_t)((t->node[n].base + (t->node[n].rise * step >> STEP_BITS)) >> 16);
-    }
 }
 
 void tone_map(const float *rgb, uint32_t width, uint32_t height, double gain, enum tone_curve curve, uint8_t *out)
 {
+    const struct tone_kernel *kernel = tone_kernel_best();
     struct tone_table table;
     const size_t count = (size_t)width * height * 3;
     /* a factor that is no number, or not one that a float can hold, must not turn light into NaN */
     const float factor = (float)fmin(fmax(gain, 0x1p-126), 0x1p127);
+    const float scaled = (float)fmin(fmax(gain * TONE_SCALE, 0x1p-126), 0x1p127);
 
-    fill(&table, curve == TONE_FILMIC ? TONE_FILMIC : TONE_LINEAR);
+    tone_table_fill(&table, curve == TONE_FILMIC ? TONE_FILMIC : TONE_LINEAR);
 #pragma omp parallel for schedule(static)
     for (size_t at = 0; at < count; at += 3 * BLOCK) {
-        float block[3 * BLOCK];
         const size_t n = count - at < 3 * BLOCK ? count - at : 3 * BLOCK;
-        if (curve == TONE_REINHARD)
+        float block[3 * BLOCK];
+        if (curve == TONE_REINHARD) {
             expose_reinhard(rgb + at, n, factor, block);
-        else
-            expose(rgb + at, n, factor, block);
-        look_up(&table, block, n, out + at);
+            kernel->codes(&table, block, n, (float)TONE_SCALE, out + at);
+        } else {
+            kernel->codes(&table, rgb + at, n, scaled, out + at);
+        }
     }
 }

@@ -1,5 +1,6 @@
 unit_test(film test_exposure OpenMP::OpenMP_C)
 unit_test(film test_tone OpenMP::OpenMP_C)
+unit_test(film test_tone_kernel)
 unit_test(film test_jpeg PkgConfig::TURBOJPEG)
 unit_test(film test_exr_write)
 unit_test(film test_metrics OpenMP::OpenMP_C)
