@@ -493,6 +493,7 @@ enum err bench_allocations(struct bench *b, struct bench_row *row)
                 memset(sum, 0, sizeof(sum));
             e = count_frame(sky, &m, b, sum);
         }
+        row->rounds = FRAMES_COUNTED;
         row->ours = row->ratio = (double)(sum[0] + sum[1] + sum[2] + sum[3]) / FRAMES_COUNTED;
         snprintf(row->note, sizeof(row->note),
                  "decode %g, tables %g, light %g, exposure, tone and JPEG %g, libraries included; delivery is not",

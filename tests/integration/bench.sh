@@ -1,0 +1,80 @@
+#!/usr/bin/env bash
+# relight-bench: that it measures what it says, not how fast anything is. usage: bench.sh CLAIM
+. "$(dirname "$0")/lib.sh"
+
+quick=(--size 32x18 --samples 2 --rounds 3 --particles 2048 --viewers 3 --source sky:size=128x64)
+
+rows='EXR decode
+resample, CDFs, samples / copy
+shadow rays of the direct stage
+shading a sample at a point
+rays of the light tracer
+tone map / copy
+JPEG / libjpeg-turbo
+delivery / bare sockets
+pipeline / its slowest stage
+light: one thread / all
+one thread / pipeline
+four times the pixels
+16 times the triangles
+allocations after frame 10
+no visibility, 60 samples'
+
+every_row_is_measured_and_its_figures_are_numbers() {
+    local threads
+    box_scene "$work"
+    for threads in 2 1; do
+        "$bin/relight-bench" "${quick[@]}" --scene "$work/box.json" --threads $threads --json >"$work/bench.json"
+        echo "$rows" | /usr/bin/python3 -c '
+import json, math, sys
+report, threads, wanted = json.load(open(sys.argv[1])), int(sys.argv[2]), sys.stdin.read().splitlines()
+assert [r["name"] for r in report["rows"]] == wanted, [r["name"] for r in report["rows"]]
+verdicts = ("holds", "does not hold", "stated")
+for r in report["rows"]:
+    alone = r["name"].startswith(("shading", "allocations"))
+    if threads == 1 and "one thread" in r["name"]: # nothing to compare with
+        assert r["verdict"] == "not measured" and r["skipped"], r
+        continue
+    if r["name"].startswith("allocations") and "allocator of its own" in r.get("skipped", ""):
+        continue # with sanitizers
+    assert r["verdict"] in verdicts and r["unit"] and r["rounds"] >= 1, r
+    for key in ("ours",) if alone else ("ours", "bare", "ratio"):
+        assert math.isfinite(r[key]) and (r[key] > 0 or r["name"].startswith("allocations")), r
+    if "at_least" in r:
+        assert (r["verdict"] == "holds") == (r["ratio"] >= r["at_least"]), r
+    elif "at_most" in r:
+        assert (r["verdict"] == "holds") == (r["ours" if alone else "ratio"] <= r["at_most"]), r
+    else:
+        assert r["verdict"] == "stated", r
+    if not alone and r["rounds"] == 1: # then the ratio is that of the two figures
+        assert abs(r["ratio"] * r["bare"] / r["ours"] - 1) < 1e-3, r
+' "$work/bench.json" $threads || fail "with $threads threads"
+    done
+}
+
+the_table_has_a_line_for_each_row() {
+    "$bin/relight-bench" "${quick[@]}" >"$work/table"
+    while read -r row; do
+        grep -qF -- "$row" "$work/table" || { cat "$work/table"; fail "no line for '$row'"; }
+    done <<<"$rows"
+    grep -q ' holds$\| does not hold$' "$work/table" || fail "no verdicts"
+}
+
+# A scene and a sky of the user's own: the file's own bytes are decoded.
+files_are_measured_as_they_are() {
+    box_scene "$work"
+    "$bin/relight-render" --scene "$work/box.json" --source sky:size=64x32 --size 64x32 --samples 1 --out "$work/sky.exr"
+    "$bin/relight-bench" "${quick[@]}" --scene "$work/box.json" --scene-fine "$work/box.json" --source "$work/sky.exr" --json \
+        >"$work/bench.json"
+    grep -q "same $(stat -c %s "$work/sky.exr") bytes" "$work/bench.json" || fail "these were not the file's bytes"
+    grep -Eq 'light alone; ([0-9]+) triangles over \1"' "$work/bench.json" || fail "not the fine scene that was given"
+}
+
+what_it_cannot_measure_is_refused() {
+    expect 2 'reference' "$bin/relight-bench" --method path
+    expect 2 'rounds' "$bin/relight-bench" --rounds 2
+    expect 2 'viewers' "$bin/relight-bench" --viewers 65
+    expect 1 'nowhere.json' "$bin/relight-bench" --scene "$work/nowhere.json"
+}
+
+"$1"
