@@ -11,6 +11,7 @@
 #include "exr_write.h"
 #include "log.h"
 #include "mem.h"
+#include "resample_table.h"
 #include "threads.h"
 
 #include <omp.h>
@@ -458,15 +459,17 @@ static enum err shade_all(struct daemon *d, struct reason *why)
 static enum err allocate(struct daemon *d, struct reason *why)
 {
     const size_t pixels = (size_t)d->set_desc.width * d->set_desc.height;
-    bool all = true;
+    bool all;
 
     d->relighter = relighter_create(d->set, d->kernels);
     d->jpeg = jpeg_encoder_create();
     d->display = mem_alloc(pixels, 3);
     d->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
-    for (int i = 0; i < HANDOFF_SLOTS; i++) {
-        d->ingested[i].environment =
-            environment_create(&(struct environment_desc){ .layout = d->layout, .importance = d->importance });
+    d->tables = resample_tables_create();
+    all = d->tables != NULL;
+    for (int i = 0; i < HANDOFF_SLOTS && all; i++) {
+        d->ingested[i].environment = environment_create(
+            &(struct environment_desc){ .layout = d->layout, .importance = d->importance, .tables = d->tables });
         d->shaded[i].rgb = mem_alloc(pixels, 3 * sizeof(float));
         all = all && d->ingested[i].environment && d->shaded[i].rgb;
     }
@@ -519,6 +522,7 @@ static void tear_down(struct daemon *d)
         environment_destroy(d->ingested[i].environment);
         mem_free(d->shaded[i].rgb);
     }
+    resample_tables_destroy(d->tables);
     mem_free(d->display);
     mem_free(d->small);
     jpeg_encoder_destroy(d->jpeg);

@@ -74,6 +74,7 @@ struct daemon {
     float *small; /* a picture of half the sides or less */
 
     struct server *server;
+    struct resample_tables *tables; /* of the slots' environments */
     struct ingested ingested[HANDOFF_SLOTS];
     struct handoff frames;
     struct shaded shaded[HANDOFF_SLOTS];

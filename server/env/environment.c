@@ -14,6 +14,7 @@
 
 #define DEFAULT_N 256
 #define MAX_N 1024
+#define BAND 8 /* rows of a face, as resample.h makes them */
 
 static const char *const importance_names[] = { "luminance", "mean", "max" };
 
@@ -44,6 +45,7 @@ struct environment *environment_create(const struct environment_desc *desc)
     if (!e)
         return NULL;
     e->n = n;
+    e->tables = desc->tables;
     e->texels = mem_alloc(texels, sizeof(*e->texels));
     e->row_cdf = mem_alloc(texels, sizeof(*e->row_cdf));
     e->face_cdf = mem_alloc((size_t)CUBE_FACES * n, sizeof(*e->face_cdf));
@@ -196,42 +198,74 @@ static enum err choose_layout(const struct environment *e, enum layout *out, str
 
 static enum err match_resampler(struct environment *e, enum layout layout, struct reason *why)
 {
-    const struct resampler *r = e->resampler;
+    const struct resample_key key = { layout, e->image.width, e->image.height, e->n, e->rotation };
 
-    if (r && r->layout == layout && r->width == e->image.width && r->height == e->image.height &&
-        r->rotation == e->rotation)
+    if (e->resampler && resample_key_equal(&e->resampler->table->key, &key))
         return ERR_OK;
     resampler_destroy(e->resampler);
-    const enum err result = resampler_create(layout, e->image.width, e->image.height, e->n, e->rotation, &e->resampler);
+    e->resampler = NULL;
+    const enum err result = resampler_create(e->tables, &key, &e->resampler);
     return result ? err_say(why, result, "%s: no memory for resampling %ux%u texels", e->name, e->image.width,
                             e->image.height)
                   : ERR_OK;
 }
 
-/* Row `row` of 6n: its texels, their densities, and the running sum of importance x solid angle along it [LPG13, 2.2].
- */
-static void rebuild_row(struct environment *e, uint32_t row)
+/* A row's radiances into its texels, with their densities; weight: importance x solid angle. */
+static inline void weigh_row(const struct environment *e, enum importance kind, const float *from,
+                             const double *solid_angle, struct texel *t, double *weight)
 {
     const uint32_t n = e->n;
-    struct texel *t = e->texels + (size_t)row * n;
-    double *cdf = e->row_cdf + (size_t)row * n;
-    const double *solid_angle = e->solid_angle + (size_t)(row % n) * n;
     const double per_uv = 0.25 * n * n;
-    const enum importance kind = e->importance;
-    double sum = 0.0;
 
-    resampler_row(e->resampler, e->gain, row, &t->r);
     for (uint32_t j = 0; j < n; j++) {
-        const double weight = importance_of(kind, t[j].r, t[j].g, t[j].b) * solid_angle[j];
-        t[j].density = (float)(weight * per_uv);
-        sum += weight;
-        cdf[j] = sum;
+        const float r = from[4 * j], g = from[4 * j + 1], b = from[4 * j + 2];
+        weight[j] = importance_of(kind, r, g, b) * solid_angle[j];
+        t[j] = (struct texel){ r, g, b, (float)(weight[j] * per_uv) };
     }
+}
+
+/* Running sums along all rows of a band [LPG13, 2.2], side by side: each has to wait for its last sum. */
+static inline void sum_rows(double *cdf, uint32_t n, uint32_t rows, double *whole)
+{
+    double sum[BAND] = { 0.0 };
+
+    for (uint32_t j = 0; j < n; j++)
+        for (uint32_t i = 0; i < rows; i++)
+            cdf[(size_t)i * n + j] = sum[i] += cdf[(size_t)i * n + j];
+    for (uint32_t i = 0; i < rows; i++)
+        whole[i] = sum[i];
+}
+
+/* Rows 8 b .. of a face: their texels, densities and running sums, and what the pyramid makes of them while they are
+ * in the cache. */
+static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
+{
+    const uint32_t n = e->n, i0 = BAND * b, rows = n - i0 < BAND ? n - i0 : BAND, row = face * n + i0;
+    _Alignas(64) float light[4 * BAND * RESAMPLE_PITCH(MAX_N)];
+    double *cdf = e->row_cdf + (size_t)row * n;
+
+    resampler_band(e->resampler, e->gain, face, b, light);
+    for (uint32_t i = 0; i < rows; i++) {
+        const float *from = light + 4 * (size_t)i * RESAMPLE_PITCH(n);
+        const double *solid_angle = e->solid_angle + (size_t)(i0 + i) * n;
+        struct texel *t = e->texels + (size_t)(row + i) * n;
+        if (e->importance == IMPORTANCE_LUMINANCE)
+            weigh_row(e, IMPORTANCE_LUMINANCE, from, solid_angle, t, cdf + (size_t)i * n);
+        else if (e->importance == IMPORTANCE_MEAN)
+            weigh_row(e, IMPORTANCE_MEAN, from, solid_angle, t, cdf + (size_t)i * n);
+        else
+            weigh_row(e, IMPORTANCE_MAX, from, solid_angle, t, cdf + (size_t)i * n);
+    }
+    if (rows == BAND)
+        sum_rows(cdf, n, BAND, e->face_cdf + row);
+    else
+        sum_rows(cdf, n, rows, e->face_cdf + row);
+    pyramid_band(e->pyramid, face, b);
 }
 
 enum err environment_rebuild(struct environment *e, struct reason *why)
 {
-    const uint32_t n = e->n;
+    const uint32_t n = e->n, bands = (n + BAND - 1) / BAND;
     enum layout layout;
 
     enum err result = choose_layout(e, &layout, why);
@@ -240,20 +274,19 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     if (result)
         return result;
     resampler_load(e->resampler, e->image.rgb);
-#pragma omp parallel for schedule(static)
-    for (uint32_t row = 0; row < CUBE_FACES * n; row++)
-        rebuild_row(e, row);
+    pyramid_begin(e->pyramid, &e->texels->r);
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t k = 0; k < CUBE_FACES * bands; k++)
+        rebuild_band(e, k / bands, k % bands);
+    pyramid_end(e->pyramid);
     e->total_energy = 0.0;
     for (uint32_t f = 0; f < CUBE_FACES; f++) {
         double sum = 0.0;
-        for (uint32_t i = 0; i < n; i++) {
-            sum += e->row_cdf[((size_t)f * n + i) * n + n - 1];
-            e->face_cdf[(size_t)f * n + i] = sum;
-        }
+        for (uint32_t i = 0; i < n; i++) /* the rows' own sums stand there */
+            e->face_cdf[(size_t)f * n + i] = sum += e->face_cdf[(size_t)f * n + i];
         e->energy[f] = sum;
         e->total_energy += sum;
     }
-    pyramid_build(e->pyramid, &e->texels->r);
     e->ready = true;
     return ERR_OK;
 }

@@ -17,6 +17,7 @@
 
 struct pyramid;
 struct resampler;
+struct resample_tables;
 
 /* What a texel's light is weighed by when samples are drawn: one number for three. Each is 0 only where all three are.
  */
@@ -51,6 +52,7 @@ struct environment {
     float gain;         /* 2^scale_stops */
     enum importance importance;
     struct resampler *resampler;
+    struct resample_tables *tables;
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
@@ -73,13 +75,15 @@ struct environment_desc {
     double rotation_degrees;
     double scale_stops;
     enum importance importance;
+    struct resample_tables *tables; /* where environments find each other's resampling tables (resample_table.h); they
+                                     * must outlive the environment. NULL: it makes its own. */
 };
 
 /* NULL when out of memory or n is out of range. */
 struct environment *environment_create(const struct environment_desc *desc);
 void environment_destroy(struct environment *e); /* NULL is allowed */
 
-/* Takes another layout, rotation, scale and importance from the next update on. */
+/* Takes another layout, rotation, scale and importance from the next update on; n and tables stay. */
 void environment_set(struct environment *e, const struct environment_desc *desc);
 
 /* Decodes the frame and rebuilds cube map and tables. On any error *why names frame and fault and the environment must

@@ -57,7 +57,7 @@ enum err latlong_build(struct latlong *t, const struct environment *e, struct re
     const uint32_t width = e->image.width, height = e->image.height;
 
     assert(e->ready);
-    const enum layout layout = e->resampler->layout;
+    const enum layout layout = e->resampler->table->key.layout;
     if (layout != LAYOUT_LATLONG && layout != LAYOUT_LATLONG_BOTTOM_FIRST)
         return err_say(why, ERR_UNSUPPORTED,
                        "%s: its layout is %s, and lat-long sampling reads the texels of latlong or latlong-bottom only",
@@ -68,8 +68,8 @@ enum err latlong_build(struct latlong *t, const struct environment *e, struct re
     t->bottom_first = layout == LAYOUT_LATLONG_BOTTOM_FIRST;
     t->importance = e->importance;
     t->gain = e->gain;
-    t->rotation[0] = cos(e->resampler->rotation);
-    t->rotation[1] = sin(e->resampler->rotation);
+    t->rotation[0] = cos(e->resampler->table->key.rotation);
+    t->rotation[1] = sin(e->resampler->table->key.rotation);
 #pragma omp parallel for schedule(static)
     for (uint32_t row = 0; row < height; row++)
         build_row(t, row);

@@ -33,20 +33,20 @@ static int64_t hold(int64_t at, uint32_t low, uint32_t high, bool wraps)
 }
 
 /* False for a texel of a ball or fisheye whose centre is outside the circle. */
-static bool is_shown(const struct resampler *r, const struct picture *p, int64_t column, int64_t row)
+static bool is_shown(const struct resample_table *t, const struct picture *p, int64_t column, int64_t row)
 {
     const double x = 2.0 * (double)column + 1.0 - p->columns, y = 2.0 * (double)row + 1.0 - p->rows;
     const double side = p->columns < p->rows ? p->columns : p->rows;
 
-    return !layout_is_disc(r->layout) || x * x + y * y < side * side;
+    return !layout_is_disc(t->key.layout) || x * x + y * y < side * side;
 }
 
 /* From texels of the source to blocks. The last block of a face or picture may be cut short; all are taken as equally
  * large, so that the azimuth still closes. */
-static void place_in_blocks(const struct resampler *r, uint32_t factor, struct layout_place *at)
+static void place_in_blocks(const struct resample_table *t, uint32_t factor, struct layout_place *at)
 {
-    const uint32_t size = layout_faces(r->layout) ? layout_face_size(r->layout, r->width) : 0;
-    const uint32_t cell[2] = { size ? size : r->width, size ? size : r->height };
+    const uint32_t size = layout_faces(t->key.layout) ? layout_face_size(t->key.layout, t->key.width) : 0;
+    const uint32_t cell[2] = { size ? size : t->key.width, size ? size : t->key.height };
     double *place[2] = { &at->x, &at->y };
 
     for (int k = 0; k < 2; k++) {
@@ -59,15 +59,15 @@ static void place_in_blocks(const struct resampler *r, uint32_t factor, struct l
 
 static void interpolate(const struct environment *e, const struct picture *p, struct vec3 w, float rgb[3])
 {
-    const struct resampler *r = e->resampler;
+    const struct resample_table *t = e->resampler->table;
     const double c = cos(e->rotation), s = sin(e->rotation);
     const double own[3] = { c * w.x - s * w.z, w.y, c * w.z + s * w.x };
     struct layout_place at;
     float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
 
-    const bool shown = layout_find(r->layout, r->width, r->height, own, &at);
+    const bool shown = layout_find(t->key.layout, t->key.width, t->key.height, own, &at);
     if (p->factor > 1)
-        place_in_blocks(r, p->factor, &at);
+        place_in_blocks(t, p->factor, &at);
     /* Texel centres stand at half-integers. */
     const double x = at.x - 0.5, y = at.y - 0.5;
     const int64_t x0 = (int64_t)floor(x), y0 = (int64_t)floor(y);
@@ -77,14 +77,14 @@ static void interpolate(const struct environment *e, const struct picture *p, st
         const int64_t column = hold(x0 + (k & 1), at.low[0], at.high[0], at.wraps);
         const int64_t row = hold(y0 + (k >> 1), at.low[1], at.high[1], false);
         const float *texel = p->rgb + 3 * (row * p->columns + column);
-        if (!is_shown(r, p, column, row))
+        if (!is_shown(t, p, column, row))
             continue;
         whole += weight[k];
         for (int i = 0; i < 3; i++)
             sum[i] += weight[k] * texel[i];
     }
     for (int i = 0; i < 3; i++)
-        rgb[i] = e->gain * (whole > 0.0f ? sum[i] / whole : r->mean[i]);
+        rgb[i] = e->gain * (whole > 0.0f ? sum[i] / whole : e->resampler->mean[i]);
 }
 
 static struct picture source_of(const struct environment *e)
@@ -94,8 +94,8 @@ static struct picture source_of(const struct environment *e)
 
 static struct picture blocks_of(const struct environment *e)
 {
-    const struct resampler *r = e->resampler;
-    return (struct picture){ r->reduced, r->columns, r->rows, r->factor };
+    const struct resample_table *t = e->resampler->table;
+    return (struct picture){ e->resampler->reduced, t->columns, t->rows, t->factor };
 }
 
 void environment_look(const struct environment *e, struct vec3 w, float rgb[3])
@@ -122,14 +122,14 @@ struct rung {
 
 static struct rung finest(const struct environment *e)
 {
-    const struct resampler *r = e->resampler;
-    const float side = (float)(r->width < r->height ? r->width : r->height), pi = (float)PI;
-    struct rung source = { RUNG_SOURCE, pi * sqrtf(2.0f / ((float)r->width * (float)r->height)) };
+    const struct resample_table *t = e->resampler->table;
+    const float side = (float)(t->key.width < t->key.height ? t->key.width : t->key.height), pi = (float)PI;
+    struct rung source = { RUNG_SOURCE, pi * sqrtf(2.0f / ((float)t->key.width * (float)t->key.height)) };
 
-    if (layout_faces(r->layout))
-        source.texel = FACE_EDGE / (float)layout_face_size(r->layout, r->width);
-    else if (layout_is_disc(r->layout))
-        source.texel = (r->layout == LAYOUT_BALL ? 4.0f : pi) / side;
+    if (layout_faces(t->key.layout))
+        source.texel = FACE_EDGE / (float)layout_face_size(t->key.layout, t->key.width);
+    else if (layout_is_disc(t->key.layout))
+        source.texel = (t->key.layout == LAYOUT_BALL ? 4.0f : pi) / side;
     return source;
 }
 
@@ -138,8 +138,8 @@ static struct rung coarser(const struct environment *e, struct rung from)
     const struct pyramid *p = e->pyramid;
     struct rung next = { from.what + 1, WHOLE_SPHERE };
 
-    if (from.what == RUNG_SOURCE && e->resampler->factor > 1) {
-        next.texel = (float)e->resampler->factor * from.texel;
+    if (from.what == RUNG_SOURCE && e->resampler->table->factor > 1) {
+        next.texel = (float)e->resampler->table->factor * from.texel;
         return next;
     }
     if (from.what < 0)

@@ -24,7 +24,7 @@ static struct span cover(uint32_t n, uint32_t m, uint32_t to)
 {
     const uint32_t low = to * n, high = low + n; /* at most 1024 * 1024 */
 
-    if (n == 2 * m) /* nearly always, and no division then */
+    if (n == 2 * m)
         return (struct span){ 2 * to, 2 * to + 2, { 1.0f, 1.0f, 0.0f } };
     struct span s = { low / m, (high + m - 1) / m, { 0.0f } };
     for (uint32_t k = s.first; k < s.last; k++) {
@@ -208,6 +208,29 @@ void pyramid_destroy(struct pyramid *p)
     mem_free(p);
 }
 
+/* A texel as one operation of a vector. */
+#define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
+
+/* One row of a face of the next level, where that has half as many texels: the same sums as below, in the same order.
+ */
+static void halve_row(const struct pyramid_level *fine, const struct pyramid_level *coarse, uint32_t face, uint32_t i)
+{
+    const uint32_t n = fine->n, m = coarse->n;
+    const float *texels = fine->texels + 4 * ((size_t)face * n + 2 * i) * n;
+    const float *weight = fine->solid_angle + 2 * (size_t)i * n, *whole = coarse->solid_angle + (size_t)i * m;
+    float *out = coarse->own + 4 * ((size_t)face * m + i) * m;
+
+    for (uint32_t j = 0; j < m; j++) {
+        FOUR_FLOATS t[4];
+        memcpy(t, texels + 8 * (size_t)j, sizeof(t) / 2);
+        memcpy(t + 2, texels + 4 * ((size_t)n + 2 * j), sizeof(t) / 2);
+        const FOUR_FLOATS sum =
+            weight[2 * j] * t[0] + weight[2 * j + 1] * t[1] + weight[n + 2 * j] * t[2] + weight[n + 2 * j + 1] * t[3];
+        const FOUR_FLOATS mean = sum / whole[j];
+        memcpy(out + 4 * (size_t)j, &mean, sizeof(mean));
+    }
+}
+
 /* One row of a face of the next level; every texel is a mean of at most 3 x 3, by solid angle. */
 static void shrink_row(const struct pyramid_level *fine, const struct pyramid_level *coarse, uint32_t face, uint32_t i)
 {
@@ -231,15 +254,47 @@ static void shrink_row(const struct pyramid_level *fine, const struct pyramid_le
     }
 }
 
-void pyramid_build(struct pyramid *p, const float *texels)
+static void make_row(const struct pyramid *p, uint32_t level, uint32_t face, uint32_t i)
+{
+    const struct pyramid_level *fine = &p->level[level - 1], *coarse = &p->level[level];
+
+    if (fine->n == 2 * coarse->n)
+        halve_row(fine, coarse, face, i);
+    else
+        shrink_row(fine, coarse, face, i);
+}
+
+/* Of a band of 8 rows come 4 of the next level, 2 and 1, where all these sizes are even. */
+#define BAND 8
+#define BAND_LEVELS 3
+
+static uint32_t levels_by_band(const struct pyramid *p)
+{
+    return p->level[0].n % BAND == 0 ? BAND_LEVELS : 0;
+}
+
+void pyramid_begin(struct pyramid *p, const float *texels)
 {
     p->level[0].texels = texels;
+}
+
+void pyramid_band(struct pyramid *p, uint32_t face, uint32_t b)
+{
+    for (uint32_t k = 1; k <= levels_by_band(p); k++)
+        for (uint32_t i = BAND * b >> k; i < BAND * (b + 1) >> k; i++)
+            make_row(p, k, face, i);
+}
+
+void pyramid_end(struct pyramid *p)
+{
+    const uint32_t made = levels_by_band(p);
+
     /* No face needs another's texels: each thread makes whole ones, and none waits between levels. */
 #pragma omp parallel for schedule(static)
     for (uint32_t face = 0; face < CUBE_FACES; face++)
-        for (uint32_t k = 1; k < p->count; k++)
+        for (uint32_t k = made + 1; k < p->count; k++)
             for (uint32_t i = 0; i < p->level[k].n; i++)
-                shrink_row(&p->level[k - 1], &p->level[k], face, i);
+                make_row(p, k, face, i);
     const float *last = p->level[p->count - 1].texels;
     for (int c = 0; c < 3; c++) {
         p->mean[c] = 0.0f;

@@ -9,7 +9,7 @@
  * all weights are then solid angles that add up, so that a constant stays constant and no energy is lost, while the
  * Lanczos filter has negative lobes: beside a sun of 10^6 the sky would become negative.
  *
- * Thread: pyramid_build one at a time; between builds any number may look. */
+ * Thread: one frame at a time; between frames any number may look. */
 #ifndef ENV_PYRAMID_H
 #define ENV_PYRAMID_H
 
@@ -35,9 +35,12 @@ struct pyramid {
 struct pyramid *pyramid_create(uint32_t n, const double *solid_angle);
 void pyramid_destroy(struct pyramid *p); /* NULL is allowed */
 
-/* All levels of the frame in texels[6][n][n][4], which must stay as they are as long as anybody looks. Uses OpenMP
- * threads; the same bits at any number of them. */
-void pyramid_build(struct pyramid *p, const float *texels);
+/* All levels of a frame: begun with its texels[6][n][n][4], which must stay as long as anybody looks; then each band of
+ * 8 rows, 8 b .. 8 b + 7 of a face, b < (n + 7) / 8, once they hold the frame, while the cache still does (any thread,
+ * any order, no band twice at a time); then the end, which uses OpenMP threads. The same bits at any number of them. */
+void pyramid_begin(struct pyramid *p, const float *texels);
+void pyramid_band(struct pyramid *p, uint32_t face, uint32_t b);
+void pyramid_end(struct pyramid *p);
 
 /* A level along w (any length but zero), bilinear, across the edges of the faces too: continuous everywhere. */
 void pyramid_look(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3]);

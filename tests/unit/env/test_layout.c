@@ -1,8 +1,8 @@
 /* Layouts: what each keeps, which way each looks, and that all show the same sky. */
 #include "layout.h"
-#include "resample.h"
 
 #include "layouts.h"
+#include "resampling.h"
 #include "skies.h"
 
 static const struct {
@@ -30,10 +30,7 @@ static double texel_solid_angle(uint32_t n, size_t t)
 
 static struct resampler *make_resampler(size_t q, double rotation)
 {
-    struct resampler *r;
-    assert_int_equal(resampler_create(cases[q].layout, cases[q].width, cases[q].height, cases[q].n, rotation, &r),
-                     ERR_OK);
-    return r;
+    return resampling_make(cases[q].layout, cases[q].width, cases[q].height, cases[q].n, rotation);
 }
 
 static void every_layout_keeps_a_constant(void **state)
@@ -42,15 +39,11 @@ static void every_layout_keeps_a_constant(void **state)
     for (size_t q = 0; q < CASES * ROTATIONS; q++) {
         const uint32_t n = cases[q / ROTATIONS].n;
         struct resampler *r = make_resampler(q / ROTATIONS, rotations[q % ROTATIONS]);
-        struct frame f = sky_constant(r->width, r->height, 3.0f);
-        float *row = mem_alloc(n, 4 * sizeof(float));
-        resampler_load(r, f.rgb);
-        for (uint32_t i = 0; i < 6 * n; i++) {
-            resampler_row(r, 2.0f, i, row);
-            for (uint32_t j = 0; j < n; j++)
-                assert_true(fabsf(row[4 * j] / 6.0f - 1.0f) < 1e-5f);
-        }
-        mem_free(row);
+        struct frame f = sky_constant(r->table->key.width, r->table->key.height, 3.0f);
+        float *cube = resampling_cube(r, f.rgb, 2.0f);
+        for (size_t t = 0; t < 6 * (size_t)n * n; t++)
+            assert_true(fabsf(cube[4 * t] / 6.0f - 1.0f) < 1e-5f);
+        mem_free(cube);
         frame_finish(&f);
         resampler_destroy(r);
     }
@@ -61,22 +54,19 @@ static void every_layout_keeps_every_texels_energy(void **state)
 {
     (void)state;
     for (size_t q = 0; q < CASES * ROTATIONS; q++) {
-        const uint32_t n = cases[q / ROTATIONS].n;
         struct resampler *r = make_resampler(q / ROTATIONS, rotations[q % ROTATIONS]);
-        double *arrived = mem_alloc((size_t)r->width * r->height, sizeof(double)), sum = 0.0, worst = 0.0;
-        assert_int_equal(r->factor, 1);
-        for (size_t t = 0; t < 6 * (size_t)n * n; t++)
-            for (uint32_t k = r->first[t]; k < r->first[t + 1]; k++)
-                arrived[r->index[k]] += r->weight[k] * texel_solid_angle(n, t);
-        for (uint32_t y = 0; y < r->height; y++)
-            for (uint32_t x = 0; x < r->width; x++) {
-                const double low[2] = { x, y }, high[2] = { x + 1, y + 1 }, got = arrived[(size_t)y * r->width + x];
-                const double want = layout_solid_angle(r->layout, r->width, r->height, low, high);
+        const struct resample_key *key = &r->table->key;
+        double *arrived = resampling_arrived(r), sum = 0.0, worst = 0.0;
+        assert_int_equal(r->table->factor, 1);
+        for (uint32_t y = 0; y < key->height; y++)
+            for (uint32_t x = 0; x < key->width; x++) {
+                const double low[2] = { x, y }, high[2] = { x + 1, y + 1 }, got = arrived[(size_t)y * key->width + x];
+                const double want = layout_solid_angle(key->layout, key->width, key->height, low, high);
                 sum += want;
                 worst = fmax(worst, want > 0.0 ? fabs(got / want - 1.0) : got);
             }
         assert_true(worst < 1e-5);
-        assert_true(fabs(sum / layout_shown(r->layout) - 1.0) < 1e-9);
+        assert_true(fabs(sum / layout_shown(key->layout) - 1.0) < 1e-9);
         mem_free(arrived);
         resampler_destroy(r);
     }
@@ -199,12 +189,10 @@ static void large_pictures_are_reduced_and_keep_their_energy(void **state)
     (void)state;
     for (size_t q = 0; q < sizeof(large) / sizeof(large[0]); q++) {
         const uint32_t n = 4, w = large[q].width, h = large[q].height;
-        struct resampler *r;
+        struct resampler *r = resampling_make(large[q].layout, w, h, n, 0.3);
         struct frame f = sky_constant(w, h, 0.0f);
-        float row[4 * 4];
         double got = 0.0, want = 0.0;
-        assert_int_equal(resampler_create(large[q].layout, w, h, n, 0.3, &r), ERR_OK);
-        assert_int_equal(r->factor, 2);
+        assert_int_equal(r->table->factor, 2);
         for (uint32_t k = 0; k < 5; k++) { /* the last ones are in blocks that the border cuts */
             const uint32_t x = k == 4 ? w / 2 : w / 5 * k, y = k == 4 ? h - 1 : h / 3 + k;
             const double low[2] = { x, y }, high[2] = { x + 1, y + 1 };
@@ -214,12 +202,10 @@ static void large_pictures_are_reduced_and_keep_their_energy(void **state)
             sky_paint(&f, x, y, (float)(1.0 / omega), 0.0f, 0.0f);
             want += 4.0 * PI / layout_shown(large[q].layout); /* the mean of it fills what is not seen */
         }
-        resampler_load(r, f.rgb);
-        for (uint32_t i = 0; i < 6 * n; i++) {
-            resampler_row(r, 1.0f, i, row);
-            for (uint32_t j = 0; j < n; j++)
-                got += row[4 * j] * texel_solid_angle(n, i * n + j);
-        }
+        float *cube = resampling_cube(r, f.rgb, 1.0f);
+        for (size_t k = 0; k < 6 * (size_t)n * n; k++)
+            got += cube[4 * k] * texel_solid_angle(n, k);
+        mem_free(cube);
         assert_true(want > 0.0 && fabs(got / want - 1.0) < 1e-5);
         frame_finish(&f);
         resampler_destroy(r);
@@ -288,7 +274,7 @@ static void check_choice(enum layout option, enum layout file, uint32_t width, u
         fail();
     }
     if (!refusal)
-        assert_int_equal(e->resampler->layout, option ? option : file ? file : LAYOUT_LATLONG);
+        assert_int_equal(e->resampler->table->key.layout, option ? option : file ? file : LAYOUT_LATLONG);
     frame_finish(&f);
     environment_destroy(e);
 }
@@ -312,7 +298,7 @@ static void a_frames_own_word_is_heard(void **state)
     (void)state;
     snprintf(f.layout, sizeof(f.layout), "hcross");
     assert_int_equal(environment_update(e, &f, &why), ERR_OK);
-    assert_int_equal(e->resampler->layout, LAYOUT_HCROSS);
+    assert_int_equal(e->resampler->table->key.layout, LAYOUT_HCROSS);
     snprintf(f.layout, sizeof(f.layout), "auto"); /* texels of 4:3 that nobody names */
     assert_int_equal(environment_update(e, &f, &why), ERR_UNSUPPORTED);
     snprintf(f.layout, sizeof(f.layout), "mercator");

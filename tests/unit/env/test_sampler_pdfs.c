@@ -170,7 +170,7 @@ static uint32_t find_bin(const struct sampler *s, const float w[3], double withi
         within[1] = 0.5 * (v + 1.0) * n - bin / n % n;
         return bin;
     }
-    const bool upside = s->e->resampler->layout == LAYOUT_LATLONG_BOTTOM_FIRST;
+    const bool upside = s->e->resampler->table->key.layout == LAYOUT_LATLONG_BOTTOM_FIRST;
     const double phi = atan2(w[0], w[2]) - s->e->rotation, theta = atan2(hypot(w[0], w[2]), w[1]);
     const double turns = 0.5 - phi / (2.0 * PI), x = (turns - floor(turns)) * width, y = theta / PI * height;
     const uint32_t column = (uint32_t)fmin(x, width - 1.0), row = (uint32_t)fmin(y, height - 1.0);
@@ -412,7 +412,7 @@ static void density_is_positive_exactly_where_there_is_light(void **state)
 static void covers_the_lit_source(const struct sampler *s, uint64_t seed)
 {
     const uint32_t width = s->e->image.width, height = s->e->image.height;
-    const bool upside = s->e->resampler->layout == LAYOUT_LATLONG_BOTTOM_FIRST;
+    const bool upside = s->e->resampler->table->key.layout == LAYOUT_LATLONG_BOTTOM_FIRST;
     uint32_t stratum;
     float rgb[3], sun;
     (void)seed;

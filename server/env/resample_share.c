@@ -1,0 +1,90 @@
+/* Tables that several environments use at a time. */
+#include "mem.h"
+#include "resample_build.h"
+
+#include <assert.h>
+#include <pthread.h>
+
+struct resample_tables {
+    pthread_mutex_t lock;
+    struct resample_table *first; /* {lock}: those in use, joined by `next` */
+};
+
+struct resample_tables *resample_tables_create(void)
+{
+    struct resample_tables *s = mem_alloc(1, sizeof(*s));
+
+    if (s)
+        pthread_mutex_init(&s->lock, NULL);
+    return s;
+}
+
+void resample_tables_destroy(struct resample_tables *s)
+{
+    if (!s)
+        return;
+    assert(!s->first);
+    pthread_mutex_destroy(&s->lock);
+    mem_free(s);
+}
+
+uint32_t resample_tables_in_use(struct resample_tables *s)
+{
+    uint32_t count = 0;
+
+    pthread_mutex_lock(&s->lock);
+    for (const struct resample_table *t = s->first; t; t = t->next)
+        count++;
+    pthread_mutex_unlock(&s->lock);
+    return count;
+}
+
+bool resample_key_equal(const struct resample_key *a, const struct resample_key *b)
+{
+    return a->layout == b->layout && a->width == b->width && a->height == b->height && a->n == b->n &&
+           a->rotation == b->rotation;
+}
+
+/* The lock is held while a table is made: who wants the same one must wait for it anyway, and two at a time would only
+ * share the same processors. */
+enum err resample_table_take(struct resample_tables *s, const struct resample_key *key, struct resample_table **out)
+{
+    struct resample_table *t;
+    enum err e = ERR_OK;
+
+    if (!s)
+        return resample_table_create(key, out);
+    pthread_mutex_lock(&s->lock);
+    for (t = s->first; t && !resample_key_equal(&t->key, key);)
+        t = t->next;
+    if (!t) {
+        e = resample_table_create(key, &t);
+        if (!e) {
+            t->next = s->first;
+            s->first = t;
+        }
+    }
+    if (!e)
+        t->users++;
+    *out = t;
+    pthread_mutex_unlock(&s->lock);
+    return e;
+}
+
+void resample_table_release(struct resample_tables *s, struct resample_table *t)
+{
+    if (!s || !t) {
+        resample_table_destroy(t);
+        return;
+    }
+    pthread_mutex_lock(&s->lock);
+    assert(t->users > 0);
+    if (--t->users == 0) {
+        struct resample_table **link = &s->first;
+        while (*link != t)
+            link = &(*link)->next;
+        *link = t->next;
+        resample_table_destroy(t);
+    }
+    pthread_mutex_unlock(&s->lock);
+}

@@ -1,0 +1,454 @@
+#include "resample_table.h"
+
+#include "mem.h"
+#include "resample_build.h"
+#include "vec.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BLOCKS_MAX ((size_t)1 << 23) /* a table of about 100 MB, and some 500 MB while it is made */
+#define BLOCKS_PER_TEXEL 8           /* of the cube map: finer than that is not seen */
+#define BLOCKS_FEW ((size_t)1 << 20) /* not worth reducing, however coarse the cube map */
+#define TEXEL_BYTES (3 * sizeof(float))
+#define LINE_WORDS (((size_t)UINT16_MAX * TEXEL_BYTES / LINE_BYTES + 2) / 64 + 1)
+#define FIT_ROUNDS 400
+#define FIT_TOLERANCE 8e-6
+#define FIT_HASTE 1.7 /* over-relaxation: halves the rounds */
+
+enum err overlaps_add(struct overlaps *o, uint32_t texel, uint32_t block, double solid_angle)
+{
+    if (o->count == o->capacity) {
+        const size_t more = o->capacity ? o->capacity + o->capacity / 2 : 1024;
+        struct overlap *grown = mem_grow(o->items, o->count, more, sizeof(*grown));
+        if (!grown)
+            return ERR_NOMEM;
+        o->items = grown;
+        o->capacity = more;
+    }
+    o->items[o->count++] = (struct overlap){ texel, block, solid_angle };
+    return ERR_OK;
+}
+
+static uint32_t choose_factor(enum layout layout, uint32_t width, uint32_t height, uint32_t n)
+{
+    const size_t useful = (size_t)BLOCKS_PER_TEXEL * CUBE_FACES * n * n;
+    const size_t cap = useful > BLOCKS_MAX ? BLOCKS_MAX : useful < BLOCKS_FEW ? BLOCKS_FEW : useful;
+    struct blocks b;
+    uint32_t factor = 1;
+
+    for (blocks_init(&b, layout, width, height, 1); (size_t)b.columns * b.rows > cap;)
+        blocks_init(&b, layout, width, height, ++factor);
+    return factor;
+}
+
+/* All overlaps, in lists[count]: by rows of the cube map for lat-long, by rows of blocks for the others. */
+static enum err find_overlaps(const struct blocks *b, const struct cube_side *side, struct overlaps *lists,
+                              uint32_t count)
+{
+    const int latlong = !layout_faces(b->layout) && !layout_is_disc(b->layout);
+    double *edge_cos = mem_alloc((size_t)b->rows + 1, sizeof(*edge_cos));
+    enum err e = edge_cos ? ERR_OK : ERR_NOMEM;
+
+    for (uint32_t r = 0; !e && r <= b->rows; r++) {
+        const uint32_t y = b->layout == LAYOUT_LATLONG_BOTTOM_FIRST
+                               ? (r == b->rows ? b->height : b->height - blocks_end(b, 1, b->rows - 1 - r))
+                               : (r == b->rows ? b->height : blocks_start(b, 1, r));
+        edge_cos[r] = y == 0 ? 1.0 : y == b->height ? -1.0 : cos(PI * y / b->height);
+    }
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t i = 0; i < count; i++) {
+        lists[i].e = e;
+        if (!e && latlong)
+            resample_latlong_row(b, side, edge_cos, i, &lists[i]);
+        else if (!e)
+            resample_polygon_row(b, side, i, &lists[i]);
+    }
+    mem_free(edge_cos);
+    return e;
+}
+
+/* All overlaps, ordered by cube texel and within it by block: those of texel t are items[first[t]] to [first[t + 1]].
+ */
+struct sorted {
+    uint32_t *first; /* [6 n n + 2] */
+    struct overlap *items;
+};
+
+static int by_block(const void *a, const void *b)
+{
+    const struct overlap *x = a, *y = b;
+    return (x->block > y->block) - (x->block < y->block);
+}
+
+/* The lists are emptied on the way. */
+static enum err gather(const struct resample_table *t, struct overlaps *lists, uint32_t count, struct sorted *s)
+{
+    const size_t texels = (size_t)CUBE_FACES * t->key.n * t->key.n;
+    size_t total = 0;
+
+    for (uint32_t i = 0; i < count; i++) {
+        if (lists[i].e)
+            return lists[i].e;
+        total += lists[i].count;
+    }
+    assert(total < UINT32_MAX);
+    s->first = mem_alloc(texels + 2, sizeof(*s->first));
+    s->items = mem_alloc(total, sizeof(*s->items));
+    if (!s->first || !s->items)
+        return ERR_NOMEM;
+    for (uint32_t i = 0; i < count; i++) /* first[t + 2]: how many t has; then first[t + 1]: where its next one goes */
+        for (size_t k = 0; k < lists[i].count; k++)
+            s->first[lists[i].items[k].texel + 2]++;
+    for (size_t k = 2; k < texels + 2; k++)
+        s->first[k] += s->first[k - 1];
+    for (uint32_t i = 0; i < count; i++) {
+        for (size_t k = 0; k < lists[i].count; k++)
+            s->items[s->first[lists[i].items[k].texel + 1]++] = lists[i].items[k];
+        mem_free(lists[i].items);
+        lists[i].items = NULL;
+    }
+#pragma omp parallel for schedule(dynamic, 1024)
+    for (size_t k = 0; k < texels; k++)
+        qsort(s->items + s->first[k], s->first[k + 1] - s->first[k], sizeof(*s->items), by_block);
+    return ERR_OK;
+}
+
+/* What the layout shows of each texel of the cube map: the row sums of the table. */
+static double *shown_of_texels(const struct resample_table *r)
+{
+    const double step = 2.0 / r->key.n;
+    double *shown = mem_alloc((size_t)CUBE_FACES * r->key.n * r->key.n, sizeof(*shown));
+
+    for (uint32_t row = 0; shown && row < CUBE_FACES * r->key.n; row++) {
+        const double v = -1.0 + step * (row % r->key.n);
+        for (uint32_t j = 0; j < r->key.n; j++) {
+            const double u = -1.0 + step * j;
+            shown[(size_t)row * r->key.n + j] =
+                layout_shown_of_face(r->key.layout, row / r->key.n, u, v, u + step, v + step);
+        }
+    }
+    return shown;
+}
+
+/* What each block covers: the column sums. */
+static double *shown_of_blocks(const struct blocks *b)
+{
+    double *shown = mem_alloc((size_t)b->columns * b->rows, sizeof(*shown));
+
+    if (!shown)
+        return NULL;
+#pragma omp parallel for schedule(static)
+    for (uint32_t y = 0; y < b->rows; y++)
+        for (uint32_t x = 0; x < b->columns; x++) {
+            double low[2], high[2];
+            blocks_bounds(b, x, y, low, high);
+            shown[(size_t)y * b->columns + x] = layout_solid_angle(b->layout, b->width, b->height, low, high);
+        }
+    return shown;
+}
+
+/* Borders of a ball's and a fisheye's texels are curved, so their overlaps are slightly off. Rows and columns are
+ * scaled in turn until both have their exact sums (iterative proportional fitting). */
+static enum err fit(const struct resample_table *r, struct sorted *s, const double *row_sum, const double *column_sum)
+{
+    const size_t texels = (size_t)CUBE_FACES * r->key.n * r->key.n, blocks = (size_t)r->columns * r->rows;
+    double *sum = mem_alloc(blocks, sizeof(*sum));
+    double worst = 1.0;
+
+    for (int round = 0; sum && round < FIT_ROUNDS && worst > FIT_TOLERANCE; round++) {
+        memset(sum, 0, blocks * sizeof(*sum));
+        for (size_t t = 0; t < texels; t++) {
+            double row = 0.0;
+            for (size_t k = s->first[t]; k < s->first[t + 1]; k++)
+                row += s->items[k].solid_angle;
+            const double scale = row > 0.0 ? row_sum[t] / row : 0.0;
+            for (size_t k = s->first[t]; k < s->first[t + 1]; k++)
+                sum[s->items[k].block] += s->items[k].solid_angle *= scale;
+        }
+        worst = 0.0;
+        for (size_t b = 0; b < blocks; b++) {
+            if (sum[b] > 0.0)
+                worst = fmax(worst, fabs(sum[b] / column_sum[b] - 1.0));
+            const double scale = sum[b] > 0.0 ? column_sum[b] / sum[b] : 0.0;
+            sum[b] = fabs(scale - 1.0) < 0.1 ? 1.0 + FIT_HASTE * (scale - 1.0) : scale;
+        }
+        if (worst > FIT_TOLERANCE)
+            for (size_t k = 0; k < s->first[texels]; k++)
+                s->items[k].solid_angle *= sum[s->items[k].block];
+    }
+    mem_free(sum);
+    return sum ? ERR_OK : ERR_NOMEM;
+}
+
+/* Shares of what was found instead of solid angles, so that a constant stays constant to the last bit of float. What is
+ * shown of a texel is a share of it too, which is returned: the rest is the mean's. */
+static double weigh(const struct resample_table *t, struct sorted *s, size_t texel, const double *row_sum)
+{
+    const uint32_t n = t->key.n;
+    const double step = 2.0 / n;
+    double sum = 0.0, seen = 1.0;
+
+    for (size_t k = s->first[texel]; k < s->first[texel + 1]; k++)
+        sum += s->items[k].solid_angle;
+    if (t->unseen) {
+        const double u = -1.0 + step * (double)(texel % n), v = -1.0 + step * (double)(texel / n % n);
+        seen = sum > 0.0 ? row_sum[texel] / cube_solid_angle(u, v, u + step, v + step) : 0.0;
+    }
+    for (size_t k = s->first[texel]; k < s->first[texel + 1]; k++)
+        s->items[k].solid_angle = seen * s->items[k].solid_angle / sum;
+    return seen;
+}
+
+/* A texel of a tile, and how many terms it has. */
+struct place {
+    uint32_t terms;
+    uint8_t texel;
+};
+
+static int by_terms(const void *a, const void *b)
+{
+    const struct place *x = a, *y = b;
+    return x->terms != y->terms ? (x->terms < y->terms) - (x->terms > y->terms)
+                                : (x->texel > y->texel) - (x->texel < y->texel);
+}
+
+/* Texel `in_tile` of a tile in `sorted`; false past the edge of the face. */
+static bool find_texel(const struct resample_table *t, uint32_t tile, uint32_t in_tile, size_t *texel)
+{
+    const uint32_t n = t->key.n, across = t->across, face = tile / (across * across);
+    const uint32_t row = tile / across % across * TILE + in_tile / TILE, column = tile % across * TILE + in_tile % TILE;
+
+    *texel = ((size_t)face * n + row) * n + column;
+    return row < n && column < n;
+}
+
+/* Who shares an eight with whom, its steps (for now in `first`), and what its blocks are counted from. Returns how far
+ * the farthest is from there. */
+static uint32_t lay_out_tile(const struct resample_table *t, const struct sorted *s, uint32_t tile)
+{
+    struct eight *eights = t->eights + (size_t)EIGHTS * tile;
+    struct place places[TILE * TILE];
+    uint32_t low = UINT32_MAX, highest = 0, many = 0, end = 0;
+
+    for (uint32_t k = 0; k < TILE * TILE; k++) {
+        size_t texel;
+        places[k] = (struct place){ 0, (uint8_t)k };
+        if (!find_texel(t, tile, k, &texel) || s->first[texel] == s->first[texel + 1])
+            continue;
+        const uint32_t first = s->items[s->first[texel]].block, last = s->items[s->first[texel + 1] - 1].block;
+        places[k].terms = s->first[texel + 1] - s->first[texel];
+        low = first < low ? first : low;
+        highest = last > highest ? last : highest;
+    }
+    end = highest == t->columns * t->rows - 1;
+    qsort(places, TILE * TILE, sizeof(places[0]), by_terms);
+    for (uint32_t k = 0; k < EIGHTS; k++) {
+        many = places[8 * k].terms > RESAMPLE_MANY;
+        eights[k].first = places[8 * k].terms;
+        eights[k].base = low & INT32_MAX;
+        eights[k].careful = (many || end) & 1;
+        for (uint32_t l = 0; l < 8; l++)
+            eights[k].texel[l] = places[8 * k + l].texel;
+    }
+    return highest > low ? highest - low : 0;
+}
+
+/* A texel's terms into its lane. Behind its last one stands that block again, with no weight. */
+static void fill_lane(struct resample_table *t, const struct sorted *s, size_t texel, const struct eight *e,
+                      uint32_t lane)
+{
+    const uint32_t terms = texel == SIZE_MAX ? 0 : s->first[texel + 1] - s->first[texel];
+    const struct overlap *items = terms ? s->items + s->first[texel] : NULL;
+
+    for (uint32_t k = 0; k < e[1].first - e->first; k++) {
+        const size_t at = (size_t)8 * (e->first + k) + lane;
+        const uint32_t block = terms ? items[k < terms ? k : terms - 1].block - e->base : 0;
+        t->weight[at] = k < terms ? (float)items[k].solid_angle : 0.0f;
+        if (t->near)
+            t->near[at] = (uint16_t)block;
+        else
+            t->far[at] = block;
+    }
+}
+
+static void fill_tile(struct resample_table *t, struct sorted *s, uint32_t tile, const double *row_sum)
+{
+    for (size_t k = 0; k < 8 * EIGHTS; k++) {
+        const struct eight *e = &t->eights[(size_t)EIGHTS * tile + k / 8];
+        size_t texel;
+        if (find_texel(t, tile, e->texel[k % 8], &texel)) {
+            const double seen = weigh(t, s, texel, row_sum);
+            if (t->unseen)
+                t->unseen[(size_t)8 * EIGHTS * tile + k] = (float)(1.0 - seen);
+        } else {
+            texel = SIZE_MAX;
+        }
+        fill_lane(t, s, texel, e, k % 8);
+    }
+}
+
+/* The cache lines of a tile's blocks, as bits from the line of its base on. Returns how many. The source begins on a
+ * line's border, as mem_alloc has it; elsewhere the list would only be off by one. */
+static uint32_t find_lines(const struct resample_table *t, uint32_t tile, uint64_t lines[LINE_WORDS])
+{
+    const struct eight *e = &t->eights[(size_t)EIGHTS * tile];
+    const size_t start = e->base * TEXEL_BYTES / LINE_BYTES;
+    uint32_t count = 0;
+
+    memset(lines, 0, LINE_WORDS * sizeof(*lines));
+    for (size_t k = 8 * (size_t)e[0].first; k < 8 * (size_t)e[EIGHTS].first; k++) {
+        const size_t from = (e->base + (size_t)t->near[k]) * TEXEL_BYTES;
+        for (size_t at = from / LINE_BYTES - start; at <= (from + TEXEL_BYTES - 1) / LINE_BYTES - start; at++)
+            lines[at / 64] |= UINT64_C(1) << at % 64;
+    }
+    for (uint32_t k = 0; k < LINE_WORDS; k++)
+        count += (uint32_t)__builtin_popcountll(lines[k]);
+    return count;
+}
+
+static enum err list_lines(struct resample_table *t)
+{
+    const uint32_t tiles = CUBE_FACES * t->across * t->across;
+
+    t->line_first = mem_alloc((size_t)tiles + 1, sizeof(*t->line_first));
+    if (!t->line_first)
+        return ERR_NOMEM;
+#pragma omp parallel for schedule(static)
+    for (uint32_t k = 0; k < tiles; k++) {
+        uint64_t lines[LINE_WORDS];
+        t->line_first[k + 1] = find_lines(t, k, lines);
+    }
+    for (uint32_t k = 0; k < tiles; k++)
+        t->line_first[k + 1] += t->line_first[k];
+    t->line = mem_alloc(t->line_first[tiles], sizeof(*t->line));
+    if (!t->line)
+        return ERR_NOMEM;
+#pragma omp parallel for schedule(static)
+    for (uint32_t k = 0; k < tiles; k++) {
+        uint64_t lines[LINE_WORDS];
+        uint16_t *to = t->line + t->line_first[k];
+        find_lines(t, k, lines);
+        for (uint32_t at = 0; at < 64 * LINE_WORDS; at++)
+            if (lines[at / 64] >> at % 64 & 1)
+                *to++ = (uint16_t)at;
+    }
+    return ERR_OK;
+}
+
+static enum err pack(struct resample_table *t, struct sorted *s, const double *row_sum)
+{
+    const uint32_t tiles = CUBE_FACES * t->across * t->across;
+    const bool whole = layout_shown(t->key.layout) >= 4.0 * PI;
+    uint32_t farthest = 0, steps = 0;
+
+    t->eights = mem_alloc((size_t)EIGHTS * tiles + 1, sizeof(*t->eights));
+    if (!whole)
+        t->unseen = mem_alloc((size_t)8 * EIGHTS * tiles, sizeof(*t->unseen));
+    if (!t->eights || (!whole && !t->unseen))
+        return ERR_NOMEM;
+#pragma omp parallel for schedule(static) reduction(max : farthest)
+    for (uint32_t k = 0; k < tiles; k++) {
+        const uint32_t far = lay_out_tile(t, s, k);
+        farthest = far > farthest ? far : farthest;
+    }
+    for (size_t k = 0; k <= (size_t)EIGHTS * tiles; k++) {
+        const uint32_t own = t->eights[k].first;
+        t->eights[k].first = steps;
+        steps += own;
+    }
+    t->weight = mem_alloc(steps, 8 * sizeof(*t->weight));
+    if (farthest <= UINT16_MAX)
+        t->near = mem_alloc(steps, 8 * sizeof(*t->near));
+    else
+        t->far = mem_alloc(steps, 8 * sizeof(*t->far));
+    if (!t->weight || (!t->near && !t->far))
+        return ERR_NOMEM;
+#pragma omp parallel for schedule(static)
+    for (uint32_t k = 0; k < tiles; k++)
+        fill_tile(t, s, k, row_sum);
+    return t->near ? list_lines(t) : ERR_OK;
+}
+
+static enum err make_table(struct resample_table *t, const struct blocks *b, struct overlaps *lists, uint32_t count)
+{
+    const uint32_t n = t->key.n;
+    const size_t blocks = (size_t)t->columns * t->rows;
+    double *row_sum = shown_of_texels(t), *column_sum = NULL;
+    struct sorted s = { 0 };
+    enum err e = row_sum ? ERR_OK : ERR_NOMEM;
+
+    if (!e) { /* the solid angles of face +Y, which every layout shows whole, are those of each */
+        const struct cube_side side = { n, t->key.rotation, row_sum + 2 * (size_t)n * n };
+        e = find_overlaps(b, &side, lists, count);
+    }
+    if (!e)
+        e = gather(t, lists, count, &s);
+    if (!e && layout_is_disc(t->key.layout)) {
+        column_sum = shown_of_blocks(b);
+        e = column_sum ? fit(t, &s, row_sum, column_sum) : ERR_NOMEM;
+    }
+    if (!e)
+        e = pack(t, &s, row_sum);
+    if (!e && t->unseen) {
+        t->block_sum = mem_alloc(blocks, sizeof(*t->block_sum));
+        e = t->block_sum ? ERR_OK : ERR_NOMEM;
+        for (size_t k = 0; !e && k < blocks; k++)
+            t->block_sum[k] = (float)(column_sum[k] / layout_shown(t->key.layout));
+    }
+    mem_free(row_sum);
+    mem_free(column_sum);
+    mem_free(s.first);
+    mem_free(s.items);
+    return e;
+}
+
+enum err resample_table_create(const struct resample_key *key, struct resample_table **out)
+{
+    const enum layout layout = key->layout;
+    struct blocks b;
+
+    *out = NULL;
+    enum err e = layout == LAYOUT_AUTO ? ERR_UNSUPPORTED : layout_fits(layout, key->width, key->height, "", NULL);
+    if (e)
+        return e;
+    blocks_init(&b, layout, key->width, key->height, choose_factor(layout, key->width, key->height, key->n));
+    const uint32_t count = layout_faces(layout) || layout_is_disc(layout) ? b.rows : CUBE_FACES * key->n;
+    struct resample_table *t = mem_alloc(1, sizeof(*t));
+    struct overlaps *lists = mem_alloc(count, sizeof(*lists));
+    e = t && lists ? ERR_OK : ERR_NOMEM;
+    if (!e) {
+        *t = (struct resample_table){ .key = *key, .factor = b.factor, .columns = b.columns, .rows = b.rows };
+        t->across = (key->n + TILE - 1) / TILE;
+        if (b.factor > 1)
+            e = resample_make_share(t, &b);
+    }
+    if (!e)
+        e = make_table(t, &b, lists, count);
+    for (uint32_t i = 0; lists && i < count; i++)
+        mem_free(lists[i].items);
+    mem_free(lists);
+    if (e)
+        resample_table_destroy(t);
+    else
+        *out = t;
+    return e;
+}
+
+void resample_table_destroy(struct resample_table *t)
+{
+    if (!t)
+        return;
+    mem_free(t->eights);
+    mem_free(t->weight);
+    mem_free(t->near);
+    mem_free(t->far);
+    mem_free(t->line_first);
+    mem_free(t->line);
+    mem_free(t->unseen);
+    mem_free(t->block_sum);
+    mem_free(t->share);
+    mem_free(t);
+}
