@@ -75,3 +75,13 @@ bool allocations_count(uint64_t *out)
 }
 
 #endif
+
+uint64_t allocations_of(enum err (*work)(void *), void *context)
+{
+    uint64_t before, after;
+
+    allocations_count(&before);
+    const enum err e = work(context);
+    allocations_count(&after);
+    return e ? 0 : after - before;
+}

@@ -14,7 +14,7 @@
 
 #define SAMPLE_SECONDS 4e-3 /* what is shorter is called several times in a row */
 #define REPEATS_MAX 64
-#define ROW_SECONDS 30.0 /* a row that would take longer has fewer rounds */
+#define ROW_SECONDS 10.0 /* a row that would take longer has fewer rounds */
 
 /* In the order of the pipeline. */
 static const struct {

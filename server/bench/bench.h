@@ -43,7 +43,7 @@ struct bench_row {
     enum bench_sense sense;
     double target;
     bool alone;        /* there is nothing to compare with: bare and ratio are 0 */
-    char note[192];    /* what the second figure is, or why there is none */
+    char note[256];    /* what the second figure is, or why there is none */
     char skipped[160]; /* why the row could not be measured; "" where it was */
 };
 

@@ -28,6 +28,7 @@ struct bench {
     float gain; /* of its exposure */
     uint8_t *display;
     int threads;
+    uint64_t decode_allocations, encode_allocations; /* what the libraries alone take for one frame */
     struct progress line;
 };
 
@@ -94,6 +95,9 @@ MUST_CHECK enum err subdivide(struct scene *s, int times);
 /* Calls of the C library's allocator so far, by whomever in this process, all threads; false where they cannot be
  * counted: in builds with sanitizers, which have an allocator of their own. */
 bool allocations_count(uint64_t *out);
+
+/* How many of them one call of `work` makes, on threads of its own included; 0 where they cannot be counted. */
+uint64_t allocations_of(enum err (*work)(void *), void *context);
 
 /* Instructions that this thread has executed outside the kernel while `work` ran once; false where the machine does not
  * let its counters be read. */

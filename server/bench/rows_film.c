@@ -95,6 +95,7 @@ enum err bench_jpeg(struct bench *b, struct bench_row *row)
              BENCH_QUALITY);
     x.bytes = tjAlloc((int)x.room);
     const enum err e = x.ours && x.bare && x.bytes ? bench_time(b, &pair, row) : ERR_NOMEM;
+    b->encode_allocations = e ? 0 : allocations_of(encode_bare, &x);
     tjFree(x.bytes);
     if (x.bare)
         tjDestroy(x.bare);

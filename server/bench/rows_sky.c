@@ -129,6 +129,7 @@ enum err bench_decode(struct bench *b, struct bench_row *row)
         bench_skip(row, "the bare loop reads scanlines only, in the first part");
     else if (!e)
         e = bench_time(b, &pair, row);
+    b->decode_allocations = e ? 0 : allocations_of(decode_bare, &d);
     environment_destroy(d.environment);
     mem_free(d.rgb);
     return e;
