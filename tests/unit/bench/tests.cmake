@@ -1,0 +1,1 @@
+unit_test(bench test_bench)
