@@ -4,6 +4,7 @@
 #include "clock.h"
 #include "handoff.h"
 #include "mem.h"
+#include "resample_table.h"
 
 #include <math.h>
 #include <omp.h>
@@ -29,7 +30,8 @@ static enum err decode_and_rebuild(struct environment *e, const struct bench *b)
 
 struct pipeline {
     struct bench *b;
-    struct picture_maker maker; /* its relighter is the middle thread's, the rest the last one's */
+    struct picture_maker maker;     /* its relighter is the middle thread's, the rest the last one's */
+    struct resample_tables *tables; /* which the skies share, as relightd's do */
     struct environment *sky[HANDOFF_SLOTS];
     float *picture[HANDOFF_SLOTS];
     struct handoff skies, pictures;
@@ -186,8 +188,10 @@ static enum err pipeline_init(struct pipeline *p, struct bench *b)
     *p = (struct pipeline){ .b = b };
     enum err e = picture_maker_init(&p->maker, b, b->set);
 
+    p->tables = resample_tables_create();
+    e = !e && !p->tables ? ERR_NOMEM : e;
     for (int k = 0; k < HANDOFF_SLOTS && !e; k++) {
-        p->sky[k] = environment_create(&(struct environment_desc){ .n = 0 });
+        p->sky[k] = environment_create(&(struct environment_desc){ .tables = p->tables });
         p->picture[k] = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float));
         e = p->sky[k] && p->picture[k] ? decode_and_rebuild(p->sky[k], b) : ERR_NOMEM;
     }
@@ -204,6 +208,7 @@ static void pipeline_finish(struct pipeline *p)
         environment_destroy(p->sky[k]);
         mem_free(p->picture[k]);
     }
+    resample_tables_destroy(p->tables);
 }
 
 /* Runs of the pipeline in turns with `alone`, both as milliseconds a picture. */
