@@ -148,6 +148,7 @@ enum err samples_draw(const struct environment *e, enum strata_kind kind, uint32
 {
     assert(e->ready);
     out->kind = kind;
+    out->cells = 0;
     out->strata = kind == STRATA_FACES ? CUBE_FACES : 1;
     out->has_sun = false;
     if (count > UINT32_MAX / CUBE_FACES || reserve(out, count * out->strata))
@@ -171,6 +172,7 @@ enum err samples_draw(const struct environment *e, enum strata_kind kind, uint32
 void samples_shape(const struct sky_table *t, struct light_samples *out)
 {
     out->kind = STRATA_TABLE;
+    out->cells = t->cells;
     out->strata = t->strata + t->has_sun;
     out->has_sun = t->has_sun;
     memset(out->first, 0, sizeof(out->first));
@@ -211,6 +213,7 @@ enum err samples_draw_latlong(const struct latlong *t, enum strata_kind kind, ui
                               struct light_samples *out)
 {
     out->kind = kind;
+    out->cells = 0;
     out->strata = 1;
     out->has_sun = false;
     out->energy[0] = t->total;

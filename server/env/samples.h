@@ -29,6 +29,7 @@ enum strata_kind {
 struct light_samples {
     enum strata_kind kind;
     uint32_t strata;
+    uint32_t cells;                 /* along a face's edge, of a sky_table; else 0 */
     uint32_t first[STRATA_MAX + 1]; /* an empty stratum is black */
     float *x, *y, *z;               /* direction, unit */
     float *r, *g, *b;               /* radiance of the texel */

@@ -22,6 +22,7 @@ struct packet_state {
     struct lobes lobes;
     struct lanes sum[3];                /* sum of the estimator's terms, before 1 / N_s */
     struct lanes share[STRATA_MAX + 1]; /* mu_f(n); the one behind the strata is 0 */
+    bool seen[STRATA_MAX];              /* by a lane: else all of `share` is 0 there */
     uint32_t sun;                       /* the sun's place in `share`; without a sun the one behind the strata */
     struct direct_counts *counts;
 };
@@ -49,19 +50,52 @@ static void set_up_rays(struct packet_state *s)
     }
 }
 
+static inline void clamp_cosines(const struct shade_packet *restrict p, const float c[3], struct lanes *restrict out)
+{
+    const float x = c[0], y = c[1], z = c[2];
+
+    LANES(l)
+    {
+        const float cosine = p->ns_x[l] * x + p->ns_y[l] * y + p->ns_z[l] * z;
+        out->v[l] = cosine > 0.0f ? cosine : 0.0f;
+    }
+}
+
 /* F_f I_f of a cell, F_f the sum of the clamped cosines of its corners [LPG13, Eq. 3]. A cell is convex: where all four
  * are zero, so is every cosine on it. */
 static void weigh_cell(const struct shade_packet *p, const float corner[4][3], float energy, struct lanes *out)
 {
-    LANES(l)
-    {
-        float sum = 0.0f;
-        for (int k = 0; k < 4; k++) {
-            const float *c = corner[k];
-            const float cosine = p->ns_x[l] * c[0] + p->ns_y[l] * c[1] + p->ns_z[l] * c[2];
-            sum += cosine > 0.0f ? cosine : 0.0f;
+    struct lanes cosine[4];
+
+    for (int k = 0; k < 4; k++)
+        clamp_cosines(p, corner[k], &cosine[k]);
+    LANES(l) out->v[l] = (((cosine[0].v[l] + cosine[1].v[l]) + cosine[2].v[l]) + cosine[3].v[l]) * energy;
+}
+
+/* The same of cells x cells of them on each face, where a corner is one of up to four cells and its cosine is taken
+ * once. */
+static void weigh_grid(const struct shade_packet *restrict p, const struct light_samples *lights,
+                       struct lanes *restrict out)
+{
+    const uint32_t cells = lights->cells;
+    struct lanes border[2][CELLS_MAX + 1]; /* corners above and below a row of cells */
+
+    for (uint32_t row = 0; row < CUBE_FACES * cells; row++, out += cells) {
+        const float(*corner)[4][3] = lights->corner + (size_t)row * cells;
+        struct lanes *above = border[row & 1], *below = border[~row & 1];
+        for (uint32_t j = 0; j <= cells; j++) {
+            if (row % cells == 0)
+                clamp_cosines(p, j < cells ? corner[j][0] : corner[j - 1][1], &above[j]);
+            clamp_cosines(p, j < cells ? corner[j][2] : corner[j - 1][3], &below[j]);
         }
-        out->v[l] = sum * energy;
+        for (uint32_t j = 0; j < cells; j++) {
+            const float energy = (float)lights->energy[row * cells + j];
+            LANES(l)
+            {
+                const float sum = ((above[j].v[l] + above[j + 1].v[l]) + below[j].v[l]) + below[j + 1].v[l];
+                out[j].v[l] = sum * energy;
+            }
+        }
     }
 }
 
@@ -83,25 +117,32 @@ static void weigh_sun(const struct shade_packet *p, const struct light_samples *
     }
 }
 
-/* mu_f(n) = F_f(n) I_f / sum [LPG13, Eq. 3]. */
+/* mu_f(n) = F_f(n) I_f / sum [LPG13, Eq. 3]. Strata that no lane sees at all are left at 0: of cells that is half. */
 static void set_up_shares(struct packet_state *s)
 {
     const struct light_samples *lights = s->lights;
+    const bool grid = s->frame->share == SHARE_CORNERS && lights->cells > 1;
     struct lanes total = { { 0 } };
 
+    if (grid)
+        weigh_grid(s->points, lights, s->share);
     for (uint32_t f = 0; f < lights->strata; f++) {
         const float energy = (float)lights->energy[f];
+        int seen = 0;
         if (s->frame->share != SHARE_CORNERS)
             LANES(l) s->share[f].v[l] = 1.0f / (float)lights->strata;
         else if (lights->has_sun && f == lights->strata - 1)
             weigh_sun(s->points, lights, energy, &s->share[f]);
-        else
+        else if (!grid)
             weigh_cell(s->points, lights->corner[f], energy, &s->share[f]);
         LANES(l) total.v[l] += s->share[f].v[l];
+        LANES(l) seen += s->share[f].v[l] > 0.0f ? 1 : 0;
+        s->seen[f] = seen != 0;
     }
     if (s->frame->share == SHARE_CORNERS)
         for (uint32_t f = 0; f < lights->strata; f++)
-            LANES(l) s->share[f].v[l] = total.v[l] > 0.0f ? s->share[f].v[l] / total.v[l] : 0.0f;
+            if (s->seen[f])
+                LANES(l) s->share[f].v[l] = total.v[l] > 0.0f ? s->share[f].v[l] / total.v[l] : 0.0f;
 }
 
 /* One share for all points of the packet, the mean of those that see light at all: positive wherever one of them is. */
@@ -112,7 +153,8 @@ static void join_shares(struct packet_state *s)
     float count = 0.0f;
 
     for (uint32_t f = 0; f < strata; f++)
-        LANES(l) lit.v[l] = s->share[f].v[l] > 0.0f ? 1.0f : lit.v[l];
+        if (s->seen[f])
+            LANES(l) lit.v[l] = s->share[f].v[l] > 0.0f ? 1.0f : lit.v[l];
     LANES(l)
     {
         lit.v[l] = s->points->valid[l] ? lit.v[l] : 0.0f;
@@ -120,31 +162,35 @@ static void join_shares(struct packet_state *s)
     }
     for (uint32_t f = 0; f < strata; f++) {
         float sum = 0.0f;
+        if (!s->seen[f])
+            continue;
         LANES(l) sum += lit.v[l] * s->share[f].v[l];
         LANES(l) s->share[f].v[l] = count > 0.0f ? sum / count : 0.0f;
     }
 }
 
-/* Whole counts of mean N q_f for a packet's shares q_f of the cells: the running sums of N q_f are cut at u, u + 1, u +
- * 2,
- * ..., with one u for the packet, so that each count is one of the two whole numbers next to its mean [Kitagawa 1996].
- * The sun keeps a real-valued count with beta: where it shines nearly all the light is its own, and a sample more or
- * less of it would be seen. */
+/* Whole counts of mean N q_f for a packet's shares q_f of the cells: the running sums of N q_f are cut at u, u + 1,
+ * u + 2, ..., with one u for the packet, so that each count is one of the two whole numbers next to its mean [Kitagawa
+ * 1996]. The sun keeps a real-valued count with beta: where it shines nearly all the light is its own, and a sample
+ * more or less of it would be seen. */
 static void count_samples(struct packet_state *s, uint32_t index, float *count)
 {
     const struct direct_frame *f = s->frame;
     const double u = rng_unit(rng_mix(rng_mix(f->seed, index), PACKET));
     const double samples = (double)f->light_part * f->samples;
-    double sum = u;
+    double sum = u, before = floor(sum);
 
     for (uint32_t k = 0; k < s->lights->strata; k++) {
-        const double before = floor(sum), mean = samples * (double)s->share[k].v[0];
+        const double mean = samples * (double)s->share[k].v[0];
+        count[k] = 0.0f;
         if (k == s->sun) {
             count[k] = (float)mean;
-            continue;
+        } else if (s->seen[k]) {
+            sum += mean;
+            const double now = floor(sum);
+            count[k] = (float)(now - before);
+            before = now;
         }
-        sum += mean;
-        count[k] = (float)(floor(sum) - before);
     }
 }
 
@@ -220,7 +266,7 @@ static void add_light_samples(struct packet_state *s, uint32_t index)
     for (uint32_t f = 0; f < lights->strata; f++) {
         struct lanes n_f;
         float most = 0.0f;
-        if (lights->first[f + 1] == lights->first[f])
+        if (lights->first[f + 1] == lights->first[f] || !s->seen[f])
             continue;
         LANES(l)
         {

@@ -9,7 +9,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#define LANES(l) for (int l = 0; l < PACKET; l++)
+/* Never unrolled: gcc would take a loop within another apart before it comes to vectors, and then not find them. */
+#define LANES(l) _Pragma("GCC unroll 1") for (int l = 0; l < PACKET; l++)
 
 struct lanes {
     _Alignas(64) float v[PACKET];
