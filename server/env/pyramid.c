@@ -289,8 +289,9 @@ void pyramid_end(struct pyramid *p)
 {
     const uint32_t made = levels_by_band(p);
 
-    /* No face needs another's texels: each thread makes whole ones, and none waits between levels. */
-#pragma omp parallel for schedule(static)
+    /* No face needs another's texels: each thread makes whole ones, and none waits between levels. What bands have left
+     * over is less work than to wake a thread for. */
+#pragma omp parallel for schedule(static) if (made == 0)
     for (uint32_t face = 0; face < CUBE_FACES; face++)
         for (uint32_t k = made + 1; k < p->count; k++)
             for (uint32_t i = 0; i < p->level[k].n; i++)
