@@ -14,7 +14,9 @@
 
 #define SAMPLE_SECONDS 4e-3 /* what is shorter is called several times in a row */
 #define REPEATS_MAX 64
-#define ROW_SECONDS 10.0 /* a row that would take longer has fewer rounds */
+#define ROW_SECONDS 10.0  /* a row that would take longer has fewer rounds */
+#define SHORT_SECONDS 0.4 /* one that would not take so long has more, */
+#define SHORT_ROUNDS 31   /* up to so many: few short ones say little on a busy machine */
 
 /* In the order of the pipeline. */
 static const struct {
@@ -66,7 +68,9 @@ void bench_take(struct bench_row *row, double *ours, double *bare, int rounds)
 
 int bench_rounds(const struct bench *b, double seconds)
 {
-    return (int)fmin(fmax(ROW_SECONDS / fmax(seconds, 1e-9), 3.0), b->desc->rounds);
+    const double more = fmin(SHORT_ROUNDS, SHORT_SECONDS / fmax(seconds, 1e-9));
+
+    return (int)fmax(fmin(fmax(ROW_SECONDS / fmax(seconds, 1e-9), 3.0), b->desc->rounds), more);
 }
 
 void bench_skip(struct bench_row *row, const char *format, ...)
@@ -264,15 +268,14 @@ static void write_title(const struct bench *b, struct bench_report *out)
     struct machine m;
 
     machine_describe(&m, b->kernels->level);
-    snprintf(
-        out->title, sizeof(out->title),
-        "%s, %llu triangles, %s (%ux%u), %ux%u, %s, %u samples, %d of %d threads, kernels %s, medians of at most %d "
-        "rounds\n"
-        "%s, commit %s, %s",
-        b->set->name, (unsigned long long)b->set->scene->triangle_count, b->environment->name,
-        b->environment->image.width, b->environment->image.height, b->desc->width, b->desc->height,
-        method_name(b->desc->method), b->desc->samples, b->threads, m.processors, b->kernels->level, b->desc->rounds,
-        m.cpu, m.commit, m.date);
+    snprintf(out->title, sizeof(out->title),
+             "%s, %llu triangles, %s (%ux%u), %ux%u, %s, %u samples, %d of %d threads, kernels %s, medians of about %d "
+             "rounds\n"
+             "%s, commit %s, %s",
+             b->set->name, (unsigned long long)b->set->scene->triangle_count, b->environment->name,
+             b->environment->image.width, b->environment->image.height, b->desc->width, b->desc->height,
+             method_name(b->desc->method), b->desc->samples, b->threads, m.processors, b->kernels->level,
+             b->desc->rounds, m.cpu, m.commit, m.date);
 }
 
 enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why)

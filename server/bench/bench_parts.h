@@ -49,7 +49,8 @@ MUST_CHECK enum err bench_time(struct bench *b, const struct bench_pair *pair, s
 void bench_take(struct bench_row *row, double *ours, double *bare, int rounds);
 double bench_median(double *v, int n);
 
-/* How many rounds of so many seconds a row takes: what was asked for, or fewer where that would take too long. */
+/* How many rounds of so many seconds a row takes: what was asked for, fewer where that would take too long, more where
+ * it takes next to nothing. At most BENCH_ROUNDS_MAX. */
 int bench_rounds(const struct bench *b, double seconds);
 
 /* Marks the row as not measured. */
