@@ -19,7 +19,7 @@ struct progress;
 
 #define BUDGETS_MAX 16
 #define SEEDS_MAX 256
-#define PILOT_FRAMES 16 /* that a pilot has before it is measured: a stream's first half second */
+#define PILOT_FRAMES 30 /* that a pilot has before it is measured: a stream's first second */
 
 /* Milliseconds that every technique pays alike, medians over all rounds. Each is added to every technique's time. */
 enum common_part {

@@ -14,6 +14,11 @@
 #define READ_EVERY 4       /* frames */
 #define PACE_STEP 0.3      /* of what a picture says about the machine's pace, in its logarithm: it was early, */
 #define PACE_STEP_LATE 0.6 /* it was late */
+#define PACE_MOST 4.0
+#define BETTER_SHARE 0.4 /* of the first frame's extra time, for the picture that all is measured by */
+#define BETTER_LEAST 2.0 /* times as many samples as the first */
+#define BETTER_MOST 16.0
+#define PACE_FOLD 0.02 /* a frame */
 
 /* The second differs from what the programs' own flags give by nothing: it is what `auto` stands for without a pilot.
  */
@@ -276,7 +281,8 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, const float *rgb)
     y.part = p->spread[1];
     pair_of_pictures(&p->groups.all, p->half[0], p->half[1], &y, &pair);
     if (pair.pixels) /* the mean of the halves has half of either's variance */
-        model_read(&p->model[way], n, 0.5 * pair.error / (double)pair.pixels, pair.energy / (double)pair.pixels);
+        model_read(&p->model[way], &(struct reading){ n, 0.5 * pair.error / (double)pair.pixels,
+                                                      pair.energy / (double)pair.pixels, 1.0, false });
 }
 
 /* Both halves' mean into the picture. What their difference says is read before the next run takes the place, and not
@@ -329,6 +335,19 @@ static enum err make_picture(struct pilot *p, float *rgb, struct relight_stats *
     return e;
 }
 
+/* What lasts is no pace: it becomes part of all times, used or not, so that these stay comparable. */
+static void fold_pace(struct pilot *p)
+{
+    const double share = pow(p->pace, PACE_FOLD);
+
+    p->pace /= share;
+    for (uint32_t way = 0; way < WAYS; way++) {
+        p->model[way].tables_s *= share;
+        p->model[way].base_s *= share;
+        p->model[way].unit_s *= share;
+    }
+}
+
 /* Other work on the machine makes all parts slower alike. */
 static void note_pace(struct pilot *p, const double expected[PILOT_PARTS], const bool seasoned[PILOT_PARTS])
 {
@@ -343,19 +362,56 @@ static void note_pace(struct pilot *p, const double expected[PILOT_PARTS], const
         return;
     /* Late pictures are worse than early ones. */
     const double ratio = fmin(3.0, fmax(0.5, took / should));
-    p->pace *= pow(ratio, ratio > 1.0 ? PACE_STEP_LATE : PACE_STEP);
+    p->pace = fmin(PACE_MOST, fmax(1.0 / PACE_MOST, p->pace * pow(ratio, ratio > 1.0 ? PACE_STEP_LATE : PACE_STEP)));
     /* The models' own times follow too, slowly; together they must not answer the same reading twice. */
     for (int part = 0; part < PILOT_PARTS; part++)
         if (seasoned[part]) {
-            p->model[p->choice.way[part]].begin_s /= pow(ratio, PACE_STEP);
-            p->model[p->choice.way[part]].unit_s /= pow(ratio, PACE_STEP);
+            struct model *m = &p->model[p->choice.way[part]];
+            m->tables_s /= pow(ratio, PACE_STEP);
+            m->base_s /= pow(ratio, PACE_STEP);
+            m->unit_s /= pow(ratio, PACE_STEP);
         }
+    fold_pace(p);
 }
 
 static bool cancelled(const struct pilot *p)
 {
     const atomic_bool *c = p->wish_light->direct.cancel;
     return c && atomic_load_explicit(c, memory_order_relaxed);
+}
+
+/* A quick picture, by which the rest is measured, as good as its share of the first frame's time allows: who is to be
+ * measured by a noisy one is measured badly. */
+static enum err begin(struct pilot *p, const struct pilot_wish *wish, float *rgb, struct relight_stats *stats)
+{
+    const struct gbuffer *g = p->set->gbuffer;
+
+    pilot_choose(p, wish);
+    enum err result = make_picture(p, rgb, stats);
+    if (result || cancelled(p))
+        return result;
+    double seconds = p->picture_s, times = fmin(BETTER_MOST, floor(BETTER_SHARE * pilot_first_s(wish) / seconds));
+    if (times >= BETTER_LEAST) {
+        for (int kind = 0; kind < SURFACE_KINDS; kind++)
+            p->choice.n[kind] *= times;
+        *stats = (struct relight_stats){ 0 };
+        result = make_picture(p, rgb, stats);
+        if (result || cancelled(p))
+            return result;
+        seconds += p->picture_s;
+    } else {
+        times = 1.0;
+    }
+    yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
+    p->picture_noise = 1.0 / times; /* four samples a point: 1 */
+    if (!groups_deal(&p->groups, &p->yardstick))
+        return ERR_NOMEM;
+    result = pilot_probe(p, wish);
+    if (result || cancelled(p))
+        return result;
+    p->begun = true;
+    p->pilot_s += seconds;
+    return ERR_OK;
 }
 
 enum err pilot_run(struct pilot *p, const struct environment *e, const struct relight_desc *light,
@@ -373,18 +429,10 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     p->pilot_s = 0.0;
     pilot_take_wish(p, light);
     pilot_look_at_sky(p);
-    if (!p->begun && e->total_energy > 0.0) { /* a quick picture, by which the rest is measured */
-        pilot_choose(p, wish);
-        result = make_picture(p, rgb, stats);
+    if (!p->begun && e->total_energy > 0.0) {
+        result = begin(p, wish, rgb, stats);
         if (result || cancelled(p))
             return result;
-        yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
-        p->picture_noise = 1.0; /* four samples a point */
-        result = pilot_probe(p, wish);
-        if (result || cancelled(p))
-            return result;
-        p->begun = true;
-        p->pilot_s += p->picture_s;
         *stats = (struct relight_stats){ 0 };
     }
     const double start = pilot_now(p);

@@ -6,8 +6,8 @@
  * the squared difference is the variance of either, relative as relMSE is. The picture itself is one of the two where
  * its own way is measured. Groups take turns. Light tracing runs in two halves, whose mean is the picture and whose
  * difference tells the error, at no loss. The product of the two, instead of their difference, is what leaving the part
- * out would cost. Times are the clock's. In the first frames and after the sky has changed three tenths of the
- * time go to this, later a twentieth.
+ * out would cost. Ways are compared on the same groups. Times are the clock's. A first frame may take 0.3 s longer for
+ * this; then three tenths of the time go to it, until each way has been seen, and later a twentieth.
  *
  * What it chooses. Direct light: one of several techniques (pilot_technique_name) and a number of samples, for matte
  * and for glossy surfaces apart. The rest: eye paths, the light tracer for caustics with eye paths, the light tracer

@@ -10,8 +10,9 @@
 #define GROWTH_ELSE 4.0 /* where the technique is another */
 #define FIRST_SAMPLES 4.0
 #define WORTH 0.92      /* another way must promise this share of the error (or of the time) to be taken */
-#define STEADY 1.12     /* counts that would change by less stay as they are, */
-#define OVERTIME 1.02   /* unless they take longer than this, */
+#define STEADY 1.12     /* a wished time that changes by less is the same one */
+#define GAIN_LEAST 1.05 /* counts that would gain less than this stay as they are, */
+#define OVERTIME 1.05   /* unless they take longer than this, */
 #define OVER_ERROR 1.05 /* or leave more than this */
 #define LATE 1.1        /* times the wish */
 #define CHOOSE_OFTEN 16 /* frames */
@@ -126,9 +127,11 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
     const enum pilot_part part = pilot_part_of(way);
     const bool used = p->choice.way[part] == way;
     struct budget_way w = {
-        .variance = used ? model_error_told(m, p->choice.n[part]) * pow(p->choice.n[part], m->order) : m->variance,
+        /* Of many candidates one looks good by chance: each must do so by more than its readings scatter. */
+        .variance = used ? model_error_told(m, p->choice.n[part]) * pow(p->choice.n[part], m->order)
+                         : m->variance * (1.0 + (p->choice.way[part] != WAY_NONE ? m->doubt : 0.0)),
         .order = m->order,
-        .begin_s = p->pace * m->begin_s,
+        .begin_s = p->pace * model_begin(m),
         .unit_s = p->pace * fmax(m->unit_s, 1e-12),
         .least = way < WAY_EYE_ALL && halves(way) ? 2.0 : 1.0,
         .most = part <= PILOT_GLOSSY ? SAMPLES_MOST
@@ -271,25 +274,24 @@ static bool possible(const struct pilot *p, uint32_t route)
     return any || !p->classes;
 }
 
-/* Counts that would change by little stay, so that noise stands still in a picture that does. */
+/* Counts of the same ways stay where others would gain little, so that noise stands still in a picture that does: near
+ * the best of them the error hardly depends on how the time is shared out. */
 static void hold_counts(const struct pilot *p, const struct pilot_wish *wish, struct plan_trial *t)
 {
-    double seconds = 0.0, error = 0.0;
+    double seconds = 0.0, error = t->budget.error;
 
     for (int part = 0; part < PILOT_PARTS; part++) {
-        const double n = p->choice.n[part], wanted = t->choice.n[part];
         if (t->choice.way[part] != p->choice.way[part])
             return;
         if (t->choice.way[part] == WAY_NONE)
             continue;
-        if (n > STEADY * wanted || wanted > STEADY * n)
-            return;
         const struct budget_way w = way_of(p, t->choice.way[part]);
-        seconds += budget_seconds(&w, n);
-        error += budget_error(&w, n);
+        seconds += budget_seconds(&w, p->choice.n[part]);
+        error += budget_error(&w, p->choice.n[part]) - budget_error(&w, t->budget.part[part].n);
     }
     const bool of_error = wish->error > 0.0 && t->budget.met;
-    if (of_error ? error > OVER_ERROR * wish->error : seconds > OVERTIME * wish->seconds)
+    if (of_error ? error > OVER_ERROR * wish->error || seconds > GAIN_LEAST * t->budget.seconds
+                 : seconds > OVERTIME * wish->seconds || error > GAIN_LEAST * t->budget.error)
         return;
     for (int part = 0; part < PILOT_PARTS; part++)
         t->choice.n[part] = p->choice.n[part];

@@ -1,132 +1,11 @@
 #include "pilot_measure.h"
 
-#include "mem.h"
 #include "scatter.h"
 
+#include <math.h>
 #include <string.h>
 
-#define TILE 16u /* pixels a side: packets hold points of such a neighbourhood (gbuffer_pack.c) */
-#define TILES_A_GROUP 6u
 #define SPREAD 4u /* pixels to either side */
-
-static uint32_t tiles_of(uint32_t pixels, uint32_t tile)
-{
-    return (pixels + tile - 1) / tile;
-}
-
-/* Neighbouring tiles are of different groups, and each group's lie all over the picture. */
-static uint32_t group_of(const struct groups *s, uint32_t tile, uint32_t x, uint32_t y)
-{
-    const uint32_t across = tiles_of(s->gbuffer->width, tile), number = y / tile * across + x / tile;
-    return (uint32_t)((uint64_t)number * 40503u % 65537u % s->count);
-}
-
-static bool holds_points(const struct gbuffer *g, size_t pixel)
-{
-    return g->entry_first[pixel + 1] > g->entry_first[pixel];
-}
-
-/* The packets of one kind that `seen` marks, appended to the group's list. */
-static void append(const struct gbuffer *g, const uint8_t *seen, enum surface_kind kind, struct group *group,
-                   uint32_t *used)
-{
-    struct packet_list *list = &group->list[kind];
-
-    list->index = group->index + *used;
-    for (uint32_t i = 0; i < g->packet_count; i++)
-        if (seen[i] && surface_of(&g->packets[i]) == kind) {
-            group->index[(*used)++] = i;
-            list->count++;
-            group->points[kind] += g->packets[i].count;
-        }
-}
-
-static bool list_packets(const struct gbuffer *g, const uint8_t *seen, struct group *group)
-{
-    uint32_t count = 0, used = 0;
-
-    for (uint32_t i = 0; i < g->packet_count; i++)
-        count += seen[i];
-    group->index = mem_alloc(count, sizeof(*group->index));
-    if (!group->index)
-        return false;
-    for (int kind = 0; kind < SURFACE_KINDS; kind++)
-        append(g, seen, (enum surface_kind)kind, group, &used);
-    group->both = (struct packet_list){ group->index, count };
-    return true;
-}
-
-/* One group's pixels and packets; owner[pixel] names the group. */
-static bool fill_group(const struct gbuffer *g, const uint8_t *owner, uint8_t number, uint8_t *seen,
-                       struct group *group)
-{
-    const size_t pixels = (size_t)g->width * g->height;
-
-    memset(seen, 0, g->packet_count);
-    for (size_t i = 0; i < pixels; i++)
-        group->pixel_count += owner[i] == number;
-    group->pixels = mem_alloc(group->pixel_count, sizeof(*group->pixels));
-    if (!group->pixels)
-        return false;
-    group->pixel_count = 0;
-    for (size_t i = 0; i < pixels; i++) {
-        if (owner[i] != number)
-            continue;
-        group->pixels[group->pixel_count++] = (uint32_t)i;
-        for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++) {
-            const float *w = g->entries[k].weight;
-            const uint32_t packet = g->entries[k].point / PACKET;
-            seen[packet] = 1;
-            group->weight[surface_of(&g->packets[packet])] += ((double)w[0] + (double)w[1] + (double)w[2]) / 3.0;
-        }
-    }
-    return list_packets(g, seen, group);
-}
-
-bool groups_init(struct groups *s, const struct gbuffer *g)
-{
-    const size_t pixels = (size_t)g->width * g->height;
-    const uint32_t tile = TILE * (g->interleave ? g->interleave : 1);
-    uint8_t *owner = mem_alloc(pixels, 1), *seen = mem_alloc(g->packet_count, 1);
-    bool all = owner && seen;
-    uint64_t edge = 0;
-
-    *s = (struct groups){ .gbuffer = g };
-    s->count = tiles_of(g->width, tile) * tiles_of(g->height, tile) / TILES_A_GROUP;
-    s->count = s->count < 1 ? 1 : s->count > GROUPS_MAX ? GROUPS_MAX : s->count;
-    for (uint32_t y = 0; y < g->height && all; y++)
-        for (uint32_t x = 0; x < g->width; x++) {
-            const size_t i = (size_t)y * g->width + x;
-            const uint32_t entries = g->entry_first[i + 1] - g->entry_first[i];
-            owner[i] = entries ? 0 : UINT8_MAX;
-            s->pixels += entries > 0;
-            edge += entries > 1 ? entries : 0;
-        }
-    s->edge_points = g->point_count ? (double)edge / (double)g->point_count : 0.0;
-    all = all && fill_group(g, owner, 0, seen, &s->all);
-    for (size_t i = 0; i < pixels && all; i++)
-        if (holds_points(g, i))
-            owner[i] = (uint8_t)group_of(s, tile, (uint32_t)(i % g->width), (uint32_t)(i / g->width));
-    for (uint32_t k = 0; k < s->count && all; k++)
-        all = fill_group(g, owner, (uint8_t)k, seen, &s->group[k]);
-    mem_free(owner);
-    mem_free(seen);
-    return all;
-}
-
-static void finish(struct group *g)
-{
-    mem_free(g->pixels);
-    mem_free(g->index);
-}
-
-void groups_finish(struct groups *s)
-{
-    for (uint32_t k = 0; k < GROUPS_MAX; k++)
-        finish(&s->group[k]);
-    finish(&s->all);
-    *s = (struct groups){ 0 };
-}
 
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
 {
@@ -254,17 +133,49 @@ static void add_pixel(const double a[3], const double b[3], const double measure
     out->pixels++;
 }
 
-void pair_of_points(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+static double mean_of(const double rgb[3])
+{
+    return (rgb[0] + rgb[1] + rgb[2]) / 3.0;
+}
+
+static double *mean_near(const struct groups *s, uint32_t pixel)
+{
+    const uint32_t width = s->gbuffer->width;
+    return s->mean[pixel / width / s->side * s->across + pixel % width / s->side];
+}
+
+/* Both estimates' mean over each neighbourhood's pixels of the group; returns that over all of them. */
+static double note_means(struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+                         const float *b)
+{
+    const struct gbuffer *g = s->gbuffer;
+    double all = 0.0;
+
+    memset(s->mean, 0, s->tiles * sizeof(*s->mean));
+    for (uint32_t k = 0; k < group->pixel_count; k++) {
+        double first[3], second[3], one[3], *mean = mean_near(s, group->pixels[k]);
+        resolve(g, group->pixels[k], kinds, a, first, one);
+        resolve(g, group->pixels[k], kinds, b, second, one);
+        for (int c = 0; c < 3; c++)
+            mean[c] += 0.5 * (first[c] + second[c]);
+        mean[3] += 1.0;
+        all += (mean_of(first) + mean_of(second)) / (2.0 * group->pixel_count);
+    }
+    for (uint32_t k = 0; k < s->tiles; k++)
+        for (int c = 0; c < 3 && s->mean[k][3] > 0.0; c++)
+            s->mean[k][c] /= s->mean[k][3];
+    return all;
+}
+
+void pair_of_points(struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
                     const float *b, const struct yardstick *y, struct pair *out)
 {
-    double error = 0.0, energy = 0.0, edge = 0.0, mean[3] = { 0.0, 0.0, 0.0 };
+    struct yardstick own = *y;
+    double error = 0.0, energy = 0.0, edge = 0.0;
 
-    for (uint32_t k = 0; k < group->pixel_count && y->place == PAIR_NONE; k++) {
-        double first[3], second[3], one[3];
-        resolve(s->gbuffer, group->pixels[k], kinds, a, first, one);
-        resolve(s->gbuffer, group->pixels[k], kinds, b, second, one);
-        for (int c = 0; c < 3; c++)
-            mean[c] += 0.5 * (first[c] + second[c]) / group->pixel_count;
+    if (y->place == PAIR_NONE) {
+        const double mean = 10.0 * sqrt(y->soft) + note_means(s, group, kinds, a, b);
+        own.soft = 1e-2 * mean * mean;
     }
 #pragma omp parallel for schedule(static) reduction(+ : error, energy, edge)
     for (uint32_t k = 0; k < group->pixel_count; k++) {
@@ -272,7 +183,7 @@ void pair_of_points(const struct groups *s, const struct group *group, const boo
         double first[3], second[3], first_one[3], second_one[3], measure[3];
         resolve(s->gbuffer, group->pixels[k], kinds, a, first, first_one);
         resolve(s->gbuffer, group->pixels[k], kinds, b, second, second_one);
-        measure_of(y, group->pixels[k], first, second, mean, measure);
+        measure_of(&own, group->pixels[k], first, second, mean_near(s, group->pixels[k]), measure);
         add_pixel(first, second, measure, &one);
         error += one.error;
         energy += one.energy;

@@ -1,6 +1,7 @@
 /* server/film/pilot_measure.h */
 /* Parts of a picture by which the whole is judged: groups of pixels spread over it, with the packets that hold their
- * shade points, and what two independent pictures of a group say. A set's groups are made once and then only read. */
+ * shade points, and what two independent pictures of a group say. A set's groups are made once; one thread
+ * of control. */
 #ifndef FILM_PILOT_MEASURE_H
 #define FILM_PILOT_MEASURE_H
 
@@ -23,18 +24,35 @@ struct group {
     double weight[SURFACE_KINDS];   /* of the pixels, in their own points: how many of them each kind fills */
 };
 
+struct group_tile {
+    double weight;
+    uint32_t tile;
+};
+
 struct groups {
     const struct gbuffer *gbuffer;
     struct group group[GROUPS_MAX];
     uint32_t count;
     struct group all;   /* the whole picture */
     double edge_points; /* share of the shade points in pixels that have several */
-    uint64_t pixels;    /* that hold a shade point */
+    /* Tiles of side x side pixels, row by row: each is of one group. */
+    uint32_t side, across, tiles;
+    uint8_t *deal;            /* [tiles]: its group */
+    uint8_t *owner;           /* [pixels]: likewise */
+    uint8_t *seen;            /* [packets]: scratch, as the others are */
+    struct group_tile *order; /* [tiles] */
+    double (*mean)[4];        /* [tiles] of a part, and of how many pixels */
+    uint64_t pixels;          /* that hold a shade point */
 };
 
 /* False when out of memory; finish all the same. */
 bool groups_init(struct groups *s, const struct gbuffer *g);
 void groups_finish(struct groups *s);
+
+struct yardstick;
+/* Deals the tiles anew, by a picture: errors are relative, so that they stand where it is dark, and each group is to
+ * have its share of that. False when out of memory: the groups must not be used any more. */
+bool groups_deal(struct groups *s, const struct yardstick *y);
 
 static inline enum surface_kind surface_of(const struct shade_packet *p)
 {
@@ -45,7 +63,7 @@ static inline enum surface_kind surface_of(const struct shade_packet *p)
 enum pair_place {
     PAIR_APART, /* another estimate of it: neither of the two */
     PAIR_FIRST, /* the first of the two */
-    PAIR_NONE,  /* nothing: the group's mean of it stands for it */
+    PAIR_NONE,  /* nothing: its mean over the neighbourhood stands for it */
 };
 
 /* The picture by which errors are made relative: float[height][width][3] as resolved, and 1e-2 mean(r)^2. r of a pixel
@@ -80,7 +98,7 @@ struct pair {
 
 /* Two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Points of the kinds
  * that are not wanted count 0. */
-void pair_of_points(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+void pair_of_points(struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
                     const float *b, const struct yardstick *y, struct pair *out);
 
 /* Two pictures of a part. */

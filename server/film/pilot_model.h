@@ -10,7 +10,9 @@
 #define MODEL_READINGS 32
 
 struct reading {
-    double n, error, energy; /* relMSE at n; relMSE of leaving the part out */
+    double n, error, energy; /* relMSE at n in some place; relMSE of leaving the part out */
+    double hard;             /* the place's error over the whole's, as another way has it; 1: not known */
+    bool rough;              /* measured by a first, noisy picture: counts until there are two that are not */
 };
 
 struct model {
@@ -19,16 +21,22 @@ struct model {
     uint32_t fresh;                         /* readings since the sky changed, */
     uint32_t chosen;                        /* and since the way was chosen, at most as many as the ring holds */
     double variance, order;                 /* error = variance n^-order */
+    double doubt;                           /* standard error of the variance, relative */
     double energy, energy_most;             /* as read; and what it may well be, with so few readings */
-    double begin_s, unit_s;                 /* seconds = begin_s + unit_s n, when the machine's pace is 1 */
-    bool known;                             /* the error is, be it from another sky */
-    bool timed, ran;                        /* the times are; from a whole picture too */
+    /* Seconds = tables_s + base_s + unit_s n, when the machine's pace is 1: for a sky, for all points, for a sample. */
+    double tables_s, base_s, unit_s;
+    bool known;              /* the error is, be it from another sky */
+    bool timed, sloped, ran; /* the times are; at two counts; from a whole picture too */
 };
 
-void model_read(struct model *m, double n, double error, double energy);
+void model_read(struct model *m, const struct reading *r);
 
-/* A timed run: begin_s once, run_s for n on a share 0..1 of the points. */
-void model_time(struct model *m, double begin_s, double n, double run_s, double share);
+/* A timed run: tables_s once, run_s for n on a share 0..1 of the points. */
+void model_time(struct model *m, double tables_s, double n, double run_s, double share);
+
+/* Two of them, n[0] < n[1], which tell base_s from unit_s: a stratum's last sample may count in part and takes a ray
+ * all the same, so that few samples take more rays each than many. */
+void model_slope(struct model *m, double tables_s, const double n[2], const double run_s[2], double share);
 
 /* A whole picture's. */
 void model_ran(struct model *m, double n, double seconds);
@@ -36,10 +44,14 @@ void model_ran(struct model *m, double n, double seconds);
 /* All readings count as one that is to be replaced: the sky is another. */
 void model_age(struct model *m);
 
+/* Nothing but rough readings, or almost. */
+bool model_is_rough(const struct model *m);
+
 double model_error(const struct model *m, double n);
 /* The same for a report: by what has been read since the way was chosen, since it was chosen for what had been read
  * before, and of several noisy promises the best is better than the truth. */
 double model_error_told(const struct model *m, double n);
+double model_begin(const struct model *m); /* what no n changes */
 double model_seconds(const struct model *m, double n);
 
 #endif

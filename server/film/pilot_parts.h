@@ -69,17 +69,25 @@ struct pilot {
     struct route route[WAYS];
 
     struct model model[WAYS];
-    double pace;    /* times are as much longer than they were */
-    double other_s; /* from points to pixels, and what the pilot reckons */
+    /* Groups are not equally hard. Ways are compared on the same one, where what is in use is read first. */
+    struct {
+        const struct group *group;
+        bool read;   /* what is in use, on it */
+        double hard; /* its error there over that in the mean */
+    } here[SURFACE_KINDS];
+    const struct group *seen_on[WAYS]; /* the last reading's */
+    double pace;                       /* times are as much longer than they were */
+    double other_s;                    /* from points to pixels, and what the pilot reckons */
     struct choice choice;
-    bool begun;                /* there has been a frame */
-    uint32_t turn;             /* of the groups */
-    uint32_t next_way;         /* of those not in use, to be probed next */
-    double bank_s;             /* time that the pilot may still take */
-    double frame_s;            /* a frame's, smoothed */
-    uint64_t frames;           /* since the sky changed */
-    uint64_t runs;             /* all */
-    double energy[CUBE_FACES]; /* of the sky that the readings began with */
+    bool begun;                             /* there has been a frame */
+    uint32_t group_turn[SURFACE_KINDS + 1]; /* whose turn it is: of matte, of glossy surfaces, of both */
+    uint64_t pass;                          /* of the pilot's own numbers */
+    uint32_t next_way;                      /* of those not in use, to be probed next */
+    double bank_s;                          /* time that the pilot may still take */
+    double frame_s;                         /* a frame's, smoothed */
+    uint64_t frames;                        /* since the sky changed */
+    uint64_t runs;                          /* all */
+    double energy[CUBE_FACES];              /* of the sky that the readings began with */
     struct direct_stats direct_stats[SURFACE_KINDS];
     struct pair edge; /* rolling sums */
     double edge_sum;
@@ -124,6 +132,8 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, const float *rgb)
 void pilot_look_at_sky(struct pilot *p);
 /* After the picture: measures what is in use, then, as far as the time allows, what is not. */
 MUST_CHECK enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish);
+/* What a first frame may take longer; without a time to keep to, until each way has been seen. */
+double pilot_first_s(const struct pilot_wish *wish);
 /* Share of the frame that goes to probes. */
 double pilot_share(const struct pilot *p);
 

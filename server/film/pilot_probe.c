@@ -8,17 +8,25 @@
 #define SHARE_AT_FIRST 0.3 /* of a frame's time, for probes: while something is not known */
 #define SHARE_LATER 0.05
 #define READINGS_WANTED 2 /* of each way, before it may be chosen */
+#define OTHER_WANTED 6    /* of eye paths and light tracer, before techniques have more than these */
 #define FRAMES_AT_FIRST 4
-#define HOPELESS 2.0                 /* times the error of what is in use, in the same time: seldom looked at again, */
-#define SELDOM 8                     /* every so many turns */
-#define BANK_FRAMES 2.0              /* time that is saved up at most */
-#define SKY_SHARE 0.04               /* of the light, come or gone on a face of the cube: another sky; */
-#define SKY_RATIO 1.3                /* so is more or less in all */
+#define HOPELESS 2.0          /* times the error of what is in use, in the same time: seldom looked at again, */
+#define HOPELESS_AT_FIRST 3.0 /* (by one reading) */
+#define SELDOM 8              /* every so many turns */
+#define FIRST_LEAST 0.3       /* seconds that a first frame may take longer: there is no picture to be late after */
+#define BANK_FRAMES 2.0       /* time that is saved up at most */
+#define SKY_SHARE 0.04        /* of the light, come or gone on a face of the cube: another sky; */
+#define SKY_RATIO 1.3         /* so is more or less in all */
 #define PASS_OWN (UINT64_C(1) << 40) /* the pilot's own numbers: no picture has so high a pass */
-#define SAMPLES_TIMED 8.0            /* at least, of direct light */
+#define SAMPLES_TIMED 8.0            /* at least, of direct light, once it is known what they begin with, */
+#define SLOPE_TIMES 4.0              /* and the first time so many times as many beside few, or as few beside many */
+#define CONTENDER 6                  /* readings that each gets that is not hopeless, before all have turns alike */
+#define AGAIN_SETTLED 12             /* readings of what is in use, after which it is looked at half as often */
 #define LIGHT_LEAST 4.0              /* units, of a first look at the light tracer, */
 #define LIGHT_MOST 64.0              /* and later */
 #define FAIR 0.3                     /* of what a group holds in the mean */
+#define HARD_MOST 30.0               /* a group's error over the mean, or the other way round */
+#define ROUGH 1.0                    /* relMSE of a picture that is no good yardstick */
 
 /* How much of a way makes as long a part as the one in use takes. */
 static double equal_count(const struct pilot *p, uint32_t way)
@@ -31,7 +39,7 @@ static double equal_count(const struct pilot *p, uint32_t way)
         return 1.0;
     if (!m->timed || !p->model[used].timed || !(m->unit_s > 0.0))
         return p->choice.n[part];
-    const double n = floor((model_seconds(&p->model[used], p->choice.n[part]) - m->begin_s) / m->unit_s);
+    const double n = floor((model_seconds(&p->model[used], p->choice.n[part]) - model_begin(m)) / m->unit_s);
     return fmin(4.0 * p->choice.n[part], fmax(1.0, n));
 }
 
@@ -45,15 +53,27 @@ static bool hopeless(const struct pilot *p, uint32_t way)
     const enum pilot_part part = pilot_part_of(way);
     const uint32_t used = p->choice.way[part];
 
+    const double limit = p->model[way].fresh > 1 ? HOPELESS : HOPELESS_AT_FIRST;
+
+    if (used != WAY_NONE && model_is_rough(&p->model[way]) && !model_is_rough(&p->model[used]))
+        return false;
     return part <= PILOT_GLOSSY && used != WAY_NONE && p->model[way].fresh && p->model[used].fresh &&
-           model_error(&p->model[way], equal_count(p, way)) >
-               HOPELESS * model_error(&p->model[used], p->choice.n[part]);
+           model_error(&p->model[way], equal_count(p, way)) > limit * model_error(&p->model[used], p->choice.n[part]);
 }
 
 static bool known(const struct pilot *p)
 {
     for (uint32_t way = 0; way < WAYS; way++)
         if (p->there[way] && p->model[way].fresh < READINGS_WANTED && !(p->model[way].fresh && hopeless(p, way)))
+            return false;
+    return true;
+}
+
+/* Enough is known of what is in use. */
+static bool settled(const struct pilot *p)
+{
+    for (int part = 0; part <= PILOT_EYE; part++)
+        if (p->choice.way[part] != WAY_NONE && p->model[p->choice.way[part]].chosen < AGAIN_SETTLED)
             return false;
     return true;
 }
@@ -84,13 +104,14 @@ void pilot_look_at_sky(struct pilot *p)
     p->frames = 0;
 }
 
-/* The next one that holds a fair part of the kind; SURFACE_KINDS: of any. */
+/* The next one that holds a fair part of the kind; SURFACE_KINDS: of any. All have as many turns: what is read of them
+ * is to stand for the picture. */
 static const struct group *next_group(struct pilot *p, enum surface_kind kind)
 {
     const struct groups *s = &p->groups;
 
     for (uint32_t k = 0; k < s->count; k++) {
-        const struct group *g = &s->group[p->turn++ % s->count];
+        const struct group *g = &s->group[p->group_turn[kind]++ % s->count];
         if (kind == SURFACE_KINDS || g->weight[kind] * s->count >= FAIR * s->all.weight[kind])
             return g;
     }
@@ -99,7 +120,7 @@ static const struct group *next_group(struct pilot *p, enum surface_kind kind)
 
 static uint64_t next_pass(struct pilot *p)
 {
-    return PASS_OWN + p->turn++;
+    return PASS_OWN + p->pass++;
 }
 
 static void pay(struct pilot *p, double seconds)
@@ -109,18 +130,26 @@ static void pay(struct pilot *p, double seconds)
         p->pilot_s += seconds;
 }
 
+/* How much of a group a part fills. */
+static double filled(const struct group *g, enum pilot_part part)
+{
+    return part <= PILOT_GLOSSY ? g->weight[part] : g->pixel_count;
+}
+
 /* Of a group, what stands for the picture: by the pixels that the kind fills, since it may fill few in one group and
  * many in another. */
-static void read_pair(struct pilot *p, uint32_t way, double n, const struct group *g, const struct pair *pair)
+static double read_pair(struct pilot *p, uint32_t way, double n, const struct group *g, const struct pair *pair,
+                        double hard)
 {
     const enum pilot_part part = pilot_part_of(way);
-    const double own = part <= PILOT_GLOSSY ? g->weight[part] : g->pixel_count;
-    const double all = part <= PILOT_GLOSSY ? p->groups.all.weight[part] : p->groups.all.pixel_count;
+    const double own = filled(g, part), all = filled(&p->groups.all, part);
 
-    if (own > 0.0) {
-        const double scale = all / own / p->groups.all.pixel_count;
-        model_read(&p->model[way], n, scale * pair->error, scale * pair->energy);
-    }
+    p->seen_on[way] = g;
+    if (!(own > 0.0))
+        return 0.0;
+    const double scale = all / own / p->groups.all.pixel_count, error = scale * pair->error;
+    model_read(&p->model[way], &(struct reading){ n, error, scale * pair->energy, hard, p->picture_noise >= ROUGH });
+    return error;
 }
 
 static void note_edges(struct pilot *p, const struct pair *pair)
@@ -132,10 +161,10 @@ static void note_edges(struct pilot *p, const struct pair *pair)
     p->edge.pixels = (uint64_t)(keep * (double)p->edge.pixels) + pair->pixels;
 }
 
-/* A part that the picture has, once more on a group, with other numbers. */
+/* A part that the picture has, once more on the group that others are to be tried on, with other numbers. */
 static enum err again_direct(struct pilot *p, enum surface_kind kind)
 {
-    const struct group *g = next_group(p, kind);
+    const struct group *g = p->here[kind].group;
     const uint32_t way = p->choice.way[kind];
     const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
     const double start = pilot_now(p), n = p->choice.n[kind];
@@ -149,7 +178,9 @@ static enum err again_direct(struct pilot *p, enum surface_kind kind)
         return e;
     y.smooth = model_error(&p->model[way], n) > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, kinds, p->lo_direct, p->lo_other, &y, &pair);
-    read_pair(p, way, n, g, &pair);
+    const double error = read_pair(p, way, n, g, &pair, 1.0), mean = model_error_told(&p->model[way], n);
+    p->here[kind].read = true;
+    p->here[kind].hard = mean > 0.0 ? fmin(HARD_MOST, fmax(1.0 / HARD_MOST, error / mean)) : 1.0;
     note_edges(p, &pair);
     pay(p, pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n }));
     return ERR_OK;
@@ -170,7 +201,7 @@ static enum err again_eye(struct pilot *p)
         return e;
     y.smooth = model_error(&p->model[way], n) > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, both, p->lo_eye, p->lo_other, &y, &pair);
-    read_pair(p, way, n, g, &pair);
+    (void)read_pair(p, way, n, g, &pair, 1.0);
     pay(p, pilot_spent(p, start, &(struct pilot_work){ PILOT_EYE, g->points[0] + g->points[1], stats.rays, n }));
     return ERR_OK;
 }
@@ -180,7 +211,7 @@ static enum err again(struct pilot *p)
     enum err e = ERR_OK;
 
     for (int kind = 0; kind < SURFACE_KINDS && !e; kind++)
-        if (p->choice.way[kind] != WAY_NONE)
+        if (p->choice.way[kind] != WAY_NONE && !p->here[kind].read)
             e = again_direct(p, (enum surface_kind)kind);
     if (!e && p->choice.way[PILOT_EYE] != WAY_NONE)
         e = again_eye(p);
@@ -201,21 +232,50 @@ static enum err timed(struct pilot *p, uint32_t way, double n, bool keep, const 
     return e;
 }
 
-/* Twice with n samples, the second time by the tables of the first: the difference in time is what beginning takes. Few
- * samples tell their time badly, and so it is once taken from more. `keep`: the tables are there already, and took
- * *begin_s. lo_sum has served the picture already. */
-static enum err probe_surfaces(struct pilot *p, uint32_t way, bool keep, double *begin_s)
+/* What a run of n samples said of the time; the first time beside one of another count. */
+static enum err read_time(struct pilot *p, uint32_t way, const struct group *g, double tables_s, double n,
+                          double seconds)
+{
+    const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
+    const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
+    const double other = n > SAMPLES_TIMED ? 2.0 * ceil(0.5 * n / SLOPE_TIMES) : SLOPE_TIMES * n;
+    struct model *m = &p->model[way];
+    double other_s;
+
+    if (m->sloped) {
+        if (n >= SAMPLES_TIMED)
+            model_time(m, tables_s, n, seconds / p->pace, share);
+        return ERR_OK;
+    }
+    const enum err e = timed(p, way, other, true, g, p->lo_other, &other_s);
+    const double count[2] = { fmin(n, other), fmax(n, other) };
+    const double run_s[2] = { (n < other ? seconds : other_s) / p->pace, (n < other ? other_s : seconds) / p->pace };
+    if (!e)
+        model_slope(m, tables_s, count, run_s, share);
+    return e;
+}
+
+/* Twice with n samples, the second time by the tables of the first: the difference in time is what these take. `keep`:
+ * they are there already, and took *tables_s. lo_sum has served the picture already. */
+static enum err probe_surfaces(struct pilot *p, uint32_t way, bool keep, double *tables_s)
 {
     const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
     const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
-    const struct group *g = next_group(p, kind);
-    const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
-    const double n = fmax(2.0, equal_count(p, way)), enough = p->model[way].timed ? n : fmax(n, SAMPLES_TIMED);
+    const double n = fmax(2.0, equal_count(p, way));
     struct yardstick y = p->yardstick;
-    double first, second, run;
+    double first, second;
     struct pair pair;
+    enum err e = ERR_OK;
 
-    enum err e = timed(p, way, n, keep, g, p->lo_sum, &first);
+    if (p->seen_on[way] == p->here[kind].group) {
+        p->here[kind].group = next_group(p, kind);
+        p->here[kind].read = false;
+    }
+    const struct group *g = p->here[kind].group;
+    if (!p->here[kind].read && p->choice.way[kind] != WAY_NONE)
+        e = again_direct(p, kind);
+    if (!e)
+        e = timed(p, way, n, keep, g, p->lo_sum, &first);
     if (!e)
         e = timed(p, way, n, true, g, p->lo_other, &second);
     if (e)
@@ -223,26 +283,21 @@ static enum err probe_surfaces(struct pilot *p, uint32_t way, bool keep, double 
     y.place = PAIR_APART;
     y.smooth = p->picture_noise > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, kinds, p->lo_sum, p->lo_other, &y, &pair);
-    read_pair(p, way, n, g, &pair);
-    run = second;
-    if (n < enough)
-        e = timed(p, way, enough, true, g, p->lo_other, &run);
+    (void)read_pair(p, way, n, g, &pair, p->here[kind].read ? p->here[kind].hard : 1.0);
     if (!keep)
-        *begin_s = fmax(0.0, first - second) / p->pace;
-    if (n >= SAMPLES_TIMED || !p->model[way].timed)
-        model_time(&p->model[way], *begin_s, enough, run / p->pace, share);
-    return e;
+        *tables_s = fmax(0.0, first - second) / p->pace;
+    return read_time(p, way, g, *tables_s, n, second);
 }
 
 /* A technique on the surfaces of one kind, and by the same tables on the others while little is known of those. */
 static enum err probe_direct(struct pilot *p, uint32_t way)
 {
     const uint32_t other = way < WAY_GLOSSY ? way + PILOT_TECHNIQUES : way - PILOT_TECHNIQUES;
-    double begin_s = 0.0;
-    enum err e = probe_surfaces(p, way, false, &begin_s);
+    double tables_s = 0.0;
+    enum err e = probe_surfaces(p, way, false, &tables_s);
 
     if (!e && p->there[other] && !in_use(p, other) && p->model[other].fresh < READINGS_WANTED && !hopeless(p, other))
-        e = probe_surfaces(p, other, true, &begin_s);
+        e = probe_surfaces(p, other, true, &tables_s);
     return e;
 }
 
@@ -270,7 +325,7 @@ static enum err probe_eye(struct pilot *p, uint32_t way)
     y.place = p->choice.way[PILOT_EYE] == WAY_NONE ? PAIR_NONE : PAIR_APART;
     y.smooth = p->picture_noise > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, both, p->lo_sum, p->lo_other, &y, &pair);
-    read_pair(p, way, n, g, &pair);
+    (void)read_pair(p, way, n, g, &pair, 1.0);
     model_time(&p->model[way], 0.0, n, least / p->pace, share);
     return ERR_OK;
 }
@@ -302,20 +357,28 @@ static enum err probe_light(struct pilot *p, uint32_t way)
     return ERR_OK;
 }
 
+/* Whose readings are still to come to `wanted`; the hopeless have had theirs. */
+static bool lacks(const struct pilot *p, uint32_t way, uint32_t wanted)
+{
+    const struct model *m = &p->model[way];
+
+    return p->there[way] && !(in_use(p, way) && m->timed && m->fresh) && m->fresh < wanted &&
+           !(m->fresh && hopeless(p, way));
+}
+
 /* Who is looked at next: whoever is least known; among equals first what `auto` stands for, then the estimators of the
  * rest, then other techniques. Where all are known, in turn. WAYS: nobody. */
 static uint32_t next_way(struct pilot *p)
 {
+    const bool later = known(p) && p->frames >= FRAMES_AT_FIRST;
     uint32_t best = WAYS, least = UINT32_MAX;
 
     for (uint32_t way = 0; way < WAYS; way++) {
-        const struct model *m = &p->model[way];
-        const bool first = way % PILOT_TECHNIQUES == 0 || way >= WAY_EYE_ALL;
-        const uint32_t rank = 2 * m->fresh + !first;
-        if (!p->there[way] || (in_use(p, way) && m->timed && m->fresh) || m->fresh >= READINGS_WANTED ||
-            (m->fresh && hopeless(p, way)))
-            continue;
-        if (rank < least) {
+        const bool other = way >= WAY_EYE_ALL, first = way % PILOT_TECHNIQUES == 0;
+        /* What the other light would bring is told by few pixels, which one group has and another has not. */
+        const uint32_t wanted = other ? OTHER_WANTED : later ? CONTENDER : READINGS_WANTED;
+        const uint32_t rank = other ? p->model[way].fresh : 2 * p->model[way].fresh + !first;
+        if (lacks(p, way, wanted) && rank < least) {
             least = rank;
             best = way;
         }
@@ -340,7 +403,13 @@ static double cost_of(const struct pilot *p, uint32_t way)
         return p->pace * model_seconds(m, LIGHT_LEAST);
     if (way >= WAY_EYE_ALL)
         return 2.0 * p->pace * m->unit_s * share * equal_count(p, way);
-    return p->pace * (2.0 * m->begin_s + 3.0 * m->unit_s * share * equal_count(p, way));
+    /* Twice, and what is in use, which takes as long. */
+    return p->pace * (2.0 * m->tables_s + 3.0 * share * (m->base_s + m->unit_s * equal_count(p, way)));
+}
+
+double pilot_first_s(const struct pilot_wish *wish)
+{
+    return wish->seconds > 0.0 ? fmax(FIRST_LEAST, 0.5 * wish->seconds) : INFINITY;
 }
 
 enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish)
@@ -348,14 +417,18 @@ enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish)
     const double frame = wish->seconds > 0.0 ? wish->seconds : p->frame_s;
     enum err e = ERR_OK;
 
-    if (!p->begun) { /* half of a first frame; without a time to keep to, until each way has been seen */
-        p->bank_s = wish->seconds > 0.0 ? 0.5 * wish->seconds : INFINITY;
-        p->turn = 0;
+    for (int kind = 0; kind < SURFACE_KINDS; kind++) {
+        p->here[kind].group = next_group(p, (enum surface_kind)kind);
+        p->here[kind].read = false;
+    }
+
+    if (!p->begun) {
+        p->bank_s = pilot_first_s(wish);
     } else {
         p->bank_s = isinf(p->bank_s) ? 0.0 : fmax(-BANK_FRAMES * frame, p->bank_s);
         p->bank_s = fmin(BANK_FRAMES * frame, p->bank_s + pilot_share(p) * frame);
         /* What is in use is not to starve the rest: it goes first every other frame, or every fourth. */
-        if (p->bank_s > 0.0 && p->runs % (known(p) ? 2 : 4) == 0)
+        if (p->bank_s > 0.0 && p->runs % (known(p) && !settled(p) ? 2 : 4) == 0)
             e = again(p);
     }
     for (uint32_t probes = 0; probes < 2 * WAYS && !e; probes++) {

@@ -93,7 +93,7 @@ static void say_technique(struct pilot *p, enum pilot_part part, struct plan *pl
     if (!left || !both->known || !both->timed)
         return;
     const double seconds = model_seconds(&p->model[way], p->choice.n[part]);
-    const double n = fmax(1.0, (seconds - both->begin_s) / both->unit_s);
+    const double n = fmax(1.0, (seconds - model_begin(both)) / both->unit_s);
     leave_out(p, plan, "%s on %s surfaces: with them the error there would be %.2g times as large", left,
               part == PILOT_MATTE ? "matte" : "glossy",
               model_error(both, n) / model_error(&p->model[way], p->choice.n[part]));
