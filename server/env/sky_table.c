@@ -370,23 +370,27 @@ void sky_table_invert(const struct sky_table *t, uint32_t stratum, const double 
     invert_direction(n, face, row, column, w);
 }
 
+float sky_table_sun(const struct sky_table *t, uint32_t texel, float jacobian)
+{
+    const uint32_t k = find_sun_texel(t, texel);
+
+    if (k >= t->sun_count || t->sun_texels[k] != texel)
+        return 0.0f;
+    return (float)(sun_part(t, texel) * 0.25 * t->n * t->n * (double)jacobian / t->sun_energy);
+}
+
 uint32_t sky_table_evaluate(const struct sky_table *t, const float w[3], float rgb[3], float *pdf, float *sun_pdf)
 {
     float u, v;
     const uint32_t n = t->n, cells = t->cells, m = n / cells, at = cube_texel(n, w, &u, &v);
     const struct texel *x = &t->environment->texels[at];
     const uint32_t stratum = (at / (n * n) * cells + at / n % n / m) * cells + at % n / m;
-    const double jacobian = cube_jacobian(u, v);
+    const float jacobian = cube_jacobian(u, v);
 
     rgb[0] = x->r;
     rgb[1] = x->g;
     rgb[2] = x->b;
-    *pdf = t->energy[stratum] > 0.0 ? (float)(t->density[at] * jacobian / t->energy[stratum]) : 0.0f;
-    *sun_pdf = 0.0f;
-    if (t->has_sun && importance_at(t, at) > t->level) {
-        const uint32_t k = find_sun_texel(t, at);
-        if (k < t->sun_count && t->sun_texels[k] == at)
-            *sun_pdf = (float)(sun_part(t, at) * 0.25 * n * n * jacobian / t->sun_energy);
-    }
+    *pdf = t->energy[stratum] > 0.0 ? (float)(t->density[at] * (double)jacobian / t->energy[stratum]) : 0.0f;
+    *sun_pdf = t->has_sun && importance_at(t, at) > t->level ? sky_table_sun(t, at, jacobian) : 0.0f;
     return stratum;
 }

@@ -75,4 +75,7 @@ void sky_table_invert(const struct sky_table *t, uint32_t stratum, const double 
  * the sun); sr^-1. */
 uint32_t sky_table_evaluate(const struct sky_table *t, const float w[3], float rgb[3], float *pdf, float *sun_pdf);
 
+/* The sun's density at a place of a texel that is brighter than t->level, where has_sun: 0 off the sun. */
+float sky_table_sun(const struct sky_table *t, uint32_t texel, float jacobian);
+
 #endif

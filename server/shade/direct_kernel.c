@@ -4,6 +4,7 @@
 #include "lanes.h"
 #include "lobes.h"
 #include "rng.h"
+#include "sky_lanes.h"
 #include "vec.h"
 
 #include <math.h>
@@ -310,22 +311,24 @@ static void direct_counts(const struct direct_frame *f, const struct shade_packe
 static void add_lobe_sample(struct packet_state *s, float beta, const struct lanes square[2])
 {
     struct lanes d[3], brdf[3], pdf_lobes;
+    struct sky_lanes sky;
     struct terms t;
 
     lobes_sample(&s->lobes, s->points, square, d);
     lobes_evaluate(&s->lobes, s->points, d, brdf, &pdf_lobes);
+    if (s->frame->table)
+        sky_table_lanes(s->frame->table, d, &sky);
+    else
+        environment_lanes(s->frame->environment, d, &sky);
     LANES(l)
     {
-        const float w[3] = { d[0].v[l], d[1].v[l], d[2].v[l] };
-        float rgb[3], pdf, pdf_sun = 0.0f, pdf_light = 0.0f;
-        const uint32_t stratum = s->frame->table ? sky_table_evaluate(s->frame->table, w, rgb, &pdf, &pdf_sun)
-                                                 : environment_evaluate(s->frame->environment, w, rgb, &pdf);
+        float pdf_light = 0.0f;
         if (s->frame->light_part > 0.0f)
-            pdf_light = s->share[stratum].v[l] * pdf + s->share[s->sun].v[l] * pdf_sun;
+            pdf_light = s->share[sky.stratum[l]].v[l] * sky.pdf.v[l] + s->share[s->sun].v[l] * sky.pdf_sun.v[l];
         const float density = s->frame->light_part * pdf_light + s->frame->brdf_part * pdf_lobes.v[l];
         const float weight = density > 0.0f ? beta / density : 0.0f;
         for (int c = 0; c < 3; c++)
-            t.rgb[c].v[l] = weight * brdf[c].v[l] * rgb[c];
+            t.rgb[c].v[l] = weight * brdf[c].v[l] * sky.rgb[c].v[l];
         t.valid[l] = s->points->valid[l] && t.rgb[0].v[l] + t.rgb[1].v[l] + t.rgb[2].v[l] > 0.0f ? -1 : 0;
     }
     trace_and_add(s, d, &t);
