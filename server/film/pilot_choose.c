@@ -127,9 +127,10 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
     const enum pilot_part part = pilot_part_of(way);
     const bool used = p->choice.way[part] == way;
     struct budget_way w = {
-        /* Of many candidates one looks good by chance: each must do so by more than its readings scatter. */
-        .variance = used ? model_error_told(m, p->choice.n[part]) * pow(p->choice.n[part], m->order)
-                         : m->variance * (1.0 + (p->choice.way[part] != WAY_NONE ? m->doubt : 0.0)),
+        /* Of many techniques one looks good by chance: each must do so by more than its readings scatter. */
+        .variance =
+            used ? model_error_told(m, p->choice.n[part]) * pow(p->choice.n[part], m->order)
+                 : m->variance * (1.0 + (part <= PILOT_GLOSSY && p->choice.way[part] != WAY_NONE ? m->doubt : 0.0)),
         .order = m->order,
         .begin_s = p->pace * model_begin(m),
         .unit_s = p->pace * fmax(m->unit_s, 1e-12),
