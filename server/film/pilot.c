@@ -15,8 +15,10 @@
 #define PACE_STEP 0.3      /* of what a picture says about the machine's pace, in its logarithm: it was early, */
 #define PACE_STEP_LATE 0.6 /* it was late */
 #define PACE_MOST 4.0
-#define BETTER_SHARE 0.4 /* of the first frame's extra time, for the picture that all is measured by */
-#define BETTER_LEAST 2.0 /* times as many samples as the first */
+#define HELD_UP 1.4       /* times as long as the median of three */
+#define OTHER_LEAST 0.002 /* seconds */
+#define BETTER_SHARE 0.4  /* of the first frame's extra time, for the picture that all is measured by */
+#define BETTER_LEAST 2.0  /* times as many samples as the first */
 #define BETTER_MOST 16.0
 #define PACE_FOLD 0.02 /* a frame */
 
@@ -83,7 +85,7 @@ static bool allocate(struct pilot *p, const struct kernels *kernels)
     all = (p->probe = direct_create(kernels)) && all;
     all = (p->light = light_tracer_create(p->set->scene, p->set->rays, &p->set->view)) && all;
     all = (p->mask = mem_alloc(pixels, 1)) && all;
-    return groups_init(&p->groups, g) && all;
+    return all && pilot_edges_init(p);
 }
 
 struct pilot *pilot_create(const struct set *set, const struct kernels *kernels, const struct pilot_desc *desc)
@@ -94,6 +96,8 @@ struct pilot *pilot_create(const struct set *set, const struct kernels *kernels,
         return NULL;
     p->set = set;
     p->pace = 1.0;
+    for (int k = 0; k < SURFACE_KINDS; k++)
+        p->base_times[k] = p->unit_times[k] = 1.0;
     if (desc)
         p->desc = *desc;
     if (!allocate(p, kernels)) {
@@ -115,7 +119,7 @@ void pilot_destroy(struct pilot *p)
     }
     direct_destroy(p->probe);
     light_tracer_destroy(p->light);
-    groups_finish(&p->groups);
+    pilot_edges_finish(p);
     mem_free(p->mask);
     mem_free(p->lo_direct);
     mem_free(p->lo_eye);
@@ -139,7 +143,7 @@ enum err pilot_direct(struct pilot *p, struct direct *d, uint32_t way, double n,
     desc.keep = keep;
     desc.cancel = asked->cancel;
     desc.why = asked->why;
-    return direct_shade(d, p->set->gbuffer, p->set->rays, p->environment, &desc, lo, stats);
+    return direct_shade(d, p->gbuffer, p->set->rays, p->environment, &desc, lo, stats);
 }
 
 enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only, float *lo,
@@ -157,7 +161,7 @@ enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const
 
     for (uint32_t k = 0; k < only->count; k++)
         memset(lo + (size_t)only->index[k] * 3 * PACKET, 0, 3 * PACKET * sizeof(float));
-    return eye_paths_shade(p->set->scene, p->set->rays, p->set->gbuffer, p->environment, &desc, lo, stats);
+    return eye_paths_shade(p->set->scene, p->set->rays, p->gbuffer, p->environment, &desc, lo, stats);
 }
 
 enum err pilot_light(struct pilot *p, uint32_t way, double n, uint64_t pass, struct light_tracer_stats *stats)
@@ -186,14 +190,12 @@ enum err pilot_light(struct pilot *p, uint32_t way, double n, uint64_t pass, str
     return e;
 }
 
-/* What a whole picture's part took, and what it says about the machine's pace. */
-static void note_time(struct pilot *p, enum pilot_part part, double seconds)
+/* What a whole picture's parts took. A black sky takes no time, and teaches nothing. */
+static void learn_times(struct pilot *p)
 {
-    struct model *m = &p->model[p->choice.way[part]];
-
-    p->ran_s[part] = seconds;
-    if (p->environment->total_energy > 0.0) /* a black sky takes no time, and teaches nothing */
-        model_ran(m, p->choice.n[part], seconds / p->pace);
+    for (int part = 0; part < PILOT_PARTS && p->environment->total_energy > 0.0; part++)
+        if (p->choice.way[part] != WAY_NONE && p->ran_s[part] > 0.0)
+            model_ran(&p->model[p->choice.way[part]], p->choice.n[part], p->ran_s[part] / p->pace);
 }
 
 /* Glossy surfaces by the technique of matte ones take their tables too. */
@@ -224,7 +226,7 @@ static enum err make_direct(struct pilot *p, struct relight_stats *stats)
         p->tables[kind] = shares_tables(p, kind) ? p->direct[SURFACE_MATTE] : p->direct[kind];
         e = pilot_direct(p, p->tables[kind], way, n, pass, p->tables[kind] != p->direct[kind], list, p->lo_direct, s);
         const struct pilot_work work = { (enum pilot_part)kind, p->groups.all.points[kind], s->rays, n };
-        note_time(p, (enum pilot_part)kind, pilot_spent(p, start, &work));
+        p->ran_s[kind] = pilot_spent(p, start, &work);
         stats->direct.rays += s->rays;
         stats->direct.generated += s->generated;
         stats->direct.chosen += s->chosen;
@@ -245,15 +247,15 @@ static enum err make_eye(struct pilot *p, struct relight_stats *stats)
     const double start = pilot_now(p), n = p->choice.n[PILOT_EYE];
     const enum err e = pilot_eye(p, p->choice.way[PILOT_EYE], n, p->wish_light->direct.pass, &p->groups.all.both,
                                  p->lo_eye, &stats->eye);
-    const struct pilot_work work = { PILOT_EYE, p->set->gbuffer->point_count, stats->eye.rays, n };
-    note_time(p, PILOT_EYE, pilot_spent(p, start, &work));
+    const struct pilot_work work = { PILOT_EYE, p->gbuffer->point_count, stats->eye.rays, n };
+    p->ran_s[PILOT_EYE] = pilot_spent(p, start, &work);
     stats->eye_ms = 1e3 * p->ran_s[PILOT_EYE];
     return e;
 }
 
 static void make_pixels(struct pilot *p, float *rgb, struct relight_stats *stats)
 {
-    const struct gbuffer *g = p->set->gbuffer;
+    const struct gbuffer *g = p->gbuffer;
     const size_t values = (size_t)g->packet_count * 3 * PACKET;
     const bool eye = p->choice.way[PILOT_EYE] != WAY_NONE;
     const uint32_t classes = p->wish_light->classes;
@@ -302,7 +304,7 @@ static enum err make_light(struct pilot *p, float *rgb, struct relight_stats *st
         const double n = p->choice.n[part];
         e = pilot_light(p, way, n, p->wish_light->direct.pass, &one);
         const struct pilot_work work = { (enum pilot_part)part, 0, one.rays, n };
-        note_time(p, (enum pilot_part)part, pilot_spent(p, start, &work));
+        p->ran_s[part] = pilot_spent(p, start, &work);
         start = pilot_now(p);
         if (p->environment->total_energy > 0.0 && (p->model[way].fresh < READINGS_SOON || p->runs % READ_EVERY == 0)) {
             yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
@@ -341,14 +343,17 @@ static void fold_pace(struct pilot *p)
     const double share = pow(p->pace, PACE_FOLD);
 
     p->pace /= share;
-    for (uint32_t way = 0; way < WAYS; way++) {
-        p->model[way].tables_s *= share;
-        p->model[way].base_s *= share;
-        p->model[way].unit_s *= share;
-    }
+    for (uint32_t way = 0; way < WAYS; way++)
+        model_scale(&p->model[way], share);
 }
 
-/* Other work on the machine makes all parts slower alike. */
+static double median_of_three(const double x[3])
+{
+    return fmax(fmin(x[0], x[1]), fmin(fmax(x[0], x[1]), x[2]));
+}
+
+/* Other work on the machine makes all parts slower alike. One picture that took far longer than its neighbours was
+ * held up, and says nothing about the next; two in a row do. */
 static void note_pace(struct pilot *p, const double expected[PILOT_PARTS], const bool seasoned[PILOT_PARTS])
 {
     double took = 0.0, should = 0.0;
@@ -358,19 +363,22 @@ static void note_pace(struct pilot *p, const double expected[PILOT_PARTS], const
             took += p->ran_s[part];
             should += expected[part];
         }
-    if (!(should > 0.0) || !(took > 0.0) || p->desc.price)
+    if (!(should > 0.0) || !(took > 0.0) || p->desc.price) {
+        learn_times(p);
         return;
+    }
+    p->late[p->runs % 3] = took / should;
+    const double usual = p->runs < 3 ? took / should : median_of_three(p->late);
+    if (took / should > HELD_UP * usual)
+        return;
+    learn_times(p);
     /* Late pictures are worse than early ones. */
-    const double ratio = fmin(3.0, fmax(0.5, took / should));
+    const double ratio = fmin(3.0, fmax(0.5, usual));
     p->pace = fmin(PACE_MOST, fmax(1.0 / PACE_MOST, p->pace * pow(ratio, ratio > 1.0 ? PACE_STEP_LATE : PACE_STEP)));
     /* The models' own times follow too, slowly; together they must not answer the same reading twice. */
     for (int part = 0; part < PILOT_PARTS; part++)
-        if (seasoned[part]) {
-            struct model *m = &p->model[p->choice.way[part]];
-            m->tables_s /= pow(ratio, PACE_STEP);
-            m->base_s /= pow(ratio, PACE_STEP);
-            m->unit_s /= pow(ratio, PACE_STEP);
-        }
+        if (seasoned[part])
+            model_scale(&p->model[p->choice.way[part]], 1.0 / pow(ratio, PACE_STEP));
     fold_pace(p);
 }
 
@@ -390,6 +398,7 @@ static enum err begin(struct pilot *p, const struct pilot_wish *wish, float *rgb
     enum err result = make_picture(p, rgb, stats);
     if (result || cancelled(p))
         return result;
+    learn_times(p);
     double seconds = p->picture_s, times = fmin(BETTER_MOST, floor(BETTER_SHARE * pilot_first_s(wish) / seconds));
     if (times >= BETTER_LEAST) {
         for (int kind = 0; kind < SURFACE_KINDS; kind++)
@@ -398,6 +407,7 @@ static enum err begin(struct pilot *p, const struct pilot_wish *wish, float *rgb
         result = make_picture(p, rgb, stats);
         if (result || cancelled(p))
             return result;
+        learn_times(p);
         seconds += p->picture_s;
     } else {
         times = 1.0;
@@ -456,7 +466,7 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
         p->pilot_s += pilot_now(p) - probing;
     p->frames++;
     p->runs++;
-    p->other_s += SMOOTH * (1e-3 * stats->resolve_ms - p->other_s);
+    p->other_s += SMOOTH * (fmin(1e-3 * stats->resolve_ms, 2.0 * p->other_s + OTHER_LEAST) - p->other_s);
     p->frame_s += (p->frame_s > 0.0 ? SMOOTH : 1.0) * (p->picture_s - p->frame_s);
     for (int part = 0; part < PILOT_PARTS; part++)
         out->part[part].expected_seconds = expected[part];

@@ -11,7 +11,8 @@
  *
  * What it chooses. Direct light: one of several techniques (pilot_technique_name) and a number of samples, for matte
  * and for glossy surfaces apart. The rest: eye paths, the light tracer for caustics with eye paths, the light tracer
- * for both; each of them with a count, or left out where that is less harm than what it costs.
+ * for both; each of them with a count, or left out where that is less harm than what it costs. Smooth edges: all shade
+ * points of a pixel, or one.
  *
  * Choices follow a clock: with a pilot the same input does not give the same bits. One thread of control. */
 #ifndef FILM_PILOT_H
@@ -64,7 +65,8 @@ struct pilot_stats {
     uint32_t readings;    /* on which the least known part of it stands, made since its way was chosen */
     double more;          /* relMSE, expected if the time were doubled */
     double edge_points;   /* share of the shade points that stand in pixels with several */
-    double edge_error;    /* relMSE, what one shade point instead of several in these pixels would cost */
+    double edge_error;    /* relMSE, what one shade point instead of several in these pixels would cost, */
+    bool jagged;          /* and does: all time went to samples (in `error`) */
     uint64_t frames;      /* since the sky last changed by much, this one included */
 };
 

@@ -107,6 +107,7 @@ void pilot_take_wish(struct pilot *p, const struct relight_desc *light)
         p->choice.way[part] = WAY_NONE;
     p->begun = false;
     p->frames = 0;
+    pilot_edges_take(p, false);
 }
 
 static bool usable(const struct pilot *p, uint32_t way)
@@ -115,9 +116,9 @@ static bool usable(const struct pilot *p, uint32_t way)
 }
 
 /* Half of the samples by light, half by lobes: an odd one takes the time of the next even number. */
-static bool halves(uint32_t way)
+bool pilot_halves(uint32_t way)
 {
-    return method_recipe(techniques[way % PILOT_TECHNIQUES].desc.method)->brdf_part == 0.5f;
+    return way < WAY_EYE_ALL && method_recipe(techniques[way % PILOT_TECHNIQUES].desc.method)->brdf_part == 0.5f;
 }
 
 /* What a model knows, as a way of the budget. */
@@ -134,7 +135,7 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
         .order = m->order,
         .begin_s = p->pace * model_begin(m),
         .unit_s = p->pace * fmax(m->unit_s, 1e-12),
-        .least = way < WAY_EYE_ALL && halves(way) ? 2.0 : 1.0,
+        .least = pilot_halves(way) ? 2.0 : 1.0,
         .most = part <= PILOT_GLOSSY ? SAMPLES_MOST
                 : part == PILOT_EYE  ? PATHS_MOST
                                      : UNITS_MOST,
@@ -226,7 +227,7 @@ static void solve(const struct pilot *p, const struct pilot_wish *wish, struct p
         const struct budget_share *s = &out->budget.part[part];
         out->choice.way[part] = p->of_way[part][s->way];
         out->choice.n[part] = s->n;
-        if (part <= PILOT_GLOSSY && out->choice.way[part] != WAY_NONE && halves(out->choice.way[part]))
+        if (part <= PILOT_GLOSSY && out->choice.way[part] != WAY_NONE && pilot_halves(out->choice.way[part]))
             out->choice.n[part] = 2.0 * ceil(0.5 * s->n);
     }
     out->there = true;
@@ -308,8 +309,7 @@ static void choose_first(struct pilot *p)
     p->choice.route = ROUTES;
 }
 
-/* The error that is expected of the choice's route in another time. */
-static double error_at(struct pilot *p, double seconds)
+double pilot_error_at(struct pilot *p, double seconds)
 {
     const struct pilot_wish wish = { .seconds = seconds };
     struct plan_trial t;
@@ -372,7 +372,9 @@ void pilot_choose(struct pilot *p, const struct pilot_wish *wish)
             p->model[best.choice.way[part]].chosen = 0;
     p->choice = best.choice;
     p->budget = best.budget;
-    p->more = error_at(p, 2.0 * p->budget.seconds);
+    if (pilot_edges_turn(p, &left))
+        pilot_edges_take(p, !pilot_edges_are_jagged(p));
+    p->more = pilot_error_at(p, 2.0 * p->budget.seconds);
 }
 
 double pilot_missing(const struct pilot *p, enum pilot_part part)
@@ -399,5 +401,5 @@ double pilot_error(const struct pilot *p)
             error += model_error_told(&p->model[p->choice.way[part]], p->choice.n[part]);
         missing += sqrt(pilot_missing(p, (enum pilot_part)part));
     }
-    return error + missing * missing;
+    return error + missing * missing + (pilot_edges_are_jagged(p) ? pilot_edge_error(p) : 0.0);
 }

@@ -180,6 +180,7 @@ bool groups_deal(struct groups *s, const struct yardstick *y)
         const uint32_t round = k / s->count, at = k % s->count;
         s->deal[s->order[k].tile] = (uint8_t)(round % 2 ? s->count - 1 - at : at);
     }
+    s->dealt = true;
     return fill_groups(s);
 }
 

@@ -37,6 +37,7 @@ struct groups {
     double edge_points; /* share of the shade points in pixels that have several */
     /* Tiles of side x side pixels, row by row: each is of one group. */
     uint32_t side, across, tiles;
+    bool dealt;               /* by a picture */
     uint8_t *deal;            /* [tiles]: its group */
     uint8_t *owner;           /* [pixels]: likewise */
     uint8_t *seen;            /* [packets]: scratch, as the others are */

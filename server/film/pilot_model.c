@@ -9,6 +9,7 @@
 #define ORDER_MOST 1.8
 #define TIME_STEP 0.3 /* share of a new reading */
 #define CLEAN_WANTED 2
+#define WHOLE_RANGE 3.0
 #define DOUBT_LEAST 0.4 /* of one reading, relative: several scatter by more at times, and few may agree by chance */
 
 static double clamp(double x, double low, double high)
@@ -142,31 +143,56 @@ static void blend(double *old, double reading, bool known)
     *old = known ? *old + TIME_STEP * (clamp(reading, 0.4 * *old, 2.5 * *old) - *old) : reading;
 }
 
-void model_time(struct model *m, double tables_s, double n, double run_s, double share)
+void model_scale(struct model *m, double times)
+{
+    m->tables_s *= times;
+    m->run_s *= times;
+    m->base_s *= times;
+    m->unit_s *= times;
+    m->ran_s[0] *= times;
+    m->ran_s[1] *= times;
+}
+
+bool model_whole(const struct model *m, double *base_times, double *unit_times)
+{
+    const double unit = (m->ran_s[0] - m->ran_s[1]) / (m->ran_n[0] - m->ran_n[1]);
+    const double base = m->ran_s[0] - m->tables_s - m->run_s - unit * m->ran_n[0];
+
+    if (!(m->ran_n[1] > 0.0) || !(unit > 0.0) || !(m->unit_s > 0.0))
+        return false;
+    *unit_times = clamp(unit / m->unit_s, 1.0 / WHOLE_RANGE, WHOLE_RANGE);
+    *base_times = m->base_s > 0.0 ? clamp(base / m->base_s, 1.0 / WHOLE_RANGE, WHOLE_RANGE) : 1.0;
+    return true;
+}
+
+void model_time(struct model *m, double tables_s, double n, double seconds, double share)
 {
     if (!m->ran)
         blend(&m->tables_s, tables_s, m->timed && m->tables_s > 0.0);
     if (m->sloped) {
-        const double ratio = run_s / (share * (m->base_s + m->unit_s * n));
+        const double ratio = seconds / (m->run_s + share * (m->base_s + m->unit_s * n));
         const double scale = pow(clamp(ratio, 0.4, 2.5), TIME_STEP);
+        m->run_s *= scale;
         m->base_s *= scale;
         m->unit_s *= scale;
     } else {
-        blend(&m->unit_s, run_s / (n * share), m->timed);
+        blend(&m->unit_s, seconds / (n * share), m->timed);
     }
     m->timed = true;
 }
 
-void model_slope(struct model *m, double tables_s, const double n[2], const double run_s[2], double share)
+void model_slope(struct model *m, double tables_s, const double n[2], const double seconds[2], const double none[2],
+                 double share)
 {
-    /* A hiccup in one of the two must not make samples cost nothing. */
-    const double unit = fmax((run_s[1] - run_s[0]) / (n[1] - n[0]), 0.3 * run_s[1] / n[1]);
-    const double base = fmax(0.0, run_s[1] - unit * n[1]);
+    /* A hiccup in one of them must not make samples cost nothing. */
+    const double few = fmax(0.0, seconds[0] - none[0]), many = fmax(0.5 * seconds[1], seconds[1] - none[1]);
+    const double unit = fmax((many - few) / (n[1] - n[0]), 0.3 * many / n[1]);
 
     if (!m->ran)
         m->tables_s = tables_s;
+    m->run_s = fmin(none[0], none[1]);
     m->unit_s = unit / share;
-    m->base_s = base / share;
+    m->base_s = fmax(0.0, many - unit * n[1]) / share;
     m->timed = m->sloped = true;
 }
 
@@ -180,10 +206,14 @@ void model_ran(struct model *m, double n, double seconds)
     } else {
         /* The first whole picture is believed; after that a reading is one of many. */
         const double scale = m->ran ? pow(clamp(ratio, 0.3, 3.0), TIME_STEP) : clamp(ratio, 0.1, 10.0);
-        m->tables_s *= scale;
-        m->base_s *= scale;
-        m->unit_s *= scale;
+        model_scale(m, scale);
     }
+    if (m->ran_n[0] != n) {
+        m->ran_n[1] = m->ran_n[0];
+        m->ran_s[1] = m->ran_s[0];
+    }
+    m->ran_n[0] = n;
+    m->ran_s[0] = seconds;
     m->timed = m->ran = true;
 }
 
@@ -210,7 +240,7 @@ double model_error_told(const struct model *m, double n)
 
 double model_begin(const struct model *m)
 {
-    return m->tables_s + m->base_s;
+    return m->tables_s + m->run_s + m->base_s;
 }
 
 double model_seconds(const struct model *m, double n)

@@ -23,20 +23,31 @@ struct model {
     double variance, order;                 /* error = variance n^-order */
     double doubt;                           /* standard error of the variance, relative */
     double energy, energy_most;             /* as read; and what it may well be, with so few readings */
-    /* Seconds = tables_s + base_s + unit_s n, when the machine's pace is 1: for a sky, for all points, for a sample. */
-    double tables_s, base_s, unit_s;
-    bool known;              /* the error is, be it from another sky */
-    bool timed, sloped, ran; /* the times are; at two counts; from a whole picture too */
+    /* Seconds = tables_s + run_s + base_s + unit_s n, when the machine's pace is 1: for a sky, for a run however small,
+     * for all points, for a sample at all points. */
+    double tables_s, run_s, base_s, unit_s;
+    double ran_n[2], ran_s[2]; /* of the last whole picture, and of the last one before it with another n */
+    bool known;                /* the error is, be it from another sky */
+    bool timed, sloped, ran;   /* the times are; at two counts; from a whole picture too */
 };
 
 void model_read(struct model *m, const struct reading *r);
 
-/* A timed run: tables_s once, run_s for n on a share 0..1 of the points. */
-void model_time(struct model *m, double tables_s, double n, double run_s, double share);
+/* A timed run: tables_s once, `seconds` for n on a share 0..1 of the points. */
+void model_time(struct model *m, double tables_s, double n, double seconds, double share);
 
-/* Two of them, n[0] < n[1], which tell base_s from unit_s: a stratum's last sample may count in part and takes a ray
- * all the same, so that few samples take more rays each than many. */
-void model_slope(struct model *m, double tables_s, const double n[2], const double run_s[2], double share);
+/* Two of them, n[0] < n[1], and what each took on next to no points: that tells run_s, base_s and unit_s apart. A
+ * stratum's last sample may count in part and takes a ray all the same, so that few samples take more rays each than
+ * many. */
+void model_slope(struct model *m, double tables_s, const double n[2], const double seconds[2], const double none[2],
+                 double share);
+
+/* What whole pictures with two counts say of base_s and unit_s over what is known; false where there have not been two.
+ */
+bool model_whole(const struct model *m, double *base_times, double *unit_times);
+
+/* All times change alike. */
+void model_scale(struct model *m, double times);
 
 /* A whole picture's. */
 void model_ran(struct model *m, double n, double seconds);

@@ -52,7 +52,10 @@ struct pilot {
     struct direct *direct[SURFACE_KINDS], *probe; /* of the picture; of what goes ahead of it */
     struct direct *tables[SURFACE_KINDS];         /* which of them the last picture had */
     struct light_tracer *light;
-    struct groups groups;
+    const struct gbuffer *gbuffer; /* in use: the set's, or the thin one */
+    struct gbuffer *thin;
+    struct groups groups, spare_groups; /* of the one in use, of the other */
+    double edge_points;
     uint8_t *mask;
     float *lo_direct, *lo_eye, *lo_other, *lo_sum; /* [packet_count][3][16] */
     float *spread[2];                              /* [height][width][3]: of yardsticks */
@@ -76,8 +79,12 @@ struct pilot {
         double hard; /* its error there over that in the mean */
     } here[SURFACE_KINDS];
     const struct group *seen_on[WAYS]; /* the last reading's */
-    double pace;                       /* times are as much longer than they were */
-    double other_s;                    /* from points to pixels, and what the pilot reckons */
+    /* What a whole picture takes over what its groups let expect: threads that share little work wait for each other.
+     */
+    double base_times[SURFACE_KINDS], unit_times[SURFACE_KINDS];
+    double pace;    /* times are as much longer than they were */
+    double late[3]; /* of the last pictures: time over what was expected */
+    double other_s; /* from points to pixels, and what the pilot reckons */
     struct choice choice;
     bool begun;                             /* there has been a frame */
     uint32_t group_turn[SURFACE_KINDS + 1]; /* whose turn it is: of matte, of glossy surfaces, of both */
@@ -150,6 +157,24 @@ void pilot_choose(struct pilot *p, const struct pilot_wish *wish);
 double pilot_error(const struct pilot *p);
 /* What a part that is left out would bring, squared and relative; 0: not there or not known. */
 double pilot_missing(const struct pilot *p, enum pilot_part part);
+
+/* Half of its samples by light, half by lobes. */
+bool pilot_halves(uint32_t way);
+/* The error that is expected of the choice's route in another time. */
+double pilot_error_at(struct pilot *p, double seconds);
+
+/* ---- pilot_edges.c ---- */
+
+bool pilot_edges_init(struct pilot *p);
+void pilot_edges_finish(struct pilot *p);
+/* One point a pixel is in use. */
+bool pilot_edges_are_jagged(const struct pilot *p);
+/* relMSE that one point instead of several leaves. */
+double pilot_edge_error(const struct pilot *p);
+/* Goes over to that, or back: groups, times and counts follow. */
+void pilot_edges_take(struct pilot *p, bool jagged);
+/* Whether it is time to. After a choice, for what it had left. */
+bool pilot_edges_turn(struct pilot *p, const struct pilot_wish *left);
 
 /* ---- pilot_say.c ---- */
 

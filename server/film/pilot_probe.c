@@ -7,8 +7,9 @@
 
 #define SHARE_AT_FIRST 0.3 /* of a frame's time, for probes: while something is not known */
 #define SHARE_LATER 0.05
-#define READINGS_WANTED 2 /* of each way, before it may be chosen */
-#define OTHER_WANTED 6    /* of eye paths and light tracer, before techniques have more than these */
+#define SHARE_SETTLED 0.02 /* where all have had their readings */
+#define READINGS_WANTED 2  /* of each way, before it may be chosen */
+#define OTHER_WANTED 6     /* of eye paths and light tracer, before techniques have more than these */
 #define FRAMES_AT_FIRST 4
 #define HOPELESS 2.0          /* times the error of what is in use, in the same time: seldom looked at again, */
 #define HOPELESS_AT_FIRST 3.0 /* (by one reading) */
@@ -39,8 +40,9 @@ static double equal_count(const struct pilot *p, uint32_t way)
         return 1.0;
     if (!m->timed || !p->model[used].timed || !(m->unit_s > 0.0))
         return p->choice.n[part];
-    const double n = floor((model_seconds(&p->model[used], p->choice.n[part]) - model_begin(m)) / m->unit_s);
-    return fmin(4.0 * p->choice.n[part], fmax(1.0, n));
+    const double n = (model_seconds(&p->model[used], p->choice.n[part]) - model_begin(m)) / m->unit_s;
+    const double whole = pilot_halves(way) ? 2.0 * floor(0.5 * n + 0.5) : floor(n);
+    return fmin(4.0 * p->choice.n[part], fmax(1.0, whole));
 }
 
 static bool in_use(const struct pilot *p, uint32_t way)
@@ -78,9 +80,23 @@ static bool settled(const struct pilot *p)
     return true;
 }
 
+/* Whose readings are still to come to `wanted`; the hopeless have had theirs. */
+static bool lacks(const struct pilot *p, uint32_t way, uint32_t wanted)
+{
+    const struct model *m = &p->model[way];
+
+    return p->there[way] && !(in_use(p, way) && m->timed && m->fresh) && m->fresh < wanted &&
+           !(m->fresh && hopeless(p, way));
+}
+
 double pilot_share(const struct pilot *p)
 {
-    return p->frames < FRAMES_AT_FIRST || !known(p) ? SHARE_AT_FIRST : SHARE_LATER;
+    if (p->frames < FRAMES_AT_FIRST || !known(p))
+        return SHARE_AT_FIRST;
+    for (uint32_t way = 0; way < WAYS; way++)
+        if (lacks(p, way, CONTENDER))
+            return SHARE_LATER;
+    return settled(p) ? SHARE_SETTLED : SHARE_LATER;
 }
 
 void pilot_look_at_sky(struct pilot *p)
@@ -154,6 +170,8 @@ static double read_pair(struct pilot *p, uint32_t way, double n, const struct gr
 
 static void note_edges(struct pilot *p, const struct pair *pair)
 {
+    if (pilot_edges_are_jagged(p)) /* which do not say what they would be otherwise */
+        return;
     /* A mean over some hundred groups. */
     const double keep = p->edge.pixels > 100 * p->groups.pixels / p->groups.count ? 0.9 : 1.0;
 
@@ -218,41 +236,58 @@ static enum err again(struct pilot *p)
     return e;
 }
 
-/* One timed run; n samples. */
-static enum err timed(struct pilot *p, uint32_t way, double n, bool keep, const struct group *g, float *lo,
+/* One timed run; n samples, on some of a group's packets. */
+static enum err timed(struct pilot *p, uint32_t way, double n, bool keep, const struct packet_list *list, float *lo,
                       double *seconds)
 {
     const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
     const double start = pilot_now(p);
     struct direct_stats stats;
 
-    const enum err e = pilot_direct(p, p->probe, way, n, next_pass(p), keep, &g->list[kind], lo, &stats);
-    *seconds = pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n });
+    const enum err e = pilot_direct(p, p->probe, way, n, next_pass(p), keep, list, lo, &stats);
+    uint64_t points = 0;
+    for (uint32_t k = 0; k < list->count && p->desc.price; k++)
+        points += p->gbuffer->packets[list->index[k]].count;
+    *seconds = pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, points, stats.rays, n });
     pay(p, *seconds);
     return e;
 }
 
-/* What a run of n samples said of the time; the first time beside one of another count. */
+/* What a run of n samples said of the time; the first time beside one of another count, and both of a single packet:
+ * what that takes is no group's share of anything. */
 static enum err read_time(struct pilot *p, uint32_t way, const struct group *g, double tables_s, double n,
                           double seconds)
 {
     const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
     const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
     const double other = n > SAMPLES_TIMED ? 2.0 * ceil(0.5 * n / SLOPE_TIMES) : SLOPE_TIMES * n;
+    const double count[2] = { fmin(n, other), fmax(n, other) };
+    const struct packet_list one = { g->list[kind].index, 1 };
     struct model *m = &p->model[way];
-    double other_s;
+    double took[2], none[2];
+    enum err e = ERR_OK;
 
     if (m->sloped) {
         if (n >= SAMPLES_TIMED)
-            model_time(m, tables_s, n, seconds / p->pace, share);
+            model_time(m, tables_s, n, p->unit_times[kind] * seconds / p->pace, share);
         return ERR_OK;
     }
-    const enum err e = timed(p, way, other, true, g, p->lo_other, &other_s);
-    const double count[2] = { fmin(n, other), fmax(n, other) };
-    const double run_s[2] = { (n < other ? seconds : other_s) / p->pace, (n < other ? other_s : seconds) / p->pace };
-    if (!e)
-        model_slope(m, tables_s, count, run_s, share);
-    return e;
+    for (int k = 0; k < 2 && !e; k++) {
+        took[k] = seconds;
+        if (count[k] != n)
+            e = timed(p, way, count[k], true, &g->list[kind], p->lo_other, &took[k]);
+        if (!e)
+            e = timed(p, way, count[k], true, &one, p->lo_other, &none[k]);
+        took[k] /= p->pace;
+        none[k] /= p->pace;
+    }
+    if (e)
+        return e;
+    model_slope(m, tables_s, count, took, none, share);
+    (void)model_whole(m, &p->base_times[kind], &p->unit_times[kind]);
+    m->base_s *= p->base_times[kind];
+    m->unit_s *= p->unit_times[kind];
+    return ERR_OK;
 }
 
 /* Twice with n samples, the second time by the tables of the first: the difference in time is what these take. `keep`:
@@ -275,9 +310,9 @@ static enum err probe_surfaces(struct pilot *p, uint32_t way, bool keep, double 
     if (!p->here[kind].read && p->choice.way[kind] != WAY_NONE)
         e = again_direct(p, kind);
     if (!e)
-        e = timed(p, way, n, keep, g, p->lo_sum, &first);
+        e = timed(p, way, n, keep, &g->list[kind], p->lo_sum, &first);
     if (!e)
-        e = timed(p, way, n, true, g, p->lo_other, &second);
+        e = timed(p, way, n, true, &g->list[kind], p->lo_other, &second);
     if (e)
         return e;
     y.place = PAIR_APART;
@@ -357,26 +392,17 @@ static enum err probe_light(struct pilot *p, uint32_t way)
     return ERR_OK;
 }
 
-/* Whose readings are still to come to `wanted`; the hopeless have had theirs. */
-static bool lacks(const struct pilot *p, uint32_t way, uint32_t wanted)
-{
-    const struct model *m = &p->model[way];
-
-    return p->there[way] && !(in_use(p, way) && m->timed && m->fresh) && m->fresh < wanted &&
-           !(m->fresh && hopeless(p, way));
-}
-
 /* Who is looked at next: whoever is least known; among equals first what `auto` stands for, then the estimators of the
  * rest, then other techniques. Where all are known, in turn. WAYS: nobody. */
 static uint32_t next_way(struct pilot *p)
 {
-    const bool later = known(p) && p->frames >= FRAMES_AT_FIRST;
+    const bool all = isfinite(p->bank_s) && (!p->begun || (known(p) && p->frames >= FRAMES_AT_FIRST));
     uint32_t best = WAYS, least = UINT32_MAX;
 
     for (uint32_t way = 0; way < WAYS; way++) {
         const bool other = way >= WAY_EYE_ALL, first = way % PILOT_TECHNIQUES == 0;
         /* What the other light would bring is told by few pixels, which one group has and another has not. */
-        const uint32_t wanted = other ? OTHER_WANTED : later ? CONTENDER : READINGS_WANTED;
+        const uint32_t wanted = other ? OTHER_WANTED : all ? CONTENDER : READINGS_WANTED;
         const uint32_t rank = other ? p->model[way].fresh : 2 * p->model[way].fresh + !first;
         if (lacks(p, way, wanted) && rank < least) {
             least = rank;
@@ -404,7 +430,7 @@ static double cost_of(const struct pilot *p, uint32_t way)
     if (way >= WAY_EYE_ALL)
         return 2.0 * p->pace * m->unit_s * share * equal_count(p, way);
     /* Twice, and what is in use, which takes as long. */
-    return p->pace * (2.0 * m->tables_s + 3.0 * share * (m->base_s + m->unit_s * equal_count(p, way)));
+    return p->pace * (2.0 * m->tables_s + 3.0 * m->run_s + 3.0 * share * (m->base_s + m->unit_s * equal_count(p, way)));
 }
 
 double pilot_first_s(const struct pilot_wish *wish)
@@ -417,6 +443,8 @@ enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish)
     const double frame = wish->seconds > 0.0 ? wish->seconds : p->frame_s;
     enum err e = ERR_OK;
 
+    if (!p->groups.dealt && !groups_deal(&p->groups, &p->yardstick))
+        return ERR_NOMEM;
     for (int kind = 0; kind < SURFACE_KINDS; kind++) {
         p->here[kind].group = next_group(p, (enum surface_kind)kind);
         p->here[kind].read = false;
@@ -431,11 +459,11 @@ enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish)
         if (p->bank_s > 0.0 && p->runs % (known(p) && !settled(p) ? 2 : 4) == 0)
             e = again(p);
     }
-    for (uint32_t probes = 0; probes < 2 * WAYS && !e; probes++) {
+    for (uint32_t probes = 0; probes < CONTENDER * WAYS && !e; probes++) {
         const uint32_t way = next_way(p);
         const bool must = !p->begun && way < WAY_EYE_ALL && way % PILOT_TECHNIQUES == 0 && !p->model[way].fresh;
         if (way == WAYS || (!must && p->bank_s <= cost_of(p, way)) ||
-            (isinf(p->bank_s) && p->model[way].fresh >= READINGS_WANTED))
+            (isinf(p->bank_s) && p->model[way].fresh >= (way < WAY_EYE_ALL ? READINGS_WANTED : OTHER_WANTED)))
             break;
         e = way < WAY_EYE_ALL ? probe_direct(p, way) : way < WAY_AIMED ? probe_eye(p, way) : probe_light(p, way);
     }

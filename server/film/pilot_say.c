@@ -117,6 +117,10 @@ static void say_plan(struct pilot *p, struct relight_stats *stats)
     say_missing(p, plan);
     if (stats->direct.strata && !stats->direct.sun)
         leave_out(p, plan, "samples of the sun: this sky has none apart");
+    if (pilot_edges_are_jagged(p))
+        leave_out(p, plan,
+                  "anti-aliasing: %.2g of the relative squared error of %.2g, less than the time for it takes off",
+                  pilot_edge_error(p), pilot_error(p));
     say_technique(p, PILOT_MATTE, plan);
     say_technique(p, PILOT_GLOSSY, plan);
 }
@@ -165,7 +169,8 @@ void pilot_say(struct pilot *p, const struct pilot_wish *wish, struct relight_st
     out->error = pilot_error(p);
     out->met = p->budget.met;
     out->more = p->more;
-    out->edge_points = p->groups.edge_points;
-    out->edge_error = p->edge.pixels ? fmax(0.0, p->edge.edge / (double)p->edge.pixels) : 0.0;
+    out->edge_points = p->edge_points;
+    out->edge_error = pilot_edge_error(p);
+    out->jagged = pilot_edges_are_jagged(p);
     out->frames = p->frames;
 }

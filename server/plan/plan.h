@@ -35,7 +35,7 @@ struct plan_wish {
     uint32_t samples;   /* N_s of direct light, by which the rest is measured */
 };
 
-#define PLAN_LEFT_OUT_MAX 8
+#define PLAN_LEFT_OUT_MAX 10
 
 struct plan {
     enum plan_estimator caustics, indirect;  /* at points that the camera sees directly */

@@ -86,4 +86,8 @@ MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays 
                                    struct gbuffer **out, struct reason *why);
 void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */
 
+/* The same with one shade point a pixel: the heaviest of its entries has the weight of all; escapes stay. No edge is
+ * smooth in it, and it has a half of the points, or a third. On ERR_OK the caller owns *out. ERR_NOMEM. */
+MUST_CHECK enum err gbuffer_thin(const struct gbuffer *g, struct gbuffer **out);
+
 #endif

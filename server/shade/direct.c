@@ -9,6 +9,8 @@
 #include <math.h>
 #include <string.h>
 
+#define PACKETS_FEW 1024
+
 struct direct {
     const struct kernels *kernels;
     struct light_samples *lights; /* [SETS_MAX] */
@@ -190,13 +192,14 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
                           const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
     const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
+    const int chunk = packets < PACKETS_FEW ? 4 : 32; /* which all threads are to have a fair number of */
     uint64_t rays = 0, chosen = 0, effective = 0, points = 0;
 
 #pragma omp parallel reduction(+ : rays, chosen, effective, points)
     {
         const unsigned before = denormals_flush();
         struct direct_counts counts = { 0 };
-#pragma omp for schedule(dynamic, 32)
+#pragma omp for schedule(dynamic, chunk)
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = desc->only ? desc->only->index[k] : k;
             if (desc->cancel && atomic_load_explicit(desc->cancel, memory_order_relaxed))

@@ -285,11 +285,11 @@ static json_t *estimate_stats(const struct render *r, const struct pilot_stats *
                                                    part->n, "ms", 1e3 * part->seconds, "expected_ms",
                                                    1e3 * part->expected_seconds, "error", part->error));
     }
-    return json_pack("{s:f, s:f, s:f, s:b, s:I, s:f, s:f, s:f, s:{s:f, s:f}, s:o}", "error", s->error, "wished_error",
-                     r->wish.error, "wished_ms", 1e3 * r->wish.seconds, "met", s->met, "readings",
+    return json_pack("{s:f, s:f, s:f, s:b, s:I, s:f, s:f, s:f, s:{s:f, s:f, s:b}, s:o}", "error", s->error,
+                     "wished_error", r->wish.error, "wished_ms", 1e3 * r->wish.seconds, "met", s->met, "readings",
                      (json_int_t)s->readings, "light_ms", 1e3 * s->seconds, "pilot_ms", 1e3 * s->pilot_seconds,
                      "error_in_twice_the_time", s->more, "edges", "points", s->edge_points, "error_without",
-                     s->edge_error, "parts", parts);
+                     s->edge_error, "left_out", s->jagged, "parts", parts);
 }
 
 static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,

@@ -223,6 +223,38 @@ static void interreflection_is_left_out_where_the_time_is_short(void **state)
     set_destroy(set);
 }
 
+/* In haste most of the time would go to edges: they are left jagged, which is said, and smooth again when there is
+ * time. Another sky asks the question anew. */
+static void edges_are_jagged_in_haste_only(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    struct relight_stats stats;
+    struct pilot_stats hasty, patient;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.0015 }, 24, rgb, &stats, &hasty);
+    printf("in haste: relMSE %.2g, of which edges %.2g\n", hasty.error, hasty.edge_error);
+    assert_true(hasty.jagged && hasty.edge_error > 0.0 && hasty.edge_error < hasty.error);
+    assert_true(says(&stats, "anti-aliasing"));
+    fly(p, dull, &light, (struct pilot_wish){ .seconds = 0.0015 }, 1, rgb, &stats, &hasty);
+    assert_false(hasty.jagged);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.3 }, 24, rgb, &stats, &patient);
+    printf("with time: relMSE %.2g, edges would be %.2g\n", patient.error, patient.edge_error);
+    assert_false(patient.jagged);
+    assert_false(says(&stats, "anti-aliasing"));
+    assert_true(patient.error < patient.edge_error);
+    fly(p, e, &light, (struct pilot_wish){ .error = 0.2 }, 4, rgb, &stats, &patient);
+    assert_false(patient.jagged);
+    pilot_destroy(p);
+    environment_destroy(e);
+    environment_destroy(dull);
+    set_destroy(set);
+}
+
 /* Counts that the user names are kept to. */
 static void named_counts_and_estimators_are_kept_to(void **state)
 {
@@ -277,6 +309,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_sky_that_stands_still_has_a_steady_picture_in_time),
     cmocka_unit_test(a_wish_for_an_error_is_met_by_time),
     cmocka_unit_test(interreflection_is_left_out_where_the_time_is_short),
+    cmocka_unit_test(edges_are_jagged_in_haste_only),
     cmocka_unit_test(named_counts_and_estimators_are_kept_to),
     cmocka_unit_test(a_black_sky_is_no_trouble),
 };

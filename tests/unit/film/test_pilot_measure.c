@@ -163,19 +163,24 @@ static void rough_readings_give_way(void **state)
     assert_float_equal(m.energy, 0.5, 1e-9);
 }
 
-/* Few samples take more time each than many: two counts tell what any takes, 4 ms of all points, from 1 ms a sample. */
-static void two_counts_tell_the_time_that_begins_from_that_of_a_sample(void **state)
+/* Few samples take more time each than many: two counts tell what any takes, 40 ms of all points, from 10 ms a sample,
+ * and single packets what a run takes on however few of them, 0.5 ms, of which a tenth of the points has not a tenth.
+ */
+static void counts_and_sizes_tell_what_a_time_is_made_of(void **state)
 {
+    const double n[2] = { 4.0, 16.0 }, none[2] = { 0.0005, 0.0005 };
     struct model m = { 0 };
     (void)state;
 
-    model_slope(&m, 0.002, (const double[2]){ 4.0, 16.0 }, (const double[2]){ 0.0008, 0.0020 }, 0.1);
-    assert_float_equal(model_begin(&m), 0.006, 1e-9);
-    assert_float_equal(model_seconds(&m, 64.0), 0.070, 1e-9);
-    model_time(&m, 0.002, 16.0, 0.0020, 0.1); /* as expected: nothing changes */
-    assert_float_equal(model_seconds(&m, 64.0), 0.070, 1e-9);
-    model_slope(&m, 0.002, (const double[2]){ 4.0, 16.0 }, (const double[2]){ 0.05, 0.0020 }, 0.1); /* a hiccup */
+    model_slope(&m, 0.002, n, (const double[2]){ 0.0085, 0.0205 }, none, 0.1);
+    assert_float_equal(model_begin(&m), 0.0425, 1e-9);
+    assert_float_equal(model_seconds(&m, 64.0), 0.6825, 1e-9);
+    model_time(&m, 0.002, 16.0, 0.0205, 0.1); /* as expected: nothing changes */
+    assert_float_equal(model_seconds(&m, 64.0), 0.6825, 1e-9);
+    model_slope(&m, 0.002, n, (const double[2]){ 0.5, 0.0205 }, none, 0.1); /* a hiccup */
     assert_true(m.unit_s > 0.0 && m.base_s >= 0.0);
+    model_scale(&m, 2.0);
+    assert_float_equal(m.tables_s, 0.004, 1e-12);
 }
 
 /* A picture that is dark in one corner: every group gets its share of it, to a tile. */
@@ -216,7 +221,7 @@ static void each_group_has_its_share_of_the_dark(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(readings_of_hard_and_easy_places_are_comparable),
     cmocka_unit_test(rough_readings_give_way),
-    cmocka_unit_test(two_counts_tell_the_time_that_begins_from_that_of_a_sample),
+    cmocka_unit_test(counts_and_sizes_tell_what_a_time_is_made_of),
     cmocka_unit_test(each_group_has_its_share_of_the_dark),
     cmocka_unit_test(each_pixel_is_in_one_group_with_all_its_packets),
     cmocka_unit_test(pairs_tell_variance_and_energy),
