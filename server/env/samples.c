@@ -181,7 +181,9 @@ void samples_shape(const struct sky_table *t, struct light_samples *out)
     if (t->has_sun)
         out->energy[t->strata] = t->sun_energy;
     memcpy(out->sun_axis, t->sun_axis, sizeof(out->sun_axis));
-    out->sun_spread = t->sun_spread;
+    const float spread = t->sun_spread + 1e-4f; /* more than rounding takes away */
+    out->sun_cos = cosf(spread);
+    out->sun_sin = sinf(spread);
 }
 
 enum err samples_draw_table(const struct sky_table *t, const uint32_t *count, uint64_t seed, struct light_samples *s)

@@ -43,7 +43,7 @@ struct light_samples {
 
     bool has_sun;      /* the last stratum is the sun: it lies over the others, and both densities count there */
     float sun_axis[3]; /* unit */
-    float sun_spread;  /* radians: the sun is no further from its axis */
+    float sun_cos, sun_sin; /* of an angle from its axis within which the sun lies, and a little more */
 };
 
 /* `count` samples in each stratum that is not black. Same environment, kind, count and seed give the same samples.

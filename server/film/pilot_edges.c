@@ -38,7 +38,12 @@ bool pilot_edges_are_jagged(const struct pilot *p)
 
 double pilot_edge_error(const struct pilot *p)
 {
-    return p->edge.pixels ? fmax(0.0, p->edge.edge / (double)p->edge.pixels) : 0.0;
+    double error = 0.0;
+
+    for (int kind = 0; kind < SURFACE_KINDS; kind++)
+        if (p->edge[kind].pixels)
+            error += fmax(0.0, p->edge[kind].edge / (double)p->edge[kind].pixels);
+    return error;
 }
 
 /* Points of the thin one over those of all. */
@@ -77,7 +82,7 @@ bool pilot_edges_turn(struct pilot *p, const struct pilot_wish *left)
 
     if (jagged && (p->frames == 0 || !(left->seconds > 0.0)))
         return true; /* what edges cost under this sky is not known; without a time there is no haste */
-    if (p->frames < FRAMES_BEFORE || !(left->seconds > 0.0) || !p->edge.pixels || !(share < 1.0) ||
+    if (p->frames < FRAMES_BEFORE || !(left->seconds > 0.0) || !(edges > 0.0) || !(share < 1.0) ||
         (left->error > 0.0 && p->budget.met && !jagged))
         return false;
     const double other = pilot_error_at(p, jagged ? left->seconds * share : left->seconds / share);

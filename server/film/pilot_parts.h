@@ -96,8 +96,7 @@ struct pilot {
     uint64_t runs;                          /* all */
     double energy[CUBE_FACES];              /* of the sky that the readings began with */
     struct direct_stats direct_stats[SURFACE_KINDS];
-    struct pair edge; /* rolling sums */
-    double edge_sum;
+    struct pair edge[SURFACE_KINDS]; /* rolling sums, of what either kind holds */
 
     /* Of the frame that is being made. */
     const struct environment *environment;

@@ -116,7 +116,7 @@ void pilot_look_at_sky(struct pilot *p)
     pilot_set_routes(p);
     for (uint32_t way = 0; way < WAYS; way++)
         model_age(&p->model[way]);
-    p->edge = (struct pair){ 0 };
+    memset(p->edge, 0, sizeof(p->edge));
     p->frames = 0;
 }
 
@@ -168,15 +168,17 @@ static double read_pair(struct pilot *p, uint32_t way, double n, const struct gr
     return error;
 }
 
-static void note_edges(struct pilot *p, const struct pair *pair)
+static void note_edges(struct pilot *p, enum surface_kind kind, const struct pair *pair)
 {
+    struct pair *edge = &p->edge[kind];
+
     if (pilot_edges_are_jagged(p)) /* which do not say what they would be otherwise */
         return;
     /* A mean over some hundred groups. */
-    const double keep = p->edge.pixels > 100 * p->groups.pixels / p->groups.count ? 0.9 : 1.0;
+    const double keep = edge->pixels > 100 * p->groups.pixels / p->groups.count ? 0.9 : 1.0;
 
-    p->edge.edge = keep * p->edge.edge + pair->edge;
-    p->edge.pixels = (uint64_t)(keep * (double)p->edge.pixels) + pair->pixels;
+    edge->edge = keep * edge->edge + pair->edge;
+    edge->pixels = (uint64_t)(keep * (double)edge->pixels) + pair->pixels;
 }
 
 /* A part that the picture has, once more on the group that others are to be tried on, with other numbers. */
@@ -199,7 +201,7 @@ static enum err again_direct(struct pilot *p, enum surface_kind kind)
     const double error = read_pair(p, way, n, g, &pair, 1.0), mean = model_error_told(&p->model[way], n);
     p->here[kind].read = true;
     p->here[kind].hard = mean > 0.0 ? fmin(HARD_MOST, fmax(1.0 / HARD_MOST, error / mean)) : 1.0;
-    note_edges(p, &pair);
+    note_edges(p, kind, &pair);
     pay(p, pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n }));
     return ERR_OK;
 }

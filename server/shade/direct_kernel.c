@@ -104,8 +104,7 @@ static void weigh_grid(const struct shade_packet *restrict p, const struct light
  * that it is positive wherever any of them is. */
 static void weigh_sun(const struct shade_packet *p, const struct light_samples *lights, float energy, struct lanes *out)
 {
-    const float spread = lights->sun_spread + 1e-4f; /* more than rounding takes away */
-    const float c = cosf(spread), s = sinf(spread);
+    const float c = lights->sun_cos, s = lights->sun_sin;
     const float *axis = lights->sun_axis;
 
     LANES(l)

@@ -223,11 +223,38 @@ static void interreflection_is_left_out_where_the_time_is_short(void **state)
     set_destroy(set);
 }
 
+/* Light alone knows nothing of a highlight, lobes alone nothing of a sun: their readings are small until one is large.
+ * Neither is taken where that may be, whatever it promises, in any of these frames. */
+static void what_could_fail_unseen_is_not_taken(void **state)
+{
+    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    for (int k = 0; k < 2; k++) {
+        struct environment *e = k ? sun_alone() : sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+        struct pilot *p = pilot_of(set);
+        for (int frame = 0; frame < 30; frame++) {
+            fly(p, e, &light, (struct pilot_wish){ .seconds = frame < 15 ? 0.01 : 0.1 }, 1, rgb, &stats, &said);
+            assert_true(strncmp(said.part[PILOT_GLOSSY].name, "light alone", 11) != 0);
+            assert_true(strcmp(said.part[PILOT_GLOSSY].name, "lobes alone") != 0);
+            assert_true(strcmp(said.part[PILOT_MATTE].name, "lobes alone") != 0);
+        }
+        pilot_destroy(p);
+        environment_destroy(e);
+    }
+    set_destroy(set);
+}
+
 /* In haste most of the time would go to edges: they are left jagged, which is said, and smooth again when there is
  * time. Another sky asks the question anew. */
 static void edges_are_jagged_in_haste_only(void **state)
 {
-    struct set *set = set_of(NULL, WIDTH, HEIGHT);
+    enum { W = 320, H = 180 };
+    static float large[3 * W * H];
+    struct set *set = set_of(NULL, W, H);
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
@@ -236,18 +263,18 @@ static void edges_are_jagged_in_haste_only(void **state)
     (void)state;
 
     struct pilot *p = pilot_of(set);
-    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.0015 }, 24, rgb, &stats, &hasty);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.02 }, 24, large, &stats, &hasty);
     printf("in haste: relMSE %.2g, of which edges %.2g\n", hasty.error, hasty.edge_error);
     assert_true(hasty.jagged && hasty.edge_error > 0.0 && hasty.edge_error < hasty.error);
     assert_true(says(&stats, "anti-aliasing"));
-    fly(p, dull, &light, (struct pilot_wish){ .seconds = 0.0015 }, 1, rgb, &stats, &hasty);
+    fly(p, dull, &light, (struct pilot_wish){ .seconds = 0.02 }, 1, large, &stats, &hasty);
     assert_false(hasty.jagged);
-    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.3 }, 24, rgb, &stats, &patient);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.3 }, 24, large, &stats, &patient);
     printf("with time: relMSE %.2g, edges would be %.2g\n", patient.error, patient.edge_error);
     assert_false(patient.jagged);
     assert_false(says(&stats, "anti-aliasing"));
     assert_true(patient.error < patient.edge_error);
-    fly(p, e, &light, (struct pilot_wish){ .error = 0.2 }, 4, rgb, &stats, &patient);
+    fly(p, e, &light, (struct pilot_wish){ .error = 0.2 }, 4, large, &stats, &patient);
     assert_false(patient.jagged);
     pilot_destroy(p);
     environment_destroy(e);
@@ -309,6 +336,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_sky_that_stands_still_has_a_steady_picture_in_time),
     cmocka_unit_test(a_wish_for_an_error_is_met_by_time),
     cmocka_unit_test(interreflection_is_left_out_where_the_time_is_short),
+    cmocka_unit_test(what_could_fail_unseen_is_not_taken),
     cmocka_unit_test(edges_are_jagged_in_haste_only),
     cmocka_unit_test(named_counts_and_estimators_are_kept_to),
     cmocka_unit_test(a_black_sky_is_no_trouble),
