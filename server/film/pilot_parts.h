@@ -1,6 +1,6 @@
 /* server/film/pilot_parts.h */
 /* What the pilot's files share: pilot.c makes the frame, pilot_probe.c goes ahead of it, pilot_choose.c decides,
- * pilot_say.c puts it into words. */
+ * pilot_edges.c says whether edges are to be smooth, pilot_say.c puts all into words. */
 #ifndef FILM_PILOT_PARTS_H
 #define FILM_PILOT_PARTS_H
 
