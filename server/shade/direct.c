@@ -188,14 +188,19 @@ static enum err draw_sets(struct direct *d, const struct gbuffer *g, const struc
     return failed ? ERR_NOMEM : ERR_OK;
 }
 
+static uint32_t lobe_count(uint32_t samples, float part)
+{
+    return (uint32_t)ceilf(part * (float)samples);
+}
+
 static void shade_packets(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
                           const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
     const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
     const int chunk = packets < PACKETS_FEW ? 4 : 32; /* which all threads are to have a fair number of */
-    uint64_t rays = 0, chosen = 0, effective = 0, points = 0;
+    uint64_t rays = 0, chosen = 0, effective = 0, lobes = 0;
 
-#pragma omp parallel reduction(+ : rays, chosen, effective, points)
+#pragma omp parallel reduction(+ : rays, chosen, effective, lobes)
     {
         const unsigned before = denormals_flush();
         struct direct_counts counts = { 0 };
@@ -204,7 +209,7 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
             const uint32_t i = desc->only ? desc->only->index[k] : k;
             if (desc->cancel && atomic_load_explicit(desc->cancel, memory_order_relaxed))
                 continue;
-            points += g->packets[i].count;
+            lobes += g->packets[i].count * lobe_count(desc->counts ? desc->counts[i] : desc->samples, frame->brdf_part);
             d->kernels->direct_packet(frame, &g->packets[i], i, lo + (size_t)i * 3 * PACKET, &counts);
         }
         rays += counts.rays;
@@ -215,7 +220,7 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
     stats->rays = rays;
     stats->chosen = chosen;
     stats->effective = effective;
-    stats->lobes = frame->lobe_count * points;
+    stats->lobes = lobes;
 }
 
 static void take_stats(const struct direct *d, const struct strategy *s, struct direct_stats *stats)
@@ -244,9 +249,9 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         .rays = desc->no_visibility ? NULL : rays,
         .share = recipe->share,
         .samples = desc->samples,
+        .counts = desc->counts,
         .light_part = recipe->light_part,
         .brdf_part = recipe->brdf_part,
-        .lobe_count = (uint32_t)ceilf(recipe->brdf_part * (float)desc->samples),
         .seed = rng_mix(seed, 2),
     };
 
@@ -270,7 +275,7 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     frame.systematic = s.systematic;
     result = draw_sets(d, g, e, recipe, &s, desc->only, &frame);
     if (!result)
-        result = draw_numbers(d, frame.lobe_count, rng_mix(seed, 1));
+        result = draw_numbers(d, lobe_count(desc->samples, recipe->brdf_part), rng_mix(seed, 1));
     if (result)
         return result;
     frame.numbers = d->numbers;

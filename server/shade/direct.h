@@ -55,6 +55,11 @@ struct direct_desc {
     const struct packet_list *only;
     bool keep;
 
+    /* [packet_count]: N_s of each packet, 1..samples, instead of `samples` for all; NULL: that. Counts must not depend
+     * on the very numbers that are to be drawn: who samples on where the first samples came out high shifts the mean
+     * [Kirk and Arvo 1991]. */
+    const uint32_t *counts;
+
     const atomic_bool *cancel; /* once true, what is left is not shaded; may be NULL */
     struct reason *why;        /* where an error other than ERR_NOMEM is explained; may be NULL */
 };

@@ -21,6 +21,7 @@ struct packet_state {
     const struct light_samples *lights; /* the packet's set */
     struct ray16 rays;
     struct lobes lobes;
+    uint32_t samples, lobe_count;       /* the packet's own */
     struct lanes sum[3];                /* sum of the estimator's terms, before 1 / N_s */
     struct lanes share[STRATA_MAX + 1]; /* mu_f(n); the one behind the strata is 0 */
     bool seen[STRATA_MAX];              /* by a lane: else all of `share` is 0 there */
@@ -177,7 +178,7 @@ static void count_samples(struct packet_state *s, uint32_t index, float *count)
 {
     const struct direct_frame *f = s->frame;
     const double u = rng_unit(rng_mix(rng_mix(f->seed, index), PACKET));
-    const double samples = (double)f->light_part * f->samples;
+    const double samples = (double)f->light_part * s->samples;
     double sum = u, before = floor(sum);
 
     for (uint32_t k = 0; k < s->lights->strata; k++) {
@@ -270,8 +271,7 @@ static void add_light_samples(struct packet_state *s, uint32_t index)
             continue;
         LANES(l)
         {
-            n_f.v[l] =
-                s->frame->systematic ? count[f] : s->share[f].v[l] * s->frame->light_part * (float)s->frame->samples;
+            n_f.v[l] = s->frame->systematic ? count[f] : s->share[f].v[l] * s->frame->light_part * (float)s->samples;
             if (s->points->valid[l]) {
                 s->counts->chosen += (uint64_t)ceilf(n_f.v[l]);
                 most = n_f.v[l] > most ? n_f.v[l] : most;
@@ -280,6 +280,14 @@ static void add_light_samples(struct packet_state *s, uint32_t index)
         for (uint32_t i = 0; (float)i < most && lights->first[f] + i < lights->first[f + 1]; i++)
             add_light_sample(s, i, lights->first[f] + i, &n_f);
     }
+}
+
+static void take_counts(struct packet_state *s, uint32_t index)
+{
+    const struct direct_frame *f = s->frame;
+
+    s->samples = f->counts ? f->counts[index] : f->samples;
+    s->lobe_count = (uint32_t)ceilf(f->brdf_part * (float)s->samples);
 }
 
 /* The strata's shares of what the packet's light samples are. */
@@ -300,6 +308,7 @@ static void direct_counts(const struct direct_frame *f, const struct shade_packe
 
     s.frame = f;
     s.points = p;
+    take_counts(&s, index);
     set_up_strata(&s);
     count_samples(&s, index, real);
     for (uint32_t k = 0; k < s.lights->strata; k++)
@@ -343,7 +352,7 @@ static void add_lobe_samples(struct packet_state *s, uint32_t index)
     const uint64_t seed = rng_mix(f->seed, index);
     uint32_t shift[2][PACKET], common = 0;
 
-    while (common < 16 && f->lobe_count >> (2 * common + 2))
+    while (common < 16 && s->lobe_count >> (2 * common + 2))
         common++;
     const uint32_t differ = UINT32_MAX >> common;
     LANES(l)
@@ -352,8 +361,8 @@ static void add_lobe_samples(struct packet_state *s, uint32_t index)
         shift[0][l] = ((uint32_t)seed & ~differ) | ((uint32_t)own & differ);
         shift[1][l] = ((uint32_t)(seed >> 32) & ~differ) | ((uint32_t)(own >> 32) & differ);
     }
-    for (uint32_t i = 0; i < f->lobe_count; i++) {
-        const float left = f->brdf_part * (float)f->samples - (float)i;
+    for (uint32_t i = 0; i < s->lobe_count; i++) {
+        const float left = f->brdf_part * (float)s->samples - (float)i;
         struct lanes square[2];
         LANES(l) /* 24 bits: the largest stays below 1 in float */
         {
@@ -372,6 +381,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     s.frame = f;
     s.points = p;
     s.counts = counts;
+    take_counts(&s, index);
     for (int c = 0; c < 3; c++)
         LANES(l) s.sum[c].v[l] = 0.0f;
     lobes_set_up(p, &s.lobes);
@@ -383,7 +393,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     if (f->brdf_part > 0.0f)
         add_lobe_samples(&s, index);
     for (int c = 0; c < 3; c++)
-        LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)f->samples;
+        LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)s.samples;
 }
 
 const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_counts, direct_packet };

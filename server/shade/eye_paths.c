@@ -204,7 +204,7 @@ static struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l)
 /* All paths of one point. The sequence's numbers are turned by a digital shift of the point's own, which keeps each
  * uniform and the set a net. */
 static uint64_t shade_point(const struct frame_paths *f, const struct shade_packet *p, uint32_t l, uint64_t point,
-                            uint32_t classes, float *lo)
+                            uint32_t paths, uint32_t classes, float *lo)
 {
     const struct lobe lobe = lobe_of_lane(p, l);
     const struct vec3 wo = vec3_make(p->wo_x[l], p->wo_y[l], p->wo_z[l]), at = vec3_make(p->x[l], p->y[l], p->z[l]);
@@ -213,7 +213,7 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
 
     for (uint64_t k = 0; k < NUMBER_COUNT; k++)
         shift[k] = rng_mix(f->point_seed, point * NUMBER_COUNT + k);
-    for (uint32_t i = 0; i < f->paths; i++) {
+    for (uint32_t i = 0; i < paths; i++) {
         double x[NUMBER_COUNT];
         for (int k = 0; k < NUMBER_COUNT; k++)
             x[k] = rng_unit(f->numbers[i][k] ^ shift[k]);
@@ -227,7 +227,7 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
             walk_on(&w);
     }
     for (int c = 0; c < 3; c++)
-        lo[c * PACKET + l] += (float)(w.sum[c] / f->paths);
+        lo[c * PACKET + l] += (float)(w.sum[c] / paths);
     return w.rays;
 }
 
@@ -286,14 +286,15 @@ static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, 
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = desc->only ? desc->only->index[k] : k;
             const struct shade_packet *p = &g->packets[i];
+            const uint32_t own = desc->counts ? desc->counts[i] : desc->paths;
             if (desc->cancel && atomic_load_explicit(desc->cancel, memory_order_relaxed))
                 continue;
             for (uint32_t l = 0; l < p->count; l++) {
                 const uint32_t wanted = classes[p->behind[l] != 0];
                 if (!wanted)
                     continue;
-                rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, wanted, lo + (size_t)i * 3 * PACKET);
-                paths += f->paths;
+                rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, own, wanted, lo + (size_t)i * 3 * PACKET);
+                paths += own;
             }
         }
         denormals_restore(before);

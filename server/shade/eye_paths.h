@@ -29,8 +29,9 @@
 
 struct eye_paths_desc {
     uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT, or part of them, at points that the camera sees directly */
-    uint32_t behind_classes;        /* likewise at points behind mirrors and glass (shade_packet.behind) */
-    uint32_t paths;                 /* per shade point, >= 1 */
+    uint32_t behind_classes; /* likewise at points behind mirrors and glass (shade_packet.behind) */
+    uint32_t paths;          /* per shade point, >= 1 */
+    const uint32_t *counts;  /* [packet_count]: of each packet's points, 1..paths; NULL: `paths`. As in direct.h */
     const struct packet_list *only; /* the packets to be shaded; NULL: all */
     uint64_t seed, pass;            /* together they decide every random number; the passes of a seed go on with one
                                      * low-discrepancy sequence, so that their mean gains from it */

@@ -31,10 +31,10 @@ struct direct_frame { /* what all packets of a frame share; borrowed */
     enum share share;
     bool systematic;             /* whole counts for a packet at a time; else N_f of each point */
     uint32_t samples;            /* N_s */
+    const uint32_t *counts;      /* [packet_count]: N_s of each packet, none above `samples`; NULL: that, for all */
     float light_part, brdf_part; /* of N_s */
-    const uint32_t *numbers;     /* [lobe_count][2]: points of the unit square in units of 2^-32, for the lobes */
-    uint32_t lobe_count;         /* ceil(brdf_part * N_s) */
-    uint64_t seed;               /* packets turn the numbers by it and their index */
+    const uint32_t *numbers; /* [ceil(brdf_part N_s)][2]: points of the unit square in units of 2^-32, for the lobes */
+    uint64_t seed;           /* packets turn the numbers by it and their index */
 };
 
 struct kernels {

@@ -1,7 +1,9 @@
-/* Some packets instead of all, and tables that are kept: the same bits as by the ordinary way. */
+/* Some packets instead of all, counts of their own, and tables that are kept: the same bits as by the ordinary way. */
 #include "eye_paths.h"
 #include "points.h"
 #include "relight.h"
+
+#include <math.h>
 
 enum { WIDTH = 48, HEIGHT = 27 };
 
@@ -123,9 +125,123 @@ static void listed_packets_alone_get_eye_paths(void **state)
     court_finish(&c);
 }
 
+static const uint32_t dealt[3] = { 2, 8, 5 }; /* counts, to packets in turn */
+
+static uint32_t *deal(const struct court *c)
+{
+    uint32_t *counts = mem_alloc(c->set->gbuffer->packet_count, sizeof(*counts));
+    for (uint32_t i = 0; i < c->set->gbuffer->packet_count; i++)
+        counts[i] = dealt[i % 3];
+    return counts;
+}
+
+static void packets_with_counts_of_their_own_have_the_bits_of_pictures_with_these(void **state)
+{
+    static const struct direct_desc descs[] = {
+        { .method = METHOD_MIS },  { .method = METHOD_AUTO },    { .method = METHOD_FACES, .sun = true },
+        { .method = METHOD_BRDF }, { .method = METHOD_LATLONG }, { .method = METHOD_LIGHT },
+    };
+    struct court c = court_make();
+    uint32_t *counts = deal(&c);
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(descs) / sizeof(descs[0]); k++) {
+        struct direct_desc desc = descs[k];
+        struct direct_stats own, same[3];
+        desc.seed = 4;
+        desc.samples = 8;
+        desc.counts = counts;
+        assert_int_equal(direct_shade(c.direct, c.set->gbuffer, c.set->rays, c.sky, &desc, c.some, &own), ERR_OK);
+        desc.counts = NULL;
+        for (uint32_t turn = 0; turn < 3; turn++) {
+            desc.samples = dealt[turn];
+            assert_int_equal(direct_shade(c.direct, c.set->gbuffer, c.set->rays, c.sky, &desc, c.all, &same[turn]),
+                             ERR_OK);
+            for (size_t i = turn * 3 * PACKET; i < c.values; i += 9 * PACKET)
+                assert_memory_equal(&c.all[i], &c.some[i], 3 * PACKET * sizeof(float));
+        }
+        assert_true(own.rays > same[0].rays && own.rays < same[1].rays);
+        assert_true(own.lobes == 0 ? same[1].lobes == 0 : own.lobes > same[0].lobes && own.lobes < same[1].lobes);
+    }
+    mem_free(counts);
+    court_finish(&c);
+}
+
+/* Cells draw as many samples as the packets ask for: no two runs have the same. The mean over the picture is held to
+ * one of 512 samples, within 4 of its standard errors, about 4 % in all, from 16 seeds. */
+static void counts_of_their_own_leave_the_mean_where_it_is(void **state)
+{
+    struct direct_desc desc = { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON };
+    struct court c = court_make();
+    uint32_t *counts = deal(&c);
+    double sum[2] = { 0.0 }, square = 0.0;
+    struct direct_stats stats;
+    (void)state;
+
+    desc.samples = 512;
+    assert_int_equal(direct_shade(c.direct, c.set->gbuffer, c.set->rays, c.sky, &desc, c.all, &stats), ERR_OK);
+    for (size_t i = 0; i < c.values; i++)
+        sum[1] += (double)c.all[i];
+    desc.samples = 8;
+    desc.counts = counts;
+    for (desc.seed = 1; desc.seed <= 16; desc.seed++) {
+        double one = 0.0;
+        assert_int_equal(direct_shade(c.direct, c.set->gbuffer, c.set->rays, c.sky, &desc, c.some, &stats), ERR_OK);
+        for (size_t i = 0; i < c.values; i++)
+            one += (double)c.some[i];
+        sum[0] += one / 16.0;
+        square += one * one / 16.0;
+    }
+    const double deviation = sqrt((square - sum[0] * sum[0]) / 15.0);
+    assert_true(deviation < 0.015 * sum[1]);
+    assert_true(fabs(sum[0] - sum[1]) < 4.0 * deviation);
+    mem_free(counts);
+    court_finish(&c);
+}
+
+/* With every count the largest, the bits of a run without; with others, so many paths and a mean within 4 standard
+ * errors, about 2 % in all, from 16 seeds. */
+static void eye_paths_follow_counts_too(void **state)
+{
+    struct court c = court_make();
+    struct eye_paths_desc desc = { .classes = PATH_INDIRECT, .paths = 8, .seed = 8 };
+    uint32_t *counts = deal(&c);
+    double sum[2] = { 0.0 }, square[2] = { 0.0 };
+    uint64_t wanted = 0;
+    (void)state;
+
+    for (uint32_t i = 0; i < c.set->gbuffer->packet_count; i++)
+        for (uint32_t l = 0; l < c.set->gbuffer->packets[i].count; l++)
+            wanted += c.set->gbuffer->packets[i].behind[l] ? 0 : counts[i];
+    for (desc.seed = 1; desc.seed <= 16; desc.seed++)
+        for (int k = 0; k < 2; k++) {
+            struct eye_paths_stats stats;
+            double one = 0.0;
+            memset(c.all, 0, c.values * sizeof(float));
+            desc.counts = k ? counts : NULL;
+            assert_int_equal(eye_paths_shade(c.set->scene, c.set->rays, c.set->gbuffer, c.sky, &desc, c.all, &stats),
+                             ERR_OK);
+            assert_true(k == 0 || stats.paths == wanted);
+            for (size_t i = 0; i < c.values; i++)
+                one += (double)c.all[i];
+            sum[k] += one / 16.0;
+            square[k] += one * one / 16.0;
+        }
+    double variance = 0.0;
+    for (int k = 0; k < 2; k++)
+        variance += (square[k] - sum[k] * sum[k]) / 15.0;
+    assert_true(sqrt(variance) < 0.01 * sum[0]);
+    assert_true(fabs(sum[0] - sum[1]) < 4.0 * sqrt(variance));
+    mem_free(counts);
+    court_finish(&c);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(listed_packets_have_the_bits_of_the_whole),
     cmocka_unit_test(kept_tables_give_the_bits_of_new_ones),
     cmocka_unit_test(listed_packets_alone_get_eye_paths),
+    cmocka_unit_test(packets_with_counts_of_their_own_have_the_bits_of_pictures_with_these),
+    cmocka_unit_test(counts_of_their_own_leave_the_mean_where_it_is),
+    cmocka_unit_test(eye_paths_follow_counts_too),
 };
 UNIT_MAIN(tests)
