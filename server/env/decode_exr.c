@@ -2,7 +2,7 @@
 
 #include "colour.h"
 #include "exr_file.h"
-#include "mem.h"
+#include "scratch.h"
 
 #include <inttypes.h>
 #include <string.h>
@@ -57,10 +57,19 @@ static void hear(exr_const_context_t ctx, exr_result_t code, const char *text)
         decode_plain(text, strlen(text), x->said.text, sizeof(x->said.text));
 }
 
+/* Whom this thread's file takes its memory from: the library's hooks are told sizes and pointers and nothing else. Set
+ * while decode_exr runs. */
+static _Thread_local struct scratch *serving;
+
 /* Zeroed, so that a chunk that unpacks to less than it claims shows black and not another picture's remains. */
 static void *take_block(size_t bytes)
 {
-    return bytes > BLOCK_MOST ? NULL : mem_alloc(bytes, 1);
+    return bytes > BLOCK_MOST ? NULL : scratch_take(serving, bytes);
+}
+
+static void give_block(void *p)
+{
+    scratch_give(serving, p);
 }
 
 /* The fault at `where`, in the library's words or, where it had none, in those for its code. */
@@ -140,7 +149,7 @@ static enum err open_header(struct exr_file *x)
 
     init.error_handler_fn = hear;
     init.alloc_fn = take_block;
-    init.free_fn = mem_free;
+    init.free_fn = give_block;
     init.user_data = x;
     init.read_fn = read_bytes;
     init.size_fn = count_bytes;
@@ -351,8 +360,12 @@ static enum err read_header(struct exr_file *x)
 enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
     struct exr_file x = { .bytes = bytes, .size = size, .name = name, .why = why };
-    enum err e = read_header(&x);
 
+    if (!im->scratch)
+        im->scratch = scratch_create(); /* without one all goes on, with the system's memory */
+    scratch_begin(im->scratch);
+    serving = im->scratch;
+    enum err e = read_header(&x);
     if (e)
         goto done;
     e = image_resize(im, x.width, x.height);
@@ -365,5 +378,6 @@ enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct 
 done:
     if (x.context)
         exr_finish(&x.context);
+    serving = NULL;
     return e;
 }

@@ -1,7 +1,7 @@
 #include "decode.h"
 
 #include "colour.h"
-#include "mem.h"
+#include "scratch.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -389,12 +389,12 @@ static enum err colour_matrix(const struct hdr *h, float out[9], bool *needed)
     return ERR_OK;
 }
 
-static enum err row_init(struct row *row, uint32_t length)
+static enum err row_init(struct row *row, uint32_t length, struct scratch *scratch)
 {
-    uint8_t *planes = mem_alloc(length, 4);
+    uint8_t *planes = scratch_take(scratch, (size_t)length * 4);
 
     row->plane[0] = planes;
-    row->rgb = mem_alloc(length, 3 * sizeof(float));
+    row->rgb = scratch_take(scratch, (size_t)length * 3 * sizeof(float));
     if (!planes || !row->rgb)
         return ERR_NOMEM;
     for (int p = 1; p < 4; p++)
@@ -421,14 +421,17 @@ enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct 
     if (h.size - h.at < h.scanlines * least_scanline(h.length))
         return err_say(why, ERR_FORMAT, "%s: byte %zu: %ux%u texels cannot be in the %zu bytes that follow", name, h.at,
                        h.width, h.height, h.size - h.at);
+    if (!im->scratch)
+        im->scratch = scratch_create();
+    scratch_begin(im->scratch);
     e = image_resize(im, h.width, h.height);
     if (!e)
-        e = row_init(&row, h.length);
+        e = row_init(&row, h.length, im->scratch);
     if (e)
         e = err_say(why, e, "%s: no memory for %ux%u texels", name, h.width, h.height);
     else
         e = read_texels(&h, needed ? to_rec709 : NULL, &row, im);
-    mem_free(row.plane[0]);
-    mem_free(row.rgb);
+    scratch_give(im->scratch, row.rgb);
+    scratch_give(im->scratch, row.plane[0]);
     return e;
 }

@@ -73,6 +73,7 @@ void environment_destroy(struct environment *e)
     if (!e)
         return;
     image_finish(&e->image);
+    image_finish(&e->face);
     resampler_destroy(e->resampler);
     mem_free(e->texels);
     mem_free(e->row_cdf);
@@ -142,19 +143,17 @@ static enum err place_face(struct image *cube, struct image *face, uint32_t k, c
 static enum err decode_faces(struct environment *e, const struct frame *f, struct reason *why)
 {
     static const char *const names[CUBE_FACES] = { "px", "nx", "py", "ny", "pz", "nz" };
-    struct image face = { .rgb = NULL };
     char name[sizeof(f->name) + 16];
     enum err result = ERR_OK;
     size_t at = 0;
 
     for (uint32_t k = 0; k < CUBE_FACES && !result; at += f->faces[k++]) {
         snprintf(name, sizeof(name), "%s (face %s)", f->name, names[k]);
-        result = decode_image(f->bytes + at, f->faces[k], name, &face, why);
+        result = decode_image(f->bytes + at, f->faces[k], name, &e->face, why);
         if (!result)
-            result = place_face(&e->image, &face, k, name, why);
+            result = place_face(&e->image, &e->face, k, name, why);
     }
     e->image.layout = LAYOUT_CUBE;
-    image_finish(&face);
     return result;
 }
 

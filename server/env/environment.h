@@ -47,6 +47,7 @@ struct texel {
 
 struct environment {
     struct image image; /* as decoded, without gain and rotation */
+    struct image face;  /* where the files of six faces are decoded, one after the other */
     enum layout layout; /* of image */
     double rotation;    /* radians about +Y, right-handed */
     float gain;         /* 2^scale_stops */

@@ -1,6 +1,7 @@
 #include "exr_file.h"
 
 #include "dwa.h"
+#include "exr_zip.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -17,6 +18,7 @@ struct reader {
     bool ready;
     exr_result_t (*decompress)(exr_decode_pipeline_t *); /* NULL: nothing to undo */
     struct dwa dwa;
+    struct exr_zip zip;
 };
 
 /* The rectangle of the picture that a chunk must fill, and what to call it. */
@@ -72,7 +74,7 @@ static void spread_chunk(const struct reader *r, const struct place *p)
     }
 }
 
-/* Stands in for the library's decompressor. */
+/* This one and the next stand in for the library's decompressors. */
 static exr_result_t unpack_dwa(exr_decode_pipeline_t *pipe)
 {
     struct reader *r = pipe->decoding_user_data;
@@ -83,6 +85,27 @@ static exr_result_t unpack_dwa(exr_decode_pipeline_t *pipe)
         return EXR_ERR_SUCCESS;
     (void)err_say(&r->x->said, ERR_FORMAT, "DWA: %s", fault);
     return fault == dwa_no_memory ? EXR_ERR_OUT_OF_MEMORY : EXR_ERR_CORRUPT_CHUNK;
+}
+
+static exr_result_t unpack_zip(exr_decode_pipeline_t *pipe)
+{
+    struct reader *r = pipe->decoding_user_data;
+    const char *fault = exr_zip_unpack(&r->zip, pipe->packed_buffer, pipe->chunk.packed_size, pipe->unpacked_buffer,
+                                       pipe->chunk.unpacked_size);
+    if (!fault)
+        return EXR_ERR_SUCCESS;
+    (void)err_say(&r->x->said, ERR_FORMAT, "ZIP: %s", fault);
+    return fault == exr_zip_no_memory ? EXR_ERR_OUT_OF_MEMORY : EXR_ERR_CORRUPT_CHUNK;
+}
+
+/* The library's decompressor, or the one that stands in for it; NULL: nothing to undo. */
+static exr_result_t (*decompressor(const struct exr_file *x, exr_decode_pipeline_t *pipe))(exr_decode_pipeline_t *)
+{
+    if (exr_file_is_dwa(x))
+        return unpack_dwa;
+    if (x->compression == EXR_COMPRESSION_ZIP || x->compression == EXR_COMPRESSION_ZIPS)
+        return unpack_zip;
+    return pipe->decompress_fn;
 }
 
 static exr_result_t unpack(struct reader *r, const exr_chunk_info_t *chunk)
@@ -100,7 +123,7 @@ static exr_result_t unpack(struct reader *r, const exr_chunk_info_t *chunk)
             e = exr_decoding_choose_default_routines(x->context, x->part, pipe);
         pipe->unpack_and_convert_fn = NULL;
         pipe->decoding_user_data = r;
-        r->decompress = exr_file_is_dwa(x) ? unpack_dwa : pipe->decompress_fn;
+        r->decompress = decompressor(x, pipe);
         r->ready = e == EXR_ERR_SUCCESS;
     }
     if (e != EXR_ERR_SUCCESS)
@@ -109,7 +132,8 @@ static exr_result_t unpack(struct reader *r, const exr_chunk_info_t *chunk)
     pipe->decompress_fn = chunk->packed_size == chunk->unpacked_size ? NULL : r->decompress;
     e = exr_decoding_run(x->context, x->part, pipe);
     /* The library's decompressors call it a want of memory when their input ends early. */
-    if (e == EXR_ERR_OUT_OF_MEMORY && !exr_file_is_dwa(x) && pipe->packed_buffer && pipe->unpacked_buffer)
+    if (e == EXR_ERR_OUT_OF_MEMORY && r->decompress != unpack_dwa && r->decompress != unpack_zip &&
+        pipe->packed_buffer && pipe->unpacked_buffer)
         e = EXR_ERR_CORRUPT_CHUNK;
     return e;
 }
@@ -205,11 +229,12 @@ static enum err read_tiles(struct reader *r)
 
 enum err exr_chunks_read(struct exr_file *x, struct image *im)
 {
-    struct reader r = { .x = x, .im = im };
+    struct reader r = { .x = x, .im = im, .zip = { .scratch = im->scratch } };
 
     x->said.text[0] = '\0';
     const enum err e = x->tiled ? read_tiles(&r) : read_scanlines(&r);
     exr_decoding_destroy(x->context, &r.pipe);
     dwa_finish(&r.dwa);
+    exr_zip_finish(&r.zip);
     return e;
 }

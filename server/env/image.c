@@ -1,6 +1,7 @@
 #include "image.h"
 
 #include "mem.h"
+#include "scratch.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -26,7 +27,9 @@ enum err image_resize(struct image *im, uint32_t width, uint32_t height)
     const size_t count = (size_t)width * height * 3;
     if (count > im->capacity) {
         /* freed first: both at once need not fit */
-        image_finish(im);
+        mem_free(im->rgb);
+        im->width = im->height = 0;
+        im->capacity = 0;
         im->rgb = mem_alloc_raw(count, sizeof(*im->rgb));
         if (!im->rgb)
             return ERR_NOMEM;
@@ -44,6 +47,7 @@ void image_finish(struct image *im)
     if (!im)
         return;
     mem_free(im->rgb);
+    scratch_destroy(im->scratch);
     memset(im, 0, sizeof(*im));
 }
 

@@ -31,12 +31,15 @@ struct image_faults {  /* values (not texels) that were put right, of this frame
 #define IMAGE_MAX_TEXELS ((size_t)IMAGE_MAX_SIDE * (IMAGE_MAX_SIDE / 2)) /* the largest 2:1 picture: 1.5 GiB */
 #define IMAGE_MAX 1e12f /* larger finite values are cut here: sums of squares stay finite in float */
 
+struct scratch;
+
 struct image {
     uint32_t width, height;
     float *rgb;
     size_t capacity;    /* floats that rgb has room for */
     enum layout layout; /* what the file itself says; LAYOUT_AUTO when it says nothing */
     struct image_faults faults;
+    struct scratch *scratch; /* what decoders keep from one picture to the next (scratch.h); NULL until there is one */
 };
 
 /* Makes room, with no layout and no faults; the texels are undefined afterwards. ERR_RANGE at 0, beyond IMAGE_MAX_SIDE

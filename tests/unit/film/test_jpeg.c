@@ -103,6 +103,42 @@ static void memory_and_bytes_are_the_same_again(void **state)
     jpeg_encoder_destroy(j);
 }
 
+/* The library's own all-in-one call, which jpeg_encode takes apart so that its memory can stay. */
+static void bytes_are_those_of_the_librarys_own_call(void **state)
+{
+    enum { SIDE = 70 };
+    static const int qualities[] = { 1, 40, 85, 89, 90, 96, 100 };
+    static uint8_t noise[SIDE * SIDE * 3];
+    struct jpeg_encoder *j = jpeg_encoder_create();
+    tjhandle h = tjInitCompress();
+    const uint8_t *bytes;
+    size_t size;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(noise); i++)
+        noise[i] = (uint8_t)(i * 2654435761u >> 13);
+    paint();
+    for (size_t q = 0; q < sizeof(qualities) / sizeof(qualities[0]); q++)
+        for (int width = 1; width <= SIDE; width += width % 2 ? 4 : 5)
+            for (int height = 1; height <= SIDE; height += 9)
+                for (int kind = 0; kind < 2; kind++) {
+                    const int sampling = qualities[q] >= 90 ? TJSAMP_444 : TJSAMP_420;
+                    const uint8_t *rgb = kind ? &picture[0][0][0] : noise; /* rows are as wide as they are taken */
+                    unsigned char *want = NULL;
+                    unsigned long want_size = 0;
+                    assert_int_equal(tjCompress2(h, rgb, width, 0, height, TJPF_RGB, &want, &want_size, sampling,
+                                                 qualities[q], TJFLAG_ACCURATEDCT),
+                                     0);
+                    assert_int_equal(
+                        jpeg_encode(j, rgb, (uint32_t)width, (uint32_t)height, qualities[q], &bytes, &size), ERR_OK);
+                    assert_int_equal(size, want_size);
+                    assert_memory_equal(bytes, want, size);
+                    tjFree(want);
+                }
+    tjDestroy(h);
+    jpeg_encoder_destroy(j);
+}
+
 static void sides_that_the_format_cannot_hold_are_refused(void **state)
 {
     static uint8_t line[65536 * 3];
@@ -133,6 +169,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(decoded_picture_is_the_picture),
     cmocka_unit_test(chroma_is_whole_from_quality_90),
     cmocka_unit_test(memory_and_bytes_are_the_same_again),
+    cmocka_unit_test(bytes_are_those_of_the_librarys_own_call),
     cmocka_unit_test(sides_that_the_format_cannot_hold_are_refused),
     cmocka_unit_test(destroying_nothing_is_allowed),
 };

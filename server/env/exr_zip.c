@@ -1,0 +1,124 @@
+#include "exr_zip.h"
+
+#include <string.h>
+
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
+
+const char exr_zip_no_memory[] = "no memory to inflate it";
+
+static voidpf take(voidpf scratch, uInt count, uInt size)
+{
+    return scratch_take(scratch, (size_t)count * size); /* two numbers of 32 bits */
+}
+
+static void give(voidpf scratch, voidpf p)
+{
+    scratch_give(scratch, p);
+}
+
+void exr_zip_finish(struct exr_zip *z)
+{
+    struct scratch *const scratch = z->scratch;
+
+    if (z->begun)
+        inflateEnd(&z->stream);
+    scratch_give(scratch, z->bytes);
+    *z = (struct exr_zip){ .scratch = scratch };
+}
+
+static bool make_ready(struct exr_zip *z, size_t size)
+{
+    if (z->begun) {
+        inflateReset(&z->stream);
+    } else {
+        z->stream = (z_stream){ .zalloc = take, .zfree = give, .opaque = z->scratch };
+        z->begun = inflateInit(&z->stream) == Z_OK;
+    }
+    if (size > z->room) {
+        scratch_give(z->scratch, z->bytes);
+        z->bytes = scratch_take(z->scratch, size);
+        z->room = z->bytes ? size : 0;
+    }
+    return z->begun && z->bytes;
+}
+
+void exr_zip_sum_ref(uint8_t *b, size_t n)
+{
+    for (size_t i = 1; i < n; i++)
+        b[i] = (uint8_t)(b[i - 1] + b[i] - 128);
+}
+
+#ifdef __SSE2__
+
+/* Sixteen sums by four steps, each adding what stands 1, 2, 4 and 8 bytes before; then the last sum of the sixteen
+ * before them, which is all that the next have to wait for. */
+void exr_zip_sum(uint8_t *b, size_t n)
+{
+    const __m128i middle = _mm_set1_epi8((char)0x80);
+    __m128i last = middle; /* so that the first byte keeps its value */
+    size_t i = 0;
+
+    for (; i + 16 <= n; i += 16) {
+        __m128i v = _mm_xor_si128(_mm_loadu_si128((const __m128i *)(b + i)), middle); /* - 128 */
+        v = _mm_add_epi8(v, _mm_slli_si128(v, 1));
+        v = _mm_add_epi8(v, _mm_slli_si128(v, 2));
+        v = _mm_add_epi8(v, _mm_slli_si128(v, 4));
+        v = _mm_add_epi8(_mm_add_epi8(v, _mm_slli_si128(v, 8)), last);
+        _mm_storeu_si128((__m128i *)(b + i), v);
+        last = _mm_srli_si128(v, 15);
+        last = _mm_unpacklo_epi8(last, last);
+        last = _mm_shufflelo_epi16(last, 0);
+        last = _mm_unpacklo_epi64(last, last);
+    }
+    if (i > 0)
+        exr_zip_sum_ref(b + i - 1, n - i + 1); /* the tail, from the last byte that is done */
+    else
+        exr_zip_sum_ref(b, n);
+}
+
+#else
+
+void exr_zip_sum(uint8_t *b, size_t n)
+{
+    exr_zip_sum_ref(b, n);
+}
+
+#endif
+
+/* The first half of the bytes to the even places, the second to the odd ones; of an odd number the first has one more.
+ */
+static void weave(const uint8_t *restrict from, size_t size, uint8_t *restrict to)
+{
+    const uint8_t *restrict second = from + (size + 1) / 2;
+
+    for (size_t i = 0; i < size / 2; i++) {
+        to[2 * i] = from[i];
+        to[2 * i + 1] = second[i];
+    }
+    if (size % 2)
+        to[size - 1] = from[size / 2];
+}
+
+const char *exr_zip_unpack(struct exr_zip *z, const uint8_t *packed, size_t packed_size, uint8_t *out, size_t size)
+{
+    if (packed_size > UINT32_MAX || size > UINT32_MAX)
+        return "it is too large";
+    if (!make_ready(z, size))
+        return exr_zip_no_memory;
+    z->stream.next_in = packed;
+    z->stream.avail_in = (uInt)packed_size;
+    z->stream.next_out = z->bytes;
+    z->stream.avail_out = (uInt)size;
+    const int got = inflate(&z->stream, Z_FINISH); /* at one go, for which zlib keeps no window */
+    if (got == Z_MEM_ERROR)
+        return exr_zip_no_memory;
+    if (got != Z_STREAM_END)
+        return "its bytes cannot be inflated";
+    if (z->stream.avail_out != 0)
+        return "its bytes are too few";
+    exr_zip_sum(z->bytes, size);
+    weave(z->bytes, size, out);
+    return NULL;
+}
