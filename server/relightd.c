@@ -249,10 +249,11 @@ static void encode_jpeg(struct daemon *d, struct shaded *in, int quality)
 {
     const uint32_t width = in->header.width, height = in->header.height;
     const double start = clock_seconds();
+    const struct tone_desc tone = { in->header.gain, daemon_settings(d).tone, d->kernels->level };
     const uint8_t *bytes;
     size_t size;
 
-    tone_map(in->rgb, width, height, in->header.gain, daemon_settings(d).tone, d->display);
+    tone_map(in->rgb, width, height, &tone, d->display);
     if (jpeg_encode(d->jpeg, d->display, width, height, quality, &bytes, &size)) {
         log_error("a picture of %ux%u could not be encoded", width, height);
         return;

@@ -145,6 +145,7 @@ enum err picture_maker_init(struct picture_maker *m, const struct bench *b, cons
         .relighter = relighter_create(set, b->kernels),
         .environment = b->environment,
         .light = &b->light,
+        .level = b->kernels->level,
         .jpeg = jpeg_encoder_create(),
         .rgb = mem_alloc(values, sizeof(float)),
         .display = mem_alloc(values, 1),
@@ -173,11 +174,12 @@ enum err picture_maker_light(struct picture_maker *m)
 
 enum err picture_maker_encode(struct picture_maker *m)
 {
+    const struct tone_desc tone = { .gain = exposure_step(&m->exposure, m->rgb, m->width, m->height, 1),
+                                    .level = m->level };
     const uint8_t *bytes;
     size_t size;
 
-    tone_map(m->rgb, m->width, m->height, exposure_step(&m->exposure, m->rgb, m->width, m->height, 1), TONE_FILMIC,
-             m->display);
+    tone_map(m->rgb, m->width, m->height, &tone, m->display);
     return jpeg_encode(m->jpeg, m->display, m->width, m->height, BENCH_QUALITY, &bytes, &size);
 }
 
@@ -223,7 +225,8 @@ static enum err make_picture(struct bench *b, struct reason *why)
         return err_say(why, e, "no picture could be made: %s", err_text(e));
     exposure_init(&exposure);
     b->gain = (float)exposure_step(&exposure, b->rgb, width, height, 1);
-    tone_map(b->rgb, width, height, (double)b->gain, TONE_FILMIC, b->display);
+    tone_map(b->rgb, width, height, &(struct tone_desc){ .gain = (double)b->gain, .level = b->kernels->level },
+             b->display);
     return ERR_OK;
 }
 

@@ -61,6 +61,7 @@ struct picture_maker {
     struct relighter *relighter;
     const struct environment *environment;
     const struct relight_desc *light;
+    const char *level; /* of the kernels */
     struct exposure exposure;
     struct jpeg_encoder *jpeg;
     float *rgb;

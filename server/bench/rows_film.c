@@ -15,8 +15,9 @@ struct toning {
 static enum err tone_ours(void *context)
 {
     const struct bench *b = ((struct toning *)context)->b;
+    const struct tone_desc tone = { (double)b->gain, TONE_FILMIC, b->kernels->level };
 
-    tone_map(b->rgb, b->desc->width, b->desc->height, (double)b->gain, TONE_FILMIC, b->display);
+    tone_map(b->rgb, b->desc->width, b->desc->height, &tone, b->display);
     return ERR_OK;
 }
 

@@ -217,7 +217,7 @@ static enum err whole_unshadowed(void *context)
     if (!e)
         e = picture_maker_light(m);
     if (!e)
-        tone_map(m->rgb, m->width, m->height, 1.0, TONE_FILMIC, m->display);
+        tone_map(m->rgb, m->width, m->height, &(struct tone_desc){ 1.0, TONE_FILMIC, m->level }, m->display);
     return e;
 }
 

@@ -222,7 +222,8 @@ static enum err run_common(struct bench *b, const float *rgb, struct reason *why
     if (!e)
         e = environment_rebuild(d->environment, why);
     at[2] = clock_seconds();
-    tone_map(rgb, p->width, p->height, 0.18 / exp2(p->gain_log2), TONE_FILMIC, b->display);
+    tone_map(rgb, p->width, p->height, &(struct tone_desc){ 0.18 / exp2(p->gain_log2), TONE_FILMIC, d->kernels->level },
+             b->display);
     at[3] = clock_seconds();
     if (!e)
         e = jpeg_encode(b->jpeg, b->display, p->width, p->height, JPEG_QUALITY, &bytes, &size);

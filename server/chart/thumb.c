@@ -31,7 +31,7 @@ enum err thumb_picture(struct text *t, struct jpeg_encoder *j, const struct pane
 
     if (!display)
         return ERR_NOMEM;
-    tone_map(rgb, p->width, p->height, 0.18 / exp2(p->gain_log2), TONE_FILMIC, display);
+    tone_map(rgb, p->width, p->height, &(struct tone_desc){ 0.18 / exp2(p->gain_log2), TONE_FILMIC, NULL }, display);
     const enum err e = add_jpeg(t, j, p, display);
     mem_free(display);
     return e;

@@ -213,7 +213,8 @@ static enum err add_strip(struct text *t, const struct video *v, const struct vi
     text_add(t, "<div class=\"strip video\">");
     if (!e) {
         (void)exposure_log2_mean(s->picture, NULL, v->width, v->height, &log2_mean);
-        tone_map(s->picture, v->width, v->height, 0.18 / exp2(log2_mean), TONE_FILMIC, display);
+        tone_map(s->picture, v->width, v->height, &(struct tone_desc){ 0.18 / exp2(log2_mean), TONE_FILMIC, NULL },
+                 display);
         text_add(t, "<figure class=\"first\">");
         e = add_jpeg(t, j, v, display);
         text_add(t, "\" alt=\"the first frame\"><figcaption>the first frame, as it should be</figcaption></figure>");

@@ -53,10 +53,16 @@ bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, u
  * order: the same picture gives the same gain at any thread count. */
 double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height, uint64_t frames);
 
+struct tone_desc {
+    double gain;
+    enum tone_curve curve;
+    const char *level; /* of the CPU's, as kernels_select took it; NULL: the best there is */
+};
+
 /* gain * rgb through the curve and the sRGB transfer function [IEC 61966-2-1] into uint8_t[height][width][3].
  * Filmic and linear act per channel, Reinhard on luminance. No input makes it fail: NaN becomes 0, infinity 255.
  * Within 1 code value of the exact formula, and equal to it for more than 99.8 % of a dense ramp; never falls as the
- * light rises. The same bits on every CPU. Uses all OpenMP threads. */
-void tone_map(const float *rgb, uint32_t width, uint32_t height, double gain, enum tone_curve curve, uint8_t *out);
+ * light rises. The same bits on every CPU and at every level. Uses all OpenMP threads. */
+void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct tone_desc *desc, uint8_t *out);
 
 #endif

@@ -111,14 +111,15 @@ static void expose_reinhard(const float *in, size_t count, float gain, float *ou
             out[3 * i + k] *= scale[i];
 }
 
-void tone_map(const float *rgb, uint32_t width, uint32_t height, double gain, enum tone_curve curve, uint8_t *out)
+void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct tone_desc *desc, uint8_t *out)
 {
-    const struct tone_kernel *kernel = tone_kernel_best();
+    const struct tone_kernel *kernel = tone_kernel_select(desc->level);
+    const enum tone_curve curve = desc->curve;
     struct tone_table table;
     const size_t count = (size_t)width * height * 3;
     /* a factor that is no number, or not one that a float can hold, must not turn light into NaN */
-    const float factor = (float)fmin(fmax(gain, 0x1p-126), 0x1p127);
-    const float scaled = (float)fmin(fmax(gain * TONE_SCALE, 0x1p-126), 0x1p127);
+    const float factor = (float)fmin(fmax(desc->gain, 0x1p-126), 0x1p127);
+    const float scaled = (float)fmin(fmax(desc->gain * TONE_SCALE, 0x1p-126), 0x1p127);
 
     tone_table_fill(&table, curve == TONE_FILMIC ? TONE_FILMIC : TONE_LINEAR);
 #pragma omp parallel for schedule(static)

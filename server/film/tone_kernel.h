@@ -27,14 +27,14 @@ struct tone_table {
 void tone_table_fill(struct tone_table *t, enum tone_curve curve);
 
 struct tone_kernel {
-    const char *level; /* as shade/kernels.h has them: "v4"; "baseline" everywhere */
+    const char *level; /* as base/cpu.h names them; "baseline" everywhere */
     /* out[i] = code of in[i]. gain: TONE_SCALE is in it. NaN is 0, infinity 255. No overlap, any alignment, count may
      * be 0. Bit-exact with tone_ref. */
     void (*codes)(const struct tone_table *t, const float *in, size_t count, float gain, uint8_t *out);
 };
 
-/* The best that this CPU has. */
-const struct tone_kernel *tone_kernel_best(void);
+/* That of a level's name, as --cpu has it; the best that this CPU has where that is NULL or a level it lacks. */
+const struct tone_kernel *tone_kernel_select(const char *level);
 
 /* All that this CPU has, the reference first, ended by NULL: for tests. */
 const struct tone_kernel *const *tone_kernels_all(void);

@@ -232,7 +232,7 @@ static enum err write_picture(struct render *r, struct reason *why)
     }
     const uint8_t *bytes;
     size_t size;
-    tone_map(r->rgb, width, height, gain, r->tone, r->display);
+    tone_map(r->rgb, width, height, &(struct tone_desc){ gain, r->tone, r->kernels->level }, r->display);
     e = jpeg_encode(r->jpeg, r->display, width, height, r->quality, &bytes, &size);
     return e ? err_say(why, e, "%s: cannot be encoded", name) : file_store(name, bytes, size, why);
 }

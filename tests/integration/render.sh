@@ -237,4 +237,27 @@ help_and_version_are_there() {
     done
 }
 
+# Each level of the kernels that this CPU has gives the same bits, linear and tone-mapped: nothing is contracted and sums
+# keep their order.
+every_cpu_level_gives_the_same_picture() {
+    local level code options made=0
+    for options in 'exr --method mis --samples 16' 'jpg --method auto --samples 7' 'jpg --method brdf --tone reinhard' \
+        'exr --method faces --sun --cells 4 --samples 33'; do
+        for level in baseline v3 v4; do
+            code=0
+            # shellcheck disable=SC2086
+            "$bin/relight-render" --cpu $level ${options#* } --paths direct --size 81x47 \
+                --out "$work/$level.${options%% *}" 2>"$work/stderr" || code=$?
+            if [ "$code" = 2 ] && [ "$level" != baseline ] && grep -q 'this CPU lacks it' "$work/stderr"; then
+                continue
+            fi
+            [ "$code" = 0 ] || { cat "$work/stderr"; fail "--cpu $level ${options#* }"; }
+            cmp "$work/baseline.${options%% *}" "$work/$level.${options%% *}" || fail "$level differs: $options"
+            made=$((made + 1))
+        done
+    done
+    echo "$made pictures compared"
+    expect 2 "unknown, or this CPU lacks it" "$bin/relight-render" --cpu v9 --size 16x16 --out "$work/none.exr"
+}
+
 "$1"

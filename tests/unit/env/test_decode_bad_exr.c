@@ -129,6 +129,7 @@ static void sizes_that_the_file_cannot_hold_take_no_memory(void **state)
         assert_null(im.rgb);
         free(bytes);
     }
+    image_finish(&im);
 }
 
 /* What the library itself takes is measured too: in a process that may have no more than 256 MiB. A sanitizer needs

@@ -42,7 +42,7 @@ static int code(enum tone_curve curve, double gain, float grey)
 {
     const float rgb[3] = { grey, grey, grey };
     uint8_t out[3];
-    tone_map(rgb, 1, 1, gain, curve, out);
+    tone_map(rgb, 1, 1, &(struct tone_desc){ gain, curve, NULL }, out);
     assert_true(out[0] == out[1] && out[1] == out[2]);
     return out[0];
 }
@@ -61,7 +61,7 @@ static void walk_ramp(enum tone_curve curve, void (*visit)(enum tone_curve, cons
             grey[i] = float_of(b + i * RAMP_STRIDE);
             rgb[i][0] = rgb[i][1] = rgb[i][2] = grey[i];
         }
-        tone_map(&rgb[0][0], ROW, 1, 1.0, curve, &out[0][0]);
+        tone_map(&rgb[0][0], ROW, 1, &(struct tone_desc){ 1.0, curve, NULL }, &out[0][0]);
         for (uint32_t i = 0; i < ROW; i++)
             got[i] = out[i][1];
         visit(curve, grey, got, data);
@@ -175,7 +175,7 @@ static void one_odd_channel_leaves_the_others(void **state)
     uint8_t out[2][3];
     (void)state;
 
-    tone_map(&rgb[0][0], 2, 1, 1.0, TONE_FILMIC, &out[0][0]);
+    tone_map(&rgb[0][0], 2, 1, &(struct tone_desc){ 1.0, TONE_FILMIC, NULL }, &out[0][0]);
     const uint8_t half = (uint8_t)want_code(TONE_FILMIC, 0.5);
     const uint8_t want[2][3] = { { 255, half, 0 }, { 0, 0, half } };
     assert_memory_equal(out, want, sizeof(want));
@@ -189,7 +189,7 @@ static void reinhard_keeps_the_ratios_of_a_colour(void **state)
     uint8_t out[3];
     (void)state;
 
-    tone_map(rgb, 1, 1, 1.0, TONE_REINHARD, out);
+    tone_map(rgb, 1, 1, &(struct tone_desc){ 1.0, TONE_REINHARD, NULL }, out);
     for (int k = 0; k < 3; k++) {
         const double want = tone_srgb((double)rgb[k] * tone_value(TONE_REINHARD, l) / l);
         assert_true(fabs(255.0 * want - out[k]) <= 1.0);
@@ -206,7 +206,7 @@ static void every_size_fills_its_bytes_and_no_more(void **state)
         rgb[i] = 5.0f;
     for (uint32_t width = 1; width <= 2100; width += width < 520 ? 1 : 37) {
         memset(out, 77, sizeof(out));
-        tone_map(rgb, width, 1, 1.0, TONE_LINEAR, out);
+        tone_map(rgb, width, 1, &(struct tone_desc){ 1.0, TONE_LINEAR, NULL }, out);
         for (size_t i = 0; i < sizeof(out); i++)
             assert_int_equal(out[i], i < 3 * (size_t)width ? 255 : 77);
         assert_int_equal(out[3 * width], 77);
@@ -225,10 +225,10 @@ static void picture_has_the_same_bytes_at_any_thread_count(void **state)
         rgb[i] = (float)exp2(14.0 * rng_next(&r) - 9.0);
     for (int c = 0; c < CURVES; c++) {
         omp_set_num_threads(1);
-        tone_map(rgb, SIDE, SIDE, 0.7, curves[c], want);
+        tone_map(rgb, SIDE, SIDE, &(struct tone_desc){ 0.7, curves[c], NULL }, want);
         for (int n = 2; n <= 5; n++) {
             omp_set_num_threads(n);
-            tone_map(rgb, SIDE, SIDE, 0.7, curves[c], got);
+            tone_map(rgb, SIDE, SIDE, &(struct tone_desc){ 0.7, curves[c], NULL }, got);
             assert_memory_equal(got, want, sizeof(want));
         }
     }

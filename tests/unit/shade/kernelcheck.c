@@ -1,9 +1,14 @@
-/* Each CPU level against the baseline, over seeds and hurtful inputs: the same source, the same order of operations and
- * no contraction, so the same bits are asked for. The seed is printed and may be given as RELIGHT_TEST_SEED. */
+/* All loops that there is more than one build of, each CPU level against the baseline, over seeds, tails and hurtful
+ * inputs: the same order of operations and no contraction, so the same bits are asked for. The seed is printed and may
+ * be given as RELIGHT_TEST_SEED. */
 #include "points.h"
 
+#include "cpu.h"
+#include "film.h"
 #include "lanes.h"
+#include "tone_kernel.h"
 
+#include <float.h>
 #include <omp.h>
 
 static uint64_t first_seed(void)
@@ -117,6 +122,94 @@ static void every_level_gives_the_same_bits_at_all_options(void **state)
     environment_destroy(e);
 }
 
+/* Counts of samples that leave every remainder of a vector of 16, at every share of them. */
+static void every_level_gives_the_same_bits_at_every_count(void **state)
+{
+    enum { PACKETS = 2 };
+    static float want[PACKETS * 3 * PACKET], got[PACKETS * 3 * PACKET];
+    const struct kernels *const *all = kernels_all();
+    const uint64_t seed = first_seed();
+    (void)state;
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e6f), 32, 10.0);
+    for (int kind = LOBE_LAMBERT; kind <= LOBE_GGX; kind++) {
+        struct gbuffer g = points_make(PACKETS, (enum lobe_kind)kind, 0, 0, 0);
+        make_hurtful(&g, seed);
+        for (int m = METHOD_UNIFORM; m <= METHOD_MIS; m++)
+            for (uint32_t n = 1; n <= 35; n++)
+                for (size_t k = 0; all[k]; k++) {
+                    struct direct *d = direct_create(all[k]);
+                    shade(d, &g, e, (enum method)m, n, seed + n, k == 0 ? want : got);
+                    direct_destroy(d);
+                    if (k > 0 && memcmp(want, got, sizeof(want)) != 0)
+                        fail_msg("level %s, %s, %u samples", all[k]->level, method_name((enum method)m), n);
+                }
+        points_free(&g);
+    }
+    environment_destroy(e);
+}
+
+/* The tone map as programs call it; tests/unit/film/test_tone_kernel.c looks at its loop alone. */
+static void every_level_gives_the_same_codes(void **state)
+{
+    enum { WIDEST = 600, GUARD = 64 };
+    static const float odd[] = { 0.0f,     -0.0f,     0x1p-149f, -0x1p-149f, FLT_MIN, FLT_MAX, -FLT_MAX,
+                                 INFINITY, -INFINITY, NAN,       -NAN,       -1.0f,   0.18f,   10.0f };
+    static const double gains[] = { 1.0, 0.01, 1e30, 1e-30, INFINITY, NAN };
+    static float rgb[3 * WIDEST];
+    static uint8_t want[3 * WIDEST + GUARD], got[3 * WIDEST + GUARD];
+    const struct kernels *const *all = kernels_all();
+    const uint64_t seed = first_seed();
+    (void)state;
+
+    for (uint64_t s = seed; s < seed + 200; s++) {
+        struct rng r = { s };
+        for (size_t i = 0; i < 3 * WIDEST; i++)
+            rgb[i] = rng_next(&r) < 0.2 ? odd[(size_t)(rng_next(&r) * (sizeof(odd) / sizeof(odd[0])))]
+                                        : (float)exp2(18.0 * rng_next(&r) - 14.0);
+        const uint32_t width = s - seed < 48 ? (uint32_t)(s - seed) + 1 : 1 + (uint32_t)(rng_next(&r) * WIDEST);
+        for (int c = TONE_FILMIC; c <= TONE_LINEAR; c++)
+            for (size_t k = 0; all[k]; k++) {
+                const struct tone_desc desc = { gains[s % 6], (enum tone_curve)c, all[k]->level };
+                uint8_t *out = k == 0 ? want : got;
+                memset(out, 0x55, sizeof(got));
+                tone_map(rgb, width, 1, &desc, out);
+                if (k > 0 && memcmp(want, got, sizeof(want)) != 0)
+                    fail_msg("level %s, %s, %u pixels, seed %llu", all[k]->level, tone_name(desc.curve), width,
+                             (unsigned long long)s);
+                for (size_t i = 3 * (size_t)width; i < sizeof(got); i++) /* what lies behind the picture stands */
+                    assert_int_equal(out[i], 0x55);
+            }
+    }
+}
+
+static void one_name_lowers_every_kernel(void **state)
+{
+    const struct kernels *const *direct = kernels_all();
+    const struct tone_kernel *const *tone = tone_kernels_all();
+    const struct kernels *chosen;
+    struct reason why;
+    enum cpu_level level;
+    int k = 0;
+    (void)state;
+
+    for (; direct[k] && tone[k]; k++) {
+        assert_int_equal(cpu_select(cpu_name((enum cpu_level)k), &level, &why), ERR_OK);
+        assert_int_equal(level, k);
+        assert_int_equal(kernels_select(cpu_name(level), &chosen, &why), ERR_OK);
+        assert_string_equal(chosen->level, cpu_name(level));
+        assert_string_equal(tone_kernel_select(chosen->level)->level, cpu_name(level));
+        assert_ptr_equal(tone_kernel_select(chosen->level), tone[k]);
+    }
+    assert_true(!direct[k] && !tone[k]); /* every level of the one is one of the other */
+    assert_int_equal(k, cpu_best() + 1);
+    assert_int_equal(kernels_select(NULL, &chosen, &why), ERR_OK);
+    assert_ptr_equal(chosen, direct[k - 1]);
+    assert_ptr_equal(tone_kernel_select(NULL), tone[k - 1]);
+    assert_int_equal(kernels_select("v9", &chosen, &why), ERR_USAGE);
+    assert_null(chosen);
+    assert_non_null(strstr(why.text, "--cpu 'v9' is unknown"));
+}
+
 static void results_are_finite_and_not_negative(void **state)
 {
     enum { PACKETS = 16 };
@@ -174,6 +267,9 @@ static void lane_functions_keep_their_stated_error(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_level_gives_the_bits_of_the_baseline),
     cmocka_unit_test(every_level_gives_the_same_bits_at_all_options),
+    cmocka_unit_test(every_level_gives_the_same_bits_at_every_count),
+    cmocka_unit_test(every_level_gives_the_same_codes),
+    cmocka_unit_test(one_name_lowers_every_kernel),
     cmocka_unit_test(results_are_finite_and_not_negative),
     cmocka_unit_test(lane_functions_keep_their_stated_error),
 };

@@ -1,0 +1,39 @@
+#include "cpu.h"
+
+#include <stddef.h>
+#include <string.h>
+
+static const char *const names[CPU_LEVELS] = { "baseline", "v3", "v4" };
+
+enum cpu_level cpu_best(void)
+{
+#ifdef __x86_64__
+    const int v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2");
+    const int v4 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+                   __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
+    if (v3)
+        return v4 ? CPU_V4 : CPU_V3;
+#endif
+    return CPU_BASELINE;
+}
+
+const char *cpu_name(enum cpu_level level)
+{
+    return names[level];
+}
+
+enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why)
+{
+    const enum cpu_level best = cpu_best();
+
+    *out = best;
+    if (!name)
+        return ERR_OK;
+    for (int k = 0; k <= (int)best; k++)
+        if (strcmp(name, names[k]) == 0) {
+            *out = (enum cpu_level)k;
+            return ERR_OK;
+        }
+    return err_say(why, ERR_USAGE, "--cpu '%s' is unknown, or this CPU lacks it; it has %s%s%s", name, names[0],
+                   best >= CPU_V3 ? ", v3" : "", best >= CPU_V4 ? ", v4" : "");
+}
