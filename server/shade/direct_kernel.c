@@ -26,13 +26,14 @@ struct packet_state {
     struct lanes share[STRATA_MAX + 1]; /* mu_f(n); the one behind the strata is 0 */
     bool seen[STRATA_MAX];              /* by a lane: else all of `share` is 0 there */
     uint32_t sun;                       /* the sun's place in `share`; without a sun the one behind the strata */
+    uint32_t shift[2][PACKET];          /* of the lobes' numbers */
     struct direct_counts *counts;
 };
 
-/* One direction per lane, with what it would bring. */
-struct terms {
-    struct lanes rgb[3];
-    int32_t valid[PACKET];
+/* A direction for each lane by its own lobes. */
+struct lobe_rays {
+    struct lanes d[3];
+    struct sky_places places;
 };
 
 static void set_up_rays(struct packet_state *s)
@@ -195,15 +196,20 @@ static void count_samples(struct packet_state *s, uint32_t index, float *count)
     }
 }
 
-/* Traces the lanes that would bring something and adds what arrives. */
-static inline void trace_and_add(struct packet_state *s, const struct lanes d[3], const struct terms *t)
+/* Traces the lanes that would bring something and adds what arrives. Returns how many they were. */
+static inline uint64_t trace_and_add(struct packet_state *s, const struct lanes d[3], const struct lanes rgb[3])
 {
-    int count = 0;
+    const struct shade_packet *p = s->points;
+    _Alignas(64) int32_t valid[PACKET];
+    int32_t count = 0;
 
-    LANES(l) count -= t->valid[l];
+    LANES(l)
+    {
+        valid[l] = rgb[0].v[l] + rgb[1].v[l] + rgb[2].v[l] > 0.0f ? p->valid[l] : 0;
+        count -= valid[l];
+    }
     if (count == 0)
-        return;
-    s->counts->rays += s->frame->rays ? (uint64_t)count : 0;
+        return 0;
     LANES(l)
     {
         s->rays.dir_x[l] = d[0].v[l];
@@ -211,15 +217,18 @@ static inline void trace_and_add(struct packet_state *s, const struct lanes d[3]
         s->rays.dir_z[l] = d[2].v[l];
         s->rays.tfar[l] = INFINITY;
     }
-    if (s->frame->rays)
-        rays_occluded16(s->frame->rays, t->valid, &s->rays);
+    if (s->frame->rays) {
+        rays_occluded16(s->frame->rays, valid, &s->rays);
+        s->counts->rays += (uint64_t)count;
+    }
     LANES(l)
     {
-        const int lit = t->valid[l] && s->rays.tfar[l] > 0.0f;
-        s->sum[0].v[l] += lit ? t->rgb[0].v[l] : 0.0f;
-        s->sum[1].v[l] += lit ? t->rgb[1].v[l] : 0.0f;
-        s->sum[2].v[l] += lit ? t->rgb[2].v[l] : 0.0f;
+        const int lit = (valid[l] != 0) & (s->rays.tfar[l] > 0.0f);
+        s->sum[0].v[l] += lit ? rgb[0].v[l] : 0.0f;
+        s->sum[1].v[l] += lit ? rgb[1].v[l] : 0.0f;
+        s->sum[2].v[l] += lit ? rgb[2].v[l] : 0.0f;
     }
+    return (uint64_t)count;
 }
 
 /* Light sample k, the i-th of its stratum: beta g of Eq. 6. beta of Eq. 5, counted from i = 0, is N_f - i held to 0..1.
@@ -228,57 +237,62 @@ static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, con
 {
     const struct light_samples *lights = s->lights;
     const struct lanes *share = &s->share[lights->stratum[k]], *sun_share = &s->share[s->sun];
-    struct lanes d[3], brdf[3], pdf_lobes;
-    struct terms t;
-    int effective = 0;
+    const float x = lights->x[k], y = lights->y[k], z = lights->z[k];
+    const float r = lights->r[k], g = lights->g[k], b = lights->b[k], before = (float)i;
+    const float pdf_light = s->frame->light_part * lights->pdf[k], pdf_sun = s->frame->light_part * lights->sun_pdf[k];
+    const float brdf_part = s->frame->brdf_part;
+    struct lanes d[3], cosine, brdf[3], pdf_lobes, rgb[3];
 
     LANES(l)
     {
-        d[0].v[l] = lights->x[k];
-        d[1].v[l] = lights->y[k];
-        d[2].v[l] = lights->z[k];
+        d[0].v[l] = x;
+        d[1].v[l] = y;
+        d[2].v[l] = z;
     }
-    lobes_evaluate(&s->lobes, s->points, d, brdf, &pdf_lobes);
-    const float pdf_light = s->frame->light_part * lights->pdf[k], pdf_sun = s->frame->light_part * lights->sun_pdf[k];
+    if (!lobes_see(s->points, d, &cosine))
+        return;
+    lobes_evaluate(&s->lobes, s->points, d, &cosine, brdf, &pdf_lobes);
     LANES(l)
     {
-        const float left = n_f->v[l] - (float)i;
-        const float beta = left < 0.0f ? 0.0f : left < 1.0f ? left : 1.0f;
-        const float density =
-            share->v[l] * pdf_light + sun_share->v[l] * pdf_sun + s->frame->brdf_part * pdf_lobes.v[l];
-        const float weight = beta > 0.0f && density > 0.0f ? beta / density : 0.0f;
-        t.rgb[0].v[l] = weight * brdf[0].v[l] * lights->r[k];
-        t.rgb[1].v[l] = weight * brdf[1].v[l] * lights->g[k];
-        t.rgb[2].v[l] = weight * brdf[2].v[l] * lights->b[k];
-        t.valid[l] = s->points->valid[l] && t.rgb[0].v[l] + t.rgb[1].v[l] + t.rgb[2].v[l] > 0.0f ? -1 : 0;
+        const float left = n_f->v[l] - before, some = left < 0.0f ? 0.0f : left;
+        const float beta = some < 1.0f ? some : 1.0f;
+        const float density = share->v[l] * pdf_light + sun_share->v[l] * pdf_sun + brdf_part * pdf_lobes.v[l];
+        const float weight = density > 0.0f ? beta / density : 0.0f;
+        rgb[0].v[l] = weight * brdf[0].v[l] * r;
+        rgb[1].v[l] = weight * brdf[1].v[l] * g;
+        rgb[2].v[l] = weight * brdf[2].v[l] * b;
     }
-    LANES(l) effective -= t.valid[l];
-    s->counts->effective += (uint64_t)effective;
-    trace_and_add(s, d, &t);
+    s->counts->effective += trace_and_add(s, d, rgb);
 }
 
 static void add_light_samples(struct packet_state *s, uint32_t index)
 {
     const struct light_samples *lights = s->lights;
+    const float part = s->frame->light_part, samples = (float)s->samples;
+    const bool systematic = s->frame->systematic;
     float count[STRATA_MAX];
 
-    if (s->frame->systematic)
+    if (systematic)
         count_samples(s, index, count);
     for (uint32_t f = 0; f < lights->strata; f++) {
         struct lanes n_f;
-        float most = 0.0f;
+        int32_t up[PACKET], most = 0, chosen = 0; /* at most 2^20, and 16 times that */
         if (lights->first[f + 1] == lights->first[f] || !s->seen[f])
             continue;
+        LANES(l) n_f.v[l] = s->share[f].v[l] * part * samples;
+        if (systematic)
+            LANES(l) n_f.v[l] = count[f];
         LANES(l)
         {
-            n_f.v[l] = s->frame->systematic ? count[f] : s->share[f].v[l] * s->frame->light_part * (float)s->samples;
-            if (s->points->valid[l]) {
-                s->counts->chosen += (uint64_t)ceilf(n_f.v[l]);
-                most = n_f.v[l] > most ? n_f.v[l] : most;
-            }
+            const int32_t whole = (int32_t)n_f.v[l];
+            up[l] = (whole + ((float)whole < n_f.v[l])) & s->points->valid[l];
         }
-        for (uint32_t i = 0; (float)i < most && lights->first[f] + i < lights->first[f + 1]; i++)
-            add_light_sample(s, i, lights->first[f] + i, &n_f);
+        LANES(l) chosen += up[l];
+        LANES(l) most = up[l] > most ? up[l] : most;
+        s->counts->chosen += (uint64_t)chosen;
+        const uint32_t first = lights->first[f], there = lights->first[f + 1] - first;
+        for (uint32_t i = 0; i < (uint32_t)most && i < there; i++)
+            add_light_sample(s, i, first + i, &n_f);
     }
 }
 
@@ -315,42 +329,64 @@ static void direct_counts(const struct direct_frame *f, const struct shade_packe
         count[k] = (uint32_t)ceilf(real[k]);
 }
 
-/* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
-static void add_lobe_sample(struct packet_state *s, float beta, const struct lanes square[2])
+/* The directions by the lobes' sample i, and where they meet the sky. All points use the same numbers, each turned by a
+ * random digital shift of its own, which keeps every number uniform and the set a net. */
+static void draw_lobe_rays(const struct packet_state *s, uint32_t i, struct lobe_rays *out)
 {
-    struct lanes d[3], brdf[3], pdf_lobes;
-    struct sky_lanes sky;
-    struct terms t;
+    const struct direct_frame *f = s->frame;
+    const uint32_t x = f->numbers[2 * i], y = f->numbers[2 * i + 1];
+    struct lanes square[2];
 
-    lobes_sample(&s->lobes, s->points, square, d);
-    lobes_evaluate(&s->lobes, s->points, d, brdf, &pdf_lobes);
-    if (s->frame->table)
-        sky_table_lanes(s->frame->table, d, &sky);
-    else
-        environment_lanes(s->frame->environment, d, &sky);
-    LANES(l)
+    LANES(l) /* 24 bits: the largest stays below 1 in float */
     {
-        float pdf_light = 0.0f;
-        if (s->frame->light_part > 0.0f)
-            pdf_light = s->share[sky.stratum[l]].v[l] * sky.pdf.v[l] + s->share[s->sun].v[l] * sky.pdf_sun.v[l];
-        const float density = s->frame->light_part * pdf_light + s->frame->brdf_part * pdf_lobes.v[l];
-        const float weight = density > 0.0f ? beta / density : 0.0f;
-        for (int c = 0; c < 3; c++)
-            t.rgb[c].v[l] = weight * brdf[c].v[l] * sky.rgb[c].v[l];
-        t.valid[l] = s->points->valid[l] && t.rgb[0].v[l] + t.rgb[1].v[l] + t.rgb[2].v[l] > 0.0f ? -1 : 0;
+        square[0].v[l] = (float)(int32_t)((x ^ s->shift[0][l]) >> 8) * 0x1p-24f;
+        square[1].v[l] = (float)(int32_t)((y ^ s->shift[1][l]) >> 8) * 0x1p-24f;
     }
-    trace_and_add(s, d, &t);
+    lobes_sample(&s->lobes, s->points, square, out->d);
+    sky_locate(f->environment, out->d, &out->places);
 }
 
-/* All points use the same numbers, each turned by a random digital shift of its own, which keeps every number uniform
- * and the set a net. The leading bits of the shift are common to a packet: its lanes then look into the same cell of
- * the unit square at a time, so that their rays stay near each other, but differ within it, so that noise does not show
- * as squares. */
-static void add_lobe_samples(struct packet_state *s, uint32_t index)
+/* The density by which light samples may have gone where the sky was looked up. */
+static inline void weigh_seen(const struct packet_state *s, const struct sky_lanes *sky, struct lanes *pdf)
+{
+    const struct lanes *sun_share = &s->share[s->sun];
+    struct lanes share;
+
+    LANES(l) share.v[l] = s->share[sky->stratum[l]].v[l];
+    LANES(l) pdf->v[l] = share.v[l] * sky->pdf.v[l] + sun_share->v[l] * sky->pdf_sun.v[l];
+}
+
+/* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
+static void add_lobe_sample(struct packet_state *s, float beta, const struct lobe_rays *r)
+{
+    const struct direct_frame *f = s->frame;
+    const float light_part = f->light_part, brdf_part = f->brdf_part;
+    struct lanes cosine, brdf[3], pdf_lobes, pdf_light = { { 0 } }, rgb[3];
+    struct sky_lanes sky;
+
+    if (!lobes_see(s->points, r->d, &cosine))
+        return;
+    sky_lookup(f->environment, f->table, &r->places, &sky);
+    lobes_evaluate(&s->lobes, s->points, r->d, &cosine, brdf, &pdf_lobes);
+    if (light_part > 0.0f)
+        weigh_seen(s, &sky, &pdf_light);
+    LANES(l)
+    {
+        const float density = light_part * pdf_light.v[l] + brdf_part * pdf_lobes.v[l];
+        const float weight = density > 0.0f ? beta / density : 0.0f;
+        for (int c = 0; c < 3; c++)
+            rgb[c].v[l] = weight * brdf[c].v[l] * sky.rgb[c].v[l];
+    }
+    trace_and_add(s, r->d, rgb);
+}
+
+/* The leading bits of the shift are common to a packet: its lanes then look into the same cell of the unit square at a
+ * time, so that their rays stay near each other, but differ within it, so that noise does not show as squares. */
+static void set_up_shift(struct packet_state *s, uint32_t index)
 {
     const struct direct_frame *f = s->frame;
     const uint64_t seed = rng_mix(f->seed, index);
-    uint32_t shift[2][PACKET], common = 0;
+    uint32_t common = 0;
 
     while (common < 16 && s->lobe_count >> (2 * common + 2))
         common++;
@@ -358,18 +394,19 @@ static void add_lobe_samples(struct packet_state *s, uint32_t index)
     LANES(l)
     {
         const uint64_t own = rng_mix(seed, (uint64_t)l);
-        shift[0][l] = ((uint32_t)seed & ~differ) | ((uint32_t)own & differ);
-        shift[1][l] = ((uint32_t)(seed >> 32) & ~differ) | ((uint32_t)(own >> 32) & differ);
+        s->shift[0][l] = ((uint32_t)seed & ~differ) | ((uint32_t)own & differ);
+        s->shift[1][l] = ((uint32_t)(seed >> 32) & ~differ) | ((uint32_t)(own >> 32) & differ);
     }
+}
+
+/* next: those of sample 0. Each sample's rays are drawn before those ahead of them are traced. */
+static void add_lobe_samples(struct packet_state *s, struct lobe_rays next[2])
+{
     for (uint32_t i = 0; i < s->lobe_count; i++) {
-        const float left = f->brdf_part * (float)s->samples - (float)i;
-        struct lanes square[2];
-        LANES(l) /* 24 bits: the largest stays below 1 in float */
-        {
-            square[0].v[l] = (float)((f->numbers[2 * i] ^ shift[0][l]) >> 8) * 0x1p-24f;
-            square[1].v[l] = (float)((f->numbers[2 * i + 1] ^ shift[1][l]) >> 8) * 0x1p-24f;
-        }
-        add_lobe_sample(s, left < 1.0f ? left : 1.0f, square);
+        const float left = s->frame->brdf_part * (float)s->samples - (float)i;
+        if (i + 1 < s->lobe_count)
+            draw_lobe_rays(s, i + 1, &next[(i + 1) & 1]);
+        add_lobe_sample(s, left < 1.0f ? left : 1.0f, &next[i & 1]);
     }
 }
 
@@ -377,6 +414,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
                           struct direct_counts *counts)
 {
     struct packet_state s;
+    struct lobe_rays next[2];
 
     s.frame = f;
     s.points = p;
@@ -386,12 +424,16 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         LANES(l) s.sum[c].v[l] = 0.0f;
     lobes_set_up(p, &s.lobes);
     set_up_rays(&s);
+    if (f->brdf_part > 0.0f) {
+        set_up_shift(&s, index);
+        draw_lobe_rays(&s, 0, &next[0]);
+    }
     if (f->light_part > 0.0f) {
         set_up_strata(&s);
         add_light_samples(&s, index);
     }
     if (f->brdf_part > 0.0f)
-        add_lobe_samples(&s, index);
+        add_lobe_samples(&s, next);
     for (int c = 0; c < 3; c++)
         LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)s.samples;
 }

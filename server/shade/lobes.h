@@ -18,6 +18,8 @@
 #include "lanes.h"
 #include "vec.h"
 
+#include <stdbool.h>
+
 /* What does not depend on the direction. */
 struct lobes {
     struct lanes reflected[3];        /* phong: mirror direction of wo about the shading normal */
@@ -104,6 +106,8 @@ static inline void evaluate_phong(const struct lobes *s, const struct shade_pack
 static inline void evaluate_ggx(const struct lobes *s, const struct shade_packet *p, const struct lanes d[3],
                                 const struct lanes *cosine, struct lanes brdf[3], struct lanes *pdf)
 {
+    struct lanes shine, fresnel, enter, leave;
+
     LANES(l)
     {
         /* The half vector; its sine with the normal from the cross product, which keeps its precision where it is
@@ -124,38 +128,52 @@ static inline void evaluate_ggx(const struct lobes *s, const struct shade_packet
         const float in = cosine->v[l], out = s->cosine_out.v[l];
         const float mask_out = sqrtf(a2 + (1.0f - a2) * out * out), mask_in = sqrtf(a2 + (1.0f - a2) * in * in);
         /* 2 cos cos G / (4 cos cos) = 1 / (2 (in mask_out + out mask_in)); times cos: what follows */
-        const float shine = distribution * in * 0.5f / (in * mask_out + out * mask_in + 1e-20f);
-        const float fresnel = schlick_weight(oh > 0.0f ? oh : 0.0f), c = in * (float)(1.0 / PI);
-        const float part = s->diffuse_part.v[l], enter = 1.0f - schlick_weight(in), leave = 1.0f - schlick_weight(out);
+        shine.v[l] = distribution * in * 0.5f / (in * mask_out + out * mask_in + 1e-20f);
+        fresnel.v[l] = schlick_weight(oh > 0.0f ? oh : 0.0f);
+        enter.v[l] = 1.0f - schlick_weight(in);
+        leave.v[l] = 1.0f - schlick_weight(out);
         /* Visible normals: G1 D / (4 cos_out), G1 = 2 cos_out / (cos_out + mask_out) */
+        const float c = in * (float)(1.0 / PI), part = s->diffuse_part.v[l];
         pdf->v[l] = part * c + (1.0f - part) * distribution * 0.5f / (out + mask_out);
-        for (int k = 0; k < 3; k++) {
-            const float f0 = p->specular[k][l], f = f0 + (1.0f - f0) * fresnel;
-            const float through = (1.0f - f0) * (1.0f - f0) * enter * leave;
-            brdf[k].v[l] = through * c * p->diffuse[k][l] + f * shine;
-        }
     }
+    for (int k = 0; k < 3; k++) /* a loop of its own: gcc makes no vectors of one that holds another */
+        LANES(l)
+        {
+            const float f0 = p->specular[k][l], f = f0 + (1.0f - f0) * fresnel.v[l];
+            const float through = (1.0f - f0) * (1.0f - f0) * enter.v[l] * leave.v[l];
+            const float c = cosine->v[l] * (float)(1.0 / PI);
+            brdf[k].v[l] = through * c * p->diffuse[k][l] + f * shine.v[l];
+        }
 }
 
-/* For each lane's direction d: cosine times BRDF into brdf, density of the lobes into pdf. Both are 0 where the
- * direction lies below the shading or the geometric surface. */
-static inline void lobes_evaluate(const struct lobes *s, const struct shade_packet *p, const struct lanes d[3],
-                                  struct lanes brdf[3], struct lanes *pdf)
+/* Each lane's cosine with its direction d; 0 where that lies below the shading or the geometric surface. False where it
+ * does for all of them: nothing is to be seen then. */
+static inline bool lobes_see(const struct shade_packet *p, const struct lanes d[3], struct lanes *cosine)
 {
-    struct lanes cosine;
+    int32_t some = 0;
 
     LANES(l)
     {
         const float shading = p->ns_x[l] * d[0].v[l] + p->ns_y[l] * d[1].v[l] + p->ns_z[l] * d[2].v[l];
         const float geometric = p->ng_x[l] * d[0].v[l] + p->ng_y[l] * d[1].v[l] + p->ng_z[l] * d[2].v[l];
-        cosine.v[l] = shading > 0.0f && geometric > 0.0f ? shading : 0.0f;
+        const int above = (shading > 0.0f) & (geometric > 0.0f);
+        cosine->v[l] = above ? shading : 0.0f;
+        some |= above;
     }
+    return some != 0;
+}
+
+/* For each lane's direction d, which has this cosine: cosine times BRDF into brdf, density of the lobes into pdf. Where
+ * the cosine is 0 so is the BRDF, but not always the density. */
+static inline void lobes_evaluate(const struct lobes *s, const struct shade_packet *p, const struct lanes d[3],
+                                  const struct lanes *cosine, struct lanes brdf[3], struct lanes *pdf)
+{
     if (p->kind == LOBE_PHONG)
-        evaluate_phong(s, p, d, &cosine, brdf, pdf);
+        evaluate_phong(s, p, d, cosine, brdf, pdf);
     else if (p->kind == LOBE_GGX)
-        evaluate_ggx(s, p, d, &cosine, brdf, pdf);
+        evaluate_ggx(s, p, d, cosine, brdf, pdf);
     else
-        evaluate_lambert(p, &cosine, brdf, pdf);
+        evaluate_lambert(p, cosine, brdf, pdf);
 }
 
 /* A vector (x, y, z) of the frame whose z axis is `axis`, in world space [Duff et al. 2017]. */

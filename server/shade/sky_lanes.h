@@ -13,12 +13,18 @@ struct sky_lanes {
     int32_t stratum[PACKET];
 };
 
+/* Where on the cube map 16 directions fall. */
+struct sky_places {
+    struct lanes u, v; /* on the face */
+    int32_t face[PACKET], row[PACKET], column[PACKET];
+    int32_t at[PACKET]; /* the texel, as cube_texel has it */
+};
+
 /* cube_texel: face and place on it, without a branch. */
-static inline void locate_lanes(uint32_t n, const struct lanes d[3], int32_t at[PACKET], struct lanes *u,
-                                struct lanes *v)
+static inline void sky_locate(const struct environment *e, const struct lanes d[3], struct sky_places *out)
 {
-    const float half = 0.5f * (float)n;
-    const int32_t edge = (int32_t)n;
+    const float half = 0.5f * (float)e->n;
+    const int32_t edge = (int32_t)e->n;
 
     LANES(l)
     {
@@ -29,54 +35,60 @@ static inline void locate_lanes(uint32_t n, const struct lanes d[3], int32_t at[
         const float a = (on_x ? w1 : on_y ? w2 : w0) * scale, b = (on_x ? w2 : on_y ? w0 : w1) * scale;
         const int32_t face = (on_x ? 0 : on_y ? 2 : 4) + (along < 0.0f);
         const int32_t j = (int32_t)((a + 1.0f) * half), i = (int32_t)((b + 1.0f) * half);
-        u->v[l] = a;
-        v->v[l] = b;
-        at[l] = (face * edge + (i < edge ? i : edge - 1)) * edge + (j < edge ? j : edge - 1);
+        out->u.v[l] = a;
+        out->v.v[l] = b;
+        out->face[l] = face;
+        out->row[l] = i < edge ? i : edge - 1;
+        out->column[l] = j < edge ? j : edge - 1;
+        out->at[l] = (face * edge + out->row[l]) * edge + out->column[l];
     }
 }
 
-static inline void environment_lanes(const struct environment *e, const struct lanes d[3], struct sky_lanes *out)
+/* The texels themselves, one by one: no compiler's gather is as fast as 16 whole ones and what sorts them. */
+static inline void gather_texels(const struct texel *texels, const struct sky_places *p, struct texel out[PACKET])
 {
-    const struct texel *texels = e->texels;
-    const int32_t face_texels = (int32_t)(e->n * e->n);
-    struct lanes u, v;
-    int32_t at[PACKET];
-    float energy[CUBE_FACES];
+    LANES(l) out[l] = texels[p->at[l]];
+}
 
+/* By the environment's own faces. */
+static inline void environment_lanes(const struct environment *e, const struct sky_places *p, struct sky_lanes *out)
+{
+    _Alignas(64) struct texel x[PACKET];
+    float energy[CUBE_FACES];
+    struct lanes whole;
+
+    gather_texels(e->texels, p, x);
     for (int f = 0; f < CUBE_FACES; f++)
         energy[f] = (float)e->energy[f];
-    locate_lanes(e->n, d, at, &u, &v);
+    LANES(l) whole.v[l] = energy[p->face[l]];
     LANES(l)
     {
-        const struct texel *t = &texels[at[l]];
-        const int32_t face = at[l] / face_texels;
-        const float density = t->density * cube_jacobian(u.v[l], v.v[l]) / energy[face];
-        out->rgb[0].v[l] = t->r;
-        out->rgb[1].v[l] = t->g;
-        out->rgb[2].v[l] = t->b;
-        out->pdf.v[l] = energy[face] > 0.0f ? density : 0.0f;
+        const float density = x[l].density * cube_jacobian(p->u.v[l], p->v.v[l]) / whole.v[l];
+        out->rgb[0].v[l] = x[l].r;
+        out->rgb[1].v[l] = x[l].g;
+        out->rgb[2].v[l] = x[l].b;
+        out->pdf.v[l] = whole.v[l] > 0.0f ? density : 0.0f;
         out->pdf_sun.v[l] = 0.0f;
-        out->stratum[l] = face;
+        out->stratum[l] = p->face[l];
     }
 }
 
-static inline void sky_table_lanes(const struct sky_table *t, const struct lanes d[3], struct sky_lanes *out)
+static inline void sky_table_lanes(const struct sky_table *t, const struct sky_places *p, struct sky_lanes *out)
 {
-    const struct texel *texels = t->environment->texels;
-    const int32_t n = (int32_t)t->n, cells = (int32_t)t->cells, m = n / cells;
-    struct lanes u, v;
-    int32_t at[PACKET];
+    const int32_t cells = (int32_t)t->cells;
+    const float m = (float)(t->n / t->cells); /* rows of texels in a cell: below 2^12, so that quotients are exact */
+    _Alignas(64) struct texel x[PACKET];
 
-    locate_lanes(t->n, d, at, &u, &v);
+    gather_texels(t->environment->texels, p, x);
     LANES(l)
     {
-        const struct texel *x = &texels[at[l]];
-        const int32_t stratum = (at[l] / (n * n) * cells + at[l] / n % n / m) * cells + at[l] % n / m;
-        const double jacobian = cube_jacobian(u.v[l], v.v[l]), energy = t->energy[stratum];
-        out->rgb[0].v[l] = x->r;
-        out->rgb[1].v[l] = x->g;
-        out->rgb[2].v[l] = x->b;
-        out->pdf.v[l] = energy > 0.0 ? (float)(t->density[at[l]] * jacobian / energy) : 0.0f;
+        const int32_t i = (int32_t)((float)p->row[l] / m), j = (int32_t)((float)p->column[l] / m);
+        const int32_t stratum = (p->face[l] * cells + i) * cells + j;
+        const double jacobian = cube_jacobian(p->u.v[l], p->v.v[l]), energy = t->energy[stratum];
+        out->rgb[0].v[l] = x[l].r;
+        out->rgb[1].v[l] = x[l].g;
+        out->rgb[2].v[l] = x[l].b;
+        out->pdf.v[l] = energy > 0.0 ? (float)(t->density[p->at[l]] * jacobian / energy) : 0.0f;
         out->pdf_sun.v[l] = 0.0f;
         out->stratum[l] = stratum;
     }
@@ -84,9 +96,19 @@ static inline void sky_table_lanes(const struct sky_table *t, const struct lanes
         return;
     LANES(l)
     {
-        if (importance_of(t->importance, out->rgb[0].v[l], out->rgb[1].v[l], out->rgb[2].v[l]) > t->level)
-            out->pdf_sun.v[l] = sky_table_sun(t, (uint32_t)at[l], cube_jacobian(u.v[l], v.v[l]));
+        if (importance_of(t->importance, x[l].r, x[l].g, x[l].b) > t->level)
+            out->pdf_sun.v[l] = sky_table_sun(t, (uint32_t)p->at[l], cube_jacobian(p->u.v[l], p->v.v[l]));
     }
+}
+
+/* t: the strata's; NULL: the environment's own faces. */
+static inline void sky_lookup(const struct environment *e, const struct sky_table *t, const struct sky_places *p,
+                              struct sky_lanes *out)
+{
+    if (t)
+        sky_table_lanes(t, p, out);
+    else
+        environment_lanes(e, p, out);
 }
 
 #endif
