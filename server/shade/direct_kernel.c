@@ -343,7 +343,7 @@ static void draw_lobe_rays(const struct packet_state *s, uint32_t i, struct lobe
         square[1].v[l] = (float)(int32_t)((y ^ s->shift[1][l]) >> 8) * 0x1p-24f;
     }
     lobes_sample(&s->lobes, s->points, square, out->d);
-    sky_locate(f->environment, out->d, &out->places);
+    sky_locate(f->environment, f->table, out->d, &out->places);
 }
 
 /* The density by which light samples may have gone where the sky was looked up. */

@@ -20,8 +20,10 @@ struct sky_places {
     int32_t at[PACKET]; /* the texel, as cube_texel has it */
 };
 
-/* cube_texel: face and place on it, without a branch. */
-static inline void sky_locate(const struct environment *e, const struct lanes d[3], struct sky_places *out)
+/* cube_texel: face and place on it, without a branch. Asks for what sky_lookup will read there, since the texels of a
+ * sky are more than the near caches hold: whoever has something else to do meanwhile need not wait. t may be NULL. */
+static inline void sky_locate(const struct environment *e, const struct sky_table *t, const struct lanes d[3],
+                              struct sky_places *out)
 {
     const float half = 0.5f * (float)e->n;
     const int32_t edge = (int32_t)e->n;
@@ -42,6 +44,10 @@ static inline void sky_locate(const struct environment *e, const struct lanes d[
         out->column[l] = j < edge ? j : edge - 1;
         out->at[l] = (face * edge + out->row[l]) * edge + out->column[l];
     }
+    for (int l = 0; l < PACKET; l++)
+        __builtin_prefetch(&e->texels[out->at[l]]);
+    for (int l = 0; t && l < PACKET; l++)
+        __builtin_prefetch(&t->density[out->at[l]]);
 }
 
 /* The texels themselves, one by one: no compiler's gather is as fast as 16 whole ones and what sorts them. */
