@@ -157,6 +157,19 @@ static enum err decode_faces(struct environment *e, const struct frame *f, struc
     return result;
 }
 
+/* Row by row, each put right while it is in the cache. A copy, because the frame may be wanted again: with another
+ * rotation, while the source is held. */
+static void take_texels(struct image *im, const struct frame *f)
+{
+    const size_t row = 3 * (size_t)f->width;
+
+    for (size_t at = 0; at < row * f->height; at += row) {
+        memcpy(im->rgb + at, f->rgb + at, row * sizeof(float));
+        image_sanitise_texels(im->rgb + at, f->width, NULL, &im->faults);
+    }
+    im->layout = LAYOUT_LATLONG;
+}
+
 enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why)
 {
     enum err result = ERR_OK;
@@ -170,9 +183,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
         result = image_resize(&e->image, f->width, f->height);
         if (result)
             return err_say(why, result, "%s: a picture of %ux%u texels cannot be held", f->name, f->width, f->height);
-        memcpy(e->image.rgb, f->rgb, 3 * (size_t)f->width * f->height * sizeof(float));
-        e->image.layout = LAYOUT_LATLONG;
-        image_sanitise(&e->image);
+        take_texels(&e->image, f);
     } else {
         return err_say(why, ERR_FORMAT, "%s: the frame is empty", f->name);
     }

@@ -197,7 +197,8 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
                           const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
     const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
-    const int chunk = packets < PACKETS_FEW ? 4 : 32; /* which all threads are to have a fair number of */
+    /* so many that all threads have a fair number of them, so few that none waits long for another's last */
+    const int chunk = packets < PACKETS_FEW ? 4 : 8;
     uint64_t rays = 0, chosen = 0, effective = 0, lobes = 0;
 
 #pragma omp parallel reduction(+ : rays, chosen, effective, lobes)

@@ -19,7 +19,7 @@ struct picture *picture_create(const struct protocol_picture *header, const uint
 {
     if (size == 0 || size > PICTURE_BYTES_MAX)
         return NULL;
-    struct picture *p = mem_alloc(1, sizeof(*p) + PROTOCOL_PICTURE_BYTES + size);
+    struct picture *p = mem_alloc_raw(1, sizeof(*p) + PROTOCOL_PICTURE_BYTES + size);
     if (!p)
         return NULL;
     atomic_init(&p->references, 1);

@@ -1,4 +1,5 @@
 /* An image's memory, and what sanitising does to each kind of value. */
+#include "environment.h"
 #include "unit.h"
 
 #include "image.h"
@@ -131,7 +132,44 @@ static void layouts_have_names_that_parse(void **state)
     assert_non_null(strstr(why.text, "mercator"));
 }
 
+/* A frame of texels is copied and put right row by row; what is counted is of the whole picture, and the frame itself
+ * stays as it came, for it may be wanted again. */
+static void texels_of_a_frame_are_put_right_in_every_row(void **state)
+{
+    enum { W = 70, H = 35 };
+    static float rgb[W * H * 3], before[W * H * 3];
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 16 });
+    const struct frame f = { .kind = FRAME_TEXELS, .name = "texels", .rgb = rgb, .width = W, .height = H };
+    struct reason why;
+    (void)state;
+
+    for (size_t i = 0; i < W * H * 3; i++)
+        rgb[i] = (float)(i % 97);
+    for (size_t y = 0; y < H; y++) {
+        rgb[3 * W * y + y] = NAN;
+        rgb[3 * W * y + y + 1] = -1.0f;
+        rgb[3 * W * y + 3 * W - 1] = INFINITY;
+        rgb[3 * W * y + 3 * W - 2] = 65504.0f;
+    }
+    memcpy(before, rgb, sizeof(rgb));
+    for (int time = 0; time < 2; time++) {
+        assert_int_equal(environment_decode(e, &f, &why), ERR_OK);
+        assert_memory_equal(rgb, before, sizeof(rgb));
+        assert_int_equal(e->image.layout, LAYOUT_LATLONG);
+        assert_int_equal(e->image.faults.nan, H);
+        assert_int_equal(e->image.faults.negative, H);
+        assert_int_equal(e->image.faults.infinite, H);
+        assert_int_equal(e->image.faults.clipped, H);
+        for (size_t i = 0; i < W * H * 3; i++) {
+            const float v = rgb[i];
+            assert_true(e->image.rgb[i] == (v >= 0.0f ? fminf(v, IMAGE_MAX) : 0.0f));
+        }
+    }
+    environment_destroy(e);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(texels_of_a_frame_are_put_right_in_every_row),
     cmocka_unit_test(sizes_outside_the_limits_are_refused),
     cmocka_unit_test(memory_is_kept_while_it_is_large_enough),
     cmocka_unit_test(each_odd_value_is_put_right_and_counted_anywhere),
