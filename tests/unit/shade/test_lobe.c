@@ -63,7 +63,7 @@ static void one_direction_at_a_time_is_as_sixteen(void **state)
             struct shade_packet p = { .kind = kinds[k], .count = PACKET };
             struct lobe lobe[PACKET];
             struct vec3 wo[PACKET], wi[PACKET];
-            struct lanes d[3], many[3], many_pdf, square[2];
+            struct lanes d[3], seen, many[3], many_pdf, square[2];
             struct lobes s;
             for (int l = 0; l < PACKET; l++) {
                 lobe[l] = random_point(&r, &p, l, &wo[l]);
@@ -79,7 +79,8 @@ static void one_direction_at_a_time_is_as_sixteen(void **state)
                                          : vec3_make(d[0].v[l], d[1].v[l], d[2].v[l]);
                 d[0].v[l] = wi[l].x, d[1].v[l] = wi[l].y, d[2].v[l] = wi[l].z;
             }
-            lobes_evaluate(&s, &p, d, many, &many_pdf);
+            lobes_see(&p, d, &seen);
+            lobes_evaluate(&s, &p, d, &seen, many, &many_pdf);
             for (int l = 0; l < PACKET; l++) {
                 double brdf[3];
                 lobe_evaluate(&lobe[l], wo[l], wi[l], brdf);
