@@ -85,6 +85,7 @@ static bool allocate(struct pilot *p, const struct kernels *kernels)
     all = (p->probe = direct_create(kernels)) && all;
     all = (p->light = light_tracer_create(p->set->scene, p->set->rays, &p->set->view)) && all;
     all = (p->mask = mem_alloc(pixels, 1)) && all;
+    all = (p->scratch = scratch_create()) && all;
     return all && pilot_edges_init(p);
 }
 
@@ -121,6 +122,7 @@ void pilot_destroy(struct pilot *p)
     light_tracer_destroy(p->light);
     pilot_edges_finish(p);
     mem_free(p->mask);
+    scratch_destroy(p->scratch);
     mem_free(p->lo_direct);
     mem_free(p->lo_eye);
     mem_free(p->lo_other);
@@ -157,6 +159,7 @@ enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const
         .only = only,
         .seed = rng_mix(rng_mix(asked->seed, 0x657965), pass),
         .cancel = asked->cancel,
+        .scratch = p->scratch,
     };
 
     for (uint32_t k = 0; k < only->count; k++)

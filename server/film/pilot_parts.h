@@ -60,6 +60,7 @@ struct pilot {
     float *lo_direct, *lo_eye, *lo_other, *lo_sum; /* [packet_count][3][16] */
     float *spread[2];                              /* [height][width][3]: of yardsticks */
     float *half[2];                                /* [height][width][3]: of the light tracer */
+    struct scratch *scratch;                       /* of the eye paths */
 
     /* Of the wish and the scene, made anew when they change. */
     uint32_t classes; /* of the other light: asked for, and to be found in the scene */

@@ -15,7 +15,8 @@ struct relighter {
     const struct set *set;
     struct direct *direct;
     struct light_tracer *light;
-    float *lo; /* [packet_count][3][16] */
+    float *lo;               /* [packet_count][3][16] */
+    struct scratch *scratch; /* of the eye paths */
 };
 
 static enum err load_scene(struct set *s, const struct set_desc *desc, struct reason *why)
@@ -115,7 +116,8 @@ struct relighter *relighter_create(const struct set *set, const struct kernels *
     r->direct = direct_create(kernels);
     r->lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(float));
     r->light = light_tracer_create(set->scene, set->rays, &set->view);
-    if (!r->direct || !r->lo || !r->light) {
+    r->scratch = scratch_create();
+    if (!r->direct || !r->lo || !r->light || !r->scratch) {
         relighter_destroy(r);
         return NULL;
     }
@@ -129,6 +131,7 @@ void relighter_destroy(struct relighter *r)
     direct_destroy(r->direct);
     light_tracer_destroy(r->light);
     mem_free(r->lo);
+    scratch_destroy(r->scratch);
     mem_free(r);
 }
 
@@ -180,6 +183,7 @@ static enum err run_eye_paths(struct relighter *r, const struct environment *e, 
         .seed = rng_mix(desc->direct.seed, 0x657965),
         .pass = desc->direct.pass,
         .cancel = desc->direct.cancel,
+        .scratch = r->scratch,
     };
 
     if (p->eye_paths == 0)

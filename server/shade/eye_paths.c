@@ -2,7 +2,6 @@
 
 #include "denormals.h"
 #include "lobe.h"
-#include "mem.h"
 #include "rng.h"
 #include "samples.h"
 #include "scatter.h"
@@ -320,11 +319,12 @@ enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, con
     *stats = (struct eye_paths_stats){ 0 };
     if (!(e->total_energy > 0.0)) /* a black sky lights nothing */
         return ERR_OK;
-    f.numbers = mem_alloc(desc->paths, sizeof(*f.numbers));
+    scratch_begin(desc->scratch);
+    f.numbers = scratch_take(desc->scratch, desc->paths * sizeof(*f.numbers));
     if (!f.numbers)
         return ERR_NOMEM;
     fill_numbers(rng_mix(desc->seed, 2), (uint32_t)(desc->pass * desc->paths), desc->paths, f.numbers);
     shade_packets(&f, g, desc, lo, stats);
-    mem_free(f.numbers);
+    scratch_give(desc->scratch, f.numbers);
     return ERR_OK;
 }

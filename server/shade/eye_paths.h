@@ -22,6 +22,7 @@
 #include "paths.h"
 #include "rays.h"
 #include "scene.h"
+#include "scratch.h"
 
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -36,6 +37,7 @@ struct eye_paths_desc {
     uint64_t seed, pass;            /* together they decide every random number; the passes of a seed go on with one
                                      * low-discrepancy sequence, so that their mean gains from it */
     const atomic_bool *cancel;      /* once true, what is left is not shaded; may be NULL */
+    struct scratch *scratch; /* memory that stays from call to call, this caller's alone; NULL: from the system */
 };
 
 struct eye_paths_stats {
