@@ -9,6 +9,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     const enum err e = decode_hdr(bytes, size, PICTURE_NAME, &im, &why);
 
     picture_check(e, &im, &why);
+    picture_check_again(decode_hdr, bytes, size, e, &im);
     image_finish(&im);
     return 0;
 }

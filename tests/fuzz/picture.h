@@ -36,4 +36,21 @@ static inline void picture_check(enum err e, const struct image *im, const struc
         picture_require(im->rgb[i] >= 0.0f && im->rgb[i] <= IMAGE_MAX, "a value lies in 0..IMAGE_MAX");
 }
 
+/* The same bytes again, into memory that the first time has left: the same end, the same values. */
+static inline void picture_check_again(enum err (*decode)(const uint8_t *, size_t, const char *, struct image *,
+                                                          struct reason *),
+                                       const uint8_t *bytes, size_t size, enum err e, struct image *im)
+{
+    const size_t count = e ? 0 : (size_t)im->width * im->height * 3;
+    float *first = malloc(count * sizeof(float) + 1);
+    struct reason why = { "" };
+
+    picture_require(first != NULL, "the fuzzer's own memory");
+    if (count)
+        memcpy(first, im->rgb, count * sizeof(float));
+    picture_require(decode(bytes, size, PICTURE_NAME, im, &why) == e, "the same end the second time");
+    picture_require(count == 0 || memcmp(first, im->rgb, count * sizeof(float)) == 0, "the same values");
+    free(first);
+}
+
 #endif
