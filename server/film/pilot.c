@@ -86,6 +86,7 @@ static bool allocate(struct pilot *p, const struct kernels *kernels)
     all = (p->light = light_tracer_create(p->set->scene, p->set->rays, &p->set->view)) && all;
     all = (p->mask = mem_alloc(pixels, 1)) && all;
     all = (p->scratch = scratch_create()) && all;
+    all = (p->point_error = mem_alloc(g->packet_count, sizeof(*p->point_error))) && all;
     return all && pilot_edges_init(p);
 }
 
@@ -123,11 +124,19 @@ void pilot_destroy(struct pilot *p)
     pilot_edges_finish(p);
     mem_free(p->mask);
     scratch_destroy(p->scratch);
+    mem_free(p->point_error);
     mem_free(p->lo_direct);
     mem_free(p->lo_eye);
     mem_free(p->lo_other);
     mem_free(p->lo_sum);
     mem_free(p);
+}
+
+struct allot_wish pilot_deal(uint32_t way, double n)
+{
+    const uint32_t step = pilot_halves(way) ? 2 : 1;
+
+    return (struct allot_wish){ fmax(n, step), step };
 }
 
 enum err pilot_direct(struct pilot *p, struct direct *d, uint32_t way, double n, uint64_t pass, bool keep,
@@ -136,7 +145,11 @@ enum err pilot_direct(struct pilot *p, struct direct *d, uint32_t way, double n,
     const struct direct_desc *asked = &p->wish_light->direct;
     struct direct_desc desc = techniques[way % PILOT_TECHNIQUES].desc;
 
-    desc.samples = (uint32_t)n;
+    const struct allot_wish wish = pilot_deal(way, n);
+    struct allotment *allot = &p->allot[pilot_part_of(way)];
+
+    desc.samples = allot_counts(allot, &wish, only);
+    desc.counts = allot->counts;
     desc.seed = asked->seed;
     desc.pass = pass;
     desc.no_visibility = asked->no_visibility;
@@ -152,10 +165,12 @@ enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const
                    struct eye_paths_stats *stats)
 {
     const struct direct_desc *asked = &p->wish_light->direct;
+    const struct allot_wish wish = pilot_deal(way, n);
     const struct eye_paths_desc desc = {
         .classes = p->route[way].classes,
         .behind_classes = p->route[way].behind,
-        .paths = (uint32_t)n,
+        .paths = p->eye_wish ? p->eye_wish : allot_counts(&p->allot[PILOT_EYE], &wish, only),
+        .counts = p->eye_wish ? NULL : p->allot[PILOT_EYE].counts,
         .only = only,
         .seed = rng_mix(rng_mix(asked->seed, 0x657965), pass),
         .cancel = asked->cancel,
@@ -210,7 +225,6 @@ static bool shares_tables(const struct pilot *p, int kind)
 
 static enum err make_direct(struct pilot *p, struct relight_stats *stats)
 {
-    const uint64_t pass = p->wish_light->direct.pass;
     enum err e = ERR_OK;
 
     for (int kind = 0; kind < SURFACE_KINDS && !e; kind++) {
@@ -227,7 +241,8 @@ static enum err make_direct(struct pilot *p, struct relight_stats *stats)
         }
         const double start = pilot_now(p), n = p->choice.n[kind];
         p->tables[kind] = shares_tables(p, kind) ? p->direct[SURFACE_MATTE] : p->direct[kind];
-        e = pilot_direct(p, p->tables[kind], way, n, pass, p->tables[kind] != p->direct[kind], list, p->lo_direct, s);
+        e = pilot_direct(p, p->tables[kind], way, n, p->picture_pass, p->tables[kind] != p->direct[kind], list,
+                         p->lo_direct, s);
         const struct pilot_work work = { (enum pilot_part)kind, p->groups.all.points[kind], s->rays, n };
         p->ran_s[kind] = pilot_spent(p, start, &work);
         stats->direct.rays += s->rays;
@@ -248,8 +263,8 @@ static enum err make_eye(struct pilot *p, struct relight_stats *stats)
     if (p->choice.way[PILOT_EYE] == WAY_NONE)
         return ERR_OK;
     const double start = pilot_now(p), n = p->choice.n[PILOT_EYE];
-    const enum err e = pilot_eye(p, p->choice.way[PILOT_EYE], n, p->wish_light->direct.pass, &p->groups.all.both,
-                                 p->lo_eye, &stats->eye);
+    const enum err e =
+        pilot_eye(p, p->choice.way[PILOT_EYE], n, p->picture_pass, &p->groups.all.both, p->lo_eye, &stats->eye);
     const struct pilot_work work = { PILOT_EYE, p->gbuffer->point_count, stats->eye.rays, n };
     p->ran_s[PILOT_EYE] = pilot_spent(p, start, &work);
     stats->eye_ms = 1e3 * p->ran_s[PILOT_EYE];
@@ -305,7 +320,7 @@ static enum err make_light(struct pilot *p, float *rgb, struct relight_stats *st
             continue;
         double start = pilot_now(p);
         const double n = p->choice.n[part];
-        e = pilot_light(p, way, n, p->wish_light->direct.pass, &one);
+        e = pilot_light(p, way, n, p->picture_pass, &one);
         const struct pilot_work work = { (enum pilot_part)part, 0, one.rays, n };
         p->ran_s[part] = pilot_spent(p, start, &work);
         start = pilot_now(p);
@@ -398,6 +413,7 @@ static enum err begin(struct pilot *p, const struct pilot_wish *wish, float *rgb
     const struct gbuffer *g = p->set->gbuffer;
 
     pilot_choose(p, wish);
+    p->picture_pass = pilot_pass(p);
     enum err result = make_picture(p, rgb, stats);
     if (result || cancelled(p))
         return result;
@@ -406,6 +422,10 @@ static enum err begin(struct pilot *p, const struct pilot_wish *wish, float *rgb
     if (times >= BETTER_LEAST) {
         for (int kind = 0; kind < SURFACE_KINDS; kind++)
             p->choice.n[kind] *= times;
+        float *const first = p->lo_direct;
+        p->lo_direct = p->lo_sum;
+        p->lo_sum = first;
+        p->picture_pass = pilot_pass(p);
         *stats = (struct relight_stats){ 0 };
         result = make_picture(p, rgb, stats);
         if (result || cancelled(p))
@@ -417,6 +437,8 @@ static enum err begin(struct pilot *p, const struct pilot_wish *wish, float *rgb
     }
     yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
     p->picture_noise = 1.0 / times; /* four samples a point: 1 */
+    if (times >= BETTER_LEAST)
+        pilot_allot_all(p, p->lo_sum);
     if (!groups_deal(&p->groups, &p->yardstick))
         return ERR_NOMEM;
     result = pilot_probe(p, wish);
@@ -450,6 +472,7 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     }
     const double start = pilot_now(p);
     pilot_choose(p, wish);
+    p->picture_pass = light->direct.pass;
     p->pilot_s += p->desc.price ? 0.0 : pilot_now(p) - start;
     for (int part = 0; part < PILOT_PARTS; part++)
         if (p->choice.way[part] != WAY_NONE) {

@@ -6,13 +6,14 @@
  * the squared difference is the variance of either, relative as relMSE is. The picture itself is one of the two where
  * its own way is measured. Groups take turns. Light tracing runs in two halves, whose mean is the picture and whose
  * difference tells the error, at no loss. The product of the two, instead of their difference, is what leaving the part
- * out would cost. Ways are compared on the same groups. Times are the clock's. A first frame may take 0.3 s longer for
- * this; then three tenths of the time go to it, until each way has been seen, and later a twentieth.
+ * out would cost. Ways are compared on the same groups. Where in a group they differ tells where it is hard. Times are
+ * the clock's. A first frame may take 0.3 s longer for this; then three tenths of the time go to it, until each way has
+ * been seen, and later a twentieth.
  *
  * What it chooses. Direct light: one of several techniques (pilot_technique_name) and a number of samples, for matte
- * and for glossy surfaces apart. The rest: eye paths, the light tracer for caustics with eye paths, the light tracer
- * for both; each of them with a count, or left out where that is less harm than what it costs. Smooth edges: all shade
- * points of a pixel, or one.
+ * and for glossy surfaces apart, more of them where it is hard (pilot_allot.h). The rest: eye paths, the light tracer
+ * for caustics with eye paths, the light tracer for both; each of them with a count, or left out where that is less
+ * harm than what it costs. Smooth edges: all shade points of a pixel, or one.
  *
  * Choices follow a clock: with a pilot the same input does not give the same bits. One thread of control. */
 #ifndef FILM_PILOT_H
@@ -50,7 +51,7 @@ struct pilot_wish {
 struct pilot_part_stats {
     bool there;       /* the scene has such a part and it was asked for */
     const char *name; /* of the technique; "" where it is left out */
-    double n;         /* samples a point, paths a point, particles; 0: left out */
+    double n;         /* samples a point, paths a point, in the mean; particles; 0: left out */
     double seconds, expected_seconds;
     double error; /* of relMSE, as estimated: its variance, or what leaving it out costs */
 };

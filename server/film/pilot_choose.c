@@ -6,6 +6,7 @@
 #define SAMPLES_MOST 4096.0
 #define PATHS_MOST 1024.0
 #define UNITS_MOST 1e6  /* 2 * 10^9 particles */
+#define FINE 16.0       /* counts a point are means, and real: the budget has them in sixteenths */
 #define GROWTH 16.0     /* of a count from one frame to the next, */
 #define GROWTH_ELSE 4.0 /* where the technique is another */
 #define FIRST_SAMPLES 4.0
@@ -115,13 +116,18 @@ static bool usable(const struct pilot *p, uint32_t way)
     return way != WAY_NONE && p->there[way] && p->model[way].known && p->model[way].timed;
 }
 
-/* Half of the samples by light, half by lobes: an odd one takes the time of the next even number. */
+/* Half of the samples by light, half by lobes: an odd count takes the time of the next even one. */
 bool pilot_halves(uint32_t way)
 {
     return way < WAY_EYE_ALL && method_recipe(techniques[way % PILOT_TECHNIQUES].desc.method)->brdf_part == 0.5f;
 }
 
-/* What a model knows, as a way of the budget. */
+static double fine_of(enum pilot_part part)
+{
+    return part <= PILOT_EYE ? FINE : 1.0;
+}
+
+/* What a model knows, as a way of the budget, whose counts are fine_of() times ours. */
 static struct budget_way way_of(const struct pilot *p, uint32_t way)
 {
     const struct model *m = &p->model[way];
@@ -147,6 +153,10 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
         w.least = w.most = p->eye_wish;
     if (part >= PILOT_AIMED && p->particles_wish)
         w.least = w.most = fmax(1.0, ceil((double)p->particles_wish / UNIT_PARTICLES));
+    w.variance *= pow(fine_of(part), w.order);
+    w.unit_s /= fine_of(part);
+    w.least *= fine_of(part);
+    w.most *= fine_of(part);
     return w;
 }
 
@@ -199,7 +209,7 @@ static void add_direct(struct pilot *p, enum pilot_part part, bool only_used)
     if (p->way_count[part] > 0)
         return;
     if (p->there[first]) /* nothing is known: as at first */
-        add_way(p, part, first, (struct budget_way){ .least = FIRST_SAMPLES, .most = FIRST_SAMPLES });
+        add_way(p, part, first, (struct budget_way){ .least = FINE * FIRST_SAMPLES, .most = FINE * FIRST_SAMPLES });
     else
         add_way(p, part, WAY_NONE, (struct budget_way){ 0 });
 }
@@ -226,9 +236,7 @@ static void solve(const struct pilot *p, const struct pilot_wish *wish, struct p
     for (int part = 0; part < PILOT_PARTS; part++) {
         const struct budget_share *s = &out->budget.part[part];
         out->choice.way[part] = p->of_way[part][s->way];
-        out->choice.n[part] = s->n;
-        if (part <= PILOT_GLOSSY && out->choice.way[part] != WAY_NONE && pilot_halves(out->choice.way[part]))
-            out->choice.n[part] = 2.0 * ceil(0.5 * s->n);
+        out->choice.n[part] = s->n / fine_of((enum pilot_part)part);
     }
     out->there = true;
 }
@@ -288,8 +296,9 @@ static void hold_counts(const struct pilot *p, const struct pilot_wish *wish, st
         if (t->choice.way[part] == WAY_NONE)
             continue;
         const struct budget_way w = way_of(p, t->choice.way[part]);
-        seconds += budget_seconds(&w, p->choice.n[part]);
-        error += budget_error(&w, p->choice.n[part]) - budget_error(&w, t->budget.part[part].n);
+        const double n = p->choice.n[part] * fine_of((enum pilot_part)part);
+        seconds += budget_seconds(&w, n);
+        error += budget_error(&w, n) - budget_error(&w, t->budget.part[part].n);
     }
     const bool of_error = wish->error > 0.0 && t->budget.met;
     if (of_error ? error > OVER_ERROR * wish->error || seconds > GAIN_LEAST * t->budget.seconds

@@ -138,13 +138,13 @@ static double mean_of(const double rgb[3])
     return (rgb[0] + rgb[1] + rgb[2]) / 3.0;
 }
 
-static double *mean_near(const struct groups *s, uint32_t pixel)
+static struct tile_mean *mean_near(const struct groups *s, uint32_t pixel)
 {
     const uint32_t width = s->gbuffer->width;
-    return s->mean[pixel / width / s->side * s->across + pixel % width / s->side];
+    return &s->mean[pixel / width / s->side * s->across + pixel % width / s->side];
 }
 
-/* Both estimates' mean over each neighbourhood's pixels of the group; returns that over all of them. */
+/* Both estimates' means over each neighbourhood's pixels of the group; returns that over all of them. */
 static double note_means(struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
                          const float *b)
 {
@@ -153,17 +153,24 @@ static double note_means(struct groups *s, const struct group *group, const bool
 
     memset(s->mean, 0, s->tiles * sizeof(*s->mean));
     for (uint32_t k = 0; k < group->pixel_count; k++) {
-        double first[3], second[3], one[3], *mean = mean_near(s, group->pixels[k]);
+        struct tile_mean *mean = mean_near(s, group->pixels[k]);
+        double first[3], second[3], one[3];
         resolve(g, group->pixels[k], kinds, a, first, one);
         resolve(g, group->pixels[k], kinds, b, second, one);
-        for (int c = 0; c < 3; c++)
-            mean[c] += 0.5 * (first[c] + second[c]);
-        mean[3] += 1.0;
+        for (int c = 0; c < 3; c++) {
+            mean->first[c] += first[c];
+            mean->second[c] += second[c];
+        }
+        mean->pixels += 1.0;
         all += (mean_of(first) + mean_of(second)) / (2.0 * group->pixel_count);
     }
     for (uint32_t k = 0; k < s->tiles; k++)
-        for (int c = 0; c < 3 && s->mean[k][3] > 0.0; c++)
-            s->mean[k][c] /= s->mean[k][3];
+        for (int c = 0; c < 3 && s->mean[k].pixels > 0.0; c++) {
+            struct tile_mean *mean = &s->mean[k];
+            mean->first[c] /= mean->pixels;
+            mean->second[c] /= mean->pixels;
+            mean->both[c] = 0.5 * (mean->first[c] + mean->second[c]);
+        }
     return all;
 }
 
@@ -183,14 +190,56 @@ void pair_of_points(struct groups *s, const struct group *group, const bool kind
         double first[3], second[3], first_one[3], second_one[3], measure[3];
         resolve(s->gbuffer, group->pixels[k], kinds, a, first, first_one);
         resolve(s->gbuffer, group->pixels[k], kinds, b, second, second_one);
-        measure_of(&own, group->pixels[k], first, second, mean_near(s, group->pixels[k]), measure);
+        const struct tile_mean *near = mean_near(s, group->pixels[k]);
+        measure_of(&own, group->pixels[k], first, second, near->both, measure);
         add_pixel(first, second, measure, &one);
+        if (y->place == PAIR_NONE && y->even) {
+            struct pair means = { 0 };
+            add_pixel(near->first, near->second, measure, &means);
+            one.energy = means.energy;
+        }
         error += one.error;
         energy += one.energy;
         for (int c = 0; c < 3 && measure[0] > 0.0; c++)
             edge += (first_one[c] - first[c]) * (second_one[c] - second[c]) / (3.0 * measure[c]);
     }
     *out = (struct pair){ error, energy, edge, group->pixel_count };
+}
+
+/* A pixel's difference is D = sum w_k d_k over its points. Each is charged with w_k d_k D, so that together they are
+ * charged with D^2, whether they differ independently of each other or, as they share light samples, alike. */
+static void add_points(const struct gbuffer *g, uint32_t pixel, const bool kinds[SURFACE_KINDS], const float *a,
+                       const float *b, const double apart[3], const double measure[3], float (*error)[PACKET])
+{
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++) {
+        const struct gbuffer_entry *entry = &g->entries[k];
+        const uint32_t packet = entry->point / PACKET;
+        const size_t at = (size_t)packet * 3 * PACKET + entry->point % PACKET;
+        double sum = 0.0;
+        if (!kinds[surface_of(&g->packets[packet])])
+            continue;
+        for (size_t c = 0; c < 3; c++) {
+            const double own = (double)a[at + c * PACKET] - (double)b[at + c * PACKET];
+            sum += measure[c] > 0.0 ? (double)entry->weight[c] * own * apart[c] / (6.0 * measure[c]) : 0.0;
+        }
+        error[packet][entry->point % PACKET] += (float)sum;
+    }
+}
+
+void pair_by_point(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+                   const float *b, const struct yardstick *y, float (*error)[PACKET])
+{
+    for (uint32_t k = 0; k < group->both.count; k++)
+        memset(error[group->both.index[k]], 0, sizeof(*error));
+#pragma omp parallel for schedule(static)
+    for (uint32_t k = 0; k < group->pixel_count; k++) {
+        double first[3], second[3], one[3], measure[3];
+        resolve(s->gbuffer, group->pixels[k], kinds, a, first, one);
+        resolve(s->gbuffer, group->pixels[k], kinds, b, second, one);
+        measure_of(y, group->pixels[k], first, second, (const double[3]){ 0.0, 0.0, 0.0 }, measure);
+        const double apart[3] = { first[0] - second[0], first[1] - second[1], first[2] - second[2] };
+        add_points(s->gbuffer, group->pixels[k], kinds, a, b, apart, measure, error);
+    }
 }
 
 void pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y,

@@ -29,6 +29,10 @@ struct group_tile {
     uint32_t tile;
 };
 
+struct tile_mean { /* of two estimates, and of both together, over so many pixels */
+    double first[3], second[3], both[3], pixels;
+};
+
 struct groups {
     const struct gbuffer *gbuffer;
     struct group group[GROUPS_MAX];
@@ -42,7 +46,7 @@ struct groups {
     uint8_t *owner;           /* [pixels]: likewise */
     uint8_t *seen;            /* [packets]: scratch, as the others are */
     struct group_tile *order; /* [tiles] */
-    double (*mean)[4];        /* [tiles] of a part, and of how many pixels */
+    struct tile_mean *mean;   /* [tiles]: scratch */
     uint64_t pixels;          /* that hold a shade point */
 };
 
@@ -79,6 +83,7 @@ struct yardstick {
     uint32_t width, height;
     enum pair_place place;
     bool smooth;
+    bool even; /* at PAIR_NONE: of the part the neighbourhood's mean is as good as its own, and less noisy */
     double soft;
 };
 
@@ -101,6 +106,11 @@ struct pair {
  * that are not wanted count 0. */
 void pair_of_points(struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
                     const float *b, const struct yardstick *y, struct pair *out);
+
+/* Of two independent estimates, what each shade point has of half the squared difference, by the group's pixels: into
+ * error[packet_count][16], for the group's packets. It may be negative by chance. */
+void pair_by_point(const struct groups *s, const struct group *group, const bool kinds[SURFACE_KINDS], const float *a,
+                   const float *b, const struct yardstick *y, float (*error)[PACKET]);
 
 /* Two pictures of a part. */
 void pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y,

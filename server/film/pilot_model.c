@@ -130,6 +130,13 @@ void model_read(struct model *m, const struct reading *r)
     fit(m);
 }
 
+void model_ease(struct model *m, double times)
+{
+    for (uint32_t k = 0; k < m->count; k++)
+        m->reading[k].error *= times;
+    m->variance *= times;
+}
+
 void model_age(struct model *m)
 {
     /* What was last known goes on being used until the first new reading takes its place. */
@@ -182,17 +189,18 @@ void model_time(struct model *m, double tables_s, double n, double seconds, doub
 }
 
 void model_slope(struct model *m, double tables_s, const double n[2], const double seconds[2], const double none[2],
-                 double share)
+                 const double share[2])
 {
     /* A hiccup in one of them must not make samples cost nothing. */
-    const double few = fmax(0.0, seconds[0] - none[0]), many = fmax(0.5 * seconds[1], seconds[1] - none[1]);
+    const double few = fmax(0.0, seconds[0] - none[0]) / share[0];
+    const double many = fmax(0.5 * seconds[1], seconds[1] - none[1]) / share[1];
     const double unit = fmax((many - few) / (n[1] - n[0]), 0.3 * many / n[1]);
 
     if (!m->ran)
         m->tables_s = tables_s;
     m->run_s = fmin(none[0], none[1]);
-    m->unit_s = unit / share;
-    m->base_s = fmax(0.0, many - unit * n[1]) / share;
+    m->unit_s = unit;
+    m->base_s = fmax(0.0, many - unit * n[1]);
     m->timed = m->sloped = true;
 }
 

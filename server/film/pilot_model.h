@@ -36,11 +36,12 @@ void model_read(struct model *m, const struct reading *r);
 /* A timed run: tables_s once, `seconds` for n on a share 0..1 of the points. */
 void model_time(struct model *m, double tables_s, double n, double seconds, double share);
 
-/* Two of them, n[0] < n[1], and what each took on next to no points: that tells run_s, base_s and unit_s apart. A
+/* Two of them, n[0] < n[1], on shares of the samples, and what each took on next to no points: that tells run_s, base_s
+ * and unit_s apart. A
  * stratum's last sample may count in part and takes a ray all the same, so that few samples take more rays each than
  * many. */
 void model_slope(struct model *m, double tables_s, const double n[2], const double seconds[2], const double none[2],
-                 double share);
+                 const double share[2]);
 
 /* What whole pictures with two counts say of base_s and unit_s over what is known; false where there have not been two.
  */
@@ -51,6 +52,9 @@ void model_scale(struct model *m, double times);
 
 /* A whole picture's. */
 void model_ran(struct model *m, double n, double seconds);
+
+/* All errors change alike: samples are dealt otherwise. */
+void model_ease(struct model *m, double times);
 
 /* All readings count as one that is to be replaced: the sky is another. */
 void model_age(struct model *m);

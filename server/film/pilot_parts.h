@@ -1,11 +1,13 @@
 /* server/film/pilot_parts.h */
 /* What the pilot's files share: pilot.c makes the frame, pilot_probe.c goes ahead of it, pilot_choose.c decides,
- * pilot_edges.c says whether edges are to be smooth, pilot_say.c puts all into words. */
+ * pilot_edges.c says whether edges are to be smooth, pilot_allot.c who gets how many samples, pilot_say.c puts all into
+ * words. */
 #ifndef FILM_PILOT_PARTS_H
 #define FILM_PILOT_PARTS_H
 
 #include "budget.h"
 #include "pilot.h"
+#include "pilot_allot.h"
 #include "pilot_measure.h"
 #include "pilot_model.h"
 
@@ -54,8 +56,12 @@ struct pilot {
     struct light_tracer *light;
     const struct gbuffer *gbuffer; /* in use: the set's, or the thin one */
     struct gbuffer *thin;
-    struct groups groups, spare_groups; /* of the one in use, of the other */
-    double edge_points;
+    struct groups groups, spare_groups;                                 /* of the one in use, of the other */
+    struct allotment allot[PILOT_EYE + 1], spare_allot[PILOT_EYE + 1];  /* likewise */
+    uint32_t allot_readings[PILOT_EYE + 1], allot_turns[PILOT_EYE + 1]; /* since it was last dealt */
+    float (*point_error)[PACKET];                                       /* [packet_count]: scratch */
+    uint8_t *kept;      /* [packet_count of the set's]: points that the thin one has too */
+    double edge_points; /* share of the points that are in pixels with several */
     uint8_t *mask;
     float *lo_direct, *lo_eye, *lo_other, *lo_sum; /* [packet_count][3][16] */
     float *spread[2];                              /* [height][width][3]: of yardsticks */
@@ -86,6 +92,7 @@ struct pilot {
     double pace;    /* times are as much longer than they were */
     double late[3]; /* of the last pictures: time over what was expected */
     double other_s; /* from points to pixels, and what the pilot reckons */
+    uint64_t picture_pass;
     struct choice choice;
     bool begun;                             /* there has been a frame */
     uint32_t group_turn[SURFACE_KINDS + 1]; /* whose turn it is: of matte, of glossy surfaces, of both */
@@ -121,7 +128,13 @@ double pilot_spent(const struct pilot *p, double start, const struct pilot_work 
 
 enum pilot_part pilot_part_of(uint32_t way);
 
-/* Direct light by a technique, of some packets, n samples a point. */
+/* Numbers of the pilot's own, that no picture has. */
+uint64_t pilot_pass(struct pilot *p);
+
+/* How n of a way in the mean over the picture are dealt among packets. */
+struct allot_wish pilot_deal(uint32_t way, double n);
+
+/* Direct light by a technique, of some packets; n samples a point, in the mean over all of the kind. */
 MUST_CHECK enum err pilot_direct(struct pilot *p, struct direct *d, uint32_t way, double n, uint64_t pass, bool keep,
                                  const struct packet_list *only, float *lo, struct direct_stats *stats);
 MUST_CHECK enum err pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only,
@@ -139,6 +152,8 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, const float *rgb)
 void pilot_look_at_sky(struct pilot *p);
 /* After the picture: measures what is in use, then, as far as the time allows, what is not. */
 MUST_CHECK enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish);
+/* Deals samples by two pictures of direct light with numbers of their own, of which lo_direct has one. */
+void pilot_allot_all(struct pilot *p, const float *other);
 /* What a first frame may take longer; without a time to keep to, until each way has been seen. */
 double pilot_first_s(const struct pilot_wish *wish);
 /* Share of the frame that goes to probes. */

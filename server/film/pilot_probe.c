@@ -23,6 +23,7 @@
 #define SLOPE_TIMES 4.0              /* and the first time so many times as many beside few, or as few beside many */
 #define CONTENDER 6                  /* readings that each gets that is not hopeless, before all have turns alike */
 #define AGAIN_SETTLED 12             /* readings of what is in use, after which it is looked at half as often */
+#define TURNS 3                      /* of all groups, to tell where they are hard under one sky */
 #define LIGHT_LEAST 4.0              /* units, of a first look at the light tracer, */
 #define LIGHT_MOST 64.0              /* and later */
 #define FAIR 0.3                     /* of what a group holds in the mean */
@@ -116,6 +117,10 @@ void pilot_look_at_sky(struct pilot *p)
     pilot_set_routes(p);
     for (uint32_t way = 0; way < WAYS; way++)
         model_age(&p->model[way]);
+    for (int part = 0; part <= PILOT_EYE; part++) {
+        allot_age(&p->allot[part]);
+        p->allot_readings[part] = p->allot_turns[part] = 0;
+    }
     memset(p->edge, 0, sizeof(p->edge));
     p->frames = 0;
 }
@@ -134,9 +139,23 @@ static const struct group *next_group(struct pilot *p, enum surface_kind kind)
     return &s->all;
 }
 
-static uint64_t next_pass(struct pilot *p)
+uint64_t pilot_pass(struct pilot *p)
 {
     return PASS_OWN + p->pass++;
+}
+
+/* Samples a point, in the mean of some packets. */
+static double mean_of(const struct pilot *p, uint32_t way, double n, const struct packet_list *list)
+{
+    const struct allot_wish wish = pilot_deal(way, n);
+    return allot_mean(&p->allot[pilot_part_of(way)], &wish, list);
+}
+
+/* Their share of the picture's. */
+static double share_of(const struct pilot *p, uint32_t way, double n, const struct packet_list *list)
+{
+    const struct allot_wish wish = pilot_deal(way, n);
+    return allot_work(&p->allot[pilot_part_of(way)], &wish, list);
 }
 
 static void pay(struct pilot *p, double seconds)
@@ -181,6 +200,52 @@ static void note_edges(struct pilot *p, enum surface_kind kind, const struct pai
     edge->pixels = (uint64_t)(keep * (double)edge->pixels) + pair->pixels;
 }
 
+/* Who gets what by all that has been read. */
+static void deal(struct pilot *p, enum pilot_part part)
+{
+    const double times = allot_deal(&p->allot[part]);
+
+    p->allot_readings[part] = 0;
+    p->allot_turns[part]++;
+    if (!(times < 1.0))
+        return;
+    for (uint32_t way = 0; way < WAYS; way++)
+        if (pilot_part_of(way) == part)
+            model_ease(&p->model[way], times);
+}
+
+void pilot_allot_all(struct pilot *p, const float *other)
+{
+    const struct group *all = &p->groups.all;
+
+    for (int kind = 0; kind < SURFACE_KINDS; kind++) {
+        const bool kinds[SURFACE_KINDS] = { kind == SURFACE_MATTE, kind == SURFACE_GLOSSY };
+        if (all->list[kind].count == 0 || p->choice.way[kind] == WAY_NONE)
+            continue;
+        const struct allot_wish wish = pilot_deal(p->choice.way[kind], p->choice.n[kind]);
+        pair_by_point(&p->groups, all, kinds, p->lo_direct, other, &p->yardstick, p->point_error);
+        allot_read(&p->allot[kind], &all->list[kind], (const float(*)[PACKET])p->point_error, &wish, 0.0);
+        deal(p, (enum pilot_part)kind);
+    }
+}
+
+/* Where a group is hard, by a pair with numbers of its own, in lo_sum and lo_other. Once enough is known it stays. */
+static void note_hard(struct pilot *p, uint32_t way, double n, const struct group *g, const struct yardstick *y)
+{
+    const enum pilot_part part = pilot_part_of(way);
+    const bool kinds[SURFACE_KINDS] = { part != PILOT_GLOSSY, part != PILOT_MATTE };
+    const struct allot_wish wish = pilot_deal(way, n);
+    const double whole = model_error(&p->model[way], n) * p->groups.all.pixel_count;
+
+    if (p->allot_turns[part] >= TURNS || !(whole > 0.0))
+        return;
+    pair_by_point(&p->groups, g, kinds, p->lo_sum, p->lo_other, y, p->point_error);
+    allot_read(&p->allot[part], part == PILOT_EYE ? &g->both : &g->list[part], (const float(*)[PACKET])p->point_error,
+               &wish, whole);
+    if (++p->allot_readings[part] >= p->groups.count)
+        deal(p, part);
+}
+
 /* A part that the picture has, once more on the group that others are to be tried on, with other numbers. */
 static enum err again_direct(struct pilot *p, enum surface_kind kind)
 {
@@ -193,16 +258,17 @@ static enum err again_direct(struct pilot *p, enum surface_kind kind)
     struct pair pair;
 
     const enum err e =
-        pilot_direct(p, p->tables[kind], way, n, next_pass(p), true, &g->list[kind], p->lo_other, &stats);
+        pilot_direct(p, p->tables[kind], way, n, pilot_pass(p), true, &g->list[kind], p->lo_other, &stats);
     if (e)
         return e;
     y.smooth = model_error(&p->model[way], n) > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, kinds, p->lo_direct, p->lo_other, &y, &pair);
-    const double error = read_pair(p, way, n, g, &pair, 1.0), mean = model_error_told(&p->model[way], n);
+    const double error = read_pair(p, way, n, g, &pair, 1.0), whole = model_error_told(&p->model[way], n);
     p->here[kind].read = true;
-    p->here[kind].hard = mean > 0.0 ? fmin(HARD_MOST, fmax(1.0 / HARD_MOST, error / mean)) : 1.0;
+    p->here[kind].hard = whole > 0.0 ? fmin(HARD_MOST, fmax(1.0 / HARD_MOST, error / whole)) : 1.0;
     note_edges(p, kind, &pair);
-    pay(p, pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, n }));
+    const double mean = mean_of(p, way, n, &g->list[kind]);
+    pay(p, pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, g->points[kind], stats.rays, mean }));
     return ERR_OK;
 }
 
@@ -213,16 +279,25 @@ static enum err again_eye(struct pilot *p)
     const uint32_t way = p->choice.way[PILOT_EYE];
     const double start = pilot_now(p), n = p->choice.n[PILOT_EYE];
     struct yardstick y = p->yardstick;
-    struct eye_paths_stats stats;
+    struct eye_paths_stats stats, other;
     struct pair pair;
 
-    const enum err e = pilot_eye(p, way, n, next_pass(p), &g->both, p->lo_other, &stats);
+    enum err e = pilot_eye(p, way, n, pilot_pass(p), &g->both, p->lo_other, &stats);
     if (e)
         return e;
     y.smooth = model_error(&p->model[way], n) > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, both, p->lo_eye, p->lo_other, &y, &pair);
     (void)read_pair(p, way, n, g, &pair, 1.0);
-    pay(p, pilot_spent(p, start, &(struct pilot_work){ PILOT_EYE, g->points[0] + g->points[1], stats.rays, n }));
+    if (p->allot_turns[PILOT_EYE] < TURNS) { /* the picture's own numbers must not say who gets how many */
+        e = pilot_eye(p, way, n, pilot_pass(p), &g->both, p->lo_sum, &other);
+        if (e)
+            return e;
+        stats.rays += other.rays;
+        y.place = PAIR_APART;
+        note_hard(p, way, n, g, &y);
+    }
+    const double mean = mean_of(p, way, n, &g->both);
+    pay(p, pilot_spent(p, start, &(struct pilot_work){ PILOT_EYE, g->points[0] + g->points[1], stats.rays, mean }));
     return ERR_OK;
 }
 
@@ -246,11 +321,12 @@ static enum err timed(struct pilot *p, uint32_t way, double n, bool keep, const 
     const double start = pilot_now(p);
     struct direct_stats stats;
 
-    const enum err e = pilot_direct(p, p->probe, way, n, next_pass(p), keep, list, lo, &stats);
+    const enum err e = pilot_direct(p, p->probe, way, n, pilot_pass(p), keep, list, lo, &stats);
     uint64_t points = 0;
     for (uint32_t k = 0; k < list->count && p->desc.price; k++)
         points += p->gbuffer->packets[list->index[k]].count;
-    *seconds = pilot_spent(p, start, &(struct pilot_work){ (enum pilot_part)kind, points, stats.rays, n });
+    *seconds = pilot_spent(p, start,
+                           &(struct pilot_work){ (enum pilot_part)kind, points, stats.rays, mean_of(p, way, n, list) });
     pay(p, *seconds);
     return e;
 }
@@ -261,17 +337,17 @@ static enum err read_time(struct pilot *p, uint32_t way, const struct group *g, 
                           double seconds)
 {
     const enum surface_kind kind = (enum surface_kind)pilot_part_of(way);
-    const double share = (double)g->points[kind] / (double)p->groups.all.points[kind];
     const double other = n > SAMPLES_TIMED ? 2.0 * ceil(0.5 * n / SLOPE_TIMES) : SLOPE_TIMES * n;
     const double count[2] = { fmin(n, other), fmax(n, other) };
     const struct packet_list one = { g->list[kind].index, 1 };
     struct model *m = &p->model[way];
+    const double share[2] = { share_of(p, way, count[0], &g->list[kind]), share_of(p, way, count[1], &g->list[kind]) };
     double took[2], none[2];
     enum err e = ERR_OK;
 
     if (m->sloped) {
         if (n >= SAMPLES_TIMED)
-            model_time(m, tables_s, n, p->unit_times[kind] * seconds / p->pace, share);
+            model_time(m, tables_s, n, p->unit_times[kind] * seconds / p->pace, share_of(p, way, n, &g->list[kind]));
         return ERR_OK;
     }
     for (int k = 0; k < 2 && !e; k++) {
@@ -321,6 +397,7 @@ static enum err probe_surfaces(struct pilot *p, uint32_t way, bool keep, double 
     y.smooth = p->picture_noise > YARDSTICK_NOISY;
     pair_of_points(&p->groups, g, kinds, p->lo_sum, p->lo_other, &y, &pair);
     (void)read_pair(p, way, n, g, &pair, p->here[kind].read ? p->here[kind].hard : 1.0);
+    note_hard(p, way, n, g, &y);
     if (!keep)
         *tables_s = fmax(0.0, first - second) / p->pace;
     return read_time(p, way, g, *tables_s, n, second);
@@ -343,26 +420,28 @@ static enum err probe_eye(struct pilot *p, uint32_t way)
     static const bool both[SURFACE_KINDS] = { true, true };
     const struct group *g = next_group(p, SURFACE_KINDS);
     struct yardstick y = p->yardstick;
-    const double n = equal_count(p, way), share = (double)(g->points[0] + g->points[1]) /
-                                                  (double)(p->groups.all.points[0] + p->groups.all.points[1]);
+    const double n = equal_count(p, way), share = share_of(p, way, n, &g->both), mean = mean_of(p, way, n, &g->both);
     double least = INFINITY;
     struct pair pair;
 
     for (int k = 0; k < 2; k++) {
         const double start = pilot_now(p);
         struct eye_paths_stats stats;
-        const enum err e = pilot_eye(p, way, n, next_pass(p), &g->both, k ? p->lo_other : p->lo_sum, &stats);
+        const enum err e = pilot_eye(p, way, n, pilot_pass(p), &g->both, k ? p->lo_other : p->lo_sum, &stats);
         if (e)
             return e;
-        const struct pilot_work work = { PILOT_EYE, g->points[0] + g->points[1], stats.rays, n };
+        const struct pilot_work work = { PILOT_EYE, g->points[0] + g->points[1], stats.rays, mean };
         const double seconds = pilot_spent(p, start, &work);
         least = fmin(least, seconds);
         pay(p, seconds);
     }
     y.place = p->choice.way[PILOT_EYE] == WAY_NONE ? PAIR_NONE : PAIR_APART;
     y.smooth = p->picture_noise > YARDSTICK_NOISY;
+    y.even = !(p->route[way].classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC));
     pair_of_points(&p->groups, g, both, p->lo_sum, p->lo_other, &y, &pair);
     (void)read_pair(p, way, n, g, &pair, 1.0);
+    if (y.place == PAIR_APART)
+        note_hard(p, way, n, g, &y);
     model_time(&p->model[way], 0.0, n, least / p->pace, share);
     return ERR_OK;
 }
@@ -378,7 +457,7 @@ static enum err probe_light(struct pilot *p, uint32_t way)
     for (int k = 0; k < runs; k++) {
         const double start = pilot_now(p);
         struct light_tracer_stats stats;
-        const enum err e = pilot_light(p, way, n[k], next_pass(p), &stats);
+        const enum err e = pilot_light(p, way, n[k], pilot_pass(p), &stats);
         if (e)
             return e;
         seconds[k] =

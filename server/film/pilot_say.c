@@ -111,7 +111,7 @@ static void say_plan(struct pilot *p, struct relight_stats *stats)
         .behind_caustics = behind & PATH_CAUSTICS,
         .behind_indirect = behind & PATH_INDIRECT,
         .particles = stats->light.particles,
-        .eye_paths = used(p, PILOT_EYE) ? (uint32_t)p->choice.n[PILOT_EYE] : 0,
+        .eye_paths = used(p, PILOT_EYE) ? (uint32_t)lround(p->choice.n[PILOT_EYE]) : 0,
     };
     say_absent(p, p->wish_light, plan);
     say_missing(p, plan);

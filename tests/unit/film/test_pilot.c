@@ -263,11 +263,11 @@ static void edges_are_jagged_in_haste_only(void **state)
     (void)state;
 
     struct pilot *p = pilot_of(set);
-    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.02 }, 24, large, &stats, &hasty);
+    fly(p, e, &light, (struct pilot_wish){ .seconds = 0.014 }, 24, large, &stats, &hasty);
     printf("in haste: relMSE %.2g, of which edges %.2g\n", hasty.error, hasty.edge_error);
     assert_true(hasty.jagged && hasty.edge_error > 0.0 && hasty.edge_error < hasty.error);
     assert_true(says(&stats, "anti-aliasing"));
-    fly(p, dull, &light, (struct pilot_wish){ .seconds = 0.02 }, 1, large, &stats, &hasty);
+    fly(p, dull, &light, (struct pilot_wish){ .seconds = 0.014 }, 1, large, &stats, &hasty);
     assert_false(hasty.jagged);
     fly(p, e, &light, (struct pilot_wish){ .seconds = 0.3 }, 24, large, &stats, &patient);
     printf("with time: relMSE %.2g, edges would be %.2g\n", patient.error, patient.edge_error);

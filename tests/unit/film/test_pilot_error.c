@@ -1,10 +1,14 @@
 /* The error that the pilot says, held to the truth: relMSE against a converged picture of the same G-buffer; and its
- * choice of a technique, held to all of them at the same price. Pictures of 96 x 54 of the built-in court.
+ * choice of a technique and of where samples go, held to all techniques with even counts at the same price. Pictures of
+ * 96 x 54 of the built-in court.
  *
  * Points share light samples, so that one picture's error scatters by a third or so: means over MEASURED pictures of
  * one sky, each with numbers of its own, are compared; the standard error is below 8 % (it is printed). The reference
  * has 4096 samples and 512 eye paths a point: about a thirtieth of the errors here. A limit of 30 % would see an error
- * forgotten or counted twice, a denominator off by a sixth, and half of the squared difference taken for the whole. */
+ * forgotten or counted twice, a denominator off by a sixth, and half of the squared difference taken for the whole.
+ *
+ * Samples are dealt by where it is hard: the light of the pictures must be the reference's all the same, within 4
+ * standard errors (printed) of the mean. */
 #include "metrics.h"
 #include "pilots.h"
 #include "resolve.h"
@@ -49,8 +53,18 @@ static double rel_mse(void)
     return m.rel_mse;
 }
 
+static double light_of(const float *picture)
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < 3 * (size_t)PIXELS; i++)
+        sum += mask[i / 3] ? (double)picture[i] : 0.0;
+    return sum;
+}
+
 struct outcome {
     double said, truth, deviation; /* mean over the pictures; standard error of the truth, as a share */
+    double light, light_deviation; /* over the reference's; its standard error */
     struct pilot_stats last;
 };
 
@@ -61,7 +75,7 @@ static struct outcome measure(const struct set *set, const struct environment *e
     struct pilot *p = pilot_of(set);
     struct outcome o = { 0 };
     struct relight_stats stats;
-    double squares = 0.0;
+    double squares = 0.0, lights = 0.0;
 
     for (light.direct.pass = 0; light.direct.pass < LEARNING + MEASURED; light.direct.pass++) {
         fly(p, e, &light, (struct pilot_wish){ .seconds = seconds }, 1, rgb, &stats, &o.last);
@@ -71,8 +85,12 @@ static struct outcome measure(const struct set *set, const struct environment *e
         o.said += o.last.error / MEASURED;
         o.truth += error / MEASURED;
         squares += error * error / MEASURED;
+        const double one = light_of(rgb) / light_of(reference);
+        o.light += one / MEASURED;
+        lights += one * one / MEASURED;
     }
     o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (MEASURED - 1.0)) / o.truth;
+    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (MEASURED - 1.0));
     pilot_destroy(p);
     return o;
 }
@@ -83,8 +101,11 @@ static void compare(struct environment *e, uint32_t classes, double seconds, con
 
     converge(set, e, classes);
     const struct outcome o = measure(set, e, classes, seconds);
-    printf("%s: said %.4g, true %.4g +- %.0f %%\n", sky, o.said, o.truth, 100.0 * o.deviation);
+    printf("%s: said %.4g, true %.4g +- %.0f %%, light %.4f +- %.4f\n", sky, o.said, o.truth, 100.0 * o.deviation,
+           o.light, o.light_deviation);
     assert_true(fabs(o.said / o.truth - 1.0) < 0.3);
+    if (!(classes & PATH_INDIRECT) || o.last.part[PILOT_EYE].n > 0.0)
+        assert_true(fabs(o.light - 1.0) < 4.0 * o.light_deviation + 0.001);
     environment_destroy(e);
     set_destroy(set);
 }
@@ -168,7 +189,7 @@ static void weigh_choice(struct environment *e, const char *sky)
     const double chosen = o.truth;
     printf("%s: the pilot (%s; %s) %.4g, %.2f of the best\n", sky, o.last.part[PILOT_MATTE].name,
            o.last.part[PILOT_GLOSSY].name, chosen, chosen / least);
-    assert_true(chosen < 1.25 * least);
+    assert_true(chosen < 0.8 * least);
     environment_destroy(e);
     set_destroy(set);
 }

@@ -168,16 +168,16 @@ static void rough_readings_give_way(void **state)
  */
 static void counts_and_sizes_tell_what_a_time_is_made_of(void **state)
 {
-    const double n[2] = { 4.0, 16.0 }, none[2] = { 0.0005, 0.0005 };
+    const double n[2] = { 4.0, 16.0 }, none[2] = { 0.0005, 0.0005 }, share[2] = { 0.1, 0.1 };
     struct model m = { 0 };
     (void)state;
 
-    model_slope(&m, 0.002, n, (const double[2]){ 0.0085, 0.0205 }, none, 0.1);
+    model_slope(&m, 0.002, n, (const double[2]){ 0.0085, 0.0205 }, none, share);
     assert_float_equal(model_begin(&m), 0.0425, 1e-9);
     assert_float_equal(model_seconds(&m, 64.0), 0.6825, 1e-9);
     model_time(&m, 0.002, 16.0, 0.0205, 0.1); /* as expected: nothing changes */
     assert_float_equal(model_seconds(&m, 64.0), 0.6825, 1e-9);
-    model_slope(&m, 0.002, n, (const double[2]){ 0.5, 0.0205 }, none, 0.1); /* a hiccup */
+    model_slope(&m, 0.002, n, (const double[2]){ 0.5, 0.0205 }, none, share); /* a hiccup */
     assert_true(m.unit_s > 0.0 && m.base_s >= 0.0);
     model_scale(&m, 2.0);
     assert_float_equal(m.tables_s, 0.004, 1e-12);
