@@ -88,11 +88,12 @@ bool allot_init(struct allotment *a, const struct gbuffer *g, const struct packe
     *a = (struct allotment){ .gbuffer = g, .list = *list };
     a->hard = mem_alloc(g->packet_count, sizeof(*a->hard));
     a->share = mem_alloc(g->packet_count, sizeof(*a->share));
+    a->spare = mem_alloc(g->packet_count, sizeof(*a->spare));
     a->readings = mem_alloc(g->packet_count, sizeof(*a->readings));
     a->counts = mem_alloc(g->packet_count, sizeof(*a->counts));
     a->sorted = mem_alloc(list->count, sizeof(*a->sorted));
     a->above = mem_alloc((size_t)list->count + 1, sizeof(*a->above));
-    if (!a->hard || !a->share || !a->readings || !a->counts || !a->sorted || !a->above)
+    if (!a->hard || !a->share || !a->spare || !a->readings || !a->counts || !a->sorted || !a->above)
         return false;
     guess(a);
     normalise(a);
@@ -105,6 +106,7 @@ void allot_finish(struct allotment *a)
 {
     mem_free(a->hard);
     mem_free(a->share);
+    mem_free(a->spare);
     mem_free(a->readings);
     mem_free(a->counts);
     mem_free(a->sorted);
@@ -202,12 +204,9 @@ void allot_age(struct allotment *a)
 double allot_deal(struct allotment *a)
 {
     double now = 0.0, then = 0.0;
-    float *share;
+    float *const share = a->spare;
 
     if (a->list.count == 0)
-        return 1.0;
-    share = mem_alloc(a->gbuffer->packet_count, sizeof(*share));
-    if (!share) /* the present ones will do */
         return 1.0;
     normalise(a);
     shares_of(a, share);
@@ -216,11 +215,9 @@ double allot_deal(struct allotment *a)
         now += (double)a->hard[i] / (double)a->share[i];
         then += (double)a->hard[i] / (double)share[i];
     }
-    if (!(then < WORTH_DEALING * now)) {
-        mem_free(share);
+    if (!(then < WORTH_DEALING * now))
         return 1.0;
-    }
-    mem_free(a->share);
+    a->spare = a->share;
     a->share = share;
     sort(a);
     return then / now;

@@ -21,6 +21,7 @@ struct allotment {
     struct packet_list list; /* among which it deals; borrowed */
     float *hard;             /* [packet_count]: h_i, of mean 1 over the list */
     float *share;            /* likewise: n_i over their mean, but for rounding and the least count */
+    float *spare;            /* [packet_count]: scratch */
     uint8_t *readings;       /* [packet_count]: that hard[i] is made of */
     uint32_t *counts;        /* [packet_count]: of the last allot_counts */
     float *sorted;           /* [list.count]: shares, the smallest first, */
