@@ -45,7 +45,8 @@ static enum err part_init(struct part *p, struct bench *b, bool with_log)
     p->log.capacity = (size_t)p->g.packet_count * (2 * p->desc.samples + 16);
     p->log.packets = mem_alloc_raw(p->log.capacity, sizeof(*p->log.packets));
     p->log.valid = mem_alloc_raw(p->log.capacity, sizeof(*p->log.valid));
-    return p->log.packets && p->log.valid ? ERR_OK : ERR_NOMEM;
+    p->log.spread = mem_alloc_raw(p->log.capacity, sizeof(*p->log.spread));
+    return p->log.packets && p->log.valid && p->log.spread ? ERR_OK : ERR_NOMEM;
 }
 
 static void part_finish(struct part *p)
@@ -53,6 +54,7 @@ static void part_finish(struct part *p)
     mem_free(p->g.packets);
     mem_free(p->log.packets);
     mem_free(p->log.valid);
+    mem_free(p->log.spread);
     mem_free(p->lo);
     direct_destroy(p->direct);
 }

@@ -97,7 +97,12 @@ void rays_destroy(struct rays *r)
     mem_free(r);
 }
 
-void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet)
+static enum RTCIntersectContextFlags context_flags(enum ray_spread spread)
+{
+    return spread == RAYS_TOGETHER ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+}
+
+void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t valid[PACKET], struct ray16 *packet)
 {
     struct RTCIntersectContext context;
     _Alignas(64) int32_t lanes[PACKET]; /* Embree wants them aligned; a caller's need not be */
@@ -105,10 +110,11 @@ void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct r
     memcpy(lanes, valid, sizeof(lanes));
     if (r->log && r->log->count < r->log->capacity) {
         r->log->packets[r->log->count] = *packet;
+        r->log->spread[r->log->count] = spread;
         memcpy(r->log->valid[r->log->count++], valid, sizeof(r->log->valid[0]));
     }
     rtcInitIntersectContext(&context);
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* neighbours share a direction */
+    context.flags = context_flags(spread);
     rtcOccluded16(lanes, r->bvh, &context, (struct RTCRay16 *)packet);
 }
 
@@ -123,9 +129,9 @@ uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t fir
     uint64_t occluded = 0;
 
     rtcInitIntersectContext(&context);
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     for (size_t i = first; i < last; i++) {
         struct ray16 packet = log->packets[i];
+        context.flags = context_flags(log->spread[i]);
         rtcOccluded16(log->valid[i], r->bvh, &context, (struct RTCRay16 *)&packet);
         for (int l = 0; l < PACKET; l++)
             occluded += packet.tfar[l] < 0.0f;

@@ -44,8 +44,14 @@ struct surface {
 struct rays *rays_create(const struct scene *scene);
 void rays_destroy(struct rays *r); /* NULL is allowed */
 
+/* How a packet's rays lie to each other. It changes how fast the answer comes, not what it is. */
+enum ray_spread {
+    RAYS_TOGETHER, /* from neighbours, in one direction: they take the same way through the tree */
+    RAYS_APART,    /* in directions of their own: after a few common nodes each goes alone */
+};
+
 /* Sets tfar of each lane whose valid is -1 to -inf when anything lies between tnear and tfar. valid: 0 or -1 a lane. */
-void rays_occluded16(const struct rays *r, const int32_t valid[PACKET], struct ray16 *packet);
+void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t valid[PACKET], struct ray16 *packet);
 
 struct ray_single { /* a query of rays_intersect, or of rays_blocked */
     struct vec3 origin, dir;
@@ -57,6 +63,7 @@ struct ray_single { /* a query of rays_intersect, or of rays_blocked */
 struct ray_log {
     struct ray16 *packets; /* of rays_occluded16, as they were before the query */
     int32_t (*valid)[PACKET];
+    enum ray_spread *spread;
     size_t count, capacity; /* what does not fit is not written down */
     struct ray_single *singles;
     size_t single_count, single_capacity; /* likewise */

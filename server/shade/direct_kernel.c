@@ -197,7 +197,8 @@ static void count_samples(struct packet_state *s, uint32_t index, float *count)
 }
 
 /* Traces the lanes that would bring something and adds what arrives. Returns how many they were. */
-static inline uint64_t trace_and_add(struct packet_state *s, const struct lanes d[3], const struct lanes rgb[3])
+static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spread, const struct lanes d[3],
+                                     const struct lanes rgb[3])
 {
     const struct shade_packet *p = s->points;
     _Alignas(64) int32_t valid[PACKET];
@@ -218,7 +219,7 @@ static inline uint64_t trace_and_add(struct packet_state *s, const struct lanes 
         s->rays.tfar[l] = INFINITY;
     }
     if (s->frame->rays) {
-        rays_occluded16(s->frame->rays, valid, &s->rays);
+        rays_occluded16(s->frame->rays, spread, valid, &s->rays);
         s->counts->rays += (uint64_t)count;
     }
     LANES(l)
@@ -262,7 +263,7 @@ static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, con
         rgb[1].v[l] = weight * brdf[1].v[l] * g;
         rgb[2].v[l] = weight * brdf[2].v[l] * b;
     }
-    s->counts->effective += trace_and_add(s, d, rgb);
+    s->counts->effective += trace_and_add(s, RAYS_TOGETHER, d, rgb);
 }
 
 static void add_light_samples(struct packet_state *s, uint32_t index)
@@ -377,7 +378,7 @@ static void add_lobe_sample(struct packet_state *s, float beta, const struct lob
         for (int c = 0; c < 3; c++)
             rgb[c].v[l] = weight * brdf[c].v[l] * sky.rgb[c].v[l];
     }
-    trace_and_add(s, r->d, rgb);
+    trace_and_add(s, RAYS_APART, r->d, rgb);
 }
 
 /* The leading bits of the shift are common to a packet: its lanes then look into the same cell of the unit square at a

@@ -81,11 +81,11 @@ static void occluded16_tells_each_lane(void **state)
     (void)state;
     memset(valid, -1, sizeof(valid));
     rays_upwards(&p, INFINITY);
-    rays_occluded16(r, valid, &p);
+    rays_occluded16(r, RAYS_TOGETHER, valid, &p);
     for (int i = 0; i < PACKET; i++)
         assert_int_equal(p.tfar[i] == -INFINITY, fabsf(p.org_x[i]) < 0.5f);
     rays_upwards(&p, 0.4f); /* the cube begins at a distance of 0.5 */
-    rays_occluded16(r, valid, &p);
+    rays_occluded16(r, RAYS_TOGETHER, valid, &p);
     for (int i = 0; i < PACKET; i++)
         assert_float_equal(p.tfar[i], 0.4f, 0.0f);
     rays_destroy(r);
@@ -103,10 +103,12 @@ static void occluded16_leaves_invalid_lanes_alone(void **state)
         int32_t valid[PACKET];
         for (int i = 0; i < PACKET; i++)
             valid[i] = pattern >> i & 1 ? -1 : 0;
-        rays_upwards(&p, 9.0f);
-        rays_occluded16(r, valid, &p);
-        for (int i = 0; i < PACKET; i++)
-            assert_int_equal(p.tfar[i] == -INFINITY, valid[i] && fabsf(p.org_x[i]) < 0.5f);
+        for (int spread = RAYS_TOGETHER; spread <= RAYS_APART; spread++) {
+            rays_upwards(&p, 9.0f);
+            rays_occluded16(r, (enum ray_spread)spread, valid, &p);
+            for (int i = 0; i < PACKET; i++)
+                assert_int_equal(p.tfar[i] == -INFINITY, valid[i] && fabsf(p.org_x[i]) < 0.5f);
+        }
     }
     rays_destroy(r);
     scene_destroy(s);
@@ -196,9 +198,11 @@ static int self_hits(const struct rays *r, const struct surface *at, struct rng 
         p.tfar[i] = INFINITY;
         p.mask[i] = UINT32_MAX;
     }
-    rays_occluded16(r, valid, &p);
+    struct ray16 alone = p;
+    rays_occluded16(r, RAYS_TOGETHER, valid, &p);
+    rays_occluded16(r, RAYS_APART, valid, &alone);
     for (int i = 0; i < PACKET; i++)
-        hits += p.tfar[i] == -INFINITY;
+        hits += p.tfar[i] == -INFINITY || alone.tfar[i] == -INFINITY;
     return hits;
 }
 
@@ -227,6 +231,65 @@ static void starts_off_a_surface_do_not_meet_it(void **state)
         scene_destroy(s);
     }
     assert_true(asked > 10000);
+}
+
+/* 200 squares about a cube, turned any way, so that about half of the rays meet something. */
+static struct scene *thicket(struct rng *g)
+{
+    struct scene *s = scene_create();
+    float corners[4 * 200][3];
+
+    assert_non_null(s);
+    for (int q = 0; q < 200; q++) {
+        const float size = between(g, 0.02f, 0.3f);
+        float centre[3], side[2][3];
+        for (int c = 0; c < 3; c++) {
+            centre[c] = between(g, -1, 1);
+            side[0][c] = size * between(g, -1, 1);
+            side[1][c] = size * between(g, -1, 1);
+        }
+        for (int k = 0; k < 4; k++)
+            for (int c = 0; c < 3; c++)
+                corners[4 * q + k][c] =
+                    centre[c] + (k == 1 || k == 2 ? side[0][c] : 0.0f) + (k >= 2 ? side[1][c] : 0.0f);
+    }
+    add_quads(s, add_lambert(s, 0.5f), (const float(*)[3])corners, 200);
+    assert_int_equal(scene_finish(s, "thicket", NULL), ERR_OK);
+    return s;
+}
+
+static void how_rays_lie_changes_no_answer(void **state)
+{
+    struct rng g = { 5 };
+    struct scene *s = thicket(&g);
+    struct rays *r = rays_create(s);
+    int met = 0;
+
+    (void)state;
+    for (int k = 0; k < 4000; k++) {
+        struct ray16 p = { .org_x = { 0 } };
+        int32_t valid[PACKET];
+        for (int i = 0; i < PACKET; i++) {
+            valid[i] = between(&g, 0, 1) < 0.9f ? -1 : 0;
+            p.org_x[i] = between(&g, -1, 1);
+            p.org_y[i] = between(&g, -1, 1);
+            p.org_z[i] = between(&g, -1, 1);
+            p.dir_x[i] = between(&g, -1, 1);
+            p.dir_y[i] = between(&g, -1, 1);
+            p.dir_z[i] = between(&g, -1, 1);
+            p.tfar[i] = k % 2 ? INFINITY : 0.7f;
+            p.mask[i] = UINT32_MAX;
+        }
+        struct ray16 alone = p;
+        rays_occluded16(r, RAYS_TOGETHER, valid, &p);
+        rays_occluded16(r, RAYS_APART, valid, &alone);
+        assert_memory_equal(p.tfar, alone.tfar, sizeof(p.tfar));
+        for (int i = 0; i < PACKET; i++)
+            met += p.tfar[i] == -INFINITY;
+    }
+    assert_in_range(met, 6400, 57600); /* of 64000: both answers occur */
+    rays_destroy(r);
+    scene_destroy(s);
 }
 
 static void offset_does_not_leak_through_a_sheet(void **state)
@@ -258,13 +321,10 @@ static void offset_does_not_leak_through_a_sheet(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(ray_meets_cube_at_known_distance),
-    cmocka_unit_test(surface_faces_the_side_looked_from),
-    cmocka_unit_test(occluded16_tells_each_lane),
-    cmocka_unit_test(occluded16_leaves_invalid_lanes_alone),
-    cmocka_unit_test(normals_are_interpolated),
-    cmocka_unit_test(starts_off_a_surface_do_not_meet_it),
-    cmocka_unit_test(offset_does_not_leak_through_a_sheet),
+    cmocka_unit_test(ray_meets_cube_at_known_distance),    cmocka_unit_test(surface_faces_the_side_looked_from),
+    cmocka_unit_test(occluded16_tells_each_lane),          cmocka_unit_test(occluded16_leaves_invalid_lanes_alone),
+    cmocka_unit_test(how_rays_lie_changes_no_answer),      cmocka_unit_test(normals_are_interpolated),
+    cmocka_unit_test(starts_off_a_surface_do_not_meet_it), cmocka_unit_test(offset_does_not_leak_through_a_sheet),
 };
 
 UNIT_MAIN(tests)
