@@ -193,6 +193,12 @@ static uint32_t lobe_count(uint32_t samples, float part)
     return (uint32_t)ceilf(part * (float)samples);
 }
 
+/* Which packet is the k-th to be shaded. */
+static uint32_t packet_at(const struct packet_list *only, uint32_t k)
+{
+    return only ? only->index[k] : k;
+}
+
 static void shade_packets(const struct direct *d, const struct gbuffer *g, const struct direct_frame *frame,
                           const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
@@ -207,9 +213,11 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
         struct direct_counts counts = { 0 };
 #pragma omp for schedule(dynamic, chunk)
         for (uint32_t k = 0; k < packets; k++) {
-            const uint32_t i = desc->only ? desc->only->index[k] : k;
+            const uint32_t i = packet_at(desc->only, k), next = packet_at(desc->only, k + 1 < packets ? k + 1 : k);
             if (desc->cancel && atomic_load_explicit(desc->cancel, memory_order_relaxed))
                 continue;
+            for (size_t at = 0; at < sizeof(*g->packets); at += 64) /* the next one comes while this one is traced */
+                __builtin_prefetch((const char *)&g->packets[next] + at);
             lobes += g->packets[i].count * lobe_count(desc->counts ? desc->counts[i] : desc->samples, frame->brdf_part);
             d->kernels->direct_packet(frame, &g->packets[i], i, lo + (size_t)i * 3 * PACKET, &counts);
         }
