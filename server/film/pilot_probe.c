@@ -24,6 +24,7 @@
 #define CONTENDER 6                  /* readings that each gets that is not hopeless, before all have turns alike */
 #define AGAIN_SETTLED 12             /* readings of what is in use, after which it is looked at half as often */
 #define TURNS 3                      /* of all groups, to tell where they are hard under one sky */
+#define DOUBTED 0.9                  /* of a time that could never be saved up: it may have been held up once */
 #define LIGHT_LEAST 4.0              /* units, of a first look at the light tracer, */
 #define LIGHT_MOST 64.0              /* and later */
 #define FAIR 0.3                     /* of what a group holds in the mean */
@@ -542,6 +543,8 @@ enum err pilot_probe(struct pilot *p, const struct pilot_wish *wish)
     }
     for (uint32_t probes = 0; probes < CONTENDER * WAYS && !e; probes++) {
         const uint32_t way = next_way(p);
+        if (way < WAYS && p->begun && p->model[way].fresh < READINGS_WANTED && cost_of(p, way) > BANK_FRAMES * frame)
+            model_scale(&p->model[way], DOUBTED);
         const bool must = !p->begun && way < WAY_EYE_ALL && way % PILOT_TECHNIQUES == 0 && !p->model[way].fresh;
         if (way == WAYS || (!must && p->bank_s <= cost_of(p, way)) ||
             (isinf(p->bank_s) && p->model[way].fresh >= (way < WAY_EYE_ALL ? READINGS_WANTED : OTHER_WANTED)))
