@@ -390,7 +390,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
 
     const enum err result = piloted ? run_pilot(d, e, &desc, out->rgb, &stats, &pilot)
                                     : relighter_run(d->relighter, e, &desc, out->rgb, &stats);
-    if (result == ERR_UNSUPPORTED) { /* this layout, with this method: the picture before it stays */
+    if (result == ERR_UNSUPPORTED || result == ERR_RANGE) { /* this layout, or this size: the picture before stays */
         server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, why->text);
         daemon_tell_unusable(d, why->text);
         return ERR_OK;

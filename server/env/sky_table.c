@@ -56,13 +56,14 @@ static float importance_at(const struct sky_table *t, uint32_t at)
     return importance_of(t->importance, x->r, x->g, x->b);
 }
 
-static float measure_row(const struct sky_table *t, uint32_t row, uint64_t *bins)
+static float measure_row(const struct environment *e, uint32_t row, uint64_t *bins)
 {
-    const double *solid_angle = t->environment->solid_angle + (size_t)(row % t->n) * t->n;
+    const double *solid_angle = e->solid_angle + (size_t)(row % e->n) * e->n;
+    const struct texel *x = e->texels + (size_t)row * e->n;
     float brightest = 0.0f;
 
-    for (uint32_t j = 0; j < t->n; j++) {
-        const float g = importance_at(t, row * t->n + j);
+    for (uint32_t j = 0; j < e->n; j++) {
+        const float g = importance_of(e->importance, x[j].r, x[j].g, x[j].b);
         bins[bin_of(g)] += (uint64_t)(int64_t)(solid_angle[j] * PER_SR);
         brightest = g > brightest ? g : brightest;
     }
@@ -90,22 +91,27 @@ static double find_level(const uint64_t *bins)
     return 0.0;
 }
 
-static void measure(struct sky_table *t)
+float sky_level(const struct environment *e, float *row_max)
 {
     uint64_t bins[BINS] = { 0 };
-    const uint32_t rows = CUBE_FACES * t->n;
+    const uint32_t rows = CUBE_FACES * e->n;
 
 #pragma omp parallel
     {
         uint64_t own[BINS] = { 0 };
 #pragma omp for schedule(static) nowait
         for (uint32_t row = 0; row < rows; row++)
-            t->row_max[row] = measure_row(t, row, own);
+            row_max[row] = measure_row(e, row, own);
 #pragma omp critical
         for (uint32_t k = 0; k < BINS; k++)
             bins[k] += own[k];
     }
-    t->level = (float)find_level(bins);
+    return (float)find_level(bins);
+}
+
+static void measure(struct sky_table *t)
+{
+    t->level = sky_level(t->environment, t->row_max);
     t->mean = (float)(t->level / LEVEL);
 }
 

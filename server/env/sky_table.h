@@ -61,6 +61,10 @@ struct sky_table {
     uint32_t sun_capacity;
 };
 
+/* The level c of a sky, 16 times its clamped mean; 0 where less than 1/16 of the sphere is lit, and there is none.
+ * row_max: float[6][n], out: the brightest importance of each row of texels. The same bits at any number of threads. */
+float sky_level(const struct environment *e, float *row_max);
+
 /* e must be ready, and stay as it is while the table is used. ERR_NOMEM; ERR_USAGE when cells is not 1, 2, 4 or 8 or
  * does not divide n. On an error the table must not be read. The same bits at any number of OpenMP threads. */
 MUST_CHECK enum err sky_table_build(struct sky_table *t, const struct environment *e,

@@ -5,7 +5,8 @@
 static const struct option_row table[LIGHT_OPTIONS] = {
     { "", NULL, "which light, and by whom", NULL },
     { "method", "M",
-      "of direct light: uniform, brdf, light, faces-uniform, faces, mis, latlong, latlong-rows or auto; of the whole "
+      "of direct light: uniform, brdf, light, faces-uniform, faces, mis, latlong, latlong-rows, cached (computes what "
+      "stands still beforehand; biased) or auto; of the whole "
       "picture: path, mlt, photons or vpl",
       "auto" },
     { "samples", "N", "N_s per shade point; of a reference, per pixel", NULL },
@@ -21,6 +22,7 @@ static const struct option_row table[LIGHT_OPTIONS] = {
     { "interleave", "K", "K x K sets of light samples among neighbouring pixels; 1, 2 or 4", "1" },
     { "importance", "I", "of the sky's texels: luminance, mean or max", "luminance" },
     { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
+    { "cache-memory", "MB", "of --method cached: the most that what is computed beforehand may take", "1024" },
     { "seed", "K", "of all random numbers", "0" },
     { NULL, NULL, NULL, NULL },
 };
@@ -96,7 +98,7 @@ static enum err read_power(const struct options *o, const char *flag, uint32_t m
 
 static enum err read_numbers(const struct options *o, struct relight_desc *light, struct reason *why)
 {
-    uint64_t samples = 0, eye_paths = 0;
+    uint64_t samples = 0, eye_paths = 0, megabytes = 0;
     enum err e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
 
     if (!e)
@@ -109,6 +111,9 @@ static enum err read_numbers(const struct options *o, struct relight_desc *light
         e = read_power(o, "cells", 8, &light->direct.cells, why);
     if (!e)
         e = read_power(o, "interleave", 4, &light->direct.interleave, why);
+    if (!e)
+        e = options_u64(o, "cache-memory", 1, (uint64_t)1 << 30, &megabytes, why);
+    light->cache_bytes = megabytes * 1000000;
     light->direct.samples = (uint32_t)samples;
     light->eye_paths = (uint32_t)eye_paths;
     return e;

@@ -5,6 +5,7 @@
 #include "mem.h"
 #include "progress.h"
 #include "reference.h"
+#include "relight_cache.h"
 #include "resolve.h"
 #include "rng.h"
 
@@ -13,7 +14,9 @@
 
 struct relighter {
     const struct set *set;
+    const struct kernels *kernels;
     struct direct *direct;
+    struct relight_cache cache;
     struct light_tracer *light;
     float *lo;               /* [packet_count][3][16] */
     struct scratch *scratch; /* of the eye paths */
@@ -113,6 +116,7 @@ struct relighter *relighter_create(const struct set *set, const struct kernels *
     if (!r)
         return NULL;
     r->set = set;
+    r->kernels = kernels;
     r->direct = direct_create(kernels);
     r->lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(float));
     r->light = light_tracer_create(set->scene, set->rays, &set->view);
@@ -129,6 +133,7 @@ void relighter_destroy(struct relighter *r)
     if (!r)
         return;
     direct_destroy(r->direct);
+    relight_cache_finish(&r->cache);
     light_tracer_destroy(r->light);
     mem_free(r->lo);
     scratch_destroy(r->scratch);
@@ -154,16 +159,29 @@ static void make_plan(const struct relighter *r, const struct environment *e, co
     plan_make(&facts, &wish, out);
 }
 
+static bool is_cached(const struct relight_desc *desc)
+{
+    return desc->direct.method == METHOD_CACHED && (desc->classes & PATH_DIRECT || desc->classes == 0);
+}
+
 /* Direct light, or darkness where it was not asked for. */
 static enum err run_direct(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            struct relight_stats *stats)
 {
     const struct gbuffer *g = r->set->gbuffer;
 
+    if (is_cached(desc))
+        return relight_cache_shade(&r->cache, r->direct, r->set, e, desc, r->lo, stats);
     if (desc->classes & PATH_DIRECT || desc->classes == 0)
         return direct_shade(r->direct, g, r->set->rays, e, &desc->direct, r->lo, &stats->direct);
     memset(r->lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
     return ERR_OK;
+}
+
+enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms)
+{
+    *ms = 0.0;
+    return is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
 }
 
 static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
@@ -237,8 +255,12 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
         stats->shade_ms = 1e3 * (clock_seconds() - at[0]);
         return failed;
     }
+    enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
+    if (result)
+        return result;
+    at[0] = clock_seconds(); /* what is computed once is told apart */
     make_plan(r, e, desc, &stats->plan);
-    enum err result = run_direct(r, e, desc, stats);
+    result = run_direct(r, e, desc, stats);
     at[1] = clock_seconds();
     if (!result)
         result = run_eye_paths(r, e, desc, stats);

@@ -15,6 +15,7 @@
 #include "plan.h"
 #include "rays.h"
 #include "scene.h"
+#include "transport.h"
 #include "view.h"
 
 #include <stdbool.h>
@@ -52,6 +53,7 @@ struct relight_desc {
     uint64_t particles;                     /* 0: the plan chooses */
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
+    uint64_t cache_bytes;                   /* METHOD_CACHED: the most that its cache may take; 0: 1 GiB */
 };
 
 struct relight_stats {           /* of one picture */
@@ -63,6 +65,11 @@ struct relight_stats {           /* of one picture */
     struct light_tracer_stats light;
     /* Where the method is a reference, which takes the whole picture, in shade_ms. */
     uint64_t reference_rays;
+    /* METHOD_CACHED: what the cache is, what this frame did with it, and what it took to compute it, in this very run;
+     * 0 where it was there. */
+    struct transport_stats cache;
+    struct transport_frame_stats cache_frame;
+    double cache_ms;
     const char *bias; /* in what it is not right in the mean, in words; NULL: in nothing */
 };
 
@@ -72,8 +79,12 @@ struct relighter;
 struct relighter *relighter_create(const struct set *set, const struct kernels *kernels);
 void relighter_destroy(struct relighter *r); /* NULL is allowed */
 
+/* Computes what desc's method needs before its first frame, with a progress line where that is wished for;
+ * relighter_run does it where it was not asked for. *ms: what it took. Errors are those of relighter_run. */
+MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
+
 /* The picture of the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method
- * needs another layout of environment. */
+ * needs another layout of environment; ERR_RANGE where its cache would take more memory than it may. */
 MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                                   float *rgb, struct relight_stats *stats);
 

@@ -439,4 +439,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)s.samples;
 }
 
-const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_counts, direct_packet };
+extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
+
+const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_counts, direct_packet,
+                                                      &JOIN(transport_kernels_, KERNEL_LEVEL) };

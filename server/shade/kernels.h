@@ -37,6 +37,8 @@ struct direct_frame { /* what all packets of a frame share; borrowed */
     uint64_t seed;           /* packets turn the numbers by it and their index */
 };
 
+struct transport_kernels;
+
 struct kernels {
     const char *level; /* "v3", "v4": x86-64 micro-architecture levels; "baseline" everywhere */
     /* Where counts are systematic: how many samples of each stratum the packet takes, count[strata]. */
@@ -45,6 +47,8 @@ struct kernels {
     /* Radiance of one packet into lo[3][16]; adds to *counts. */
     void (*direct_packet)(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, float *lo,
                           struct direct_counts *counts);
+
+    const struct transport_kernels *transport; /* transport_parts.h */
 };
 
 /* The best level that this CPU has, or the one named ("baseline", "v3", "v4"); ERR_USAGE when it is unknown or

@@ -16,6 +16,8 @@ static const struct method_recipe recipes[METHOD_COUNT] = {
     [METHOD_MLT] = { .name = "mlt", .about = "Metropolis sampling, the whole picture" },
     [METHOD_PHOTONS] = { .name = "photons", .about = "a photon map, the whole picture, biased" },
     [METHOD_VPL] = { .name = "vpl", .about = "virtual point lights, the whole picture, biased" },
+    [METHOD_CACHED] = { "cached", "what stands still computed beforehand; lobes that are too narrow by auto",
+                        STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
     [METHOD_AUTO] = { "auto", "chosen for scene and sky", STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f },
 };
 
@@ -34,7 +36,7 @@ enum err method_parse(const char *name, enum method *out, struct reason *why)
         }
     return err_say(why, ERR_USAGE,
                    "unknown method '%s'; there are uniform, brdf, light, faces-uniform, faces, mis, latlong, "
-                   "latlong-rows, path, mlt, photons, vpl and auto",
+                   "latlong-rows, path, mlt, photons, vpl, cached and auto",
                    name);
 }
 

@@ -21,6 +21,7 @@ enum method {
     METHOD_MLT,           /* likewise by Metropolis sampling: baselines/mlt.h */
     METHOD_PHOTONS,       /* likewise by a photon map, biased: baselines/photons.h */
     METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
+    METHOD_CACHED,        /* direct light by a cache of light transport, biased: transport.h */
     METHOD_AUTO, /* METHOD_MIS with the sun apart, where there is one, and compensated: what has been measured to
                   * lose nowhere (tests/unit/shade/test_gain.c) */
     METHOD_COUNT,

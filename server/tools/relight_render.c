@@ -41,6 +41,7 @@ struct render {
     struct relighter *relighter; /* or, where a time or an error is wished for, */
     struct pilot *pilot;
     struct pilot_wish wish;
+    double cache_ms; /* of computing what --method cached needs, once */
     double beside_s; /* of a frame, what is not light: reading and writing it, smoothed */
     struct environment *environment;
     struct jpeg_encoder *jpeg;
@@ -214,7 +215,8 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
     exposure_init(&r->exposure);
     if (!(piloted ? (void *)r->pilot : (void *)r->relighter) || !r->environment || !r->jpeg || !r->rgb || !r->display)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", set->width, set->height);
-    return ERR_OK;
+    r->light.direct.why = why;
+    return piloted ? ERR_OK : relighter_prepare(r->relighter, &r->light, set->progress, &r->cache_ms);
 }
 
 static enum err write_picture(struct render *r, struct reason *why)
@@ -292,6 +294,19 @@ static json_t *estimate_stats(const struct render *r, const struct pilot_stats *
                      s->edge_error, "left_out", s->jagged, "parts", parts);
 }
 
+/* What was computed beforehand, and what this frame did with it. */
+static json_t *cache_stats(const struct render *r, const struct relight_stats *s)
+{
+    const struct transport_stats *c = &s->cache;
+    const struct transport_frame_stats *f = &s->cache_frame;
+
+    return json_pack("{s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "precomputation_ms",
+                     r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes", (json_int_t)c->dense, "rays",
+                     (json_int_t)c->rays, "packets", (int)c->packets, "packets_left", (int)c->left, "pieces",
+                     (int)c->pieces, "raw", (int)c->raw, "mean_rank", c->rank, "bright", "texels", (int)f->bright,
+                     "share", f->share, "rays", (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra);
+}
+
 static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
@@ -306,8 +321,10 @@ static void write_stats(struct render *r, const struct relight_stats *s, const s
         json_object_update(j, more);
         if (!method_is_reference(r->light.direct.method))
             json_object_set_new(j, "plan", plan_stats(s));
-        else if (s->bias)
+        if (s->bias)
             json_object_set_new(j, "bias", json_string(s->bias));
+        if (r->light.direct.method == METHOD_CACHED)
+            json_object_set_new(j, "cache", cache_stats(r, s));
         if (r->pilot)
             json_object_set_new(j, "estimate", estimate_stats(r, pilot));
         fputs(r->rendered ? ",\n" : "\n", r->stats);

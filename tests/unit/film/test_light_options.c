@@ -43,6 +43,7 @@ static void defaults_are_those_of_the_program(void **state)
     assert_int_equal(r.light.start, START_FACES);
     assert_int_equal(r.light.direct.cells, 1);
     assert_int_equal(r.light.direct.interleave, 1);
+    assert_int_equal(r.light.cache_bytes, 1024000000);
     assert_int_equal(r.light.direct.compensate, COMPENSATE_OFF);
     assert_false(r.light.direct.sun || r.light.direct.no_visibility);
     assert_int_equal(r.environment.importance, IMPORTANCE_LUMINANCE);
@@ -71,6 +72,10 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_true(r.light.direct.sun);
     assert_int_equal(r.light.direct.compensate, COMPENSATE_AUTO);
 
+    assert_int_equal(read_line("--method cached --cache-memory 7", &r), ERR_OK);
+    assert_int_equal(r.light.direct.method, METHOD_CACHED);
+    assert_int_equal(r.light.cache_bytes, 7000000);
+
     assert_int_equal(read_line("--interleave 2 --importance max --no-visibility --paths direct", &r), ERR_OK);
     assert_int_equal(r.light.direct.interleave, 2);
     assert_int_equal(r.set.interleave, 2);
@@ -92,9 +97,10 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
     };
     static const char *const flags[][2] = {
         /* the sentence is another room's; it names flag and value */
-        { "--method guess", "guess" },        { "--samples 0", "--samples" },    { "--cells 16", "--cells" },
-        { "--interleave 8", "--interleave" }, { "--importance least", "least" }, { "--eye-paths many", "--eye-paths" },
-        { "--particles -1", "--particles" },
+        { "--method guess", "guess" },       { "--samples 0", "--samples" },
+        { "--cells 16", "--cells" },         { "--interleave 8", "--interleave" },
+        { "--importance least", "least" },   { "--eye-paths many", "--eye-paths" },
+        { "--particles -1", "--particles" }, { "--cache-memory 0", "--cache-memory" },
     };
     struct read r;
     (void)state;

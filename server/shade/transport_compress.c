@@ -1,0 +1,149 @@
+/* One row of a block: from what was traced to as few half floats as the tolerance allows. */
+#include "half.h"
+#include "mem.h"
+#include "transport_parts.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+
+#include <math.h>
+#include <string.h>
+
+struct transport_workspace { /* of one thread */
+    float gram[TRANSPORT_POINTS * TRANSPORT_POINTS];
+    float values[TRANSPORT_POINTS];                                                 /* eigenvalues, ascending */
+    float work[1 + 6 * TRANSPORT_POINTS + 2 * TRANSPORT_POINTS * TRANSPORT_POINTS]; /* as ssyevd asks for */
+    lapack_int whole[3 + 5 * TRANSPORT_POINTS];
+    float projected[TRANSPORT_POINTS * TRANSPORT_CELLS];
+};
+
+struct transport_workspace *transport_workspace_create(void)
+{
+    return mem_alloc(1, sizeof(struct transport_workspace));
+}
+
+void transport_workspace_destroy(struct transport_workspace *w)
+{
+    mem_free(w);
+}
+
+void transport_compress_begin(void)
+{
+    openblas_set_num_threads(1);
+}
+
+uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points)
+{
+    const uint64_t v = (uint64_t)q->rank * q->chunk_count * TRANSPORT_CHUNK;
+    return q->halves ? sizeof(uint16_t) * (v + (q->raw ? 0 : (uint64_t)q->rank * points)) : 0;
+}
+
+/* Whether a chunk of cells is dark for all points; columns behind those are another block's. */
+static bool is_zero(float (*cells)[TRANSPORT_POINTS], uint32_t points)
+{
+    for (uint32_t c = 0; c < TRANSPORT_CHUNK; c++)
+        for (uint32_t p = 0; p < points; p++)
+            if (cells[c][p] > 0.0f)
+                return false;
+    return true;
+}
+
+/* Moves the chunks that are not to the front and lists them. */
+static void pack_chunks(struct transport_matrix *m, uint32_t points, struct transport_piece *out)
+{
+    out->chunk_count = 0;
+    for (uint32_t chunk = 0; chunk < TRANSPORT_CHUNKS; chunk++) {
+        float(*from)[TRANSPORT_POINTS] = &m->at[chunk * TRANSPORT_CHUNK];
+        if (is_zero(from, points))
+            continue;
+        if (out->chunk_count < chunk)
+            memcpy(m->at[(size_t)out->chunk_count * TRANSPORT_CHUNK], from, TRANSPORT_CHUNK * sizeof(*from));
+        out->chunks[out->chunk_count++] = (uint8_t)chunk;
+    }
+}
+
+/* The least rank whose rest, the sum of the other eigenvalues of T T^t, is within the tolerance [Eckart and Young
+ * 1936]; points where the library fails. The eigenvectors replace the Gram matrix, those of the largest values last. */
+static uint32_t choose_rank(struct transport_workspace *w, const struct transport_matrix *m, uint32_t cells,
+                            uint32_t points, float tolerance)
+{
+    const int n = (int)points;
+    double whole = 0.0, rest = 0.0;
+    uint32_t rank = points;
+
+    cblas_ssyrk(CblasColMajor, CblasLower, CblasNoTrans, n, (int)cells, 1.0f, m->at[0], TRANSPORT_POINTS, 0.0f, w->gram,
+                n);
+    if (LAPACKE_ssyevd_work(LAPACK_COL_MAJOR, 'V', 'L', n, w->gram, n, w->values, w->work,
+                            sizeof(w->work) / sizeof(w->work[0]), w->whole, sizeof(w->whole) / sizeof(w->whole[0])))
+        return points;
+    for (uint32_t k = 0; k < points; k++)
+        whole += fmax(0.0, (double)w->values[k]);
+    for (uint32_t k = 0; k < points; k++) {
+        rest += fmax(0.0, (double)w->values[k]);
+        if (rest > (double)tolerance * (double)tolerance * whole)
+            break;
+        rank--;
+    }
+    return rank;
+}
+
+/* A power of two that brings the largest entry between 2^13 and 2^14, where halves reach furthest down. */
+static float scale_of(const float *x, size_t count)
+{
+    float most = 0.0f;
+    int exponent;
+
+    for (size_t i = 0; i < count; i++)
+        most = fmaxf(most, fabsf(x[i]));
+    frexpf(most, &exponent);
+    return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
+}
+
+static void round_all(const float *x, size_t count, float scale, uint16_t *out)
+{
+    const float up = 1.0f / scale;
+
+    for (size_t i = 0; i < count; i++)
+        out[i] = half_round(x[i] * up);
+}
+
+static enum err keep_raw(struct transport_workspace *w, const struct transport_matrix *m, uint32_t cells,
+                         uint32_t points, struct transport_piece *out)
+{
+    for (uint32_t p = 0; p < points; p++)
+        for (uint32_t c = 0; c < cells; c++)
+            w->projected[(size_t)p * cells + c] = m->at[c][p];
+    out->rank = points;
+    out->raw = true;
+    out->halves = mem_alloc_raw((size_t)points * cells, sizeof(*out->halves));
+    if (!out->halves)
+        return ERR_NOMEM;
+    out->scale = scale_of(w->projected, (size_t)points * cells);
+    round_all(w->projected, (size_t)points * cells, out->scale, out->halves);
+    return ERR_OK;
+}
+
+enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points, float tolerance,
+                            struct transport_piece *out)
+{
+    *out = (struct transport_piece){ .scale = 1.0f };
+    pack_chunks(m, points, out);
+    const uint32_t cells = out->chunk_count * TRANSPORT_CHUNK;
+    if (cells == 0)
+        return ERR_OK;
+    const uint32_t rank = tolerance < 0.0f ? points : choose_rank(w, m, cells, points, tolerance);
+    if (rank * (points + cells) >= points * cells)
+        return keep_raw(w, m, cells, points, out);
+    const float *u = w->gram + (size_t)(points - rank) * points;
+    const size_t v_count = (size_t)rank * cells;
+    cblas_sgemm(CblasColMajor, CblasTrans, CblasNoTrans, (int)cells, (int)rank, (int)points, 1.0f, m->at[0],
+                TRANSPORT_POINTS, u, (int)points, 0.0f, w->projected, (int)cells);
+    out->rank = rank;
+    out->halves = mem_alloc_raw(v_count + (size_t)rank * points, sizeof(*out->halves));
+    if (!out->halves)
+        return ERR_NOMEM;
+    out->scale = scale_of(w->projected, v_count);
+    round_all(w->projected, v_count, out->scale, out->halves);
+    round_all(u, (size_t)rank * points, 1.0f, out->halves + v_count);
+    return ERR_OK;
+}

@@ -1,0 +1,355 @@
+/* The loops of the cache of light transport (transport_parts.h): compiled once per CPU level, see CMakeLists.txt. */
+#include "half.h"
+#include "kernels.h"
+#include "lanes.h"
+#include "lobes.h"
+#include "rng.h"
+#include "transport_parts.h"
+#include "vec.h"
+
+#include <math.h>
+
+#ifdef __F16C__
+#include <immintrin.h>
+#endif
+
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+
+/* Sixteen half floats. */
+static inline void widen_lanes(const uint16_t *in, struct lanes *out)
+{
+#if defined(__AVX512F__)
+    _mm512_store_ps(out->v, _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)(const void *)in)));
+#elif defined(__F16C__)
+    _mm256_store_ps(out->v, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)in)));
+    _mm256_store_ps(out->v + 8, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)(in + 8))));
+#else
+    LANES(l) out->v[l] = half_widen(in[l]);
+#endif
+}
+
+static void widen(const uint16_t *in, float *out, uint32_t n)
+{
+    struct lanes x;
+
+    for (uint32_t i = 0; i < n; i += PACKET) {
+        widen_lanes(in + i, &x);
+        memcpy(out + i, x.v, sizeof(x));
+    }
+}
+
+/* ---- Tracing what stands still ---- */
+
+struct tracer {
+    const struct transport_world *world;
+    const struct shade_packet *points;
+    struct shade_packet basis; /* the same points, with colours that tell the rows apart */
+    struct lobes lobes;
+    struct ray16 rays;
+    uint32_t rows;
+    uint64_t traced;
+};
+
+/* Colours of the three channels by which lobes_evaluate gives, in this order: the lobe where it is not multiplied, the
+ * lobe where the specular colour is 1, the matte part beside the first. */
+static void set_up_tracer(struct tracer *t)
+{
+    static const float diffuse[3] = { 0.0f, 0.0f, 1.0f }, specular[3] = { 0.0f, 1.0f, 0.0f };
+    const struct shade_packet *p = t->points;
+
+    t->basis = *p;
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            t->basis.diffuse[c][l] = diffuse[c];
+            t->basis.specular[c][l] = specular[c];
+        }
+    lobes_set_up(p, &t->lobes);
+    LANES(l)
+    {
+        t->lobes.diffuse_part.v[l] = 0.0f; /* the matte part has the cells' directions, which are enough for it */
+        t->rays.org_x[l] = p->x[l];
+        t->rays.org_y[l] = p->y[l];
+        t->rays.org_z[l] = p->z[l];
+        t->rays.tnear[l] = 0.0f;
+        t->rays.time[l] = 0.0f;
+        t->rays.mask[l] = UINT32_MAX;
+        t->rays.id[l] = 0;
+        t->rays.flags[l] = 0;
+    }
+}
+
+/* The lanes' BRDF times cosine by rows, where the sky is seen along d; 0 elsewhere. False: nowhere. pdf: of the
+ * specular lobe. */
+static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lanes d[3],
+                     struct lanes row[TRANSPORT_ROWS], struct lanes *pdf)
+{
+    _Alignas(64) int32_t valid[PACKET];
+    struct lanes cosine, brdf[3];
+    int32_t count = 0, seen = 0;
+
+    if (!lobes_see(t->points, d, &cosine))
+        return false;
+    LANES(l)
+    {
+        valid[l] = cosine.v[l] > 0.0f ? t->points->valid[l] : 0;
+        count -= valid[l];
+    }
+    if (count == 0)
+        return false;
+    LANES(l)
+    {
+        t->rays.dir_x[l] = d[0].v[l];
+        t->rays.dir_y[l] = d[1].v[l];
+        t->rays.dir_z[l] = d[2].v[l];
+        t->rays.tfar[l] = INFINITY;
+    }
+    if (t->world->rays) {
+        rays_occluded16(t->world->rays, spread, valid, &t->rays);
+        t->traced += (uint64_t)count;
+    }
+    LANES(l)
+    {
+        valid[l] = t->rays.tfar[l] > 0.0f ? valid[l] : 0;
+        cosine.v[l] = valid[l] ? cosine.v[l] : 0.0f;
+        seen |= valid[l];
+    }
+    if (!seen)
+        return false;
+    lobes_evaluate(&t->lobes, &t->basis, d, &cosine, brdf, pdf);
+    LANES(l)
+    {
+        const float both = brdf[1].v[l] - brdf[0].v[l], matte = brdf[2].v[l] - brdf[0].v[l];
+        row[0].v[l] = matte > 0.0f ? matte : 0.0f;
+        row[1].v[l] = both > 0.0f ? both : 0.0f;
+        row[2].v[l] = brdf[0].v[l];
+    }
+    return true;
+}
+
+/* A lobe's rows are lit by the cells' directions and the lobe's own, under the balance heuristic; `weight` is 1 /
+ * density of the former. */
+static inline float balanced(float weight, float lobe_samples, float pdf)
+{
+    return weight / (1.0f + weight * lobe_samples * pdf);
+}
+
+static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t first)
+{
+    const struct transport_directions *dirs = t->world->directions;
+    const float lobes = t->rows > 1 ? (float)t->world->lobe_samples : 0.0f;
+
+    for (uint32_t cell = 0; cell < TRANSPORT_CELLS; cell++) {
+        struct lanes sum[TRANSPORT_ROWS] = { { { 0 } } };
+        for (uint32_t k = cell * dirs->per_cell; k < (cell + 1) * dirs->per_cell; k++) {
+            const float x = dirs->x[k], y = dirs->y[k], z = dirs->z[k], weight = dirs->weight[k];
+            struct lanes d[3], row[TRANSPORT_ROWS], pdf;
+            LANES(l)
+            {
+                d[0].v[l] = x;
+                d[1].v[l] = y;
+                d[2].v[l] = z;
+            }
+            if (!see_rows(t, RAYS_TOGETHER, d, row, &pdf))
+                continue;
+            LANES(l)
+            {
+                const float w = balanced(weight, lobes, pdf.v[l]);
+                sum[0].v[l] += weight * row[0].v[l];
+                sum[1].v[l] += w * row[1].v[l];
+                sum[2].v[l] += w * row[2].v[l];
+            }
+        }
+        for (uint32_t r = 0; r < t->rows; r++)
+            memcpy(&out[r].at[cell][first], sum[r].v, sizeof(sum[r]));
+    }
+}
+
+/* The lobe's own samples, the same numbers for all points, so that neighbours see alike and compress well. */
+static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t first)
+{
+    const float per_uv = (float)t->world->directions->per_cell * (0.25f * TRANSPORT_EDGE * TRANSPORT_EDGE);
+    const float half = 0.5f * TRANSPORT_EDGE, samples = (float)t->world->lobe_samples;
+
+    for (uint32_t i = 0; i < t->world->lobe_samples; i++) {
+        const float *x = t->world->lobe_numbers[i];
+        struct lanes square[2], d[3], row[TRANSPORT_ROWS], pdf;
+        LANES(l)
+        {
+            square[0].v[l] = x[0];
+            square[1].v[l] = x[1];
+        }
+        lobes_sample(&t->lobes, t->points, square, d);
+        if (!see_rows(t, RAYS_APART, d, row, &pdf))
+            continue;
+        for (uint32_t l = 0; l < PACKET; l++) {
+            const float w[3] = { d[0].v[l], d[1].v[l], d[2].v[l] };
+            float u, v;
+            const uint32_t face = cube_locate(w, &u, &v), edge = TRANSPORT_EDGE - 1;
+            const uint32_t q = (uint32_t)((v + 1.0f) * half), c = (uint32_t)((u + 1.0f) * half);
+            const uint32_t cell = transport_cell(face, q < edge ? q : edge, c < edge ? c : edge);
+            const float density = per_uv * cube_jacobian(u, v) + samples * pdf.v[l];
+            for (uint32_t r = 1; r < t->rows; r++)
+                out[r].at[cell][first + l] += row[r].v[l] / density;
+        }
+    }
+}
+
+static uint64_t trace(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
+                      struct transport_matrix *out, uint32_t first)
+{
+    struct tracer t = { .world = w, .points = p, .rows = rows };
+
+    set_up_tracer(&t);
+    trace_cells(&t, out, first);
+    if (rows > 1)
+        trace_lobes(&t, out, first);
+    return t.traced;
+}
+
+/* ---- A frame ---- */
+
+/* Sixteen partial sums, in one order at all levels. */
+static float sum_lanes(const struct lanes *x)
+{
+    float a[8];
+
+    for (int l = 0; l < 8; l++)
+        a[l] = x->v[l] + x->v[l + 8];
+    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+}
+
+static void project(const struct transport_piece *q, const struct transport_sky *sky, uint32_t k, float out[3])
+{
+    const uint16_t *v = q->halves + (size_t)k * q->chunk_count * TRANSPORT_CHUNK;
+    struct lanes sum[3] = { { { 0 } } };
+
+    for (uint32_t i = 0; i < q->chunk_count; i++, v += TRANSPORT_CHUNK) {
+        const float(*cells)[TRANSPORT_CHUNK] = sky->cells[q->chunks[i]];
+        struct lanes x;
+        widen_lanes(v, &x);
+        LANES(l)
+        {
+            sum[0].v[l] += x.v[l] * cells[0][l];
+            sum[1].v[l] += x.v[l] * cells[1][l];
+            sum[2].v[l] += x.v[l] * cells[2][l];
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        out[c] = sum_lanes(&sum[c]) * q->scale;
+}
+
+static void expand(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
+                   float out[3][TRANSPORT_POINTS])
+{
+    const uint16_t *u = q->halves + (size_t)q->rank * q->chunk_count * TRANSPORT_CHUNK;
+
+    memset(out, 0, 3 * TRANSPORT_POINTS * sizeof(float));
+    if (!q->halves)
+        return;
+    for (uint32_t k = 0; k < q->rank; k++) {
+        float y[3];
+        project(q, sky, k, y);
+        if (q->raw) {
+            for (int c = 0; c < 3; c++)
+                out[c][k] = y[c];
+            continue;
+        }
+        for (uint32_t p = 0; p < points; p += PACKET, u += PACKET) {
+            struct lanes x;
+            widen_lanes(u, &x);
+            for (int c = 0; c < 3; c++)
+                LANES(l) out[c][p + (uint32_t)l] += x.v[l] * y[c];
+        }
+    }
+}
+
+/* One sample of the bright part for each lane, each its own: the lanes' variants of a stratum. */
+static uint64_t add_bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
+                           const struct lobes *lobes, struct ray16 *ray, const int32_t at[PACKET], float sum[3][PACKET],
+                           struct transport_view *view)
+{
+    _Alignas(64) int32_t valid[PACKET];
+    struct lanes d[3], cosine, brdf[3], pdf;
+    int32_t count = 0, lit = 0, dark = 0;
+
+    LANES(l)
+    {
+        d[0].v[l] = b->x[at[l]];
+        d[1].v[l] = b->y[at[l]];
+        d[2].v[l] = b->z[at[l]];
+    }
+    if (!lobes_see(p, d, &cosine))
+        return 0;
+    LANES(l)
+    {
+        valid[l] = cosine.v[l] > 0.0f ? p->valid[l] : 0;
+        count -= valid[l];
+    }
+    if (count == 0)
+        return 0;
+    LANES(l)
+    {
+        ray->dir_x[l] = d[0].v[l];
+        ray->dir_y[l] = d[1].v[l];
+        ray->dir_z[l] = d[2].v[l];
+        ray->tfar[l] = INFINITY;
+    }
+    if (rays)
+        rays_occluded16(rays, RAYS_TOGETHER, valid, ray);
+    LANES(l)
+    {
+        const int32_t sees = ray->tfar[l] > 0.0f ? valid[l] : 0;
+        lit |= sees;
+        dark |= valid[l] & ~sees;
+        valid[l] = sees;
+    }
+    view->lit |= lit != 0;
+    view->dark |= dark != 0;
+    if (lit) {
+        lobes_evaluate(lobes, p, d, &cosine, brdf, &pdf);
+        LANES(l)
+        {
+            sum[0][l] += valid[l] ? brdf[0].v[l] * b->r[at[l]] : 0.0f;
+            sum[1][l] += valid[l] ? brdf[1].v[l] * b->g[at[l]] : 0.0f;
+            sum[2][l] += valid[l] ? brdf[2].v[l] * b->b[at[l]] : 0.0f;
+        }
+    }
+    return rays ? (uint64_t)count : 0;
+}
+
+/* Strata come in fours. Of each four, pass 0 takes one, by the lane's variant, so that over many points it takes all
+ * alike, and pass 1 the other three. Variants of 16 points are 16 that follow each other in a sequence that spreads
+ * well. */
+static uint64_t bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
+                       uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view)
+{
+    const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
+    struct lobes lobes;
+    struct ray16 ray = { .org_x = { 0 } };
+    uint64_t traced = 0;
+
+    lobes_set_up(p, &lobes);
+    LANES(l)
+    {
+        ray.org_x[l] = p->x[l];
+        ray.org_y[l] = p->y[l];
+        ray.org_z[l] = p->z[l];
+        ray.mask[l] = UINT32_MAX;
+    }
+    for (uint32_t i = 0; i < b->few; i++)
+        for (uint32_t j = pass ? 1 : 0; j < (pass ? 4u : 1u); j++) {
+            int32_t at[PACKET];
+            LANES(l)
+            {
+                const uint32_t variant = base + (uint32_t)l, stratum = 4 * i + ((variant + i + j) & 3u);
+                at[l] = (int32_t)(stratum * TRANSPORT_VARIANTS + variant);
+            }
+            traced += add_bright(rays, b, p, &lobes, &ray, at, sum, view);
+        }
+    return traced;
+}
+
+extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
+const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = { trace, expand, bright, widen };

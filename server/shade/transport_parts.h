@@ -1,0 +1,103 @@
+/* Inside the cache of light transport (transport.h): its memory, and the loops that are built once per CPU level.
+ *
+ * A row is the part of the BRDF times cosine that one colour multiplies, so that transport is kept without colours and
+ * textures (lobes.h has the BRDFs; F0 stands for the specular colour):
+ *     lambert  row 0: cos / pi, by diffuse
+ *     phong    row 0: cos / pi, by diffuse;   row 1: its lobe, by specular
+ *     ggx      row 0: (1 - F(n.w)) (1 - F(n.o)) cos / pi of F0 = 0, by (1 - F0)^2 diffuse;
+ *              row 1: D V (1 - s), by F0;   row 2: D V s, by 1;   s = (1 - o.h)^5, F = F0 (1 - s) + s
+ * A block is up to four packets of one kind that follow each other, a piece one row of a block. */
+#ifndef SHADE_TRANSPORT_PARTS_H
+#define SHADE_TRANSPORT_PARTS_H
+
+#include "transport.h"
+#include "transport_sky.h"
+
+#define TRANSPORT_ROWS 3
+#define TRANSPORT_PACKETS 4
+#define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
+#define TRANSPORT_VARIANTS 256
+
+/* A block's row as it is traced: [cell][point]. */
+struct transport_matrix {
+    _Alignas(64) float at[TRANSPORT_CELLS][TRANSPORT_POINTS];
+};
+
+/* The row compressed: T = U V, V [rank][16 chunk_count], U [rank][points] behind it, both half floats; raw: T itself,
+ * as V [points][16 chunk_count]. Cells that are zero for all points are left out in chunks. */
+struct transport_piece {
+    uint16_t *halves; /* NULL: all is zero */
+    uint32_t rank;    /* rows of V */
+    float scale;      /* V is kept divided by it, a power of two, so that its largest entry is about 2^14 */
+    bool raw;
+    uint8_t chunk_count;
+    uint8_t chunks[TRANSPORT_CHUNKS]; /* ascending */
+};
+
+struct transport_block {
+    uint32_t first, packets; /* of the G-buffer */
+    uint32_t rows;
+    struct transport_piece pieces[TRANSPORT_ROWS];
+};
+
+/* The directions of all points, cell by cell in the order of their places. */
+struct transport_directions {
+    uint32_t per_cell;
+    float *x, *y, *z; /* [TRANSPORT_CELLS * per_cell]: unit */
+    float *weight;    /* 1 / density, sr; sums to the cell's solid angle */
+};
+
+struct transport_world {     /* what tracing needs; borrowed */
+    const struct rays *rays; /* NULL: everything is visible */
+    const struct transport_directions *directions;
+    const float (*lobe_numbers)[2]; /* [lobe_samples]: points of the unit square */
+    uint32_t lobe_samples;
+};
+
+/* Samples of a frame's bright part: [strata][TRANSPORT_VARIANTS], each stratum an equal share of its energy. */
+struct transport_bright {
+    uint32_t strata; /* 0: there is none; else four times `few` */
+    uint32_t few;
+    float *x, *y, *z, *r, *g, *b; /* direction, radiance over density */
+    uint64_t seed;
+};
+
+/* What a packet has seen of the bright part, over lanes that face it. */
+struct transport_view {
+    bool lit, dark;
+};
+
+struct transport_kernels {
+    /* The packet's transport into columns first .. first + 15 of the matrices, as many as the block has rows; returns
+     * rays traced. Every entry of the columns is written. */
+    uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
+                      struct transport_matrix *out, uint32_t first);
+    /* out[c][point] = sum over the cells of T L. points: a multiple of 16. */
+    void (*expand)(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
+                   float out[3][TRANSPORT_POINTS]);
+    /* Adds to sum[3][16] the light of the strata of pass 0, a quarter of all, or of pass 1, the others, before division
+     * by their number; returns rays traced. */
+    uint64_t (*bright)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
+                       uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view);
+    /* Half floats to floats; n is a multiple of 16, out aligned to 64 bytes. */
+    void (*widen)(const uint16_t *in, float *out, uint32_t n);
+};
+
+/* Fills *out from the matrix, points = 16 packets; it is destroyed. tolerance below 0: raw. *compressed_rank: 0 where
+ * raw. ERR_NOMEM. */
+struct transport_workspace;
+struct transport_workspace *transport_workspace_create(void);
+void transport_workspace_destroy(struct transport_workspace *w);
+MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
+                                       float tolerance, struct transport_piece *out);
+
+/* Bytes of halves that a piece holds. */
+uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
+
+/* Once, before transport_compress is called from several threads: the library's own threads are not wanted. */
+void transport_compress_begin(void);
+
+MUST_CHECK enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint64_t seed);
+void transport_directions_finish(struct transport_directions *d);
+
+#endif

@@ -1,0 +1,143 @@
+#include "transport_sky.h"
+
+#include "invert.h"
+#include "mem.h"
+#include "sky_table.h"
+
+#include <assert.h>
+#include <math.h>
+
+static float texel_importance(const struct environment *e, uint32_t at)
+{
+    const struct texel *x = &e->texels[at];
+    return importance_of(e->importance, x->r, x->g, x->b);
+}
+
+double transport_cell_solid_angle(uint32_t place)
+{
+    const double step = 2.0 / TRANSPORT_EDGE; /* faces are alike: only the place within one counts, 8 bits */
+    uint32_t i = 0, j = 0;
+
+    for (uint32_t b = 0; b < 4; b++) {
+        j |= (place >> 2 * b & 1u) << b;
+        i |= (place >> (2 * b + 1) & 1u) << b;
+    }
+    return cube_solid_angle(-1.0 + step * j, -1.0 + step * i, -1.0 + step * (j + 1), -1.0 + step * (i + 1));
+}
+
+/* Solid angle of what a texel (row y, column x) and a cell (row i, column j) have in common: the texel's own, unless
+ * the cell's border runs through it, as it may where n is no multiple. */
+static double overlap(const struct environment *e, uint32_t y, uint32_t x, uint32_t i, uint32_t j)
+{
+    const uint32_t n = e->n, edge = TRANSPORT_EDGE;
+    const double in_texel = 2.0 / n, in_cell = 2.0 / edge;
+
+    if (y * edge >= i * n && (y + 1) * edge <= (i + 1) * n && x * edge >= j * n && (x + 1) * edge <= (j + 1) * n)
+        return e->solid_angle[y * n + x];
+    return cube_solid_angle(-1.0 + fmax(x * in_texel, j * in_cell), -1.0 + fmax(y * in_texel, i * in_cell),
+                            -1.0 + fmin((x + 1) * in_texel, (j + 1) * in_cell),
+                            -1.0 + fmin((y + 1) * in_texel, (i + 1) * in_cell));
+}
+
+/* The mean of the lower part over a cell, by solid angle. */
+static void take_cell(struct transport_sky *s, const struct environment *e, uint32_t face, uint32_t i, uint32_t j)
+{
+    const uint32_t n = e->n, edge = TRANSPORT_EDGE, place = transport_cell(face, i, j);
+    double sum[3] = { 0.0 }, whole = 0.0;
+
+    for (uint32_t y = i * n / edge; y * edge < (i + 1) * n; y++)
+        for (uint32_t x = j * n / edge; x * edge < (j + 1) * n; x++) {
+            const struct texel *t = &e->texels[(face * n + y) * n + x];
+            const float g = importance_of(e->importance, t->r, t->g, t->b);
+            const double weight = overlap(e, y, x, i, j);
+            const double kept = g > s->level ? weight * (double)s->level / (double)g : weight;
+            whole += weight;
+            sum[0] += kept * (double)t->r;
+            sum[1] += kept * (double)t->g;
+            sum[2] += kept * (double)t->b;
+        }
+    for (int c = 0; c < 3; c++)
+        s->cells[place / TRANSPORT_CHUNK][c][place % TRANSPORT_CHUNK] = (float)(sum[c] / whole);
+}
+
+static enum err add_bright(struct transport_sky *s, const struct environment *e, uint32_t at)
+{
+    if (s->bright_count == s->bright_capacity) {
+        const uint32_t more = s->bright_capacity ? 2 * s->bright_capacity : 256;
+        uint32_t *bright = mem_grow(s->bright, s->bright_count, more, sizeof(*bright));
+        if (!bright)
+            return ERR_NOMEM;
+        s->bright = bright;
+        double *cdf = mem_grow(s->bright_cdf, s->bright_count, more, sizeof(*cdf));
+        if (!cdf)
+            return ERR_NOMEM;
+        s->bright_cdf = cdf;
+        s->bright_capacity = more;
+    }
+    s->bright_energy += ((double)texel_importance(e, at) - (double)s->level) * e->solid_angle[at % (e->n * e->n)];
+    s->bright[s->bright_count] = at;
+    s->bright_cdf[s->bright_count++] = s->bright_energy;
+    return ERR_OK;
+}
+
+static enum err find_bright(struct transport_sky *s, const struct environment *e)
+{
+    enum err result = ERR_OK;
+
+    s->bright_count = 0;
+    s->bright_energy = 0.0;
+    for (uint32_t row = 0; row < CUBE_FACES * e->n; row++)
+        for (uint32_t at = row * e->n; s->row_max[row] > s->level && at < (row + 1) * e->n && !result; at++)
+            if (texel_importance(e, at) > s->level)
+                result = add_bright(s, e, at);
+    return result;
+}
+
+enum err transport_sky_take(struct transport_sky *s, const struct environment *e)
+{
+    assert(e->ready);
+    if (CUBE_FACES * e->n > s->row_capacity) {
+        mem_free(s->row_max);
+        s->row_capacity = 0;
+        s->row_max = mem_alloc(CUBE_FACES * e->n, sizeof(*s->row_max));
+        if (!s->row_max)
+            return ERR_NOMEM;
+        s->row_capacity = CUBE_FACES * e->n;
+    }
+    s->n = e->n;
+    s->level = sky_level(e, s->row_max);
+#pragma omp parallel for schedule(static)
+    for (uint32_t row = 0; row < CUBE_FACES * TRANSPORT_EDGE; row++)
+        for (uint32_t j = 0; j < TRANSPORT_EDGE; j++)
+            take_cell(s, e, row / TRANSPORT_EDGE, row % TRANSPORT_EDGE, j);
+    return find_bright(s, e);
+}
+
+void transport_sky_finish(struct transport_sky *s)
+{
+    mem_free(s->bright);
+    mem_free(s->bright_cdf);
+    mem_free(s->row_max);
+    *s = (struct transport_sky){ .level = 0.0f };
+}
+
+void transport_sky_sample(const struct transport_sky *s, const struct environment *e, const double x[2], float w[3],
+                          float rgb[3])
+{
+    const uint32_t n = s->n;
+    const double place = invert(s->bright_cdf, s->bright_count, x[0]);
+    const uint32_t k = (uint32_t)place, at = s->bright[k];
+    const struct texel *t = &e->texels[at];
+    const double g = (double)texel_importance(e, at), above = g - (double)s->level;
+    float u, v;
+
+    invert_direction(n, at / (n * n), at / n % n + (place - k), at % n + fmin(x[1], INVERT_LAST), w);
+    cube_locate(w, &u, &v);
+    /* p = above x solid angle / energy, evenly over the texel's square of (2 / n)^2; of the radiance above / g is here
+     */
+    const double density = above * e->solid_angle[at % (n * n)] / s->bright_energy * 0.25 * n * n;
+    const double weight = above / g / (density * (double)cube_jacobian(u, v));
+    rgb[0] = (float)(weight * (double)t->r);
+    rgb[1] = (float)(weight * (double)t->g);
+    rgb[2] = (float)(weight * (double)t->b);
+}

@@ -1,0 +1,443 @@
+/* Direct light by the cache of light transport, held to closed forms and to converged multiple importance sampling. */
+#include "points.h"
+#include "relight.h"
+#include "transport.h"
+
+#include <math.h>
+#include <omp.h>
+
+enum { WIDTH = 48, HEIGHT = 27 };
+
+static struct transport *make(const struct gbuffer *g, const struct rays *rays, const struct transport_desc *desc)
+{
+    struct transport *t;
+    struct reason why = { "" };
+
+    if (transport_create(g, rays, best_kernels(), desc, &t, &why)) {
+        printf("%s\n", why.text);
+        fail();
+    }
+    assert_non_null(t);
+    return t;
+}
+
+static float *shade_by(struct transport *t, const struct gbuffer *g, const struct environment *e, uint32_t samples,
+                       struct transport_frame_stats *stats)
+{
+    float *lo = mem_alloc((size_t)g->packet_count * 3 * PACKET, sizeof(float));
+    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = samples, .seed = 3 }, lo, stats),
+                     ERR_OK);
+    return lo;
+}
+
+/* Balanced multiple importance sampling, the mean of some seeds. */
+static float *converge(const struct gbuffer *g, const struct rays *rays, const struct environment *e, uint32_t samples)
+{
+    enum { SEEDS = 4 };
+    const size_t floats = (size_t)g->packet_count * 3 * PACKET;
+    float *lo = mem_alloc(floats, sizeof(float)), *one = mem_alloc(floats, sizeof(float));
+    struct direct *d = direct_create(best_kernels());
+    struct direct_stats stats;
+
+    for (uint64_t seed = 0; seed < SEEDS; seed++) {
+        const struct direct_desc desc = {
+            .method = METHOD_MIS, .sun = true, .samples = samples, .seed = 100 + seed, .no_visibility = !rays
+        };
+        assert_int_equal(direct_shade(d, g, rays, e, &desc, one, &stats), ERR_OK);
+        for (size_t i = 0; i < floats; i++)
+            lo[i] += one[i] / SEEDS;
+    }
+    direct_destroy(d);
+    mem_free(one);
+    return lo;
+}
+
+/* relMSE over the lanes in use of all packets but those of `not`. */
+static double rel_mse(const struct gbuffer *g, const float *x, const float *r, const struct packet_list * not )
+{
+    double mean = 0.0, sum = 0.0, count = 0.0;
+
+    for (int pass = 0; pass < 2; pass++)
+        for (uint32_t i = 0, k = 0; i < g->packet_count; i++) {
+            if (not &&k < not ->count && not ->index[k] == i) {
+                k++;
+                continue;
+            }
+            for (uint32_t c = 0; c < 3; c++)
+                for (uint32_t l = 0; l < g->packets[i].count; l++) {
+                    const size_t at = (i * 3 + c) * PACKET + l;
+                    const double a = (double)x[at], b = (double)r[at];
+                    mean += pass ? 0.0 : b;
+                    count += pass ? 0.0 : 1.0;
+                    sum += pass ? (a - b) * (a - b) / (b * b + 1e-2 * mean * mean / (count * count)) : 0.0;
+                }
+        }
+    return sum / count;
+}
+
+static struct set *court(uint32_t width, uint32_t height)
+{
+    const struct set_desc desc = { .width = width, .height = height };
+    struct set *set;
+    struct reason why;
+
+    assert_int_equal(set_create(&desc, &set, &why), ERR_OK);
+    return set;
+}
+
+/* Soft blobs of light all around, some texels wide; nowhere 16 times the mean. */
+static struct frame smooth_sky(uint64_t seed)
+{
+    struct frame f = sky_constant(128, 64, 0.2f);
+    struct rng r = { seed };
+
+    for (int k = 0; k < 6; k++) {
+        const struct vec3 at = random_direction(&r);
+        const double sharp = 4.0 + 30.0 * rng_next(&r), red = rng_next(&r), blue = rng_next(&r);
+        for (uint32_t y = 0; y < 64; y++)
+            for (uint32_t x = 0; x < 128; x++) {
+                const double phi = PI - 2.0 * PI * (x + 0.5) / 128.0, theta = PI * (y + 0.5) / 64.0;
+                const struct vec3 w =
+                    vec3_make((float)(sin(theta) * sin(phi)), (float)cos(theta), (float)(sin(theta) * cos(phi)));
+                const double l = exp(sharp * ((double)vec3_dot(w, at) - 1.0));
+                float *t = f.rgb + 3 * (y * 128 + x);
+                t[0] += (float)(l * red);
+                t[1] += (float)l;
+                t[2] += (float)(l * blue);
+            }
+    }
+    return f;
+}
+
+/* Lo = diffuse L for every normal. What is left is 6144 directions' quadrature of the cosine and half floats: measured
+ * 1.0e-3 at worst. A solid angle or a weight wrong by a hundredth is five times what is allowed. */
+static void a_constant_sky_meets_the_closed_form(void **state)
+{
+    struct gbuffer g = points_make(16, LOBE_LAMBERT, 0.6f, 0.0f, 0.0f);
+    struct environment *e = sky_environment(sky_constant(32, 16, 2.0f), 32, 0.0);
+    struct transport_frame_stats stats;
+    (void)state;
+
+    points_scatter(&g, 1);
+    g.packets[5].count = 7;
+    for (uint32_t l = 7; l < PACKET; l++)
+        g.packets[5].valid[l] = 0;
+    struct transport *t = make(&g, NULL, &(struct transport_desc){ .no_visibility = true, .tolerance = -1.0f });
+    float *lo = shade_by(t, &g, e, 64, &stats);
+    double worst = 0.0;
+    assert_int_equal(stats.bright, 0);
+    for (uint32_t i = 0; i < g.packet_count; i++)
+        for (uint32_t c = 0; c < 3; c++)
+            for (uint32_t l = 0; l < PACKET; l++) {
+                const float want = l < g.packets[i].count ? 1.2f : 0.0f;
+                worst = fmax(worst, fabs((double)lo[(i * 3 + c) * PACKET + l] - (double)want));
+            }
+    assert_true(worst < 2e-3 * 1.2);
+    mem_free(lo);
+    transport_destroy(t);
+    environment_destroy(e);
+    points_free(&g);
+}
+
+/* Coloured lobes of all kinds under coloured blobs, without visibility: the rows and their colours put together are the
+ * BRDF. Converged to about 1e-6 (131072 samples); the cells' own error of lobes nearly as narrow as they may be is
+ * measured as 3e-5 at most. A colour exchanged or F0 once too often is 1e-2. */
+static void rows_and_colours_make_up_each_lobe(void **state)
+{
+    static const struct {
+        enum lobe_kind kind;
+        float diffuse, specular, gloss;
+    } lobes[] = {
+        { LOBE_LAMBERT, 0.7f, 0.0f, 0.0f }, { LOBE_PHONG, 0.3f, 0.5f, 5.0f }, { LOBE_PHONG, 0.1f, 0.8f, 120.0f },
+        { LOBE_GGX, 0.5f, 0.04f, 0.6f },    { LOBE_GGX, 0.2f, 0.7f, 0.25f },  { LOBE_GGX, 0.6f, 0.04f, 0.0f },
+    };
+    struct environment *e = sky_environment(smooth_sky(4), 128, 0.0);
+    struct transport_frame_stats stats;
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(lobes) / sizeof(lobes[0]); k++) {
+        struct gbuffer g = points_make(8, lobes[k].kind, lobes[k].diffuse, lobes[k].specular, lobes[k].gloss);
+        points_scatter(&g, 20 + k);
+        for (uint32_t i = 0; i < g.packet_count; i++)
+            for (uint32_t l = 0; l < PACKET; l++) {
+                g.packets[i].diffuse[1][l] *= 0.5f;
+                g.packets[i].specular[2][l] *= 0.25f;
+            }
+        struct transport *t = make(&g, NULL, &(struct transport_desc){ .no_visibility = true });
+        float *lo = shade_by(t, &g, e, 64, &stats), *want = converge(&g, NULL, e, 32768);
+        const double error = rel_mse(&g, lo, want, NULL);
+        assert_int_equal(stats.bright, 0);
+        if (error > 1e-4) {
+            printf("lobe %zu: relMSE %.2e\n", k, error);
+            fail();
+        }
+        mem_free(lo);
+        mem_free(want);
+        transport_destroy(t);
+        points_free(&g);
+    }
+    environment_destroy(e);
+}
+
+/* The bias floor: the built-in court under skies without a sun. The truth is the mean of four runs of 4096 samples,
+ * good to 1e-5; one cell of 1536 off, or one block of 64 points, is 1e-3. */
+static void the_bias_floor_is_low_under_smooth_skies(void **state)
+{
+    struct set *set = court(WIDTH, HEIGHT);
+    const struct gbuffer *g = set->gbuffer;
+    struct transport *t = make(g, set->rays, &(struct transport_desc){ .seed = 8 });
+    struct transport_frame_stats stats;
+    (void)state;
+
+    for (uint64_t k = 0; k < 3; k++) {
+        struct environment *e = sky_environment(k ? smooth_sky(k) : sky_overcast(128, 64), 128, 0.0);
+        float *lo = shade_by(t, g, e, 64, &stats), *want = converge(g, set->rays, e, 4096);
+        const double error = rel_mse(g, lo, want, transport_left(t));
+        assert_int_equal(stats.bright, 0);
+        assert_true(stats.rays == 0);
+        if (error > 2e-4) {
+            printf("sky %d: relMSE %.2e\n", (int)k, error);
+            fail();
+        }
+        mem_free(lo);
+        mem_free(want);
+        environment_destroy(e);
+    }
+    transport_destroy(t);
+    set_destroy(set);
+}
+
+/* With a sun, traced by 64 and 256 rays where it matters, the sum is the whole: the mean over the picture to 0.3 %, of
+ * which penumbrae that the few rays miss are a part, and no pixel far off. The sun lost or counted twice is 50 %. */
+static void the_bright_part_makes_it_whole_again(void **state)
+{
+    struct set *set = court(WIDTH, HEIGHT);
+    const struct gbuffer *g = set->gbuffer;
+    struct transport *t = make(g, set->rays, &(struct transport_desc){ .seed = 8 });
+    struct environment *e = sky_environment(sky_with_sun(128, 64, 2e3f), 128, 0.0);
+    struct transport_frame_stats stats;
+    double sum[2] = { 0.0 };
+    (void)state;
+
+    float *lo = shade_by(t, g, e, 1024, &stats), *want = converge(g, set->rays, e, 4096);
+    assert_true(stats.bright > 0 && stats.share > 0.1 && stats.rays > 0 && stats.penumbra > 0);
+    for (uint32_t i = 0, k = 0; i < g->packet_count; i++) {
+        if (k < transport_left(t)->count && transport_left(t)->index[k] == i) {
+            k++;
+            continue;
+        }
+        for (uint32_t c = 0; c < 3 * PACKET; c++) {
+            sum[0] += (double)lo[i * 3 * PACKET + c];
+            sum[1] += (double)want[i * 3 * PACKET + c];
+        }
+    }
+    assert_true(fabs(sum[0] - sum[1]) < 3e-3 * sum[1]);
+    assert_true(rel_mse(g, lo, want, transport_left(t)) < 1e-3);
+    mem_free(lo);
+    mem_free(want);
+    environment_destroy(e);
+    transport_destroy(t);
+    set_destroy(set);
+}
+
+/* The compressed cache against one that is not, under random skies: relative to the picture, what is left out is within
+ * a few times the tolerance (0.02 and 0.01 of the transport's norm), and tightening it tightens the picture. */
+static void compression_keeps_to_its_tolerance(void **state)
+{
+    struct set *set = court(WIDTH, HEIGHT);
+    const struct gbuffer *g = set->gbuffer;
+    const size_t floats = (size_t)g->packet_count * 3 * PACKET;
+    const struct transport_desc descs[3] = { { .tolerance = -1.0f, .tolerance_glossy = -1.0f },
+                                             { .tolerance = 0.02f, .tolerance_glossy = 0.02f },
+                                             { .tolerance = 0.005f, .tolerance_glossy = 0.005f } };
+    struct transport *t[3];
+    (void)state;
+
+    for (int k = 0; k < 3; k++)
+        t[k] = make(g, set->rays, &descs[k]);
+    assert_true(transport_stats(t[0])->raw == transport_stats(t[0])->pieces);
+    assert_true(transport_stats(t[1])->bytes < transport_stats(t[2])->bytes);
+    assert_true(transport_stats(t[2])->bytes < transport_stats(t[0])->bytes);
+    for (uint64_t seed = 0; seed < 4; seed++) {
+        struct environment *e = sky_environment(smooth_sky(50 + seed), 64, 0.0);
+        struct transport_frame_stats stats;
+        float *lo[3];
+        for (int k = 0; k < 3; k++)
+            lo[k] = shade_by(t[k], g, e, 64, &stats);
+        double error[3] = { 0.0 }, norm = 0.0;
+        for (size_t i = 0; i < floats; i++) {
+            norm += (double)lo[0][i] * (double)lo[0][i];
+            for (int k = 1; k < 3; k++)
+                error[k] += pow((double)lo[k][i] - (double)lo[0][i], 2.0);
+        }
+        assert_true(sqrt(error[1] / norm) < 0.02);
+        assert_true(sqrt(error[2] / norm) < 0.005);
+        for (int k = 0; k < 3; k++)
+            mem_free(lo[k]);
+        environment_destroy(e);
+    }
+    for (int k = 0; k < 3; k++)
+        transport_destroy(t[k]);
+    set_destroy(set);
+}
+
+static void threads_and_cpu_levels_do_not_change_the_bits(void **state)
+{
+    struct set *set = court(32, 18);
+    const struct gbuffer *g = set->gbuffer;
+    const size_t floats = (size_t)g->packet_count * 3 * PACKET;
+    struct environment *e = sky_environment(sky_with_sun(128, 64, 2e3f), 64, 0.0);
+    const int threads = omp_get_max_threads();
+    float *first = NULL;
+    (void)state;
+
+    for (const struct kernels *const *k = kernels_all(); *k; k++)
+        for (int n = 1; n <= 3; n += 2) {
+            struct transport_frame_stats stats;
+            struct transport *t;
+            struct reason why;
+            omp_set_num_threads(n);
+            assert_int_equal(transport_create(g, set->rays, *k, &(struct transport_desc){ .seed = 1 }, &t, &why),
+                             ERR_OK);
+            float *lo = shade_by(t, g, e, 64, &stats);
+            if (first)
+                assert_memory_equal(first, lo, floats * sizeof(float));
+            transport_destroy(t);
+            if (first)
+                mem_free(lo);
+            else
+                first = lo;
+        }
+    omp_set_num_threads(threads);
+    mem_free(first);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void lobes_narrower_than_a_cell_are_left(void **state)
+{
+    static const struct {
+        enum lobe_kind kind;
+        float specular, gloss;
+        bool left;
+    } lobes[] = {
+        { LOBE_PHONG, 0.5f, 150.0f, false }, { LOBE_PHONG, 0.5f, 151.0f, true }, { LOBE_PHONG, 0.0f, 900.0f, false },
+        { LOBE_GGX, 0.04f, 0.075f, false },  { LOBE_GGX, 0.04f, 0.07f, true },   { LOBE_GGX, 0.04f, 0.0f, false },
+        { LOBE_LAMBERT, 0.0f, 0.0f, false },
+    };
+    struct environment *e = sky_environment(sky_overcast(32, 16), 16, 0.0);
+    struct transport_frame_stats stats;
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(lobes) / sizeof(lobes[0]); k++) {
+        struct gbuffer g = points_make(3, lobes[k].kind, 0.4f, lobes[k].specular, 20.0f);
+        float lo[3 * 3 * PACKET];
+        for (uint32_t i = 0; i < g.packet_count; i++)
+            for (uint32_t l = 0; l < PACKET; l++)
+                if (lobes[k].gloss <= 0.0f || (i == 1 && l == 15))
+                    g.packets[i].gloss[l] = lobes[k].gloss; /* one lane of the packet in the middle */
+        struct transport *t = make(&g, NULL, &(struct transport_desc){ .no_visibility = true });
+        const struct packet_list *left = transport_left(t);
+        assert_int_equal(left->count, lobes[k].left ? 1 : 0);
+        assert_true(!left->count || left->index[0] == 1);
+        assert_int_equal(transport_stats(t)->packets, 3 - left->count);
+        for (int i = 0; i < 3 * 3 * PACKET; i++)
+            lo[i] = -1.0f;
+        assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 16 }, lo, &stats), ERR_OK);
+        for (int i = 0; i < 3 * 3 * PACKET; i++)
+            assert_true(lobes[k].left && i / (3 * PACKET) == 1 ? lo[i] == -1.0f : lo[i] > 0.0f);
+        transport_destroy(t);
+        points_free(&g);
+    }
+    environment_destroy(e);
+}
+
+/* Just enough is enough; a byte less is refused, and what is said would be enough is near what is. */
+static void the_memory_limit_is_kept(void **state)
+{
+    struct set *set = court(WIDTH, HEIGHT);
+    struct transport *t = make(set->gbuffer, set->rays, &(struct transport_desc){ .seed = 8 });
+    const uint64_t bytes = transport_stats(t)->bytes;
+    struct reason why = { "" };
+    (void)state;
+
+    transport_destroy(t);
+    t = make(set->gbuffer, set->rays, &(struct transport_desc){ .seed = 8, .max_bytes = bytes });
+    assert_true(transport_stats(t)->bytes == bytes);
+    transport_destroy(t);
+    const struct transport_desc less = { .seed = 8, .max_bytes = bytes - 1 };
+    assert_int_equal(transport_create(set->gbuffer, set->rays, best_kernels(), &less, &t, &why), ERR_RANGE);
+    assert_null(t);
+    assert_non_null(strstr(why.text, "--cache-memory"));
+    const struct transport_desc half = { .seed = 8, .max_bytes = bytes / 2 };
+    assert_int_equal(transport_create(set->gbuffer, set->rays, best_kernels(), &half, &t, &why), ERR_RANGE);
+    const double said = 1e6 * atof(strstr(why.text, "about ") + 6);
+    assert_true(fabs(said / (double)bytes - 1.0) < 0.5);
+    set_destroy(set);
+}
+
+static void a_cancelled_one_is_not_there_and_no_error(void **state)
+{
+    struct set *set = court(32, 18);
+    const atomic_bool cancel = true;
+    struct transport *t;
+    struct reason why = { "" };
+    (void)state;
+
+    assert_int_equal(transport_create(set->gbuffer, set->rays, best_kernels(),
+                                      &(struct transport_desc){ .cancel = &cancel }, &t, &why),
+                     ERR_OK);
+    assert_null(t);
+    set_destroy(set);
+}
+
+/* From a sun to none, to black, to a lone light, to other sizes, and back: the same bits as at first. */
+static void any_sky_may_follow_any(void **state)
+{
+    struct set *set = court(32, 18);
+    const struct gbuffer *g = set->gbuffer;
+    const size_t floats = (size_t)g->packet_count * 3 * PACKET;
+    struct transport *t = make(g, set->rays, &(struct transport_desc){ .seed = 1 });
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 2e3f), 64, 0.0);
+    struct frame lone = sky_constant(64, 32, 0.0f);
+    struct transport_frame_stats stats;
+    (void)state;
+
+    float *first = shade_by(t, g, e, 64, &stats);
+    sky_paint(&lone, 10, 8, 1.0f, 1.0f, 1.0f);
+    struct environment *others[] = { sky_environment(sky_overcast(64, 32), 24, 0.0),
+                                     sky_environment(sky_constant(32, 16, 0.0f), 256, 0.0),
+                                     sky_environment(lone, 8, 0.0) };
+    for (size_t k = 0; k < 3; k++) {
+        float *lo = shade_by(t, g, others[k], 256, &stats);
+        double sum = 0.0;
+        for (size_t i = 0; i < floats; i++) {
+            assert_true(isfinite(lo[i]) && lo[i] >= 0.0f);
+            sum += (double)lo[i];
+        }
+        assert_true(k == 1 ? sum == 0.0 : sum > 0.0);
+        mem_free(lo);
+        environment_destroy(others[k]);
+    }
+    float *again = shade_by(t, g, e, 64, &stats);
+    assert_memory_equal(first, again, floats * sizeof(float));
+    mem_free(first);
+    mem_free(again);
+    environment_destroy(e);
+    transport_destroy(t);
+    set_destroy(set);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_constant_sky_meets_the_closed_form),
+    cmocka_unit_test(rows_and_colours_make_up_each_lobe),
+    cmocka_unit_test(the_bias_floor_is_low_under_smooth_skies),
+    cmocka_unit_test(the_bright_part_makes_it_whole_again),
+    cmocka_unit_test(compression_keeps_to_its_tolerance),
+    cmocka_unit_test(threads_and_cpu_levels_do_not_change_the_bits),
+    cmocka_unit_test(lobes_narrower_than_a_cell_are_left),
+    cmocka_unit_test(the_memory_limit_is_kept),
+    cmocka_unit_test(a_cancelled_one_is_not_there_and_no_error),
+    cmocka_unit_test(any_sky_may_follow_any),
+};
+UNIT_MAIN(tests)
