@@ -480,6 +480,19 @@ static enum err allocate(struct daemon *d, struct reason *why)
     return ERR_OK;
 }
 
+/* What the method needs before its first frame: until that is there nothing is shown, and whoever looks is told why. */
+static enum err prepare(struct daemon *d, struct reason *why)
+{
+    struct relight_desc light = d->light;
+    double ms;
+
+    if (light.direct.method == METHOD_CACHED)
+        daemon_tell_source(d, SERVER_WAITING, "light transport is being computed");
+    light.direct.cancel = &stop_asked;
+    light.direct.why = why;
+    return relighter_prepare(d->relighter, &light, d->set_desc.progress, &ms);
+}
+
 /* The port first: if it is taken, say so before the long work; then the source, for the same reason. */
 static enum err set_up(struct daemon *d, struct reason *why)
 {
@@ -494,6 +507,8 @@ static enum err set_up(struct daemon *d, struct reason *why)
     e = set_create(&d->set_desc, &d->set, why);
     if (!e)
         e = allocate(d, why);
+    if (!e)
+        e = prepare(d, why);
     if (!e)
         daemon_tell_source(d, SERVER_WAITING,
                            d->push ? "no producer has sent a frame yet" : "the first frame of the sky is being read");

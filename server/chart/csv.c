@@ -29,7 +29,7 @@ static void add_place(struct text *t, const struct panel *p, const struct panel_
 
 static void add_point(struct text *t, const struct panel *p, const struct panel_curve *c, const struct panel_point *k)
 {
-    static const char *const kinds[] = { "fixed", "baseline", "auto" };
+    static const char *const kinds[] = { "fixed", "baseline", "prepared", "auto" };
     double common = 0.0;
 
     add_place(t, p, c);
@@ -57,6 +57,7 @@ static void add_point(struct text *t, const struct panel *p, const struct panel_
     add_number(t, p->table_ms);
     add_number(t, p->judge.noise);
     add_number(t, p->judge.doubt);
+    add_number(t, c->prepared_ms);
     text_add(t, ",%u,%u,%u\n", p->truth.samples[0] + p->truth.samples[1], p->width, p->height);
 }
 
@@ -71,7 +72,8 @@ void csv_points(struct text *t, const struct panel *const *panels, size_t count)
     text_add(t, ",rel_mse_mean,bias,bias_doubt,bias_z,variance,energy,energy_doubt,expected_noise");
     for (int m = 0; m < COMMON_PARTS; m++)
         text_add(t, ",%s_ms", common_name((enum common_part)m));
-    text_add(t, ",technique_ms,load_ms,bvh_ms,gbuffer_ms,table_ms,reference_noise,reference_doubt,reference_samples,"
+    text_add(t, ",technique_ms,load_ms,bvh_ms,gbuffer_ms,table_ms,reference_noise,reference_doubt,prepared_ms,"
+                "reference_samples,"
                 "width,height\n");
     for (size_t k = 0; k < count; k++)
         for (size_t c = 0; c < panels[k]->curve_count; c++)

@@ -199,11 +199,13 @@ static enum err warm_up(struct bench *b, struct reason *why)
         }
         const enum err e = technique_run(p->curves[c].technique, &b->stage[0], p->budgets[0], WARM_UP_SEED,
                                          picture_of(b, c, 0, 0), &cost, &said);
-        if (e == ERR_UNSUPPORTED || e == ERR_USAGE)
+        if (e == ERR_UNSUPPORTED || e == ERR_USAGE || e == ERR_RANGE)
             err_say(&p->curves[c].left_out, e, "%s", said.text[0] ? said.text : err_text(e));
         else if (e)
             return err_say(why, e, "%s", said.text[0] ? said.text : err_text(e));
         p->curves[c].bias = cost.bias;
+        p->curves[c].prepared_ms = 1e3 * cost.prepared;
+        p->curves[c].prepared_bytes = cost.prepared_bytes;
     }
     return ERR_OK;
 }

@@ -238,12 +238,33 @@ static void add_estimate(struct text *t, const struct panel *p, const struct pan
     text_add(t, ".</p>");
 }
 
+/* What a method computes beforehand, and when that has been worth it. */
+static void add_prepared(struct text *t, const struct panel *p, const struct winners *w, size_t curve)
+{
+    const struct panel_curve *c = &p->curves[curve];
+    const struct standing *s = &w->of[curve];
+
+    if (c->left_out.text[0] || c->technique->kind != TECHNIQUE_PREPARED)
+        return;
+    text_add(t, "<p><b>%s</b> first computes for ", c->technique->name);
+    add_figure(t, 1e-3 * c->prepared_ms);
+    text_add(t,
+             " s and keeps %.0f MB, for this scene, camera and size. No time above holds that, and it takes no prize. ",
+             1e-6 * (double)c->prepared_bytes);
+    if (s->prepared_pays > 0.0)
+        text_add(t, "At the error that is best half way it has won it back after %.0f frames, against <b>%s</b>.</p>",
+                 s->prepared_pays, p->curves[w->by_seconds[MARK_MIDDLE]].technique->name);
+    else
+        text_add(t, "At the error that is best half way it does not win it back.</p>");
+}
+
 /* What is to be said of single methods. */
-static void add_notes(struct text *t, const struct panel *p)
+static void add_notes(struct text *t, const struct panel *p, const struct winners *w)
 {
     for (size_t k = 0; k < p->curve_count; k++) {
         const struct panel_curve *c = &p->curves[k];
         add_estimate(t, p, c);
+        add_prepared(t, p, w, k);
         const struct judge_floor *f = &c->points[p->budget_count - 1].floor;
         if (c->left_out.text[0] || c->bias) {
             text_add(t, "<p class=\"soft\"><b>%s</b>%s ", c->technique->name,
@@ -281,7 +302,7 @@ enum err page_add_panel(struct text *t, const struct panel *p, const struct winn
             add_automatic(t, w);
         add_floor(t, p, w);
         add_times(t, p);
-        add_notes(t, p);
+        add_notes(t, p, w);
         e = add_strip(t, p, w, jpeg);
         if (e)
             e = err_say(why, e, "no memory for the page's pictures");

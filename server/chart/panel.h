@@ -41,8 +41,10 @@ struct panel_point { /* one technique at one budget */
 
 struct panel_curve {
     const struct technique *technique;
-    struct reason left_out;     /* why there is none; "": there is */
-    const char *bias;           /* in what the method says that it is wrong; NULL: in nothing */
+    struct reason left_out; /* why there is none; "": there is */
+    const char *bias;       /* in what the method says that it is wrong; NULL: in nothing */
+    double prepared_ms;     /* of TECHNIQUE_PREPARED: what it computed for the scene, once; in no other time */
+    uint64_t prepared_bytes;
     struct panel_point *points; /* [budget_count] */
     double *seconds;            /* [budget_count][seeds]: whole frames */
     double *errors;             /* [ERROR_KINDS][budget_count][seeds] */

@@ -41,6 +41,8 @@ static const struct technique techniques[] = {
       .light.direct.method = METHOD_AUTO },
     { "auto", "what the program chooses by measuring, given the time", DIRECT, .kind = TECHNIQUE_AUTO,
       .light.direct.method = METHOD_AUTO },
+    { "cached", "what stands still, computed beforehand", DIRECT, .colour = 0x2e7d5b, .kind = TECHNIQUE_PREPARED,
+      .light.direct.method = METHOD_CACHED },
     { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_DIRECT, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
 
@@ -124,12 +126,14 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
     else
         result = relighter_run(stage->relighter, stage->environment, &light, rgb, &stats);
     *cost = (struct technique_cost){
-        .seconds = clock_seconds() - start,
+        .seconds = clock_seconds() - start - 1e-3 * stats.cache_ms,
         .samples = light.direct.samples,
         .eye_paths = stats.plan.eye_paths,
         .particles = stats.plan.particles,
         .rays = stats.direct.rays + stats.eye.rays + stats.light.rays + stats.reference_rays,
         .bias = stats.bias,
+        .prepared = 1e-3 * stats.cache_ms,
+        .prepared_bytes = stats.cache.bytes,
     };
     if (t->kind == TECHNIQUE_AUTO && !result)
         take_choice(&pilot, cost);

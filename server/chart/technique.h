@@ -26,6 +26,8 @@ uint32_t light_class_paths(enum light_class c);    /* PATH_* */
 enum technique_kind {
     TECHNIQUE_FIXED,    /* one of those that auto chooses from: the lower envelope is theirs */
     TECHNIQUE_BASELINE, /* there to be compared with: paths, Metropolis, photons, point lights */
+    TECHNIQUE_PREPARED, /* computes for the scene beforehand, which is told apart from the time of a frame: it stands
+                         * beside the others, sets no mark for them and is not ranked among them */
     TECHNIQUE_AUTO,     /* a pilot (film/pilot.h) chooses by what it measures; held to the envelope of the fixed ones */
 };
 
@@ -65,6 +67,8 @@ struct technique_cost {
     uint32_t samples, eye_paths; /* per shade point; of a pilot the larger of its two numbers of samples */
     uint64_t particles, rays;
     const char *bias; /* in what the method says that it is wrong; NULL: in nothing */
+    double prepared;  /* seconds of what was computed for the scene in this very run, not in `seconds` */
+    uint64_t prepared_bytes;
 };
 
 /* One picture: rgb float[height][width][3]. Errors as relighter_run's: ERR_UNSUPPORTED where the method needs another

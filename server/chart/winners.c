@@ -22,6 +22,16 @@ static bool is_there(const struct panel *p, size_t c)
     return !p->curves[c].left_out.text[0];
 }
 
+/* Whether it takes part in what is won: who computes beforehand does not, but where there is nobody else. */
+static bool competes(const struct panel *p, size_t c)
+{
+    bool alone = true;
+
+    for (size_t k = 0; k < p->curve_count; k++)
+        alone &= !is_there(p, k) || p->curves[k].technique->kind == TECHNIQUE_PREPARED;
+    return is_there(p, c) && (alone || p->curves[c].technique->kind != TECHNIQUE_PREPARED);
+}
+
 /* Times that divide all points of all curves, in log. */
 static enum err place_marks(const struct panel *p, const struct lines *l, struct winners *w)
 {
@@ -31,7 +41,7 @@ static enum err place_marks(const struct panel *p, const struct lines *l, struct
     if (!times)
         return ERR_NOMEM;
     for (size_t c = 0; c < p->curve_count; c++)
-        for (uint32_t k = 0; k < p->budget_count && is_there(p, c); k++)
+        for (uint32_t k = 0; k < p->budget_count && competes(p, c); k++)
             times[n++] = l->seconds[c * p->budget_count + k];
     qsort(times, n, sizeof(*times), ascending);
     for (int m = 0; m < MARKS; m++)
@@ -54,7 +64,7 @@ static void compare_errors(const struct panel *p, const struct lines *l, int mar
             s->has_error[mark] = s->error_at_most[mark] = true;
             s->error[mark] = last;
         }
-        if (s->has_error[mark] && (w->by_error[mark] < 0 || s->error[mark] < w->error[mark])) {
+        if (s->has_error[mark] && competes(p, c) && (w->by_error[mark] < 0 || s->error[mark] < w->error[mark])) {
             w->by_error[mark] = (int)c;
             w->error[mark] = s->error[mark];
         }
@@ -71,7 +81,7 @@ static void compare_seconds(const struct panel *p, const struct lines *l, int ma
         s->reached[mark] =
             is_there(p, c) && series_reach(l->seconds + at, l->errors + at, p->budget_count,
                                            w->error[mark] * (1.0 + 1e-9), &s->seconds[mark], &s->at_most[mark]);
-        if (s->reached[mark] &&
+        if (s->reached[mark] && competes(p, c) &&
             (w->by_seconds[mark] < 0 || s->seconds[mark] < w->of[w->by_seconds[mark]].seconds[mark]))
             w->by_seconds[mark] = (int)c;
     }
@@ -89,7 +99,20 @@ static void pay_off(const struct panel *p, const struct lines *l, struct winners
         for (size_t c = 0; c < p->curve_count; c++)
             if (w->of[c].reached[MARK_MIDDLE] && w->of[c].seconds[MARK_MIDDLE] < path &&
                 !method_is_reference(p->curves[c].technique->light.direct.method))
-                w->of[c].pays_off = ceil(1e-3 * p->gbuffer_ms / (path - w->of[c].seconds[MARK_MIDDLE]));
+                w->of[c].pays_off =
+                    ceil(1e-3 * (p->gbuffer_ms + p->curves[c].prepared_ms) / (path - w->of[c].seconds[MARK_MIDDLE]));
+    }
+}
+
+static void pay_off_prepared(const struct panel *p, struct winners *w)
+{
+    const int first = w->by_seconds[MARK_MIDDLE];
+
+    for (size_t c = 0; c < p->curve_count && first >= 0; c++) {
+        struct standing *s = &w->of[c];
+        const double saved = w->of[first].seconds[MARK_MIDDLE] - s->seconds[MARK_MIDDLE];
+        if (p->curves[c].technique->kind == TECHNIQUE_PREPARED && s->reached[MARK_MIDDLE] && saved > 0.0)
+            s->prepared_pays = ceil(1e-3 * p->curves[c].prepared_ms / saved);
     }
 }
 
@@ -137,6 +160,8 @@ enum err winners_find(const struct panel *p, enum error_kind kind, uint32_t roun
     if (!e)
         pay_off(p, &l, out);
     if (!e)
+        pay_off_prepared(p, out);
+    if (!e)
         e = judge_auto(p, kind, rounds, out);
     mem_free(l.seconds);
     mem_free(l.errors);
@@ -174,6 +199,8 @@ size_t winners_rank(const struct panel *const *panels, const struct winners *win
 
     for (size_t t = 0; t < techniques && count < TECHNIQUES_MAX; t++) {
         struct ranking r = { .technique = &all[t], .worst_ratio = 0.0 };
+        if (all[t].kind == TECHNIQUE_PREPARED)
+            continue;
         for (size_t k = 0; k < panel_count; k++)
             for (size_t c = 0; c < panels[k]->curve_count; c++)
                 if (panels[k]->light_class == light_class && panels[k]->curves[c].technique == &all[t])

@@ -21,8 +21,10 @@ struct standing {              /* of one curve */
     bool reached[MARKS];       /* it gets to that error within its budgets */
     bool at_most[MARKS];       /* it is there at its first point already: `seconds` is that point's */
     double seconds[MARKS];     /* of the frame that has that error */
-    double pays_off; /* frames after which what is computed beforehand has been won back against path tracing, at
-                      * the middle error; 0: cannot be told, or it needs nothing beforehand */
+    double pays_off;      /* frames after which what is computed beforehand has been won back against path tracing, at
+                           * the middle error; 0: cannot be told, or it needs nothing beforehand */
+    double prepared_pays; /* of TECHNIQUE_PREPARED: frames after which what it alone computes beforehand has been won
+                           * back against the first of the others at the middle error; 0: never, or it cannot be told */
 };
 
 struct winners {

@@ -30,7 +30,7 @@ enum compensate {
 };
 
 struct direct_desc {
-    enum method method;
+    enum method method;  /* not METHOD_CACHED, which is transport.h's, nor a reference */
     uint32_t samples;    /* N_s per shade point, 1..2^20 */
     uint64_t seed, pass; /* together they decide every random number */
     bool no_visibility;  /* V = 1, as the paper */

@@ -123,6 +123,16 @@ static enum err make_blocks(struct transport *t)
     return ERR_OK;
 }
 
+/* Colours of a row (transport_parts.h). */
+static float row_colour(const struct shade_packet *p, uint32_t row, int c, uint32_t l)
+{
+    const float f0 = p->specular[c][l];
+
+    if (row == 0)
+        return p->kind == LOBE_GGX ? (1.0f - f0) * (1.0f - f0) * p->diffuse[c][l] : p->diffuse[c][l];
+    return row == 1 ? f0 : 1.0f;
+}
+
 /* ---- Building ---- */
 
 /* What one thread works in. */
@@ -144,26 +154,66 @@ static void bench_finish(struct bench *b)
     transport_workspace_destroy(b->workspace);
 }
 
-static float tolerance_of(const struct transport_desc *d, uint32_t row)
+/* The mean square of a row's colours over a block. */
+static double row_weight(const struct transport *t, const struct transport_block *b, uint32_t row)
 {
-    const float asked = row ? d->tolerance_glossy : d->tolerance;
+    double sum = 0.0, count = 0.0;
 
-    if (asked < 0.0f || asked > 0.0f)
-        return asked;
-    return row ? TOLERANCE_GLOSSY : TOLERANCE;
+    for (uint32_t k = 0; k < b->packets; k++) {
+        const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
+        for (uint32_t l = 0; l < p->count; l++, count += 3.0)
+            for (int c = 0; c < 3; c++) {
+                const double colour = (double)row_colour(p, row, c, l);
+                sum += colour * colour;
+            }
+    }
+    return sum / count;
+}
+
+static double square_norm(const struct transport_matrix *m, uint32_t points)
+{
+    double sum = 0.0;
+
+    for (uint32_t c = 0; c < TRANSPORT_CELLS; c++)
+        for (uint32_t p = 0; p < points; p++)
+            sum += (double)m->at[c][p] * (double)m->at[c][p];
+    return sum;
+}
+
+/* What each row may leave out, as the square of a norm: an even share of what the block may, all rows being weighed by
+ * their colours. A row that is dark beside the others may be left out as a whole. */
+static void share_tolerance(const struct build *b, const struct transport_block *block,
+                            const struct transport_matrix *matrices, double allowed[TRANSPORT_ROWS])
+{
+    const struct transport_desc *d = b->desc;
+    const bool glossy = block->rows > 1;
+    const float asked = glossy ? d->tolerance_glossy : d->tolerance;
+    const double tolerance = (double)(asked > 0.0f ? asked : glossy ? TOLERANCE_GLOSSY : TOLERANCE);
+    double weight[TRANSPORT_ROWS], whole = 0.0;
+
+    for (uint32_t r = 0; r < block->rows; r++) {
+        weight[r] = row_weight(b->t, block, r);
+        whole += weight[r] * square_norm(&matrices[r], block->packets * PACKET);
+    }
+    for (uint32_t r = 0; r < block->rows; r++) {
+        allowed[r] = weight[r] > 0.0 ? tolerance * tolerance * whole / (weight[r] * block->rows) : INFINITY;
+        if (asked < 0.0f)
+            allowed[r] = -1.0;
+    }
 }
 
 static enum err build_block(const struct build *b, struct bench *bench, struct transport_block *block, uint64_t *rays)
 {
     const struct transport *t = b->t;
-    const uint32_t points = block->packets * PACKET;
+    double allowed[TRANSPORT_ROWS];
     enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < block->packets; k++)
         *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, bench->matrices,
                                    k * PACKET);
+    share_tolerance(b, block, bench->matrices, allowed);
     for (uint32_t r = 0; r < block->rows && !e; r++)
-        e = transport_compress(bench->workspace, &bench->matrices[r], points, tolerance_of(b->desc, r),
+        e = transport_compress(bench->workspace, &bench->matrices[r], block->packets * PACKET, allowed[r],
                                &block->pieces[r]);
     return e;
 }
@@ -382,13 +432,13 @@ static enum err draw_bright(struct transport *t, const struct environment *e, co
     const uint64_t seed = rng_mix(rng_mix(f->seed, f->pass), 0x62726967);
 
     b->strata = 0;
-    b->few = f->samples < 32 ? 1 : f->samples / 16;
+    b->few = (f->samples + 4 * TRANSPORT_MORE - 1) / (4 * TRANSPORT_MORE);
     b->seed = seed;
     if (t->sky.bright_count == 0)
         return ERR_OK;
-    if (reserve_bright(t, 4 * b->few))
+    if (reserve_bright(t, TRANSPORT_MORE * b->few))
         return ERR_NOMEM;
-    b->strata = 4 * b->few;
+    b->strata = TRANSPORT_MORE * b->few;
 #pragma omp parallel for schedule(static)
     for (uint32_t v = 0; v < TRANSPORT_VARIANTS; v++) {
         double x[2];
@@ -410,16 +460,6 @@ static enum err draw_bright(struct transport *t, const struct environment *e, co
     return ERR_OK;
 }
 
-/* Colours of a row (transport_parts.h). */
-static float row_colour(const struct shade_packet *p, uint32_t row, int c, uint32_t l)
-{
-    const float f0 = p->specular[c][l];
-
-    if (row == 0)
-        return p->kind == LOBE_GGX ? (1.0f - f0) * (1.0f - f0) * p->diffuse[c][l] : p->diffuse[c][l];
-    return row == 1 ? f0 : 1.0f;
-}
-
 /* The lower part: T L, coloured. A compressed row may come out below 0 by its error, radiance may not. */
 static void add_cells(const struct transport *t, const struct transport_block *b, float *lo)
 {
@@ -438,25 +478,28 @@ static void add_cells(const struct transport *t, const struct transport_block *b
     }
 }
 
-/* The bright part. Where the points of a block agree on whether they see it, few rays tell; where not, the rest of the
+/* The bright part. Where the points of a packet agree on whether they see it, few rays tell; where not, the rest of the
  * strata are traced too. Returns how many packets that were. */
 static uint32_t add_bright(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
 {
     const struct transport_bright *s = &t->bright;
-    float sum[TRANSPORT_PACKETS][3][PACKET] = { { { 0.0f } } };
-    struct transport_view view = { false, false };
+    uint32_t penumbra = 0;
 
-    for (uint32_t k = 0; k < b->packets; k++)
-        *rays += t->kernels->bright(t->rays, s, &t->gbuffer->packets[b->first + k], b->first + k, 0, sum[k], &view);
-    const bool mixed = view.lit && view.dark;
-    for (uint32_t k = 0; k < b->packets && mixed; k++)
-        *rays += t->kernels->bright(t->rays, s, &t->gbuffer->packets[b->first + k], b->first + k, 1, sum[k], &view);
-    const float scale = 1.0f / (float)(mixed ? s->strata : s->few);
-    for (uint32_t k = 0; k < b->packets; k++)
+    for (uint32_t k = 0; k < b->packets; k++) {
+        const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
+        float sum[3][PACKET] = { { 0.0f } };
+        struct transport_view view = { false, false };
+        *rays += t->kernels->bright(t->rays, s, p, b->first + k, 0, sum, &view);
+        const bool mixed = view.lit && view.dark;
+        if (mixed)
+            *rays += t->kernels->bright(t->rays, s, p, b->first + k, 1, sum, &view);
+        const float scale = 1.0f / (float)(mixed ? s->strata : s->few);
         for (int c = 0; c < 3; c++)
             for (uint32_t l = 0; l < PACKET; l++)
-                lo[(k * 3 + (uint32_t)c) * PACKET + l] += scale * sum[k][c][l];
-    return mixed ? b->packets : 0;
+                lo[(k * 3 + (uint32_t)c) * PACKET + l] += scale * sum[c][l];
+        penumbra += mixed;
+    }
+    return penumbra;
 }
 
 static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)

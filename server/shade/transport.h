@@ -38,8 +38,8 @@ struct progress;
 struct transport_desc {
     uint32_t per_cell;     /* directions per cell and side: 2 are 4 a cell; 0: 2; at most 8 */
     uint32_t lobe_samples; /* of a glossy point's lobe besides; 0: 64; at most 4096 */
-    /* Of compression: the Frobenius norm of what is left out, relative to that of the block's transport. 0: 0.02 of
-     * matte rows and 0.01 of glossy ones; below 0: nothing is compressed. */
+    /* Of compression: the Frobenius norm of what a block of 64 points leaves out, relative to that of its transport,
+     * colours included. 0: 0.02 of matte blocks and 0.01 of glossy ones; below 0: nothing is compressed. */
     float tolerance, tolerance_glossy;
     uint64_t max_bytes; /* of all that stays; 0: 1 GiB. While it is made, some 2 MB a thread come to it. */
     uint64_t seed;
@@ -59,8 +59,8 @@ struct transport_stats {
 };
 
 struct transport_frame {
-    uint32_t samples; /* N: a sixteenth of it rays to the bright part, a quarter where neighbours disagree; at least 1
-                       * and 4 */
+    uint32_t samples; /* N >= 1: a sixteenth of it, rounded up, are rays to the bright part, four times as many where
+                       * neighbours disagree */
     uint64_t seed, pass;
     const atomic_bool *cancel; /* may be NULL */
 };

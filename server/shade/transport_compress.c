@@ -62,13 +62,13 @@ static void pack_chunks(struct transport_matrix *m, uint32_t points, struct tran
     }
 }
 
-/* The least rank whose rest, the sum of the other eigenvalues of T T^t, is within the tolerance [Eckart and Young
- * 1936]; points where the library fails. The eigenvectors replace the Gram matrix, those of the largest values last. */
+/* The least rank whose rest, the sum of the other eigenvalues of T T^t, is allowed [Eckart and Young 1936]; points
+ * where the library fails. The eigenvectors replace the Gram matrix, those of the largest values last. */
 static uint32_t choose_rank(struct transport_workspace *w, const struct transport_matrix *m, uint32_t cells,
-                            uint32_t points, float tolerance)
+                            uint32_t points, double allowed)
 {
     const int n = (int)points;
-    double whole = 0.0, rest = 0.0;
+    double rest = 0.0;
     uint32_t rank = points;
 
     cblas_ssyrk(CblasColMajor, CblasLower, CblasNoTrans, n, (int)cells, 1.0f, m->at[0], TRANSPORT_POINTS, 0.0f, w->gram,
@@ -76,13 +76,10 @@ static uint32_t choose_rank(struct transport_workspace *w, const struct transpor
     if (LAPACKE_ssyevd_work(LAPACK_COL_MAJOR, 'V', 'L', n, w->gram, n, w->values, w->work,
                             sizeof(w->work) / sizeof(w->work[0]), w->whole, sizeof(w->whole) / sizeof(w->whole[0])))
         return points;
-    for (uint32_t k = 0; k < points; k++)
-        whole += fmax(0.0, (double)w->values[k]);
-    for (uint32_t k = 0; k < points; k++) {
+    for (uint32_t k = 0; k < points; k++, rank--) {
         rest += fmax(0.0, (double)w->values[k]);
-        if (rest > (double)tolerance * (double)tolerance * whole)
+        if (rest > allowed)
             break;
-        rank--;
     }
     return rank;
 }
@@ -123,7 +120,7 @@ static enum err keep_raw(struct transport_workspace *w, const struct transport_m
     return ERR_OK;
 }
 
-enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points, float tolerance,
+enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points, double allowed,
                             struct transport_piece *out)
 {
     *out = (struct transport_piece){ .scale = 1.0f };
@@ -131,7 +128,9 @@ enum err transport_compress(struct transport_workspace *w, struct transport_matr
     const uint32_t cells = out->chunk_count * TRANSPORT_CHUNK;
     if (cells == 0)
         return ERR_OK;
-    const uint32_t rank = tolerance < 0.0f ? points : choose_rank(w, m, cells, points, tolerance);
+    const uint32_t rank = allowed < 0.0 ? points : choose_rank(w, m, cells, points, allowed);
+    if (rank == 0)
+        return ERR_OK;
     if (rank * (points + cells) >= points * cells)
         return keep_raw(w, m, cells, points, out);
     const float *u = w->gram + (size_t)(points - rank) * points;

@@ -220,24 +220,43 @@ static float sum_lanes(const struct lanes *x)
     return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
 }
 
-static void project(const struct transport_piece *q, const struct transport_sky *sky, uint32_t k, float out[3])
-{
-    const uint16_t *v = q->halves + (size_t)k * q->chunk_count * TRANSPORT_CHUNK;
-    struct lanes sum[3] = { { { 0 } } };
+#define TOGETHER 4 /* rows of V, so that none waits for its last sum */
 
+/* Rows k .. k + rows - 1 of V times the sky, by colours. */
+static void project(const struct transport_piece *q, const struct transport_sky *sky, uint32_t k, uint32_t rows,
+                    float out[TOGETHER][3])
+{
+    const size_t stride = (size_t)q->chunk_count * TRANSPORT_CHUNK;
+    const uint16_t *v = q->halves + k * stride;
+    struct lanes sum[TOGETHER][3];
+
+    memset(sum, 0, sizeof(sum));
     for (uint32_t i = 0; i < q->chunk_count; i++, v += TRANSPORT_CHUNK) {
         const float(*cells)[TRANSPORT_CHUNK] = sky->cells[q->chunks[i]];
-        struct lanes x;
-        widen_lanes(v, &x);
-        LANES(l)
-        {
-            sum[0].v[l] += x.v[l] * cells[0][l];
-            sum[1].v[l] += x.v[l] * cells[1][l];
-            sum[2].v[l] += x.v[l] * cells[2][l];
+        for (uint32_t r = 0; r < rows; r++) {
+            struct lanes x;
+            widen_lanes(v + r * stride, &x);
+            LANES(l)
+            {
+                sum[r][0].v[l] += x.v[l] * cells[0][l];
+                sum[r][1].v[l] += x.v[l] * cells[1][l];
+                sum[r][2].v[l] += x.v[l] * cells[2][l];
+            }
         }
     }
-    for (int c = 0; c < 3; c++)
-        out[c] = sum_lanes(&sum[c]) * q->scale;
+    for (uint32_t r = 0; r < rows; r++)
+        for (int c = 0; c < 3; c++)
+            out[r][c] = sum_lanes(&sum[r][c]) * q->scale;
+}
+
+static void expand_row(const uint16_t *u, uint32_t points, const float y[3], float out[3][TRANSPORT_POINTS])
+{
+    for (uint32_t p = 0; p < points; p += PACKET) {
+        struct lanes x;
+        widen_lanes(u + p, &x);
+        for (int c = 0; c < 3; c++)
+            LANES(l) out[c][p + (uint32_t)l] += x.v[l] * y[c];
+    }
 }
 
 static void expand(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
@@ -246,21 +265,15 @@ static void expand(const struct transport_piece *q, const struct transport_sky *
     const uint16_t *u = q->halves + (size_t)q->rank * q->chunk_count * TRANSPORT_CHUNK;
 
     memset(out, 0, 3 * TRANSPORT_POINTS * sizeof(float));
-    if (!q->halves)
-        return;
-    for (uint32_t k = 0; k < q->rank; k++) {
-        float y[3];
-        project(q, sky, k, y);
-        if (q->raw) {
-            for (int c = 0; c < 3; c++)
-                out[c][k] = y[c];
-            continue;
-        }
-        for (uint32_t p = 0; p < points; p += PACKET, u += PACKET) {
-            struct lanes x;
-            widen_lanes(u, &x);
-            for (int c = 0; c < 3; c++)
-                LANES(l) out[c][p + (uint32_t)l] += x.v[l] * y[c];
+    for (uint32_t k = 0; q->halves && k < q->rank; k += TOGETHER) {
+        const uint32_t rows = q->rank - k < TOGETHER ? q->rank - k : TOGETHER;
+        float y[TOGETHER][3];
+        project(q, sky, k, rows, y);
+        for (uint32_t r = 0; r < rows; r++) {
+            if (!q->raw)
+                expand_row(u + (size_t)(k + r) * points, points, y[r], out);
+            for (int c = 0; c < 3 && q->raw; c++)
+                out[c][k + r] = y[r][c];
         }
     }
 }
@@ -319,9 +332,9 @@ static uint64_t add_bright(const struct rays *rays, const struct transport_brigh
     return rays ? (uint64_t)count : 0;
 }
 
-/* Strata come in fours. Of each four, pass 0 takes one, by the lane's variant, so that over many points it takes all
- * alike, and pass 1 the other three. Variants of 16 points are 16 that follow each other in a sequence that spreads
- * well. */
+/* Of each TRANSPORT_MORE strata that follow each other pass 0 takes one, by the lane's variant, so that over many
+ * points it takes all alike, and pass 1 the others. Variants of 16 points are 16 that follow each other in a sequence
+ * that spreads well. */
 static uint64_t bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
                        uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view)
 {
@@ -339,11 +352,12 @@ static uint64_t bright(const struct rays *rays, const struct transport_bright *b
         ray.mask[l] = UINT32_MAX;
     }
     for (uint32_t i = 0; i < b->few; i++)
-        for (uint32_t j = pass ? 1 : 0; j < (pass ? 4u : 1u); j++) {
+        for (uint32_t j = pass; j < (pass ? TRANSPORT_MORE : 1u); j++) {
             int32_t at[PACKET];
             LANES(l)
             {
-                const uint32_t variant = base + (uint32_t)l, stratum = 4 * i + ((variant + i + j) & 3u);
+                const uint32_t variant = base + (uint32_t)l, turn = (variant + i + j) % TRANSPORT_MORE;
+                const uint32_t stratum = TRANSPORT_MORE * i + turn;
                 at[l] = (int32_t)(stratum * TRANSPORT_VARIANTS + variant);
             }
             traced += add_bright(rays, b, p, &lobes, &ray, at, sum, view);

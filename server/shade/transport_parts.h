@@ -17,6 +17,7 @@
 #define TRANSPORT_PACKETS 4
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
 #define TRANSPORT_VARIANTS 256
+#define TRANSPORT_MORE 4 /* strata of the bright part to each ray that is traced at first; a power of two */
 
 /* A block's row as it is traced: [cell][point]. */
 struct transport_matrix {
@@ -56,7 +57,7 @@ struct transport_world {     /* what tracing needs; borrowed */
 
 /* Samples of a frame's bright part: [strata][TRANSPORT_VARIANTS], each stratum an equal share of its energy. */
 struct transport_bright {
-    uint32_t strata; /* 0: there is none; else four times `few` */
+    uint32_t strata; /* 0: there is none; else TRANSPORT_MORE times `few` */
     uint32_t few;
     float *x, *y, *z, *r, *g, *b; /* direction, radiance over density */
     uint64_t seed;
@@ -75,21 +76,21 @@ struct transport_kernels {
     /* out[c][point] = sum over the cells of T L. points: a multiple of 16. */
     void (*expand)(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
-    /* Adds to sum[3][16] the light of the strata of pass 0, a quarter of all, or of pass 1, the others, before division
-     * by their number; returns rays traced. */
+    /* Adds to sum[3][16] the light of the strata of pass 0, `few` of them, or of pass 1, the others, before division by
+     * their number; returns rays traced. */
     uint64_t (*bright)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
                        uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view);
     /* Half floats to floats; n is a multiple of 16, out aligned to 64 bytes. */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };
 
-/* Fills *out from the matrix, points = 16 packets; it is destroyed. tolerance below 0: raw. *compressed_rank: 0 where
- * raw. ERR_NOMEM. */
+/* Fills *out from the matrix, points = 16 packets; it is destroyed. allowed: the square of the norm of what may be left
+ * out; below 0: nothing is compressed. ERR_NOMEM. */
 struct transport_workspace;
 struct transport_workspace *transport_workspace_create(void);
 void transport_workspace_destroy(struct transport_workspace *w);
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
-                                       float tolerance, struct transport_piece *out);
+                                       double allowed, struct transport_piece *out);
 
 /* Bytes of halves that a piece holds. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);

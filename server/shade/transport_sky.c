@@ -43,13 +43,14 @@ static double overlap(const struct environment *e, uint32_t y, uint32_t x, uint3
 static void take_cell(struct transport_sky *s, const struct environment *e, uint32_t face, uint32_t i, uint32_t j)
 {
     const uint32_t n = e->n, edge = TRANSPORT_EDGE, place = transport_cell(face, i, j);
+    const bool whole_texels = n % edge == 0;
     double sum[3] = { 0.0 }, whole = 0.0;
 
     for (uint32_t y = i * n / edge; y * edge < (i + 1) * n; y++)
         for (uint32_t x = j * n / edge; x * edge < (j + 1) * n; x++) {
             const struct texel *t = &e->texels[(face * n + y) * n + x];
             const float g = importance_of(e->importance, t->r, t->g, t->b);
-            const double weight = overlap(e, y, x, i, j);
+            const double weight = whole_texels ? e->solid_angle[y * n + x] : overlap(e, y, x, i, j);
             const double kept = g > s->level ? weight * (double)s->level / (double)g : weight;
             whole += weight;
             sum[0] += kept * (double)t->r;

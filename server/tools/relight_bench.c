@@ -41,6 +41,8 @@ static enum err read_desc(const struct options *o, struct bench_desc *d, struct 
         e = method_parse(options_get(o, "method"), &d->method, why);
     if (!e && method_is_reference(d->method))
         e = err_say(why, ERR_USAGE, "--method %s is a reference: it has no stages", method_name(d->method));
+    if (!e && d->method == METHOD_CACHED)
+        e = err_say(why, ERR_USAGE, "--method cached has other stages than those of this table");
     if (!e)
         e = options_u64(o, "samples", 1, 4096, &samples, why);
     if (!e)

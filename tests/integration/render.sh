@@ -237,12 +237,39 @@ help_and_version_are_there() {
     done
 }
 
+# What stands still is computed once for all frames, they are near sampled ones, and what it took stands in the statistics.
+a_cached_sequence_is_near_a_sampled_one() {
+    local method n
+    for method in 'cached --samples 64' 'mis --sun --samples 1024'; do
+        # shellcheck disable=SC2086
+        "$bin/relight-render" --method $method --source 'sky:time=12:00,speed=60' --frames 0-1 --size 96x54 \
+            --paths direct --out "$work/${method%% *}.%d.exr" --stats "$work/${method%% *}.json" 2>"$work/stderr"
+    done
+    for n in 0 1; do
+        "$bin/relight-diff" "$work/cached.$n.exr" "$work/mis.$n.exr" --max-relmse 3e-3 --max-mean 0.01
+    done
+    /usr/bin/python3 -B - "$work/cached.json" <<'PY' || fail "statistics"
+import json, sys
+frames = json.load(open(sys.argv[1]))
+assert len(frames) == 2 and all(f["method"] == "cached" and "cached" in f["bias"] for f in frames)
+caches = [f["cache"] for f in frames]
+assert caches[0]["precomputation_ms"] == caches[1]["precomputation_ms"] > 0 < caches[0]["bytes"] < caches[0]["dense_bytes"]
+assert all(c["bright"]["texels"] > 0 and 0 < c["bright"]["share"] < 1 for c in caches)
+PY
+}
+
+a_cache_that_is_too_large_is_refused() {
+    expect 1 'takes about [0-9]+ MB and may take 1: smaller pictures, or a larger --cache-memory' \
+        "$bin/relight-render" --method cached --cache-memory 1 --size 160x90 --paths direct --out "$work/none.exr"
+    [ ! -e "$work/none.exr" ] || fail "a picture all the same"
+}
+
 # Each level of the kernels that this CPU has gives the same bits, linear and tone-mapped: nothing is contracted and sums
 # keep their order.
 every_cpu_level_gives_the_same_picture() {
     local level code options made=0
     for options in 'exr --method mis --samples 16' 'jpg --method auto --samples 7' 'jpg --method brdf --tone reinhard' \
-        'exr --method faces --sun --cells 4 --samples 33'; do
+        'exr --method faces --sun --cells 4 --samples 33' 'exr --method cached --samples 16'; do
         for level in baseline v3 v4; do
             code=0
             # shellcheck disable=SC2086

@@ -26,6 +26,7 @@ static const struct relight_desc others[] = {
     { .direct = { .method = METHOD_MLT }, .classes = PATH_ALL },
     { .direct = { .method = METHOD_PHOTONS }, .classes = PATH_ALL },
     { .direct = { .method = METHOD_VPL }, .classes = PATH_ALL },
+    { .direct = { .method = METHOD_CACHED }, .classes = PATH_ALL },
     { .direct = { .method = METHOD_AUTO }, .classes = PATH_ALL, .caustics = PLAN_LIGHT, .indirect = PLAN_LIGHT },
     { .direct = { .method = METHOD_AUTO }, .classes = PATH_ALL, .caustics = PLAN_EYE, .indirect = PLAN_EYE },
 };
@@ -83,9 +84,9 @@ static void values_that_are_no_radiance_are_as_if_they_were_put_right(void **sta
     }
     shows_above("NaN, infinite, negative: counted", "decoding", "values put right",
                 (double)(f->nan + f->infinite + f->negative), 100.0, "");
-    holds_all("NaN, infinite, negative: nothing of it is left", "all, references and light paths too (21)",
+    holds_all("NaN, infinite, negative: nothing of it is left", "all, references and light paths too (22)",
               "finite pictures", finite, WAYS);
-    holds_all("NaN, infinite, negative: as if put right before", "all, references and light paths too (21)",
+    holds_all("NaN, infinite, negative: as if put right before", "all, references and light paths too (22)",
               "pictures of the same bits", same, WAYS);
     relighter_destroy(r);
     environment_destroy(bad);
@@ -258,7 +259,7 @@ static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(voi
     relighter_destroy(worn);
     environment_destroy(used);
     set_destroy(set);
-    holds_all("14 sizes and layouts in one sequence", "all, references and light paths too (21)",
+    holds_all("14 sizes and layouts in one sequence", "all, references and light paths too (22)",
               "pictures as if each came alone", same, total);
     verdict();
 }

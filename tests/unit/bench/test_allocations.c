@@ -136,6 +136,7 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
         { .direct = { .method = METHOD_MIS, .interleave = 2, .samples = 16 } },
         { .direct = { .method = METHOD_LATLONG, .samples = 8 } },
         { .direct = { .method = METHOD_AUTO, .samples = 8 }, .classes = PATH_ALL },
+        { .direct = { .method = METHOD_CACHED, .samples = 8 } },
     };
     static const char *const stages[] = { "decoding", "tables", "light", "exposure, tone curve and JPEG" };
     const struct set_desc desc = { .width = 96, .height = 64, .interleave = 2 };

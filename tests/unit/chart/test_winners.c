@@ -1,0 +1,102 @@
+/* Who wins, on made-up panels: whoever computes beforehand stands beside the others. */
+#include "winners.h"
+
+#include "unit.h"
+
+enum { MIS, CACHED, PATH, CURVES, BUDGETS = 2, SEEDS = 2 };
+
+static const struct technique *direct_technique(const char *name)
+{
+    size_t count;
+    const struct technique *all = technique_all(&count);
+
+    for (size_t k = 0; k < count; k++)
+        if (all[k].light_class == LIGHT_DIRECT && strcmp(all[k].name, name) == 0)
+            return &all[k];
+    fail_msg("no technique is called %s", name);
+    return NULL;
+}
+
+struct made { /* a panel of the first `count` of three curves, the same under each seed */
+    struct panel panel;
+    struct panel_curve curves[CURVES];
+    double seconds[CURVES][BUDGETS][SEEDS], errors[CURVES][ERROR_KINDS][BUDGETS][SEEDS];
+};
+
+static void make(struct made *m, const int *which, size_t count)
+{
+    static const char *const names[CURVES] = { "mis", "cached", "path" };
+    static const double seconds[CURVES][BUDGETS] = { { 0.1, 0.4 }, { 0.02, 0.04 }, { 1.0, 4.0 } };
+    static const double errors[CURVES][BUDGETS] = { { 4e-3, 1e-3 }, { 5e-4, 4e-4 }, { 4e-3, 1e-3 } };
+
+    *m =
+        (struct made){ .panel = { .seeds = SEEDS, .budget_count = BUDGETS, .curve_count = count, .gbuffer_ms = 1000 } };
+    m->panel.curves = m->curves;
+    for (size_t c = 0; c < count; c++) {
+        const int k = which[c];
+        m->curves[c] = (struct panel_curve){ .technique = direct_technique(names[k]),
+                                             .seconds = m->seconds[c][0],
+                                             .errors = m->errors[c][0][0],
+                                             .prepared_ms = k == CACHED ? 8000.0 : 0.0 };
+        for (int b = 0; b < BUDGETS; b++)
+            for (int s = 0; s < SEEDS; s++) {
+                m->seconds[c][b][s] = seconds[k][b];
+                m->errors[c][ERROR_REL_MSE][b][s] = errors[k][b];
+            }
+    }
+}
+
+/* Half way is 1 s, from the other two's 0.1, 0.4, 1 and 4; there mis is through with an error of 1e-3, which took it
+ * 0.4 s and paths 4 s. */
+static void who_computes_beforehand_sets_no_mark_and_wins_nothing(void **state)
+{
+    static const int all[] = { MIS, CACHED, PATH };
+    struct made m;
+    struct winners w;
+    struct ranking r[TECHNIQUES_MAX];
+    (void)state;
+
+    make(&m, all, CURVES);
+    assert_int_equal(winners_find(&m.panel, ERROR_REL_MSE, 10, &w), ERR_OK);
+    assert_true(w.seconds[MARK_MIDDLE] == 1.0 && w.error[MARK_MIDDLE] == 1e-3);
+    for (int k = 0; k < MARKS; k++)
+        assert_true(w.by_error[k] != CACHED && w.by_seconds[k] != CACHED);
+    assert_int_equal(w.by_seconds[MARK_MIDDLE], MIS);
+    assert_true(w.of[CACHED].has_error[MARK_MIDDLE] && w.of[CACHED].error[MARK_MIDDLE] == 4e-4);
+    const struct panel *panels[] = { &m.panel };
+    assert_int_equal(winners_rank(panels, &w, 1, LIGHT_DIRECT, r), 2);
+}
+
+static void what_is_computed_beforehand_is_won_back_frame_by_frame(void **state)
+{
+    static const int all[] = { MIS, CACHED, PATH };
+    struct made m;
+    struct winners w;
+    (void)state;
+
+    make(&m, all, CURVES);
+    assert_int_equal(winners_find(&m.panel, ERROR_REL_MSE, 10, &w), ERR_OK);
+    assert_true(w.of[CACHED].prepared_pays == 22.0); /* 8 s / 0.38 s */
+    assert_true(w.of[MIS].prepared_pays == 0.0);
+    assert_true(w.of[MIS].pays_off == 1.0 && w.of[CACHED].pays_off == 3.0); /* 1 / 3.6, 9 / 3.98 */
+}
+
+static void alone_it_is_judged_by_itself(void **state)
+{
+    static const int one[] = { CACHED };
+    struct made m;
+    struct winners w;
+    (void)state;
+
+    make(&m, one, 1);
+    assert_int_equal(winners_find(&m.panel, ERROR_REL_MSE, 10, &w), ERR_OK);
+    assert_int_equal(w.by_error[MARK_MIDDLE], 0);
+    assert_true(w.seconds[MARK_MIDDLE] > 0.0);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(who_computes_beforehand_sets_no_mark_and_wins_nothing),
+    cmocka_unit_test(what_is_computed_beforehand_is_won_back_frame_by_frame),
+    cmocka_unit_test(alone_it_is_judged_by_itself),
+};
+UNIT_MAIN(tests)

@@ -1,0 +1,153 @@
+/* The compression of one row of a block, and its product with a sky, on matrices whose rank is known. */
+#include "kernels.h"
+#include "mem.h"
+#include "rng.h"
+#include "transport_parts.h"
+
+#include <math.h>
+
+#include "unit.h"
+
+struct bench {
+    struct transport_matrix *m, *copy;
+    struct transport_workspace *w;
+    struct transport_sky *sky;
+    struct transport_piece piece;
+    double norm; /* its square, of the matrix */
+};
+
+/* The sum of `rank` products of random columns and rows; lit in chunks first .. first + 9 only. */
+static struct bench bench_make(uint32_t rank, uint32_t first)
+{
+    struct bench b = { .m = mem_alloc(1, sizeof(*b.m)),
+                       .copy = mem_alloc(1, sizeof(*b.copy)),
+                       .w = transport_workspace_create(),
+                       .sky = mem_alloc(1, sizeof(*b.sky)) };
+    struct rng r = { 17 };
+
+    for (uint32_t k = 0; k < rank; k++) {
+        float u[TRANSPORT_POINTS];
+        const float strength = (float)pow(0.7, k);
+        for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+            u[p] = strength * (float)rng_next(&r);
+        for (uint32_t c = first * TRANSPORT_CHUNK; c < (first + 10) * TRANSPORT_CHUNK; c++) {
+            const float v = (float)rng_next(&r) * 1e-3f;
+            for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+                b.m->at[c][p] += u[p] * v;
+        }
+    }
+    for (uint32_t c = 0; c < TRANSPORT_CELLS; c++)
+        for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+            b.norm += (double)b.m->at[c][p] * (double)b.m->at[c][p];
+    *b.copy = *b.m;
+    transport_compress_begin();
+    return b;
+}
+
+static void bench_finish(struct bench *b)
+{
+    mem_free(b->piece.halves);
+    mem_free(b->m);
+    mem_free(b->copy);
+    mem_free(b->sky);
+    transport_workspace_destroy(b->w);
+}
+
+static const struct kernels *some_kernels(void)
+{
+    return kernels_all()[0];
+}
+
+/* The square of the norm of what the piece is off, by a sky of one lit cell after another. */
+static double error_of(struct bench *b)
+{
+    double sum = 0.0;
+
+    for (uint32_t c = 0; c < TRANSPORT_CELLS; c++) {
+        _Alignas(64) float out[3][TRANSPORT_POINTS];
+        b->sky->cells[c / TRANSPORT_CHUNK][1][c % TRANSPORT_CHUNK] = 1.0f;
+        some_kernels()->transport->expand(&b->piece, b->sky, TRANSPORT_POINTS, out);
+        b->sky->cells[c / TRANSPORT_CHUNK][1][c % TRANSPORT_CHUNK] = 0.0f;
+        for (uint32_t p = 0; p < TRANSPORT_POINTS; p++) {
+            sum += pow((double)out[1][p] - (double)b->copy->at[c][p], 2.0);
+            assert_true(out[0][p] == 0.0f && out[2][p] == 0.0f);
+        }
+    }
+    return sum;
+}
+
+/* Halves leave 2^-12 of each entry at most in U and as much in V: a norm of some 4e-4. Eigenvalues that are 0 come out
+ * below 1e-7 of the largest, 61 of them below 1e-5. */
+static void a_matrix_of_three_products_has_rank_three(void **state)
+{
+    struct bench b = bench_make(3, 40);
+    (void)state;
+
+    assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, 1e-5 * b.norm, &b.piece), ERR_OK);
+    assert_int_equal(b.piece.rank, 3);
+    assert_false(b.piece.raw);
+    assert_int_equal(b.piece.chunk_count, 10);
+    for (uint32_t k = 0; k < 10; k++)
+        assert_int_equal(b.piece.chunks[k], 40 + k);
+    assert_int_equal(transport_piece_bytes(&b.piece, TRANSPORT_POINTS), 2 * 3 * (160 + 64));
+    assert_true(error_of(&b) < 1e-6 * b.norm);
+    bench_finish(&b);
+}
+
+static void no_more_is_left_out_than_is_allowed_and_not_much_less(void **state)
+{
+    static const double shares[] = { 1e-1, 1e-2, 1e-3, 1e-4 };
+    uint32_t last = 0;
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(shares) / sizeof(shares[0]); k++) {
+        struct bench b = bench_make(12, 3);
+        assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, shares[k] * b.norm, &b.piece), ERR_OK);
+        assert_false(b.piece.raw);
+        const double error = error_of(&b);
+        assert_true(error < shares[k] * b.norm + 1e-6 * b.norm);
+        assert_true(b.piece.rank >= last && b.piece.rank < 12);
+        last = b.piece.rank;
+        bench_finish(&b);
+    }
+    assert_true(last > 1);
+}
+
+static void what_does_not_get_smaller_is_kept_as_it_is(void **state)
+{
+    struct bench b = bench_make(64, 20), asked = bench_make(2, 20);
+    (void)state;
+
+    assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, 0.0, &b.piece), ERR_OK);
+    assert_true(b.piece.raw);
+    assert_int_equal(b.piece.rank, TRANSPORT_POINTS);
+    assert_true(error_of(&b) < 1e-6 * b.norm);
+    assert_int_equal(transport_compress(asked.w, asked.m, TRANSPORT_POINTS, -1.0, &asked.piece), ERR_OK);
+    assert_true(asked.piece.raw && error_of(&asked) < 1e-6 * asked.norm);
+    bench_finish(&b);
+    bench_finish(&asked);
+}
+
+static void a_dark_row_takes_nothing_nor_does_one_that_may_be_left_out(void **state)
+{
+    struct bench dark = bench_make(0, 0), faint = bench_make(3, 0);
+    (void)state;
+
+    assert_int_equal(transport_compress(dark.w, dark.m, TRANSPORT_POINTS, 0.0, &dark.piece), ERR_OK);
+    assert_null(dark.piece.halves);
+    assert_true(error_of(&dark) == 0.0);
+    assert_int_equal(transport_compress(faint.w, faint.m, TRANSPORT_POINTS, INFINITY, &faint.piece), ERR_OK);
+    assert_null(faint.piece.halves);
+    assert_int_equal(transport_piece_bytes(&faint.piece, TRANSPORT_POINTS), 0);
+    assert_true(fabs(error_of(&faint) / faint.norm - 1.0) < 1e-6);
+    bench_finish(&dark);
+    bench_finish(&faint);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_matrix_of_three_products_has_rank_three),
+    cmocka_unit_test(no_more_is_left_out_than_is_allowed_and_not_much_less),
+    cmocka_unit_test(what_does_not_get_smaller_is_kept_as_it_is),
+    cmocka_unit_test(a_dark_row_takes_nothing_nor_does_one_that_may_be_left_out),
+};
+UNIT_MAIN(tests)
