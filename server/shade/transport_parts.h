@@ -17,7 +17,7 @@
 #define TRANSPORT_PACKETS 4
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
 #define TRANSPORT_VARIANTS 256
-#define TRANSPORT_MORE 4 /* strata of the bright part to each ray that is traced at first; a power of two */
+#define TRANSPORT_MORE 8 /* strata of the bright part to each ray that is traced at first; a power of two */
 
 /* A block's row as it is traced: [cell][point]. */
 struct transport_matrix {

@@ -7,6 +7,10 @@
 #include <assert.h>
 #include <math.h>
 
+/* Of the sky's energy. What the bright part has less than this the cells may as well have: a shadow that is wrong by a
+ * thousandth of the light is not seen. */
+#define FAINT 1e-3
+
 static float texel_importance(const struct environment *e, uint32_t at)
 {
     const struct texel *x = &e->texels[at];
@@ -107,11 +111,17 @@ enum err transport_sky_take(struct transport_sky *s, const struct environment *e
     }
     s->n = e->n;
     s->level = sky_level(e, s->row_max);
+    const enum err result = find_bright(s, e);
+    if (s->bright_energy < FAINT * e->total_energy) {
+        s->level = INFINITY;
+        s->bright_count = 0;
+        s->bright_energy = 0.0;
+    }
 #pragma omp parallel for schedule(static)
     for (uint32_t row = 0; row < CUBE_FACES * TRANSPORT_EDGE; row++)
         for (uint32_t j = 0; j < TRANSPORT_EDGE; j++)
             take_cell(s, e, row / TRANSPORT_EDGE, row % TRANSPORT_EDGE, j);
-    return find_bright(s, e);
+    return result;
 }
 
 void transport_sky_finish(struct transport_sky *s)

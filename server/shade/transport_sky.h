@@ -1,6 +1,7 @@
 /* A frame's sky as the cache of light transport takes it: split at a level into a part that is kept by cells' means and
  * a bright part that is kept by texels, L = min(1, level / importance) L + the rest. Energies of the two add up to the
- * sky's. The level is that of sky_table.h; a sky of which less than 1/16 is lit has none, and is bright as a whole. */
+ * sky's. The level is that of sky_table.h; a sky of which less than 1/16 is lit has none, and is bright as a whole. A
+ * bright part of less than a thousandth of the energy stays in the cells. */
 #ifndef SHADE_TRANSPORT_SKY_H
 #define SHADE_TRANSPORT_SKY_H
 
@@ -26,8 +27,8 @@ static inline uint32_t transport_cell(uint32_t face, uint32_t i, uint32_t j)
 
 struct transport_sky {
     _Alignas(64) float cells[TRANSPORT_CHUNKS][3][TRANSPORT_CHUNK]; /* mean radiance of the lower part */
-    float level;                                                    /* 0: there is none */
-    uint32_t n;                                                     /* of the environment */
+    float level; /* 0: there is none; infinite: all is in the cells */
+    uint32_t n;  /* of the environment */
     uint32_t bright_count, bright_capacity;
     uint32_t *bright;      /* [bright_count]: index into environment.texels, ascending */
     double *bright_cdf;    /* running sums of their importance above the level x solid angle */
