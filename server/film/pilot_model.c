@@ -10,6 +10,8 @@
 #define TIME_STEP 0.3 /* share of a new reading */
 #define CLEAN_WANTED 2
 #define WHOLE_RANGE 3.0
+#define FAR_APART 0.25 /* of two counts, in their logarithm */
+#define TILT_MOST 2.0
 #define DOUBT_LEAST 0.4 /* of one reading, relative: several scatter by more at times, and few may agree by chance */
 
 static double clamp(double x, double low, double high)
@@ -204,6 +206,20 @@ void model_slope(struct model *m, double tables_s, const double n[2], const doub
     m->timed = m->sloped = true;
 }
 
+/* Groups' times may put too much into a sample and too little into the beginning, and then another count never seems to
+ * fit: two whole pictures know better. What the present count takes stays. */
+static void tilt(struct model *m)
+{
+    const double unit = (m->ran_s[0] - m->ran_s[1]) / (m->ran_n[0] - m->ran_n[1]), n = m->ran_n[0];
+
+    if (!m->sloped || !(m->ran_n[1] > 0.0) || fabs(log(n / m->ran_n[1])) < FAR_APART || !(unit > 0.0))
+        return;
+    const double step = TIME_STEP * (clamp(unit, m->unit_s / TILT_MOST, m->unit_s * TILT_MOST) - m->unit_s);
+    const double most = m->base_s / n; /* the beginning takes no less than nothing */
+    m->unit_s += fmin(step, most);
+    m->base_s -= n * fmin(step, most);
+}
+
 void model_ran(struct model *m, double n, double seconds)
 {
     const double expected = model_seconds(m, n), ratio = expected > 0.0 ? seconds / expected : 1.0;
@@ -223,6 +239,7 @@ void model_ran(struct model *m, double n, double seconds)
     m->ran_n[0] = n;
     m->ran_s[0] = seconds;
     m->timed = m->ran = true;
+    tilt(m);
 }
 
 double model_error(const struct model *m, double n)

@@ -11,13 +11,13 @@
 #define READINGS_WANTED 2  /* of each way, before it may be chosen */
 #define OTHER_WANTED 6     /* of eye paths and light tracer, before techniques have more than these */
 #define FRAMES_AT_FIRST 4
-#define HOPELESS 2.0          /* times the error of what is in use, in the same time: seldom looked at again, */
-#define HOPELESS_AT_FIRST 3.0 /* (by one reading) */
-#define SELDOM 8              /* every so many turns */
-#define FIRST_LEAST 0.3       /* seconds that a first frame may take longer: there is no picture to be late after */
-#define BANK_FRAMES 2.0       /* time that is saved up at most */
-#define SKY_SHARE 0.04        /* of the light, come or gone on a face of the cube: another sky; */
-#define SKY_RATIO 1.3         /* so is more or less in all */
+#define HOPELESS 2.0        /* times the error of what is in use, in the same time: seldom looked at again, */
+#define HOPELESS_DOUBTS 2.0 /* standard errors of it granted, */
+#define SELDOM 8            /* every so many turns */
+#define FIRST_LEAST 0.3     /* seconds that a first frame may take longer: there is no picture to be late after */
+#define BANK_FRAMES 2.0     /* time that is saved up at most */
+#define SKY_SHARE 0.04      /* of the light, come or gone on a face of the cube: another sky; */
+#define SKY_RATIO 1.3       /* so is more or less in all */
 #define PASS_OWN (UINT64_C(1) << 40) /* the pilot's own numbers: no picture has so high a pass */
 #define SAMPLES_TIMED 8.0            /* at least, of direct light, once it is known what they begin with, */
 #define SLOPE_TIMES 4.0              /* and the first time so many times as many beside few, or as few beside many */
@@ -57,7 +57,7 @@ static bool hopeless(const struct pilot *p, uint32_t way)
     const enum pilot_part part = pilot_part_of(way);
     const uint32_t used = p->choice.way[part];
 
-    const double limit = p->model[way].fresh > 1 ? HOPELESS : HOPELESS_AT_FIRST;
+    const double limit = HOPELESS * (1.0 + HOPELESS_DOUBTS * p->model[way].doubt);
 
     if (used != WAY_NONE && model_is_rough(&p->model[way]) && !model_is_rough(&p->model[used]))
         return false;
@@ -93,7 +93,7 @@ static bool lacks(const struct pilot *p, uint32_t way, uint32_t wanted)
 
 double pilot_share(const struct pilot *p)
 {
-    if (p->frames < FRAMES_AT_FIRST || !known(p))
+    if (!known(p))
         return SHARE_AT_FIRST;
     for (uint32_t way = 0; way < WAYS; way++)
         if (lacks(p, way, CONTENDER))
