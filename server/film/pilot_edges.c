@@ -9,9 +9,9 @@
 
 #include <math.h>
 
-#define WORTH_JAGGED 0.7  /* of the error is what jagged edges must promise: they are seen in any light */
+#define WORTH_JAGGED 0.5  /* of the error is what jagged edges must promise: they are seen in any light */
 #define WORTH_SMOOTH 0.95 /* and smooth ones, to come back */
-#define FRAMES_BEFORE 8   /* under one sky */
+#define FRAMES_BEFORE 16  /* under one sky */
 
 static bool allot(struct allotment *a, const struct groups *s)
 {
