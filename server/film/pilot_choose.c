@@ -10,13 +10,15 @@
 #define GROWTH 16.0     /* of a count from one frame to the next, */
 #define GROWTH_ELSE 4.0 /* where the technique is another */
 #define FIRST_SAMPLES 4.0
-#define WORTH 0.92      /* another way must promise this share of the error (or of the time) to be taken */
-#define STEADY 1.12     /* a wished time that changes by less is the same one */
-#define GAIN_LEAST 1.05 /* counts that would gain less than this stay as they are, */
-#define OVERTIME 1.05   /* unless they take longer than this, */
-#define OVER_ERROR 1.05 /* or leave more than this */
-#define LATE 1.1        /* times the wish */
-#define CHOOSE_OFTEN 16 /* frames */
+#define WORTH 0.92       /* another way must promise this share of the error (or of the time) to be taken */
+#define STEADY 1.12      /* a wished time that changes by less is the same one */
+#define GAIN_LEAST 1.05  /* counts that would gain less than this stay as they are, */
+#define OVERTIME 1.05    /* unless they take longer than this, */
+#define OVER_ERROR 1.05  /* or leave more than this */
+#define LATE 1.1         /* times the wish */
+#define LONGER 1.1       /* times its share of the wish a picture may take where the best way just does not fit, */
+#define WORTH_LONGER 0.6 /* and that much less error comes of it */
+#define CHOOSE_OFTEN 16  /* frames */
 #define CHOOSE_EVERY 4
 #define TIME_LEAST 0.2 /* of the wish, that is always the picture's */
 
@@ -284,6 +286,19 @@ static bool possible(const struct pilot *p, uint32_t route)
     return any || !p->classes;
 }
 
+/* The best of all routes. */
+static void try_routes(struct pilot *p, const struct pilot_wish *wish, struct plan_trial *best)
+{
+    for (uint32_t route = 0; route < ROUTES; route++) {
+        struct plan_trial t = { .there = false };
+        if (!possible(p, route))
+            continue;
+        try_route(p, route, false, wish, &t);
+        if (better(&t, best, wish, 1.0))
+            *best = t;
+    }
+}
+
 /* Counts of the same ways stay where others would gain little, so that noise stands still in a picture that does: near
  * the best of them the error hardly depends on how the time is shared out. */
 static void hold_counts(const struct pilot *p, const struct pilot_wish *wish, struct plan_trial *t)
@@ -355,16 +370,18 @@ void pilot_choose(struct pilot *p, const struct pilot_wish *wish)
     p->solved = *wish;
     if (left.seconds > 0.0)
         left.seconds = fmax(TIME_LEAST * wish->seconds, (1.0 - pilot_share(p)) * wish->seconds - p->other_s);
-    for (uint32_t route = 0; route < ROUTES; route++) {
+    try_routes(p, &left, &best);
+    if (left.seconds > 0.0 && best.there && !(left.error > 0.0)) {
+        const struct pilot_wish longer = { .seconds = LONGER * left.seconds };
         struct plan_trial t = { .there = false };
-        if (!possible(p, route))
-            continue;
-        try_route(p, route, false, &left, &t);
-        if (better(&t, &best, &left, 1.0))
+        try_routes(p, &longer, &t);
+        if (t.there && t.budget.met && t.budget.error < WORTH_LONGER * best.budget.error) {
             best = t;
-        if (p->choice.route == route)
-            try_route(p, route, true, &left, &stay);
+            left = longer;
+        }
     }
+    if (p->choice.route < ROUTES && possible(p, p->choice.route))
+        try_route(p, p->choice.route, true, &left, &stay);
     if (!best.there) { /* nothing of the other light is known yet: direct light alone */
         for (int part = PILOT_EYE; part < PILOT_PARTS; part++)
             add_other(p, (enum pilot_part)part, WAY_NONE, false);
