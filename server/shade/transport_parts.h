@@ -84,6 +84,32 @@ struct transport_kernels {
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };
 
+struct transport {
+    const struct gbuffer *gbuffer;
+    const struct rays *rays; /* NULL: everything is visible */
+    const struct transport_kernels *kernels;
+    struct transport_block *blocks;
+    uint32_t block_count;
+    uint32_t *left_index;
+    struct packet_list left;
+    struct transport_stats stats;
+
+    struct transport_sky sky; /* of the last frame */
+    struct transport_bright bright;
+    float *bright_values;     /* six arrays, one after the other */
+    uint32_t bright_capacity; /* samples in each */
+};
+
+/* Colours of a row, as above. */
+static inline float transport_row_colour(const struct shade_packet *p, uint32_t row, int c, uint32_t l)
+{
+    const float f0 = p->specular[c][l];
+
+    if (row == 0)
+        return p->kind == LOBE_GGX ? (1.0f - f0) * (1.0f - f0) * p->diffuse[c][l] : p->diffuse[c][l];
+    return row == 1 ? f0 : 1.0f;
+}
+
 /* Fills *out from the matrix, points = 16 packets; it is destroyed. allowed: the square of the norm of what may be left
  * out; below 0: nothing is compressed. ERR_NOMEM. */
 struct transport_workspace;
