@@ -95,25 +95,6 @@ static enum err draw_bright(struct transport *t, const struct environment *e, co
     return ERR_OK;
 }
 
-/* The lower part: T L, coloured. A compressed row may come out below 0 by its error, radiance may not. */
-static void add_cells(const struct transport *t, const struct transport_block *b, float *lo)
-{
-    const struct shade_packet *packets = &t->gbuffer->packets[b->first];
-    _Alignas(64) float sum[3][TRANSPORT_POINTS];
-
-    memset(lo, 0, (size_t)b->packets * 3 * PACKET * sizeof(float));
-    for (uint32_t r = 0; r < b->rows; r++) {
-        t->kernels->expand(&b->pieces[r], &t->sky, b->packets * PACKET, sum);
-        for (uint32_t k = 0; k < b->packets; k++)
-            for (int c = 0; c < 3; c++)
-                for (uint32_t l = 0; l < PACKET; l++) {
-                    const float x = sum[c][k * PACKET + l];
-                    lo[(k * 3 + (uint32_t)c) * PACKET + l] +=
-                        x > 0.0f ? transport_row_colour(&packets[k], r, c, l) * x : 0.0f;
-                }
-    }
-}
-
 /* The bright part. Where the points of a packet agree on whether they see it, few rays tell; where not, the rest of the
  * strata are traced too. Returns how many packets that were. */
 static uint32_t add_bright(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
@@ -168,7 +149,7 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
             float *out = lo + (size_t)b->first * 3 * PACKET;
             if (frame->cancel && atomic_load_explicit(frame->cancel, memory_order_relaxed))
                 continue;
-            add_cells(t, b, out);
+            t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, out);
             if (t->bright.strata)
                 penumbra += add_bright(t, b, out, &rays);
             clear_padding(t, b, out);

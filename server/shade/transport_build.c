@@ -13,8 +13,9 @@
 #define SIDE_MAX 8
 #define LOBE_SAMPLES 64
 #define LOBE_SAMPLES_MAX 4096
-#define TOLERANCE 0.02f
+#define TOLERANCE 0.015f
 #define TOLERANCE_GLOSSY 0.01f
+#define FLOOR 0.03f
 #define MAX_BYTES ((uint64_t)1 << 30)
 #define BATCH 64 /* blocks between two looks at the memory */
 
@@ -126,66 +127,74 @@ static void bench_finish(struct bench *b)
     transport_workspace_destroy(b->workspace);
 }
 
-/* The mean square of a row's colours over a block. */
-static double row_weight(const struct transport *t, const struct transport_block *b, uint32_t row)
+/* Means of a row's colours. */
+static float mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
 {
-    double sum = 0.0, count = 0.0;
-
-    for (uint32_t k = 0; k < b->packets; k++) {
-        const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
-        for (uint32_t l = 0; l < p->count; l++, count += 3.0)
-            for (int c = 0; c < 3; c++) {
-                const double colour = (double)transport_row_colour(p, row, c, l);
-                sum += colour * colour;
-            }
-    }
-    return sum / count;
+    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
+            transport_row_colour(p, row, 2, l)) /
+           3.0f;
 }
 
-static double square_norm(const struct transport_matrix *m, uint32_t points)
+/* What an error in row r counts at a point: it is seen times the row's colour, beside what the point has of an even sky
+ * (but for the darkest ones, which may count as those of FLOOR of the block's mean). Within a thousandth of the
+ * largest, so that no half float overflows. */
+static void fill_scales(const struct build *b, const struct transport_block *block,
+                        const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
 {
-    double sum = 0.0;
+    const uint32_t points = block->packets * PACKET;
+    float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f, most = 0.0f;
 
-    for (uint32_t c = 0; c < TRANSPORT_CELLS; c++)
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++) {
+            float sum = 0.0f;
+            for (uint32_t c = 0; c < TRANSPORT_CELLS; c++)
+                sum += matrices[r].at[c][p];
+            scale[r][p] = mean_colour(&b->t->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            whole[p] += scale[r][p] * sum;
+            mean += scale[r][p] * sum / (float)points;
+        }
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++) {
+            scale[r][p] = mean > 0.0f ? scale[r][p] / fmaxf(whole[p], FLOOR * mean) : 1.0f;
+            most = fmaxf(most, scale[r][p]);
+        }
+    for (uint32_t r = 0; r < block->rows; r++)
         for (uint32_t p = 0; p < points; p++)
-            sum += (double)m->at[c][p] * (double)m->at[c][p];
-    return sum;
+            scale[r][p] = most > 0.0f ? fmaxf(scale[r][p] / most, 1e-3f) : 1.0f;
 }
 
-/* What each row may leave out, as the square of a norm: an even share of what the block may, all rows being weighed by
- * their colours. A row that is dark beside the others may be left out as a whole. */
+/* What each row may leave out: an even share of what the block may. A row that is dark beside the others may be left
+ * out as a whole. */
 static void share_tolerance(const struct build *b, const struct transport_block *block,
-                            const struct transport_matrix *matrices, double allowed[TRANSPORT_ROWS])
+                            const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS],
+                            double allowed[TRANSPORT_ROWS])
 {
     const struct transport_desc *d = b->desc;
     const bool glossy = block->rows > 1;
     const float asked = glossy ? d->tolerance_glossy : d->tolerance;
     const double tolerance = (double)(asked > 0.0f ? asked : glossy ? TOLERANCE_GLOSSY : TOLERANCE);
-    double weight[TRANSPORT_ROWS], whole = 0.0;
+    double whole = 0.0;
 
-    for (uint32_t r = 0; r < block->rows; r++) {
-        weight[r] = row_weight(b->t, block, r);
-        whole += weight[r] * square_norm(&matrices[r], block->packets * PACKET);
-    }
-    for (uint32_t r = 0; r < block->rows; r++) {
-        allowed[r] = weight[r] > 0.0 ? tolerance * tolerance * whole / (weight[r] * block->rows) : INFINITY;
-        if (asked < 0.0f)
-            allowed[r] = -1.0;
-    }
+    fill_scales(b, block, matrices, scale);
+    for (uint32_t r = 0; r < block->rows; r++)
+        whole += transport_weigh(&matrices[r], block->packets * PACKET, scale[r]);
+    for (uint32_t r = 0; r < block->rows; r++)
+        allowed[r] = asked < 0.0f ? -1.0 : tolerance * tolerance * whole / block->rows;
 }
 
 static enum err build_block(const struct build *b, struct bench *bench, struct transport_block *block, uint64_t *rays)
 {
     const struct transport *t = b->t;
+    float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
     double allowed[TRANSPORT_ROWS];
     enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < block->packets; k++)
         *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, bench->matrices,
                                    k * PACKET);
-    share_tolerance(b, block, bench->matrices, allowed);
+    share_tolerance(b, block, bench->matrices, scale, allowed);
     for (uint32_t r = 0; r < block->rows && !e; r++)
-        e = transport_compress(bench->workspace, &bench->matrices[r], block->packets * PACKET, allowed[r],
+        e = transport_compress(bench->workspace, &bench->matrices[r], block->packets * PACKET, scale[r], allowed[r],
                                &block->pieces[r]);
     return e;
 }

@@ -14,6 +14,8 @@ struct transport_workspace { /* of one thread */
     float values[TRANSPORT_POINTS];                                                 /* eigenvalues, ascending */
     float work[1 + 6 * TRANSPORT_POINTS + 2 * TRANSPORT_POINTS * TRANSPORT_POINTS]; /* as ssyevd asks for */
     lapack_int whole[3 + 5 * TRANSPORT_POINTS];
+    float sums[TRANSPORT_CHUNKS][TRANSPORT_POINTS];
+    float scaled[TRANSPORT_POINTS * TRANSPORT_POINTS];
     float projected[TRANSPORT_POINTS * TRANSPORT_CELLS];
 };
 
@@ -62,17 +64,54 @@ static void pack_chunks(struct transport_matrix *m, uint32_t points, struct tran
     }
 }
 
-/* The least rank whose rest, the sum of the other eigenvalues of T T^t, is allowed [Eckart and Young 1936]; points
- * where the library fails. The eigenvectors replace the Gram matrix, those of the largest values last. */
-static uint32_t choose_rank(struct transport_workspace *w, const struct transport_matrix *m, uint32_t cells,
-                            uint32_t points, double allowed)
+static void sum_chunks(struct transport_workspace *w, const struct transport_matrix *m, uint32_t chunks)
+{
+    memset(w->sums, 0, chunks * sizeof(w->sums[0]));
+    for (uint32_t c = 0; c < chunks * TRANSPORT_CHUNK; c++)
+        for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+            w->sums[c / TRANSPORT_CHUNK][p] += m->at[c][p];
+}
+
+double transport_weigh(const struct transport_matrix *m, uint32_t points, const float *scale)
+{
+    double sum = 0.0;
+
+    for (uint32_t chunk = 0; chunk < TRANSPORT_CHUNKS; chunk++)
+        for (uint32_t p = 0; p < points; p++) {
+            double squares = 0.0, whole = 0.0;
+            for (uint32_t c = chunk * TRANSPORT_CHUNK; c < (chunk + 1) * TRANSPORT_CHUNK; c++) {
+                squares += (double)m->at[c][p] * (double)m->at[c][p];
+                whole += (double)m->at[c][p];
+            }
+            sum += (double)scale[p] * (double)scale[p] * (squares + whole * whole);
+        }
+    return sum;
+}
+
+/* G = D T (1 + S S^t) T^t D, S summing the cells of each chunk. */
+static void fill_gram(struct transport_workspace *w, const struct transport_matrix *m, uint32_t chunks, uint32_t points,
+                      const float *scale)
+{
+    const int n = (int)points;
+
+    sum_chunks(w, m, chunks);
+    cblas_ssyrk(CblasColMajor, CblasLower, CblasNoTrans, n, (int)(chunks * TRANSPORT_CHUNK), 1.0f, m->at[0],
+                TRANSPORT_POINTS, 0.0f, w->gram, n);
+    cblas_ssyrk(CblasColMajor, CblasLower, CblasNoTrans, n, (int)chunks, 1.0f, w->sums[0], TRANSPORT_POINTS, 1.0f,
+                w->gram, n);
+    for (uint32_t j = 0; j < points; j++)
+        for (uint32_t i = j; i < points; i++)
+            w->gram[j * points + i] *= scale[i] * scale[j];
+}
+
+/* The least rank whose rest, the sum of the other eigenvalues of G, is allowed [Eckart and Young 1936]; points where
+ * the library fails. The eigenvectors replace the Gram matrix, those of the largest values last. */
+static uint32_t choose_rank(struct transport_workspace *w, uint32_t points, double allowed)
 {
     const int n = (int)points;
     double rest = 0.0;
     uint32_t rank = points;
 
-    cblas_ssyrk(CblasColMajor, CblasLower, CblasNoTrans, n, (int)cells, 1.0f, m->at[0], TRANSPORT_POINTS, 0.0f, w->gram,
-                n);
     if (LAPACKE_ssyevd_work(LAPACK_COL_MAJOR, 'V', 'L', n, w->gram, n, w->values, w->work,
                             sizeof(w->work) / sizeof(w->work[0]), w->whole, sizeof(w->whole) / sizeof(w->whole[0])))
         return points;
@@ -96,12 +135,27 @@ static float scale_of(const float *x, size_t count)
     return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
 }
 
-static void round_all(const float *x, size_t count, float scale, uint16_t *out)
+/* V, [rank][cells], in the order of transport_piece: up to TRANSPORT_TOGETHER rows side by side, chunk by chunk. */
+static void round_rows(const float *v, uint32_t rank, uint32_t cells, float scale, uint16_t *out)
 {
     const float up = 1.0f / scale;
 
-    for (size_t i = 0; i < count; i++)
-        out[i] = half_round(x[i] * up);
+    for (uint32_t first = 0; first < rank; first += TRANSPORT_TOGETHER) {
+        const uint32_t rows = rank - first < TRANSPORT_TOGETHER ? rank - first : TRANSPORT_TOGETHER;
+        for (uint32_t chunk = 0; chunk < cells; chunk += TRANSPORT_CHUNK)
+            for (uint32_t r = first; r < first + rows; r++)
+                for (uint32_t c = chunk; c < chunk + TRANSPORT_CHUNK; c++)
+                    *out++ = half_round(v[(size_t)r * cells + c] * up);
+    }
+}
+
+/* U = D^-1 times the eigenvectors, packet by packet. */
+static void round_columns(const float *u, uint32_t rank, uint32_t points, const float *scale, uint16_t *out)
+{
+    for (uint32_t first = 0; first < points; first += PACKET)
+        for (uint32_t r = 0; r < rank; r++)
+            for (uint32_t p = first; p < first + PACKET; p++)
+                *out++ = half_round(u[(size_t)r * points + p] / scale[p]);
 }
 
 static enum err keep_raw(struct transport_workspace *w, const struct transport_matrix *m, uint32_t cells,
@@ -116,33 +170,38 @@ static enum err keep_raw(struct transport_workspace *w, const struct transport_m
     if (!out->halves)
         return ERR_NOMEM;
     out->scale = scale_of(w->projected, (size_t)points * cells);
-    round_all(w->projected, (size_t)points * cells, out->scale, out->halves);
+    round_rows(w->projected, points, cells, out->scale, out->halves);
     return ERR_OK;
 }
 
-enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points, double allowed,
-                            struct transport_piece *out)
+enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
+                            const float *scale, double allowed, struct transport_piece *out)
 {
     *out = (struct transport_piece){ .scale = 1.0f };
     pack_chunks(m, points, out);
     const uint32_t cells = out->chunk_count * TRANSPORT_CHUNK;
     if (cells == 0)
         return ERR_OK;
-    const uint32_t rank = allowed < 0.0 ? points : choose_rank(w, m, cells, points, allowed);
+    if (allowed >= 0.0)
+        fill_gram(w, m, out->chunk_count, points, scale);
+    const uint32_t rank = allowed < 0.0 ? points : choose_rank(w, points, allowed);
     if (rank == 0)
         return ERR_OK;
     if (rank * (points + cells) >= points * cells)
         return keep_raw(w, m, cells, points, out);
     const float *u = w->gram + (size_t)(points - rank) * points;
     const size_t v_count = (size_t)rank * cells;
+    for (uint32_t k = 0; k < rank; k++)
+        for (uint32_t p = 0; p < points; p++)
+            w->scaled[k * points + p] = u[k * points + p] * scale[p];
     cblas_sgemm(CblasColMajor, CblasTrans, CblasNoTrans, (int)cells, (int)rank, (int)points, 1.0f, m->at[0],
-                TRANSPORT_POINTS, u, (int)points, 0.0f, w->projected, (int)cells);
+                TRANSPORT_POINTS, w->scaled, (int)points, 0.0f, w->projected, (int)cells);
     out->rank = rank;
     out->halves = mem_alloc_raw(v_count + (size_t)rank * points, sizeof(*out->halves));
     if (!out->halves)
         return ERR_NOMEM;
     out->scale = scale_of(w->projected, v_count);
-    round_all(w->projected, v_count, out->scale, out->halves);
-    round_all(u, (size_t)rank * points, 1.0f, out->halves + v_count);
+    round_rows(w->projected, rank, cells, out->scale, out->halves);
+    round_columns(u, rank, points, scale, out->halves + v_count);
     return ERR_OK;
 }

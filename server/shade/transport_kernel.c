@@ -210,32 +210,30 @@ static uint64_t trace(const struct transport_world *w, const struct shade_packet
 
 /* ---- A frame ---- */
 
-/* Sixteen partial sums, in one order at all levels. */
-static float sum_lanes(const struct lanes *x)
+/* Sixteen partial sums of each of n, in one order at all levels. */
+static inline void sum_lanes(const struct lanes *x, uint32_t n, float *out)
 {
-    float a[8];
+    _Alignas(64) float half[8], quarter[3 * TRANSPORT_TOGETHER][4];
 
-    for (int l = 0; l < 8; l++)
-        a[l] = x->v[l] + x->v[l + 8];
-    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+    for (uint32_t k = 0; k < n; k++) {
+        for (int l = 0; l < 8; l++)
+            half[l] = x[k].v[l] + x[k].v[l + 8];
+        for (int l = 0; l < 4; l++)
+            quarter[k][l] = half[l] + half[l + 4];
+    }
+    for (uint32_t k = 0; k < n; k++)
+        out[k] = (quarter[k][0] + quarter[k][2]) + (quarter[k][1] + quarter[k][3]);
 }
 
-#define TOGETHER 4 /* rows of V, so that none waits for its last sum */
-
-/* Rows k .. k + rows - 1 of V times the sky, by colours. */
-static void project(const struct transport_piece *q, const struct transport_sky *sky, uint32_t k, uint32_t rows,
-                    float out[TOGETHER][3])
+/* Adds up rows of V that stand side by side, times the sky. */
+static inline void project_rows(const struct transport_piece *q, const struct transport_sky *sky, const uint16_t *v,
+                                uint32_t rows, struct lanes sum[TRANSPORT_TOGETHER][3])
 {
-    const size_t stride = (size_t)q->chunk_count * TRANSPORT_CHUNK;
-    const uint16_t *v = q->halves + k * stride;
-    struct lanes sum[TOGETHER][3];
-
-    memset(sum, 0, sizeof(sum));
-    for (uint32_t i = 0; i < q->chunk_count; i++, v += TRANSPORT_CHUNK) {
+    for (uint32_t i = 0; i < q->chunk_count; i++) {
         const float(*cells)[TRANSPORT_CHUNK] = sky->cells[q->chunks[i]];
-        for (uint32_t r = 0; r < rows; r++) {
+        for (uint32_t r = 0; r < rows; r++, v += TRANSPORT_CHUNK) {
             struct lanes x;
-            widen_lanes(v + r * stride, &x);
+            widen_lanes(v, &x);
             LANES(l)
             {
                 sum[r][0].v[l] += x.v[l] * cells[0][l];
@@ -244,36 +242,102 @@ static void project(const struct transport_piece *q, const struct transport_sky 
             }
         }
     }
-    for (uint32_t r = 0; r < rows; r++)
-        for (int c = 0; c < 3; c++)
-            out[r][c] = sum_lanes(&sum[r][c]) * q->scale;
 }
 
-static void expand_row(const uint16_t *u, uint32_t points, const float y[3], float out[3][TRANSPORT_POINTS])
+/* y [rank][3] = V times the sky, by colours. */
+static void project(const struct transport_piece *q, const struct transport_sky *sky, float y[][3])
 {
-    for (uint32_t p = 0; p < points; p += PACKET) {
-        struct lanes x;
-        widen_lanes(u + p, &x);
-        for (int c = 0; c < 3; c++)
-            LANES(l) out[c][p + (uint32_t)l] += x.v[l] * y[c];
+    const uint16_t *v = q->halves;
+
+    for (uint32_t first = 0; first < q->rank; first += TRANSPORT_TOGETHER) {
+        const uint32_t rows = q->rank - first < TRANSPORT_TOGETHER ? q->rank - first : TRANSPORT_TOGETHER;
+        struct lanes sum[TRANSPORT_TOGETHER][3];
+        memset(sum, 0, sizeof(sum));
+        if (rows == TRANSPORT_TOGETHER)
+            project_rows(q, sky, v, TRANSPORT_TOGETHER, sum);
+        else
+            project_rows(q, sky, v, rows, sum);
+        v += (size_t)rows * q->chunk_count * TRANSPORT_CHUNK;
+        sum_lanes(sum[0], 3 * rows, y[first]);
+        for (uint32_t r = first; r < first + rows; r++)
+            for (int c = 0; c < 3; c++)
+                y[r][c] *= q->scale;
     }
+}
+
+/* One packet's sums out of U and y. */
+static inline void expand_packet(const uint16_t *u, uint32_t rank, float y[][3], struct lanes out[3])
+{
+    memset(out, 0, 3 * sizeof(*out));
+    for (uint32_t k = 0; k < rank; k++, u += PACKET) {
+        struct lanes x;
+        widen_lanes(u, &x);
+        LANES(l)
+        {
+            out[0].v[l] += x.v[l] * y[k][0];
+            out[1].v[l] += x.v[l] * y[k][1];
+            out[2].v[l] += x.v[l] * y[k][2];
+        }
+    }
+}
+
+static void take_packet(const struct transport_piece *q, float y[][3], uint32_t packet, struct lanes out[3])
+{
+    const uint16_t *u = q->halves + (size_t)q->rank * q->chunk_count * TRANSPORT_CHUNK;
+
+    if (!q->raw) {
+        expand_packet(u + (size_t)packet * q->rank * PACKET, q->rank, y, out);
+        return;
+    }
+    for (int c = 0; c < 3; c++)
+        LANES(l) out[c].v[l] = y[packet * PACKET + (uint32_t)l][c];
 }
 
 static void expand(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
                    float out[3][TRANSPORT_POINTS])
 {
-    const uint16_t *u = q->halves + (size_t)q->rank * q->chunk_count * TRANSPORT_CHUNK;
+    float y[TRANSPORT_POINTS][3];
 
     memset(out, 0, 3 * TRANSPORT_POINTS * sizeof(float));
-    for (uint32_t k = 0; q->halves && k < q->rank; k += TOGETHER) {
-        const uint32_t rows = q->rank - k < TOGETHER ? q->rank - k : TOGETHER;
-        float y[TOGETHER][3];
-        project(q, sky, k, rows, y);
-        for (uint32_t r = 0; r < rows; r++) {
-            if (!q->raw)
-                expand_row(u + (size_t)(k + r) * points, points, y[r], out);
-            for (int c = 0; c < 3 && q->raw; c++)
-                out[c][k + r] = y[r][c];
+    if (!q->halves)
+        return;
+    project(q, sky, y);
+    for (uint32_t k = 0; k < points / PACKET; k++) {
+        struct lanes sum[3];
+        take_packet(q, y, k, sum);
+        for (int c = 0; c < 3; c++)
+            memcpy(&out[c][k * PACKET], sum[c].v, sizeof(sum[c]));
+    }
+}
+
+/* A compressed row may come out below 0 by its error, radiance may not. */
+static inline void add_coloured(const struct shade_packet *p, uint32_t row, const struct lanes sum[3], float *lo)
+{
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            const float x = sum[c].v[l] > 0.0f ? sum[c].v[l] : 0.0f;
+            lo[c * PACKET + l] += transport_row_colour(p, row, c, (uint32_t)l) * x;
+        }
+}
+
+static void cells(const struct transport_block *b, const struct shade_packet *packets, const struct transport_sky *sky,
+                  float *lo)
+{
+    memset(lo, 0, (size_t)b->packets * 3 * PACKET * sizeof(float));
+    for (uint32_t k = 0; k < b->packets; k++)
+        for (int c = 0; c < 3; c++)
+            __builtin_prefetch(packets[k].diffuse[c]);
+    for (uint32_t r = 0; r < b->rows; r++) {
+        const struct transport_piece *q = &b->pieces[r];
+        float y[TRANSPORT_POINTS][3];
+        if (!q->halves)
+            continue;
+        project(q, sky, y);
+        for (uint32_t k = 0; k < b->packets; k++) {
+            struct lanes sum[3];
+            take_packet(q, y, k, sum);
+            add_coloured(&packets[k], r, sum, lo + (size_t)k * 3 * PACKET);
         }
     }
 }
@@ -366,4 +430,4 @@ static uint64_t bright(const struct rays *rays, const struct transport_bright *b
 }
 
 extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
-const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = { trace, expand, bright, widen };
+const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = { trace, cells, expand, bright, widen };

@@ -16,6 +16,7 @@
 #define TRANSPORT_ROWS 3
 #define TRANSPORT_PACKETS 4
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
+#define TRANSPORT_TOGETHER 4
 #define TRANSPORT_VARIANTS 256
 #define TRANSPORT_MORE 8 /* strata of the bright part to each ray that is traced at first; a power of two */
 
@@ -24,8 +25,9 @@ struct transport_matrix {
     _Alignas(64) float at[TRANSPORT_CELLS][TRANSPORT_POINTS];
 };
 
-/* The row compressed: T = U V, V [rank][16 chunk_count], U [rank][points] behind it, both half floats; raw: T itself,
- * as V [points][16 chunk_count]. Cells that are zero for all points are left out in chunks. */
+/* The row compressed: T = U V, both half floats. V comes first, TRANSPORT_TOGETHER of its rows side by side (the last
+ * ones fewer) and within them chunk by chunk; U follows packet by packet, [points / 16][rank][16]. raw: T itself, its
+ * points being V's rows. Cells that are zero for all points are left out in chunks. */
 struct transport_piece {
     uint16_t *halves; /* NULL: all is zero */
     uint32_t rank;    /* rows of V */
@@ -73,6 +75,9 @@ struct transport_kernels {
      * rays traced. Every entry of the columns is written. */
     uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
                       struct transport_matrix *out, uint32_t first);
+    /* The lower part of the block's light into lo [packets][3][16]: rows times the sky, coloured. */
+    void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct transport_sky *sky,
+                  float *lo);
     /* out[c][point] = sum over the cells of T L. points: a multiple of 16. */
     void (*expand)(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
@@ -110,13 +115,17 @@ static inline float transport_row_colour(const struct shade_packet *p, uint32_t 
     return row == 1 ? f0 : 1.0f;
 }
 
-/* Fills *out from the matrix, points = 16 packets; it is destroyed. allowed: the square of the norm of what may be left
- * out; below 0: nothing is compressed. ERR_NOMEM. */
+/* What compression counts of a matrix: sum over points of scale^2 (sum over cells T^2 + sum over chunks (sum over their
+ * cells T)^2), the expected square under skies of which a cell is as uncertain by itself as with its chunk. */
+double transport_weigh(const struct transport_matrix *m, uint32_t points, const float *scale);
+
+/* Fills *out from the matrix, points = 16 packets; it is destroyed. scale [points]: what a point's error counts, above
+ * 0. allowed: what may be left out, in transport_weigh's terms; below 0: nothing is compressed. ERR_NOMEM. */
 struct transport_workspace;
 struct transport_workspace *transport_workspace_create(void);
 void transport_workspace_destroy(struct transport_workspace *w);
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
-                                       double allowed, struct transport_piece *out);
+                                       const float *scale, double allowed, struct transport_piece *out);
 
 /* Bytes of halves that a piece holds. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
