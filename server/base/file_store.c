@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 #define PATH_ROOM 4096
@@ -63,18 +64,37 @@ static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd
     return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) stand beside it", path, NAME_TRIES);
 }
 
-/* 0 or errno. Pipes and devices know no fsync. */
-static int write_fully(int fd, const uint8_t *bytes, size_t size)
+#define TOGETHER 256 /* parts to one call of the system */
+
+/* 0 or errno. */
+static int write_parts(int fd, const struct file_part *parts, size_t count)
 {
-    while (size > 0) {
-        const ssize_t n = write(fd, bytes, size);
-        if (n < 0 && errno == EINTR)
+    size_t written = 0; /* of the first part */
+
+    while (count > 0) {
+        struct iovec list[TOGETHER];
+        const int n = count < TOGETHER ? (int)count : TOGETHER;
+        for (int k = 0; k < n; k++)
+            list[k] =
+                (struct iovec){ (uint8_t *)parts[k].bytes + (k ? 0 : written), parts[k].size - (k ? 0 : written) };
+        const ssize_t got = writev(fd, list, n);
+        if (got < 0 && errno == EINTR)
             continue;
-        if (n < 0)
+        if (got < 0)
             return errno;
-        bytes += n;
-        size -= (size_t)n;
+        for (written += (size_t)got; count > 0 && written >= parts->size; count--, parts++)
+            written -= parts->size;
     }
+    return 0;
+}
+
+/* 0 or errno. Pipes and devices know no fsync. */
+static int write_fully(int fd, const struct file_part *parts, size_t count)
+{
+    const int failed = write_parts(fd, parts, count);
+
+    if (failed)
+        return failed;
     return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
 }
 
@@ -101,7 +121,7 @@ static bool is_replaceable(const char *path)
     return lstat(path, &st) != 0 || S_ISREG(st.st_mode);
 }
 
-enum err file_store(const char *path, const void *bytes, size_t size, struct reason *why)
+enum err file_store_parts(const char *path, const struct file_part *parts, size_t count, struct reason *why)
 {
     char temporary[PATH_ROOM];
     int fd = -1;
@@ -116,7 +136,7 @@ enum err file_store(const char *path, const void *bytes, size_t size, struct rea
     }
     if (e)
         return e;
-    int failed = write_fully(fd, bytes, size);
+    int failed = write_fully(fd, parts, count);
     if (failed)
         e = say_errno(why, path, "write the file", failed);
     else if (replace && rename(temporary, path) != 0) /* while it is locked: nobody else may have begun to write it */
@@ -128,4 +148,9 @@ enum err file_store(const char *path, const void *bytes, size_t size, struct rea
     if (!e && replace && (failed = sync_folder(path)) != 0)
         e = say_errno(why, path, "sync its folder", failed);
     return e;
+}
+
+enum err file_store(const char *path, const void *bytes, size_t size, struct reason *why)
+{
+    return file_store_parts(path, &(struct file_part){ bytes, size }, 1, why);
 }

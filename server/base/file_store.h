@@ -14,4 +14,11 @@
  * last one wins; within a process one thread at a time. ERR_IO names path and cause: a full disk, a missing folder. */
 MUST_CHECK enum err file_store(const char *path, const void *bytes, size_t size, struct reason *why);
 
+/* The same for what lies in several pieces, one after the other. */
+struct file_part {
+    const void *bytes;
+    size_t size;
+};
+MUST_CHECK enum err file_store_parts(const char *path, const struct file_part *parts, size_t count, struct reason *why);
+
 #endif

@@ -300,6 +300,21 @@ static enum err run_video(struct chart *c, struct reason *why)
     return e ? e : write_files(c, why);
 }
 
+/* The folder of references: the one that was asked for, or the user's own. */
+static enum err find_cache(struct chart *c, struct reason *why)
+{
+    const char *asked = c->desc->cache;
+
+    if (asked && asked[0]) {
+        if (snprintf(c->cache, sizeof(c->cache), "%s", asked) >= (int)sizeof(c->cache))
+            return err_say(why, ERR_IO, "%.200s...: the path is too long", asked);
+    } else if (folder_cache("relight-chart", c->cache, sizeof(c->cache), NULL)) {
+        return err_say(why, ERR_USAGE,
+                       "neither XDG_CACHE_HOME nor HOME is set: --cache DIR says where references are kept");
+    }
+    return folder_make(c->cache, why);
+}
+
 /* Everything that can be found wrong before the work. */
 static enum err check(struct chart *c, struct reason *why)
 {
@@ -319,7 +334,7 @@ static enum err check(struct chart *c, struct reason *why)
     if (!e && access(d->out, W_OK) != 0)
         e = err_say(why, ERR_IO, "--out %s: %s", d->out, strerror(errno));
     if (!e)
-        e = folder_cache(d->cache, c->cache, sizeof(c->cache), why);
+        e = find_cache(c, why);
     if (e)
         return e;
     for (int k = 0; k < LIGHT_CLASSES; k++) {

@@ -2,12 +2,12 @@
 
 #include "baselines/path.h"
 #include "clock.h"
-#include "digest.h"
 #include "log.h"
 #include "mem.h"
 #include "progress.h"
 #include "resolve.h"
 #include "rng.h"
+#include "scene_digest.h"
 #include "truth_file.h"
 
 #include <inttypes.h>
@@ -35,6 +35,20 @@ struct maker { /* of one reference */
 static size_t values_of(const struct truth_desc *d)
 {
     return 3 * (size_t)d->set->view.width * d->set->view.height;
+}
+
+/* The frame's bytes or texels and its layout, not its name or number. */
+static void digest_frame(struct digest *d, const struct frame *frame)
+{
+    digest_u64(d, (uint64_t)frame->kind);
+    digest_bytes(d, frame->layout, strlen(frame->layout));
+    if (frame->kind == FRAME_FILE) {
+        digest_bytes(d, frame->faces, sizeof(frame->faces));
+        digest_bytes(d, frame->bytes, frame->size);
+    } else if (frame->kind == FRAME_TEXELS) {
+        digest_u64(d, (uint64_t)frame->width << 32 | frame->height);
+        digest_bytes(d, frame->rgb, 3 * sizeof(float) * frame->width * frame->height);
+    }
 }
 
 static struct digest key_of(const struct truth_desc *desc, int half)

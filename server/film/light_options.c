@@ -23,6 +23,10 @@ static const struct option_row table[LIGHT_OPTIONS] = {
     { "importance", "I", "of the sky's texels: luminance, mean or max", "luminance" },
     { "no-visibility", NULL, "trace no shadows, as the paper", NULL },
     { "cache-memory", "MB", "of --method cached: the most that what is computed beforehand may take", "1024" },
+    { "cache-file", "FILE",
+      "of --method cached: where that is kept for the next run, or off; left out: beside the scene, else among the "
+      "user's caches",
+      NULL },
     { "seed", "K", "of all random numbers", "0" },
     { NULL, NULL, NULL, NULL },
 };
@@ -138,6 +142,8 @@ enum err light_options_read(const struct options *o, struct relight_desc *light,
         e = importance_parse(options_get(o, "importance"), &environment->importance, why);
     if (!e)
         e = read_numbers(o, light, why);
+    const char *file = options_get(o, "cache-file");
+    light->cache_file = !file ? "" : strcmp(file, "off") == 0 ? NULL : file;
     light->direct.sun = options_on(o, "sun");
     light->direct.no_visibility = options_on(o, "no-visibility");
     set->interleave = light->direct.interleave;

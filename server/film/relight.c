@@ -28,6 +28,8 @@ static enum err load_scene(struct set *s, const struct set_desc *desc, struct re
     enum err e = ERR_OK;
 
     snprintf(s->name, sizeof(s->name), "%s", desc->scene ? desc->scene : "the built-in scene");
+    if (desc->scene && strlen(desc->scene) < sizeof(s->file))
+        strcpy(s->file, desc->scene);
     progress_begin(&line, "loading the scene", 0, desc->progress ? stderr : NULL);
     const double start = clock_seconds();
     if (desc->scene) {
@@ -75,6 +77,7 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
     const enum err e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
     s->gbuffer_ms = 1e3 * (clock_seconds() - start);
     progress_end(&line);
+    snprintf(s->camera, sizeof(s->camera), "%s", camera->name);
     view_init(&s->view, camera, desc->width, desc->height);
     if (!e)
         facts_of_set(s->scene, s->gbuffer, &s->facts);

@@ -23,7 +23,9 @@
 
 /* The stage with its camera: geometry, BVH and G-buffer. */
 struct set {
-    char name[256]; /* the scene file, or "the built-in scene" */
+    char name[256];  /* the scene file, or "the built-in scene" */
+    char file[4096]; /* the scene file; empty: the built-in one, or a path that is too long */
+    char camera[64]; /* its name */
     struct scene *scene;
     struct rays *rays;
     struct gbuffer *gbuffer;
@@ -54,6 +56,7 @@ struct relight_desc {
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: the most that its cache may take; 0: 1 GiB */
+    const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
 };
 
 struct relight_stats {           /* of one picture */
@@ -65,10 +68,11 @@ struct relight_stats {           /* of one picture */
     struct light_tracer_stats light;
     /* Where the method is a reference, which takes the whole picture, in shade_ms. */
     uint64_t reference_rays;
-    /* METHOD_CACHED: what the cache is, what this frame did with it, and what it took to compute it, in this very run;
-     * 0 where it was there. */
+    /* METHOD_CACHED: what the cache is, what this frame did with it, and what it took to compute it, or to load it, in
+     * this very run; 0 where it was there. */
     struct transport_stats cache;
     struct transport_frame_stats cache_frame;
+    bool cache_loaded; /* out of a file */
     double cache_ms;
     const char *bias; /* in what it is not right in the mean, in words; NULL: in nothing */
 };

@@ -4,107 +4,23 @@
 #include "rng.h"
 #include "transport_parts.h"
 
-#include <assert.h>
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
-#define SIDE 2
-#define SIDE_MAX 8
-#define LOBE_SAMPLES 64
-#define LOBE_SAMPLES_MAX 4096
-#define TOLERANCE 0.015f
-#define TOLERANCE_GLOSSY 0.01f
 #define FLOOR 0.03f
-#define MAX_BYTES ((uint64_t)1 << 30)
 #define BATCH 64 /* blocks between two looks at the memory */
 
 /* What building needs and what stays is made of. */
 struct build {
     struct transport *t;
-    const struct transport_desc *desc;
+    struct transport_desc desc; /* defaults filled in */
     struct transport_world world;
     struct transport_directions directions;
     float (*lobe_numbers)[2];
-    uint64_t max_bytes;
     uint32_t done; /* blocks */
     bool stopped;  /* out of memory, over the limit, or cancelled */
     enum err error;
 };
-
-/* ---- Blocks ---- */
-
-static bool shines(const struct shade_packet *p, uint32_t l)
-{
-    if (p->kind == LOBE_PHONG)
-        return p->specular[0][l] > 0.0f || p->specular[1][l] > 0.0f || p->specular[2][l] > 0.0f;
-    return p->kind == LOBE_GGX && p->gloss[l] > 0.0f;
-}
-
-static bool is_narrow(const struct shade_packet *p)
-{
-    for (uint32_t l = 0; l < p->count; l++)
-        if (shines(p, l) && (p->kind == LOBE_PHONG ? p->gloss[l] > TRANSPORT_EXPONENT : p->gloss[l] < TRANSPORT_ALPHA))
-            return true;
-    return false;
-}
-
-static uint32_t rows_of(const struct shade_packet *p)
-{
-    for (uint32_t l = 0; l < p->count; l++)
-        if (shines(p, l))
-            return p->kind == LOBE_PHONG ? 2 : 3;
-    return 1;
-}
-
-/* Packets of a kind and with as many rows that follow each other, four to a block; returns how many blocks there are,
- * which are written where there is room for them. */
-static uint32_t lay_out(const struct gbuffer *g, struct transport_block *blocks, uint32_t *left, uint32_t *left_count)
-{
-    uint32_t count = 0;
-    bool open = false; /* the last block may take one more */
-    struct transport_block b = { 0 };
-
-    *left_count = 0;
-    for (uint32_t i = 0; i < g->packet_count; i++) {
-        const struct shade_packet *p = &g->packets[i];
-        if (is_narrow(p)) {
-            if (left)
-                left[*left_count] = i;
-            ++*left_count;
-            open = false;
-            continue;
-        }
-        const uint32_t rows = rows_of(p);
-        if (!open || b.packets == TRANSPORT_PACKETS || b.rows != rows || g->packets[b.first].kind != p->kind) {
-            b = (struct transport_block){ .first = i, .rows = rows };
-            open = true;
-            count++;
-        }
-        b.packets++;
-        if (blocks)
-            blocks[count - 1] = b;
-    }
-    return count;
-}
-
-static enum err make_blocks(struct transport *t)
-{
-    const struct gbuffer *g = t->gbuffer;
-
-    t->block_count = lay_out(g, NULL, NULL, &t->left.count);
-    t->blocks = mem_alloc(t->block_count, sizeof(*t->blocks));
-    t->left_index = mem_alloc(t->left.count, sizeof(*t->left_index));
-    if (!t->blocks || !t->left_index)
-        return ERR_NOMEM;
-    lay_out(g, t->blocks, t->left_index, &t->left.count);
-    t->left.index = t->left_index;
-    t->stats.left = t->left.count;
-    t->stats.packets = g->packet_count - t->left.count;
-    t->stats.blocks = t->block_count;
-    t->stats.bytes = t->block_count * sizeof(*t->blocks) + t->left.count * sizeof(*t->left_index) + sizeof(*t);
-    return ERR_OK;
-}
 
 /* ---- Building ---- */
 
@@ -169,17 +85,14 @@ static void share_tolerance(const struct build *b, const struct transport_block 
                             const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS],
                             double allowed[TRANSPORT_ROWS])
 {
-    const struct transport_desc *d = b->desc;
-    const bool glossy = block->rows > 1;
-    const float asked = glossy ? d->tolerance_glossy : d->tolerance;
-    const double tolerance = (double)(asked > 0.0f ? asked : glossy ? TOLERANCE_GLOSSY : TOLERANCE);
+    const double tolerance = (double)(block->rows > 1 ? b->desc.tolerance_glossy : b->desc.tolerance);
     double whole = 0.0;
 
     fill_scales(b, block, matrices, scale);
     for (uint32_t r = 0; r < block->rows; r++)
         whole += transport_weigh(&matrices[r], block->packets * PACKET, scale[r]);
     for (uint32_t r = 0; r < block->rows; r++)
-        allowed[r] = asked < 0.0f ? -1.0 : tolerance * tolerance * whole / block->rows;
+        allowed[r] = tolerance < 0.0 ? -1.0 : tolerance * tolerance * whole / block->rows;
 }
 
 static enum err build_block(const struct build *b, struct bench *bench, struct transport_block *block, uint64_t *rays)
@@ -197,20 +110,6 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
         e = transport_compress(bench->workspace, &bench->matrices[r], block->packets * PACKET, scale[r], allowed[r],
                                &block->pieces[r]);
     return e;
-}
-
-static void count_block(struct transport *t, const struct transport_block *b)
-{
-    const uint32_t points = b->packets * PACKET;
-
-    for (uint32_t r = 0; r < b->rows; r++) {
-        const struct transport_piece *q = &b->pieces[r];
-        t->stats.bytes += transport_piece_bytes(q, points);
-        t->stats.dense += sizeof(uint16_t) * (uint64_t)points * TRANSPORT_CELLS;
-        t->stats.raw += q->raw;
-        t->stats.rank += q->raw ? 0 : q->rank;
-        t->stats.pieces++;
-    }
 }
 
 /* Blocks are built in an order that goes over the whole picture again and again, so that those at hand stand for all:
@@ -242,13 +141,13 @@ static uint32_t place_of(const struct build *b, uint32_t k, uint32_t step)
 static void close_batch(struct build *b, uint32_t until, uint32_t step, bool failed)
 {
     struct transport *t = b->t;
-    const bool cancelled = b->desc->cancel && atomic_load_explicit(b->desc->cancel, memory_order_relaxed);
+    const bool cancelled = b->desc.cancel && atomic_load_explicit(b->desc.cancel, memory_order_relaxed);
 
     for (; b->done < until && !failed && !cancelled; b->done++)
-        count_block(t, &t->blocks[place_of(b, b->done, step)]);
+        transport_count_block(t, &t->blocks[place_of(b, b->done, step)]);
     if (failed)
         b->error = ERR_NOMEM;
-    else if (!cancelled && t->stats.bytes > b->max_bytes)
+    else if (!cancelled && t->stats.bytes > b->desc.max_bytes)
         b->error = ERR_RANGE;
     b->stopped = cancelled || b->error != ERR_OK;
 }
@@ -270,13 +169,13 @@ static void build_all(struct build *b)
 #pragma omp for schedule(dynamic, 1)
             for (uint32_t k = first; k < until; k++) {
                 struct transport_block *block = &t->blocks[place_of(b, k, step)];
-                if (b->desc->cancel && atomic_load_explicit(b->desc->cancel, memory_order_relaxed))
+                if (b->desc.cancel && atomic_load_explicit(b->desc.cancel, memory_order_relaxed))
                     continue;
                 if (e || build_block(b, &bench, block, &rays)) {
 #pragma omp atomic
                     failed++;
                 }
-                progress_step(b->desc->progress, block->packets);
+                progress_step(b->desc.progress, block->packets);
             }
 #pragma omp single
             close_batch(b, until, step, failed != 0);
@@ -289,11 +188,10 @@ static void build_all(struct build *b)
 
 static enum err begin_build(struct build *b)
 {
-    const struct transport_desc *d = b->desc;
-    const uint32_t samples = d->lobe_samples ? d->lobe_samples : LOBE_SAMPLES;
-    struct transport *t = b->t;
+    const struct transport_desc *d = &b->desc;
+    const uint32_t samples = d->lobe_samples;
 
-    enum err e = transport_directions_init(&b->directions, d->per_cell ? d->per_cell : SIDE, rng_mix(d->seed, 0));
+    enum err e = transport_directions_init(&b->directions, d->per_cell, rng_mix(d->seed, 0));
     b->lobe_numbers = mem_alloc(samples, sizeof(*b->lobe_numbers));
     if (e || !b->lobe_numbers)
         return ERR_NOMEM;
@@ -303,46 +201,30 @@ static enum err begin_build(struct build *b)
         for (int k = 0; k < 2; k++)
             b->lobe_numbers[i][k] = fminf((float)x[k], 1.0f - 0x1p-24f);
     }
-    b->world = (struct transport_world){ .rays = t->rays,
+    b->world = (struct transport_world){ .rays = b->t->rays,
                                          .directions = &b->directions,
                                          .lobe_numbers = (const float(*)[2])b->lobe_numbers,
                                          .lobe_samples = samples };
     transport_compress_begin();
-    return make_blocks(t);
-}
-
-static enum err say_too_large(const struct build *b, struct reason *why)
-{
-    const struct gbuffer *g = b->t->gbuffer;
-    const double all = (double)b->t->stats.bytes * b->t->block_count / b->done;
-
-    return err_say(why, ERR_RANGE,
-                   "the cache of light transport for %ux%u takes about %.0f MB and may take %.0f: smaller pictures, or "
-                   "a larger --cache-memory",
-                   g->width, g->height, ceil(1e-6 * all), 1e-6 * (double)b->max_bytes);
+    return ERR_OK;
 }
 
 enum err transport_create(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                           const struct transport_desc *desc, struct transport **out, struct reason *why)
 {
-    struct transport *t = mem_alloc(1, sizeof(*t));
-    struct build b = { .t = t, .desc = desc, .max_bytes = desc->max_bytes ? desc->max_bytes : MAX_BYTES };
+    struct transport *t = transport_begin(g, rays, kernels, desc);
+    struct build b = { .t = t, .desc = transport_resolve(desc) };
 
-    assert(desc->per_cell <= SIDE_MAX && desc->lobe_samples <= LOBE_SAMPLES_MAX);
     *out = NULL;
     if (!t)
         return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
-    t->gbuffer = g;
-    t->rays = desc->no_visibility ? NULL : rays;
-    t->kernels = kernels->transport;
     b.error = begin_build(&b);
     if (!b.error)
         build_all(&b);
-    const uint32_t compressed = t->stats.pieces - t->stats.raw;
-    t->stats.rank /= compressed ? compressed : 1;
+    transport_close_stats(t);
     enum err e = b.error;
     if (e == ERR_RANGE)
-        say_too_large(&b, why);
+        e = transport_say_too_large(t, b.done, b.desc.max_bytes, why);
     else if (e)
         err_say(why, e, "no memory for the cache of light transport");
     else if (!b.stopped) {

@@ -115,6 +115,22 @@ static inline float transport_row_colour(const struct shade_packet *p, uint32_t 
     return row == 1 ? f0 : 1.0f;
 }
 
+/* desc with its defaults filled in. */
+struct transport_desc transport_resolve(const struct transport_desc *desc);
+
+/* A cache whose blocks have no pieces yet: they, the packets that are left, and what all that takes. NULL when out of
+ * memory. */
+struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
+                                  const struct transport_desc *desc);
+
+/* Adds a finished block to the statistics; once all are, transport_close_stats. */
+void transport_count_block(struct transport *t, const struct transport_block *b);
+void transport_close_stats(struct transport *t);
+
+/* ERR_RANGE, with what all blocks would take, by the first `blocks` that are counted. */
+MUST_CHECK enum err transport_say_too_large(const struct transport *t, uint32_t blocks, uint64_t max_bytes,
+                                            struct reason *why);
+
 /* What compression counts of a matrix: sum over points of scale^2 (sum over cells T^2 + sum over chunks (sum over their
  * cells T)^2), the expected square under skies of which a cell is as uncertain by itself as with its chunk. */
 double transport_weigh(const struct transport_matrix *m, uint32_t points, const float *scale);

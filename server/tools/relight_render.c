@@ -41,7 +41,7 @@ struct render {
     struct relighter *relighter; /* or, where a time or an error is wished for, */
     struct pilot *pilot;
     struct pilot_wish wish;
-    double cache_ms; /* of computing what --method cached needs, once */
+    double cache_ms; /* of computing or loading what --method cached needs, once */
     double beside_s; /* of a frame, what is not light: reading and writing it, smoothed */
     struct environment *environment;
     struct jpeg_encoder *jpeg;
@@ -300,11 +300,13 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
     const struct transport_stats *c = &s->cache;
     const struct transport_frame_stats *f = &s->cache_frame;
 
-    return json_pack("{s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "precomputation_ms",
-                     r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes", (json_int_t)c->dense, "rays",
-                     (json_int_t)c->rays, "packets", (int)c->packets, "packets_left", (int)c->left, "pieces",
-                     (int)c->pieces, "raw", (int)c->raw, "mean_rank", c->rank, "bright", "texels", (int)f->bright,
-                     "share", f->share, "rays", (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra);
+    return json_pack("{s:b, s:f, s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "loaded",
+                     s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
+                     s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes",
+                     (json_int_t)c->dense, "rays", (json_int_t)c->rays, "packets", (int)c->packets, "packets_left",
+                     (int)c->left, "pieces", (int)c->pieces, "raw", (int)c->raw, "mean_rank", c->rank, "bright",
+                     "texels", (int)f->bright, "share", f->share, "rays", (json_int_t)f->rays, "penumbra_packets",
+                     (int)f->penumbra);
 }
 
 static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,

@@ -3,6 +3,7 @@ set -euo pipefail
 bin=${RELIGHT_BIN:?the folder of the programs}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+export XDG_CACHE_HOME=$work/cache
 
 fail() {
     echo "FAILED: $*"

@@ -258,6 +258,44 @@ assert all(c["bright"]["texels"] > 0 and 0 < c["bright"]["share"] < 1 for c in c
 PY
 }
 
+# The second run says that it has loaded what the first has computed, beside the scene, and its picture is the same to the
+# bit; a scene that has changed is computed anew, and where the folder cannot be written nothing stands beside it.
+a_cache_is_kept_beside_the_scene_and_loaded_again() {
+    local run file="$work/box.json.main-96x54.transport"
+    box_scene "$work"
+    for run in 1 2; do
+        "$bin/relight-render" --method cached --scene "$work/box.json" --size 96x54 --paths direct \
+            --out "$work/$run.exr" --stats "$work/$run.json" 2>"$work/log.$run"
+    done
+    [ -s "$file" ] || fail "no $file, but $(ls "$work")"
+    grep -q 'light transport: loaded in' "$work/log.2" || fail "no word of it"
+    cmp "$work/1.exr" "$work/2.exr" || fail "other bits"
+    /usr/bin/python3 -B - "$work" <<'PY' || fail "statistics"
+import json, sys
+first, second = (json.load(open(f"{sys.argv[1]}/{k}.json"))[0]["cache"] for k in (1, 2))
+assert not first["loaded"] and first["load_ms"] == 0 < first["precomputation_ms"]
+assert second["loaded"] and second["precomputation_ms"] == 0 < second["load_ms"] < first["precomputation_ms"]
+assert first["bytes"] == second["bytes"] and first["rays"] == second["rays"]
+PY
+    sed -i 's/0.8, 0/0.9, 0/' "$work/box.json"
+    expect 0 "box.json.main-96x54.transport: was made for another scene" "$bin/relight-render" --method cached \
+        --scene "$work/box.json" --size 96x54 --paths direct --out "$work/3.exr"
+    expect 0 'light transport: loaded in' "$bin/relight-render" --method cached \
+        --scene "$work/box.json" --size 96x54 --paths direct --out "$work/3.exr"
+}
+
+a_cache_goes_to_the_users_own_where_the_scenes_folder_is_closed() {
+    [ "$(id -u)" != 0 ] || { echo "skipped: root may write everywhere"; exit 77; }
+    mkdir "$work/closed"
+    box_scene "$work/closed"
+    chmod 555 "$work/closed"
+    "$bin/relight-render" --method cached --scene "$work/closed/box.json" --size 96x54 --paths direct --out "$work/1.exr"
+    chmod 755 "$work/closed"
+    [ "$(ls "$work/closed")" = 'box.json
+box.obj' ] || fail "something was written beside the scene"
+    [ "$(find "$XDG_CACHE_HOME/relightd" -name 'box.json.main-96x54-*.transport' | wc -l)" = 1 ] || fail "no cache"
+}
+
 a_cache_that_is_too_large_is_refused() {
     expect 1 'takes about [0-9]+ MB and may take 1: smaller pictures, or a larger --cache-memory' \
         "$bin/relight-render" --method cached --cache-memory 1 --size 160x90 --paths direct --out "$work/none.exr"
@@ -269,7 +307,7 @@ a_cache_that_is_too_large_is_refused() {
 every_cpu_level_gives_the_same_picture() {
     local level code options made=0
     for options in 'exr --method mis --samples 16' 'jpg --method auto --samples 7' 'jpg --method brdf --tone reinhard' \
-        'exr --method faces --sun --cells 4 --samples 33' 'exr --method cached --samples 16'; do
+        'exr --method faces --sun --cells 4 --samples 33' 'exr --method cached --cache-file off --samples 16'; do
         for level in baseline v3 v4; do
             code=0
             # shellcheck disable=SC2086

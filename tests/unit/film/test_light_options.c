@@ -15,7 +15,8 @@ static enum err read_line(const char *line, struct read *out)
 {
     struct option_row none[] = { { NULL, NULL, NULL, NULL } }, rows[LIGHT_OPTIONS];
     struct options o = { .program = "test", .rows = none, .shared = rows };
-    char copy[256], *argv[16] = { "test" };
+    static char copy[256]; /* what was read points into it */
+    char *argv[16] = { "test" };
     int argc = 1;
     bool done = false;
 
@@ -44,6 +45,7 @@ static void defaults_are_those_of_the_program(void **state)
     assert_int_equal(r.light.direct.cells, 1);
     assert_int_equal(r.light.direct.interleave, 1);
     assert_int_equal(r.light.cache_bytes, 1024000000);
+    assert_string_equal(r.light.cache_file, "");
     assert_int_equal(r.light.direct.compensate, COMPENSATE_OFF);
     assert_false(r.light.direct.sun || r.light.direct.no_visibility);
     assert_int_equal(r.environment.importance, IMPORTANCE_LUMINANCE);
@@ -75,6 +77,10 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_int_equal(read_line("--method cached --cache-memory 7", &r), ERR_OK);
     assert_int_equal(r.light.direct.method, METHOD_CACHED);
     assert_int_equal(r.light.cache_bytes, 7000000);
+    assert_int_equal(read_line("--cache-file off", &r), ERR_OK);
+    assert_null(r.light.cache_file);
+    assert_int_equal(read_line("--cache-file there", &r), ERR_OK);
+    assert_string_equal(r.light.cache_file, "there");
 
     assert_int_equal(read_line("--interleave 2 --importance max --no-visibility --paths direct", &r), ERR_OK);
     assert_int_equal(r.light.direct.interleave, 2);

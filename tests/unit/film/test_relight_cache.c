@@ -3,6 +3,9 @@
 #include "relight.h"
 #include "shade/points.h"
 
+#include <sys/stat.h>
+#include <unistd.h>
+
 enum { WIDTH = 64, HEIGHT = 36 };
 
 struct stage {
@@ -135,10 +138,102 @@ static void without_visibility_it_is_another(void **state)
     stage_finish(&s);
 }
 
+/* ---- Files ---- */
+
+/* A folder of its own as the user's caches; returns its path, static storage. */
+static const char *own_caches(void)
+{
+    static char path[64];
+
+    strcpy(path, "/tmp/relight-caches-XXXXXX");
+    assert_non_null(mkdtemp(path));
+    assert_int_equal(setenv("XDG_CACHE_HOME", path, 1), 0);
+    return path;
+}
+
+/* Another relighter, as if in another run, makes the picture; true when its cache was loaded. */
+static bool run_anew(struct stage *s, const struct relight_desc *light, float **lo)
+{
+    const size_t floats = (size_t)s->set->gbuffer->packet_count * 3 * PACKET;
+    struct relight_stats stats;
+
+    relighter_destroy(s->relighter);
+    s->relighter = relighter_create(s->set, best_kernels());
+    assert_int_equal(run(s, light, &stats), ERR_OK);
+    assert_true(stats.cache_ms > 0.0);
+    *lo = mem_alloc(floats, sizeof(float));
+    memcpy(*lo, relighter_points(s->relighter), floats * sizeof(float));
+    return stats.cache_loaded;
+}
+
+/* The file of the built-in scene is made in a folder that was not there, and loaded by the next run; one that is
+ * damaged or of another seed is replaced. All give the same bits. */
+static void another_run_loads_what_one_has_computed(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16, .no_visibility = true },
+                                  .cache_file = "" };
+    struct stage s = stage_make();
+    const size_t bytes = (size_t)s.set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
+    float *first, *again;
+    char name[128], folder[96];
+    (void)state;
+
+    const char *caches = own_caches();
+    snprintf(folder, sizeof(folder), "%s/relightd", caches);
+    snprintf(name, sizeof(name), "%s/builtin.main-%ux%u.transport", folder, WIDTH, HEIGHT);
+    assert_false(run_anew(&s, &light, &first));
+    for (int k = 0; k < 6; k++) {
+        if (k == 2) { /* in the middle, as a failing disk might */
+            FILE *f = fopen(name, "r+b");
+            assert_true(f && fseek(f, 200000, SEEK_SET) == 0 && fwrite("?", 1, 1, f) == 1 && fclose(f) == 0);
+        }
+        light.direct.seed = k == 4;
+        const bool loaded = run_anew(&s, &light, &again);
+        assert_int_equal(loaded, k != 2 && k != 4 && k != 5); /* 5: what 4 has left there is of another seed */
+        assert_int_equal(memcmp(first, again, bytes) == 0, k != 4);
+        mem_free(again);
+    }
+    mem_free(first);
+    assert_int_equal(unlink(name), 0);
+    assert_int_equal(rmdir(folder), 0);
+    assert_int_equal(rmdir(caches), 0);
+    stage_finish(&s);
+}
+
+/* A name of one's own; none; and places that cannot be: the picture comes all the same. */
+static void files_are_where_they_are_asked_for_or_nowhere(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16, .no_visibility = true } };
+    struct stage s = stage_make();
+    float *lo;
+    char name[96], other[96];
+    (void)state;
+
+    const char *caches = own_caches();
+    snprintf(name, sizeof(name), "%s/mine", caches);
+    snprintf(other, sizeof(other), "%s/no/folder", caches);
+    const char *const asked[] = { NULL, name, name, other };
+    for (int k = 0; k < 4; k++) {
+        light.cache_file = asked[k];
+        assert_int_equal(run_anew(&s, &light, &lo), k == 2);
+        assert_int_equal(access(name, R_OK) == 0, k > 0);
+        mem_free(lo);
+    }
+    assert_int_equal(unlink(name), 0);
+    assert_int_equal(rmdir(caches), 0); /* nothing else was made in it */
+    setenv("XDG_CACHE_HOME", "/dev/null", 1);
+    light.cache_file = "";
+    assert_false(run_anew(&s, &light, &lo));
+    mem_free(lo);
+    stage_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(it_is_computed_once_and_told_apart),
     cmocka_unit_test(what_it_leaves_is_sampled_as_auto_does),
     cmocka_unit_test(one_that_is_too_large_is_refused),
     cmocka_unit_test(without_visibility_it_is_another),
+    cmocka_unit_test(another_run_loads_what_one_has_computed),
+    cmocka_unit_test(files_are_where_they_are_asked_for_or_nowhere),
 };
 UNIT_MAIN(tests)

@@ -1,31 +1,6 @@
-#include "digest.h"
+#include "scene_digest.h"
 
-#include "rng.h"
-
-#include <string.h>
-
-void digest_begin(struct digest *d)
-{
-    *d = (struct digest){ { 0x6368617274u, 0x7472757468u } };
-}
-
-void digest_u64(struct digest *d, uint64_t value)
-{
-    d->half[0] = rng_mix(d->half[0], value);
-    d->half[1] = rng_mix(value, d->half[1]);
-}
-
-void digest_bytes(struct digest *d, const void *bytes, size_t size)
-{
-    const unsigned char *p = bytes;
-
-    digest_u64(d, size);
-    for (size_t i = 0; i < size; i += 8) {
-        uint64_t word = 0;
-        memcpy(&word, p + i, size - i < 8 ? size - i : 8);
-        digest_u64(d, word);
-    }
-}
+#include <stddef.h>
 
 static void digest_mesh(struct digest *d, const struct mesh *m)
 {
@@ -69,15 +44,18 @@ void digest_view(struct digest *d, const struct view *view)
     digest_u64(d, (uint64_t)view->width << 32 | view->height);
 }
 
-void digest_frame(struct digest *d, const struct frame *frame)
+void digest_geometry(struct digest *d, const struct scene *scene)
 {
-    digest_u64(d, (uint64_t)frame->kind);
-    digest_bytes(d, frame->layout, strlen(frame->layout));
-    if (frame->kind == FRAME_FILE) {
-        digest_bytes(d, frame->faces, sizeof(frame->faces));
-        digest_bytes(d, frame->bytes, frame->size);
-    } else if (frame->kind == FRAME_TEXELS) {
-        digest_u64(d, (uint64_t)frame->width << 32 | frame->height);
-        digest_bytes(d, frame->rgb, 3 * sizeof(float) * frame->width * frame->height);
+    for (size_t i = 0; i < scene->mesh_count; i++) {
+        const struct mesh *m = &scene->meshes[i];
+        digest_bytes(d, m->positions, 3 * sizeof(float) * m->vertex_count);
+        digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
     }
+}
+
+void digest_points(struct digest *d, const struct gbuffer *g)
+{
+    digest_u64(d, (uint64_t)g->width << 32 | g->height);
+    for (uint32_t i = 0; i < g->packet_count; i++) /* without what fills a packet up to its alignment */
+        digest_bytes(d, &g->packets[i], offsetof(struct shade_packet, set) + sizeof(g->packets[i].set));
 }

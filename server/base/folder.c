@@ -32,22 +32,16 @@ enum err folder_make(const char *path, struct reason *why)
     }
 }
 
-enum err folder_cache(const char *asked, char *path, size_t size, struct reason *why)
+enum err folder_cache(const char *program, char *path, size_t size, struct reason *why)
 {
     const char *cache = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
     int n;
 
-    if (asked && asked[0])
-        n = snprintf(path, size, "%s", asked);
-    else if (cache && cache[0] == '/')
-        n = snprintf(path, size, "%s/relight-chart", cache);
+    if (cache && cache[0] == '/')
+        n = snprintf(path, size, "%s/%s", cache, program);
     else if (home && home[0] == '/')
-        n = snprintf(path, size, "%s/.cache/relight-chart", home);
+        n = snprintf(path, size, "%s/.cache/%s", home, program);
     else
-        return err_say(why, ERR_USAGE,
-                       "neither XDG_CACHE_HOME nor HOME is set: --cache DIR says where references are "
-                       "kept");
-    if (n < 0 || (size_t)n >= size - 64)
-        return err_say(why, ERR_IO, "%.200s...: the path is too long", path);
-    return folder_make(path, why);
+        return err_say(why, ERR_USAGE, "neither XDG_CACHE_HOME nor HOME is set");
+    return n < 0 || (size_t)n >= size ? err_say(why, ERR_IO, "%.200s...: the path is too long", path) : ERR_OK;
 }

@@ -1,0 +1,147 @@
+/* How the packets of a G-buffer are dealt out to the blocks of the cache of light transport, and what those take. */
+#include "mem.h"
+#include "transport_parts.h"
+
+#include <assert.h>
+#include <math.h>
+
+#define SIDE 2
+#define SIDE_MAX 8
+#define LOBE_SAMPLES 64
+#define LOBE_SAMPLES_MAX 4096
+#define TOLERANCE 0.015f
+#define TOLERANCE_GLOSSY 0.01f
+#define MAX_BYTES ((uint64_t)1 << 30)
+
+struct transport_desc transport_resolve(const struct transport_desc *desc)
+{
+    struct transport_desc d = *desc;
+
+    assert(d.per_cell <= SIDE_MAX && d.lobe_samples <= LOBE_SAMPLES_MAX);
+    d.per_cell = d.per_cell ? d.per_cell : SIDE;
+    d.lobe_samples = d.lobe_samples ? d.lobe_samples : LOBE_SAMPLES;
+    d.tolerance = d.tolerance == 0.0f ? TOLERANCE : d.tolerance;
+    d.tolerance_glossy = d.tolerance_glossy == 0.0f ? TOLERANCE_GLOSSY : d.tolerance_glossy;
+    d.max_bytes = d.max_bytes ? d.max_bytes : MAX_BYTES;
+    return d;
+}
+
+static bool shines(const struct shade_packet *p, uint32_t l)
+{
+    if (p->kind == LOBE_PHONG)
+        return p->specular[0][l] > 0.0f || p->specular[1][l] > 0.0f || p->specular[2][l] > 0.0f;
+    return p->kind == LOBE_GGX && p->gloss[l] > 0.0f;
+}
+
+static bool is_narrow(const struct shade_packet *p)
+{
+    for (uint32_t l = 0; l < p->count; l++)
+        if (shines(p, l) && (p->kind == LOBE_PHONG ? p->gloss[l] > TRANSPORT_EXPONENT : p->gloss[l] < TRANSPORT_ALPHA))
+            return true;
+    return false;
+}
+
+static uint32_t rows_of(const struct shade_packet *p)
+{
+    for (uint32_t l = 0; l < p->count; l++)
+        if (shines(p, l))
+            return p->kind == LOBE_PHONG ? 2 : 3;
+    return 1;
+}
+
+/* Packets of a kind and with as many rows that follow each other, four to a block; returns how many blocks there are,
+ * which are written where there is room for them. */
+static uint32_t lay_out(const struct gbuffer *g, struct transport_block *blocks, uint32_t *left, uint32_t *left_count)
+{
+    uint32_t count = 0;
+    bool open = false; /* the last block may take one more */
+    struct transport_block b = { 0 };
+
+    *left_count = 0;
+    for (uint32_t i = 0; i < g->packet_count; i++) {
+        const struct shade_packet *p = &g->packets[i];
+        if (is_narrow(p)) {
+            if (left)
+                left[*left_count] = i;
+            ++*left_count;
+            open = false;
+            continue;
+        }
+        const uint32_t rows = rows_of(p);
+        if (!open || b.packets == TRANSPORT_PACKETS || b.rows != rows || g->packets[b.first].kind != p->kind) {
+            b = (struct transport_block){ .first = i, .rows = rows };
+            open = true;
+            count++;
+        }
+        b.packets++;
+        if (blocks)
+            blocks[count - 1] = b;
+    }
+    return count;
+}
+
+static enum err make_blocks(struct transport *t)
+{
+    const struct gbuffer *g = t->gbuffer;
+
+    t->block_count = lay_out(g, NULL, NULL, &t->left.count);
+    t->blocks = mem_alloc(t->block_count, sizeof(*t->blocks));
+    t->left_index = mem_alloc(t->left.count, sizeof(*t->left_index));
+    if (!t->blocks || !t->left_index)
+        return ERR_NOMEM;
+    lay_out(g, t->blocks, t->left_index, &t->left.count);
+    t->left.index = t->left_index;
+    t->stats.left = t->left.count;
+    t->stats.packets = g->packet_count - t->left.count;
+    t->stats.blocks = t->block_count;
+    t->stats.bytes = t->block_count * sizeof(*t->blocks) + t->left.count * sizeof(*t->left_index) + sizeof(*t);
+    return ERR_OK;
+}
+
+struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
+                                  const struct transport_desc *desc)
+{
+    struct transport *t = mem_alloc(1, sizeof(*t));
+
+    if (!t)
+        return NULL;
+    t->gbuffer = g;
+    t->rays = desc->no_visibility ? NULL : rays;
+    t->kernels = kernels->transport;
+    if (make_blocks(t)) {
+        transport_destroy(t);
+        return NULL;
+    }
+    return t;
+}
+
+void transport_count_block(struct transport *t, const struct transport_block *b)
+{
+    const uint32_t points = b->packets * PACKET;
+
+    for (uint32_t r = 0; r < b->rows; r++) {
+        const struct transport_piece *q = &b->pieces[r];
+        t->stats.bytes += transport_piece_bytes(q, points);
+        t->stats.dense += sizeof(uint16_t) * (uint64_t)points * TRANSPORT_CELLS;
+        t->stats.raw += q->raw;
+        t->stats.rank += q->raw ? 0 : q->rank;
+        t->stats.pieces++;
+    }
+}
+
+enum err transport_say_too_large(const struct transport *t, uint32_t blocks, uint64_t max_bytes, struct reason *why)
+{
+    const double all = (double)t->stats.bytes * t->block_count / blocks;
+
+    return err_say(why, ERR_RANGE,
+                   "the cache of light transport for %ux%u takes about %.0f MB and may take %.0f: smaller pictures, or "
+                   "a larger --cache-memory",
+                   t->gbuffer->width, t->gbuffer->height, ceil(1e-6 * all), 1e-6 * (double)max_bytes);
+}
+
+void transport_close_stats(struct transport *t)
+{
+    const uint32_t compressed = t->stats.pieces - t->stats.raw;
+
+    t->stats.rank /= compressed ? compressed : 1;
+}

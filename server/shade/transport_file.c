@@ -1,0 +1,221 @@
+#include "transport_file.h"
+
+#include "mem.h"
+#include "scene_digest.h"
+#include "transport_parts.h"
+
+#include <math.h>
+#include <string.h>
+
+/* To be counted up whenever the same scene would get another transport: other directions, weights, rows, blocks. */
+#define FORMAT 2
+
+static const char index_name[] = "transport.index", halves_name[] = "transport.halves";
+
+/* The index: a head, and the pieces of all blocks in their order; the halves stand behind each other in the same. */
+struct head {
+    uint32_t blocks, pieces;
+    uint64_t rays;
+};
+
+struct record {
+    uint32_t rank;
+    float scale;
+    uint8_t raw, chunk_count;
+    uint8_t chunks[TRANSPORT_CHUNKS];
+    uint8_t zero[2];
+};
+
+_Static_assert(sizeof(struct head) == 16 && sizeof(struct record) == 108, "a section's layout has no padding");
+
+struct digest transport_key(const struct gbuffer *g, const struct scene *scene, const struct transport_desc *desc)
+{
+    const struct transport_desc d = transport_resolve(desc);
+    const float numbers[] = { d.tolerance, d.tolerance_glossy, TRANSPORT_EXPONENT, TRANSPORT_ALPHA };
+    struct digest key;
+
+    digest_begin(&key);
+    digest_u64(&key, FORMAT);
+    digest_u64(&key, TRANSPORT_EDGE);
+    digest_u64(&key, TRANSPORT_POINTS);
+    digest_u64(&key, (uint64_t)d.per_cell << 32 | d.lobe_samples);
+    digest_u64(&key, d.seed);
+    digest_u64(&key, d.no_visibility);
+    digest_bytes(&key, numbers, sizeof(numbers));
+    digest_points(&key, g);
+    digest_geometry(&key, scene);
+    return key;
+}
+
+/* ---- Saving ---- */
+
+void transport_save(const struct transport *t, const struct digest *key, struct cache_writer *w)
+{
+    const size_t size = sizeof(struct head) + t->stats.pieces * sizeof(struct record);
+    uint8_t *index = mem_alloc(size, 1), *at = index + sizeof(struct head);
+    const struct head head = { t->block_count, t->stats.pieces, t->stats.rays };
+
+    cache_writer_section(w, index_name, key);
+    if (index) {
+        memcpy(index, &head, sizeof(head));
+        for (uint32_t k = 0; k < t->block_count; k++)
+            for (uint32_t r = 0; r < t->blocks[k].rows; r++, at += sizeof(struct record)) {
+                const struct transport_piece *q = &t->blocks[k].pieces[r];
+                struct record record = { q->halves ? q->rank : 0, q->scale, q->raw, q->chunk_count, { 0 }, { 0 } };
+                memcpy(record.chunks, q->chunks, q->chunk_count);
+                memcpy(at, &record, sizeof(record));
+            }
+    }
+    cache_writer_give(w, index, size);
+    cache_writer_section(w, halves_name, key);
+    for (uint32_t k = 0; k < t->block_count; k++)
+        for (uint32_t r = 0; r < t->blocks[k].rows; r++) {
+            const struct transport_piece *q = &t->blocks[k].pieces[r];
+            cache_writer_put(w, q->halves, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
+        }
+}
+
+/* ---- Loading ---- */
+
+static enum err refuse(const struct cache_reader *r, struct reason *why, const char *what)
+{
+    return err_say(why, ERR_FORMAT, "%.200s: %s", cache_reader_path(r), what);
+}
+
+/* Whatever stands in a record, the loops that read the piece stay within its halves and the sky's cells. */
+static bool is_sound(const struct record *record, uint32_t points)
+{
+    int exponent;
+
+    if (record->raw > 1 || record->chunk_count > TRANSPORT_CHUNKS || record->rank > points)
+        return false;
+    if (record->raw && record->rank != points)
+        return false;
+    if (record->rank > 0 && record->chunk_count == 0)
+        return false;
+    if (!(record->scale > 0.0f) || !isfinite(record->scale) || frexpf(record->scale, &exponent) != 0.5f)
+        return false;
+    for (uint32_t k = 0; k < record->chunk_count; k++)
+        if (record->chunks[k] >= TRANSPORT_CHUNKS || (k > 0 && record->chunks[k] <= record->chunks[k - 1]))
+            return false;
+    return true;
+}
+
+static uint64_t bytes_of(const struct record *record, uint32_t points)
+{
+    const uint64_t cells = (uint64_t)record->chunk_count * TRANSPORT_CHUNK;
+    return sizeof(uint16_t) * record->rank * (cells + (record->raw ? 0 : points));
+}
+
+static uint32_t count_pieces(const struct transport *t)
+{
+    uint32_t count = 0;
+
+    for (uint32_t k = 0; k < t->block_count; k++)
+        count += t->blocks[k].rows;
+    return count;
+}
+
+/* All of the index into `records`, and how many bytes of halves it promises. */
+static enum err read_index(struct cache_reader *r, const struct digest *key, struct transport *t,
+                           struct record *records, uint64_t *bytes, struct reason *why)
+{
+    const uint32_t pieces = count_pieces(t);
+    struct head head;
+
+    enum err e = cache_reader_find(r, index_name, key, why);
+    if (!e)
+        e = cache_reader_get(r, &head, sizeof(head), why);
+    if (!e && (head.blocks != t->block_count || head.pieces != pieces))
+        e = refuse(r, why, "has other blocks than this picture");
+    if (!e)
+        e = cache_reader_get(r, records, pieces * sizeof(*records), why);
+    if (!e)
+        e = cache_reader_end(r, why);
+    if (e)
+        return e;
+    t->stats.rays = head.rays;
+    *bytes = 0;
+    for (uint32_t k = 0; k < t->block_count; k++)
+        for (uint32_t row = 0; row < t->blocks[k].rows; row++, records++) {
+            if (!is_sound(records, t->blocks[k].packets * PACKET))
+                return refuse(r, why, "holds numbers that cannot be");
+            *bytes += bytes_of(records, t->blocks[k].packets * PACKET);
+        }
+    return ERR_OK;
+}
+
+static bool all_finite(const uint16_t *halves, size_t count)
+{
+    unsigned bad = 0;
+
+    for (size_t i = 0; i < count; i++)
+        bad |= (halves[i] & 0x7c00u) == 0x7c00u;
+    return bad == 0;
+}
+
+static enum err read_piece(struct cache_reader *r, const struct record *record, uint32_t points,
+                           struct transport_piece *q, struct reason *why)
+{
+    const size_t bytes = (size_t)bytes_of(record, points);
+
+    *q = (struct transport_piece){
+        .rank = record->rank, .scale = record->scale, .raw = record->raw, .chunk_count = record->chunk_count
+    };
+    memcpy(q->chunks, record->chunks, record->chunk_count);
+    if (bytes == 0)
+        return ERR_OK;
+    q->halves = mem_alloc_raw(bytes, 1);
+    if (!q->halves)
+        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+    const enum err e = cache_reader_get(r, q->halves, bytes, why);
+    if (e)
+        return e;
+    return all_finite(q->halves, bytes / sizeof(uint16_t)) ? ERR_OK : refuse(r, why, "holds numbers that cannot be");
+}
+
+static enum err read_halves(struct cache_reader *r, const struct digest *key, struct transport *t,
+                            const struct record *records, uint64_t bytes, uint64_t max_bytes, struct reason *why)
+{
+    enum err e = cache_reader_find(r, halves_name, key, why);
+
+    if (!e && cache_reader_left(r) != bytes)
+        e = refuse(r, why, "holds more or less than it says");
+    if (!e && t->stats.bytes + bytes > max_bytes) {
+        t->stats.bytes += bytes;
+        return transport_say_too_large(t, t->block_count, max_bytes, why);
+    }
+    for (uint32_t k = 0; k < t->block_count && !e; k++) {
+        struct transport_block *b = &t->blocks[k];
+        for (uint32_t row = 0; row < b->rows && !e; row++)
+            e = read_piece(r, records++, b->packets * PACKET, &b->pieces[row], why);
+        transport_count_block(t, b);
+    }
+    return e ? e : cache_reader_end(r, why);
+}
+
+enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,
+                        const struct rays *rays, const struct kernels *kernels, const struct transport_desc *desc,
+                        struct transport **out, struct reason *why)
+{
+    struct transport *t = transport_begin(g, rays, kernels, desc);
+    struct record *records = t ? mem_alloc(count_pieces(t), sizeof(*records)) : NULL;
+    uint64_t bytes = 0;
+    enum err e = ERR_OK;
+
+    *out = NULL;
+    if (!t || !records)
+        e = err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+    if (!e)
+        e = read_index(r, key, t, records, &bytes, why);
+    if (!e)
+        e = read_halves(r, key, t, records, bytes, transport_resolve(desc).max_bytes, why);
+    if (!e) {
+        transport_close_stats(t);
+        *out = t;
+        t = NULL;
+    }
+    mem_free(records);
+    transport_destroy(t);
+    return e;
+}
