@@ -381,6 +381,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     desc.direct.method = now.method;
     desc.direct.samples = now.samples;
     desc.direct.pass = d->reseed ? e->number : 0;
+    desc.turn = in->ticket.lockstep ? e->number : d->turn++; /* frames that were dropped cost nothing */
     desc.direct.cancel = &stop_asked;
     desc.direct.why = why;
     struct relight_stats stats;

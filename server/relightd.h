@@ -66,6 +66,7 @@ struct daemon {
     struct source *source;       /* ingest thread; NULL when frames are pushed */
     bool warned_clipped;         /* ingest thread */
     struct relighter *relighter; /* shade thread */
+    uint64_t turn;               /* shade thread: pictures that were made in no lockstep */
     struct pilot *pilot;         /* shade thread; NULL until it is wanted */
     struct jpeg_encoder *jpeg;   /* encode thread, and what follows */
     struct exposure exposure;

@@ -28,6 +28,7 @@ static const struct {
     { bench_shadow_rays, "measuring: shadow rays" },
     { bench_terms, "measuring: arithmetic" },
     { bench_light_rays, "measuring: light tracer" },
+    { bench_stored_caustics, "measuring: stored light paths" },
     { bench_tone, "measuring: tone map" },
     { bench_jpeg, "measuring: JPEG" },
     { bench_delivery, "measuring: delivery" },

@@ -11,7 +11,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#define BENCH_ROWS 18
+#define BENCH_ROWS 19
 #define BENCH_ROUNDS_MAX 99
 
 struct bench_desc {

@@ -79,6 +79,7 @@ enum err bench_rebuild(struct bench *b, struct bench_row *row);
 enum err bench_shadow_rays(struct bench *b, struct bench_row *row);
 enum err bench_terms(struct bench *b, struct bench_row *row);
 enum err bench_light_rays(struct bench *b, struct bench_row *row);
+enum err bench_stored_caustics(struct bench *b, struct bench_row *row);
 enum err bench_no_visibility(struct bench *b, struct bench_row *row);
 enum err bench_tone(struct bench *b, struct bench_row *row);
 enum err bench_jpeg(struct bench *b, struct bench_row *row);

@@ -4,12 +4,14 @@
 #include "mem.h"
 #include "resolve.h"
 
+#include <math.h>
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define CHUNK 64     /* packets of rays that a thread takes at a time from the bare loop */
-#define SINGLES 1024 /* likewise, single rays */
+#define CHUNK 64          /* packets of rays that a thread takes at a time from the bare loop */
+#define SINGLES 1024      /* likewise, single rays */
+#define PATHS_PER_PIXEL 8 /* of the row of stored paths: as many as the plan has at 64 samples */
 #define PAPER_SAMPLES 60
 #define PAPER_FRAMES 198.0 /* per second, on its GPU [LPG13] */
 
@@ -205,6 +207,76 @@ enum err bench_light_rays(struct bench *b, struct bench_row *row)
     light_tracer_destroy(t.tracer);
     mem_free(t.log.singles);
     mem_free(t.rgb);
+    return e;
+}
+
+/* ---- Light paths that are kept ---- */
+
+struct stored {
+    struct tracing tracing; /* of as many paths */
+    struct caustic_store *store;
+};
+
+static enum err light_stored(void *context)
+{
+    struct stored *s = context;
+
+    return caustic_store_light(s->store, s->tracing.b->environment, INFINITY, s->tracing.rgb);
+}
+
+static enum err trace_stored(void *context)
+{
+    return trace(&((struct stored *)context)->tracing);
+}
+
+static enum err stored_init(struct stored *s, struct bench *b)
+{
+    const struct set *set = b->set;
+    const uint64_t pixels = (uint64_t)b->desc->width * b->desc->height;
+    const struct caustic_store_desc desc = { .classes = PATH_CAUSTICS, .paths = pixels * PATHS_PER_PIXEL };
+    struct reason why;
+
+    *s = (struct stored){
+        .tracing = { .b = b,
+                     .tracer = light_tracer_create(set->scene, set->rays, &set->view),
+                     .desc = { .classes = PATH_CAUSTICS },
+                     .rgb = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float)) },
+    };
+    if (!s->tracing.tracer || !s->tracing.rgb)
+        return ERR_NOMEM;
+    const enum err e = caustic_store_create(set->scene, set->rays, &set->view, &desc, &s->store, &why);
+    if (e)
+        return e;
+    s->tracing.desc.particles = caustic_store_stats(s->store)->paths;
+    return caustic_store_turn(s->store, 0, NULL, NULL);
+}
+
+/* The whole sky by the store, as under cloud, so that both sides do the same work. */
+enum err bench_stored_caustics(struct bench *b, struct bench_row *row)
+{
+    struct stored s;
+
+    row->name = "caustics: stored / traced";
+    row->unit = "Mpaths/s";
+    row->sense = BENCH_AT_LEAST;
+    row->target = 20.0;
+    if (scene_casters(b->set->scene, NULL, 0) == 0) {
+        bench_skip(row, "the scene has no mirror and no glass");
+        return ERR_OK;
+    }
+    enum err e = stored_init(&s, b);
+    if (!e) {
+        const struct caustic_store_stats *stats = caustic_store_stats(s.store);
+        const double paths = 1e-6 * (double)stats->paths;
+        const struct bench_pair pair = { light_stored, trace_stored, &s, paths, paths, true };
+        snprintf(row->note, sizeof(row->note),
+                 "bare: light_tracer_run with as many paths, drawn by the sky; the store has %llu splats, %.1f MB",
+                 (unsigned long long)stats->splats, 1e-6 * (double)stats->bytes);
+        e = bench_time(b, &pair, row);
+    }
+    caustic_store_destroy(s.store);
+    light_tracer_destroy(s.tracing.tracer);
+    mem_free(s.tracing.rgb);
     return e;
 }
 

@@ -11,7 +11,11 @@ static const struct option_row table[LIGHT_OPTIONS] = {
       "auto" },
     { "samples", "N", "N_s per shade point; of a reference, per pixel", NULL },
     { "paths", "P", "direct, caustics, indirect (interreflection) or all", NULL },
-    { "caustics", "BY", "light (the light tracer), eye (eye paths), none or auto", "auto" },
+    { "caustics", "BY",
+      "light (the light tracer), eye (eye paths), stored (light paths that are kept; --method cached has them), none "
+      "or "
+      "auto",
+      "auto" },
     { "indirect", "BY", "interreflection, likewise", "auto" },
     { "particles", "N", "of the light tracer; 0: as the plan has it", "0" },
     { "eye-paths", "N", "per shade point; 0: as the plan has it", "0" },
@@ -27,6 +31,8 @@ static const struct option_row table[LIGHT_OPTIONS] = {
       "of --method cached: where that is kept for the next run, or off; left out: beside the scene, else among the "
       "user's caches",
       NULL },
+    { "stored-paths", "N", "of --caustics stored: how many are kept; 0: 64 a pixel", "0" },
+    { "renew", "K", "of --caustics stored: one of K parts is drawn anew for each picture; 0: none", "512" },
     { "seed", "K", "of all random numbers", "0" },
     { NULL, NULL, NULL, NULL },
 };
@@ -102,7 +108,7 @@ static enum err read_power(const struct options *o, const char *flag, uint32_t m
 
 static enum err read_numbers(const struct options *o, struct relight_desc *light, struct reason *why)
 {
-    uint64_t samples = 0, eye_paths = 0, megabytes = 0;
+    uint64_t samples = 0, eye_paths = 0, megabytes = 0, renew = 0;
     enum err e = options_u64(o, "samples", 1, 1 << 20, &samples, why);
 
     if (!e)
@@ -116,10 +122,15 @@ static enum err read_numbers(const struct options *o, struct relight_desc *light
     if (!e)
         e = read_power(o, "interleave", 4, &light->direct.interleave, why);
     if (!e)
+        e = options_u64(o, "stored-paths", 0, (uint64_t)1 << 40, &light->stored_paths, why);
+    if (!e)
+        e = options_u64(o, "renew", 0, CAUSTIC_PARTS_MAX, &renew, why);
+    if (!e)
         e = options_u64(o, "cache-memory", 1, (uint64_t)1 << 30, &megabytes, why);
     light->cache_bytes = megabytes * 1000000;
     light->direct.samples = (uint32_t)samples;
     light->eye_paths = (uint32_t)eye_paths;
+    light->renew = (uint32_t)renew;
     return e;
 }
 

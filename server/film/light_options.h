@@ -7,7 +7,7 @@
 #include "options.h"
 #include "relight.h"
 
-#define LIGHT_OPTIONS 19 /* rows, the last of which ends the table */
+#define LIGHT_OPTIONS 21 /* rows, the last of which ends the table */
 
 /* Fills a table for struct options.shared; `samples` and `paths` are the program's defaults. */
 void light_options_init(struct option_row rows[LIGHT_OPTIONS], const char *samples, const char *paths);

@@ -92,14 +92,16 @@ void pilot_set_routes(struct pilot *p)
 void pilot_take_wish(struct pilot *p, const struct relight_desc *light)
 {
     const uint32_t classes = classes_of(p, light);
+    const enum plan_estimator caustics =
+        light->caustics == PLAN_STORED ? PLAN_LIGHT : light->caustics; /* none is kept */
     const bool direct = light->classes & PATH_DIRECT || light->classes == 0;
 
-    if (p->runs && classes == p->classes && direct == p->with_direct && light->caustics == p->caustics_by &&
+    if (p->runs && classes == p->classes && direct == p->with_direct && caustics == p->caustics_by &&
         light->indirect == p->indirect_by && light->eye_paths == p->eye_wish && light->particles == p->particles_wish)
         return;
     p->classes = classes;
     p->with_direct = direct;
-    p->caustics_by = light->caustics;
+    p->caustics_by = caustics;
     p->indirect_by = light->indirect;
     p->eye_wish = light->eye_paths;
     p->particles_wish = light->particles;

@@ -6,6 +6,7 @@
 #include "progress.h"
 #include "reference.h"
 #include "relight_cache.h"
+#include "relight_caustics.h"
 #include "resolve.h"
 #include "rng.h"
 
@@ -17,6 +18,7 @@ struct relighter {
     const struct kernels *kernels;
     struct direct *direct;
     struct relight_cache cache;
+    struct relight_caustics caustics;
     struct light_tracer *light;
     float *lo;               /* [packet_count][3][16] */
     struct scratch *scratch; /* of the eye paths */
@@ -137,12 +139,14 @@ void relighter_destroy(struct relighter *r)
         return;
     direct_destroy(r->direct);
     relight_cache_finish(&r->cache);
+    relight_caustics_finish(&r->caustics);
     light_tracer_destroy(r->light);
     mem_free(r->lo);
     scratch_destroy(r->scratch);
     mem_free(r);
 }
 
+/* e may be NULL: what it decides, who finds caustics where nothing is stored, is then left open. */
 static void make_plan(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                       struct plan *out)
 {
@@ -154,10 +158,11 @@ static void make_plan(const struct relighter *r, const struct environment *e, co
         .particles = desc->particles,
         .eye_paths = desc->eye_paths,
         .samples = desc->direct.samples,
+        .stored = desc->direct.method == METHOD_CACHED,
     };
     struct plan_facts facts = r->set->facts;
 
-    if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0)
+    if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0 && e)
         facts.peakedness = facts_peakedness(e);
     plan_make(&facts, &wish, out);
 }
@@ -181,16 +186,23 @@ static enum err run_direct(struct relighter *r, const struct environment *e, con
     return ERR_OK;
 }
 
-enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms)
-{
-    *ms = 0.0;
-    return is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
-}
-
 static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
 {
     return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT_LIT : 0) |
            (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
+}
+
+enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms)
+{
+    struct plan plan;
+
+    *ms = 0.0;
+    make_plan(r, NULL, desc, &plan);
+    const uint32_t stored = classes_by(&plan, PLAN_STORED);
+    enum err e = is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
+    if (!e && stored)
+        e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
+    return e;
 }
 
 static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
@@ -236,6 +248,8 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
     };
     enum err result = ERR_OK;
 
+    if (classes_by(&stats->plan, PLAN_STORED))
+        result = relight_caustics_run(&r->caustics, r->light, e, desc, rgb, stats);
     for (int k = 0; k < 2 && !result; k++) {
         struct light_tracer_stats one = { 0 };
         light.classes = runs[k];

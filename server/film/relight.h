@@ -4,6 +4,7 @@
 #ifndef FILM_RELIGHT_H
 #define FILM_RELIGHT_H
 
+#include "caustic_store.h"
 #include "direct.h"
 #include "environment.h"
 #include "err.h"
@@ -57,6 +58,10 @@ struct relight_desc {
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: the most that its cache may take; 0: 1 GiB */
     const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
+    /* PLAN_STORED, whose store may take as much: the paths that are kept, 0: 64 a pixel; one of `renew` parts of them
+     * is drawn anew as the turn goes on by one, 0: none. The picture depends on the turn, not on those before. */
+    uint64_t stored_paths, turn;
+    uint32_t renew;
 };
 
 struct relight_stats {           /* of one picture */
@@ -66,6 +71,7 @@ struct relight_stats {           /* of one picture */
     struct direct_stats direct;
     struct eye_paths_stats eye;
     struct light_tracer_stats light;
+    struct caustic_store_stats stored; /* PLAN_STORED; `light` is then what was traced for the bright part */
     /* Where the method is a reference, which takes the whole picture, in shade_ms. */
     uint64_t reference_rays;
     /* METHOD_CACHED: what the cache is, what this frame did with it, and what it took to compute it, or to load it, in

@@ -28,7 +28,8 @@ static void choose_caustics(const struct plan_facts *f, const struct plan_wish *
     } else if (f->casters == 0) {
         leave_out(p, "caustics: the scene has no mirror and no glass");
     } else {
-        p->caustics = w->caustics_by != PLAN_AUTO ? w->caustics_by : f->peakedness >= PEAKED ? PLAN_LIGHT : PLAN_EYE;
+        const enum plan_estimator by_sky = f->peakedness >= PEAKED ? PLAN_LIGHT : PLAN_EYE;
+        p->caustics = w->caustics_by != PLAN_AUTO ? w->caustics_by : w->stored ? PLAN_STORED : by_sky;
         p->behind_caustics = f->behind > 0;
     }
 }
@@ -47,8 +48,8 @@ static void choose_indirect(const struct plan_facts *f, const struct plan_wish *
         p->behind_indirect = f->behind > 0;
     }
     /* What a mirror or glass has gathered comes by the particles that are aimed at them, if there are any. */
-    p->indirect_caustics =
-        f->casters > 0 && p->caustics == PLAN_LIGHT && p->indirect != PLAN_NONE ? PLAN_LIGHT : p->indirect;
+    const bool aimed = p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED;
+    p->indirect_caustics = f->casters > 0 && aimed && p->indirect != PLAN_NONE ? p->caustics : p->indirect;
 }
 
 void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
@@ -59,7 +60,7 @@ void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct pla
     /* Two rays or so for each eye path, three for each particle: for every eight samples one of them costs about as
      * much as direct light does, by the measurements of docs/mathematics.md. */
     const uint32_t per_point = w->samples / 8 ? w->samples / 8 : 1;
-    if (p->caustics == PLAN_LIGHT || p->indirect == PLAN_LIGHT)
+    if (p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED || p->indirect == PLAN_LIGHT)
         p->particles = w->particles ? w->particles : f->pixels * per_point;
     if (p->caustics == PLAN_EYE || p->indirect == PLAN_EYE || p->behind_caustics || p->behind_indirect)
         p->eye_paths = w->eye_paths ? w->eye_paths : per_point;
@@ -67,18 +68,20 @@ void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct pla
 
 const char *plan_estimator_name(enum plan_estimator e)
 {
-    static const char *const names[] = { "auto", "none", "light tracer", "eye paths" };
+    static const char *const names[] = { "auto", "none", "light tracer", "eye paths", "stored light paths" };
     return names[e];
 }
 
 enum err plan_estimator_parse(const char *name, const char *flag, enum plan_estimator *out, struct reason *why)
 {
-    static const char *const names[] = { "auto", "none", "light", "eye" };
+    static const char *const names[] = { "auto", "none", "light", "eye", "stored" };
+    const int count = strcmp(flag, "--caustics") == 0 ? 5 : 4;
 
-    for (int k = 0; k < 4; k++)
+    for (int k = 0; k < count; k++)
         if (strcmp(name, names[k]) == 0) {
             *out = (enum plan_estimator)k;
             return ERR_OK;
         }
-    return err_say(why, ERR_USAGE, "%s '%s' is not known; there are auto, none, light and eye", flag, name);
+    return err_say(why, ERR_USAGE, "%s '%s' is not known; there are auto, none, light%s eye%s", flag, name,
+                   count == 5 ? "," : " and", count == 5 ? " and stored" : "");
 }

@@ -11,10 +11,12 @@
 #include <stdint.h>
 
 enum plan_estimator {
-    PLAN_AUTO,  /* as a wish: choose. Never in an answer */
-    PLAN_NONE,  /* left out */
-    PLAN_LIGHT, /* the light tracer; what it cannot reach (points behind mirrors and glass) by eye paths */
-    PLAN_EYE,   /* eye paths */
+    PLAN_AUTO,   /* as a wish: choose. Never in an answer */
+    PLAN_NONE,   /* left out */
+    PLAN_LIGHT,  /* the light tracer; what it cannot reach (points behind mirrors and glass) by eye paths */
+    PLAN_EYE,    /* eye paths */
+    PLAN_STORED, /* caustics: light paths that are kept and lit anew, and the light tracer for the sun. Not asked of
+                  * interreflection, which has it for what caustics throw on where they have */
 };
 
 /* What is known of scene, picture and sky. */
@@ -33,6 +35,7 @@ struct plan_wish {
     uint64_t particles; /* 0: choose */
     uint32_t eye_paths; /* per shade point; 0: choose */
     uint32_t samples;   /* N_s of direct light, by which the rest is measured */
+    bool stored;        /* what stands still is kept from frame to frame: caustics, unless they are asked of another */
 };
 
 #define PLAN_LEFT_OUT_MAX 10
@@ -49,10 +52,10 @@ struct plan {
 
 void plan_make(const struct plan_facts *facts, const struct plan_wish *wish, struct plan *out);
 
-/* "none", "light tracer", "eye paths". */
+/* "none", "light tracer", "eye paths", "stored light paths". */
 const char *plan_estimator_name(enum plan_estimator e);
 
-/* "auto", "none", "light" or "eye". */
+/* "auto", "none", "light" or "eye"; of caustics "stored" as well. */
 MUST_CHECK enum err plan_estimator_parse(const char *name, const char *flag, enum plan_estimator *out,
                                          struct reason *why);
 

@@ -1,82 +1,28 @@
 #include "light_tracer.h"
 
-#include "lobe.h"
 #include "mem.h"
+#include "particles.h"
 #include "rng.h"
-#include "samples.h"
-#include "scatter.h"
 
 #include <assert.h>
-#include <math.h>
-#include <string.h>
-
-#define BATCH 1024u          /* particles, about: whole directions */
-#define ROUND 128u           /* batches between two sums */
-#define ROULETTE_BEGINS 0.25 /* of a particle's first flux: above that it always goes on */
-#define EVENTS_SURE 32u      /* from here on a quarter of the paths ends at each event, */
-#define ROULETTE_LATE 0.75   /* so that even where nothing is absorbed one in 10^28 reaches PATH_EVENTS_MAX */
-#define ABOUT_GEOMETRIC 0.25 /* of the rays that leave a glossy lobe, how many are drawn about the geometric normal */
-
-struct splat {
-    uint32_t pixel;
-    float rgb[3];
-};
-
-struct batch { /* what one thread found, in the order of its particles */
-    struct splat *splats;
-    size_t count, capacity;
-    struct light_tracer_stats stats;
-    bool out_of_memory;
-};
 
 struct light_tracer {
-    const struct scene *scene;
-    const struct rays *rays;
-    struct view view;
-    struct box bounds;
-    struct box *casters; /* START_BOXES_MAX at most */
-    uint32_t caster_count;
+    struct particles particles;
     double *sum; /* [height][width][3], of one run */
-    struct batch batches[ROUND];
-};
-
-struct run { /* what all particles of a run share */
-    const struct light_tracer *tracer;
-    const struct environment *environment;
-    const struct box *boxes;
-    uint32_t box_count;
-    enum start_kind start;
-    uint32_t classes, starts; /* starts a direction */
-    uint64_t particles, first_direction, seed;
-};
-
-struct particle {
-    struct vec3 origin, dir;
-    double flux[3], first_flux; /* first_flux: luminance of the flux it began with */
-    uint32_t rough, delta;      /* events behind it */
-    bool gathered;              /* the first of them was a delta event */
-    struct rng rng;
 };
 
 struct light_tracer *light_tracer_create(const struct scene *scene, const struct rays *rays, const struct view *view)
 {
-    const size_t casters = scene_casters(scene, NULL, 0);
     struct light_tracer *t = mem_alloc(1, sizeof(*t));
 
     if (!t)
         return NULL;
-    t->scene = scene;
-    t->rays = rays;
-    t->view = *view;
-    t->bounds = (struct box){ scene->low, scene->high };
-    t->casters = mem_alloc(casters, sizeof(*t->casters));
+    const bool ready = particles_init(&t->particles, scene, rays, view);
     t->sum = mem_alloc((size_t)view->width * view->height, 3 * sizeof(*t->sum));
-    if (!t->casters || !t->sum) {
+    if (!ready || !t->sum) {
         light_tracer_destroy(t);
         return NULL;
     }
-    scene_casters(scene, t->casters, casters);
-    t->caster_count = start_join(t->casters, casters);
     return t;
 }
 
@@ -84,358 +30,51 @@ void light_tracer_destroy(struct light_tracer *t)
 {
     if (!t)
         return;
-    for (uint32_t k = 0; k < ROUND; k++)
-        mem_free(t->batches[k].splats);
-    mem_free(t->casters);
+    particles_finish(&t->particles);
     mem_free(t->sum);
     mem_free(t);
 }
 
-static double dot(struct vec3 a, struct vec3 b)
+static enum err add(void *user, const struct particle_splat *splats, size_t count)
 {
-    return (double)a.x * b.x + (double)a.y * b.y + (double)a.z * b.z;
-}
+    const struct light_tracer *t = user;
 
-static double luminance(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
-static void add_splat(struct batch *b, uint32_t pixel, const double rgb[3])
-{
-    if (b->count == b->capacity) {
-        const size_t capacity = b->capacity ? 2 * b->capacity : BATCH;
-        struct splat *grown = mem_grow(b->splats, b->capacity, capacity, sizeof(*grown));
-        if (!grown) {
-            b->out_of_memory = true;
-            return;
-        }
-        b->splats = grown;
-        b->capacity = capacity;
-    }
-    b->splats[b->count++] = (struct splat){ pixel, { (float)rgb[0], (float)rgb[1], (float)rgb[2] } };
-}
-
-/* The factor |wi.n_s| / |wi.n_g| of light that arrives from wi; 0 where it does not count. */
-static double arrival(const struct surface *s, struct vec3 wi)
-{
-    const double in_g = dot(wi, s->geometric), in_s = dot(wi, s->shading);
-    return in_g > 0.0 && in_s > 0.0 ? in_s / in_g : 0.0;
-}
-
-/* What the eye receives from a rough surface that the particle has met. */
-static void splat(const struct run *run, const struct particle *p, const struct scatter *at, struct batch *b)
-{
-    const struct light_tracer *t = run->tracer;
-    const struct surface *s = &at->surface;
-    const struct vec3 wi = vec3_scale(p->dir, -1.0f);
-    const struct lobe lobe = lobe_of(at);
-    struct projection to;
-    double brdf[3], rgb[3];
-
-    if (!view_project(&t->view, s->position, &to))
-        return;
-    const double out_g = dot(to.to_eye, s->geometric), scale = arrival(s, wi) * out_g * to.response;
-    if (!(out_g > 0.0 && scale > 0.0))
-        return;
-    lobe_evaluate(&lobe, to.to_eye, wi, brdf);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = p->flux[c] * brdf[c] * scale;
-    if (!(rgb[0] + rgb[1] + rgb[2] > 0.0))
-        return;
-    b->stats.rays++;
-    if (rays_blocked(t->rays, surface_start(s, 1.0f), to.to_eye, 0.0f, (float)to.distance))
-        return;
-    b->stats.splats++;
-    add_splat(b, (uint32_t)to.y * t->view.width + (uint32_t)to.x, rgb);
-}
-
-static struct vec3 cosine_about(struct vec3 n, double x, double y)
-{
-    const double r = sqrt(x), phi = 2.0 * PI * y, z = sqrt(1.0 - x);
-    struct vec3 t, u;
-
-    frame_about(n, &t, &u);
-    return vec3_normalize(vec3_add(
-        vec3_scale(n, (float)z), vec3_add(vec3_scale(t, (float)(r * cos(phi))), vec3_scale(u, (float)(r * sin(phi))))));
-}
-
-/* Goes on by the rough lobe. Some or all rays are drawn about the geometric normal, since the eye may be where the
- * shading normal turns away, and there the lobe's own sampling would not go. False: absorbed. */
-static bool go_on_rough(struct particle *p, const struct scatter *at)
-{
-    const struct surface *s = &at->surface;
-    const struct vec3 wi = vec3_scale(p->dir, -1.0f);
-    const struct lobe lobe = lobe_of(at);
-    const double part = lobe.kind == LOBE_LAMBERT ? 1.0 : ABOUT_GEOMETRIC, in = arrival(s, wi);
-    const double x[4] = { rng_next(&p->rng), rng_next(&p->rng), rng_next(&p->rng), rng_next(&p->rng) };
-    double brdf[3];
-
-    if (!(in > 0.0))
-        return false;
-    const struct vec3 w = x[3] < part ? cosine_about(s->geometric, x[0], x[1]) : lobe_sample(&lobe, wi, x);
-    const double out_g = dot(w, s->geometric);
-    if (!(out_g > 0.0))
-        return false;
-    const double pdf = part * out_g / PI + (part < 1.0 ? (1.0 - part) * lobe_density(&lobe, wi, w) : 0.0);
-    lobe_evaluate(&lobe, w, wi, brdf);
-    for (int c = 0; c < 3; c++)
-        p->flux[c] *= brdf[c] * in * out_g / pdf;
-    p->origin = surface_start(s, 1.0f);
-    p->dir = w;
-    p->rough++;
-    return true;
-}
-
-/* Luminance of each ray's weight; returns their sum. */
-static double weigh(const struct delta_ray *rays, uint32_t count, double share[4])
-{
-    double sum = 0.0;
-
-    for (uint32_t k = 0; k < count; k++) {
-        const double w[3] = { rays[k].weight[0], rays[k].weight[1], rays[k].weight[2] };
-        sum += share[k] = luminance(w);
-    }
-    return sum;
-}
-
-/* Goes on by one of the delta lobe's rays, chosen in proportion to what they carry. */
-static void go_on_delta(struct particle *p, const struct delta_ray *rays, uint32_t count, const double share[4],
-                        double sum)
-{
-    double x = rng_next(&p->rng) * sum;
-    uint32_t k = 0;
-
-    while (k + 1 < count && !(x < share[k]))
-        x -= share[k++];
-    while (k > 0 && !(share[k] > 0.0)) /* rounding: back to one that carries something */
-        k--;
-    for (int c = 0; c < 3; c++)
-        p->flux[c] *= rays[k].weight[c] * sum / share[k];
-    p->origin = rays[k].origin;
-    p->dir = rays[k].dir;
-    p->gathered |= p->rough + p->delta == 0;
-    p->delta++;
-}
-
-/* Chooses a lobe, and how to go on by it. False: absorbed. */
-static bool go_on(const struct run *run, struct particle *p, const struct scatter *at)
-{
-    struct delta_ray rays[4];
-    double share[4];
-    const uint32_t count = scatter_light(at, p->dir, rays);
-    const double delta = weigh(rays, count, share);
-    const bool may_rough = at->rough && (run->classes & (p->gathered ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT));
-    double by_delta = delta > 0.0 ? 1.0 : 0.0;
-
-    if (may_rough && delta > 0.0) {
-        const struct vec3 albedo = vec3_add(at->diffuse, at->specular);
-        const double rough = rgb_luminance(albedo.x, albedo.y, albedo.z);
-        by_delta = fmin(0.9, fmax(0.1, delta / (delta + rough)));
-    }
-    if (!may_rough && by_delta == 0.0)
-        return false;
-    const bool goes_delta = by_delta == 1.0 || (by_delta > 0.0 && rng_next(&p->rng) < by_delta);
-    const double chance = goes_delta ? by_delta : 1.0 - by_delta;
-    for (int c = 0; c < 3; c++)
-        p->flux[c] /= chance;
-    if (!goes_delta)
-        return go_on_rough(p, at);
-    go_on_delta(p, rays, count, share, delta);
-    return true;
-}
-
-static bool survives(struct particle *p)
-{
-    double chance = luminance(p->flux) / (ROULETTE_BEGINS * p->first_flux);
-
-    if (p->rough + p->delta >= EVENTS_SURE)
-        chance = fmin(chance, ROULETTE_LATE);
-    if (chance >= 1.0)
-        return true;
-    if (!(rng_next(&p->rng) < chance))
-        return false;
-    for (int c = 0; c < 3; c++)
-        p->flux[c] /= chance;
-    return true;
-}
-
-/* The class of the path that ends at the eye after one more rough event; 0: direct light, which is not counted here. */
-static uint32_t class_at(const struct particle *p)
-{
-    if (p->rough)
-        return p->gathered ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT;
-    return p->delta ? PATH_CAUSTICS : 0;
-}
-
-static void follow(const struct run *run, struct particle *p, struct batch *b)
-{
-    const struct light_tracer *t = run->tracer;
-
-    for (uint32_t event = 0; event < PATH_EVENTS_MAX; event++) {
-        struct hit h;
-        struct scatter at;
-        b->stats.rays++;
-        if (!rays_intersect(t->rays, p->origin, p->dir, 0.0f, &h))
-            return;
-        scatter_at(t->scene, t->rays, &h, p->dir, &at);
-        if (event == 0 && !(run->classes & PATH_INDIRECT_LIT) && at.delta == DELTA_NONE)
-            return;
-        b->stats.starts_hit += event == 0;
-        if (at.rough && (class_at(p) & run->classes))
-            splat(run, p, &at, b);
-        if (!go_on(run, p, &at) || !survives(p))
-            return;
-    }
-}
-
-static uint32_t reversed(uint32_t x)
-{
-    x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-    x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-    x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-    return __builtin_bswap32(x);
-}
-
-/* Changes each bit by the seed and the bits above it alone: a nested uniform scramble [Burley 2020, listing 3]. */
-static uint32_t scrambled(uint32_t x, uint32_t seed)
-{
-    x = reversed(x) + seed;
-    x ^= x * 0x6c50b47cu;
-    x ^= x * 0xb82f1e52u;
-    x ^= x * 0xc7afe638u;
-    x ^= x * 0x8d22f6e6u;
-    return reversed(x);
-}
-
-/* Where line number `line` begins: as rng_sobol2, but with 32 bits, which a place can do with and a direction cannot,
- * at a tenth of the time; in an order of its own, in which each aligned block of 2^k lines stays one, since directions
- * and places would else go hand in hand [Burley 2020, section 5]. */
-static void line_numbers(uint64_t seed, uint64_t line, double x[2])
-{
-    const uint64_t block = rng_mix(seed, line >> 32), next = rng_hash(block);
-    const uint32_t index = scrambled((uint32_t)line, (uint32_t)block);
-    uint32_t second = 0;
-
-    for (uint32_t i = index, v = UINT32_C(1) << 31; i; i >>= 1, v ^= v >> 1)
-        if (i & 1)
-            second ^= v;
-    x[0] = scrambled(reversed(index), (uint32_t)next) * 0x1p-32;
-    x[1] = scrambled(second, (uint32_t)(next >> 32)) * 0x1p-32;
-}
-
-/* All particles of one direction, number `direction` of the run. */
-static void follow_direction(const struct run *run, uint64_t direction, struct batch *b)
-{
-    const uint64_t first = direction * run->starts, number = run->first_direction + direction;
-    const uint64_t last = first + run->starts < run->particles ? first + run->starts : run->particles;
-    double x[2], density;
-    float w[3], rgb[3], pdf;
-    struct start start;
-
-    rng_sobol2(rng_mix(run->seed, number >> 32), (uint32_t)number, x);
-    if (!samples_whole(run->environment, x, w, rgb, &pdf))
-        return;
-    start_init(&start, run->start, run->boxes, run->box_count, &run->tracer->bounds, vec3_make(-w[0], -w[1], -w[2]));
-    for (uint64_t i = first; i < last; i++) {
-        const uint64_t line = number * run->starts + (i - first);
-        struct particle p = { .dir = { -w[0], -w[1], -w[2] }, .rng = { rng_mix(run->seed ^ 0x70617468, line) } };
-        line_numbers(run->seed ^ 0x6c696e65, line, x);
-        b->stats.particles++;
-        if (!start_sample(&start, x, &p.origin, &density))
-            continue;
+    for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++)
-            p.flux[c] = rgb[c] / (pdf * density * (double)run->particles);
-        p.first_flux = luminance(p.flux);
-        if (p.first_flux > 0.0)
-            follow(run, &p, b);
-    }
-}
-
-static void run_batch(const struct run *run, uint64_t first, uint64_t last, struct batch *b)
-{
-    b->count = 0;
-    b->stats = (struct light_tracer_stats){ 0 };
-    b->out_of_memory = false;
-    for (uint64_t d = first; d < last && !b->out_of_memory; d++)
-        follow_direction(run, d, b);
-}
-
-static bool cancelled(const atomic_bool *cancel)
-{
-    return cancel && atomic_load_explicit(cancel, memory_order_relaxed);
-}
-
-/* Adds what a round of batches found, one after another. ERR_NOMEM where one of them was cut short. */
-static enum err collect(struct light_tracer *t, uint32_t count, struct light_tracer_stats *stats)
-{
-    for (uint32_t k = 0; k < count; k++) {
-        const struct batch *b = &t->batches[k];
-        if (b->out_of_memory)
-            return ERR_NOMEM;
-        for (size_t i = 0; i < b->count; i++)
-            for (int c = 0; c < 3; c++)
-                t->sum[3 * (size_t)b->splats[i].pixel + (size_t)c] += b->splats[i].rgb[c];
-        stats->particles += b->stats.particles;
-        stats->starts_hit += b->stats.starts_hit;
-        stats->rays += b->stats.rays;
-        stats->splats += b->stats.splats;
-    }
-    return ERR_OK;
-}
-
-static enum err trace(struct light_tracer *t, const struct run *run, const atomic_bool *cancel,
-                      struct light_tracer_stats *stats)
-{
-    const uint64_t directions = (run->particles + run->starts - 1) / run->starts;
-    const uint64_t each = BATCH / run->starts, batches = (directions + each - 1) / each;
-
-    for (uint64_t begun = 0; begun < batches; begun += ROUND) {
-        const uint32_t count = (uint32_t)(batches - begun < ROUND ? batches - begun : ROUND);
-#pragma omp parallel for schedule(dynamic, 1)
-        for (uint32_t k = 0; k < count; k++) {
-            const uint64_t first = (begun + k) * each, last = first + each < directions ? first + each : directions;
-            if (!cancelled(cancel))
-                run_batch(run, first, last, &t->batches[k]);
-        }
-        if (cancelled(cancel))
-            return ERR_OK;
-        const enum err e = collect(t, count, stats);
-        if (e)
-            return e;
-    }
+            t->sum[3 * (size_t)splats[i].pixel + (size_t)c] += splats[i].rgb[c];
     return ERR_OK;
 }
 
 enum err light_tracer_run(struct light_tracer *t, const struct environment *e, const struct light_tracer_desc *desc,
                           float *rgb, struct light_tracer_stats *stats)
 {
-    const size_t values = 3 * (size_t)t->view.width * t->view.height;
+    const size_t values = 3 * (size_t)t->particles.view.width * t->particles.view.height;
     const bool aimed = !(desc->classes & PATH_INDIRECT_LIT);
-    const uint32_t starts = desc->starts_per_direction ? desc->starts_per_direction : STARTS_PER_DIRECTION;
 
-    assert(e->ready && starts <= STARTS_PER_DIRECTION_MAX);
+    assert(e->ready && desc->starts_per_direction <= STARTS_PER_DIRECTION_MAX);
     assert(desc->classes && !(desc->classes & ~(uint32_t)(PATH_CAUSTICS | PATH_INDIRECT)));
     *stats = (struct light_tracer_stats){ 0 };
-    if (desc->particles == 0 || !(e->total_energy > 0.0) || (aimed && t->caster_count == 0))
+    if (desc->particles == 0 || (aimed && t->particles.caster_count == 0))
         return ERR_OK;
-    const struct run run = {
-        .tracer = t,
+    if (desc->bright ? desc->bright->bright_count == 0 : !(e->total_energy > 0.0))
+        return ERR_OK;
+    struct particle_run run = {
         .environment = e,
-        .boxes = aimed ? t->casters : &t->bounds,
-        .box_count = aimed ? t->caster_count : 1,
+        .bright = desc->bright,
         .start = desc->start,
         .classes = desc->classes,
-        .starts = starts,
         .particles = desc->particles,
-        .first_direction = desc->pass * ((desc->particles + starts - 1) / starts),
         .seed = rng_mix(rng_mix(desc->seed, desc->particles), desc->classes),
+        .per_particle = (double)desc->particles,
+        .cancel = desc->cancel,
     };
+    particles_aim(&t->particles, aimed, desc->starts_per_direction, &run);
+    run.first_direction = desc->pass * ((desc->particles + run.starts - 1) / run.starts);
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)
         t->sum[i] = 0.0;
-    const enum err result = trace(t, &run, desc->cancel, stats);
-    if (result || cancelled(desc->cancel))
+    const enum err result = particles_trace(&t->particles, &run, add, t, stats);
+    if (result || particles_cancelled(desc->cancel))
         return result;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)

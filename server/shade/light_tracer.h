@@ -35,6 +35,7 @@
 #define STARTS_PER_DIRECTION_MAX 1024
 
 struct light_tracer;
+struct transport_sky;
 
 struct light_tracer_desc {
     uint32_t classes;    /* PATH_CAUSTICS | PATH_INDIRECT, or part of them; without PATH_INDIRECT_LIT all begin
@@ -43,8 +44,9 @@ struct light_tracer_desc {
     uint64_t seed, pass; /* together they decide every random number; the passes of a seed that have the same N
                           * go on with one low-discrepancy sequence, so that their mean gains from it */
     enum start_kind start;
-    uint32_t starts_per_direction; /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
-    const atomic_bool *cancel;     /* once true, the run ends and adds nothing; may be NULL */
+    uint32_t starts_per_direction;      /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
+    const struct transport_sky *bright; /* of this very frame: its bright part alone lights; NULL: the whole sky */
+    const atomic_bool *cancel;          /* once true, the run ends and adds nothing; may be NULL */
 };
 
 struct light_tracer_stats {

@@ -309,6 +309,16 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
                      (int)f->penumbra);
 }
 
+/* The light paths that are kept, and what was drawn anew for this picture. */
+static json_t *stored_stats(const struct relight_stats *s)
+{
+    const struct caustic_store_stats *c = &s->stored;
+
+    return json_pack("{s:I, s:I, s:I, s:I, s:i, s:i, s:I}", "paths", (json_int_t)c->paths, "wished_paths",
+                     (json_int_t)c->wished, "splats", (json_int_t)c->splats, "bytes", (json_int_t)c->bytes, "parts",
+                     (int)c->parts, "renewed_parts", (int)c->renewed, "rays", (json_int_t)c->rays);
+}
+
 static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
@@ -327,6 +337,8 @@ static void write_stats(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "bias", json_string(s->bias));
         if (r->light.direct.method == METHOD_CACHED)
             json_object_set_new(j, "cache", cache_stats(r, s));
+        if (s->plan.caustics == PLAN_STORED)
+            json_object_set_new(j, "stored_caustics", stored_stats(s));
         if (r->pilot)
             json_object_set_new(j, "estimate", estimate_stats(r, pilot));
         fputs(r->rendered ? ",\n" : "\n", r->stats);
@@ -370,6 +382,7 @@ static enum err render_frame(struct render *r, struct reason *why)
     environment_warn_clipped(r->environment, &r->warned_clipped);
     r->light.direct.why = why;
     r->light.direct.pass = r->reseed ? r->frame.number : 0;
+    r->light.turn = r->frame.number;
     e = relight(r, &stats, &pilot);
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;

@@ -20,11 +20,13 @@
 
 #include "baselines/mlt.h"
 #include "baselines/path.h"
+#include "caustic_store.h"
 #include "eye_paths.h"
 #include "gbuffer.h"
 #include "light_tracer.h"
 #include "resolve.h"
 #include "source.h"
+#include "transport_sky.h"
 
 #include <omp.h>
 
@@ -60,13 +62,14 @@ enum who {
     BY_PATH,   /* path.h, all over the pixels */
     BY_LIGHT,  /* light_tracer.h, likewise */
     BY_MLT,    /* mlt.h, likewise */
+    BY_STORED, /* caustic_store.h, and light_tracer.h for the sky's bright part, likewise */
 };
 
 struct technique {
     const char *name;
     enum who who;
     uint32_t classes;          /* of all but BY_DIRECT */
-    uint32_t count;            /* samples a pixel or point; BY_LIGHT: particles */
+    uint32_t count;            /* samples a pixel or point; BY_LIGHT: particles, BY_STORED: paths and particles */
     struct direct_desc direct; /* method and options */
     enum start_kind start;
     double worst;   /* joint error that is allowed to the comparison with it, of the whole picture; 0: WORST_ERROR */
@@ -293,6 +296,26 @@ static inline void take_points(struct world *w, const struct technique *t, uint6
     resolve_pixels(w->gbuffer, w->lo, NULL, rgb);
 }
 
+static inline void take_stored(const struct world *w, const struct technique *t, uint64_t seed, float *rgb)
+{
+    const struct caustic_store_desc desc = { t->classes, t->count, .parts = 3, .start = t->start, .seed = seed };
+    struct transport_sky sky = { .level = 0.0f };
+    struct light_tracer_stats stats;
+    struct caustic_store *store;
+    struct reason why;
+
+    assert_int_equal(transport_sky_take(&sky, w->environment), ERR_OK);
+    assert_int_equal(caustic_store_create(w->scene, w->rays, &w->view, &desc, &store, &why), ERR_OK);
+    assert_int_equal(caustic_store_turn(store, 0, NULL, NULL), ERR_OK);
+    assert_int_equal(caustic_store_light(store, w->environment, sky.level, rgb), ERR_OK);
+    const struct light_tracer_desc light = {
+        .classes = t->classes, .particles = t->count, .seed = seed, .start = t->start, .bright = &sky
+    };
+    assert_int_equal(light_tracer_run(w->light, w->environment, &light, rgb, &stats), ERR_OK);
+    caustic_store_destroy(store);
+    transport_sky_finish(&sky);
+}
+
 static inline void take(struct world *w, const struct technique *t, uint64_t seed, float *rgb)
 {
     const struct path_world world = { w->scene, w->rays, &w->view, w->environment };
@@ -308,6 +331,8 @@ static inline void take(struct world *w, const struct technique *t, uint64_t see
         take_paths(w, t, seed, rgb);
     else if (t->who == BY_MLT)
         assert_int_equal(mlt_render(&world, &path, rgb, &path_stats), ERR_OK);
+    else if (t->who == BY_STORED)
+        take_stored(w, t, seed, rgb);
     else if (t->who == BY_LIGHT)
         assert_int_equal(light_tracer_run(w->light, w->environment, &light, rgb, &light_stats), ERR_OK);
     else

@@ -165,6 +165,39 @@ static void ring_s_starts_agree_at_noon(void **state)
     assert_starts_agree(skies[2], (const uint32_t[2]){ 80000, 15000 }, (const double[2]){ 1.2e-2, 4.5e-2 });
 }
 
+/* The store, with particles of its own for the sun, against tracing by the whole sky. */
+static void assert_stored_agrees(const char *sky, const uint32_t particles[2], const double worst[2])
+{
+    static const uint32_t classes[2] = { PATH_CAUSTICS, PATH_INDIRECT_CAUSTIC };
+    struct world w = ring_under(sky);
+
+    for (int c = 0; c < 2; c++) {
+        const struct technique traced = { "traced", BY_LIGHT, classes[c], .count = particles[c] };
+        const struct technique stored = { "stored", BY_STORED, classes[c], .count = particles[c], .worst = worst[c] };
+        const struct estimate want = measure(&w, &traced);
+        assert_technique_agrees(&w, &stored, &want);
+    }
+    world_finish(&w);
+}
+
+static void ring_s_stored_caustics_agree_under_overcast(void **state)
+{
+    (void)state;
+    assert_stored_agrees(skies[0], (const uint32_t[2]){ 60000, 20000 }, (const double[2]){ 1e-2, 4e-2 });
+}
+
+static void ring_s_stored_caustics_agree_in_the_morning(void **state)
+{
+    (void)state;
+    assert_stored_agrees(skies[1], (const uint32_t[2]){ 60000, 20000 }, (const double[2]){ 2e-3, 2.2e-2 });
+}
+
+static void ring_s_stored_caustics_agree_at_noon(void **state)
+{
+    (void)state;
+    assert_stored_agrees(skies[2], (const uint32_t[2]){ 60000, 20000 }, (const double[2]){ 8e-3, 2.8e-2 });
+}
+
 /* Without data from outside. There is no mirror and no glass: interreflection alone. */
 static void both_sides_agree_on_the_built_in_scene(void **state)
 {
@@ -188,6 +221,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ring_s_rare_caustics_agree_under_overcast),
     cmocka_unit_test(ring_s_starts_agree_in_the_morning),
     cmocka_unit_test(ring_s_starts_agree_at_noon),
+    cmocka_unit_test(ring_s_stored_caustics_agree_under_overcast),
+    cmocka_unit_test(ring_s_stored_caustics_agree_in_the_morning),
+    cmocka_unit_test(ring_s_stored_caustics_agree_at_noon),
     cmocka_unit_test(both_sides_agree_on_the_built_in_scene),
 };
 UNIT_MAIN(tests)

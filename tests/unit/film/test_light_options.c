@@ -45,6 +45,8 @@ static void defaults_are_those_of_the_program(void **state)
     assert_int_equal(r.light.direct.cells, 1);
     assert_int_equal(r.light.direct.interleave, 1);
     assert_int_equal(r.light.cache_bytes, 1024000000);
+    assert_int_equal(r.light.stored_paths, 0);
+    assert_int_equal(r.light.renew, 512);
     assert_string_equal(r.light.cache_file, "");
     assert_int_equal(r.light.direct.compensate, COMPENSATE_OFF);
     assert_false(r.light.direct.sun || r.light.direct.no_visibility);
@@ -74,6 +76,11 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_true(r.light.direct.sun);
     assert_int_equal(r.light.direct.compensate, COMPENSATE_AUTO);
 
+    assert_int_equal(read_line("--caustics stored --stored-paths 123 --renew 8", &r), ERR_OK);
+    assert_int_equal(r.light.caustics, PLAN_STORED);
+    assert_int_equal(r.light.stored_paths, 123);
+    assert_int_equal(r.light.renew, 8);
+
     assert_int_equal(read_line("--method cached --cache-memory 7", &r), ERR_OK);
     assert_int_equal(r.light.direct.method, METHOD_CACHED);
     assert_int_equal(r.light.cache_bytes, 7000000);
@@ -94,7 +101,7 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
 {
     static const char *const wrong[][2] = {
         { "--paths most", "--paths 'most' is not known; there are direct, caustics, indirect and all" },
-        { "--caustics both", "--caustics 'both' is not known; there are auto, none, light and eye" },
+        { "--caustics both", "--caustics 'both' is not known; there are auto, none, light, eye and stored" },
         { "--indirect both", "--indirect 'both' is not known; there are auto, none, light and eye" },
         { "--start ring", "--start 'ring' is not known; there are faces, quad and disc" },
         { "--compensate yes", "--compensate 'yes' is not known; there are off, on and auto" },

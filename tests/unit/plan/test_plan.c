@@ -30,7 +30,7 @@ static void a_scene_without_casters_has_no_caustics(void **state)
 
     f.casters = 0;
     f.behind = 0;
-    for (int by = PLAN_AUTO; by <= PLAN_EYE; by++) { /* whoever is wished for */
+    for (int by = PLAN_AUTO; by <= PLAN_STORED; by++) { /* whoever is wished for */
         w.caustics_by = (enum plan_estimator)by;
         const struct plan p = planned(&f, &w);
         assert_int_equal(p.caustics, PLAN_NONE);
@@ -144,19 +144,50 @@ static void counts_follow_the_samples_unless_they_are_given(void **state)
     assert_int_equal(p.eye_paths, 3);
 }
 
+/* Under whatever sky; what caustics throw on comes by the same paths, the rest of interreflection does not. */
+static void what_is_stored_takes_caustics_unless_another_is_asked(void **state)
+{
+    struct plan_facts f = court;
+    struct plan_wish w = everything;
+    (void)state;
+
+    w.stored = true;
+    for (int k = 0; k < 2; k++) {
+        f.peakedness = k ? 1.3 : 0.0;
+        const struct plan p = planned(&f, &w);
+        assert_int_equal(p.caustics, PLAN_STORED);
+        assert_int_equal(p.indirect, PLAN_EYE);
+        assert_int_equal(p.indirect_caustics, PLAN_STORED);
+        assert_int_equal(p.particles, 8 * 4000); /* for the bright part */
+    }
+    w.caustics_by = PLAN_LIGHT;
+    assert_int_equal(planned(&f, &w).caustics, PLAN_LIGHT);
+    w.caustics_by = PLAN_STORED;
+    w.stored = false; /* whoever asks for it by name gets it */
+    assert_int_equal(planned(&f, &w).caustics, PLAN_STORED);
+    w.indirect = false;
+    assert_int_equal(planned(&f, &w).indirect_caustics, PLAN_NONE);
+    f.casters = 0;
+    assert_int_equal(planned(&f, &w).caustics, PLAN_NONE);
+    assert_int_equal(planned(&f, &w).particles, 0);
+}
+
 static void names_are_read_and_others_refused(void **state)
 {
-    static const char *const names[] = { "auto", "none", "light", "eye" };
+    static const char *const names[] = { "auto", "none", "light", "eye", "stored" };
     enum plan_estimator by = PLAN_EYE;
     struct reason why;
     (void)state;
 
-    for (int k = 0; k < 4; k++) {
+    for (int k = 0; k < 5; k++) {
         assert_int_equal(plan_estimator_parse(names[k], "--caustics", &by, &why), ERR_OK);
         assert_int_equal(by, k);
     }
+    assert_int_equal(plan_estimator_parse("eye", "--indirect", &by, &why), ERR_OK);
+    assert_int_equal(plan_estimator_parse("stored", "--indirect", &by, &why), ERR_USAGE);
+    assert_string_equal(why.text, "--indirect 'stored' is not known; there are auto, none, light and eye");
     assert_int_equal(plan_estimator_parse("lights", "--caustics", &by, &why), ERR_USAGE);
-    assert_string_equal(why.text, "--caustics 'lights' is not known; there are auto, none, light and eye");
+    assert_string_equal(why.text, "--caustics 'lights' is not known; there are auto, none, light, eye and stored");
 }
 
 static const struct CMUnitTest tests[] = {
@@ -166,6 +197,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_is_behind_mirrors_is_left_to_eye_paths),
     cmocka_unit_test(what_was_not_asked_for_is_not_done),
     cmocka_unit_test(counts_follow_the_samples_unless_they_are_given),
+    cmocka_unit_test(what_is_stored_takes_caustics_unless_another_is_asked),
     cmocka_unit_test(names_are_read_and_others_refused),
 };
 UNIT_MAIN(tests)
