@@ -440,6 +440,8 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
 }
 
 extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
+extern const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL);
 
 const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { TEXT(KERNEL_LEVEL), direct_counts, direct_packet,
-                                                      &JOIN(transport_kernels_, KERNEL_LEVEL) };
+                                                      &JOIN(transport_kernels_, KERNEL_LEVEL),
+                                                      &JOIN(bounce_kernels_, KERNEL_LEVEL) };

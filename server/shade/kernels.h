@@ -38,6 +38,7 @@ struct direct_frame { /* what all packets of a frame share; borrowed */
 };
 
 struct transport_kernels;
+struct bounce_kernels;
 
 struct kernels {
     const char *level; /* "v3", "v4": x86-64 micro-architecture levels; "baseline" everywhere */
@@ -49,6 +50,7 @@ struct kernels {
                           struct direct_counts *counts);
 
     const struct transport_kernels *transport; /* transport_parts.h */
+    const struct bounce_kernels *bounce;       /* bounce_parts.h */
 };
 
 /* The best level that this CPU has, or the one named ("baseline", "v3", "v4"); ERR_USAGE when it is unknown or

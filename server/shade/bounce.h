@@ -1,0 +1,74 @@
+/* Interreflection by a cache of light transport: with camera, geometry and materials fixed, the light that reaches a
+ * shade point by way of other surfaces is linear in the sky. The class is PATH_INDIRECT_LIT of paths.h, E D (S* D)+ L,
+ * sun and all; nothing is traced as a frame is made.
+ *
+ * Records lie on the surfaces, a voxel and a range of normals each, and keep what of the sky falls on them, by cells
+ * and by traced rays at sixteen places, and what falls on them by way of other records. Shade points gather from the
+ * records. All of it lives in one basis of the cells, the eigenvectors of what some thousand points gather: records
+ * and points keep coefficients, 3 x (K <= 128). A block of 64 points is compressed as in transport_compress.
+ *
+ * Cells overlap here: each is a tent over its neighbours' centres, so that a sun that moves goes from one to the other
+ * gradually. Biased: a cell's mean, the basis, records that are even over their voxel, noise of the gather, smoothed
+ * over a block, that stands still. docs/transport-cache.md has figures.
+ *
+ * One struct bounce per thread of control; the functions run on all OpenMP threads and do not depend on their number.
+ */
+#ifndef SHADE_BOUNCE_H
+#define SHADE_BOUNCE_H
+
+#include "environment.h"
+#include "err.h"
+#include "gbuffer.h"
+#include "kernels.h"
+#include "rays.h"
+#include "scene.h"
+#include "transport.h"
+#include "vec.h"
+
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+struct bounce;
+struct progress;
+
+struct bounce_desc {
+    const struct scene *scene;
+    const struct rays *rays;
+    const struct gbuffer *gbuffer;
+    const struct transport *direct; /* its packets are taken, the others are left, as there; read while building */
+    struct vec3 eye;                /* the camera's place: records are larger where it is far */
+    uint32_t gather;                /* rays of a shade point's matte part; 0: 64. Glossy points have as many besides */
+    uint32_t records;               /* at most; 0: 12000 */
+    float tolerance;                /* of compression, relative, as in transport.h; 0: 0.02 */
+    bool no_smoothing;              /* noise of the gather stays */
+    uint64_t max_bytes;             /* of all that stays; 0: 1 GiB. While it is made, some 100 MB come to it. */
+    uint64_t seed;
+    struct progress *progress; /* may be NULL; stepped by bounce_steps in all */
+    const atomic_bool *cancel; /* once true, building ends; may be NULL */
+};
+
+struct bounce_stats {
+    uint64_t bytes; /* that it holds */
+    uint64_t rays;  /* traced for it */
+    uint32_t records;
+    uint32_t basis;    /* K */
+    double basis_rest; /* of what the basis was made from, the share that it leaves out, by Frobenius norms */
+    uint32_t bounces;  /* iterated */
+    double rank;       /* mean of all rows of blocks */
+};
+
+uint64_t bounce_steps(const struct gbuffer *g);
+
+/* gbuffer and kernels must outlive it. ERR_RANGE: max_bytes does not suffice. ERR_NOMEM. On an error, or when cancelled
+ * (which is none), *out is NULL. */
+MUST_CHECK enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
+                                  struct reason *why);
+void bounce_destroy(struct bounce *b); /* NULL is allowed */
+
+/* Adds to lo: float[packet_count][3][16], at the packets that are taken. ERR_NOMEM. */
+MUST_CHECK enum err bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo);
+
+const struct bounce_stats *bounce_stats(const struct bounce *b);
+
+#endif

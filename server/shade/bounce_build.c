@@ -1,0 +1,98 @@
+/* The steps in which the cache of interreflection is made. */
+#include "bounce_parts.h"
+#include "mem.h"
+#include "progress.h"
+
+#include <math.h>
+
+#define GATHER 64u
+#define GATHER_MOST 4096u
+#define SIDE 4u /* of a cell's directions: sixteen, one for each of a record's places */
+
+uint64_t bounce_steps(const struct gbuffer *g)
+{
+    return g->packet_count;
+}
+
+/* The blocks of the direct transport. */
+static enum err take_blocks(struct bounce *b, const struct transport *t)
+{
+    b->blocks = mem_alloc(t->block_count, sizeof(*b->blocks));
+    if (!b->blocks)
+        return ERR_NOMEM;
+    b->block_count = t->block_count;
+    for (uint32_t k = 0; k < t->block_count; k++) {
+        const struct transport_block *from = &t->blocks[k];
+        b->blocks[k] = (struct bounce_block){ .first = from->first, .packets = from->packets, .rows = from->rows };
+    }
+    b->stats.bytes = sizeof(*b) + b->block_count * sizeof(*b->blocks);
+    return ERR_OK;
+}
+
+static enum err begin(struct bounce_build *b)
+{
+    const struct bounce_desc *d = b->desc;
+    enum err e = take_blocks(b->b, d->direct);
+
+    b->gather = d->gather ? d->gather : GATHER;
+    if (b->gather > GATHER_MOST)
+        b->gather = GATHER_MOST;
+    const uint32_t most = b->gather > BOUNCE_BASIS_RAYS ? b->gather : BOUNCE_BASIS_RAYS;
+    for (int k = 0; k < 2 && !e; k++) {
+        b->numbers[k] = mem_alloc(most, sizeof(*b->numbers[k]));
+        if (!b->numbers[k])
+            e = ERR_NOMEM;
+        for (uint32_t i = 0; i < most && !e; i++)
+            rng_sobol2(rng_mix(d->seed, 10 + (uint64_t)k), i, b->numbers[k][i]);
+    }
+    if (e)
+        return e;
+    transport_compress_begin();
+    return transport_directions_init(&b->directions, SIDE, rng_mix(d->seed, 12));
+}
+
+static enum err run_steps(struct bounce_build *b)
+{
+    enum err (*const steps[])(struct bounce_build *) = {
+        begin, bounce_find_records, bounce_light_records, bounce_make_basis, bounce_solve, bounce_gather_blocks
+    };
+    enum err e = ERR_OK;
+
+    for (size_t k = 0; k < sizeof(steps) / sizeof(steps[0]) && !e && !bounce_cancelled(b); k++)
+        e = steps[k](b);
+    return e;
+}
+
+enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
+                       struct reason *why)
+{
+    struct bounce *t = mem_alloc(1, sizeof(*t));
+    struct bounce_build b = { .b = t, .desc = desc, .widen = kernels->transport->widen };
+
+    *out = NULL;
+    if (!t)
+        return err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
+    t->gbuffer = desc->gbuffer;
+    t->kernels = kernels->bounce;
+    const enum err e = run_steps(&b);
+    t->stats.rays = b.rays;
+    t->stats.rank /= t->pieces ? t->pieces : 1;
+    t->stats.bytes += (uint64_t)t->basis.count * TRANSPORT_CELLS * sizeof(float);
+    if (e == ERR_RANGE)
+        err_say(why, e, "the cache of interreflection takes more than what --cache-memory leaves to it, %.0f MB",
+                ceil(1e-6 * (double)desc->max_bytes));
+    else if (e)
+        err_say(why, e, "no memory for the cache of interreflection");
+    else if (!bounce_cancelled(&b)) {
+        *out = t;
+        t = NULL;
+    }
+    bounce_destroy(t);
+    bounce_records_finish(&b.records);
+    transport_directions_finish(&b.directions);
+    mem_free(b.light);
+    mem_free(b.sources);
+    mem_free(b.numbers[0]);
+    mem_free(b.numbers[1]);
+    return e;
+}

@@ -1,0 +1,162 @@
+/* Inside the cache of interreflection (bounce.h). Light that goes on from a place is kept as a row over the basis, K
+ * numbers for each colour: what the place has of the sky's K coefficients. Rows of `sources` are those of the records
+ * and, behind them, those of the cells themselves, which a path that leaves the scene ends in. */
+#ifndef SHADE_BOUNCE_PARTS_H
+#define SHADE_BOUNCE_PARTS_H
+
+#include "bounce.h"
+#include "lobe.h"
+#include "progress.h"
+#include "rng.h"
+#include "scatter.h"
+#include "transport_parts.h"
+
+#define BOUNCE_BASIS_MAX 128 /* K, a multiple of 16 */
+
+#define BOUNCE_BASIS_RAYS 512u
+#define BOUNCE_SPOTS 8u /* of a record; two make a packet */
+
+/* ---- Records ---- */
+
+struct bounce_spot { /* a place where a path has met a rough surface */
+    struct vec3 at;  /* off the surface */
+    struct vec3 geometric, shading;
+    float length;   /* m: of the ray that met it */
+    uint64_t order; /* a random number of its own: which of many a record takes does not depend on threads */
+    uint64_t key;   /* of its voxel */
+    uint32_t kind;  /* enum lobe_kind */
+};
+
+struct bounce_spots {
+    struct bounce_spot *at;
+    uint32_t count, capacity;
+    bool failed; /* out of memory */
+};
+
+struct bounce_records {
+    struct vec3 eye;
+    float angle; /* a voxel's size over its distance from the eye, before it is rounded to a power of two */
+    uint32_t count;
+    struct bounce_spot *spots; /* [count + 1][BOUNCE_SPOTS], repeated where a voxel has fewer */
+    uint32_t *table;           /* [mask + 1]: record + 1 by key, 0 where there is none */
+    uint32_t mask;
+};
+
+#define BOUNCE_NO_RECORD UINT32_MAX
+/* The record for a spot's place, from x in [0, 1)^2. */
+uint32_t bounce_find(const struct bounce_records *r, const struct bounce_spot *s, const double x[2]);
+
+/* Makes records of the spots, with voxels so large that there are at most `most`; r->eye and the first r->angle are
+ * set. Spots are sorted. ERR_NOMEM. */
+MUST_CHECK enum err bounce_records_init(struct bounce_records *r, struct bounce_spots *spots, uint32_t most);
+void bounce_records_finish(struct bounce_records *r); /* zeroed memory is allowed */
+
+/* ---- Paths ---- */
+
+struct bounce_end {  /* where a path has found light */
+    uint32_t source; /* record, or count of records + cell */
+    float weight[3];
+};
+
+struct bounce_ends {
+    struct bounce_end *at;
+    uint32_t count, capacity;
+    bool failed;
+    uint64_t rays;
+};
+
+struct bounce_world { /* borrowed */
+    const struct scene *scene;
+    const struct rays *rays;
+    const struct bounce_records *records;
+    struct bounce_spots *found; /* not NULL: matte surfaces are written down here, and nothing ends */
+};
+
+/* Follows a ray from a rough surface: light that arrives by way of other rough surfaces, as ends. Returns the distance
+ * to what is met first, INFINITY where nothing is. */
+float bounce_walk(const struct bounce_world *w, struct vec3 origin, struct vec3 dir, struct rng *rng,
+                  struct bounce_ends *ends);
+
+/* A ray from a spot by its matte part. False: it would go below the surface. */
+bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *dir, float *weight);
+
+/* ---- The basis ---- */
+
+struct bounce_basis {
+    uint32_t count; /* K */
+    float *rows;    /* [K][TRANSPORT_CELLS], orthonormal */
+    double rest;
+};
+
+/* Of m: [rows][TRANSPORT_CELLS]. ERR_NOMEM. */
+MUST_CHECK enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows);
+void bounce_basis_finish(struct bounce_basis *b);
+
+/* ---- The sky ---- */
+
+/* Means of the whole sky over the tents: out[3][TRANSPORT_CELLS]. */
+void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS]);
+
+/* A cell by its tent's weight at w, from x in [0, 1). */
+uint32_t bounce_cell(struct vec3 w, double x);
+
+/* ---- Blocks ---- */
+
+/* T = U V, V [rank][3][K], U [rank][points] behind it, both half floats. */
+struct bounce_piece {
+    uint16_t *halves; /* NULL: all is zero */
+    uint32_t rank;
+    float scale; /* V is kept divided by it */
+};
+
+struct bounce_block {
+    uint32_t first, packets, rows;
+    struct bounce_piece pieces[TRANSPORT_ROWS];
+};
+
+struct bounce_kernels {
+    /* to[c][k] += weight[c] * from[c][k]; k < basis, a multiple of 16. */
+    void (*add)(float *to, const float *from, const float weight[3], uint32_t basis);
+    /* out[c][point] = sum over the basis of T y; y [3][basis]. points: a multiple of 16. */
+    void (*expand)(const struct bounce_piece *q, const float *y, uint32_t basis, uint32_t points,
+                   float out[3][TRANSPORT_POINTS]);
+};
+
+struct bounce {
+    const struct gbuffer *gbuffer;
+    const struct bounce_kernels *kernels;
+    struct bounce_basis basis;
+    struct bounce_block *blocks;
+    uint32_t block_count, pieces;
+    struct bounce_stats stats;
+};
+
+/* ---- Building ---- */
+
+struct bounce_build {
+    struct bounce *b;
+    const struct bounce_desc *desc;
+    struct bounce_records records;
+    struct transport_directions directions;
+    uint16_t *light; /* [records + 1][TRANSPORT_CELLS], half floats: what arrives at a record from a cell at once */
+    float *sources;  /* [records + TRANSPORT_CELLS][3][K] */
+    double (*numbers[2])[2]; /* of a gather: by the matte part, by the lobe */
+    void (*widen)(const uint16_t *in, float *out, uint32_t n);
+    uint32_t gather;
+    uint64_t rays;
+};
+
+static inline bool bounce_cancelled(const struct bounce_build *b)
+{
+    return b->desc->cancel && atomic_load_explicit(b->desc->cancel, memory_order_relaxed);
+}
+
+/* The steps of building in their order, each a file's own. All may be called with a build that is cancelled, and then
+ * leave early. ERR_NOMEM. */
+MUST_CHECK enum err bounce_find_records(struct bounce_build *b);
+MUST_CHECK enum err bounce_light_records(struct bounce_build *b); /* light */
+MUST_CHECK enum err bounce_make_basis(struct bounce_build *b);
+MUST_CHECK enum err bounce_solve(struct bounce_build *b); /* sources */
+MUST_CHECK enum err bounce_gather_blocks(struct bounce_build *b);
+
+#endif

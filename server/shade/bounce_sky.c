@@ -1,0 +1,162 @@
+/* The sky as the cache of interreflection takes it: means over tents that go from a cell's centre to its neighbours',
+ * across the faces' edges too. Their weights add up to 1 everywhere. Where three faces meet there is no fourth cell:
+ * its share is dealt to the three. */
+#include "bounce_parts.h"
+
+#include <math.h>
+#include <string.h>
+
+#define EDGE TRANSPORT_EDGE
+#define WIDE (EDGE + 2) /* a face with a border of its neighbours' cells */
+#define FINE 64u        /* texels along an edge, at least; larger ones are divided */
+#define PARTS 4u        /* of a face, summed apart */
+
+struct wide_face {
+    float at[WIDE][WIDE][4]; /* red, green, blue, solid angle */
+};
+
+/* Cells of a row or column `k` in -1..16 beyond the edge are the neighbour's. */
+static uint32_t neighbour(uint32_t face, int i, int j)
+{
+    const double step = 2.0 / EDGE;
+    double w[3];
+    float x[3], u, v;
+
+    cube_direction(face, -1.0 + step * (j + 0.5), -1.0 + step * (i + 0.5), w);
+    for (int k = 0; k < 3; k++)
+        x[k] = (float)w[k];
+    const uint32_t other = cube_locate(x, &u, &v);
+    const uint32_t row = (uint32_t)((v + 1.0f) * (0.5f * EDGE)), column = (uint32_t)((u + 1.0f) * (0.5f * EDGE));
+    return transport_cell(other, row < EDGE ? row : EDGE - 1, column < EDGE ? column : EDGE - 1);
+}
+
+static int clamped(int k)
+{
+    return k < 0 ? 0 : k >= EDGE ? EDGE - 1 : k;
+}
+
+/* The one cell of a place of the wide face, or the three of a corner; returns how many. */
+static uint32_t cells_of(uint32_t face, int i, int j, uint32_t out[3])
+{
+    const int ci = clamped(i), cj = clamped(j);
+
+    out[0] = ci == i && cj == j ? transport_cell(face, (uint32_t)i, (uint32_t)j) : neighbour(face, i, j);
+    if (ci == i || cj == j)
+        return 1;
+    out[0] = transport_cell(face, (uint32_t)ci, (uint32_t)cj);
+    out[1] = neighbour(face, i, cj);
+    out[2] = neighbour(face, ci, j);
+    return 3;
+}
+
+/* The cell before a coordinate in -1..1, from -1 on, and how far it is on its way to the next. */
+static int cell_before(double u, float *on)
+{
+    const double x = (u + 1.0) * (0.5 * EDGE) - 0.5, whole = floor(x);
+
+    *on = (float)(x - whole);
+    return (int)whole;
+}
+
+/* Texels of one row that have one cell before them, from column `first` on: into that and the one behind. Returns the
+ * column where the next begins. */
+static uint32_t take_run(const struct texel *row, const double *solid_angle, uint32_t n, uint32_t fine, uint32_t first,
+                         float (*out)[4])
+{
+    const uint32_t columns = n * fine;
+    float on, whole[4] = { 0.0f }, behind[4] = { 0.0f };
+    const int cell = cell_before(-1.0 + 2.0 * (first + 0.5) / columns, &on);
+    const float step = (float)EDGE / (float)columns;
+    uint32_t j = first;
+
+    for (; j < columns && on < 1.0f; j++, on += step) {
+        const struct texel *t = &row[j / fine];
+        const float omega = (float)solid_angle[j / fine], light[4] = { t->r, t->g, t->b, 1.0f };
+        for (int c = 0; c < 4; c++) {
+            whole[c] += omega * light[c];
+            behind[c] += on * (omega * light[c]);
+        }
+    }
+    for (int c = 0; c < 4; c++) {
+        out[cell + 1][c] += whole[c] - behind[c];
+        out[cell + 2][c] += behind[c];
+    }
+    return j;
+}
+
+static void take_row(const struct texel *row, const double *solid_angle, uint32_t n, uint32_t fine, float out[WIDE][4])
+{
+    memset(out, 0, WIDE * sizeof(*out));
+    for (uint32_t j = 0; j < n * fine;)
+        j = take_run(row, solid_angle, n, fine, j, out);
+}
+
+/* A part of a face's rows. */
+static void take_part(const struct environment *e, uint32_t face, uint32_t part, struct wide_face *out)
+{
+    const uint32_t n = e->n, fine = (FINE + n - 1) / n, rows = n * fine;
+    float one[WIDE][4];
+
+    memset(out, 0, sizeof(*out));
+    for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
+        float on;
+        const int i = cell_before(-1.0 + 2.0 * (y + 0.5) / rows, &on) + 1;
+        take_row(e->texels + ((size_t)face * n + y / fine) * n, e->solid_angle + (size_t)(y / fine) * n, n, fine, one);
+        for (uint32_t j = 0; j < WIDE; j++)
+            for (int c = 0; c < 4; c++) {
+                out->at[i][j][c] += (1.0f - on) * one[j][c];
+                out->at[i + 1][j][c] += on * one[j][c];
+            }
+    }
+}
+
+void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS])
+{
+    struct wide_face parts[CUBE_FACES * PARTS];
+    float omega[TRANSPORT_CELLS] = { 0.0f };
+
+    memset(out, 0, 3 * sizeof(*out));
+#pragma omp parallel for schedule(static)
+    for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
+        take_part(e, k / PARTS, k % PARTS, &parts[k]);
+    for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
+        for (int i = -1; i <= EDGE; i++)
+            for (int j = -1; j <= EDGE; j++) {
+                const float *from = parts[k].at[i + 1][j + 1];
+                uint32_t cells[3];
+                const uint32_t count = from[3] > 0.0f ? cells_of(k / PARTS, i, j, cells) : 0;
+                for (uint32_t q = 0; q < count; q++) {
+                    for (int c = 0; c < 3; c++)
+                        out[c][cells[q]] += from[c] / (float)count;
+                    omega[cells[q]] += from[3] / (float)count;
+                }
+            }
+    for (uint32_t cell = 0; cell < TRANSPORT_CELLS; cell++)
+        for (int c = 0; c < 3; c++)
+            out[c][cell] /= omega[cell];
+}
+
+uint32_t bounce_cell(struct vec3 w, double x)
+{
+    const float direction[3] = { w.x, w.y, w.z };
+    float u, v, right, down;
+    uint32_t cells[3];
+
+    const uint32_t face = cube_locate(direction, &u, &v);
+    int j = cell_before((double)u, &right), i = cell_before((double)v, &down);
+    /* the column by one part of x, the row by what is left of it, the corner's share by what is left then */
+    if (x < (double)right) {
+        j++;
+        x /= (double)right;
+    } else {
+        x = (x - (double)right) / (1.0 - (double)right);
+    }
+    if (x < (double)down) {
+        i++;
+        x /= (double)down;
+    } else {
+        x = (x - (double)down) / (1.0 - (double)down);
+    }
+    const uint32_t count = cells_of(face, i, j, cells), k = (uint32_t)(x * count);
+    return cells[k < count ? k : count - 1];
+}
