@@ -146,6 +146,11 @@ void relighter_destroy(struct relighter *r)
     mem_free(r);
 }
 
+static bool has_bounce(const struct relighter *r, const struct relight_desc *desc)
+{
+    return r->cache.bounce.bounce && relight_bounce_wanted(r->set, desc);
+}
+
 /* e may be NULL: what it decides, who finds caustics where nothing is stored, is then left open. */
 static void make_plan(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                       struct plan *out)
@@ -165,6 +170,8 @@ static void make_plan(const struct relighter *r, const struct environment *e, co
     if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0 && e)
         facts.peakedness = facts_peakedness(e);
     plan_make(&facts, &wish, out);
+    if (has_bounce(r, desc))
+        out->indirect = PLAN_CACHE;
 }
 
 static bool is_cached(const struct relight_desc *desc)
@@ -200,18 +207,38 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     make_plan(r, NULL, desc, &plan);
     const uint32_t stored = classes_by(&plan, PLAN_STORED);
     enum err e = is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
+    if (!e && is_cached(desc))
+        e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, progress, ms);
     if (!e && stored)
         e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
     return e;
+}
+
+/* Interreflection by the cache, and at the packets that this leaves by eye paths. */
+static enum err run_bounce(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                           const struct eye_paths_desc *eye, struct relight_stats *stats)
+{
+    struct eye_paths_desc rest = *eye;
+    struct eye_paths_stats more = { 0 };
+    enum err result = relight_bounce_shade(&r->cache.bounce, e, desc, r->lo, stats);
+
+    rest.classes = rest.behind_classes = PATH_INDIRECT_LIT;
+    rest.only = transport_left(r->cache.transport);
+    if (!result && rest.only->count > 0)
+        result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &rest, r->lo, &more);
+    stats->eye.paths += more.paths;
+    stats->eye.rays += more.rays;
+    return result;
 }
 
 static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                               struct relight_stats *stats)
 {
     const struct plan *p = &stats->plan;
-    const struct eye_paths_desc eye = {
+    const uint32_t behind = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
+    struct eye_paths_desc eye = {
         .classes = classes_by(p, PLAN_EYE),
-        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? PATH_INDIRECT : 0),
+        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? behind : 0),
         .paths = p->eye_paths,
         .seed = rng_mix(desc->direct.seed, 0x657965),
         .pass = desc->direct.pass,
@@ -221,7 +248,8 @@ static enum err run_eye_paths(struct relighter *r, const struct environment *e, 
 
     if (p->eye_paths == 0)
         return ERR_OK;
-    return eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &stats->eye);
+    const enum err result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &stats->eye);
+    return result || p->indirect != PLAN_CACHE ? result : run_bounce(r, e, desc, &eye, stats);
 }
 
 static void add_stats(struct light_tracer_stats *to, const struct light_tracer_stats *more)

@@ -4,6 +4,7 @@
 #ifndef FILM_RELIGHT_H
 #define FILM_RELIGHT_H
 
+#include "bounce.h"
 #include "caustic_store.h"
 #include "direct.h"
 #include "environment.h"
@@ -80,7 +81,9 @@ struct relight_stats {           /* of one picture */
     struct transport_frame_stats cache_frame;
     bool cache_loaded; /* out of a file */
     double cache_ms;
-    const char *bias; /* in what it is not right in the mean, in words; NULL: in nothing */
+    struct bounce_stats bounce; /* where the cache has interreflection too: what that is, */
+    double bounce_ms;           /* and what it took in this frame, within eye_ms */
+    const char *bias;           /* in what it is not right in the mean, in words; NULL: in nothing */
 };
 
 struct relighter;

@@ -12,6 +12,7 @@
 
 void relight_cache_finish(struct relight_cache *c)
 {
+    relight_bounce_finish(&c->bounce);
     transport_destroy(c->transport);
     *c = (struct relight_cache){ .transport = NULL };
 }

@@ -4,11 +4,13 @@
 #define FILM_RELIGHT_CACHE_H
 
 #include "relight.h"
+#include "relight_bounce.h"
 #include "transport.h"
 
 struct relight_cache { /* zeroed at first */
     struct transport *transport;
-    bool no_visibility; /* what it was made for */
+    struct relight_bounce bounce; /* of the same packets */
+    bool no_visibility;           /* what it was made for */
     uint64_t max_bytes;
     bool loaded;  /* out of a file */
     bool refused; /* for these; it is not tried again */

@@ -68,7 +68,7 @@ void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct pla
 
 const char *plan_estimator_name(enum plan_estimator e)
 {
-    static const char *const names[] = { "auto", "none", "light tracer", "eye paths", "stored light paths" };
+    static const char *const names[] = { "auto", "none", "light tracer", "eye paths", "stored light paths", "cache" };
     return names[e];
 }
 

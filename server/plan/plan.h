@@ -17,6 +17,8 @@ enum plan_estimator {
     PLAN_EYE,    /* eye paths */
     PLAN_STORED, /* caustics: light paths that are kept and lit anew, and the light tracer for the sun. Not asked of
                   * interreflection, which has it for what caustics throw on where they have */
+    PLAN_CACHE,  /* interreflection: what stands still, computed beforehand. Neither a wish nor the plan's own answer:
+                  * whoever has such a cache lets it take what the plan gave to eye paths */
 };
 
 /* What is known of scene, picture and sky. */
@@ -52,7 +54,7 @@ struct plan {
 
 void plan_make(const struct plan_facts *facts, const struct plan_wish *wish, struct plan *out);
 
-/* "none", "light tracer", "eye paths", "stored light paths". */
+/* "none", "light tracer", "eye paths", "stored light paths", "cache". */
 const char *plan_estimator_name(enum plan_estimator e);
 
 /* "auto", "none", "light" or "eye"; of caustics "stored" as well. */

@@ -3,7 +3,7 @@
  * sun and all; nothing is traced as a frame is made.
  *
  * Records lie on the surfaces, a voxel and a range of normals each, and keep what of the sky falls on them, by cells
- * and by traced rays at sixteen places, and what falls on them by way of other records. Shade points gather from the
+ * and by traced rays at eight places, and what falls on them by way of other records. Shade points gather from the
  * records. All of it lives in one basis of the cells, the eigenvectors of what some thousand points gather: records
  * and points keep coefficients, 3 x (K <= 128). A block of 64 points is compressed as in transport_compress.
  *
@@ -39,8 +39,8 @@ struct bounce_desc {
     const struct transport *direct; /* its packets are taken, the others are left, as there; read while building */
     struct vec3 eye;                /* the camera's place: records are larger where it is far */
     uint32_t gather;                /* rays of a shade point's matte part; 0: 64. Glossy points have as many besides */
-    uint32_t records;               /* at most; 0: 12000 */
-    float tolerance;                /* of compression, relative, as in transport.h; 0: 0.02 */
+    uint32_t records;               /* at most; 0: 24000 */
+    float tolerance;                /* of compression, relative, as in transport.h; 0: 0.04 */
     bool no_smoothing;              /* noise of the gather stays */
     uint64_t max_bytes;             /* of all that stays; 0: 1 GiB. While it is made, some 100 MB come to it. */
     uint64_t seed;

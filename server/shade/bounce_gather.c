@@ -13,7 +13,7 @@
 
 #define BASIS_POINTS 1536u
 #define BASIS_RECORDS 512u
-#define TOLERANCE 0.02
+#define TOLERANCE 0.04
 #define MAX_BYTES ((uint64_t)1 << 30)
 #define BATCH 256u
 #define LIKENESS 0.2 /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988, Eq. 4] */

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#define ANGLE_PIXELS 8.0f /* a voxel's size at first, in pixels at its distance */
+#define ANGLE 0.015f /* a voxel's size over its distance, at first */
 #define RECORDS_MOST 24000u
 #define PROBES 400000u  /* rays that look for surfaces */
 #define RAYS_OF_SPOT 8u /* from each of a record's places to others */
@@ -81,7 +81,8 @@ static void probe_all(struct bounce_build *b, struct bounce_spots *all, bool sec
                 continue;
             const struct bounce_spot spot = second ? all->at[i] : spot_of_lane(p, i % PACKET);
             for (uint32_t k = 0; k < each; k++)
-                probe(&w, &spot, rng_mix(rng_mix(b->desc->seed, second ? 1 : 2), second ? spot.order : i * 64ull + k),
+                probe(&w, &spot,
+                      rng_mix(rng_mix(b->desc->seed, second ? 1 : 2), second ? spot.order : (uint64_t)i * each + k),
                       &ends);
         }
         rays += ends.rays;
@@ -102,7 +103,7 @@ enum err bounce_find_records(struct bounce_build *b)
     enum err e = ERR_NOMEM;
 
     b->records.eye = d->eye;
-    b->records.angle = ANGLE_PIXELS * fmaxf(d->gbuffer->pixel_angle, 1e-5f);
+    b->records.angle = ANGLE;
     probe_all(b, &all, false);
     if (!all.failed)
         probe_all(b, &all, true);

@@ -319,6 +319,15 @@ static json_t *stored_stats(const struct relight_stats *s)
                      (int)c->parts, "renewed_parts", (int)c->renewed, "rays", (json_int_t)c->rays);
 }
 
+static json_t *bounce_stats_of(const struct relight_stats *s)
+{
+    const struct bounce_stats *b = &s->bounce;
+
+    return json_pack("{s:f, s:I, s:I, s:i, s:i, s:f, s:i, s:f}", "ms", s->bounce_ms, "bytes", (json_int_t)b->bytes,
+                     "rays", (json_int_t)b->rays, "records", (int)b->records, "basis", (int)b->basis,
+                     "basis_leaves_out", b->basis_rest, "bounces", (int)b->bounces, "mean_rank", b->rank);
+}
+
 static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
@@ -339,6 +348,8 @@ static void write_stats(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "cache", cache_stats(r, s));
         if (s->plan.caustics == PLAN_STORED)
             json_object_set_new(j, "stored_caustics", stored_stats(s));
+        if (s->bounce.basis > 0)
+            json_object_set_new(j, "interreflection", bounce_stats_of(s));
         if (r->pilot)
             json_object_set_new(j, "estimate", estimate_stats(r, pilot));
         fputs(r->rendered ? ",\n" : "\n", r->stats);

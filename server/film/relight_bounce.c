@@ -1,0 +1,83 @@
+#include "relight_bounce.h"
+
+#include "clock.h"
+#include "log.h"
+#include "progress.h"
+#include "rng.h"
+
+#include <stdio.h>
+
+#define MAX_BYTES ((uint64_t)1 << 30) /* of both caches, unless told otherwise */
+
+void relight_bounce_finish(struct relight_bounce *b)
+{
+    bounce_destroy(b->bounce);
+    *b = (struct relight_bounce){ .bounce = NULL };
+}
+
+bool relight_bounce_wanted(const struct set *set, const struct relight_desc *desc)
+{
+    const struct plan_wish wish = { .indirect = desc->classes & PATH_INDIRECT,
+                                    .indirect_by = desc->indirect,
+                                    .samples = desc->direct.samples };
+    struct plan plan;
+
+    if (desc->direct.method != METHOD_CACHED || !(desc->classes & PATH_DIRECT) ||
+        !(desc->classes & PATH_INDIRECT_LIT) || desc->indirect != PLAN_AUTO)
+        return false;
+    plan_make(&set->facts, &wish, &plan);
+    return plan.indirect == PLAN_EYE;
+}
+
+static void say(const struct bounce_stats *s, double ms)
+{
+    log_info("interreflection: %.1f s, %.0f MB; %u records, %u coefficients, %u bounces", 1e-3 * ms,
+             1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+}
+
+enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
+                             const struct kernels *kernels, const struct relight_desc *desc, bool progress, double *ms)
+{
+    const uint64_t most = desc->cache_bytes ? desc->cache_bytes : MAX_BYTES;
+    struct progress line;
+    struct reason why;
+
+    if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc))
+        return ERR_OK;
+    const uint64_t taken = transport_stats(direct)->bytes;
+    progress_begin(&line, "computing interreflection", bounce_steps(set->gbuffer), progress ? stderr : NULL);
+    const struct bounce_desc d = {
+        .scene = set->scene,
+        .rays = set->rays,
+        .gbuffer = set->gbuffer,
+        .direct = direct,
+        .eye = { (float)set->view.origin[0], (float)set->view.origin[1], (float)set->view.origin[2] },
+        .max_bytes = most > taken ? most - taken : 1,
+        .seed = rng_mix(desc->direct.seed, 0x626f756e6365u),
+        .progress = &line,
+        .cancel = desc->direct.cancel,
+    };
+    const double start = clock_seconds();
+    const enum err e = bounce_create(&d, kernels, &b->bounce, &why);
+    progress_end(&line);
+    *ms += 1e3 * (clock_seconds() - start);
+    b->refused = e == ERR_RANGE;
+    if (b->refused)
+        log_warning("%s: %s; eye paths are traced for it in every frame", set->name, why.text);
+    if (b->bounce)
+        say(bounce_stats(b->bounce), 1e3 * (clock_seconds() - start));
+    return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
+}
+
+enum err relight_bounce_shade(struct relight_bounce *b, const struct environment *e, const struct relight_desc *desc,
+                              float *lo, struct relight_stats *stats)
+{
+    const double start = clock_seconds();
+    const enum err result = bounce_shade(b->bounce, e, desc->direct.cancel, lo);
+
+    stats->bounce_ms = 1e3 * (clock_seconds() - start);
+    stats->bounce = *bounce_stats(b->bounce);
+    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; interreflection by records "
+                  "that are even within, of a sky of 1536 overlapping cells with its sun";
+    return result;
+}

@@ -1,0 +1,30 @@
+/* Interreflection by a cache (shade/bounce.h) beside that of direct light, where a picture asks for it and leaves to
+ * the plan by whom. One thread. */
+#ifndef FILM_RELIGHT_BOUNCE_H
+#define FILM_RELIGHT_BOUNCE_H
+
+#include "bounce.h"
+#include "relight.h"
+#include "transport.h"
+
+struct relight_bounce { /* zeroed at first */
+    struct bounce *bounce;
+    bool refused; /* it takes more memory than it may, which is said in the log; eye paths take its part */
+};
+
+void relight_bounce_finish(struct relight_bounce *b);
+
+/* Whether it is to take PATH_INDIRECT_LIT. */
+bool relight_bounce_wanted(const struct set *set, const struct relight_desc *desc);
+
+/* Makes it where it is wanted and not there yet, and adds to *ms what that took. direct: the cache of direct light,
+ * whose packets it takes; NULL: it was cancelled, and so is this. */
+MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
+                                        const struct kernels *kernels, const struct relight_desc *desc, bool progress,
+                                        double *ms);
+
+/* Adds it to lo. Fills stats->bounce, bounce_ms and bias. */
+MUST_CHECK enum err relight_bounce_shade(struct relight_bounce *b, const struct environment *e,
+                                         const struct relight_desc *desc, float *lo, struct relight_stats *stats);
+
+#endif
