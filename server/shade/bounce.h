@@ -39,7 +39,7 @@ struct bounce_desc {
     const struct transport *direct; /* its packets are taken, the others are left, as there; read while building */
     struct vec3 eye;                /* the camera's place: records are larger where it is far */
     uint32_t gather;                /* rays of a shade point's matte part; 0: 64. Glossy points have as many besides */
-    uint32_t records;               /* at most; 0: 24000 */
+    uint32_t records;               /* at most; 0: half as many as there are points, 4000 to 24000 */
     float tolerance;                /* of compression, relative, as in transport.h; 0: 0.04 */
     bool no_smoothing;              /* noise of the gather stays */
     uint64_t max_bytes;             /* of all that stays; 0: 1 GiB. While it is made, some 100 MB come to it. */

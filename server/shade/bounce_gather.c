@@ -16,7 +16,7 @@
 #define TOLERANCE 0.04
 #define MAX_BYTES ((uint64_t)1 << 30)
 #define BATCH 256u
-#define LIKENESS 0.2 /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988, Eq. 4] */
+#define LIKENESS 0.2 /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988] */
 
 /* A shade point, and the parts of its BRDF as rows (transport_parts.h). */
 struct point {

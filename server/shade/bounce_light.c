@@ -10,8 +10,9 @@
 #include <string.h>
 
 #define ANGLE 0.015f /* a voxel's size over its distance, at first */
+#define RECORDS_LEAST 4000u
 #define RECORDS_MOST 24000u
-#define PROBES 400000u  /* rays that look for surfaces */
+#define PROBES 16u      /* rays that look for surfaces, for each record that there may be */
 #define RAYS_OF_SPOT 8u /* from each of a record's places to others */
 #define BOUNCES_MOST 64u
 #define REST 3e-3 /* of the energy, that further bounces may hold */
@@ -61,10 +62,11 @@ static struct bounce_spot spot_of_lane(const struct shade_packet *p, uint32_t l)
 /* Rays from the shade points, evenly over all of them, or, the second time, from what those have met. */
 static void probe_all(struct bounce_build *b, struct bounce_spots *all, bool second)
 {
+    const uint32_t probes = PROBES * b->most;
     const struct gbuffer *g = b->desc->gbuffer;
     const uint32_t from = second ? all->count : g->packet_count * PACKET;
-    const uint32_t each = second ? 1 : PROBES / (from ? from : 1) + 1;
-    const uint32_t step = second ? 1 : from / PROBES + 1;
+    const uint32_t each = second ? 1 : probes / (from ? from : 1) + 1;
+    const uint32_t step = second ? 1 : from / probes + 1;
     struct bounce_spots found_by_all = { .at = NULL };
     uint64_t rays = 0;
 
@@ -102,13 +104,19 @@ enum err bounce_find_records(struct bounce_build *b)
     struct bounce_spots all = { .at = NULL };
     enum err e = ERR_NOMEM;
 
+    /* half as many as there are points: each is met by a hundred rays or more */
+    const uint64_t fair = d->gbuffer->point_count / 2;
+    b->most = d->records             ? d->records
+              : fair < RECORDS_LEAST ? RECORDS_LEAST
+              : fair > RECORDS_MOST  ? RECORDS_MOST
+                                     : (uint32_t)fair;
     b->records.eye = d->eye;
     b->records.angle = ANGLE;
     probe_all(b, &all, false);
     if (!all.failed)
         probe_all(b, &all, true);
     if (!all.failed)
-        e = bounce_records_init(&b->records, &all, d->records ? d->records : RECORDS_MOST);
+        e = bounce_records_init(&b->records, &all, b->most);
     b->b->stats.records = b->records.count;
     mem_free(all.at);
     return e;

@@ -142,7 +142,7 @@ struct bounce_build {
     float *sources;  /* [records + TRANSPORT_CELLS][3][K] */
     double (*numbers[2])[2]; /* of a gather: by the matte part, by the lobe */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
-    uint32_t gather;
+    uint32_t gather, most; /* rays of a point; records */
     uint64_t rays;
 };
 
