@@ -487,7 +487,7 @@ static enum err prepare(struct daemon *d, struct reason *why)
     struct relight_desc light = d->light;
     double ms;
 
-    if (light.direct.method == METHOD_CACHED)
+    if (light.direct.method == METHOD_CACHED || light.caustics == PLAN_STORED)
         daemon_tell_source(d, SERVER_WAITING, "light transport is being computed");
     light.direct.cancel = &stop_asked;
     light.direct.why = why;
