@@ -384,6 +384,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     desc.turn = in->ticket.lockstep ? e->number : d->turn++; /* frames that were dropped cost nothing */
     desc.direct.cancel = &stop_asked;
     desc.direct.why = why;
+    desc.cache_background = desc.cache_background && !in->ticket.lockstep;
     struct relight_stats stats;
     struct pilot_stats pilot = { 0 };
     const bool piloted = is_piloted(d, &now, in);
@@ -487,7 +488,7 @@ static enum err prepare(struct daemon *d, struct reason *why)
     struct relight_desc light = d->light;
     double ms;
 
-    if (light.direct.method == METHOD_CACHED || light.caustics == PLAN_STORED)
+    if ((light.direct.method == METHOD_CACHED && !light.cache_background) || light.caustics == PLAN_STORED)
         daemon_tell_source(d, SERVER_WAITING, "light transport is being computed");
     light.direct.cancel = &stop_asked;
     light.direct.why = why;

@@ -26,6 +26,7 @@ static struct option_row rows[] = {
     { "error", "E", "with --method auto: no better than this (relMSE), in less time where that is enough", NULL },
     { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
+    { "cache-wait", NULL, "of --method cached: the first picture waits until all is computed", NULL },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
     { "threads", "N", "for shading; 0: as many as there are processors", "0" },
     { "", NULL, "what goes out, and where", NULL },
@@ -98,6 +99,7 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
         e = err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
     d->importance = environment.importance;
     d->reseed = options_on(o, "reseed");
+    d->light.cache_background = !options_on(o, "cache-wait");
     d->set_desc.scene = options_get(o, "scene");
     d->set_desc.camera = options_get(o, "camera");
     d->set_desc.edge_rays = (uint32_t)edge;

@@ -131,7 +131,8 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     struct server_status *s = &d->status;
     s->used++;
     s->frame = p->frame;
-    s->method = pilot ? "auto" : method_recipe(now.method)->name; /* what auto stands for where it is one thing */
+    /* What auto stands for where it is one thing. */
+    s->method = pilot || stats->cache_refused ? "auto" : method_recipe(now.method)->name;
     s->samples = p->samples;
     s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
     s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
@@ -141,6 +142,8 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     note_sun(d, p->frame);
     note_plan(d, stats, pilot);
     s->error = pilot ? pilot->error : 0.0;
+    s->computing = stats->cache_share > 0.0 && stats->cache_share < 1.0;
+    s->computed = stats->cache_share;
     pthread_mutex_unlock(&d->status_lock);
 }
 

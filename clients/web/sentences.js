@@ -82,11 +82,13 @@ export function sunSentence(light) {
   return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
 }
 
-// Which light the picture holds, how far it is from the truth, where the server says so, and what is left out of it.
+// Which light the picture holds, how far it is from the truth, where the server says so, how much of what will make it
+// better and quicker is computed, and what is left out of it.
 export function lightSentence(light) {
   if (!light?.paths) return '';
   const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
-  return `Light: ${light.paths}.${off}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
+  const share = typeof light.computed === 'number' ? ` Light transport: ${Math.floor(100 * light.computed)} % computed.` : '';
+  return `Light: ${light.paths}.${off}${share}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
 }
 
 const percent = (x) => `${(100 * x).toFixed(x < 0.0995 ? 1 : 0)} %`;

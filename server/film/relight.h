@@ -58,6 +58,7 @@ struct relight_desc {
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: the most that its cache may take; 0: 1 GiB */
+    bool cache_background;  /* it is computed while pictures are made by other means; else the first waits for it */
     const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
     /* PLAN_STORED, whose store may take as much: the paths that are kept, 0: 64 a pixel; one of `renew` parts of them
      * is drawn anew as the turn goes on by one, 0: none. The picture depends on the turn, not on those before. */
@@ -79,7 +80,9 @@ struct relight_stats {           /* of one picture */
      * this very run; 0 where it was there. */
     struct transport_stats cache;
     struct transport_frame_stats cache_frame;
-    bool cache_loaded; /* out of a file */
+    bool cache_loaded;  /* out of a file */
+    bool cache_refused; /* it would take too much memory: lit by METHOD_AUTO */
+    double cache_share; /* of it that is computed: below 1 while it is made in the background */
     double cache_ms;
     struct bounce_stats bounce; /* where the cache has interreflection too: what that is, */
     double bounce_ms;           /* and what it took in this frame, within eye_ms */

@@ -1,19 +1,28 @@
 #include "relight_cache.h"
 
-#include "cache_place.h"
 #include "clock.h"
 #include "log.h"
 #include "progress.h"
+#include "relight_builder.h"
+#include "relight_keep.h"
 #include "rng.h"
-#include "transport_file.h"
 
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
+
+#define UNBUILT_SAMPLES                                                                                                \
+    4 /* at most, of points that are lit by other means for some seconds: the frames take time from                    \
+       * what ends that */
 
 void relight_cache_finish(struct relight_cache *c)
 {
+    const bool lives = c->builder && relight_builder_live(c->builder); /* then the transport goes with it */
+
     relight_bounce_finish(&c->bounce);
-    transport_destroy(c->transport);
+    relight_builder_destroy(c->builder);
+    if (!lives)
+        transport_destroy(c->transport);
     *c = (struct relight_cache){ .transport = NULL };
 }
 
@@ -23,129 +32,176 @@ static bool is_for(const struct relight_cache *c, const struct relight_desc *des
            c->max_bytes == desc->cache_bytes;
 }
 
-/* What is at work on one cache. */
-struct work {
-    struct relight_cache *cache;
-    const struct set *set;
-    const struct kernels *kernels;
-    struct transport_desc desc;
-    struct cache_places places;
-    struct digest key; /* where there are places */
-};
-
-/* ---- Files ---- */
-
-/* Out of one file. What is not as it should be, or of something else, is said and passed over. */
-static enum err load_from(struct work *w, const char *path)
+static struct transport_desc transport_of(const struct relight_desc *desc)
 {
-    struct relight_cache *c = w->cache;
-    struct cache_reader *r;
-    struct reason why;
-
-    enum err e = cache_reader_open(path, &r, &why);
-    if (!e && !r)
-        return ERR_OK;
-    if (!e)
-        e = transport_load(r, &w->key, w->set->gbuffer, w->set->rays, w->kernels, &w->desc, &c->transport, &why);
-    cache_reader_close(r);
-    if (e == ERR_RANGE || e == ERR_NOMEM) {
-        c->why = why;
-        return e;
-    }
-    if (e)
-        log_warning("%s; light transport is not taken from it", why.text);
-    c->loaded = !e;
-    return ERR_OK;
+    return (struct transport_desc){ .max_bytes = desc->cache_bytes,
+                                    .seed = rng_mix(desc->direct.seed, 0x6361636865u),
+                                    .no_visibility = desc->direct.no_visibility,
+                                    .cancel = desc->direct.cancel };
 }
 
-static enum err load(struct work *w)
+/* What there is none of, and why; whoever asked for it is told so once more each time. */
+static enum err refuse(struct relight_cache *c, enum err e, const struct reason *why)
 {
-    enum err e = ERR_OK;
+    const bool no_visibility = c->no_visibility;
+    const uint64_t max_bytes = c->max_bytes;
+    const struct reason kept = *why;
 
-    for (int k = 0; k < w->places.count && !e && !w->cache->transport; k++)
-        e = load_from(w, w->places.path[k]);
+    relight_cache_finish(c);
+    c->no_visibility = no_visibility;
+    c->max_bytes = max_bytes;
+    c->why = kept;
+    c->refused = e == ERR_RANGE;
     return e;
 }
 
-/* In the first place that can be written. */
-static void save(const struct work *w)
-{
-    struct reason why = { "" };
+/* ---- Made while somebody waits ---- */
 
-    for (int k = 0; k < w->places.count; k++) {
-        struct cache_writer *file = cache_writer_create();
-        enum err e = file ? cache_place_prepare(&w->places, k, &why) : err_say(&why, ERR_NOMEM, "no memory");
-        if (!e) {
-            transport_save(w->cache->transport, &w->key, file);
-            e = cache_writer_store(file, w->places.path[k], &why);
-        }
-        cache_writer_destroy(file);
-        if (!e) {
-            log_info("light transport: kept in %s", w->places.path[k]);
-            return;
-        }
-    }
-    if (w->places.count > 0)
-        log_warning("light transport is not kept for the next run: %s", why.text);
-}
-
-/* ---- Making ---- */
-
-static void work_init(struct work *w, struct relight_cache *c, const struct set *set, const struct kernels *kernels,
-                      const struct relight_desc *desc)
-{
-    *w = (struct work){ .cache = c, .set = set, .kernels = kernels };
-    w->desc = (struct transport_desc){ .max_bytes = desc->cache_bytes,
-                                       .seed = rng_mix(desc->direct.seed, 0x6361636865u),
-                                       .no_visibility = desc->direct.no_visibility,
-                                       .cancel = desc->direct.cancel };
-    cache_places_find(set, desc->cache_file, &w->places);
-    if (w->places.count > 0)
-        w->key = transport_key(set->gbuffer, set->scene, &w->desc);
-    c->no_visibility = desc->direct.no_visibility;
-    c->max_bytes = desc->cache_bytes;
-}
-
-static enum err compute(struct work *w, bool progress)
+static enum err compute(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                        struct transport_desc *desc, bool progress, struct reason *why)
 {
     struct progress line;
 
-    log_info("%s: computing light transport for --method cached; the first frame waits for it", w->set->name);
-    progress_begin(&line, "computing light transport", transport_steps(w->set->gbuffer), progress ? stderr : NULL);
-    w->desc.progress = &line;
-    const enum err e =
-        transport_create(w->set->gbuffer, w->set->rays, w->kernels, &w->desc, &w->cache->transport, &w->cache->why);
+    log_info("%s: computing light transport for --method cached; the first frame waits for it", set->name);
+    progress_begin(&line, "computing light transport", transport_steps(set->gbuffer), progress ? stderr : NULL);
+    desc->progress = &line;
+    const enum err e = transport_create(set->gbuffer, set->rays, kernels, desc, &c->transport, why);
     progress_end(&line);
+    return e;
+}
+
+static void tell(const struct relight_cache *c, double ms)
+{
+    const struct transport_stats *s = transport_stats(c->transport);
+
+    log_info("light transport: %s%.1f s, %.0f MB; %u of %u packets have lobes too narrow for it and are sampled",
+             c->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->left, s->left + s->packets);
+}
+
+/* ---- Made in the background ---- */
+
+/* What the builder has come to by the time of this frame. */
+static enum err follow(struct relight_cache *c, bool at_once, struct reason *why)
+{
+    struct transport_live *live = relight_builder_live(c->builder);
+    enum err e = ERR_OK;
+
+    if (c->building && relight_builder_is_done(c->builder, &e, &c->bounce, why))
+        c->building = false;
+    if (e) {
+        e = refuse(c, e, why);
+        c->refused = true; /* for want of memory as well */
+        return e;
+    }
+    if (live && at_once)
+        transport_live_settle(live);
+    else if (live)
+        transport_live_advance(live);
+    return ERR_OK;
+}
+
+/* Somebody must have what stays: until it is there, or the program is to end. */
+static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *cancel, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    while (!e && c->building && !(cancel && atomic_load(cancel))) {
+        nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+        e = follow(c, true, why);
+    }
+    return e;
+}
+
+/* Direct light, where it was not loaded, and interreflection, where it is wanted. */
+static enum err begin(struct relight_cache *c, const struct relight_builder_desc *desc, struct reason *why)
+{
+    const enum err e = relight_builder_create(desc, &c->builder, why);
+
+    if (e)
+        return e;
+    if (!c->transport)
+        c->transport = transport_live_cache(relight_builder_live(c->builder));
+    c->building = true;
+    return ERR_OK;
+}
+
+/* ---- */
+
+static enum err load_or_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                             const struct relight_desc *desc, bool progress, double *ms, struct reason *why)
+{
+    struct transport_desc t = transport_of(desc);
+    struct relight_keep keep;
+
+    c->no_visibility = desc->direct.no_visibility;
+    c->max_bytes = desc->cache_bytes;
+    const double start = clock_seconds();
+    relight_keep_init(&keep, set, desc, &t);
+    enum err e = relight_keep_load(&keep, set, kernels, &t, &c->transport, why);
+    c->loaded = c->transport != NULL;
+    if (!e && !c->transport && !desc->cache_background)
+        e = compute(c, set, kernels, &t, progress, why);
+    *ms = c->transport ? 1e3 * (clock_seconds() - start) : 0.0;
+    if (!e && c->transport) {
+        tell(c, *ms);
+        if (!c->loaded)
+            relight_keep_save(&keep, c->transport);
+    }
+    const struct relight_builder_desc rest = { set, kernels, desc, &t, &keep, c->transport };
+    if (!e && desc->cache_background && (!c->transport || relight_bounce_wanted(set, desc)))
+        e = begin(c, &rest, why);
     return e;
 }
 
 enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                             const struct relight_desc *desc, bool progress, double *ms)
 {
-    struct work w;
+    struct reason why = { "" };
+    enum err e = ERR_OK;
 
     *ms = 0.0;
-    if (is_for(c, desc))
-        return c->refused ? err_say(desc->direct.why, ERR_RANGE, "%s", c->why.text) : ERR_OK;
-    relight_cache_finish(c);
-    const double start = clock_seconds();
-    work_init(&w, c, set, kernels, desc);
-    enum err e = load(&w);
-    if (!e && !c->transport)
-        e = compute(&w, progress);
-    *ms = 1e3 * (clock_seconds() - start);
-    if (e) {
-        c->refused = e == ERR_RANGE;
-        return err_say(desc->direct.why, e, "%s", c->why.text);
+    if (is_for(c, desc) && !c->refused) {
+        const double start = clock_seconds();
+        if (desc->cache_background || !c->builder)
+            return ERR_OK;
+        e = wait_for_builder(c, desc->direct.cancel, &why);
+        *ms = 1e3 * (clock_seconds() - start);
+    } else if (!is_for(c, desc)) {
+        relight_cache_finish(c);
+        e = load_or_make(c, set, kernels, desc, progress, ms, &why);
+        if (e)
+            e = refuse(c, e, &why);
     }
-    if (c->transport) {
-        const struct transport_stats *s = transport_stats(c->transport);
-        log_info("light transport: %s%.1f s, %.0f MB; %u of %u packets have lobes too narrow for it and are sampled",
-                 c->loaded ? "loaded in " : "", 1e-3 * *ms, 1e-6 * (double)s->bytes, s->left, s->left + s->packets);
-        if (!c->loaded)
-            save(&w);
-    }
-    return ERR_OK;
+    if (!e && !c->refused)
+        return ERR_OK;
+    if (e == ERR_RANGE && desc->cache_background)
+        log_warning("%s; light is sampled by auto instead", c->why.text);
+    if (c->refused && desc->cache_background)
+        return ERR_OK;
+    return err_say(desc->direct.why, e ? e : ERR_RANGE, "%s", c->why.text);
+}
+
+/* ---- A frame ---- */
+
+/* Packets that the cache has not, by what auto stands for. */
+static enum err sample(struct direct *direct, const struct set *set, const struct environment *e,
+                       const struct relight_desc *desc, const struct packet_list *only, uint32_t samples, float *lo,
+                       struct relight_stats *stats)
+{
+    struct direct_desc d = desc->direct;
+    struct direct_stats one;
+
+    d.method = METHOD_AUTO;
+    d.only = only;
+    d.samples = samples;
+    const enum err result = direct_shade(direct, set->gbuffer, set->rays, e, &d, lo, &one);
+    one.rays += stats->direct.rays;
+    one.generated += stats->direct.generated;
+    one.chosen += stats->direct.chosen;
+    one.effective += stats->direct.effective;
+    one.lobes += stats->direct.lobes;
+    stats->direct = one;
+    return result;
 }
 
 enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
@@ -155,24 +211,31 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     const struct transport_frame frame = { desc->direct.samples, desc->direct.seed, desc->direct.pass,
                                            desc->direct.cancel };
     const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
+    const uint32_t samples = desc->direct.samples;
+    struct reason why;
 
+    if (c->builder && follow(c, !desc->cache_background, &why))
+        log_warning("%s; light is sampled by auto instead", c->why.text);
+    stats->cache_refused = c->refused;
+    if (c->refused)
+        return sample(direct, set, e, desc, NULL, samples, lo, stats);
     stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss";
     if (!c->transport) { /* cancelled */
         memset(lo, 0, floats * sizeof(float));
         return ERR_OK;
     }
-    const struct packet_list *left = transport_left(c->transport);
+    const struct packet_list *left = transport_left(c->transport), *unbuilt = transport_unbuilt(c->transport);
     enum err result = ERR_OK;
-    if (left->count > 0) {
-        struct direct_desc rest = desc->direct;
-        rest.method = METHOD_AUTO;
-        rest.only = left;
-        result = direct_shade(direct, set->gbuffer, set->rays, e, &rest, lo, &stats->direct);
-    }
+    if (left->count > 0)
+        result = sample(direct, set, e, desc, left, samples, lo, stats);
+    if (!result && unbuilt->count > 0)
+        result =
+            sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
     if (!result)
         result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
     stats->cache = *transport_stats(c->transport);
     stats->cache_loaded = c->loaded;
+    stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
     stats->direct.rays += stats->cache_frame.rays;
     return result;
 }

@@ -7,10 +7,14 @@
 #include "relight_bounce.h"
 #include "transport.h"
 
-struct relight_cache { /* zeroed at first */
-    struct transport *transport;
-    struct relight_bounce bounce; /* of the same packets */
-    bool no_visibility;           /* what it was made for */
+struct relight_builder;
+
+struct relight_cache {               /* zeroed at first */
+    struct transport *transport;     /* the builder's where there is one */
+    struct relight_builder *builder; /* it was computed in the background, or is */
+    bool building;                   /* it is */
+    struct relight_bounce bounce;    /* of the same packets */
+    bool no_visibility;              /* what it was made for */
     uint64_t max_bytes;
     bool loaded;  /* out of a file */
     bool refused; /* for these; it is not tried again */
@@ -19,14 +23,15 @@ struct relight_cache { /* zeroed at first */
 
 void relight_cache_finish(struct relight_cache *c);
 
-/* Loads or makes it where it is not there yet; *ms is what that took, 0 where it was. progress: draw a line. ERR_RANGE:
- * it would take more memory than it may. When cancelled there is none, and no error. That a file cannot be used or
- * written is a line in the log and no error. */
+/* Loads or makes it where it is not there yet; *ms is what that took, 0 where it was. progress: draw a line. With
+ * desc->cache_background it is made while pictures are made, and then it is no error that it is refused: they are lit
+ * by METHOD_AUTO. Without, what is under way is waited for. ERR_RANGE: it would take more memory than it may. When
+ * cancelled there is none, and no error. That a file cannot be used or written is a line in the log and no error. */
 MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                                        const struct relight_desc *desc, bool progress, double *ms);
 
-/* Direct light into lo: by the cache, and what it leaves by direct_shade with METHOD_AUTO. Fills stats->direct and
- * stats->cache_*. */
+/* Direct light into lo: by the cache, and what it leaves or has not yet by direct_shade with METHOD_AUTO. Fills
+ * stats->direct and stats->cache_*. */
 MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
                                         const struct environment *e, const struct relight_desc *desc, float *lo,
                                         struct relight_stats *stats);

@@ -48,7 +48,7 @@ static enum err begin(struct bounce_build *b)
     if (e)
         return e;
     transport_compress_begin();
-    return transport_directions_init(&b->directions, SIDE, rng_mix(d->seed, 12));
+    return transport_directions_init(&b->directions, SIDE, 1, rng_mix(d->seed, 12));
 }
 
 static enum err run_steps(struct bounce_build *b)

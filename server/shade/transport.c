@@ -14,10 +14,11 @@ void transport_destroy(struct transport *t)
     if (!t)
         return;
     for (uint32_t k = 0; t->blocks && k < t->block_count; k++)
-        for (uint32_t r = 0; r < TRANSPORT_ROWS; r++)
-            mem_free(t->blocks[k].pieces[r].halves);
+        transport_block_finish(&t->blocks[k]);
     mem_free(t->blocks);
     mem_free(t->left_index);
+    mem_free(t->fades);
+    mem_free(t->unbuilt_index);
     mem_free(t->bright_values);
     transport_sky_finish(&t->sky);
     mem_free(t);
@@ -36,6 +37,11 @@ const struct transport_stats *transport_stats(const struct transport *t)
 const struct packet_list *transport_left(const struct transport *t)
 {
     return &t->left;
+}
+
+const struct packet_list *transport_unbuilt(const struct transport *t)
+{
+    return &t->unbuilt;
 }
 
 /* ---- A frame ---- */
@@ -127,6 +133,39 @@ static void clear_padding(const struct transport *t, const struct transport_bloc
                 lo[(k * 3 + c) * PACKET + l] = 0.0f;
 }
 
+static void mix(const struct transport_block *b, const float *old, float weight, float *lo)
+{
+    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
+        lo[i] = old[i] + weight * (lo[i] - old[i]);
+}
+
+/* A block that takes over bit by bit, from its former self or from what stands in lo. */
+static uint32_t shade_fading(const struct transport *t, uint32_t k, float *lo, uint64_t *rays)
+{
+    const struct transport_block *b = &t->blocks[k];
+    const struct transport_fade *f = &t->fades[k];
+    const struct shade_packet *packets = &t->gbuffer->packets[b->first];
+    const float weight = (float)f->weight / TRANSPORT_FADE;
+    _Alignas(64) float old[TRANSPORT_PACKETS * 3 * PACKET];
+    uint32_t penumbra = 0;
+
+    if (f->weight == 0)
+        return 0;
+    if (f->from_cells)
+        t->kernels->cells(&f->old, packets, &t->sky, old);
+    else
+        memcpy(old, lo, (size_t)b->packets * 3 * PACKET * sizeof(float));
+    t->kernels->cells(b, packets, &t->sky, lo);
+    if (f->from_cells)
+        mix(b, old, weight, lo);
+    if (t->bright.strata)
+        penumbra = add_bright(t, b, lo, rays);
+    clear_padding(t, b, lo);
+    if (!f->from_cells)
+        mix(b, old, weight, lo);
+    return penumbra;
+}
+
 enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
                          float *lo, struct transport_frame_stats *stats)
 {
@@ -149,6 +188,10 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
             float *out = lo + (size_t)b->first * 3 * PACKET;
             if (frame->cancel && atomic_load_explicit(frame->cancel, memory_order_relaxed))
                 continue;
+            if (t->fades && t->fades[k].weight < TRANSPORT_FADE) {
+                penumbra += shade_fading(t, k, out, &rays);
+                continue;
+            }
             t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, out);
             if (t->bright.strata)
                 penumbra += add_bright(t, b, out, &rays);

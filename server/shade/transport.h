@@ -80,12 +80,16 @@ MUST_CHECK enum err transport_create(const struct gbuffer *g, const struct rays 
                                      const struct transport_desc *desc, struct transport **out, struct reason *why);
 void transport_destroy(struct transport *t); /* NULL is allowed */
 
-/* lo: float[packet_count][3][16]; every lane of the packets that are taken is written, padding with 0. ERR_NOMEM. */
+/* lo: float[packet_count][3][16]; every lane of the packets that are taken is written, padding with 0. While it is
+ * being built, the light of those that are not there yet (transport_unbuilt) must stand in lo before. ERR_NOMEM. */
 MUST_CHECK enum err transport_shade(struct transport *t, const struct environment *e,
                                     const struct transport_frame *frame, float *lo,
                                     struct transport_frame_stats *stats);
 
 const struct transport_stats *transport_stats(const struct transport *t);
 const struct packet_list *transport_left(const struct transport *t);
+
+/* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
+const struct packet_list *transport_unbuilt(const struct transport *t);
 
 #endif

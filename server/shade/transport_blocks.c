@@ -129,9 +129,10 @@ void transport_count_block(struct transport *t, const struct transport_block *b)
     }
 }
 
-enum err transport_say_too_large(const struct transport *t, uint32_t blocks, uint64_t max_bytes, struct reason *why)
+enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint32_t blocks, uint64_t max_bytes,
+                                 struct reason *why)
 {
-    const double all = (double)t->stats.bytes * t->block_count / blocks;
+    const double all = (double)bytes * t->block_count / blocks;
 
     return err_say(why, ERR_RANGE,
                    "the cache of light transport for %ux%u takes about %.0f MB and may take %.0f: smaller pictures, or "
@@ -144,4 +145,21 @@ void transport_close_stats(struct transport *t)
     const uint32_t compressed = t->stats.pieces - t->stats.raw;
 
     t->stats.rank /= compressed ? compressed : 1;
+}
+
+uint64_t transport_block_bytes(const struct transport_block *b)
+{
+    uint64_t bytes = 0;
+
+    for (uint32_t r = 0; r < b->rows; r++)
+        bytes += transport_piece_bytes(&b->pieces[r], b->packets * PACKET);
+    return bytes;
+}
+
+void transport_block_finish(struct transport_block *b)
+{
+    for (uint32_t r = 0; r < TRANSPORT_ROWS; r++) {
+        mem_free(b->pieces[r].halves);
+        b->pieces[r] = (struct transport_piece){ .halves = NULL };
+    }
 }

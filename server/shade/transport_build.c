@@ -5,10 +5,12 @@
 #include "transport_parts.h"
 
 #include <math.h>
+#include <omp.h>
 #include <string.h>
 
 #define FLOOR 0.03f
-#define BATCH 64 /* blocks between two looks at the memory */
+#define BATCH 64     /* blocks between two looks at the memory */
+#define COARSER 2.5f /* tolerances of what is only there for a while */
 
 /* What building needs and what stays is made of. */
 struct build {
@@ -17,8 +19,11 @@ struct build {
     struct transport_world world;
     struct transport_directions directions;
     float (*lobe_numbers)[2];
-    uint32_t done; /* blocks */
-    bool stopped;  /* out of memory, over the limit, or cancelled */
+    const struct transport_publisher *to; /* NULL: nobody waits for blocks */
+    bool coarse;
+    uint64_t bytes; /* of coarse pieces */
+    uint32_t done;  /* blocks */
+    bool stopped;   /* out of memory, over the limit, or cancelled */
     enum err error;
 };
 
@@ -112,6 +117,28 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     return e;
 }
 
+/* A coarse block has gone to whoever waits for it, and stays as it was in t. */
+static enum err make_block(struct build *b, struct bench *bench, uint32_t index, uint64_t *rays)
+{
+    struct transport_block made = b->t->blocks[index];
+
+    enum err e = build_block(b, bench, &made, rays);
+    const uint64_t bytes = transport_block_bytes(&made);
+    if (!e && b->to)
+        e = b->to->publish(b->to->self, index, &made, !b->coarse);
+    if (e) {
+        transport_block_finish(&made);
+        return e;
+    }
+    if (b->coarse) {
+#pragma omp atomic
+        b->bytes += bytes;
+    } else {
+        b->t->blocks[index] = made;
+    }
+    return ERR_OK;
+}
+
 /* Blocks are built in an order that goes over the whole picture again and again, so that those at hand stand for all:
  * the k-th is k times this step, which has no factor in common with their number. */
 static uint32_t step_of(uint32_t count)
@@ -136,6 +163,18 @@ static uint32_t place_of(const struct build *b, uint32_t k, uint32_t step)
     return (uint32_t)((uint64_t)k * step % b->t->block_count);
 }
 
+/* More than may be; or with the coarse blocks that are still there, and so it will be without them. */
+static bool is_too_large(const struct build *b)
+{
+    const struct transport *t = b->t;
+    const uint64_t most = b->desc.max_bytes;
+
+    if (t->stats.bytes + b->bytes > most)
+        return true;
+    return b->to && b->to->bytes(b->to->self) > most &&
+           (double)t->stats.bytes * t->block_count / b->done > (double)most;
+}
+
 /* After a batch: what it takes, and whether to go on. The batches are the same at any number of threads, so that the
  * limit is met at the same place. */
 static void close_batch(struct build *b, uint32_t until, uint32_t step, bool failed)
@@ -144,22 +183,23 @@ static void close_batch(struct build *b, uint32_t until, uint32_t step, bool fai
     const bool cancelled = b->desc.cancel && atomic_load_explicit(b->desc.cancel, memory_order_relaxed);
 
     for (; b->done < until && !failed && !cancelled; b->done++)
-        transport_count_block(t, &t->blocks[place_of(b, b->done, step)]);
+        if (!b->coarse)
+            transport_count_block(t, &t->blocks[place_of(b, b->done, step)]);
     if (failed)
         b->error = ERR_NOMEM;
-    else if (!cancelled && t->stats.bytes > b->desc.max_bytes)
+    else if (!cancelled && is_too_large(b))
         b->error = ERR_RANGE;
     b->stopped = cancelled || b->error != ERR_OK;
 }
 
-static void build_all(struct build *b)
+static void build_all(struct build *b, uint32_t threads)
 {
     struct transport *t = b->t;
     const uint32_t step = step_of(t->block_count);
     uint64_t rays = 0;
     int failed = 0;
 
-#pragma omp parallel reduction(+ : rays)
+#pragma omp parallel num_threads(threads) reduction(+ : rays)
     {
         const unsigned before = denormals_flush();
         struct bench bench;
@@ -168,14 +208,14 @@ static void build_all(struct build *b)
             const uint32_t until = first + BATCH < t->block_count ? first + BATCH : t->block_count;
 #pragma omp for schedule(dynamic, 1)
             for (uint32_t k = first; k < until; k++) {
-                struct transport_block *block = &t->blocks[place_of(b, k, step)];
+                const uint32_t index = place_of(b, k, step);
                 if (b->desc.cancel && atomic_load_explicit(b->desc.cancel, memory_order_relaxed))
                     continue;
-                if (e || build_block(b, &bench, block, &rays)) {
+                if (e || make_block(b, &bench, index, &rays)) {
 #pragma omp atomic
                     failed++;
                 }
-                progress_step(b->desc.progress, block->packets);
+                progress_step(b->desc.progress, t->blocks[index].packets);
             }
 #pragma omp single
             close_batch(b, until, step, failed != 0);
@@ -183,15 +223,20 @@ static void build_all(struct build *b)
         bench_finish(&bench);
         denormals_restore(before);
     }
-    t->stats.rays = rays;
+    t->stats.rays = b->coarse ? 0 : rays;
 }
 
 static enum err begin_build(struct build *b)
 {
-    const struct transport_desc *d = &b->desc;
-    const uint32_t samples = d->lobe_samples;
+    struct transport_desc *d = &b->desc;
 
-    enum err e = transport_directions_init(&b->directions, d->per_cell, rng_mix(d->seed, 0));
+    if (b->coarse) {
+        d->lobe_samples = (d->lobe_samples + 3) / 4;
+        d->tolerance *= COARSER;
+        d->tolerance_glossy *= COARSER;
+    }
+    const uint32_t samples = d->lobe_samples, side = b->coarse ? 1 : d->per_cell;
+    enum err e = transport_directions_init(&b->directions, side, b->coarse ? 2 : 1, rng_mix(d->seed, 0));
     b->lobe_numbers = mem_alloc(samples, sizeof(*b->lobe_numbers));
     if (e || !b->lobe_numbers)
         return ERR_NOMEM;
@@ -209,30 +254,38 @@ static enum err begin_build(struct build *b)
     return ERR_OK;
 }
 
+enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse, uint32_t threads,
+                         const struct transport_publisher *to, bool *all, struct reason *why)
+{
+    struct build b = { .t = t, .desc = *desc, .to = to, .coarse = coarse };
+
+    b.error = begin_build(&b);
+    if (!b.error)
+        build_all(&b, threads ? threads : (uint32_t)omp_get_max_threads());
+    transport_directions_finish(&b.directions);
+    mem_free(b.lobe_numbers);
+    *all = !b.stopped && !b.error;
+    if (*all && !coarse)
+        transport_close_stats(t);
+    if (b.error == ERR_RANGE)
+        return transport_say_too_large(t, t->stats.bytes + b.bytes, b.done, b.desc.max_bytes, why);
+    return b.error ? err_say(why, b.error, "no memory for the cache of light transport") : ERR_OK;
+}
+
 enum err transport_create(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                           const struct transport_desc *desc, struct transport **out, struct reason *why)
 {
+    const struct transport_desc whole = transport_resolve(desc);
     struct transport *t = transport_begin(g, rays, kernels, desc);
-    struct build b = { .t = t, .desc = transport_resolve(desc) };
+    bool all = false;
 
     *out = NULL;
     if (!t)
         return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
-    b.error = begin_build(&b);
-    if (!b.error)
-        build_all(&b);
-    transport_close_stats(t);
-    enum err e = b.error;
-    if (e == ERR_RANGE)
-        e = transport_say_too_large(t, b.done, b.desc.max_bytes, why);
-    else if (e)
-        err_say(why, e, "no memory for the cache of light transport");
-    else if (!b.stopped) {
+    const enum err e = transport_build(t, &whole, false, 0, NULL, &all, why);
+    if (all)
         *out = t;
-        t = NULL;
-    }
-    transport_destroy(t);
-    transport_directions_finish(&b.directions);
-    mem_free(b.lobe_numbers);
+    else
+        transport_destroy(t);
     return e;
 }

@@ -183,7 +183,7 @@ static enum err read_halves(struct cache_reader *r, const struct digest *key, st
         e = refuse(r, why, "holds more or less than it says");
     if (!e && t->stats.bytes + bytes > max_bytes) {
         t->stats.bytes += bytes;
-        return transport_say_too_large(t, t->block_count, max_bytes, why);
+        return transport_say_too_large(t, t->stats.bytes, t->block_count, max_bytes, why);
     }
     for (uint32_t k = 0; k < t->block_count && !e; k++) {
         struct transport_block *b = &t->blocks[k];

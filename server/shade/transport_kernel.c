@@ -139,10 +139,11 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
 {
     const struct transport_directions *dirs = t->world->directions;
     const float lobes = t->rows > 1 ? (float)t->world->lobe_samples : 0.0f;
+    const float part = 1.0f / (float)dirs->group;
 
-    for (uint32_t cell = 0; cell < TRANSPORT_CELLS; cell++) {
+    for (uint32_t cell = 0, k = 0; cell < TRANSPORT_CELLS; cell += dirs->group) {
         struct lanes sum[TRANSPORT_ROWS] = { { { 0 } } };
-        for (uint32_t k = cell * dirs->per_cell; k < (cell + 1) * dirs->per_cell; k++) {
+        for (const uint32_t end = k + dirs->per_group; k < end; k++) {
             const float x = dirs->x[k], y = dirs->y[k], z = dirs->z[k], weight = dirs->weight[k];
             struct lanes d[3], row[TRANSPORT_ROWS], pdf;
             LANES(l)
@@ -161,15 +162,19 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
                 sum[2].v[l] += w * row[2].v[l];
             }
         }
-        for (uint32_t r = 0; r < t->rows; r++)
-            memcpy(&out[r].at[cell][first], sum[r].v, sizeof(sum[r]));
+        for (uint32_t r = 0; r < t->rows; r++) {
+            LANES(l) sum[r].v[l] *= part;
+            for (uint32_t c = cell; c < cell + dirs->group; c++)
+                memcpy(&out[r].at[c][first], sum[r].v, sizeof(sum[r]));
+        }
     }
 }
 
 /* The lobe's own samples, the same numbers for all points, so that neighbours see alike and compress well. */
 static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t first)
 {
-    const float per_uv = (float)t->world->directions->per_cell * (0.25f * TRANSPORT_EDGE * TRANSPORT_EDGE);
+    const struct transport_directions *dirs = t->world->directions;
+    const float per_uv = (float)dirs->per_group / (float)dirs->group * (0.25f * TRANSPORT_EDGE * TRANSPORT_EDGE);
     const float half = 0.5f * TRANSPORT_EDGE, samples = (float)t->world->lobe_samples;
 
     for (uint32_t i = 0; i < t->world->lobe_samples; i++) {

@@ -18,6 +18,7 @@
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
 #define TRANSPORT_TOGETHER 4
 #define TRANSPORT_VARIANTS 256
+#define TRANSPORT_FADE 8 /* frames within which a block takes over */
 #define TRANSPORT_MORE 8 /* strata of the bright part to each ray that is traced at first; a power of two */
 
 /* A block's row as it is traced: [cell][point]. */
@@ -43,11 +44,13 @@ struct transport_block {
     struct transport_piece pieces[TRANSPORT_ROWS];
 };
 
-/* The directions of all points, cell by cell in the order of their places. */
+/* The directions of all points, group by group in the order of their cells' places. A group is one cell, or 2 x 2 that
+ * have their directions in common: a quarter of what is seen by those goes to each. */
 struct transport_directions {
-    uint32_t per_cell;
-    float *x, *y, *z; /* [TRANSPORT_CELLS * per_cell]: unit */
-    float *weight;    /* 1 / density, sr; sums to the cell's solid angle */
+    uint32_t group;     /* cells: 1 or 4 */
+    uint32_t per_group; /* directions */
+    float *x, *y, *z;   /* [TRANSPORT_CELLS / group * per_group]: unit */
+    float *weight;      /* 1 / density, sr; sums to the group's solid angle */
 };
 
 struct transport_world {     /* what tracing needs; borrowed */
@@ -89,6 +92,14 @@ struct transport_kernels {
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };
 
+/* Of a block while the cache is being built (transport_live.h): what it has been until now, on which it is laid over.
+ */
+struct transport_fade {
+    struct transport_block old; /* without pieces: what stands in lo, from elsewhere */
+    uint8_t weight;             /* of the block itself, in parts of TRANSPORT_FADE; 0: there is none yet */
+    bool from_cells;            /* old has pieces */
+};
+
 struct transport {
     const struct gbuffer *gbuffer;
     const struct rays *rays; /* NULL: everything is visible */
@@ -98,6 +109,9 @@ struct transport {
     uint32_t *left_index;
     struct packet_list left;
     struct transport_stats stats;
+    struct transport_fade *fades; /* [block_count]; NULL: all blocks are there */
+    uint32_t *unbuilt_index;
+    struct packet_list unbuilt;
 
     struct transport_sky sky; /* of the last frame */
     struct transport_bright bright;
@@ -127,9 +141,26 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
 void transport_count_block(struct transport *t, const struct transport_block *b);
 void transport_close_stats(struct transport *t);
 
-/* ERR_RANGE, with what all blocks would take, by the first `blocks` that are counted. */
-MUST_CHECK enum err transport_say_too_large(const struct transport *t, uint32_t blocks, uint64_t max_bytes,
-                                            struct reason *why);
+/* ERR_RANGE, with what all blocks would take, by the bytes of the first `blocks`. */
+MUST_CHECK enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint32_t blocks,
+                                            uint64_t max_bytes, struct reason *why);
+
+/* Where blocks go as they are finished: from several threads at once. */
+struct transport_publisher {
+    void *self;
+    /* Takes the block's pieces over, unless it fails. */
+    enum err (*publish)(void *self, uint32_t index, const struct transport_block *b, bool fine);
+    /* Bytes of the newest version of each block, with what there is beside blocks; the same at any number of threads
+     * between two batches. */
+    uint64_t (*bytes)(void *self);
+};
+
+/* Builds all blocks, of a desc without defaults. Coarse ones are only published; others stand in t as well, where their
+ * pieces are only looked at when `to` has them. to: may be NULL. *all: it was not cancelled. Errors: as of
+ * transport_create. */
+MUST_CHECK enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse,
+                                    uint32_t threads, const struct transport_publisher *to, bool *all,
+                                    struct reason *why);
 
 /* What compression counts of a matrix: sum over points of scale^2 (sum over cells T^2 + sum over chunks (sum over their
  * cells T)^2), the expected square under skies of which a cell is as uncertain by itself as with its chunk. */
@@ -143,13 +174,17 @@ void transport_workspace_destroy(struct transport_workspace *w);
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
                                        const float *scale, double allowed, struct transport_piece *out);
 
-/* Bytes of halves that a piece holds. */
+/* Bytes of halves that a piece or a block holds. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
+uint64_t transport_block_bytes(const struct transport_block *b);
+void transport_block_finish(struct transport_block *b); /* frees its pieces */
 
 /* Once, before transport_compress is called from several threads: the library's own threads are not wanted. */
 void transport_compress_begin(void);
 
-MUST_CHECK enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint64_t seed);
+/* side x side in each group, whose edge is 1 or 2 cells. ERR_NOMEM. */
+MUST_CHECK enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint32_t edge,
+                                              uint64_t seed);
 void transport_directions_finish(struct transport_directions *d);
 
 #endif

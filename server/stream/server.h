@@ -135,6 +135,8 @@ struct server_status {
     const char *paths;    /* which light is in the picture and by whom: "direct light, caustics by light tracer" */
     const char *left_out; /* which is not, and why; "" where nothing is */
     double error;         /* of the last picture: relMSE, as the server estimates it; 0: unknown */
+    bool computing;       /* what stands still is being computed beside the pictures, */
+    double computed;      /* and this share of it is there */
 };
 
 /* Any thread. */

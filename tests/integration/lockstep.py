@@ -128,6 +128,20 @@ async def computed_skies_travel_without_a_bit_lost(folder):
     compare(folder / "want", folder / "got", names)
 
 
+async def a_sequence_waits_for_light_transport(folder):
+    """What a live picture does without for a while, the pictures of a sequence have from the first on."""
+    (folder / "got").mkdir()
+    cached = ("--method", "cached", "--cache-file", "off", "--paths", "direct")
+    async with Relightd(*cached) as server:
+        recorder = await record(server, folder / "got").start()
+        feeder = await (await feed(server, "--frames", "20-24", SKY).start()).end()
+        expect(feeder, 0)
+        expect(await recorder.end(), 0)
+    check("beside the pictures" in server.program.err, server.program.err)
+    names = await rendered(folder / "want", 5, "--source", SKY, "--frames", "20-24", *cached)
+    compare(folder / "want", folder / "got", names)
+
+
 class Kept:
     """A program that is killed and started again, until it ends by itself."""
 

@@ -101,4 +101,59 @@ a_bad_frame_is_reported_and_the_server_goes_on() {
     [ "$code" = 0 ] || fail "exit code $code"
 }
 
+# says PATTERN: waits until the log has a line of it.
+says() {
+    local i
+    for ((i = 0; i < 600; i++)); do
+        grep -q -- "$1" "$work/log" && return
+        kill -0 "$pid" 2>/dev/null || break
+        sleep 0.1
+    done
+    cat "$work/log"
+    fail "no '$1' in the log"
+}
+
+light_transport_is_computed_beside_the_pictures_and_kept() {
+    start --method cached
+    says 'beside the pictures'
+    says 'there coarsely after'
+    says 'computed in'
+    says 'kept in'
+    stop
+    [ "$code" = 0 ] || fail "exit code $code"
+    start --method cached
+    says 'loaded in'
+    stop
+    [ "$code" = 0 ] || fail "exit code $code"
+    if grep -q 'computing light' "$work/log"; then fail "computed again"; fi
+}
+
+# The second signal would end it hard; the first is enough, whatever is under way, and half a cache is not kept.
+a_signal_ends_it_while_light_transport_is_computed() {
+    local i
+    for i in 0 0.7; do
+        start --method cached --size 640x360
+        sleep $i
+        stop
+        [ "$code" = 0 ] || { cat "$work/log"; fail "exit code $code after $i s"; }
+        if grep -q 'computed in' "$work/log"; then fail "it was waited for"; fi
+    done
+    [ ! -e "$XDG_CACHE_HOME/relightd" ] || fail "something was kept"
+}
+
+who_wants_to_wait_for_light_transport_waits() {
+    start --method cached --cache-wait --cache-file off
+    grep -q 'the first frame waits for it' "$work/log" || { cat "$work/log"; fail "it does not wait"; }
+    stop
+    [ "$code" = 0 ] || fail "exit code $code"
+}
+
+light_transport_that_is_too_large_leaves_the_pictures_to_auto() {
+    start --method cached --cache-memory 1 --size 160x90
+    says 'takes about .* MB and may take 1: .*sampled by auto instead'
+    get /healthz >"$work/page" && grep -q '200 OK' "$work/page" || fail "it did not go on"
+    stop
+    [ "$code" = 0 ] || fail "exit code $code"
+}
+
 "$1"

@@ -228,6 +228,91 @@ static void files_are_where_they_are_asked_for_or_nowhere(void **state)
     stage_finish(&s);
 }
 
+/* ---- In the background ---- */
+
+static float *copy_points(const struct stage *s)
+{
+    const size_t floats = (size_t)s->set->gbuffer->packet_count * 3 * PACKET;
+    float *lo = mem_alloc(floats, sizeof(float));
+
+    memcpy(lo, relighter_points(s->relighter), floats * sizeof(float));
+    return lo;
+}
+
+/* Frames come while it is computed, the last ones are those of a cache that was waited for, and its file is loaded by
+ * the next run; a frame that is to be the same whenever it is made waits. */
+static void computed_in_the_background_it_ends_as_if_waited_for(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16, .no_visibility = true } };
+    struct stage s = stage_make();
+    const size_t bytes = (size_t)s.set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
+    struct relight_stats stats;
+    float *waited, *lo = NULL;
+    char name[96];
+    double ms;
+    (void)state;
+
+    const char *caches = own_caches();
+    snprintf(name, sizeof(name), "%s/mine", caches);
+    assert_false(run_anew(&s, &light, &waited));
+    light.cache_file = name;
+    for (int run_number = 0; run_number < 2; run_number++) { /* 0: to the end by frames; 1: a frame waits */
+        relighter_destroy(s.relighter);
+        s.relighter = relighter_create(s.set, best_kernels());
+        light.cache_background = true;
+        assert_int_equal(relighter_prepare(s.relighter, &light, false, &ms), ERR_OK);
+        assert_int_equal(run(&s, &light, &stats), ERR_OK);
+        assert_true(!stats.cache_refused && !stats.cache_loaded && stats.cache_ms == 0.0);
+        light.cache_background = run_number == 0;
+        int same = 0;
+        for (int k = 0; k < 100000 && same < 3; k++) {
+            assert_int_equal(run(&s, &light, &stats), ERR_OK);
+            same += stats.cache_share == 1.0 && memcmp(waited, relighter_points(s.relighter), bytes) == 0;
+            assert_true(run_number == 0 || same == k + 1);
+        }
+        assert_int_equal(same, 3);
+        relighter_destroy(s.relighter); /* which waits for the file */
+        s.relighter = relighter_create(s.set, best_kernels());
+        light.cache_background = true;
+        assert_int_equal(run(&s, &light, &stats), ERR_OK);
+        assert_true(stats.cache_loaded && stats.cache_share == 1.0);
+        mem_free(lo);
+        lo = copy_points(&s);
+        assert_memory_equal(waited, lo, bytes);
+        assert_int_equal(unlink(name), 0);
+    }
+    mem_free(lo);
+    mem_free(waited);
+    assert_int_equal(rmdir(caches), 0);
+    stage_finish(&s);
+}
+
+/* Pictures go on by auto; who waits is told. */
+static void refused_in_the_background_it_is_auto(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
+                                  .cache_bytes = 300000,
+                                  .cache_background = true };
+    struct stage s = stage_make();
+    const size_t bytes = (size_t)s.set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
+    struct relight_stats stats = { .cache_refused = false };
+    (void)state;
+
+    for (int k = 0; k < 100000 && !stats.cache_refused; k++)
+        assert_int_equal(run(&s, &light, &stats), ERR_OK);
+    assert_true(stats.cache_refused && !stats.bias);
+    float *lo = copy_points(&s);
+    light.direct.method = METHOD_AUTO;
+    assert_int_equal(run(&s, &light, &stats), ERR_OK);
+    assert_memory_equal(lo, relighter_points(s.relighter), bytes);
+    light.direct.method = METHOD_CACHED;
+    light.cache_background = false;
+    assert_int_equal(run(&s, &light, &stats), ERR_RANGE);
+    assert_non_null(strstr(s.why.text, "--cache-memory"));
+    mem_free(lo);
+    stage_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(it_is_computed_once_and_told_apart),
     cmocka_unit_test(what_it_leaves_is_sampled_as_auto_does),
@@ -235,5 +320,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(without_visibility_it_is_another),
     cmocka_unit_test(another_run_loads_what_one_has_computed),
     cmocka_unit_test(files_are_where_they_are_asked_for_or_nowhere),
+    cmocka_unit_test(computed_in_the_background_it_ends_as_if_waited_for),
+    cmocka_unit_test(refused_in_the_background_it_is_auto),
 };
 UNIT_MAIN(tests)

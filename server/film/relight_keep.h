@@ -1,0 +1,28 @@
+/* The file of a relighter's cache (cache_place.h says where): read before anything is computed, written after. Whatever
+ * is wrong with it is a line in the log, and what cannot be loaded is computed. */
+#ifndef FILM_RELIGHT_KEEP_H
+#define FILM_RELIGHT_KEEP_H
+
+#include "cache_place.h"
+#include "digest.h"
+#include "relight.h"
+#include "transport.h"
+
+struct relight_keep {
+    struct cache_places places;
+    struct digest key; /* where there are places */
+};
+
+/* desc: for the file's name; transport: what is computed. */
+void relight_keep_init(struct relight_keep *k, const struct set *set, const struct relight_desc *desc,
+                       const struct transport_desc *transport);
+
+/* *out is NULL where no file can be used. ERR_RANGE: it would take more memory than it may; ERR_NOMEM. */
+MUST_CHECK enum err relight_keep_load(const struct relight_keep *k, const struct set *set,
+                                      const struct kernels *kernels, const struct transport_desc *transport,
+                                      struct transport **out, struct reason *why);
+
+/* In the first place that can be written. */
+void relight_keep_save(const struct relight_keep *k, const struct transport *t);
+
+#endif

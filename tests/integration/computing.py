@@ -1,0 +1,56 @@
+#!/usr/bin/python3
+"""A viewer of a server that computes light transport beside the pictures, played by a library of other people:
+PROTOCOL.md 4.8.8."""
+
+import asyncio
+import json
+import struct
+
+import websockets
+
+from peer import BIN, WAIT_S, check, main
+
+
+async def shares_and_pictures(url):
+    """The shares that were told until none was any more, and how many pictures came between the first and the last."""
+    shares, pictures = [], 0
+
+    async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None) as link:
+        await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 0}}))
+        await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": 1}))
+        while True:
+            message = await asyncio.wait_for(link.recv(), WAIT_S)
+            if isinstance(message, bytes):
+                await link.send(json.dumps({"op": "ack", "sequence": struct.unpack_from("<Q", message, 8)[0]}))
+                pictures += bool(shares)
+                continue
+            said = json.loads(message)
+            check(said["op"] != "error", message)
+            if said["op"] != "status":
+                continue
+            share = said["light"]["computed"]
+            if share is not None:
+                shares.append(share)
+            elif shares:
+                return shares, pictures
+
+
+async def a_viewer_is_told_how_much_is_computed(folder):
+    server = await asyncio.create_subprocess_exec(
+        str(BIN / "relightd"), "--port", "0", "--size", "192x108", "--method", "cached", "--cache-file", "off",
+        stderr=asyncio.subprocess.PIPE)
+    try:
+        line = ""
+        while "listening on " not in line:
+            line = (await asyncio.wait_for(server.stderr.readline(), WAIT_S)).decode()
+            check(line, "relightd ended")
+        shares, pictures = await shares_and_pictures(line.split("listening on ")[1].strip().replace("http", "ws") + "ws")
+    finally:
+        server.terminate()
+        await server.wait()
+    check(all(0 <= a <= b < 1 for a, b in zip(shares, shares[1:])), str(shares))
+    check(pictures > 0, "no picture came while it was computed")
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})
