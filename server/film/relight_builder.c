@@ -43,9 +43,9 @@ static void tell_end(const struct transport *t, double seconds)
 {
     const struct transport_stats *s = transport_stats(t);
 
-    log_info("light transport: computed in %.1f s beside the pictures, %.0f MB; %u of %u packets have lobes too narrow "
-             "for it and are sampled",
-             seconds, 1e-6 * (double)s->bytes, s->left, s->left + s->packets);
+    log_info("light transport: computed in %.1f s beside the pictures, %.0f MB; %u of %u packets have lobes narrower "
+             "than its cells",
+             seconds, 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
 
 /* All that stays of direct light; NULL when it came to nothing. */

@@ -74,8 +74,8 @@ static void tell(const struct relight_cache *c, double ms)
 {
     const struct transport_stats *s = transport_stats(c->transport);
 
-    log_info("light transport: %s%.1f s, %.0f MB; %u of %u packets have lobes too narrow for it and are sampled",
-             c->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->left, s->left + s->packets);
+    log_info("light transport: %s%.1f s, %.0f MB; %u of %u packets have lobes narrower than its cells",
+             c->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
 
 /* ---- Made in the background ---- */
@@ -224,11 +224,9 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
         memset(lo, 0, floats * sizeof(float));
         return ERR_OK;
     }
-    const struct packet_list *left = transport_left(c->transport), *unbuilt = transport_unbuilt(c->transport);
+    const struct packet_list *unbuilt = transport_unbuilt(c->transport);
     enum err result = ERR_OK;
-    if (left->count > 0)
-        result = sample(direct, set, e, desc, left, samples, lo, stats);
-    if (!result && unbuilt->count > 0)
+    if (unbuilt->count > 0)
         result =
             sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
     if (!result)

@@ -16,7 +16,6 @@ void transport_destroy(struct transport *t)
     for (uint32_t k = 0; t->blocks && k < t->block_count; k++)
         transport_block_finish(&t->blocks[k]);
     mem_free(t->blocks);
-    mem_free(t->left_index);
     mem_free(t->fades);
     mem_free(t->unbuilt_index);
     mem_free(t->bright_values);
@@ -34,11 +33,6 @@ const struct transport_stats *transport_stats(const struct transport *t)
     return &t->stats;
 }
 
-const struct packet_list *transport_left(const struct transport *t)
-{
-    return &t->left;
-}
-
 const struct packet_list *transport_unbuilt(const struct transport *t)
 {
     return &t->unbuilt;
@@ -53,14 +47,15 @@ static enum err reserve_bright(struct transport *t, uint32_t strata)
     if (count > t->bright_capacity) {
         mem_free(t->bright_values);
         t->bright_capacity = 0;
-        t->bright_values = mem_alloc(count, 6 * sizeof(float));
+        t->bright_values = mem_alloc(count, 7 * sizeof(float));
         if (!t->bright_values)
             return ERR_NOMEM;
         t->bright_capacity = count;
     }
     float *at = t->bright_values;
-    float **arrays[6] = { &t->bright.x, &t->bright.y, &t->bright.z, &t->bright.r, &t->bright.g, &t->bright.b };
-    for (int k = 0; k < 6; k++, at += t->bright_capacity)
+    float **arrays[7] = { &t->bright.x, &t->bright.y, &t->bright.z,      &t->bright.r,
+                          &t->bright.g, &t->bright.b, &t->bright.density };
+    for (int k = 0; k < 7; k++, at += t->bright_capacity)
         *arrays[k] = at;
     return ERR_OK;
 }
@@ -96,6 +91,7 @@ static enum err draw_bright(struct transport *t, const struct environment *e, co
             b->r[at] = rgb[0];
             b->g[at] = rgb[1];
             b->b[at] = rgb[2];
+            b->density[at] = (float)b->few * transport_sky_density(&t->sky, e, w);
         }
     }
     return ERR_OK;
@@ -112,10 +108,10 @@ static uint32_t add_bright(const struct transport *t, const struct transport_blo
         const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
         float sum[3][PACKET] = { { 0.0f } };
         struct transport_view view = { false, false };
-        *rays += t->kernels->bright(t->rays, s, p, b->first + k, 0, sum, &view);
+        *rays += t->kernels->bright(t->rays, s, p, b->narrow, b->first + k, 0, sum, &view);
         const bool mixed = view.lit && view.dark;
         if (mixed)
-            *rays += t->kernels->bright(t->rays, s, p, b->first + k, 1, sum, &view);
+            *rays += t->kernels->bright(t->rays, s, p, b->narrow, b->first + k, 1, sum, &view);
         const float scale = 1.0f / (float)(mixed ? s->strata : s->few);
         for (int c = 0; c < 3; c++)
             for (uint32_t l = 0; l < PACKET; l++)
@@ -123,6 +119,16 @@ static uint32_t add_bright(const struct transport *t, const struct transport_blo
         penumbra += mixed;
     }
     return penumbra;
+}
+
+/* What traces and looks, apart from the cells. Returns packets in a penumbra. */
+static uint32_t add_rest(const struct transport *t, const struct transport_look *look, const struct transport_block *b,
+                         float *lo, uint64_t *rays)
+{
+    for (uint32_t k = 0; b->narrow && k < b->packets; k++)
+        t->kernels->gaze(look, &t->gbuffer->packets[b->first + k], b->gazes + (size_t)k * TRANSPORT_GAZES,
+                         lo + (size_t)k * 3 * PACKET);
+    return t->bright.strata ? add_bright(t, b, lo, rays) : 0;
 }
 
 static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)
@@ -140,14 +146,14 @@ static void mix(const struct transport_block *b, const float *old, float weight,
 }
 
 /* A block that takes over bit by bit, from its former self or from what stands in lo. */
-static uint32_t shade_fading(const struct transport *t, uint32_t k, float *lo, uint64_t *rays)
+static uint32_t shade_fading(const struct transport *t, const struct transport_look *look, uint32_t k, float *lo,
+                             uint64_t *rays)
 {
     const struct transport_block *b = &t->blocks[k];
     const struct transport_fade *f = &t->fades[k];
     const struct shade_packet *packets = &t->gbuffer->packets[b->first];
     const float weight = (float)f->weight / TRANSPORT_FADE;
     _Alignas(64) float old[TRANSPORT_PACKETS * 3 * PACKET];
-    uint32_t penumbra = 0;
 
     if (f->weight == 0)
         return 0;
@@ -158,8 +164,7 @@ static uint32_t shade_fading(const struct transport *t, uint32_t k, float *lo, u
     t->kernels->cells(b, packets, &t->sky, lo);
     if (f->from_cells)
         mix(b, old, weight, lo);
-    if (t->bright.strata)
-        penumbra = add_bright(t, b, lo, rays);
+    const uint32_t penumbra = add_rest(t, look, b, lo, rays);
     clear_padding(t, b, lo);
     if (!f->from_cells)
         mix(b, old, weight, lo);
@@ -179,6 +184,11 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
         result = draw_bright(t, e, frame);
     if (result)
         return result;
+    const struct transport_look look = {
+        .environment = e,
+        .level = t->sky.level,
+        .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
+    };
 #pragma omp parallel reduction(+ : rays, penumbra)
     {
         const unsigned before = denormals_flush();
@@ -189,12 +199,11 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
             if (frame->cancel && atomic_load_explicit(frame->cancel, memory_order_relaxed))
                 continue;
             if (t->fades && t->fades[k].weight < TRANSPORT_FADE) {
-                penumbra += shade_fading(t, k, out, &rays);
+                penumbra += shade_fading(t, &look, k, out, &rays);
                 continue;
             }
             t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, out);
-            if (t->bright.strata)
-                penumbra += add_bright(t, b, out, &rays);
+            penumbra += add_rest(t, &look, b, out, &rays);
             clear_padding(t, b, out);
         }
         denormals_restore(before);

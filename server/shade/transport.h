@@ -9,8 +9,8 @@
  * rays where neighbours agree on what they see of it and eight times as many where not.
  *
  * Biased: a cell has one radiance, T is a quadrature and compressed within a tolerance, and penumbrae that the few rays
- * have missed are lost. docs/transport-cache.md has figures. Points whose lobe is narrower than a cell are not taken:
- * transport_left names their packets, for direct_shade.
+ * have missed are lost. docs/transport-cache.md has figures. Lobes narrower than a cell have directions of their own
+ * instead, whose visibility is kept: the sky is looked up there texel by texel.
  *
  * One struct transport per thread of control; both functions run on all OpenMP threads and do not depend on their
  * number. The compression is LAPACK's, whose rounding may differ from one type of processor to another. */
@@ -52,8 +52,8 @@ struct transport_stats {
     uint64_t bytes;               /* that it holds */
     uint64_t dense;               /* that all entries would take as half floats */
     uint64_t rays;                /* traced for it */
-    uint32_t packets;             /* taken */
-    uint32_t left;                /* not taken */
+    uint32_t packets;
+    uint32_t narrow;              /* of these with lobes narrower than a cell */
     uint32_t blocks, pieces, raw; /* a piece is one row of a block; raw: not compressed */
     double rank;                  /* mean of those that are */
 };
@@ -87,7 +87,6 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
                                     struct transport_frame_stats *stats);
 
 const struct transport_stats *transport_stats(const struct transport *t);
-const struct packet_list *transport_left(const struct transport *t);
 
 /* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
 const struct packet_list *transport_unbuilt(const struct transport *t);

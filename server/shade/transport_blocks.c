@@ -51,26 +51,18 @@ static uint32_t rows_of(const struct shade_packet *p)
 
 /* Packets of a kind and with as many rows that follow each other, four to a block; returns how many blocks there are,
  * which are written where there is room for them. */
-static uint32_t lay_out(const struct gbuffer *g, struct transport_block *blocks, uint32_t *left, uint32_t *left_count)
+static uint32_t lay_out(const struct gbuffer *g, struct transport_block *blocks)
 {
     uint32_t count = 0;
-    bool open = false; /* the last block may take one more */
     struct transport_block b = { 0 };
 
-    *left_count = 0;
     for (uint32_t i = 0; i < g->packet_count; i++) {
         const struct shade_packet *p = &g->packets[i];
-        if (is_narrow(p)) {
-            if (left)
-                left[*left_count] = i;
-            ++*left_count;
-            open = false;
-            continue;
-        }
-        const uint32_t rows = rows_of(p);
-        if (!open || b.packets == TRANSPORT_PACKETS || b.rows != rows || g->packets[b.first].kind != p->kind) {
-            b = (struct transport_block){ .first = i, .rows = rows };
-            open = true;
+        const bool narrow = is_narrow(p);
+        const uint32_t rows = narrow ? 1 : rows_of(p);
+        if (count == 0 || b.packets == TRANSPORT_PACKETS || b.rows != rows || b.narrow != narrow ||
+            g->packets[b.first].kind != p->kind) {
+            b = (struct transport_block){ .first = i, .rows = rows, .narrow = narrow };
             count++;
         }
         b.packets++;
@@ -84,17 +76,16 @@ static enum err make_blocks(struct transport *t)
 {
     const struct gbuffer *g = t->gbuffer;
 
-    t->block_count = lay_out(g, NULL, NULL, &t->left.count);
+    t->block_count = lay_out(g, NULL);
     t->blocks = mem_alloc(t->block_count, sizeof(*t->blocks));
-    t->left_index = mem_alloc(t->left.count, sizeof(*t->left_index));
-    if (!t->blocks || !t->left_index)
+    if (!t->blocks)
         return ERR_NOMEM;
-    lay_out(g, t->blocks, t->left_index, &t->left.count);
-    t->left.index = t->left_index;
-    t->stats.left = t->left.count;
-    t->stats.packets = g->packet_count - t->left.count;
+    lay_out(g, t->blocks);
+    for (uint32_t k = 0; k < t->block_count; k++)
+        t->stats.narrow += t->blocks[k].narrow ? t->blocks[k].packets : 0;
+    t->stats.packets = g->packet_count;
     t->stats.blocks = t->block_count;
-    t->stats.bytes = t->block_count * sizeof(*t->blocks) + t->left.count * sizeof(*t->left_index) + sizeof(*t);
+    t->stats.bytes = t->block_count * sizeof(*t->blocks) + sizeof(*t);
     return ERR_OK;
 }
 
@@ -119,6 +110,7 @@ void transport_count_block(struct transport *t, const struct transport_block *b)
 {
     const uint32_t points = b->packets * PACKET;
 
+    t->stats.bytes += transport_gaze_bytes(b);
     for (uint32_t r = 0; r < b->rows; r++) {
         const struct transport_piece *q = &b->pieces[r];
         t->stats.bytes += transport_piece_bytes(q, points);
@@ -147,9 +139,14 @@ void transport_close_stats(struct transport *t)
     t->stats.rank /= compressed ? compressed : 1;
 }
 
+uint64_t transport_gaze_bytes(const struct transport_block *b)
+{
+    return b->gazes ? (uint64_t)b->packets * TRANSPORT_GAZES * sizeof(*b->gazes) : 0;
+}
+
 uint64_t transport_block_bytes(const struct transport_block *b)
 {
-    uint64_t bytes = 0;
+    uint64_t bytes = transport_gaze_bytes(b);
 
     for (uint32_t r = 0; r < b->rows; r++)
         bytes += transport_piece_bytes(&b->pieces[r], b->packets * PACKET);
@@ -162,4 +159,6 @@ void transport_block_finish(struct transport_block *b)
         mem_free(b->pieces[r].halves);
         b->pieces[r] = (struct transport_piece){ .halves = NULL };
     }
+    mem_free(b->gazes);
+    b->gazes = NULL;
 }

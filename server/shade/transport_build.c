@@ -18,7 +18,7 @@ struct build {
     struct transport_desc desc; /* defaults filled in */
     struct transport_world world;
     struct transport_directions directions;
-    float (*lobe_numbers)[2];
+    float (*lobe_numbers)[2], (*gaze_numbers)[2];
     const struct transport_publisher *to; /* NULL: nobody waits for blocks */
     bool coarse;
     uint64_t bytes; /* of coarse pieces */
@@ -110,6 +110,14 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     for (uint32_t k = 0; k < block->packets; k++)
         *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, bench->matrices,
                                    k * PACKET);
+    if (block->narrow) {
+        block->gazes = mem_alloc_raw((size_t)block->packets * TRANSPORT_GAZES, sizeof(*block->gazes));
+        if (!block->gazes)
+            return ERR_NOMEM;
+        for (uint32_t k = 0; k < block->packets; k++)
+            *rays += t->kernels->aim(&b->world, &t->gbuffer->packets[block->first + k],
+                                     block->gazes + (size_t)k * TRANSPORT_GAZES);
+    }
     share_tolerance(b, block, bench->matrices, scale, allowed);
     for (uint32_t r = 0; r < block->rows && !e; r++)
         e = transport_compress(bench->workspace, &bench->matrices[r], block->packets * PACKET, scale[r], allowed[r],
@@ -226,6 +234,19 @@ static void build_all(struct build *b, uint32_t threads)
     t->stats.rays = b->coarse ? 0 : rays;
 }
 
+static float (*make_numbers(uint32_t count, uint64_t seed))[2]
+{
+    float(*out)[2] = mem_alloc(count, sizeof(*out));
+
+    for (uint32_t i = 0; out && i < count; i++) {
+        double x[2];
+        rng_sobol2(seed, i, x);
+        for (int k = 0; k < 2; k++)
+            out[i][k] = fminf((float)x[k], 1.0f - 0x1p-24f);
+    }
+    return out;
+}
+
 static enum err begin_build(struct build *b)
 {
     struct transport_desc *d = &b->desc;
@@ -237,19 +258,15 @@ static enum err begin_build(struct build *b)
     }
     const uint32_t samples = d->lobe_samples, side = b->coarse ? 1 : d->per_cell;
     enum err e = transport_directions_init(&b->directions, side, b->coarse ? 2 : 1, rng_mix(d->seed, 0));
-    b->lobe_numbers = mem_alloc(samples, sizeof(*b->lobe_numbers));
-    if (e || !b->lobe_numbers)
+    b->lobe_numbers = make_numbers(samples, rng_mix(d->seed, 1));
+    b->gaze_numbers = make_numbers(TRANSPORT_GAZES, rng_mix(d->seed, 2));
+    if (e || !b->lobe_numbers || !b->gaze_numbers)
         return ERR_NOMEM;
-    for (uint32_t i = 0; i < samples; i++) {
-        double x[2];
-        rng_sobol2(rng_mix(d->seed, 1), i, x);
-        for (int k = 0; k < 2; k++)
-            b->lobe_numbers[i][k] = fminf((float)x[k], 1.0f - 0x1p-24f);
-    }
     b->world = (struct transport_world){ .rays = b->t->rays,
                                          .directions = &b->directions,
                                          .lobe_numbers = (const float(*)[2])b->lobe_numbers,
-                                         .lobe_samples = samples };
+                                         .lobe_samples = samples,
+                                         .gaze_numbers = (const float(*)[2])b->gaze_numbers };
     transport_compress_begin();
     return ERR_OK;
 }
@@ -264,6 +281,7 @@ enum err transport_build(struct transport *t, const struct transport_desc *desc,
         build_all(&b, threads ? threads : (uint32_t)omp_get_max_threads());
     transport_directions_finish(&b.directions);
     mem_free(b.lobe_numbers);
+    mem_free(b.gaze_numbers);
     *all = !b.stopped && !b.error;
     if (*all && !coarse)
         transport_close_stats(t);

@@ -8,9 +8,10 @@
 #include <string.h>
 
 /* To be counted up whenever the same scene would get another transport: other directions, weights, rows, blocks. */
-#define FORMAT 2
+#define FORMAT 3
 
-static const char index_name[] = "transport.index", halves_name[] = "transport.halves";
+static const char index_name[] = "transport.index", halves_name[] = "transport.halves",
+                  gazes_name[] = "transport.gazes";
 
 /* The index: a head, and the pieces of all blocks in their order; the halves stand behind each other in the same. */
 struct head {
@@ -73,6 +74,9 @@ void transport_save(const struct transport *t, const struct digest *key, struct 
             const struct transport_piece *q = &t->blocks[k].pieces[r];
             cache_writer_put(w, q->halves, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
         }
+    cache_writer_section(w, gazes_name, key);
+    for (uint32_t k = 0; k < t->block_count; k++)
+        cache_writer_put(w, t->blocks[k].gazes, (size_t)transport_gaze_bytes(&t->blocks[k]));
 }
 
 /* ---- Loading ---- */
@@ -189,7 +193,40 @@ static enum err read_halves(struct cache_reader *r, const struct digest *key, st
         struct transport_block *b = &t->blocks[k];
         for (uint32_t row = 0; row < b->rows && !e; row++)
             e = read_piece(r, records++, b->packets * PACKET, &b->pieces[row], why);
-        transport_count_block(t, b);
+    }
+    return e ? e : cache_reader_end(r, why);
+}
+
+/* Directions of any length but zero are looked up as they are; light is neither less than none nor without bound. */
+static bool is_sound_gaze(const struct transport_gaze *q)
+{
+    for (uint32_t l = 0; l < PACKET; l++) {
+        const float length2 = q->x[l] * q->x[l] + q->y[l] * q->y[l] + q->z[l] * q->z[l];
+        const float least = fminf(q->density[l], fminf(q->by_specular[l], q->by_one[l]));
+        const float most = fmaxf(q->density[l], fmaxf(q->by_specular[l], q->by_one[l]));
+        const float sum = q->density[l] + q->by_specular[l] + q->by_one[l]; /* NaN, if one is */
+        if (!(length2 > 0.5f && length2 < 2.0f && least >= 0.0f && most < 1e30f && sum >= 0.0f))
+            return false;
+    }
+    return true;
+}
+
+static enum err read_gazes(struct cache_reader *r, const struct digest *key, struct transport *t, struct reason *why)
+{
+    enum err e = cache_reader_find(r, gazes_name, key, why);
+
+    for (uint32_t k = 0; k < t->block_count && !e; k++) {
+        struct transport_block *b = &t->blocks[k];
+        const size_t count = b->narrow ? (size_t)b->packets * TRANSPORT_GAZES : 0;
+        if (count == 0)
+            continue;
+        b->gazes = mem_alloc_raw(count, sizeof(*b->gazes));
+        if (!b->gazes)
+            return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+        e = cache_reader_get(r, b->gazes, count * sizeof(*b->gazes), why);
+        for (size_t i = 0; i < count && !e; i++)
+            if (!is_sound_gaze(&b->gazes[i]))
+                e = refuse(r, why, "holds numbers that cannot be");
     }
     return e ? e : cache_reader_end(r, why);
 }
@@ -210,7 +247,11 @@ enum err transport_load(struct cache_reader *r, const struct digest *key, const 
         e = read_index(r, key, t, records, &bytes, why);
     if (!e)
         e = read_halves(r, key, t, records, bytes, transport_resolve(desc).max_bytes, why);
+    if (!e)
+        e = read_gazes(r, key, t, why);
     if (!e) {
+        for (uint32_t k = 0; k < t->block_count; k++)
+            transport_count_block(t, &t->blocks[k]);
         transport_close_stats(t);
         *out = t;
         t = NULL;

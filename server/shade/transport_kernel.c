@@ -213,6 +213,36 @@ static uint64_t trace(const struct transport_world *w, const struct shade_packet
     return t.traced;
 }
 
+static uint64_t aim(const struct transport_world *w, const struct shade_packet *p, struct transport_gaze *out)
+{
+    struct tracer t = { .world = w, .points = p, .rows = TRANSPORT_ROWS };
+
+    set_up_tracer(&t);
+    memset(out, 0, TRANSPORT_GAZES * sizeof(*out));
+    for (uint32_t i = 0; i < TRANSPORT_GAZES; i++, out++) {
+        struct lanes square[2], d[3], row[TRANSPORT_ROWS], pdf;
+        LANES(l)
+        {
+            square[0].v[l] = w->gaze_numbers[i][0];
+            square[1].v[l] = w->gaze_numbers[i][1];
+        }
+        lobes_sample(&t.lobes, p, square, d);
+        const bool some = see_rows(&t, RAYS_APART, d, row, &pdf);
+        LANES(l)
+        {
+            const float density = some ? TRANSPORT_GAZES * pdf.v[l] : 0.0f;
+            const float scale = density > 0.0f ? 1.0f / density : 0.0f;
+            out->x[l] = d[0].v[l];
+            out->y[l] = d[1].v[l];
+            out->z[l] = d[2].v[l];
+            out->by_specular[l] = scale > 0.0f ? scale * row[1].v[l] : 0.0f;
+            out->by_one[l] = scale > 0.0f ? scale * row[2].v[l] : 0.0f;
+            out->density[l] = density;
+        }
+    }
+    return t.traced;
+}
+
 /* ---- A frame ---- */
 
 /* Sixteen partial sums of each of n, in one order at all levels. */
@@ -347,10 +377,79 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
     }
 }
 
+/* The texel where a gaze ends: its lower part, and of the bright one what balances with the samples of that. */
+static inline void look_at(const struct transport_look *look, const float w[3], float density, float rgb[3])
+{
+    const struct environment *e = look->environment;
+    float u, v;
+    const uint32_t at = cube_texel(e->n, w, &u, &v);
+    const struct texel *x = &e->texels[at];
+    const float g = importance_of(e->importance, x->r, x->g, x->b);
+    float share = 1.0f;
+
+    if (g > look->level) {
+        const float low = look->level / g;
+        const float other = (float)((double)(g - look->level) * e->solid_angle[at % (e->n * e->n)] * look->per_energy) *
+                            cube_jacobian(u, v);
+        share = low + (1.0f - low) * density / (density + other);
+    }
+    rgb[0] = share * x->r;
+    rgb[1] = share * x->g;
+    rgb[2] = share * x->b;
+}
+
+static void gaze(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
+                 float *lo)
+{
+    const bool ggx = p->kind == LOBE_GGX;
+
+    for (uint32_t i = 0; i < TRANSPORT_GAZES; i++) {
+        const struct transport_gaze *q = &gazes[i];
+        for (uint32_t l = 0; l < p->count; l++) {
+            const float w[3] = { q->x[l], q->y[l], q->z[l] }, by_one = ggx ? q->by_one[l] : 0.0f;
+            float rgb[3];
+            if (!(q->by_specular[l] + by_one > 0.0f))
+                continue;
+            look_at(look, w, q->density[l], rgb);
+            for (int c = 0; c < 3; c++)
+                lo[c * PACKET + l] += (p->specular[c][l] * q->by_specular[l] + by_one) * rgb[c];
+        }
+    }
+}
+
+/* A packet whose lobes balance with their gazes: by themselves, without the matte part. */
+struct glints {
+    struct shade_packet points;
+    struct lobes lobes;
+};
+
+static void set_up_glints(const struct shade_packet *p, struct glints *s)
+{
+    s->points = *p;
+    memset(s->points.diffuse, 0, sizeof(s->points.diffuse));
+    lobes_set_up(p, &s->lobes);
+    LANES(l) s->lobes.diffuse_part.v[l] = 0.0f;
+}
+
+/* Of the lobes' light along d only the share that such samples have beside the gazes. */
+static void balance_glints(const struct glints *s, const struct transport_bright *b, const int32_t at[PACKET],
+                           const struct lanes d[3], const struct lanes *cosine, struct lanes brdf[3])
+{
+    struct lanes lobe[3], pdf;
+
+    lobes_evaluate(&s->lobes, &s->points, d, cosine, lobe, &pdf);
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            const float own = b->density[at[l]], theirs = TRANSPORT_GAZES * pdf.v[l];
+            brdf[c].v[l] -= lobe[c].v[l] * (theirs > 0.0f ? theirs / (own + theirs) : 0.0f);
+        }
+}
+
 /* One sample of the bright part for each lane, each its own: the lanes' variants of a stratum. */
 static uint64_t add_bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
-                           const struct lobes *lobes, struct ray16 *ray, const int32_t at[PACKET], float sum[3][PACKET],
-                           struct transport_view *view)
+                           const struct lobes *lobes, const struct glints *glints, struct ray16 *ray,
+                           const int32_t at[PACKET], float sum[3][PACKET], struct transport_view *view)
 {
     _Alignas(64) int32_t valid[PACKET];
     struct lanes d[3], cosine, brdf[3], pdf;
@@ -391,6 +490,8 @@ static uint64_t add_bright(const struct rays *rays, const struct transport_brigh
     view->dark |= dark != 0;
     if (lit) {
         lobes_evaluate(lobes, p, d, &cosine, brdf, &pdf);
+        if (glints)
+            balance_glints(glints, b, at, d, &cosine, brdf);
         LANES(l)
         {
             sum[0][l] += valid[l] ? brdf[0].v[l] * b->r[at[l]] : 0.0f;
@@ -405,14 +506,17 @@ static uint64_t add_bright(const struct rays *rays, const struct transport_brigh
  * points it takes all alike, and pass 1 the others. Variants of 16 points are 16 that follow each other in a sequence
  * that spreads well. */
 static uint64_t bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
-                       uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view)
+                       bool narrow, uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view)
 {
     const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
     struct lobes lobes;
+    struct glints glints;
     struct ray16 ray = { .org_x = { 0 } };
     uint64_t traced = 0;
 
     lobes_set_up(p, &lobes);
+    if (narrow)
+        set_up_glints(p, &glints);
     LANES(l)
     {
         ray.org_x[l] = p->x[l];
@@ -429,10 +533,11 @@ static uint64_t bright(const struct rays *rays, const struct transport_bright *b
                 const uint32_t stratum = TRANSPORT_MORE * i + turn;
                 at[l] = (int32_t)(stratum * TRANSPORT_VARIANTS + variant);
             }
-            traced += add_bright(rays, b, p, &lobes, &ray, at, sum, view);
+            traced += add_bright(rays, b, p, &lobes, narrow ? &glints : NULL, &ray, at, sum, view);
         }
     return traced;
 }
 
 extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
-const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = { trace, cells, expand, bright, widen };
+const struct transport_kernels JOIN(transport_kernels_,
+                                    KERNEL_LEVEL) = { trace, cells, expand, aim, gaze, bright, widen };

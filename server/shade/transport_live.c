@@ -84,7 +84,7 @@ void transport_live_destroy(struct transport_live *live)
         mem_free(b);
     }
     for (uint32_t k = 0; live->built && k < live->built->block_count; k++)
-        memset(live->built->blocks[k].pieces, 0, sizeof(live->built->blocks[k].pieces));
+        live->built->blocks[k] = (struct transport_block){ .rows = 0 };
     transport_destroy(live->cache);
     transport_destroy(live->built);
     mem_free(live->slots);

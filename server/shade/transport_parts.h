@@ -18,8 +18,9 @@
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
 #define TRANSPORT_TOGETHER 4
 #define TRANSPORT_VARIANTS 256
-#define TRANSPORT_FADE 8 /* frames within which a block takes over */
-#define TRANSPORT_MORE 8 /* strata of the bright part to each ray that is traced at first; a power of two */
+#define TRANSPORT_GAZES 32 /* directions in which a narrow lobe looks */
+#define TRANSPORT_FADE 8   /* frames within which a block takes over */
+#define TRANSPORT_MORE 8   /* strata of the bright part to each ray that is traced at first; a power of two */
 
 /* A block's row as it is traced: [cell][point]. */
 struct transport_matrix {
@@ -38,9 +39,19 @@ struct transport_piece {
     uint8_t chunks[TRANSPORT_CHUNKS]; /* ascending */
 };
 
+/* Where a packet's narrow lobes look, by their own densities; what stands still about it. */
+struct transport_gaze {
+    float x[PACKET], y[PACKET], z[PACKET]; /* unit */
+    float by_specular[PACKET];             /* row 1 over density and number; 0 where the sky is not seen */
+    float by_one[PACKET];                  /* row 2 likewise */
+    float density[PACKET];                 /* of all TRANSPORT_GAZES together, per sr */
+};
+
 struct transport_block {
-    uint32_t first, packets; /* of the G-buffer */
-    uint32_t rows;
+    uint32_t first, packets;      /* of the G-buffer */
+    uint32_t rows;                /* that have pieces: of narrow lobes the matte one alone */
+    bool narrow;                  /* lobes narrower than a cell: */
+    struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until it is built */
     struct transport_piece pieces[TRANSPORT_ROWS];
 };
 
@@ -58,6 +69,7 @@ struct transport_world {     /* what tracing needs; borrowed */
     const struct transport_directions *directions;
     const float (*lobe_numbers)[2]; /* [lobe_samples]: points of the unit square */
     uint32_t lobe_samples;
+    const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: likewise */
 };
 
 /* Samples of a frame's bright part: [strata][TRANSPORT_VARIANTS], each stratum an equal share of its energy. */
@@ -65,7 +77,15 @@ struct transport_bright {
     uint32_t strata; /* 0: there is none; else TRANSPORT_MORE times `few` */
     uint32_t few;
     float *x, *y, *z, *r, *g, *b; /* direction, radiance over density */
+    float *density;               /* of all `few` together, per sr */
     uint64_t seed;
+};
+
+/* A frame's sky as narrow lobes look at it, texel by texel. */
+struct transport_look {
+    const struct environment *environment;
+    float level;
+    double per_energy; /* few n^2 / 4 over the bright part's energy; 0: there is none */
 };
 
 /* What a packet has seen of the bright part, over lanes that face it. */
@@ -84,10 +104,15 @@ struct transport_kernels {
     /* out[c][point] = sum over the cells of T L. points: a multiple of 16. */
     void (*expand)(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
+    /* Where the packet's narrow lobes look and what they see there; returns rays traced. */
+    uint64_t (*aim)(const struct transport_world *w, const struct shade_packet *p, struct transport_gaze *out);
+    /* Adds to lo [3][16] what they see under this sky, the bright part with its share of the balance heuristic. */
+    void (*gaze)(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
+                 float *lo);
     /* Adds to sum[3][16] the light of the strata of pass 0, `few` of them, or of pass 1, the others, before division by
-     * their number; returns rays traced. */
+     * their number; returns rays traced. narrow: the lobes have gazes as well, and only their share counts here. */
     uint64_t (*bright)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
-                       uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view);
+                       bool narrow, uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view);
     /* Half floats to floats; n is a multiple of 16, out aligned to 64 bytes. */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };
@@ -106,8 +131,6 @@ struct transport {
     const struct transport_kernels *kernels;
     struct transport_block *blocks;
     uint32_t block_count;
-    uint32_t *left_index;
-    struct packet_list left;
     struct transport_stats stats;
     struct transport_fade *fades; /* [block_count]; NULL: all blocks are there */
     uint32_t *unbuilt_index;
@@ -132,7 +155,7 @@ static inline float transport_row_colour(const struct shade_packet *p, uint32_t 
 /* desc with its defaults filled in. */
 struct transport_desc transport_resolve(const struct transport_desc *desc);
 
-/* A cache whose blocks have no pieces yet: they, the packets that are left, and what all that takes. NULL when out of
+/* A cache whose blocks have no pieces yet: they, and what all that takes. NULL when out of
  * memory. */
 struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                                   const struct transport_desc *desc);
@@ -174,8 +197,9 @@ void transport_workspace_destroy(struct transport_workspace *w);
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
                                        const float *scale, double allowed, struct transport_piece *out);
 
-/* Bytes of halves that a piece or a block holds. */
+/* Bytes that a piece, the gazes of a block, or a block with all of its pieces hold. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
+uint64_t transport_gaze_bytes(const struct transport_block *b);
 uint64_t transport_block_bytes(const struct transport_block *b);
 void transport_block_finish(struct transport_block *b); /* frees its pieces */
 

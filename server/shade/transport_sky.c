@@ -152,3 +152,16 @@ void transport_sky_sample(const struct transport_sky *s, const struct environmen
     rgb[1] = (float)(weight * (double)t->g);
     rgb[2] = (float)(weight * (double)t->b);
 }
+
+float transport_sky_density(const struct transport_sky *s, const struct environment *e, const float w[3])
+{
+    const uint32_t n = s->n;
+    float u, v;
+    const uint32_t at = cube_texel(n, w, &u, &v);
+    const double above = (double)texel_importance(e, at) - (double)s->level;
+
+    if (!(above > 0.0) || s->bright_count == 0)
+        return 0.0f;
+    return (float)(above * e->solid_angle[at % (n * n)] / s->bright_energy * 0.25 * n * n *
+                   (double)cube_jacobian(u, v));
+}

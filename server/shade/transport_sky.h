@@ -49,4 +49,7 @@ double transport_cell_solid_angle(uint32_t place);
 void transport_sky_sample(const struct transport_sky *s, const struct environment *e, const double x[2], float w[3],
                           float rgb[3]);
 
+/* The density by which the former draws w, per sr; 0 outside of the bright part. */
+float transport_sky_density(const struct transport_sky *s, const struct environment *e, const float w[3]);
+
 #endif

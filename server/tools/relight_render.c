@@ -303,8 +303,8 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
     return json_pack("{s:b, s:f, s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "loaded",
                      s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
                      s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes",
-                     (json_int_t)c->dense, "rays", (json_int_t)c->rays, "packets", (int)c->packets, "packets_left",
-                     (int)c->left, "pieces", (int)c->pieces, "raw", (int)c->raw, "mean_rank", c->rank, "bright",
+                     (json_int_t)c->dense, "rays", (json_int_t)c->rays, "packets", (int)c->packets, "packets_narrow",
+                     (int)c->narrow, "pieces", (int)c->pieces, "raw", (int)c->raw, "mean_rank", c->rank, "bright",
                      "texels", (int)f->bright, "share", f->share, "rays", (json_int_t)f->rays, "penumbra_packets",
                      (int)f->penumbra);
 }

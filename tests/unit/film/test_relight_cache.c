@@ -56,40 +56,11 @@ static void it_is_computed_once_and_told_apart(void **state)
     assert_int_equal(run(&s, &light, &second), ERR_OK);
     assert_true(first.cache_ms > 0.0 && second.cache_ms == 0.0);
     assert_true(first.cache.bytes > 0 && first.cache.bytes == second.cache.bytes);
-    assert_true(first.cache.packets + first.cache.left == s.set->gbuffer->packet_count);
+    assert_true(first.cache.packets == s.set->gbuffer->packet_count);
     assert_true(first.cache_frame.bright > 0 && first.direct.rays >= first.cache_frame.rays);
     assert_non_null(first.bias);
     assert_int_equal(relighter_prepare(s.relighter, &light, false, &ms), ERR_OK);
     assert_true(ms == 0.0);
-    stage_finish(&s);
-}
-
-static void what_it_leaves_is_sampled_as_auto_does(void **state)
-{
-    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16, .seed = 5 } };
-    const size_t floats = 3 * PACKET;
-    struct relight_stats stats;
-    struct stage s = stage_make();
-    struct transport *t;
-    (void)state;
-
-    assert_int_equal(transport_create(s.set->gbuffer, s.set->rays, best_kernels(),
-                                      &(struct transport_desc){ .seed = 1 }, &t, &s.why),
-                     ERR_OK);
-    const struct packet_list *left = transport_left(t);
-    assert_true(left->count > 0);
-    float *own = mem_alloc(left->count, floats * sizeof(float));
-    assert_int_equal(run(&s, &light, &stats), ERR_OK);
-    assert_int_equal(stats.cache.left, left->count);
-    for (uint32_t k = 0; k < left->count; k++)
-        memcpy(own + k * floats, relighter_points(s.relighter) + left->index[k] * floats, floats * sizeof(float));
-    light.direct.method = METHOD_AUTO;
-    assert_int_equal(run(&s, &light, &stats), ERR_OK);
-    for (uint32_t k = 0; k < left->count; k++)
-        assert_memory_equal(own + k * floats, relighter_points(s.relighter) + left->index[k] * floats,
-                            floats * sizeof(float));
-    mem_free(own);
-    transport_destroy(t);
     stage_finish(&s);
 }
 
@@ -315,7 +286,6 @@ static void refused_in_the_background_it_is_auto(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(it_is_computed_once_and_told_apart),
-    cmocka_unit_test(what_it_leaves_is_sampled_as_auto_does),
     cmocka_unit_test(one_that_is_too_large_is_refused),
     cmocka_unit_test(without_visibility_it_is_another),
     cmocka_unit_test(another_run_loads_what_one_has_computed),

@@ -52,17 +52,13 @@ static float *converge(const struct gbuffer *g, const struct rays *rays, const s
     return lo;
 }
 
-/* relMSE over the lanes in use of all packets but those of `not`. */
-static double rel_mse(const struct gbuffer *g, const float *x, const float *r, const struct packet_list * not )
+/* relMSE over the lanes in use. */
+static double rel_mse(const struct gbuffer *g, const float *x, const float *r)
 {
     double mean = 0.0, sum = 0.0, count = 0.0;
 
     for (int pass = 0; pass < 2; pass++)
-        for (uint32_t i = 0, k = 0; i < g->packet_count; i++) {
-            if (not &&k < not ->count && not ->index[k] == i) {
-                k++;
-                continue;
-            }
+        for (uint32_t i = 0; i < g->packet_count; i++)
             for (uint32_t c = 0; c < 3; c++)
                 for (uint32_t l = 0; l < g->packets[i].count; l++) {
                     const size_t at = (i * 3 + c) * PACKET + l;
@@ -71,7 +67,6 @@ static double rel_mse(const struct gbuffer *g, const float *x, const float *r, c
                     count += pass ? 0.0 : 1.0;
                     sum += pass ? (a - b) * (a - b) / (b * b + 1e-2 * mean * mean / (count * count)) : 0.0;
                 }
-        }
     return sum / count;
 }
 
@@ -166,7 +161,7 @@ static void rows_and_colours_make_up_each_lobe(void **state)
         const struct transport_desc raw = { .no_visibility = true, .tolerance = -1.0f, .tolerance_glossy = -1.0f };
         struct transport *t = make(&g, NULL, &raw);
         float *lo = shade_by(t, &g, e, 64, &stats), *want = converge(&g, NULL, e, 32768);
-        const double error = rel_mse(&g, lo, want, NULL);
+        const double error = rel_mse(&g, lo, want);
         assert_int_equal(stats.bright, 0);
         if (error > 1e-4) {
             printf("lobe %zu: relMSE %.2e\n", k, error);
@@ -194,7 +189,7 @@ static void the_bias_floor_is_low_under_smooth_skies(void **state)
     for (uint64_t k = 0; k < 3; k++) {
         struct environment *e = sky_environment(k ? smooth_sky(k) : sky_overcast(128, 64), 128, 0.0);
         float *lo = shade_by(t, g, e, 64, &stats), *want = converge(g, set->rays, e, 4096);
-        const double error = rel_mse(g, lo, want, transport_left(t));
+        const double error = rel_mse(g, lo, want);
         assert_int_equal(stats.bright, 0);
         assert_true(stats.rays == 0);
         if (error > 2e-4) {
@@ -223,18 +218,12 @@ static void the_bright_part_makes_it_whole_again(void **state)
 
     float *lo = shade_by(t, g, e, 1024, &stats), *want = converge(g, set->rays, e, 4096);
     assert_true(stats.bright > 0 && stats.share > 0.1 && stats.rays > 0 && stats.penumbra > 0);
-    for (uint32_t i = 0, k = 0; i < g->packet_count; i++) {
-        if (k < transport_left(t)->count && transport_left(t)->index[k] == i) {
-            k++;
-            continue;
-        }
-        for (uint32_t c = 0; c < 3 * PACKET; c++) {
-            sum[0] += (double)lo[i * 3 * PACKET + c];
-            sum[1] += (double)want[i * 3 * PACKET + c];
-        }
+    for (size_t i = 0; i < (size_t)g->packet_count * 3 * PACKET; i++) {
+        sum[0] += (double)lo[i];
+        sum[1] += (double)want[i];
     }
     assert_true(fabs(sum[0] - sum[1]) < 3e-3 * sum[1]);
-    assert_true(rel_mse(g, lo, want, transport_left(t)) < 1e-3);
+    assert_true(rel_mse(g, lo, want) < 1e-3);
     mem_free(lo);
     mem_free(want);
     environment_destroy(e);
@@ -316,12 +305,12 @@ static void threads_and_cpu_levels_do_not_change_the_bits(void **state)
     set_destroy(set);
 }
 
-static void lobes_narrower_than_a_cell_are_left(void **state)
+static void lobes_narrower_than_a_cell_look_for_themselves(void **state)
 {
     static const struct {
         enum lobe_kind kind;
         float specular, gloss;
-        bool left;
+        bool narrow;
     } lobes[] = {
         { LOBE_PHONG, 0.5f, 150.0f, false }, { LOBE_PHONG, 0.5f, 151.0f, true }, { LOBE_PHONG, 0.0f, 900.0f, false },
         { LOBE_GGX, 0.04f, 0.075f, false },  { LOBE_GGX, 0.04f, 0.07f, true },   { LOBE_GGX, 0.04f, 0.0f, false },
@@ -339,19 +328,62 @@ static void lobes_narrower_than_a_cell_are_left(void **state)
                 if (lobes[k].gloss <= 0.0f || (i == 1 && l == 15))
                     g.packets[i].gloss[l] = lobes[k].gloss; /* one lane of the packet in the middle */
         struct transport *t = make(&g, NULL, &(struct transport_desc){ .no_visibility = true });
-        const struct packet_list *left = transport_left(t);
-        assert_int_equal(left->count, lobes[k].left ? 1 : 0);
-        assert_true(!left->count || left->index[0] == 1);
-        assert_int_equal(transport_stats(t)->packets, 3 - left->count);
+        assert_int_equal(transport_stats(t)->narrow, lobes[k].narrow ? 1 : 0);
+        assert_int_equal(transport_stats(t)->packets, 3);
         for (int i = 0; i < 3 * 3 * PACKET; i++)
             lo[i] = -1.0f;
         assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 16 }, lo, &stats), ERR_OK);
         for (int i = 0; i < 3 * 3 * PACKET; i++)
-            assert_true(lobes[k].left && i / (3 * PACKET) == 1 ? lo[i] == -1.0f : lo[i] > 0.0f);
+            assert_true(lo[i] > 0.0f);
         transport_destroy(t);
         points_free(&g);
     }
     environment_destroy(e);
+}
+
+/* Narrow lobes in all directions under a sun of 1.4 degrees and without one, wider and narrower than it: 2048 points,
+ * each with 32 gazes whose numbers are all points' own, and rays to the sun. Mean light within 2 % of the truth: what
+ * glints is a share of some 40 %, of which the gazes alone would have a standard error of 20 % and the sun's samples
+ * alone of more. Measured are 0.02 to 0.6 %. The sun's share forgotten on either side is 10 % and more. */
+static void narrow_lobes_balance_their_own_looks_with_the_suns(void **state)
+{
+    static const struct {
+        enum lobe_kind kind;
+        float diffuse, specular, gloss;
+    } lobes[] = {
+        { LOBE_PHONG, 0.3f, 0.5f, 300.0f },
+        { LOBE_PHONG, 0.1f, 0.8f, 20000.0f },
+        { LOBE_GGX, 0.2f, 0.7f, 0.06f },
+        { LOBE_GGX, 0.2f, 0.7f, 0.004f },
+    };
+    struct environment *skies[2] = { sky_environment(sky_with_sun(256, 128, 2e3f), 128, 0.0),
+                                     sky_environment(smooth_sky(4), 128, 0.0) };
+    struct transport_frame_stats stats;
+    (void)state;
+
+    for (size_t k = 0; k < 2 * sizeof(lobes) / sizeof(lobes[0]); k++) {
+        struct environment *e = skies[k % 2];
+        struct gbuffer g =
+            points_make(128, lobes[k / 2].kind, lobes[k / 2].diffuse, lobes[k / 2].specular, lobes[k / 2].gloss);
+        double sum[2] = { 0.0 };
+        points_scatter(&g, 20 + k);
+        struct transport *t = make(&g, NULL, &(struct transport_desc){ .no_visibility = true });
+        float *lo = shade_by(t, &g, e, 256, &stats), *want = converge(&g, NULL, e, 2048);
+        assert_int_equal(transport_stats(t)->narrow, g.packet_count);
+        assert_true((stats.bright > 0) == (k % 2 == 0));
+        for (size_t i = 0; i < (size_t)g.packet_count * 3 * PACKET; i++) {
+            sum[0] += (double)lo[i];
+            sum[1] += (double)want[i];
+        }
+        printf("lobe %zu: %.4f of the truth\n", k, sum[0] / sum[1]);
+        assert_true(fabs(sum[0] - sum[1]) < 2e-2 * sum[1]);
+        mem_free(lo);
+        mem_free(want);
+        transport_destroy(t);
+        points_free(&g);
+    }
+    environment_destroy(skies[0]);
+    environment_destroy(skies[1]);
 }
 
 /* Just enough is enough; a byte less is refused, and what is said would be enough is near what is. */
@@ -437,7 +469,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_bright_part_makes_it_whole_again),
     cmocka_unit_test(compression_keeps_to_its_tolerance),
     cmocka_unit_test(threads_and_cpu_levels_do_not_change_the_bits),
-    cmocka_unit_test(lobes_narrower_than_a_cell_are_left),
+    cmocka_unit_test(lobes_narrower_than_a_cell_look_for_themselves),
+    cmocka_unit_test(narrow_lobes_balance_their_own_looks_with_the_suns),
     cmocka_unit_test(the_memory_limit_is_kept),
     cmocka_unit_test(a_cancelled_one_is_not_there_and_no_error),
     cmocka_unit_test(any_sky_may_follow_any),

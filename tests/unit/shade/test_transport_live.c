@@ -65,8 +65,6 @@ static void make_frame(struct stage *s)
 
     memcpy(s->before, s->lo, s->floats * sizeof(float));
     transport_live_advance(s->live);
-    if (transport_left(s->cache)->count > 0)
-        sample(s, transport_left(s->cache), 16);
     if (transport_unbuilt(s->cache)->count > 0)
         sample(s, transport_unbuilt(s->cache), 4);
     assert_int_equal(transport_shade(s->cache, s->sky, &frame, s->lo, &stats), ERR_OK);
@@ -127,7 +125,7 @@ static void what_comes_takes_over_in_eight_even_steps(void **state)
     set_up(&s, sky_with_sun(64, 32, 2e3f), 0);
     float *first = mem_alloc(s.floats, sizeof(float)), *last = mem_alloc(s.floats, sizeof(float));
     float *steps[8];
-    assert_int_equal(transport_unbuilt(s.cache)->count + transport_left(s.cache)->count, s.set->gbuffer->packet_count);
+    assert_int_equal(transport_unbuilt(s.cache)->count, s.set->gbuffer->packet_count);
     make_frame(&s);
     for (int stage = 0; stage < TRANSPORT_STAGES; stage++) {
         memcpy(first, s.lo, s.floats * sizeof(float));
