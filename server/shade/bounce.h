@@ -36,7 +36,7 @@ struct bounce_desc {
     const struct scene *scene;
     const struct rays *rays;
     const struct gbuffer *gbuffer;
-    const struct transport *direct; /* its packets are taken, the others are left, as there; read while building */
+    const struct transport *direct; /* its packets are taken, but for the narrow ones; read while building */
     struct vec3 eye;                /* the camera's place: records are larger where it is far */
     uint32_t gather;                /* rays of a shade point's matte part; 0: 64. Glossy points have as many besides */
     uint32_t records;               /* at most; 0: half as many as there are points, 4000 to 24000 */

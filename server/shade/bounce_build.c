@@ -14,16 +14,17 @@ uint64_t bounce_steps(const struct gbuffer *g)
     return g->packet_count;
 }
 
-/* The blocks of the direct transport. */
+/* The blocks of the direct transport, without those whose lobes would mirror the records. */
 static enum err take_blocks(struct bounce *b, const struct transport *t)
 {
     b->blocks = mem_alloc(t->block_count, sizeof(*b->blocks));
     if (!b->blocks)
         return ERR_NOMEM;
-    b->block_count = t->block_count;
     for (uint32_t k = 0; k < t->block_count; k++) {
         const struct transport_block *from = &t->blocks[k];
-        b->blocks[k] = (struct bounce_block){ .first = from->first, .packets = from->packets, .rows = from->rows };
+        if (!from->narrow)
+            b->blocks[b->block_count++] =
+                (struct bounce_block){ .first = from->first, .packets = from->packets, .rows = from->rows };
     }
     b->stats.bytes = sizeof(*b) + b->block_count * sizeof(*b->blocks);
     return ERR_OK;

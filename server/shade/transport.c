@@ -18,6 +18,7 @@ void transport_destroy(struct transport *t)
     mem_free(t->blocks);
     mem_free(t->fades);
     mem_free(t->unbuilt_index);
+    mem_free(t->narrow_index);
     mem_free(t->bright_values);
     transport_sky_finish(&t->sky);
     mem_free(t);
@@ -31,6 +32,11 @@ uint64_t transport_steps(const struct gbuffer *g)
 const struct transport_stats *transport_stats(const struct transport *t)
 {
     return &t->stats;
+}
+
+const struct packet_list *transport_narrow(const struct transport *t)
+{
+    return &t->narrow;
 }
 
 const struct packet_list *transport_unbuilt(const struct transport *t)

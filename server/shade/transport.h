@@ -49,9 +49,9 @@ struct transport_desc {
 };
 
 struct transport_stats {
-    uint64_t bytes;               /* that it holds */
-    uint64_t dense;               /* that all entries would take as half floats */
-    uint64_t rays;                /* traced for it */
+    uint64_t bytes; /* that it holds */
+    uint64_t dense; /* that all entries would take as half floats */
+    uint64_t rays;  /* traced for it */
     uint32_t packets;
     uint32_t narrow;              /* of these with lobes narrower than a cell */
     uint32_t blocks, pieces, raw; /* a piece is one row of a block; raw: not compressed */
@@ -89,6 +89,9 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
 const struct transport_stats *transport_stats(const struct transport *t);
 
 /* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
+/* Packets with lobes narrower than a cell, in ascending order. */
+const struct packet_list *transport_narrow(const struct transport *t);
+
 const struct packet_list *transport_unbuilt(const struct transport *t);
 
 #endif

@@ -83,9 +83,16 @@ static enum err make_blocks(struct transport *t)
     lay_out(g, t->blocks);
     for (uint32_t k = 0; k < t->block_count; k++)
         t->stats.narrow += t->blocks[k].narrow ? t->blocks[k].packets : 0;
+    t->narrow_index = mem_alloc(t->stats.narrow, sizeof(*t->narrow_index));
+    if (!t->narrow_index)
+        return ERR_NOMEM;
+    for (uint32_t k = 0; k < t->block_count; k++)
+        for (uint32_t i = 0; t->blocks[k].narrow && i < t->blocks[k].packets; i++)
+            t->narrow_index[t->narrow.count++] = t->blocks[k].first + i;
+    t->narrow.index = t->narrow_index;
     t->stats.packets = g->packet_count;
     t->stats.blocks = t->block_count;
-    t->stats.bytes = t->block_count * sizeof(*t->blocks) + sizeof(*t);
+    t->stats.bytes = t->block_count * sizeof(*t->blocks) + t->narrow.count * sizeof(*t->narrow_index) + sizeof(*t);
     return ERR_OK;
 }
 

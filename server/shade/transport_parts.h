@@ -133,6 +133,8 @@ struct transport {
     uint32_t block_count;
     struct transport_stats stats;
     struct transport_fade *fades; /* [block_count]; NULL: all blocks are there */
+    uint32_t *narrow_index;
+    struct packet_list narrow;
     uint32_t *unbuilt_index;
     struct packet_list unbuilt;
 
