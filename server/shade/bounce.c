@@ -41,7 +41,6 @@ static void project_sky(const struct bounce_basis *basis, float (*sky)[TRANSPORT
     }
 }
 
-/* What is left out may leave less than nothing, which radiance cannot be. */
 static void shade_block(const struct bounce *b, const struct bounce_block *block, const float *y, float *lo)
 {
     const struct shade_packet *packets = &b->gbuffer->packets[block->first];
@@ -52,12 +51,7 @@ static void shade_block(const struct bounce *b, const struct bounce_block *block
             continue;
         b->kernels->expand(&block->pieces[r], y, b->basis.count, block->packets * PACKET, sum);
         for (uint32_t k = 0; k < block->packets; k++)
-            for (int c = 0; c < 3; c++)
-                for (uint32_t l = 0; l < packets[k].count; l++) {
-                    const float x = sum[c][k * PACKET + l];
-                    lo[(k * 3 + (uint32_t)c) * PACKET + l] +=
-                        x > 0.0f ? transport_row_colour(&packets[k], r, c, l) * x : 0.0f;
-                }
+            b->kernels->paint(&packets[k], r, sum, k * PACKET, lo + (size_t)k * 3 * PACKET);
     }
 }
 

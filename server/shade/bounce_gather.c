@@ -14,9 +14,10 @@
 #define BASIS_POINTS 1536u
 #define BASIS_RECORDS 512u
 #define TOLERANCE 0.04
+#define TAIL 0.25 /* of that, squared, what coefficients that are left out of V may take besides */
 #define MAX_BYTES ((uint64_t)1 << 30)
 #define BATCH 256u
-#define LIKENESS 0.2 /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988] */
+#define LIKENESS 0.3 /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988] */
 
 /* A shade point, and the parts of its BRDF as rows (transport_parts.h). */
 struct point {
@@ -262,12 +263,47 @@ static float scale_of(const float *x, size_t count)
     return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
 }
 
+/* Coefficients of the basis from which on all of V may be left out: those come in the order of what they are for all
+ * points. */
+static uint32_t short_basis(const float *v, uint32_t rows, uint32_t k, double allowed)
+{
+    double rest = 0.0;
+
+    for (uint32_t first = k - PACKET; first > 0; first -= PACKET) {
+        for (uint32_t r = 0; r < rows; r++)
+            for (uint32_t i = 0; i < PACKET; i++)
+                rest += pow((double)v[(size_t)r * k + first + i], 2.0);
+        if (rest > allowed)
+            return first + PACKET;
+    }
+    return PACKET;
+}
+
+/* V (rank x 3 rows of k) and U as half floats. */
+static enum err keep(const float *v, const float *u, uint32_t rank, uint32_t points, uint32_t k, double allowed,
+                     struct bounce_piece *out)
+{
+    const uint32_t rows = 3 * rank, basis = short_basis(v, rows, k, allowed);
+    const size_t u_count = (size_t)rank * points;
+    uint16_t *to = mem_alloc_raw((size_t)rows * basis + u_count, sizeof(*to));
+
+    if (!to)
+        return ERR_NOMEM;
+    *out = (struct bounce_piece){ .halves = to, .rank = rank, .basis = basis, .scale = scale_of(v, (size_t)rows * k) };
+    for (uint32_t r = 0; r < rows; r++)
+        for (uint32_t i = 0; i < basis; i++)
+            *to++ = half_round(v[(size_t)r * k + i] / out->scale);
+    for (size_t i = 0; i < u_count; i++)
+        *to++ = half_round(u[i]);
+    return ERR_OK;
+}
+
 /* The least rank whose rest is allowed, as in transport_compress. */
 static enum err compress(struct bench *w, const float *t, uint32_t points, uint32_t k, double allowed,
                          struct bounce_piece *out)
 {
     const int n = (int)points, wide = 3 * (int)k;
-    double rest = 0.0;
+    double rest = 0.0, whole = 0.0;
     uint32_t rank = points;
 
     *out = (struct bounce_piece){ .scale = 1.0f };
@@ -275,6 +311,8 @@ static enum err compress(struct bench *w, const float *t, uint32_t points, uint3
     if (LAPACKE_ssyevd_work(LAPACK_COL_MAJOR, 'V', 'L', n, w->gram, n, w->values, w->work,
                             sizeof(w->work) / sizeof(w->work[0]), w->whole, sizeof(w->whole) / sizeof(w->whole[0])))
         return ERR_NOMEM;
+    for (uint32_t i = 0; i < points; i++)
+        whole += fmax(0.0, (double)w->values[i]);
     for (uint32_t i = 0; i < points; i++, rank--) {
         rest += fmax(0.0, (double)w->values[i]);
         if (rest > allowed)
@@ -283,19 +321,9 @@ static enum err compress(struct bench *w, const float *t, uint32_t points, uint3
     if (rank == 0)
         return ERR_OK;
     const float *u = w->gram + (size_t)(points - rank) * points;
-    const size_t v_count = (size_t)rank * 3 * k, u_count = (size_t)rank * points;
     cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, wide, n, 1.0f, u, n, t, wide, 0.0f, w->smooth,
                 wide);
-    out->rank = rank;
-    out->halves = mem_alloc_raw(v_count + u_count, sizeof(*out->halves));
-    if (!out->halves)
-        return ERR_NOMEM;
-    out->scale = scale_of(w->smooth, v_count);
-    for (size_t i = 0; i < v_count; i++)
-        out->halves[i] = half_round(w->smooth[i] / out->scale);
-    for (size_t i = 0; i < u_count; i++)
-        out->halves[v_count + i] = half_round(u[i]);
-    return ERR_OK;
+    return keep(w->smooth, u, rank, points, k, TAIL * fmin(allowed, whole), out);
 }
 
 /* The mean square of a row's colours over a block. */
@@ -398,7 +426,7 @@ static void count_blocks(struct bounce *b, uint32_t first, uint32_t until)
     for (uint32_t k = first; k < until; k++)
         for (uint32_t r = 0; r < b->blocks[k].rows; r++) {
             const struct bounce_piece *q = &b->blocks[k].pieces[r];
-            b->stats.bytes += (uint64_t)q->rank * (3 * b->basis.count + b->blocks[k].packets * PACKET) * 2;
+            b->stats.bytes += (uint64_t)q->rank * (3 * q->basis + b->blocks[k].packets * PACKET) * sizeof(*q->halves);
             b->stats.rank += q->rank;
             b->pieces++;
         }

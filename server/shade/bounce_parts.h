@@ -102,11 +102,12 @@ uint32_t bounce_cell(struct vec3 w, double x);
 
 /* ---- Blocks ---- */
 
-/* T = U V, V [rank][3][K], U [rank][points] behind it, both half floats. */
+/* T = U V, V [rank][3][basis], U [rank][points] behind it, both half floats. */
 struct bounce_piece {
     uint16_t *halves; /* NULL: all is zero */
     uint32_t rank;
-    float scale; /* V is kept divided by it */
+    uint32_t basis; /* coefficients that count, a multiple of 16 */
+    float scale;    /* V is kept divided by it */
 };
 
 struct bounce_block {
@@ -120,6 +121,9 @@ struct bounce_kernels {
     /* out[c][point] = sum over the basis of T y; y [3][basis]. points: a multiple of 16. */
     void (*expand)(const struct bounce_piece *q, const float *y, uint32_t basis, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
+    /* lo[c][lane] += colour of the row * x[c][first + lane], where that is above 0: what is left out by the
+     * compression may leave less than nothing, which radiance cannot be. Lanes that are not in use have x = 0. */
+    void (*paint)(const struct shade_packet *p, uint32_t row, float x[3][TRANSPORT_POINTS], uint32_t first, float *lo);
 };
 
 struct bounce {

@@ -64,22 +64,30 @@ static uint32_t take_run(const struct texel *row, const double *solid_angle, uin
                          float (*out)[4])
 {
     const uint32_t columns = n * fine;
-    float on, whole[4] = { 0.0f }, behind[4] = { 0.0f };
+    float on, area = 0.0f, area_behind = 0.0f;
+    struct four {
+        float v __attribute__((vector_size(16))); /* red, green, blue, and what nobody asks for */
+    } whole = { { 0.0f } }, behind = { { 0.0f } }, x;
     const int cell = cell_before(-1.0 + 2.0 * (first + 0.5) / columns, &on);
     const float step = (float)EDGE / (float)columns;
-    uint32_t j = first;
+    uint32_t j = first, at = first / fine, part = first % fine;
 
     for (; j < columns && on < 1.0f; j++, on += step) {
-        const struct texel *t = &row[j / fine];
-        const float omega = (float)solid_angle[j / fine], light[4] = { t->r, t->g, t->b, 1.0f };
-        for (int c = 0; c < 4; c++) {
-            whole[c] += omega * light[c];
-            behind[c] += on * (omega * light[c]);
-        }
+        const float omega = (float)solid_angle[at], omega_behind = on * omega;
+        memcpy(&x, &row[at], sizeof(x));
+        whole.v += omega * x.v;
+        behind.v += omega_behind * x.v;
+        area += omega;
+        area_behind += omega_behind;
+        part++;
+        at += part == fine;
+        part = part == fine ? 0 : part;
     }
+    whole.v[3] = area;
+    behind.v[3] = area_behind;
     for (int c = 0; c < 4; c++) {
-        out[cell + 1][c] += whole[c] - behind[c];
-        out[cell + 2][c] += behind[c];
+        out[cell + 1][c] += whole.v[c] - behind.v[c];
+        out[cell + 2][c] += behind.v[c];
     }
     return j;
 }

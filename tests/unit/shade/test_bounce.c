@@ -150,8 +150,8 @@ static struct scene *matte_court(void)
     return s;
 }
 
-/* A small sun and a dim sky: the points' own light against 4096 eye paths, relative to what the sun lights at once.
- * Measured 1.4e-4; an orientation of cells that is wrong, or an albedo that is left out, is a hundred times that. */
+/* A small sun and a dim sky: the points' own light against 4096 eye paths, squares of errors over squares of light.
+ * Measured 6.5e-3; with rows and columns of cells exchanged 5.3e-2. */
 static void under_a_sun_it_agrees_with_eye_paths(void **state)
 {
     struct lit x = lit_create(matte_court(), 40, 32);
@@ -183,7 +183,7 @@ static void under_a_sun_it_agrees_with_eye_paths(void **state)
 
 /* The sun goes 0.1 degree a frame about the vertical axis. The second difference in time of the points, in codes of 8
  * bits where the brightest point is 255 and the tone curve is sRGB's about: everything is linear in the cells' means,
- * which bend only where the sun passes a cell's middle. Boxes instead of tents come to 12 codes. */
+ * which bend only where the sun passes a cell's middle. Measured 0.01; with boxes instead of tents 0.5. */
 static void a_moving_sun_does_not_jump(void **state)
 {
     enum { FRAMES = 30 };
@@ -218,7 +218,7 @@ static void a_moving_sun_does_not_jump(void **state)
     }
     environment_destroy(e);
     printf("largest second difference: %.3f codes\n", worst);
-    assert_true(most > 0.0f && worst < 0.5);
+    assert_true(most > 0.0f && worst < 0.1);
     mem_free(codes);
     bounce_destroy(b);
     transport_destroy(t);
