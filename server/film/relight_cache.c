@@ -224,6 +224,8 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
         memset(lo, 0, floats * sizeof(float));
         return ERR_OK;
     }
+    if (!c->building)
+        transport_gather(c->transport);
     const struct packet_list *unbuilt = transport_unbuilt(c->transport);
     enum err result = ERR_OK;
     if (unbuilt->count > 0)

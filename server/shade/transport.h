@@ -80,6 +80,10 @@ MUST_CHECK enum err transport_create(const struct gbuffer *g, const struct rays 
                                      const struct transport_desc *desc, struct transport **out, struct reason *why);
 void transport_destroy(struct transport *t); /* NULL is allowed */
 
+/* Brings what frames read together in memory, in the order in which they read it; before a frame, on its thread. Does
+ * nothing while the cache is being built in the background, when that is done already, or when memory is out. */
+void transport_gather(struct transport *t);
+
 /* lo: float[packet_count][3][16]; every lane of the packets that are taken is written, padding with 0. While it is
  * being built, the light of those that are not there yet (transport_unbuilt) must stand in lo before. ERR_NOMEM. */
 MUST_CHECK enum err transport_shade(struct transport *t, const struct environment *e,

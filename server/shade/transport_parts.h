@@ -133,6 +133,7 @@ struct transport {
     uint32_t block_count;
     struct transport_stats stats;
     struct transport_fade *fades; /* [block_count]; NULL: all blocks are there */
+    uint16_t *halves;             /* of all pieces, once they stand together; else NULL, and each has its own */
     uint32_t *narrow_index;
     struct packet_list narrow;
     uint32_t *unbuilt_index;
