@@ -65,15 +65,17 @@ static void fill_scales(const struct build *b, const struct transport_block *blo
     const uint32_t points = block->packets * PACKET;
     float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f, most = 0.0f;
 
-    for (uint32_t r = 0; r < block->rows; r++)
+    for (uint32_t r = 0; r < block->rows; r++) {
+        float sum[TRANSPORT_POINTS] = { 0.0f };
+        for (uint32_t c = 0; c < TRANSPORT_CELLS; c++)
+            for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+                sum[p] += matrices[r].at[c][p];
         for (uint32_t p = 0; p < points; p++) {
-            float sum = 0.0f;
-            for (uint32_t c = 0; c < TRANSPORT_CELLS; c++)
-                sum += matrices[r].at[c][p];
             scale[r][p] = mean_colour(&b->t->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
-            whole[p] += scale[r][p] * sum;
-            mean += scale[r][p] * sum / (float)points;
+            whole[p] += scale[r][p] * sum[p];
+            mean += scale[r][p] * sum[p] / (float)points;
         }
+    }
     for (uint32_t r = 0; r < block->rows; r++)
         for (uint32_t p = 0; p < points; p++) {
             scale[r][p] = mean > 0.0f ? scale[r][p] / fmaxf(whole[p], FLOOR * mean) : 1.0f;

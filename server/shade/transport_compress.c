@@ -76,15 +76,16 @@ double transport_weigh(const struct transport_matrix *m, uint32_t points, const 
 {
     double sum = 0.0;
 
-    for (uint32_t chunk = 0; chunk < TRANSPORT_CHUNKS; chunk++)
-        for (uint32_t p = 0; p < points; p++) {
-            double squares = 0.0, whole = 0.0;
-            for (uint32_t c = chunk * TRANSPORT_CHUNK; c < (chunk + 1) * TRANSPORT_CHUNK; c++) {
-                squares += (double)m->at[c][p] * (double)m->at[c][p];
-                whole += (double)m->at[c][p];
+    for (uint32_t chunk = 0; chunk < TRANSPORT_CHUNKS; chunk++) {
+        double squares[TRANSPORT_POINTS] = { 0.0 }, whole[TRANSPORT_POINTS] = { 0.0 };
+        for (uint32_t c = chunk * TRANSPORT_CHUNK; c < (chunk + 1) * TRANSPORT_CHUNK; c++)
+            for (uint32_t p = 0; p < TRANSPORT_POINTS; p++) {
+                squares[p] += (double)m->at[c][p] * (double)m->at[c][p];
+                whole[p] += (double)m->at[c][p];
             }
-            sum += (double)scale[p] * (double)scale[p] * (squares + whole * whole);
-        }
+        for (uint32_t p = 0; p < points; p++)
+            sum += (double)scale[p] * (double)scale[p] * (squares[p] + whole[p] * whole[p]);
+    }
     return sum;
 }
 
