@@ -83,11 +83,11 @@ static void *build_main(void *arg)
     if (b->loaded)
         stand_back(b->threads);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
+    if (t && !b->loaded)
+        relight_keep_save(&b->keep, t);
     if (t)
         build_bounce(b, t);
     atomic_store(&b->done, true);
-    if (t && !b->loaded)
-        relight_keep_save(&b->keep, t);
     return NULL;
 }
 
