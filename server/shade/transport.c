@@ -106,6 +106,23 @@ static enum err reserve_bright(struct transport *t, uint32_t strata)
     return ERR_OK;
 }
 
+/* The cells in which texels of the bright part lie. */
+static void find_cells(struct transport_bright *b, const struct transport_sky *s)
+{
+    const uint32_t n = s->n, edge = TRANSPORT_EDGE;
+
+    memset(b->cells, 0, sizeof(b->cells));
+    for (uint32_t k = 0; k < s->bright_count; k++) {
+        const uint32_t face = s->bright[k] / (n * n), y = s->bright[k] / n % n, x = s->bright[k] % n;
+        /* a texel that cells' borders run through lies in each */
+        for (uint32_t i = y * edge / n; i * n < (y + 1) * edge; i++)
+            for (uint32_t j = x * edge / n; j * n < (x + 1) * edge; j++) {
+                const uint32_t cell = transport_cell(face, i, j);
+                b->cells[cell / 64] |= (uint64_t)1 << cell % 64;
+            }
+    }
+}
+
 /* The samples of the bright part. Variant by variant they are one sequence, moved along from stratum to stratum in the
  * second number. */
 static enum err draw_bright(struct transport *t, const struct environment *e, const struct transport_frame *f)
@@ -114,13 +131,14 @@ static enum err draw_bright(struct transport *t, const struct environment *e, co
     const uint64_t seed = rng_mix(rng_mix(f->seed, f->pass), 0x62726967);
 
     b->strata = 0;
-    b->few = (f->samples + 4 * TRANSPORT_MORE - 1) / (4 * TRANSPORT_MORE);
+    b->few = (f->samples + 31) / 32;
     b->seed = seed;
     if (t->sky.bright_count == 0)
         return ERR_OK;
     if (reserve_bright(t, TRANSPORT_MORE * b->few))
         return ERR_NOMEM;
     b->strata = TRANSPORT_MORE * b->few;
+    find_cells(b, &t->sky);
 #pragma omp parallel for schedule(static)
     for (uint32_t v = 0; v < TRANSPORT_VARIANTS; v++) {
         double x[2];
@@ -143,21 +161,48 @@ static enum err draw_bright(struct transport *t, const struct environment *e, co
     return ERR_OK;
 }
 
+/* What a block is to the bright part. */
+enum side { SIDE_LIT, SIDE_DARK, SIDE_UNKNOWN };
+
+/* Where all of a block's points have seen the cells of the bright part by all of their directions, or by none, sixteen
+ * rays to the part itself are to say the same. */
+static enum side side_of(const struct transport *t, const struct transport_block *b, uint64_t *rays)
+{
+    const struct transport_bright *s = &t->bright;
+    struct transport_view view = { false, false };
+    uint64_t seen = 0, hidden = 0;
+
+    if (!t->rays)
+        return SIDE_LIT;
+    for (uint32_t k = 0; k < TRANSPORT_CELLS / 64; k++) {
+        seen |= b->sight.seen[k] & s->cells[k];
+        hidden |= b->sight.hidden[k] & s->cells[k];
+    }
+    if (seen && hidden)
+        return SIDE_UNKNOWN;
+    *rays += t->kernels->probe(t->rays, s, &t->gbuffer->packets[b->first], b->packets, b->first, &view);
+    if (seen && !view.dark)
+        return SIDE_LIT;
+    return !view.lit && !seen ? SIDE_DARK : SIDE_UNKNOWN;
+}
+
 /* The bright part. Where the points of a packet agree on whether they see it, few rays tell; where not, the rest of the
  * strata are traced too. Returns how many packets that were. */
 static uint32_t add_bright(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
 {
     const struct transport_bright *s = &t->bright;
+    const enum side side = side_of(t, b, rays);
     uint32_t penumbra = 0;
 
-    for (uint32_t k = 0; k < b->packets; k++) {
+    for (uint32_t k = 0; side != SIDE_DARK && k < b->packets; k++) {
         const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
+        const struct rays *to_trace = side == SIDE_LIT ? NULL : t->rays;
         float sum[3][PACKET] = { { 0.0f } };
         struct transport_view view = { false, false };
-        *rays += t->kernels->bright(t->rays, s, p, b->narrow, b->first + k, 0, sum, &view);
+        *rays += t->kernels->bright(to_trace, s, p, b->narrow, b->first + k, 0, sum, &view);
         const bool mixed = view.lit && view.dark;
         if (mixed)
-            *rays += t->kernels->bright(t->rays, s, p, b->narrow, b->first + k, 1, sum, &view);
+            *rays += t->kernels->bright(to_trace, s, p, b->narrow, b->first + k, 1, sum, &view);
         const float scale = 1.0f / (float)(mixed ? s->strata : s->few);
         for (int c = 0; c < 3; c++)
             for (uint32_t l = 0; l < PACKET; l++)

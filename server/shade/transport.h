@@ -6,7 +6,7 @@
  *
  * What is brighter than sky_table.h's level is no cell's business, since a mean over 5.6 degrees would blur its
  * shadows: the sky is split at the level, the lower part goes through T, the upper is traced in every frame, with few
- * rays where neighbours agree on what they see of it and eight times as many where not.
+ * rays where neighbours agree on what they see of it and four times as many where not.
  *
  * Biased: a cell has one radiance, T is a quadrature and compressed within a tolerance, and penumbrae that the few rays
  * have missed are lost. docs/transport-cache.md has figures. Lobes narrower than a cell have directions of their own
@@ -59,7 +59,7 @@ struct transport_stats {
 };
 
 struct transport_frame {
-    uint32_t samples; /* N >= 1: a 32nd of it, rounded up, are rays to the bright part, eight times as many where
+    uint32_t samples; /* N >= 1: a 32nd of it, rounded up, are rays to the bright part, four times as many where
                        * neighbours disagree */
     uint64_t seed, pass;
     const atomic_bool *cancel; /* may be NULL */

@@ -111,7 +111,7 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
 
     for (uint32_t k = 0; k < block->packets; k++)
         *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, bench->matrices,
-                                   k * PACKET);
+                                   k * PACKET, &block->sight);
     if (block->narrow) {
         block->gazes = mem_alloc_raw((size_t)block->packets * TRANSPORT_GAZES, sizeof(*block->gazes));
         if (!block->gazes)

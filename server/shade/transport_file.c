@@ -8,10 +8,10 @@
 #include <string.h>
 
 /* To be counted up whenever the same scene would get another transport: other directions, weights, rows, blocks. */
-#define FORMAT 3
+#define FORMAT 4
 
 static const char index_name[] = "transport.index", halves_name[] = "transport.halves",
-                  gazes_name[] = "transport.gazes";
+                  gazes_name[] = "transport.gazes", sights_name[] = "transport.sights";
 
 /* The index: a head, and the pieces of all blocks in their order; the halves stand behind each other in the same. */
 struct head {
@@ -77,6 +77,9 @@ void transport_save(const struct transport *t, const struct digest *key, struct 
     cache_writer_section(w, gazes_name, key);
     for (uint32_t k = 0; k < t->block_count; k++)
         cache_writer_put(w, t->blocks[k].gazes, (size_t)transport_gaze_bytes(&t->blocks[k]));
+    cache_writer_section(w, sights_name, key);
+    for (uint32_t k = 0; k < t->block_count; k++)
+        cache_writer_put(w, &t->blocks[k].sight, sizeof(t->blocks[k].sight));
 }
 
 /* ---- Loading ---- */
@@ -231,6 +234,16 @@ static enum err read_gazes(struct cache_reader *r, const struct digest *key, str
     return e ? e : cache_reader_end(r, why);
 }
 
+/* Any bits will do. */
+static enum err read_sights(struct cache_reader *r, const struct digest *key, struct transport *t, struct reason *why)
+{
+    enum err e = cache_reader_find(r, sights_name, key, why);
+
+    for (uint32_t k = 0; k < t->block_count && !e; k++)
+        e = cache_reader_get(r, &t->blocks[k].sight, sizeof(t->blocks[k].sight), why);
+    return e ? e : cache_reader_end(r, why);
+}
+
 enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,
                         const struct rays *rays, const struct kernels *kernels, const struct transport_desc *desc,
                         struct transport **out, struct reason *why)
@@ -249,6 +262,8 @@ enum err transport_load(struct cache_reader *r, const struct digest *key, const 
         e = read_halves(r, key, t, records, bytes, transport_resolve(desc).max_bytes, why);
     if (!e)
         e = read_gazes(r, key, t, why);
+    if (!e)
+        e = read_sights(r, key, t, why);
     if (!e) {
         for (uint32_t k = 0; k < t->block_count; k++)
             transport_count_block(t, &t->blocks[k]);

@@ -49,6 +49,7 @@ struct tracer {
     struct ray16 rays;
     uint32_t rows;
     uint64_t traced;
+    bool seen, hidden; /* by some lane of those that faced a direction, since they were last reset */
 };
 
 /* Colours of the three channels by which lobes_evaluate gives, in this order: the lobe where it is not multiplied, the
@@ -85,9 +86,9 @@ static void set_up_tracer(struct tracer *t)
 static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lanes d[3],
                      struct lanes row[TRANSPORT_ROWS], struct lanes *pdf)
 {
-    _Alignas(64) int32_t valid[PACKET];
+    _Alignas(64) int32_t valid[PACKET], faced[PACKET];
     struct lanes cosine, brdf[3];
-    int32_t count = 0, seen = 0;
+    int32_t count = 0, seen = 0, hidden = 0;
 
     if (!lobes_see(t->points, d, &cosine))
         return false;
@@ -109,12 +110,16 @@ static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lane
         rays_occluded16(t->world->rays, spread, valid, &t->rays);
         t->traced += (uint64_t)count;
     }
+    memcpy(faced, valid, sizeof(faced));
     LANES(l)
     {
         valid[l] = t->rays.tfar[l] > 0.0f ? valid[l] : 0;
         cosine.v[l] = valid[l] ? cosine.v[l] : 0.0f;
         seen |= valid[l];
+        hidden |= faced[l] & ~valid[l];
     }
+    t->seen |= seen != 0;
+    t->hidden |= hidden != 0;
     if (!seen)
         return false;
     lobes_evaluate(&t->lobes, &t->basis, d, &cosine, brdf, pdf);
@@ -135,7 +140,7 @@ static inline float balanced(float weight, float lobe_samples, float pdf)
     return weight / (1.0f + weight * lobe_samples * pdf);
 }
 
-static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t first)
+static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t first, struct transport_sight *sight)
 {
     const struct transport_directions *dirs = t->world->directions;
     const float lobes = t->rows > 1 ? (float)t->world->lobe_samples : 0.0f;
@@ -143,6 +148,7 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
 
     for (uint32_t cell = 0, k = 0; cell < TRANSPORT_CELLS; cell += dirs->group) {
         struct lanes sum[TRANSPORT_ROWS] = { { { 0 } } };
+        t->seen = t->hidden = false;
         for (const uint32_t end = k + dirs->per_group; k < end; k++) {
             const float x = dirs->x[k], y = dirs->y[k], z = dirs->z[k], weight = dirs->weight[k];
             struct lanes d[3], row[TRANSPORT_ROWS], pdf;
@@ -161,6 +167,10 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
                 sum[1].v[l] += w * row[1].v[l];
                 sum[2].v[l] += w * row[2].v[l];
             }
+        }
+        for (uint32_t c = cell; c < cell + dirs->group; c++) {
+            sight->seen[c / 64] |= (uint64_t)t->seen << c % 64;
+            sight->hidden[c / 64] |= (uint64_t)t->hidden << c % 64;
         }
         for (uint32_t r = 0; r < t->rows; r++) {
             LANES(l) sum[r].v[l] *= part;
@@ -202,12 +212,12 @@ static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t
 }
 
 static uint64_t trace(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
-                      struct transport_matrix *out, uint32_t first)
+                      struct transport_matrix *out, uint32_t first, struct transport_sight *sight)
 {
     struct tracer t = { .world = w, .points = p, .rows = rows };
 
     set_up_tracer(&t);
-    trace_cells(&t, out, first);
+    trace_cells(&t, out, first, sight);
     if (rows > 1)
         trace_lobes(&t, out, first);
     return t.traced;
@@ -538,6 +548,43 @@ static uint64_t bright(const struct rays *rays, const struct transport_bright *b
     return traced;
 }
 
+/* Sixteen points that stand for a block's: every fourth of each packet, or of fewer packets more. */
+static uint64_t probe(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
+                      uint32_t count, uint32_t index, struct transport_view *view)
+{
+    const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
+    _Alignas(64) int32_t valid[PACKET];
+    struct ray16 ray = { .org_x = { 0 } };
+    int32_t faced = 0;
+
+    for (uint32_t l = 0; l < PACKET; l++) {
+        const struct shade_packet *p = &packets[l % count];
+        const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other places in each */
+        const uint32_t at = (l * b->strata / PACKET) * TRANSPORT_VARIANTS + base + l;
+        const float x = b->x[at], y = b->y[at], z = b->z[at];
+        const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
+                           p->ng_x[k] * x + p->ng_y[k] * y + p->ng_z[k] * z > 0.0f;
+        valid[l] = faces ? p->valid[k] : 0;
+        faced -= valid[l];
+        ray.org_x[l] = p->x[k];
+        ray.org_y[l] = p->y[k];
+        ray.org_z[l] = p->z[k];
+        ray.dir_x[l] = x;
+        ray.dir_y[l] = y;
+        ray.dir_z[l] = z;
+        ray.tfar[l] = INFINITY;
+        ray.mask[l] = UINT32_MAX;
+    }
+    if (faced == 0)
+        return 0;
+    rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
+    for (uint32_t l = 0; l < PACKET; l++) {
+        view->lit |= valid[l] && ray.tfar[l] > 0.0f;
+        view->dark |= valid[l] && !(ray.tfar[l] > 0.0f);
+    }
+    return (uint64_t)faced;
+}
+
 extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
-const struct transport_kernels JOIN(transport_kernels_,
-                                    KERNEL_LEVEL) = { trace, cells, expand, aim, gaze, bright, widen };
+const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = { trace, cells,  expand, aim,
+                                                                          gaze,  bright, probe,  widen };

@@ -20,7 +20,7 @@
 #define TRANSPORT_VARIANTS 256
 #define TRANSPORT_GAZES 32 /* directions in which a narrow lobe looks */
 #define TRANSPORT_FADE 8   /* frames within which a block takes over */
-#define TRANSPORT_MORE 8   /* strata of the bright part to each ray that is traced at first; a power of two */
+#define TRANSPORT_MORE 4   /* strata of the bright part to each ray that is traced at first; a power of two */
 
 /* A block's row as it is traced: [cell][point]. */
 struct transport_matrix {
@@ -47,12 +47,19 @@ struct transport_gaze {
     float density[PACKET];                 /* of all TRANSPORT_GAZES together, per sr */
 };
 
+/* What a block's points have seen of each cell, by all of their directions, over those that face it: cells of which
+ * something was seen, and cells of which something was hidden. */
+struct transport_sight {
+    uint64_t seen[TRANSPORT_CELLS / 64], hidden[TRANSPORT_CELLS / 64];
+};
+
 struct transport_block {
     uint32_t first, packets;      /* of the G-buffer */
     uint32_t rows;                /* that have pieces: of narrow lobes the matte one alone */
     bool narrow;                  /* lobes narrower than a cell: */
     struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until it is built */
     struct transport_piece pieces[TRANSPORT_ROWS];
+    struct transport_sight sight;
 };
 
 /* The directions of all points, group by group in the order of their cells' places. A group is one cell, or 2 x 2 that
@@ -79,6 +86,7 @@ struct transport_bright {
     float *x, *y, *z, *r, *g, *b; /* direction, radiance over density */
     float *density;               /* of all `few` together, per sr */
     uint64_t seed;
+    uint64_t cells[TRANSPORT_CELLS / 64]; /* in which it lies */
 };
 
 /* A frame's sky as narrow lobes look at it, texel by texel. */
@@ -94,10 +102,10 @@ struct transport_view {
 };
 
 struct transport_kernels {
-    /* The packet's transport into columns first .. first + 15 of the matrices, as many as the block has rows; returns
-     * rays traced. Every entry of the columns is written. */
+    /* The packet's transport into columns first .. first + 15 of the matrices, as many as the block has rows; adds
+     * to *sight; returns rays traced. Every entry of the columns is written. */
     uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
-                      struct transport_matrix *out, uint32_t first);
+                      struct transport_matrix *out, uint32_t first, struct transport_sight *sight);
     /* The lower part of the block's light into lo [packets][3][16]: rows times the sky, coloured. */
     void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct transport_sky *sky,
                   float *lo);
@@ -113,6 +121,9 @@ struct transport_kernels {
      * their number; returns rays traced. narrow: the lobes have gazes as well, and only their share counts here. */
     uint64_t (*bright)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
                        bool narrow, uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view);
+    /* One ray to the bright part from each of 16 of a block's points, as many of each packet; returns rays traced. */
+    uint64_t (*probe)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
+                      uint32_t count, uint32_t index, struct transport_view *view);
     /* Half floats to floats; n is a multiple of 16, out aligned to 64 bytes. */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };

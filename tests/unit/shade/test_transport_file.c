@@ -221,7 +221,7 @@ static void what_was_made_of_something_else_is_refused(void **state)
 
 /* ---- Forged files, with right checksums ---- */
 
-enum { HEADER = 24, ENTRY = 56, CHECK = 20, LENGTH_AT = 40, CHECK_AT = 48, HEAD = 16, RECORD = 108, SECTIONS = 3 };
+enum { HEADER = 24, ENTRY = 56, CHECK = 20, LENGTH_AT = 40, CHECK_AT = 48, HEAD = 16, RECORD = 108, SECTIONS = 4 };
 
 static void set_number(uint8_t *at, uint32_t value)
 {
@@ -296,11 +296,12 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     assert_forged_record_refused(&s, good, first + 11, &q->chunks[0], 1);
     assert_forged_record_refused(&s, good, first + 9 + q->chunk_count, &(uint8_t){ TRANSPORT_CHUNKS }, 1);
     const size_t gazes = made->stats.narrow * TRANSPORT_GAZES * sizeof(struct transport_gaze);
-    const size_t halves_end = s.size - gazes;
-    assert_true(made->stats.narrow > 0); /* the last section: directions, then light, then density */
+    const size_t gazes_end = s.size - made->block_count * sizeof(struct transport_sight);
+    const size_t halves_end = gazes_end - gazes;
+    assert_true(made->stats.narrow > 0); /* the last section but one: directions, then light, then density */
     for (size_t k = 0; k < 6; k++) {
         static const float bad[6] = { NAN, INFINITY, 4.0f, -1.0f, NAN, INFINITY };
-        assert_forged_record_refused(&s, good, s.size - (6 - k) * PACKET * sizeof(float), &bad[k], sizeof(float));
+        assert_forged_record_refused(&s, good, gazes_end - (6 - k) * PACKET * sizeof(float), &bad[k], sizeof(float));
     }
     for (uint32_t k = 0; k < 2; k++) { /* numbers of blocks and of pieces */
         assert_forged_record_refused(&s, good, index + 4 * k, &(uint32_t){ 0 }, 4);
