@@ -384,6 +384,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     desc.turn = in->ticket.lockstep ? e->number : d->turn++; /* frames that were dropped cost nothing */
     desc.direct.cancel = &stop_asked;
     desc.direct.why = why;
+    desc.cache_keep = true;
     desc.cache_background = desc.cache_background && !in->ticket.lockstep;
     struct relight_stats stats;
     struct pilot_stats pilot = { 0 };

@@ -21,6 +21,8 @@ struct relighter {
     struct relight_caustics caustics;
     struct light_tracer *light;
     float *lo;               /* [packet_count][3][16] */
+    float *direct_lo;        /* likewise; what the cache alone writes, from frame to frame; NULL until it is needed */
+    const float *points;     /* one of them: the picture's */
     struct scratch *scratch; /* of the eye paths */
 };
 
@@ -124,6 +126,7 @@ struct relighter *relighter_create(const struct set *set, const struct kernels *
     r->kernels = kernels;
     r->direct = direct_create(kernels);
     r->lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(float));
+    r->points = r->lo;
     r->light = light_tracer_create(set->scene, set->rays, &set->view);
     r->scratch = scratch_create();
     if (!r->direct || !r->lo || !r->light || !r->scratch) {
@@ -142,6 +145,7 @@ void relighter_destroy(struct relighter *r)
     relight_caustics_finish(&r->caustics);
     light_tracer_destroy(r->light);
     mem_free(r->lo);
+    mem_free(r->direct_lo);
     scratch_destroy(r->scratch);
     mem_free(r);
 }
@@ -179,12 +183,34 @@ static bool is_cached(const struct relight_desc *desc)
     return desc->direct.method == METHOD_CACHED && (desc->classes & PATH_DIRECT || desc->classes == 0);
 }
 
+/* The cache's light is left as it is for the next frame: what is added to it is added to a copy. */
+static enum err run_kept(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                         struct relight_stats *stats)
+{
+    const size_t packets = r->set->gbuffer->packet_count, size = 3 * PACKET * sizeof(float);
+
+    if (!r->direct_lo)
+        r->direct_lo = mem_alloc(packets, size);
+    if (!r->direct_lo)
+        return ERR_NOMEM;
+    const enum err result = relight_cache_shade(&r->cache, r->direct, r->set, e, desc, r->direct_lo, stats);
+    r->points = r->direct_lo;
+    if (result || stats->plan.eye_paths == 0)
+        return result;
+    memcpy(r->lo, r->direct_lo, packets * size);
+    r->points = r->lo;
+    return ERR_OK;
+}
+
 /* Direct light, or darkness where it was not asked for. */
 static enum err run_direct(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            struct relight_stats *stats)
 {
     const struct gbuffer *g = r->set->gbuffer;
 
+    r->points = r->lo;
+    if (is_cached(desc) && desc->cache_keep)
+        return run_kept(r, e, desc, stats);
     if (is_cached(desc))
         return relight_cache_shade(&r->cache, r->direct, r->set, e, desc, r->lo, stats);
     if (desc->classes & PATH_DIRECT || desc->classes == 0)
@@ -312,7 +338,7 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
     at[2] = clock_seconds();
     if (result)
         return result;
-    resolve_pixels(g, r->lo, desc->classes & PATH_BACKGROUND || desc->classes == 0 ? e : NULL, rgb);
+    resolve_pixels(g, r->points, desc->classes & PATH_BACKGROUND || desc->classes == 0 ? e : NULL, rgb);
     at[3] = clock_seconds();
     result = run_light_tracer(r, e, desc, rgb, stats);
     at[4] = clock_seconds();
@@ -325,5 +351,5 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
 
 const float *relighter_points(const struct relighter *r)
 {
-    return r->lo;
+    return r->points;
 }

@@ -58,6 +58,7 @@ struct relight_desc {
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: the most that its cache may take; 0: 1 GiB */
+    bool cache_keep;        /* what a frame has in common with the last one is not computed again: the same bits */
     bool cache_background;  /* it is computed while pictures are made by other means; else the first waits for it */
     const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
     /* PLAN_STORED, whose store may take as much: the paths that are kept, 0: 64 a pixel; one of `renew` parts of them

@@ -3,7 +3,7 @@
 #include "denormals.h"
 #include "mem.h"
 #include "rng.h"
-#include "transport_parts.h"
+#include "transport_past.h"
 
 #include <assert.h>
 #include <math.h>
@@ -24,6 +24,7 @@ void transport_destroy(struct transport *t)
     mem_free(t->unbuilt_index);
     mem_free(t->narrow_index);
     mem_free(t->bright_values);
+    transport_past_finish(&t->past);
     transport_sky_finish(&t->sky);
     mem_free(t);
 }
@@ -82,6 +83,12 @@ const struct packet_list *transport_narrow(const struct transport *t)
 const struct packet_list *transport_unbuilt(const struct transport *t)
 {
     return &t->unbuilt;
+}
+
+const char *transport_what_name(enum transport_what what)
+{
+    static const char *const names[] = { "all", "cells", "gain", "equal" };
+    return names[what];
 }
 
 /* ---- A frame ---- */
@@ -262,17 +269,43 @@ static uint32_t shade_fading(const struct transport *t, const struct transport_l
     return penumbra;
 }
 
-enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
-                         float *lo, struct transport_frame_stats *stats)
+static void scale_block(const struct transport_block *b, float gain, float *lo)
 {
-    uint64_t rays = 0;
-    uint32_t penumbra = 0;
+    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
+        lo[i] *= gain;
+}
+
+/* The frame's sky, and what has changed in it. */
+static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame,
+                         const float *lo, struct transport_change *change)
+{
+    const bool valid = t->past.lo == lo && frame->keep && !t->fades;
 
     assert(frame->samples >= 1);
-    *stats = (struct transport_frame_stats){ 0 };
+    t->past.lo = NULL; /* until this one is there */
+    transport_past_begin(t);
     enum err result = transport_sky_take(&t->sky, e);
     if (!result)
         result = draw_bright(t, e, frame);
+    if (!result)
+        transport_past_compare(t, e, valid, change);
+    return result;
+}
+
+static bool is_cancelled(const struct transport_frame *frame)
+{
+    return frame->cancel && atomic_load_explicit(frame->cancel, memory_order_relaxed);
+}
+
+enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
+                         float *lo, struct transport_frame_stats *stats)
+{
+    struct transport_change change;
+    uint64_t rays = 0;
+    uint32_t penumbra = 0, kept = 0;
+
+    *stats = (struct transport_frame_stats){ 0 };
+    const enum err result = take_sky(t, e, frame, lo, &change);
     if (result)
         return result;
     const struct transport_look look = {
@@ -280,15 +313,21 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
         .level = t->sky.level,
         .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
     };
-#pragma omp parallel reduction(+ : rays, penumbra)
+#pragma omp parallel reduction(+ : rays, penumbra, kept)
     {
         const unsigned before = denormals_flush();
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < t->block_count; k++) {
             const struct transport_block *b = &t->blocks[k];
             float *out = lo + (size_t)b->first * 3 * PACKET;
-            if (frame->cancel && atomic_load_explicit(frame->cancel, memory_order_relaxed))
+            if (is_cancelled(frame))
                 continue;
+            if (transport_past_keeps(&change, b)) {
+                if (change.what == TRANSPORT_GAIN)
+                    scale_block(b, change.gain, out);
+                kept++;
+                continue;
+            }
             if (t->fades && t->fades[k].weight < TRANSPORT_FADE) {
                 penumbra += shade_fading(t, &look, k, out, &rays);
                 continue;
@@ -299,6 +338,9 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
         }
         denormals_restore(before);
     }
+    t->past.lo = t->fades || is_cancelled(frame) ? NULL : lo;
+    stats->what = change.what;
+    stats->kept = kept;
     stats->rays = rays;
     stats->penumbra = penumbra;
     stats->bright = t->sky.bright_count;

@@ -58,11 +58,21 @@ struct transport_stats {
     double rank;                  /* mean of those that are */
 };
 
+/* What is computed of a frame. */
+enum transport_what {
+    TRANSPORT_ALL,
+    TRANSPORT_SOME,  /* blocks that see cells that have changed */
+    TRANSPORT_GAIN,  /* nothing: the last frame is multiplied by a power of two */
+    TRANSPORT_EQUAL, /* nothing */
+};
+
 struct transport_frame {
-    uint32_t samples; /* N >= 1: a 32nd of it, rounded up, are rays to the bright part, four times as many where
-                       * neighbours disagree */
-    uint64_t seed, pass;
+    uint32_t samples;    /* N >= 1: a 32nd of it, rounded up, are rays to the bright part, four times as many where
+                          * neighbours disagree */
+    uint64_t seed, pass; /* by which the bright part is sampled: others make another frame of it */
     const atomic_bool *cancel; /* may be NULL */
+    bool keep; /* where lo is that of the last call, it is as that has left it: what has not changed since is not
+                * computed again. The bits are the same. */
 };
 
 struct transport_frame_stats {
@@ -70,7 +80,12 @@ struct transport_frame_stats {
     uint32_t bright;   /* texels of it */
     uint32_t penumbra; /* packets that got more rays */
     double share;      /* of the sky's energy that is in it */
+    enum transport_what what;
+    uint32_t kept; /* blocks that were not computed */
 };
+
+/* "all", "cells", "gain" or "equal" */
+const char *transport_what_name(enum transport_what what);
 
 uint64_t transport_steps(const struct gbuffer *g);
 
@@ -92,10 +107,10 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
 
 const struct transport_stats *transport_stats(const struct transport *t);
 
-/* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
 /* Packets with lobes narrower than a cell, in ascending order. */
 const struct packet_list *transport_narrow(const struct transport *t);
 
+/* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
 const struct packet_list *transport_unbuilt(const struct transport *t);
 
 #endif

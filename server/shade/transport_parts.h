@@ -136,6 +136,20 @@ struct transport_fade {
     bool from_cells;            /* old has pieces */
 };
 
+/* What the last frame was made from (transport_past.h). */
+struct transport_past {
+    const float *lo; /* where it is; NULL: it was not made to its end, or of blocks that do not stay */
+    float cells[TRANSPORT_CHUNKS][3][TRANSPORT_CHUNK];
+    struct transport_bright bright;
+    float *bright_values; /* as in struct transport */
+    uint32_t bright_capacity;
+    bool texels_known;
+    uint32_t texel_edge; /* n of the environment that `texels` has room for */
+    enum importance importance;
+    float level;
+    struct texel *texels; /* [6][n][n]; only where there are narrow lobes */
+};
+
 struct transport {
     const struct gbuffer *gbuffer;
     const struct rays *rays; /* NULL: everything is visible */
@@ -154,6 +168,7 @@ struct transport {
     struct transport_bright bright;
     float *bright_values;     /* six arrays, one after the other */
     uint32_t bright_capacity; /* samples in each */
+    struct transport_past past;
 };
 
 /* Colours of a row, as above. */

@@ -109,6 +109,43 @@ static void without_visibility_it_is_another(void **state)
     stage_finish(&s);
 }
 
+/* What is added to the kept light, and what is made by other means in between, does not get into it. */
+static void what_is_kept_stays_clean(void **state)
+{
+    static const struct {
+        enum method method;
+        uint32_t classes;
+        bool keep;
+    } runs[] = { { METHOD_CACHED, 0, true },
+                 { METHOD_CACHED, PATH_DIRECT | PATH_INDIRECT, true },
+                 { METHOD_CACHED, PATH_DIRECT | PATH_INDIRECT, true },
+                 { METHOD_MIS, 0, true },
+                 { METHOD_CACHED, 0, true },
+                 { METHOD_CACHED, 0, false },
+                 { METHOD_CACHED, PATH_DIRECT | PATH_INDIRECT, true },
+                 { METHOD_CACHED, 0, true } };
+    struct stage s = stage_make(), fresh = stage_make();
+    const size_t bytes = (size_t)s.set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
+    struct relight_stats stats;
+    uint32_t kept = 0;
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(runs) / sizeof(runs[0]); k++) {
+        struct relight_desc light = { .direct = { .method = runs[k].method, .samples = 16 },
+                                      .classes = runs[k].classes,
+                                      .indirect = PLAN_EYE };
+        assert_int_equal(run(&fresh, &light, &stats), ERR_OK);
+        light.cache_keep = runs[k].keep;
+        assert_int_equal(run(&s, &light, &stats), ERR_OK);
+        assert_memory_equal(relighter_points(s.relighter), relighter_points(fresh.relighter), bytes);
+        assert_memory_equal(s.rgb, fresh.rgb, (size_t)WIDTH * HEIGHT * 3 * sizeof(float));
+        kept += stats.cache_frame.kept > 0;
+    }
+    assert_int_equal(kept, 4); /* 1, 2, 4 and 7 */
+    stage_finish(&s);
+    stage_finish(&fresh);
+}
+
 /* ---- Files ---- */
 
 /* A folder of its own as the user's caches; returns its path, static storage. */
@@ -288,6 +325,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(it_is_computed_once_and_told_apart),
     cmocka_unit_test(one_that_is_too_large_is_refused),
     cmocka_unit_test(without_visibility_it_is_another),
+    cmocka_unit_test(what_is_kept_stays_clean),
     cmocka_unit_test(another_run_loads_what_one_has_computed),
     cmocka_unit_test(files_are_where_they_are_asked_for_or_nowhere),
     cmocka_unit_test(computed_in_the_background_it_ends_as_if_waited_for),

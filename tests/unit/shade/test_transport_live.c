@@ -60,7 +60,7 @@ static void sample(struct stage *s, const struct packet_list *only, uint32_t sam
 /* A frame as a relighter makes it; the one before is kept in s->before. */
 static void make_frame(struct stage *s)
 {
-    const struct transport_frame frame = { .samples = 16, .seed = 3 };
+    const struct transport_frame frame = { .samples = 16, .seed = 3, .keep = true };
     struct transport_frame_stats stats;
 
     memcpy(s->before, s->lo, s->floats * sizeof(float));
