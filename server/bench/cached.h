@@ -29,8 +29,9 @@ struct cached {
 
     struct environment *clamped; /* the sky without its bright part, where it has one */
     bool judged;                 /* the next are there: of the picture under the sky without its bright part */
-    double rel_mse, delta_e;
-    double noise; /* mean delta E that the references have by themselves */
+    double rel_mse, delta_e;     /* root of the mean square, crosswise */
+    double mean_delta_e;         /* against the mean of both references, */
+    double noise;                /* and what that mean has of it by itself */
     uint32_t judged_samples;
 };
 

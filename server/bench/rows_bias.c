@@ -2,6 +2,7 @@
 #include "cached.h"
 
 #include "flip.h"
+#include "lab.h"
 #include "mem.h"
 #include "metrics.h"
 #include "resolve.h"
@@ -77,6 +78,41 @@ static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
 
 /* ---- Bias ---- */
 
+static double gain_of(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
+{
+    double log2_mean = log2(KEY);
+
+    (void)exposure_log2_mean(rgb, mask, width, height, &log2_mean);
+    return KEY / exp2(log2_mean);
+}
+
+static struct lab lab_of(const float *rgb, double gain)
+{
+    double c[3];
+
+    for (int k = 0; k < 3; k++)
+        c[k] = tone_value(TONE_FILMIC, gain * (double)rgb[k]);
+    return lab_from(c);
+}
+
+/* Root of the mean over pixels of delta E^2, as a scalar product of the differences from either half, in which their
+ * noise cancels. The mean itself, in which it would not, is no more than this. */
+static double crosswise_delta_e(const struct cached *c, const struct cached_truth *t, double gain)
+{
+    double sum = 0.0;
+    uint64_t count = 0;
+
+    for (size_t i = 0; i < c->values; i += 3) {
+        if (!c->mask[i / 3])
+            continue;
+        const struct lab x = lab_of(c->rgb + i, gain), p = lab_of(t->half[0] + i, gain);
+        const struct lab q = lab_of(t->half[1] + i, gain);
+        sum += (x.l - p.l) * (x.l - q.l) + (x.a - p.a) * (x.a - q.a) + (x.b - p.b) * (x.b - q.b);
+        count++;
+    }
+    return count ? sqrt(fmax(0.0, sum / (double)count)) : 0.0;
+}
+
 static enum err judge(struct bench *b, struct cached *c)
 {
     const uint32_t width = b->desc->width, height = b->desc->height;
@@ -94,13 +130,14 @@ static enum err judge(struct bench *b, struct cached *c)
         e = relighter_run(c->relighter, sky, &c->light, c->rgb, &stats);
     if (!e) {
         c->rel_mse = cached_rel_mse(c, t, c->rgb);
+        c->delta_e = crosswise_delta_e(c, t, gain_of(t->half[0], c->mask, width, height));
         e = metrics_compare(t->half[0], t->half[1], c->mask, width, height, 0.0, NULL, &noise) ? ERR_OK : ERR_NOMEM;
         for (size_t i = 0; i < c->values; i++)
             t->half[0][i] = 0.5f * (t->half[0][i] + t->half[1][i]);
         if (!e)
             e = metrics_compare(c->rgb, t->half[0], c->mask, width, height, 0.0, NULL, &m) ? ERR_OK : ERR_NOMEM;
     }
-    c->delta_e = m.delta_e;
+    c->mean_delta_e = m.delta_e;
     c->noise = 0.5 * noise.delta_e; /* of their mean */
     c->judged_samples = t->samples;
     c->judged = true;
@@ -152,21 +189,14 @@ enum err bench_cached_colour(struct bench *b, struct bench_row *row)
         return e;
     row->ours = row->ratio = c->delta_e;
     snprintf(row->note, sizeof(row->note),
-             "mean, of the same picture against the mean of both references, whose own noise is %.3g of it; without "
-             "that, by squares, %.3g",
-             c->noise, sqrt(fmax(0.0, c->delta_e * c->delta_e - c->noise * c->noise)));
+             "root of the mean square, by both references crosswise: the mean is no more. Against their mean it is "
+             "%.3g with "
+             "their noise, which is %.3g by itself",
+             c->mean_delta_e, c->noise);
     return ERR_OK;
 }
 
 /* ---- 8-bit codes ---- */
-
-static double gain_of(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
-{
-    double log2_mean = log2(KEY);
-
-    (void)exposure_log2_mean(rgb, mask, width, height, &log2_mean);
-    return KEY / exp2(log2_mean);
-}
 
 /* Linear light to codes by the filmic curve, not rounded; in place. */
 static void to_codes(float *rgb, size_t values, double gain)
