@@ -1,5 +1,6 @@
 #include "bench_parts.h"
 
+#include "cached.h"
 #include "clock.h"
 #include "exr_write.h"
 #include "machine.h"
@@ -39,9 +40,17 @@ static const struct {
     { bench_triangles, "measuring: 16 times the triangles" },
     { bench_allocations, "measuring: allocations" },
     { bench_no_visibility, "measuring: no visibility" },
+    { bench_cached_shading, "measuring: cached shading" },
+    { bench_cached_pipeline, "measuring: the pipeline, cached" },
+    { bench_cached_bounce, "measuring: cached interreflection" },
+    { bench_cached_error, "measuring: the cache's bias" },
+    { bench_cached_colour, "measuring: the cache's bias" },
+    { bench_cached_seams, "measuring: seams" },
+    { bench_cached_motion, "measuring: a sky that turns" },
 };
 
 #define STAGES (sizeof(stages) / sizeof(stages[0]))
+#define CACHED_STAGES 7 /* of these, the last ones: of the cache of light transport */
 
 static int ascending(const void *a, const void *b)
 {
@@ -258,6 +267,7 @@ static enum err set_up(struct bench *b, struct reason *why)
 
 static void tear_down(struct bench *b)
 {
+    cached_destroy(b->cached);
     relighter_destroy(b->relighter);
     environment_destroy(b->environment);
     set_destroy(b->set);
@@ -282,6 +292,16 @@ static void write_title(const struct bench *b, struct bench_report *out)
              b->desc->rounds, m.cpu, m.commit, m.date);
 }
 
+/* Stored light paths are the cache's too. */
+static bool is_wished_for(const struct bench_desc *d, size_t stage)
+{
+    const bool of_cache = stage >= STAGES - CACHED_STAGES;
+
+    if (d->cached == BENCH_CACHED_ONLY)
+        return of_cache || stages[stage].run == bench_stored_caustics;
+    return !of_cache || d->cached == BENCH_CACHED_TOO;
+}
+
 enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why)
 {
     struct bench b = { .desc = desc };
@@ -292,6 +312,8 @@ enum err bench_run(const struct bench_desc *desc, struct bench_report *out, stru
     if (!e)
         write_title(&b, out);
     for (size_t i = 0; i < STAGES && !e; i++) {
+        if (!is_wished_for(desc, i))
+            continue;
         progress_begin(&b.line, stages[i].doing, (uint64_t)desc->rounds, desc->progress ? stderr : NULL);
         e = stages[i].run(&b, &out->rows[out->count++]);
         progress_end(&b.line);

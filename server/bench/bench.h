@@ -11,8 +11,14 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#define BENCH_ROWS 19
+#define BENCH_ROWS 24
 #define BENCH_ROUNDS_MAX 99
+
+enum bench_cached { /* the rows of the cache of light transport, which take minutes */
+                    BENCH_CACHED_NOT,
+                    BENCH_CACHED_TOO,
+                    BENCH_CACHED_ONLY,
+};
 
 struct bench_desc {
     const char *scene;      /* a path; NULL: the built-in one */
@@ -24,8 +30,9 @@ struct bench_desc {
     uint32_t samples;   /* N_s per shade point */
     uint32_t particles; /* of the light tracer */
     uint32_t viewers;
-    int rounds;    /* 3..BENCH_ROUNDS_MAX */
-    int threads;   /* 0: as many as there are processors */
+    int rounds;  /* 3..BENCH_ROUNDS_MAX */
+    int threads; /* 0: as many as there are processors */
+    enum bench_cached cached;
     bool progress; /* show a progress line on standard error, if that is a terminal */
 };
 
@@ -42,8 +49,9 @@ struct bench_row {
     int rounds;               /* over so many */
     enum bench_sense sense;
     double target;
-    bool alone;        /* there is nothing to compare with: bare and ratio are 0 */
-    char note[256];    /* what the second figure is, or why there is none */
+    bool alone;     /* there is nothing to compare with: bare is 0, and the target is of `ours`, which is the ratio */
+    bool broken;    /* what the target is set for is not met, which the note tells: it does not hold */
+    char note[400]; /* what the second figure is, or why there is none */
     char skipped[160]; /* why the row could not be measured; "" where it was */
 };
 

@@ -11,6 +11,8 @@
 #include "relight.h"
 
 struct scene;
+struct cached;
+struct part;
 
 #define BENCH_QUALITY 85 /* of JPEG, as relightd's default */
 
@@ -29,6 +31,7 @@ struct bench {
     uint8_t *display;
     int threads;
     uint64_t decode_allocations, encode_allocations; /* what the libraries alone take for one frame */
+    struct cached *cached;                           /* cached.h; NULL until a row asks for it */
     struct progress line;
 };
 
@@ -55,6 +58,16 @@ int bench_rounds(const struct bench *b, double seconds);
 
 /* Marks the row as not measured. */
 void bench_skip(struct bench_row *row, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* An eighth of the picture, spread over it, whose shadow rays by METHOD_MIS are written down; bench_part_replay asks
+ * them again, with nothing around. *rays: how many they are. ERR_RANGE: too many to write down. */
+MUST_CHECK enum err bench_part_create(struct bench *b, uint32_t samples, struct part **out, uint64_t *rays);
+MUST_CHECK enum err bench_part_replay(void *part);
+void bench_part_destroy(struct part *p); /* NULL is allowed */
+
+/* Pictures a second of the whole pipeline, lit by this relighter as `light` says: fills the row's figures. */
+MUST_CHECK enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct relight_desc *light,
+                                        struct bench_row *row);
 
 /* One picture of a set, as far as it depends on its size: light, exposure, tone curve, JPEG. */
 struct picture_maker {
@@ -90,6 +103,13 @@ enum err bench_threads_whole(struct bench *b, struct bench_row *row);
 enum err bench_pixels(struct bench *b, struct bench_row *row);
 enum err bench_triangles(struct bench *b, struct bench_row *row);
 enum err bench_allocations(struct bench *b, struct bench_row *row);
+enum err bench_cached_shading(struct bench *b, struct bench_row *row);
+enum err bench_cached_pipeline(struct bench *b, struct bench_row *row);
+enum err bench_cached_bounce(struct bench *b, struct bench_row *row);
+enum err bench_cached_error(struct bench *b, struct bench_row *row);
+enum err bench_cached_colour(struct bench *b, struct bench_row *row);
+enum err bench_cached_seams(struct bench *b, struct bench_row *row);
+enum err bench_cached_motion(struct bench *b, struct bench_row *row);
 
 /* Each of the scene's triangles cut into four at the middles of its edges, `times` times over; the
  * surface is the same. ERR_NOMEM; ERR_RANGE: indices would no longer fit. */

@@ -38,6 +38,7 @@ struct pipeline {
     int count;          /* of pictures in one run */
     enum err failed[3]; /* by stage */
     double seconds;     /* per picture, of the last run */
+    bool borrowed;      /* the relighter is not ours */
 };
 
 static void *decode_main(void *arg)
@@ -89,7 +90,7 @@ static void light_all(struct pipeline *p)
             if (handoff_is_closed(&p->skies))
                 return;
         const int slot = handoff_begin(&p->pictures);
-        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky], &p->b->light, p->picture[slot], &stats);
+        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky], p->maker.light, p->picture[slot], &stats);
         handoff_release(&p->skies, sky);
         handoff_publish(&p->pictures, slot);
         while (!handoff_wait_taken(&p->pictures, 100) && !p->failed[2])
@@ -182,12 +183,20 @@ static enum err seconds_of(enum err (*work)(void *), struct pipeline *p, double 
     return e;
 }
 
-static enum err pipeline_init(struct pipeline *p, struct bench *b)
+/* r and light: another relighter and what it is to do; NULL: one as all rows have it. */
+static enum err pipeline_init(struct pipeline *p, struct bench *b, struct relighter *r,
+                              const struct relight_desc *light)
 {
     double seconds = 1.0;
     *p = (struct pipeline){ .b = b };
     enum err e = picture_maker_init(&p->maker, b, b->set);
 
+    if (r) {
+        relighter_destroy(p->maker.relighter);
+        p->maker.relighter = r;
+        p->maker.light = light;
+        p->borrowed = true;
+    }
     p->tables = resample_tables_create();
     e = !e && !p->tables ? ERR_NOMEM : e;
     for (int k = 0; k < HANDOFF_SLOTS && !e; k++) {
@@ -203,6 +212,8 @@ static enum err pipeline_init(struct pipeline *p, struct bench *b)
 
 static void pipeline_finish(struct pipeline *p)
 {
+    if (p->borrowed)
+        p->maker.relighter = NULL;
     picture_maker_finish(&p->maker);
     for (int k = 0; k < HANDOFF_SLOTS; k++) {
         environment_destroy(p->sky[k]);
@@ -243,7 +254,7 @@ enum err bench_pipeline(struct bench *b, struct bench_row *row)
     row->unit = "ms";
     row->sense = BENCH_AT_MOST;
     row->target = 1.15;
-    enum err e = pipeline_init(&p, b);
+    enum err e = pipeline_init(&p, b, NULL, NULL);
     for (int k = 0; k < 3 && !e; k++) {
         e = seconds_of(parts[k].work, &p, &ms[k]);
         ms[k] *= 1e3;
@@ -277,11 +288,34 @@ enum err bench_threads_whole(struct bench *b, struct bench_row *row)
         bench_skip(row, "there is one thread only");
         return ERR_OK;
     }
-    enum err e = pipeline_init(&p, b);
+    enum err e = pipeline_init(&p, b, NULL, NULL);
     if (!e)
         e = in_turns(&p, all_in_a_row, whole, single, &rounds);
     if (!e)
         bench_take(row, single, whole, rounds);
+    pipeline_finish(&p);
+    return e;
+}
+
+enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct relight_desc *light,
+                             struct bench_row *row)
+{
+    double rate[BENCH_ROUNDS_MAX];
+    struct pipeline p;
+    enum err e = pipeline_init(&p, b, r, light);
+
+    if (!e)
+        e = pipeline_run(&p); /* warms up */
+    const int rounds = e ? 0 : bench_rounds(b, p.seconds * (p.count + WARM));
+    for (int i = 0; i < rounds && !e; i++) {
+        e = pipeline_run(&p);
+        rate[i] = 1.0 / p.seconds;
+        progress_step(&b->line, 1);
+    }
+    if (!e)
+        row->ours = row->ratio = bench_median(rate, rounds);
+    row->rounds = rounds;
+    row->alone = true;
     pipeline_finish(&p);
     return e;
 }

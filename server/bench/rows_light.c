@@ -27,11 +27,11 @@ struct part {
 };
 
 /* Every eighth run of 32 packets: about an eighth of the picture, spread over it, with its coherence kept. */
-static enum err part_init(struct part *p, struct bench *b, bool with_log)
+static enum err part_init(struct part *p, struct bench *b, const struct direct_desc *desc, bool with_log)
 {
     const struct gbuffer *g = b->set->gbuffer;
 
-    *p = (struct part){ .b = b, .desc = b->light.direct, .g.interleave = g->interleave };
+    *p = (struct part){ .b = b, .desc = *desc, .g.interleave = g->interleave };
     p->g.packets = mem_alloc(g->packet_count, sizeof(*p->g.packets));
     p->lo = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
     p->direct = direct_create(b->kernels);
@@ -90,6 +90,39 @@ static enum err on_one_thread(const struct bench *b, struct ray_log *log, enum e
     return e;
 }
 
+enum err bench_part_create(struct bench *b, uint32_t samples, struct part **out, uint64_t *rays)
+{
+    const struct direct_desc desc = { .method = METHOD_MIS, .samples = samples };
+    struct part *p = mem_alloc(1, sizeof(*p));
+
+    *out = NULL;
+    enum err e = p ? part_init(p, b, &desc, true) : ERR_NOMEM;
+    if (!e)
+        e = on_one_thread(b, &p->log, shade_part, p);
+    if (!e && p->log.count == p->log.capacity)
+        e = ERR_RANGE;
+    if (e) {
+        bench_part_destroy(p);
+        return e;
+    }
+    *rays = p->stats.rays;
+    *out = p;
+    return ERR_OK;
+}
+
+enum err bench_part_replay(void *part)
+{
+    return replay_packets(part);
+}
+
+void bench_part_destroy(struct part *p)
+{
+    if (!p)
+        return;
+    part_finish(p);
+    mem_free(p);
+}
+
 enum err bench_shadow_rays(struct bench *b, struct bench_row *row)
 {
     struct part p;
@@ -100,7 +133,7 @@ enum err bench_shadow_rays(struct bench *b, struct bench_row *row)
     row->target = 0.85;
     snprintf(row->note, sizeof(row->note),
              "bare: rtcOccluded16 over the same packets of rays, an eighth of the picture; ours with all its shading");
-    enum err e = part_init(&p, b, true);
+    enum err e = part_init(&p, b, &b->light.direct, true);
     if (!e)
         e = on_one_thread(b, &p.log, shade_part, &p);
     const double rays = 1e-6 * (double)p.stats.rays;
@@ -121,7 +154,7 @@ enum err bench_terms(struct bench *b, struct bench_row *row)
 
     row->name = "shading a sample at a point";
     row->unit = "ns core";
-    enum err e = part_init(&p, b, false);
+    enum err e = part_init(&p, b, &b->light.direct, false);
     p.desc.no_visibility = true;
     if (!e)
         e = shade_part(&p);

@@ -21,6 +21,8 @@ static struct option_row rows[] = {
       "interleaved rounds, of which the median counts, 3 to 99; fewer for long rows, more for short ones", "9" },
     { "threads", "N", "0: as many as there are processors", "0" },
     { "cpu", "LEVEL", "v3, v4 or baseline; left out: the best this CPU has", NULL },
+    { "cached", NULL, "the rows of the cache of light transport as well, which take minutes", NULL },
+    { "cached-only", NULL, "these rows alone", NULL },
     { "json", NULL, "print JSON instead of a table", NULL },
     { NULL, NULL, NULL, NULL },
 };
@@ -34,6 +36,9 @@ static enum err read_desc(const struct options *o, struct bench_desc *d, struct 
         .scene_fine = options_get(o, "scene-fine"),
         .source = options_get(o, "source"),
         .cpu = options_get(o, "cpu"),
+        .cached = options_on(o, "cached-only") ? BENCH_CACHED_ONLY
+                  : options_on(o, "cached")    ? BENCH_CACHED_TOO
+                                               : BENCH_CACHED_NOT,
         .progress = true,
     };
     enum err e = options_size(o, "size", &d->width, &d->height, why);

@@ -1,0 +1,491 @@
+/* Frames by the cache of light transport: how wrong, where nothing else is. */
+#include "cached.h"
+
+#include "flip.h"
+#include "lab.h"
+#include "mem.h"
+#include "metrics.h"
+#include "resolve.h"
+#include "transport_parts.h"
+#include "transport_sky.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define KEY 0.18
+#define CLAMP_TIMES 8    /* the level follows what is cut off, and is soon still */
+#define SEAM_WIDTH 320   /* of the picture whose cache is kept without compression: four times as large is 1 GB */
+#define SEAM_CODES 1.0   /* what is seen */
+#define STEP_DEGREES 0.1 /* a frame */
+#define STEP_FRAMES 24
+#define BINS 65536         /* of second differences */
+#define BINS_PER_CODE 4096 /* up to 16 codes, and what is above */
+
+/* ---- The sky without its bright part ---- */
+
+static void clamp_image(struct environment *e, float level)
+{
+    const size_t count = (size_t)e->image.width * e->image.height;
+
+    for (size_t i = 0; i < count; i++) {
+        float *t = e->image.rgb + 3 * i;
+        const float g = importance_of(e->importance, t[0], t[1], t[2]);
+        for (int k = 0; k < 3 && g > level; k++)
+            t[k] *= level / g;
+    }
+}
+
+/* The source's texels are cut at the level of the split, and tables made of what is left: a sky like any other, for
+ * which the references can be computed. *out: e itself where nothing is cut. */
+static enum err without_bright(struct bench *b, struct cached *c, const struct environment **out)
+{
+    struct transport_sky sky = { .level = 0.0f };
+    struct reason why;
+    enum err e = ERR_OK;
+
+    *out = b->environment;
+    if (!c->bright)
+        return ERR_OK;
+    if (!c->clamped) {
+        c->clamped = environment_create(&(struct environment_desc){ .n = b->environment->n });
+        e = c->clamped ? environment_update(c->clamped, &b->frame, &why) : ERR_NOMEM;
+        for (int k = 0; k < CLAMP_TIMES && !e; k++) {
+            e = transport_sky_take(&sky, c->clamped);
+            if (e || sky.bright_count == 0)
+                break;
+            clamp_image(c->clamped, sky.level);
+            e = environment_rebuild(c->clamped, &why);
+        }
+        transport_sky_finish(&sky);
+    }
+    *out = c->clamped;
+    return e;
+}
+
+/* A sky of which hardly any is lit has no level, and nothing but a bright part. */
+static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
+{
+    struct transport_sky sky = { .level = 0.0f };
+
+    *e = transport_sky_take(&sky, b->environment);
+    const bool has = sky.level > 0.0f;
+    transport_sky_finish(&sky);
+    if (!*e && !has)
+        bench_skip(row, "hardly any of the sky is lit: it is bright as a whole");
+    return !*e && has;
+}
+
+/* ---- Bias ---- */
+
+static double gain_of(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
+{
+    double log2_mean = log2(KEY);
+
+    (void)exposure_log2_mean(rgb, mask, width, height, &log2_mean);
+    return KEY / exp2(log2_mean);
+}
+
+static struct lab lab_of(const float *rgb, double gain)
+{
+    double c[3];
+
+    for (int k = 0; k < 3; k++)
+        c[k] = tone_value(TONE_FILMIC, gain * (double)rgb[k]);
+    return lab_from(c);
+}
+
+/* Root of the mean over pixels of delta E^2, as a scalar product of the differences from either half, in which their
+ * noise cancels. The mean itself, in which it would not, is no more than this. */
+static double crosswise_delta_e(const struct cached *c, const struct cached_truth *t, double gain)
+{
+    double sum = 0.0;
+    uint64_t count = 0;
+
+    for (size_t i = 0; i < c->values; i += 3) {
+        if (!c->mask[i / 3])
+            continue;
+        const struct lab x = lab_of(c->rgb + i, gain), p = lab_of(t->half[0] + i, gain);
+        const struct lab q = lab_of(t->half[1] + i, gain);
+        sum += (x.l - p.l) * (x.l - q.l) + (x.a - p.a) * (x.a - q.a) + (x.b - p.b) * (x.b - q.b);
+        count++;
+    }
+    return count ? sqrt(fmax(0.0, sum / (double)count)) : 0.0;
+}
+
+static enum err judge(struct bench *b, struct cached *c)
+{
+    const uint32_t width = b->desc->width, height = b->desc->height;
+    const struct environment *sky;
+    struct cached_truth own = { .samples = 0 }, *t = c->bright ? &own : &c->truth;
+    struct relight_stats stats;
+    struct metrics m = { 0 }, noise = { 0 };
+
+    if (c->judged)
+        return ERR_OK;
+    enum err e = without_bright(b, c, &sky);
+    if (!e)
+        e = cached_truth_make(c, sky, t);
+    if (!e)
+        e = relighter_run(c->relighter, sky, &c->light, c->rgb, &stats);
+    if (!e) {
+        c->rel_mse = cached_rel_mse(c, t, c->rgb);
+        c->delta_e = crosswise_delta_e(c, t, gain_of(t->half[0], c->mask, width, height));
+        e = metrics_compare(t->half[0], t->half[1], c->mask, width, height, 0.0, NULL, &noise) ? ERR_OK : ERR_NOMEM;
+        for (size_t i = 0; i < c->values; i++)
+            t->half[0][i] = 0.5f * (t->half[0][i] + t->half[1][i]);
+        if (!e)
+            e = metrics_compare(c->rgb, t->half[0], c->mask, width, height, 0.0, NULL, &m) ? ERR_OK : ERR_NOMEM;
+    }
+    c->mean_delta_e = m.delta_e;
+    c->noise = 0.5 * noise.delta_e; /* of their mean */
+    c->judged_samples = t->samples;
+    c->judged = true;
+    cached_truth_finish(t); /* of the bench's own sky too: its halves are no longer two */
+    return e;
+}
+
+static enum err bias_row(struct bench *b, struct bench_row *row, double target, struct cached **c)
+{
+    enum err e = cached_get(b, row, c);
+
+    if (e || !*c)
+        return e;
+    row->sense = BENCH_AT_MOST;
+    row->target = target;
+    row->alone = true;
+    row->rounds = 1;
+    if (has_level(b, row, &e))
+        e = judge(b, *c);
+    return e;
+}
+
+enum err bench_cached_error(struct bench *b, struct bench_row *row)
+{
+    struct cached *c;
+
+    row->name = "cached: bias floor, relMSE";
+    row->unit = "relMSE";
+    const enum err e = bias_row(b, row, 2e-4, &c);
+    if (e || !c || row->skipped[0])
+        return e;
+    row->ours = row->ratio = c->rel_mse;
+    snprintf(row->note, sizeof(row->note),
+             "%s, against two references of auto with %u samples together, multiplied crosswise so that their noise "
+             "cancels",
+             c->bright ? "the sky cut at the level of the split" : "the sky as it is: it has no bright part",
+             c->judged_samples);
+    return ERR_OK;
+}
+
+enum err bench_cached_colour(struct bench *b, struct bench_row *row)
+{
+    struct cached *c;
+
+    row->name = "cached: bias floor, delta E";
+    row->unit = "delta E";
+    const enum err e = bias_row(b, row, 0.2, &c);
+    if (e || !c || row->skipped[0])
+        return e;
+    row->ours = row->ratio = c->delta_e;
+    snprintf(row->note, sizeof(row->note),
+             "root of the mean square, by both references crosswise: the mean is no more. Against their mean it is "
+             "%.3g with "
+             "their noise, which is %.3g by itself",
+             c->mean_delta_e, c->noise);
+    return ERR_OK;
+}
+
+/* ---- 8-bit codes ---- */
+
+/* Linear light to codes by the filmic curve, not rounded; in place. */
+static void to_codes(float *rgb, size_t values, double gain)
+{
+    flip_tone(rgb, values, gain, rgb);
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < values; i++)
+        rgb[i] = (float)(255.0 * tone_srgb((double)rgb[i]));
+}
+
+/* ---- Seams ---- */
+
+struct seams {
+    struct set *set;
+    struct transport *cache[2]; /* compressed, and not */
+    float *lo, *picture[2];
+    uint8_t *mask;
+    uint32_t *block_of; /* [packet_count] */
+    size_t pixels;
+};
+
+static enum err seams_init(struct seams *s, const struct bench *b, struct bench_row *row)
+{
+    const bool large = b->desc->width > SEAM_WIDTH;
+    const struct set_desc desc = {
+        .scene = b->desc->scene,
+        .width = large ? SEAM_WIDTH : b->desc->width,
+        .height = large ? (b->desc->height * SEAM_WIDTH + b->desc->width / 2) / b->desc->width : b->desc->height,
+    };
+    struct reason why = { "" };
+    enum err e = set_create(&desc, &s->set, &why);
+
+    for (int k = 0; k < 2 && !e; k++) {
+        const float tolerance = k == 0 ? 0.0f : -1.0f;
+        const struct transport_desc t = { .tolerance = tolerance,
+                                          .tolerance_glossy = tolerance,
+                                          .max_bytes = (uint64_t)4 << 30 };
+        e = transport_create(s->set->gbuffer, s->set->rays, b->kernels, &t, &s->cache[k], &why);
+    }
+    if (e) {
+        bench_skip(row, "%.150s", why.text[0] ? why.text : err_text(e));
+        return ERR_OK;
+    }
+    s->pixels = (size_t)desc.width * desc.height;
+    s->lo = mem_alloc(s->set->gbuffer->packet_count, 3 * PACKET * sizeof(float));
+    s->block_of = mem_alloc(s->set->gbuffer->packet_count, sizeof(*s->block_of));
+    s->mask = mem_alloc(s->pixels, 1);
+    for (int k = 0; k < 2; k++)
+        s->picture[k] = mem_alloc(3 * s->pixels, sizeof(float));
+    if (!s->lo || !s->block_of || !s->mask || !s->picture[0] || !s->picture[1])
+        return ERR_NOMEM;
+    resolve_mask(s->set->gbuffer, s->mask);
+    for (uint32_t k = 0; k < s->cache[0]->block_count; k++)
+        for (uint32_t i = 0; i < s->cache[0]->blocks[k].packets; i++)
+            s->block_of[s->cache[0]->blocks[k].first + i] = k;
+    return ERR_OK;
+}
+
+static void seams_finish(struct seams *s)
+{
+    for (int k = 0; k < 2; k++) {
+        transport_destroy(s->cache[k]);
+        mem_free(s->picture[k]);
+    }
+    mem_free(s->lo);
+    mem_free(s->mask);
+    mem_free(s->block_of);
+    set_destroy(s->set);
+}
+
+/* Of the shade point that counts most in a pixel. */
+static uint32_t pixel_block(const struct seams *s, size_t pixel)
+{
+    const struct gbuffer *g = s->set->gbuffer;
+    uint32_t best = g->entry_first[pixel];
+
+    for (uint32_t k = best; k < g->entry_first[pixel + 1]; k++)
+        if (g->entries[k].weight[1] > g->entries[best].weight[1])
+            best = k;
+    return s->block_of[g->entries[best].point / PACKET];
+}
+
+/* Whether what compression does to two pixels differs by more than a code, in any colour. */
+static bool differ(const struct seams *s, size_t i, size_t j)
+{
+    for (int c = 0; c < 3; c++) {
+        const double here = (double)s->picture[0][3 * i + c] - (double)s->picture[1][3 * i + c];
+        const double there = (double)s->picture[0][3 * j + c] - (double)s->picture[1][3 * j + c];
+        if (fabs(here - there) > SEAM_CODES)
+            return true;
+    }
+    return false;
+}
+
+/* Pixels with a neighbour to the right or below, [of the same block; of another], and those that differ. */
+static void count_seams(const struct seams *s, uint64_t all[2], uint64_t seen[2])
+{
+    const uint32_t width = s->set->gbuffer->width;
+
+    for (size_t i = 0; i < s->pixels; i++) {
+        const size_t next[2] = { i % width + 1 < width ? i + 1 : i, i + width < s->pixels ? i + width : i };
+        bool has[2] = { false, false }, seam[2] = { false, false };
+        for (int k = 0; k < 2 && s->mask[i]; k++) {
+            if (next[k] == i || !s->mask[next[k]])
+                continue;
+            const bool border = pixel_block(s, i) != pixel_block(s, next[k]);
+            has[border] = true;
+            seam[border] |= differ(s, i, next[k]);
+        }
+        for (int k = 0; k < 2; k++) {
+            all[k] += has[k];
+            seen[k] += seam[k];
+        }
+    }
+}
+
+static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row *row)
+{
+    const struct transport_frame frame = { .samples = CACHED_SAMPLES };
+    const struct gbuffer *g = s->set->gbuffer;
+    struct transport_frame_stats stats;
+    uint64_t all[2] = { 0 }, seen[2] = { 0 };
+    enum err e = ERR_OK;
+
+    for (int k = 0; k < 2 && !e; k++) {
+        e = transport_shade(s->cache[k], b->environment, &frame, s->lo, &stats);
+        resolve_pixels(g, s->lo, b->environment, s->picture[k]);
+    }
+    if (e)
+        return e;
+    const double gain = gain_of(s->picture[1], s->mask, g->width, g->height);
+    for (int k = 0; k < 2; k++)
+        to_codes(s->picture[k], 3 * s->pixels, gain);
+    count_seams(s, all, seen);
+    if (all[1] == 0) {
+        bench_skip(row, "no two blocks meet");
+        return ERR_OK;
+    }
+    row->ours = row->ratio = 100.0 * (double)seen[1] / (double)all[1];
+    row->rounds = 1;
+    row->alone = true;
+    snprintf(row->note, sizeof(row->note),
+             "of %llu border pixels of blocks at %ux%u: what compression changes is different by more than one 8-bit "
+             "code on the two sides; within blocks %.3g %%; %.0f MB without compression, %.0f with it",
+             (unsigned long long)all[1], g->width, g->height, all[0] ? 100.0 * (double)seen[0] / (double)all[0] : 0.0,
+             1e-6 * (double)transport_stats(s->cache[1])->bytes, 1e-6 * (double)transport_stats(s->cache[0])->bytes);
+    return ERR_OK;
+}
+
+enum err bench_cached_seams(struct bench *b, struct bench_row *row)
+{
+    struct seams s = { .set = NULL };
+
+    row->name = "cached: seams";
+    row->unit = "%";
+    row->sense = BENCH_AT_MOST;
+    row->target = 1.0;
+    enum err e = seams_init(&s, b, row);
+    if (!e && !row->skipped[0])
+        e = measure_seams(&s, b, row);
+    seams_finish(&s);
+    return e;
+}
+
+/* ---- A sky that moves ---- */
+
+struct motion {
+    struct bench *b;
+    struct cached *c;
+    struct environment *sky;
+    struct transport_sky split;
+    float *codes[3]; /* of the last frames: frame i in i % 3 */
+    double gain;
+    uint64_t bins[BINS];
+    double worst;
+};
+
+/* The lower part of the split, as the cache takes it: with nothing above the level it is all in the cells. */
+static enum err keep_lower(struct motion *m)
+{
+    const size_t count = (size_t)CUBE_FACES * m->sky->n * m->sky->n;
+    const enum err e = transport_sky_take(&m->split, m->sky);
+
+    for (size_t i = 0; i < count && !e; i++) {
+        struct texel *t = &m->sky->texels[i];
+        const float g = importance_of(m->sky->importance, t->r, t->g, t->b);
+        const float kept = g > m->split.level ? m->split.level / g : 1.0f;
+        t->r *= kept;
+        t->g *= kept;
+        t->b *= kept;
+    }
+    return e;
+}
+
+static enum err make_frame(struct motion *m, int i)
+{
+    const struct relight_desc light = { .direct = m->c->light.direct, .classes = PATH_DIRECT };
+    const struct environment_desc turned = { .rotation_degrees = STEP_DEGREES * i };
+    struct relight_stats stats;
+    struct reason why;
+    float *to = m->codes[i % 3];
+
+    environment_set(m->sky, &turned);
+    enum err e = environment_rebuild(m->sky, &why);
+    if (!e)
+        e = keep_lower(m);
+    if (!e)
+        e = relighter_run(m->c->relighter, m->sky, &light, to, &stats);
+    if (e)
+        return e;
+    if (i == 0)
+        m->gain = gain_of(to, m->c->mask, m->b->desc->width, m->b->desc->height);
+    to_codes(to, m->c->values, m->gain);
+    return ERR_OK;
+}
+
+static void count_differences(struct motion *m, int i)
+{
+    const float *now = m->codes[i % 3], *last = m->codes[(i + 2) % 3], *first = m->codes[(i + 1) % 3];
+
+    for (size_t k = 0; k < m->c->values; k++)
+        if (m->c->mask[k / 3]) {
+            const double d = fabs((double)now[k] - 2.0 * (double)last[k] + (double)first[k]);
+            m->bins[(size_t)fmin(d * BINS_PER_CODE, BINS - 1)]++;
+            m->worst = fmax(m->worst, d);
+        }
+}
+
+/* The least number of codes that all but this share of the differences stay below. */
+static double percentile(const struct motion *m, double rest)
+{
+    uint64_t all = 0, above = 0;
+    size_t k = BINS;
+
+    for (size_t i = 0; i < BINS; i++)
+        all += m->bins[i];
+    while (k > 0 && (double)(above + m->bins[k - 1]) <= rest * (double)all)
+        above += m->bins[--k];
+    return (double)k / BINS_PER_CODE;
+}
+
+static enum err motion_run(struct motion *m, struct bench_row *row)
+{
+    struct reason why;
+    bool room = true;
+
+    for (int k = 0; k < 3; k++) {
+        m->codes[k] = mem_alloc(m->c->values, sizeof(float));
+        room = room && m->codes[k];
+    }
+    m->sky = environment_create(&(struct environment_desc){ .n = m->b->environment->n });
+    enum err e = room && m->sky ? environment_update(m->sky, &m->b->frame, &why) : ERR_NOMEM;
+    for (int i = 0; i < STEP_FRAMES && !e; i++) {
+        e = make_frame(m, i);
+        if (!e && i >= 2)
+            count_differences(m, i);
+        progress_step(&m->b->line, 1);
+    }
+    row->ours = row->ratio = percentile(m, 1e-4);
+    row->alone = true;
+    row->rounds = 1;
+    snprintf(row->note, sizeof(row->note),
+             "99.99th percentile of |second difference in time| in 8-bit codes, not rounded; the sky turns by %g "
+             "degrees a frame, %d frames, its bright part left out; worst %.3g, 99th percentile %.3g",
+             STEP_DEGREES, STEP_FRAMES, m->worst, percentile(m, 1e-2));
+    return e;
+}
+
+enum err bench_cached_motion(struct bench *b, struct bench_row *row)
+{
+    struct motion *m = mem_alloc(1, sizeof(*m)); /* half a megabyte of bins */
+    enum err e = ERR_OK;
+
+    row->name = "cached: temporal";
+    row->unit = "codes";
+    if (!m)
+        return ERR_NOMEM;
+    m->b = b;
+    e = cached_get(b, row, &m->c);
+    if (!e && m->c) {
+        row->sense = BENCH_AT_MOST;
+        row->target = 0.2;
+        if (has_level(b, row, &e))
+            e = motion_run(m, row);
+    }
+    for (int k = 0; k < 3; k++)
+        mem_free(m->codes[k]);
+    transport_sky_finish(&m->split);
+    environment_destroy(m->sky);
+    mem_free(m);
+    return e;
+}
