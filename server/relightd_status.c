@@ -77,11 +77,14 @@ static void add_phrase(char *text, size_t size, const char *between, const char 
 /* What the plan chose and what it left out: "direct light, interreflection by eye paths". */
 static void note_plan(struct daemon *d, const struct relight_stats *s, const struct pilot_stats *pilot)
 {
+    static const char *const changed[] = { "", " (anew where the sky has changed)", " (as before but for a gain)",
+                                           " (as before)" };
     const struct plan *p = &s->plan;
+    const char *how_much = s->cache_frame.kept > 0 ? changed[s->cache_frame.what] : "";
 
     d->paths[0] = d->left_out[0] = '\0';
     if (d->light.classes & PATH_DIRECT)
-        add_phrase(d->paths, sizeof(d->paths), ", ", "direct light", s->direct.sun ? " with the sun apart" : "");
+        add_phrase(d->paths, sizeof(d->paths), ", ", "direct light", s->direct.sun ? " with the sun apart" : how_much);
     for (int k = PILOT_MATTE; pilot && k <= PILOT_GLOSSY; k++)
         if (pilot->part[k].n > 0.0) {
             char how[32];
