@@ -61,6 +61,7 @@ struct relight_desc {
     bool cache_keep;        /* what a frame has in common with the last one is not computed again: the same bits */
     bool cache_background;  /* it is computed while pictures are made by other means; else the first waits for it */
     const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
+    bool unsplit;           /* METHOD_CACHED: all of the sky by what is kept, nothing of it traced for being bright */
     /* PLAN_STORED, whose store may take as much: the paths that are kept, 0: 64 a pixel; one of `renew` parts of them
      * is drawn anew as the turn goes on by one, 0: none. The picture depends on the turn, not on those before. */
     uint64_t stored_paths, turn;

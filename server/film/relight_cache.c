@@ -209,7 +209,7 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
                              struct relight_stats *stats)
 {
     const struct transport_frame frame = { desc->direct.samples, desc->direct.seed, desc->direct.pass,
-                                           desc->direct.cancel, desc->cache_keep };
+                                           desc->direct.cancel,  desc->cache_keep,  desc->unsplit };
     const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
     const uint32_t samples = desc->direct.samples;
     struct reason why;

@@ -92,6 +92,7 @@ enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *l
     stats->stored = *caustic_store_stats(c->store);
     if (result || !caustic_store_is_whole(c->store)) /* cancelled */
         return result;
+    c->sky.unsplit = desc->unsplit;
     result = transport_sky_take(&c->sky, e);
     if (!result)
         result = caustic_store_light(c->store, e, c->sky.level, rgb);

@@ -284,6 +284,7 @@ static enum err take_sky(struct transport *t, const struct environment *e, const
     assert(frame->samples >= 1);
     t->past.lo = NULL; /* until this one is there */
     transport_past_begin(t);
+    t->sky.unsplit = frame->unsplit;
     enum err result = transport_sky_take(&t->sky, e);
     if (!result)
         result = draw_bright(t, e, frame);

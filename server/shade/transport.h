@@ -71,8 +71,9 @@ struct transport_frame {
                           * neighbours disagree */
     uint64_t seed, pass; /* by which the bright part is sampled: others make another frame of it */
     const atomic_bool *cancel; /* may be NULL */
-    bool keep; /* where lo is that of the last call, it is as that has left it: what has not changed since is not
-                * computed again. The bits are the same. */
+    bool keep;    /* where lo is that of the last call, it is as that has left it: what has not changed since is not
+                   * computed again. The bits are the same. */
+    bool unsplit; /* nothing is bright: the cells alone, which are linear in the sky to rounding */
 };
 
 struct transport_frame_stats {

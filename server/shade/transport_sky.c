@@ -110,7 +110,7 @@ enum err transport_sky_take(struct transport_sky *s, const struct environment *e
         s->row_capacity = CUBE_FACES * e->n;
     }
     s->n = e->n;
-    s->level = sky_level(e, s->row_max);
+    s->level = s->unsplit ? INFINITY : sky_level(e, s->row_max);
     const enum err result = find_bright(s, e);
     if (s->bright_energy < FAINT * e->total_energy) {
         s->level = INFINITY;

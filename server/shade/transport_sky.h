@@ -8,6 +8,7 @@
 #include "environment.h"
 #include "err.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define TRANSPORT_EDGE 16                                              /* cells along a face's edge */
@@ -26,6 +27,7 @@ static inline uint32_t transport_cell(uint32_t face, uint32_t i, uint32_t j)
 }
 
 struct transport_sky {
+    bool unsplit;                                                   /* in: all stays in the cells, whatever the sky */
     _Alignas(64) float cells[TRANSPORT_CHUNKS][3][TRANSPORT_CHUNK]; /* mean radiance of the lower part */
     float level; /* 0: there is none; infinite: all is in the cells */
     uint32_t n;  /* of the environment */

@@ -1,6 +1,7 @@
 /* server/tools/relight_render.c */
 /* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
 #include "clock.h"
+#include "components.h"
 #include "environment.h"
 #include "exr_write.h"
 #include "file_pattern.h"
@@ -30,6 +31,7 @@ struct render {
     struct relight_desc light;
     struct environment_desc environment_desc;
     struct file_pattern out;
+    struct components_desc components; /* out.text NULL: they are not asked for */
     const char *stats_path;
     bool reseed, half;
     enum tone_curve tone;
@@ -54,15 +56,17 @@ struct render {
     bool warned_clipped;
 };
 
+static const char source_default[] = "sky:", scale_default[] = "0";
+
 static struct option_row rows[] = {
     { "", NULL, "what is lit, and by what", NULL },
     { "scene", "FILE", "scene to light: .json, .gltf or .glb; left out: the built-in one", NULL },
     { "camera", "NAME", "camera of the scene; left out: the first", NULL },
-    { "source", "S", "a file, a directory, a printf or glob pattern, or sky:key=value,...", "sky:" },
+    { "source", "S", "a file, a directory, a printf or glob pattern, or sky:key=value,...", source_default },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL },
     { "layout", "L", "of the environment: auto, latlong, latlong-bottom, cube, hcross, vcross, ball, fisheye", "auto" },
     { "rotate", "DEGREES", "turns the environment about the vertical axis", "0" },
-    { "scale", "STOPS", "makes the environment 2^STOPS times as bright", "0" },
+    { "scale", "STOPS", "makes the environment 2^STOPS times as bright", scale_default },
     { "", NULL, "how", NULL },
     { "size", "WxH", "of the pictures, in pixels", "640x360" },
     { "fps", "N", "with --method auto: the least error at N frames a second, files and all; for --samples", NULL },
@@ -78,6 +82,10 @@ static struct option_row rows[] = {
     { "half", NULL, "EXR of 16-bit floats instead of 32", NULL },
     { "tone", "CURVE", "of .jpg: filmic, reinhard or linear", "filmic" },
     { "quality", "Q", "of .jpg, 1 to 100", "92" },
+    { "components", "PATTERN",
+      "instead of pictures under a source: one .hdr for each patch of Radiance's sky, for dctimestep; DIR/%03d.hdr",
+      NULL },
+    { "reinhart", "MF", "of --components: patches of Reinhart's subdivision; 1 (146), 2 (578) or 4 (2306)", "1" },
     { "stats", "FILE", "statistics as JSON, one object a frame ('-': standard output)", NULL },
     { NULL, NULL, NULL, NULL },
 };
@@ -113,18 +121,38 @@ static enum err read_wish(const struct options *o, struct render *r, struct reas
     return ERR_OK;
 }
 
+/* Where pictures go, or components in their stead, which know no source, no frames and no wish. */
+static enum err read_out(const struct options *o, struct render *r, struct reason *why)
+{
+    static const char *const others[] = { "out", "frames", "stats", "fps", "error", "reseed", "half" };
+    const char *out = options_get(o, "out");
+
+    if (options_get(o, "components")) {
+        for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
+            if (options_get(o, others[k]))
+                return err_say(why, ERR_USAGE, "--%s has no meaning with --components", others[k]);
+        if (options_get(o, "source") != source_default)
+            return err_say(why, ERR_USAGE, "--source has no meaning with --components, which are for all skies");
+        if (options_get(o, "scale") != scale_default)
+            return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
+        return components_read(o, &r->components, why);
+    }
+    if (!out)
+        return err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
+    const enum err e = file_pattern_parse(out, "--out", &r->out, why);
+    if (!e && !ends_with(out, ".exr") && !ends_with(out, ".jpg"))
+        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", out);
+    return e;
+}
+
 static enum err read_options(const struct options *o, struct render *r, struct source_desc *source,
                              struct set_desc *set, struct reason *why)
 {
     uint64_t edge = 0, quality = 0, threads = 0;
     enum err e = light_options_read(o, &r->light, set, &r->environment_desc, why);
 
-    if (!e && !options_get(o, "out"))
-        e = err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
     if (!e)
-        e = file_pattern_parse(options_get(o, "out"), "--out", &r->out, why);
-    if (!e && !ends_with(r->out.text, ".exr") && !ends_with(r->out.text, ".jpg"))
-        e = err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", r->out.text);
+        e = read_out(o, r, why);
     if (!e)
         e = options_range(o, "frames", &source->has_range, &source->first, &source->last, why);
     if (!e)
@@ -436,6 +464,19 @@ static enum err render_all(struct render *r, struct reason *why)
     return e == ERR_END ? ERR_OK : e;
 }
 
+/* Daylight coefficients in place of pictures. */
+static enum err export(struct render *r, const struct set_desc *set, struct reason *why) {
+    const enum err e = set_create(set, &r->set, why);
+
+    if (e) return e;
+    r->components.set = r->set;
+    r->components.kernels = r->kernels;
+    r->components.light = &r->light;
+    r->components.environment = &r->environment_desc;
+    r->components.progress = set->progress;
+    return components_write(&r->components, why);
+}
+
 static enum err finish(struct render *r, enum err e, struct reason *why)
 {
     if (r->stats) {
@@ -487,10 +528,14 @@ int main(int argc, char **argv)
         return 0;
     if (!e)
         e = read_options(&options, &r, &source, &set, &why);
-    if (!e)
-        e = set_up(&r, &source, &set, &why);
-    if (!e)
-        e = render_all(&r, &why);
+    if (!e && r.components.out.text) {
+        e = export(&r, &set, &why);
+    } else {
+        if (!e)
+            e = set_up(&r, &source, &set, &why);
+        if (!e)
+            e = render_all(&r, &why);
+    }
     e = finish(&r, e, &why);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));

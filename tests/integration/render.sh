@@ -325,4 +325,23 @@ every_cpu_level_gives_the_same_picture() {
     expect 2 "unknown, or this CPU lacks it" "$bin/relight-render" --cpu v9 --size 16x16 --out "$work/none.exr"
 }
 
+# What is no folder, no pattern or no picture of Radiance's is known before the work; a small export is whole, and its files
+# are read again.
+components_for_radiance_are_written_or_refused() {
+    local render="$bin/relight-render" size='--size 16x9 --samples 4 --paths direct'
+    mkdir "$work/parts"
+    expect 2 'names one file, but there is one a patch: put %03d into it' "$render" --components "$work/parts/one.hdr"
+    expect 2 'must end in .hdr' "$render" --components "$work/parts/%03d.exr"
+    expect 1 'No such file or directory' "$render" --components "$work/nowhere/%03d.hdr"
+    expect 2 'there are 1, 2 and 4' "$render" --components "$work/parts/%03d.hdr" --reinhart 3
+    expect 2 'out has no meaning with --components' "$render" --components "$work/parts/%03d.hdr" --out x.exr
+    expect 2 'source has no meaning with --components' "$render" --components "$work/parts/%03d.hdr" --source x.exr
+    # shellcheck disable=SC2086
+    expect 0 '146 component pictures' "$render" --components "$work/parts/%03d.hdr" $size
+    [ "$(find "$work/parts" -name '???.hdr' | wc -l)" = 146 ] || fail "not 146 files"
+    grep -aq '^VIEW= -vtv' "$work/parts/145.hdr" || fail "no view"
+    if grep -aq 'EXPOSURE' "$work/parts/000.hdr"; then fail "an exposure"; fi
+    "$render" --source "$work/parts/145.hdr" --layout latlong --size 16x9 --samples 1 --out "$work/read.exr"
+}
+
 "$1"
