@@ -249,8 +249,9 @@ static enum err run_bounce(struct relighter *r, const struct environment *e, con
     enum err result = relight_bounce_shade(&r->cache.bounce, e, desc, r->lo, stats);
 
     rest.classes = rest.behind_classes = PATH_INDIRECT_LIT;
-    rest.only = transport_narrow(r->cache.transport);
-    if (!result && rest.only->count > 0)
+    if (r->cache.bounce.bounce)
+        rest.only = bounce_left(r->cache.bounce.bounce);
+    if (!result && r->cache.bounce.bounce && rest.only->count > 0)
         result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &rest, r->lo, &more);
     stats->eye.paths += more.paths;
     stats->eye.rays += more.rays;

@@ -14,6 +14,7 @@ void bounce_destroy(struct bounce *b)
         for (uint32_t r = 0; r < TRANSPORT_ROWS; r++)
             mem_free(b->blocks[k].pieces[r].halves);
     mem_free(b->blocks);
+    mem_free(b->left_index);
     bounce_basis_finish(&b->basis);
     mem_free(b);
 }
@@ -21,6 +22,11 @@ void bounce_destroy(struct bounce *b)
 const struct bounce_stats *bounce_stats(const struct bounce *b)
 {
     return &b->stats;
+}
+
+const struct packet_list *bounce_left(const struct bounce *b)
+{
+    return &b->left;
 }
 
 /* The sky's coefficients: y = Q L. */

@@ -36,7 +36,8 @@ struct bounce_desc {
     const struct scene *scene;
     const struct rays *rays;
     const struct gbuffer *gbuffer;
-    const struct transport *direct; /* its packets are taken, but for the narrow ones; read while building */
+    const struct transport *direct; /* its blocks are taken, but for those with too narrow lobes; read while
+                                     * building */
     struct vec3 eye;                /* the camera's place: records are larger where it is far */
     uint32_t gather;                /* rays of a shade point's matte part; 0: 64. Glossy points have as many besides */
     uint32_t records;               /* at most; 0: half as many as there are points, 4000 to 24000 */
@@ -70,5 +71,8 @@ void bounce_destroy(struct bounce *b); /* NULL is allowed */
 MUST_CHECK enum err bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo);
 
 const struct bounce_stats *bounce_stats(const struct bounce *b);
+
+/* Packets that it has not, in ascending order: their lobes are so narrow that they would mirror the records. */
+const struct packet_list *bounce_left(const struct bounce *b);
 
 #endif

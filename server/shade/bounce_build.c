@@ -14,19 +14,41 @@ uint64_t bounce_steps(const struct gbuffer *g)
     return g->packet_count;
 }
 
-/* The blocks of the direct transport, without those whose lobes would mirror the records. */
+/* Lobes that fall to a half within a degree and a half: records, which are even over a voxel, would show in them. */
+static bool is_sharp(const struct shade_packet *p, uint32_t l)
+{
+    return p->kind == LOBE_PHONG ? p->gloss[l] > 2000.0f
+                                 : p->kind == LOBE_GGX && p->gloss[l] > 0.0f && p->gloss[l] < 0.02f;
+}
+
+static bool has_sharp(const struct gbuffer *g, const struct transport_block *b)
+{
+    for (uint32_t k = 0; k < b->packets; k++)
+        for (uint32_t l = 0; l < g->packets[b->first + k].count; l++)
+            if (is_sharp(&g->packets[b->first + k], l))
+                return true;
+    return false;
+}
+
+/* The blocks of the direct transport, narrow lobes with all of their rows. */
 static enum err take_blocks(struct bounce *b, const struct transport *t)
 {
     b->blocks = mem_alloc(t->block_count, sizeof(*b->blocks));
-    if (!b->blocks)
+    b->left_index = mem_alloc(t->narrow.count, sizeof(*b->left_index));
+    if (!b->blocks || !b->left_index)
         return ERR_NOMEM;
     for (uint32_t k = 0; k < t->block_count; k++) {
         const struct transport_block *from = &t->blocks[k];
-        if (!from->narrow)
-            b->blocks[b->block_count++] =
-                (struct bounce_block){ .first = from->first, .packets = from->packets, .rows = from->rows };
+        const uint32_t all = t->gbuffer->packets[from->first].kind == LOBE_GGX ? 3 : 2;
+        if (!from->narrow || !has_sharp(t->gbuffer, from))
+            b->blocks[b->block_count++] = (struct bounce_block){ .first = from->first,
+                                                                 .packets = from->packets,
+                                                                 .rows = from->narrow ? all : from->rows };
+        for (uint32_t i = 0; from->narrow && has_sharp(t->gbuffer, from) && i < from->packets; i++)
+            b->left_index[b->left.count++] = from->first + i;
     }
-    b->stats.bytes = sizeof(*b) + b->block_count * sizeof(*b->blocks);
+    b->left.index = b->left_index;
+    b->stats.bytes = sizeof(*b) + b->block_count * sizeof(*b->blocks) + t->narrow.count * sizeof(*b->left_index);
     return ERR_OK;
 }
 

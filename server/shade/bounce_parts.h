@@ -132,6 +132,8 @@ struct bounce {
     struct bounce_basis basis;
     struct bounce_block *blocks;
     uint32_t block_count, pieces;
+    uint32_t *left_index;
+    struct packet_list left;
     struct bounce_stats stats;
 };
 
