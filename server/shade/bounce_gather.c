@@ -252,17 +252,6 @@ static void smooth_block(struct bench *w, uint32_t points, uint32_t k)
     memcpy(w->matrix, w->smooth, (size_t)points * 3 * k * sizeof(float));
 }
 
-static float scale_of(const float *x, size_t count)
-{
-    float most = 0.0f;
-    int exponent;
-
-    for (size_t i = 0; i < count; i++)
-        most = fmaxf(most, fabsf(x[i]));
-    frexpf(most, &exponent);
-    return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
-}
-
 /* Coefficients of the basis from which on all of V may be left out: those come in the order of what they are for all
  * points. */
 static uint32_t short_basis(const float *v, uint32_t rows, uint32_t k, double allowed)
@@ -289,7 +278,8 @@ static enum err keep(const float *v, const float *u, uint32_t rank, uint32_t poi
 
     if (!to)
         return ERR_NOMEM;
-    *out = (struct bounce_piece){ .halves = to, .rank = rank, .basis = basis, .scale = scale_of(v, (size_t)rows * k) };
+    *out =
+        (struct bounce_piece){ .halves = to, .rank = rank, .basis = basis, .scale = half_scale(v, (size_t)rows * k) };
     for (uint32_t r = 0; r < rows; r++)
         for (uint32_t i = 0; i < basis; i++)
             *to++ = half_round(v[(size_t)r * k + i] / out->scale);

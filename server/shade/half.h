@@ -4,6 +4,8 @@
 #ifndef SHADE_HALF_H
 #define SHADE_HALF_H
 
+#include <math.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -38,6 +40,18 @@ static inline uint16_t half_round(float f)
     const uint32_t mantissa = (bits & 0x7fffffu) | 0x800000u, shift = 126u - (bits >> 23);
     const uint32_t whole = mantissa >> shift, rest = mantissa & ((1u << shift) - 1u), tie = 1u << (shift - 1u);
     return (uint16_t)(sign | (whole + (rest > tie || (rest == tie && (whole & 1u)))));
+}
+
+/* A power of two that brings the largest entry between 2^13 and 2^14, where halves reach furthest down. */
+static inline float half_scale(const float *x, size_t count)
+{
+    float most = 0.0f;
+    int exponent;
+
+    for (size_t i = 0; i < count; i++)
+        most = fmaxf(most, fabsf(x[i]));
+    frexpf(most, &exponent);
+    return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
 }
 
 #endif

@@ -124,18 +124,6 @@ static uint32_t choose_rank(struct transport_workspace *w, uint32_t points, doub
     return rank;
 }
 
-/* A power of two that brings the largest entry between 2^13 and 2^14, where halves reach furthest down. */
-static float scale_of(const float *x, size_t count)
-{
-    float most = 0.0f;
-    int exponent;
-
-    for (size_t i = 0; i < count; i++)
-        most = fmaxf(most, fabsf(x[i]));
-    frexpf(most, &exponent);
-    return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
-}
-
 /* V, [rank][cells], in the order of transport_piece: up to TRANSPORT_TOGETHER rows side by side, chunk by chunk. */
 static void round_rows(const float *v, uint32_t rank, uint32_t cells, float scale, uint16_t *out)
 {
@@ -170,7 +158,7 @@ static enum err keep_raw(struct transport_workspace *w, const struct transport_m
     out->halves = mem_alloc_raw((size_t)points * cells, sizeof(*out->halves));
     if (!out->halves)
         return ERR_NOMEM;
-    out->scale = scale_of(w->projected, (size_t)points * cells);
+    out->scale = half_scale(w->projected, (size_t)points * cells);
     round_rows(w->projected, points, cells, out->scale, out->halves);
     return ERR_OK;
 }
@@ -201,7 +189,7 @@ enum err transport_compress(struct transport_workspace *w, struct transport_matr
     out->halves = mem_alloc_raw(v_count + (size_t)rank * points, sizeof(*out->halves));
     if (!out->halves)
         return ERR_NOMEM;
-    out->scale = scale_of(w->projected, v_count);
+    out->scale = half_scale(w->projected, v_count);
     round_rows(w->projected, rank, cells, out->scale, out->halves);
     round_columns(u, rank, points, scale, out->halves + v_count);
     return ERR_OK;

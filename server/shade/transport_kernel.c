@@ -1,7 +1,6 @@
 /* The loops of the cache of light transport (transport_parts.h): compiled once per CPU level, see CMakeLists.txt. */
-#include "half.h"
+#include "half_lanes.h"
 #include "kernels.h"
-#include "lanes.h"
 #include "lobes.h"
 #include "rng.h"
 #include "transport_parts.h"
@@ -9,25 +8,8 @@
 
 #include <math.h>
 
-#ifdef __F16C__
-#include <immintrin.h>
-#endif
-
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
-
-/* Sixteen half floats. */
-static inline void widen_lanes(const uint16_t *in, struct lanes *out)
-{
-#if defined(__AVX512F__)
-    _mm512_store_ps(out->v, _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)(const void *)in)));
-#elif defined(__F16C__)
-    _mm256_store_ps(out->v, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)in)));
-    _mm256_store_ps(out->v + 8, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)(in + 8))));
-#else
-    LANES(l) out->v[l] = half_widen(in[l]);
-#endif
-}
 
 static void widen(const uint16_t *in, float *out, uint32_t n)
 {

@@ -1,0 +1,25 @@
+/* Half floats as kernels read them, a packet at a time. Included by the kernels only. */
+#ifndef SHADE_HALF_LANES_H
+#define SHADE_HALF_LANES_H
+
+#include "half.h"
+#include "lanes.h"
+
+#ifdef __F16C__
+#include <immintrin.h>
+#endif
+
+/* Sixteen half floats. */
+static inline void widen_lanes(const uint16_t *in, struct lanes *out)
+{
+#if defined(__AVX512F__)
+    _mm512_store_ps(out->v, _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)(const void *)in)));
+#elif defined(__F16C__)
+    _mm256_store_ps(out->v, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)in)));
+    _mm256_store_ps(out->v + 8, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(const void *)(in + 8))));
+#else
+    LANES(l) out->v[l] = half_widen(in[l]);
+#endif
+}
+
+#endif
