@@ -2,6 +2,7 @@
 #include "environment.h"
 
 #include "layout.h"
+#include "look_place.h"
 #include "pyramid.h"
 #include "resample.h"
 
@@ -57,13 +58,19 @@ static void place_in_blocks(const struct resample_table *t, uint32_t factor, str
     }
 }
 
-static void interpolate(const struct environment *e, const struct picture *p, struct vec3 w, float rgb[3])
+/* The four texels about a direction: columns and rows of two each, and the shares of the second ones. */
+struct four {
+    int64_t column[2], row[2];
+    float x, y;
+};
+
+/* False where the layout does not show that direction. */
+static bool find_four(const struct environment *e, const struct picture *p, struct vec3 w, struct four *out)
 {
     const struct resample_table *t = e->resampler->table;
     const double c = cos(e->rotation), s = sin(e->rotation);
     const double own[3] = { c * w.x - s * w.z, w.y, c * w.z + s * w.x };
     struct layout_place at;
-    float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
 
     const bool shown = layout_find(t->key.layout, t->key.width, t->key.height, own, &at);
     if (p->factor > 1)
@@ -71,11 +78,25 @@ static void interpolate(const struct environment *e, const struct picture *p, st
     /* Texel centres stand at half-integers. */
     const double x = at.x - 0.5, y = at.y - 0.5;
     const int64_t x0 = (int64_t)floor(x), y0 = (int64_t)floor(y);
-    const float fx = (float)(x - (double)x0), fy = (float)(y - (double)y0);
-    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
+    out->x = (float)(x - (double)x0);
+    out->y = (float)(y - (double)y0);
+    for (int k = 0; k < 2; k++) {
+        out->column[k] = hold(x0 + k, at.low[0], at.high[0], at.wraps);
+        out->row[k] = hold(y0 + k, at.low[1], at.high[1], false);
+    }
+    return shown;
+}
+
+static void interpolate(const struct environment *e, const struct picture *p, struct vec3 w, float rgb[3])
+{
+    const struct resample_table *t = e->resampler->table;
+    float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
+    struct four f;
+
+    const bool shown = find_four(e, p, w, &f);
+    const float weight[4] = { (1 - f.x) * (1 - f.y), f.x * (1 - f.y), (1 - f.x) * f.y, f.x * f.y };
     for (int k = 0; k < 4 && shown; k++) {
-        const int64_t column = hold(x0 + (k & 1), at.low[0], at.high[0], at.wraps);
-        const int64_t row = hold(y0 + (k >> 1), at.low[1], at.high[1], false);
+        const int64_t column = f.column[k & 1], row = f.row[k >> 1];
         const float *texel = p->rgb + 3 * (row * p->columns + column);
         if (!is_shown(t, p, column, row))
             continue;
@@ -214,4 +235,39 @@ void environment_look_wide(const struct environment *e, struct vec3 w, float wid
     look_at_rung(e, coarse.what, w, far);
     for (int c = 0; c < 3; c++)
         rgb[c] += share * (far[c] - rgb[c]);
+}
+
+/* ---- What stands still ---- */
+
+struct look_key look_key_of(const struct environment *e)
+{
+    const struct resample_key *k = &e->resampler->table->key;
+    return (struct look_key){ k->layout, k->width, k->height, e->rotation };
+}
+
+bool look_key_equal(const struct look_key *a, const struct look_key *b)
+{
+    return a->layout == b->layout && a->width == b->width && a->height == b->height && a->rotation == b->rotation;
+}
+
+struct look_place look_place_find(const struct environment *e, struct vec3 w, float width)
+{
+    const struct look_place none = { .texel = LOOK_NONE };
+    const struct picture p = source_of(e);
+    struct four f;
+
+    if (width * TEXEL_PER_WIDTH > finest(e).texel || !find_four(e, &p, w, &f))
+        return none;
+    for (int k = 0; k < 4; k++)
+        if (!is_shown(e->resampler->table, &p, f.column[k & 1], f.row[k >> 1]))
+            return none;
+    const int64_t right = f.column[1] - f.column[0], down = f.row[1] - f.row[0];
+    const uint32_t way = (right == 1 ? 0u : right == 0 ? 1u : 2u) << LOOK_RIGHT | (down == 1 ? 0u : 1u) << LOOK_DOWN;
+    return (struct look_place){ (uint32_t)(f.row[0] * p.columns + f.column[0]) | way, f.x, f.y };
+}
+
+struct look_picture look_picture_of(const struct environment *e)
+{
+    const int32_t columns = (int32_t)e->image.width;
+    return (struct look_picture){ e->image.rgb, e->gain, { 1, 0, 1 - columns, 0 }, { columns, 0 } };
 }

@@ -20,6 +20,7 @@ struct relighter {
     struct relight_cache cache;
     struct relight_caustics caustics;
     struct light_tracer *light;
+    struct resolver *resolver;
     float *lo;               /* [packet_count][3][16] */
     float *direct_lo;        /* likewise; what the cache alone writes, from frame to frame; NULL until it is needed */
     const float *points;     /* one of them: the picture's */
@@ -129,7 +130,8 @@ struct relighter *relighter_create(const struct set *set, const struct kernels *
     r->points = r->lo;
     r->light = light_tracer_create(set->scene, set->rays, &set->view);
     r->scratch = scratch_create();
-    if (!r->direct || !r->lo || !r->light || !r->scratch) {
+    r->resolver = resolver_create(set->gbuffer);
+    if (!r->direct || !r->lo || !r->light || !r->scratch || !r->resolver) {
         relighter_destroy(r);
         return NULL;
     }
@@ -144,6 +146,7 @@ void relighter_destroy(struct relighter *r)
     relight_cache_finish(&r->cache);
     relight_caustics_finish(&r->caustics);
     light_tracer_destroy(r->light);
+    resolver_destroy(r->resolver);
     mem_free(r->lo);
     mem_free(r->direct_lo);
     scratch_destroy(r->scratch);
@@ -318,7 +321,6 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
 enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,
                        struct relight_stats *stats)
 {
-    const struct gbuffer *g = r->set->gbuffer;
     double at[5] = { clock_seconds() };
 
     *stats = (struct relight_stats){ 0 };
@@ -339,7 +341,7 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
     at[2] = clock_seconds();
     if (result)
         return result;
-    resolve_pixels(g, r->points, desc->classes & PATH_BACKGROUND || desc->classes == 0 ? e : NULL, rgb);
+    resolver_pixels(r->resolver, r->points, desc->classes & PATH_BACKGROUND || desc->classes == 0 ? e : NULL, rgb);
     at[3] = clock_seconds();
     result = run_light_tracer(r, e, desc, rgb, stats);
     at[4] = clock_seconds();

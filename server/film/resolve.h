@@ -11,6 +11,15 @@
 
 void resolve_pixels(const struct gbuffer *g, const float *lo, const struct environment *e, float *rgb);
 
+/* The same picture to the bit, in less time from the second frame on: where escapes look a sky up is kept as long as
+ * layout, size and rotation of the sky stay (look_place.h), 12 bytes an escape. It belongs to one G-buffer, which must
+ * outlive it, and to one thread at a time. Out of memory nothing is kept, and that is no error. */
+struct resolver;
+
+struct resolver *resolver_create(const struct gbuffer *g); /* NULL when out of memory */
+void resolver_destroy(struct resolver *r);                 /* NULL is allowed */
+void resolver_pixels(struct resolver *r, const float *lo, const struct environment *e, float *rgb);
+
 /* uint8_t[height][width]: 1 where a pixel holds a shade point, as the relative error counts them. */
 void resolve_mask(const struct gbuffer *g, uint8_t *mask);
 
