@@ -229,7 +229,7 @@ static enum err read_tiles(struct reader *r)
 
 enum err exr_chunks_read(struct exr_file *x, struct image *im)
 {
-    struct reader r = { .x = x, .im = im, .zip = { .scratch = im->scratch } };
+    struct reader r = { .x = x, .im = im, .zip = { .scratch = im->scratch, .inflater = &im->inflater } };
 
     x->said.text[0] = '\0';
     const enum err e = x->tiled ? read_tiles(&r) : read_scanlines(&r);

@@ -1,5 +1,7 @@
 #include "exr_zip.h"
 
+#include <libdeflate.h>
+#include <stdbool.h>
 #include <string.h>
 
 #ifdef __SSE2__
@@ -8,40 +10,28 @@
 
 const char exr_zip_no_memory[] = "no memory to inflate it";
 
-static voidpf take(voidpf scratch, uInt count, uInt size)
+void exr_inflater_destroy(struct libdeflate_decompressor *inflater)
 {
-    return scratch_take(scratch, (size_t)count * size); /* two numbers of 32 bits */
-}
-
-static void give(voidpf scratch, voidpf p)
-{
-    scratch_give(scratch, p);
+    libdeflate_free_decompressor(inflater);
 }
 
 void exr_zip_finish(struct exr_zip *z)
 {
-    struct scratch *const scratch = z->scratch;
-
-    if (z->begun)
-        inflateEnd(&z->stream);
-    scratch_give(scratch, z->bytes);
-    *z = (struct exr_zip){ .scratch = scratch };
+    scratch_give(z->scratch, z->bytes);
+    z->bytes = NULL;
+    z->room = 0;
 }
 
 static bool make_ready(struct exr_zip *z, size_t size)
 {
-    if (z->begun) {
-        inflateReset(&z->stream);
-    } else {
-        z->stream = (z_stream){ .zalloc = take, .zfree = give, .opaque = z->scratch };
-        z->begun = inflateInit(&z->stream) == Z_OK;
-    }
+    if (!*z->inflater)
+        *z->inflater = libdeflate_alloc_decompressor();
     if (size > z->room) {
         scratch_give(z->scratch, z->bytes);
         z->bytes = scratch_take(z->scratch, size);
         z->room = z->bytes ? size : 0;
     }
-    return z->begun && z->bytes;
+    return *z->inflater && z->bytes;
 }
 
 void exr_zip_sum_ref(uint8_t *b, size_t n)
@@ -103,21 +93,14 @@ static void weave(const uint8_t *restrict from, size_t size, uint8_t *restrict t
 
 const char *exr_zip_unpack(struct exr_zip *z, const uint8_t *packed, size_t packed_size, uint8_t *out, size_t size)
 {
-    if (packed_size > UINT32_MAX || size > UINT32_MAX)
-        return "it is too large";
     if (!make_ready(z, size))
         return exr_zip_no_memory;
-    z->stream.next_in = packed;
-    z->stream.avail_in = (uInt)packed_size;
-    z->stream.next_out = z->bytes;
-    z->stream.avail_out = (uInt)size;
-    const int got = inflate(&z->stream, Z_FINISH); /* at one go, for which zlib keeps no window */
-    if (got == Z_MEM_ERROR)
-        return exr_zip_no_memory;
-    if (got != Z_STREAM_END)
-        return "its bytes cannot be inflated";
-    if (z->stream.avail_out != 0)
+    const enum libdeflate_result got =
+        libdeflate_zlib_decompress(*z->inflater, packed, packed_size, z->bytes, size, NULL);
+    if (got == LIBDEFLATE_SHORT_OUTPUT)
         return "its bytes are too few";
+    if (got != LIBDEFLATE_SUCCESS)
+        return "its bytes cannot be inflated";
     exr_zip_sum(z->bytes, size);
     weave(z->bytes, size, out);
     return NULL;

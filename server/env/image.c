@@ -1,5 +1,6 @@
 #include "image.h"
 
+#include "exr_zip.h"
 #include "mem.h"
 #include "scratch.h"
 
@@ -48,6 +49,7 @@ void image_finish(struct image *im)
         return;
     mem_free(im->rgb);
     scratch_destroy(im->scratch);
+    exr_inflater_destroy(im->inflater);
     memset(im, 0, sizeof(*im));
 }
 

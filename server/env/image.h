@@ -32,6 +32,7 @@ struct image_faults {  /* values (not texels) that were put right, of this frame
 #define IMAGE_MAX 1e12f /* larger finite values are cut here: sums of squares stay finite in float */
 
 struct scratch;
+struct libdeflate_decompressor;
 
 struct image {
     uint32_t width, height;
@@ -40,6 +41,7 @@ struct image {
     enum layout layout; /* what the file itself says; LAYOUT_AUTO when it says nothing */
     struct image_faults faults;
     struct scratch *scratch; /* what decoders keep from one picture to the next (scratch.h); NULL until there is one */
+    struct libdeflate_decompressor *inflater; /* likewise (exr_zip.h) */
 };
 
 /* Makes room, with no layout and no faults; the texels are undefined afterwards. ERR_RANGE at 0, beyond IMAGE_MAX_SIDE

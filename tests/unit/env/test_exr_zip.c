@@ -4,6 +4,8 @@
 #include "rng.h"
 #include "unit.h"
 
+#include <zlib.h>
+
 static void differences_are_undone_as_specified(void **state)
 {
     enum { MOST = 131, GUARD = 16 };
@@ -47,7 +49,8 @@ static void chunks_of_any_size_unpack_one_after_the_other(void **state)
 {
     static const size_t sizes[] = { 1, 2, 15, 16, 17, 4000, 33, 70000, 1 };
     static uint8_t packed[80000], plain[70000], want[70000], got[70000 + 16];
-    struct exr_zip z = { .scratch = scratch_create() };
+    struct libdeflate_decompressor *inflater = NULL;
+    struct exr_zip z = { .scratch = scratch_create(), .inflater = &inflater };
     (void)state;
 
     for (int file = 0; file < 3; file++) {
@@ -64,6 +67,7 @@ static void chunks_of_any_size_unpack_one_after_the_other(void **state)
         exr_zip_finish(&z);
     }
     scratch_destroy(z.scratch);
+    exr_inflater_destroy(inflater);
 }
 
 /* After each of them a good chunk unpacks. */
@@ -72,7 +76,8 @@ static void what_is_not_exactly_the_chunk_is_refused(void **state)
     enum { SIZE = 3000 };
     static uint8_t packed[4000], plain[SIZE], got[SIZE];
     const size_t n = deflate_noise(packed, sizeof(packed), plain, SIZE, 7);
-    struct exr_zip z = { .scratch = NULL };
+    struct libdeflate_decompressor *inflater = NULL;
+    struct exr_zip z = { .scratch = NULL, .inflater = &inflater };
     (void)state;
 
     for (size_t cut = 0; cut < n; cut++) {
@@ -86,6 +91,7 @@ static void what_is_not_exactly_the_chunk_is_refused(void **state)
     assert_string_equal(exr_zip_unpack(&z, packed, n, longer, SIZE + 1), "its bytes are too few");
     assert_null(exr_zip_unpack(&z, packed, n, got, SIZE));
     exr_zip_finish(&z);
+    exr_inflater_destroy(inflater);
 }
 
 static const struct CMUnitTest tests[] = {
