@@ -10,6 +10,11 @@
 #define EXPONENTS 256    /* of a float: one bin of the histogram per stop */
 #define REACH_STOPS 8.0  /* from the median; a clear sky over its own shadows spans about 12 stops in all */
 #define PRODUCT_LENGTH 6 /* floats that a double multiplies without leaving its range: 6 * 149 < 1022 stops */
+#define LANES 16         /* products side by side */
+#define BLOCK (PRODUCT_LENGTH * LANES) /* pixels */
+/* Four pixels as one operation of a vector. */
+#define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
+#define APART 4          /* tables in which exponents are counted */
 #define LAG_STOPS 1.0    /* exposure is never further than this from what the picture asks for */
 #define GAIN_STOPS 120.0 /* the gain stays a float, and times a float it stays a double */
 
@@ -18,26 +23,70 @@ void exposure_init(struct exposure *e)
     *e = (struct exposure){ .key = 0.18, .adapt = 0.2 };
 }
 
-/* Luminance of pixel i, 0 where it does not count. */
-static float counted(const float *rgb, const uint8_t *mask, size_t i)
+/* Luminances of four pixels, as rgb_luminance has them: one vector of each colour out of twelve floats. */
+static inline FOUR_FLOATS luminances(const float *rgb)
 {
-    const float l = rgb_luminance(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2]);
-    return l > 0.0f && (!mask || mask[i]) ? l : 0.0f;
+    FOUR_FLOATS t[3];
+
+    memcpy(t, rgb, sizeof(t));
+    const FOUR_FLOATS r = __builtin_shufflevector(__builtin_shufflevector(t[0], t[1], 0, 3, 6, 6), t[2], 0, 1, 2, 5);
+    const FOUR_FLOATS g = __builtin_shufflevector(__builtin_shufflevector(t[0], t[1], 1, 4, 7, 7), t[2], 0, 1, 2, 6);
+    const FOUR_FLOATS b = __builtin_shufflevector(__builtin_shufflevector(t[0], t[1], 2, 5, 5, 5), t[2], 0, 1, 4, 7);
+    return 0.2126f * r + 0.7152f * g + 0.0722f * b;
 }
 
-/* How many pixels have each float exponent. Integers: any order of adding gives the same. */
-static void count_exponents(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height,
-                            uint32_t count[EXPONENTS])
+/* Luminances of pixels `from` .. from + count - 1, 0 where they do not count; count is at most BLOCK. What is beyond
+ * count is 0. */
+static inline void take_block(const float *rgb, const uint8_t *mask, size_t from, size_t count, float l[BLOCK])
+{
+    const float *p = rgb + 3 * from;
+    size_t i = 0;
+
+    for (; i + 4 <= count; i += 4) {
+        const FOUR_FLOATS four = luminances(p + 3 * i);
+        memcpy(l + i, &four, sizeof(four));
+    }
+    for (; i < BLOCK; i++)
+        l[i] = i < count ? rgb_luminance(p[3 * i], p[3 * i + 1], p[3 * i + 2]) : 0.0f;
+    for (i = 0; i < BLOCK; i++)
+        l[i] = l[i] > 0.0f ? l[i] : 0.0f;
+    for (i = 0; mask && i < count; i++)
+        l[i] = mask[from + i] ? l[i] : 0.0f;
+}
+
+static inline uint32_t exponent_of(float l)
+{
+    uint32_t bits;
+
+    memcpy(&bits, &l, sizeof(bits));
+    return bits >> 23;
+}
+
+/* How many pixels have each float exponent. Integers: any order of adding gives the same. Neighbours are alike, and to
+ * count one waits for the last one of the same exponent: so they are counted apart. A luminance of 0 is counted with
+ * the least exponent and taken off again. */
+static void count_exponents(const float *rgb, const uint8_t *mask, size_t pixels, uint32_t count[EXPONENTS])
 {
     memset(count, 0, EXPONENTS * sizeof(count[0]));
-#pragma omp parallel for schedule(static) reduction(+ : count[:EXPONENTS])
-    for (uint32_t y = 0; y < height; y++) {
-        for (size_t i = (size_t)y * width; i < (size_t)(y + 1) * width; i++) {
-            const float l = counted(rgb, mask, i);
-            uint32_t bits;
-            memcpy(&bits, &l, sizeof(bits));
-            count[bits >> 23] += l > 0.0f;
+#pragma omp parallel
+    {
+        uint32_t own[APART][EXPONENTS] = { { 0 } };
+#pragma omp for schedule(static) nowait
+        for (size_t at = 0; at < pixels; at += BLOCK) {
+            float l[BLOCK];
+            uint32_t black = 0;
+            take_block(rgb, mask, at, pixels - at < BLOCK ? pixels - at : BLOCK, l);
+            for (size_t i = 0; i < BLOCK; i += APART)
+                for (size_t a = 0; a < APART; a++)
+                    own[a][exponent_of(l[i + a])]++;
+            for (size_t i = 0; i < BLOCK; i++)
+                black += l[i] == 0.0f;
+            own[0][0] -= black;
         }
+#pragma omp critical
+        for (int k = 0; k < EXPONENTS; k++)
+            for (int a = 0; a < APART; a++)
+                count[k] += own[a][k];
     }
 }
 
@@ -53,24 +102,45 @@ static double median_stop(const uint32_t count[EXPONENTS], uint64_t total)
     return bin - 127 + (half - below) / count[bin];
 }
 
-/* Sum of log2 over rows y0..y1 of luminances clamped to low..high: one logarithm of a product instead of six. */
+/* A product of many factors, as mantissa x 2^exponent: one logarithm in the end instead of one a factor. */
+struct product {
+    double mantissa; /* 1 .. 2 */
+    int64_t exponent;
+};
+
+static inline void multiply(struct product *p, double by)
+{
+    uint64_t bits;
+
+    by *= p->mantissa; /* never subnormal: PRODUCT_LENGTH floats, and a mantissa */
+    memcpy(&bits, &by, sizeof(bits));
+    p->exponent += (int64_t)(bits >> 52) - 1023;
+    bits = (bits & 0xfffffffffffffu) | (uint64_t)1023 << 52;
+    memcpy(&p->mantissa, &bits, sizeof(bits));
+}
+
+/* Sum of log2 over pixels begin .. end - 1, of luminances clamped to low .. high. */
 static double band_sum(const float *rgb, const uint8_t *mask, size_t begin, size_t end, float low, float high)
 {
-    double sum = 0.0, product = 1.0;
-    int length = 0;
+    struct product whole = { 1.0, 0 };
 
-    for (size_t i = begin; i < end; i++) {
-        const float l = counted(rgb, mask, i);
-        if (!(l > 0.0f))
-            continue;
-        product *= l < low ? low : l > high ? high : l;
-        if (++length == PRODUCT_LENGTH) {
-            sum += log2(product);
-            product = 1.0;
-            length = 0;
+    for (size_t at = begin; at < end; at += BLOCK) {
+        float l[BLOCK];
+        double product[LANES];
+        take_block(rgb, mask, at, end - at < BLOCK ? end - at : BLOCK, l);
+        for (size_t i = 0; i < BLOCK; i++) {
+            const float kept = l[i] < low ? low : l[i] > high ? high : l[i];
+            l[i] = l[i] > 0.0f ? kept : 1.0f;
         }
+        for (size_t k = 0; k < LANES; k++)
+            product[k] = (double)l[k];
+        for (size_t i = LANES; i < BLOCK; i += LANES)
+            for (size_t k = 0; k < LANES; k++)
+                product[k] *= (double)l[i + k];
+        for (size_t k = 0; k < LANES; k++)
+            multiply(&whole, product[k]);
     }
-    return sum + log2(product);
+    return (double)whole.exponent + log2(whole.mantissa);
 }
 
 bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height, double *out)
@@ -80,7 +150,7 @@ bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, u
     uint64_t total = 0;
     double sum = 0.0;
 
-    count_exponents(rgb, mask, width, height, count);
+    count_exponents(rgb, mask, (size_t)width * height, count);
     for (int i = 0; i < EXPONENTS; i++)
         total += count[i];
     if (total == 0)
