@@ -11,9 +11,11 @@
 
 void resolve_pixels(const struct gbuffer *g, const float *lo, const struct environment *e, float *rgb);
 
-/* The same picture to the bit, in less time from the second frame on: where escapes look a sky up is kept as long as
- * layout, size and rotation of the sky stay (look_place.h), 12 bytes an escape. It belongs to one G-buffer, which must
- * outlive it, and to one thread at a time. Out of memory nothing is kept, and that is no error. */
+/* The same picture to the bit, in less time from the second frame on. Kept are, as long as layout, size and rotation of
+ * the sky stay, where escapes look it up (look_place.h, 12 bytes an escape), and which pixels are but one shade point
+ * or one escape (4 bytes a pixel), and what the others are made of (8 bytes a pixel and 16 an entry of it). It belongs
+ * to one G-buffer, which must outlive it and not change, and to one thread at a time. Out of memory nothing is kept,
+ * and that is no error. */
 struct resolver;
 
 struct resolver *resolver_create(const struct gbuffer *g); /* NULL when out of memory */
