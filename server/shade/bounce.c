@@ -10,9 +10,10 @@ void bounce_destroy(struct bounce *b)
 {
     if (!b)
         return;
-    for (uint32_t k = 0; b->blocks && k < b->block_count; k++)
+    for (uint32_t k = 0; b->groups && k < b->group_count; k++)
         for (uint32_t r = 0; r < TRANSPORT_ROWS; r++)
-            mem_free(b->blocks[k].pieces[r].halves);
+            mem_free(b->groups[k].pieces[r].bytes);
+    mem_free(b->groups);
     mem_free(b->blocks);
     mem_free(b->left_index);
     bounce_basis_finish(&b->basis);
@@ -47,17 +48,27 @@ static void project_sky(const struct bounce_basis *basis, float (*sky)[TRANSPORT
     }
 }
 
-static void shade_block(const struct bounce *b, const struct bounce_block *block, const float *y, float *lo)
+/* One row of a group's blocks. */
+static void shade_piece(const struct bounce *b, const struct bounce_group *g, uint32_t row, const float *y, float *lo)
 {
-    const struct shade_packet *packets = &b->gbuffer->packets[block->first];
-    _Alignas(64) float sum[3][TRANSPORT_POINTS];
+    const struct bounce_piece *q = &g->pieces[row];
+    const uint32_t columns = bounce_columns(q->rank);
+    _Alignas(64) float z[3 * BOUNCE_GROUP * TRANSPORT_POINTS], sum[3][TRANSPORT_POINTS];
 
-    for (uint32_t r = 0; r < block->rows; r++) {
-        if (!block->pieces[r].halves)
+    if (!q->bytes)
+        return;
+    b->kernels->project(q, y, b->basis.count, z);
+    const int8_t *bytes = q->bytes + (size_t)q->rank * 3 * q->basis;
+    for (uint32_t k = g->first; k < g->first + g->count; k++) {
+        const struct bounce_block *block = &b->blocks[k];
+        const uint32_t points = block->packets * PACKET;
+        if (block->rank[row] == 0)
             continue;
-        b->kernels->expand(&block->pieces[r], y, b->basis.count, block->packets * PACKET, sum);
-        for (uint32_t k = 0; k < block->packets; k++)
-            b->kernels->paint(&packets[k], r, sum, k * PACKET, lo + (size_t)k * 3 * PACKET);
+        b->kernels->expand(bytes, block->rank[row], z, columns, points, sum);
+        bytes += bounce_block_bytes(block->rank[row], columns, points);
+        for (uint32_t i = 0; i < block->packets; i++)
+            b->kernels->paint(&b->gbuffer->packets[block->first + i], row, sum, i * PACKET,
+                              lo + (size_t)(block->first + i) * 3 * PACKET);
     }
 }
 
@@ -73,10 +84,11 @@ enum err bounce_shade(struct bounce *b, const struct environment *e, const atomi
 #pragma omp parallel
     {
         const unsigned before = denormals_flush();
-#pragma omp for schedule(dynamic, 16)
-        for (uint32_t k = 0; k < b->block_count; k++)
-            if (!cancel || !atomic_load_explicit(cancel, memory_order_relaxed))
-                shade_block(b, &b->blocks[k], y, lo + (size_t)b->blocks[k].first * 3 * PACKET);
+#pragma omp for schedule(dynamic, 1)
+        for (uint32_t k = 0; k < b->group_count; k++)
+            for (uint32_t r = 0; r < b->groups[k].rows; r++)
+                if (!cancel || !atomic_load_explicit(cancel, memory_order_relaxed))
+                    shade_piece(b, &b->groups[k], r, y, lo);
         denormals_restore(before);
     }
     mem_free(sky);

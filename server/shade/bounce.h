@@ -5,11 +5,12 @@
  * Records lie on the surfaces, a voxel and a range of normals each, and keep what of the sky falls on them, by cells
  * and by traced rays at eight places, and what falls on them by way of other records. Shade points gather from the
  * records. All of it lives in one basis of the cells, the eigenvectors of what some thousand points gather: records
- * and points keep coefficients, 3 x (K <= 128). A block of 64 points is compressed as in transport_compress.
+ * and points keep coefficients, 3 x (K <= 128), those of points compressed: 16 neighbouring blocks of 64 have the rows
+ * in common that theirs are made of.
  *
  * Cells overlap here: each is a tent over its neighbours' centres, so that a sun that moves goes from one to the other
  * gradually. Biased: a cell's mean, the basis, records that are even over their voxel, noise of the gather, smoothed
- * over a block, that stands still. docs/transport-cache.md has figures.
+ * over a group of blocks, that stands still. docs/transport-cache.md has figures.
  *
  * One struct bounce per thread of control; the functions run on all OpenMP threads and do not depend on their number.
  */
@@ -41,9 +42,10 @@ struct bounce_desc {
     struct vec3 eye;                /* the camera's place: records are larger where it is far */
     uint32_t gather;                /* rays of a shade point's matte part; 0: 64. Glossy points have as many besides */
     uint32_t records;               /* at most; 0: half as many as there are points, 4000 to 24000 */
-    float tolerance;                /* of compression, relative, as in transport.h; 0: 0.04 */
-    bool no_smoothing;              /* noise of the gather stays */
-    uint64_t max_bytes;             /* of all that stays; 0: 1 GiB. While it is made, some 100 MB come to it. */
+    float tolerance;    /* of compression: what a rank must bring of a point's light under a sky of one cell; 0:
+                         * 0.027 */
+    bool no_smoothing;  /* noise of the gather stays */
+    uint64_t max_bytes; /* of all that stays; 0: 1 GiB. While it is made, some 100 MB come to it. */
     uint64_t seed;
     struct progress *progress; /* may be NULL; stepped by bounce_steps in all */
     const atomic_bool *cancel; /* once true, building ends; may be NULL */
@@ -56,7 +58,9 @@ struct bounce_stats {
     uint32_t basis;    /* K */
     double basis_rest; /* of what the basis was made from, the share that it leaves out, by Frobenius norms */
     uint32_t bounces;  /* iterated */
-    double rank;       /* mean of all rows of blocks */
+    uint32_t pieces;   /* rows of all blocks */
+    double rank;       /* their mean rank */
+    double shared;     /* mean rank of what they share it in */
 };
 
 uint64_t bounce_steps(const struct gbuffer *g);

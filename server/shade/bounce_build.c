@@ -48,7 +48,8 @@ static enum err take_blocks(struct bounce *b, const struct transport *t)
             b->left_index[b->left.count++] = from->first + i;
     }
     b->left.index = b->left_index;
-    b->stats.bytes = sizeof(*b) + b->block_count * sizeof(*b->blocks) + t->narrow.count * sizeof(*b->left_index);
+    b->stats.bytes = sizeof(*b) + b->block_count * (sizeof(*b->blocks) + sizeof(*b->groups) / BOUNCE_GROUP) +
+                     t->narrow.count * sizeof(*b->left_index);
     return ERR_OK;
 }
 
@@ -99,7 +100,6 @@ enum err bounce_create(const struct bounce_desc *desc, const struct kernels *ker
     t->kernels = kernels->bounce;
     const enum err e = run_steps(&b);
     t->stats.rays = b.rays;
-    t->stats.rank /= t->pieces ? t->pieces : 1;
     t->stats.bytes += (uint64_t)t->basis.count * TRANSPORT_CELLS * sizeof(float);
     if (e == ERR_RANGE)
         err_say(why, e, "the cache of interreflection takes more than what --cache-memory leaves to it, %.0f MB",
@@ -115,6 +115,7 @@ enum err bounce_create(const struct bounce_desc *desc, const struct kernels *ker
     transport_directions_finish(&b.directions);
     mem_free(b.light);
     mem_free(b.sources);
+    mem_free(b.even);
     mem_free(b.numbers[0]);
     mem_free(b.numbers[1]);
     return e;

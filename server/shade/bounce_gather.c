@@ -1,11 +1,10 @@
 /* What the shade points gather from the records: for the basis, by cells; for the blocks, by the basis. */
-#include "bounce_parts.h"
+#include "bounce_compress.h"
+#include "bounce_smooth.h"
 #include "denormals.h"
-#include "half.h"
 #include "mem.h"
 
 #include <cblas.h>
-#include <lapacke.h>
 #include <omp.h>
 
 #include <math.h>
@@ -13,11 +12,10 @@
 
 #define BASIS_POINTS 1536u
 #define BASIS_RECORDS 512u
-#define TOLERANCE 0.04
-#define TAIL 0.25 /* of that, squared, what coefficients that are left out of V may take besides */
+#define TOLERANCE 0.027
+#define FLOOR 0.03f /* of a block's mean light: darker points count as if they had that */
 #define MAX_BYTES ((uint64_t)1 << 30)
-#define BATCH 256u
-#define LIKENESS 0.3 /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988] */
+#define BATCH 32u /* groups */
 
 /* A shade point, and the parts of its BRDF as rows (transport_parts.h). */
 struct point {
@@ -96,9 +94,10 @@ static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_RO
 }
 
 /* All rays of a point, half by the matte part and, where there is a lobe, as many by that, under the balance heuristic.
- * Adds to `rows` rows, stride floats apart. Returns the harmonic mean of distances. */
+ * Adds to `rows` rows, stride floats apart, and to open[row] what the point has at once of an even sky of 1. Returns
+ * the harmonic mean of distances. */
 static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, uint32_t rays, float *out,
-                           size_t stride, bool cells)
+                           size_t stride, bool cells, float open[TRANSPORT_ROWS])
 {
     const struct bounce_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
     const uint64_t shift[2] = { rng_mix(seed, 0), rng_mix(seed, 1) };
@@ -128,6 +127,8 @@ static double gather_point(struct gatherer *g, const struct point *p, uint64_t s
         g->ends.count = 0;
         const float t = bounce_walk(&g->world, p->at, w, &rng, &g->ends);
         near += i < rays ? 1.0 / fmax((double)t, 1e-6) : 0.0;
+        for (int r = 0; r < TRANSPORT_ROWS; r++)
+            open[r] += isinf(t) ? (float)row[r] : 0.0f;
         take_ends(g, row, p->rows, stride, out, cells);
     }
     return rays / fmax(near, 1e-12);
@@ -191,9 +192,10 @@ enum err bounce_make_basis(struct bounce_build *b)
 #pragma omp for schedule(dynamic, 8)
         for (uint32_t i = 0; i < rows; i++) {
             struct point p;
+            float unused[TRANSPORT_ROWS] = { 0.0f };
             if (!bounce_cancelled(b) && basis_point(b, i, &p)) /* all rows of a point's BRDF in one of the matrix */
                 gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), BOUNCE_BASIS_RAYS,
-                             m + (size_t)i * TRANSPORT_CELLS, 0, true);
+                             m + (size_t)i * TRANSPORT_CELLS, 0, true, unused);
         }
         rays += g.ends.rays;
         failed += g.ends.failed;
@@ -214,173 +216,118 @@ enum err bounce_make_basis(struct bounce_build *b)
 
 struct bench { /* what one thread works in */
     struct gatherer gatherer;
-    float *matrix, *smooth; /* [TRANSPORT_ROWS][TRANSPORT_POINTS][3 K], [TRANSPORT_POINTS][3 K] */
-    double near[TRANSPORT_POINTS];
-    struct point points[TRANSPORT_POINTS];
-    bool used[TRANSPORT_POINTS];
-    float weights[TRANSPORT_POINTS * TRANSPORT_POINTS];
-    float gram[TRANSPORT_POINTS * TRANSPORT_POINTS], values[TRANSPORT_POINTS];
-    float work[1 + 6 * TRANSPORT_POINTS + 2 * TRANSPORT_POINTS * TRANSPORT_POINTS]; /* as ssyevd asks for */
-    lapack_int whole[3 + 5 * TRANSPORT_POINTS];
+    float *matrix;                                   /* [TRANSPORT_ROWS][BOUNCE_GROUP_POINTS][3 K] */
+    float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row with less noise */
+    float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* what the points have of an even sky at once */
+    struct bounce_smoother *smoother;
+    struct bounce_workspace *workspace;
 };
 
-/* How much of q's light p takes: none where distance over the mean distance of what is around, or normals, differ too
- * much. */
-static double likeness(const struct bench *w, uint32_t p, uint32_t q)
+/* Means of a row's colours. */
+static float mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
 {
-    const struct point *a = &w->points[p], *b = &w->points[q];
-    const double apart = (double)vec3_length(vec3_sub(a->at, b->at)), near = fmin(w->near[p], w->near[q]);
-    const double turned = sqrt(fmax(0.0, 1.0 - (double)vec3_dot(a->own.shading, b->own.shading)));
-
-    return fmax(0.0, 1.0 - (apart / near + turned) / LIKENESS);
+    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
+            transport_row_colour(p, row, 2, l)) /
+           3.0f;
 }
 
-/* The matte row of each point as a mean over points of its block that are alike: their rays are independent. */
-static void smooth_block(struct bench *w, uint32_t points, uint32_t k)
+/* A row of a block as it is kept: [points][3 K]. */
+static float *row_of(const struct bounce_build *b, const struct bench *w, uint32_t slot, uint32_t row)
 {
-    memset(w->weights, 0, sizeof(w->weights));
-    for (uint32_t p = 0; p < points; p++) {
-        double sum = 0.0;
-        for (uint32_t q = 0; q < points && w->used[p]; q++)
-            if (w->used[q])
-                sum += w->weights[p * points + q] = (float)likeness(w, p, q);
-        for (uint32_t q = 0; q < points && sum > 0.0; q++)
-            w->weights[p * points + q] /= (float)sum;
-    }
-    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)points, 3 * (int)k, (int)points, 1.0f, w->weights,
-                (int)points, w->matrix, 3 * (int)k, 0.0f, w->smooth, 3 * (int)k);
-    memcpy(w->matrix, w->smooth, (size_t)points * 3 * k * sizeof(float));
+    const size_t wide = 3 * (size_t)b->b->basis.count, first = (size_t)slot * TRANSPORT_POINTS;
+
+    return row == 0 && !b->desc->no_smoothing ? w->smooth + first * wide
+                                              : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
 }
 
-/* Coefficients of the basis from which on all of V may be left out: those come in the order of what they are for all
- * points. */
-static uint32_t short_basis(const float *v, uint32_t rows, uint32_t k, double allowed)
-{
-    double rest = 0.0;
-
-    for (uint32_t first = k - PACKET; first > 0; first -= PACKET) {
-        for (uint32_t r = 0; r < rows; r++)
-            for (uint32_t i = 0; i < PACKET; i++)
-                rest += pow((double)v[(size_t)r * k + first + i], 2.0);
-        if (rest > allowed)
-            return first + PACKET;
-    }
-    return PACKET;
-}
-
-/* V (rank x 3 rows of k) and U as half floats. */
-static enum err keep(const float *v, const float *u, uint32_t rank, uint32_t points, uint32_t k, double allowed,
-                     struct bounce_piece *out)
-{
-    const uint32_t rows = 3 * rank, basis = short_basis(v, rows, k, allowed);
-    const size_t u_count = (size_t)rank * points;
-    uint16_t *to = mem_alloc_raw((size_t)rows * basis + u_count, sizeof(*to));
-
-    if (!to)
-        return ERR_NOMEM;
-    *out =
-        (struct bounce_piece){ .halves = to, .rank = rank, .basis = basis, .scale = half_scale(v, (size_t)rows * k) };
-    for (uint32_t r = 0; r < rows; r++)
-        for (uint32_t i = 0; i < basis; i++)
-            *to++ = half_round(v[(size_t)r * k + i] / out->scale);
-    for (size_t i = 0; i < u_count; i++)
-        *to++ = half_round(u[i]);
-    return ERR_OK;
-}
-
-/* The least rank whose rest is allowed, as in transport_compress. */
-static enum err compress(struct bench *w, const float *t, uint32_t points, uint32_t k, double allowed,
-                         struct bounce_piece *out)
-{
-    const int n = (int)points, wide = 3 * (int)k;
-    double rest = 0.0, whole = 0.0;
-    uint32_t rank = points;
-
-    *out = (struct bounce_piece){ .scale = 1.0f };
-    cblas_ssyrk(CblasRowMajor, CblasUpper, CblasNoTrans, n, wide, 1.0f, t, wide, 0.0f, w->gram, n);
-    if (LAPACKE_ssyevd_work(LAPACK_COL_MAJOR, 'V', 'L', n, w->gram, n, w->values, w->work,
-                            sizeof(w->work) / sizeof(w->work[0]), w->whole, sizeof(w->whole) / sizeof(w->whole[0])))
-        return ERR_NOMEM;
-    for (uint32_t i = 0; i < points; i++)
-        whole += fmax(0.0, (double)w->values[i]);
-    for (uint32_t i = 0; i < points; i++, rank--) {
-        rest += fmax(0.0, (double)w->values[i]);
-        if (rest > allowed)
-            break;
-    }
-    if (rank == 0)
-        return ERR_OK;
-    const float *u = w->gram + (size_t)(points - rank) * points;
-    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, wide, n, 1.0f, u, n, t, wide, 0.0f, w->smooth,
-                wide);
-    return keep(w->smooth, u, rank, points, k, TAIL * fmin(allowed, whole), out);
-}
-
-/* The mean square of a row's colours over a block. */
-static double row_weight(const struct bounce_build *b, const struct bounce_block *block, uint32_t row)
-{
-    double sum = 0.0, count = 0.0;
-
-    for (uint32_t i = 0; i < block->packets; i++) {
-        const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i];
-        for (uint32_t l = 0; l < p->count; l++, count += 3.0)
-            for (int c = 0; c < 3; c++)
-                sum += pow((double)transport_row_colour(p, row, c, l), 2.0);
-    }
-    return sum / count;
-}
-
-static enum err compress_block(const struct bounce_build *b, struct bench *w, struct bounce_block *block)
+/* What a point's error in row r counts: it is seen times the row's colour, beside all light that the point has of an
+ * even sky of 1. */
+static void fill_scales(const struct bounce_build *b, const struct bench *w, const struct bounce_block *block,
+                        uint32_t slot, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
 {
     const uint32_t points = block->packets * PACKET, k = b->b->basis.count;
-    const size_t stride = (size_t)TRANSPORT_POINTS * 3 * k, used = (size_t)points * 3 * k;
+    float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f;
+
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++) {
+            const float *row = row_of(b, w, slot, r) + (size_t)p * 3 * k;
+            float light = w->open[slot * TRANSPORT_POINTS + p][r];
+            for (uint32_t i = 0; i < 3 * k; i++)
+                light += row[i] * b->even[i % k] / 3.0f;
+            scale[r][p] = mean_colour(&b->b->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            whole[p] += scale[r][p] * light;
+        }
+    for (uint32_t p = 0; p < points; p++)
+        mean += fmaxf(whole[p], 0.0f) / (float)points;
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++)
+            scale[r][p] = mean > 0.0f ? fmaxf(scale[r][p] / fmaxf(whole[p], FLOOR * mean), 1e-3f) : 1.0f;
+}
+
+static void gather_block(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t slot)
+{
+    const uint32_t k = b->b->basis.count, first = slot * TRANSPORT_POINTS;
+    const size_t stride = (size_t)BOUNCE_GROUP_POINTS * 3 * k;
+    struct bounce_smoother *s = w->smoother;
+
+    for (uint32_t i = 0; i < TRANSPORT_POINTS; i++) {
+        const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i / PACKET];
+        const uint32_t l = i % PACKET, at = first + i;
+        s->used[at] = i < block->packets * PACKET && l < p->count;
+        for (uint32_t r = 0; r < block->rows; r++)
+            memset(w->matrix + r * stride + (size_t)at * 3 * k, 0, 3 * k * sizeof(float));
+        memset(w->open[at], 0, sizeof(w->open[at]));
+        if (!s->used[at])
+            continue;
+        const struct point point = point_of(p, l, block->rows);
+        const float place[3] = { p->x[l], p->y[l], p->z[l] }, normal[3] = { p->ns_x[l], p->ns_y[l], p->ns_z[l] };
+        for (int c = 0; c < 3; c++) {
+            s->at[c][at] = place[c];
+            s->normal[c][at] = normal[c];
+        }
+        s->near[at] =
+            (float)gather_point(&w->gatherer, &point,
+                                rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)(block->first + i / PACKET) * PACKET + l),
+                                b->gather, w->matrix + (size_t)at * 3 * k, stride, false, w->open[at]);
+    }
+}
+
+static enum err gather_group(const struct bounce_build *b, struct bench *w, struct bounce_group *g)
+{
     const double tolerance = b->desc->tolerance > 0.0f ? (double)b->desc->tolerance : TOLERANCE;
-    double weight[TRANSPORT_ROWS], all = 0.0;
+    const double least = tolerance * tolerance / (TRANSPORT_CELLS * g->rows);
+    struct bounce_block *blocks = b->b->blocks + g->first;
+    float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
     enum err e = ERR_OK;
 
-    for (uint32_t r = 0; r < block->rows; r++) {
-        weight[r] = row_weight(b, block, r);
-        for (size_t i = 0; i < used; i++)
-            all += weight[r] * (double)w->matrix[r * stride + i] * (double)w->matrix[r * stride + i];
-    }
-    for (uint32_t r = 0; r < block->rows && !e; r++)
-        e = compress(w, w->matrix + r * stride, points, k,
-                     weight[r] > 0.0 ? tolerance * tolerance * all / (weight[r] * block->rows) : INFINITY,
-                     &block->pieces[r]);
-    return e;
-}
-
-static enum err gather_block(const struct bounce_build *b, struct bench *w, struct bounce_block *block)
-{
-    const uint32_t points = block->packets * PACKET, k = b->b->basis.count;
-    const size_t stride = (size_t)TRANSPORT_POINTS * 3 * k;
-
-    memset(w->matrix, 0, TRANSPORT_ROWS * stride * sizeof(float));
-    for (uint32_t i = 0; i < points; i++) {
-        const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i / PACKET];
-        const uint32_t l = i % PACKET;
-        w->used[i] = l < p->count;
-        if (!w->used[i])
-            continue;
-        w->points[i] = point_of(p, l, block->rows);
-        w->near[i] =
-            gather_point(&w->gatherer, &w->points[i],
-                         rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)(block->first + i / PACKET) * PACKET + l),
-                         b->gather, w->matrix + (size_t)i * 3 * k, stride, false);
-    }
+    for (uint32_t k = 0; k < g->count; k++)
+        gather_block(b, w, &blocks[k], k);
+    if (w->gatherer.ends.failed)
+        return ERR_NOMEM;
     if (!b->desc->no_smoothing)
-        smooth_block(w, points, k);
-    return w->gatherer.ends.failed ? ERR_NOMEM : compress_block(b, w, block);
+        bounce_smooth(w->smoother, g->count, 3 * b->b->basis.count, w->matrix, w->smooth);
+    bounce_compress_begin(w->workspace);
+    for (uint32_t k = 0; k < g->count; k++) {
+        const uint32_t points = blocks[k].packets * PACKET;
+        fill_scales(b, w, &blocks[k], k, scale);
+        for (uint32_t r = 0; r < g->rows; r++)
+            bounce_compress_block(w->workspace, k, r, points, row_of(b, w, k, r), scale[r], least);
+    }
+    for (uint32_t r = 0; r < g->rows && !e; r++)
+        e = bounce_compress_end(w->workspace, g, blocks, r, least);
+    return e;
 }
 
 static bool bench_init(struct bench *w, const struct bounce_build *b)
 {
-    const size_t matrix = (size_t)TRANSPORT_POINTS * 3 * b->b->basis.count;
+    const size_t matrix = (size_t)BOUNCE_GROUP_POINTS * 3 * b->b->basis.count;
 
     gatherer_init(&w->gatherer, b);
     w->matrix = mem_alloc(TRANSPORT_ROWS * matrix, sizeof(float));
     w->smooth = mem_alloc(matrix, sizeof(float));
-    return w->matrix && w->smooth;
+    w->workspace = bounce_workspace_create(b->b->basis.count);
+    w->smoother = bounce_smoother_create();
+    return w->matrix && w->smooth && w->workspace && w->smoother;
 }
 
 static void bench_finish(struct bench *w)
@@ -388,9 +335,11 @@ static void bench_finish(struct bench *w)
     mem_free(w->matrix);
     mem_free(w->smooth);
     mem_free(w->gatherer.ends.at);
+    bounce_smoother_destroy(w->smoother);
+    bounce_workspace_destroy(w->workspace);
 }
 
-/* One batch of blocks; what they take is added up behind it, so that a limit is met at the same place always. */
+/* One batch of groups; what they take is added up behind it, so that a limit is met at the same place always. */
 static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint32_t first, uint32_t until)
 {
     int failed = 0;
@@ -403,38 +352,59 @@ static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint
         for (uint32_t k = first; k < until; k++) {
             if (bounce_cancelled(b))
                 continue;
-            failed += gather_block(b, w, &b->b->blocks[k]) != ERR_OK;
-            progress_step(b->desc->progress, b->b->blocks[k].packets);
+            struct bounce_group *g = &b->b->groups[k];
+            failed += gather_group(b, w, g) != ERR_OK;
+            for (uint32_t i = g->first; i < g->first + g->count; i++)
+                progress_step(b->desc->progress, b->b->blocks[i].packets);
         }
         denormals_restore(before);
     }
     return failed ? ERR_NOMEM : ERR_OK;
 }
 
-static void count_blocks(struct bounce *b, uint32_t first, uint32_t until)
+static void count_group(struct bounce *b, const struct bounce_group *g)
 {
-    for (uint32_t k = first; k < until; k++)
-        for (uint32_t r = 0; r < b->blocks[k].rows; r++) {
-            const struct bounce_piece *q = &b->blocks[k].pieces[r];
-            b->stats.bytes += (uint64_t)q->rank * (3 * q->basis + b->blocks[k].packets * PACKET) * sizeof(*q->halves);
-            b->stats.rank += q->rank;
-            b->pieces++;
-        }
+    const struct bounce_block *blocks = b->blocks + g->first;
+
+    for (uint32_t r = 0; r < g->rows; r++) {
+        b->stats.bytes += g->pieces[r].bytes ? bounce_piece_bytes(g, blocks, r) : 0;
+        for (uint32_t k = 0; k < g->count; k++)
+            b->stats.rank += blocks[k].rank[r];
+        b->stats.pieces += g->count;
+        b->stats.shared += (double)g->pieces[r].rank * g->count;
+    }
+}
+
+/* The coefficients of an even sky of 1. */
+static enum err make_even(struct bounce_build *b)
+{
+    const struct bounce_basis *basis = &b->b->basis;
+
+    b->even = mem_alloc(basis->count, sizeof(*b->even));
+    for (uint32_t k = 0; b->even && k < basis->count; k++)
+        for (uint32_t i = 0; i < TRANSPORT_CELLS; i++)
+            b->even[k] += basis->rows[(size_t)k * TRANSPORT_CELLS + i];
+    return b->even ? ERR_OK : ERR_NOMEM;
 }
 
 enum err bounce_gather_blocks(struct bounce_build *b)
 {
     const uint64_t most = b->desc->max_bytes ? b->desc->max_bytes : MAX_BYTES;
-    const uint32_t threads = (uint32_t)omp_get_max_threads(), count = b->b->block_count;
+    const uint32_t threads = (uint32_t)omp_get_max_threads();
     struct bench *benches = mem_alloc(threads, sizeof(*benches));
-    enum err e = benches ? ERR_OK : ERR_NOMEM;
+    enum err e = benches ? bounce_group(b->b, b->desc) : ERR_NOMEM;
+
+    if (!e)
+        e = make_even(b);
+    const uint32_t count = b->b->group_count;
 
     for (uint32_t i = 0; i < threads && !e; i++)
         e = bench_init(&benches[i], b) ? ERR_OK : ERR_NOMEM;
     for (uint32_t first = 0; first < count && !e && !bounce_cancelled(b); first += BATCH) {
         const uint32_t until = first + BATCH < count ? first + BATCH : count;
         e = gather_batch(b, benches, first, until);
-        count_blocks(b->b, first, until);
+        for (uint32_t k = first; k < until; k++)
+            count_group(b->b, &b->b->groups[k]);
         if (!e && b->b->stats.bytes > most)
             e = ERR_RANGE;
     }
@@ -443,5 +413,7 @@ enum err bounce_gather_blocks(struct bounce_build *b)
         bench_finish(&benches[i]);
     }
     mem_free(benches);
+    b->b->stats.rank /= fmax(b->b->stats.pieces, 1.0);
+    b->b->stats.shared /= fmax(b->b->stats.pieces, 1.0);
     return e;
 }

@@ -1,6 +1,10 @@
 /* The loops of the cache of interreflection (bounce_parts.h): compiled once per CPU level, see CMakeLists.txt. */
 #include "bounce_parts.h"
-#include "half_lanes.h"
+#include "lanes.h"
+
+#ifdef __AVX2__
+#include <immintrin.h>
+#endif
 
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
@@ -18,45 +22,80 @@ static void add(float *to, const float *from, const float weight[3], uint32_t ba
 /* Sixteen partial sums, in one order at all levels. */
 static inline float sum_lanes(const struct lanes *x)
 {
-    float a[8], b[4];
+    struct {
+        float v __attribute__((vector_size(16)));
+    } a[4];
 
-    for (int l = 0; l < 8; l++)
-        a[l] = x->v[l] + x->v[l + 8];
-    for (int l = 0; l < 4; l++)
-        b[l] = a[l] + a[l + 4];
-    return (b[0] + b[2]) + (b[1] + b[3]);
+    memcpy(a, x->v, sizeof(a));
+    a[0].v = (a[0].v + a[2].v) + (a[1].v + a[3].v);
+    return (a[0].v[0] + a[0].v[2]) + (a[0].v[1] + a[0].v[3]);
 }
 
-/* A row of V times the sky, by colours. */
-static inline void project(const struct bounce_piece *q, const uint16_t *v, const float *y, uint32_t basis, float z[3])
+/* Sixteen bytes. */
+static inline void widen_bytes(const int8_t *in, struct lanes *out)
+{
+#if defined(__AVX512F__)
+    const __m128i x = _mm_loadu_si128((const __m128i *)(const void *)in);
+    _mm512_store_ps(out->v, _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(x)));
+#elif defined(__AVX2__)
+    const __m128i x = _mm_loadu_si128((const __m128i *)(const void *)in);
+    _mm256_store_ps(out->v, _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(x)));
+    _mm256_store_ps(out->v + 8, _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_srli_si128(x, 8))));
+#else
+    LANES(l) out->v[l] = (float)in[l];
+#endif
+}
+
+static void project(const struct bounce_piece *q, const float *y, uint32_t basis, float *z)
+{
+    const uint32_t columns = bounce_columns(q->rank);
+    const int8_t *v = q->bytes;
+
+    memset(z, 0, 3 * columns * sizeof(*z));
+    for (uint32_t r = 0; r < q->rank; r++)
+        for (uint32_t c = 0; c < 3; c++, v += q->basis) {
+            struct lanes sum = { { 0.0f } }, x;
+            for (uint32_t k = 0; k < q->basis; k += PACKET) {
+                const float *sky = y + c * basis + k;
+                widen_bytes(v + k, &x);
+                LANES(l) sum.v[l] += x.v[l] * sky[l];
+            }
+            z[c * columns + r] = sum_lanes(&sum);
+        }
+}
+
+/* A row of W times z, by colours, and times the gain. */
+static inline void weigh(const int8_t *w, const float *z, uint32_t columns, float gain, float out[3])
 {
     struct lanes sum[3] = { { { 0.0f } } }, x;
 
-    for (uint32_t c = 0; c < 3; c++, v += q->basis, y += basis)
-        for (uint32_t k = 0; k < q->basis; k += PACKET) {
-            const float *sky = y + k;
-            widen_lanes(v + k, &x);
-            LANES(l) sum[c].v[l] += x.v[l] * sky[l];
+    for (uint32_t i = 0; i < columns; i += PACKET) {
+        widen_bytes(w + i, &x);
+        for (uint32_t c = 0; c < 3; c++) {
+            const float *from = z + c * columns + i;
+            LANES(l) sum[c].v[l] += x.v[l] * from[l];
         }
-    for (uint32_t c = 0; c < 3; c++)
-        z[c] = q->scale * sum_lanes(&sum[c]);
+    }
+    for (int c = 0; c < 3; c++)
+        out[c] = gain * sum_lanes(&sum[c]);
 }
 
-static void expand(const struct bounce_piece *q, const float *y, uint32_t basis, uint32_t points,
+static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t columns, uint32_t points,
                    float out[3][TRANSPORT_POINTS])
 {
-    const uint16_t *v = q->halves, *u = v + (size_t)q->rank * 3 * q->basis;
+    const int8_t *w = bytes + rank * sizeof(float), *u = w + (size_t)rank * columns;
 
     memset(out, 0, 3 * TRANSPORT_POINTS * sizeof(float));
-    for (uint32_t k = 0; q->halves && k < q->rank; k++, u += points, v += 3 * q->basis) {
-        float z[3];
-        project(q, v, y, basis, z);
+    for (uint32_t k = 0; k < rank; k++, u += points, w += columns) {
+        float gain, y[3];
+        struct lanes x;
+        memcpy(&gain, bytes + k * sizeof(gain), sizeof(gain));
+        weigh(w, z, columns, gain, y);
         for (uint32_t p = 0; p < points; p += PACKET) {
-            struct lanes x;
-            widen_lanes(u + p, &x);
+            widen_bytes(u + p, &x);
             for (int c = 0; c < 3; c++) {
                 float *to = out[c] + p;
-                LANES(l) to[l] += x.v[l] * z[c];
+                LANES(l) to[l] += x.v[l] * y[c];
             }
         }
     }
@@ -67,15 +106,19 @@ static void paint(const struct shade_packet *p, uint32_t row, float x[3][TRANSPO
     const bool below = row == 0 && p->kind == LOBE_GGX; /* a matte part below a glossy one, transport_parts.h */
 
     for (int c = 0; c < 3; c++, lo += PACKET) {
-        const float *f0 = p->specular[c], *colour = row == 0 ? p->diffuse[c] : f0, *from = x[c] + first;
-        LANES(l)
-        {
-            const float light = from[l] > 0.0f ? from[l] : 0.0f, through = 1.0f - f0[l];
-            const float one = row == 2 ? 1.0f : colour[l];
-            lo[l] += light * (below ? through * through * one : one);
+        const float *f0 = p->specular[c], *diffuse = p->diffuse[c], *from = x[c] + first;
+        struct lanes light;
+        LANES(l) light.v[l] = from[l] > 0.0f ? from[l] : 0.0f;
+        if (below) {
+            LANES(l) light.v[l] *= (1.0f - f0[l]) * (1.0f - f0[l]) * diffuse[l];
+        } else if (row == 0) { /* the specular colour is not read: it stands far off */
+            LANES(l) light.v[l] *= diffuse[l];
+        } else if (row == 1) {
+            LANES(l) light.v[l] *= f0[l];
         }
+        LANES(l) lo[l] += light.v[l];
     }
 }
 
 extern const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL);
-const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { add, expand, paint };
+const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { add, project, expand, paint };

@@ -102,24 +102,57 @@ uint32_t bounce_cell(struct vec3 w, double x);
 
 /* ---- Blocks ---- */
 
-/* T = U V, V [rank][3][basis], U [rank][points] behind it, both half floats. */
+#define BOUNCE_GROUP 16u /* blocks that have their V in common */
+
+/* A row of a group's blocks: T = U W V, in bytes of -127 to 127. V [rank][3][basis] comes first, then for each block a
+ * gain for each of its ranks, by which their products are multiplied (floats, not aligned), W [its
+ * rank][bounce_columns(rank)] and U [its rank][points]. */
 struct bounce_piece {
-    uint16_t *halves; /* NULL: all is zero */
+    int8_t *bytes; /* NULL: all is zero */
     uint32_t rank;
     uint32_t basis; /* coefficients that count, a multiple of 16 */
-    float scale;    /* V is kept divided by it */
 };
 
 struct bounce_block {
     uint32_t first, packets, rows;
+    uint8_t rank[TRANSPORT_ROWS];
+};
+
+struct bounce_group {
+    uint32_t first, count; /* blocks */
+    uint32_t rows;
     struct bounce_piece pieces[TRANSPORT_ROWS];
 };
+
+/* Columns of W: the rest of the last sixteen are 0. */
+static inline uint32_t bounce_columns(uint32_t rank)
+{
+    return (rank + PACKET - 1) / PACKET * PACKET;
+}
+
+static inline size_t bounce_block_bytes(uint32_t rank, uint32_t columns, uint32_t points)
+{
+    return rank * (sizeof(float) + columns + points);
+}
+
+/* Of a row's piece. blocks: the group's. */
+static inline size_t bounce_piece_bytes(const struct bounce_group *g, const struct bounce_block *blocks, uint32_t row)
+{
+    const struct bounce_piece *q = &g->pieces[row];
+    size_t count = (size_t)q->rank * 3 * q->basis;
+
+    for (uint32_t k = 0; k < g->count; k++)
+        count += bounce_block_bytes(blocks[k].rank[row], bounce_columns(q->rank), blocks[k].packets * PACKET);
+    return count;
+}
 
 struct bounce_kernels {
     /* to[c][k] += weight[c] * from[c][k]; k < basis, a multiple of 16. */
     void (*add)(float *to, const float *from, const float weight[3], uint32_t basis);
-    /* out[c][point] = sum over the basis of T y; y [3][basis]. points: a multiple of 16. */
-    void (*expand)(const struct bounce_piece *q, const float *y, uint32_t basis, uint32_t points,
+    /* z[c][rank] = V y; y [3][basis]; z is 0 behind that, up to bounce_columns(rank). */
+    void (*project)(const struct bounce_piece *q, const float *y, uint32_t basis, float *z);
+    /* out[c][point] = U gain W z of a block, whose gains are the first of `bytes`; points: a multiple of 16. */
+    void (*expand)(const int8_t *bytes, uint32_t rank, const float *z, uint32_t columns, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
     /* lo[c][lane] += colour of the row * x[c][first + lane], where that is above 0: what is left out by the
      * compression may leave less than nothing, which radiance cannot be. Lanes that are not in use have x = 0. */
@@ -131,7 +164,9 @@ struct bounce {
     const struct bounce_kernels *kernels;
     struct bounce_basis basis;
     struct bounce_block *blocks;
-    uint32_t block_count, pieces;
+    uint32_t block_count;
+    struct bounce_group *groups;
+    uint32_t group_count;
     uint32_t *left_index;
     struct packet_list left;
     struct bounce_stats stats;
@@ -146,6 +181,7 @@ struct bounce_build {
     struct transport_directions directions;
     uint16_t *light; /* [records + 1][TRANSPORT_CELLS], half floats: what arrives at a record from a cell at once */
     float *sources;  /* [records + TRANSPORT_CELLS][3][K] */
+    float *even;     /* [K]: coefficients of a sky of 1 */
     double (*numbers[2])[2]; /* of a gather: by the matte part, by the lobe */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
     uint32_t gather, most; /* rays of a point; records */
@@ -164,5 +200,8 @@ MUST_CHECK enum err bounce_light_records(struct bounce_build *b); /* light */
 MUST_CHECK enum err bounce_make_basis(struct bounce_build *b);
 MUST_CHECK enum err bounce_solve(struct bounce_build *b); /* sources */
 MUST_CHECK enum err bounce_gather_blocks(struct bounce_build *b);
+
+/* Orders the blocks by groups. ERR_NOMEM. */
+MUST_CHECK enum err bounce_group(struct bounce *b, const struct bounce_desc *d);
 
 #endif

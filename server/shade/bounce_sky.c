@@ -2,6 +2,7 @@
  * across the faces' edges too. Their weights add up to 1 everywhere. Where three faces meet there is no fourth cell:
  * its share is dealt to the three. */
 #include "bounce_parts.h"
+#include "pyramid.h"
 
 #include <math.h>
 #include <string.h>
@@ -9,6 +10,7 @@
 #define EDGE TRANSPORT_EDGE
 #define WIDE (EDGE + 2) /* a face with a border of its neighbours' cells */
 #define FINE 64u        /* texels along an edge, at least; larger ones are divided */
+#define FINEST 128u     /* and at most: eight to a tent's slope */
 #define PARTS 4u        /* of a face, summed apart */
 
 struct wide_face {
@@ -60,7 +62,7 @@ static int cell_before(double u, float *on)
 
 /* Texels of one row that have one cell before them, from column `first` on: into that and the one behind. Returns the
  * column where the next begins. */
-static uint32_t take_run(const struct texel *row, const double *solid_angle, uint32_t n, uint32_t fine, uint32_t first,
+static uint32_t take_run(const float (*row)[4], const float *solid_angle, uint32_t n, uint32_t fine, uint32_t first,
                          float (*out)[4])
 {
     const uint32_t columns = n * fine;
@@ -73,8 +75,8 @@ static uint32_t take_run(const struct texel *row, const double *solid_angle, uin
     uint32_t j = first, at = first / fine, part = first % fine;
 
     for (; j < columns && on < 1.0f; j++, on += step) {
-        const float omega = (float)solid_angle[at], omega_behind = on * omega;
-        memcpy(&x, &row[at], sizeof(x));
+        const float omega = solid_angle[at], omega_behind = on * omega;
+        memcpy(&x, row[at], sizeof(x));
         whole.v += omega * x.v;
         behind.v += omega_behind * x.v;
         area += omega;
@@ -92,7 +94,7 @@ static uint32_t take_run(const struct texel *row, const double *solid_angle, uin
     return j;
 }
 
-static void take_row(const struct texel *row, const double *solid_angle, uint32_t n, uint32_t fine, float out[WIDE][4])
+static void take_row(const float (*row)[4], const float *solid_angle, uint32_t n, uint32_t fine, float out[WIDE][4])
 {
     memset(out, 0, WIDE * sizeof(*out));
     for (uint32_t j = 0; j < n * fine;)
@@ -100,16 +102,17 @@ static void take_row(const struct texel *row, const double *solid_angle, uint32_
 }
 
 /* A part of a face's rows. */
-static void take_part(const struct environment *e, uint32_t face, uint32_t part, struct wide_face *out)
+static void take_part(const struct pyramid_level *sky, uint32_t face, uint32_t part, struct wide_face *out)
 {
-    const uint32_t n = e->n, fine = (FINE + n - 1) / n, rows = n * fine;
+    const float(*texels)[4] = (const float(*)[4])sky->texels;
+    const uint32_t n = sky->n, fine = (FINE + n - 1) / n, rows = n * fine;
     float one[WIDE][4];
 
     memset(out, 0, sizeof(*out));
     for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
         float on;
         const int i = cell_before(-1.0 + 2.0 * (y + 0.5) / rows, &on) + 1;
-        take_row(e->texels + ((size_t)face * n + y / fine) * n, e->solid_angle + (size_t)(y / fine) * n, n, fine, one);
+        take_row(texels + ((size_t)face * n + y / fine) * n, sky->solid_angle + (size_t)(y / fine) * n, n, fine, one);
         for (uint32_t j = 0; j < WIDE; j++)
             for (int c = 0; c < 4; c++) {
                 out->at[i][j][c] += (1.0f - on) * one[j][c];
@@ -121,12 +124,15 @@ static void take_part(const struct environment *e, uint32_t face, uint32_t part,
 void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS])
 {
     struct wide_face parts[CUBE_FACES * PARTS];
+    const struct pyramid_level *sky = e->pyramid->level;
     float omega[TRANSPORT_CELLS] = { 0.0f };
 
+    while (sky->n > FINEST)
+        sky++;
     memset(out, 0, 3 * sizeof(*out));
 #pragma omp parallel for schedule(static)
     for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
-        take_part(e, k / PARTS, k % PARTS, &parts[k]);
+        take_part(sky, k / PARTS, k % PARTS, &parts[k]);
     for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
         for (int i = -1; i <= EDGE; i++)
             for (int j = -1; j <= EDGE; j++) {
