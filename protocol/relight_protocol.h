@@ -51,12 +51,13 @@ enum {
     PROTOCOL_PICTURE_LOCKSTEP = 4, /* flags: the one picture that a lockstep frame yields */
     PROTOCOL_PICTURE_HALF = 8,     /* flags: both sides halved, for viewers that take no larger one */
     PROTOCOL_PICTURE_QUARTER = 16, /* flags: both sides quartered */
+    PROTOCOL_PICTURE_FINER = 32,   /* flags: of the frame shown before, and better: its age is no latency */
 };
 
 /* The header of a picture. Times of day are microseconds since 1970-01-01 UTC on the server's clock. */
 struct protocol_picture {
     enum protocol_format format;
-    uint8_t flags;          /* of PROTOCOL_PICTURE_LAST, _REPEAT, _LOCKSTEP; unknown bits are kept */
+    uint8_t flags;          /* of PROTOCOL_PICTURE_LAST and the others; unknown bits are kept */
     uint64_t sequence;      /* 1, 2, ... within one session of the server; gaps are pictures skipped */
     uint64_t frame;         /* number of the environment frame that lit it, as its producer counts */
     int64_t capture_us;     /* when that frame was captured, on the producer's clock; 0: unknown */

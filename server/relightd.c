@@ -1,14 +1,13 @@
 /* server/relightd.c */
 /* The server, from top to bottom: a sky comes in, pictures go out. Four threads, each handing on to the next:
  *     ingest   source or producer -> decode -> cube map and tables
- *     shade    (main) direct light at the shade points -> linear picture
+ *     shade    (main) direct light at the shade points -> linear picture; when nothing comes, a better one
  *     encode   exposure -> tone curve -> JPEG, or EXR for those who need the numbers
  *     network  belongs to stream/server.h
  * Between two of them stands a handoff of three slots: the newest wins, nobody waits for a copy. */
 #include "relightd.h"
 
 #include "clock.h"
-#include "exr_write.h"
 #include "log.h"
 #include "mem.h"
 #include "resample_table.h"
@@ -25,11 +24,14 @@
 
 /* Set by the signal handler, which can reach nothing else; shading looks at it from packet to packet. */
 static atomic_bool stop_asked;
+/* Something else is to be done than to make a picture better that stands still (relightd_still.c). */
+static atomic_bool stirred;
 
 static void ask_to_stop(int signal_number)
 {
     (void)signal_number;
     atomic_store(&stop_asked, true); /* lock-free, so a handler may */
+    atomic_store(&stirred, true);
 }
 
 static bool stopping(struct daemon *d)
@@ -63,8 +65,11 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
                                            .importance = d->importance };
     const double start = clock_seconds();
 
+    atomic_store(&d->reading, true); /* all processors for what is new */
+    atomic_store(d->stirred, true);
     environment_set(in->environment, &desc);
     const enum err e = environment_update(in->environment, f, why);
+    atomic_store(&d->reading, false);
     if (e)
         return e;
     environment_warn_clipped(in->environment, &d->warned_clipped);
@@ -73,6 +78,7 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     in->ready_ms = clock_ms();
     const struct image_faults faults = in->environment->image.faults; /* the slot is the reader's once published */
     const int dropped = handoff_publish(&d->frames, slot);
+    atomic_store(d->stirred, true);
     if (dropped != HANDOFF_NONE)
         server_frame_fate(d->server, &d->ingested[dropped].ticket, SERVER_SUPERSEDED, NULL);
     daemon_tell_received(d, &faults, dropped != HANDOFF_NONE);
@@ -226,131 +232,6 @@ static void *ingest_main(void *arg)
     return NULL;
 }
 
-/* ---- Encode ---- */
-
-static void publish(struct daemon *d, struct shaded *in, enum protocol_format format, const uint8_t *bytes, size_t size)
-{
-    in->header.format = format;
-    struct picture *p = picture_create(&in->header, bytes, size);
-
-    if (p)
-        server_publish_for(d->server, p, &in->ticket);
-    else
-        log_error("no memory for a picture of %zu bytes", size);
-}
-
-/* Whoever sent the frame must not wait for a picture that will not come; after server_publish_for this says nothing. */
-static void close_ticket(struct daemon *d, const struct shaded *in)
-{
-    server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, "its picture could not be encoded");
-}
-
-static void encode_jpeg(struct daemon *d, struct shaded *in, int quality)
-{
-    const uint32_t width = in->header.width, height = in->header.height;
-    const double start = clock_seconds();
-    const struct tone_desc tone = { in->header.gain, daemon_settings(d).tone, d->kernels->level };
-    const uint8_t *bytes;
-    size_t size;
-
-    tone_map(in->rgb, width, height, &tone, d->display);
-    if (jpeg_encode(d->jpeg, d->display, width, height, quality, &bytes, &size)) {
-        log_error("a picture of %ux%u could not be encoded", width, height);
-        return;
-    }
-    const double ms = 1e3 * (clock_seconds() - start);
-    in->header.encoded_us = (uint32_t)(1e3 * ms);
-    publish(d, in, PROTOCOL_JPEG, bytes, size);
-    daemon_tell_encoded(d, ms);
-}
-
-/* The picture at half or a quarter of its sides: means of 2 x 2 or 4 x 4 pixels of light, before exposure and tone. A
- * border that does not fill a block is left out. */
-static void encode_small(struct daemon *d, struct shaded *in, unsigned scale, uint8_t flag, int quality)
-{
-    const uint32_t width = in->header.width, block = 1u << scale;
-    struct shaded small = { d->small, in->header, in->ticket };
-
-    small.header.width = in->header.width >> scale;
-    small.header.height = in->header.height >> scale;
-    small.header.flags |= flag;
-    if (small.header.width == 0 || small.header.height == 0)
-        return;
-    for (uint32_t y = 0; y < small.header.height; y++)
-        for (uint32_t x = 0; x < 3 * small.header.width; x++) {
-            float sum = 0.0f;
-            for (uint32_t j = 0; j < block; j++)
-                for (uint32_t i = 0; i < block; i++)
-                    sum += in->rgb[3 * ((size_t)(block * y + j) * width + block * (x / 3) + i) + x % 3];
-            small.rgb[3 * (size_t)small.header.width * y + x] = sum / (float)(block * block);
-        }
-    encode_jpeg(d, &small, quality);
-}
-
-static void encode_exr(struct daemon *d, struct shaded *in, enum protocol_format format)
-{
-    const struct exr_desc desc = {
-        in->rgb, in->header.width, in->header.height, format == PROTOCOL_EXR_HALF ? EXR_HALF : EXR_FLOAT, NULL, 0
-    };
-    const double start = clock_seconds();
-    struct reason why;
-    uint8_t *bytes;
-    size_t size;
-
-    if (exr_encode(&desc, &bytes, &size, &why)) {
-        log_error("frame %llu: %s", (unsigned long long)in->header.frame, why.text);
-        return;
-    }
-    in->header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
-    publish(d, in, format, bytes, size);
-    mem_free(bytes);
-}
-
-/* Each format that somebody watches, once however many they are; JPEG always, for whoever comes next. A lockstep
- * sequence's own format goes last: its recorder's word that it is stored lets the next frame in. */
-static void encode_picture(struct daemon *d, struct shaded *in)
-{
-    struct server_demand demand;
-    const uint64_t frame = in->header.frame, passed = frame > d->exposed ? frame - d->exposed : 1;
-
-    server_demand(d->server, &demand);
-    const enum protocol_format wanted = demand.recorder_format ? demand.recorder_format : PROTOCOL_EXR_FLOAT;
-    const enum protocol_format last = in->ticket.lockstep ? wanted : PROTOCOL_JPEG;
-    in->header.gain = (float)exposure_step(&d->exposure, in->rgb, in->header.width, in->header.height, passed);
-    d->exposed = frame;
-    for (int format = PROTOCOL_JPEG; format <= PROTOCOL_EXR_FLOAT + 1; format++) {
-        const bool at_end = format > PROTOCOL_EXR_FLOAT;
-        const enum protocol_format now = at_end ? last : (enum protocol_format)format;
-        if (!at_end && (now == last || !(demand.formats >> now & 1 || now == PROTOCOL_JPEG)))
-            continue;
-        if (now == PROTOCOL_JPEG)
-            encode_jpeg(d, in, demand.jpeg_quality ? demand.jpeg_quality : d->quality);
-        else
-            encode_exr(d, in, now);
-    }
-    close_ticket(d, in);
-    const int quality = demand.jpeg_quality ? demand.jpeg_quality : d->quality;
-    if (demand.halves)
-        encode_small(d, in, 1, PROTOCOL_PICTURE_HALF, quality);
-    if (demand.quarters)
-        encode_small(d, in, 2, PROTOCOL_PICTURE_QUARTER, quality);
-}
-
-static void *encode_main(void *arg)
-{
-    struct daemon *d = arg;
-
-    omp_set_num_threads(1);
-    while (!handoff_is_closed(&d->pictures)) {
-        const int slot = handoff_take(&d->pictures, 200);
-        if (slot == HANDOFF_NONE)
-            continue;
-        encode_picture(d, &d->shaded[slot]);
-        handoff_release(&d->pictures, slot);
-    }
-    return NULL;
-}
-
 /* ---- Shade ---- */
 
 /* A lockstep sequence is to come out the same whenever it is made: its counts are those that were said. */
@@ -419,6 +300,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
     const double shaded_s = clock_seconds();
     daemon_tell_shaded(d, &header, &stats, piloted ? &pilot : NULL, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    daemon_still_open(d, &(struct still_frame){ in, out, desc, header, shaded_s, shaded_s - *last_s });
     *last_s = shaded_s;
     return ERR_OK;
 }
@@ -438,22 +320,32 @@ static double pace_s(const struct daemon *d)
 static enum err shade_all(struct daemon *d, struct reason *why)
 {
     double begun_s = 0.0, last_s = 0.0;
+    int held = HANDOFF_NONE; /* the frame that is shown, until the next one is taken */
     enum err e = ERR_OK;
 
     while (!e && !stop_asked) {
+        atomic_store(&stirred, false); /* what came before is seen below; what comes from here on ends a pass */
         daemon_take_control(d);
         const double due_s = begun_s + pace_s(d), now_s = clock_seconds();
         if (now_s < due_s) {
             nap_ms(2);
             continue;
         }
-        const int slot = handoff_take(&d->frames, 100);
-        if (slot == HANDOFF_NONE)
+        const bool still = daemon_still_is_due(d);
+        if (!handoff_wait_newer(&d->frames, still ? 0 : 100)) {
+            if (still && !stop_asked)
+                e = daemon_still_pass(d, why);
+            continue;
+        }
+        daemon_still_close(d);
+        if (held != HANDOFF_NONE)
+            handoff_release(&d->frames, held);
+        held = handoff_take(&d->frames, 0);
+        if (held == HANDOFF_NONE) /* closed */
             continue;
         /* On the grid of the wished rate, unless it was missed by more than a picture. */
         begun_s = now_s - due_s < pace_s(d) ? due_s : now_s;
-        e = shade_frame(d, &d->ingested[slot], &last_s, why);
-        handoff_release(&d->frames, slot);
+        e = shade_frame(d, &d->ingested[held], &last_s, why);
     }
     return e;
 }
@@ -521,7 +413,7 @@ static enum err set_up(struct daemon *d, struct reason *why)
 static enum err run(struct daemon *d, struct reason *why)
 {
     d->ingesting = pthread_create(&d->ingest_thread, NULL, ingest_main, d) == 0;
-    d->encoding = pthread_create(&d->encode_thread, NULL, encode_main, d) == 0;
+    d->encoding = pthread_create(&d->encode_thread, NULL, daemon_encode_main, d) == 0;
     if (!d->ingesting || !d->encoding)
         return err_say(why, ERR_NOMEM, "a thread could not be started");
     log_info("listening on %s", server_url(d->server));
@@ -547,6 +439,7 @@ static void tear_down(struct daemon *d)
     jpeg_encoder_destroy(d->jpeg);
     relighter_destroy(d->relighter);
     pilot_destroy(d->pilot);
+    still_destroy(d->still);
     set_destroy(d->set);
     source_close(d->source);
     handoff_finish(&d->frames);
@@ -571,6 +464,7 @@ int main(int argc, char **argv)
     sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
     sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
     sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
+    d.stirred = d.server_desc.stirred = &stirred;
     enum err e = daemon_read_options(&d, argc, argv, &done, &why);
     if (!e && done)
         return 0;

@@ -1,6 +1,7 @@
 /* server/relightd.h */
-/* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_options.c reads the
- * command line, relightd_settings.c holds what a controller may change, relightd_status.c is what viewers are told. */
+/* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_encode.c is one of
+ * these, relightd_still.c makes a picture better while no frame comes, relightd_options.c reads the command line,
+ * relightd_settings.c holds what a controller may change, relightd_status.c is what viewers are told. */
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
@@ -13,6 +14,7 @@
 #include "server.h"
 #include "sky.h"
 #include "source.h"
+#include "still.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -43,15 +45,25 @@ struct shaded {
     struct server_ticket ticket;
 };
 
+/* What the last picture was made of. */
+struct still_frame {
+    const struct ingested *in; /* the shade thread's until the next frame is taken */
+    struct shaded *first;      /* the picture: nobody writes to it until the next one is begun */
+    struct relight_desc light;
+    struct protocol_picture header;
+    double shown_s, interval_s; /* when it was made, and how long after the one before it */
+};
+
 struct daemon {
     /* Said on the command line, then only read. */
     struct settings said;      /* a lockstep sequence is made with these, whatever a controller changes */
     struct relight_desc light; /* but for method and samples, which are settings */
     enum importance importance;
     bool reseed;
-    double fps;   /* pictures per second at most; also the pilot's wish, */
-    double error; /* or this, where it is > 0: relMSE */
-    double rate;  /* 0: each frame waits until the one before it is shaded */
+    double fps;                 /* pictures per second at most; also the pilot's wish, */
+    double error;               /* or this, where it is > 0: relMSE */
+    struct still_wish converge; /* error 0: a picture stays as it was shown first */
+    double rate;                /* 0: each frame waits until the one before it is shaded */
     int quality;
     struct set_desc set_desc;
     struct source_desc source_desc;
@@ -68,9 +80,18 @@ struct daemon {
     struct relighter *relighter; /* shade thread */
     uint64_t turn;               /* shade thread: pictures that were made in no lockstep */
     struct pilot *pilot;         /* shade thread; NULL until it is wanted */
-    struct jpeg_encoder *jpeg;   /* encode thread, and what follows */
+    struct still *still;         /* shade thread, and what follows; NULL until it is wanted */
+    struct still_frame still_frame;
+    bool still_open, still_begun;
+    double still_s, still_told_s; /* seconds that its passes took; when its last picture was published, */
+    uint64_t still_told;          /* of how many passes; 0: none was */
+    double still_logged_s;        /* 0: never */
+    atomic_bool *stirred;         /* set by whoever has something new: ends the pass that is under way */
+    atomic_bool reading;          /* a frame is being read */
+    struct jpeg_encoder *jpeg;    /* encode thread, and what follows */
     struct exposure exposure;
     uint64_t exposed; /* the frame to which exposure has adapted */
+    float gain;
     uint8_t *display;
     float *small; /* a picture of half the sides or less */
 
@@ -91,6 +112,23 @@ struct daemon {
     char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
     char paths[320], left_out[1024];                                                 /* {status_lock} */
 };
+
+/* ---- relightd_encode.c ---- */
+
+/* The encode thread; arg is the daemon. */
+void *daemon_encode_main(void *arg);
+
+/* ---- relightd_still.c: shade thread ---- */
+
+/* A picture was handed on; what becomes of it while no newer frame comes. */
+void daemon_still_open(struct daemon *d, const struct still_frame *frame);
+void daemon_still_close(struct daemon *d);
+
+/* Whether there is a pass to be run now: nothing else is to be done, somebody looks, and it is not good enough yet. */
+bool daemon_still_is_due(struct daemon *d);
+
+/* One pass, and at times a picture. Ended early by d->stirred, and then as if it had not been begun. */
+MUST_CHECK enum err daemon_still_pass(struct daemon *d, struct reason *why);
 
 /* ---- relightd_options.c ---- */
 
@@ -116,6 +154,8 @@ void daemon_tell_received(struct daemon *d, const struct image_faults *faults, b
 void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
                         const struct pilot_stats *pilot, double interval_s);
 void daemon_tell_encoded(struct daemon *d, double ms);
+/* The picture that is handed on next is one of the same frame, this much better. */
+void daemon_tell_finer(struct daemon *d, const struct still_stats *stats);
 
 /* Every frame that came was shaded, dropped or refused. */
 bool daemon_all_shown(struct daemon *d);

@@ -24,6 +24,9 @@ static struct option_row rows[] = {
     { "fps", "N", "pictures per second at most; with --method auto and no --samples each is as good as its time allows",
       "30" },
     { "error", "E", "with --method auto: no better than this (relMSE), in less time where that is enough", NULL },
+    { "converge", "E",
+      "when no new frame comes, the picture goes on to the unbiased one until its relMSE is E; off: it stays", "3e-5" },
+    { "converge-passes", "N", "or until so many passes of --samples samples have been made of it", "4096" },
     { "reseed", NULL, "other random numbers in each frame, so that the noise moves", NULL },
     { "edge-rays", "K", "K x K camera rays where geometry has edges, 1 to 16", "4" },
     { "cache-wait", NULL, "of --method cached: the first picture waits until all is computed", NULL },
@@ -71,6 +74,18 @@ static enum err read_source(const struct options *o, struct daemon *d, struct re
     return e;
 }
 
+/* Whoever has asked for no better pictures than --error gets none. */
+static enum err read_converge(const struct options *o, struct daemon *d, struct reason *why)
+{
+    enum err e = options_u64(o, "converge-passes", 2, 1u << 20, &d->converge.passes, why);
+
+    if (!e && strcmp(options_get(o, "converge"), "off") != 0)
+        e = options_double(o, "converge", 1e-9, 10.0, &d->converge.error, why);
+    if (!e && d->converge.error > 0.0 && d->converge.error < d->error)
+        d->converge.error = d->error;
+    return e;
+}
+
 static enum err read_light(const struct options *o, struct daemon *d, struct reason *why)
 {
     uint64_t edge = 0, threads = 0;
@@ -90,6 +105,8 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
         e = options_double(o, "fps", 0.01, 1000.0, &d->fps, why);
     if (!e && options_get(o, "error"))
         e = options_double(o, "error", 1e-9, 10.0, &d->error, why);
+    if (!e)
+        e = read_converge(o, d, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
     d->said.method = d->light.direct.method;

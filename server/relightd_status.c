@@ -147,6 +147,17 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     s->error = pilot ? pilot->error : 0.0;
     s->computing = stats->cache_share > 0.0 && stats->cache_share < 1.0;
     s->computed = stats->cache_share;
+    s->passes = 0;
+    s->converged = false;
+    pthread_mutex_unlock(&d->status_lock);
+}
+
+void daemon_tell_finer(struct daemon *d, const struct still_stats *stats)
+{
+    pthread_mutex_lock(&d->status_lock);
+    d->status.error = stats->error;
+    d->status.passes = stats->passes;
+    d->status.converged = stats->converged;
     pthread_mutex_unlock(&d->status_lock);
 }
 

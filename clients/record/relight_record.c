@@ -96,7 +96,7 @@ static enum err list(struct record *r, const struct protocol_picture *h, const c
     int64_t latency_us = 0;
     const bool known = measure(r, h, &latency_us);
 
-    if (known && !(h->flags & PROTOCOL_PICTURE_REPEAT))
+    if (known && !(h->flags & (PROTOCOL_PICTURE_REPEAT | PROTOCOL_PICTURE_FINER)))
         span_add(&r->latency, (double)latency_us);
     if (r->journal.fd < 0)
         return ERR_OK;

@@ -1,6 +1,6 @@
 // The page: puts states and figures into words and shapes. What comes over the wire is player.js and below.
 
-import { FLAG_REPEAT, PATH } from './protocol.js';
+import { FLAG_FINER, FLAG_REPEAT, PATH } from './protocol.js';
 import { Rate, Recent } from './figures.js';
 import { Screen } from './screen.js';
 import {
@@ -99,6 +99,12 @@ function drawn(picture, nowMs) {
   document.body.classList.add('seen');
   figures.drawn.add(performance.now());
 
+  if (!(header.flags & FLAG_FINER)) measure(picture, nowMs); // its age is that of a frame that stands still
+  if (relight.frames === 1) showState(relight.state);
+}
+
+function measure(picture, nowMs) {
+  const { header } = picture;
   const serverUs = header.queuedUs + header.decodedUs + header.shadedUs + header.encodedUs;
   for (const key of ['queued', 'decoded', 'shaded', 'encoded']) figures.stages[key].add(header[`${key}Us`] / 1000);
   if (picture.clock.known && !(header.flags & FLAG_REPEAT)) {
@@ -108,7 +114,6 @@ function drawn(picture, nowMs) {
     figures.latency.add(Math.max(0, shownUs - bornUs) / 1000);
     relight.latencyMs = figures.latency.median();
   }
-  if (relight.frames === 1) showState(relight.state);
 }
 
 function forgetFigures() {

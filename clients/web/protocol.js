@@ -16,6 +16,7 @@ export const LAYOUTS = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', '
 
 export const FLAG_LAST = 1;
 export const FLAG_REPEAT = 2;
+export const FLAG_FINER = 32; // of the frame shown before, made better since
 
 const RESULTS = {
   short: ['1', 'the message ends inside its header'],

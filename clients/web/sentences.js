@@ -83,12 +83,15 @@ export function sunSentence(light) {
 }
 
 // Which light the picture holds, how far it is from the truth, where the server says so, how much of what will make it
-// better and quicker is computed, and what is left out of it.
+// better and quicker is computed, what has been done for a sky that stands still, and what is left out of it.
 export function lightSentence(light) {
   if (!light?.paths) return '';
   const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
   const share = typeof light.computed === 'number' ? ` Light transport: ${Math.floor(100 * light.computed)} % computed.` : '';
-  return `Light: ${light.paths}.${off}${share}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
+  const still = light.passes > 0
+    ? ` Standing still: ${light.passes} ${light.passes === 1 ? 'pass' : 'passes'}, ${light.converged ? 'done' : 'getting better'}.`
+    : '';
+  return `Light: ${light.paths}.${off}${share}${still}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
 }
 
 const percent = (x) => `${(100 * x).toFixed(x < 0.0995 ? 1 : 0)} %`;

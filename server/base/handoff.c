@@ -72,6 +72,19 @@ bool handoff_wait_taken(struct handoff *h, int timeout_ms)
     return taken;
 }
 
+bool handoff_wait_newer(struct handoff *h, int timeout_ms)
+{
+    const struct timespec until = deadline(timeout_ms);
+
+    pthread_mutex_lock(&h->lock);
+    while (h->ready == HANDOFF_NONE && !h->closed)
+        if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
+            break;
+    const bool newer = h->ready != HANDOFF_NONE && !h->closed;
+    pthread_mutex_unlock(&h->lock);
+    return newer;
+}
+
 int handoff_take(struct handoff *h, int timeout_ms)
 {
     const struct timespec until = deadline(timeout_ms);

@@ -33,6 +33,10 @@ int handoff_publish(struct handoff *h, int slot);
  */
 bool handoff_wait_taken(struct handoff *h, int timeout_ms);
 
+/* Reader: waits until there is something to take, at most timeout_ms; what it has in its hands it may keep meanwhile.
+ * True when there is; false also when closed. */
+bool handoff_wait_newer(struct handoff *h, int timeout_ms);
+
 /* Reader: the newest slot, which stays the reader's until handoff_release; HANDOFF_NONE after timeout_ms or when
  * closed. */
 int handoff_take(struct handoff *h, int timeout_ms);

@@ -44,6 +44,8 @@ void control_ask(struct server *s, const struct server_control *c)
     else
         k->waiting[k->waiting_count++] = *c;
     pthread_mutex_unlock(&s->lock);
+    if (s->stirred)
+        atomic_store(s->stirred, true);
 }
 
 bool server_take_control(struct server *s, struct server_control *out)

@@ -113,6 +113,7 @@ struct server {
     char session[20]; /* random, new with every start */
     char *tokens[SERVER_ROLES];
     bool allow_remote, push, controllers; /* the last two: that role is offered */
+    atomic_bool *stirred;                 /* set when a controller asks for something; may be NULL */
     size_t max_frame_bytes;
     uint32_t frame_ms;
     uint16_t port;

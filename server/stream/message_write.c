@@ -170,7 +170,7 @@ char *message_status_shared(const struct server_status *s)
                       : json_null();
     json_t *all = json_pack(
         "{s:o s:o s:o s:I s:I s:I s:{s:s s:o} s:I s:f s:{s:f s:f s:f s:f} s:{s:I s:I s:I s:I s:o s:I} "
-        "s:{s:o s:o s:o s:o s:o s:o}}",
+        "s:{s:o s:o s:o s:o s:o s:o s:o s:o}}",
         "scene", words(s->scene), "sky", words(s->sky), "method", words(s->method), "samples", (json_int_t)s->samples,
         "width", (json_int_t)s->width, "height", (json_int_t)s->height, "source", "state", sources[s->source], "detail",
         words(s->detail), "frame", (json_int_t)s->frame, "fps", figure(s->fps), "stages_ms", "queued",
@@ -179,7 +179,8 @@ char *message_status_shared(const struct server_status *s)
         (json_int_t)s->dropped, "refused", (json_int_t)s->refused, "last_refusal", words(s->last_refusal), "repaired",
         (json_int_t)s->repaired, "light", "sun", sun, "time", words(s->sky_time), "paths", words(s->paths), "left_out",
         words(s->left_out), "error", s->error > 0.0 ? json_real(figure(s->error)) : json_null(), "computed",
-        s->computing ? json_real(figure(s->computed)) : json_null());
+        s->computing ? json_real(figure(s->computed)) : json_null(), "passes", number_or_null(s->passes > 0, s->passes),
+        "converged", s->passes > 0 ? json_boolean(s->converged) : json_null());
 
     return dump(all);
 }

@@ -94,6 +94,7 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     s->allow_remote = desc->allow_remote;
     s->max_connections = desc->max_connections ? desc->max_connections : CONNECTIONS_DEFAULT;
     s->push = desc->push;
+    s->stirred = desc->stirred;
     s->frame_ms = desc->frame_ms ? desc->frame_ms : STREAM_FRAME_MS;
     s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
     if (s->max_connections > CONNECTIONS_MAX)

@@ -9,6 +9,7 @@
 #include "frame.h"
 #include "picture.h"
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -31,6 +32,7 @@ struct server_desc {
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */
     bool push;                        /* producers are taken; else their role is not offered */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
+    atomic_bool *stirred;             /* set when a controller has asked for something; NULL: nobody is told so */
     uint32_t frame_ms;                /* within which a frame must be complete once begun; default 30 s */
 };
 
@@ -137,6 +139,8 @@ struct server_status {
     double error;         /* of the last picture: relMSE, as the server estimates it; 0: unknown */
     bool computing;       /* what stands still is being computed beside the pictures, */
     double computed;      /* and this share of it is there */
+    uint64_t passes;      /* unbiased ones in a picture that is made better while no frame comes; 0: it is not */
+    bool converged;       /* and stays as it is now */
 };
 
 /* Any thread. */

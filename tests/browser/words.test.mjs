@@ -69,6 +69,11 @@ test('the light in the picture is named with its noise and with what is left out
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0004 }), 'Light: direct light. Noise about 2.0 %.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, computed: 0.439 }),
     'Light: direct light. Light transport: 43 % computed.');
+  assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: false }),
+    'Light: direct light. Noise about 1.0 %. Standing still: 120 passes, getting better.');
+  assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: true }),
+    'Light: direct light. Noise about 1.0 %. Standing still: 120 passes, done.');
+  assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, passes: null, converged: null }), 'Light: direct light.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: 'caustics: not asked for', error: null }),
     'Light: direct light. Left out: caustics: not asked for.');
   assert.equal(lightSentence({ paths: 'direct light', error: 0.04 }), 'Light: direct light. Noise about 20 %.');

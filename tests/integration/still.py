@@ -1,0 +1,142 @@
+#!/usr/bin/python3
+"""A viewer of a sky that stands still, played by a library of other people: PROTOCOL.md 4.8.9 and flag 32 of 6."""
+
+import asyncio
+import json
+import os
+import struct
+
+import websockets
+
+from peer import BIN, PICTURE, WAIT_S, check, main, radiance
+
+FINER = 32
+
+
+class Watch:
+    """What a viewer has seen: of each picture its frame, its flags and its samples; of each status its light."""
+
+    def __init__(self, link):
+        self.link = link
+        self.pictures = []
+        self.lights = []
+
+    async def until(self, what):
+        while not what():
+            message = await asyncio.wait_for(self.link.recv(), WAIT_S)
+            if isinstance(message, bytes):
+                fields = PICTURE.unpack_from(message)
+                await self.link.send(json.dumps({"op": "ack", "sequence": fields[4]}))
+                self.pictures.append((fields[5], fields[3], fields[15]))
+                continue
+            said = json.loads(message)
+            check(said["op"] != "error", message)
+            if said["op"] == "status":
+                self.lights.append(said["light"])
+
+    def light(self):
+        return self.lights[-1] if self.lights else {}
+
+    async def silence(self, seconds):
+        """How many pictures come in so long."""
+        before = len(self.pictures)
+        try:
+            await asyncio.wait_for(self.until(lambda: False), seconds)
+        except asyncio.TimeoutError:
+            pass
+        return len(self.pictures) - before
+
+
+class Daemon:
+    def __init__(self, *arguments):
+        self.arguments = arguments
+
+    async def __aenter__(self):
+        self.process = await asyncio.create_subprocess_exec(
+            str(BIN / "relightd"), "--port", "0", "--size", "96x54", *self.arguments, stderr=asyncio.subprocess.PIPE)
+        line = ""
+        while "listening on " not in line:
+            line = (await asyncio.wait_for(self.process.stderr.readline(), WAIT_S)).decode()
+            check(line, "relightd ended")
+        self.url = line.split("listening on ")[1].strip().replace("http", "ws") + "ws"
+        return self
+
+    async def __aexit__(self, *_):
+        self.process.terminate()
+        await self.process.wait()
+
+    def cpu_s(self):
+        with open(f"/proc/{self.process.pid}/stat", encoding="ascii") as file:
+            fields = file.read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+async def watching(link):
+    await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 0}}))
+    await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": 1}))
+    return Watch(link)
+
+
+def connect(url):
+    return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None)
+
+
+async def converges(daemon, error):
+    """Until it says so; then nothing more is made or computed."""
+    async with connect(daemon.url) as link:
+        watch = await watching(link)
+        await watch.until(lambda: watch.light().get("converged"))
+        finer = [p for p in watch.pictures if p[1] & FINER]
+        check(finer and finer[-1][0] == watch.pictures[0][0], f"not of the frame that stands still: {watch.pictures}")
+        check(all(a[2] < b[2] for a, b in zip(finer, finer[1:])), f"no better than before: {finer}")
+        told = [light for light in watch.lights if light["passes"]]
+        check(all(a["passes"] <= b["passes"] for a, b in zip(told, told[1:])), f"passes are lost: {told}")
+        check(0 < watch.light()["error"] <= error, f"another error than asked for: {watch.light()}")
+        check(len(finer) < 40, f"{len(finer)} pictures")
+        before = daemon.cpu_s()
+        check(await watch.silence(2.0) == 0, "a picture came when nothing was to be made better")
+        check(daemon.cpu_s() - before < 1.0, f"{daemon.cpu_s() - before} s of processor for a picture that is there")
+        check(watch.light()["converged"], f"it is forgotten: {watch.light()}")
+
+
+async def a_picture_that_stands_still_converges(folder):
+    async with Daemon("--once", "--frames", "0-0", "--samples", "8", "--converge", "1e-3") as daemon:
+        await converges(daemon, 1e-3)
+
+
+async def a_cached_picture_converges_as_well(folder):
+    async with Daemon("--once", "--frames", "0-0", "--samples", "8", "--converge", "3e-4", "--method", "cached",
+                      "--cache-file", "off", "--cache-wait") as daemon:
+        await converges(daemon, 3e-4)
+
+
+async def one_that_is_to_stay_stays(folder):
+    async with Daemon("--once", "--frames", "0-0", "--samples", "8", "--converge", "off") as daemon:
+        async with connect(daemon.url) as link:
+            watch = await watching(link)
+            await watch.until(lambda: watch.pictures)
+            check(await watch.silence(2.0) == 0, "another picture came")
+            check(watch.light()["passes"] is None and watch.light()["converged"] is None, str(watch.light()))
+
+
+def frame(number, payload):
+    return struct.pack("<4sHBBBBHIIIQqQ", b"RLE1", 48, 2, 0, 0, 0, 0, 0, 0, len(payload), number, 0, 0) + payload
+
+
+async def a_new_frame_ends_the_passes_of_the_old(folder):
+    async with Daemon("--source", "push:", "--samples", "64") as daemon, connect(daemon.url) as link, \
+            connect(daemon.url) as producer:
+        watch = await watching(link)
+        await producer.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 0}}))
+        for number in range(1, 4):
+            await producer.send(frame(number, radiance(100 + number, size=(64, 32))))
+            await watch.until(lambda: watch.pictures and watch.pictures[-1][0] == number
+                              and watch.pictures[-1][1] & FINER)
+        frames = [p[0] for p in watch.pictures]
+        check(frames == sorted(frames), f"the old one comes after the new: {watch.pictures}")
+        firsts = [p for p in watch.pictures if not p[1] & FINER]
+        check([p[0] for p in firsts] == [1, 2, 3], f"not one first picture of each: {watch.pictures}")
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})
