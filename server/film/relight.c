@@ -237,7 +237,8 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     const uint32_t stored = classes_by(&plan, PLAN_STORED);
     enum err e = is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
     if (!e && is_cached(desc) && !r->cache.building)
-        e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, progress, ms);
+        e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, &r->cache.keep,
+                                progress, ms);
     if (!e && stored)
         e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
     return e;

@@ -29,23 +29,37 @@ bool relight_bounce_wanted(const struct set *set, const struct relight_desc *des
     return plan.indirect == PLAN_EYE;
 }
 
-static void say(const struct bounce_stats *s, double ms)
+static void say(const struct relight_bounce *b, double ms)
 {
-    log_info("interreflection: %.1f s, %.0f MB; %u records, %u coefficients, %u bounces", 1e-3 * ms,
-             1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+    const struct bounce_stats *s = bounce_stats(b->bounce);
+
+    log_info("interreflection: %s%.1f s, %.0f MB; %u records, %u coefficients, %u bounces",
+             b->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+}
+
+static enum err compute(const struct bounce_desc *desc, const struct kernels *kernels, bool progress,
+                        struct bounce **out, struct reason *why)
+{
+    struct bounce_desc d = *desc;
+    struct progress line;
+
+    progress_begin(&line, "computing interreflection", bounce_steps(desc->gbuffer), progress ? stderr : NULL);
+    d.progress = &line;
+    const enum err e = bounce_create(&d, kernels, out, why);
+    progress_end(&line);
+    return e;
 }
 
 enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
-                             const struct kernels *kernels, const struct relight_desc *desc, bool progress, double *ms)
+                             const struct kernels *kernels, const struct relight_desc *desc,
+                             const struct relight_keep *keep, bool progress, double *ms)
 {
     const uint64_t most = desc->cache_bytes ? desc->cache_bytes : MAX_BYTES;
-    struct progress line;
     struct reason why;
 
     if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc))
         return ERR_OK;
     const uint64_t taken = transport_stats(direct)->bytes;
-    progress_begin(&line, "computing interreflection", bounce_steps(set->gbuffer), progress ? stderr : NULL);
     const struct bounce_desc d = {
         .scene = set->scene,
         .rays = set->rays,
@@ -54,18 +68,21 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
         .eye = { (float)set->view.origin[0], (float)set->view.origin[1], (float)set->view.origin[2] },
         .max_bytes = most > taken ? most - taken : 1,
         .seed = rng_mix(desc->direct.seed, 0x626f756e6365u),
-        .progress = &line,
         .cancel = desc->direct.cancel,
     };
     const double start = clock_seconds();
-    const enum err e = bounce_create(&d, kernels, &b->bounce, &why);
-    progress_end(&line);
+    enum err e = relight_keep_load_bounce(keep, kernels, &d, &b->bounce, &why);
+    b->loaded = b->bounce != NULL;
+    if (!e && !b->bounce)
+        e = compute(&d, kernels, progress, &b->bounce, &why);
     *ms += 1e3 * (clock_seconds() - start);
     b->refused = e == ERR_RANGE;
     if (b->refused)
         log_warning("%s: %s; eye paths are traced for it in every frame", set->name, why.text);
     if (b->bounce)
-        say(bounce_stats(b->bounce), 1e3 * (clock_seconds() - start));
+        say(b, 1e3 * (clock_seconds() - start));
+    if (b->bounce && !b->loaded)
+        relight_keep_save(keep, direct, b->bounce, &d);
     return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
 }
 
@@ -77,6 +94,7 @@ enum err relight_bounce_shade(struct relight_bounce *b, const struct environment
 
     stats->bounce_ms = 1e3 * (clock_seconds() - start);
     stats->bounce = *bounce_stats(b->bounce);
+    stats->bounce_loaded = b->loaded;
     stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; interreflection by records "
                   "that are even within, of a sky of 1536 overlapping cells with its sun";
     return result;

@@ -5,10 +5,12 @@
 
 #include "bounce.h"
 #include "relight.h"
+#include "relight_keep.h"
 #include "transport.h"
 
 struct relight_bounce { /* zeroed at first */
     struct bounce *bounce;
+    bool loaded;  /* out of a file */
     bool refused; /* it takes more memory than it may, which is said in the log; eye paths take its part */
 };
 
@@ -17,11 +19,11 @@ void relight_bounce_finish(struct relight_bounce *b);
 /* Whether it is to take PATH_INDIRECT_LIT. */
 bool relight_bounce_wanted(const struct set *set, const struct relight_desc *desc);
 
-/* Makes it where it is wanted and not there yet, and adds to *ms what that took. direct: the cache of direct light,
- * whose packets it takes; NULL: it was cancelled, and so is this. */
+/* Loads or makes it where it is wanted and not there yet, and adds to *ms what that took. direct: the cache of direct
+ * light, whose packets it takes and beside which it is kept; NULL: it was cancelled, and so is this. */
 MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
-                                        const struct kernels *kernels, const struct relight_desc *desc, bool progress,
-                                        double *ms);
+                                        const struct kernels *kernels, const struct relight_desc *desc,
+                                        const struct relight_keep *keep, bool progress, double *ms);
 
 /* Adds it to lo. Fills stats->bounce, bounce_ms and bias. */
 MUST_CHECK enum err relight_bounce_shade(struct relight_bounce *b, const struct environment *e,

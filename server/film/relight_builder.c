@@ -69,7 +69,7 @@ static void build_bounce(struct relight_builder *b, const struct transport *dire
 {
     double ms = 0.0;
 
-    if (relight_bounce_make(&b->bounce, direct, b->set, b->kernels, &b->light, false, &ms)) {
+    if (relight_bounce_make(&b->bounce, direct, b->set, b->kernels, &b->light, &b->keep, false, &ms)) {
         log_warning("interreflection: no memory for it; eye paths are traced for it in every frame");
         b->bounce.refused = true;
     }
@@ -84,7 +84,7 @@ static void *build_main(void *arg)
         stand_back(b->threads);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
     if (t && !b->loaded)
-        relight_keep_save(&b->keep, t);
+        relight_keep_save(&b->keep, t, NULL, NULL);
     if (t)
         build_bounce(b, t);
     atomic_store(&b->done, true);

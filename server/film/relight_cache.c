@@ -4,7 +4,6 @@
 #include "log.h"
 #include "progress.h"
 #include "relight_builder.h"
-#include "relight_keep.h"
 #include "rng.h"
 
 #include <stdio.h>
@@ -131,13 +130,12 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
                              const struct relight_desc *desc, bool progress, double *ms, struct reason *why)
 {
     struct transport_desc t = transport_of(desc);
-    struct relight_keep keep;
 
     c->no_visibility = desc->direct.no_visibility;
     c->max_bytes = desc->cache_bytes;
     const double start = clock_seconds();
-    relight_keep_init(&keep, set, desc, &t);
-    enum err e = relight_keep_load(&keep, set, kernels, &t, &c->transport, why);
+    relight_keep_init(&c->keep, set, desc, &t);
+    enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
     c->loaded = c->transport != NULL;
     if (!e && !c->transport && !desc->cache_background)
         e = compute(c, set, kernels, &t, progress, why);
@@ -145,9 +143,9 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
     if (!e && c->transport) {
         tell(c, *ms);
         if (!c->loaded)
-            relight_keep_save(&keep, c->transport);
+            relight_keep_save(&c->keep, c->transport, NULL, NULL);
     }
-    const struct relight_builder_desc rest = { set, kernels, desc, &t, &keep, c->transport };
+    const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
     if (!e && desc->cache_background && (!c->transport || relight_bounce_wanted(set, desc)))
         e = begin(c, &rest, why);
     return e;

@@ -5,6 +5,7 @@
 
 #include "relight.h"
 #include "relight_bounce.h"
+#include "relight_keep.h"
 #include "transport.h"
 
 struct relight_builder;
@@ -14,6 +15,7 @@ struct relight_cache {               /* zeroed at first */
     struct relight_builder *builder; /* it was computed in the background, or is */
     bool building;                   /* it is */
     struct relight_bounce bounce;    /* of the same packets */
+    struct relight_keep keep;        /* where both are kept */
     bool no_visibility;              /* what it was made for */
     uint64_t max_bytes;
     bool loaded;  /* out of a file */

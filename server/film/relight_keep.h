@@ -3,6 +3,7 @@
 #ifndef FILM_RELIGHT_KEEP_H
 #define FILM_RELIGHT_KEEP_H
 
+#include "bounce.h"
 #include "cache_place.h"
 #include "digest.h"
 #include "relight.h"
@@ -22,7 +23,13 @@ MUST_CHECK enum err relight_keep_load(const struct relight_keep *k, const struct
                                       const struct kernels *kernels, const struct transport_desc *transport,
                                       struct transport **out, struct reason *why);
 
-/* In the first place that can be written. */
-void relight_keep_save(const struct relight_keep *k, const struct transport *t);
+/* Interreflection out of the same file, as relight_keep_load. */
+MUST_CHECK enum err relight_keep_load_bounce(const struct relight_keep *k, const struct kernels *kernels,
+                                             const struct bounce_desc *desc, struct bounce **out, struct reason *why);
+
+/* In the first place that can be written: direct light, and interreflection where there is one, of that desc; without,
+ * NULL and NULL. */
+void relight_keep_save(const struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
+                       const struct bounce_desc *desc);
 
 #endif

@@ -53,10 +53,53 @@ static enum err take_blocks(struct bounce *b, const struct transport *t)
     return ERR_OK;
 }
 
+struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *kernels)
+{
+    struct bounce *b = mem_alloc(1, sizeof(*b));
+
+    if (!b)
+        return NULL;
+    b->gbuffer = d->gbuffer;
+    b->kernels = kernels->bounce;
+    if (take_blocks(b, d->direct)) {
+        bounce_destroy(b);
+        return NULL;
+    }
+    return b;
+}
+
+void bounce_close_stats(struct bounce *b)
+{
+    struct bounce_stats *s = &b->stats;
+
+    s->basis = b->basis.count;
+    s->basis_rest = b->basis.rest;
+    s->bytes += (uint64_t)b->basis.count * TRANSPORT_CELLS * sizeof(float);
+    for (uint32_t k = 0; k < b->group_count; k++) {
+        const struct bounce_group *g = &b->groups[k];
+        for (uint32_t r = 0; r < g->rows; r++) {
+            s->bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+            for (uint32_t i = g->first; i < g->first + g->count; i++)
+                s->rank += b->blocks[i].rank[r];
+            s->pieces += g->count;
+            s->shared += (double)g->pieces[r].rank * g->count;
+        }
+    }
+    s->rank /= fmax(s->pieces, 1.0);
+    s->shared /= fmax(s->pieces, 1.0);
+}
+
+enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why)
+{
+    return err_say(why, ERR_RANGE,
+                   "the cache of interreflection takes more than what --cache-memory leaves to it, %.0f MB",
+                   ceil(1e-6 * (double)max_bytes));
+}
+
 static enum err begin(struct bounce_build *b)
 {
     const struct bounce_desc *d = b->desc;
-    enum err e = take_blocks(b->b, d->direct);
+    enum err e = ERR_OK;
 
     b->gather = d->gather ? d->gather : GATHER;
     if (b->gather > GATHER_MOST)
@@ -90,23 +133,20 @@ static enum err run_steps(struct bounce_build *b)
 enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
                        struct reason *why)
 {
-    struct bounce *t = mem_alloc(1, sizeof(*t));
+    struct bounce *t = bounce_begin(desc, kernels);
     struct bounce_build b = { .b = t, .desc = desc, .widen = kernels->transport->widen };
 
     *out = NULL;
     if (!t)
         return err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
-    t->gbuffer = desc->gbuffer;
-    t->kernels = kernels->bounce;
-    const enum err e = run_steps(&b);
+    enum err e = run_steps(&b);
     t->stats.rays = b.rays;
-    t->stats.bytes += (uint64_t)t->basis.count * TRANSPORT_CELLS * sizeof(float);
     if (e == ERR_RANGE)
-        err_say(why, e, "the cache of interreflection takes more than what --cache-memory leaves to it, %.0f MB",
-                ceil(1e-6 * (double)desc->max_bytes));
+        e = bounce_say_too_large(desc->max_bytes, why);
     else if (e)
         err_say(why, e, "no memory for the cache of interreflection");
     else if (!bounce_cancelled(&b)) {
+        bounce_close_stats(t);
         *out = t;
         t = NULL;
     }

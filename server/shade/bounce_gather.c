@@ -14,8 +14,7 @@
 #define BASIS_RECORDS 512u
 #define TOLERANCE 0.027
 #define FLOOR 0.03f /* of a block's mean light: darker points count as if they had that */
-#define MAX_BYTES ((uint64_t)1 << 30)
-#define BATCH 32u /* groups */
+#define BATCH 32u   /* groups */
 
 /* A shade point, and the parts of its BRDF as rows (transport_parts.h). */
 struct point {
@@ -206,8 +205,6 @@ enum err bounce_make_basis(struct bounce_build *b)
         e = ERR_NOMEM;
     if (!e && !bounce_cancelled(b))
         e = bounce_basis_init(&b->b->basis, m, rows);
-    b->b->stats.basis = b->b->basis.count;
-    b->b->stats.basis_rest = b->b->basis.rest;
     mem_free(m);
     return e;
 }
@@ -362,17 +359,13 @@ static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint
     return failed ? ERR_NOMEM : ERR_OK;
 }
 
-static void count_group(struct bounce *b, const struct bounce_group *g)
+static uint64_t group_bytes(const struct bounce *b, const struct bounce_group *g)
 {
-    const struct bounce_block *blocks = b->blocks + g->first;
+    uint64_t bytes = 0;
 
-    for (uint32_t r = 0; r < g->rows; r++) {
-        b->stats.bytes += g->pieces[r].bytes ? bounce_piece_bytes(g, blocks, r) : 0;
-        for (uint32_t k = 0; k < g->count; k++)
-            b->stats.rank += blocks[k].rank[r];
-        b->stats.pieces += g->count;
-        b->stats.shared += (double)g->pieces[r].rank * g->count;
-    }
+    for (uint32_t r = 0; r < g->rows; r++)
+        bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+    return bytes;
 }
 
 /* The coefficients of an even sky of 1. */
@@ -389,7 +382,8 @@ static enum err make_even(struct bounce_build *b)
 
 enum err bounce_gather_blocks(struct bounce_build *b)
 {
-    const uint64_t most = b->desc->max_bytes ? b->desc->max_bytes : MAX_BYTES;
+    const uint64_t most = b->desc->max_bytes ? b->desc->max_bytes : BOUNCE_BYTES;
+    uint64_t bytes = b->b->stats.bytes;
     const uint32_t threads = (uint32_t)omp_get_max_threads();
     struct bench *benches = mem_alloc(threads, sizeof(*benches));
     enum err e = benches ? bounce_group(b->b, b->desc) : ERR_NOMEM;
@@ -404,8 +398,8 @@ enum err bounce_gather_blocks(struct bounce_build *b)
         const uint32_t until = first + BATCH < count ? first + BATCH : count;
         e = gather_batch(b, benches, first, until);
         for (uint32_t k = first; k < until; k++)
-            count_group(b->b, &b->b->groups[k]);
-        if (!e && b->b->stats.bytes > most)
+            bytes += group_bytes(b->b, &b->b->groups[k]);
+        if (!e && bytes > most)
             e = ERR_RANGE;
     }
     for (uint32_t i = 0; benches && i < threads; i++) {
@@ -413,7 +407,5 @@ enum err bounce_gather_blocks(struct bounce_build *b)
         bench_finish(&benches[i]);
     }
     mem_free(benches);
-    b->b->stats.rank /= fmax(b->b->stats.pieces, 1.0);
-    b->b->stats.shared /= fmax(b->b->stats.pieces, 1.0);
     return e;
 }

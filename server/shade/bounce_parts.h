@@ -201,6 +201,17 @@ MUST_CHECK enum err bounce_make_basis(struct bounce_build *b);
 MUST_CHECK enum err bounce_solve(struct bounce_build *b); /* sources */
 MUST_CHECK enum err bounce_gather_blocks(struct bounce_build *b);
 
+#define BOUNCE_BYTES ((uint64_t)1 << 30) /* that it may take, unless told otherwise */
+
+/* A cache with the blocks of the direct transport, and nothing of what is in them. NULL when out of memory. */
+struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *kernels);
+
+/* Once all is there: bytes and mean ranks. */
+void bounce_close_stats(struct bounce *b);
+
+/* ERR_RANGE. */
+MUST_CHECK enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why);
+
 /* Orders the blocks by groups. ERR_NOMEM. */
 MUST_CHECK enum err bounce_group(struct bounce *b, const struct bounce_desc *d);
 

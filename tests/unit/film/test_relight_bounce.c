@@ -1,5 +1,6 @@
 /* The relighter's interreflection by a cache: who takes which light when there is one, so that none is taken twice. */
 #include "relight.h"
+#include "scene/files.h"
 #include "shade/points.h"
 
 enum { WIDTH = 64, HEIGHT = 36 };
@@ -95,8 +96,38 @@ static void what_has_no_room_is_left_to_eye_paths(void **state)
     stage_finish(&s);
 }
 
+/* What one run has made, direct light first and then both, the next one loads, and has the same bits; a run for direct
+ * light alone leaves the file as it is. */
+static void another_run_loads_what_one_has_gathered(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
+                                  .classes = PATH_DIRECT | PATH_INDIRECT };
+    struct relight_stats stats;
+    struct folder folder;
+    float *first = NULL;
+    (void)state;
+
+    folder_make(&folder);
+    light.cache_file = folder_write(&folder, "kept", "", 0);
+    for (int k = 0; k < 3; k++) {
+        struct stage s = stage_make();
+        const size_t size = (size_t)WIDTH * HEIGHT * 3 * sizeof(float);
+        light.classes = k == 1 ? PATH_DIRECT : PATH_DIRECT | PATH_INDIRECT;
+        run(&s, &light, &stats);
+        assert_true(stats.cache_loaded == (k > 0) && stats.bounce_loaded == (k == 2));
+        if (k == 0)
+            memcpy(first = mem_alloc(size, 1), s.rgb, size);
+        if (k == 2)
+            assert_memory_equal(first, s.rgb, size);
+        stage_finish(&s);
+    }
+    mem_free(first);
+    folder_remove(&folder);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_light_is_taken_once),
     cmocka_unit_test(what_has_no_room_is_left_to_eye_paths),
+    cmocka_unit_test(another_run_loads_what_one_has_gathered),
 };
 UNIT_MAIN(tests)

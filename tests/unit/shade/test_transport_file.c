@@ -2,11 +2,9 @@
 #include "points.h"
 #include "relight.h"
 #include "scene/files.h"
+#include "sealed.h"
 #include "transport_file.h"
 #include "transport_parts.h"
-
-#include <sys/stat.h>
-#include <zlib.h>
 
 struct stage {
     struct folder folder;
@@ -51,19 +49,12 @@ static void store(struct stage *s, const struct transport *t)
 {
     struct cache_writer *w = cache_writer_create();
     struct reason why = { "" };
-    struct stat st;
 
     transport_save(t, &s->key, w);
     assert_int_equal(cache_writer_store(w, s->path, &why), ERR_OK);
     cache_writer_destroy(w);
-    assert_int_equal(stat(s->path, &st), 0);
     mem_free(s->bytes);
-    s->size = (size_t)st.st_size;
-    s->bytes = mem_alloc(s->size, 1);
-    FILE *in = fopen(s->path, "rb");
-    assert_non_null(in);
-    assert_int_equal(fread(s->bytes, 1, s->size, in), s->size);
-    fclose(in);
+    s->bytes = sealed_read(s->path, &s->size);
 }
 
 static enum err load_with(const struct stage *s, const struct digest *key, const struct transport_desc *desc,
@@ -221,39 +212,14 @@ static void what_was_made_of_something_else_is_refused(void **state)
 
 /* ---- Forged files, with right checksums ---- */
 
-enum { HEADER = 24, ENTRY = 56, CHECK = 20, LENGTH_AT = 40, CHECK_AT = 48, HEAD = 16, RECORD = 108, SECTIONS = 4 };
-
-static void set_number(uint8_t *at, uint32_t value)
-{
-    memcpy(at, &value, sizeof(value));
-}
-
-/* Makes the checksums those of what is there. */
-static void seal(struct stage *s)
-{
-    uint32_t sections;
-    size_t at;
-
-    memcpy(&sections, s->bytes + 16, sizeof(sections));
-    at = HEADER + sections * ENTRY;
-    for (uint32_t k = 0; k < sections; k++) {
-        uint8_t *entry = s->bytes + HEADER + k * ENTRY;
-        uint64_t length;
-        memcpy(&length, entry + LENGTH_AT, sizeof(length));
-        set_number(entry + CHECK_AT, (uint32_t)crc32_z(0, s->bytes + at, length));
-        at += length;
-    }
-    assert_true(at == s->size);
-    set_number(s->bytes + CHECK, 0);
-    set_number(s->bytes + CHECK, (uint32_t)crc32_z(0, s->bytes, HEADER + sections * ENTRY));
-}
+enum { HEADER = SEALED_HEADER, ENTRY = SEALED_ENTRY, HEAD = 16, RECORD = 108, SECTIONS = 4 };
 
 /* Writes the bytes at that place of the file, sealed; they are undone by the next. */
 static void forge(struct stage *s, const uint8_t *good, size_t at, const void *bytes, size_t count)
 {
     memcpy(s->bytes, good, s->size);
     memcpy(s->bytes + at, bytes, count);
-    seal(s);
+    seal(s->bytes, s->size);
     folder_write(&s->folder, "court", s->bytes, s->size);
 }
 
