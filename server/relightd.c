@@ -62,7 +62,8 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     const struct environment_desc desc = { .layout = d->layout,
                                            .rotation_degrees = now.rotation_degrees,
                                            .scale_stops = now.scale_stops,
-                                           .importance = d->importance };
+                                           .importance = d->importance,
+                                           .lean = now.method == METHOD_CACHED };
     const double start = clock_seconds();
 
     atomic_store(&d->reading, true); /* all processors for what is new */

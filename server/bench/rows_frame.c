@@ -200,7 +200,8 @@ static enum err pipeline_init(struct pipeline *p, struct bench *b, struct religh
     p->tables = resample_tables_create();
     e = !e && !p->tables ? ERR_NOMEM : e;
     for (int k = 0; k < HANDOFF_SLOTS && !e; k++) {
-        p->sky[k] = environment_create(&(struct environment_desc){ .tables = p->tables });
+        p->sky[k] = environment_create(
+            &(struct environment_desc){ .tables = p->tables, .lean = p->maker.light->direct.method == METHOD_CACHED });
         p->picture[k] = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float));
         e = p->sky[k] && p->picture[k] ? decode_and_rebuild(p->sky[k], b) : ERR_NOMEM;
     }

@@ -9,12 +9,20 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 
 #define DEFAULT_N 256
 #define MAX_N 1024
 #define BAND 8 /* rows of a face, as resample.h makes them */
+
+/* What a lean rebuild leaves for later. */
+struct environment_rest {
+    pthread_mutex_t lock; /* whoever makes it holds it */
+    atomic_bool made;
+};
 
 static const char *const importance_names[] = { "luminance", "mean", "max" };
 
@@ -50,7 +58,10 @@ struct environment *environment_create(const struct environment_desc *desc)
     e->row_cdf = mem_alloc(texels, sizeof(*e->row_cdf));
     e->face_cdf = mem_alloc((size_t)CUBE_FACES * n, sizeof(*e->face_cdf));
     e->solid_angle = mem_alloc((size_t)n * n, sizeof(*e->solid_angle));
-    if (!e->texels || !e->row_cdf || !e->face_cdf || !e->solid_angle) {
+    e->rest = mem_alloc(1, sizeof(*e->rest));
+    if (e->rest)
+        pthread_mutex_init(&e->rest->lock, NULL);
+    if (!e->texels || !e->row_cdf || !e->face_cdf || !e->solid_angle || !e->rest) {
         environment_destroy(e);
         return NULL;
     }
@@ -80,6 +91,9 @@ void environment_destroy(struct environment *e)
     mem_free(e->face_cdf);
     mem_free(e->solid_angle);
     pyramid_destroy(e->pyramid);
+    if (e->rest)
+        pthread_mutex_destroy(&e->rest->lock);
+    mem_free(e->rest);
     mem_free(e);
 }
 
@@ -89,6 +103,7 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->rotation = desc->rotation_degrees * PI / 180.0;
     e->gain = (float)exp2(desc->scale_stops);
     e->importance = desc->importance;
+    e->lean = desc->lean;
 }
 
 /* What whoever sent the frame says of its layout stands above what the file says and below the user's own word; ""
@@ -246,13 +261,37 @@ static inline void sum_rows(double *cdf, uint32_t n, uint32_t rows, double *whol
         whole[i] = sum[i];
 }
 
+/* The rows' sums alone: the same numbers in the same order. */
+static inline void add_rows(const double *weight, uint32_t n, uint32_t rows, double *whole)
+{
+    double sum[BAND] = { 0.0 };
+
+    for (uint32_t j = 0; j < n; j++)
+        for (uint32_t i = 0; i < rows; i++)
+            sum[i] += weight[(size_t)i * n + j];
+    for (uint32_t i = 0; i < rows; i++)
+        whole[i] = sum[i];
+}
+
+static void sum_band(double *cdf, uint32_t n, uint32_t rows, bool lean, double *whole)
+{
+    if (lean && rows == BAND)
+        add_rows(cdf, n, BAND, whole);
+    else if (lean)
+        add_rows(cdf, n, rows, whole);
+    else if (rows == BAND)
+        sum_rows(cdf, n, BAND, whole);
+    else
+        sum_rows(cdf, n, rows, whole);
+}
+
 /* Rows 8 b .. of a face: their texels, densities and running sums, and what the pyramid makes of them while they are
  * in the cache. */
 static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
 {
     const uint32_t n = e->n, i0 = BAND * b, rows = n - i0 < BAND ? n - i0 : BAND, row = face * n + i0;
     _Alignas(64) float light[4 * BAND * RESAMPLE_PITCH(MAX_N)];
-    double *cdf = e->row_cdf + (size_t)row * n;
+    double weight[BAND * MAX_N], *cdf = e->lean ? weight : e->row_cdf + (size_t)row * n;
 
     resampler_band(e->resampler, e->gain, face, b, light);
     for (uint32_t i = 0; i < rows; i++) {
@@ -266,11 +305,9 @@ static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
         else
             weigh_row(e, IMPORTANCE_MAX, from, solid_angle, t, cdf + (size_t)i * n);
     }
-    if (rows == BAND)
-        sum_rows(cdf, n, BAND, e->face_cdf + row);
-    else
-        sum_rows(cdf, n, rows, e->face_cdf + row);
-    pyramid_band(e->pyramid, face, b);
+    sum_band(cdf, n, rows, e->lean, e->face_cdf + row);
+    if (!e->lean)
+        pyramid_band(e->pyramid, face, b);
 }
 
 enum err environment_rebuild(struct environment *e, struct reason *why)
@@ -284,11 +321,14 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     if (result)
         return result;
     resampler_load(e->resampler, e->image.rgb);
-    pyramid_begin(e->pyramid, &e->texels->r);
+    if (!e->lean)
+        pyramid_begin(e->pyramid, &e->texels->r);
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t k = 0; k < CUBE_FACES * bands; k++)
         rebuild_band(e, k / bands, k % bands);
-    pyramid_end(e->pyramid);
+    if (!e->lean)
+        pyramid_end(e->pyramid);
+    atomic_store(&e->rest->made, !e->lean);
     e->total_energy = 0.0;
     for (uint32_t f = 0; f < CUBE_FACES; f++) {
         double sum = 0.0;
@@ -299,6 +339,45 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     }
     e->ready = true;
     return ERR_OK;
+}
+
+bool environment_is_complete(const struct environment *e)
+{
+    return atomic_load(&e->rest->made);
+}
+
+/* Rows 8 b .. of a face, whose texels and energy are there. */
+static void complete_band(const struct environment *e, uint32_t face, uint32_t b)
+{
+    const uint32_t n = e->n, i0 = BAND * b, rows = n - i0 < BAND ? n - i0 : BAND, row = face * n + i0;
+    double *cdf = e->row_cdf + (size_t)row * n, whole[BAND];
+
+    for (uint32_t i = 0; i < rows; i++)
+        for (uint32_t j = 0; j < n; j++) {
+            const struct texel *t = &e->texels[(size_t)(row + i) * n + j];
+            cdf[(size_t)i * n + j] =
+                importance_of(e->importance, t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
+        }
+    sum_band(cdf, n, rows, false, whole);
+    pyramid_band(e->pyramid, face, b);
+}
+
+void environment_complete(const struct environment *e)
+{
+    const uint32_t bands = (e->n + BAND - 1) / BAND;
+
+    if (environment_is_complete(e))
+        return;
+    pthread_mutex_lock(&e->rest->lock);
+    if (!environment_is_complete(e)) {
+        pyramid_begin(e->pyramid, &e->texels->r);
+#pragma omp parallel for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < CUBE_FACES * bands; k++)
+            complete_band(e, k / bands, k % bands);
+        pyramid_end(e->pyramid);
+        atomic_store(&e->rest->made, true);
+    }
+    pthread_mutex_unlock(&e->rest->lock);
 }
 
 enum err environment_update(struct environment *e, const struct frame *f, struct reason *why)

@@ -57,12 +57,14 @@ struct environment {
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
-    double *row_cdf;           /* [6][n][n]: running sums of importance x solid angle within each row */
+    double *row_cdf;           /* [6][n][n]: running sums of importance x solid angle within each row (*) */
     double *face_cdf;          /* [6][n]: running sums over the rows of a face */
     double *solid_angle;       /* [n][n]: of a texel, the same on each face */
     double energy[CUBE_FACES]; /* sum of importance x solid angle of a face, W m^-2 up to the scale */
     double total_energy;       /* over the six */
-    struct pyramid *pyramid;   /* of texels: what is looked at with a wide eye */
+    struct pyramid *pyramid;   /* of texels: what is looked at with a wide eye (*) */
+    bool lean;                 /* (*) wait for environment_complete */
+    struct environment_rest *rest;
 
     uint64_t number; /* the frame's own */
     int64_t capture_us;
@@ -76,6 +78,8 @@ struct environment_desc {
     double rotation_degrees;
     double scale_stops;
     enum importance importance;
+    bool lean; /* a rebuild makes what all methods read, and leaves the rest, by which directions are
+                * drawn and wide eyes look, to environment_complete */
     struct resample_tables *tables; /* where environments find each other's resampling tables (resample_table.h); they
                                      * must outlive the environment. NULL: it makes its own. */
 };
@@ -84,7 +88,7 @@ struct environment_desc {
 struct environment *environment_create(const struct environment_desc *desc);
 void environment_destroy(struct environment *e); /* NULL is allowed */
 
-/* Takes another layout, rotation, scale and importance from the next update on; n and tables stay. */
+/* Takes another layout, rotation, scale, importance and leanness from the next update on; n and tables stay. */
 void environment_set(struct environment *e, const struct environment_desc *desc);
 
 /* Decodes the frame and rebuilds cube map and tables. On any error *why names frame and fault and the environment must
@@ -94,6 +98,12 @@ MUST_CHECK enum err environment_update(struct environment *e, const struct frame
 /* The same in two steps, so that the time of each can be told. */
 MUST_CHECK enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why);
 MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *why);
+
+/* Makes what a lean rebuild has left, where it has not been made since: the same bits as a rebuild that is not lean.
+ * For whoever is about to draw directions by the tables (samples.h) or to look with a wide eye, before threads do: it
+ * uses all of OpenMP's. Any thread at any time; whoever comes second waits. */
+void environment_complete(const struct environment *e);
+bool environment_is_complete(const struct environment *e);
 
 /* One warning, the first time that a sequence holds values at a half float's largest: its sun may have been cut off
  * when it was captured. *warned remembers; it begins false. */

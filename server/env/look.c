@@ -6,6 +6,7 @@
 #include "pyramid.h"
 #include "resample.h"
 
+#include <assert.h>
 #include <math.h>
 
 /* A level whose texels are s radians along an edge, seen through bilinear interpolation, spreads each direction with a
@@ -217,6 +218,7 @@ void environment_look_wide(const struct environment *e, struct vec3 w, float wid
         environment_look(e, w, rgb);
         return;
     }
+    assert(environment_is_complete(e));
     for (coarse = coarser(e, fine); coarse.texel <= want && coarse.what < (int)e->pyramid->count;) {
         fine = coarse;
         coarse = coarser(e, fine);

@@ -31,6 +31,8 @@ void invert_direction(uint32_t n, uint32_t face, double row, double column, floa
 void samples_invert_face(const struct environment *e, uint32_t face, const double x[2], float w[3])
 {
     const uint32_t n = e->n;
+
+    assert(environment_is_complete(e));
     const double row = invert(e->face_cdf + (size_t)face * n, n, x[0]);
     const uint32_t i = (uint32_t)row;
     const double column = invert(e->row_cdf + ((size_t)face * n + i) * n, n, x[1]);

@@ -28,6 +28,8 @@ enum err reference_run(const struct set *set, const struct environment *e, const
         .pass = desc->direct.pass,
         .cancel = desc->direct.cancel,
     };
+
+    environment_complete(e);
     struct path_stats counted = { 0 };
 
     const enum err result = render(desc->direct.method, &world, &path, rgb, &counted);

@@ -27,6 +27,7 @@ struct resolver {
     const struct gbuffer *g;
     struct look_key key;       /* of the places */
     struct look_place *places; /* of all escapes; NULL: not found yet, or no memory */
+    bool wide;                 /* some have none */
     uint32_t *plain;           /* [pixels]; NULL likewise, and so are the next */
     struct mixed *mixed;       /* [mixed_count + 1] */
     struct gbuffer_entry *entries;
@@ -87,6 +88,8 @@ void resolve_pixels(const struct gbuffer *g, const float *lo, const struct envir
 {
     const struct sight s = { .e = e };
 
+    if (e)
+        environment_complete(e);
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t y = 0; y < g->height; y++)
         for (size_t pixel = (size_t)y * g->width; pixel < (size_t)(y + 1) * g->width; pixel++)
@@ -134,9 +137,13 @@ static void find_places(struct resolver *r, const struct environment *e)
         return;
     r->key = key;
     r->sky = false;
-#pragma omp parallel for schedule(dynamic, 256)
-    for (uint32_t k = 0; k < count; k++)
+    bool wide = false;
+#pragma omp parallel for schedule(dynamic, 256) reduction(|| : wide)
+    for (uint32_t k = 0; k < count; k++) {
         r->places[k] = look_place_find(e, r->g->escapes[k].direction, r->g->escapes[k].width);
+        wide = wide || r->places[k].texel == LOOK_NONE;
+    }
+    r->wide = wide;
 }
 
 static bool is_one(const float weight[3])
@@ -252,6 +259,8 @@ void resolver_pixels(struct resolver *r, const float *lo, const struct environme
 
     if (e) {
         find_places(r, e);
+        if (!r->places || r->wide)
+            environment_complete(e);
         s.places = r->places;
         s.picture = look_picture_of(e);
     }

@@ -264,6 +264,7 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         .seed = rng_mix(seed, 2),
     };
 
+    environment_complete(e);
     assert(e->ready && desc->samples >= 1 && desc->method != METHOD_CACHED);
     *stats = (struct direct_stats){ 0 };
     enum err result = fold_sets(g, desc, &frame);

@@ -315,6 +315,7 @@ enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, con
         .path_seed = rng_mix(rng_mix(desc->seed, 1), desc->pass),
     };
 
+    environment_complete(e);
     assert(e->ready && desc->paths >= 1);
     *stats = (struct eye_paths_stats){ 0 };
     if (!(e->total_energy > 0.0)) /* a black sky lights nothing */

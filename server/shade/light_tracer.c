@@ -58,6 +58,8 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
         return ERR_OK;
     if (desc->bright ? desc->bright->bright_count == 0 : !(e->total_energy > 0.0))
         return ERR_OK;
+    if (!desc->bright)
+        environment_complete(e);
     struct particle_run run = {
         .environment = e,
         .bright = desc->bright,

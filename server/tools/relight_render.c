@@ -236,6 +236,7 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
         r->pilot = pilot_create(r->set, r->kernels, NULL);
     else
         r->relighter = relighter_create(r->set, r->kernels);
+    r->environment_desc.lean = r->light.direct.method == METHOD_CACHED;
     r->environment = environment_create(&r->environment_desc);
     r->jpeg = jpeg_encoder_create();
     r->rgb = mem_alloc(pixels, 3 * sizeof(float));
