@@ -2,7 +2,6 @@
  * across the faces' edges too. Their weights add up to 1 everywhere. Where three faces meet there is no fourth cell:
  * its share is dealt to the three. */
 #include "bounce_parts.h"
-#include "pyramid.h"
 
 #include <math.h>
 #include <string.h>
@@ -10,8 +9,9 @@
 #define EDGE TRANSPORT_EDGE
 #define WIDE (EDGE + 2) /* a face with a border of its neighbours' cells */
 #define FINE 64u        /* texels along an edge, at least; larger ones are divided */
-#define FINEST 128u     /* and at most: eight to a tent's slope */
+#define COARSE 128u     /* above that, squares of 2^k texels are taken as one: eight to a tent's slope */
 #define PARTS 4u        /* of a face, summed apart */
+#define ROW_MOST 1024u  /* texels */
 
 struct wide_face {
     float at[WIDE][WIDE][4]; /* red, green, blue, solid angle */
@@ -60,33 +60,63 @@ static int cell_before(double u, float *on)
     return (int)whole;
 }
 
+struct four {
+    float v __attribute__((vector_size(16))); /* red, green, blue, and what they are weighed by */
+};
+
+/* What is taken as a texel: `fold` rows and columns of them as one, or each `fine` times. */
+struct grid {
+    uint32_t n, fold, fine;
+};
+
+static struct grid grid_of(uint32_t n)
+{
+    struct grid g = { .n = n, .fold = 1, .fine = 1 };
+
+    while (g.n > COARSE && g.n % 2 == 0) {
+        g.n /= 2;
+        g.fold *= 2;
+    }
+    if (n < FINE)
+        g.fine = (FINE + n - 1) / n;
+    return g;
+}
+
+/* Texels of one row, times their solid angles. */
+static void fold_row(const struct environment *e, const struct grid *g, uint32_t face, uint32_t row, struct four *out)
+{
+    memset(out, 0, g->n * sizeof(*out));
+    for (uint32_t i = row * g->fold; i < (row + 1) * g->fold; i++) {
+        const struct texel *texel = e->texels + ((size_t)face * e->n + i) * e->n;
+        const double *solid_angle = e->solid_angle + (size_t)i * e->n;
+        for (uint32_t j = 0; j < g->n; j++)
+            for (uint32_t k = 0; k < g->fold; k++, texel++, solid_angle++) {
+                struct four x;
+                memcpy(&x, texel, sizeof(x));
+                x.v[3] = 1.0f;
+                out[j].v += (float)*solid_angle * x.v;
+            }
+    }
+}
+
 /* Texels of one row that have one cell before them, from column `first` on: into that and the one behind. Returns the
  * column where the next begins. */
-static uint32_t take_run(const float (*row)[4], const float *solid_angle, uint32_t n, uint32_t fine, uint32_t first,
-                         float (*out)[4])
+static uint32_t take_run(const struct four *row, const struct grid *g, uint32_t first, float (*out)[4])
 {
-    const uint32_t columns = n * fine;
-    float on, area = 0.0f, area_behind = 0.0f;
-    struct four {
-        float v __attribute__((vector_size(16))); /* red, green, blue, and what nobody asks for */
-    } whole = { { 0.0f } }, behind = { { 0.0f } }, x;
+    const uint32_t columns = g->n * g->fine;
+    struct four whole = { { 0.0f } }, behind = { { 0.0f } };
+    float on;
     const int cell = cell_before(-1.0 + 2.0 * (first + 0.5) / columns, &on);
     const float step = (float)EDGE / (float)columns;
-    uint32_t j = first, at = first / fine, part = first % fine;
+    uint32_t j = first, at = first / g->fine, part = first % g->fine;
 
     for (; j < columns && on < 1.0f; j++, on += step) {
-        const float omega = solid_angle[at], omega_behind = on * omega;
-        memcpy(&x, row[at], sizeof(x));
-        whole.v += omega * x.v;
-        behind.v += omega_behind * x.v;
-        area += omega;
-        area_behind += omega_behind;
+        whole.v += row[at].v;
+        behind.v += on * row[at].v;
         part++;
-        at += part == fine;
-        part = part == fine ? 0 : part;
+        at += part == g->fine;
+        part = part == g->fine ? 0 : part;
     }
-    whole.v[3] = area;
-    behind.v[3] = area_behind;
     for (int c = 0; c < 4; c++) {
         out[cell + 1][c] += whole.v[c] - behind.v[c];
         out[cell + 2][c] += behind.v[c];
@@ -94,25 +124,22 @@ static uint32_t take_run(const float (*row)[4], const float *solid_angle, uint32
     return j;
 }
 
-static void take_row(const float (*row)[4], const float *solid_angle, uint32_t n, uint32_t fine, float out[WIDE][4])
-{
-    memset(out, 0, WIDE * sizeof(*out));
-    for (uint32_t j = 0; j < n * fine;)
-        j = take_run(row, solid_angle, n, fine, j, out);
-}
-
 /* A part of a face's rows. */
-static void take_part(const struct pyramid_level *sky, uint32_t face, uint32_t part, struct wide_face *out)
+static void take_part(const struct environment *e, uint32_t face, uint32_t part, struct wide_face *out)
 {
-    const float(*texels)[4] = (const float(*)[4])sky->texels;
-    const uint32_t n = sky->n, fine = (FINE + n - 1) / n, rows = n * fine;
+    const struct grid g = grid_of(e->n);
+    const uint32_t rows = g.n * g.fine;
+    struct four texels[ROW_MOST];
     float one[WIDE][4];
 
     memset(out, 0, sizeof(*out));
     for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
         float on;
         const int i = cell_before(-1.0 + 2.0 * (y + 0.5) / rows, &on) + 1;
-        take_row(texels + ((size_t)face * n + y / fine) * n, sky->solid_angle + (size_t)(y / fine) * n, n, fine, one);
+        fold_row(e, &g, face, y / g.fine, texels);
+        memset(one, 0, sizeof(one));
+        for (uint32_t j = 0; j < rows;)
+            j = take_run(texels, &g, j, one);
         for (uint32_t j = 0; j < WIDE; j++)
             for (int c = 0; c < 4; c++) {
                 out->at[i][j][c] += (1.0f - on) * one[j][c];
@@ -124,15 +151,12 @@ static void take_part(const struct pyramid_level *sky, uint32_t face, uint32_t p
 void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS])
 {
     struct wide_face parts[CUBE_FACES * PARTS];
-    const struct pyramid_level *sky = e->pyramid->level;
     float omega[TRANSPORT_CELLS] = { 0.0f };
 
-    while (sky->n > FINEST)
-        sky++;
     memset(out, 0, 3 * sizeof(*out));
 #pragma omp parallel for schedule(static)
     for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
-        take_part(sky, k / PARTS, k % PARTS, &parts[k]);
+        take_part(e, k / PARTS, k % PARTS, &parts[k]);
     for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
         for (int i = -1; i <= EDGE; i++)
             for (int j = -1; j <= EDGE; j++) {
