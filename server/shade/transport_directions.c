@@ -4,6 +4,51 @@
 
 #include <math.h>
 
+/* The unit at that row and column of a face with `edge` of them along its edge. They may be one beyond it: then it is
+ * the neighbouring face's, or at a corner, where there is none, that on the face itself. */
+static uint16_t unit_at(uint32_t face, int i, int j, int edge)
+{
+    const bool above = i < 0 || i >= edge, beside = j < 0 || j >= edge;
+    const uint32_t cells = TRANSPORT_EDGE / (uint32_t)edge;
+
+    if (above && beside)
+        return unit_at(face, i < 0 ? 0 : edge - 1, j < 0 ? 0 : edge - 1, edge);
+    if (above || beside) {
+        double w[3];
+        float x[3], u, v;
+        cube_direction(face, -1.0 + 2.0 / edge * (j + 0.5), -1.0 + 2.0 / edge * (i + 0.5), w);
+        for (int k = 0; k < 3; k++)
+            x[k] = (float)w[k];
+        face = cube_locate(x, &u, &v);
+        i = (int)((v + 1.0f) * 0.5f * (float)edge);
+        j = (int)((u + 1.0f) * 0.5f * (float)edge);
+        i = i < edge ? i : edge - 1;
+        j = j < edge ? j : edge - 1;
+    }
+    return (uint16_t)(transport_cell(face, (uint32_t)i * cells, (uint32_t)j * cells) / (cells * cells));
+}
+
+static enum err find_units(struct transport_directions *d)
+{
+    const int edge = d->group == 1 ? TRANSPORT_EDGE : TRANSPORT_EDGE / 4;
+
+    if (d->group * d->per_group != TRANSPORT_UNIT)
+        return ERR_OK;
+    d->units = TRANSPORT_CELLS / d->group * d->per_group / TRANSPORT_UNIT;
+    d->around = mem_alloc(d->units, sizeof(*d->around));
+    if (!d->around)
+        return ERR_NOMEM;
+    for (uint32_t face = 0; face < CUBE_FACES; face++)
+        for (int at = 0; at < edge * edge; at++) {
+            const int i = at / edge, j = at % edge;
+            uint16_t *around = d->around[unit_at(face, i, j, edge)];
+            for (int k = 0; k < 9; k++)
+                if (k != 4)
+                    *around++ = unit_at(face, i + k / 3 - 1, j + k % 3 - 1, edge);
+        }
+    return ERR_OK;
+}
+
 /* side x side jittered places in each group. Weights are solid angles per sample, brought to the group's own in sum, so
  * that nothing of a constant sky depends on where the places fall. */
 enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint32_t edge, uint64_t seed)
@@ -40,7 +85,7 @@ enum err transport_directions_init(struct transport_directions *d, uint32_t side
         for (uint32_t k = 0; k < d->per_group; k++)
             d->weight[first + k] *= (float)(whole / sum);
     }
-    return ERR_OK;
+    return find_units(d);
 }
 
 void transport_directions_finish(struct transport_directions *d)
@@ -49,5 +94,6 @@ void transport_directions_finish(struct transport_directions *d)
     mem_free(d->y);
     mem_free(d->z);
     mem_free(d->weight);
+    mem_free(d->around);
     *d = (struct transport_directions){ .group = 0 };
 }

@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* To be counted up whenever the same scene would get another transport: other directions, weights, rows, blocks. */
-#define FORMAT 4
+#define FORMAT 5
 
 static const char index_name[] = "transport.index", halves_name[] = "transport.halves",
                   gazes_name[] = "transport.gazes", sights_name[] = "transport.sights";

@@ -18,6 +18,7 @@
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
 #define TRANSPORT_TOGETHER 4
 #define TRANSPORT_VARIANTS 256
+#define TRANSPORT_UNIT 4   /* directions */
 #define TRANSPORT_GAZES 32 /* directions in which a narrow lobe looks */
 #define TRANSPORT_FADE 8   /* frames within which a block takes over */
 #define TRANSPORT_MORE 4   /* strata of the bright part to each ray that is traced at first; a power of two */
@@ -69,6 +70,10 @@ struct transport_directions {
     uint32_t per_group; /* directions */
     float *x, *y, *z;   /* [TRANSPORT_CELLS / group * per_group]: unit */
     float *weight;      /* 1 / density, sr; sums to the group's solid angle */
+    /* A unit is a square with TRANSPORT_UNIT directions, a cell or a chunk; where its first direction and those of the
+     * units about it agree for all lanes of a packet, the others need not be traced. */
+    uint32_t units;        /* 0: squares have other numbers of directions, and all are traced */
+    uint16_t (*around)[8]; /* [units] */
 };
 
 struct transport_world {     /* what tracing needs; borrowed */
