@@ -75,11 +75,6 @@ const struct transport_stats *transport_stats(const struct transport *t)
     return &t->stats;
 }
 
-const struct packet_list *transport_narrow(const struct transport *t)
-{
-    return &t->narrow;
-}
-
 const struct packet_list *transport_unbuilt(const struct transport *t)
 {
     return &t->unbuilt;

@@ -108,9 +108,6 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
 
 const struct transport_stats *transport_stats(const struct transport *t);
 
-/* Packets with lobes narrower than a cell, in ascending order. */
-const struct packet_list *transport_narrow(const struct transport *t);
-
 /* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
 const struct packet_list *transport_unbuilt(const struct transport *t);
 

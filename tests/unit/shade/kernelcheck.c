@@ -3,6 +3,7 @@
  * be given as RELIGHT_TEST_SEED. */
 #include "points.h"
 
+#include "bounce_parts.h"
 #include "cpu.h"
 #include "film.h"
 #include "lanes.h"
@@ -264,11 +265,64 @@ static void lane_functions_keep_their_stated_error(void **state)
     assert_true(lane_exp2(-200.0f) == 0.0f && lane_power(1.0f, 1e4f) == 1.0f);
 }
 
+/* Interreflection's loops: ranks that fill no sixteen and that fill them, every number of packets, all kinds and rows.
+ */
+static void every_level_gives_the_same_interreflection(void **state)
+{
+    enum { BASIS = 48, MOST = 37, BYTES = MOST * (3 * BASIS + (int)sizeof(float) + 48 + TRANSPORT_POINTS) };
+    const struct kernels *const *all = kernels_all();
+    static const uint32_t ranks[] = { 1, 5, 16, 17, MOST };
+    static int8_t bytes[BYTES];
+    struct rng r = { first_seed() };
+    _Alignas(64) float y[3 * BASIS], from[3 * BASIS];
+    (void)state;
+
+    for (int i = 0; i < BYTES; i++)
+        bytes[i] = (int8_t)(255.0 * rng_next(&r) - 127.0);
+    for (int i = 0; i < 3 * BASIS; i++) {
+        y[i] = (float)(4.0 * rng_next(&r) - 1.0);
+        from[i] = (float)(rng_next(&r) - 0.5);
+    }
+    for (int kind = LOBE_LAMBERT; kind <= LOBE_GGX; kind++) {
+        struct gbuffer g = points_make(TRANSPORT_PACKETS, (enum lobe_kind)kind, 0, 0, 0);
+        make_hurtful(&g, r.state);
+        for (size_t i = 0; i < 4 * sizeof(ranks) / sizeof(ranks[0]); i++) {
+            const uint32_t rank = ranks[i / 4], points = (uint32_t)(i % 4 + 1) * PACKET;
+            const struct bounce_piece q = { bytes, rank, BASIS - PACKET };
+            const float gain = 0.01f, weight[3] = { 0.3f, -0.7f, 0.11f };
+            float want[3][TRANSPORT_POINTS] = { { 0.0f } }, want_lo[3 * PACKET], want_sum[3 * BASIS];
+            for (uint32_t k = 0; k < rank; k++)
+                memcpy(bytes + k * sizeof(gain), &gain, sizeof(gain));
+            for (size_t k = 0; all[k]; k++) {
+                const struct bounce_kernels *b = all[k]->bounce;
+                _Alignas(64) float z[3 * 48], sum[3][TRANSPORT_POINTS], lo[3 * PACKET] = { 0.0f }, to[3 * BASIS];
+                b->project(&q, y, BASIS, z);
+                b->expand(bytes, rank, z, bounce_columns(rank), points, sum);
+                for (uint32_t row = 0; row < TRANSPORT_ROWS; row++)
+                    b->paint(&g.packets[1], row, sum, points - PACKET, lo);
+                memcpy(to, y, sizeof(to));
+                b->add(to, from, weight, BASIS);
+                if (k == 0) {
+                    memcpy(want, sum, sizeof(want));
+                    memcpy(want_lo, lo, sizeof(want_lo));
+                    memcpy(want_sum, to, sizeof(want_sum));
+                }
+                assert_true(sum[0][0] != 0.0f && lo[0] >= 0.0f);
+                assert_memory_equal(want, sum, sizeof(want));
+                assert_memory_equal(want_lo, lo, sizeof(want_lo));
+                assert_memory_equal(want_sum, to, sizeof(want_sum));
+            }
+        }
+        points_free(&g);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_level_gives_the_bits_of_the_baseline),
     cmocka_unit_test(every_level_gives_the_same_bits_at_all_options),
     cmocka_unit_test(every_level_gives_the_same_bits_at_every_count),
     cmocka_unit_test(every_level_gives_the_same_codes),
+    cmocka_unit_test(every_level_gives_the_same_interreflection),
     cmocka_unit_test(one_name_lowers_every_kernel),
     cmocka_unit_test(results_are_finite_and_not_negative),
     cmocka_unit_test(lane_functions_keep_their_stated_error),

@@ -50,7 +50,7 @@ static void shade_bounce(struct bounce *b, struct lit *x, const struct environme
  * the cache leaves. */
 static void means_of(const struct lit *x, const struct transport *t, double mean[2][3], double count[2])
 {
-    const struct packet_list *left = transport_narrow(t);
+    const struct packet_list *left = &t->narrow;
 
     memset(mean, 0, 6 * sizeof(double));
     count[0] = count[1] = 0.0;
