@@ -270,7 +270,11 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
     desc.cache_background = desc.cache_background && !in->ticket.lockstep;
     struct relight_stats stats;
     struct pilot_stats pilot = { 0 };
-    const bool piloted = is_piloted(d, &now, in);
+    const bool by_pilot = is_piloted(d, &now, in), piloted = by_pilot && !(d->buyer.ready && buyer_may(&desc));
+    if (by_pilot && !piloted) {
+        desc = buyer_light(&desc);
+        desc.cache_background = true;
+    }
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
     const enum err result = piloted ? run_pilot(d, e, &desc, out->rgb, &stats, &pilot)
@@ -293,7 +297,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         .shaded_us = (uint32_t)(1e3 * (stats.shade_ms + stats.eye_ms + stats.light_ms + stats.resolve_ms)),
         .width = d->set_desc.width,
         .height = d->set_desc.height,
-        .samples = piloted ? pilot.samples : now.samples,
+        .samples = piloted ? pilot.samples : desc.direct.samples,
     };
     const struct protocol_picture header = out->header; /* the slot is the encoder's once published */
     const int dropped = handoff_publish(&d->pictures, slot);
@@ -301,6 +305,8 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
     const double shaded_s = clock_seconds();
     daemon_tell_shaded(d, &header, &stats, piloted ? &pilot : NULL, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    if (piloted && buyer_may(&desc))
+        buyer_step(&d->buyer, d->relighter, d->set, &desc, &stats, &pilot, &(struct buyer_wish){ 0, d->error, true });
     daemon_still_open(d, &(struct still_frame){ in, out, desc, header, shaded_s, shaded_s - *last_s });
     *last_s = shaded_s;
     return ERR_OK;

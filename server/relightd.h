@@ -5,6 +5,7 @@
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
+#include "buyer.h"
 #include "environment.h"
 #include "film.h"
 #include "handoff.h"
@@ -80,6 +81,7 @@ struct daemon {
     struct relighter *relighter; /* shade thread */
     uint64_t turn;               /* shade thread: pictures that were made in no lockstep */
     struct pilot *pilot;         /* shade thread; NULL until it is wanted */
+    struct buyer buyer;          /* shade thread: of the cache that auto may take */
     struct still *still;         /* shade thread, and what follows; NULL until it is wanted */
     struct still_frame still_frame;
     bool still_open, still_begun;

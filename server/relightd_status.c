@@ -135,7 +135,9 @@ void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, cons
     s->used++;
     s->frame = p->frame;
     /* What auto stands for where it is one thing. */
-    s->method = pilot || stats->cache_refused ? "auto" : method_recipe(now.method)->name;
+    s->method = stats->cache.bytes > 0          ? method_recipe(METHOD_CACHED)->name
+                : pilot || stats->cache_refused ? "auto"
+                                                : method_recipe(now.method)->name;
     s->samples = p->samples;
     s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
     s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);

@@ -244,6 +244,11 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     return e;
 }
 
+double relighter_follow(struct relighter *r)
+{
+    return relight_cache_follow(&r->cache);
+}
+
 /* Interreflection by the cache, and at the packets that this leaves by eye paths. */
 static enum err run_bounce(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            const struct eye_paths_desc *eye, struct relight_stats *stats)

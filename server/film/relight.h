@@ -59,6 +59,8 @@ struct relight_desc {
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: the most that its cache may take; 0: 1 GiB */
     bool cache_keep;        /* what a frame has in common with the last one is not computed again: the same bits */
+    bool cache_read_only;   /* such a file is read and never written */
+    bool cache_if_kept;     /* none is computed: it is there when a file has it, else not, and nothing is wrong */
     bool cache_background;  /* it is computed while pictures are made by other means; else the first waits for it */
     const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
     bool unsplit;           /* METHOD_CACHED: all of the sky by what is kept, nothing of it traced for being bright */
@@ -101,6 +103,11 @@ void relighter_destroy(struct relighter *r); /* NULL is allowed */
 /* Computes what desc's method needs before its first frame, with a progress line where that is wished for;
  * relighter_run does it where it was not asked for. *ms: what it took. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
+
+/* What a cache comes to that relighter_prepare was told to compute in the background, while pictures are made by
+ * another method: to be called for each of them. 0: there is none, or it was refused; below 1: it is being computed; 1:
+ * it is there, interreflection with it. */
+double relighter_follow(struct relighter *r);
 
 /* The picture of the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method
  * needs another layout of environment; ERR_RANGE where its cache would take more memory than it may. */

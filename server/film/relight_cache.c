@@ -137,6 +137,8 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
     relight_keep_init(&c->keep, set, desc, &t);
     enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
     c->loaded = c->transport != NULL;
+    if (!e && !c->transport && desc->cache_if_kept)
+        return ERR_OK;
     if (!e && !c->transport && !desc->cache_background)
         e = compute(c, set, kernels, &t, progress, why);
     *ms = c->transport ? 1e3 * (clock_seconds() - start) : 0.0;
@@ -177,6 +179,17 @@ enum err relight_cache_make(struct relight_cache *c, const struct set *set, cons
     if (c->refused && desc->cache_background)
         return ERR_OK;
     return err_say(desc->direct.why, e ? e : ERR_RANGE, "%s", c->why.text);
+}
+
+double relight_cache_follow(struct relight_cache *c)
+{
+    struct reason why;
+
+    if (c->builder && follow(c, false, &why))
+        log_warning("%s; light is sampled by auto instead", c->why.text);
+    if (c->refused || !c->transport)
+        return 0.0;
+    return c->building ? relight_builder_share(c->builder) : 1.0;
 }
 
 /* ---- A frame ---- */

@@ -32,6 +32,9 @@ void relight_cache_finish(struct relight_cache *c);
 MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                                        const struct relight_desc *desc, bool progress, double *ms);
 
+/* As relighter_follow. */
+double relight_cache_follow(struct relight_cache *c);
+
 /* Direct light into lo: by the cache, and what it leaves or has not yet by direct_shade with METHOD_AUTO. Fills
  * stats->direct and stats->cache_*. */
 MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,

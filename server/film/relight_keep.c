@@ -7,7 +7,7 @@
 void relight_keep_init(struct relight_keep *k, const struct set *set, const struct relight_desc *desc,
                        const struct transport_desc *transport)
 {
-    *k = (struct relight_keep){ .places = { .count = 0 } };
+    *k = (struct relight_keep){ .places = { .count = 0 }, .read_only = desc->cache_read_only };
     cache_places_find(set, desc->cache_file, &k->places);
     if (k->places.count > 0)
         k->key = transport_key(set->gbuffer, set->scene, transport);
@@ -62,6 +62,8 @@ void relight_keep_save(const struct relight_keep *k, const struct transport *t, 
 {
     struct reason why = { "" };
 
+    if (k->read_only)
+        return;
     for (int i = 0; i < k->places.count; i++) {
         struct cache_writer *file = cache_writer_create();
         enum err e = file ? cache_place_prepare(&k->places, i, &why) : err_say(&why, ERR_NOMEM, "no memory");

@@ -12,6 +12,7 @@
 struct relight_keep {
     struct cache_places places;
     struct digest key; /* where there are places */
+    bool read_only;
 };
 
 /* desc: for the file's name; transport: what is computed. */

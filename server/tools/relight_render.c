@@ -1,5 +1,6 @@
 /* server/tools/relight_render.c */
 /* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
+#include "buyer.h"
 #include "clock.h"
 #include "components.h"
 #include "environment.h"
@@ -40,11 +41,12 @@ struct render {
     const struct kernels *kernels;
     struct source *source;
     struct set *set;
-    struct relighter *relighter; /* or, where a time or an error is wished for, */
+    struct relighter *relighter; /* or, where a time or an error is wished for and until the cache takes its place, */
     struct pilot *pilot;
     struct pilot_wish wish;
-    double cache_ms; /* of computing or loading what --method cached needs, once */
-    double beside_s; /* of a frame, what is not light: reading and writing it, smoothed */
+    struct buyer buyer; /* of the cache that auto may take */
+    double cache_ms;    /* of computing or loading what --method cached needs, once */
+    double beside_s;    /* of a frame, what is not light: reading and writing it, smoothed */
     struct environment *environment;
     struct jpeg_encoder *jpeg;
     struct exposure exposure;
@@ -245,7 +247,10 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
     if (!(piloted ? (void *)r->pilot : (void *)r->relighter) || !r->environment || !r->jpeg || !r->rgb || !r->display)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", set->width, set->height);
     r->light.direct.why = why;
-    return piloted ? ERR_OK : relighter_prepare(r->relighter, &r->light, set->progress, &r->cache_ms);
+    if (piloted)
+        return ERR_OK;
+    return buyer_prepare(&r->buyer, r->relighter, r->set, source_count(r->source), set->progress, &r->light,
+                         &r->cache_ms);
 }
 
 static enum err write_picture(struct render *r, struct reason *why)
@@ -359,6 +364,13 @@ static json_t *bounce_stats_of(const struct relight_stats *s)
                      b->rank);
 }
 
+/* Whether auto took the cache, and why. */
+static json_t *auto_stats(const struct buy *b)
+{
+    return json_pack("{s:b, s:o, s:s}", "cache", b->yes, "break_even_frames",
+                     b->break_even > 0.0 ? json_real(b->break_even) : json_null(), "why", b->why);
+}
+
 static void write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
@@ -381,6 +393,8 @@ static void write_stats(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "stored_caustics", stored_stats(s));
         if (s->bounce.basis > 0)
             json_object_set_new(j, "interreflection", bounce_stats_of(s));
+        if (r->buyer.last.why)
+            json_object_set_new(j, "auto", auto_stats(&r->buyer.last));
         if (r->pilot)
             json_object_set_new(j, "estimate", estimate_stats(r, pilot));
         fputs(r->rendered ? ",\n" : "\n", r->stats);
@@ -400,6 +414,26 @@ static enum err relight(struct render *r, struct relight_stats *stats, struct pi
     if (wish.seconds > 0.0)
         wish.seconds = fmax(0.2 * wish.seconds, wish.seconds - r->beside_s);
     return pilot_run(r->pilot, r->environment, &r->light, &wish, r->rgb, stats, pilot);
+}
+
+/* With a wish for a time or an error a clock decides already: also whether the frames that are left are worth it. */
+static void ask(struct render *r, const struct relight_stats *stats, const struct pilot_stats *pilot)
+{
+    const uint64_t done = r->rendered + r->refused + 1, all = source_count(r->source);
+    const struct buyer_wish wish = { .left = all > done ? all - done : 0, .error = r->wish.error };
+
+    if (!buyer_may(&r->light) || wish.left == 0)
+        return;
+    if (!r->relighter)
+        r->relighter = relighter_create(r->set, r->kernels);
+    if (!r->relighter) /* no memory for more than there is */
+        return;
+    buyer_step(&r->buyer, r->relighter, r->set, &r->light, stats, pilot, &wish);
+    if (!r->buyer.ready)
+        return;
+    r->light = buyer_light(&r->light);
+    pilot_destroy(r->pilot);
+    r->pilot = NULL;
 }
 
 /* One frame that was read: refused frames are reported and passed over, the sequence goes on. */
@@ -437,6 +471,8 @@ static enum err render_frame(struct render *r, struct reason *why)
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
     if (!e && r->stats)
         write_stats(r, &stats, &pilot, ms);
+    if (!e && r->pilot)
+        ask(r, &stats, &pilot);
     r->rendered += !e;
     return e;
 }

@@ -1,0 +1,202 @@
+/* auto and the cache of light transport: what the relighter is told to do, and what becomes of the frames. */
+#include "buyer.h"
+#include "cache_place.h"
+#include "shade/points.h"
+
+#include <time.h>
+#include <unistd.h>
+
+enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
+
+static struct set *set;
+static struct environment *sky;
+static const struct relight_desc sampled = { .direct = { .method = METHOD_AUTO, .samples = 64 }, .cache_file = "" };
+
+static int set_up(void **state)
+{
+    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    struct reason why;
+    (void)state;
+
+    sky = sky_environment(sky_with_sun(64, 32, 2e3f), 64, 0.0);
+    return set_create(&desc, &set, &why) != ERR_OK;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    set_destroy(set);
+    environment_destroy(sky);
+    return 0;
+}
+
+static struct relighter *make(void)
+{
+    struct relighter *r = relighter_create(set, best_kernels());
+    assert_non_null(r);
+    return r;
+}
+
+static void run(struct relighter *r, const struct relight_desc *light, float *rgb, struct relight_stats *stats)
+{
+    assert_int_equal(relighter_run(r, sky, light, rgb, stats), ERR_OK);
+}
+
+/* A folder of its own for files that nobody asked for, of which there are none in the end. */
+static char folder[] = "/tmp/relight-buyer-XXXXXX";
+
+static void go_home(void)
+{
+    assert_non_null(mkdtemp(folder));
+    assert_int_equal(setenv("XDG_CACHE_HOME", folder, 1), 0);
+}
+
+static void leave_home(void)
+{
+    assert_int_equal(rmdir(folder), 0);
+}
+
+static bool is_cached(uint64_t frames, struct relight_desc light)
+{
+    struct relighter *r = make();
+    struct buyer b = { .looked = false };
+    double ms;
+
+    assert_int_equal(buyer_prepare(&b, r, set, frames, false, &light, &ms), ERR_OK);
+    assert_true(b.last.yes == (light.direct.method == METHOD_CACHED));
+    relighter_destroy(r);
+    return b.last.yes;
+}
+
+/* And whoever says how auto is to sample means that it does. */
+static void frames_decide_and_wishes_are_kept_to(void **state)
+{
+    struct relight_desc light = sampled;
+    (void)state;
+
+    go_home();
+    assert_true(is_cached(35, light));
+    assert_false(is_cached(34, light));
+    assert_false(is_cached(1, light));
+    light.direct.method = METHOD_MIS;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.direct.cells = 4;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.direct.no_visibility = true;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.classes = PATH_INDIRECT;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.cache_bytes = 1000; /* there is no room for it */
+    assert_false(is_cached(1000, light));
+    leave_home();
+}
+
+/* The picture is that of --method cached, and no file is left behind that nobody asked for. */
+static void its_pictures_are_those_of_the_cache(void **state)
+{
+    static float want[VALUES], got[VALUES];
+    struct relight_desc light = sampled, cached = sampled;
+    struct relighter *one = make(), *other = make();
+    struct buyer b = { .looked = false };
+    struct relight_stats stats;
+    double ms;
+    (void)state;
+
+    go_home();
+    assert_int_equal(buyer_prepare(&b, one, set, 100, false, &light, &ms), ERR_OK);
+    run(one, &light, got, &stats);
+    cached.direct.method = METHOD_CACHED;
+    cached.cache_if_kept = true;
+    assert_int_equal(relighter_prepare(other, &cached, false, &ms), ERR_OK);
+    assert_true(relighter_follow(other) == 0.0);
+    cached.cache_if_kept = false;
+    cached.cache_read_only = true;
+    run(other, &cached, want, &stats);
+    assert_memory_equal(got, want, sizeof(want));
+    relighter_destroy(one);
+    relighter_destroy(other);
+    leave_home();
+}
+
+/* Frames whose light takes a second each, of 2000 samples a point: the cache is to take a little more than one. */
+static void step(struct buyer *b, struct relighter *r, const struct buyer_wish *wish)
+{
+    const struct pilot_stats pilot = { .seconds = 1.0, .error = 1e-2 };
+    struct relight_stats stats = { .shade_ms = 1e3 };
+
+    stats.direct.rays = 2000 * set->gbuffer->point_count;
+    buyer_step(b, r, set, &sampled, &stats, &pilot, wish);
+}
+
+/* Beside the frames, once they have cost as much; then frames are made by it. */
+static void a_stream_of_frames_gets_it_in_the_background(void **state)
+{
+    static float rgb[VALUES];
+    const struct buyer_wish wish = { .background = true };
+    struct relight_desc light = buyer_light(&sampled);
+    struct relighter *r = make();
+    struct buyer b = { .looked = false };
+    struct relight_stats stats;
+    uint32_t steps = 0;
+    (void)state;
+
+    go_home();
+    for (; !b.begun && steps < 100; steps++)
+        step(&b, r, &wish);
+    assert_int_equal(steps, BUY_MADE); /* a second for the computation, and some frames to believe it */
+    assert_false(b.ready);
+    for (steps = 0; !b.ready && steps < 30000; steps++) {
+        nanosleep(&(struct timespec){ .tv_nsec = 2000000 }, NULL);
+        step(&b, r, &wish);
+    }
+    assert_true(b.ready);
+    light.cache_background = true;
+    run(r, &light, rgb, &stats);
+    assert_true(stats.cache_share == 1.0 && stats.cache_ms == 0.0 && stats.cache.bytes > 0);
+    relighter_destroy(r);
+    leave_home();
+}
+
+/* What some earlier run has left is taken after the first frame; a better picture than it can make is not given up. */
+static void a_file_is_taken_after_one_frame(void **state)
+{
+    const struct buyer_wish known = { .left = 1 }, strict = { .left = 1000, .error = 1e-4 };
+    struct relight_desc cached = sampled;
+    struct relighter *r = make();
+    struct buyer b = { .looked = false };
+    struct cache_places places;
+    double ms;
+    (void)state;
+
+    go_home();
+    step(&b, r, &known); /* no file: two frames are no reason to compute it */
+    assert_false(b.ready || b.begun);
+    cached.direct.method = METHOD_CACHED;
+    assert_int_equal(relighter_prepare(r, &cached, false, &ms), ERR_OK);
+    relighter_destroy(r);
+    r = make();
+    b = (struct buyer){ .looked = false };
+    step(&b, r, &strict);
+    assert_false(b.ready || b.looked);
+    step(&b, r, &known);
+    assert_true(b.ready);
+    relighter_destroy(r);
+    cache_places_find(set, "", &places);
+    char *file = places.path[places.count - 1];
+    assert_int_equal(unlink(file), 0);
+    *strrchr(file, '/') = '\0';
+    assert_int_equal(rmdir(file), 0);
+    leave_home();
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test_setup_teardown(frames_decide_and_wishes_are_kept_to, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(its_pictures_are_those_of_the_cache, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
+};
+UNIT_MAIN(tests)
