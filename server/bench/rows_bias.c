@@ -5,6 +5,7 @@
 #include "lab.h"
 #include "mem.h"
 #include "metrics.h"
+#include "pyramid.h"
 #include "resolve.h"
 #include "transport_parts.h"
 #include "transport_sky.h"
@@ -374,6 +375,15 @@ struct motion {
     double worst;
 };
 
+static void rebuild_pyramid(const struct environment *e)
+{
+    pyramid_begin(e->pyramid, &e->texels->r);
+    for (uint32_t face = 0; face < CUBE_FACES; face++)
+        for (uint32_t b = 0; b < (e->n + 7) / 8; b++)
+            pyramid_band(e->pyramid, face, b);
+    pyramid_end(e->pyramid);
+}
+
 /* The lower part of the split, as the cache takes it: with nothing above the level it is all in the cells. */
 static enum err keep_lower(struct motion *m)
 {
@@ -383,11 +393,13 @@ static enum err keep_lower(struct motion *m)
     for (size_t i = 0; i < count && !e; i++) {
         struct texel *t = &m->sky->texels[i];
         const float g = importance_of(m->sky->importance, t->r, t->g, t->b);
-        const float kept = g > m->split.level ? m->split.level / g : 1.0f;
+        const float kept = transport_lower(m->split.level, g);
         t->r *= kept;
         t->g *= kept;
         t->b *= kept;
     }
+    if (!e)
+        rebuild_pyramid(m->sky);
     return e;
 }
 

@@ -21,7 +21,7 @@
 /* What a lean rebuild leaves for later. */
 struct environment_rest {
     pthread_mutex_t lock; /* whoever makes it holds it */
-    atomic_bool made;
+    atomic_bool made, pyramid_made;
 };
 
 static const char *const importance_names[] = { "luminance", "mean", "max" };
@@ -329,6 +329,7 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     if (!e->lean)
         pyramid_end(e->pyramid);
     atomic_store(&e->rest->made, !e->lean);
+    atomic_store(&e->rest->pyramid_made, !e->lean);
     e->total_energy = 0.0;
     for (uint32_t f = 0; f < CUBE_FACES; f++) {
         double sum = 0.0;
@@ -346,6 +347,11 @@ bool environment_is_complete(const struct environment *e)
     return atomic_load(&e->rest->made);
 }
 
+bool environment_has_pyramid(const struct environment *e)
+{
+    return atomic_load(&e->rest->pyramid_made);
+}
+
 /* Rows 8 b .. of a face, whose texels and energy are there. */
 static void complete_band(const struct environment *e, uint32_t face, uint32_t b)
 {
@@ -359,24 +365,47 @@ static void complete_band(const struct environment *e, uint32_t face, uint32_t b
                 importance_of(e->importance, t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
         }
     sum_band(cdf, n, rows, false, whole);
-    pyramid_band(e->pyramid, face, b);
+}
+
+/* The rest of what a lean rebuild has left: the pyramid, and with `tables` the running sums. */
+static void complete(const struct environment *e, bool tables)
+{
+    const uint32_t bands = (e->n + BAND - 1) / BAND;
+    const bool pyramid = !environment_has_pyramid(e);
+
+    if (pyramid)
+        pyramid_begin(e->pyramid, &e->texels->r);
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t k = 0; k < CUBE_FACES * bands; k++) {
+        if (tables)
+            complete_band(e, k / bands, k % bands);
+        if (pyramid)
+            pyramid_band(e->pyramid, k / bands, k % bands);
+    }
+    if (pyramid)
+        pyramid_end(e->pyramid);
+    atomic_store(&e->rest->pyramid_made, true);
+    if (tables)
+        atomic_store(&e->rest->made, true);
+}
+
+void environment_complete_pyramid(const struct environment *e)
+{
+    if (environment_has_pyramid(e))
+        return;
+    pthread_mutex_lock(&e->rest->lock);
+    if (!environment_has_pyramid(e))
+        complete(e, false);
+    pthread_mutex_unlock(&e->rest->lock);
 }
 
 void environment_complete(const struct environment *e)
 {
-    const uint32_t bands = (e->n + BAND - 1) / BAND;
-
     if (environment_is_complete(e))
         return;
     pthread_mutex_lock(&e->rest->lock);
-    if (!environment_is_complete(e)) {
-        pyramid_begin(e->pyramid, &e->texels->r);
-#pragma omp parallel for schedule(dynamic, 4)
-        for (uint32_t k = 0; k < CUBE_FACES * bands; k++)
-            complete_band(e, k / bands, k % bands);
-        pyramid_end(e->pyramid);
-        atomic_store(&e->rest->made, true);
-    }
+    if (!environment_is_complete(e))
+        complete(e, true);
     pthread_mutex_unlock(&e->rest->lock);
 }
 

@@ -105,6 +105,10 @@ MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *wh
 void environment_complete(const struct environment *e);
 bool environment_is_complete(const struct environment *e);
 
+/* The same for the pyramid alone, by which wide eyes look. */
+void environment_complete_pyramid(const struct environment *e);
+bool environment_has_pyramid(const struct environment *e);
+
 /* One warning, the first time that a sequence holds values at a half float's largest: its sun may have been cut off
  * when it was captured. *warned remembers; it begins false. */
 void environment_warn_clipped(const struct environment *e, bool *warned);

@@ -218,7 +218,7 @@ void environment_look_wide(const struct environment *e, struct vec3 w, float wid
         environment_look(e, w, rgb);
         return;
     }
-    assert(environment_is_complete(e));
+    assert(environment_has_pyramid(e));
     for (coarse = coarser(e, fine); coarse.texel <= want && coarse.what < (int)e->pyramid->count;) {
         fine = coarse;
         coarse = coarser(e, fine);

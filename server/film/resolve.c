@@ -89,7 +89,7 @@ void resolve_pixels(const struct gbuffer *g, const float *lo, const struct envir
     const struct sight s = { .e = e };
 
     if (e)
-        environment_complete(e);
+        environment_complete_pyramid(e);
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t y = 0; y < g->height; y++)
         for (size_t pixel = (size_t)y * g->width; pixel < (size_t)(y + 1) * g->width; pixel++)
@@ -260,7 +260,7 @@ void resolver_pixels(struct resolver *r, const float *lo, const struct environme
     if (e) {
         find_places(r, e);
         if (!r->places || r->wide)
-            environment_complete(e);
+            environment_complete_pyramid(e);
         s.places = r->places;
         s.picture = look_picture_of(e);
     }

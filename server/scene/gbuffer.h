@@ -34,6 +34,10 @@ struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and
     uint32_t set;           /* (y mod K) K + x mod K of its pixels, K = interleave: 0 at K = 1 */
 };
 
+/* One point into a lane of another packet, of which kind, count and set stay as they are. */
+void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
+                      int32_t valid);
+
 /* Some of a G-buffer's packets, by their places, each once: what is asked to be shaded where not all is. */
 struct packet_list {
     const uint32_t *index;

@@ -31,7 +31,8 @@ static void mark(const struct gbuffer *g, uint32_t *to)
             to[g->entries[heaviest_of(g, i)].point] = 0;
 }
 
-static void put(const struct shade_packet *from, uint32_t lane, struct shade_packet *to, uint32_t at, int32_t valid)
+void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
+                      int32_t valid)
 {
     to->x[at] = from->x[lane];
     to->y[at] = from->y[lane];
@@ -91,13 +92,13 @@ static void repack(const struct gbuffer *g, const uint32_t *to, struct gbuffer *
             one->kind = p->kind;
             one->set = p->set;
             one->count++;
-            put(p, l, one, at % PACKET, -1);
+            shade_packet_put(one, at % PACKET, p, l, -1);
             out->point_count++;
         }
     }
     for (uint32_t k = 0; k < out->packet_count; k++)
         for (uint32_t rest = out->packets[k].count; rest < PACKET; rest++)
-            put(&out->packets[k], out->packets[k].count - 1, &out->packets[k], rest, 0);
+            shade_packet_put(&out->packets[k], rest, &out->packets[k], out->packets[k].count - 1, 0);
 }
 
 /* One entry a pixel, with the weight of all. */

@@ -12,7 +12,7 @@
  * number alone.
  *
  * A small bright sun is hit by few of them: what is brighter than transport_sky.h's level is left to particles of its
- * own (light_tracer_desc.bright), and the store takes min(1, level / importance) L. The two add up to L.
+ * own (light_tracer_desc.bright), and the store takes transport_lower's share of L. The two add up to L.
  *
  * The paths are those of an endless low-discrepancy sequence that is cut into parts of equal size; the store holds
  * `parts` of them that follow each other. At turn t these are number t .. t + parts - 1: going on by one replaces the
@@ -76,7 +76,7 @@ MUST_CHECK enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, s
 /* Whether all parts of one turn are there, which a turn that was cancelled leaves open. */
 bool caustic_store_is_whole(const struct caustic_store *s);
 
-/* rgb: float[height][width][3], radiance; adds what min(1, level / importance) of e's radiance brings. level: that of
+/* rgb: float[height][width][3], radiance; adds what transport_lower's share of e's radiance brings. level: that of
  * transport_sky.h, 0 (nothing) to INFINITY (all). The store must be whole. ERR_NOMEM: nothing was added. */
 MUST_CHECK enum err caustic_store_light(struct caustic_store *s, const struct environment *e, float level, float *rgb);
 

@@ -39,6 +39,10 @@ static inline float schlick_weight(float cosine)
 
 static void lobes_set_up(const struct shade_packet *p, struct lobes *s)
 {
+    if (p->kind == LOBE_LAMBERT) { /* which evaluates nothing else */
+        LANES(l) s->diffuse_part.v[l] = 1.0f;
+        return;
+    }
     LANES(l)
     {
         const float out = p->ns_x[l] * p->wo_x[l] + p->ns_y[l] * p->wo_y[l] + p->ns_z[l] * p->wo_z[l];
@@ -227,8 +231,8 @@ static inline void sample_visible_normals(const struct lobes *s, const struct sh
 
 /* The lanes' directions by their own lobes, each from its point of the unit square. The first number picks the lobe,
  * and what is left of it goes on to be used. */
-static void lobes_sample(const struct lobes *s, const struct shade_packet *p, const struct lanes square[2],
-                         struct lanes d[3])
+static inline void lobes_sample(const struct lobes *s, const struct shade_packet *p, const struct lanes square[2],
+                                struct lanes d[3])
 {
     struct lanes axis[3], local[3];
 

@@ -88,132 +88,6 @@ const char *transport_what_name(enum transport_what what)
 
 /* ---- A frame ---- */
 
-static enum err reserve_bright(struct transport *t, uint32_t strata)
-{
-    const uint32_t count = strata * TRANSPORT_VARIANTS;
-
-    if (count > t->bright_capacity) {
-        mem_free(t->bright_values);
-        t->bright_capacity = 0;
-        t->bright_values = mem_alloc(count, 7 * sizeof(float));
-        if (!t->bright_values)
-            return ERR_NOMEM;
-        t->bright_capacity = count;
-    }
-    float *at = t->bright_values;
-    float **arrays[7] = { &t->bright.x, &t->bright.y, &t->bright.z,      &t->bright.r,
-                          &t->bright.g, &t->bright.b, &t->bright.density };
-    for (int k = 0; k < 7; k++, at += t->bright_capacity)
-        *arrays[k] = at;
-    return ERR_OK;
-}
-
-/* The cells in which texels of the bright part lie. */
-static void find_cells(struct transport_bright *b, const struct transport_sky *s)
-{
-    const uint32_t n = s->n, edge = TRANSPORT_EDGE;
-
-    memset(b->cells, 0, sizeof(b->cells));
-    for (uint32_t k = 0; k < s->bright_count; k++) {
-        const uint32_t face = s->bright[k] / (n * n), y = s->bright[k] / n % n, x = s->bright[k] % n;
-        /* a texel that cells' borders run through lies in each */
-        for (uint32_t i = y * edge / n; i * n < (y + 1) * edge; i++)
-            for (uint32_t j = x * edge / n; j * n < (x + 1) * edge; j++) {
-                const uint32_t cell = transport_cell(face, i, j);
-                b->cells[cell / 64] |= (uint64_t)1 << cell % 64;
-            }
-    }
-}
-
-/* The samples of the bright part. Variant by variant they are one sequence, moved along from stratum to stratum in the
- * second number. */
-static enum err draw_bright(struct transport *t, const struct environment *e, const struct transport_frame *f)
-{
-    struct transport_bright *b = &t->bright;
-    const uint64_t seed = rng_mix(rng_mix(f->seed, f->pass), 0x62726967);
-
-    b->strata = 0;
-    b->few = (f->samples + 31) / 32;
-    b->seed = seed;
-    if (t->sky.bright_count == 0)
-        return ERR_OK;
-    if (reserve_bright(t, TRANSPORT_MORE * b->few))
-        return ERR_NOMEM;
-    b->strata = TRANSPORT_MORE * b->few;
-    find_cells(b, &t->sky);
-#pragma omp parallel for schedule(static)
-    for (uint32_t v = 0; v < TRANSPORT_VARIANTS; v++) {
-        double x[2];
-        rng_sobol2(seed, v, x);
-        for (uint32_t s = 0; s < b->strata; s++) {
-            const double turned = x[1] + 0.6180339887498949 * s;
-            const double own[2] = { (s + x[0]) / b->strata, turned - floor(turned) };
-            const uint32_t at = s * TRANSPORT_VARIANTS + v;
-            float w[3], rgb[3];
-            transport_sky_sample(&t->sky, e, own, w, rgb);
-            b->x[at] = w[0];
-            b->y[at] = w[1];
-            b->z[at] = w[2];
-            b->r[at] = rgb[0];
-            b->g[at] = rgb[1];
-            b->b[at] = rgb[2];
-            b->density[at] = (float)b->few * transport_sky_density(&t->sky, e, w);
-        }
-    }
-    return ERR_OK;
-}
-
-/* What a block is to the bright part. */
-enum side { SIDE_LIT, SIDE_DARK, SIDE_UNKNOWN };
-
-/* Where all of a block's points have seen the cells of the bright part by all of their directions, or by none, sixteen
- * rays to the part itself are to say the same. */
-static enum side side_of(const struct transport *t, const struct transport_block *b, uint64_t *rays)
-{
-    const struct transport_bright *s = &t->bright;
-    struct transport_view view = { false, false };
-    uint64_t seen = 0, hidden = 0;
-
-    if (!t->rays)
-        return SIDE_LIT;
-    for (uint32_t k = 0; k < TRANSPORT_CELLS / 64; k++) {
-        seen |= b->sight.seen[k] & s->cells[k];
-        hidden |= b->sight.hidden[k] & s->cells[k];
-    }
-    if (seen && hidden)
-        return SIDE_UNKNOWN;
-    *rays += t->kernels->probe(t->rays, s, &t->gbuffer->packets[b->first], b->packets, b->first, &view);
-    if (seen && !view.dark)
-        return SIDE_LIT;
-    return !view.lit && !seen ? SIDE_DARK : SIDE_UNKNOWN;
-}
-
-/* The bright part. Where the points of a packet agree on whether they see it, few rays tell; where not, the rest of the
- * strata are traced too. Returns how many packets that were. */
-static uint32_t add_bright(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
-{
-    const struct transport_bright *s = &t->bright;
-    const enum side side = side_of(t, b, rays);
-    uint32_t penumbra = 0;
-
-    for (uint32_t k = 0; side != SIDE_DARK && k < b->packets; k++) {
-        const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
-        const struct rays *to_trace = side == SIDE_LIT ? NULL : t->rays;
-        float sum[3][PACKET] = { { 0.0f } };
-        struct transport_view view = { false, false };
-        *rays += t->kernels->bright(to_trace, s, p, b->narrow, b->first + k, 0, sum, &view);
-        const bool mixed = view.lit && view.dark;
-        if (mixed)
-            *rays += t->kernels->bright(to_trace, s, p, b->narrow, b->first + k, 1, sum, &view);
-        const float scale = 1.0f / (float)(mixed ? s->strata : s->few);
-        for (int c = 0; c < 3; c++)
-            for (uint32_t l = 0; l < PACKET; l++)
-                lo[(k * 3 + (uint32_t)c) * PACKET + l] += scale * sum[c][l];
-        penumbra += mixed;
-    }
-    return penumbra;
-}
-
 /* What traces and looks, apart from the cells. Returns packets in a penumbra. */
 static uint32_t add_rest(const struct transport *t, const struct transport_look *look, const struct transport_block *b,
                          float *lo, uint64_t *rays)
@@ -221,7 +95,7 @@ static uint32_t add_rest(const struct transport *t, const struct transport_look 
     for (uint32_t k = 0; b->narrow && k < b->packets; k++)
         t->kernels->gaze(look, &t->gbuffer->packets[b->first + k], b->gazes + (size_t)k * TRANSPORT_GAZES,
                          lo + (size_t)k * 3 * PACKET);
-    return t->bright.strata ? add_bright(t, b, lo, rays) : 0;
+    return t->bright.strata ? transport_bright_add(t, b, lo, rays) : 0;
 }
 
 static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)
@@ -282,7 +156,7 @@ static enum err take_sky(struct transport *t, const struct environment *e, const
     t->sky.unsplit = frame->unsplit;
     enum err result = transport_sky_take(&t->sky, e);
     if (!result)
-        result = draw_bright(t, e, frame);
+        result = transport_bright_draw(t, e, frame);
     if (!result)
         transport_past_compare(t, e, valid, change);
     return result;
@@ -304,6 +178,8 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
     const enum err result = take_sky(t, e, frame, lo, &change);
     if (result)
         return result;
+    if (t->stats.narrow > 0)
+        environment_complete_pyramid(e);
     const struct transport_look look = {
         .environment = e,
         .level = t->sky.level,

@@ -2,6 +2,7 @@
 #include "half_lanes.h"
 #include "kernels.h"
 #include "lobes.h"
+#include "pyramid.h"
 #include "rng.h"
 #include "transport_parts.h"
 #include "transport_trace.h"
@@ -156,25 +157,101 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
     }
 }
 
-/* The texel where a gaze ends: its lower part, and of the bright one what balances with the samples of that. */
+/* The coarsest level of the sky's pyramid whose texels are no larger than half of what one of a lobe's gazes stands
+ * for: [Krivanek and Colbert 2008] take twice as much, where the lobe's own samples are drawn anew for each pixel. */
+static inline uint32_t level_of(const struct pyramid *p, float density)
+{
+    const float least = density * (float)(2.0 * 4.0 * PI / CUBE_FACES); /* texels have 4 pi / (6 n^2) sr */
+    uint32_t level = 0;
+
+    while (level + 1 < p->count && least <= (float)(p->level[level + 1].n * p->level[level + 1].n))
+        level++;
+    return level;
+}
+
+/* A texel as one operation of a vector. */
+#define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
+
+/* Four texels about a place, and their weights; false where they are not all on one face, or have gains. */
+static inline bool find_four(const float *texels, uint32_t n, const float *gain, const float w[3], FOUR_FLOATS out[4],
+                             float weight[4])
+{
+    const float half = 0.5f * (float)n, last = (float)(n - 1);
+    float u, v;
+    const uint32_t face = cube_locate(w, &u, &v);
+    const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
+
+    if (gain || !(x >= 0.0f && y >= 0.0f && x < last && y < last))
+        return false;
+    const uint32_t j = (uint32_t)x, i = (uint32_t)y;
+    const float fx = x - (float)j, fy = y - (float)i;
+    const float *at = texels + 4 * (((size_t)face * n + i) * n + j);
+    memcpy(out, at, 2 * sizeof(*out));
+    memcpy(out + 2, at + 4 * (size_t)n, 2 * sizeof(*out));
+    weight[0] = (1 - fx) * (1 - fy);
+    weight[1] = fx * (1 - fy);
+    weight[2] = (1 - fx) * fy;
+    weight[3] = fx * fy;
+    return true;
+}
+
+static inline void look_level(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
+{
+    const struct pyramid_level *l = &p->level[level];
+    FOUR_FLOATS t[4];
+    float k[4];
+
+    if (!find_four(l->texels, l->n, l->gain, w, t, k)) {
+        pyramid_look(p, level, w, rgb);
+        return;
+    }
+    const FOUR_FLOATS sum = (k[0] * t[0] + k[1] * t[1]) + (k[2] * t[2] + k[3] * t[3]);
+    memcpy(rgb, &sum, 3 * sizeof(*rgb));
+}
+
+/* The lower part where a gaze ends, without steps from texel to texel, which would be seen as the sky turns. Levels of
+ * the pyramid in which the bright part shows are of no use for it: there it is put together from texels. */
+static inline void look_low(const struct transport_look *look, const float w[3], float density, float rgb[3])
+{
+    const struct environment *e = look->environment;
+    FOUR_FLOATS t[4], sum = { 0.0f };
+    float k[4];
+
+    look_level(e->pyramid, level_of(e->pyramid, density), w, rgb);
+    if (!(importance_of(e->importance, rgb[0], rgb[1], rgb[2]) > look->level))
+        return;
+    if (!find_four(&e->texels->r, e->n, NULL, w, t, k)) {
+        float u, v;
+        memcpy(t, &e->texels[cube_texel(e->n, w, &u, &v)], sizeof(*t));
+        t[1] = t[2] = t[3] = t[0];
+        k[0] = 1.0f;
+        k[1] = k[2] = k[3] = 0.0f;
+    }
+    for (int i = 0; i < 4; i++)
+        sum += k[i] * transport_lower(look->level, importance_of(e->importance, t[i][0], t[i][1], t[i][2])) * t[i];
+    memcpy(rgb, &sum, 3 * sizeof(*rgb));
+}
+
+/* And of the bright part what balances with its samples, in the very texel. */
 static inline void look_at(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
     float u, v;
+
+    look_low(look, w, density, rgb);
+    if (!(look->level < INFINITY))
+        return;
     const uint32_t at = cube_texel(e->n, w, &u, &v);
     const struct texel *x = &e->texels[at];
-    const float g = importance_of(e->importance, x->r, x->g, x->b);
-    float share = 1.0f;
-
-    if (g > look->level) {
-        const float low = look->level / g;
-        const float other = (float)((double)(g - look->level) * e->solid_angle[at % (e->n * e->n)] * look->per_energy) *
-                            cube_jacobian(u, v);
-        share = low + (1.0f - low) * density / (density + other);
-    }
-    rgb[0] = share * x->r;
-    rgb[1] = share * x->g;
-    rgb[2] = share * x->b;
+    const float g = importance_of(e->importance, x->r, x->g, x->b), above = 1.0f - transport_lower(look->level, g);
+    if (!(above > 0.0f))
+        return;
+    const float other =
+        (float)((double)(g * above) * e->solid_angle[at % (e->n * e->n)] * look->per_energy) * cube_jacobian(u, v);
+    const float share = above * density / (density + other);
+    rgb[0] += share * x->r;
+    rgb[1] += share * x->g;
+    rgb[2] += share * x->b;
 }
 
 static void gaze(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
@@ -196,164 +273,8 @@ static void gaze(const struct transport_look *look, const struct shade_packet *p
     }
 }
 
-/* A packet whose lobes balance with their gazes: by themselves, without the matte part. */
-struct glints {
-    struct shade_packet points;
-    struct lobes lobes;
-};
-
-static void set_up_glints(const struct shade_packet *p, struct glints *s)
-{
-    s->points = *p;
-    memset(s->points.diffuse, 0, sizeof(s->points.diffuse));
-    lobes_set_up(p, &s->lobes);
-    LANES(l) s->lobes.diffuse_part.v[l] = 0.0f;
-}
-
-/* Of the lobes' light along d only the share that such samples have beside the gazes. */
-static void balance_glints(const struct glints *s, const struct transport_bright *b, const int32_t at[PACKET],
-                           const struct lanes d[3], const struct lanes *cosine, struct lanes brdf[3])
-{
-    struct lanes lobe[3], pdf;
-
-    lobes_evaluate(&s->lobes, &s->points, d, cosine, lobe, &pdf);
-    for (int c = 0; c < 3; c++)
-        LANES(l)
-        {
-            const float own = b->density[at[l]], theirs = TRANSPORT_GAZES * pdf.v[l];
-            brdf[c].v[l] -= lobe[c].v[l] * (theirs > 0.0f ? theirs / (own + theirs) : 0.0f);
-        }
-}
-
-/* One sample of the bright part for each lane, each its own: the lanes' variants of a stratum. */
-static uint64_t add_bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
-                           const struct lobes *lobes, const struct glints *glints, struct ray16 *ray,
-                           const int32_t at[PACKET], float sum[3][PACKET], struct transport_view *view)
-{
-    _Alignas(64) int32_t valid[PACKET];
-    struct lanes d[3], cosine, brdf[3], pdf;
-    int32_t count = 0, lit = 0, dark = 0;
-
-    LANES(l)
-    {
-        d[0].v[l] = b->x[at[l]];
-        d[1].v[l] = b->y[at[l]];
-        d[2].v[l] = b->z[at[l]];
-    }
-    if (!lobes_see(p, d, &cosine))
-        return 0;
-    LANES(l)
-    {
-        valid[l] = cosine.v[l] > 0.0f ? p->valid[l] : 0;
-        count -= valid[l];
-    }
-    if (count == 0)
-        return 0;
-    LANES(l)
-    {
-        ray->dir_x[l] = d[0].v[l];
-        ray->dir_y[l] = d[1].v[l];
-        ray->dir_z[l] = d[2].v[l];
-        ray->tfar[l] = INFINITY;
-    }
-    if (rays)
-        rays_occluded16(rays, RAYS_TOGETHER, valid, ray);
-    LANES(l)
-    {
-        const int32_t sees = ray->tfar[l] > 0.0f ? valid[l] : 0;
-        lit |= sees;
-        dark |= valid[l] & ~sees;
-        valid[l] = sees;
-    }
-    view->lit |= lit != 0;
-    view->dark |= dark != 0;
-    if (lit) {
-        lobes_evaluate(lobes, p, d, &cosine, brdf, &pdf);
-        if (glints)
-            balance_glints(glints, b, at, d, &cosine, brdf);
-        LANES(l)
-        {
-            sum[0][l] += valid[l] ? brdf[0].v[l] * b->r[at[l]] : 0.0f;
-            sum[1][l] += valid[l] ? brdf[1].v[l] * b->g[at[l]] : 0.0f;
-            sum[2][l] += valid[l] ? brdf[2].v[l] * b->b[at[l]] : 0.0f;
-        }
-    }
-    return rays ? (uint64_t)count : 0;
-}
-
-/* Of each TRANSPORT_MORE strata that follow each other pass 0 takes one, by the lane's variant, so that over many
- * points it takes all alike, and pass 1 the others. Variants of 16 points are 16 that follow each other in a sequence
- * that spreads well. */
-static uint64_t bright(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
-                       bool narrow, uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view)
-{
-    const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
-    struct lobes lobes;
-    struct glints glints;
-    struct ray16 ray = { .org_x = { 0 } };
-    uint64_t traced = 0;
-
-    lobes_set_up(p, &lobes);
-    if (narrow)
-        set_up_glints(p, &glints);
-    LANES(l)
-    {
-        ray.org_x[l] = p->x[l];
-        ray.org_y[l] = p->y[l];
-        ray.org_z[l] = p->z[l];
-        ray.mask[l] = UINT32_MAX;
-    }
-    for (uint32_t i = 0; i < b->few; i++)
-        for (uint32_t j = pass; j < (pass ? TRANSPORT_MORE : 1u); j++) {
-            int32_t at[PACKET];
-            LANES(l)
-            {
-                const uint32_t variant = base + (uint32_t)l, turn = (variant + i + j) % TRANSPORT_MORE;
-                const uint32_t stratum = TRANSPORT_MORE * i + turn;
-                at[l] = (int32_t)(stratum * TRANSPORT_VARIANTS + variant);
-            }
-            traced += add_bright(rays, b, p, &lobes, narrow ? &glints : NULL, &ray, at, sum, view);
-        }
-    return traced;
-}
-
-/* Sixteen points that stand for a block's: every fourth of each packet, or of fewer packets more. */
-static uint64_t probe(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
-                      uint32_t count, uint32_t index, struct transport_view *view)
-{
-    const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
-    _Alignas(64) int32_t valid[PACKET];
-    struct ray16 ray = { .org_x = { 0 } };
-    int32_t faced = 0;
-
-    for (uint32_t l = 0; l < PACKET; l++) {
-        const struct shade_packet *p = &packets[l % count];
-        const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other places in each */
-        const uint32_t at = (l * b->strata / PACKET) * TRANSPORT_VARIANTS + base + l;
-        const float x = b->x[at], y = b->y[at], z = b->z[at];
-        const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
-                           p->ng_x[k] * x + p->ng_y[k] * y + p->ng_z[k] * z > 0.0f;
-        valid[l] = faces ? p->valid[k] : 0;
-        faced -= valid[l];
-        ray.org_x[l] = p->x[k];
-        ray.org_y[l] = p->y[k];
-        ray.org_z[l] = p->z[k];
-        ray.dir_x[l] = x;
-        ray.dir_y[l] = y;
-        ray.dir_z[l] = z;
-        ray.tfar[l] = INFINITY;
-        ray.mask[l] = UINT32_MAX;
-    }
-    if (faced == 0)
-        return 0;
-    rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
-    for (uint32_t l = 0; l < PACKET; l++) {
-        view->lit |= valid[l] && ray.tfar[l] > 0.0f;
-        view->dark |= valid[l] && !(ray.tfar[l] > 0.0f);
-    }
-    return (uint64_t)faced;
-}
-
+extern const struct bright_kernels JOIN(bright_kernels_, KERNEL_LEVEL);
 extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
-const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = { trace, cells,  expand, aim,
-                                                                          gaze,  bright, probe,  widen };
+const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = {
+    trace, cells, expand, aim, gaze, &JOIN(bright_kernels_, KERNEL_LEVEL), widen
+};

@@ -101,9 +101,29 @@ struct transport_look {
     double per_energy; /* few n^2 / 4 over the bright part's energy; 0: there is none */
 };
 
-/* What a packet has seen of the bright part, over lanes that face it. */
+/* What a packet has seen of the bright part: a bit for each lane that faces it. */
 struct transport_view {
-    bool lit, dark;
+    uint32_t lit, dark;
+};
+
+/* Of the strata's groups of TRANSPORT_MORE that follow each other groups[0] .. groups[1] - 1, and of each the
+ * turns[0]-th
+ * .. turns[1] - 1-st that a point takes of it. Where that begins goes by the point's variant, so that over many points
+ * all strata are taken alike. */
+struct transport_round {
+    uint32_t groups[2], turns[2];
+};
+
+struct bright_kernels {
+    /* Adds to sum[3][16] the light of a round of samples before division by their number, to *view what was seen;
+     * returns rays traced. rays: NULL where all of it is visible. narrow: the lobes have gazes as well, and only their
+     * share counts here. variant: of each lane, below TRANSPORT_VARIANTS. */
+    uint64_t (*light)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
+                      bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
+                      float sum[3][PACKET], struct transport_view *view);
+    /* One ray to the bright part from each of 16 of a block's points, as many of each packet; returns rays traced. */
+    uint64_t (*probe)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
+                      uint32_t count, const uint32_t variant[PACKET], struct transport_view *view);
 };
 
 struct transport_kernels {
@@ -122,13 +142,7 @@ struct transport_kernels {
     /* Adds to lo [3][16] what they see under this sky, the bright part with its share of the balance heuristic. */
     void (*gaze)(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
                  float *lo);
-    /* Adds to sum[3][16] the light of the strata of pass 0, `few` of them, or of pass 1, the others, before division by
-     * their number; returns rays traced. narrow: the lobes have gazes as well, and only their share counts here. */
-    uint64_t (*bright)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
-                       bool narrow, uint32_t index, uint32_t pass, float sum[3][PACKET], struct transport_view *view);
-    /* One ray to the bright part from each of 16 of a block's points, as many of each packet; returns rays traced. */
-    uint64_t (*probe)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
-                      uint32_t count, uint32_t index, struct transport_view *view);
+    const struct bright_kernels *bright;
     /* Half floats to floats; n is a multiple of 16, out aligned to 64 bytes. */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };
@@ -230,6 +244,14 @@ struct transport_workspace *transport_workspace_create(void);
 void transport_workspace_destroy(struct transport_workspace *w);
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
                                        const float *scale, double allowed, struct transport_piece *out);
+
+/* The frame's samples of the bright part, once its sky is taken. ERR_NOMEM. */
+MUST_CHECK enum err transport_bright_draw(struct transport *t, const struct environment *e,
+                                          const struct transport_frame *f);
+
+/* Adds the block's light from there to lo [packets][3][16], and to *rays those that were traced; returns how many
+ * packets do not agree on whether they see it. */
+uint32_t transport_bright_add(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays);
 
 /* Bytes that a piece, the gazes of a block, or a block with all of its pieces hold. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);

@@ -55,7 +55,7 @@ static void take_cell(struct transport_sky *s, const struct environment *e, uint
             const struct texel *t = &e->texels[(face * n + y) * n + x];
             const float g = importance_of(e->importance, t->r, t->g, t->b);
             const double weight = whole_texels ? e->solid_angle[y * n + x] : overlap(e, y, x, i, j);
-            const double kept = g > s->level ? weight * (double)s->level / (double)g : weight;
+            const double kept = weight * (double)transport_lower(s->level, g);
             whole += weight;
             sum[0] += kept * (double)t->r;
             sum[1] += kept * (double)t->g;
@@ -63,6 +63,13 @@ static void take_cell(struct transport_sky *s, const struct environment *e, uint
         }
     for (int c = 0; c < 3; c++)
         s->cells[place / TRANSPORT_CHUNK][c][place % TRANSPORT_CHUNK] = (float)(sum[c] / whole);
+}
+
+/* What the lower part leaves of it. */
+static double importance_above(const struct transport_sky *s, const struct environment *e, uint32_t at)
+{
+    const float g = texel_importance(e, at);
+    return (double)g * (1.0 - (double)transport_lower(s->level, g));
 }
 
 static enum err add_bright(struct transport_sky *s, const struct environment *e, uint32_t at)
@@ -79,7 +86,7 @@ static enum err add_bright(struct transport_sky *s, const struct environment *e,
         s->bright_cdf = cdf;
         s->bright_capacity = more;
     }
-    s->bright_energy += ((double)texel_importance(e, at) - (double)s->level) * e->solid_angle[at % (e->n * e->n)];
+    s->bright_energy += importance_above(s, e, at) * e->solid_angle[at % (e->n * e->n)];
     s->bright[s->bright_count] = at;
     s->bright_cdf[s->bright_count++] = s->bright_energy;
     return ERR_OK;
@@ -139,7 +146,7 @@ void transport_sky_sample(const struct transport_sky *s, const struct environmen
     const double place = invert(s->bright_cdf, s->bright_count, x[0]);
     const uint32_t k = (uint32_t)place, at = s->bright[k];
     const struct texel *t = &e->texels[at];
-    const double g = (double)texel_importance(e, at), above = g - (double)s->level;
+    const double above = importance_above(s, e, at);
     float u, v;
 
     invert_direction(n, at / (n * n), at / n % n + (place - k), at % n + fmin(x[1], INVERT_LAST), w);
@@ -147,7 +154,7 @@ void transport_sky_sample(const struct transport_sky *s, const struct environmen
     /* p = above x solid angle / energy, evenly over the texel's square of (2 / n)^2; of the radiance above / g is here
      */
     const double density = above * e->solid_angle[at % (n * n)] / s->bright_energy * 0.25 * n * n;
-    const double weight = above / g / (density * (double)cube_jacobian(u, v));
+    const double weight = above / (double)texel_importance(e, at) / (density * (double)cube_jacobian(u, v));
     rgb[0] = (float)(weight * (double)t->r);
     rgb[1] = (float)(weight * (double)t->g);
     rgb[2] = (float)(weight * (double)t->b);
@@ -158,7 +165,7 @@ float transport_sky_density(const struct transport_sky *s, const struct environm
     const uint32_t n = s->n;
     float u, v;
     const uint32_t at = cube_texel(n, w, &u, &v);
-    const double above = (double)texel_importance(e, at) - (double)s->level;
+    const double above = importance_above(s, e, at);
 
     if (!(above > 0.0) || s->bright_count == 0)
         return 0.0f;

@@ -1,7 +1,8 @@
 /* A frame's sky as the cache of light transport takes it: split at a level into a part that is kept by cells' means and
- * a bright part that is kept by texels, L = min(1, level / importance) L + the rest. Energies of the two add up to the
- * sky's. The level is that of sky_table.h; a sky of which less than 1/16 is lit has none, and is bright as a whole. A
- * bright part of less than a thousandth of the energy stays in the cells. */
+ * a bright part that is kept by texels. Of a texel of importance g above the level the lower part has (level / g)^2, so
+ * that nothing jumps where a texel comes up to the level, and that of a sun, far above it, next to nothing is left
+ * behind. Energies of the two add up to the sky's. The level is that of sky_table.h; a sky of which less than 1/16 is
+ * lit has none, and is bright as a whole. A bright part of less than a thousandth of the energy stays in the cells. */
 #ifndef SHADE_TRANSPORT_SKY_H
 #define SHADE_TRANSPORT_SKY_H
 
@@ -24,6 +25,13 @@ static inline uint32_t transport_cell(uint32_t face, uint32_t i, uint32_t j)
     for (uint32_t b = 0; b < 4; b++)
         place |= (j >> b & 1u) << 2 * b | (i >> b & 1u) << (2 * b + 1);
     return face * TRANSPORT_EDGE * TRANSPORT_EDGE + place;
+}
+
+/* The lower part's share of a texel of importance g. */
+static inline float transport_lower(float level, float g)
+{
+    const float q = level / g;
+    return g > level ? q * q : 1.0f;
 }
 
 struct transport_sky {

@@ -447,6 +447,51 @@ static void narrow_lobes_balance_their_own_looks_with_the_suns(void **state)
 }
 
 /* Just enough is enough; a byte less is refused, and what is said would be enough is near what is. */
+/* A sky of sharp stripes turns by a tenth of a degree from frame to frame: what 512 points mirror of it, each along its
+ * normal, changes evenly. The largest second difference in time over the stripes' own difference: measured 0.016; looks
+ * at the nearest texels would give 0.045. */
+static void a_turning_sky_passes_narrow_lobes_without_steps(void **state)
+{
+    enum { FRAMES = 12, COLUMNS = 1024, STRIPE = 16 };
+    struct gbuffer g = points_make(32, LOBE_PHONG, 0.0f, 0.9f, 300.0f);
+    struct transport_frame_stats stats;
+    struct frame sky = sky_constant(COLUMNS, COLUMNS / 2, 0.0f);
+    struct reason why;
+    double worst = 0.0;
+    float *lo[3] = { NULL };
+    (void)state;
+
+    points_scatter(&g, 5);
+    for (uint32_t i = 0; i < g.packet_count; i++) {
+        struct shade_packet *p = &g.packets[i];
+        memcpy(p->wo_x, p->ns_x, sizeof(p->wo_x));
+        memcpy(p->wo_y, p->ns_y, sizeof(p->wo_y));
+        memcpy(p->wo_z, p->ns_z, sizeof(p->wo_z));
+    }
+    for (uint32_t i = 0; i < 3 * COLUMNS * COLUMNS / 2; i++)
+        sky.rgb[i] = i / 3 / STRIPE % 2 ? 0.2f : 1.2f;
+    struct environment *e = sky_environment(sky, 256, 0.0);
+    struct transport *t = make(&g, NULL, &(struct transport_desc){ .no_visibility = true });
+    for (int i = 0; i < FRAMES; i++) {
+        environment_set(e, &(struct environment_desc){ .rotation_degrees = 0.1 * i });
+        assert_int_equal(environment_rebuild(e, &why), ERR_OK);
+        mem_free(lo[i % 3]);
+        lo[i % 3] = shade_by(t, &g, e, 16, &stats);
+        for (size_t k = 0; k < (size_t)g.packet_count * 3 * PACKET && i >= 2; k++) {
+            const double now = (double)lo[i % 3][k], last = (double)lo[(i + 2) % 3][k];
+            worst = fmax(worst, fabs(now - 2.0 * last + (double)lo[(i + 1) % 3][k]));
+        }
+    }
+    printf("second differences: %.3f at most\n", worst / 0.9);
+    assert_int_equal(transport_stats(t)->narrow, g.packet_count);
+    assert_true(worst < 0.9 * 0.03);
+    for (int k = 0; k < 3; k++)
+        mem_free(lo[k]);
+    environment_destroy(e);
+    transport_destroy(t);
+    points_free(&g);
+}
+
 static void the_memory_limit_is_kept(void **state)
 {
     struct set *set = court(WIDTH, HEIGHT);
@@ -532,6 +577,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_blocks_have_seen_spares_rays),
     cmocka_unit_test(lobes_narrower_than_a_cell_look_for_themselves),
     cmocka_unit_test(narrow_lobes_balance_their_own_looks_with_the_suns),
+    cmocka_unit_test(a_turning_sky_passes_narrow_lobes_without_steps),
     cmocka_unit_test(the_memory_limit_is_kept),
     cmocka_unit_test(a_cancelled_one_is_not_there_and_no_error),
     cmocka_unit_test(any_sky_may_follow_any),

@@ -16,8 +16,8 @@ static void sum_energies(const struct transport_sky *s, const struct environment
             parts[c] += (double)s->cells[k / TRANSPORT_CHUNK][c][k % TRANSPORT_CHUNK] * transport_cell_solid_angle(k);
     for (uint32_t k = 0; k < s->bright_count; k++) {
         const struct texel *t = &e->texels[s->bright[k]];
-        const double g = (double)importance_of(e->importance, t->r, t->g, t->b);
-        const double part = (g - (double)s->level) / g * e->solid_angle[s->bright[k] % (n * n)];
+        const float g = importance_of(e->importance, t->r, t->g, t->b);
+        const double part = (1.0 - (double)transport_lower(s->level, g)) * e->solid_angle[s->bright[k] % (n * n)];
         parts[0] += part * (double)t->r;
         parts[1] += part * (double)t->g;
         parts[2] += part * (double)t->b;
