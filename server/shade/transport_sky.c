@@ -43,6 +43,25 @@ static double overlap(const struct environment *e, uint32_t y, uint32_t x, uint3
                             -1.0 + fmin((y + 1) * in_texel, (i + 1) * in_cell));
 }
 
+/* Adds a few texels of a row none of which is above the level; what they have in common with the cell is all of them.
+ */
+static void add_lower_texels(const struct texel *texels, const double *solid_angle, uint32_t count, double sum[3],
+                             double *whole)
+{
+    double r = 0.0, g = 0.0, b = 0.0, weight = 0.0;
+
+    for (uint32_t x = 0; x < count; x++) {
+        r += solid_angle[x] * (double)texels[x].r;
+        g += solid_angle[x] * (double)texels[x].g;
+        b += solid_angle[x] * (double)texels[x].b;
+        weight += solid_angle[x];
+    }
+    sum[0] += r;
+    sum[1] += g;
+    sum[2] += b;
+    *whole += weight;
+}
+
 /* The mean of the lower part over a cell, by solid angle. */
 static void take_cell(struct transport_sky *s, const struct environment *e, uint32_t face, uint32_t i, uint32_t j)
 {
@@ -50,7 +69,12 @@ static void take_cell(struct transport_sky *s, const struct environment *e, uint
     const bool whole_texels = n % edge == 0;
     double sum[3] = { 0.0 }, whole = 0.0;
 
-    for (uint32_t y = i * n / edge; y * edge < (i + 1) * n; y++)
+    for (uint32_t y = i * n / edge; y * edge < (i + 1) * n; y++) {
+        if (whole_texels && !(s->row_max[face * n + y] > s->level)) {
+            add_lower_texels(&e->texels[(face * n + y) * n + j * n / edge], &e->solid_angle[y * n + j * n / edge],
+                             n / edge, sum, &whole);
+            continue;
+        }
         for (uint32_t x = j * n / edge; x * edge < (j + 1) * n; x++) {
             const struct texel *t = &e->texels[(face * n + y) * n + x];
             const float g = importance_of(e->importance, t->r, t->g, t->b);
@@ -61,6 +85,7 @@ static void take_cell(struct transport_sky *s, const struct environment *e, uint
             sum[1] += kept * (double)t->g;
             sum[2] += kept * (double)t->b;
         }
+    }
     for (int c = 0; c < 3; c++)
         s->cells[place / TRANSPORT_CHUNK][c][place % TRANSPORT_CHUNK] = (float)(sum[c] / whole);
 }

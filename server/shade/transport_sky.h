@@ -30,8 +30,7 @@ static inline uint32_t transport_cell(uint32_t face, uint32_t i, uint32_t j)
 /* The lower part's share of a texel of importance g. */
 static inline float transport_lower(float level, float g)
 {
-    const float q = level / g;
-    return g > level ? q * q : 1.0f;
+    return g > level ? level / g * (level / g) : 1.0f;
 }
 
 struct transport_sky {
