@@ -64,6 +64,9 @@ static void shade_piece(const struct bounce *b, const struct bounce_group *g, ui
         const uint32_t points = block->packets * PACKET;
         if (block->rank[row] == 0)
             continue;
+        for (uint32_t i = 0; i < block->packets; i++) /* they stand far apart, and are asked for in good time */
+            for (int c = 0; c < 3; c++)
+                __builtin_prefetch(b->gbuffer->packets[block->first + i].diffuse[c]);
         b->kernels->expand(bytes, block->rank[row], z, columns, points, sum);
         bytes += bounce_block_bytes(block->rank[row], columns, points);
         for (uint32_t i = 0; i < block->packets; i++)

@@ -271,10 +271,8 @@ static uint32_t classes_in(const struct scene *scene)
 }
 
 static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, const struct eye_paths_desc *desc,
-                          float *lo, struct eye_paths_stats *stats)
+                          const uint32_t classes[2], float *lo, struct eye_paths_stats *stats)
 {
-    const uint32_t found = classes_in(f->scene);
-    const uint32_t classes[2] = { desc->classes & found, desc->behind_classes & found };
     const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
     uint64_t rays = 0, paths = 0;
 
@@ -315,17 +313,20 @@ enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, con
         .path_seed = rng_mix(rng_mix(desc->seed, 1), desc->pass),
     };
 
-    environment_complete(e);
+    const uint32_t found = classes_in(scene), classes[2] = { desc->classes & found, desc->behind_classes & found };
+
     assert(e->ready && desc->paths >= 1);
     *stats = (struct eye_paths_stats){ 0 };
-    if (!(e->total_energy > 0.0)) /* a black sky lights nothing */
+    /* A black sky lights nothing; to look through all points for nothing takes a millisecond. */
+    if (!(e->total_energy > 0.0) || !(classes[0] | classes[1]))
         return ERR_OK;
+    environment_complete(e);
     scratch_begin(desc->scratch);
     f.numbers = scratch_take(desc->scratch, desc->paths * sizeof(*f.numbers));
     if (!f.numbers)
         return ERR_NOMEM;
     fill_numbers(rng_mix(desc->seed, 2), (uint32_t)(desc->pass * desc->paths), desc->paths, f.numbers);
-    shade_packets(&f, g, desc, lo, stats);
+    shade_packets(&f, g, desc, classes, lo, stats);
     scratch_give(desc->scratch, f.numbers);
     return ERR_OK;
 }

@@ -6,7 +6,7 @@
  *
  * What is brighter than sky_table.h's level is no cell's business, since a mean over 5.6 degrees would blur its
  * shadows: the sky is split at the level, the lower part goes through T, the upper is traced in every frame, with few
- * rays where neighbours agree on what they see of it and four times as many where not.
+ * rays where neighbours agree on what they see of it and up to eight times as many where not.
  *
  * Biased: a cell has one radiance, T is a quadrature and compressed within a tolerance, and penumbrae that the few rays
  * have missed are lost. docs/transport-cache.md has figures. Lobes narrower than a cell have directions of their own
@@ -67,8 +67,7 @@ enum transport_what {
 };
 
 struct transport_frame {
-    uint32_t samples;    /* N >= 1: a 32nd of it, rounded up, are rays to the bright part, four times as many where
-                          * neighbours disagree */
+    uint32_t samples;    /* N >= 1: a 64th of it to an eighth are rays to the bright part, as neighbours agree on it */
     uint64_t seed, pass; /* by which the bright part is sampled: others make another frame of it */
     const atomic_bool *cancel; /* may be NULL */
     bool keep;    /* where lo is that of the last call, it is as that has left it: what has not changed since is not
