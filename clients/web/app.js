@@ -1,11 +1,20 @@
-// The page: puts states and figures into words and shapes. What comes over the wire is player.js and below.
+// The page: puts states and figures into words and shapes, and gives each panel's module what it needs to hook in. What
+// comes over the wire is player.js and below.
 
 import { FLAG_FINER, FLAG_REPEAT, PATH } from './protocol.js';
 import { Rate, Recent } from './figures.js';
+import { showHelp } from './help.js';
+import { Keys, keyOf } from './keys.js';
+import { makePanel } from './panels.js';
+import { wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import {
   bitsPerSecond, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
 } from './sentences.js';
+import { startTheme, switchTheme } from './theme.js';
+
+// Each is a panel or a tool by itself: `export function mount(app)`. One that fails costs itself only.
+const MODULES = [];
 
 const $ = (id) => document.getElementById(id);
 
@@ -27,6 +36,51 @@ const relight = {
 };
 window.relight = relight;
 
+// What a module is given.
+const listeners = new Map();
+const keys = new Keys();
+const app = {
+  canvas: $('picture'),
+  state: relight.state,
+  status: null, // the last of each
+  welcome: null,
+  control: null,
+  // 'state', 'welcome' and 'status' with the server's message; 'picture' after it was drawn, with {header, clock, heardMs,
+  // decodeMs, bytes, nowMs}; 'error' with what the server complains of; any other message of the server by its op:
+  // 'control', 'probed'.
+  on(name, then) {
+    if (!listeners.has(name)) listeners.set(name, []);
+    listeners.get(name).push(then);
+  },
+  // Any JSON message to the server; what is said before it has welcomed us is not sent.
+  send: (message) => send({ op: 'say', message }),
+  // app.key('f', 'Full screen', act), app.key(['ArrowLeft', ','], ..): anywhere on the page, and listed in help.
+  key: (key, label, act) => keys.add(key, label, act),
+  get rows() { return keys.rows.length; }, // how many keys help lists
+  // The content of the place <section id=ID>, with this heading, shown; {open: false}: folded at first.
+  panel: makePanel,
+  // A few words about what has just been done, for a moment.
+  say,
+};
+relight.app = app;
+
+function emit(name, value) {
+  for (const then of listeners.get(name) ?? []) {
+    try {
+      then(value);
+    } catch (error) {
+      console.error(error); // another panel need not suffer
+    }
+  }
+}
+
+let sayTimer;
+function say(text) {
+  setText('toast', text);
+  clearTimeout(sayTimer);
+  sayTimer = setTimeout(() => setText('toast', ''), 2500);
+}
+
 const figures = {
   drawn: new Rate(),
   arrived: new Rate(),
@@ -42,6 +96,7 @@ async function startPlayer(take) {
     op: 'start',
     url: new URL(PATH, location.href.replace(/^http/, 'ws')).href,
     hidden: document.visibilityState === 'hidden',
+    ...wishedRole(location),
   };
   const inPage = async () => {
     const { Player } = await import('./player.js');
@@ -72,13 +127,31 @@ let send = () => {};
 function take(event) {
   switch (event.op) {
     case 'state': showState(event.state); break;
-    case 'welcome': forgetFigures(); break;
+    case 'welcome': takeWelcome(event.welcome); break;
     case 'status': takeStatus(event.status, event.clock); break;
     case 'picture': takePicture(event); break;
-    case 'error': console.warn(`relightd: ${event.error.message} (clause ${event.error.clause})`); break;
+    case 'error': takeError(event.error); break;
+    case 'heard': takeOther(event.message); break;
     case 'undecodable': console.warn(`picture ${event.sequence} could not be decoded: ${event.reason}`); break;
     default: break;
   }
+}
+
+function takeWelcome(welcome) {
+  forgetFigures();
+  app.welcome = welcome;
+  app.control = null;
+  emit('welcome', welcome);
+}
+
+function takeError(error) {
+  console.warn(`relightd: ${error.message} (clause ${error.clause})`);
+  emit('error', error);
+}
+
+function takeOther(message) {
+  if (message.op === 'control') app.control = message;
+  emit(message.op, message);
 }
 
 // ---- pictures
@@ -124,12 +197,13 @@ function forgetFigures() {
 // ---- status and state
 
 function takeStatus(status, clock) {
-  relight.status = status;
+  relight.status = app.status = status;
   figures.clock = clock;
   setText('about', describe(status));
   $('picture').setAttribute('aria-label', describe(status));
   setText('sun-text', sunSentence(status.light));
   showSun(status.light?.sun);
+  emit('status', status);
 }
 
 function setText(id, text) {
@@ -139,7 +213,7 @@ function setText(id, text) {
 
 function showState(state) {
   const seen = relight.frames > 0;
-  relight.state = state;
+  relight.state = app.state = state;
   document.body.dataset.state = state.name;
   setText('state-word', stateWord(state));
   setText('sentence', stateSentence(state, seen));
@@ -147,6 +221,7 @@ function showState(state) {
   showCountdown();
   const stuck = state.name === 'reconnecting' || state.name === 'refused';
   for (const button of document.querySelectorAll('.again')) button.hidden = !stuck;
+  emit('state', state);
 }
 
 function showCountdown() {
@@ -205,15 +280,16 @@ function showStages(stages) {
 
 // ---- what a person does
 
-// Figures that are shown, but below the window's edge as on a phone on its side, are not hidden but brought in.
-function toggleInfo() {
-  const figuresAt = $('figures').getBoundingClientRect().top;
-  if (!document.body.classList.contains('plain') && figuresAt > window.innerHeight - 24) {
-    $('figures').scrollIntoView({ block: 'start' });
+// Panels that are shown, but below the window's edge as on a phone, are not hidden but brought in.
+function togglePanels() {
+  const hidden = document.body.classList.contains('plain');
+  const top = $('panels').getBoundingClientRect().top;
+  if (!hidden && top > window.innerHeight - 48) {
+    $('panels').scrollIntoView({ block: 'start' });
     return;
   }
-  const shown = document.body.classList.toggle('plain');
-  $('info-button').setAttribute('aria-pressed', String(!shown));
+  document.body.classList.toggle('plain', !hidden);
+  $('panels-button').setAttribute('aria-pressed', String(hidden));
 }
 
 async function toggleFullscreen() {
@@ -225,17 +301,28 @@ async function toggleFullscreen() {
   }
 }
 
+// A button and a key for the same thing.
+function command(id, key, label, act) {
+  $(id).onclick = act;
+  $(id).title = `${label} (${key.toUpperCase()})`;
+  $(id).setAttribute('aria-keyshortcuts', key.toUpperCase());
+  app.key(key, label, act);
+}
+
+function pressed(event) {
+  if (event.defaultPrevented || ($('help').open && keyOf(event) !== '?')) return;
+  keys.press(event);
+}
+
 function listen() {
-  $('info-button').onclick = toggleInfo;
-  $('full-button').onclick = toggleFullscreen;
-  $('full-button').hidden = !document.fullscreenEnabled;
+  command('help-button', '?', 'This help', () => showHelp($('help'), keys));
+  command('panels-button', 'i', 'Panels: show or hide them', togglePanels);
+  command('theme-button', 'd', 'Dark or light page', () => say(switchTheme() === 'dark' ? 'Dark' : 'Light'));
+  if (document.fullscreenEnabled) command('full-button', 'f', 'Full screen, and back', toggleFullscreen);
+  else $('full-button').hidden = true;
   for (const button of document.querySelectorAll('.again'))
     button.onclick = () => send({ op: 'retry', person: true });
-  document.addEventListener('keydown', (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.key === 'f' || event.key === 'F') toggleFullscreen();
-    if (event.key === 'i' || event.key === 'I') toggleInfo();
-  });
+  document.addEventListener('keydown', pressed);
   const look = () => send({ op: 'hidden', hidden: document.visibilityState === 'hidden' });
   document.addEventListener('visibilitychange', look);
   window.addEventListener('pageshow', look);
@@ -243,7 +330,22 @@ function listen() {
   window.addEventListener('online', () => send({ op: 'retry' }));
 }
 
+async function mountAll() {
+  const loaded = await Promise.allSettled(MODULES.map((name) => import(name)));
+  loaded.forEach(({ value, reason }, i) => {
+    try {
+      if (reason) throw reason;
+      value.mount(app);
+    } catch (error) {
+      console.error(MODULES[i], error);
+    }
+  });
+  makePanel('figures', 'Figures');
+}
+
+startTheme();
 showState(relight.state);
 listen();
+await mountAll();
 setInterval(showFigures, 250);
 send = await startPlayer(take);

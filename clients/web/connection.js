@@ -11,6 +11,8 @@ const OPEN_MS = 8000; // to open and be welcomed
 const QUIET_MS = 2000; // statuses come twice a second: after this it is said that nothing comes
 const SILENCE_MS = 12000; // and after this the connection is dead; a large picture on a slow line takes its time
 const STALL_MS = 2000;
+const CLOSE_WRONG_ROLE = 4004;
+const CLOSE_BAD_TOKEN = 4006;
 const WAKE_MS = 3000; // from waking to the first picture
 
 export function realWorld() {
@@ -25,7 +27,8 @@ export function realWorld() {
 }
 
 export class Connection {
-  // on: {state(state), status(status), welcome(welcome), picture(header, payload)}
+  // on: {state(state), status(status), welcome(welcome), picture(header, payload), error(message), heard(message)}; what
+  // is heard is any message that has no function of its own here.
   constructor(url, on, world = realWorld()) {
     this.url = url;
     this.on = on;
@@ -36,6 +39,8 @@ export class Connection {
     this.session = null;
     this.source = null;
     this.hidden = false;
+    this.role = 'viewer'; // or 'controller': where the server does not take that, a viewer after all
+    this.token = undefined;
     this.quality = 90;
     this.attempt = 0;
     this.request = 0;
@@ -101,7 +106,7 @@ export class Connection {
     this.opened = false;
     socket.onopen = () => {
       this.opened = true;
-      this.send({ op: 'hello', role: 'viewer', version: VERSION });
+      this.send({ op: 'hello', role: this.role, version: VERSION, token: this.token }); // undefined is not written
     };
     socket.onmessage = (event) => this.receive(event.data);
     socket.onclose = (event) => this.closed(socket, event.code, event.reason);
@@ -119,6 +124,11 @@ export class Connection {
     socket.close();
   }
 
+  // What another part of the page has to say.
+  say(message) {
+    if (this.welcomed) this.send(message);
+  }
+
   send(message) {
     if (this.socket && this.socket.readyState === 1) this.socket.send(JSON.stringify(message));
   }
@@ -132,6 +142,11 @@ export class Connection {
     this.welcomed = false;
     if (!opened) {
       this.explain();
+      return;
+    }
+    if (this.role === 'controller' && (code === CLOSE_WRONG_ROLE || code === CLOSE_BAD_TOKEN)) {
+      this.role = 'viewer';
+      this.open();
       return;
     }
     const { policy, text } = closePolicy(code);
@@ -194,7 +209,7 @@ export class Connection {
       case 'status': this.takeStatus(message); break;
       case 'pong': this.takePong(message); break;
       case 'error': this.on.error?.(message); break;
-      default: break; // a later minor version may say more
+      default: this.on.heard?.(message); break;
     }
   }
 

@@ -3,7 +3,7 @@
 
 import { Connection } from './connection.js';
 
-// emit(event, transfer). Events: state, welcome, status, error, clock, picture {header, bitmap, bytes, heardMs, decodeMs}.
+// emit(event, transfer). Events: state, welcome, status, error, heard {message: any other of the server's}, picture {header, bitmap, bytes, heardMs, decodeMs}.
 export class Player {
   constructor(emit) {
     this.emit = emit;
@@ -16,21 +16,25 @@ export class Player {
       case 'start': this.start(message); break;
       case 'displayed': this.connection.displayed(message.sequence, message.nowMs); break;
       case 'hidden': this.connection.setHidden(message.hidden); break;
+      case 'say': this.connection.say(message.message); break;
       case 'retry': this.connection.retryNow(message.person); break;
       case 'stop': this.connection.stop(); break;
       default: break;
     }
   }
 
-  start({ url, hidden }) {
+  start({ url, hidden, role, token }) {
     this.connection = new Connection(url, {
       state: (state) => this.emit({ op: 'state', state }),
       welcome: (welcome) => this.emit({ op: 'welcome', welcome }),
       status: (status) => this.emit({ op: 'status', status, clock: this.clock() }),
       error: (error) => this.emit({ op: 'error', error }),
+      heard: (message) => this.emit({ op: 'heard', message }),
       picture: (header, payload, heardMs) => this.take({ header, payload, heardMs }),
     });
     this.connection.hidden = hidden;
+    this.connection.role = role ?? 'viewer';
+    this.connection.token = token;
     this.connection.start();
   }
 

@@ -224,20 +224,28 @@ test('a page that draws nothing holds two pictures and no more, and then gets th
 test('keys and buttons do what they say', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
-    // by keyboard alone: every control is reached in turn and shows that it is
+    // by keyboard alone: every button is reached in turn and shows that it is
     const names = [];
-    for (let i = 0; i < 2; i++) {
+    for (let i = 0; i < 4; i++) {
       await page.keyboard.press('Tab');
       names.push(await page.evaluate(() => document.activeElement.getAttribute('aria-label')));
       assert.notEqual(await page.evaluate(() => getComputedStyle(document.activeElement).outlineStyle), 'none');
     }
-    assert.deepEqual(names, ['Figures', 'Full screen']);
-    assert.ok(await page.isVisible('#figures'));
+    assert.deepEqual(names, ['Panels', 'Dark or light', 'Keys and help', 'Full screen']);
+    assert.ok(await page.isVisible('#fps'));
     await page.keyboard.press('i');
-    assert.ok(!(await page.isVisible('#figures')));
-    assert.equal(await page.getAttribute('#info-button', 'aria-pressed'), 'false');
-    await page.click('#info-button');
-    assert.ok(await page.isVisible('#figures'));
+    assert.ok(!(await page.isVisible('#panels')));
+    assert.equal(await page.getAttribute('#panels-button', 'aria-pressed'), 'false');
+    await page.click('#panels-button');
+    assert.ok(await page.isVisible('#fps'));
+    await page.click('#figures summary'); // each panel folds by itself, and stays so
+    assert.ok(!(await page.isVisible('#fps')));
+    await page.reload();
+    await untilState(page, 'live');
+    assert.ok(!(await page.isVisible('#fps')));
+    await page.focus('#figures summary');
+    await page.keyboard.press('Enter');
+    assert.ok(await page.isVisible('#fps'));
     await page.keyboard.press('f');
     await page.waitForFunction(() => document.fullscreenElement?.id === 'stage');
     await page.keyboard.press('f');
@@ -249,6 +257,47 @@ test('keys and buttons do what they say', () =>
     await page.keyboard.press('f');
     await page.waitForFunction(() => !document.fullscreenElement);
   }));
+
+test('help lists every key, and one may look without acting', () =>
+  withPage([], async (page) => {
+    await untilState(page, 'live');
+    await page.keyboard.press('?');
+    const rows = await page.$$eval('#help tr', (all) => all.map((row) => row.textContent));
+    assert.equal(rows.length, await page.evaluate(() => window.relight.app.rows));
+    assert.ok(rows.some((row) => row.startsWith('F') && /full screen/i.test(row)), rows.join('; '));
+    await page.keyboard.press('i'); // behind the overlay nothing happens
+    assert.ok(!(await page.evaluate(() => document.body.classList.contains('plain'))));
+    await page.keyboard.press('?');
+    assert.ok(!(await page.isVisible('#help')));
+    await page.click('#help-button');
+    await page.keyboard.press('Escape');
+    assert.ok(!(await page.isVisible('#help')));
+  }));
+
+test('dark and light are those of the system until a person says otherwise', async () => {
+  const server = await startServer(PATTERN, []);
+  const ground = (page) => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+  const page = await browser.newPage({ colorScheme: 'light' });
+  try {
+    await page.goto(server.url);
+    await untilState(page, 'live');
+    const light = await ground(page);
+    assert.equal(await page.evaluate(() => document.documentElement.dataset.theme), 'light');
+    await page.emulateMedia({ colorScheme: 'dark' });
+    await page.waitForFunction(() => document.documentElement.dataset.theme === 'dark');
+    assert.notEqual(await ground(page), light);
+    await page.keyboard.press('d');
+    assert.equal(await ground(page), light);
+    await page.reload();
+    await untilState(page, 'live');
+    assert.equal(await ground(page), light);
+    await page.click('#theme-button');
+    assert.notEqual(await ground(page), light);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+});
 
 test('nothing sticks out at any width, in any state', async () => {
   for (const [width, height] of [[320, 640], [390, 844], [844, 390], [1280, 720], [1920, 1080]]) {
@@ -270,19 +319,19 @@ test('nothing sticks out at any width, in any state', async () => {
   }
 });
 
-test('on a phone on its side the button brings the figures in, and then hides them', () =>
+test('on a phone held upright the button brings the panels in, and then hides them; the picture stays in sight', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
     await untilFrames(page, 1);
-    await page.click('#info-button');
-    await page.waitForFunction(() => {
-      const box = document.getElementById('figures').getBoundingClientRect();
-      return box.top >= 0 && box.bottom <= window.innerHeight + 1;
-    });
+    await page.evaluate(() => { document.getElementById('panels').style.margin = '100vh 0'; }); // as with many panels
+    await page.click('#panels-button');
+    await page.waitForFunction(() => document.getElementById('panels').getBoundingClientRect().top < window.innerHeight / 2);
     assert.ok(await page.isVisible('#fps'));
-    await page.evaluate(() => document.getElementById('info-button').click());
-    assert.ok(!(await page.isVisible('#figures')));
-  }, { width: 844, height: 390 }));
+    const top = await page.evaluate(() => document.getElementById('stage').getBoundingClientRect().top);
+    assert.ok(top >= -1, `the picture begins at ${top}`);
+    await page.evaluate(() => document.getElementById('panels-button').click());
+    assert.ok(!(await page.isVisible('#panels')));
+  }, { width: 390, height: 844 }));
 
 test('a slow round trip keeps within its tile', async () => {
   for (const [width, height] of [[320, 640], [390, 844], [640, 900]]) {
