@@ -1,6 +1,7 @@
 #include "direct.h"
 
 #include "denormals.h"
+#include "direct_log.h"
 #include "kernels.h"
 #include "mem.h"
 #include "rng.h"
@@ -241,6 +242,55 @@ static void take_stats(const struct direct *d, const struct strategy *s, struct 
     stats->compensated = s->table && d->table.compensated;
 }
 
+static enum err reserve_notes(struct direct_note **notes, uint32_t *room, uint32_t count)
+{
+    if (count > *room) {
+        mem_free(*notes);
+        *room = 0;
+        *notes = mem_alloc(count, sizeof(**notes));
+        if (!*notes)
+            return ERR_NOMEM;
+        *room = count;
+    }
+    if (count > 0)
+        memset(*notes, 0, count * sizeof(**notes));
+    return ERR_OK;
+}
+
+/* What the logged point's samples are before it does anything with them: all generated, none chosen. */
+static enum err begin_log(struct direct_log *log, const struct gbuffer *g, const struct direct_frame *f)
+{
+    const struct light_samples *lights = &f->lights[f->set_of[g->packets[log->packet].set]];
+
+    log->samples = f->counts ? f->counts[log->packet] : f->samples;
+    log->strata = f->light_part > 0.0f ? lights->strata : 0;
+    log->cells = lights->cells ? lights->cells : 1;
+    log->has_sun = log->strata > 0 && lights->has_sun;
+    log->light_count = log->strata > 0 ? lights->first[lights->strata] : 0;
+    log->lobe_count = lobe_count(log->samples, f->brdf_part);
+    memset(log->share, 0, sizeof(log->share));
+    memset(log->count, 0, sizeof(log->count));
+    memcpy(log->first, lights->first, sizeof(log->first));
+    memcpy(log->energy, lights->energy, sizeof(log->energy));
+    if (reserve_notes(&log->light, &log->light_room, log->light_count) ||
+        reserve_notes(&log->lobes, &log->lobe_room, log->lobe_count))
+        return ERR_NOMEM;
+    for (uint32_t k = 0; k < log->light_count; k++) {
+        const float w[3] = { lights->x[k], lights->y[k], lights->z[k] };
+        memcpy(log->light[k].w, w, sizeof(w));
+    }
+    return ERR_OK;
+}
+
+void direct_log_finish(struct direct_log *log)
+{
+    if (!log)
+        return;
+    mem_free(log->light);
+    mem_free(log->lobes);
+    *log = (struct direct_log){ 0 };
+}
+
 enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct rays *rays, const struct environment *e,
                       const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
@@ -276,6 +326,8 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         for (uint32_t k = 0; k < (desc->only ? desc->only->count : g->packet_count); k++)
             memset(lo + (size_t)(desc->only ? desc->only->index[k] : k) * 3 * PACKET, 0, 3 * PACKET * sizeof(float));
         d->lights[0].strata = 0;
+        if (desc->log)
+            desc->log->strata = desc->log->light_count = desc->log->lobe_count = 0;
         return ERR_OK;
     }
     result = build_table(d, e, desc, recipe, &s);
@@ -289,6 +341,9 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     if (result)
         return result;
     frame.numbers = d->numbers;
+    frame.log = desc->log;
+    if (desc->log && begin_log(desc->log, g, &frame))
+        return ERR_NOMEM;
     shade_packets(d, g, &frame, desc, lo, stats);
     take_stats(d, &s, stats);
     return ERR_OK;

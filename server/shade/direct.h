@@ -19,6 +19,7 @@
 #include <stdint.h>
 
 struct direct;
+struct direct_log;
 struct kernels;
 
 /* Whether the sky's tables are reshaped for what the lobes' samples will not cover as well [Karlik et al. 2019]. */
@@ -59,6 +60,9 @@ struct direct_desc {
      * on the very numbers that are to be drawn: who samples on where the first samples came out high shifts the mean
      * [Kirk and Arvo 1991]. */
     const uint32_t *counts;
+
+    /* What one point does with its samples is written down: direct_log.h. It changes no bit. NULL: nothing is. */
+    struct direct_log *log;
 
     const atomic_bool *cancel; /* once true, what is left is not shaded; may be NULL */
     struct reason *why;        /* where an error other than ERR_NOMEM is explained; may be NULL */

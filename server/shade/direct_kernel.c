@@ -1,5 +1,6 @@
 /* server/shade/direct_kernel.c */
 /* One packet of 16 shade points under one frame's light: compiled once per CPU level, see CMakeLists.txt. */
+#include "direct_log.h"
 #include "kernels.h"
 #include "lanes.h"
 #include "lobes.h"
@@ -28,6 +29,8 @@ struct packet_state {
     uint32_t sun;                       /* the sun's place in `share`; without a sun the one behind the strata */
     uint32_t shift[2][PACKET];          /* of the lobes' numbers */
     struct direct_counts *counts;
+    struct direct_log *log;   /* of a lane of this packet; else NULL, as in all pictures */
+    struct direct_note *note; /* of the sample at hand; NULL likewise */
 };
 
 /* A direction for each lane by its own lobes. */
@@ -196,6 +199,34 @@ static void count_samples(struct packet_state *s, uint32_t index, float *count)
     }
 }
 
+/* The sample at hand, as far as it is known before it is weighed. */
+__attribute__((cold, noinline)) static void note_begin(struct packet_state *s, struct direct_note *note,
+                                                       const struct lanes d[3], float beta)
+{
+    s->note = note;
+    for (int c = 0; c < 3; c++)
+        note->w[c] = d[c].v[s->log->lane];
+    note->beta = beta;
+    note->chosen = beta > 0.0f;
+}
+
+/* part: of the density, by which it was drawn. */
+__attribute__((cold, noinline)) static void note_weight(struct packet_state *s, float part, float density)
+{
+    s->note->mis = density > 0.0f ? part / density : 0.0f;
+}
+
+__attribute__((cold, noinline)) static void note_light(struct packet_state *s, const int32_t valid[PACKET],
+                                                       const struct lanes rgb[3])
+{
+    const uint32_t l = s->log->lane;
+
+    s->note->effective = valid[l] != 0;
+    s->note->visible = valid[l] != 0 && s->rays.tfar[l] > 0.0f;
+    for (int c = 0; c < 3; c++)
+        s->note->rgb[c] = rgb[c].v[l];
+}
+
 /* Traces the lanes that would bring something and adds what arrives. Returns how many they were. */
 static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spread, const struct lanes d[3],
                                      const struct lanes rgb[3])
@@ -222,6 +253,8 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
         rays_occluded16(s->frame->rays, spread, valid, &s->rays);
         s->counts->rays += (uint64_t)count;
     }
+    if (s->log)
+        note_light(s, valid, rgb);
     LANES(l)
     {
         const int lit = (valid[l] != 0) & (s->rays.tfar[l] > 0.0f);
@@ -232,8 +265,15 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
     return (uint64_t)count;
 }
 
-/* Light sample k, the i-th of its stratum: beta g of Eq. 6. beta of Eq. 5, counted from i = 0, is N_f - i held to 0..1.
- * The denominator sums what may have made the direction: a cell, the sun, the lobes. */
+/* beta of Eq. 5, counted from i = 0: N_f - i held to 0..1. */
+static inline float beta_of(float n_f, float i)
+{
+    const float left = n_f - i, some = left < 0.0f ? 0.0f : left;
+    return some < 1.0f ? some : 1.0f;
+}
+
+/* Light sample k, the i-th of its stratum: beta g of Eq. 6. The denominator sums what may have made the direction: a
+ * cell, the sun, the lobes. */
 static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, const struct lanes *n_f)
 {
     const struct light_samples *lights = s->lights;
@@ -250,20 +290,32 @@ static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, con
         d[1].v[l] = y;
         d[2].v[l] = z;
     }
+    if (s->log)
+        note_begin(s, &s->log->light[k], d, beta_of(n_f->v[s->log->lane], before));
     if (!lobes_see(s->points, d, &cosine))
         return;
     lobes_evaluate(&s->lobes, s->points, d, &cosine, brdf, &pdf_lobes);
     LANES(l)
     {
-        const float left = n_f->v[l] - before, some = left < 0.0f ? 0.0f : left;
-        const float beta = some < 1.0f ? some : 1.0f;
+        const float beta = beta_of(n_f->v[l], before);
         const float density = share->v[l] * pdf_light + sun_share->v[l] * pdf_sun + brdf_part * pdf_lobes.v[l];
         const float weight = density > 0.0f ? beta / density : 0.0f;
         rgb[0].v[l] = weight * brdf[0].v[l] * r;
         rgb[1].v[l] = weight * brdf[1].v[l] * g;
         rgb[2].v[l] = weight * brdf[2].v[l] * b;
     }
+    if (s->log) {
+        const uint32_t l = s->log->lane;
+        const float drawn = share->v[l] * pdf_light + sun_share->v[l] * pdf_sun;
+        note_weight(s, drawn, drawn + brdf_part * pdf_lobes.v[l]);
+    }
     s->counts->effective += trace_and_add(s, RAYS_TOGETHER, d, rgb);
+}
+
+__attribute__((cold, noinline)) static void note_stratum(struct packet_state *s, uint32_t f, float n_f)
+{
+    s->log->share[f] = s->seen[f] ? s->share[f].v[s->log->lane] : 0.0f;
+    s->log->count[f] = s->seen[f] ? n_f : 0.0f;
 }
 
 static void add_light_samples(struct packet_state *s, uint32_t index)
@@ -278,6 +330,8 @@ static void add_light_samples(struct packet_state *s, uint32_t index)
     for (uint32_t f = 0; f < lights->strata; f++) {
         struct lanes n_f;
         int32_t up[PACKET], most = 0, chosen = 0; /* at most 2^20, and 16 times that */
+        if (s->log)
+            note_stratum(s, f, systematic ? count[f] : s->share[f].v[s->log->lane] * part * samples);
         if (lights->first[f + 1] == lights->first[f] || !s->seen[f])
             continue;
         LANES(l) n_f.v[l] = s->share[f].v[l] * part * samples;
@@ -358,13 +412,15 @@ static inline void weigh_seen(const struct packet_state *s, const struct sky_lan
 }
 
 /* f_i of Eq. 6. Whatever such a ray meets, glass included, makes it count 0. */
-static void add_lobe_sample(struct packet_state *s, float beta, const struct lobe_rays *r)
+static void add_lobe_sample(struct packet_state *s, uint32_t i, float beta, const struct lobe_rays *r)
 {
     const struct direct_frame *f = s->frame;
     const float light_part = f->light_part, brdf_part = f->brdf_part;
     struct lanes cosine, brdf[3], pdf_lobes, pdf_light = { { 0 } }, rgb[3];
     struct sky_lanes sky;
 
+    if (s->log)
+        note_begin(s, &s->log->lobes[i], r->d, beta);
     if (!lobes_see(s->points, r->d, &cosine))
         return;
     sky_lookup(f->environment, f->table, &r->places, &sky);
@@ -377,6 +433,10 @@ static void add_lobe_sample(struct packet_state *s, float beta, const struct lob
         const float weight = density > 0.0f ? beta / density : 0.0f;
         for (int c = 0; c < 3; c++)
             rgb[c].v[l] = weight * brdf[c].v[l] * sky.rgb[c].v[l];
+    }
+    if (s->log) {
+        const float drawn = brdf_part * pdf_lobes.v[s->log->lane];
+        note_weight(s, drawn, light_part * pdf_light.v[s->log->lane] + drawn);
     }
     trace_and_add(s, RAYS_APART, r->d, rgb);
 }
@@ -407,7 +467,7 @@ static void add_lobe_samples(struct packet_state *s, struct lobe_rays next[2])
         const float left = s->frame->brdf_part * (float)s->samples - (float)i;
         if (i + 1 < s->lobe_count)
             draw_lobe_rays(s, i + 1, &next[(i + 1) & 1]);
-        add_lobe_sample(s, left < 1.0f ? left : 1.0f, &next[i & 1]);
+        add_lobe_sample(s, i, left < 1.0f ? left : 1.0f, &next[i & 1]);
     }
 }
 
@@ -420,6 +480,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     s.frame = f;
     s.points = p;
     s.counts = counts;
+    s.log = f->log && f->log->packet == index ? f->log : NULL;
     take_counts(&s, index);
     for (int c = 0; c < 3; c++)
         LANES(l) s.sum[c].v[l] = 0.0f;

@@ -22,6 +22,8 @@ struct direct_counts {
 
 #define SETS_MAX 16 /* of light samples */
 
+struct direct_log;
+
 struct direct_frame { /* what all packets of a frame share; borrowed */
     const struct environment *environment;
     const struct sky_table *table;      /* the strata's; NULL: the environment's own faces, or one stratum */
@@ -35,6 +37,7 @@ struct direct_frame { /* what all packets of a frame share; borrowed */
     float light_part, brdf_part; /* of N_s */
     const uint32_t *numbers; /* [ceil(brdf_part N_s)][2]: points of the unit square in units of 2^-32, for the lobes */
     uint64_t seed;           /* packets turn the numbers by it and their index */
+    struct direct_log *log;  /* NULL, or where one of the packets writes down its samples: direct_log.h */
 };
 
 struct transport_kernels;

@@ -14,6 +14,7 @@
 #include "mem.h"
 #include "options.h"
 #include "pilot.h"
+#include "probe_options.h"
 #include "progress.h"
 #include "relight.h"
 #include "sky.h"
@@ -34,7 +35,8 @@ struct render {
     struct file_pattern out;
     struct components_desc components; /* out.text NULL: they are not asked for */
     const char *stats_path;
-    bool reseed, half;
+    struct probe_question question; /* about a pixel, where one is asked */
+    bool probing, reseed, half;
     enum tone_curve tone;
     int quality;
 
@@ -49,6 +51,7 @@ struct render {
     double beside_s;    /* of a frame, what is not light: reading and writing it, smoothed */
     struct environment *environment;
     struct jpeg_encoder *jpeg;
+    struct prober *prober;
     struct exposure exposure;
     float *rgb;
     uint8_t *display;
@@ -88,6 +91,10 @@ static struct option_row rows[] = {
       "instead of pictures under a source: one .hdr for each patch of Radiance's sky, for dctimestep; DIR/%03d.hdr",
       NULL },
     { "reinhart", "MF", "of --components: patches of Reinhart's subdivision; 1 (146), 2 (578) or 4 (2306)", "1" },
+    { "probe", "X,Y",
+      "where that pixel's light comes from, as JSON, one object a line and frame; --out may be left out then", NULL },
+    { "probe-samples", "N", "of --probe: samples, 1 to 256; left out: --samples, held to that", NULL },
+    { "probe-preset", "P", "of --probe: fig1, as that figure of Lu, Pacanowski and Granier 2013 was made", NULL },
     { "stats", "FILE", "statistics as JSON, one object a frame ('-': standard output)", NULL },
     { NULL, NULL, NULL, NULL },
 };
@@ -139,6 +146,8 @@ static enum err read_out(const struct options *o, struct render *r, struct reaso
             return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
         return components_read(o, &r->components, why);
     }
+    if (!out && r->probing)
+        return ERR_OK;
     if (!out)
         return err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
     const enum err e = file_pattern_parse(out, "--out", &r->out, why);
@@ -154,11 +163,13 @@ static enum err read_options(const struct options *o, struct render *r, struct s
     enum err e = light_options_read(o, &r->light, set, &r->environment_desc, why);
 
     if (!e)
+        e = options_size(o, "size", &set->width, &set->height, why);
+    if (!e)
+        e = probe_options_read(o, set->width, set->height, &r->probing, &r->question, why);
+    if (!e)
         e = read_out(o, r, why);
     if (!e)
         e = options_range(o, "frames", &source->has_range, &source->first, &source->last, why);
-    if (!e)
-        e = options_size(o, "size", &set->width, &set->height, why);
     if (!e)
         e = options_u64(o, "edge-rays", 1, 16, &edge, why);
     if (!e)
@@ -195,11 +206,11 @@ static enum err read_options(const struct options *o, struct render *r, struct s
 /* What would fail after the work is found out before it. */
 static enum err check_outputs(struct render *r, struct reason *why)
 {
-    const char *out = r->out.text, *slash = strrchr(out, '/');
+    const char *out = r->out.text, *slash = out ? strrchr(out, '/') : NULL;
     char folder[4096];
 
     snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - out) + 1 : 1, slash ? out : ".");
-    if (access(folder, W_OK) != 0)
+    if (out && access(folder, W_OK) != 0)
         return err_say(why, ERR_IO, "--out '%s': %s", out, strerror(errno));
     if (r->stats_path) {
         r->stats = strcmp(r->stats_path, "-") == 0 ? stdout : fopen(r->stats_path, "w");
@@ -221,7 +232,7 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
         one.has_range = true;
         e = source_open(&one, &r->source, why);
     }
-    if (!e && !r->out.length && source_count(r->source) > 1)
+    if (!e && r->out.text && !r->out.length && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
                     "--out '%s' names one file, but the source has %" PRIu64
                     " frames: put %%04d into it, or choose one by --frames",
@@ -241,10 +252,12 @@ static enum err set_up(struct render *r, const struct source_desc *source, const
     r->environment_desc.lean = r->light.direct.method == METHOD_CACHED;
     r->environment = environment_create(&r->environment_desc);
     r->jpeg = jpeg_encoder_create();
+    r->prober = r->probing ? prober_create(r->set, r->kernels) : NULL;
     r->rgb = mem_alloc(pixels, 3 * sizeof(float));
     r->display = mem_alloc(pixels, 3);
     exposure_init(&r->exposure);
-    if (!(piloted ? (void *)r->pilot : (void *)r->relighter) || !r->environment || !r->jpeg || !r->rgb || !r->display)
+    if (!(piloted ? (void *)r->pilot : (void *)r->relighter) || !r->environment || !r->jpeg || !r->rgb || !r->display ||
+        (r->probing && !r->prober))
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", set->width, set->height);
     r->light.direct.why = why;
     if (piloted)
@@ -464,11 +477,14 @@ static enum err render_frame(struct render *r, struct reason *why)
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     start = clock_seconds();
-    e = write_picture(r, why);
+    if (r->out.text)
+        e = write_picture(r, why);
     ms[2] = 1e3 * (clock_seconds() - start);
     const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
     if (r->rendered > 0) /* the first makes tables that stay */
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
+    if (!e && r->probing)
+        e = prober_print(r->prober, r->environment, &r->light, &r->question, r->rgb, why);
     if (!e && r->stats)
         write_stats(r, &stats, &pilot, ms);
     if (!e && r->pilot)
@@ -534,6 +550,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     mem_free(r->display);
     jpeg_encoder_destroy(r->jpeg);
     environment_destroy(r->environment);
+    prober_destroy(r->prober);
     relighter_destroy(r->relighter);
     pilot_destroy(r->pilot);
     set_destroy(r->set);
