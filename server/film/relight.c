@@ -186,6 +186,44 @@ static bool is_cached(const struct relight_desc *desc)
     return desc->direct.method == METHOD_CACHED && (desc->classes & PATH_DIRECT || desc->classes == 0);
 }
 
+static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
+{
+    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT_LIT : 0) |
+           (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
+}
+
+static struct eye_paths_desc eye_paths_of(const struct relighter *r, const struct relight_desc *desc,
+                                          const struct plan *p)
+{
+    const uint32_t behind = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
+
+    return (struct eye_paths_desc){
+        .classes = classes_by(p, PLAN_EYE),
+        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? behind : 0),
+        .paths = p->eye_paths,
+        .seed = rng_mix(desc->direct.seed, 0x657965),
+        .pass = desc->direct.pass,
+        .cancel = desc->direct.cancel,
+        .scratch = r->scratch,
+    };
+}
+
+/* Packets of which the cache leaves interreflection to eye paths. */
+static const struct packet_list *left_by_cache(const struct relighter *r, const struct plan *p)
+{
+    const struct packet_list *left =
+        p->indirect == PLAN_CACHE && r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+
+    return left && left->count > 0 ? left : NULL;
+}
+
+static bool has_eye_paths(const struct relighter *r, const struct relight_desc *desc, const struct plan *p)
+{
+    const struct eye_paths_desc eye = eye_paths_of(r, desc, p);
+
+    return p->eye_paths > 0 && (eye_paths_find(r->set->scene, &eye) || left_by_cache(r, p));
+}
+
 /* The cache's light is left as it is for the next frame: what is added to it is added to a copy. */
 static enum err run_kept(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                          struct relight_stats *stats)
@@ -198,14 +236,14 @@ static enum err run_kept(struct relighter *r, const struct environment *e, const
         return ERR_NOMEM;
     const enum err result = relight_cache_shade(&r->cache, r->direct, r->set, e, desc, r->direct_lo, stats);
     r->points = r->direct_lo;
-    if (result || stats->plan.eye_paths == 0)
+    if (result || !has_eye_paths(r, desc, &stats->plan))
         return result;
     memcpy(r->lo, r->direct_lo, packets * size);
     r->points = r->lo;
     return ERR_OK;
 }
 
-/* Direct light, or darkness where it was not asked for. */
+/* Direct light, or darkness where it was not asked for; with interreflection, where the cache has that. */
 static enum err run_direct(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            struct relight_stats *stats)
 {
@@ -220,12 +258,6 @@ static enum err run_direct(struct relighter *r, const struct environment *e, con
         return direct_shade(r->direct, g, r->set->rays, e, &desc->direct, r->lo, &stats->direct);
     memset(r->lo, 0, (size_t)g->packet_count * 3 * PACKET * sizeof(float));
     return ERR_OK;
-}
-
-static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
-{
-    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT_LIT : 0) |
-           (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
 }
 
 enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms)
@@ -249,43 +281,22 @@ double relighter_follow(struct relighter *r)
     return relight_cache_follow(&r->cache);
 }
 
-/* Interreflection by the cache, and at the packets that this leaves by eye paths. */
-static enum err run_bounce(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
-                           const struct eye_paths_desc *eye, struct relight_stats *stats)
-{
-    struct eye_paths_desc rest = *eye;
-    struct eye_paths_stats more = { 0 };
-    enum err result = relight_bounce_shade(&r->cache.bounce, e, desc, r->lo, stats);
-
-    rest.classes = rest.behind_classes = PATH_INDIRECT_LIT;
-    if (r->cache.bounce.bounce)
-        rest.only = bounce_left(r->cache.bounce.bounce);
-    if (!result && r->cache.bounce.bounce && rest.only->count > 0)
-        result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &rest, r->lo, &more);
-    stats->eye.paths += more.paths;
-    stats->eye.rays += more.rays;
-    return result;
-}
-
 static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                               struct relight_stats *stats)
 {
-    const struct plan *p = &stats->plan;
-    const uint32_t behind = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
-    struct eye_paths_desc eye = {
-        .classes = classes_by(p, PLAN_EYE),
-        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? behind : 0),
-        .paths = p->eye_paths,
-        .seed = rng_mix(desc->direct.seed, 0x657965),
-        .pass = desc->direct.pass,
-        .cancel = desc->direct.cancel,
-        .scratch = r->scratch,
-    };
+    struct eye_paths_desc eye = eye_paths_of(r, desc, &stats->plan);
+    struct eye_paths_stats more = { 0 };
 
-    if (p->eye_paths == 0)
+    if (!has_eye_paths(r, desc, &stats->plan))
         return ERR_OK;
-    const enum err result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &stats->eye);
-    return result || p->indirect != PLAN_CACHE ? result : run_bounce(r, e, desc, &eye, stats);
+    enum err result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &stats->eye);
+    eye.classes = eye.behind_classes = PATH_INDIRECT_LIT;
+    eye.only = left_by_cache(r, &stats->plan);
+    if (!result && eye.only)
+        result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &eye, r->lo, &more);
+    stats->eye.paths += more.paths;
+    stats->eye.rays += more.rays;
+    return result;
 }
 
 static void add_stats(struct light_tracer_stats *to, const struct light_tracer_stats *more)

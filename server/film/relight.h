@@ -71,7 +71,7 @@ struct relight_desc {
 };
 
 struct relight_stats {           /* of one picture */
-    double shade_ms, resolve_ms; /* direct light; from points to pixels */
+    double shade_ms, resolve_ms; /* direct light, and all that the cache has; from points to pixels */
     double eye_ms, light_ms;     /* eye paths; light tracer */
     struct plan plan;
     struct direct_stats direct;
@@ -90,7 +90,7 @@ struct relight_stats {           /* of one picture */
     double cache_ms;
     struct bounce_stats bounce; /* where the cache has interreflection too: what that is, */
     bool bounce_loaded;         /* out of a file, */
-    double bounce_ms;           /* and what it took in this frame, within eye_ms */
+    double bounce_ms;           /* and what its sky took in this frame, within shade_ms as all of it */
     const char *bias;           /* in what it is not right in the mean, in words; NULL: in nothing */
 };
 

@@ -86,11 +86,13 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
     return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
 }
 
-enum err relight_bounce_shade(struct relight_bounce *b, const struct environment *e, const struct relight_desc *desc,
-                              float *lo, struct relight_stats *stats)
+enum err relight_bounce_take(struct relight_bounce *b, const struct environment *e, const struct relight_desc *desc,
+                             float *lo, const struct transport_guest **out, struct relight_stats *stats)
 {
     const double start = clock_seconds();
-    const enum err result = bounce_shade(b->bounce, e, desc->direct.cancel, lo);
+
+    *out = NULL;
+    const enum err result = lo ? bounce_shade(b->bounce, e, desc->direct.cancel, lo) : bounce_take(b->bounce, e, out);
 
     stats->bounce_ms = 1e3 * (clock_seconds() - start);
     stats->bounce = *bounce_stats(b->bounce);

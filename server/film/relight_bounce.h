@@ -25,8 +25,10 @@ MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct t
                                         const struct kernels *kernels, const struct relight_desc *desc,
                                         const struct relight_keep *keep, bool progress, double *ms);
 
-/* Adds it to lo. Fills stats->bounce, bounce_ms and bias. */
-MUST_CHECK enum err relight_bounce_shade(struct relight_bounce *b, const struct environment *e,
-                                         const struct relight_desc *desc, float *lo, struct relight_stats *stats);
+/* Takes the frame's sky: *out is for transport_frame, or, where lo is given, NULL, and it is added there. Fills
+ * stats->bounce, bounce_ms and bias. */
+MUST_CHECK enum err relight_bounce_take(struct relight_bounce *b, const struct environment *e,
+                                        const struct relight_desc *desc, float *lo, const struct transport_guest **out,
+                                        struct relight_stats *stats);
 
 #endif

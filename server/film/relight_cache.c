@@ -219,8 +219,13 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
                              const struct environment *e, const struct relight_desc *desc, float *lo,
                              struct relight_stats *stats)
 {
-    const struct transport_frame frame = { desc->direct.samples, desc->direct.seed, desc->direct.pass,
-                                           desc->direct.cancel,  desc->cache_keep,  desc->unsplit };
+    struct transport_frame frame = { desc->direct.samples,
+                                     desc->direct.seed,
+                                     desc->direct.pass,
+                                     desc->direct.cancel,
+                                     desc->cache_keep,
+                                     desc->unsplit,
+                                     NULL };
     const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
     const uint32_t samples = desc->direct.samples;
     struct reason why;
@@ -230,8 +235,8 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     stats->cache_refused = c->refused;
     if (c->refused)
         return sample(direct, set, e, desc, NULL, samples, lo, stats);
-    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss";
-    if (!c->transport) { /* cancelled */
+    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss"; /* or what bounces say */
+    if (!c->transport) {                                                                   /* cancelled */
         memset(lo, 0, floats * sizeof(float));
         return ERR_OK;
     }
@@ -242,8 +247,14 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     if (unbuilt->count > 0)
         result =
             sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
+    const bool bounces = stats->plan.indirect == PLAN_CACHE && c->bounce.bounce;
+    const bool apart = !transport_is_settled(c->transport);
+    if (!result && bounces && !apart)
+        result = relight_bounce_take(&c->bounce, e, desc, NULL, &frame.guest, stats);
     if (!result)
         result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
+    if (!result && bounces && apart)
+        result = relight_bounce_take(&c->bounce, e, desc, lo, &frame.guest, stats);
     stats->cache = *transport_stats(c->transport);
     stats->cache_loaded = c->loaded;
     stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;

@@ -35,8 +35,8 @@ MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set
 /* As relighter_follow. */
 double relight_cache_follow(struct relight_cache *c);
 
-/* Direct light into lo: by the cache, and what it leaves or has not yet by direct_shade with METHOD_AUTO. Fills
- * stats->direct and stats->cache_*. */
+/* Direct light into lo: by the cache, and what it leaves or has not yet by direct_shade with METHOD_AUTO; and
+ * interreflection, where stats->plan gives it to the cache. Fills stats->direct, stats->cache_* and stats->bounce_*. */
 MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
                                         const struct environment *e, const struct relight_desc *desc, float *lo,
                                         struct relight_stats *stats);

@@ -16,6 +16,8 @@ void bounce_destroy(struct bounce *b)
     mem_free(b->groups);
     mem_free(b->blocks);
     mem_free(b->left_index);
+    mem_free(b->block_of);
+    mem_free(b->z);
     bounce_basis_finish(&b->basis);
     mem_free(b);
 }
@@ -48,52 +50,100 @@ static void project_sky(const struct bounce_basis *basis, float (*sky)[TRANSPORT
     }
 }
 
-/* One row of a group's blocks. */
-static void shade_piece(const struct bounce *b, const struct bounce_group *g, uint32_t row, const float *y, float *lo)
+/* Each group's V times the sky. */
+static void project_groups(const struct bounce *b)
 {
-    const struct bounce_piece *q = &g->pieces[row];
-    const uint32_t columns = bounce_columns(q->rank);
-    _Alignas(64) float z[3 * BOUNCE_GROUP * TRANSPORT_POINTS], sum[3][TRANSPORT_POINTS];
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t k = 0; k < b->group_count; k++)
+        for (uint32_t r = 0; r < b->groups[k].rows; r++)
+            if (b->groups[k].pieces[r].bytes)
+                b->kernels->bounce->project(&b->groups[k].pieces[r], b->y, b->basis.count, b->groups[k].z[r]);
+}
 
-    if (!q->bytes)
+/* Blocks are asked for in another order than they lie in, and in good time. */
+static void ask_for(const struct bounce *b, uint32_t first)
+{
+    const uint32_t index = first < b->gbuffer->packet_count ? b->block_of[first] : 0;
+
+    if (index == 0)
         return;
-    b->kernels->project(q, y, b->basis.count, z);
-    const int8_t *bytes = q->bytes + (size_t)q->rank * 3 * q->basis;
-    for (uint32_t k = g->first; k < g->first + g->count; k++) {
-        const struct bounce_block *block = &b->blocks[k];
-        const uint32_t points = block->packets * PACKET;
-        if (block->rank[row] == 0)
-            continue;
-        for (uint32_t i = 0; i < block->packets; i++) /* they stand far apart, and are asked for in good time */
-            for (int c = 0; c < 3; c++)
-                __builtin_prefetch(b->gbuffer->packets[block->first + i].diffuse[c]);
-        b->kernels->expand(bytes, block->rank[row], z, columns, points, sum);
-        bytes += bounce_block_bytes(block->rank[row], columns, points);
-        for (uint32_t i = 0; i < block->packets; i++)
-            b->kernels->paint(&b->gbuffer->packets[block->first + i], row, sum, i * PACKET,
-                              lo + (size_t)(block->first + i) * 3 * PACKET);
+    const struct bounce_block *block = &b->blocks[index - 1];
+    const struct bounce_group *g = &b->groups[block->group];
+    for (uint32_t r = 0; r < block->rows; r++) {
+        const size_t bytes =
+            bounce_block_bytes(block->rank[r], bounce_columns(g->pieces[r].rank), block->packets * PACKET);
+        for (size_t i = 0; i < bytes; i += 64)
+            __builtin_prefetch(block->bytes[r] + i);
     }
+}
+
+static void guest_rows(const void *self, uint32_t first, struct transport_rows *out)
+{
+    const struct bounce *b = self;
+    const uint32_t index = b->block_of[first];
+
+    out->count = 0;
+    if (index == 0)
+        return;
+    const struct bounce_block *block = &b->blocks[index - 1];
+    const struct bounce_group *g = &b->groups[block->group];
+    ask_for(b, first + block->packets);
+    for (uint32_t r = 0; r < block->rows; r++) {
+        if (!g->pieces[r].bytes || block->rank[r] == 0)
+            memset(out->at[r], 0, sizeof(out->at[r]));
+        else
+            b->kernels->bounce->expand(block->bytes[r], block->rank[r], g->z[r], bounce_columns(g->pieces[r].rank),
+                                       block->packets * PACKET, out->at[r]);
+    }
+    out->count = block->rows;
+}
+
+enum err bounce_take(struct bounce *b, const struct environment *e, const struct transport_guest **out)
+{
+    float(*sky)[TRANSPORT_CELLS] = mem_alloc(3, sizeof(*sky));
+
+    *out = NULL;
+    if (!sky)
+        return ERR_NOMEM;
+    bounce_sky_take(e, sky);
+    project_sky(&b->basis, sky, b->y);
+    mem_free(sky);
+    project_groups(b);
+    b->guest = (struct transport_guest){ b, guest_rows, b->y, 3 * b->basis.count };
+    *out = &b->guest;
+    return ERR_OK;
+}
+
+/* A block by itself, onto what stands there. */
+static void add_block(const struct bounce *b, const struct bounce_block *block, float *lo)
+{
+    const struct transport_block dark = { .packets = block->packets };
+    _Alignas(64) float more[TRANSPORT_PACKETS * 3 * PACKET];
+    struct transport_rows rows;
+
+    guest_rows(b, block->first, &rows);
+    b->kernels->transport->cells(&dark, &b->gbuffer->packets[block->first], NULL, &rows, more);
+    for (uint32_t k = 0; k < block->packets; k++)
+        for (uint32_t i = 0; i < 3 * PACKET; i++)
+            if (i % PACKET < b->gbuffer->packets[block->first + k].count)
+                lo[((size_t)block->first + k) * 3 * PACKET + i] += more[k * 3 * PACKET + i];
 }
 
 enum err bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo)
 {
-    float(*sky)[TRANSPORT_CELLS] = mem_alloc(3, sizeof(*sky));
-    _Alignas(64) float y[3 * BOUNCE_BASIS_MAX];
+    const struct transport_guest *guest;
+    const enum err result = bounce_take(b, e, &guest);
 
-    if (!sky)
-        return ERR_NOMEM;
-    bounce_sky_take(e, sky);
-    project_sky(&b->basis, sky, y);
+    if (result)
+        return result;
 #pragma omp parallel
     {
         const unsigned before = denormals_flush();
-#pragma omp for schedule(dynamic, 1)
-        for (uint32_t k = 0; k < b->group_count; k++)
-            for (uint32_t r = 0; r < b->groups[k].rows; r++)
-                if (!cancel || !atomic_load_explicit(cancel, memory_order_relaxed))
-                    shade_piece(b, &b->groups[k], r, y, lo);
+#pragma omp for schedule(dynamic, 16)
+        for (uint32_t k = 0; k < b->block_count; k++)
+            if (!cancel || !atomic_load_explicit(cancel, memory_order_relaxed))
+                add_block(b, &b->blocks[k], lo);
         denormals_restore(before);
     }
-    mem_free(sky);
     return ERR_OK;
 }

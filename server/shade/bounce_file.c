@@ -271,7 +271,11 @@ enum err bounce_load(struct cache_reader *r, const struct digest *key, const str
     if (!e)
         e = read_bytes(r, key, b, desc->max_bytes ? desc->max_bytes : BOUNCE_BYTES, why);
     if (!e) {
-        bounce_close_stats(b);
+        e = bounce_close(b);
+        if (e)
+            err_say(why, e, "no memory for the cache of interreflection");
+    }
+    if (!e) {
         *out = b;
         b = NULL;
     }

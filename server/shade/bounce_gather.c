@@ -83,7 +83,7 @@ static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_RO
                                  (float)(weight[r] * (double)e->weight[2]) };
             float *to = out + r * stride;
             if (!cells)
-                b->b->kernels->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
+                b->b->kernels->bounce->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
             else if (e->source >= records)
                 to[e->source - records] += rgb_luminance(w[0], w[1], w[2]);
             else

@@ -84,41 +84,24 @@ static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t 
                    float out[3][TRANSPORT_POINTS])
 {
     const int8_t *w = bytes + rank * sizeof(float), *u = w + (size_t)rank * columns;
+    float y[BOUNCE_RANK_MAX][3];
 
-    memset(out, 0, 3 * TRANSPORT_POINTS * sizeof(float));
-    for (uint32_t k = 0; k < rank; k++, u += points, w += columns) {
-        float gain, y[3];
-        struct lanes x;
+    for (uint32_t k = 0; k < rank; k++, w += columns) {
+        float gain;
         memcpy(&gain, bytes + k * sizeof(gain), sizeof(gain));
-        weigh(w, z, columns, gain, y);
-        for (uint32_t p = 0; p < points; p += PACKET) {
-            widen_bytes(u + p, &x);
-            for (int c = 0; c < 3; c++) {
-                float *to = out[c] + p;
-                LANES(l) to[l] += x.v[l] * y[c];
-            }
-        }
+        weigh(w, z, columns, gain, y[k]);
     }
-}
-
-static void paint(const struct shade_packet *p, uint32_t row, float x[3][TRANSPORT_POINTS], uint32_t first, float *lo)
-{
-    const bool below = row == 0 && p->kind == LOBE_GGX; /* a matte part below a glossy one, transport_parts.h */
-
-    for (int c = 0; c < 3; c++, lo += PACKET) {
-        const float *f0 = p->specular[c], *diffuse = p->diffuse[c], *from = x[c] + first;
-        struct lanes light;
-        LANES(l) light.v[l] = from[l] > 0.0f ? from[l] : 0.0f;
-        if (below) {
-            LANES(l) light.v[l] *= (1.0f - f0[l]) * (1.0f - f0[l]) * diffuse[l];
-        } else if (row == 0) { /* the specular colour is not read: it stands far off */
-            LANES(l) light.v[l] *= diffuse[l];
-        } else if (row == 1) {
-            LANES(l) light.v[l] *= f0[l];
+    for (uint32_t p = 0; p < points; p += PACKET) {
+        struct lanes sum[3] = { { { 0.0f } } }, x;
+        for (uint32_t k = 0; k < rank; k++) {
+            widen_bytes(u + (size_t)k * points + p, &x);
+            for (int c = 0; c < 3; c++)
+                LANES(l) sum[c].v[l] += x.v[l] * y[k][c];
         }
-        LANES(l) lo[l] += light.v[l];
+        for (int c = 0; c < 3; c++)
+            memcpy(out[c] + p, &sum[c], sizeof(sum[c]));
     }
 }
 
 extern const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL);
-const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { add, project, expand, paint };
+const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { add, project, expand };

@@ -274,7 +274,7 @@ static void bounce_once(const struct bounce_build *b, const struct bounce_ends *
         float *to = next + r * row;
         memcpy(to, light + r * row, row * sizeof(float));
         for (uint32_t i = 0; i < all[r].count; i++)
-            b->b->kernels->add(to, now + all[r].at[i].source * row, all[r].at[i].weight, k);
+            b->b->kernels->bounce->add(to, now + all[r].at[i].source * row, all[r].at[i].weight, k);
         for (size_t i = 0; i < row && part; i++) {
             const double d = (double)to[i] - (double)now[r * row + i];
             part[2 * r] += d * d;

@@ -102,7 +102,8 @@ uint32_t bounce_cell(struct vec3 w, double x);
 
 /* ---- Blocks ---- */
 
-#define BOUNCE_GROUP 16u /* blocks that have their V in common */
+#define BOUNCE_RANK_MAX 256u /* of a block */
+#define BOUNCE_GROUP 16u     /* blocks that have their V in common */
 
 /* A row of a group's blocks: T = U W V, in bytes of -127 to 127. V [rank][3][basis] comes first, then for each block a
  * gain for each of its ranks, by which their products are multiplied (floats, not aligned), W [its
@@ -115,13 +116,16 @@ struct bounce_piece {
 
 struct bounce_block {
     uint32_t first, packets, rows;
-    uint8_t rank[TRANSPORT_ROWS];
+    uint32_t group;
+    uint8_t rank[TRANSPORT_ROWS];        /* below BOUNCE_RANK_MAX */
+    const int8_t *bytes[TRANSPORT_ROWS]; /* of its group's pieces */
 };
 
 struct bounce_group {
     uint32_t first, count; /* blocks */
     uint32_t rows;
     struct bounce_piece pieces[TRANSPORT_ROWS];
+    float *z[TRANSPORT_ROWS]; /* [3][bounce_columns(rank)]: V times the frame's sky */
 };
 
 /* Columns of W: the rest of the last sixteen are 0. */
@@ -154,19 +158,20 @@ struct bounce_kernels {
     /* out[c][point] = U gain W z of a block, whose gains are the first of `bytes`; points: a multiple of 16. */
     void (*expand)(const int8_t *bytes, uint32_t rank, const float *z, uint32_t columns, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
-    /* lo[c][lane] += colour of the row * x[c][first + lane], where that is above 0: what is left out by the
-     * compression may leave less than nothing, which radiance cannot be. Lanes that are not in use have x = 0. */
-    void (*paint)(const struct shade_packet *p, uint32_t row, float x[3][TRANSPORT_POINTS], uint32_t first, float *lo);
 };
 
 struct bounce {
     const struct gbuffer *gbuffer;
-    const struct bounce_kernels *kernels;
+    const struct kernels *kernels;
     struct bounce_basis basis;
     struct bounce_block *blocks;
     uint32_t block_count;
     struct bounce_group *groups;
     uint32_t group_count;
+    uint32_t *block_of;            /* [packet_count]: the block that begins with a packet, + 1; 0: none */
+    float *z;                      /* of all groups */
+    float y[3 * BOUNCE_BASIS_MAX]; /* the frame's sky in the basis: [3][basis.count] */
+    struct transport_guest guest;
     uint32_t *left_index;
     struct packet_list left;
     struct bounce_stats stats;
@@ -206,8 +211,8 @@ MUST_CHECK enum err bounce_gather_blocks(struct bounce_build *b);
 /* A cache with the blocks of the direct transport, and nothing of what is in them. NULL when out of memory. */
 struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *kernels);
 
-/* Once all is there: bytes and mean ranks. */
-void bounce_close_stats(struct bounce *b);
+/* Once all is there: where frames find it, bytes and mean ranks. ERR_NOMEM. */
+MUST_CHECK enum err bounce_close(struct bounce *b);
 
 /* ERR_RANGE. */
 MUST_CHECK enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why);

@@ -2,6 +2,7 @@
  * across the faces' edges too. Their weights add up to 1 everywhere. Where three faces meet there is no fourth cell:
  * its share is dealt to the three. */
 #include "bounce_parts.h"
+#include "pyramid.h"
 
 #include <math.h>
 #include <string.h>
@@ -9,9 +10,8 @@
 #define EDGE TRANSPORT_EDGE
 #define WIDE (EDGE + 2) /* a face with a border of its neighbours' cells */
 #define FINE 64u        /* texels along an edge, at least; larger ones are divided */
-#define COARSE 128u     /* above that, squares of 2^k texels are taken as one: eight to a tent's slope */
+#define COARSE 128u     /* and at most, by the coarser levels of the pyramid: eight to a tent's slope */
 #define PARTS 4u        /* of a face, summed apart */
-#define ROW_MOST 1024u  /* texels */
 
 struct wide_face {
     float at[WIDE][WIDE][4]; /* red, green, blue, solid angle */
@@ -64,38 +64,34 @@ struct four {
     float v __attribute__((vector_size(16))); /* red, green, blue, and what they are weighed by */
 };
 
-/* What is taken as a texel: `fold` rows and columns of them as one, or each `fine` times. */
+/* What is taken as a texel: those of a level of the sky's pyramid, each `fine` times. */
 struct grid {
-    uint32_t n, fold, fine;
+    const struct pyramid_level *level;
+    uint32_t n, fine;
 };
 
-static struct grid grid_of(uint32_t n)
+static struct grid grid_of(const struct environment *e)
 {
-    struct grid g = { .n = n, .fold = 1, .fine = 1 };
+    const struct pyramid_level *level = e->pyramid->level;
 
-    while (g.n > COARSE && g.n % 2 == 0) {
-        g.n /= 2;
-        g.fold *= 2;
-    }
-    if (n < FINE)
-        g.fine = (FINE + n - 1) / n;
-    return g;
+    while (level->n > COARSE)
+        level++;
+    return (struct grid){ level, level->n, level->n < FINE ? (FINE + level->n - 1) / level->n : 1 };
 }
 
 /* Texels of one row, times their solid angles. */
-static void fold_row(const struct environment *e, const struct grid *g, uint32_t face, uint32_t row, struct four *out)
+static void weigh_row(const struct grid *g, uint32_t face, uint32_t row, struct four *out)
 {
-    memset(out, 0, g->n * sizeof(*out));
-    for (uint32_t i = row * g->fold; i < (row + 1) * g->fold; i++) {
-        const struct texel *texel = e->texels + ((size_t)face * e->n + i) * e->n;
-        const double *solid_angle = e->solid_angle + (size_t)i * e->n;
-        for (uint32_t j = 0; j < g->n; j++)
-            for (uint32_t k = 0; k < g->fold; k++, texel++, solid_angle++) {
-                struct four x;
-                memcpy(&x, texel, sizeof(x));
-                x.v[3] = 1.0f;
-                out[j].v += (float)*solid_angle * x.v;
-            }
+    const float *texel = g->level->texels + ((size_t)face * g->n + row) * g->n * 4;
+    const float *solid_angle = g->level->solid_angle + (size_t)row * g->n;
+    const struct four colours = { { 1.0f, 1.0f, 1.0f, 0.0f } }, rest = { { 0.0f, 0.0f, 0.0f, 1.0f } };
+
+    for (uint32_t j = 0; j < g->n; j++) {
+        const float s = solid_angle[j];
+        struct four x;
+        memcpy(&x, texel + 4 * (size_t)j, sizeof(x));
+        x.v = s * (x.v * colours.v + rest.v);
+        out[j] = x;
     }
 }
 
@@ -125,21 +121,20 @@ static uint32_t take_run(const struct four *row, const struct grid *g, uint32_t 
 }
 
 /* A part of a face's rows. */
-static void take_part(const struct environment *e, uint32_t face, uint32_t part, struct wide_face *out)
+static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct wide_face *out)
 {
-    const struct grid g = grid_of(e->n);
-    const uint32_t rows = g.n * g.fine;
-    struct four texels[ROW_MOST];
+    const uint32_t rows = g->n * g->fine;
+    struct four texels[COARSE];
     float one[WIDE][4];
 
     memset(out, 0, sizeof(*out));
     for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
         float on;
         const int i = cell_before(-1.0 + 2.0 * (y + 0.5) / rows, &on) + 1;
-        fold_row(e, &g, face, y / g.fine, texels);
+        weigh_row(g, face, y / g->fine, texels);
         memset(one, 0, sizeof(one));
         for (uint32_t j = 0; j < rows;)
-            j = take_run(texels, &g, j, one);
+            j = take_run(texels, g, j, one);
         for (uint32_t j = 0; j < WIDE; j++)
             for (int c = 0; c < 4; c++) {
                 out->at[i][j][c] += (1.0f - on) * one[j][c];
@@ -148,27 +143,39 @@ static void take_part(const struct environment *e, uint32_t face, uint32_t part,
     }
 }
 
+/* What the parts of a face have for one cell, or for three. */
+static void deal(const struct wide_face parts[PARTS], uint32_t face, int i, int j, float out[3][TRANSPORT_CELLS],
+                 float *omega)
+{
+    float sum[4] = { 0.0f };
+    uint32_t cells[3];
+
+    for (uint32_t k = 0; k < PARTS; k++)
+        for (int c = 0; c < 4; c++)
+            sum[c] += parts[k].at[i + 1][j + 1][c];
+    const uint32_t count = sum[3] > 0.0f ? cells_of(face, i, j, cells) : 0;
+    for (uint32_t q = 0; q < count; q++) {
+        for (int c = 0; c < 3; c++)
+            out[c][cells[q]] += sum[c] / (float)count;
+        omega[cells[q]] += sum[3] / (float)count;
+    }
+}
+
 void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS])
 {
-    struct wide_face parts[CUBE_FACES * PARTS];
+    struct wide_face parts[CUBE_FACES][PARTS];
     float omega[TRANSPORT_CELLS] = { 0.0f };
 
+    environment_complete_pyramid(e);
+    const struct grid g = grid_of(e);
     memset(out, 0, 3 * sizeof(*out));
 #pragma omp parallel for schedule(static)
     for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
-        take_part(e, k / PARTS, k % PARTS, &parts[k]);
-    for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
+        take_part(&g, k / PARTS, k % PARTS, &parts[k / PARTS][k % PARTS]);
+    for (uint32_t face = 0; face < CUBE_FACES; face++)
         for (int i = -1; i <= EDGE; i++)
-            for (int j = -1; j <= EDGE; j++) {
-                const float *from = parts[k].at[i + 1][j + 1];
-                uint32_t cells[3];
-                const uint32_t count = from[3] > 0.0f ? cells_of(k / PARTS, i, j, cells) : 0;
-                for (uint32_t q = 0; q < count; q++) {
-                    for (int c = 0; c < 3; c++)
-                        out[c][cells[q]] += from[c] / (float)count;
-                    omega[cells[q]] += from[3] / (float)count;
-                }
-            }
+            for (int j = -1; j <= EDGE; j++)
+                deal(parts[face], face, i, j, out, omega);
     for (uint32_t cell = 0; cell < TRANSPORT_CELLS; cell++)
         for (int c = 0; c < 3; c++)
             out[c][cell] /= omega[cell];

@@ -270,6 +270,11 @@ static uint32_t classes_in(const struct scene *scene)
     return classes;
 }
 
+bool eye_paths_find(const struct scene *scene, const struct eye_paths_desc *desc)
+{
+    return ((desc->classes | desc->behind_classes) & classes_in(scene)) != 0;
+}
+
 static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, const struct eye_paths_desc *desc,
                           const uint32_t classes[2], float *lo, struct eye_paths_stats *stats)
 {

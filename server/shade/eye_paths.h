@@ -45,6 +45,9 @@ struct eye_paths_stats {
     uint64_t rays;  /* traced, shadow rays included */
 };
 
+/* Whether there is anything in the scene that they would find at all. */
+bool eye_paths_find(const struct scene *scene, const struct eye_paths_desc *desc);
+
 /* lo: float[packet_count][3][16], radiance towards the viewer; what is found is added to it. Runs on all OpenMP
  * threads; the result does not depend on their number. ERR_NOMEM: nothing was added. */
 MUST_CHECK enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,

@@ -80,6 +80,11 @@ const struct packet_list *transport_unbuilt(const struct transport *t)
     return &t->unbuilt;
 }
 
+bool transport_is_settled(const struct transport *t)
+{
+    return !t->fades;
+}
+
 const char *transport_what_name(enum transport_what what)
 {
     static const char *const names[] = { "all", "cells", "gain", "equal" };
@@ -125,10 +130,10 @@ static uint32_t shade_fading(const struct transport *t, const struct transport_l
     if (f->weight == 0)
         return 0;
     if (f->from_cells)
-        t->kernels->cells(&f->old, packets, &t->sky, old);
+        t->kernels->cells(&f->old, packets, &t->sky, NULL, old);
     else
         memcpy(old, lo, (size_t)b->packets * 3 * PACKET * sizeof(float));
-    t->kernels->cells(b, packets, &t->sky, lo);
+    t->kernels->cells(b, packets, &t->sky, NULL, lo);
     if (f->from_cells)
         mix(b, old, weight, lo);
     const uint32_t penumbra = add_rest(t, look, b, lo, rays);
@@ -150,7 +155,7 @@ static enum err take_sky(struct transport *t, const struct environment *e, const
 {
     const bool valid = t->past.lo == lo && frame->keep && !t->fades;
 
-    assert(frame->samples >= 1);
+    assert(frame->samples >= 1 && !(frame->guest && t->fades));
     t->past.lo = NULL; /* until this one is there */
     transport_past_begin(t);
     t->sky.unsplit = frame->unsplit;
@@ -158,7 +163,7 @@ static enum err take_sky(struct transport *t, const struct environment *e, const
     if (!result)
         result = transport_bright_draw(t, e, frame);
     if (!result)
-        transport_past_compare(t, e, valid, change);
+        transport_past_compare(t, e, frame->guest, valid, change);
     return result;
 }
 
@@ -188,6 +193,7 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
 #pragma omp parallel reduction(+ : rays, penumbra, kept)
     {
         const unsigned before = denormals_flush();
+        struct transport_rows more;
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < t->block_count; k++) {
             const struct transport_block *b = &t->blocks[k];
@@ -204,7 +210,9 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
                 penumbra += shade_fading(t, &look, k, out, &rays);
                 continue;
             }
-            t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, out);
+            if (frame->guest)
+                frame->guest->rows(frame->guest->self, b->first, &more);
+            t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, frame->guest ? &more : NULL, out);
             penumbra += add_rest(t, &look, b, out, &rays);
             clear_padding(t, b, out);
         }

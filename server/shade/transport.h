@@ -33,6 +33,7 @@
 #define TRANSPORT_ALPHA 0.075f
 
 struct transport;
+struct transport_guest;
 struct progress;
 
 struct transport_desc {
@@ -73,6 +74,8 @@ struct transport_frame {
     bool keep;    /* where lo is that of the last call, it is as that has left it: what has not changed since is not
                    * computed again. The bits are the same. */
     bool unsplit; /* nothing is bright: the cells alone, which are linear in the sky to rounding */
+    const struct transport_guest *guest; /* what comes to the blocks' light (bounce_guest), or NULL; not while
+                                          * transport_is_settled says false */
 };
 
 struct transport_frame_stats {
@@ -106,6 +109,9 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
                                     struct transport_frame_stats *stats);
 
 const struct transport_stats *transport_stats(const struct transport *t);
+
+/* All blocks are there, and nothing is left of what stood in for them. */
+bool transport_is_settled(const struct transport *t);
 
 /* Packets whose block is not there yet, or only in part: of a cache that is being built (transport_live.h). */
 const struct packet_list *transport_unbuilt(const struct transport *t);

@@ -125,34 +125,43 @@ static void expand(const struct transport_piece *q, const struct transport_sky *
     }
 }
 
-/* A compressed row may come out below 0 by its error, radiance may not. */
-static inline void add_coloured(const struct shade_packet *p, uint32_t row, const struct lanes sum[3], float *lo)
+/* A compressed row may come out below 0 by its error, radiance may not. more: [3][TRANSPORT_POINTS] from the packet's
+ * first lane on, or NULL. */
+static inline void add_coloured(const struct shade_packet *p, uint32_t row, const struct lanes sum[3],
+                                const float *more, float *lo)
 {
-    for (int c = 0; c < 3; c++)
-        LANES(l)
-        {
-            const float x = sum[c].v[l] > 0.0f ? sum[c].v[l] : 0.0f;
-            lo[c * PACKET + l] += transport_row_colour(p, row, c, (uint32_t)l) * x;
+    for (int c = 0; c < 3; c++) {
+        struct lanes x;
+        LANES(l) x.v[l] = sum[c].v[l] > 0.0f ? sum[c].v[l] : 0.0f;
+        if (more) {
+            const float *from = more + (size_t)c * TRANSPORT_POINTS;
+            LANES(l) x.v[l] += from[l] > 0.0f ? from[l] : 0.0f;
         }
+        LANES(l) lo[c * PACKET + l] += transport_row_colour(p, row, c, (uint32_t)l) * x.v[l];
+    }
 }
 
 static void cells(const struct transport_block *b, const struct shade_packet *packets, const struct transport_sky *sky,
-                  float *lo)
+                  const struct transport_rows *more, float *lo)
 {
+    const uint32_t added = more ? more->count : 0, rows = b->rows > added ? b->rows : added;
+
     memset(lo, 0, (size_t)b->packets * 3 * PACKET * sizeof(float));
     for (uint32_t k = 0; k < b->packets; k++)
         for (int c = 0; c < 3; c++)
             __builtin_prefetch(packets[k].diffuse[c]);
-    for (uint32_t r = 0; r < b->rows; r++) {
+    for (uint32_t r = 0; r < rows; r++) {
         const struct transport_piece *q = &b->pieces[r];
+        const bool has = r < b->rows && q->halves;
+        const float *from = r < added ? more->at[r][0] : NULL;
         float y[TRANSPORT_POINTS][3];
-        if (!q->halves)
-            continue;
-        project(q, sky, y);
-        for (uint32_t k = 0; k < b->packets; k++) {
-            struct lanes sum[3];
-            take_packet(q, y, k, sum);
-            add_coloured(&packets[k], r, sum, lo + (size_t)k * 3 * PACKET);
+        if (has)
+            project(q, sky, y);
+        for (uint32_t k = 0; k < b->packets && (has || from); k++) {
+            struct lanes sum[3] = { { { 0.0f } } };
+            if (has)
+                take_packet(q, y, k, sum);
+            add_coloured(&packets[k], r, sum, from ? from + (size_t)k * PACKET : NULL, lo + (size_t)k * 3 * PACKET);
         }
     }
 }

@@ -20,8 +20,9 @@
 #define TRANSPORT_VARIANTS 256
 #define TRANSPORT_UNIT 4   /* directions */
 #define TRANSPORT_GAZES 32 /* directions in which a narrow lobe looks */
-#define TRANSPORT_FADE 8   /* frames within which a block takes over */
-#define TRANSPORT_MORE 4   /* strata of the bright part to each ray that is traced at first; a power of two */
+#define TRANSPORT_GUEST 384
+#define TRANSPORT_FADE 8 /* frames within which a block takes over */
+#define TRANSPORT_MORE 4 /* strata of the bright part to each ray that is traced at first; a power of two */
 
 /* A block's row as it is traced: [cell][point]. */
 struct transport_matrix {
@@ -126,14 +127,31 @@ struct bright_kernels {
                       uint32_t count, const uint32_t variant[PACKET], struct transport_view *view);
 };
 
+/* Light of a block's rows that comes from elsewhere (bounce.h), before colours multiply it. Entries below 0 count as 0:
+ * compression may leave less than nothing. */
+struct transport_rows {
+    uint32_t count; /* 0: none */
+    _Alignas(64) float at[TRANSPORT_ROWS][3][TRANSPORT_POINTS];
+};
+
+struct transport_guest {
+    const void *self;
+    /* Of the block that begins with packet `first`; any thread. */
+    void (*rows)(const void *self, uint32_t first, struct transport_rows *out);
+    /* [count]: what all of that is linear in, of this frame */
+    const float *values;
+    uint32_t count; /* at most TRANSPORT_GUEST */
+};
+
 struct transport_kernels {
     /* The packet's transport into columns first .. first + 15 of the matrices, as many as the block has rows; adds
      * to *sight; returns rays traced. Every entry of the columns is written. */
     uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
                       struct transport_matrix *out, uint32_t first, struct transport_sight *sight);
-    /* The lower part of the block's light into lo [packets][3][16]: rows times the sky, coloured. */
+    /* The lower part of the block's light into lo [packets][3][16]: rows times the sky and, unless `more` is NULL, what
+     * comes to them, coloured. */
     void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct transport_sky *sky,
-                  float *lo);
+                  const struct transport_rows *more, float *lo);
     /* out[c][point] = sum over the cells of T L. points: a multiple of 16. */
     void (*expand)(const struct transport_piece *q, const struct transport_sky *sky, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
@@ -167,6 +185,8 @@ struct transport_past {
     enum importance importance;
     float level;
     struct texel *texels; /* [6][n][n]; only where there are narrow lobes */
+    float guest[TRANSPORT_GUEST];
+    uint32_t guest_count;
 };
 
 struct transport {

@@ -133,11 +133,26 @@ static bool compare_texels(struct transport *t, const struct environment *e, flo
     return same;
 }
 
-void transport_past_compare(struct transport *t, const struct environment *e, bool valid, struct transport_change *out)
+/* What a guest's light is linear in is that of the last frame times the gain. Keeps it for the next one. */
+static bool guest_is_scaled(struct transport_past *p, const struct transport_guest *guest, float gain)
+{
+    const uint32_t count = guest ? guest->count : 0;
+    const bool same = count == p->guest_count && (count == 0 || is_scaled(guest->values, p->guest, count, gain));
+
+    p->guest_count = count;
+    if (count > 0)
+        memcpy(p->guest, guest->values, count * sizeof(*p->guest));
+    return same;
+}
+
+void transport_past_compare(struct transport *t, const struct environment *e, const struct transport_guest *guest,
+                            bool valid, struct transport_change *out)
 {
     *out = (struct transport_change){ .what = TRANSPORT_ALL, .gain = 1.0f };
     if (valid)
         find_cells(t, bright_is_scaled(&t->bright, &t->past.bright, 1.0f), out);
+    if (!guest_is_scaled(&t->past, guest, out->gain))
+        *out = (struct transport_change){ .what = TRANSPORT_ALL, .gain = 1.0f };
     if (t->stats.narrow > 0 && (out->what == TRANSPORT_EQUAL || out->what == TRANSPORT_GAIN))
         out->texels = compare_texels(t, e, out->gain);
     else

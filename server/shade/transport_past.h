@@ -19,7 +19,8 @@ struct transport_change {
 void transport_past_begin(struct transport *t);
 
 /* After it: what has changed. valid: lo is still what the frame before has left. */
-void transport_past_compare(struct transport *t, const struct environment *e, bool valid, struct transport_change *out);
+void transport_past_compare(struct transport *t, const struct environment *e, const struct transport_guest *guest,
+                            bool valid, struct transport_change *out);
 
 /* The block's light does not have to be computed; at TRANSPORT_GAIN it has to be multiplied. */
 bool transport_past_keeps(const struct transport_change *c, const struct transport_block *b);

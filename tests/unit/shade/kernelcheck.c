@@ -275,6 +275,7 @@ static void every_level_gives_the_same_interreflection(void **state)
     static int8_t bytes[BYTES];
     struct rng r = { first_seed() };
     _Alignas(64) float y[3 * BASIS], from[3 * BASIS];
+    const size_t packet = 3 * PACKET * sizeof(float);
     (void)state;
 
     for (int i = 0; i < BYTES; i++)
@@ -290,26 +291,29 @@ static void every_level_gives_the_same_interreflection(void **state)
             const uint32_t rank = ranks[i / 4], points = (uint32_t)(i % 4 + 1) * PACKET;
             const struct bounce_piece q = { bytes, rank, BASIS - PACKET };
             const float gain = 0.01f, weight[3] = { 0.3f, -0.7f, 0.11f };
-            float want[3][TRANSPORT_POINTS] = { { 0.0f } }, want_lo[3 * PACKET], want_sum[3 * BASIS];
+            const struct transport_block dark = { .packets = points / PACKET };
+            float want[3][TRANSPORT_POINTS] = { { 0.0f } }, want_lo[TRANSPORT_PACKETS * 3 * PACKET],
+                  want_sum[3 * BASIS];
             for (uint32_t k = 0; k < rank; k++)
                 memcpy(bytes + k * sizeof(gain), &gain, sizeof(gain));
             for (size_t k = 0; all[k]; k++) {
                 const struct bounce_kernels *b = all[k]->bounce;
-                _Alignas(64) float z[3 * 48], sum[3][TRANSPORT_POINTS], lo[3 * PACKET] = { 0.0f }, to[3 * BASIS];
+                _Alignas(64) float z[3 * 48], lo[TRANSPORT_PACKETS * 3 * PACKET], to[3 * BASIS];
+                struct transport_rows rows = { .count = TRANSPORT_ROWS };
                 b->project(&q, y, BASIS, z);
-                b->expand(bytes, rank, z, bounce_columns(rank), points, sum);
                 for (uint32_t row = 0; row < TRANSPORT_ROWS; row++)
-                    b->paint(&g.packets[1], row, sum, points - PACKET, lo);
+                    b->expand(bytes, rank, z, bounce_columns(rank), points, rows.at[row]);
+                all[k]->transport->cells(&dark, g.packets, NULL, &rows, lo);
                 memcpy(to, y, sizeof(to));
                 b->add(to, from, weight, BASIS);
                 if (k == 0) {
-                    memcpy(want, sum, sizeof(want));
-                    memcpy(want_lo, lo, sizeof(want_lo));
+                    memcpy(want, rows.at[0], sizeof(want));
+                    memcpy(want_lo, lo, dark.packets * packet);
                     memcpy(want_sum, to, sizeof(want_sum));
                 }
-                assert_true(sum[0][0] != 0.0f && lo[0] >= 0.0f);
-                assert_memory_equal(want, sum, sizeof(want));
-                assert_memory_equal(want_lo, lo, sizeof(want_lo));
+                assert_true(rows.at[0][0][0] != 0.0f && lo[0] >= 0.0f);
+                assert_memory_equal(want, rows.at[0], sizeof(want));
+                assert_memory_equal(want_lo, lo, dark.packets * packet);
                 assert_memory_equal(want_sum, to, sizeof(want_sum));
             }
         }

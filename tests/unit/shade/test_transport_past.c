@@ -3,6 +3,7 @@
 #include "points.h"
 #include "relight.h"
 #include "transport.h"
+#include "transport_parts.h"
 
 #include <math.h>
 
@@ -121,6 +122,41 @@ static void a_sky_that_stands_still_is_not_computed_again(void **state)
             assert_int_equal(s.stats.kept, sun ? 0 : blocks);
             assert_true((s.stats.rays > 0) == (sun == 1));
         }
+    }
+    tear_down(&s);
+}
+
+/* Each row gets what the guest has of the frame. */
+static void even_rows(const void *self, uint32_t first, struct transport_rows *out)
+{
+    const struct transport_guest *guest = self;
+    (void)first;
+
+    out->count = 1;
+    for (uint32_t c = 0; c < 3; c++)
+        for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+            out->at[0][c][p] = guest->values[c];
+}
+
+/* What comes from elsewhere may change while the cells do not, or come and go; under a gain it must go with them. */
+static void light_from_elsewhere_is_not_kept_when_it_changes(void **state)
+{
+    float values[3] = { 0.5f, 0.25f, 0.75f };
+    struct transport_guest guest = { &guest, even_rows, values, 3 };
+    static const enum transport_what want[] = { TRANSPORT_ALL, TRANSPORT_EQUAL, TRANSPORT_ALL,  TRANSPORT_EQUAL,
+                                                TRANSPORT_ALL, TRANSPORT_ALL,   TRANSPORT_GAIN, TRANSPORT_ALL };
+    struct stage s;
+    (void)state;
+
+    set_up_court(&s, false);
+    for (int k = 0; k < 8; k++) {
+        values[1] += k == 2 ? 0.125f : 0.0f;
+        s.frame.guest = k == 4 ? NULL : &guest;
+        s.sky_desc.scale_stops = k < 6 ? 0.0 : k == 6 ? 1.0 : 2.0;
+        for (int c = 0; c < 3; c++) /* with the sky at first, and then not */
+            values[c] *= k == 6 ? 2.0f : 1.0f;
+        make_frame(&s);
+        assert_int_equal(s.stats.what, want[k]);
     }
     tear_down(&s);
 }
@@ -284,6 +320,7 @@ static void any_order_of_changes_gives_the_same_bits(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_sky_that_stands_still_is_not_computed_again),
+    cmocka_unit_test(light_from_elsewhere_is_not_kept_when_it_changes),
     cmocka_unit_test(few_cells_change_few_blocks),
     cmocka_unit_test(a_gain_of_whole_stops_is_a_product),
     cmocka_unit_test(gains_near_the_ends_of_floats_are_computed),
