@@ -8,6 +8,7 @@
 #include "control.h"
 #include "ingest.h"
 #include "message.h"
+#include "probe.h"
 #include "server.h"
 #include "site.h"
 
@@ -78,6 +79,7 @@ struct viewer {
     lws_sorted_usec_list_t grant;
 
     uint64_t control_seen; /* version of what is in force that it was told */
+    bool probing;          /* a question about a pixel is under way */
     bool answer_due;       /* an answer to its own control message `answer` */
     uint64_t answer;
 
@@ -146,6 +148,7 @@ struct server {
     struct server_demand demand;                        /* {lock} what viewers want; the rest is found when asked */
     struct ingest ingest;                               /* {lock} but for what it says of itself */
     struct control control;                             /* {lock} */
+    struct probes probes;                               /* {lock} */
 };
 
 /* picture.c: gives a picture its place in the stream; before anybody else sees it. flags are added. */
@@ -212,6 +215,13 @@ void recorder_leave(struct viewer *v);
 void controls_tell(struct server *s);     /* answers that have come */
 bool control_due(const struct viewer *v); /* whether v is to be told what is in force */
 char *control_text(struct viewer *v);     /* the message that is due; NULL: out of memory */
+
+/* probe.c, thread: service. */
+void probe_take(struct viewer *v, const struct message *m, struct fault *fault); /* a question */
+void probe_leave(struct viewer *v);                                              /* it is closed */
+void probes_tell(struct server *s);                                              /* answers that have come */
+bool probe_due(const struct viewer *v); /* whether v is to be told of the pixel that it follows */
+char *probe_text(struct viewer *v);     /* the message that is due; NULL: out of memory, or none */
 
 /* viewer.c, thread: service. */
 void viewers_wake(struct server *s);   /* new pictures or states: whoever may now send is asked to */

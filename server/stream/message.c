@@ -268,6 +268,52 @@ static enum fault_code parse_control(const json_t *object, struct message *m, st
     return FAULT_NONE;
 }
 
+/* A boolean; absent: *has is false. */
+static enum fault_code take_flag(const json_t *object, const char *key, bool *has, bool *out, const char *clause,
+                                 struct fault *fault)
+{
+    const json_t *v = json_object_get(object, key);
+
+    if (v && !json_is_boolean(v))
+        return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be true or false", key);
+    *has = v != NULL;
+    *out = json_is_true(v);
+    return FAULT_NONE;
+}
+
+/* A click beside the picture must not cost the connection. */
+static enum fault_code parse_probe(const json_t *object, struct message *m, struct fault *fault)
+{
+    static const char *const presets[] = { "fig1" };
+    const json_t *preset = json_object_get(object, "preset");
+    int64_t request = 0, x = 0, y = 0, samples = 0;
+    struct server_probe *q = &m->probe.question;
+    size_t word = 0;
+    bool said;
+
+    if (take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.15.1", fault) ||
+        take_flag(object, "follow", &m->probe.has_follow, &m->probe.follow, "4.15.5", fault) ||
+        take_flag(object, "sky", &said, &q->sky, "4.15.4", fault) ||
+        take_integer(object, "samples", false, 1, MESSAGE_PROBE_SAMPLES_MAX, &samples, "4.15.3", fault) ||
+        (preset && !json_is_null(preset) && take_word(object, "preset", presets, 1, &word, "4.15.3", fault)))
+        goto failed;
+    m->probe.asks =
+        json_object_get(object, "x") || json_object_get(object, "y") || !m->probe.has_follow || m->probe.follow;
+    if (m->probe.asks && (take_integer(object, "x", true, 0, PROTOCOL_SIDE_MAX - 1, &x, "4.15.2", fault) ||
+                          take_integer(object, "y", true, 0, PROTOCOL_SIDE_MAX - 1, &y, "4.15.2", fault)))
+        goto failed;
+    q->request = (uint64_t)request;
+    q->x = (uint32_t)x;
+    q->y = (uint32_t)y;
+    q->samples = (uint32_t)samples;
+    q->figure = preset && !json_is_null(preset);
+    return FAULT_NONE;
+failed:
+    fault->stays = true;
+    fault->request = (uint64_t)request;
+    return fault->code;
+}
+
 static enum fault_code parse_object(const json_t *object, struct message *m, struct fault *fault)
 {
     static const struct {
@@ -281,6 +327,7 @@ static enum fault_code parse_object(const json_t *object, struct message *m, str
         { "ping", MESSAGE_PING, parse_ping },
         { "end", MESSAGE_END, NULL },
         { "control", MESSAGE_CONTROL, parse_control },
+        { "probe", MESSAGE_PROBE, parse_probe },
     };
     const char *op = json_string_value(json_object_get(object, "op"));
 

@@ -61,7 +61,10 @@ enum message_op {
     MESSAGE_PING,
     MESSAGE_END,
     MESSAGE_CONTROL,
+    MESSAGE_PROBE,
 };
+
+#define MESSAGE_PROBE_SAMPLES_MAX 256 /* that a question about a pixel may ask for */
 
 #define MESSAGE_FORMATS 3
 extern const char *const message_formats[MESSAGE_FORMATS]; /* indexed by enum protocol_format - 1 */
@@ -94,6 +97,11 @@ struct message {
             uint64_t id;
         } ping;
         struct server_control control;
+        struct {
+            bool asks; /* it names a pixel: `question` is one */
+            struct server_probe question;
+            bool has_follow, follow;
+        } probe;
     };
 };
 
@@ -124,6 +132,10 @@ char *message_sequence(const char *name, uint64_t stored);
 /* What controllers have set, as a status in two parts. */
 char *message_control_shared(const struct server_control *c);
 char *message_control(const char *shared, uint64_t by, uint64_t request);
+
+/* What was asked about a pixel, of the text of a JSON object; and what a followed one has in a picture. */
+char *message_probed(const char *object, uint64_t request);
+char *message_radiance(const struct server_follow *pixel, const struct server_radiance *r);
 
 /* A status, in two parts: what all viewers share, made once, and a message made of it for one viewer. */
 char *message_status_shared(const struct server_status *status);

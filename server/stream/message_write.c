@@ -162,6 +162,26 @@ char *message_control(const char *shared, uint64_t by, uint64_t request)
     return text;
 }
 
+char *message_probed(const char *object, uint64_t request)
+{
+    static const char format[] = "{\"op\":\"probed\",\"request\":%llu,%s";
+
+    assert(object[0] == '{' && object[1] != '}');
+    const size_t room = sizeof(format) + 20 + strlen(object);
+    char *text = mem_alloc(room, 1);
+    if (text)
+        snprintf(text, room, format, (unsigned long long)request, object + 1);
+    return text;
+}
+
+char *message_radiance(const struct server_follow *pixel, const struct server_radiance *r)
+{
+    return dump(json_pack("{s:s s:i s:i s:I s:I s:b s:[f,f,f]}", "op", "radiance", "x", (int)pixel->x, "y",
+                          (int)pixel->y, "frame", (json_int_t)r->frame, "capture_us", (json_int_t)r->capture_us,
+                          "finer", r->finer, "radiance", figure((double)r->rgb[0]), figure((double)r->rgb[1]),
+                          figure((double)r->rgb[2])));
+}
+
 char *message_status_shared(const struct server_status *s)
 {
     static const char *const sources[] = { "waiting", "live", "paused", "ended", "failed" };

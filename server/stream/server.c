@@ -290,6 +290,7 @@ void server_destroy(struct server *s)
         mem_free(s->tokens[r]);
     message_free(s->status);
     message_free(s->control.shared);
+    probes_finish(&s->probes);
     ingest_finish(&s->ingest);
     site_finish(&s->site);
     pthread_mutex_destroy(&s->lock);

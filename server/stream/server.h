@@ -104,6 +104,39 @@ bool server_take_control(struct server *s, struct server_control *out);
 void server_set_control(struct server *s, const struct server_control *now, const struct server_control *answered,
                         const char *error);
 
+/* ---- Questions about a pixel ---- */
+
+struct server_probe {
+    uint64_t by, request; /* who asked, and the number of the request: handed back with the answer */
+    uint32_t x, y;        /* within the picture, as far as its size was said */
+    uint32_t samples;     /* 0: not said */
+    bool figure, sky;     /* the preset of [LPG13, Fig. 1]; with the sky's picture */
+};
+
+/* The next question. False: none. Any thread. */
+bool server_take_probe(struct server *s, struct server_probe *out);
+
+/* Its answer: a JSON object, copied; or NULL and why there is none. Each question that was taken must get one. Any
+ * thread. */
+void server_answer_probe(struct server *s, const struct server_probe *asked, const char *text, const char *error);
+
+/* The pixels that somebody follows from picture to picture. Returns how many. Any thread. */
+#define SERVER_FOLLOWED_MAX 32
+struct server_follow {
+    uint64_t by;
+    uint32_t x, y;
+};
+uint32_t server_followed(struct server *s, struct server_follow out[SERVER_FOLLOWED_MAX]);
+
+/* What a picture has at a followed pixel; who is slow is told the newest only. Any thread. */
+struct server_radiance {
+    uint64_t frame;
+    int64_t capture_us; /* 0: unknown */
+    bool finer;         /* of a frame that was told before, made better since */
+    float rgb[3];
+};
+void server_tell_radiance(struct server *s, const struct server_follow *f, const struct server_radiance *r);
+
 /* ---- The state, told and asked ---- */
 
 enum server_source {

@@ -65,6 +65,7 @@ static void close_viewer(struct viewer *v)
     *link = v->next;
     producer_leave(v);
     recorder_leave(v);
+    probe_leave(v);
     atomic_fetch_sub(&s->counts.open, 1);
     lws_sul_cancel(&v->pace);
     picture_unref(v->current);
@@ -79,12 +80,13 @@ void viewers_wake(struct server *s)
     const bool urgent = atomic_exchange(&s->urgent, false);
 
     controls_tell(s);
+    probes_tell(s);
     producers_tell(s);
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (urgent && v->greeted)
             v->status_due = true;
         recorder_tell(v);
-        if (v->status_due || control_due(v) || viewer_may_begin(v))
+        if (v->status_due || control_due(v) || probe_due(v) || viewer_may_begin(v))
             viewer_want(v);
     }
 }

@@ -180,6 +180,8 @@ static void take_text(struct viewer *v)
             take_subscribe(v, &m, &fault);
         else if (m.op == MESSAGE_ACK)
             take_ack(v, &m, &fault);
+        else if (m.op == MESSAGE_PROBE)
+            probe_take(v, &m, &fault);
         else if (v->outbox_count < STREAM_PONGS) /* behind a large picture on a slow line, answers would only age */
             viewer_say(v, message_pong(m.ping.id, clock_wall_us()));
     }

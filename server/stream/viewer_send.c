@@ -185,6 +185,15 @@ static int send_control(struct viewer *v)
     return result;
 }
 
+static int send_radiance(struct viewer *v)
+{
+    char *text = probe_text(v);
+    const int result = text ? send_text(v, text) : 0;
+
+    message_free(text);
+    return result;
+}
+
 static int say_goodbye(struct viewer *v)
 {
     lws_close_reason(v->wsi, (enum lws_close_status)v->close_code, (unsigned char *)v->close_text,
@@ -206,14 +215,16 @@ int viewer_write(struct viewer *v)
         result = send_status(v);
     } else if (!v->current && control_due(v)) {
         result = send_control(v);
+    } else if (!v->current && probe_due(v)) {
+        result = send_radiance(v);
     } else {
         if (viewer_may_begin(v))
             begin_picture(v);
         if (v->current)
             result = send_fragment(v);
     }
-    if (result == 0 &&
-        (v->current || v->outbox_count > 0 || v->status_due || control_due(v) || v->close_code || viewer_may_begin(v)))
+    if (result == 0 && (v->current || v->outbox_count > 0 || v->status_due || control_due(v) || probe_due(v) ||
+                        v->close_code || viewer_may_begin(v)))
         viewer_want(v);
     return result;
 }

@@ -353,8 +353,8 @@ static void sky_and_mirror_are_answered(void **state)
 }
 
 /* The reference is within 5 standard errors of 150 other estimates by the paper's method, and its own standard error
- * says how far it is off: over the points the squared deviations in those units have mean 1 within 40 %, which a
- * standard error that is wrong by a factor of 1.3 breaks. */
+ * says how far it is off: over some 30 points the mean of the squared deviations in those units is 1, give or take
+ * 0.25; a standard error that is half of what it should be makes it 2 and more. */
 static void the_reference_is_right_within_its_error(void **state)
 {
     enum { SEEDS = 150 };
