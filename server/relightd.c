@@ -299,6 +299,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         .height = d->set_desc.height,
         .samples = piloted ? pilot.samples : desc.direct.samples,
     };
+    daemon_probe_picture(d, out);
     const struct protocol_picture header = out->header; /* the slot is the encoder's once published */
     const int dropped = handoff_publish(&d->pictures, slot);
     if (dropped != HANDOFF_NONE)
@@ -333,6 +334,7 @@ static enum err shade_all(struct daemon *d, struct reason *why)
     while (!e && !stop_asked) {
         atomic_store(&stirred, false); /* what came before is seen below; what comes from here on ends a pass */
         daemon_take_control(d);
+        daemon_probe_answer(d);
         const double due_s = begun_s + pace_s(d), now_s = clock_seconds();
         if (now_s < due_s) {
             nap_ms(2);
@@ -447,6 +449,7 @@ static void tear_down(struct daemon *d)
     relighter_destroy(d->relighter);
     pilot_destroy(d->pilot);
     still_destroy(d->still);
+    prober_destroy(d->prober);
     set_destroy(d->set);
     source_close(d->source);
     handoff_finish(&d->frames);

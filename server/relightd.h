@@ -11,6 +11,7 @@
 #include "handoff.h"
 #include "jpeg.h"
 #include "pilot.h"
+#include "probe_report.h"
 #include "relight.h"
 #include "server.h"
 #include "sky.h"
@@ -88,6 +89,8 @@ struct daemon {
     double still_s, still_told_s; /* seconds that its passes took; when its last picture was published, */
     uint64_t still_told;          /* of how many passes; 0: none was */
     double still_logged_s;        /* 0: never */
+    struct prober *prober;        /* shade thread; NULL until it is wanted */
+    const struct shaded *latest;  /* shade thread: the last picture that was handed on; NULL: none was */
     atomic_bool *stirred;         /* set by whoever has something new: ends the pass that is under way */
     atomic_bool reading;          /* a frame is being read */
     struct jpeg_encoder *jpeg;    /* encode thread, and what follows */
@@ -131,6 +134,14 @@ bool daemon_still_is_due(struct daemon *d);
 
 /* One pass, and at times a picture. Ended early by d->stirred, and then as if it had not been begun. */
 MUST_CHECK enum err daemon_still_pass(struct daemon *d, struct reason *why);
+
+/* ---- relightd_probe.c: shade thread ---- */
+
+/* A picture is handed on: whoever follows a pixel is told what it has there. */
+void daemon_probe_picture(struct daemon *d, const struct shaded *picture);
+
+/* Answers one question about a pixel of the last picture, if there is one; where no picture is, none can be had. */
+void daemon_probe_answer(struct daemon *d);
 
 /* ---- relightd_options.c ---- */
 

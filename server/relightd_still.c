@@ -73,6 +73,7 @@ static void publish(struct daemon *d, const struct still_stats *stats)
     out->header.shaded_us = (uint32_t)fmin(1e6 * d->still_s, UINT32_MAX);
     out->header.samples = (uint32_t)fmin((double)stats->passes * f->light.direct.samples, UINT32_MAX);
     out->ticket = (struct server_ticket){ .id = 0 };
+    daemon_probe_picture(d, out);
     daemon_tell_finer(d, stats);
     handoff_publish(&d->pictures, slot);
     d->still_told = stats->passes;
