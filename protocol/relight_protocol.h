@@ -11,7 +11,7 @@
 #define PROTOCOL_NAME "relight.v1" /* the WebSocket subprotocol */
 #define PROTOCOL_PATH "/ws"
 #define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 0
+#define PROTOCOL_MINOR 1
 
 #define PROTOCOL_PICTURE_BYTES 80            /* header of a picture as written today */
 #define PROTOCOL_PICTURE_FLAGS_AT 7          /* where its flags stand */
@@ -20,6 +20,7 @@
 #define PROTOCOL_SIDE_MAX 16384              /* width and height of anything */
 #define PROTOCOL_TEXT_MAX 16384              /* bytes of a text message to the server */
 #define PROTOCOL_CREDIT 2                    /* pictures under way to a viewer and not yet acknowledged */
+#define PROTOCOL_CREDIT_H264 16              /* of a chain of H.264 pictures */
 #define PROTOCOL_NAME_MAX 64                 /* characters of a sequence's name */
 #define PROTOCOL_NUMBER_MAX 9007199254740991 /* 2^53 - 1: what every JSON reader keeps exactly */
 
@@ -43,6 +44,7 @@ enum protocol_format {
     PROTOCOL_JPEG = 1,     /* tone-mapped sRGB, baseline JPEG */
     PROTOCOL_EXR_HALF = 2, /* linear Rec.709 before exposure */
     PROTOCOL_EXR_FLOAT = 3,
+    PROTOCOL_H264 = 4, /* tone-mapped, one access unit of H.264 in Annex B form */
 };
 
 enum {
@@ -52,6 +54,7 @@ enum {
     PROTOCOL_PICTURE_HALF = 8,     /* flags: both sides halved, for viewers that take no larger one */
     PROTOCOL_PICTURE_QUARTER = 16, /* flags: both sides quartered */
     PROTOCOL_PICTURE_FINER = 32,   /* flags: of the frame shown before, and better: its age is no latency */
+    PROTOCOL_PICTURE_KEY = 64,     /* flags: of H.264, and needs none of those before it */
 };
 
 /* The header of a picture. Times of day are microseconds since 1970-01-01 UTC on the server's clock. */

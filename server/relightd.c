@@ -2,7 +2,7 @@
 /* The server, from top to bottom: a sky comes in, pictures go out. Four threads, each handing on to the next:
  *     ingest   source or producer -> decode -> cube map and tables
  *     shade    (main) direct light at the shade points -> linear picture; when nothing comes, a better one
- *     encode   exposure -> tone curve -> JPEG, or EXR for those who need the numbers
+ *     encode   exposure -> tone curve -> JPEG or H.264, or EXR for those who need the numbers
  *     network  belongs to stream/server.h
  * Between two of them stands a handoff of three slots: the newest wins, nobody waits for a copy. */
 #include "relightd.h"
@@ -370,6 +370,8 @@ static enum err allocate(struct daemon *d, struct reason *why)
     d->jpeg = jpeg_encoder_create();
     d->display = mem_alloc(pixels, 3);
     d->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
+    d->small_display = mem_alloc(pixels / 4 + 1, 3);
+    d->h264 = d->server_desc.h264 ? h264_encoder_create() : NULL;
     d->tables = resample_tables_create();
     all = d->tables != NULL;
     for (int i = 0; i < HANDOFF_SLOTS && all; i++) {
@@ -379,7 +381,8 @@ static enum err allocate(struct daemon *d, struct reason *why)
         all = all && d->ingested[i].environment && d->shaded[i].rgb;
     }
     exposure_init(&d->exposure);
-    if (!all || !d->relighter || !d->jpeg || !d->display || !d->small)
+    if (!all || !d->relighter || !d->jpeg || !d->display || !d->small || !d->small_display ||
+        (d->server_desc.h264 && !d->h264))
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->set_desc.width, d->set_desc.height);
     return ERR_OK;
 }
@@ -445,6 +448,8 @@ static void tear_down(struct daemon *d)
     resample_tables_destroy(d->tables);
     mem_free(d->display);
     mem_free(d->small);
+    mem_free(d->small_display);
+    h264_encoder_destroy(d->h264);
     jpeg_encoder_destroy(d->jpeg);
     relighter_destroy(d->relighter);
     pilot_destroy(d->pilot);

@@ -8,6 +8,7 @@
 #include "buyer.h"
 #include "environment.h"
 #include "film.h"
+#include "h264.h"
 #include "handoff.h"
 #include "jpeg.h"
 #include "pilot.h"
@@ -97,8 +98,14 @@ struct daemon {
     struct exposure exposure;
     uint64_t exposed; /* the frame to which exposure has adapted */
     float gain;
-    uint8_t *display;
-    float *small; /* a picture of half the sides or less */
+    struct h264_encoder *h264;    /* NULL: not offered */
+    double key_s;                 /* when it made a key picture last */
+    bool h264_failed;             /* which was said */
+    uint8_t *display;             /* the last whole picture as it is shown, and */
+    struct protocol_picture last; /* what it is; format 0: none */
+    bool last_jpeg;               /* it was published as JPEG */
+    float *small;                 /* a picture of half the sides or less, */
+    uint8_t *small_display;       /* and as it is shown */
 
     struct server *server;
     struct resample_tables *tables; /* of the slots' environments */

@@ -38,6 +38,7 @@ static struct option_row rows[] = {
     { "web", "DIR", "folder of the page; left out: the one that came with the program", NULL },
     { "tone", "CURVE", "filmic, reinhard or linear", "filmic" },
     { "quality", "Q", "of JPEG where a viewer does not say, 1 to 100", "85" },
+    { "no-h264", NULL, "offers no H.264 to viewers, where the program was built with it", NULL },
     { "", NULL, "who may do what", NULL },
     { "token-viewer", "T", "what viewers must know", NULL },
     { "token-controller", "T", "what controllers must know", NULL },
@@ -142,6 +143,7 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     d->server_desc.port = (uint16_t)port;
     d->server_desc.web_dir = options_get(o, "web");
     d->server_desc.push = d->push;
+    d->server_desc.h264 = h264_available() && !options_on(o, "no-h264");
     d->server_desc.max_frame_bytes = (size_t)mib << 20;
     d->server_desc.tokens[SERVER_VIEWER] = options_get(o, "token-viewer");
     d->server_desc.tokens[SERVER_CONTROLLER] = options_get(o, "token-controller");

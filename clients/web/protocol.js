@@ -1,7 +1,7 @@
 // relight.v1 as protocol/PROTOCOL.md lays it down: the binary headers and the close codes. Pure functions.
 
 export const PROTOCOL = 'relight.v1';
-export const VERSION = { major: 1, minor: 0 };
+export const VERSION = { major: 1, minor: 1 };
 export const PATH = '/ws';
 export const CREDIT = 2;
 
@@ -10,13 +10,14 @@ export const ENVIRONMENT_BYTES = 48;
 const HEADER_MAX = 1024;
 const SIDE_MAX = 16384;
 
-export const FORMATS = { 1: 'jpeg', 2: 'exr_half', 3: 'exr_float' };
+export const FORMATS = { 1: 'jpeg', 2: 'exr_half', 3: 'exr_float', 4: 'h264' };
 export const ENCODINGS = { 1: 'file_exr', 2: 'file_hdr', 3: 'raw_half', 4: 'raw_float' };
 export const LAYOUTS = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', 'fisheye'];
 
 export const FLAG_LAST = 1;
 export const FLAG_REPEAT = 2;
 export const FLAG_FINER = 32; // of the frame shown before, made better since
+export const FLAG_KEY = 64; // of H.264, and needs none of those before it
 
 const RESULTS = {
   short: ['1', 'the message ends inside its header'],

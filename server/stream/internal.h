@@ -18,9 +18,10 @@
 
 /* Kinds of picture, each with a newest one and numbers of its own: the formats, and JPEG at half and a quarter of its
  * size. A kind is an enum protocol_format or one of these. */
-#define STREAM_JPEG_HALF (PROTOCOL_EXR_FLOAT + 1)
-#define STREAM_JPEG_QUARTER (PROTOCOL_EXR_FLOAT + 2)
-#define STREAM_KINDS (PROTOCOL_EXR_FLOAT + 3)
+#define STREAM_JPEG_HALF (PROTOCOL_H264 + 1)
+#define STREAM_JPEG_QUARTER (PROTOCOL_H264 + 2)
+#define STREAM_KINDS (PROTOCOL_H264 + 3)
+#define STREAM_CHAIN 16                    /* pictures of H.264 that are kept for those who are behind */
 #define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
 #define STREAM_UNSENT (128 << 10)          /* bytes the kernel may hold unsent: what is behind cannot be skipped */
 #define STREAM_RECEIVE ((size_t)128 << 10) /* the largest piece that is received at once */
@@ -36,6 +37,7 @@ enum {
     STREAM_FRAME_MS = 30000,     /* from a frame's first byte to its last, where nothing else is said */
     STREAM_SILENT_US = 5000000,  /* after which another producer may take a silent one's place */
     STREAM_GRANT_US = 2000,      /* between two grants of credit, so that small frames cannot flood */
+    STREAM_LAG_US = 500000,      /* by which a viewer of H.264 may be behind before it is taken to the newest picture */
 };
 
 /* Text messages a viewer may send: so many at once, and so many a second in the long run. */
@@ -60,9 +62,13 @@ struct viewer {
     struct picture *current; /* being sent, or NULL */
     bool repeated;           /* current is older than since_us */
     size_t offset;           /* bytes of current that lws has taken */
-    uint64_t unacked[PROTOCOL_CREDIT];
+    struct {
+        uint64_t sequence;
+        int64_t published_us;
+    } unacked[PROTOCOL_CREDIT_H264];
     unsigned unacked_count;
     uint64_t begun;    /* sequence of the last picture begun, in the format of the moment */
+    bool chained;      /* H.264: it has what picture begun + 1 needs */
     uint64_t outdated; /* acks up to this sequence may mean pictures of a format watched before */
     uint64_t sent, skipped;
     int64_t due_us; /* not before: the viewer's max_rate */
@@ -115,6 +121,7 @@ struct server {
     char session[20]; /* random, new with every start */
     char *tokens[SERVER_ROLES];
     bool allow_remote, push, controllers; /* the last two: that role is offered */
+    bool h264;                            /* that format is offered */
     atomic_bool *stirred;                 /* set when a controller asks for something; may be NULL */
     size_t max_frame_bytes;
     uint32_t frame_ms;
@@ -140,6 +147,8 @@ struct server {
     pthread_mutex_t lock;
     struct picture *latest[STREAM_KINDS]; /* {lock} NULL before the first */
     uint64_t issued[STREAM_KINDS];        /* {lock} the last sequence number given */
+    struct picture *chain[STREAM_CHAIN];  /* {lock} H.264: picture n at n % STREAM_CHAIN; what is not kept is NULL */
+    bool key_wanted;                      /* {lock} somebody can go on only at a key picture */
     uint32_t width, height;               /* {lock} of a whole picture, as the status says; 0: unknown */
     uint64_t published;                   /* {lock} */
     char *status;                         /* {lock} what all viewers are told, see message_status_shared */
@@ -160,6 +169,18 @@ unsigned subscribed_kind(const struct server *s, const struct message *wish);
 
 /* server.c: {lock} makes the picture the newest of its kind. Returns the one before, to be released by the caller. */
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);
+
+/* chain.c: pictures of H.264, each of which but for key pictures needs the one before. All {lock}. */
+void chain_place(struct server *s, struct picture *p); /* keeps it, with a reference of its own, if anybody watches */
+void chain_clear(struct server *s);
+/* The picture that the viewer gets next: the next of its chain, or else the newest key picture. Not referenced; NULL:
+ * none. */
+struct picture *chain_next(const struct server *s, const struct viewer *v);
+uint64_t chain_newest(struct server *s); /* the last number given; takes the lock itself */
+/* Whether it may begin before what is under way is acknowledged. */
+bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p);
+/* Notes that a key picture is wanted if the viewer has nothing to go on with. */
+void chain_ask(struct server *s, const struct viewer *v);
 
 /* http.c, viewer.c: the callbacks of lws. Thread: service. */
 int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);

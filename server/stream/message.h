@@ -66,7 +66,7 @@ enum message_op {
 
 #define MESSAGE_PROBE_SAMPLES_MAX 256 /* that a question about a pixel may ask for */
 
-#define MESSAGE_FORMATS 3
+#define MESSAGE_FORMATS 4
 extern const char *const message_formats[MESSAGE_FORMATS]; /* indexed by enum protocol_format - 1 */
 
 struct message {
@@ -114,6 +114,7 @@ struct welcome {
     uint64_t id; /* of the connection */
     uint32_t max_connections;
     bool controllers, producers; /* these roles are offered */
+    bool h264;                   /* and this format */
     bool producer, recorder;     /* the one welcomed is one */
     bool has_after;              /* there is a last frame that was accepted (producer) or stored (recorder): */
     uint64_t after;

@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-const char *const message_formats[MESSAGE_FORMATS] = { "jpeg", "exr_half", "exr_float" };
+const char *const message_formats[MESSAGE_FORMATS] = { "jpeg", "exr_half", "exr_float", "h264" };
 
 /* The text of an object, which is given back; NULL when it could not be made. */
 static char *dump(json_t *object)
@@ -64,12 +64,16 @@ static json_t *name_of(uint64_t id)
 char *message_welcome(const struct welcome *w)
 {
     json_t *roles = json_pack("[s]", "viewer");
-    json_t *all = json_pack("{s:s s:{s:i s:i} s:s s:s s:o s:[s,s,s] s:{s:i s:i s:I}}", "op", "welcome", "version",
-                            "major", PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR, "server", "relightd " RELIGHT_VERSION,
-                            "session", w->session, "id", name_of(w->id), "formats", message_formats[0],
-                            message_formats[1], message_formats[2], "limits", "text_bytes", PROTOCOL_TEXT_MAX, "credit",
+    json_t *all = json_pack("{s:s s:{s:i s:i} s:s s:s s:o s:{s:i s:i s:I}}", "op", "welcome", "version", "major",
+                            PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR, "server", "relightd " RELIGHT_VERSION, "session",
+                            w->session, "id", name_of(w->id), "limits", "text_bytes", PROTOCOL_TEXT_MAX, "credit",
                             PROTOCOL_CREDIT, "connections", (json_int_t)w->max_connections);
+    json_t *formats = json_array();
 
+    for (int f = PROTOCOL_JPEG; f <= PROTOCOL_H264; f++)
+        if (f != PROTOCOL_H264 || w->h264)
+            json_array_append_new(formats, json_string(message_formats[f - PROTOCOL_JPEG]));
+    all = with(all, "formats", formats);
     if (w->controllers)
         json_array_append_new(roles, json_string("controller"));
     if (w->producers)

@@ -94,6 +94,7 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     s->allow_remote = desc->allow_remote;
     s->max_connections = desc->max_connections ? desc->max_connections : CONNECTIONS_DEFAULT;
     s->push = desc->push;
+    s->h264 = desc->h264;
     s->stirred = desc->stirred;
     s->frame_ms = desc->frame_ms ? desc->frame_ms : STREAM_FRAME_MS;
     s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
@@ -288,6 +289,7 @@ void server_destroy(struct server *s)
         picture_unref(s->latest[k]);
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
+    chain_clear(s);
     message_free(s->status);
     message_free(s->control.shared);
     probes_finish(&s->probes);
@@ -336,6 +338,8 @@ struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
     struct picture *old = s->latest[kind];
     picture_stamp(p, ++s->issued[kind], clock_wall_us(), flags);
     s->latest[kind] = p;
+    if (kind == PROTOCOL_H264)
+        chain_place(s, p);
     s->published++;
     return old;
 }
@@ -376,6 +380,7 @@ void server_demand(struct server *s, struct server_demand *out)
 {
     pthread_mutex_lock(&s->lock);
     *out = s->demand;
+    out->h264_key = s->key_wanted && out->formats >> PROTOCOL_H264 & 1;
     ingest_demand(&s->ingest, out);
     pthread_mutex_unlock(&s->lock);
 }

@@ -31,6 +31,7 @@ struct server_desc {
     bool allow_remote;                /* an address other than loopback, and any Host name, are taken */
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */
     bool push;                        /* producers are taken; else their role is not offered */
+    bool h264;                        /* H.264 is offered: who publishes must heed server_demand.h264_key */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
     atomic_bool *stirred;             /* set when a controller has asked for something; NULL: nobody is told so */
     uint32_t frame_ms;                /* within which a frame must be complete once begun; default 30 s */
@@ -184,6 +185,7 @@ struct server_demand {
     uint32_t viewers;      /* subscribed and not paused */
     uint32_t formats;      /* bit 1 << enum protocol_format for each that somebody watches */
     bool halves, quarters; /* somebody watches JPEG at half, at a quarter of the size (flags of the picture's header) */
+    bool h264_key;         /* somebody who watches H.264 can go on only at a key picture (flag of its header) */
     int jpeg_quality;      /* the best anyone wishes, 1..100; 0: nobody said */
     double max_rate;       /* the highest anyone takes, pictures per second; 0: no limit */
 

@@ -141,6 +141,8 @@ void viewers_demand(struct server *s)
     if (unlimited)
         d.max_rate = 0.0;
     s->demand = d;
+    if (!(d.formats >> PROTOCOL_H264 & 1))
+        chain_clear(s);
     pthread_mutex_unlock(&s->lock);
 }
 

@@ -30,6 +30,7 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
         .max_connections = s->max_connections,
         .controllers = s->controllers,
         .producers = s->push,
+        .h264 = s->h264,
     };
 
     if (m->hello.role == SERVER_PRODUCER)
@@ -67,6 +68,11 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
 {
     const bool watched = v->subscribed && !v->wish.subscribe.paused;
 
+    if (m->subscribe.format == PROTOCOL_H264 && (!v->server->h264 || v->recorder)) {
+        fault_say(fault, FAULT_NOT_OFFERED, v->recorder ? "4.3.6" : "4.3.1",
+                  v->recorder ? "a recorder gets no H.264" : "this server makes no H.264");
+        return;
+    }
     if (v->recorder && !recorder_subscribe(v, m, fault))
         return;
     pthread_mutex_lock(&v->server->lock);
@@ -80,6 +86,7 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
     }
     v->wish = *m;
     v->subscribed = true;
+    v->chained = false; /* its decoder may be a new one */
     v->due_us = 0;
     viewer_say(v, message_subscribed(m));
     if (!watched && !m->subscribe.paused) {
@@ -87,6 +94,8 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
         struct picture *p = viewer_next_picture(v);
         if (p)
             v->begun = picture_header(p)->sequence - 1;
+        else if (m->subscribe.format == PROTOCOL_H264)
+            v->begun = chain_newest(v->server);
         v->since_us = clock_wall_us();
         picture_unref(p);
     }
@@ -110,7 +119,7 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
         return;
     }
     for (unsigned i = 0; i < v->unacked_count; i++)
-        if (v->unacked[i] > sequence)
+        if (v->unacked[i].sequence > sequence)
             v->unacked[kept++] = v->unacked[i];
     atomic_fetch_add(&v->server->counts.acked, v->unacked_count - kept);
     /* Acks that return credit cannot come faster than pictures go: they do not count as messages. */

@@ -65,9 +65,10 @@ struct picture *viewer_next_picture(struct viewer *v)
         return p;
     }
     pthread_mutex_lock(&s->lock);
-    struct picture *latest = s->latest[subscribed_kind(s, &v->wish)];
-    if (latest && picture_header(latest)->sequence > v->begun)
-        p = picture_ref(latest);
+    const unsigned kind = subscribed_kind(s, &v->wish);
+    struct picture *next = kind == PROTOCOL_H264 ? chain_next(s, v) : s->latest[kind];
+    if (next && picture_header(next)->sequence > v->begun)
+        p = picture_ref(next);
     pthread_mutex_unlock(&s->lock);
     return p;
 }
@@ -79,16 +80,31 @@ static void pace_over(lws_sorted_usec_list_t *sul)
     viewer_want(v);
 }
 
+/* Whether the viewer has credit for the picture that it gets next. H.264 that has none to go on with asks for one. */
+static bool has_picture(struct viewer *v)
+{
+    const bool video = v->wish.subscribe.format == PROTOCOL_H264;
+
+    if (v->unacked_count >= (video ? PROTOCOL_CREDIT_H264 : PROTOCOL_CREDIT))
+        return false;
+    struct picture *p = viewer_next_picture(v);
+    bool may = p != NULL;
+    if (video) {
+        pthread_mutex_lock(&v->server->lock);
+        may = p && chain_may_begin(v->server, v, p);
+        if (!p)
+            chain_ask(v->server, v);
+        pthread_mutex_unlock(&v->server->lock);
+    }
+    picture_unref(p);
+    return may;
+}
+
 /* Whether a picture may begin now. Comes back by itself when only the viewer's rate stands against it. */
 bool viewer_may_begin(struct viewer *v)
 {
-    if (v->current || v->close_code || !v->subscribed || v->wish.subscribe.paused ||
-        v->unacked_count == PROTOCOL_CREDIT)
+    if (v->current || v->close_code || !v->subscribed || v->wish.subscribe.paused || !has_picture(v))
         return false;
-    struct picture *p = viewer_next_picture(v);
-    if (!p)
-        return false;
-    picture_unref(p);
     const int64_t wait = v->due_us - viewer_now_us();
     if (wait > 0)
         lws_sul_schedule(v->server->context, 0, &v->pace, pace_over, wait);
@@ -102,7 +118,8 @@ static void begin_picture(struct viewer *v)
     if (!p)
         return;
     const struct protocol_picture *header = picture_header(p);
-    const double rate = v->wish.subscribe.max_rate;
+    /* Of a chain none can be left out. */
+    const double rate = header->format == PROTOCOL_H264 ? 0.0 : v->wish.subscribe.max_rate;
     if (v->begun > 0 && !v->recorder) { /* between those of a recorder are pictures that were never its own */
         v->skipped += header->sequence - v->begun - 1;
         atomic_fetch_add(&v->server->counts.skipped, header->sequence - v->begun - 1);
@@ -113,8 +130,10 @@ static void begin_picture(struct viewer *v)
         v->due_us = (v->due_us > now - interval ? v->due_us : now) + interval;
     }
     v->begun = header->sequence;
+    v->chained = true;
     v->repeated = header->published_us < v->since_us;
-    v->unacked[v->unacked_count++] = header->sequence;
+    v->unacked[v->unacked_count].sequence = header->sequence;
+    v->unacked[v->unacked_count++].published_us = header->published_us;
     v->current = p;
     v->offset = 0;
 }

@@ -17,6 +17,7 @@ declare -A may_include=(
     [shade]="base source env scene"
     [plan]="base"
     [film]="base source env scene shade plan"
+    [video]="base"
     [chart]="base source env scene shade plan film"
 )
 

@@ -48,7 +48,7 @@ static void check_message(const struct message *m)
         require(m->hello.role != SERVER_PRODUCER || !m->hello.lockstep || m->hello.sequence[0], "a name is there");
         break;
     case MESSAGE_SUBSCRIBE:
-        require(m->subscribe.format >= PROTOCOL_JPEG && m->subscribe.format <= PROTOCOL_EXR_FLOAT, "format");
+        require(m->subscribe.format >= PROTOCOL_JPEG && m->subscribe.format <= PROTOCOL_H264, "format");
         require(m->subscribe.quality >= 0 && m->subscribe.quality <= 100, "quality");
         require(m->subscribe.max_rate >= 0.0 && m->subscribe.max_rate <= 1000.0, "rate");
         break;

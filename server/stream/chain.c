@@ -1,0 +1,86 @@
+#include "internal.h"
+
+/* H.264 spares bytes by saying only what has changed since the picture before. So a viewer that misses one can go on
+ * only at a key picture, which is ten times as large: rather than that, the last few are kept for who is a little
+ * behind, and more of them may be under way at once, since the round trip of a long line is more than two pictures. Who
+ * is far behind has its line cleared first, and then begins anew. */
+
+static struct picture *kept(const struct server *s, uint64_t sequence)
+{
+    struct picture *p = s->chain[sequence % STREAM_CHAIN];
+
+    return p && picture_header(p)->sequence == sequence ? p : NULL;
+}
+
+/* Whether what was published then is so old, as seen from the newest picture, that it is not worth its time. Two
+ * pictures are always: a slow stream's are old when they are new. */
+static bool too_late(const struct server *s, uint64_t sequence, int64_t published_us)
+{
+    const uint64_t newest = s->issued[PROTOCOL_H264];
+    const struct picture *last = kept(s, newest);
+
+    return last && newest - sequence >= PROTOCOL_CREDIT &&
+           picture_header(last)->published_us - published_us > STREAM_LAG_US;
+}
+
+void chain_place(struct server *s, struct picture *p)
+{
+    const struct protocol_picture *header = picture_header(p);
+    struct picture **place = &s->chain[header->sequence % STREAM_CHAIN];
+
+    picture_unref(*place);
+    *place = NULL;
+    if (!(s->demand.formats >> PROTOCOL_H264 & 1)) /* it would be old for whoever comes */
+        return;
+    *place = picture_ref(p);
+    if (header->flags & PROTOCOL_PICTURE_KEY)
+        s->key_wanted = false;
+}
+
+void chain_clear(struct server *s)
+{
+    for (int i = 0; i < STREAM_CHAIN; i++) {
+        picture_unref(s->chain[i]);
+        s->chain[i] = NULL;
+    }
+    s->key_wanted = false;
+}
+
+uint64_t chain_newest(struct server *s)
+{
+    pthread_mutex_lock(&s->lock);
+    const uint64_t newest = s->issued[PROTOCOL_H264];
+    pthread_mutex_unlock(&s->lock);
+    return newest;
+}
+
+struct picture *chain_next(const struct server *s, const struct viewer *v)
+{
+    const uint64_t newest = s->issued[PROTOCOL_H264];
+    struct picture *p = v->chained ? kept(s, v->begun + 1) : NULL;
+
+    if (p && !too_late(s, v->begun + 1, picture_header(p)->published_us))
+        return p;
+    for (uint64_t n = newest; n > v->begun && newest - n < STREAM_CHAIN; n--) {
+        p = kept(s, n);
+        if (p && picture_header(p)->flags & PROTOCOL_PICTURE_KEY)
+            return p;
+    }
+    return NULL;
+}
+
+bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p)
+{
+    if (v->unacked_count < PROTOCOL_CREDIT)
+        return true;
+    return v->chained && picture_header(p)->sequence == v->begun + 1 && v->unacked_count < PROTOCOL_CREDIT_H264 &&
+           !too_late(s, v->unacked[0].sequence, v->unacked[0].published_us);
+}
+
+void chain_ask(struct server *s, const struct viewer *v)
+{
+    const bool up_to_date = v->chained && v->begun == s->issued[PROTOCOL_H264];
+
+    if (!up_to_date && v->unacked_count < PROTOCOL_CREDIT)
+        s->key_wanted = true;
+}

@@ -1,0 +1,166 @@
+#include "h264.h"
+
+#include "log.h"
+#include "mem.h"
+#include "yuv.h"
+
+#include <libavcodec/avcodec.h>
+#include <libavutil/opt.h>
+
+#include <assert.h>
+
+#define SIDE_MAX 16384
+
+struct h264_encoder {
+    const AVCodec *codec;
+    AVCodecContext *context; /* NULL until the size is known */
+    AVFrame *frame;
+    AVPacket *packet;
+    int64_t count; /* pictures since it was opened */
+};
+
+static const AVCodec *find(void)
+{
+    return avcodec_find_encoder_by_name("libx264");
+}
+
+bool h264_available(void)
+{
+    return find() != NULL;
+}
+
+struct h264_encoder *h264_encoder_create(void)
+{
+    struct h264_encoder *h = find() ? mem_alloc(1, sizeof(*h)) : NULL;
+
+    if (!h)
+        return NULL;
+    av_log_set_level(AV_LOG_QUIET); /* it would tell of every opening; errors come back as such */
+    h->codec = find();
+    h->frame = av_frame_alloc();
+    h->packet = av_packet_alloc();
+    if (!h->frame || !h->packet) {
+        h264_encoder_destroy(h);
+        return NULL;
+    }
+    return h;
+}
+
+void h264_encoder_destroy(struct h264_encoder *h)
+{
+    if (!h)
+        return;
+    avcodec_free_context(&h->context);
+    av_frame_free(&h->frame);
+    av_packet_free(&h->packet);
+    mem_free(h);
+}
+
+/* The rate factor is a quantiser, smaller is better: 18 for quality 100, 21 for 85, 38 for 1. */
+static double rate_factor(int quality)
+{
+    return 38.0 - 0.2 * quality;
+}
+
+/* Zero latency: no picture waits for a later one, and the stream says so (no reordering), which decoders need to give
+ * each picture out at once. Key pictures come when asked for, and not otherwise; each brings its parameter sets. */
+static enum err set_up(AVCodecContext *c)
+{
+    const struct {
+        const char *key, *value;
+    } options[] = {
+        { "preset", "superfast" },
+        { "tune", "zerolatency" },
+        { "forced-idr", "1" },
+        { "x264-params", "keyint=infinite:scenecut=0" },
+    };
+
+    for (size_t i = 0; i < sizeof(options) / sizeof(options[0]); i++)
+        if (av_opt_set(c->priv_data, options[i].key, options[i].value, 0) < 0)
+            return ERR_UNSUPPORTED;
+    /* The picture's own curve is sRGB's, and its primaries are BT.709's: said, so that no decoder has to guess. */
+    c->pix_fmt = AV_PIX_FMT_YUV420P;
+    c->color_range = AVCOL_RANGE_JPEG;
+    c->colorspace = AVCOL_SPC_BT709;
+    c->color_primaries = AVCOL_PRI_BT709;
+    c->color_trc = AVCOL_TRC_IEC61966_2_1;
+    c->chroma_sample_location = AVCHROMA_LOC_CENTER;
+    c->time_base =
+        (AVRational){ 1, 30 }; /* of use to the rate control only, which a constant rate factor does without */
+    c->framerate = (AVRational){ 30, 1 };
+    c->max_b_frames = 0;
+    c->thread_count = 1; /* the other processors are shading */
+    return ERR_OK;
+}
+
+static enum err open_for(struct h264_encoder *h, int width, int height, int quality)
+{
+    avcodec_free_context(&h->context);
+    av_frame_unref(h->frame);
+    h->count = 0;
+    h->context = avcodec_alloc_context3(h->codec);
+    if (!h->context)
+        return ERR_NOMEM;
+    h->context->width = width;
+    h->context->height = height;
+    enum err e = set_up(h->context);
+    if (!e && (av_opt_set_double(h->context->priv_data, "crf", rate_factor(quality), 0) < 0 ||
+               avcodec_open2(h->context, h->codec, NULL) < 0))
+        e = ERR_UNSUPPORTED;
+    h->frame->width = width;
+    h->frame->height = height;
+    h->frame->format = AV_PIX_FMT_YUV420P;
+    if (!e && av_frame_get_buffer(h->frame, 0) < 0)
+        e = ERR_NOMEM;
+    if (e)
+        avcodec_free_context(&h->context);
+    return e;
+}
+
+/* One in, one out. After an error the encoder is opened anew, so that nobody depends on what went wrong. */
+static enum err run(struct h264_encoder *h, bool key)
+{
+    av_packet_unref(h->packet);
+    h->frame->pts = h->count;
+    h->frame->pict_type = key ? AV_PICTURE_TYPE_I : AV_PICTURE_TYPE_NONE;
+    int failed = avcodec_send_frame(h->context, h->frame);
+    if (!failed)
+        failed = avcodec_receive_packet(h->context, h->packet);
+    if (!failed) {
+        h->count++;
+        return ERR_OK;
+    }
+    log_debug("libavcodec gave error %d at picture %lld", failed, (long long)h->count);
+    avcodec_free_context(&h->context);
+    return failed == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_UNSUPPORTED;
+}
+
+enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h264_desc *desc, struct h264_output *out)
+{
+    const int width = (int)(desc->width + desc->width % 2), height = (int)(desc->height + desc->height % 2);
+    enum err e = ERR_OK;
+
+    assert(desc->quality >= 1 && desc->quality <= 100);
+    *out = (struct h264_output){ 0 };
+    if (desc->width < 1 || desc->height < 1 || desc->width > SIDE_MAX || desc->height > SIDE_MAX)
+        return ERR_RANGE;
+    if (!h->context || h->context->width != width || h->context->height != height)
+        e = open_for(h, width, height, desc->quality);
+    /* The encoder may still look at the last picture's planes. */
+    if (!e && av_frame_make_writable(h->frame) < 0)
+        e = ERR_NOMEM;
+    if (e)
+        return e;
+    const AVFrame *f = h->frame;
+    yuv_from_rgb(
+        rgb, desc->width, desc->height,
+        &(struct yuv_planes){ f->data[0], f->data[1], f->data[2], f->linesize[0], f->linesize[1], f->linesize[2] });
+    /* Heeded from picture to picture. */
+    if (av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0)
+        return ERR_UNSUPPORTED;
+    e = run(h, desc->key || h->count == 0);
+    if (e)
+        return e;
+    *out = (struct h264_output){ h->packet->data, (size_t)h->packet->size, h->packet->flags & AV_PKT_FLAG_KEY };
+    return ERR_OK;
+}

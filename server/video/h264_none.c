@@ -1,0 +1,25 @@
+#include "h264.h"
+
+bool h264_available(void)
+{
+    return false;
+}
+
+struct h264_encoder *h264_encoder_create(void)
+{
+    return NULL;
+}
+
+void h264_encoder_destroy(struct h264_encoder *h)
+{
+    (void)h;
+}
+
+enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h264_desc *desc, struct h264_output *out)
+{
+    (void)h;
+    (void)rgb;
+    (void)desc;
+    *out = (struct h264_output){ 0 };
+    return ERR_UNSUPPORTED;
+}

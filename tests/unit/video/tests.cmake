@@ -1,0 +1,6 @@
+unit_test(video test_yuv m)
+if(RELIGHT_H264)
+  unit_test(video test_h264 PkgConfig::AVCODEC m)
+else()
+  unit_test(video test_none)
+endif()
