@@ -14,7 +14,7 @@ import {
 import { startTheme, switchTheme } from './theme.js';
 
 // Each is a panel or a tool by itself: `export function mount(app)`. One that fails costs itself only.
-const MODULES = [];
+const MODULES = ['./probe.js'];
 
 const $ = (id) => document.getElementById(id);
 

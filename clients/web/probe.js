@@ -1,0 +1,278 @@
+// The pixel probe: a click, a tap or the arrow keys choose a pixel, and the panel shows where its light comes from. What
+// is drawn is probe_draw.js's, the words are probe_words.js's.
+
+import { COLOURS, decodeSky, drawProbe } from './probe_draw.js';
+import { Picker } from './probe_pick.js';
+import { MINUTES, Trace, drawTrace } from './probe_plot.js';
+import { countSamples, figure, percent, plotWords, rows, summary } from './probe_words.js';
+
+const AGAIN_MS = 1000; // between questions about a pixel that is followed
+const LOST_MS = 15000; // after which an answer will not come: large pictures take their time
+
+// An element with properties, attributes and children.
+export function element(tag, { text, attributes = {}, ...properties } = {}, ...children) {
+  const made = document.createElement(tag);
+  Object.assign(made, properties);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  if (text !== undefined) made.textContent = text;
+  made.append(...children);
+  return made;
+}
+
+function toggle(id, label, checked) {
+  const input = element('input', { type: 'checkbox', id, checked });
+  return { input, row: element('label', { className: 'probe-toggle' }, input, ` ${label}`) };
+}
+
+class Probe {
+  constructor(app) {
+    this.app = app;
+    this.request = 0;
+    this.pixel = null; // what is asked about
+    this.answer = null;
+    this.sky = null;
+    this.waiting = 0; // the request that is under way; 0: none
+    this.next = false; // another one is wanted as soon as that is answered
+    this.trace = new Trace();
+    this.build(app.panel('probe', 'Where the light comes from'));
+    this.picker = new Picker(app, (x, y) => this.choose(x, y));
+    app.on('probed', (message) => this.take(message));
+    app.on('radiance', (message) => this.takeRadiance(message));
+    app.on('error', (error) => this.takeError(error));
+    app.on('welcome', () => this.begin());
+    app.on('status', (status) => this.picker.setSize(status.width, status.height));
+    setInterval(() => this.askAgain(), AGAIN_MS);
+    setInterval(() => this.showTrace(), 250);
+    new ResizeObserver(() => this.draw()).observe(this.latlong);
+    document.addEventListener('visibilitychange', () => this.followIfSeen());
+    window.relight.probe = this;
+  }
+
+  // ---- what the panel is made of
+
+  build(body) {
+    this.hint = element('p', { className: 'probe-hint', id: 'probe-hint' });
+    this.words = element('p', { className: 'probe-words', id: 'probe-words' });
+    // What is read out: once for a pixel and not each second, or a screen reader would never be silent.
+    this.spoken = element('p', { className: 'probe-spoken', attributes: { role: 'status', 'aria-live': 'polite' } });
+    this.shown = element('div', { id: 'probe-shown', hidden: true });
+    this.latlong = this.canvas('probe-latlong', 'The sky as a lat-long picture, with the samples');
+    this.cross = this.canvas('probe-cross', 'The sky as a cross of six faces, with the samples');
+    this.plot = this.canvas('probe-plot', 'Radiance over time');
+    this.visibility = toggle('probe-visibility', 'Darken what cannot be seen from there', true);
+    this.lobes = toggle('probe-lobes', 'Samples of the material too', false);
+    this.follow = toggle('probe-follow', 'Follow this pixel from picture to picture', true);
+    this.samples = element('select', { id: 'probe-samples' },
+      ...['', '16', '64', '256'].map((n) => element('option', { value: n, text: n || 'as the picture' })));
+    this.preset = element('button', { type: 'button', id: 'probe-preset', text: 'As in Fig. 1', attributes: { 'aria-pressed': 'false' },
+      title: '50 samples and a Phong exponent of 150, as Fig. 1 of Lu, Pacanowski and Granier 2013' });
+    this.save = element('button', { type: 'button', id: 'probe-save', text: 'Save as JSON' });
+    this.stop = element('button', { type: 'button', id: 'probe-stop', text: 'Let go' });
+    this.legend = element('ul', { className: 'probe-legend', id: 'probe-legend' });
+    this.shares = element('table', { className: 'probe-shares', id: 'probe-shares' });
+    this.table = element('table', { className: 'probe-table', id: 'probe-table' });
+    this.plotText = element('p', { className: 'probe-remark', id: 'probe-plot-words' });
+    this.shown.append(
+      element('div', { className: 'probe-row' }, this.preset,
+        element('label', {}, 'Samples ', this.samples)),
+      this.latlong, this.cross, this.legend, this.visibility.row, this.lobes.row,
+      element('h3', { text: 'Shares of the faces' }), this.shares,
+      element('h3', { text: 'This pixel' }), this.table,
+      element('h3', { text: `Its radiance in the last ${MINUTES} minutes` }), this.follow.row, this.plot, this.plotText,
+      element('div', { className: 'probe-row' }, this.save, this.stop));
+    body.append(this.hint, this.words, this.spoken, this.shown);
+    this.listen();
+    this.sayHint();
+  }
+
+  canvas(id, label) {
+    return element('canvas', { id, attributes: { role: 'img', 'aria-label': label } });
+  }
+
+  listen() {
+    for (const { input } of [this.visibility, this.lobes]) input.onchange = () => this.draw();
+    this.samples.onchange = () => this.ask();
+    this.follow.input.onchange = () => this.followIfSeen();
+    this.save.onclick = () => this.download();
+    this.stop.onclick = () => this.letGo();
+    this.preset.onclick = () => {
+      const on = this.preset.getAttribute('aria-pressed') !== 'true';
+      this.preset.setAttribute('aria-pressed', String(on));
+      this.samples.disabled = on;
+      this.ask();
+    };
+  }
+
+  sayHint() {
+    this.hint.textContent = 'Click or tap the picture, or press P and choose a pixel with the arrow keys and Enter.';
+    this.hint.hidden = this.pixel !== null;
+  }
+
+  // ---- asking
+
+  // The picture's place was clicked, or Enter pressed.
+  choose(x, y) {
+    if (!this.pixel || this.pixel.x !== x || this.pixel.y !== y) this.trace.clear();
+    this.pixel = { x, y };
+    this.sayHint();
+    this.ask();
+  }
+
+  // One question at a time, as the server has it.
+  ask() {
+    this.next = this.waiting !== 0;
+    if (!this.pixel || this.next) return;
+    this.request = Math.max(Date.now(), this.request + 1); // unlike any other part's
+    this.waiting = this.request;
+    this.askedMs = performance.now();
+    const message = { op: 'probe', request: this.request, ...this.pixel, sky: true, follow: this.follow.input.checked };
+    if (this.preset.getAttribute('aria-pressed') === 'true') message.preset = 'fig1';
+    else if (this.samples.value) message.samples = Number(this.samples.value);
+    this.app.send(message);
+  }
+
+  // A followed pixel's samples move with the sky.
+  askAgain() {
+    const seen = document.visibilityState === 'visible' && this.panelOpen();
+    if (this.waiting && performance.now() - this.askedMs > LOST_MS) this.waiting = 0;
+    const again = this.follow.input.checked && this.app.state.name === 'live';
+    if (this.pixel && !this.waiting && seen && (again || this.next)) this.ask();
+  }
+
+  panelOpen() {
+    return this.shown.closest('details')?.open !== false && !document.body.classList.contains('plain');
+  }
+
+  followIfSeen() {
+    if (!this.pixel) return;
+    if (this.follow.input.checked && document.visibilityState === 'visible') this.ask();
+    else this.app.send({ op: 'probe', follow: false });
+  }
+
+  letGo() {
+    this.app.send({ op: 'probe', follow: false });
+    this.pixel = this.answer = null;
+    this.next = false;
+    this.trace.clear();
+    this.shown.hidden = true;
+    this.words.textContent = this.spoken.textContent = '';
+    this.picker.mark(null);
+    this.sayHint();
+  }
+
+  // Another connection knows nothing of what the last one followed.
+  begin() {
+    this.waiting = 0;
+    this.ask();
+  }
+
+  // ---- answers
+
+  async take(message) {
+    if (message.request !== this.waiting) return;
+    this.waiting = 0;
+    const { op, request, ...answer } = message;
+    if (this.next) this.ask();
+    if (answer.x !== this.pixel?.x || answer.y !== this.pixel?.y) return;
+    const first = this.answer?.x !== answer.x || this.answer?.y !== answer.y || this.answer?.preset !== answer.preset;
+    this.answer = answer;
+    this.sky = answer.sky ? await decodeSky(answer.sky) : this.sky;
+    if (this.answer !== answer) return;
+    this.shown.hidden = false;
+    this.words.textContent = summary(answer);
+    if (first) this.spoken.textContent = summary(answer);
+    this.latlong.setAttribute('aria-label', `The sky as a lat-long picture. ${summary(answer)}`);
+    this.draw();
+    this.showShares();
+    this.showTable();
+  }
+
+  takeError(error) {
+    if (!error.clause?.startsWith('4.15') || (error.request && error.request !== this.waiting)) return;
+    this.waiting = 0;
+    if (error.code === 'busy') this.next = true; // askAgain does
+    this.words.textContent = error.code === 'busy' ? 'The server is busy with other questions; it is asked again.' : `No answer: ${error.message}.`;
+    this.spoken.textContent = this.words.textContent;
+  }
+
+  takeRadiance({ x, y, radiance, frame, finer }) {
+    if (x === this.pixel?.x && y === this.pixel?.y) this.trace.add(performance.now(), radiance, frame, finer);
+  }
+
+  // ---- showing
+
+  draw() {
+    if (!this.answer || this.latlong.clientWidth === 0) return;
+    const show = { visibility: this.visibility.input.checked, lobes: this.lobes.input.checked };
+    drawProbe(this.latlong, 'latlong', this.answer, this.sky, show);
+    drawProbe(this.cross, 'cross', this.answer, this.sky, show);
+    this.showLegend(show.lobes);
+  }
+
+  showLegend(lobes) {
+    const n = countSamples(this.answer);
+    const items = [
+      ['generated', `${n.generated - n.chosen} generated`],
+      ['chosen', `${n.chosen - n.effective} chosen, no cosine or no light`],
+      ['blocked', `${n.effective - n.visible} effective, but something is in the way`],
+      ['effective', `${n.visible} effective, by what they bring`],
+      ['normal', this.answer.point ? 'the normal' : 'where it looks'],
+    ];
+    if (lobes) items.push(['lobe', `${this.answer.lobes.length} of the material`]);
+    this.legend.replaceChildren(...items.map(([kind, text]) => {
+      const sign = element('span', { className: `probe-sign ${kind}`, attributes: { 'aria-hidden': 'true' } });
+      sign.style.setProperty('--colour', COLOURS[kind]);
+      return element('li', {}, sign, text);
+    }));
+  }
+
+  showShares() {
+    const head = ['Face', 'Share', 'Of the sky', 'Chosen', 'Arrive'].map((text) => element('th', { text, scope: 'col' }));
+    const body = this.answer.shares.map((s) => {
+      const bar = element('span', { className: 'probe-bar', attributes: { 'aria-hidden': 'true' } });
+      bar.style.width = `${(100 * s.share).toFixed(2)}%`;
+      return element('tr', {},
+        element('th', { text: s.face, scope: 'row' }),
+        element('td', {}, percent(s.share), element('div', { className: 'probe-meter' }, bar)),
+        element('td', { text: percent(s.energy) }),
+        element('td', { text: `${s.chosen}\u00a0of\u00a0${s.generated}`, title: `N = ${figure(s.count)}` }),
+        element('td', { text: String(s.visible) }));
+    });
+    this.shares.replaceChildren(
+      element('caption', { text: 'Light samples, by the normal and the sky (Eq. 3)' }),
+      element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...body));
+    this.shares.hidden = body.length === 0;
+  }
+
+  showTable() {
+    this.table.replaceChildren(element('tbody', {}, ...rows(this.answer).map(([label, value, remark]) =>
+      element('tr', {}, element('th', { text: label, scope: 'row' }),
+        element('td', {}, value, remark ? element('small', { text: remark }) : '')))));
+  }
+
+  showTrace() {
+    if (!this.answer || this.plot.clientWidth === 0 || document.visibilityState !== 'visible') return;
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(name).trim();
+    drawTrace(this.plot, this.trace.points, {
+      rgb: [colour('--bad'), colour('--good'), colour('--sky')], line: colour('--line'), text: colour('--soft'),
+    });
+    const words = plotWords(this.trace.points);
+    if (this.plotText.textContent !== words) this.plotText.textContent = words;
+    this.plot.setAttribute('aria-label', words);
+  }
+
+  download() {
+    const { answer } = this;
+    if (!answer) return;
+    const text = JSON.stringify({ ...answer, over_time: this.trace.points }, null, 1);
+    const url = URL.createObjectURL(new Blob([text], { type: 'application/json' }));
+    element('a', { href: url, download: `probe_${answer.x}_${answer.y}_frame_${answer.frame}.json` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 10000);
+  }
+}
+
+export function mount(app) {
+  document.head.append(element('link', { rel: 'stylesheet', href: 'probe.css' }));
+  return new Probe(app);
+}

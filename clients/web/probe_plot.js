@@ -1,0 +1,72 @@
+// A pixel's radiance over the last minutes: three lines, red, green and blue, over a scale that begins at 0.
+
+import { figure } from './probe_words.js';
+
+export const MINUTES = 3;
+const MOST = 6000; // points: three minutes at 30 a second
+
+export class Trace {
+  constructor() {
+    this.points = [];
+  }
+
+  clear() {
+    this.points.length = 0;
+  }
+
+  // A better picture of a frame that was told before takes its place.
+  add(t, rgb, frame, finer = false) {
+    const last = this.points[this.points.length - 1];
+    if (finer && last?.finer && last.frame === frame) this.points.pop();
+    this.points.push({ t, rgb, frame, finer });
+    const since = t - MINUTES * 60000;
+    while (this.points.length > MOST || (this.points.length && this.points[0].t < since)) this.points.shift();
+  }
+}
+
+// A round number that is at least x: 1, 2 or 5 times a power of ten.
+export function roundUp(x) {
+  if (!(x > 0)) return 1;
+  const power = 10 ** Math.floor(Math.log10(x));
+  const step = [1, 2, 5, 10].find((s) => s * power >= x * (1 - 1e-9));
+  return step * power;
+}
+
+export function drawTrace(canvas, points, colours) {
+  const unit = Math.max(1, window.devicePixelRatio);
+  canvas.width = Math.max(64, Math.round(canvas.clientWidth * unit));
+  canvas.height = Math.round(canvas.clientHeight * unit);
+  const context = canvas.getContext('2d');
+  const { width, height } = canvas;
+  context.font = `${11 * unit}px system-ui, sans-serif`;
+  const left = 4 * unit;
+  const bottom = 16 * unit;
+  const top = 15 * unit;
+  const most = roundUp(Math.max(0, ...points.flatMap((p) => p.rgb)));
+  const end = points.length ? points[points.length - 1].t : 0;
+  const span = Math.max(10000, points.length ? end - points[0].t : 0);
+  const x = (t) => left + (width - 2 * left) * (1 - (end - t) / span);
+  const y = (v) => height - bottom - ((height - bottom - top) * v) / most;
+  context.strokeStyle = colours.line;
+  context.fillStyle = colours.text;
+  context.lineWidth = unit;
+  for (const part of [0, 0.5, 1]) {
+    context.beginPath();
+    context.moveTo(left, Math.round(y(part * most)) + 0.5);
+    context.lineTo(width - left, Math.round(y(part * most)) + 0.5);
+    context.stroke();
+  }
+  context.fillText(figure(most), left, top - 4 * unit);
+  context.fillText(`${Math.round(span / 1000)} s ago`, left, height - 4 * unit);
+  const now = 'now';
+  context.fillText(now, width - left - context.measureText(now).width, height - 4 * unit);
+  context.lineWidth = 1.6 * unit;
+  context.lineJoin = 'round';
+  colours.rgb.forEach((colour, c) => {
+    context.strokeStyle = colour;
+    context.setLineDash([[], [6 * unit, 3 * unit], [2 * unit, 2 * unit]][c]);
+    context.beginPath();
+    points.forEach((p, i) => (i ? context.lineTo(x(p.t), y(p.rgb[c])) : context.moveTo(x(p.t), y(p.rgb[c]))));
+    context.stroke();
+  });
+}

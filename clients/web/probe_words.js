@@ -1,0 +1,113 @@
+// A probe's answer in words and figures. Pure functions of `probed` (PROTOCOL.md 4.16).
+
+import { luminance, readSample } from './probe_geometry.js';
+
+export const UNIT = 'W\u00a0sr⁻¹\u00a0m⁻²';
+
+// Three figures that count: 0.0123, 1.23, 123, 1.23e+5.
+export function figure(x) {
+  if (!Number.isFinite(x)) return '–';
+  if (x === 0) return '0';
+  const size = Math.abs(x);
+  if (size >= 1e5 || size < 1e-4) return x.toExponential(2).replace('-', '−');
+  return String(Number(x.toPrecision(3))).replace('-', '−');
+}
+
+export const triple = (v) => v.map(figure).join(', ');
+export const percent = (x) => `${(100 * x).toFixed(x > 0 && x < 0.0995 ? 1 : 0)}\u00a0%`;
+
+const metres = (v) => `${v.map((x) => x.toFixed(2).replace('-', '−')).join(', ')} m`;
+const direction = (v) => v.map((x) => x.toFixed(3).replace('-', '−')).join(', ');
+
+// "plaster, phong, exponent 150".
+export function materialWords({ name, kind, exponent, roughness, metallic, ior }) {
+  const more = [
+    exponent === undefined ? '' : `exponent ${figure(exponent)}`,
+    roughness === undefined ? '' : `roughness ${figure(roughness)}`,
+    metallic === undefined ? '' : `metallic ${figure(metallic)}`,
+    ior === undefined ? '' : `index of refraction ${figure(ior)}`,
+  ];
+  return [name, kind, ...more].filter(Boolean).join(', ');
+}
+
+const SEES = {
+  surface: 'a surface',
+  mirror: 'a mirror',
+  glass: 'glass',
+  sky: 'the sky',
+  nothing: 'nothing',
+};
+
+export function countSamples(answer) {
+  const count = { generated: answer.light.length, chosen: 0, effective: 0, visible: 0 };
+  for (const { kind } of answer.light.map(readSample)) {
+    count.chosen += kind !== 'generated';
+    count.effective += kind === 'effective' || kind === 'blocked';
+    count.visible += kind === 'effective';
+  }
+  return count;
+}
+
+// One or two sentences that say what the drawing shows, for whoever does not see it.
+export function summary(answer) {
+  const where = `Pixel ${answer.x}, ${answer.y} shows ${SEES[answer.sees]}`;
+  if (!answer.point) {
+    return answer.escape
+      ? `${where}. No light is gathered there: the sky itself is seen.`
+      : `${where}. No light from the sky is gathered there.`;
+  }
+  const behind = answer.point.behind ? ', and in it a place' : '';
+  const n = countSamples(answer);
+  const shares = [...answer.shares].sort((a, b) => b.share - a.share).filter((s) => s.share >= 0.005).slice(0, 3);
+  const most = shares.map((s) => `${s.face === 'sun' ? 'the sun' : s.face} ${percent(s.share)}`).join(', ');
+  return `${where}${behind}. Of ${n.generated} light samples ${n.chosen} were chosen for it, ${n.effective} are effective`
+    + ` and ${n.visible} arrive.${most ? ` Shares: ${most}.` : ''} ${percent(answer.point.open)} of what is above it is open sky.`;
+}
+
+// What stands in the table: [label, value, unit or remark].
+export function rows(answer) {
+  const all = [];
+  const { point, pixel, first } = answer;
+  if (answer.picture) all.push(['Radiance in the picture', triple(answer.picture), `${UNIT}; all its light`]);
+  if (pixel) {
+    all.push([`By these ${answer.samples} samples`, triple(pixel.radiance), `${UNIT}; direct light and sky`]);
+    all.push(['By many more', withError(pixel.reference), `${UNIT}; ${pixel.reference.estimates * 256} samples`]);
+    all.push(['Made of', madeOf(pixel), '']);
+  }
+  if (first && answer.sees !== 'surface') all.push(['Seen first', materialWords(first.material), '']);
+  if (point) {
+    if (!pixel) all.push(['Here, with the preset', triple(point.radiance), UNIT]);
+    if (!pixel) all.push(['By many more', withError(point.reference), `${UNIT}; ${point.reference.estimates * 256} samples`]);
+    all.push(['Position', metres(point.position), 'x, y, z']);
+    all.push(['Normal', direction(point.normal), '']);
+    all.push(['Material', materialWords(point.material), answer.preset ? 'taken as a Phong lobe' : '']);
+    all.push(['Diffuse', triple(point.lobe.diffuse), 'red, green, blue']);
+    if (point.lobe.specular) all.push(['Specular', triple(point.lobe.specular), lobeWords(point.lobe)]);
+    all.push(['Open sky', percent(point.open), `of the half space; ${percent(point.open_cosine)} by cosine`]);
+  }
+  all.push(['Sky frame', String(answer.frame), `method ${answer.method}, ${answer.samples} samples`]);
+  return all;
+}
+
+const lobeWords = (lobe) => (lobe.exponent === undefined ? `alpha ${figure(lobe.alpha)}` : `exponent ${figure(lobe.exponent)}`);
+
+function withError({ mean, error }) {
+  return mean.map((m, i) => `${figure(m)}\u00a0±\u00a0${figure(error[i])}`).join(', ');
+}
+
+function madeOf({ points, escapes }) {
+  const parts = [];
+  if (points) parts.push(`${points} shade ${points === 1 ? 'point' : 'points'}`);
+  if (escapes) parts.push(`${escapes} ${escapes === 1 ? 'look' : 'looks'} at the sky`);
+  return parts.join(', ') || 'nothing';
+}
+
+// The plot in words.
+export function plotWords(points) {
+  if (points.length < 2) return 'The radiance over time is drawn as pictures come.';
+  const values = points.map(({ rgb }) => luminance(rgb));
+  const seconds = Math.round((points[points.length - 1].t - points[0].t) / 1000);
+  const [least, most] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+  return `Over ${seconds} s its luminance went from ${figure(values[0])} to ${figure(values[values.length - 1])},`
+    + ` between ${figure(least)} and ${figure(most)} ${UNIT}.`;
+}

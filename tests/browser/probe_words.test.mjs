@@ -1,0 +1,138 @@
+// The pixel probe's pure parts: where directions lie, which pixel is meant, what is said. Without a browser.
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { FACES, faceOf, fit, fromCross, fromLatLong, pixelAt, readSample, sightAt, toCross, toLatLong } from '../../clients/web/probe_geometry.js';
+import { Trace, roundUp } from '../../clients/web/probe_plot.js';
+import { countSamples, figure, materialWords, plotWords, rows, summary } from '../../clients/web/probe_words.js';
+
+const near = (a, b, by = 1e-9) => assert.ok(Math.abs(a - b) <= by, `${a} is not ${b}`);
+const random = (() => {
+  let state = 12345;
+  return () => {
+    state = (state * 1103515245 + 12345) % 2147483648;
+    return state / 2147483648;
+  };
+})();
+const direction = () => {
+  const y = 2 * random() - 1;
+  const phi = 2 * Math.PI * random();
+  return [Math.sqrt(1 - y * y) * Math.sin(phi), y, Math.sqrt(1 - y * y) * Math.cos(phi)];
+};
+
+test('axes lie where the conventions have them', () => {
+  const at = (w) => Object.values(toLatLong(w));
+  assert.deepEqual(at([0, 0, 1]), [0.5, 0.5]);
+  assert.deepEqual(at([1, 0, 0]), [0.25, 0.5]); // +X a quarter to the left of the middle
+  assert.deepEqual(at([-1, 0, 0]), [0.75, 0.5]);
+  near(toLatLong([0, 1, 0]).v, 0);
+  near(toLatLong([0, -1, 0]).v, 1);
+});
+
+test('directions come back from both drawings', () => {
+  for (let i = 0; i < 500; i++) {
+    const w = direction();
+    const { u, v } = toLatLong(w);
+    fromLatLong(u, v).forEach((c, k) => near(c, w[k], 1e-7));
+    const { x, y } = toCross(w);
+    fromCross(x, y).forEach((c, k) => near(c, w[k], 1e-7));
+  }
+  assert.equal(fromCross(0.5, 0.5), null); // no face there
+  assert.equal(fromCross(3.5, 2.5), null);
+});
+
+// Faces that touch on the cross touch on the cube too: a step across the border is a small turn.
+test('the faces of the cross fit together', () => {
+  const e = 1e-4;
+  const borders = [
+    [[1, 1.3], [1, 0]], [[2, 1.3], [1, 0]], [[3, 1.3], [1, 0]], [[1.3, 1], [0, 1]], [[1.3, 2], [0, 1]],
+  ];
+  for (const [[x, y], [dx, dy]] of borders) {
+    const a = fromCross(x - e * dx, y - e * dy);
+    const b = fromCross(x + e * dx, y + e * dy);
+    assert.ok(Math.hypot(...a.map((c, k) => c - b[k])) < 1e-3, `at ${x}, ${y}`);
+  }
+  assert.equal(new Set(FACES.map(({ at }) => at.join())).size, 6);
+  assert.equal(faceOf([0.1, -0.9, 0.3]).name, '-Y');
+});
+
+test('a click means the pixel under it, whatever bars are beside the picture', () => {
+  const wide = { left: 10, top: 20, width: 1000, height: 400 }; // bars at the sides of 640 x 360
+  const { scale, left } = fit(wide, 640, 360);
+  assert.equal(pixelAt(wide, 640, 360, 15, 100), null);
+  assert.equal(pixelAt(wide, 640, 360, 500, 19), null);
+  assert.deepEqual(pixelAt(wide, 640, 360, left + scale * 0.5, 20.5), { x: 0, y: 0 });
+  assert.deepEqual(pixelAt(wide, 640, 360, left + scale * 639.5, 419.5), { x: 639, y: 359 });
+  const tall = { left: 0, top: 0, width: 320, height: 900 };
+  assert.deepEqual(pixelAt(tall, 640, 360, 160, 450), { x: 320, y: 180 });
+  assert.equal(pixelAt(tall, 640, 360, 160, 100), null);
+});
+
+test('samples are read by their state', () => {
+  assert.deepEqual(readSample([0, 1, 0]), { w: [0, 1, 0], kind: 'generated', beta: 0, mis: 0, rgb: [0, 0, 0] });
+  assert.equal(readSample([0, 1, 0, 0, 0.5, 0]).kind, 'chosen');
+  assert.equal(readSample([0, 1, 0, 1, 1, 0.9, 1, 2, 3]).kind, 'blocked');
+  const s = readSample([0, 1, 0, 2, 0.5, 0.9, 1, 2, 3]);
+  assert.deepEqual([s.kind, s.beta, s.mis, s.rgb], ['effective', 0.5, 0.9, [1, 2, 3]]);
+});
+
+test('the map of what is visible is read by direction', () => {
+  const map = Array.from({ length: 32 }, (_, y) => (y < 16 ? '.' : '-').repeat(64));
+  map[3] = '#'.repeat(64);
+  assert.equal(sightAt(map, [0, 1, 0]), '.');
+  assert.equal(sightAt(map, [0, -1, 0]), '-');
+  assert.equal(sightAt(map, fromLatLong(0.2, 3.5 / 32)), '#');
+  assert.equal(sightAt(map, fromLatLong(0.9999, 0.2)), '.');
+});
+
+const answer = {
+  x: 3, y: 4, frame: 7, method: 'mis', samples: 2, preset: null, sees: 'surface', picture: [0.1, 0.2, 0.3],
+  pixel: { points: 1, escapes: 0, radiance: [0.1, 0.2, 0.3], background: [0, 0, 0],
+    reference: { mean: [0.1, 0.2, 0.3], error: [0.001, 0.002, 0.003], estimates: 32 } },
+  first: null, escape: null,
+  point: { position: [1, 2, -3], normal: [0, 1, 0], behind: false, material: { name: 'plaster', kind: 'phong', exponent: 20 },
+    lobe: { kind: 'phong', diffuse: [0.5, 0.5, 0.5], specular: [0.1, 0.1, 0.1], exponent: 20 }, radiance: [0.1, 0.2, 0.3],
+    reference: { mean: [0, 0, 0], error: [0, 0, 0], estimates: 32 }, open: 0.5, open_cosine: 0.25, visibility: [] },
+  shares: [{ face: '+X', share: 0.25, count: 1, energy: 0.5, generated: 2, chosen: 1, effective: 1, visible: 0 },
+    { face: '+Y', share: 0.75, count: 2, energy: 0.5, generated: 2, chosen: 2, effective: 1, visible: 1 }],
+  light: [[1, 0, 0], [1, 0, 0, 1, 1, 1, 1, 1, 1], [0, 1, 0, 0, 1, 0], [0, 1, 0, 2, 1, 1, 1, 1, 1]],
+  lobes: [],
+};
+
+test('a probe is summed up in words', () => {
+  assert.deepEqual(countSamples(answer), { generated: 4, chosen: 3, effective: 2, visible: 1 });
+  assert.equal(summary(answer), 'Pixel 3, 4 shows a surface. Of 4 light samples 3 were chosen for it, 2 are effective and 1 arrive.'
+    + ' Shares: +Y 75\u00a0%, +X 25\u00a0%. 50\u00a0% of what is above it is open sky.');
+  assert.equal(summary({ ...answer, sees: 'sky', point: null, escape: [0, 1, 0] }),
+    'Pixel 3, 4 shows the sky. No light is gathered there: the sky itself is seen.');
+  const mirror = { ...answer, sees: 'mirror', point: { ...answer.point, behind: true } };
+  assert.match(summary(mirror), /^Pixel 3, 4 shows a mirror, and in it a place\. /);
+});
+
+test('the table has figures with their units', () => {
+  const table = Object.fromEntries(rows(answer).map(([label, value, remark]) => [label, `${value} | ${remark}`]));
+  assert.match(table['Radiance in the picture'], /^0\.1, 0\.2, 0\.3 \| W/);
+  assert.match(table['By many more'], /^0\.1\u00a0±\u00a00\.001, .* \| W.*8192 samples$/);
+  assert.equal(table.Position, '1.00, 2.00, −3.00 m | x, y, z');
+  assert.match(table.Material, /^plaster, phong, exponent 20/);
+  assert.match(table['Open sky'], /^50\u00a0% \| of the half space; 25\u00a0% by cosine/);
+  assert.equal(rows({ ...answer, pixel: null, preset: 'fig1' }).find(([l]) => l === 'Material')[2], 'taken as a Phong lobe');
+  assert.ok(rows({ ...answer, point: null }).every(([label]) => label !== 'Normal'));
+  assert.equal(materialWords({ name: 'pane', kind: 'glass', ior: 1.5 }), 'pane, glass, index of refraction 1.5');
+});
+
+test('figures have three digits that count', () => {
+  assert.deepEqual([0, 0.012345, 1.2345, 123.45, 123456, -0.5, 1.5e-7, NaN].map(figure),
+    ['0', '0.0123', '1.23', '123', '1.23e+5', '−0.5', '1.50e−7', '–']);
+});
+
+test('a trace keeps three minutes, and the better picture of a frame', () => {
+  const trace = new Trace();
+  for (let s = 0; s <= 400; s++) trace.add(1000 * s, [s, s, s], s);
+  assert.equal(trace.points[0].t, 220000);
+  trace.add(400500, [1, 1, 1], 400, true);
+  trace.add(401000, [2, 2, 2], 400, true);
+  const last = trace.points.slice(-2).map((p) => p.rgb[0]);
+  assert.deepEqual(last, [400, 2]);
+  assert.match(plotWords(trace.points), /^Over 180 s its luminance went from 221 to 2, between 2 and 400 /);
+  assert.deepEqual([0, 0.013, 1, 1.1, 4.9, 7, 99].map(roundUp), [1, 0.02, 1, 2, 5, 10, 100]);
+});
