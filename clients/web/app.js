@@ -9,7 +9,8 @@ import { makePanel } from './panels.js';
 import { wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import {
-  bitsPerSecond, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
+  bitsPerSecond, codingName, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence,
+  withoutFolders,
 } from './sentences.js';
 import { startTheme, switchTheme } from './theme.js';
 
@@ -32,6 +33,7 @@ const relight = {
   lastHeader: null,
   status: null,
   latencyMs: NaN,
+  noVideo: null, // why there is no H.264, once that is known
   readback: () => screen.readback(),
 };
 window.relight = relight;
@@ -95,6 +97,7 @@ async function startPlayer(take) {
   const start = {
     op: 'start',
     url: new URL(PATH, location.href.replace(/^http/, 'ws')).href,
+    coding: new URLSearchParams(location.search).get('coding'), // ?coding=jpeg holds the page to that
     hidden: document.visibilityState === 'hidden',
     ...wishedRole(location),
   };
@@ -132,6 +135,7 @@ function take(event) {
     case 'picture': takePicture(event); break;
     case 'error': takeError(event.error); break;
     case 'heard': takeOther(event.message); break;
+    case 'coding': relight.noVideo = event.reason; break;
     case 'undecodable': console.warn(`picture ${event.sequence} could not be decoded: ${event.reason}`); break;
     default: break;
   }
@@ -254,6 +258,7 @@ function showFigures() {
   setText('clock', clock.known ? `± ${milliseconds(clock.uncertaintyUs / 1000)}` : '');
   setText('frame', relight.lastHeader ? String(relight.lastHeader.frame) : '–');
   setText('traffic', bitsPerSecond(figures.arrived.bytesPerSecond(now)));
+  setText('coding', codingName(relight.lastHeader?.format));
   if (status) {
     const { used, dropped, refused, last_refusal: last } = status.frames;
     setText('used', String(used));

@@ -28,7 +28,7 @@ export function realWorld() {
 
 export class Connection {
   // on: {state(state), status(status), welcome(welcome), picture(header, payload), error(message), heard(message)}; what
-  // is heard is any message that has no function of its own here.
+  // is heard is any message that has no function of its own here; videoSilent(): no picture of the video has come.
   constructor(url, on, world = realWorld()) {
     this.url = url;
     this.on = on;
@@ -42,6 +42,8 @@ export class Connection {
     this.role = 'viewer'; // or 'controller': where the server does not take that, a viewer after all
     this.token = undefined;
     this.quality = 90;
+    this.video = false; // H.264 can be decoded here: it is asked for where the server makes it
+    this.offered = [];
     this.attempt = 0;
     this.request = 0;
     this.pings = new Map();
@@ -78,6 +80,18 @@ export class Connection {
     if (this.welcomed) this.subscribe();
     else if (!hidden) this.retryNow();
     this.judge();
+  }
+
+  // Whether H.264 can be decoded, from now on.
+  setVideo(video) {
+    if (this.video === video) return;
+    this.video = video;
+    this.wakes = 0;
+    if (this.welcomed) this.subscribe();
+  }
+
+  get format() {
+    return this.video && this.offered.includes('h264') ? 'h264' : 'jpeg';
   }
 
   // The picture was drawn: its credit returns. Earlier ones that were passed over are meant too.
@@ -232,6 +246,9 @@ export class Connection {
     this.lastSequence = 0;
     this.pictureMs = this.sinceMs = this.heardMs;
     this.source = null;
+    this.light = this.frame = this.made = undefined;
+    this.shownFrame = undefined;
+    this.offered = message.formats ?? [];
     this.wakes = 0;
     this.clock = new ServerClock();
     this.pings.clear();
@@ -244,7 +261,7 @@ export class Connection {
 
   subscribe() {
     this.askedMs = this.world.nowMs();
-    this.send({ op: 'subscribe', request: ++this.request, format: 'jpeg', quality: this.quality, paused: this.hidden });
+    this.send({ op: 'subscribe', request: ++this.request, format: this.format, quality: this.quality, paused: this.hidden });
   }
 
   ping() {
@@ -264,6 +281,9 @@ export class Connection {
   takeStatus(message) {
     this.source = message.source;
     this.fps = message.fps;
+    this.frame = message.frame;
+    this.light = message.light;
+    this.made = message.frames?.used > 0;
     this.on.status?.(message);
     this.judge();
   }
@@ -275,6 +295,7 @@ export class Connection {
       return;
     }
     this.lastSequence = picture.header.sequence;
+    this.shownFrame = picture.header.frame;
     this.pictureSession = this.session;
     this.pictureMs = this.heardMs;
     this.wakes = 0;
@@ -299,15 +320,19 @@ export class Connection {
     // Only who makes pictures can stall; silence of another source ends with the connection (watch).
     const resting = ['waiting', 'failed', 'paused', 'ended'].includes(name);
     const allowed = STALL_MS + (this.fps > 0 ? 3000 / this.fps : 3000);
+    // Of a sky that stands still the picture is made better by unbiased passes, until it is good enough.
+    const still = this.light?.passes > 0 ? (this.light.converged ? 'done' : 'better') : undefined;
+    const newest = this.lastSequence > 0 && this.shownFrame === this.frame;
     if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
     else if (!resting && now - this.heardMs > QUIET_MS)
       this.set({ name: 'stalled', silent: true, seconds: Math.floor((now - this.heardMs) / 1000) });
     else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
     else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });
-    else if (name === 'paused' || name === 'ended') this.set({ name });
+    else if (name === 'paused' || name === 'ended') this.set({ name, still, made: this.made });
+    else if (newest && (still || quiet > allowed)) this.set({ name: 'live', still: still ?? 'idle' });
     else if (quiet > allowed) this.set({ name: 'stalled', silent: false, seconds: Math.floor(quiet / 1000) });
     else if (this.lastSequence > 0) this.set({ name: 'live' });
-    else this.set({ name: 'connecting' });
+    else this.set({ name: 'connecting', detail: 'picture' });
   }
 
   // Four times a second: dead connections, stalls, and pictures that do not come after waking.
@@ -321,7 +346,9 @@ export class Connection {
     this.judge();
     if (this.state.name !== 'stalled' || this.state.silent || now - this.askedMs < WAKE_MS) return;
     // The server says that it makes pictures: ask again, and in the end on a new connection.
-    if (this.wakes++ < 3) this.subscribe();
+    this.wakes++;
+    if (this.wakes === 2 && this.format === 'h264') this.on.videoSilent?.();
+    else if (this.wakes <= 3) this.subscribe();
     else if (this.fps > 0) this.lost('No picture came.');
   }
 

@@ -2,40 +2,98 @@
 // worker (over postMessage) and, where there are no module workers, in the page itself.
 
 import { Connection } from './connection.js';
+import { Video, realWorld, whyNoVideo } from './video.js';
 
-// emit(event, transfer). Events: state, welcome, status, error, heard {message: any other of the server's}, picture {header, bitmap, bytes, heardMs, decodeMs}.
+const ASK_MS = 1000; // a browser that has not said by then whether it decodes H.264 does not
+
+// emit(event, transfer). Events: state, welcome, status, error, heard {message: any other of the server's}, picture
+// {header, bitmap, bytes, heardMs, decodeMs}, whose bitmap is to be closed, and coding {reason}: why there is no H.264.
 export class Player {
-  constructor(emit) {
+  constructor(emit, world = realWorld()) {
     this.emit = emit;
+    this.world = world;
     this.decoding = false;
     this.next = null;
+    this.video = null;
   }
 
   command(message) {
     switch (message.op) {
       case 'start': this.start(message); break;
       case 'displayed': this.connection.displayed(message.sequence, message.nowMs); break;
-      case 'hidden': this.connection.setHidden(message.hidden); break;
+      case 'hidden': this.hide(message.hidden); break;
       case 'say': this.connection.say(message.message); break;
       case 'retry': this.connection.retryNow(message.person); break;
-      case 'stop': this.connection.stop(); break;
+      case 'stop':
+        this.stopped = true;
+        this.video?.close();
+        this.connection.stop();
+        break;
       default: break;
     }
   }
 
-  start({ url, hidden, role, token }) {
+  // coding: 'jpeg' holds it to that; else H.264 where both ends have it.
+  async start({ url, hidden, role, token, coding }) {
     this.connection = new Connection(url, {
       state: (state) => this.emit({ op: 'state', state }),
-      welcome: (welcome) => this.emit({ op: 'welcome', welcome }),
+      welcome: (welcome) => {
+        this.video?.forget();
+        this.emit({ op: 'welcome', welcome });
+      },
       status: (status) => this.emit({ op: 'status', status, clock: this.clock() }),
-      error: (error) => this.emit({ op: 'error', error }),
+      error: (error) => {
+        if (error.code === 'not_offered') this.leaveVideo('the server makes none');
+        this.emit({ op: 'error', error });
+      },
       heard: (message) => this.emit({ op: 'heard', message }),
       picture: (header, payload, heardMs) => this.take({ header, payload, heardMs }),
+      videoSilent: () => this.leaveVideo('the server sent no picture of it'),
     });
     this.connection.hidden = hidden;
     this.connection.role = role ?? 'viewer';
     this.connection.token = token;
-    this.connection.start();
+    if (coding === 'jpeg') this.emit({ op: 'coding', reason: 'JPEG was asked for' });
+    else await this.openVideo();
+    if (!this.stopped) this.connection.start();
+  }
+
+  async openVideo() {
+    const late = new Promise((resolve) => {
+      this.world.setTimeout(() => resolve('this browser does not say whether it decodes H.264'), ASK_MS);
+    });
+    const reason = await Promise.race([whyNoVideo(this.world), late]);
+    if (reason) {
+      this.emit({ op: 'coding', reason });
+      return;
+    }
+    this.video = new Video({
+      picture: (picture) => this.emit({ op: 'picture', ...picture, clock: this.clock() }, [picture.bitmap]),
+      passed: (header) => this.returnCredit(header),
+      lost: () => this.connection.subscribe(),
+      failed: (why) => this.leaveVideo(why),
+    }, this.world);
+    this.connection.setVideo(true);
+  }
+
+  // JPEG from here on; what is on the screen stays there until it comes.
+  leaveVideo(reason) {
+    if (!this.video) return;
+    const { video } = this;
+    this.video = null;
+    video.close();
+    this.emit({ op: 'coding', reason });
+    this.connection.setVideo(false);
+  }
+
+  // A decoder that nobody looks at is let go of; the server begins anew at a key picture.
+  hide(hidden) {
+    if (hidden) this.video?.forget();
+    this.connection.setHidden(hidden);
+  }
+
+  returnCredit(header) {
+    this.connection.displayed(header.sequence, performance.timeOrigin + performance.now());
   }
 
   clock() {
@@ -45,6 +103,11 @@ export class Player {
 
   // One picture is decoded at a time; of those that come meanwhile the newest is next.
   take(picture) {
+    if (picture.header.format === 'h264') {
+      if (this.video) this.video.take(picture);
+      else this.returnCredit(picture.header);
+      return;
+    }
     this.next = picture;
     if (!this.decoding) this.decodeNext();
   }
@@ -64,7 +127,7 @@ export class Player {
       this.emit({ op: 'picture', header, bitmap, bytes, heardMs, decodeMs, clock: this.clock() }, [bitmap]);
     } catch (error) {
       this.emit({ op: 'undecodable', sequence: header.sequence, reason: error.message });
-      this.connection.displayed(header.sequence, performance.timeOrigin + performance.now());
+      this.returnCredit(header);
     }
     this.decoding = false;
     if (this.next) this.decodeNext();

@@ -21,12 +21,13 @@ export class Screen {
     const picture = this.waiting;
     this.waiting = null;
     if (!picture) return;
-    const { bitmap } = picture;
+    // A video frame's sides may be one longer than the picture's.
+    const { bitmap, header: { width, height } } = picture;
     // Setting the size clears the canvas, so only when it changes.
-    if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
-      this.canvas.width = bitmap.width;
-      this.canvas.height = bitmap.height;
-      this.canvas.parentElement.style.setProperty('--aspect', `${bitmap.width} / ${bitmap.height}`);
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+      this.canvas.parentElement.style.setProperty('--aspect', `${width} / ${height}`);
     }
     this.context.drawImage(bitmap, 0, 0);
     bitmap.close();

@@ -31,7 +31,7 @@ export function stateWord(state) {
     waiting: 'Waiting',
     live: 'Live',
     paused: 'Paused',
-    ended: 'Ended',
+    ended: { better: 'Getting better', done: 'Done' }[state.still] ?? 'Ended',
     failed: 'Bad frame',
     stalled: 'Stalled',
     reconnecting: 'Reconnecting',
@@ -43,18 +43,26 @@ export function stateWord(state) {
 // shown beside it, so that a screen reader is not told every second.
 export function stateSentence(state, seen) {
   const stays = seen ? ' The last picture stays.' : '';
+  const still = { better: 'its picture is getting better', done: 'its picture is done' }[state.still];
   const because = state.detail ? `: ${withoutFolders(state.detail)}` : '';
   switch (state.name) {
     case 'connecting':
-      return 'Connecting to the server.';
+      return state.detail === 'picture' ? 'Connected. The first picture is on its way.' : 'Connecting to the server.';
     case 'waiting':
       return state.detail ? `Waiting for a sky${because}.` : 'Waiting for a sky. The server is ready and has had no frame yet.';
     case 'live':
-      return seen ? 'Live.' : 'The first picture is on its way.';
+      if (!seen) return 'The first picture is on its way.';
+      if (still) return `Live. The sky stands still, and ${still}.`;
+      return state.still === 'idle' ? 'Live. No new sky has come for a while.' : 'Live.';
     case 'paused':
-      return state.detail === 'hidden' ? 'Paused while this page is hidden.' : `The sky is paused.${stays}`;
+      if (state.detail === 'hidden') return 'Paused while this page is hidden.';
+      if (!seen && state.made) return 'The sky is paused. Its picture is on its way.';
+      return seen && still ? `The sky is paused, and ${still}.` : `The sky is paused.${stays}`;
     case 'ended':
-      return seen ? 'The sky sequence has ended. The last picture stays.' : 'The sky sequence has ended before a picture was made.';
+      if (seen) return still ? `The sky stands still, and ${still}.` : 'The sky sequence has ended. The last picture stays.';
+      return state.made
+        ? 'The sky stands still. Its picture is on its way.'
+        : 'The sky sequence has ended before a picture was made.';
     case 'failed':
       return `A sky frame could not be used${because}.${stays}`;
     case 'stalled':
@@ -101,6 +109,9 @@ export function milliseconds(ms) {
   if (ms >= 999.5) return `${(ms / 1000).toFixed(1)} s`;
   return `${ms < 9.95 ? ms.toFixed(1) : Math.round(ms)} ms`;
 }
+
+// How the pictures come, as people call it.
+export const codingName = (format) => ({ jpeg: 'JPEG', h264: 'H.264' })[format] ?? '';
 
 export function bitsPerSecond(bytes) {
   const bits = bytes * 8;

@@ -64,9 +64,11 @@ class World {
   // What a socket that was let go of still says is heard by nobody.
   hear(message) { this.socket.onmessage?.({ data: JSON.stringify(message) }); }
 
-  welcome(session = 'a', major = 1) { this.hear({ op: 'welcome', version: { major, minor: 0 }, session }); }
+  welcome(session = 'a', major = 1, formats = ['jpeg', 'exr_half', 'exr_float']) {
+    this.hear({ op: 'welcome', version: { major, minor: 1 }, session, formats });
+  }
 
-  status(state = 'live', detail = '', fps = 30) { this.hear({ op: 'status', source: { state, detail }, fps }); }
+  status(state = 'live', detail = '', fps = 30, more = {}) { this.hear({ op: 'status', source: { state, detail }, fps, ...more }); }
 
   picture(sequence) {
     const header = {
@@ -155,6 +157,77 @@ test('only pictures under way can stall: another state stays through silence, un
     await world.pass(2000);
     assert.ok(['reconnecting', 'connecting'].includes(connection.state.name), connection.state.name);
   }
+});
+
+test('whether the picture of a still sky gets better is part of the state', async () => {
+  const { world, connection } = begin();
+  world.open();
+  world.welcome();
+  world.status('ended', '', 0, { frames: { used: 0 } });
+  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: false });
+  world.status('ended', '', 0, { frames: { used: 1 } });
+  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: true });
+  world.picture(1);
+  world.status('ended', '', 0, { frames: { used: 1 }, light: { passes: 4, converged: false } });
+  assert.deepEqual(connection.state, { name: 'ended', still: 'better', made: true });
+  world.status('paused', '', 0, { frames: { used: 1 }, light: { passes: 9, converged: true } });
+  assert.deepEqual(connection.state, { name: 'paused', still: 'done', made: true });
+  world.status('live', '', 30, { frames: { used: 2 }, light: { passes: null, converged: null } });
+  assert.equal(connection.state.name, 'live');
+});
+
+test('a live sky without news is no stall: nobody is asked again or left', async () => {
+  const { world, connection } = await live();
+  for (let i = 0; i < 60; i++) {
+    await world.pass(1000);
+    world.status('live', '', 30, { frame: 1, light: { passes: i < 30 ? 4 : null } }); // picture 1 shows frame 1
+    assert.equal(connection.state.name, 'live');
+  }
+  assert.equal(connection.state.still, 'idle');
+  assert.equal(world.sockets.length, 1);
+  assert.equal(world.said('subscribe').length, 1);
+  world.status('live', '', 30, { frame: 2 });
+  assert.equal(connection.state.name, 'stalled'); // there is a newer one, and it has not come
+});
+
+test('H.264 is asked for where both ends have it, and left while the connection stays', async () => {
+  const { world, connection } = begin();
+  connection.setVideo(true);
+  world.open();
+  world.welcome('a', 1, ['jpeg', 'exr_half', 'h264']);
+  assert.equal(world.said('subscribe').at(-1).format, 'h264');
+  connection.setVideo(false);
+  assert.equal(world.said('subscribe').at(-1).format, 'jpeg');
+  connection.setVideo(true);
+  assert.equal(world.said('subscribe').at(-1).format, 'h264');
+  assert.equal(world.sockets.length, 1);
+  // another server makes none
+  world.shut(1001);
+  await world.pass(1000);
+  world.open();
+  world.welcome('b');
+  assert.equal(world.said('subscribe').at(-1).format, 'jpeg');
+});
+
+test('video of which no picture comes is told, once, before the connection is given up', async () => {
+  const { world, connection } = begin();
+  let told = 0;
+  connection.on.videoSilent = () => {
+    told++;
+    connection.setVideo(false);
+  };
+  connection.setVideo(true);
+  world.open();
+  world.welcome('a', 1, ['jpeg', 'h264']);
+  for (let i = 0; i < 14; i++) {
+    await world.pass(1000);
+    world.status('live', '', 30, { frame: i });
+  }
+  assert.equal(told, 1);
+  assert.equal(world.sockets.length, 1);
+  assert.deepEqual([...new Set(world.said('subscribe').map((message) => message.format))], ['h264', 'jpeg']);
+  world.picture(1);
+  assert.equal(connection.state.name, 'live');
 });
 
 test('an ack carries the time of display on the server clock', async () => {

@@ -1,7 +1,10 @@
 /* Publishes a moving pattern whose every pixel is known, so that a browser's canvas can be checked against it without
  * any rendering. Lines on standard input change what it does: "go", "stop" (pictures), "state
- * waiting|live|paused|ended", "fail REASON", "size WxH"; it ends with "quit", end of input, SIGTERM or SIGINT. */
+ * waiting|live|paused|ended", "fail REASON", "size WxH", "passes N" (of the picture that stands still; 0: none), "done"
+ * (they are enough), "dump FILE" (the last picture as it was drawn, and then as libjpeg-turbo decodes it, both
+ * RGB); it ends with "quit", end of input, SIGTERM or SIGINT. */
 #include "clock.h"
+#include "h264.h"
 #include "log.h"
 #include "mem.h"
 #include "options.h"
@@ -28,13 +31,19 @@ static void end(int signal_number)
 
 struct pattern {
     struct server *server;
-    tjhandle jpeg;
-    uint8_t *rgb;
+    tjhandle jpeg, back;
+    struct h264_encoder *h264; /* NULL: not offered */
+    double key_s;              /* when it made a key picture last */
+    uint8_t *rgb, *decoded;
+    bool rough; /* every pixel differs from the next */
+    uint64_t passes;
+    bool done;
     uint32_t width, height;
     uint64_t frame;
     double fps;
     int quality;
     bool going;
+    struct protocol_picture last;
     enum server_source source;
     char detail[256];
 };
@@ -53,10 +62,56 @@ static void draw(struct pattern *p)
             memcpy(out, quarters[q], 3);
             if ((x + p->width - bar) % p->width < 16)
                 memset(out, 255, 3);
+            if (p->rough) /* as grainy as a picture of few samples, and standing still */
+                for (int c = 0; c < 3; c++)
+                    out[c] = (uint8_t)(out[c] + (x * 7919u + y * 104729u + (unsigned)c * 31u) % 29u - 14u);
             if (y >= p->height - 16 && x < 256)
                 memset(out, p->frame >> x / 16 & 1 ? 255 : 0, 3);
         }
     }
+}
+
+static int publish_bytes(struct pattern *p, const struct protocol_picture *header, const uint8_t *bytes, size_t size)
+{
+    struct picture *picture = picture_create(header, bytes, size);
+
+    if (!picture)
+        return -1;
+    server_publish(p->server, picture);
+    return 0;
+}
+
+/* The frame that is drawn, where somebody watches it so. */
+static int publish_h264(struct pattern *p, struct protocol_picture header, bool again)
+{
+    struct server_demand demand;
+    struct h264_output out;
+
+    server_demand(p->server, &demand);
+    const bool key = demand.h264_key && clock_seconds() - p->key_s >= 0.25;
+    if (!p->h264 || !(demand.formats >> PROTOCOL_H264 & 1) || (again && !key))
+        return 0;
+    const double begun = clock_seconds();
+    if (h264_encode(p->h264, p->rgb, &(struct h264_desc){ p->width, p->height, p->quality, key }, &out))
+        return -1;
+    if (out.key)
+        p->key_s = clock_seconds();
+    header.format = PROTOCOL_H264;
+    header.flags |= (out.key ? PROTOCOL_PICTURE_KEY : 0) | (again ? PROTOCOL_PICTURE_REPEAT : 0);
+    header.encoded_us = (uint32_t)((clock_seconds() - begun) * 1e6);
+    return publish_bytes(p, &header, out.bytes, out.size);
+}
+
+/* What every decoder should make of the last JPEG, beside what it was made of. */
+static void dump(struct pattern *p, const char *path)
+{
+    const size_t size = (size_t)p->width * p->height * 3;
+    FILE *out = fopen(path, "wb");
+
+    if (!out || fwrite(p->rgb, 1, size, out) != size || fwrite(p->decoded, 1, size, out) != size || fclose(out))
+        log_error("%s cannot be written", path);
+    else
+        log_info("dumped frame %llu", (unsigned long long)(p->frame - 1));
 }
 
 static int publish(struct pattern *p)
@@ -68,8 +123,10 @@ static int publish(struct pattern *p)
 
     draw(p);
     const double drawn = clock_seconds();
-    if (tjCompress2(p->jpeg, p->rgb, (int)p->width, 0, (int)p->height, TJPF_RGB, &bytes, &size, TJSAMP_444, p->quality,
-                    TJFLAG_ACCURATEDCT) != 0) {
+    if (tjCompress2(p->jpeg, p->rgb, (int)p->width, 0, (int)p->height, TJPF_RGB, &bytes, &size,
+                    p->quality >= 90 ? TJSAMP_444 : TJSAMP_420, p->quality, TJFLAG_ACCURATEDCT) != 0 ||
+        tjDecompress2(p->back, bytes, size, p->decoded, (int)p->width, 0, (int)p->height, TJPF_RGB,
+                      TJFLAG_ACCURATEDCT) != 0) {
         log_error("%s", tjGetErrorStr2(p->jpeg));
         return -1;
     }
@@ -86,13 +143,13 @@ static int publish(struct pattern *p)
         .gain = 1.0f,
         .samples = 64,
     };
-    struct picture *picture = picture_create(&header, bytes, size);
+    int failed = publish_h264(p, header, false); /* first: its own time should not count the other's */
+    if (!failed)
+        failed = publish_bytes(p, &header, bytes, size);
     tjFree(bytes);
-    if (!picture)
-        return -1;
-    server_publish(p->server, picture);
+    p->last = header;
     p->frame++;
-    return 0;
+    return failed;
 }
 
 static void tell(const struct pattern *p)
@@ -120,6 +177,9 @@ static void tell(const struct pattern *p)
         .sun_elevation = 40.0 * sin((double)p->frame * 0.01),
         .sun_azimuth = fmod((double)p->frame * 0.5, 360.0),
         .sky_time = "14:35",
+        .paths = "none at all",
+        .passes = p->passes,
+        .converged = p->done,
     };
     server_set_status(p->server, &status);
 }
@@ -127,10 +187,13 @@ static void tell(const struct pattern *p)
 static int resize(struct pattern *p, uint32_t width, uint32_t height)
 {
     mem_free(p->rgb);
+    mem_free(p->decoded);
     p->rgb = mem_alloc((size_t)width * height, 3);
+    p->decoded = mem_alloc((size_t)width * height, 3);
     p->width = width;
     p->height = height;
-    return p->rgb ? 0 : -1;
+    p->last.width = 0; /* there is no picture of this size yet */
+    return p->rgb && p->decoded ? 0 : -1;
 }
 
 static void obey(struct pattern *p, char *line)
@@ -147,6 +210,13 @@ static void obey(struct pattern *p, char *line)
     } else if (sscanf(line, "size %ux%u", &width, &height) == 2 && width && height && width <= 4096 && height <= 4096) {
         if (resize(p, width, height))
             ended = 1;
+    } else if (strncmp(line, "passes ", 7) == 0) {
+        p->passes = strtoull(line + 7, NULL, 10);
+        p->done = false;
+    } else if (strcmp(line, "done") == 0) {
+        p->done = true;
+    } else if (strncmp(line, "dump ", 5) == 0) {
+        dump(p, line + 5);
     } else if (strcmp(line, "quit") == 0) {
         ended = 1;
     }
@@ -183,7 +253,7 @@ static enum err run(struct pattern *p)
     double due = clock_seconds(), told = 0.0;
 
     while (!ended) {
-        if (p->going && publish(p))
+        if (p->going ? publish(p) : p->last.width > 0 && publish_h264(p, p->last, true))
             return ERR_NOMEM;
         if (clock_seconds() - told > 0.25) {
             told = clock_seconds();
@@ -205,6 +275,8 @@ int main(int argc, char **argv)
         { "size", "WxH", "their size", "320x180" },
         { "quality", "Q", "of the JPEG", "95" },
         { "quiet", NULL, "publishes nothing until told to", NULL },
+        { "rough", NULL, "a picture with grain", NULL },
+        { "h264", NULL, "offers H.264 too, where it is built in", NULL },
         { 0 },
     };
     struct options o = { .program = "pattern_server", .synopsis = "[--port P]", .about = "A test.", .rows = rows };
@@ -234,15 +306,18 @@ int main(int argc, char **argv)
         goto failed;
     p.quality = (int)quality;
     p.jpeg = tjInitCompress();
+    p.back = tjInitDecompress();
+    p.rough = options_on(&o, "rough");
+    p.h264 = options_on(&o, "h264") ? h264_encoder_create() : NULL;
     if (options_on(&o, "quiet")) {
         p.going = false;
         p.source = SERVER_WAITING;
     }
-    if (!p.jpeg || resize(&p, width, height)) {
+    if (!p.jpeg || !p.back || resize(&p, width, height)) {
         e = err_say(&why, ERR_NOMEM, "out of memory");
         goto failed;
     }
-    const struct server_desc desc = { .port = (uint16_t)port };
+    const struct server_desc desc = { .port = (uint16_t)port, .h264 = p.h264 != NULL };
     e = server_create(&desc, &p.server, &why);
     if (e)
         goto failed;
@@ -255,6 +330,10 @@ failed:
     server_destroy(p.server);
     if (p.jpeg)
         tjDestroy(p.jpeg);
+    if (p.back)
+        tjDestroy(p.back);
+    h264_encoder_destroy(p.h264);
     mem_free(p.rgb);
+    mem_free(p.decoded);
     return err_exit_code(e);
 }

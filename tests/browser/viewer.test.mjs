@@ -83,7 +83,7 @@ test('the canvas follows the size of the picture', () =>
     for (const size of ['640x352', '272x480', '320x184']) {
       server.say(`size ${size}`);
       const [width, height] = size.split('x').map(Number);
-      await page.waitForFunction(([w, h]) => window.relight.lastHeader.width === w && window.relight.lastHeader.height === h,
+      await page.waitForFunction(([w, h]) => window.relight.lastHeader?.width === w && window.relight.lastHeader.height === h,
         [width, height]);
       const got = await readback(page);
       assert.deepEqual([got.width, got.height], [width, height]);

@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
+  bitsPerSecond, codingName, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
 } from '../../clients/web/sentences.js';
 
 const STATES = ['connecting', 'waiting', 'live', 'paused', 'ended', 'failed', 'stalled', 'reconnecting', 'refused'];
@@ -34,6 +34,34 @@ test('every state has a word and a sentence, with a picture and without', () => 
 test('a stall says whether anything is heard at all', () => {
   assert.match(stateSentence({ name: 'stalled', silent: false, seconds: 4 }, true), /^The server answers, but no picture .* 4 s/);
   assert.match(stateSentence({ name: 'stalled', silent: true, seconds: 4 }, true), /^Nothing has come from the server for 4 s/);
+});
+
+test('a sky that stands still is told from one that has ended, and its picture from one that is done', () => {
+  const told = [
+    [{ name: 'ended', made: true }, false, 'The sky stands still. Its picture is on its way.'],
+    [{ name: 'ended', made: false }, false, 'The sky sequence has ended before a picture was made.'],
+    [{ name: 'ended', made: true }, true, 'The sky sequence has ended. The last picture stays.'],
+    [{ name: 'ended', made: true, still: 'better' }, true, 'The sky stands still, and its picture is getting better.'],
+    [{ name: 'ended', made: true, still: 'done' }, true, 'The sky stands still, and its picture is done.'],
+    [{ name: 'ended', made: true, still: 'better' }, false, 'The sky stands still. Its picture is on its way.'],
+    [{ name: 'paused', made: true }, false, 'The sky is paused. Its picture is on its way.'],
+    [{ name: 'paused', made: true }, true, 'The sky is paused. The last picture stays.'],
+    [{ name: 'paused', made: true, still: 'better' }, true, 'The sky is paused, and its picture is getting better.'],
+    [{ name: 'paused', made: true, still: 'done' }, true, 'The sky is paused, and its picture is done.'],
+    [{ name: 'paused', detail: 'hidden' }, true, 'Paused while this page is hidden.'],
+    [{ name: 'live', still: 'better' }, true, 'Live. The sky stands still, and its picture is getting better.'],
+    [{ name: 'live', still: 'idle' }, true, 'Live. No new sky has come for a while.'],
+    [{ name: 'live' }, false, 'The first picture is on its way.'],
+    [{ name: 'connecting', detail: 'picture' }, false, 'Connected. The first picture is on its way.'],
+  ];
+  for (const [state, seen, want] of told) assert.equal(stateSentence(state, seen), want);
+  assert.equal(stateWord({ name: 'ended' }), 'Ended');
+  assert.equal(stateWord({ name: 'ended', still: 'better' }), 'Getting better');
+  assert.equal(stateWord({ name: 'ended', still: 'done' }), 'Done');
+});
+
+test('a coding has a name', () => {
+  assert.deepEqual(['jpeg', 'h264', undefined].map(codingName), ['JPEG', 'H.264', '']);
 });
 
 test('a reason is passed on', () => {

@@ -1,0 +1,258 @@
+// clients/web/video.js under a made-up decoder and clock: which pictures it is given, and what becomes of each.
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { Video, codecOf, whyNoVideo } from '../../clients/web/video.js';
+
+const KEY = 64;
+const SPS = [0, 0, 0, 1, 0x67, 0x42, 0xc0, 0x1f, 0x99, 0, 0, 0, 1, 0x68, 1, 0, 0, 1, 0x65, 7];
+
+// A decoder that gives out what it is told to: frames of the pictures that it holds, first in, first out.
+class World {
+  constructor() {
+    this.now = 0;
+    this.timers = new Map();
+    this.ids = 0;
+    this.decoders = [];
+    this.frames = []; // all there ever were
+    this.secure = true;
+    const world = this;
+    this.EncodedVideoChunk = class { constructor(init) { Object.assign(this, init); } };
+    this.VideoDecoder = class {
+      static async isConfigSupported() { return { supported: true }; }
+
+      constructor(on) {
+        Object.assign(this, { on, state: 'unconfigured', held: [], configs: [] });
+        world.decoders.push(this);
+      }
+
+      configure(config) {
+        this.configs.push(config);
+        this.state = 'configured';
+      }
+
+      decode(chunk) {
+        assert.equal(this.state, 'configured');
+        if (this.refuses) throw new Error('refused');
+        this.held.push(chunk);
+      }
+
+      close() { this.state = 'closed'; }
+
+      give() {
+        const frame = { timestamp: this.held.shift().timestamp, open: true, close() { assert.ok(this.open); this.open = false; } };
+        world.frames.push(frame);
+        this.on.output(frame);
+      }
+
+      fail(name, message) {
+        this.state = 'closed';
+        this.on.error(Object.assign(new Error(message), { name }));
+      }
+    };
+  }
+
+  nowMs() { return this.now; }
+
+  setTimeout(then, ms) {
+    this.timers.set(++this.ids, { then, at: this.now + ms });
+    return this.ids;
+  }
+
+  clearTimeout(id) { this.timers.delete(id); }
+
+  pass(ms) {
+    const until = this.now + ms;
+    for (;;) {
+      const due = [...this.timers].filter(([, t]) => t.at <= until).sort((a, b) => a[1].at - b[1].at)[0];
+      if (!due) break;
+      this.now = Math.max(this.now, due[1].at);
+      this.timers.delete(due[0]);
+      due[1].then();
+    }
+    this.now = until;
+  }
+
+  get decoder() { return this.decoders.at(-1); }
+}
+
+function begin() {
+  const world = new World();
+  const told = { shown: [], passed: [], lost: 0, failed: [] };
+  const video = new Video({
+    picture: (picture) => told.shown.push(picture),
+    passed: (header) => told.passed.push(header.sequence),
+    lost: () => { told.lost++; },
+    failed: (reason) => told.failed.push(reason),
+  }, world);
+  const take = (sequence, key = false, payload = key ? SPS : [0, 0, 0, 1, 0x41, 9]) =>
+    video.take({ header: { sequence, flags: key ? KEY : 0 }, payload: Uint8Array.from(payload), heardMs: 5 });
+  return { world, video, told, take };
+}
+
+test('why there is no H.264 is told', async () => {
+  assert.equal(await whyNoVideo(new World()), null);
+  assert.match(await whyNoVideo(Object.assign(new World(), { secure: false })), /secure/);
+  assert.match(await whyNoVideo(Object.assign(new World(), { VideoDecoder: undefined })), /WebCodecs/);
+  const no = new World();
+  no.VideoDecoder.isConfigSupported = async () => ({ supported: false });
+  assert.match(await whyNoVideo(no), /does not decode/);
+  const torn = new World();
+  torn.VideoDecoder.isConfigSupported = async () => { throw new TypeError('odd'); };
+  assert.match(await whyNoVideo(torn), /odd/);
+});
+
+test('the codec is named after the stream', () => {
+  assert.equal(codecOf(Uint8Array.from(SPS)), 'avc1.42C01F');
+  assert.equal(codecOf(Uint8Array.from([0, 0, 1, 0x09, 0xf0, ...SPS.slice(1, 5), 0x64, 0x00, 0x0a, 1])), 'avc1.64000A');
+  assert.equal(codecOf(Uint8Array.from([0, 0, 0, 1, 0x65, 1, 2, 3, 4])), null);
+  assert.equal(codecOf(Uint8Array.from([0, 0, 1, 0x67, 0x42])), null); // cut short
+  assert.equal(codecOf(new Uint8Array(0)), null);
+});
+
+test('it begins at a key picture, and what comes before that returns its credit', () => {
+  const { world, told, take } = begin();
+  take(1);
+  take(2);
+  assert.deepEqual(told.passed, [1, 2]);
+  assert.equal(world.decoders.length, 0);
+  take(3, true);
+  take(4);
+  assert.deepEqual(world.decoder.configs, [{ codec: 'avc1.42C01F', optimizeForLatency: true }]);
+  assert.deepEqual(world.decoder.held.map(({ type, timestamp }) => [type, timestamp]), [['key', 3], ['delta', 4]]);
+});
+
+test('each picture comes out with its own header, once', () => {
+  const { world, told, take } = begin();
+  take(7, true);
+  world.pass(4);
+  take(8);
+  world.pass(3);
+  world.decoder.give();
+  world.decoder.give();
+  assert.deepEqual(told.shown.map((p) => [p.header.sequence, p.bitmap.timestamp, p.decodeMs, p.bytes, p.heardMs]),
+    [[7, 7, 7, SPS.length, 5], [8, 8, 3, 6, 5]]);
+  take(9, true); // the same parameters: the decoder stays
+  assert.equal(world.decoders.length, 1);
+  assert.deepEqual(told.passed, []);
+});
+
+test('what a decoder leaves out returns its credit, and a frame that nobody knows is closed', () => {
+  const { world, told, take } = begin();
+  take(1, true);
+  take(2);
+  take(3);
+  world.decoder.held.splice(0, 2);
+  world.decoder.give();
+  assert.deepEqual(told.passed, [1, 2]);
+  assert.equal(told.shown[0].header.sequence, 3);
+  world.decoder.held.push({ timestamp: 99 });
+  world.decoder.give();
+  assert.equal(told.shown.length, 1);
+  assert.equal(world.frames.at(-1).open, false);
+});
+
+test('other parameters make a new decoder', () => {
+  const { world, told, take } = begin();
+  take(1, true);
+  const first = world.decoder;
+  const other = [...SPS];
+  other[5] = 0x64;
+  take(2, true, other);
+  assert.equal(first.state, 'closed');
+  assert.deepEqual(told.passed, [1]);
+  assert.equal(world.decoder.configs[0].codec, 'avc1.64C01F');
+  first.give(); // too late: it is closed and not shown
+  assert.equal(world.frames[0].open, false);
+  assert.deepEqual(told.shown, []);
+});
+
+test('a fault of any kind ends it, once, and the rest returns its credit', () => {
+  const faults = {
+    'the decoder says so': ({ world }) => world.decoder.fail('EncodingError', 'bad data'),
+    'it refuses a picture': ({ world, take }) => { world.decoder.refuses = true; take(3); },
+    'a key picture has no parameters': ({ take }) => take(3, true, [0, 0, 0, 1, 0x65, 1, 2, 3, 4, 5]),
+  };
+  for (const [name, fault] of Object.entries(faults)) {
+    const all = begin();
+    all.take(1, true);
+    all.take(2);
+    fault(all);
+    assert.equal(all.told.failed.length, 1, name);
+    assert.ok(all.told.failed[0].length > 3);
+    assert.deepEqual(all.told.passed.slice(0, 2), [1, 2], name);
+    all.take(4, true);
+    assert.equal(all.told.passed.at(-1), 4);
+    all.world.pass(10000);
+    assert.equal(all.told.failed.length, 1);
+    assert.equal(all.world.timers.size, 0);
+    assert.equal(all.world.decoders.length, 1);
+  }
+});
+
+test('three silent seconds are a failure, though pictures go on coming in', () => {
+  const { world, told, take } = begin();
+  take(1, true);
+  for (let i = 2; i < 100 && !told.failed.length; i++) {
+    world.pass(33);
+    take(i);
+  }
+  assert.equal(told.failed.length, 1);
+  assert.ok(world.now >= 2900 && world.now <= 3200, `${world.now}`);
+});
+
+test('a decoder that answers is not silent, nor is one that has nothing to do', () => {
+  const { world, told, take } = begin();
+  take(1, true);
+  for (let i = 2; i < 400; i++) {
+    world.pass(33);
+    take(i);
+    world.decoder.give();
+  }
+  world.decoder.give();
+  world.pass(60000);
+  assert.deepEqual(told.failed, []);
+  assert.equal(world.timers.size, 0);
+});
+
+test('a computer that was asleep is given its time', () => {
+  const { world, told, take } = begin();
+  take(1, true);
+  world.now += 3600000; // no timer ran meanwhile
+  world.pass(10);
+  assert.deepEqual(told.failed, []);
+  world.decoder.give();
+  assert.equal(told.shown.length, 1);
+});
+
+test('a decoder that the browser takes back is no failure: it goes on at the next key picture', () => {
+  const { world, told, take } = begin();
+  take(1, true);
+  world.decoder.give();
+  world.decoder.fail('QuotaExceededError', 'reclaimed');
+  assert.equal(told.lost, 1);
+  take(2);
+  take(3, true);
+  world.decoder.give();
+  assert.deepEqual(told.failed, []);
+  assert.deepEqual(told.passed, [2]);
+  assert.equal(told.shown.at(-1).header.sequence, 3);
+});
+
+test('a page that is hidden lets go of it, and nothing stays behind', () => {
+  const { world, video, told, take } = begin();
+  take(1, true);
+  take(2);
+  const first = world.decoder;
+  video.forget();
+  assert.equal(first.state, 'closed');
+  assert.deepEqual(told.passed, [1, 2]);
+  assert.equal(world.timers.size, 0);
+  take(3);
+  take(4, true);
+  assert.deepEqual(told.passed, [1, 2, 3]);
+  world.decoder.give();
+  assert.equal(told.shown[0].header.sequence, 4);
+  video.close();
+  video.close();
+  assert.equal(world.timers.size, 0);
+});

@@ -1,0 +1,309 @@
+// What the canvas holds, pixel by pixel, in both codings; and how the page changes from one to the other. pattern_server
+// dumps what it drew and what libjpeg-turbo makes of its own JPEG. RELIGHT_PATTERN_SERVER names that program.
+import assert from 'node:assert/strict';
+import { mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import {
+  openBrowser, openPage, readback, sentence, startServer, untilFrames, untilState, whatIsMissing,
+} from './lib.mjs';
+
+const missing = await whatIsMissing();
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const PATTERN = process.env.RELIGHT_PATTERN_SERVER;
+assert.ok(PATTERN, 'RELIGHT_PATTERN_SERVER is not set');
+const BUILT_IN = process.env.RELIGHT_H264 === 'ON'; // the server makes H.264
+
+let browser;
+let folder;
+let decodes; // the browser's own word
+before(async () => {
+  browser = await openBrowser();
+  folder = mkdtempSync(join(tmpdir(), 'relight-video-'));
+  const server = await startServer(PATTERN, []);
+  const page = await openPage(browser, server.url);
+  decodes = await page.evaluate(async () => isSecureContext && typeof VideoDecoder === 'function'
+    && (await VideoDecoder.isConfigSupported({ codec: 'avc1.42E01F', optimizeForLatency: true })).supported);
+  console.log(`H.264: the server ${BUILT_IN ? 'makes' : 'does not make'} it, the browser ${decodes ? 'decodes' : 'does not decode'} it`);
+  await page.close();
+  await server.stop();
+});
+after(async () => {
+  await browser?.close();
+  if (folder) rmSync(folder, { recursive: true });
+});
+
+const expected = () => (BUILT_IN && decodes ? 'h264' : 'jpeg');
+const coding = (page) => page.evaluate(() => window.relight.lastHeader?.format);
+const untilCoding = (page, name) => page.waitForFunction((n) => window.relight?.lastHeader?.format === n, name, { timeout: 30000 });
+
+async function withPage(args, query, body, script) {
+  const server = await startServer(PATTERN, args);
+  const page = await browser.newPage({ viewport: { width: 1000, height: 800 } });
+  const faults = [];
+  page.on('pageerror', (error) => faults.push(String(error)));
+  try {
+    if (script) await page.addInitScript(script);
+    await page.goto(`${server.url}${query}`);
+    await body(page, server);
+    assert.deepEqual(faults, []);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+}
+
+// Stops the pictures, and gives the last one as the page shows it, as it was drawn and as libjpeg-turbo decodes it.
+let dumps = 0;
+async function lastPicture(page, server) {
+  server.say('stop');
+  const path = join(folder, `${++dumps}.rgb`);
+  const told = server.text().length;
+  server.say(`dump ${path}`);
+  while (!/dumped frame (\d+)/.test(server.text().slice(told))) await new Promise((resolve) => { setTimeout(resolve, 20); });
+  const frame = Number(server.text().slice(told).match(/dumped frame (\d+)/)[1]);
+  await page.waitForFunction((n) => window.relight.lastHeader?.frame === n, frame, { timeout: 30000 });
+  const shown = await readback(page);
+  const bytes = readFileSync(path);
+  assert.equal(bytes.length, shown.width * shown.height * 6);
+  return { shown, drawn: bytes.subarray(0, bytes.length / 2), decoded: bytes.subarray(bytes.length / 2) };
+}
+
+// The canvas against RGB: the largest difference, the mean, and the peak signal to noise ratio.
+function difference(rgba, rgb) {
+  let most = 0;
+  let sum = 0;
+  let squares = 0;
+  for (let i = 0, j = 0; j < rgb.length; i += 4, j += 3) {
+    for (let c = 0; c < 3; c++) {
+      const d = Math.abs(rgba[i + c] - rgb[j + c]);
+      most = Math.max(most, d);
+      sum += d;
+      squares += d * d;
+    }
+  }
+  return { most, mean: sum / rgb.length, psnr: 10 * Math.log10((255 * 255 * rgb.length) / Math.max(squares, 1)) };
+}
+
+const say = ({ most, mean, psnr }) => `${most} at most, ${mean.toFixed(2)} in the mean, ${psnr.toFixed(1)} dB`;
+
+for (const [quality, sampling] of [[95, '4:4:4'], [80, '4:2:0']]) {
+  test(`the canvas is what libjpeg-turbo decodes, quality ${quality}, ${sampling}`, () =>
+    withPage(['--size', '322x182', '--rough', '--quality', String(quality)], '?coding=jpeg', async (page, server) => {
+      await untilFrames(page, 5);
+      for (let i = 0; i < 3; i++) {
+        const { shown, drawn, decoded } = await lastPicture(page, server);
+        const got = difference(shown.data, decoded);
+        console.log(`against libjpeg-turbo: ${say(got)}; against what was drawn: ${say(difference(shown.data, drawn))}`);
+        assert.ok(got.most <= 2, `off by ${got.most}`);
+        server.say('go');
+        await untilFrames(page, 3);
+      }
+    }));
+}
+
+test('H.264 shows the same frames in the same colours as JPEG', async (t) => {
+  if (expected() !== 'h264') {
+    t.skip('no H.264 here');
+    return;
+  }
+  for (const args of [['--size', '320x180', '--quality', '95'], ['--size', '320x180', '--quality', '85', '--rough'],
+    ['--size', '321x181', '--quality', '95']]) {
+    await withPage(['--h264', '--fps', '20', ...args], '', async (page, server) => {
+      await untilFrames(page, 20);
+      assert.equal(await coding(page), 'h264');
+      const { shown, drawn, decoded } = await lastPicture(page, server);
+      const video = difference(shown.data, drawn);
+      const jpeg = { data: Buffer.alloc(shown.data.length) };
+      for (let i = 0, j = 0; j < decoded.length; i += 4, j += 3) decoded.copy(jpeg.data, i, j, j + 3);
+      console.log(`${args.join(' ')}: H.264 ${say(video)}; JPEG ${say(difference(jpeg.data, drawn))}`);
+      // Flat ground well inside a quarter, away from bar, edges and grain: the mean is the colour itself.
+      const { width, height } = shown;
+      for (const [x0, y0] of [[0.1, 0.1], [0.7, 0.1], [0.1, 0.6], [0.7, 0.6]]) {
+        const [sums, wants] = [[0, 0, 0], [0, 0, 0]];
+        for (let y = 0; y < 16; y++)
+          for (let x = 0; x < 16; x++) {
+            const p = (Math.floor(y0 * height) + y) * width + Math.floor(x0 * width) + x;
+            for (let c = 0; c < 3; c++) {
+              sums[c] += shown.data[4 * p + c] / 256;
+              wants[c] += drawn[3 * p + c] / 256;
+            }
+          }
+        for (let c = 0; c < 3; c++)
+          assert.ok(Math.abs(sums[c] - wants[c]) <= 3, `channel ${c} at ${x0}, ${y0}: ${sums[c].toFixed(1)} for ${wants[c].toFixed(1)}`);
+      }
+      // Colour finer than 4:2:0 can hold costs both codings most of what they lose: grain, and edges in odd places.
+      assert.ok(video.psnr > (args.includes('--rough') ? 23 : 35), say(video));
+    });
+  }
+});
+
+test('the page says which coding comes, and ?coding=jpeg holds it to one', async () => {
+  for (const [query, want] of [['', expected()], ['?coding=jpeg', 'jpeg']]) {
+    await withPage(BUILT_IN ? ['--h264'] : [], query, async (page) => {
+      await untilState(page, 'live');
+      await untilFrames(page, 5);
+      assert.equal(await coding(page), want);
+      await page.waitForFunction((name) => document.getElementById('coding').textContent === name
+        && document.getElementById('traffic').textContent.endsWith('bit/s'), want === 'h264' ? 'H.264' : 'JPEG');
+    });
+  }
+});
+
+test('from a server that makes no H.264 comes JPEG', () =>
+  withPage([], '', async (page) => {
+    await untilFrames(page, 3);
+    assert.equal(await coding(page), 'jpeg');
+  }));
+
+// What may be wrong with a browser. Without workers the page decodes by itself, where a test can reach the decoder.
+const inPage = 'delete window.Worker;';
+const broken = {
+  'has no WebCodecs': `${inPage} delete window.VideoDecoder;`,
+  'says that it decodes no H.264': `${inPage} VideoDecoder.isConfigSupported = async () => ({ supported: false });`,
+  'is not asked over a secure connection': `${inPage} Object.defineProperty(window, 'isSecureContext', { value: false });`,
+  'cannot be configured after all': `${inPage} VideoDecoder.prototype.configure = () => { throw new DOMException('it is not supported', 'NotSupportedError'); };`,
+  'fails in the middle': `${inPage} { const real = VideoDecoder.prototype.decode; let count = 0;
+    VideoDecoder.prototype.decode = function (chunk) {
+      if (++count > 20) throw new DOMException('broken', 'EncodingError');
+      real.call(this, chunk);
+    }; }`,
+  'reads nonsense': `${inPage} { const Real = EncodedVideoChunk; let count = 0;
+    window.EncodedVideoChunk = class { constructor(init) {
+      if (++count > 20) init.data = new Uint8Array(init.data).fill(255, 5);
+      return new Real(init);
+    } }; }`,
+  'swallows pictures in silence': `${inPage} { const real = VideoDecoder.prototype.decode; let count = 0;
+    VideoDecoder.prototype.decode = function (chunk) { if (++count <= 20) real.call(this, chunk); }; }`,
+};
+
+for (const [name, script] of Object.entries(broken)) {
+  test(`a browser that ${name} gets JPEG, without a reload and without a dark canvas`, () =>
+    withPage(BUILT_IN ? ['--h264'] : [], '', async (page) => {
+      await page.evaluate(() => { window.same = true; });
+      await untilFrames(page, 3);
+      await page.evaluate(() => {
+        window.darkest = 255;
+        window.watching = setInterval(() => {
+          const { data, width } = window.relight.readback();
+          const at = 4 * (10 * width + 10); // red, or the bar's white
+          window.darkest = Math.min(window.darkest, data[at]);
+        }, 15);
+      });
+      await untilCoding(page, 'jpeg');
+      await untilFrames(page, 10);
+      await untilState(page, 'live');
+      assert.equal(await coding(page), 'jpeg');
+      const seen = await page.evaluate(() => ({ same: window.same, darkest: window.darkest, why: window.relight.noVideo }));
+      assert.ok(seen.same);
+      assert.ok(seen.darkest > 150, `${seen.darkest}`);
+      assert.ok(!decodes || !BUILT_IN || seen.why.length > 5, seen.why);
+      console.log(`${name}: ${seen.why}`);
+      assert.equal(await sentence(page), 'Live.');
+    }, script));
+}
+
+const setHidden = (page, hidden) => page.evaluate((h) => {
+  Object.defineProperty(document, 'visibilityState', { value: h ? 'hidden' : 'visible', configurable: true });
+  document.dispatchEvent(new Event('visibilitychange'));
+}, hidden);
+
+test('a tab that slept goes on with video at once, again and again', () =>
+  withPage(BUILT_IN ? ['--h264'] : [], '', async (page) => {
+    await untilFrames(page, 10);
+    for (let i = 0; i < 3; i++) {
+      await setHidden(page, true);
+      await untilState(page, 'paused');
+      await page.waitForTimeout(700);
+      const before = await page.evaluate(() => window.relight.frames);
+      await page.waitForTimeout(300);
+      assert.equal(await page.evaluate(() => window.relight.frames), before);
+      const begun = Date.now();
+      await setHidden(page, false);
+      await untilFrames(page, 1);
+      console.log(`awake after ${Date.now() - begun} ms`);
+      await untilState(page, 'live');
+      await untilFrames(page, 5);
+      assert.equal(await coding(page), expected());
+    }
+  }));
+
+test('a server that was started again is found within seconds, with video', () =>
+  withPage(BUILT_IN ? ['--h264'] : [], '', async (page, server) => {
+    await untilFrames(page, 10);
+    await server.stop();
+    await untilState(page, 'reconnecting');
+    const again = await startServer(PATTERN, ['--port', server.port, ...(BUILT_IN ? ['--h264'] : [])]);
+    try {
+      const begun = Date.now();
+      await untilFrames(page, 3);
+      const took = Date.now() - begun;
+      console.log(`pictures ${took} ms after the server listens again (target: 3000)`);
+      assert.ok(took < 10000);
+      assert.equal(await coding(page), expected());
+      await untilState(page, 'live');
+    } finally {
+      await again.stop();
+    }
+  }));
+
+test('a page opened on a picture that stands still shows it', () =>
+  withPage(BUILT_IN ? ['--h264'] : [], '', async (first, server) => {
+    await untilFrames(first, 5);
+    server.say('state ended');
+    const { shown } = await lastPicture(first, server);
+    const second = await openPage(browser, server.url);
+    try {
+      await second.waitForFunction((n) => window.relight.lastHeader?.frame === n, shown.header.frame, { timeout: 30000 });
+      assert.equal(await coding(second), expected());
+      await untilState(second, 'ended');
+      const { psnr } = difference((await readback(second)).data, rgbOf(shown.data));
+      assert.ok(psnr > 30, `${psnr}`);
+      await second.goto(`${server.url}?coding=jpeg`);
+      await untilCoding(second, 'jpeg');
+    } finally {
+      await second.close();
+    }
+  }));
+
+function rgbOf(rgba) {
+  const rgb = Buffer.alloc((rgba.length / 4) * 3);
+  for (let i = 0, j = 0; i < rgba.length; i += 4, j += 3) rgba.copy(rgb, j, i, i + 3);
+  return rgb;
+}
+
+test('a picture of another size goes on in the same coding', () =>
+  withPage(BUILT_IN ? ['--h264'] : [], '', async (page, server) => {
+    await untilFrames(page, 5);
+    for (const [width, height] of [[640, 352], [273, 481], [320, 184]]) {
+      server.say(`size ${width}x${height}`);
+      await page.waitForFunction(([w, h]) => window.relight.lastHeader?.width === w && window.relight.lastHeader.height === h,
+        [width, height], { timeout: 30000 });
+      const got = await readback(page);
+      assert.deepEqual([got.width, got.height], [width, height]);
+      assert.equal(got.header.format, expected());
+    }
+  }));
+
+test('a page that draws nothing for a while is at the newest picture soon after, in an unbroken chain', () =>
+  withPage(['--fps', '60', ...(BUILT_IN ? ['--h264'] : [])], '', async (page) => {
+    await untilFrames(page, 3);
+    const before = await page.evaluate(() => {
+      window.realFrame = window.requestAnimationFrame;
+      window.requestAnimationFrame = (then) => { window.held = then; return 1; };
+      return window.relight.lastHeader.frame;
+    });
+    await page.waitForTimeout(2000);
+    await page.evaluate(() => {
+      window.requestAnimationFrame = window.realFrame;
+      window.held?.();
+    });
+    await page.waitForFunction((n) => window.relight.lastHeader.frame > n + 60, before);
+    await untilState(page, 'live');
+    await untilFrames(page, 30);
+    assert.equal(await coding(page), expected());
+  }));
