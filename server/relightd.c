@@ -19,8 +19,8 @@
 #include <stdio.h>
 #include <time.h>
 
-#define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
 #define TURN 0.9     /* of the time between two pictures that one may take to shade */
+#define LISTEN_MS 30 /* between two looks at what controllers ask for, while no frame comes */
 
 /* Set by the signal handler, which can reach nothing else; shading looks at it from packet to packet. */
 static atomic_bool stop_asked;
@@ -34,7 +34,7 @@ static void ask_to_stop(int signal_number)
     atomic_store(&stirred, true);
 }
 
-static bool stopping(struct daemon *d)
+bool daemon_is_stopping(struct daemon *d)
 {
     return stop_asked || handoff_is_closed(&d->frames);
 }
@@ -44,241 +44,80 @@ static void nap_ms(int64_t ms)
     nanosleep(&(struct timespec){ .tv_nsec = (long)ms * 1000000 }, NULL);
 }
 
-/* In short naps, so that a signal is answered at once. */
-static void sleep_until_ms(struct daemon *d, int64_t when_ms)
-{
-    for (int64_t left = when_ms - clock_ms(); left > 0 && !stopping(d); left = when_ms - clock_ms())
-        nap_ms(left < 50 ? left : 50);
-}
-
-/* ---- Ingest ---- */
-
-static enum err ingest_frame(struct daemon *d, const struct frame *f, const struct server_ticket *ticket,
-                             struct reason *why)
-{
-    const int slot = handoff_begin(&d->frames);
-    struct ingested *in = &d->ingested[slot];
-    const struct settings now = ticket->lockstep ? d->said : daemon_settings(d);
-    const struct environment_desc desc = { .layout = d->layout,
-                                           .rotation_degrees = now.rotation_degrees,
-                                           .scale_stops = now.scale_stops,
-                                           .importance = d->importance,
-                                           .lean = now.method == METHOD_CACHED };
-    const double start = clock_seconds();
-
-    atomic_store(&d->reading, true); /* all processors for what is new */
-    atomic_store(d->stirred, true);
-    environment_set(in->environment, &desc);
-    const enum err e = environment_update(in->environment, f, why);
-    atomic_store(&d->reading, false);
-    if (e)
-        return e;
-    environment_warn_clipped(in->environment, &d->warned_clipped);
-    in->ticket = *ticket;
-    in->decode_ms = 1e3 * (clock_seconds() - start);
-    in->ready_ms = clock_ms();
-    const struct image_faults faults = in->environment->image.faults; /* the slot is the reader's once published */
-    const int dropped = handoff_publish(&d->frames, slot);
-    atomic_store(d->stirred, true);
-    if (dropped != HANDOFF_NONE)
-        server_frame_fate(d->server, &d->ingested[dropped].ticket, SERVER_SUPERSEDED, NULL);
-    daemon_tell_received(d, &faults, dropped != HANDOFF_NONE);
-    return ERR_OK;
-}
-
-/* What viewers are told while no frame comes. */
-static enum server_source tell_silence(struct daemon *d, enum server_source told)
-{
-    struct server_demand demand;
-
-    server_demand(d->server, &demand);
-    const enum server_source now = demand.ended ? SERVER_ENDED : demand.producer ? told : SERVER_WAITING;
-    if (told == SERVER_LIVE && now != told) {
-        daemon_tell_source(
-            d, now, demand.ended ? "the producer has sent all its frames" : "the producer is gone, its last sky stays");
-        return now;
-    }
-    return told;
-}
-
-/* Frames from the outside: each one's fate is told to its producer. */
-static void ingest_pushed(struct daemon *d, struct frame *f, struct reason *why)
-{
-    struct server_ticket ticket;
-    enum server_source told = SERVER_WAITING;
-
-    while (!stopping(d)) {
-        if (daemon_settings(d).paused) {
-            nap_ms(50);
-            continue;
-        }
-        if (!server_take_frame(d->server, f, &ticket, 100)) {
-            told = tell_silence(d, told);
-            continue;
-        }
-        if (ingest_frame(d, f, &ticket, why)) {
-            server_frame_fate(d->server, &ticket, SERVER_REFUSED, why->text);
-            daemon_tell_refused(d, why->text, true);
-            told = SERVER_FAILED;
-        } else if (told != SERVER_LIVE) {
-            daemon_tell_source(d, SERVER_LIVE, "");
-            told = SERVER_LIVE;
-        }
-    }
-}
-
-/* What the ingest thread remembers of a source between its frames. */
-struct pull {
-    uint64_t count;     /* frames asked for */
-    uint64_t version;   /* of the settings, as the frame that stands was read with */
-    int64_t next_ms;    /* when the next frame is due, if the source has a pace */
-    int64_t failure_ms; /* how long to wait after a frame that could not be used: doubles up to a second */
-    bool failed, ended, told_end, paused;
-};
-
-/* Without a next frame, changed settings are applied to the one that stands. True when there may be a next one. */
-static bool hold(struct daemon *d, const struct frame *f, struct pull *p, struct reason *why)
-{
-    const struct settings now = daemon_settings(d);
-    static const struct server_ticket none = { 0 };
-
-    if (!p->ended && now.paused != p->paused && p->count > 0)
-        daemon_tell_source(d, now.paused ? SERVER_PAUSED : SERVER_LIVE, "");
-    p->paused = now.paused;
-    if (!p->ended && !now.paused)
-        return true;
-    if (now.version != p->version && f->kind != FRAME_NONE && ingest_frame(d, f, &none, why))
-        daemon_tell_refused(d, why->text, true);
-    p->version = now.version;
-    if (p->ended && !p->told_end && !p->failed && daemon_all_shown(d)) {
-        daemon_tell_source(d, SERVER_ENDED, p->count == 1 ? "it is one picture" : "the last frame was shown");
-        p->told_end = true;
-    }
-    nap_ms(30);
-    return false;
-}
-
-/* A source that sets no pace gives its next frame just before the shading of this one ends: earlier, it would only grow
- * old while it waits. */
-static void wait_until_wanted(struct daemon *d)
-{
-    while (!handoff_wait_taken(&d->frames, 100) && !stopping(d))
-        continue;
-    sleep_until_ms(d, clock_ms() + (int64_t)daemon_slack_ms(d) - MARGIN_MS);
-}
-
-static void pace(struct daemon *d, struct pull *p)
-{
-    const int64_t now = clock_ms();
-
-    if (p->failed) { /* a source without a good frame must not turn at full speed */
-        p->failure_ms = p->failure_ms ? 2 * p->failure_ms : 100;
-        p->failure_ms = p->failure_ms < 1000 ? p->failure_ms : 1000;
-        sleep_until_ms(d, now + (d->rate > 0.0 ? (int64_t)(1e3 / d->rate) : p->failure_ms));
-        return;
-    }
-    p->failure_ms = 0;
-    if (d->rate > 0.0) {
-        p->next_ms += (int64_t)(1e3 / d->rate);
-        p->next_ms = p->next_ms > now ? p->next_ms : now;
-        sleep_until_ms(d, p->next_ms);
-    } else {
-        wait_until_wanted(d);
-    }
-}
-
-static void ingest_source(struct daemon *d, struct frame *f, struct reason *why)
-{
-    static const struct server_ticket none = { 0 };
-    const uint64_t in_a_pass = source_count(d->source);
-    struct pull p = { .next_ms = clock_ms() };
-
-    while (!stopping(d)) {
-        if (!hold(d, f, &p, why))
-            continue;
-        enum err e = source_next(d->source, f, why);
-        if (e == ERR_END) {
-            p.ended = true;
-            continue;
-        }
-        if (!e && f->kind == FRAME_NONE)
-            continue;
-        if (!e)
-            e = ingest_frame(d, f, &none, why);
-        p.count++;
-        if (e) /* what every pass would say again is said in the first */
-            daemon_tell_refused(d, why->text, in_a_pass == 0 || p.count <= in_a_pass);
-        else if (p.failed || p.count == 1)
-            daemon_tell_source(d, SERVER_LIVE, "");
-        p.failed = e != ERR_OK;
-        p.ended = !e && in_a_pass == 1 && !d->reseed; /* one picture need not be read again */
-        p.version = daemon_settings(d).version;
-        if (!p.ended)
-            pace(d, &p);
-    }
-}
-
-static void *ingest_main(void *arg)
-{
-    struct daemon *d = arg;
-    struct frame f = { 0 };
-    struct reason why = { "" };
-
-    omp_set_num_threads(1); /* the other processor is shading */
-    if (d->push)
-        ingest_pushed(d, &f, &why);
-    else
-        ingest_source(d, &f, &why);
-    frame_finish(&f);
-    return NULL;
-}
-
 /* ---- Shade ---- */
 
 /* A lockstep sequence is to come out the same whenever it is made: its counts are those that were said. */
-static bool is_piloted(const struct daemon *d, const struct settings *now, const struct ingested *in)
+static bool is_piloted(const struct settings *now, const struct ingested *in)
 {
-    return now->method == METHOD_AUTO && !now->counted && !in->ticket.lockstep && d->fps > 0.0;
+    return now->method == METHOD_AUTO && !now->counted && !in->ticket.lockstep;
 }
 
 /* The picture's time is the whole of its turn but for a margin: what else is done for it goes on beside, on other
  * threads, and makes the measured times longer where it is in the way. */
-static enum err run_pilot(struct daemon *d, const struct environment *e, const struct relight_desc *desc, float *rgb,
-                          struct relight_stats *stats, struct pilot_stats *out)
+static enum err run_pilot(struct daemon *d, const struct environment *e, const struct relight_desc *desc,
+                          const struct settings *now, float *rgb, struct relight_stats *stats, struct pilot_stats *out)
 {
-    const struct pilot_wish wish = { .seconds = TURN / d->fps, .error = d->error };
+    const struct pilot_wish wish = { .seconds = TURN / now->fps, .error = now->error };
 
     if (!d->pilot)
         d->pilot = pilot_create(d->set, d->kernels, NULL);
     return d->pilot ? pilot_run(d->pilot, e, desc, &wish, rgb, stats, out) : ERR_NOMEM;
 }
 
-static enum err shade_frame(struct daemon *d, const struct ingested *in, double *last_s, struct reason *why)
+/* What the settings make of what was said on the command line. */
+static struct relight_desc light_now(struct daemon *d, const struct ingested *in, const struct settings *now,
+                                     struct reason *why)
+{
+    struct relight_desc desc = d->light;
+
+    desc.classes = now->classes;
+    desc.direct.method = now->method;
+    desc.direct.samples = now->samples;
+    desc.direct.pass = d->reseed ? in->environment->number : 0;
+    desc.turn = in->ticket.lockstep ? in->environment->number : d->turn++; /* frames that were dropped cost nothing */
+    desc.direct.cancel = &stop_asked;
+    desc.direct.why = why;
+    desc.cache_keep = true;
+    desc.cache_background = desc.cache_background && !in->ticket.lockstep;
+    return desc;
+}
+
+static struct protocol_picture header_of(const struct daemon *d, const struct ingested *in, double queued_ms,
+                                         const struct relight_stats *stats, uint32_t samples)
+{
+    return (struct protocol_picture){
+        .frame = in->environment->number,
+        .capture_us = in->environment->capture_us,
+        .queued_us = (uint32_t)(1e3 * queued_ms),
+        .decoded_us = (uint32_t)(1e3 * in->decode_ms),
+        .shaded_us = (uint32_t)(1e3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->resolve_ms)),
+        .width = d->set_desc.width,
+        .height = d->set_desc.height,
+        .samples = samples,
+    };
+}
+
+/* A lockstep sequence is made as was said, by the camera that was said. */
+static enum err shade_frame(struct daemon *d, const struct ingested *in, bool anew, double *last_s, struct reason *why)
 {
     const struct environment *e = in->environment;
     const int slot = handoff_begin(&d->pictures);
     struct shaded *out = &d->shaded[slot];
     const struct settings now = in->ticket.lockstep ? d->said : daemon_settings(d);
-    struct relight_desc desc = d->light;
-    desc.direct.method = now.method;
-    desc.direct.samples = now.samples;
-    desc.direct.pass = d->reseed ? e->number : 0;
-    desc.turn = in->ticket.lockstep ? e->number : d->turn++; /* frames that were dropped cost nothing */
-    desc.direct.cancel = &stop_asked;
-    desc.direct.why = why;
-    desc.cache_keep = true;
-    desc.cache_background = desc.cache_background && !in->ticket.lockstep;
+    struct relighter *relighter = in->ticket.lockstep ? d->first_relighter : d->relighter;
+    struct relight_desc desc = light_now(d, in, &now, why);
     struct relight_stats stats;
     struct pilot_stats pilot = { 0 };
-    const bool by_pilot = is_piloted(d, &now, in), piloted = by_pilot && !(d->buyer.ready && buyer_may(&desc));
+    const bool by_pilot = is_piloted(&now, in), piloted = by_pilot && !(d->buyer.ready && buyer_may(&desc));
     if (by_pilot && !piloted) {
         desc = buyer_light(&desc);
         desc.cache_background = true;
     }
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
-    const enum err result = piloted ? run_pilot(d, e, &desc, out->rgb, &stats, &pilot)
-                                    : relighter_run(d->relighter, e, &desc, out->rgb, &stats);
+    d->looks = now.looks;
+    const enum err result = piloted ? run_pilot(d, e, &desc, &now, out->rgb, &stats, &pilot)
+                                    : relighter_run(relighter, e, &desc, out->rgb, &stats);
     if (result == ERR_UNSUPPORTED || result == ERR_RANGE) { /* this layout, or this size: the picture before stays */
         server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, why->text);
         daemon_tell_unusable(d, why->text);
@@ -288,26 +127,20 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
         return err_say(why, result, "%s: no memory for the light samples", e->name);
     if (stop_asked) /* half a picture is none */
         return ERR_OK;
+    const struct protocol_picture header = /* the slot is the encoder's once published */
+        header_of(d, in, queued_ms, &stats, piloted ? pilot.samples : desc.direct.samples);
+    out->header = header;
     out->ticket = in->ticket;
-    out->header = (struct protocol_picture){
-        .frame = e->number,
-        .capture_us = e->capture_us,
-        .queued_us = (uint32_t)(1e3 * queued_ms),
-        .decoded_us = (uint32_t)(1e3 * in->decode_ms),
-        .shaded_us = (uint32_t)(1e3 * (stats.shade_ms + stats.eye_ms + stats.light_ms + stats.resolve_ms)),
-        .width = d->set_desc.width,
-        .height = d->set_desc.height,
-        .samples = piloted ? pilot.samples : desc.direct.samples,
-    };
+    out->anew = anew;
     daemon_probe_picture(d, out);
-    const struct protocol_picture header = out->header; /* the slot is the encoder's once published */
     const int dropped = handoff_publish(&d->pictures, slot);
     if (dropped != HANDOFF_NONE)
         server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
     const double shaded_s = clock_seconds();
-    daemon_tell_shaded(d, &header, &stats, piloted ? &pilot : NULL, *last_s > 0.0 ? shaded_s - *last_s : 0.0);
+    daemon_tell_shaded(d, &(struct shaded_news){ in, header, &desc, &stats, piloted ? &pilot : NULL,
+                                                 *last_s > 0.0 ? shaded_s - *last_s : 0.0 });
     if (piloted && buyer_may(&desc))
-        buyer_step(&d->buyer, d->relighter, d->set, &desc, &stats, &pilot, &(struct buyer_wish){ 0, d->error, true });
+        buyer_step(&d->buyer, d->relighter, d->set, &desc, &stats, &pilot, &(struct buyer_wish){ 0, now.error, true });
     daemon_still_open(d, &(struct still_frame){ in, out, desc, header, shaded_s, shaded_s - *last_s });
     *last_s = shaded_s;
     return ERR_OK;
@@ -315,14 +148,29 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, double 
 
 /* Seconds between pictures: with nobody watching, one a second keeps the last one fresh for whoever comes; a recorder
  * waits for every frame, as fast as they can be made. */
-static double pace_s(const struct daemon *d)
+static double pace_s(struct daemon *d)
 {
     struct server_demand demand;
 
     server_demand(d->server, &demand);
     if (demand.recorder)
         return 0.0;
-    return demand.viewers ? 1.0 / d->fps : 1.0;
+    return demand.viewers ? 1.0 / daemon_settings(d).fps : 1.0;
+}
+
+/* What controllers have asked for, as far as it is a matter of this thread. A new view is that of the frame in `held`,
+ * which a lockstep sequence's never is. */
+static enum err obey(struct daemon *d, int held, double *last_s, struct reason *why)
+{
+    daemon_take_control(d);
+    if (daemon_camera_follow(d) && held != HANDOFF_NONE && !d->ingested[held].ticket.lockstep) {
+        const enum err e = shade_frame(d, &d->ingested[held], true, last_s, why);
+        if (e)
+            return e;
+    }
+    if (daemon_settings(d).looks != d->looks)
+        daemon_still_show(d);
+    return ERR_OK;
 }
 
 static enum err shade_all(struct daemon *d, struct reason *why)
@@ -333,7 +181,9 @@ static enum err shade_all(struct daemon *d, struct reason *why)
 
     while (!e && !stop_asked) {
         atomic_store(&stirred, false); /* what came before is seen below; what comes from here on ends a pass */
-        daemon_take_control(d);
+        e = obey(d, held, &last_s, why);
+        if (e)
+            break;
         daemon_probe_answer(d);
         const double due_s = begun_s + pace_s(d), now_s = clock_seconds();
         if (now_s < due_s) {
@@ -341,7 +191,7 @@ static enum err shade_all(struct daemon *d, struct reason *why)
             continue;
         }
         const bool still = daemon_still_is_due(d);
-        if (!handoff_wait_newer(&d->frames, still ? 0 : 100)) {
+        if (!handoff_wait_newer(&d->frames, still ? 0 : LISTEN_MS)) {
             if (still && !stop_asked)
                 e = daemon_still_pass(d, why);
             continue;
@@ -354,7 +204,7 @@ static enum err shade_all(struct daemon *d, struct reason *why)
             continue;
         /* On the grid of the wished rate, unless it was missed by more than a picture. */
         begun_s = now_s - due_s < pace_s(d) ? due_s : now_s;
-        e = shade_frame(d, &d->ingested[held], &last_s, why);
+        e = shade_frame(d, &d->ingested[held], false, &last_s, why);
     }
     return e;
 }
@@ -366,7 +216,7 @@ static enum err allocate(struct daemon *d, struct reason *why)
     const size_t pixels = (size_t)d->set_desc.width * d->set_desc.height;
     bool all;
 
-    d->relighter = relighter_create(d->set, d->kernels);
+    d->first_relighter = d->relighter = relighter_create(d->set, d->kernels);
     d->jpeg = jpeg_encoder_create();
     d->display = mem_alloc(pixels, 3);
     d->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
@@ -409,13 +259,22 @@ static enum err set_up(struct daemon *d, struct reason *why)
         e = source_open(&d->source_desc, &d->source, why);
     if (e)
         return e;
+    if (!d->push) {
+        d->kind = source_kind(d->source);
+        d->length = source_count(d->source);
+    }
     daemon_tell_start(d);
     daemon_tell_source(d, SERVER_WAITING, "the scene is being prepared");
-    e = set_create(&d->set_desc, &d->set, why);
+    e = set_create(&d->set_desc, &d->first_set, why);
+    d->set = d->first_set;
     if (!e)
         e = allocate(d, why);
     if (!e)
         e = prepare(d, why);
+    if (!e) {
+        daemon_tell_cameras(d);
+        daemon_tell_control(d, d->set->camera);
+    }
     if (!e)
         daemon_tell_source(d, SERVER_WAITING,
                            d->push ? "no producer has sent a frame yet" : "the first frame of the sky is being read");
@@ -424,7 +283,7 @@ static enum err set_up(struct daemon *d, struct reason *why)
 
 static enum err run(struct daemon *d, struct reason *why)
 {
-    d->ingesting = pthread_create(&d->ingest_thread, NULL, ingest_main, d) == 0;
+    d->ingesting = pthread_create(&d->ingest_thread, NULL, daemon_ingest_main, d) == 0;
     d->encoding = pthread_create(&d->encode_thread, NULL, daemon_encode_main, d) == 0;
     if (!d->ingesting || !d->encoding)
         return err_say(why, ERR_NOMEM, "a thread could not be started");
@@ -451,11 +310,10 @@ static void tear_down(struct daemon *d)
     mem_free(d->small_display);
     h264_encoder_destroy(d->h264);
     jpeg_encoder_destroy(d->jpeg);
-    relighter_destroy(d->relighter);
     pilot_destroy(d->pilot);
     still_destroy(d->still);
     prober_destroy(d->prober);
-    set_destroy(d->set);
+    daemon_camera_finish(d);
     source_close(d->source);
     handoff_finish(&d->frames);
     handoff_finish(&d->pictures);

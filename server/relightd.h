@@ -1,7 +1,8 @@
 /* server/relightd.h */
-/* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_encode.c is one of
- * these, relightd_still.c makes a picture better while no frame comes, relightd_options.c reads the command line,
- * relightd_settings.c holds what a controller may change, relightd_status.c is what viewers are told. */
+/* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_ingest.c and
+ * relightd_encode.c are two of these, relightd_still.c makes a picture better while no frame comes, relightd_camera.c
+ * goes to another camera, relightd_options.c reads the command line, relightd_settings.c holds what a controller may
+ * change, relightd_status.c is what viewers are told. */
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
@@ -13,6 +14,7 @@
 #include "jpeg.h"
 #include "pilot.h"
 #include "probe_report.h"
+#include "progress.h"
 #include "relight.h"
 #include "server.h"
 #include "sky.h"
@@ -26,11 +28,27 @@
 struct settings {
     enum method method;
     uint32_t samples;
-    bool counted; /* somebody has said how many samples: no pilot */
-    enum tone_curve tone;
+    bool counted;     /* somebody has said how many samples: no pilot */
+    double error;     /* relMSE that is good enough for the pilot; 0: as good as there is time for */
+    uint32_t classes; /* PATH_* of paths.h */
+    double fps;       /* pictures per second at most; also the pilot's wish */
     double rotation_degrees, scale_stops;
-    bool paused;      /* the source is held */
-    uint64_t version; /* rises with every change */
+    char camera[64]; /* its name */
+    enum tone_curve tone;
+    bool exposure_auto;    /* it follows the picture; else the gain is */
+    double exposure_stops; /* 2^this; */
+    double bias_stops;     /* on top of the one that follows */
+    bool paused;           /* the source is held */
+    uint64_t version;      /* rises when the standing frame is to be lit anew, */
+    uint64_t looks;        /* and when its picture is to be shown anew */
+};
+
+/* What was asked of the source's place and not done yet. */
+struct moves {
+    bool has_seek, has_hour;
+    uint64_t seek; /* a place */
+    double hour;   /* solar time */
+    int64_t step;  /* frames from there, or from the one that stands */
 };
 
 /* A frame that is ready to light the scene. */
@@ -38,7 +56,10 @@ struct ingested {
     struct environment *environment;
     struct server_ticket ticket; /* id 0: not pushed by a producer */
     double decode_ms;
-    int64_t ready_ms; /* when it began to wait */
+    int64_t ready_ms;    /* when it began to wait */
+    uint64_t position;   /* in the source */
+    bool has_sky;        /* it was computed, */
+    struct sky_desc sky; /* as this has it */
 };
 
 /* A linear picture on its way to the encoder. */
@@ -46,6 +67,7 @@ struct shaded {
     float *rgb;
     struct protocol_picture header;
     struct server_ticket ticket;
+    bool anew; /* of another view than the one before: exposure does not go over to it, but begins */
 };
 
 /* What the last picture was made of. */
@@ -57,14 +79,23 @@ struct still_frame {
     double shown_s, interval_s; /* when it was made, and how long after the one before it */
 };
 
+/* The view of another camera on its way. Shade thread, but for what the thread itself does until it is done. */
+struct camera_build {
+    pthread_t thread;
+    bool running;
+    atomic_bool done;
+    char name[64];
+    struct progress line;
+    struct set *set; /* what it made; NULL where it failed: */
+    struct reason why;
+};
+
 struct daemon {
     /* Said on the command line, then only read. */
     struct settings said;      /* a lockstep sequence is made with these, whatever a controller changes */
     struct relight_desc light; /* but for method and samples, which are settings */
     enum importance importance;
     bool reseed;
-    double fps;                 /* pictures per second at most; also the pilot's wish, */
-    double error;               /* or this, where it is > 0: relMSE */
     struct still_wish converge; /* error 0: a picture stays as it was shown first */
     double rate;                /* 0: each frame waits until the one before it is shaded */
     int quality;
@@ -77,15 +108,22 @@ struct daemon {
     bool computed_sky;
     struct sky_desc sky;
 
-    struct set *set;
-    struct source *source;       /* ingest thread; NULL when frames are pushed */
-    bool warned_clipped;         /* ingest thread */
-    struct relighter *relighter; /* shade thread */
-    uint64_t turn;               /* shade thread: pictures that were made in no lockstep */
-    struct pilot *pilot;         /* shade thread; NULL until it is wanted */
-    struct buyer buyer;          /* shade thread: of the cache that auto may take */
-    struct still *still;         /* shade thread, and what follows; NULL until it is wanted */
+    struct set *set;       /* shade thread: of the camera that is shown, */
+    struct set *first_set; /* and of the one that was said, whose scene and rays they share */
+    struct camera_build camera;
+    struct source *source;             /* ingest thread; NULL when frames are pushed */
+    enum source_kind kind;             /* of it, for all threads */
+    uint64_t length;                   /* likewise: frames in a pass; 0: unknown or without end */
+    bool warned_clipped;               /* ingest thread */
+    struct relighter *relighter;       /* shade thread */
+    struct relighter *first_relighter; /* lockstep sequences are made with it; NULL where it is not needed */
+    uint64_t looks;                    /* shade thread: what the last picture was handed on with */
+    uint64_t turn;                     /* shade thread: pictures that were made in no lockstep */
+    struct pilot *pilot;               /* shade thread; NULL until it is wanted */
+    struct buyer buyer;                /* shade thread: of the cache that auto may take */
+    struct still *still;               /* shade thread, and what follows; NULL until it is wanted */
     struct still_frame still_frame;
+    bool still_known; /* still_frame is the one that is shown */
     bool still_open, still_begun;
     double still_s, still_told_s; /* seconds that its passes took; when its last picture was published, */
     uint64_t still_told;          /* of how many passes; 0: none was */
@@ -96,8 +134,8 @@ struct daemon {
     atomic_bool reading;          /* a frame is being read */
     struct jpeg_encoder *jpeg;    /* encode thread, and what follows */
     struct exposure exposure;
-    uint64_t exposed; /* the frame to which exposure has adapted */
-    float gain;
+    uint64_t exposed;             /* the frame to which exposure has adapted */
+    float gain;                   /* of exposure that follows, without the bias */
     struct h264_encoder *h264;    /* NULL: not offered */
     double key_s;                 /* when it made a key picture last */
     bool h264_failed;             /* which was said */
@@ -118,12 +156,26 @@ struct daemon {
 
     pthread_mutex_t settings_lock;
     struct settings settings; /* {settings_lock} */
+    struct moves moves;       /* {settings_lock} */
+    atomic_bool moves_wait;   /* there are some */
 
     pthread_mutex_t status_lock;
     struct server_status status; /* {status_lock} its strings point into what follows */
     char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
     char paths[320], left_out[1024];                                                 /* {status_lock} */
+    char cameras[1024], methods[256], tones[64], paths_known[64];                    /* {status_lock} */
+    char camera_shown[64], preparing[64];                                            /* {status_lock} */
 };
+
+/* ---- relightd.c ---- */
+
+/* Any thread. */
+bool daemon_is_stopping(struct daemon *d);
+
+/* ---- relightd_ingest.c ---- */
+
+/* The ingest thread; arg is the daemon. */
+void *daemon_ingest_main(void *arg);
 
 /* ---- relightd_encode.c ---- */
 
@@ -135,6 +187,13 @@ void *daemon_encode_main(void *arg);
 /* A picture was handed on; what becomes of it while no newer frame comes. */
 void daemon_still_open(struct daemon *d, const struct still_frame *frame);
 void daemon_still_close(struct daemon *d);
+
+/* The standing picture once more, as it is by now: for another tone curve or exposure. Where frames come it is left to
+ * the next one. */
+void daemon_still_show(struct daemon *d);
+
+/* Nothing of the former view is kept: what is standing is no picture of the present one. */
+void daemon_still_forget(struct daemon *d);
 
 /* Whether there is a pass to be run now: nothing else is to be done, somebody looks, and it is not good enough yet. */
 bool daemon_still_is_due(struct daemon *d);
@@ -150,6 +209,13 @@ void daemon_probe_picture(struct daemon *d, const struct shaded *picture);
 /* Answers one question about a pixel of the last picture, if there is one; where no picture is, none can be had. */
 void daemon_probe_answer(struct daemon *d);
 
+/* ---- relightd_camera.c: shade thread ---- */
+
+/* Begins to compute the view that the settings ask for, or goes on with it, beside the pictures. True when d->set and
+ * d->relighter have just become those of another camera: the standing frame is to be lit with them. */
+bool daemon_camera_follow(struct daemon *d);
+void daemon_camera_finish(struct daemon *d);
+
 /* ---- relightd_options.c ---- */
 
 /* ERR_USAGE names the flag. *done: --help or --version was printed. */
@@ -162,6 +228,13 @@ struct settings daemon_settings(struct daemon *d);
 /* Takes what controllers have asked for since the last call, if anything, and tells everybody what is in force. */
 void daemon_take_control(struct daemon *d);
 
+/* Tells it without having been asked: at the start, or (camera) when the view of that one stays after all. */
+void daemon_tell_control(struct daemon *d, const char *camera);
+
+/* What controllers have asked for of the source's place: handed out once. */
+struct moves daemon_take_moves(struct daemon *d);
+bool daemon_moves_wait(struct daemon *d);
+
 /* ---- relightd_status.c: any thread ---- */
 
 void daemon_tell_start(struct daemon *d);
@@ -170,9 +243,20 @@ void daemon_tell_refused(struct daemon *d, const char *why, bool log);
 /* A frame that was received and read, but that the method in force cannot use. */
 void daemon_tell_unusable(struct daemon *d, const char *why);
 void daemon_tell_received(struct daemon *d, const struct image_faults *faults, bool dropped);
-/* pilot: NULL where none was at work. */
-void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
-                        const struct pilot_stats *pilot, double interval_s);
+/* A picture of a frame: how it was made, pilot NULL where none was at work, and how long after the one before it. */
+struct shaded_news {
+    const struct ingested *in;
+    struct protocol_picture header;
+    const struct relight_desc *light;
+    const struct relight_stats *stats;
+    const struct pilot_stats *pilot;
+    double interval_s;
+};
+void daemon_tell_shaded(struct daemon *d, const struct shaded_news *news);
+/* The cameras that there are, and the one that is shown, once the scene is loaded. */
+void daemon_tell_cameras(struct daemon *d);
+/* Which camera's view is computed, and how much of it; share 1: it is shown now. */
+void daemon_tell_camera(struct daemon *d, const char *camera, double share);
 void daemon_tell_encoded(struct daemon *d, double ms);
 /* The picture that is handed on next is one of the same frame, this much better. */
 void daemon_tell_finer(struct daemon *d, const struct still_stats *stats);

@@ -6,6 +6,7 @@
 #include "log.h"
 #include "mem.h"
 
+#include <math.h>
 #include <omp.h>
 
 #define KEY_LEAST_S 0.25 /* between two key pictures */
@@ -26,6 +27,12 @@ static void publish(struct daemon *d, struct shaded *in, enum protocol_format fo
 static void close_ticket(struct daemon *d, const struct shaded *in)
 {
     server_frame_fate(d->server, &in->ticket, SERVER_REFUSED, "its picture could not be encoded");
+}
+
+/* What the picture is to look like: a lockstep sequence's, as was said. */
+static struct settings looks_of(struct daemon *d, const struct shaded *in)
+{
+    return in->ticket.lockstep ? d->said : daemon_settings(d);
 }
 
 /* Of `display`, which took tone_ms to make. Milliseconds that this took. */
@@ -86,8 +93,8 @@ static bool key_is_due(const struct daemon *d, const struct server_demand *deman
 static void encode_small(struct daemon *d, struct shaded *in, unsigned scale, uint8_t flag, int quality)
 {
     const uint32_t width = in->header.width, block = 1u << scale;
-    const struct tone_desc tone = { in->header.gain, daemon_settings(d).tone, d->kernels->level };
-    struct shaded small = { d->small, in->header, in->ticket };
+    const struct tone_desc tone = { in->header.gain, looks_of(d, in).tone, d->kernels->level };
+    struct shaded small = { d->small, in->header, in->ticket, false };
 
     small.header.width = in->header.width >> scale;
     small.header.height = in->header.height >> scale;
@@ -129,7 +136,7 @@ static void encode_exr(struct daemon *d, struct shaded *in, enum protocol_format
 /* The picture as it is shown, kept for those who come before the next one. Milliseconds. */
 static double show(struct daemon *d, const struct shaded *in)
 {
-    const struct tone_desc tone = { in->header.gain, daemon_settings(d).tone, d->kernels->level };
+    const struct tone_desc tone = { in->header.gain, looks_of(d, in).tone, d->kernels->level };
     const double start = clock_seconds();
 
     tone_map(in->rgb, in->header.width, in->header.height, &tone, d->display);
@@ -139,15 +146,20 @@ static double show(struct daemon *d, const struct shaded *in)
     return 1e3 * (clock_seconds() - start);
 }
 
+/* The gain that is followed goes on being followed while a fixed one is in force. */
 static void expose(struct daemon *d, struct shaded *in)
 {
     const uint64_t frame = in->header.frame, passed = frame > d->exposed ? frame - d->exposed : 1;
+    const struct settings now = looks_of(d, in);
 
-    if (!(in->header.flags & PROTOCOL_PICTURE_FINER)) { /* of a frame that was exposed already */
+    if (in->anew)
+        exposure_init(&d->exposure);
+    if (!(in->header.flags & PROTOCOL_PICTURE_FINER)) { /* else of a frame that was exposed already */
         d->gain = (float)exposure_step(&d->exposure, in->rgb, in->header.width, in->header.height, passed);
         d->exposed = frame;
     }
-    in->header.gain = d->gain;
+    const double gain = now.exposure_auto ? (double)d->gain * exp2(now.bias_stops) : exp2(now.exposure_stops);
+    in->header.gain = (float)fmin(gain, 0x1p120);
 }
 
 /* Each format that somebody watches, once however many they are; JPEG also when nobody does, for whoever comes next. A

@@ -75,15 +75,12 @@ static enum err read_source(const struct options *o, struct daemon *d, struct re
     return e;
 }
 
-/* Whoever has asked for no better pictures than --error gets none. */
 static enum err read_converge(const struct options *o, struct daemon *d, struct reason *why)
 {
     enum err e = options_u64(o, "converge-passes", 2, 1u << 20, &d->converge.passes, why);
 
     if (!e && strcmp(options_get(o, "converge"), "off") != 0)
         e = options_double(o, "converge", 1e-9, 10.0, &d->converge.error, why);
-    if (!e && d->converge.error > 0.0 && d->converge.error < d->error)
-        d->converge.error = d->error;
     return e;
 }
 
@@ -103,17 +100,19 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
     if (!e)
         e = options_u64(o, "threads", 0, 1024, &threads, why);
     if (!e)
-        e = options_double(o, "fps", 0.01, 1000.0, &d->fps, why);
+        e = options_double(o, "fps", 0.01, 1000.0, &d->said.fps, why);
     if (!e && options_get(o, "error"))
-        e = options_double(o, "error", 1e-9, 10.0, &d->error, why);
+        e = options_double(o, "error", 1e-9, 10.0, &d->said.error, why);
     if (!e)
         e = read_converge(o, d, why);
     if (!e)
         e = kernels_select(options_get(o, "cpu"), &d->kernels, why);
     d->said.method = d->light.direct.method;
     d->said.samples = d->light.direct.samples;
+    d->said.classes = d->light.classes;
+    d->said.exposure_auto = true;
     d->said.counted = options_get(o, "samples") != samples_default;
-    if (!e && d->error > 0.0 && (d->said.counted || d->said.method != METHOD_AUTO))
+    if (!e && d->said.error > 0.0 && (d->said.counted || d->said.method != METHOD_AUTO))
         e = err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
     d->importance = environment.importance;
     d->reseed = options_on(o, "reseed");

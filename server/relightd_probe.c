@@ -54,7 +54,8 @@ void daemon_probe_answer(struct daemon *d)
 
     if (!server_take_probe(d->server, &asked))
         return;
-    if (!d->latest || asked.x >= d->latest->header.width || asked.y >= d->latest->header.height) {
+    const bool elsewhere = d->set != d->first_set && !d->still_known; /* a lockstep sequence's, of its own camera */
+    if (!d->latest || elsewhere || asked.x >= d->latest->header.width || asked.y >= d->latest->header.height) {
         server_answer_probe(d->server, &asked, NULL, "there is no picture with such a pixel");
         return;
     }

@@ -1,6 +1,7 @@
 /* server/relightd_status.c */
 #include "relightd.h"
 
+#include "light_options.h"
 #include "log.h"
 
 #include <math.h>
@@ -14,8 +15,40 @@ static double smooth(double old, double reading)
     return old > 0.0 ? old + SMOOTH * (reading - old) : reading;
 }
 
+/* What a controller may ask for: names, one a line. */
+static void add_line(char *text, size_t size, const char *name)
+{
+    const size_t used = strlen(text);
+    snprintf(text + used, size - used, "%s%s", used ? "\n" : "", name);
+}
+
+static void note_offers(struct daemon *d)
+{
+    for (int m = 0; m < METHOD_COUNT; m++)
+        if (!method_is_reference((enum method)m))
+            add_line(d->methods, sizeof(d->methods), method_name((enum method)m));
+    for (int t = TONE_FILMIC; t <= TONE_LINEAR; t++)
+        add_line(d->tones, sizeof(d->tones), tone_name((enum tone_curve)t));
+    add_line(d->paths_known, sizeof(d->paths_known), paths_name(PATH_BACKGROUND | PATH_DIRECT));
+    add_line(d->paths_known, sizeof(d->paths_known), paths_name(PATH_ALL));
+}
+
+void daemon_tell_cameras(struct daemon *d)
+{
+    const struct scene *scene = d->first_set->scene;
+
+    pthread_mutex_lock(&d->status_lock);
+    for (size_t i = 0; i < scene->camera_count; i++)
+        add_line(d->cameras, sizeof(d->cameras), scene->cameras[i].name);
+    pthread_mutex_unlock(&d->status_lock);
+    daemon_tell_camera(d, d->first_set->camera, 1.0);
+}
+
 void daemon_tell_start(struct daemon *d)
 {
+    static const char *const kinds[] = { [SOURCE_FILES] = "files", [SOURCE_WATCH] = "folder", [SOURCE_SKY] = "sky" };
+
+    note_offers(d);
     pthread_mutex_lock(&d->status_lock);
     d->status = (struct server_status){
         .scene = d->set_desc.scene ? d->set_desc.scene : "the built-in scene",
@@ -32,6 +65,14 @@ void daemon_tell_start(struct daemon *d)
         .sky_time = d->sky_time,
         .paths = d->paths,
         .left_out = d->left_out,
+        .kind = d->push ? "producer" : kinds[d->kind],
+        .length = d->length,
+        .camera = d->camera_shown,
+        .preparing = d->preparing,
+        .cameras = d->cameras,
+        .methods = d->methods,
+        .tones = d->tones,
+        .paths_known = d->paths_known,
     };
     pthread_mutex_unlock(&d->status_lock);
 }
@@ -75,15 +116,17 @@ static void add_phrase(char *text, size_t size, const char *between, const char 
 }
 
 /* What the plan chose and what it left out: "direct light, interreflection by eye paths". */
-static void note_plan(struct daemon *d, const struct relight_stats *s, const struct pilot_stats *pilot)
+static void note_plan(struct daemon *d, const struct shaded_news *news)
 {
     static const char *const changed[] = { "", " (anew where the sky has changed)", " (as before but for a gain)",
                                            " (as before)" };
+    const struct relight_stats *s = news->stats;
+    const struct pilot_stats *pilot = news->pilot;
     const struct plan *p = &s->plan;
     const char *how_much = s->cache_frame.kept > 0 ? changed[s->cache_frame.what] : "";
 
     d->paths[0] = d->left_out[0] = '\0';
-    if (d->light.classes & PATH_DIRECT)
+    if (news->light->classes & PATH_DIRECT)
         add_phrase(d->paths, sizeof(d->paths), ", ", "direct light", s->direct.sun ? " with the sun apart" : how_much);
     for (int k = PILOT_MATTE; pilot && k <= PILOT_GLOSSY; k++)
         if (pilot->part[k].n > 0.0) {
@@ -110,47 +153,66 @@ void daemon_tell_received(struct daemon *d, const struct image_faults *faults, b
 }
 
 /* Where the sun stands in a computed sky, in words of the page. */
-static void note_sun(struct daemon *d, uint64_t frame)
+static void note_sun(struct daemon *d, const struct ingested *in)
 {
+    const uint64_t frame = in->environment->number;
     struct sky_state s;
 
-    if (!d->computed_sky)
+    d->status.has_sun = d->status.has_hour = in->has_sky;
+    if (!in->has_sky)
         return;
-    sky_state_at(&d->sky, frame, &s);
-    const double hour = fmod(d->sky.hour + d->sky.speed_hours * (double)frame, 24.0);
+    sky_state_at(&in->sky, frame, &s);
+    const double hours = in->sky.hour + in->sky.speed_hours * (double)frame, hour = hours - 24.0 * floor(hours / 24.0);
     const double azimuth = atan2(-s.sun_direction[0], s.sun_direction[2]) * 180.0 / PI; /* north +Z, east -X */
-    d->status.has_sun = true;
+    d->status.hour = hour;
     d->status.sun_elevation = s.sun_elevation * 180.0 / PI;
     d->status.sun_azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth;
     snprintf(d->sky_time, sizeof(d->sky_time), "%02u:%02u", (unsigned)hour % 24u, (unsigned)(hour * 60.0) % 60u);
 }
 
-void daemon_tell_shaded(struct daemon *d, const struct protocol_picture *p, const struct relight_stats *stats,
-                        const struct pilot_stats *pilot, double interval_s)
+void daemon_tell_shaded(struct daemon *d, const struct shaded_news *news)
 {
-    const struct settings now = daemon_settings(d);
+    const struct protocol_picture *p = &news->header;
+    const struct relight_stats *stats = news->stats;
 
     pthread_mutex_lock(&d->status_lock);
     struct server_status *s = &d->status;
     s->used++;
     s->frame = p->frame;
+    s->position = news->in->position;
     /* What auto stands for where it is one thing. */
-    s->method = stats->cache.bytes > 0          ? method_recipe(METHOD_CACHED)->name
-                : pilot || stats->cache_refused ? "auto"
-                                                : method_recipe(now.method)->name;
+    s->method = stats->cache.bytes > 0                ? method_recipe(METHOD_CACHED)->name
+                : news->pilot || stats->cache_refused ? "auto"
+                                                      : method_recipe(news->light->direct.method)->name;
     s->samples = p->samples;
     s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
     s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
     s->shaded_ms = smooth(s->shaded_ms, 1e-3 * p->shaded_us);
-    if (interval_s > 0.0)
-        s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, interval_s);
-    note_sun(d, p->frame);
-    note_plan(d, stats, pilot);
-    s->error = pilot ? pilot->error : 0.0;
+    if (news->interval_s > 0.0)
+        s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, news->interval_s);
+    note_sun(d, news->in);
+    note_plan(d, news);
+    s->error = news->pilot ? news->pilot->error : 0.0;
     s->computing = stats->cache_share > 0.0 && stats->cache_share < 1.0;
     s->computed = stats->cache_share;
     s->passes = 0;
     s->converged = false;
+    pthread_mutex_unlock(&d->status_lock);
+}
+
+void daemon_tell_camera(struct daemon *d, const char *camera, double share)
+{
+    const bool there = share >= 1.0;
+
+    pthread_mutex_lock(&d->status_lock);
+    const bool news = there || strcmp(d->preparing, camera) != 0 || share >= d->status.prepared + 0.02;
+    if (news) {
+        snprintf(there ? d->camera_shown : d->preparing, sizeof(d->preparing), "%s", camera);
+        if (there)
+            d->preparing[0] = '\0';
+        d->status.prepared = share;
+        server_set_status(d->server, &d->status);
+    }
     pthread_mutex_unlock(&d->status_lock);
 }
 

@@ -9,6 +9,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #define QUIET_LEAST_S 0.25 /* after a picture, before it is made better; twice the time between pictures, */
 #define QUIET_MOST_S 1.0   /* but no more than this */
@@ -22,8 +23,14 @@ void daemon_still_open(struct daemon *d, const struct still_frame *frame)
     d->still_frame = *frame;
     d->still_frame.light.direct.cancel = d->stirred;
     d->still_frame.light.direct.why = NULL;
-    d->still_open = d->converge.error > 0.0 && !frame->in->ticket.lockstep;
+    d->still_known = !frame->in->ticket.lockstep;
+    d->still_open = d->converge.error > 0.0 && d->still_known;
     d->still_begun = false;
+}
+
+void daemon_still_forget(struct daemon *d)
+{
+    d->still_known = d->still_open = d->still_begun = false;
 }
 
 void daemon_still_close(struct daemon *d)
@@ -61,23 +68,46 @@ static bool begin(struct daemon *d)
     return true;
 }
 
-static void publish(struct daemon *d, const struct still_stats *stats)
+/* The standing picture as it was shown last, or as the passes have made it, with so many of them in it. */
+static void hand_on(struct daemon *d, bool by_passes, uint64_t passes)
 {
-    const struct still_frame *f = &d->still_frame;
+    struct still_frame *f = &d->still_frame;
     const int slot = handoff_begin(&d->pictures);
     struct shaded *out = &d->shaded[slot];
 
-    still_picture(d->still, out->rgb);
+    if (by_passes)
+        still_picture(d->still, out->rgb);
+    else if (out != f->first)
+        memcpy(out->rgb, f->first->rgb, 3 * sizeof(float) * f->header.width * f->header.height);
     out->header = f->header;
     out->header.flags |= PROTOCOL_PICTURE_FINER;
-    out->header.shaded_us = (uint32_t)fmin(1e6 * d->still_s, UINT32_MAX);
-    out->header.samples = (uint32_t)fmin((double)stats->passes * f->light.direct.samples, UINT32_MAX);
+    if (passes > 0) {
+        out->header.shaded_us = (uint32_t)fmin(1e6 * d->still_s, UINT32_MAX);
+        out->header.samples = (uint32_t)fmin((double)passes * f->light.direct.samples, UINT32_MAX);
+    }
     out->ticket = (struct server_ticket){ .id = 0 };
+    out->anew = false;
+    f->first = out; /* the slots take turns */
     daemon_probe_picture(d, out);
+    const int dropped = handoff_publish(&d->pictures, slot);
+    if (dropped != HANDOFF_NONE)
+        server_frame_fate(d->server, &d->shaded[dropped].ticket, SERVER_SUPERSEDED, NULL);
+}
+
+static void publish(struct daemon *d, const struct still_stats *stats)
+{
     daemon_tell_finer(d, stats);
-    handoff_publish(&d->pictures, slot);
+    hand_on(d, true, stats->passes);
     d->still_told = stats->passes;
     d->still_told_s = clock_seconds();
+}
+
+void daemon_still_show(struct daemon *d)
+{
+    if (!d->still_known)
+        return;
+    d->looks = daemon_settings(d).looks;
+    hand_on(d, d->still_begun && d->still_told > 0, d->still_begun ? d->still_told : 0);
 }
 
 static void tell_end(struct daemon *d, const struct still_stats *stats)
@@ -96,7 +126,10 @@ static void look(struct daemon *d)
 {
     struct still_stats stats;
 
-    still_look(d->still, &d->converge, &stats);
+    struct still_wish wish = d->converge;
+
+    wish.error = fmax(wish.error, daemon_settings(d).error); /* who asks for no better pictures gets none */
+    still_look(d->still, &wish, &stats);
     if (stats.converged || (stats.passes >= FIRST_PASSES && (double)stats.passes >= GROWTH * (double)d->still_told &&
                             clock_seconds() - d->still_told_s >= PACE_S))
         publish(d, &stats);

@@ -44,9 +44,11 @@ void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *
 
 void progress_step(struct progress *p, uint64_t steps)
 {
-    if (!p || !p->stream)
+    if (!p)
         return;
     uint64_t done = atomic_fetch_add(&p->done, steps) + steps;
+    if (!p->stream)
+        return;
     if (p->total > 0 && done > p->total)
         done = p->total;
     const int64_t now = clock_ms();

@@ -18,7 +18,8 @@ struct progress {
     int64_t begun_ms;
 };
 
-/* `what` must outlive the progress. A stream that is no terminal makes every call silent. */
+/* `what` must outlive the progress. A stream that is no terminal makes every call silent; steps are counted all the
+ * same, so that `done` of `total` may be told by other means. */
 void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *stream);
 void progress_step(struct progress *p, uint64_t steps); /* NULL is allowed */
 void progress_end(struct progress *p);                  /* wipes the line; NULL is allowed */

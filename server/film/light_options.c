@@ -48,21 +48,29 @@ void light_options_init(struct option_row rows[LIGHT_OPTIONS], const char *sampl
     }
 }
 
+static const struct {
+    const char *name;
+    uint32_t classes;
+} known_paths[] = {
+    { "direct", PATH_BACKGROUND | PATH_DIRECT },
+    { "caustics", PATH_CAUSTICS },
+    { "indirect", PATH_INDIRECT },
+    { "all", PATH_ALL },
+};
+
+const char *paths_name(uint32_t classes)
+{
+    for (size_t k = 0; k < sizeof(known_paths) / sizeof(known_paths[0]); k++)
+        if (known_paths[k].classes == classes)
+            return known_paths[k].name;
+    return "";
+}
+
 enum err paths_parse(const char *name, uint32_t *classes, struct reason *why)
 {
-    static const struct {
-        const char *name;
-        uint32_t classes;
-    } known[] = {
-        { "direct", PATH_BACKGROUND | PATH_DIRECT },
-        { "caustics", PATH_CAUSTICS },
-        { "indirect", PATH_INDIRECT },
-        { "all", PATH_ALL },
-    };
-
-    for (size_t k = 0; k < sizeof(known) / sizeof(known[0]); k++)
-        if (strcmp(name, known[k].name) == 0) {
-            *classes = known[k].classes;
+    for (size_t k = 0; k < sizeof(known_paths) / sizeof(known_paths[0]); k++)
+        if (strcmp(name, known_paths[k].name) == 0) {
+            *classes = known_paths[k].classes;
             return ERR_OK;
         }
     return err_say(why, ERR_USAGE, "--paths '%s' is not known; there are direct, caustics, indirect and all", name);

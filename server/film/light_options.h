@@ -18,5 +18,7 @@ MUST_CHECK enum err light_options_read(const struct options *o, struct relight_d
 
 /* "direct", "caustics", "indirect" or "all" as PATH_* bits; with direct and all comes what is seen of the sky. */
 MUST_CHECK enum err paths_parse(const char *name, uint32_t *classes, struct reason *why);
+/* The name for that, or "" where there is none. */
+const char *paths_name(uint32_t classes);
 
 #endif

@@ -61,14 +61,12 @@ static enum err build_bvh(struct set *s, const struct set_desc *desc, struct rea
     return s->rays ? ERR_OK : err_say(why, ERR_NOMEM, "%s: the ray structure could not be built", s->name);
 }
 
-static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct reason *why)
+static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
 {
     const struct camera *camera = scene_camera(s->scene, desc->camera);
-    struct progress line;
 
     if (!camera)
         return err_say(why, ERR_USAGE, "%s: there is no camera '%s'", s->name, desc->camera);
-    progress_begin(&line, "building the G-buffer", desc->height, desc->progress ? stderr : NULL);
     const double start = clock_seconds();
     const struct gbuffer_desc g = {
         .camera = camera,
@@ -77,15 +75,24 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
         .edge_rays = desc->edge_rays,
         .every_pixel = desc->every_pixel,
         .interleave = desc->interleave,
-        .progress = &line,
+        .progress = line,
     };
     const enum err e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
     s->gbuffer_ms = 1e3 * (clock_seconds() - start);
-    progress_end(&line);
     snprintf(s->camera, sizeof(s->camera), "%s", camera->name);
     view_init(&s->view, camera, desc->width, desc->height);
     if (!e)
         facts_of_set(s->scene, s->gbuffer, &s->facts);
+    return e;
+}
+
+static enum err build_view(struct set *s, const struct set_desc *desc, struct reason *why)
+{
+    struct progress line;
+
+    progress_begin(&line, "building the G-buffer", desc->height, desc->progress ? stderr : NULL);
+    const enum err e = build_gbuffer(s, desc, &line, why);
+    progress_end(&line);
     return e;
 }
 
@@ -99,7 +106,28 @@ enum err set_create(const struct set_desc *desc, struct set **out, struct reason
     if (!e)
         e = build_bvh(s, desc, why);
     if (!e)
-        e = build_gbuffer(s, desc, why);
+        e = build_view(s, desc, why);
+    if (e) {
+        set_destroy(s);
+        return e;
+    }
+    *out = s;
+    return ERR_OK;
+}
+
+enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
+                         struct reason *why)
+{
+    *out = NULL;
+    struct set *s = mem_alloc(1, sizeof(*s));
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    memcpy(s->name, of->name, sizeof(s->name));
+    memcpy(s->file, of->file, sizeof(s->file));
+    s->scene = of->scene;
+    s->rays = of->rays;
+    s->borrowed = true;
+    const enum err e = build_gbuffer(s, desc, line, why);
     if (e) {
         set_destroy(s);
         return e;
@@ -113,8 +141,10 @@ void set_destroy(struct set *s)
     if (!s)
         return;
     gbuffer_destroy(s->gbuffer);
-    rays_destroy(s->rays);
-    scene_destroy(s->scene);
+    if (!s->borrowed) {
+        rays_destroy(s->rays);
+        scene_destroy(s->scene);
+    }
     mem_free(s);
 }
 

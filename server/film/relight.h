@@ -23,6 +23,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct progress;
+
 /* The stage with its camera: geometry, BVH and G-buffer. */
 struct set {
     char name[256];  /* the scene file, or "the built-in scene" */
@@ -34,6 +36,7 @@ struct set {
     struct view view;
     struct plan_facts facts; /* all but the sky's */
     double load_ms, bvh_ms, gbuffer_ms;
+    bool borrowed; /* scene and rays belong to another set */
 };
 
 struct set_desc {
@@ -49,6 +52,11 @@ struct set_desc {
 /* On ERR_OK the caller owns *out. Errors are those of scene_load and gbuffer_create; ERR_USAGE: no such camera. */
 MUST_CHECK enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why);
 void set_destroy(struct set *s); /* NULL is allowed */
+
+/* What another camera (desc->camera) sees of the same scene: only the G-buffer is made, scene and rays are those of
+ * `of`, which must outlive it. line is stepped once per row, begun and ended by the caller. */
+MUST_CHECK enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line,
+                                    struct set **out, struct reason *why);
 
 struct relight_desc {
     struct direct_desc direct; /* seed, pass and cancel are those of all parts; a reference's samples are per pixel */

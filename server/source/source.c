@@ -14,12 +14,6 @@
 
 #define WATCH_WAIT_MS 200
 
-enum source_kind {
-    SOURCE_FILES,
-    SOURCE_WATCH,
-    SOURCE_SKY,
-};
-
 struct source {
     enum source_kind kind;
     bool has_range, loop;
@@ -28,6 +22,7 @@ struct source {
     struct watch watch;     /* SOURCE_WATCH */
     struct sky_desc sky;    /* SOURCE_SKY */
     uint64_t sky_frame;     /* the next one */
+    uint64_t position;      /* of the frame that was given last */
     bool sky_ended;
 };
 
@@ -130,6 +125,7 @@ static enum err next_file(struct source *s, struct frame *f, struct reason *why)
         s->files.next = 0;
     }
     forget(f);
+    s->position = s->files.next;
     const enum err e = files_read(&s->files.items[s->files.next++], f, why);
     f->capture_us = 0; /* a file that lies there was copied, converted, checked out: its time is not the light's */
     return e;
@@ -164,6 +160,7 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
         return err_say(why, ERR_NOMEM, "sky: no memory for %" PRIu32 "x%" PRIu32 " texels", s->sky.width,
                        s->sky.height);
     f->number = s->sky_frame;
+    s->position = s->sky_frame - (s->has_range ? s->first : 0);
     sky_state_at(&s->sky, f->number, &state);
     snprintf(f->name, sizeof(f->name), "sky: frame %" PRIu64 ", sun at %.1f degrees", f->number,
              state.sun_elevation * 57.29577951308232);
@@ -193,6 +190,75 @@ uint64_t source_count(const struct source *s)
     case SOURCE_SKY: return s->has_range ? s->last - s->first + 1 : 0;
     }
     return 0;
+}
+
+enum source_kind source_kind(const struct source *s)
+{
+    return s->kind;
+}
+
+uint64_t source_position(const struct source *s)
+{
+    return s->position;
+}
+
+bool source_seek(struct source *s, uint64_t position)
+{
+    const uint64_t length = source_count(s);
+
+    if (s->kind == SOURCE_WATCH || (length > 0 && position >= length))
+        return false;
+    if (s->kind == SOURCE_FILES) {
+        s->files.next = (size_t)position;
+    } else {
+        s->sky_frame = position + (s->has_range ? s->first : 0);
+        s->sky_ended = false;
+    }
+    return true;
+}
+
+bool source_step(struct source *s, int64_t by)
+{
+    const int64_t length = (int64_t)source_count(s);
+    int64_t to = (int64_t)s->position + by;
+
+    if (s->kind == SOURCE_WATCH)
+        return false;
+    if (length > 0 && s->loop)
+        to = (to % length + length) % length;
+    else if (length > 0 && to >= length)
+        to = length - 1;
+    return source_seek(s, to < 0 ? 0 : (uint64_t)to);
+}
+
+/* Hours since midnight of the day of frame 0, of the frame that was given last. */
+static double sky_hours(const struct source *s)
+{
+    return s->sky.hour + s->sky.speed_hours * (double)(s->position + (s->has_range ? s->first : 0));
+}
+
+bool source_hour(const struct source *s, double *out)
+{
+    if (s->kind != SOURCE_SKY)
+        return false;
+    const double hours = sky_hours(s);
+    *out = hours - 24.0 * floor(hours / 24.0);
+    return true;
+}
+
+bool source_set_hour(struct source *s, double hour)
+{
+    if (s->kind != SOURCE_SKY)
+        return false;
+    const double midnight = 24.0 * floor(sky_hours(s) / 24.0);
+    s->sky.hour = midnight + hour - s->sky.speed_hours * (double)s->sky_frame;
+    s->sky_ended = false;
+    return true;
+}
+
+const struct sky_desc *source_sky(const struct source *s)
+{
+    return s->kind == SOURCE_SKY ? &s->sky : NULL;
 }
 
 enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why)

@@ -17,7 +17,9 @@
 #include "frame.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
+struct sky_desc;
 struct source;
 
 struct source_desc {
@@ -45,5 +47,36 @@ MUST_CHECK enum err source_first(const struct source_desc *desc, struct frame *f
 
 /* How many frames one pass has; 0 when that is unknown or without end. */
 uint64_t source_count(const struct source *s);
+
+/* ---- Going to another place of it. A watched folder has none: there these do nothing and say so. ---- */
+
+enum source_kind {
+    SOURCE_FILES, /* one file, a folder, a pattern */
+    SOURCE_WATCH,
+    SOURCE_SKY,
+};
+
+enum source_kind source_kind(const struct source *s);
+
+/* Place of the frame that was given last, from 0, before the first one 0: among the files, or of a sky's frames in its
+ * range. */
+uint64_t source_position(const struct source *s);
+
+/* The next frame is the one at that place. False, and nothing is changed, where the source has none such. */
+bool source_seek(struct source *s, uint64_t position);
+
+/* The next frame is so many places after the one that was given last, or before it: round the end where the source
+ * loops, else no further than its ends. */
+bool source_step(struct source *s, int64_t by);
+
+/* Solar time, 0 to 24, of the frame that was given last; false where the source is no computed sky. */
+bool source_hour(const struct source *s, double *out);
+
+/* The next frame, and those after it in their steps, has this solar time of the day of the one that was given last: as
+ * though `time=` of the sky had been another. Numbers go on as they would. */
+bool source_set_hour(struct source *s, double hour);
+
+/* The sky as its hour now stands; NULL where the source is none. Lives as long as s. */
+const struct sky_desc *source_sky(const struct source *s);
 
 #endif

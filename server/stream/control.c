@@ -5,30 +5,78 @@
 #include <stdio.h>
 #include <string.h>
 
-/* What `from` says stands; the rest stays. */
+/* What `from` says of the light stands; the rest stays. A count of samples and an error are two wishes for one thing.
+ */
+static void join_light(struct server_control *to, const struct server_control *from)
+{
+    if (from->has_rotate)
+        to->rotate_degrees = from->rotate_degrees;
+    if (from->has_scale)
+        to->scale_stops = from->scale_stops;
+    if (from->has_method)
+        memcpy(to->method, from->method, sizeof(to->method));
+    if (from->has_samples)
+        to->samples = from->samples;
+    if (from->has_error)
+        to->error = from->error;
+    if (from->has_paths)
+        memcpy(to->paths, from->paths, sizeof(to->paths));
+    if (from->has_camera)
+        memcpy(to->camera, from->camera, sizeof(to->camera));
+    to->has_rotate |= from->has_rotate;
+    to->has_scale |= from->has_scale;
+    to->has_method |= from->has_method;
+    to->has_samples = from->has_samples || (to->has_samples && !(from->has_error && from->error > 0.0));
+    to->has_error = from->has_error || (to->has_error && !(from->has_samples && from->samples > 0));
+    to->has_paths |= from->has_paths;
+    to->has_camera |= from->has_camera;
+}
+
+/* Likewise of what a picture looks like once it is lit. */
+static void join_looks(struct server_control *to, const struct server_control *from)
+{
+    if (from->has_tone)
+        memcpy(to->tone, from->tone, sizeof(to->tone));
+    if (from->has_exposure) {
+        to->exposure_auto = from->exposure_auto;
+        to->exposure_stops = from->exposure_stops;
+    }
+    if (from->has_bias)
+        to->bias_stops = from->bias_stops;
+    to->has_tone |= from->has_tone;
+    to->has_exposure |= from->has_exposure;
+    to->has_bias |= from->has_bias;
+}
+
+/* Likewise of time. Steps add up, and a place makes those before it void. */
+static void join_time(struct server_control *to, const struct server_control *from)
+{
+    if (from->has_paused)
+        to->paused = from->paused;
+    if (from->has_fps)
+        to->fps = from->fps;
+    if (from->has_hour || from->has_seek) {
+        to->has_step = to->has_seek = to->has_hour = false;
+        to->step = 0;
+        to->seek = from->seek;
+        to->hour = from->hour;
+    }
+    if (from->has_step)
+        to->step += from->step;
+    to->has_paused |= from->has_paused;
+    to->has_fps |= from->has_fps;
+    to->has_hour |= from->has_hour;
+    to->has_seek |= from->has_seek;
+    to->has_step |= from->has_step;
+}
+
 static void join(struct server_control *to, const struct server_control *from)
 {
-    const struct server_control before = *to;
-
-    *to = *from;
-    to->has_rotate |= before.has_rotate;
-    to->has_scale |= before.has_scale;
-    to->has_method |= before.has_method;
-    to->has_samples |= before.has_samples;
-    to->has_tone |= before.has_tone;
-    to->has_paused |= before.has_paused;
-    if (!from->has_rotate)
-        to->rotate_degrees = before.rotate_degrees;
-    if (!from->has_scale)
-        to->scale_stops = before.scale_stops;
-    if (!from->has_method)
-        memcpy(to->method, before.method, sizeof(to->method));
-    if (!from->has_samples)
-        to->samples = before.samples;
-    if (!from->has_tone)
-        memcpy(to->tone, before.tone, sizeof(to->tone));
-    if (!from->has_paused)
-        to->paused = before.paused;
+    join_light(to, from);
+    join_looks(to, from);
+    join_time(to, from);
+    to->by = from->by;
+    to->request = from->request;
 }
 
 /* Words of one controller in a row are one change; between two controllers the order is kept, so that the last word
@@ -71,7 +119,7 @@ static void answer(struct control *k, const struct server_control *asked, const 
         memmove(k->answers, k->answers + 1, k->answer_count * sizeof(k->answers[0]));
     }
     struct control_answer *a = &k->answers[k->answer_count++];
-    *a = (struct control_answer){ .by = asked->by, .request = asked->request };
+    *a = (struct control_answer){ .by = asked->by, .request = asked->request, .clause = asked->clause };
     snprintf(a->error, sizeof(a->error), "%s", error ? error : "");
 }
 
@@ -116,7 +164,7 @@ void controls_tell(struct server *s)
             continue;
         if (answers[i].error[0]) {
             struct fault fault;
-            fault_say(&fault, FAULT_BAD_FIELD, "4.13", "%s", answers[i].error);
+            fault_say(&fault, FAULT_BAD_FIELD, answers[i].clause ? answers[i].clause : "4.13", "%s", answers[i].error);
             fault.stays = true;
             fault.request = answers[i].request;
             viewer_complain(v, &fault);

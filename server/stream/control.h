@@ -12,6 +12,7 @@
 struct control_answer {
     uint64_t by, request;
     char error[sizeof(struct reason)]; /* "": it was done */
+    const char *clause;
 };
 
 struct control {

@@ -210,19 +210,37 @@ static enum fault_code parse_ping(const json_t *object, struct message *m, struc
     return FAULT_NONE;
 }
 
-/* A number within [-most, most]. */
-static enum fault_code take_real(const json_t *object, const char *key, double most, bool *has, double *out,
-                                 const char *clause, struct fault *fault)
+/* A number within [least, most]. */
+static enum fault_code take_between(const json_t *object, const char *key, double least, double most, bool *has,
+                                    double *out, const char *clause, struct fault *fault)
 {
     const json_t *v = json_object_get(object, key);
 
     if (!v)
         return FAULT_NONE;
-    if (!json_is_number(v) || !(fabs(json_number_value(v)) <= most))
-        return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be a number from -%g to %g", key, most, most);
+    if (!json_is_number(v) || !(json_number_value(v) >= least && json_number_value(v) <= most))
+        return fault_say(fault, FAULT_BAD_FIELD, clause, "%s must be a number from %g to %g", key, least, most);
     *has = true;
     *out = json_number_value(v);
     return FAULT_NONE;
+}
+
+/* A number within [-most, most]. */
+static enum fault_code take_real(const json_t *object, const char *key, double most, bool *has, double *out,
+                                 const char *clause, struct fault *fault)
+{
+    return take_between(object, key, -most, most, has, out, clause, fault);
+}
+
+/* Likewise, or null: *out keeps its value. */
+static enum fault_code take_real_or_null(const json_t *object, const char *key, double least, double most, bool *has,
+                                         double *out, const char *clause, struct fault *fault)
+{
+    if (json_is_null(json_object_get(object, key))) {
+        *has = true;
+        return FAULT_NONE;
+    }
+    return take_between(object, key, least, most, has, out, clause, fault);
 }
 
 /* Words that this room does not know: only their form is looked at. */
@@ -241,29 +259,69 @@ static enum fault_code take_text(const json_t *object, const char *key, char *ou
     return FAULT_NONE;
 }
 
+/* What lights the picture, and by whom. */
+static enum fault_code parse_light(const json_t *object, struct server_control *c, struct fault *fault)
+{
+    const json_t *count = json_object_get(object, "samples");
+    int64_t samples = 0;
+
+    if (take_real(object, "rotate_degrees", 3600.0, &c->has_rotate, &c->rotate_degrees, "4.13.2", fault) ||
+        take_real(object, "scale_stops", 60.0, &c->has_scale, &c->scale_stops, "4.13.3", fault) ||
+        take_text(object, "method", c->method, sizeof(c->method), &c->has_method, "4.13.4", fault) ||
+        (!json_is_null(count) && take_integer(object, "samples", false, 1, 1 << 20, &samples, "4.13.5", fault)) ||
+        take_real_or_null(object, "error", 1e-9, 10.0, &c->has_error, &c->error, "4.13.12", fault) ||
+        take_text(object, "paths", c->paths, sizeof(c->paths), &c->has_paths, "4.13.14", fault) ||
+        take_text(object, "camera", c->camera, sizeof(c->camera), &c->has_camera, "4.13.15", fault))
+        return fault->code;
+    if (samples > 0 && c->error > 0.0)
+        return fault_say(fault, FAULT_BAD_FIELD, "4.13.12", "samples and error are two wishes for one thing");
+    c->has_samples = count != NULL;
+    c->samples = (uint32_t)samples;
+    return FAULT_NONE;
+}
+
+/* Time: whether it passes, how often it is looked at, and where in it. */
+static enum fault_code parse_time(const json_t *object, struct server_control *c, struct fault *fault)
+{
+    const json_t *paused = json_object_get(object, "paused");
+    int64_t step = 0, seek = -1;
+
+    if (paused && !json_is_boolean(paused))
+        return fault_say(fault, FAULT_BAD_FIELD, "4.13.7", "paused must be true or false");
+    if (take_between(object, "fps", 0.01, 1000.0, &c->has_fps, &c->fps, "4.13.13", fault) ||
+        take_integer(object, "step", false, -1000, 1000, &step, "4.13.16", fault) ||
+        take_integer(object, "seek", false, 0, PROTOCOL_NUMBER_MAX, &seek, "4.13.17", fault) ||
+        take_between(object, "hour", 0.0, 24.0, &c->has_hour, &c->hour, "4.13.18", fault))
+        return fault->code;
+    if (seek >= 0 && c->has_hour)
+        return fault_say(fault, FAULT_BAD_FIELD, "4.13.18", "seek and hour are two wishes for one thing");
+    c->has_paused = paused != NULL;
+    c->paused = json_is_true(paused);
+    c->has_step = step != 0;
+    c->step = step;
+    c->has_seek = seek >= 0;
+    c->seek = c->has_seek ? (uint64_t)seek : 0;
+    return FAULT_NONE;
+}
+
 /* A slip of a hand at a control must not cost the connection. */
 static enum fault_code parse_control(const json_t *object, struct message *m, struct fault *fault)
 {
     struct server_control *c = &m->control;
-    const json_t *paused = json_object_get(object, "paused");
-    int64_t request = 0, samples = 0;
+    int64_t request = 0;
 
     if (take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.13.1", fault) ||
-        take_real(object, "rotate_degrees", 3600.0, &c->has_rotate, &c->rotate_degrees, "4.13.2", fault) ||
-        take_real(object, "scale_stops", 60.0, &c->has_scale, &c->scale_stops, "4.13.3", fault) ||
-        take_text(object, "method", c->method, sizeof(c->method), &c->has_method, "4.13.4", fault) ||
-        take_integer(object, "samples", false, 1, 1 << 20, &samples, "4.13.5", fault) ||
+        parse_light(object, c, fault) ||
         take_text(object, "tone", c->tone, sizeof(c->tone), &c->has_tone, "4.13.6", fault) ||
-        (paused && !json_is_boolean(paused) &&
-         fault_say(fault, FAULT_BAD_FIELD, "4.13.7", "paused must be true or false"))) {
+        take_real_or_null(object, "exposure_stops", -60.0, 60.0, &c->has_exposure, &c->exposure_stops, "4.13.10",
+                          fault) ||
+        take_real(object, "bias_stops", 20.0, &c->has_bias, &c->bias_stops, "4.13.11", fault) ||
+        parse_time(object, c, fault)) {
         fault->stays = true;
         fault->request = (uint64_t)request;
         return fault->code;
     }
-    c->has_samples = samples > 0;
-    c->samples = (uint32_t)samples;
-    c->has_paused = paused != NULL;
-    c->paused = json_is_true(paused);
+    c->exposure_auto = json_is_null(json_object_get(object, "exposure_stops"));
     c->request = (uint64_t)request;
     return FAULT_NONE;
 }

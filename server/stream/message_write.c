@@ -147,10 +147,24 @@ char *message_control_shared(const struct server_control *c)
         all = with(all, "scale_stops", json_real(figure(c->scale_stops)));
     if (c->has_method)
         all = with(all, "method", words(c->method));
-    if (c->has_samples)
+    if (c->has_samples) {
         all = with(all, "samples", json_integer(c->samples));
+        all = with(all, "counted", json_boolean(c->counted));
+    }
     if (c->has_tone)
         all = with(all, "tone", words(c->tone));
+    if (c->has_exposure)
+        all = with(all, "exposure_stops", c->exposure_auto ? json_null() : json_real(figure(c->exposure_stops)));
+    if (c->has_bias)
+        all = with(all, "bias_stops", json_real(figure(c->bias_stops)));
+    if (c->has_error)
+        all = with(all, "error", c->error > 0.0 ? json_real(figure(c->error)) : json_null());
+    if (c->has_fps)
+        all = with(all, "fps", json_real(figure(c->fps)));
+    if (c->has_paths)
+        all = with(all, "paths", words(c->paths));
+    if (c->has_camera)
+        all = with(all, "camera", words(c->camera));
     return dump(with(all, "paused", json_boolean(c->paused)));
 }
 
@@ -186,6 +200,42 @@ char *message_radiance(const struct server_follow *pixel, const struct server_ra
                           figure((double)r->rgb[2])));
 }
 
+/* Names that stand one a line. */
+static json_t *list(const char *lines)
+{
+    json_t *all = json_array();
+
+    for (const char *at = lines ? lines : ""; *at;) {
+        const size_t length = strcspn(at, "\n");
+        char name[64];
+        snprintf(name, sizeof(name), "%.*s", (int)length, at);
+        json_array_append_new(all, words(name));
+        at += length + (at[length] != '\0');
+    }
+    return all;
+}
+
+/* Where in its source the picture's frame stands, and what may be asked for. */
+static json_t *with_offers(json_t *all, const struct server_status *s)
+{
+    json_t *source = json_object_get(all, "source");
+
+    if (!source) /* out of memory, which dump says */
+        return all;
+    json_object_set_new(source, "kind", words(s->kind));
+    json_object_set_new(source, "position", json_integer((json_int_t)s->position));
+    json_object_set_new(source, "length", number_or_null(s->length > 0, s->length));
+    json_object_set_new(source, "hour", s->has_hour ? json_real(figure(s->hour)) : json_null());
+    all = with(all, "camera", words(s->camera));
+    all = with(all, "preparing",
+               s->preparing && s->preparing[0]
+                   ? json_pack("{s:o s:f}", "camera", words(s->preparing), "share", figure(s->prepared))
+                   : json_null());
+    return with(all, "offers",
+                json_pack("{s:o s:o s:o s:o}", "cameras", list(s->cameras), "methods", list(s->methods), "tones",
+                          list(s->tones), "paths", list(s->paths_known)));
+}
+
 char *message_status_shared(const struct server_status *s)
 {
     static const char *const sources[] = { "waiting", "live", "paused", "ended", "failed" };
@@ -206,7 +256,7 @@ char *message_status_shared(const struct server_status *s)
         s->computing ? json_real(figure(s->computed)) : json_null(), "passes", number_or_null(s->passes > 0, s->passes),
         "converged", s->passes > 0 ? json_boolean(s->converged) : json_null());
 
-    return dump(all);
+    return dump(with_offers(all, s));
 }
 
 char *message_status(const char *shared, int64_t server_us, uint32_t viewers, uint64_t sent, uint64_t skipped)

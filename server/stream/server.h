@@ -87,11 +87,22 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
 
 struct server_control {
     bool has_rotate, has_scale, has_method, has_samples, has_tone, has_paused;
+    bool has_exposure, has_bias, has_error, has_fps, has_paths, has_camera;
+    bool has_step, has_seek, has_hour; /* asked for and done, not in force */
     double rotate_degrees, scale_stops;
-    char method[32], tone[16];
-    uint32_t samples;
+    char method[32], tone[16], paths[16], camera[64];
+    uint32_t samples; /* 0: asked for, as many as there is time for; in force, with `counted` false, what that was */
+    bool counted;     /* in force: samples binds */
     bool paused;
+    bool exposure_auto; /* else the picture's gain is 2^exposure_stops */
+    double exposure_stops, bias_stops;
+    double error; /* relMSE; 0: none is wished for */
+    double fps;
+    int64_t step;         /* frames, either way */
+    uint64_t seek;        /* a place in the source, from 0; comes before step */
+    double hour;          /* of a computed sky's day, 0..24 */
     uint64_t by, request; /* who asked, and the number of the request: handed back with the answer */
+    const char *clause;   /* of PROTOCOL.md, static: set beside an error by who cannot do it; NULL: 4.13 */
 };
 
 /* The next change asked for; what one controller asked in a row is one change, in which the newest word wins. Ranges
@@ -175,6 +186,19 @@ struct server_status {
     double computed;      /* and this share of it is there */
     uint64_t passes;      /* unbiased ones in a picture that is made better while no frame comes; 0: it is not */
     bool converged;       /* and stays as it is now */
+
+    const char *kind;        /* of the source: "files", "sky", "folder" (watched) or "producer" */
+    uint64_t position;       /* of the frame that is shown, in the source, from 0 */
+    uint64_t length;         /* 0: without end, or unknown */
+    bool has_hour;           /* the source is a computed sky, */
+    double hour;             /* this is its solar time, 0..24 */
+    const char *camera;      /* by which the picture is made */
+    const char *preparing;   /* a camera whose view is being computed; "": none */
+    double prepared;         /* share of that, 0..1 */
+    const char *cameras;     /* what a controller may ask for: names, one a line */
+    const char *methods;     /* likewise */
+    const char *tones;       /* likewise */
+    const char *paths_known; /* likewise */
 };
 
 /* Any thread. */

@@ -23,3 +23,4 @@ target_compile_definitions(test_film_test_relight_caustics PRIVATE RING="${CMAKE
 unit_test(film test_components)
 unit_test(film test_still OpenMP::OpenMP_C Threads::Threads)
 unit_test(film test_buyer)
+unit_test(film test_set_view)

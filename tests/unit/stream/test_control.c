@@ -68,6 +68,85 @@ static void all_that_can_be_asked_for_arrives(void **state)
     server_destroy(s);
 }
 
+static void all_of_minor_1_arrives(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client c;
+
+    control_in(&c, s);
+    client_say(&c,
+               "{\"op\":\"control\",\"request\":4,\"exposure_stops\":-2.5,\"bias_stops\":1,\"error\":0.01,\"fps\":12,"
+               "\"paths\":\"all\",\"camera\":\"roof\",\"step\":-3,\"seek\":17}");
+    const struct server_control a = taken(s);
+    assert_true(a.has_exposure && !a.exposure_auto && a.exposure_stops == -2.5);
+    assert_true(a.has_bias && a.bias_stops == 1.0 && a.has_error && a.error == 0.01 && a.has_fps && a.fps == 12.0);
+    assert_true(a.has_step && a.step == -3 && a.has_seek && a.seek == 17 && !a.has_hour && !a.has_samples);
+    assert_string_equal(a.paths, "all");
+    assert_string_equal(a.camera, "roof");
+    client_say(&c, "{\"op\":\"control\",\"exposure_stops\":null,\"error\":null,\"samples\":null,\"hour\":24}");
+    const struct server_control b = taken(s);
+    assert_true(b.has_exposure && b.exposure_auto && b.has_error && b.error == 0.0);
+    assert_true(b.has_samples && b.samples == 0 && b.has_hour && b.hour == 24.0 && !b.has_bias && !b.has_seek);
+    client_shut(&c);
+    server_destroy(s);
+}
+
+/* Several messages that were not taken yet are as one: as if they had been obeyed one after another. */
+static void what_is_joined_is_what_was_said_in_turn(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct server_control a;
+    struct client c;
+
+    control_in(&c, s);
+    static const char *const said[] = {
+        "\"step\":2,\"samples\":8",         "\"seek\":5,\"error\":0.5", "\"step\":1",
+        "\"step\":-4,\"exposure_stops\":3", "\"exposure_stops\":null",
+    };
+    char text[200];
+    for (size_t i = 0; i < sizeof(said) / sizeof(said[0]); i++) {
+        snprintf(text, sizeof(text), "{\"op\":\"control\",\"request\":%zu,%s}", i + 1, said[i]);
+        client_say(&c, text);
+    }
+    client_say(&c, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&c, "pong");
+    a = taken(s);
+    assert_int_equal(a.request, 5);
+    assert_true(a.has_seek && a.seek == 5 && a.has_step && a.step == -3); /* the steps before the place are void */
+    assert_true(a.has_error && a.error == 0.5 && !a.has_samples);         /* the last of two wishes for one thing */
+    assert_true(a.has_exposure && a.exposure_auto);
+    client_say(&c, "{\"op\":\"control\",\"error\":0.5,\"hour\":3,\"step\":1}");
+    client_say(&c, "{\"op\":\"control\",\"samples\":8,\"seek\":2}");
+    client_say(&c, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&c, "pong");
+    a = taken(s);
+    assert_true(a.has_samples && a.samples == 8 && !a.has_error);
+    assert_true(a.has_seek && a.seek == 2 && !a.has_hour && !a.has_step);
+    client_shut(&c);
+    server_destroy(s);
+}
+
+static void who_cannot_do_it_says_by_which_clause(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client c;
+
+    control_in(&c, s);
+    client_say(&c, "{\"op\":\"control\",\"request\":2,\"camera\":\"moon\"}");
+    struct server_control a = taken(s);
+    a.clause = "4.13.15";
+    server_set_control(s, &in_force, &a, "there is no camera 'moon'");
+    json_t *error = client_await(&c, "error");
+    assert_non_null(error);
+    assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.13.15");
+    json_decref(error);
+    client_shut(&c);
+    server_destroy(s);
+}
+
 static void the_last_word_wins_and_all_are_told(void **state)
 {
     (void)state;
@@ -175,6 +254,19 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
         { "\"samples\":1.5", "4.13.5" },
         { "\"tone\":\"a word much too long for a curve\"", "4.13.6" },
         { "\"paused\":1", "4.13.7" },
+        { "\"exposure_stops\":\"auto\"", "4.13.10" },
+        { "\"exposure_stops\":61", "4.13.10" },
+        { "\"bias_stops\":-21", "4.13.11" },
+        { "\"error\":0", "4.13.12" },
+        { "\"error\":0.1,\"samples\":4", "4.13.12" },
+        { "\"fps\":0", "4.13.13" },
+        { "\"paths\":[]", "4.13.14" },
+        { "\"camera\":\"\"", "4.13.15" },
+        { "\"step\":1001", "4.13.16" },
+        { "\"step\":0.5", "4.13.16" },
+        { "\"seek\":-1", "4.13.17" },
+        { "\"hour\":24.5", "4.13.18" },
+        { "\"hour\":2,\"seek\":1", "4.13.18" },
     };
     struct server *s = push_server();
     struct server_control a;
@@ -236,6 +328,9 @@ static void a_slider_does_not_cost_slow_viewers_their_connection(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(all_that_can_be_asked_for_arrives),
+    cmocka_unit_test(all_of_minor_1_arrives),
+    cmocka_unit_test(what_is_joined_is_what_was_said_in_turn),
+    cmocka_unit_test(who_cannot_do_it_says_by_which_clause),
     cmocka_unit_test(the_last_word_wins_and_all_are_told),
     cmocka_unit_test(words_in_a_row_are_one_change_and_between_two_the_order_stands),
     cmocka_unit_test(an_answer_does_not_hide_what_another_has_said_since),

@@ -1,0 +1,280 @@
+/* server/relightd_ingest.c */
+/* The ingest thread: frames of the source or of a producer, decoded and with their sampling tables, one after another
+ * as the source's pace has it; and what controllers ask of time: to hold, to step, to go to another place. */
+#include "relightd.h"
+
+#include "clock.h"
+#include "mem.h"
+
+#include <omp.h>
+#include <time.h>
+
+#define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
+
+static void nap_ms(int64_t ms)
+{
+    nanosleep(&(struct timespec){ .tv_nsec = (long)ms * 1000000 }, NULL);
+}
+
+/* Where in the source the frame stood, for those who are told. */
+static void note_place(struct daemon *d, struct ingested *in)
+{
+    in->position = d->source ? source_position(d->source) : 0;
+    in->has_sky = d->source && source_sky(d->source);
+    if (in->has_sky)
+        in->sky = *source_sky(d->source);
+}
+
+static enum err ingest_frame(struct daemon *d, const struct frame *f, const struct server_ticket *ticket,
+                             struct reason *why)
+{
+    const int slot = handoff_begin(&d->frames);
+    struct ingested *in = &d->ingested[slot];
+    const struct settings now = ticket->lockstep ? d->said : daemon_settings(d);
+    const struct environment_desc desc = { .layout = d->layout,
+                                           .rotation_degrees = now.rotation_degrees,
+                                           .scale_stops = now.scale_stops,
+                                           .importance = d->importance,
+                                           .lean = now.method == METHOD_CACHED };
+    const double start = clock_seconds();
+
+    atomic_store(&d->reading, true); /* all processors for what is new */
+    atomic_store(d->stirred, true);
+    environment_set(in->environment, &desc);
+    const enum err e = environment_update(in->environment, f, why);
+    atomic_store(&d->reading, false);
+    if (e)
+        return e;
+    environment_warn_clipped(in->environment, &d->warned_clipped);
+    in->ticket = *ticket;
+    in->decode_ms = 1e3 * (clock_seconds() - start);
+    note_place(d, in);
+    in->ready_ms = clock_ms();
+    const struct image_faults faults = in->environment->image.faults; /* the slot is the reader's once published */
+    const int dropped = handoff_publish(&d->frames, slot);
+    atomic_store(d->stirred, true);
+    if (dropped != HANDOFF_NONE)
+        server_frame_fate(d->server, &d->ingested[dropped].ticket, SERVER_SUPERSEDED, NULL);
+    daemon_tell_received(d, &faults, dropped != HANDOFF_NONE);
+    return ERR_OK;
+}
+
+/* What viewers are told while no frame comes. */
+static enum server_source tell_silence(struct daemon *d, enum server_source told)
+{
+    struct server_demand demand;
+
+    server_demand(d->server, &demand);
+    const enum server_source now = demand.ended ? SERVER_ENDED : demand.producer ? told : SERVER_WAITING;
+    if (told == SERVER_LIVE && now != told) {
+        daemon_tell_source(
+            d, now, demand.ended ? "the producer has sent all its frames" : "the producer is gone, its last sky stays");
+        return now;
+    }
+    return told;
+}
+
+/* Changed settings are applied to the frame that stands, once. */
+static void relight_standing(struct daemon *d, const struct frame *f, uint64_t version, uint64_t *seen,
+                             struct reason *why)
+{
+    static const struct server_ticket none = { 0 };
+
+    if (version != *seen && f->kind != FRAME_NONE && ingest_frame(d, f, &none, why))
+        daemon_tell_refused(d, why->text, true);
+    *seen = version;
+}
+
+/* Frames from the outside: each one's fate is told to its producer. */
+static void ingest_pushed(struct daemon *d, struct frame *f, struct reason *why)
+{
+    struct server_ticket ticket = { 0 };
+    enum server_source told = SERVER_WAITING;
+    uint64_t version = 0;
+
+    while (!daemon_is_stopping(d)) {
+        const struct settings now = daemon_settings(d);
+        if (!ticket.lockstep)
+            relight_standing(d, f, now.version, &version, why);
+        if (now.paused) {
+            nap_ms(30);
+            continue;
+        }
+        if (!server_take_frame(d->server, f, &ticket, 100)) {
+            told = tell_silence(d, told);
+            continue;
+        }
+        version = now.version;
+        if (ingest_frame(d, f, &ticket, why)) {
+            server_frame_fate(d->server, &ticket, SERVER_REFUSED, why->text);
+            daemon_tell_refused(d, why->text, true);
+            told = SERVER_FAILED;
+        } else if (told != SERVER_LIVE) {
+            daemon_tell_source(d, SERVER_LIVE, "");
+            told = SERVER_LIVE;
+        }
+    }
+}
+
+/* What the ingest thread remembers of a source between its frames. */
+struct pull {
+    struct frame frame;  /* the one that stands; kind FRAME_NONE before the first */
+    struct frame coming; /* where the next one is read into */
+    uint64_t count;      /* frames asked for */
+    uint64_t version;    /* of the settings, as the frame that stands was read with */
+    int64_t next_ms;     /* when the next frame is due, if the source has a pace */
+    int64_t failure_ms;  /* how long to wait after a frame that could not be used: doubles up to a second */
+    bool failed, ended, told_end, paused;
+    bool moved; /* the next frame was asked for by itself: it is read though the source is held */
+};
+
+/* What controllers have asked for of the source's place since the last look. */
+static void take_moves(struct daemon *d, struct pull *p)
+{
+    const struct moves m = daemon_take_moves(d);
+    bool moved = false;
+
+    if (m.has_hour && source_sky(d->source))
+        moved = source_set_hour(d->source, m.hour + source_sky(d->source)->speed_hours * (double)m.step);
+    else if (m.has_seek)
+        moved = source_seek(d->source, m.seek);
+    else if (m.step != 0)
+        moved = source_step(d->source, m.step);
+    p->moved |= moved;
+}
+
+/* Without a next frame, changed settings are applied to the one that stands. True when there may be a next one. */
+static bool hold(struct daemon *d, struct pull *p, struct reason *why)
+{
+    const struct settings now = daemon_settings(d);
+
+    take_moves(d, p);
+    if (!p->ended && now.paused != p->paused && p->count > 0)
+        daemon_tell_source(d, now.paused ? SERVER_PAUSED : SERVER_LIVE, "");
+    p->paused = now.paused;
+    if (p->moved || (!p->ended && !now.paused))
+        return true;
+    relight_standing(d, &p->frame, now.version, &p->version, why);
+    if (p->ended && !p->told_end && !p->failed && daemon_all_shown(d)) {
+        daemon_tell_source(d, SERVER_ENDED, p->count == 1 ? "it is one picture" : "the last frame was shown");
+        p->told_end = true;
+    }
+    nap_ms(30);
+    return false;
+}
+
+/* Whether the wait for the next frame is over before its time. */
+static bool is_disturbed(struct daemon *d)
+{
+    return daemon_is_stopping(d) || daemon_moves_wait(d) || daemon_settings(d).paused;
+}
+
+/* In short naps, so that whoever asks for something is answered at once. */
+static void sleep_until_ms(struct daemon *d, struct pull *p, int64_t when_ms, struct reason *why)
+{
+    for (int64_t left = when_ms - clock_ms(); left > 0 && !is_disturbed(d); left = when_ms - clock_ms()) {
+        nap_ms(left < 50 ? left : 50);
+        if (d->rate > 0.0 && !p->failed)
+            relight_standing(d, &p->frame, daemon_settings(d).version, &p->version, why);
+    }
+}
+
+/* A source that sets no pace gives its next frame just before the shading of this one ends: earlier, it would only grow
+ * old while it waits. */
+static void wait_until_wanted(struct daemon *d, struct pull *p, struct reason *why)
+{
+    while (!handoff_wait_taken(&d->frames, 100) && !is_disturbed(d))
+        continue;
+    sleep_until_ms(d, p, clock_ms() + (int64_t)daemon_slack_ms(d) - MARGIN_MS, why);
+}
+
+static void pace(struct daemon *d, struct pull *p, struct reason *why)
+{
+    const int64_t now = clock_ms();
+
+    if (p->failed) { /* a source without a good frame must not turn at full speed */
+        p->failure_ms = p->failure_ms ? 2 * p->failure_ms : 100;
+        p->failure_ms = p->failure_ms < 1000 ? p->failure_ms : 1000;
+        sleep_until_ms(d, p, now + (d->rate > 0.0 ? (int64_t)(1e3 / d->rate) : p->failure_ms), why);
+        return;
+    }
+    p->failure_ms = 0;
+    if (d->rate > 0.0) {
+        p->next_ms += (int64_t)(1e3 / d->rate);
+        p->next_ms = p->next_ms > now ? p->next_ms : now;
+        sleep_until_ms(d, p, p->next_ms, why);
+    } else {
+        wait_until_wanted(d, p, why);
+    }
+}
+
+/* What was read becomes the frame that stands. */
+static void stand(struct pull *p)
+{
+    const struct frame before = p->frame;
+
+    p->frame = p->coming;
+    p->coming = before;
+}
+
+static void take_frame(struct daemon *d, struct pull *p, enum err read, struct reason *why)
+{
+    static const struct server_ticket none = { 0 };
+    const uint64_t in_a_pass = source_count(d->source), version = daemon_settings(d).version;
+    enum err e = read;
+
+    if (!e) {
+        stand(p);
+        e = ingest_frame(d, &p->frame, &none, why);
+    }
+    p->count++;
+    if (e) /* what every pass would say again is said in the first */
+        daemon_tell_refused(d, why->text, in_a_pass == 0 || p->count <= in_a_pass);
+    else if (p->failed || p->count == 1 || p->told_end)
+        daemon_tell_source(d, p->paused ? SERVER_PAUSED : SERVER_LIVE, "");
+    p->failed = e != ERR_OK;
+    p->ended = !e && in_a_pass == 1 && !d->reseed; /* one picture need not be read again */
+    p->told_end = false;
+    p->version = version;
+}
+
+static void ingest_source(struct daemon *d, struct reason *why)
+{
+    struct pull p = { .next_ms = clock_ms(), .version = daemon_settings(d).version };
+
+    while (!daemon_is_stopping(d)) {
+        if (!hold(d, &p, why))
+            continue;
+        const enum err e = source_next(d->source, &p.coming, why);
+        const bool moved = p.moved;
+        p.moved = false;
+        if (e == ERR_END) {
+            p.ended = true;
+            continue;
+        }
+        if (!e && p.coming.kind == FRAME_NONE) { /* nothing new in a watched folder */
+            relight_standing(d, &p.frame, daemon_settings(d).version, &p.version, why);
+            continue;
+        }
+        take_frame(d, &p, e, why);
+        if (!p.ended && !(moved && p.paused))
+            pace(d, &p, why);
+    }
+    frame_finish(&p.frame);
+    frame_finish(&p.coming);
+}
+
+void *daemon_ingest_main(void *arg)
+{
+    struct daemon *d = arg;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+
+    omp_set_num_threads(1); /* the other processor is shading */
+    if (d->push)
+        ingest_pushed(d, &f, &why);
+    else
+        ingest_source(d, &why);
+    frame_finish(&f);
+    return NULL;
+}

@@ -1,0 +1,190 @@
+#!/usr/bin/python3
+"""A controller of the real program, and a second connection that sees what it does: PROTOCOL.md 4.13 and 4.8.10 on."""
+
+import asyncio
+import json
+
+import websockets
+
+from peer import PICTURE, WAIT_S, check, main
+from still import Daemon, connect
+
+
+class Party:
+    """A connection that remembers the last status and control, and each picture's frame, gain and light's end."""
+
+    def __init__(self, link):
+        self.link = link
+        self.last = {}
+        self.gains = []
+        self.requests = 0
+
+    @classmethod
+    async def come(cls, daemon, role, **more):
+        party = cls(await connect(daemon.url))
+        await party.say(op="hello", role=role, version={"major": 1, "minor": 1})
+        await party.say(op="subscribe", format="jpeg", **more)
+        await party.until(lambda: "status" in party.last and "control" in party.last)
+        return party
+
+    async def say(self, **message):
+        await self.link.send(json.dumps(message))
+
+    async def until(self, what):
+        async def hear():
+            while not what():
+                message = await self.link.recv()
+                if isinstance(message, bytes):
+                    fields = PICTURE.unpack_from(message)
+                    await self.say(op="ack", sequence=fields[4])
+                    self.gains.append(fields[14])
+                else:
+                    said = json.loads(message)
+                    self.last[said["op"]] = said
+        await asyncio.wait_for(hear(), WAIT_S)
+
+    async def ask(self, **wish):
+        """Until it is answered; gives the error, if it was one."""
+        self.requests += 1
+        self.last.pop("error", None)
+        await self.say(op="control", request=self.requests, **wish)
+        await self.until(lambda: self.last.get("error", {}).get("request") == self.requests
+                         or self.last["control"]["request"] == self.requests)
+        return self.last.get("error")
+
+    def place(self):
+        return self.last["status"]["source"]["position"]
+
+    async def until_place(self, place):
+        await self.until(lambda: self.place() == place)
+
+
+def skies(folder, count):
+    """Radiance files of one grey each, the next twice as bright."""
+    for i in range(count):
+        texel = bytes([128, 128, 128, 129 + i])
+        (folder / f"sky.{10 * i + 5}.hdr").write_bytes(
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + texel * 32)
+    return ["--source", str(folder / "sky.%d.hdr")]
+
+
+async def a_paused_source_steps_and_goes_to_any_place(folder):
+    async with Daemon(*skies(folder, 5), "--samples", "4", "--rate", "50") as daemon:
+        one, two = await Party.come(daemon, "controller"), await Party.come(daemon, "viewer")
+        check(one.last["status"]["source"]["kind"] == "files", one.last["status"])
+        check(one.last["status"]["source"]["length"] == 5, one.last["status"])
+        error = await one.ask(step=1)
+        check(error and error["clause"] == "4.13.16", f"a step while it runs: {error}")
+        check(await one.ask(paused=True) is None, "not paused")
+        await two.until(lambda: two.last["control"]["paused"] and two.last["status"]["source"]["state"] == "paused")
+        check(await one.ask(seek=1) is None, "no seek")
+        await two.until_place(1)
+        check(two.last["status"]["frame"] == 15, two.last["status"])
+        for step, place in ((1, 2), (1, 3), (-1, 2), (2, 4), (1, 0), (-1, 4)):  # round the end, as the source does
+            check(await one.ask(step=step) is None, f"no step from {place - step}")
+            await two.until_place(place)
+        check(two.last["status"]["source"]["state"] == "paused", two.last["status"])
+        error = await one.ask(seek=5)
+        check(error and error["clause"] == "4.13.17" and "5" in error["message"], f"beyond the end: {error}")
+        error = await one.ask(hour=3)
+        check(error and error["clause"] == "4.13.18", f"files have no hours: {error}")
+        check(await one.ask(paused=False) is None, "not running")
+        await two.until(lambda: two.place() != 4)
+        going = two.place()
+        await two.until(lambda: two.place() != going)
+
+
+async def an_ended_sequence_can_be_gone_back_to(folder):
+    async with Daemon(*skies(folder, 3), "--samples", "4", "--once") as daemon:
+        one = await Party.come(daemon, "controller")
+        await one.until(lambda: one.last["status"]["source"]["state"] == "ended")
+        check(one.place() == 2, one.last["status"])
+        await one.ask(paused=True)
+        await one.ask(seek=0)
+        await one.until_place(0)
+        check(one.last["status"]["frame"] == 5, one.last["status"])
+        await one.ask(paused=False)
+        await one.until(lambda: one.place() == 2 and one.last["status"]["source"]["state"] == "ended")
+
+
+async def a_computed_sky_has_hours(folder):
+    async with Daemon("--source", "sky:speed=10,time=06:00", "--samples", "4", "--rate", "50") as daemon:
+        one = await Party.come(daemon, "controller")
+        check(one.last["status"]["source"]["kind"] == "sky" and one.last["status"]["source"]["length"] is None,
+              one.last["status"])
+        await one.ask(paused=True, hour=12.25)
+        await one.until(lambda: one.last["status"]["source"]["hour"] == 12.25)
+        check(one.last["status"]["light"]["time"] == "12:15", one.last["status"]["light"])
+        check(one.last["status"]["light"]["sun"]["elevation"] > 50, one.last["status"]["light"])
+        await one.ask(step=-1)
+        await one.until(lambda: abs(one.last["status"]["source"]["hour"] - 12.25 + 1 / 6) < 1e-6)
+
+
+async def cameras_change_while_the_old_picture_stays(folder):
+    """--converge off and a held source: every picture that comes was made for the change."""
+    async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
+        one, two = await Party.come(daemon, "controller"), await Party.come(daemon, "viewer")
+        check(one.last["status"]["offers"]["cameras"] == ["main", "sundial", "gallery"], one.last["status"]["offers"])
+        await one.ask(paused=True)
+        await two.until(lambda: two.last["status"]["source"]["state"] == "paused")
+        for camera in ("gallery", "sundial", "main", "gallery"):  # main is the one that was there first
+            before = len(two.gains)
+            check(await one.ask(camera=camera) is None, camera)
+            await two.until(lambda: two.last["control"]["camera"] == camera and two.last["status"]["camera"] == camera
+                            and two.last["status"]["preparing"] is None and len(two.gains) > before)
+        error = await one.ask(camera="nobody", method="mis")
+        check(error and error["clause"] == "4.13.15" and "nobody" in error["message"], f"{error}")
+        check(one.last["control"]["method"] == "auto", "half of what could not be done was done")
+        for _ in range(3):  # faster than views are made: the last word counts
+            for camera in ("main", "sundial", "gallery", "sundial"):
+                await one.say(op="control", camera=camera)
+        await two.until(lambda: two.last["status"]["camera"] == "sundial" and two.last["status"]["preparing"] is None
+                        and two.last["control"]["camera"] == "sundial")
+
+
+async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
+    async with Daemon("--source", "sky:time=12:00", "--samples", "4") as daemon:
+        one = await Party.come(daemon, "controller")
+        check(one.last["control"]["exposure_stops"] is None, one.last["control"])
+        await one.ask(paused=True)
+        await one.until(lambda: one.last["status"]["source"]["state"] == "paused" and one.gains)
+        await one.ask(exposure_stops=-3)
+        await one.until(lambda: one.gains[-1] == 0.125)
+        check(one.last["control"]["exposure_stops"] == -3, one.last["control"])
+        await one.ask(exposure_stops=None)
+        await one.until(lambda: one.gains[-1] != 0.125)
+        follows = one.gains[-1]
+        await one.ask(bias_stops=2)
+        await one.until(lambda: abs(one.gains[-1] / follows - 4) < 1e-3)
+        await one.ask(tone="linear")
+        count = len(one.gains)
+        await one.until(lambda: len(one.gains) > count)
+        check(one.last["control"]["tone"] == "linear", one.last["control"])
+
+
+async def samples_and_error_are_two_wishes_for_one_thing(folder):
+    async with Daemon("--source", "sky:", "--rate", "5") as daemon:
+        one, two = await Party.come(daemon, "controller"), await Party.come(daemon, "viewer")
+        told = one.last["control"]
+        check(told["counted"] is False and told["error"] is None and told["fps"] == 30 and told["paths"] == "direct",
+              told)
+        await one.ask(error=0.25)
+        await two.until(lambda: two.last["control"]["error"] == 0.25 and not two.last["control"]["counted"])
+        await one.ask(samples=9)
+        await two.until(lambda: two.last["control"]["samples"] == 9 and two.last["control"]["counted"]
+                        and two.last["control"]["error"] is None and two.last["status"]["samples"] == 9)
+        await one.ask(error=0.25)
+        error = await one.ask(method="faces", error=0.1)
+        check(error and error["clause"] == "4.13.12", f"{error}")
+        await one.ask(method="faces")
+        await two.until(lambda: two.last["control"]["error"] is None and two.last["control"]["counted"]
+                        and two.last["status"]["method"] == "faces")
+        error = await one.ask(samples=None)
+        check(error and error["clause"] == "4.13.5", f"{error}")
+        await one.ask(fps=7, paths="all")
+        await two.until(lambda: two.last["control"]["fps"] == 7 and two.last["control"]["paths"] == "all"
+                        and "interreflection" in two.last["status"]["light"]["paths"])
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})
