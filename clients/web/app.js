@@ -178,6 +178,8 @@ function drawn(picture, nowMs) {
 
   if (!(header.flags & FLAG_FINER)) measure(picture, nowMs); // its age is that of a frame that stands still
   if (relight.frames === 1) showState(relight.state);
+  const { bitmap, ...rest } = picture; // closed by now
+  emit('picture', { ...rest, nowMs });
 }
 
 function measure(picture, nowMs) {
