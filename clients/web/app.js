@@ -15,7 +15,7 @@ import {
 import { startTheme, switchTheme } from './theme.js';
 
 // Each is a panel or a tool by itself: `export function mount(app)`. One that fails costs itself only.
-const MODULES = ['./probe.js'];
+const MODULES = ['./controls.js', './probe.js'];
 
 const $ = (id) => document.getElementById(id);
 
@@ -46,6 +46,7 @@ const app = {
   state: relight.state,
   status: null, // the last of each
   welcome: null,
+  role: null, // in which the server took us in: 'viewer' or 'controller'
   control: null,
   // 'state', 'welcome' and 'status' with the server's message; 'picture' after it was drawn, with {header, clock, heardMs,
   // decodeMs, bytes, nowMs}; 'error' with what the server complains of; any other message of the server by its op:
@@ -130,7 +131,7 @@ let send = () => {};
 function take(event) {
   switch (event.op) {
     case 'state': showState(event.state); break;
-    case 'welcome': takeWelcome(event.welcome); break;
+    case 'welcome': takeWelcome(event.welcome, event.role); break;
     case 'status': takeStatus(event.status, event.clock); break;
     case 'picture': takePicture(event); break;
     case 'error': takeError(event.error); break;
@@ -141,9 +142,10 @@ function take(event) {
   }
 }
 
-function takeWelcome(welcome) {
+function takeWelcome(welcome, role) {
   forgetFigures();
   app.welcome = welcome;
+  app.role = role;
   app.control = null;
   emit('welcome', welcome);
 }

@@ -30,6 +30,9 @@ export function showHelp(dialog, keys) {
   close.type = 'button';
   close.autofocus = true;
   close.onclick = () => dialog.close();
-  dialog.replaceChildren(title, make('p', WHAT), table, close);
+  const top = make('div');
+  top.className = 'dialog-top';
+  top.append(title, close); // first, so that the focus does not scroll the keys away
+  dialog.replaceChildren(top, make('p', WHAT), table);
   dialog.showModal();
 }

@@ -39,7 +39,7 @@ export class Player {
       state: (state) => this.emit({ op: 'state', state }),
       welcome: (welcome) => {
         this.video?.forget();
-        this.emit({ op: 'welcome', welcome });
+        this.emit({ op: 'welcome', welcome, role: this.connection.role });
       },
       status: (status) => this.emit({ op: 'status', status, clock: this.clock() }),
       error: (error) => {

@@ -1,0 +1,33 @@
+// A drag across the picture turns the sky with the hand; a click stays a click.
+
+import { wrapDegrees } from './controls_model.js';
+
+const SLACK = 6; // CSS pixels before it is a drag
+const TURN = 120; // degrees across the picture's width
+
+// Positive angles turn the sky right-handed about the vertical (DESIGN: Y up), which moves what is ahead to the left.
+export const turned = (start, dx, width) => wrapDegrees(start - (dx * TURN) / Math.max(1, width));
+
+export function turnByDragging(canvas, controls) {
+  let from = null; // {x, degrees, id, dragging}
+
+  canvas.addEventListener('pointerdown', (event) => {
+    if (!controls.may || event.button !== 0 || !event.isPrimary) return;
+    from = { x: event.clientX, degrees: controls.now.rotate_degrees ?? 0, id: event.pointerId, dragging: false };
+  });
+  canvas.addEventListener('pointermove', (event) => {
+    if (!from || event.pointerId !== from.id) return;
+    const dx = event.clientX - from.x;
+    if (!from.dragging && Math.abs(dx) < SLACK) return;
+    if (!from.dragging) canvas.setPointerCapture(from.id);
+    from.dragging = true;
+    controls.ask({ rotate_degrees: Math.round(turned(from.degrees, dx, canvas.clientWidth)) });
+  });
+  const end = () => {
+    if (from?.dragging) // the click that follows is no click
+      window.addEventListener('click', (event) => event.stopPropagation(), { capture: true, once: true });
+    from = null;
+  };
+  canvas.addEventListener('pointerup', end);
+  canvas.addEventListener('pointercancel', () => { from = null; });
+}

@@ -1,0 +1,137 @@
+// What the controls show and ask for, without a page: pure functions and one small queue, testable by themselves.
+
+// One word for each wish that waits for its answer: the newest of each kind, sent when the one before is answered.
+export class Wishes {
+  // send({op: 'control', request, ...wish}); nothing is under way for longer than `patience` milliseconds.
+  constructor(send, nowMs = () => performance.now(), patience = 2000) {
+    this.send = send;
+    this.nowMs = nowMs;
+    this.patience = patience;
+    this.request = 0;
+    this.forget();
+  }
+
+  forget() {
+    this.waiting = null; // not sent yet
+    this.underway = null; // sent, without an answer
+    this.sentMs = 0;
+  }
+
+  ask(wish) {
+    this.waiting = join(this.waiting ?? {}, wish);
+    if (!this.underway || this.nowMs() - this.sentMs > this.patience) this.flush();
+  }
+
+  flush() {
+    this.underway = this.waiting;
+    this.waiting = null;
+    if (!this.underway) return;
+    this.sentMs = this.nowMs();
+    this.send({ op: 'control', request: ++this.request, ...this.underway });
+  }
+
+  // An answer to the request, or its refusal. True when it was the one that is waited for.
+  answered(request) {
+    if (!this.underway || request !== this.request) return false;
+    this.flush();
+    return true;
+  }
+
+  // What is in force with what is wished for on top: what a control shows, so that it does not jump back and forth.
+  over(control) {
+    return { ...control, ...this.underway, ...this.waiting };
+  }
+}
+
+// As the server joins what it is told in a row (PROTOCOL.md 4.13): a place voids the steps before it; samples and error
+// are two wishes for one thing.
+export function join(before, wish) {
+  const all = { ...before, ...wish };
+  const placed = wish.seek !== undefined || wish.hour !== undefined;
+  if (placed && wish.step === undefined) delete all.step;
+  if (wish.seek !== undefined) delete all.hour;
+  if (wish.hour !== undefined) delete all.seek;
+  if (!placed && wish.step !== undefined) all.step = (before.step ?? 0) + wish.step;
+  if (wish.samples > 0) delete all.error;
+  if (wish.error > 0) delete all.samples;
+  return all;
+}
+
+export const wrapDegrees = (d) => ((((d + 180) % 360) + 360) % 360) - 180;
+export const wrapHour = (h) => ((h % 24) + 24) % 24;
+
+export const degreesText = (d) => `${Math.round(wrapDegrees(d))}°`;
+export const stopsText = (s) => `${s > 0 ? '+' : s < 0 ? '−' : ''}${Math.abs(s).toFixed(1)} stops`;
+
+export function hourText(hour) {
+  const minutes = Math.floor(wrapHour(hour) * 60 + 1e-6) % 1440; // a rounded hour is that hour
+  return `${String(Math.floor(minutes / 60)).padStart(2, '0')}:${String(minutes % 60).padStart(2, '0')}`;
+}
+
+// The noise that is good enough, as a part of the picture's light, and the relMSE that the protocol has for it.
+export const NOISES = [0.01, 0.02, 0.05, 0.1, 0.2];
+export const noiseOf = (error) => Math.sqrt(error);
+export const errorOf = (noise) => Number((noise * noise).toPrecision(6));
+export const noiseText = (noise) => `${Number((100 * noise).toPrecision(2))} %`;
+
+export const SAMPLES = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024];
+export const RATES = [1, 2, 5, 10, 15, 20, 24, 30, 60];
+
+// The next of the choices, round the end; of one that is not among them, the first above it.
+export function next(choices, now, by = 1) {
+  const at = choices.indexOf(now);
+  if (at >= 0) return choices[(at + by + choices.length) % choices.length];
+  const above = choices.findIndex((choice) => choice > now);
+  return by > 0 ? choices[above < 0 ? 0 : above] : choices[above < 0 ? choices.length - 1 : Math.max(0, above - 1)];
+}
+
+// The choices with one more in its place, where what is in force is none of them.
+export function withPresent(choices, now) {
+  if (now === undefined || now === null || choices.includes(now)) return choices;
+  return typeof now === 'number' ? [...choices, now].sort((a, b) => a - b) : [...choices, now];
+}
+
+// What the source can do: {play, step, scrub: null | {least, most, step, value}, text}.
+export function transportOf(status) {
+  const source = status?.source ?? {};
+  const { kind, position, length, hour } = source;
+  const none = { play: false, step: false, scrub: null, text: '' };
+  if (kind === undefined) return none; // a server of minor 0
+  if (kind === 'sky' && typeof hour === 'number')
+    return { play: true, step: true, scrub: { least: 0, most: 24, step: 1 / 12, value: hour }, text: hourText(hour) };
+  if ((kind === 'files' || kind === 'sky') && length > 1)
+    return { play: true, step: true, scrub: { least: 0, most: length - 1, step: 1, value: position }, text: `${position + 1} of ${length}` };
+  if (kind === 'files') return { ...none, text: 'One sky, which stands still.' };
+  return { ...none, play: true, text: kind === 'folder' ? 'Frames come as they are stored.' : 'Frames come as they are sent.' };
+}
+
+// One frame on or back, or a leap of an hour or ten frames, for a paused source: what is to be asked for.
+export function stepWish(status, by, leap) {
+  const { kind, length } = status?.source ?? {};
+  const { hour } = status?.source ?? {};
+  if (leap && kind === 'sky' && typeof hour === 'number') return { paused: true, hour: wrapHour(hour + by) };
+  return { paused: true, step: leap ? by * Math.min(10, Math.max(1, (length ?? 11) - 1)) : by };
+}
+
+const NAMES = {
+  rotate_degrees: ['the sky\u2019s turn', degreesText],
+  scale_stops: ['the sky\u2019s brightness', stopsText],
+  method: ['the method', String],
+  samples: ['the samples', String],
+  error: ['the noise that is good enough', (e) => (e ? noiseText(noiseOf(e)) : 'none')],
+  fps: ['the pictures per second', String],
+  tone: ['the tone curve', String],
+  exposure_stops: ['the exposure', (s) => (s === null ? 'automatic' : stopsText(s))],
+  bias_stops: ['the brightness', stopsText],
+  paths: ['the light', String],
+  camera: ['the camera', String],
+  paused: ['time', (p) => (p ? 'paused' : 'running')],
+};
+
+// What somebody has changed between two of the server's words, in a few of ours; '' where nothing that is shown.
+export function changesText(before, after) {
+  return Object.entries(NAMES)
+    .filter(([key]) => after[key] !== undefined && before[key] !== after[key])
+    .map(([key, [name, text]]) => `${name}: ${text(after[key])}`)
+    .join(', ');
+}

@@ -1,0 +1,422 @@
+// Every control of the page against what the server says is in force, seen by a connection of its own.
+// RELIGHT_RELIGHTD names the server's program.
+import assert from 'node:assert/strict';
+import { mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { after, before, test } from 'node:test';
+import { openBrowser, openPage, startServer, untilFrames, whatIsMissing } from './lib.mjs';
+
+const missing = await whatIsMissing();
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const RELIGHTD = process.env.RELIGHT_RELIGHTD;
+assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
+
+let browser;
+let folder;
+before(async () => {
+  browser = await openBrowser();
+  folder = mkdtempSync(join(tmpdir(), 'relight-controls-'));
+  for (let i = 0; i < 20; i++) { // grey skies, each brighter than the one before
+    const texel = Buffer.from([128 + i, 128, 128, 129]);
+    writeFileSync(join(folder, `sky.${100 + i}.hdr`), Buffer.concat([
+      Buffer.from('#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n'), ...Array(32).fill(texel)]));
+  }
+});
+after(async () => {
+  await browser?.close();
+  if (folder) rmSync(folder, { recursive: true });
+});
+
+const SKY = ['--source', 'sky:time=10:00,speed=1'];
+const files = () => ['--source', join(folder, 'sky.%d.hdr')];
+
+// A connection that only looks: witness.control() and witness.status() are the server's last words.
+async function openWitness(url) {
+  const page = await browser.newPage();
+  await page.goto(new URL('/healthz', url).href);
+  await page.evaluate(() => {
+    window.said = {};
+    window.pictures = 0;
+    const socket = new WebSocket(`ws://${location.host}/ws`, 'relight.v1');
+    window.tell = (message) => socket.send(JSON.stringify(message));
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => window.tell({ op: 'hello', role: 'controller', version: { major: 1, minor: 1 } });
+    socket.onmessage = ({ data }) => {
+      if (typeof data !== 'string') return;
+      const message = JSON.parse(data);
+      window.said[message.op] = message;
+    };
+  });
+  await page.waitForFunction(() => window.said.control && window.said.status);
+  return {
+    until: (what, value) => page.waitForFunction(what, value, { timeout: 30000 }),
+    control: () => page.evaluate(() => window.said.control),
+    status: () => page.evaluate(() => window.said.status),
+    say: (message) => page.evaluate((m) => window.tell(m), message),
+    close: () => page.close(),
+  };
+}
+
+// Until this is in force.
+const inForce = (witness, wanted) => witness.until(
+  (want) => Object.entries(want).every(([key, value]) => window.said.control[key] === value), wanted);
+
+async function withAll(args, body, { hash = '', ...options } = {}) {
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--fps', '15', ...args]);
+  const page = await openPage(browser, server.url + hash, options);
+  const witness = await openWitness(server.url);
+  try {
+    await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control && window.relight.app.status?.offers,
+      null, { timeout: 60000 });
+    await body(page, witness, server);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await witness.close();
+    await page.close();
+    await server.stop();
+  }
+}
+
+const setRange = (page, id, value) => page.$eval(`#${id}`, (input, v) => {
+  input.value = v;
+  input.dispatchEvent(new Event('input', { bubbles: true }));
+}, value);
+
+test('every control of the panel changes what is in force', () =>
+  withAll(SKY, async (page, witness) => {
+    assert.equal(await page.textContent('#role'), 'Controlling');
+    await setRange(page, 'set-rotate', 90);
+    await inForce(witness, { rotate_degrees: 90 });
+    await setRange(page, 'set-exposure', 2);
+    await inForce(witness, { bias_stops: 2, exposure_stops: null });
+    await page.uncheck('#exposure-auto');
+    await witness.until(() => typeof window.said.control.exposure_stops === 'number');
+    const { gain } = await page.evaluate(() => window.relight.lastHeader);
+    const { exposure_stops: fixed } = await witness.control();
+    assert.ok(Math.abs(Math.log2(gain) - fixed) < 1, `fixed at ${fixed}, the gain was ${gain}`); // no jump
+    await setRange(page, 'set-exposure', fixed - 1);
+    await witness.until((v) => Math.abs(window.said.control.exposure_stops - v) < 0.1, fixed - 1);
+    await page.check('#exposure-auto');
+    await inForce(witness, { exposure_stops: null, bias_stops: 0 });
+    await page.selectOption('#set-tone', 'linear');
+    await inForce(witness, { tone: 'linear' });
+    await page.selectOption('#set-paths', 'all');
+    await inForce(witness, { paths: 'all' });
+    await page.selectOption('#set-paths', 'direct');
+    await page.selectOption('#set-effort', 'noise 0.1');
+    await inForce(witness, { error: 0.01, counted: false });
+    await page.selectOption('#set-effort', 'time');
+    await inForce(witness, { error: null, counted: false });
+    await page.selectOption('#set-effort', 'samples 8');
+    await inForce(witness, { samples: 8, counted: true, error: null });
+    await page.selectOption('#set-effort', 'time');
+    await inForce(witness, { counted: false });
+    await page.selectOption('#set-method', 'faces');
+    await inForce(witness, { method: 'faces', counted: true });
+    await page.waitForFunction(() => ![...document.getElementById('set-effort').options].some((o) => o.value === 'time'));
+    await page.selectOption('#set-fps', '5');
+    await inForce(witness, { fps: 5 });
+    await witness.until(() => window.said.status.method === 'faces' && window.said.status.samples === 8);
+  }));
+
+test('a camera is gone to while the old picture stays, and the page says how far it is', () =>
+  withAll(['--size', '640x360', ...SKY], async (page, witness) => {
+    const seen = await page.evaluate(() => {
+      window.shares = [];
+      window.relight.app.on('status', (status) => { if (status.preparing) window.shares.push(status.preparing.share); });
+      const lit = () => window.relight.readback().data.some((v, i) => i % 4 < 3 && v > 30);
+      window.dark = 0;
+      setInterval(() => { window.dark += !lit(); }, 100);
+      return [...document.getElementById('set-camera').options].map((o) => o.value);
+    });
+    assert.deepEqual(seen, ['main', 'sundial', 'gallery']);
+    await page.selectOption('#set-camera', 'gallery');
+    await witness.until(() => window.said.status.camera === 'gallery' && window.said.status.preparing === null);
+    await inForce(witness, { camera: 'gallery' });
+    await page.waitForFunction(() => window.relight.status.camera === 'gallery' && window.shares.length > 0);
+    await untilFrames(page, 1);
+    assert.equal(await page.evaluate(() => window.dark), 0);
+    assert.ok(!(await page.isVisible('#camera-progress')));
+  }));
+
+test('files play, pause, step and are scrubbed', () =>
+  withAll(['--rate', '10', ...files()], async (page, witness) => {
+    await page.click('#play');
+    await inForce(witness, { paused: true });
+    await witness.until(() => window.said.status.source.state === 'paused');
+    await setRange(page, 'scrub', 7);
+    await witness.until(() => window.said.status.source.position === 7 && window.said.status.frame === 107);
+    await page.waitForFunction(() => document.getElementById('scrub-text').textContent === '8 of 20');
+    await page.click('#step-on');
+    await witness.until(() => window.said.status.source.position === 8);
+    await page.click('#step-back');
+    await page.click('#step-back');
+    await witness.until(() => window.said.status.source.position === 6);
+    assert.equal((await witness.status()).source.state, 'paused');
+    assert.equal(await page.getAttribute('#play', 'aria-label'), 'Let the sky go on');
+    await page.click('#play');
+    await inForce(witness, { paused: false });
+    await witness.until(() => window.said.status.source.position > 8);
+    // a slider that is moved about asks for the newest place only, and ends where it was let go
+    await page.click('#play');
+    await inForce(witness, { paused: true });
+    for (let i = 0; i < 20; i++) await setRange(page, 'scrub', (i * 7) % 20);
+    await setRange(page, 'scrub', 11);
+    await witness.until(() => window.said.status.source.position === 11);
+  }));
+
+test('keys do all of it, on a computed sky by the hour', () =>
+  withAll(['--camera', 'gallery', ...SKY], async (page, witness) => {
+    const press = (key) => page.keyboard.press(key);
+    await press('Space');
+    await inForce(witness, { paused: true });
+    await witness.until(() => window.said.status.source.state === 'paused');
+    const hour = (h) => witness.until((want) => Math.abs(window.said.status.source.hour - want) < 1e-3, h);
+    await setRange(page, 'scrub', 12); // from a known place: of the frame before, one more may be under way
+    await hour(12);
+    await press('ArrowRight');
+    await hour(12 + 1 / 60);
+    await press('ArrowLeft');
+    await press('ArrowLeft');
+    await hour(12 - 1 / 60);
+    await page.waitForFunction(() => Math.abs(window.relight.status.source.hour - 12 + 1 / 60) < 1e-3);
+    await press('Shift+ArrowRight');
+    await hour(13 - 1 / 60);
+    for (let i = 0; i < 3; i++) await press(']');
+    await inForce(witness, { rotate_degrees: 15 });
+    await press('[');
+    await inForce(witness, { rotate_degrees: 10 });
+    await press('+');
+    await press('+');
+    await press('-');
+    await inForce(witness, { bias_stops: 0.5 });
+    await press('a');
+    await witness.until(() => window.said.control.exposure_stops !== null);
+    await press('a');
+    await inForce(witness, { exposure_stops: null });
+    await press('t');
+    await inForce(witness, { tone: 'reinhard' });
+    await press('l');
+    await inForce(witness, { paths: 'all' });
+    await press('l');
+    await press('c');
+    await inForce(witness, { camera: 'main', paths: 'direct' });
+    await press('m');
+    await inForce(witness, { method: 'uniform' });
+    for (let i = 0; i < 5; i++) await press('m');
+    await inForce(witness, { method: 'mis' });
+    await press('g');
+    await inForce(witness, { samples: 8 });
+    await press('Shift+G');
+    await inForce(witness, { samples: 4 });
+    await press('r');
+    await inForce(witness, { fps: 20 });
+    await page.waitForFunction(() => document.getElementById('toast').textContent === 'Pictures per second, at most: 20');
+    await press('Space');
+    await inForce(witness, { paused: false });
+  }));
+
+test('by the keyboard alone every control is reached, shows that it is, and is worked', () =>
+  withAll(files(), async (page, witness) => {
+    const reached = [];
+    for (let i = 0; i < 60; i++) {
+      await page.keyboard.press('Tab');
+      const at = await page.evaluate(() => {
+        const e = document.activeElement;
+        const { outlineStyle, outlineWidth } = getComputedStyle(e);
+        const label = e.getAttribute('aria-label') || e.labels?.[0]?.textContent || e.textContent;
+        return { id: e.id, tag: e.tagName, label: label?.trim(), ring: outlineStyle !== 'none' && parseFloat(outlineWidth) >= 2 };
+      });
+      if (at.tag === 'BODY') break;
+      assert.ok(at.ring, `no ring on ${at.id || at.label}`);
+      assert.ok(at.label, `no label on ${at.id}`);
+      reached.push(at.id);
+    }
+    const all = await page.$$eval('button, input, select', (es) => es.filter((e) => e.checkVisibility() && !e.disabled).map((e) => e.id));
+    assert.deepEqual(all.filter((id) => id && !reached.includes(id)), []);
+    for (const id of ['play', 'scrub', 'set-camera', 'set-rotate', 'exposure-auto', 'set-exposure', 'set-tone', 'set-paths', 'set-method',
+      'set-effort', 'set-fps']) assert.ok(reached.includes(id), id);
+    // in the order of the page: time, then the panel
+    assert.ok(reached.indexOf('play') < reached.indexOf('scrub') && reached.indexOf('scrub') < reached.indexOf('set-camera'));
+    await page.focus('#play');
+    await page.keyboard.press('Space'); // once, though Space is a key of the page as well
+    await inForce(witness, { paused: true });
+    await page.focus('#scrub');
+    await page.keyboard.press('Home');
+    await witness.until(() => window.said.status.source.position === 0);
+    await page.keyboard.press('ArrowRight'); // the slider's own, not the page's
+    await witness.until(() => window.said.status.source.position === 1);
+    await page.focus('#set-rotate');
+    await page.keyboard.press('ArrowRight');
+    await inForce(witness, { rotate_degrees: 1 });
+    await page.focus('#exposure-auto');
+    await page.keyboard.press('Space');
+    await witness.until(() => window.said.control.exposure_stops !== null);
+    assert.equal((await witness.control()).paused, true);
+  }));
+
+test('what another controller changes is shown and said', () =>
+  withAll(SKY, async (page, witness) => {
+    await witness.say({ op: 'control', request: 1, tone: 'reinhard', rotate_degrees: -45, exposure_stops: 3 });
+    await page.waitForFunction(() => document.getElementById('set-tone').value === 'reinhard');
+    assert.equal(await page.textContent('#set-rotate-text'), '-45°');
+    assert.equal(await page.inputValue('#set-rotate'), '-45');
+    assert.ok(!(await page.isChecked('#exposure-auto')));
+    assert.equal(await page.textContent('#set-exposure-text'), '+3.0 stops');
+    assert.match(await page.textContent('#toast'), /^Another controller has set .*turn: -45°.*tone curve: reinhard/);
+    await witness.say({ op: 'control', request: 2, paused: true });
+    await page.waitForFunction(() => document.getElementById('play').title === 'Let the sky go on');
+    // one's own are not announced as somebody else's
+    await page.selectOption('#set-tone', 'filmic');
+    await inForce(witness, { tone: 'filmic' });
+    await page.waitForTimeout(300);
+    assert.ok(!/tone curve: filmic/.test(await page.textContent('#toast')));
+  }));
+
+test('what the server refuses is said, and the control goes back', () =>
+  withAll(SKY, async (page) => {
+    await page.evaluate(() => { window.relight.controls.ask({ camera: 'nowhere' }); });
+    await page.waitForFunction(() => /no camera 'nowhere'/.test(document.getElementById('toast').textContent));
+    assert.equal(await page.inputValue('#set-camera'), 'main');
+    page.faults.length = 0;
+  }));
+
+test('a drag across the picture turns the sky, a click does not', () =>
+  withAll(SKY, async (page, witness) => {
+    const box = await page.locator('#picture').boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    await page.evaluate(() => {
+      window.clicks = 0;
+      document.getElementById('picture').addEventListener('click', () => { window.clicks++; });
+    });
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    for (let i = 1; i <= 8; i++) await page.mouse.move(x + (i * box.width) / 32, y);
+    await page.mouse.up();
+    await inForce(witness, { rotate_degrees: -30 }); // a quarter of the width, of 120 degrees
+    assert.equal(await page.evaluate(() => window.clicks), 0);
+    await page.mouse.click(x, y);
+    assert.equal(await page.evaluate(() => window.clicks), 1);
+    assert.equal((await witness.control()).rotate_degrees, -30);
+  }));
+
+test('who only watches sees what is in force, and why nothing can be changed', () =>
+  withAll(SKY, async (page, witness) => {
+    assert.equal(await page.textContent('#role'), 'Watching');
+    assert.match(await page.textContent('#controls-why'), /^You are watching\. .*#role=controller/);
+    for (const id of ['play', 'step-on', 'scrub', 'set-camera', 'set-rotate', 'exposure-auto', 'set-tone', 'set-fps'])
+      assert.ok(await page.isDisabled(`#${id}`), id);
+    await page.keyboard.press('Space');
+    await page.keyboard.press('t');
+    await page.waitForFunction(() => /Only a controller/.test(document.getElementById('toast').textContent));
+    await witness.say({ op: 'control', request: 1, tone: 'linear' });
+    await page.waitForFunction(() => document.getElementById('set-tone').value === 'linear');
+    assert.equal((await witness.control()).paused, false);
+  }, { hash: '#role=viewer' }));
+
+test('a token in the address makes a controller, and without it one watches', async () => {
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--token-controller', 'se cret', ...SKY]);
+  try {
+    for (const [hash, role] of [['', 'Watching'], ['#token=wrong', 'Watching'], ['#token=se%20cret', 'Controlling']]) {
+      const page = await openPage(browser, server.url + hash);
+      await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control, null, { timeout: 60000 });
+      assert.equal(await page.textContent('#role'), role, `with "${hash}"`);
+      await page.close();
+    }
+  } finally {
+    await server.stop();
+  }
+});
+
+test('a server that comes back finds the same controls at work', () =>
+  withAll(SKY, async (page, witness, server) => {
+    await page.selectOption('#set-tone', 'linear');
+    await inForce(witness, { tone: 'linear' });
+    await server.stop();
+    await page.waitForFunction(() => window.relight.state.name === 'reconnecting');
+    const again = await startServer(RELIGHTD, ['--port', server.port, '--size', '160x90', '--samples', '4', ...SKY]);
+    try {
+      await page.waitForFunction(() => window.relight.state.name === 'live', null, { timeout: 60000 });
+      await page.waitForFunction(() => document.getElementById('set-tone').value === 'filmic'); // the new session's
+      await page.selectOption('#set-tone', 'reinhard');
+      await page.waitForFunction(() => window.relight.app.control.tone === 'reinhard');
+    } finally {
+      await again.stop();
+    }
+  }));
+
+test('nothing sticks out and all can be reached at any width', async () => {
+  for (const [width, height] of [[320, 640], [390, 844], [844, 390], [1000, 800], [1920, 1080]]) {
+    await withAll(files(), async (page) => {
+      assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth), `${width} wide`);
+      const out = await page.evaluate(() => [...document.querySelectorAll('button, input, select, output, label')]
+        .filter((e) => e.checkVisibility())
+        .filter((e) => { const b = e.getBoundingClientRect(); return b.right > innerWidth + 0.5 || b.left < -0.5 || b.width < 16; })
+        .map((e) => e.id || e.textContent));
+      assert.deepEqual(out, [], `${width} wide`);
+      await page.locator('#set-fps').scrollIntoViewIfNeeded();
+      const picture = await page.locator('#picture').boundingBox();
+      const field = await page.locator('#set-fps').boundingBox();
+      assert.ok(picture.y > -1 && picture.y + picture.height <= height + 1, `the picture is out of sight at ${width}`);
+      assert.ok(width > height || field.y >= picture.y + picture.height, `the picture hides a control at ${width}`);
+    }, { width, height });
+  }
+});
+
+// Relative luminance and contrast as WCAG 2 defines them: text 4.5, the edges of what is operated and the ring of the
+// focus 3.
+test('contrast is enough, dark and light, for who controls and who watches', async () => {
+  for (const hash of ['', '#role=viewer']) {
+    await withAll(SKY, async (page) => {
+      await page.keyboard.press('?');
+      for (const theme of ['dark', 'light']) {
+        await page.evaluate((t) => { document.documentElement.dataset.theme = t; }, theme);
+        const poor = await page.evaluate(() => {
+          const parse = (text) => {
+            const [r, g, b, a = 1] = text.match(/[\d.]+/g).map(Number);
+            return [r, g, b, a];
+          };
+          const over = (top, below) => [0, 1, 2].map((i) => top[i] * top[3] + below[i] * (1 - top[3]));
+          const ground = (e) => {
+            if (!e) return [255, 255, 255];
+            const colour = parse(getComputedStyle(e).backgroundColor);
+            return colour[3] === 1 ? colour.slice(0, 3) : over(colour, ground(e.parentElement));
+          };
+          const light = (rgb) => rgb.map((v) => v / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+            .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+          const contrast = (a, b) => (Math.max(light(a), light(b)) + 0.05) / (Math.min(light(a), light(b)) + 0.05);
+          const found = [];
+          let texts = 0;
+          for (const e of document.querySelectorAll('body *')) {
+            if (!e.checkVisibility() || e.closest('#veil, option, svg')) continue;
+            const name = `${e.tagName} ${e.id} "${e.textContent.trim().slice(0, 20)}"`;
+            const own = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) || e.tagName === 'SELECT';
+            const style = getComputedStyle(e);
+            texts += own;
+            if (own && contrast(over(parse(style.color), ground(e)), ground(e)) < 4.5) found.push(`text ${name}`);
+            const operated = e.matches('button, select, kbd');
+            if (operated && contrast(over(parse(style.borderTopColor), ground(e.parentElement)), ground(e.parentElement)) < 3)
+              found.push(`edge ${name}`);
+          }
+          const root = getComputedStyle(document.documentElement);
+          const paint = document.createElement('canvas').getContext('2d');
+          const variable = (v) => {
+            paint.fillStyle = root.getPropertyValue(v).trim();
+            paint.fillRect(0, 0, 1, 1);
+            return [...paint.getImageData(0, 0, 1, 1).data].slice(0, 3);
+          };
+          for (const on of ['--ground', '--raised'])
+            for (const mark of ['--sun', '--sky', '--good', '--bad', '--edge', '--violet', '--grey'])
+              if (contrast(variable(mark), variable(on)) < 3) found.push(`${mark} on ${on}`);
+          return { found, texts };
+        });
+        assert.ok(poor.texts > 60, `${poor.texts} texts were looked at`);
+        assert.deepEqual(poor.found, [], theme);
+      }
+    }, { hash });
+  }
+});
