@@ -7,9 +7,9 @@
 #include <math.h>
 #include <string.h>
 
-#define ESTIMATES 32                 /* of the reference, at most, */
-#define ESTIMATES_LEAST 8            /* and where a pixel has many packets */
-#define WORK 64                      /* packets to be shaded for it, about */
+#define ESTIMATES 16                 /* of the reference, at most, */
+#define ESTIMATES_LEAST 6            /* and where a pixel has many packets */
+#define WORK 48                      /* packets to be shaded for it, about */
 #define REFERENCE_SEED 0x70726f6265u /* its numbers are none of the picture's */
 #define FIGURE_DIFFUSE 0.3f
 #define FIGURE_SPECULAR 0.5f
