@@ -116,6 +116,7 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, bool an
     const double queued_ms = (double)(clock_ms() - in->ready_ms);
 
     d->looks = now.looks;
+    d->latest = NULL; /* this may be its slot, and its frame is gone */
     const enum err result = piloted ? run_pilot(d, e, &desc, &now, out->rgb, &stats, &pilot)
                                     : relighter_run(relighter, e, &desc, out->rgb, &stats);
     if (result == ERR_UNSUPPORTED || result == ERR_RANGE) { /* this layout, or this size: the picture before stays */

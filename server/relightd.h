@@ -129,7 +129,7 @@ struct daemon {
     uint64_t still_told;          /* of how many passes; 0: none was */
     double still_logged_s;        /* 0: never */
     struct prober *prober;        /* shade thread; NULL until it is wanted */
-    const struct shaded *latest;  /* shade thread: the last picture that was handed on; NULL: none was */
+    const struct shaded *latest;  /* shade thread: the last picture, handed on, of still_frame; NULL: there is none */
     atomic_bool *stirred;         /* set by whoever has something new: ends the pass that is under way */
     atomic_bool reading;          /* a frame is being read */
     struct jpeg_encoder *jpeg;    /* encode thread, and what follows */

@@ -55,11 +55,11 @@ static void a_question_arrives_and_its_answer_returns(void **state)
     assert_int_equal(json_integer_value(json_object_get(m, "request")), 9);
     assert_int_equal(json_integer_value(json_object_get(m, "x")), 319);
     json_decref(m);
-    client_say(&c, "{\"op\":\"probe\",\"x\":0,\"y\":0,\"preset\":null}");
+    client_say(&c, "{\"op\":\"probe\",\"request\":4,\"x\":0,\"y\":0,\"preset\":null}");
     const struct server_probe plain = asked(s);
-    assert_true(plain.samples == 0 && !plain.figure && !plain.sky && plain.request == 0);
+    assert_true(plain.samples == 0 && !plain.figure && !plain.sky && plain.request == 4);
     server_answer_probe(s, &plain, NULL, "no memory");
-    expect_error(&c, "not_offered", "4.15.7", 0);
+    expect_error(&c, "not_offered", "4.15.7", 4);
     client_say(&c, "{\"op\":\"ping\",\"id\":1}");
     client_expect(&c, "pong");
     client_shut(&c);
