@@ -16,7 +16,8 @@ void bounce_destroy(struct bounce *b)
     mem_free(b->groups);
     mem_free(b->blocks);
     mem_free(b->left_index);
-    mem_free(b->block_of);
+    mem_free(b->places);
+    mem_free(b->stream);
     mem_free(b->z);
     bounce_basis_finish(&b->basis);
     mem_free(b);
@@ -60,42 +61,21 @@ static void project_groups(const struct bounce *b)
                 b->kernels->bounce->project(&b->groups[k].pieces[r], b->y, b->basis.count, b->groups[k].z[r]);
 }
 
-/* Blocks are asked for in another order than they lie in, and in good time. */
-static void ask_for(const struct bounce *b, uint32_t first)
-{
-    const uint32_t index = first < b->gbuffer->packet_count ? b->block_of[first] : 0;
-
-    if (index == 0)
-        return;
-    const struct bounce_block *block = &b->blocks[index - 1];
-    const struct bounce_group *g = &b->groups[block->group];
-    for (uint32_t r = 0; r < block->rows; r++) {
-        const size_t bytes =
-            bounce_block_bytes(block->rank[r], bounce_columns(g->pieces[r].rank), block->packets * PACKET);
-        for (size_t i = 0; i < bytes; i += 64)
-            __builtin_prefetch(block->bytes[r] + i);
-    }
-}
-
 static void guest_rows(const void *self, uint32_t first, struct transport_rows *out)
 {
     const struct bounce *b = self;
-    const uint32_t index = b->block_of[first];
+    const struct bounce_place place = b->places[first];
+    const uint32_t points = place.packets * PACKET;
+    const uint8_t *head = b->stream + (size_t)place.at * 8;
+    const int8_t *bytes = (const int8_t *)head + place.rows * sizeof(struct bounce_row);
 
-    out->count = 0;
-    if (index == 0)
-        return;
-    const struct bounce_block *block = &b->blocks[index - 1];
-    const struct bounce_group *g = &b->groups[block->group];
-    ask_for(b, first + block->packets);
-    for (uint32_t r = 0; r < block->rows; r++) {
-        if (!g->pieces[r].bytes || block->rank[r] == 0)
-            memset(out->at[r], 0, sizeof(out->at[r]));
-        else
-            b->kernels->bounce->expand(block->bytes[r], block->rank[r], g->z[r], bounce_columns(g->pieces[r].rank),
-                                       block->packets * PACKET, out->at[r]);
+    for (uint32_t r = 0; r < place.rows; r++, head += sizeof(struct bounce_row)) {
+        struct bounce_row row;
+        memcpy(&row, head, sizeof(row));
+        b->kernels->bounce->expand(bytes, row.rank, b->z + row.z, row.columns, points, out->at[r]);
+        bytes += bounce_block_bytes(row.rank, row.columns, points);
     }
-    out->count = block->rows;
+    out->count = place.rows;
 }
 
 enum err bounce_take(struct bounce *b, const struct environment *e, const struct transport_guest **out)
@@ -117,7 +97,7 @@ enum err bounce_take(struct bounce *b, const struct environment *e, const struct
 /* A block by itself, onto what stands there. */
 static void add_block(const struct bounce *b, const struct bounce_block *block, float *lo)
 {
-    const struct transport_block dark = { .packets = block->packets };
+    const struct transport_block dark = { .packets = block->packets, .kind = b->gbuffer->packets[block->first].kind };
     _Alignas(64) float more[TRANSPORT_PACKETS * 3 * PACKET];
     struct transport_rows rows;
 

@@ -68,40 +68,6 @@ struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *k
     return b;
 }
 
-/* Where frames find each block's bytes, and room for what they make of the groups. */
-static enum err index_blocks(struct bounce *b)
-{
-    size_t floats = 0;
-
-    for (uint32_t k = 0; k < b->group_count; k++)
-        for (uint32_t r = 0; r < b->groups[k].rows; r++)
-            floats += 3 * bounce_columns(b->groups[k].pieces[r].rank);
-    b->z = mem_alloc(floats, sizeof(*b->z));
-    b->block_of = mem_alloc(b->gbuffer->packet_count, sizeof(*b->block_of));
-    if (!b->z || !b->block_of)
-        return ERR_NOMEM;
-    float *z = b->z;
-    for (uint32_t k = 0; k < b->group_count; k++) {
-        struct bounce_group *g = &b->groups[k];
-        for (uint32_t r = 0; r < g->rows; r++) {
-            const struct bounce_piece *q = &g->pieces[r];
-            const int8_t *at = q->bytes ? q->bytes + (size_t)q->rank * 3 * q->basis : NULL;
-            g->z[r] = z;
-            z += 3 * bounce_columns(q->rank);
-            for (uint32_t i = g->first; at && i < g->first + g->count; i++) {
-                b->blocks[i].bytes[r] = at;
-                at += bounce_block_bytes(b->blocks[i].rank[r], bounce_columns(q->rank), b->blocks[i].packets * PACKET);
-            }
-        }
-        for (uint32_t i = g->first; i < g->first + g->count; i++) {
-            b->blocks[i].group = k;
-            b->block_of[b->blocks[i].first] = i + 1;
-        }
-    }
-    b->stats.bytes += floats * sizeof(*b->z) + b->gbuffer->packet_count * sizeof(*b->block_of);
-    return ERR_OK;
-}
-
 enum err bounce_close(struct bounce *b)
 {
     struct bounce_stats *s = &b->stats;
@@ -121,7 +87,7 @@ enum err bounce_close(struct bounce *b)
     }
     s->rank /= fmax(s->pieces, 1.0);
     s->shared /= fmax(s->pieces, 1.0);
-    return index_blocks(b);
+    return bounce_lay_out(b);
 }
 
 enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why)

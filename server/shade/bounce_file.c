@@ -83,6 +83,20 @@ static void write_index(const struct bounce *b, uint8_t *at)
     }
 }
 
+static void save_piece(const struct bounce *b, const struct bounce_group *g, uint32_t row, struct cache_writer *w)
+{
+    const struct bounce_piece *q = &g->pieces[row];
+
+    if (!q->bytes)
+        return;
+    cache_writer_put(w, q->bytes, (size_t)q->rank * 3 * q->basis);
+    for (uint32_t i = g->first; i < g->first + g->count; i++) {
+        const struct bounce_block *block = &b->blocks[i];
+        cache_writer_put(w, bounce_block_row(b, block, row),
+                         bounce_block_bytes(block->rank[row], bounce_columns(q->rank), block->packets * PACKET));
+    }
+}
+
 void bounce_save(const struct bounce *b, const struct digest *key, struct cache_writer *w)
 {
     uint8_t *index = mem_alloc(index_size(b), 1);
@@ -97,8 +111,7 @@ void bounce_save(const struct bounce *b, const struct digest *key, struct cache_
     for (uint32_t k = 0; k < b->group_count; k++) {
         const struct bounce_group *g = &b->groups[k];
         for (uint32_t r = 0; r < g->rows; r++)
-            if (g->pieces[r].bytes)
-                cache_writer_put(w, g->pieces[r].bytes, bounce_piece_bytes(g, b->blocks + g->first, r));
+            save_piece(b, g, r, w);
     }
 }
 

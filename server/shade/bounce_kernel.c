@@ -1,10 +1,6 @@
 /* The loops of the cache of interreflection (bounce_parts.h): compiled once per CPU level, see CMakeLists.txt. */
 #include "bounce_parts.h"
-#include "lanes.h"
-
-#ifdef __AVX2__
-#include <immintrin.h>
-#endif
+#include "half_lanes.h"
 
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
@@ -29,21 +25,6 @@ static inline float sum_lanes(const struct lanes *x)
     memcpy(a, x->v, sizeof(a));
     a[0].v = (a[0].v + a[2].v) + (a[1].v + a[3].v);
     return (a[0].v[0] + a[0].v[2]) + (a[0].v[1] + a[0].v[3]);
-}
-
-/* Sixteen bytes. */
-static inline void widen_bytes(const int8_t *in, struct lanes *out)
-{
-#if defined(__AVX512F__)
-    const __m128i x = _mm_loadu_si128((const __m128i *)(const void *)in);
-    _mm512_store_ps(out->v, _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(x)));
-#elif defined(__AVX2__)
-    const __m128i x = _mm_loadu_si128((const __m128i *)(const void *)in);
-    _mm256_store_ps(out->v, _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(x)));
-    _mm256_store_ps(out->v + 8, _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_srli_si128(x, 8))));
-#else
-    LANES(l) out->v[l] = (float)in[l];
-#endif
 }
 
 static void project(const struct bounce_piece *q, const float *y, uint32_t basis, float *z)

@@ -107,7 +107,8 @@ uint32_t bounce_cell(struct vec3 w, double x);
 
 /* A row of a group's blocks: T = U W V, in bytes of -127 to 127. V [rank][3][basis] comes first, then for each block a
  * gain for each of its ranks, by which their products are multiplied (floats, not aligned), W [its
- * rank][bounce_columns(rank)] and U [its rank][points]. */
+ * rank][bounce_columns(rank)] and U [its rank][points]. What comes behind V goes elsewhere once all is there
+ * (bounce_lay_out). */
 struct bounce_piece {
     int8_t *bytes; /* NULL: all is zero */
     uint32_t rank;
@@ -117,8 +118,19 @@ struct bounce_piece {
 struct bounce_block {
     uint32_t first, packets, rows;
     uint32_t group;
-    uint8_t rank[TRANSPORT_ROWS];        /* below BOUNCE_RANK_MAX */
-    const int8_t *bytes[TRANSPORT_ROWS]; /* of its group's pieces */
+    uint8_t rank[TRANSPORT_ROWS]; /* below BOUNCE_RANK_MAX */
+};
+
+/* Of a block, by its first packet. */
+struct bounce_place {
+    uint32_t at;            /* in bounce.stream, / 8 */
+    uint16_t rows, packets; /* 0: there is none */
+};
+
+/* What stands before a block's bytes for each of its rows. */
+struct bounce_row {
+    uint32_t z; /* its group's: a place in bounce.z */
+    uint16_t rank, columns;
 };
 
 struct bounce_group {
@@ -168,7 +180,8 @@ struct bounce {
     uint32_t block_count;
     struct bounce_group *groups;
     uint32_t group_count;
-    uint32_t *block_of;            /* [packet_count]: the block that begins with a packet, + 1; 0: none */
+    struct bounce_place *places;   /* [packet_count] */
+    uint8_t *stream;               /* of each block its rows' heads, and behind these their bytes */
     float *z;                      /* of all groups */
     float y[3 * BOUNCE_BASIS_MAX]; /* the frame's sky in the basis: [3][basis.count] */
     struct transport_guest guest;
@@ -213,6 +226,12 @@ struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *k
 
 /* Once all is there: where frames find it, bytes and mean ranks. ERR_NOMEM. */
 MUST_CHECK enum err bounce_close(struct bounce *b);
+
+/* Moves the blocks' bytes out of the pieces, which keep V alone, to where frames read them; room for z. ERR_NOMEM. */
+MUST_CHECK enum err bounce_lay_out(struct bounce *b);
+
+/* A row's bytes of a block, once that is done. */
+const int8_t *bounce_block_row(const struct bounce *b, const struct bounce_block *block, uint32_t row);
 
 /* ERR_RANGE. */
 MUST_CHECK enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why);

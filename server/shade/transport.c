@@ -14,11 +14,11 @@ void transport_destroy(struct transport *t)
     if (!t)
         return;
     for (uint32_t k = 0; t->blocks && k < t->block_count; k++) {
-        for (uint32_t r = 0; t->halves && r < TRANSPORT_ROWS; r++)
-            t->blocks[k].pieces[r].halves = NULL; /* which are not its own */
+        for (uint32_t r = 0; t->bytes && r < TRANSPORT_ROWS; r++)
+            t->blocks[k].pieces[r].bytes = NULL; /* which are not its own */
         transport_block_finish(&t->blocks[k]);
     }
-    mem_free(t->halves);
+    mem_free(t->bytes);
     mem_free(t->blocks);
     mem_free(t->fades);
     mem_free(t->unbuilt_index);
@@ -34,13 +34,12 @@ uint64_t transport_steps(const struct gbuffer *g)
     return g->packet_count;
 }
 
-/* Halves that a piece takes among others, in whole cache lines. */
+/* Bytes that a piece takes among others, in whole cache lines. */
 static size_t place_of(const struct transport_piece *q, const struct transport_block *b)
 {
-    const size_t line = MEM_ALIGN / sizeof(uint16_t);
-    const size_t halves = (size_t)transport_piece_bytes(q, b->packets * PACKET) / sizeof(uint16_t);
+    const size_t bytes = (size_t)transport_piece_bytes(q, b->packets * PACKET);
 
-    return (halves + line - 1) / line * line;
+    return (bytes + MEM_ALIGN - 1) / MEM_ALIGN * MEM_ALIGN;
 }
 
 /* Blocks are built in no order, by several threads. A frame that reads them one after the other takes two thirds of the
@@ -49,23 +48,23 @@ void transport_gather(struct transport *t)
 {
     size_t count = 0;
 
-    if (t->fades || t->halves)
+    if (t->fades || t->bytes)
         return;
     for (uint32_t k = 0; k < t->block_count; k++)
         for (uint32_t r = 0; r < t->blocks[k].rows; r++)
             count += place_of(&t->blocks[k].pieces[r], &t->blocks[k]);
-    t->halves = mem_alloc_raw(count, sizeof(*t->halves));
-    if (!t->halves)
+    t->bytes = mem_alloc_raw(count, 1);
+    if (!t->bytes)
         return;
-    uint16_t *to = t->halves;
+    uint8_t *to = t->bytes;
     for (uint32_t k = 0; k < t->block_count; k++)
         for (uint32_t r = 0; r < t->blocks[k].rows; r++) {
             struct transport_piece *q = &t->blocks[k].pieces[r];
-            if (!q->halves)
+            if (!q->bytes)
                 continue;
-            memcpy(to, q->halves, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
-            mem_free(q->halves);
-            q->halves = to;
+            memcpy(to, q->bytes, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
+            mem_free(q->bytes);
+            q->bytes = to;
             to += place_of(q, &t->blocks[k]);
         }
 }

@@ -55,7 +55,8 @@ struct transport_stats {
     uint64_t rays;  /* traced for it */
     uint32_t packets;
     uint32_t narrow;              /* of these with lobes narrower than a cell */
-    uint32_t blocks, pieces, raw; /* a piece is one row of a block; raw: not compressed */
+    uint32_t blocks, pieces, raw; /* a piece is one row of a block; raw: not compressed, */
+    uint32_t halves;              /* and compressed to half floats, where bytes would not do */
     double rank;                  /* mean of those that are */
 };
 

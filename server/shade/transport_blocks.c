@@ -62,7 +62,7 @@ static uint32_t lay_out(const struct gbuffer *g, struct transport_block *blocks)
         const uint32_t rows = narrow ? 1 : rows_of(p);
         if (count == 0 || b.packets == TRANSPORT_PACKETS || b.rows != rows || b.narrow != narrow ||
             g->packets[b.first].kind != p->kind) {
-            b = (struct transport_block){ .first = i, .rows = rows, .narrow = narrow };
+            b = (struct transport_block){ .first = i, .kind = p->kind, .rows = rows, .narrow = narrow };
             count++;
         }
         b.packets++;
@@ -122,8 +122,9 @@ void transport_count_block(struct transport *t, const struct transport_block *b)
         const struct transport_piece *q = &b->pieces[r];
         t->stats.bytes += transport_piece_bytes(q, points);
         t->stats.dense += sizeof(uint16_t) * (uint64_t)points * TRANSPORT_CELLS;
-        t->stats.raw += q->raw;
-        t->stats.rank += q->raw ? 0 : q->rank;
+        t->stats.raw += q->form == TRANSPORT_RAW;
+        t->stats.halves += q->bytes && q->form == TRANSPORT_HALVES;
+        t->stats.rank += q->form == TRANSPORT_RAW ? 0 : q->rank;
         t->stats.pieces++;
     }
 }
@@ -163,8 +164,8 @@ uint64_t transport_block_bytes(const struct transport_block *b)
 void transport_block_finish(struct transport_block *b)
 {
     for (uint32_t r = 0; r < TRANSPORT_ROWS; r++) {
-        mem_free(b->pieces[r].halves);
-        b->pieces[r] = (struct transport_piece){ .halves = NULL };
+        mem_free(b->pieces[r].bytes);
+        b->pieces[r] = (struct transport_piece){ .bytes = NULL };
     }
     mem_free(b->gazes);
     b->gazes = NULL;

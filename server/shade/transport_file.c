@@ -8,12 +8,12 @@
 #include <string.h>
 
 /* To be counted up whenever the same scene would get another transport: other directions, weights, rows, blocks. */
-#define FORMAT 5
+#define FORMAT 6
 
-static const char index_name[] = "transport.index", halves_name[] = "transport.halves",
+static const char index_name[] = "transport.index", pieces_name[] = "transport.pieces",
                   gazes_name[] = "transport.gazes", sights_name[] = "transport.sights";
 
-/* The index: a head, and the pieces of all blocks in their order; the halves stand behind each other in the same. */
+/* The index: a head, and the pieces of all blocks in their order; their bytes stand behind each other in the same. */
 struct head {
     uint32_t blocks, pieces;
     uint64_t rays;
@@ -22,7 +22,7 @@ struct head {
 struct record {
     uint32_t rank;
     float scale;
-    uint8_t raw, chunk_count;
+    uint8_t form, chunk_count;
     uint8_t chunks[TRANSPORT_CHUNKS];
     uint8_t zero[2];
 };
@@ -62,17 +62,18 @@ void transport_save(const struct transport *t, const struct digest *key, struct 
         for (uint32_t k = 0; k < t->block_count; k++)
             for (uint32_t r = 0; r < t->blocks[k].rows; r++, at += sizeof(struct record)) {
                 const struct transport_piece *q = &t->blocks[k].pieces[r];
-                struct record record = { q->halves ? q->rank : 0, q->scale, q->raw, q->chunk_count, { 0 }, { 0 } };
+                struct record record = { q->bytes ? q->rank : 0, q->scale, (uint8_t)q->form,
+                                         q->chunk_count,         { 0 },    { 0 } };
                 memcpy(record.chunks, q->chunks, q->chunk_count);
                 memcpy(at, &record, sizeof(record));
             }
     }
     cache_writer_give(w, index, size);
-    cache_writer_section(w, halves_name, key);
+    cache_writer_section(w, pieces_name, key);
     for (uint32_t k = 0; k < t->block_count; k++)
         for (uint32_t r = 0; r < t->blocks[k].rows; r++) {
             const struct transport_piece *q = &t->blocks[k].pieces[r];
-            cache_writer_put(w, q->halves, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
+            cache_writer_put(w, q->bytes, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
         }
     cache_writer_section(w, gazes_name, key);
     for (uint32_t k = 0; k < t->block_count; k++)
@@ -89,14 +90,14 @@ static enum err refuse(const struct cache_reader *r, struct reason *why, const c
     return err_say(why, ERR_FORMAT, "%.200s: %s", cache_reader_path(r), what);
 }
 
-/* Whatever stands in a record, the loops that read the piece stay within its halves and the sky's cells. */
+/* Whatever stands in a record, the loops that read the piece stay within its bytes and the sky's cells. */
 static bool is_sound(const struct record *record, uint32_t points)
 {
     int exponent;
 
-    if (record->raw > 1 || record->chunk_count > TRANSPORT_CHUNKS || record->rank > points)
+    if (record->form > TRANSPORT_BYTES || record->chunk_count > TRANSPORT_CHUNKS || record->rank > points)
         return false;
-    if (record->raw && record->rank != points)
+    if (record->form == TRANSPORT_RAW && record->rank != 0 && record->rank != points)
         return false;
     if (record->rank > 0 && record->chunk_count == 0)
         return false;
@@ -110,8 +111,8 @@ static bool is_sound(const struct record *record, uint32_t points)
 
 static uint64_t bytes_of(const struct record *record, uint32_t points)
 {
-    const uint64_t cells = (uint64_t)record->chunk_count * TRANSPORT_CHUNK;
-    return sizeof(uint16_t) * record->rank * (cells + (record->raw ? 0 : points));
+    const uint64_t u = record->form == TRANSPORT_RAW ? 0 : sizeof(uint16_t) * (uint64_t)record->rank * points;
+    return transport_head((enum transport_form)record->form, record->rank, record->chunk_count) + u;
 }
 
 static uint32_t count_pieces(const struct transport *t)
@@ -123,7 +124,7 @@ static uint32_t count_pieces(const struct transport *t)
     return count;
 }
 
-/* All of the index into `records`, and how many bytes of halves it promises. */
+/* All of the index into `records`, and how many bytes of pieces it promises. */
 static enum err read_index(struct cache_reader *r, const struct digest *key, struct transport *t,
                            struct record *records, uint64_t *bytes, struct reason *why)
 {
@@ -161,30 +162,46 @@ static bool all_finite(const uint16_t *halves, size_t count)
     return bad == 0;
 }
 
+/* Any bytes will do for V; halves and gains are finite. */
+static bool has_sound_numbers(const struct transport_piece *q, size_t bytes)
+{
+    const uint32_t gains = transport_gains(q->form, q->rank);
+    const size_t before = q->form == TRANSPORT_BYTES ? transport_head(q->form, q->rank, q->chunk_count) : 0;
+
+    for (uint32_t k = 0; k < gains; k++) {
+        float gain;
+        memcpy(&gain, q->bytes + k * sizeof(gain), sizeof(gain));
+        if (!(gain >= 0.0f && gain < 1e6f))
+            return false;
+    }
+    return all_finite((const uint16_t *)(const void *)(q->bytes + before), (bytes - before) / sizeof(uint16_t));
+}
+
 static enum err read_piece(struct cache_reader *r, const struct record *record, uint32_t points,
                            struct transport_piece *q, struct reason *why)
 {
     const size_t bytes = (size_t)bytes_of(record, points);
 
-    *q = (struct transport_piece){
-        .rank = record->rank, .scale = record->scale, .raw = record->raw, .chunk_count = record->chunk_count
-    };
+    *q = (struct transport_piece){ .rank = record->rank,
+                                   .scale = record->scale,
+                                   .form = (enum transport_form)record->form,
+                                   .chunk_count = record->chunk_count };
     memcpy(q->chunks, record->chunks, record->chunk_count);
     if (bytes == 0)
         return ERR_OK;
-    q->halves = mem_alloc_raw(bytes, 1);
-    if (!q->halves)
+    q->bytes = mem_alloc_raw(bytes, 1);
+    if (!q->bytes)
         return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
-    const enum err e = cache_reader_get(r, q->halves, bytes, why);
+    const enum err e = cache_reader_get(r, q->bytes, bytes, why);
     if (e)
         return e;
-    return all_finite(q->halves, bytes / sizeof(uint16_t)) ? ERR_OK : refuse(r, why, "holds numbers that cannot be");
+    return has_sound_numbers(q, bytes) ? ERR_OK : refuse(r, why, "holds numbers that cannot be");
 }
 
-static enum err read_halves(struct cache_reader *r, const struct digest *key, struct transport *t,
+static enum err read_pieces(struct cache_reader *r, const struct digest *key, struct transport *t,
                             const struct record *records, uint64_t bytes, uint64_t max_bytes, struct reason *why)
 {
-    enum err e = cache_reader_find(r, halves_name, key, why);
+    enum err e = cache_reader_find(r, pieces_name, key, why);
 
     if (!e && cache_reader_left(r) != bytes)
         e = refuse(r, why, "holds more or less than it says");
@@ -259,7 +276,7 @@ enum err transport_load(struct cache_reader *r, const struct digest *key, const 
     if (!e)
         e = read_index(r, key, t, records, &bytes, why);
     if (!e)
-        e = read_halves(r, key, t, records, bytes, transport_resolve(desc).max_bytes, why);
+        e = read_pieces(r, key, t, records, bytes, transport_resolve(desc).max_bytes, why);
     if (!e)
         e = read_gazes(r, key, t, why);
     if (!e)

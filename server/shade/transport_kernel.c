@@ -25,6 +25,8 @@ static void widen(const uint16_t *in, float *out, uint32_t n)
 
 /* ---- A frame ---- */
 
+#define AHEAD 2048 /* bytes of V: as long as memory takes to answer */
+
 /* Sixteen partial sums of each of n, in one order at all levels. */
 static inline void sum_lanes(const struct lanes *x, uint32_t n, float *out)
 {
@@ -41,14 +43,18 @@ static inline void sum_lanes(const struct lanes *x, uint32_t n, float *out)
 }
 
 /* Adds up rows of V that stand side by side, times the sky. */
-static inline void project_rows(const struct transport_piece *q, const struct transport_sky *sky, const uint16_t *v,
-                                uint32_t rows, struct lanes sum[TRANSPORT_TOGETHER][3])
+static inline void project_rows(const struct transport_piece *q, const struct transport_sky *sky, const uint8_t *v,
+                                bool bytes, uint32_t rows, struct lanes sum[TRANSPORT_TOGETHER][3])
 {
     for (uint32_t i = 0; i < q->chunk_count; i++) {
         const float(*cells)[TRANSPORT_CHUNK] = sky->cells[q->chunks[i]];
-        for (uint32_t r = 0; r < rows; r++, v += TRANSPORT_CHUNK) {
+        __builtin_prefetch(v + AHEAD); /* across pages, where the processor does not go by itself */
+        for (uint32_t r = 0; r < rows; r++, v += bytes ? TRANSPORT_CHUNK : 2 * TRANSPORT_CHUNK) {
             struct lanes x;
-            widen_lanes(v, &x);
+            if (bytes)
+                widen_bytes((const int8_t *)v, &x);
+            else
+                widen_lanes((const uint16_t *)(const void *)v, &x);
             LANES(l)
             {
                 sum[r][0].v[l] += x.v[l] * cells[0][l];
@@ -60,24 +66,34 @@ static inline void project_rows(const struct transport_piece *q, const struct tr
 }
 
 /* y [rank][3] = V times the sky, by colours. */
-static void project(const struct transport_piece *q, const struct transport_sky *sky, float y[][3])
+static inline void project_form(const struct transport_piece *q, const struct transport_sky *sky, bool bytes,
+                                float y[][3])
 {
-    const uint16_t *v = q->halves;
+    const float *gains = (const float *)(const void *)q->bytes;
+    const uint8_t *v = q->bytes + transport_gains(q->form, q->rank) * sizeof(float);
 
     for (uint32_t first = 0; first < q->rank; first += TRANSPORT_TOGETHER) {
         const uint32_t rows = q->rank - first < TRANSPORT_TOGETHER ? q->rank - first : TRANSPORT_TOGETHER;
         struct lanes sum[TRANSPORT_TOGETHER][3];
         memset(sum, 0, sizeof(sum));
         if (rows == TRANSPORT_TOGETHER)
-            project_rows(q, sky, v, TRANSPORT_TOGETHER, sum);
+            project_rows(q, sky, v, bytes, TRANSPORT_TOGETHER, sum);
         else
-            project_rows(q, sky, v, rows, sum);
-        v += (size_t)rows * q->chunk_count * TRANSPORT_CHUNK;
+            project_rows(q, sky, v, bytes, rows, sum);
+        v += (size_t)rows * q->chunk_count * TRANSPORT_CHUNK * (bytes ? 1 : sizeof(uint16_t));
         sum_lanes(sum[0], 3 * rows, y[first]);
         for (uint32_t r = first; r < first + rows; r++)
             for (int c = 0; c < 3; c++)
-                y[r][c] *= q->scale;
+                y[r][c] *= bytes ? gains[r] : q->scale;
     }
+}
+
+static void project(const struct transport_piece *q, const struct transport_sky *sky, float y[][3])
+{
+    if (q->form == TRANSPORT_BYTES)
+        project_form(q, sky, true, y);
+    else
+        project_form(q, sky, false, y);
 }
 
 /* One packet's sums out of U and y. */
@@ -98,9 +114,9 @@ static inline void expand_packet(const uint16_t *u, uint32_t rank, float y[][3],
 
 static void take_packet(const struct transport_piece *q, float y[][3], uint32_t packet, struct lanes out[3])
 {
-    const uint16_t *u = q->halves + (size_t)q->rank * q->chunk_count * TRANSPORT_CHUNK;
+    const uint16_t *u = (const uint16_t *)(const void *)(q->bytes + transport_head(q->form, q->rank, q->chunk_count));
 
-    if (!q->raw) {
+    if (q->form != TRANSPORT_RAW) {
         expand_packet(u + (size_t)packet * q->rank * PACKET, q->rank, y, out);
         return;
     }
@@ -114,7 +130,7 @@ static void expand(const struct transport_piece *q, const struct transport_sky *
     float y[TRANSPORT_POINTS][3];
 
     memset(out, 0, 3 * TRANSPORT_POINTS * sizeof(float));
-    if (!q->halves)
+    if (!q->bytes)
         return;
     project(q, sky, y);
     for (uint32_t k = 0; k < points / PACKET; k++) {
@@ -125,9 +141,25 @@ static void expand(const struct transport_piece *q, const struct transport_sky *
     }
 }
 
+/* lo += colour of the row * x. What of a packet a row does not ask for is not read: it stands far off. */
+static inline void colour_row(const struct shade_packet *p, bool ggx, uint32_t row, int c, const struct lanes *x,
+                              float *lo)
+{
+    const float *f0 = p->specular[c], *diffuse = p->diffuse[c];
+
+    if (row == 0 && ggx)
+        LANES(l) lo[l] += (1.0f - f0[l]) * (1.0f - f0[l]) * diffuse[l] * x->v[l];
+    else if (row == 0)
+        LANES(l) lo[l] += diffuse[l] * x->v[l];
+    else if (row == 1)
+        LANES(l) lo[l] += f0[l] * x->v[l];
+    else
+        LANES(l) lo[l] += x->v[l];
+}
+
 /* A compressed row may come out below 0 by its error, radiance may not. more: [3][TRANSPORT_POINTS] from the packet's
  * first lane on, or NULL. */
-static inline void add_coloured(const struct shade_packet *p, uint32_t row, const struct lanes sum[3],
+static inline void add_coloured(const struct shade_packet *p, bool ggx, uint32_t row, const struct lanes sum[3],
                                 const float *more, float *lo)
 {
     for (int c = 0; c < 3; c++) {
@@ -137,8 +169,21 @@ static inline void add_coloured(const struct shade_packet *p, uint32_t row, cons
             const float *from = more + (size_t)c * TRANSPORT_POINTS;
             LANES(l) x.v[l] += from[l] > 0.0f ? from[l] : 0.0f;
         }
-        LANES(l) lo[c * PACKET + l] += transport_row_colour(p, row, c, (uint32_t)l) * x.v[l];
+        colour_row(p, ggx, row, c, &x, lo + c * PACKET);
     }
+}
+
+/* What comes to be read at the block's end, and far apart, is asked for at its beginning. */
+static inline void ask_for_colours(const struct transport_block *b, const struct shade_packet *packets)
+{
+    const bool shines = b->kind != LOBE_LAMBERT;
+
+    for (uint32_t k = 0; k < b->packets; k++)
+        for (int c = 0; c < 3; c++) {
+            __builtin_prefetch(packets[k].diffuse[c]);
+            if (shines)
+                __builtin_prefetch(packets[k].specular[c]);
+        }
 }
 
 static void cells(const struct transport_block *b, const struct shade_packet *packets, const struct transport_sky *sky,
@@ -146,13 +191,11 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
 {
     const uint32_t added = more ? more->count : 0, rows = b->rows > added ? b->rows : added;
 
+    ask_for_colours(b, packets);
     memset(lo, 0, (size_t)b->packets * 3 * PACKET * sizeof(float));
-    for (uint32_t k = 0; k < b->packets; k++)
-        for (int c = 0; c < 3; c++)
-            __builtin_prefetch(packets[k].diffuse[c]);
     for (uint32_t r = 0; r < rows; r++) {
         const struct transport_piece *q = &b->pieces[r];
-        const bool has = r < b->rows && q->halves;
+        const bool has = r < b->rows && q->bytes;
         const float *from = r < added ? more->at[r][0] : NULL;
         float y[TRANSPORT_POINTS][3];
         if (has)
@@ -161,7 +204,8 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
             struct lanes sum[3] = { { { 0.0f } } };
             if (has)
                 take_packet(q, y, k, sum);
-            add_coloured(&packets[k], r, sum, from ? from + (size_t)k * PACKET : NULL, lo + (size_t)k * 3 * PACKET);
+            add_coloured(&packets[k], b->kind == LOBE_GGX, r, sum, from ? from + (size_t)k * PACKET : NULL,
+                         lo + (size_t)k * 3 * PACKET);
         }
     }
 }

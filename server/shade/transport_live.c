@@ -8,7 +8,7 @@
 
 struct transport_live {
     struct transport *cache; /* the frame's thread; its fades are NULL once all is built and has taken its place */
-    struct transport *built; /* the builder: its pieces' halves belong to the slots and the cache */
+    struct transport *built; /* the builder: its pieces' bytes belong to the slots and the cache */
     struct transport_desc desc;
     struct transport_block *_Atomic *slots; /* [block_count]: finished and not taken, or NULL */
     uint32_t *block_bytes;                  /* [block_count]: of its newest version */

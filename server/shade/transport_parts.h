@@ -29,14 +29,22 @@ struct transport_matrix {
     _Alignas(64) float at[TRANSPORT_CELLS][TRANSPORT_POINTS];
 };
 
-/* The row compressed: T = U V, both half floats. V comes first, TRANSPORT_TOGETHER of its rows side by side (the last
- * ones fewer) and within them chunk by chunk; U follows packet by packet, [points / 16][rank][16]. raw: T itself, its
- * points being V's rows. Cells that are zero for all points are left out in chunks. */
+/* How V is kept. */
+enum transport_form {
+    TRANSPORT_HALVES, /* half floats */
+    TRANSPORT_RAW,    /* likewise, but it is T itself, and there is no U */
+    TRANSPORT_BYTES,  /* -127 to 127, each row with a gain of its own */
+};
+
+/* The row compressed: T = U V. V comes first, TRANSPORT_TOGETHER of its rows side by side (the last ones fewer) and
+ * within them chunk by chunk, of bytes behind the gains of its rows (transport_gains); U follows packet by packet,
+ * [points / 16][rank][16], half floats. Raw: T itself, its points being V's rows. Cells that are zero for all points
+ * are left out in chunks. */
 struct transport_piece {
-    uint16_t *halves; /* NULL: all is zero */
-    uint32_t rank;    /* rows of V */
-    float scale;      /* V is kept divided by it, a power of two, so that its largest entry is about 2^14 */
-    bool raw;
+    uint8_t *bytes; /* aligned to 64; NULL: all is zero */
+    uint32_t rank;  /* rows of V */
+    float scale;    /* V's halves are kept divided by it, a power of two, so that its largest entry is about 2^14 */
+    enum transport_form form;
     uint8_t chunk_count;
     uint8_t chunks[TRANSPORT_CHUNKS]; /* ascending */
 };
@@ -57,6 +65,7 @@ struct transport_sight {
 
 struct transport_block {
     uint32_t first, packets;      /* of the G-buffer */
+    uint32_t kind;                /* of their lobes: enum lobe_kind */
     uint32_t rows;                /* that have pieces: of narrow lobes the matte one alone */
     bool narrow;                  /* lobes narrower than a cell: */
     struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until it is built */
@@ -101,6 +110,19 @@ struct transport_look {
     float level;
     double per_energy; /* few n^2 / 4 over the bright part's energy; 0: there is none */
 };
+
+/* Floats before V: the gains, in whole cache lines. */
+static inline uint32_t transport_gains(enum transport_form form, uint32_t rank)
+{
+    return form == TRANSPORT_BYTES ? (rank + PACKET - 1) / PACKET * PACKET : 0;
+}
+
+/* Bytes before U. */
+static inline size_t transport_head(enum transport_form form, uint32_t rank, uint32_t chunks)
+{
+    return transport_gains(form, rank) * sizeof(float) +
+           (size_t)rank * chunks * TRANSPORT_CHUNK * (form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
+}
 
 /* What a packet has seen of the bright part: a bit for each lane that faces it. */
 struct transport_view {
@@ -197,7 +219,7 @@ struct transport {
     uint32_t block_count;
     struct transport_stats stats;
     struct transport_fade *fades; /* [block_count]; NULL: all blocks are there */
-    uint16_t *halves;             /* of all pieces, once they stand together; else NULL, and each has its own */
+    uint8_t *bytes;               /* of all pieces, once they stand together; else NULL, and each has its own */
     uint32_t *narrow_index;
     struct packet_list narrow;
     uint32_t *unbuilt_index;

@@ -291,7 +291,7 @@ static void every_level_gives_the_same_interreflection(void **state)
             const uint32_t rank = ranks[i / 4], points = (uint32_t)(i % 4 + 1) * PACKET;
             const struct bounce_piece q = { bytes, rank, BASIS - PACKET };
             const float gain = 0.01f, weight[3] = { 0.3f, -0.7f, 0.11f };
-            const struct transport_block dark = { .packets = points / PACKET };
+            const struct transport_block dark = { .packets = points / PACKET, .kind = (uint32_t)kind };
             float want[3][TRANSPORT_POINTS] = { { 0.0f } }, want_lo[TRANSPORT_PACKETS * 3 * PACKET],
                   want_sum[3 * BASIS];
             for (uint32_t k = 0; k < rank; k++)

@@ -243,7 +243,7 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     set_up(&s);
     struct transport *made = make(&s);
     const struct transport_piece *q = &made->blocks[0].pieces[0];
-    assert_true(q->halves && q->chunk_count > 2 && q->chunk_count < TRANSPORT_CHUNKS && !q->raw);
+    assert_true(q->bytes && q->chunk_count > 2 && q->chunk_count < TRANSPORT_CHUNKS && q->form == TRANSPORT_BYTES);
     store(&s, made);
     uint8_t *good = mem_alloc(s.size, 1);
     memcpy(good, s.bytes, s.size);
@@ -256,14 +256,18 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     for (size_t k = 0; k < sizeof(scales) / sizeof(scales[0]); k++)
         assert_forged_record_refused(&s, good, first + 4, &scales[k], 4);
     assert_forged_record_refused(&s, good, first + 8, &(uint8_t){ 1 }, 1);
-    assert_forged_record_refused(&s, good, first + 8, &(uint8_t){ 2 }, 1);
+    assert_forged_record_refused(&s, good, first + 8, &(uint8_t){ TRANSPORT_HALVES }, 1);
+    assert_forged_record_refused(&s, good, first + 8, &(uint8_t){ TRANSPORT_BYTES + 1 }, 1);
     assert_forged_record_refused(&s, good, first + 9, &(uint8_t){ 255 }, 1);
     assert_forged_record_refused(&s, good, first + 9, &(uint8_t){ (uint8_t)(q->chunk_count - 1) }, 1);
     assert_forged_record_refused(&s, good, first + 11, &q->chunks[0], 1);
     assert_forged_record_refused(&s, good, first + 9 + q->chunk_count, &(uint8_t){ TRANSPORT_CHUNKS }, 1);
     const size_t gazes = made->stats.narrow * TRANSPORT_GAZES * sizeof(struct transport_gaze);
     const size_t gazes_end = s.size - made->block_count * sizeof(struct transport_sight);
-    const size_t halves_end = gazes_end - gazes;
+    const size_t pieces_end = gazes_end - gazes;
+    size_t pieces = 0;
+    for (uint32_t k = 0; k < made->block_count; k++)
+        pieces += transport_block_bytes(&made->blocks[k]) - transport_gaze_bytes(&made->blocks[k]);
     assert_true(made->stats.narrow > 0); /* the last section but one: directions, then light, then density */
     for (size_t k = 0; k < 6; k++) {
         static const float bad[6] = { NAN, INFINITY, 4.0f, -1.0f, NAN, INFINITY };
@@ -273,8 +277,12 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
         assert_forged_record_refused(&s, good, index + 4 * k, &(uint32_t){ 0 }, 4);
         assert_forged_record_refused(&s, good, index + 4 * k, &(uint32_t){ UINT32_MAX }, 4);
     }
-    assert_forged_record_refused(&s, good, halves_end - 2, &(uint16_t){ 0x7c00 }, 2);   /* infinite */
-    assert_forged_record_refused(&s, good, halves_end - 200, &(uint16_t){ 0xfc01 }, 2); /* no number */
+    assert_forged_record_refused(&s, good, pieces_end - 2, &(uint16_t){ 0x7c00 }, 2);  /* infinite */
+    assert_forged_record_refused(&s, good, pieces_end - 32, &(uint16_t){ 0xfc01 }, 2); /* no number */
+    for (uint32_t k = 0; k < 4; k++) {
+        static const float bad[4] = { NAN, INFINITY, -1.0f, 1e7f };
+        assert_forged_record_refused(&s, good, pieces_end - pieces, &bad[k], sizeof(float));
+    }
     mem_free(good);
     transport_destroy(made);
     tear_down(&s);
