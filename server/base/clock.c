@@ -19,6 +19,11 @@ double clock_seconds(void)
     return (double)read_ns(CLOCK_MONOTONIC) * 1e-9;
 }
 
+double clock_processor(void)
+{
+    return (double)read_ns(CLOCK_PROCESS_CPUTIME_ID) * 1e-9;
+}
+
 int64_t clock_wall_us(void)
 {
     return read_ns(CLOCK_REALTIME) / 1000;

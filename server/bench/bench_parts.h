@@ -65,9 +65,10 @@ MUST_CHECK enum err bench_part_create(struct bench *b, uint32_t samples, struct 
 MUST_CHECK enum err bench_part_replay(void *part);
 void bench_part_destroy(struct part *p); /* NULL is allowed */
 
-/* Pictures a second of the whole pipeline, lit by this relighter as `light` says: fills the row's figures. */
+/* Pictures a second of the whole pipeline, lit by this relighter as `light` says: fills the row's figures. *processor:
+ * seconds a picture, of all threads. */
 MUST_CHECK enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct relight_desc *light,
-                                        struct bench_row *row);
+                                        struct bench_row *row, double *processor);
 
 /* One picture of a set, as far as it depends on its size: light, exposure, tone curve, JPEG. */
 struct picture_maker {

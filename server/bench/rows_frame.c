@@ -38,6 +38,7 @@ struct pipeline {
     int count;          /* of pictures in one run */
     enum err failed[3]; /* by stage */
     double seconds;     /* per picture, of the last run */
+    double processor;   /* likewise, of all threads */
     bool borrowed;      /* the relighter is not ours */
 };
 
@@ -82,7 +83,7 @@ static void *encode_main(void *arg)
 static void light_all(struct pipeline *p)
 {
     struct relight_stats stats;
-    double start = 0.0;
+    double start = 0.0, processor = 0.0;
 
     for (int i = 0; i < WARM + p->count && !p->failed[1]; i++) {
         int sky;
@@ -95,10 +96,13 @@ static void light_all(struct pipeline *p)
         handoff_publish(&p->pictures, slot);
         while (!handoff_wait_taken(&p->pictures, 100) && !p->failed[2])
             continue;
-        if (i == WARM - 1)
+        if (i == WARM - 1) {
             start = clock_seconds();
+            processor = clock_processor();
+        }
     }
     p->seconds = (clock_seconds() - start) / p->count;
+    p->processor = (clock_processor() - processor) / p->count;
 }
 
 static enum err pipeline_run(struct pipeline *p)
@@ -299,9 +303,9 @@ enum err bench_threads_whole(struct bench *b, struct bench_row *row)
 }
 
 enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct relight_desc *light,
-                             struct bench_row *row)
+                             struct bench_row *row, double *processor)
 {
-    double rate[BENCH_ROUNDS_MAX];
+    double rate[BENCH_ROUNDS_MAX], busy[BENCH_ROUNDS_MAX];
     struct pipeline p;
     enum err e = pipeline_init(&p, b, r, light);
 
@@ -311,10 +315,12 @@ enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct 
     for (int i = 0; i < rounds && !e; i++) {
         e = pipeline_run(&p);
         rate[i] = 1.0 / p.seconds;
+        busy[i] = p.processor;
         progress_step(&b->line, 1);
     }
     if (!e)
         row->ours = row->ratio = bench_median(rate, rounds);
+    *processor = e ? 0.0 : bench_median(busy, rounds);
     row->rounds = rounds;
     row->alone = true;
     pipeline_finish(&p);
