@@ -63,7 +63,7 @@ class Probe {
     this.lobes = toggle('probe-lobes', 'Samples of the material too', false);
     this.follow = toggle('probe-follow', 'Follow this pixel from picture to picture', true);
     this.samples = element('select', { id: 'probe-samples' },
-      ...['', '16', '64', '256'].map((n) => element('option', { value: n, text: n || 'as the picture' })));
+      ...['', '16', '64', '256'].map((n) => element('option', { value: n, text: n || 'as the picture', selected: n === '64' })));
     this.preset = element('button', { type: 'button', id: 'probe-preset', text: 'As in Fig. 1', attributes: { 'aria-pressed': 'false' },
       title: '50 samples and a Phong exponent of 150, as Fig. 1 of Lu, Pacanowski and Granier 2013' });
     this.save = element('button', { type: 'button', id: 'probe-save', text: 'Save as JSON' });
@@ -116,6 +116,18 @@ class Probe {
     this.pixel = { x, y };
     this.sayHint();
     this.ask();
+    this.bringIn();
+  }
+
+  // On a narrow window the panel is far below the picture, which stays at the top.
+  bringIn() {
+    const section = this.shown.closest('section');
+    if (document.body.classList.contains('plain')) this.app.say('Press I for the panels: there it says where the light comes from');
+    section.querySelector('details').open = true;
+    const stage = document.getElementById('stage');
+    const sticky = getComputedStyle(stage).position === 'sticky' ? stage.offsetHeight : 0;
+    section.style.scrollMarginTop = `${sticky}px`;
+    if (section.getBoundingClientRect().top > window.innerHeight - 160) section.scrollIntoView({ block: 'start' });
   }
 
   // One question at a time, as the server has it.

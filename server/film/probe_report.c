@@ -17,7 +17,8 @@ struct prober {
     const struct kernels *kernels;
     struct probe *probe;
     struct jpeg_encoder *jpeg;
-    struct probe_answer answer; /* too large for a stack */
+    struct probe_answer answer;          /* too large for a stack */
+    double row_cosine[PROBE_SKY_HEIGHT]; /* of the polar angle of each row of the sky */
     float sky[3 * PROBE_SKY_WIDTH * PROBE_SKY_HEIGHT];
     uint8_t display[3 * PROBE_SKY_WIDTH * PROBE_SKY_HEIGHT];
 };
@@ -32,6 +33,8 @@ struct prober *prober_create(const struct set *set, const struct kernels *kernel
     p->kernels = kernels;
     p->probe = probe_create(kernels);
     p->jpeg = jpeg_encoder_create();
+    for (uint32_t y = 0; y < PROBE_SKY_HEIGHT; y++)
+        p->row_cosine[y] = cos(PI * (y + 0.5) / PROBE_SKY_HEIGHT);
     if (!p->probe || !p->jpeg) {
         prober_destroy(p);
         return NULL;
@@ -230,20 +233,31 @@ static json_t *base64(const uint8_t *bytes, size_t size)
     return s;
 }
 
-/* The sky that is sampled, not the picture it was made of, under an exposure of its own. */
+/* The sky as an eye as wide as a pixel sees it, so that a small sun is not missed. */
+static void paint_sky(struct prober *p, const struct environment *e)
+{
+    const float width = (float)(PI / PROBE_SKY_HEIGHT);
+
+    environment_complete_pyramid(e);
+#pragma omp parallel for schedule(static)
+    for (uint32_t x = 0; x < PROBE_SKY_WIDTH; x++) {
+        const double phi = PI - 2.0 * PI * (x + 0.5) / PROBE_SKY_WIDTH, sine = sin(phi), cosine = cos(phi);
+        for (uint32_t y = 0; y < PROBE_SKY_HEIGHT; y++) {
+            const double up = p->row_cosine[y], r = sqrt(1.0 - up * up);
+            environment_look_wide(e, vec3_make((float)(r * sine), (float)up, (float)(r * cosine)), width,
+                                  p->sky + 3 * (y * PROBE_SKY_WIDTH + x));
+        }
+    }
+}
+
+/* Under an exposure of its own. */
 static json_t *sky_json(struct prober *p, const struct environment *e)
 {
     const uint8_t *bytes;
     double log2_mean = 0.0;
     size_t size;
 
-    for (uint32_t y = 0; y < PROBE_SKY_HEIGHT; y++)
-        for (uint32_t x = 0; x < PROBE_SKY_WIDTH; x++) {
-            const double phi = PI - 2.0 * PI * (x + 0.5) / PROBE_SKY_WIDTH, theta = PI * (y + 0.5) / PROBE_SKY_HEIGHT;
-            const float w[3] = { (float)(sin(theta) * sin(phi)), (float)cos(theta), (float)(sin(theta) * cos(phi)) };
-            float pdf;
-            environment_evaluate(e, w, p->sky + 3 * (y * PROBE_SKY_WIDTH + x), &pdf);
-        }
+    paint_sky(p, e);
     exposure_log2_mean(p->sky, NULL, PROBE_SKY_WIDTH, PROBE_SKY_HEIGHT, &log2_mean);
     const double gain = 0.18 * exp2(-log2_mean);
     const struct tone_desc tone = { gain, TONE_FILMIC, p->kernels->level };

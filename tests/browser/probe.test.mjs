@@ -32,8 +32,10 @@ after(async () => {
   await server?.stop();
 });
 
+// What the page asks for when nothing else is chosen: 64 samples.
 function rendered([x, y], ...more) {
-  return JSON.parse(execFileSync(`${BIN}/relight-render`, [...STILL, ...WAY, '--probe', `${x},${y}`, ...more]));
+  const how = more.length ? more : ['--probe-samples', '64'];
+  return JSON.parse(execFileSync(`${BIN}/relight-render`, [...STILL, ...WAY, '--probe', `${x},${y}`, ...how]));
 }
 
 async function withPage(body, { at = server, options = {} } = {}) {
@@ -81,7 +83,7 @@ test('a click shows what relight-render says of that pixel', () => withPage(asyn
   assert.deepEqual(await answerOf(page), want);
   const table = await tableOf(page);
   like(numbers(table['Radiance in the picture']), want.picture, 'the picture');
-  like(numbers(table['By these 40 samples']), want.pixel.radiance, 'the estimate');
+  like(numbers(table['By these 64 samples']), want.pixel.radiance, 'the estimate');
   like(numbers(table['By many more']), [0, 1, 2].flatMap((c) => [want.pixel.reference.mean[c], want.pixel.reference.error[c]]), 'the reference');
   numbers(table.Normal).forEach((v, i) => assert.ok(Math.abs(v - want.point.normal[i]) < 6e-4));
   numbers(table.Position).forEach((v, i) => assert.ok(Math.abs(v - want.point.position[i]) < 6e-3));
@@ -161,7 +163,7 @@ test('what cannot be seen is darkened, and the material has samples of its own',
   await page.check('#probe-lobes');
   const { lobes } = await answerOf(page);
   const legend = await page.textContent('#probe-legend');
-  assert.ok(lobes.length === 20 && legend.includes('20 of the material'), legend);
+  assert.ok(lobes.length === 32 && legend.includes('32 of the material'), legend);
 }));
 
 test('the keyboard alone chooses a pixel, and Tab reaches every control', () => withPage(async (page) => {
@@ -214,6 +216,8 @@ test('the preset is the figure: 50 samples and an exponent of 150', () => withPa
   await page.selectOption('#probe-samples', '256');
   await page.waitForFunction(() => window.relight.probe.answer.samples === 256, null, { timeout: 60000 });
   assert.deepEqual(await answerOf(page), rendered(FLOOR, '--probe-samples', '256'));
+  await page.selectOption('#probe-samples', ''); // as the picture
+  await page.waitForFunction(() => window.relight.probe.answer.samples === 40, null, { timeout: 60000 });
 }));
 
 test('what is shown can be saved', () => withPage(async (page) => {
@@ -234,6 +238,9 @@ test('a phone: a tap chooses, and nothing is wider than the window', () => withP
     target.dispatchEvent(new MouseEvent('click', { bubbles: true, clientX: cx, clientY: cy }));
   }, [x, y]);
   await untilAnswer(page, FLOOR);
+  const top = await page.evaluate(() => document.getElementById('probe-title').getBoundingClientRect().top);
+  const under = await page.evaluate(() => document.getElementById('stage').getBoundingClientRect().bottom);
+  assert.ok(top >= under - 1 && top < 744, `the panel begins at ${top}, the picture ends at ${under}`);
   const wide = await page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
   assert.ok(wide <= 0, `${wide} px wider`);
 }, { options: { width: 390, height: 844 } }));

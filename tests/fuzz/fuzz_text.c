@@ -56,6 +56,12 @@ static void check_message(const struct message *m)
     case MESSAGE_PING: require(m->ping.id <= PROTOCOL_NUMBER_MAX, "id"); break;
     case MESSAGE_END: break;
     case MESSAGE_CONTROL: check_control(&m->control); break;
+    case MESSAGE_PROBE:
+        require(m->probe.question.x < PROTOCOL_SIDE_MAX && m->probe.question.y < PROTOCOL_SIDE_MAX, "pixel");
+        require(m->probe.question.samples <= MESSAGE_PROBE_SAMPLES_MAX, "samples");
+        require(m->probe.question.request <= PROTOCOL_NUMBER_MAX, "request");
+        require(m->probe.asks || (m->probe.has_follow && !m->probe.follow), "nothing is asked");
+        break;
     default: require(0, "a known message");
     }
 }
