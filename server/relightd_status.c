@@ -19,7 +19,8 @@ static double smooth(double old, double reading)
 static void add_line(char *text, size_t size, const char *name)
 {
     const size_t used = strlen(text);
-    snprintf(text + used, size - used, "%s%s", used ? "\n" : "", name);
+    if (used + 1 + strlen(name) < size) /* whole, or not at all */
+        snprintf(text + used, size - used, "%s%s", used ? "\n" : "", name);
 }
 
 static void note_offers(struct daemon *d)

@@ -16,6 +16,7 @@ class Controls {
     this.app = app;
     this.wishes = new Wishes((message) => app.send(message));
     this.gain = null;
+    this.there = false; // the server has welcomed us, and has not been lost since
     this.build(app.panel('controls', 'Controls'));
     this.transport = new Transport(this);
     turnByDragging(app.canvas, this);
@@ -23,7 +24,10 @@ class Controls {
     app.on('welcome', (welcome) => this.begin(welcome));
     app.on('control', (control) => this.take(control));
     app.on('status', () => this.show());
-    app.on('state', () => this.show());
+    app.on('state', ({ name }) => {
+      if (name === 'reconnecting' || name === 'refused') this.there = false;
+      this.show();
+    });
     app.on('error', (error) => this.refused(error));
     app.on('picture', ({ header }) => { this.gain = header.gain; });
     this.show();
@@ -33,7 +37,7 @@ class Controls {
 
   // The role that the server took us in; a server of minor 0 tells nothing that could be set.
   get may() {
-    return this.app.role === 'controller' && this.app.control !== null;
+    return this.there && this.app.role === 'controller' && this.app.control !== null;
   }
 
   // What is in force with our wishes on top.
@@ -47,7 +51,7 @@ class Controls {
 
   ask(wish) {
     if (!this.may) {
-      this.app.say('Only a controller can change that.');
+      this.app.say(this.there ? 'Only a controller can change that.' : 'The server is not connected.');
       return;
     }
     this.wishes.ask(wish);
@@ -56,6 +60,7 @@ class Controls {
 
   begin(welcome) {
     this.id = welcome.id;
+    this.there = true;
     this.before = null;
     this.wishes.forget();
     this.show();
@@ -146,7 +151,7 @@ class Controls {
     const samples = withPresent(SAMPLES, kind === 'samples' ? Number(number) : undefined);
     const counted = samples.map((n) => [`samples ${n}`, `${n} ${n === 1 ? 'sample' : 'samples'} a point`]);
     if (method !== 'auto') return counted;
-    return [['time', 'what there is time for'], ...noises.map((n) => [`noise ${n}`, `noise of ${noiseText(n)}`]), ...counted];
+    return [['time', 'as time allows'], ...noises.map((n) => [`noise ${n}`, `noise of ${noiseText(n)}`]), ...counted];
   }
 
   // ---- showing
@@ -154,6 +159,7 @@ class Controls {
   whyNot() {
     const { app } = this;
     if (this.may || !app.welcome) return '';
+    if (!this.there) return 'The server is not connected; this is what was in force.';
     if (app.role === 'controller') return 'This server has nothing to control.';
     return app.welcome.roles?.includes('controller')
       ? 'You are watching. A controller\u2019s page changes what is shown here: its address ends in #role=controller, with &token=\u2026 where the server asks for one.'
@@ -188,10 +194,10 @@ class Controls {
 
   showRole() {
     const pill = document.getElementById('role');
-    pill.hidden = !this.app.welcome;
+    pill.hidden = !this.there;
     pill.textContent = this.may ? 'Controlling' : 'Watching';
-    const turn = this.may ? 'Drag across the picture to turn the sky; c' : 'C';
-    document.getElementById('hint').textContent = `${turn}lick it to see where a pixel\u2019s light comes from; press ? for all keys.`;
+    const what = this.may ? 'Drag across the picture to turn the sky; click it' : 'Click the picture';
+    document.getElementById('hint').textContent = `${what} to see where a pixel\u2019s light comes from; press ? for all keys.`;
   }
 
   showCamera() {

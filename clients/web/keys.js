@@ -2,7 +2,8 @@
 
 // What a key is called on paper.
 const NAMES = { ' ': 'Space', ArrowLeft: '←', ArrowRight: '→', ArrowUp: '↑', ArrowDown: '↓' };
-export const keyName = (key) => key.split('+').map((part) => NAMES[part] ?? (part.length === 1 ? part.toUpperCase() : part)).join(' + ');
+const partName = (part) => NAMES[part] ?? (part.length === 1 ? part.toUpperCase() : part);
+export const keyName = (key) => (key.length === 1 ? partName(key) : key.split('+').map(partName).join(' + '));
 
 // The key of an event as app.key names it: 'f', ' ', '?', 'ArrowLeft', 'Shift+ArrowLeft'; '' for what belongs to the
 // browser. Of a sign such as '?' or '+' Shift is no part, since keyboards differ in how it is typed.

@@ -1,7 +1,7 @@
 // Every control of the page against what the server says is in force, seen by a connection of its own.
 // RELIGHT_RELIGHTD names the server's program.
 import assert from 'node:assert/strict';
-import { mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
@@ -338,6 +338,8 @@ test('a server that comes back finds the same controls at work', () =>
     await inForce(witness, { tone: 'linear' });
     await server.stop();
     await page.waitForFunction(() => window.relight.state.name === 'reconnecting');
+    assert.match(await page.textContent('#controls-why'), /not connected/);
+    assert.ok(await page.isDisabled('#set-tone'));
     const again = await startServer(RELIGHTD, ['--port', server.port, '--size', '160x90', '--samples', '4', ...SKY]);
     try {
       await page.waitForFunction(() => window.relight.state.name === 'live', null, { timeout: 60000 });
@@ -366,6 +368,17 @@ test('nothing sticks out and all can be reached at any width', async () => {
     }, { width, height });
   }
 });
+
+test('the keys that docs/viewer.md lists are those of the page', () =>
+  withAll(SKY, async (page) => {
+    const text = readFileSync(new URL('../../docs/viewer.md', import.meta.url), 'utf8');
+    const written = [...text.matchAll(/^\| (`[^|]+) \| ([^|]+) \|$/gm)]
+      .map(([, keys, label]) => `${keys.replaceAll('`', '')}: ${label}`);
+    await page.keyboard.press('?');
+    const listed = await page.$$eval('#help tr', (rows) => rows.map((row) => `${row.cells[0].textContent}: ${row.cells[1].textContent}`));
+    assert.deepEqual(written.filter((row) => !listed.includes(row)), []); // other panels may have more
+    assert.ok(written.length >= 20);
+  }));
 
 // Relative luminance and contrast as WCAG 2 defines them: text 4.5, the edges of what is operated and the ring of the
 // focus 3.

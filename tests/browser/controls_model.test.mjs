@@ -116,6 +116,7 @@ test('a key is named as the page names it, and what has the focus comes first', 
   assert.equal(keyOf(event('f', { ctrlKey: true })), '');
   assert.equal(keyOf(event('ArrowLeft', { shiftKey: true })), 'Shift+ArrowLeft');
   assert.equal(keyName('Shift+ArrowLeft'), 'Shift + ←');
+  assert.equal(keyName('+'), '+');
   const on = (tagName, type, key) => isTaken({ tagName, type }, key);
   assert.equal(on('BUTTON', '', ' '), true);
   assert.equal(on('BUTTON', '', 'f'), false);
