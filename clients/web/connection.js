@@ -344,6 +344,9 @@ export class Connection {
       return;
     }
     this.judge();
+    // Of a sky that stands still no picture may ever come again: the first one is worth asking for in another way.
+    if (this.made && this.lastSequence === 0 && this.format === 'h264' && !this.hidden && now - this.askedMs > 2 * WAKE_MS)
+      this.on.videoSilent?.();
     if (this.state.name !== 'stalled' || this.state.silent || now - this.askedMs < WAKE_MS) return;
     // The server says that it makes pictures: ask again, and in the end on a new connection.
     this.wakes++;

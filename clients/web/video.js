@@ -128,7 +128,6 @@ export class Video {
   }
 
   fail(reason) {
-    if (this.closed) return;
     this.close();
     this.on.failed(reason);
   }

@@ -230,6 +230,22 @@ test('video of which no picture comes is told, once, before the connection is gi
   assert.equal(connection.state.name, 'live');
 });
 
+test('video that does not come of a sky that stands still is left', async () => {
+  const { world, connection } = begin();
+  connection.on.videoSilent = () => connection.setVideo(false);
+  connection.setVideo(true);
+  world.open();
+  world.welcome('a', 1, ['jpeg', 'h264']);
+  for (let i = 0; i < 5; i++) {
+    await world.pass(1000);
+    world.status('ended', '', 0, { frames: { used: 1 }, frame: 1 });
+  }
+  assert.equal(connection.format, 'h264');
+  await world.pass(2000);
+  assert.equal(connection.format, 'jpeg');
+  assert.equal(world.said('subscribe').at(-1).format, 'jpeg');
+});
+
 test('an ack carries the time of display on the server clock', async () => {
   const { world, connection } = await live();
   const ping = world.said('ping')[0];

@@ -177,7 +177,7 @@ static void quality_is_heeded_from_one_picture_to_the_next(void **state)
 
     reader_open(&r);
     for (int i = 0; i < 3; i++) {
-        const int quality[] = { 30, 60, 100 };
+        const int quality[] = { 100, 60, 20 };    /* of itself it gets better where little moves */
         for (int frame = 0; frame < 4; frame++) { /* the last of which is looked at */
             paint(8 * i + 2 * frame);
             const struct h264_output out = encode(h, quality[i], false);
@@ -186,8 +186,8 @@ static void quality_is_heeded_from_one_picture_to_the_next(void **state)
         }
         error[i] = rms_error(&r);
     }
-    assert_true(error[0] > error[1] && error[1] > error[2]);
-    assert_true(size[0] < size[1] && size[1] < size[2]);
+    assert_true(error[0] < error[1] && error[1] < error[2]);
+    assert_true(size[0] > size[1] && size[1] > size[2]);
     reader_shut(&r);
     h264_encoder_destroy(h);
 }
