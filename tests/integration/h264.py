@@ -1,0 +1,152 @@
+#!/usr/bin/python3
+"""H.264 as relightd gives it to viewers, played by a library of other people: PROTOCOL.md 4.3.1 and 5.11."""
+
+import asyncio
+import json
+import struct
+
+import websockets
+
+from peer import BIN, WAIT_S, check, main
+
+KEY, REPEAT = 64, 2
+STILL = ["--source", "sky:hour=9", "--frames", "3-3", "--once", "--converge", "off"]
+
+
+class Viewer:
+    def __init__(self, link):
+        self.link = link
+
+    async def read(self):
+        return await asyncio.wait_for(self.link.recv(), WAIT_S)
+
+    async def hear(self, op):
+        while True:
+            message = await self.read()
+            if isinstance(message, str) and json.loads(message)["op"] == op:
+                return json.loads(message)
+
+    async def subscribe(self, format, answer="subscribed", **more):
+        await self.link.send(json.dumps({"op": "subscribe", "format": format, **more}))
+        return await self.hear(answer)
+
+    async def picture(self):
+        """Format, flags, sequence, frame and payload of the next picture, which is acknowledged."""
+        while True:
+            message = await self.read()
+            if isinstance(message, bytes):
+                sequence, frame = struct.unpack_from("<QQ", message, 8)
+                await self.link.send(json.dumps({"op": "ack", "sequence": sequence}))
+                return message[6], message[7], sequence, frame, message[80:]
+
+    async def has_none(self, seconds):
+        try:
+            while True:
+                check(isinstance(await asyncio.wait_for(self.link.recv(), seconds), str), "a picture came")
+        except asyncio.TimeoutError:
+            return
+
+
+async def viewers(url, count, body):
+    """So many viewers, welcomed, into body."""
+    links = [await websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None)
+             for _ in range(count)]
+    try:
+        all_of_them = [Viewer(link) for link in links]
+        for v in all_of_them:
+            await v.link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}}))
+            v.welcome = await v.hear("welcome")
+        await body(*all_of_them)
+    finally:
+        for link in links:
+            await link.close()
+
+
+async def with_server(flags, count, body):
+    server = await asyncio.create_subprocess_exec(
+        str(BIN / "relightd"), "--port", "0", "--size", "160x90", "--samples", "2", *flags, stderr=asyncio.subprocess.PIPE)
+    try:
+        line = ""
+        while "listening on " not in line:
+            line = (await asyncio.wait_for(server.stderr.readline(), WAIT_S)).decode()
+            check(line, "relightd ended")
+        await viewers(line.split("listening on ")[1].strip().replace("http", "ws") + "ws", count, body)
+    finally:
+        server.terminate()
+        await server.wait()
+
+
+async def video_is_offered_unless_it_is_forbidden(folder):
+    async def offered(v):
+        check("h264" in v.welcome["formats"], str(v.welcome))
+
+    async def forbidden(v):
+        check("h264" not in v.welcome["formats"], str(v.welcome))
+        error = await v.subscribe("h264", "error")
+        check(error["code"] == "not_offered" and not error["fatal"], str(error))
+        await v.subscribe("jpeg")
+        check((await v.picture())[0] == 1, "no JPEG")
+
+    await with_server(STILL, 1, offered)
+    await with_server([*STILL, "--no-h264"], 1, forbidden)
+
+
+async def a_chain_of_pictures_begins_with_a_key(folder):
+    async def body(v):
+        await v.subscribe("h264")
+        pictures = [await v.picture() for _ in range(20)]
+        check(all(p[0] == 4 for p in pictures), "another format")
+        check([p[2] for p in pictures] == list(range(1, 21)), "not a chain from the first that anybody wanted")
+        check(pictures[0][1] & KEY and pictures[0][4][:5] == b"\0\0\0\1\x67", "it begins with no key picture")
+        check(not any(p[1] & KEY for p in pictures[1:]), "key pictures that nobody needs")
+
+    await with_server(["--source", "sky:speed=0.1"], 1, body)
+
+
+async def a_picture_that_stands_still_is_made_again_for_whoever_comes(folder):
+    async def body(first, second, third):
+        await first.subscribe("jpeg")
+        frame = (await first.picture())[3]
+        await second.subscribe("h264")
+        format, flags, sequence, of, _ = await second.picture()
+        check((format, sequence, of) == (4, 1, frame) and flags & KEY and flags & REPEAT, f"{format} {flags} {sequence} {of}")
+        await third.subscribe("h264")
+        check((await third.picture())[2] == 1, "a key picture that is kept was made again")
+        await second.subscribe("h264")
+        format, flags, sequence, of, _ = await second.picture()
+        check((sequence, of) == (2, frame) and flags & KEY and flags & REPEAT, f"{flags} {sequence} {of}")
+        await first.has_none(0.5)
+        await second.has_none(0.5)
+
+    await with_server(STILL, 3, body)
+
+
+async def jpeg_rests_while_all_watch_video_and_is_there_when_wanted(folder):
+    async def body(first, second):
+        await first.subscribe("h264")
+        for _ in range(30):
+            await first.picture()
+        await second.subscribe("jpeg")
+        sequence = (await second.picture())[2]
+        check(sequence < 15, f"{sequence} JPEGs were made for nobody")
+        check((await second.picture())[2] == sequence + 1, "JPEG does not go on")
+
+    await with_server(["--source", "sky:speed=0.1"], 2, body)
+
+
+async def key_pictures_are_not_made_at_anybodys_will(folder):
+    async def body(greedy):
+        keys = 0
+        await greedy.subscribe("h264")
+        await greedy.picture()
+        begun = asyncio.get_running_loop().time()
+        while asyncio.get_running_loop().time() - begun < 3.0:
+            await greedy.link.send(json.dumps({"op": "subscribe", "format": "h264"}))
+            keys += (await greedy.picture())[1] & KEY > 0
+        check(2 <= keys <= 14, f"{keys} key pictures in three seconds")
+
+    await with_server(["--source", "sky:speed=0.1", "--fps", "60"], 1, body)
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})
