@@ -200,6 +200,12 @@ class Probe {
   }
 
   takeError(error) {
+    if (error.code === 'unknown_op' && this.waiting) { // an older server
+      this.letGo();
+      this.waiting = 0;
+      this.words.textContent = this.spoken.textContent = 'This server does not say where light comes from.';
+      return;
+    }
     if (!error.clause?.startsWith('4.15') || (error.request && error.request !== this.waiting)) return;
     this.waiting = 0;
     if (error.code === 'busy') this.next = true; // askAgain does

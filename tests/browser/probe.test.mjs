@@ -220,6 +220,25 @@ test('the preset is the figure: 50 samples and an exponent of 150', () => withPa
   await page.waitForFunction(() => window.relight.probe.answer.samples === 40, null, { timeout: 60000 });
 }));
 
+test('a busy server is asked again, an older one let alone', () => withPage(async (page) => {
+  await click(page, FLOOR);
+  await page.uncheck('#probe-follow');
+  await page.waitForFunction(() => !window.relight.probe.waiting);
+  const refuse = (error) => page.evaluate((e) => {
+    const { probe } = window.relight;
+    probe.answer = null;
+    probe.waiting = 4711; // as if it had just been asked
+    probe.askedMs = performance.now();
+    probe.takeError({ ...e, request: e.clause === '3.4' ? undefined : 4711 });
+    return probe.words.textContent;
+  }, error);
+  assert.match(await refuse({ code: 'busy', clause: '4.15.6', message: 'too many ask at once' }), /busy/);
+  await untilAnswer(page, FLOOR); // by itself
+  assert.match(await refuse({ code: 'not_offered', clause: '4.15.7', message: 'there is no picture yet' }), /there is no picture yet/);
+  assert.match(await refuse({ code: 'unknown_op', clause: '3.4', message: 'op "probe" is not known' }), /does not say where light comes from/);
+  assert.ok(!(await page.isVisible('#probe-shown')));
+}));
+
 test('what is shown can be saved', () => withPage(async (page) => {
   await click(page, FLOOR);
   const [download] = await Promise.all([page.waitForEvent('download'), page.click('#probe-save')]);
