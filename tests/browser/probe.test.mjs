@@ -4,7 +4,7 @@ import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
 import { readFileSync } from 'node:fs';
 import { after, before, test } from 'node:test';
-import { openBrowser, openPage, startServer, untilState, whatIsMissing } from './lib.mjs';
+import { openBrowser, openPage, startServer, untilFrames, untilState, whatIsMissing } from './lib.mjs';
 
 const missing = await whatIsMissing();
 if (missing) {
@@ -287,10 +287,11 @@ test('a followed pixel is plotted as the sky moves, and its samples move too', a
       });
       assert.ok(drawn);
       await page.uncheck('#probe-follow');
-      await page.waitForTimeout(1500); // what was under way has come
-      const count = await page.evaluate(() => window.relight.probe.trace.points.length);
-      await page.waitForTimeout(1500);
-      assert.equal(await page.evaluate(() => window.relight.probe.trace.points.length), count);
+      await untilFrames(page, 3); // what was under way has come
+      const last = () => page.evaluate(() => window.relight.probe.trace.points.at(-1).frame);
+      const end = await last();
+      await untilFrames(page, 6);
+      assert.equal(await last(), end);
     }, { at: moving });
   } finally {
     await moving.stop();
