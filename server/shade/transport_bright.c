@@ -92,6 +92,8 @@ static void choose_variants(const struct transport_bright *b, uint32_t index, ui
         variant[l] = base + l;
 }
 
+#define DAPPLED 4 /* of a packet's points, in penumbrae, make all of it one */
+
 /* What a block is to the bright part. */
 enum side { SIDE_LIT, SIDE_DARK, SIDE_UNKNOWN };
 
@@ -182,13 +184,23 @@ static void shine_on_crowd(struct shining *s, struct crowd *c, const struct tran
     c->points.count = 0;
 }
 
-/* The points that have both seen it and not seen it, sixteen at a time wherever they are. */
+/* Points of a packet that need all samples: those that have both seen it and not seen it. Along an edge the others are
+ * on one side of it. Where there are many, as under leaves, the others are no different: that a few rays have said the
+ * same of them is chance, and to leave it there would make dappled shade darker than it is. */
+static uint32_t needy(const struct shining *s, uint32_t k)
+{
+    const uint32_t both = s->view[k].lit & s->view[k].dark;
+
+    return __builtin_popcount(both) < DAPPLED ? both : s->view[k].lit | s->view[k].dark;
+}
+
+/* Those points, sixteen at a time wherever they are. */
 static void shine_on_mixed(struct shining *s, const struct transport_round *r)
 {
     struct crowd c = { .points = { .kind = s->packets[0].kind } };
 
     for (uint32_t k = 0; k < s->block->packets; k++)
-        for (uint32_t both = s->view[k].lit & s->view[k].dark, l = 0; both >> l; l++) {
+        for (uint32_t both = needy(s, k), l = 0; both >> l; l++) {
             if (!(both >> l & 1u))
                 continue;
             const uint32_t i = c.points.count++;
@@ -203,8 +215,8 @@ static void shine_on_mixed(struct shining *s, const struct transport_round *r)
 }
 
 /* Half of the first rays; where the block's points do not agree by these, the other half; where a packet's do not agree
- * by those, as many again; and the rest of the strata for each point that does not agree with itself. Returns packets
- * that do not. */
+ * by those, as many again; and the rest of the strata for each point that does not agree with itself, or, where there
+ * are many of these, for all. Returns packets that do not agree. */
 static uint32_t find_shadows(struct shining *s, uint32_t few)
 {
     const struct rays *rays = s->transport->rays;
