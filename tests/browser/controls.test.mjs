@@ -93,9 +93,10 @@ test('every control of the panel changes what is in force', () =>
     await inForce(witness, { rotate_degrees: 90 });
     await setRange(page, 'set-exposure', 2);
     await inForce(witness, { bias_stops: 2, exposure_stops: null });
+    await page.waitForTimeout(500); // with that in the picture
+    const { gain } = await page.evaluate(() => window.relight.lastHeader);
     await page.uncheck('#exposure-auto');
     await witness.until(() => typeof window.said.control.exposure_stops === 'number');
-    const { gain } = await page.evaluate(() => window.relight.lastHeader);
     const { exposure_stops: fixed } = await witness.control();
     assert.ok(Math.abs(Math.log2(gain) - fixed) < 1, `fixed at ${fixed}, the gain was ${gain}`); // no jump
     await setRange(page, 'set-exposure', fixed - 1);
@@ -250,6 +251,10 @@ test('by the keyboard alone every control is reached, shows that it is, and is w
     await witness.until(() => window.said.status.source.position === 0);
     await page.keyboard.press('ArrowRight'); // the slider's own, not the page's
     await witness.until(() => window.said.status.source.position === 1);
+    await page.focus('#step-on');
+    await page.keyboard.press('Space'); // the button's own
+    await witness.until(() => window.said.status.source.position === 2);
+    assert.equal((await witness.control()).paused, true);
     await page.focus('#set-rotate');
     await page.keyboard.press('ArrowRight');
     await inForce(witness, { rotate_degrees: 1 });

@@ -6,7 +6,8 @@ import json
 
 import websockets
 
-from peer import PICTURE, WAIT_S, check, main
+from lockstep import SKY, Relightd, compare, feed, record, rendered
+from peer import PICTURE, WAIT_S, check, expect, main
 from still import Daemon, connect
 
 
@@ -20,10 +21,10 @@ class Party:
         self.requests = 0
 
     @classmethod
-    async def come(cls, daemon, role, **more):
-        party = cls(await connect(daemon.url))
+    async def come(cls, url, role):
+        party = cls(await connect(url))
         await party.say(op="hello", role=role, version={"major": 1, "minor": 1})
-        await party.say(op="subscribe", format="jpeg", **more)
+        await party.say(op="subscribe", format="jpeg")
         await party.until(lambda: "status" in party.last and "control" in party.last)
         return party
 
@@ -70,7 +71,7 @@ def skies(folder, count):
 
 async def a_paused_source_steps_and_goes_to_any_place(folder):
     async with Daemon(*skies(folder, 5), "--samples", "4", "--rate", "50") as daemon:
-        one, two = await Party.come(daemon, "controller"), await Party.come(daemon, "viewer")
+        one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         check(one.last["status"]["source"]["kind"] == "files", one.last["status"])
         check(one.last["status"]["source"]["length"] == 5, one.last["status"])
         error = await one.ask(step=1)
@@ -96,7 +97,7 @@ async def a_paused_source_steps_and_goes_to_any_place(folder):
 
 async def an_ended_sequence_can_be_gone_back_to(folder):
     async with Daemon(*skies(folder, 3), "--samples", "4", "--once") as daemon:
-        one = await Party.come(daemon, "controller")
+        one = await Party.come(daemon.url, "controller")
         await one.until(lambda: one.last["status"]["source"]["state"] == "ended")
         check(one.place() == 2, one.last["status"])
         await one.ask(paused=True)
@@ -109,7 +110,7 @@ async def an_ended_sequence_can_be_gone_back_to(folder):
 
 async def a_computed_sky_has_hours(folder):
     async with Daemon("--source", "sky:speed=10,time=06:00", "--samples", "4", "--rate", "50") as daemon:
-        one = await Party.come(daemon, "controller")
+        one = await Party.come(daemon.url, "controller")
         check(one.last["status"]["source"]["kind"] == "sky" and one.last["status"]["source"]["length"] is None,
               one.last["status"])
         await one.ask(paused=True, hour=12.25)
@@ -123,7 +124,7 @@ async def a_computed_sky_has_hours(folder):
 async def cameras_change_while_the_old_picture_stays(folder):
     """--converge off and a held source: every picture that comes was made for the change."""
     async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
-        one, two = await Party.come(daemon, "controller"), await Party.come(daemon, "viewer")
+        one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         check(one.last["status"]["offers"]["cameras"] == ["main", "sundial", "gallery"], one.last["status"]["offers"])
         await one.ask(paused=True)
         await two.until(lambda: two.last["status"]["source"]["state"] == "paused")
@@ -134,6 +135,7 @@ async def cameras_change_while_the_old_picture_stays(folder):
                             and two.last["status"]["preparing"] is None and len(two.gains) > before)
         error = await one.ask(camera="nobody", method="mis")
         check(error and error["clause"] == "4.13.15" and "nobody" in error["message"], f"{error}")
+        await one.until(lambda: one.last["control"]["request"] == one.requests)
         check(one.last["control"]["method"] == "auto", "half of what could not be done was done")
         for _ in range(3):  # faster than views are made: the last word counts
             for camera in ("main", "sundial", "gallery", "sundial"):
@@ -143,8 +145,9 @@ async def cameras_change_while_the_old_picture_stays(folder):
 
 
 async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
-    async with Daemon("--source", "sky:time=12:00", "--samples", "4") as daemon:
-        one = await Party.come(daemon, "controller")
+    """--converge off and a held source: no picture comes but for what is asked."""
+    async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
+        one = await Party.come(daemon.url, "controller")
         check(one.last["control"]["exposure_stops"] is None, one.last["control"])
         await one.ask(paused=True)
         await one.until(lambda: one.last["status"]["source"]["state"] == "paused" and one.gains)
@@ -156,15 +159,15 @@ async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
         follows = one.gains[-1]
         await one.ask(bias_stops=2)
         await one.until(lambda: abs(one.gains[-1] / follows - 4) < 1e-3)
-        await one.ask(tone="linear")
         count = len(one.gains)
+        await one.ask(tone="linear")
         await one.until(lambda: len(one.gains) > count)
         check(one.last["control"]["tone"] == "linear", one.last["control"])
 
 
 async def samples_and_error_are_two_wishes_for_one_thing(folder):
     async with Daemon("--source", "sky:", "--rate", "5") as daemon:
-        one, two = await Party.come(daemon, "controller"), await Party.come(daemon, "viewer")
+        one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         told = one.last["control"]
         check(told["counted"] is False and told["error"] is None and told["fps"] == 30 and told["paths"] == "direct",
               told)
@@ -184,6 +187,21 @@ async def samples_and_error_are_two_wishes_for_one_thing(folder):
         await one.ask(fps=7, paths="all")
         await two.until(lambda: two.last["control"]["fps"] == 7 and two.last["control"]["paths"] == "all"
                         and "interreflection" in two.last["status"]["light"]["paths"])
+
+
+async def a_sequence_is_made_as_was_said_whatever_controllers_say(folder):
+    (folder / "got").mkdir()
+    async with Relightd() as server:
+        one = await Party.come(server.url + "/ws", "controller")
+        check(await one.ask(camera="gallery", method="faces", samples=2, rotate_degrees=90, scale_stops=1, paths="direct",
+                            exposure_stops=3, fps=5) is None, "not set")
+        await one.until(lambda: one.last["status"]["camera"] == "gallery")
+        recorder = await record(server, folder / "got").start()
+        expect(await (await feed(server, "--frames", "3-6", SKY).start()).end(), 0)
+        expect(await recorder.end(), 0)
+        check(one.last["control"]["camera"] == "gallery", one.last["control"])
+    names = await rendered(folder / "want", 4, "--source", SKY, "--frames", "3-6")
+    compare(folder / "want", folder / "got", names)
 
 
 if __name__ == "__main__":
