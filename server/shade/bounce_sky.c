@@ -169,7 +169,7 @@ void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS])
     environment_complete_pyramid(e);
     const struct grid g = grid_of(e);
     memset(out, 0, 3 * sizeof(*out));
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(dynamic, 1)
     for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
         take_part(&g, k / PARTS, k % PARTS, &parts[k / PARTS][k % PARTS]);
     for (uint32_t face = 0; face < CUBE_FACES; face++)

@@ -61,7 +61,7 @@ enum err transport_bright_draw(struct transport *t, const struct environment *e,
         return ERR_NOMEM;
     b->strata = TRANSPORT_MORE * b->few;
     find_cells(b, &t->sky);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(dynamic, 16)
     for (uint32_t v = 0; v < TRANSPORT_VARIANTS; v++) {
         double x[2];
         rng_sobol2(seed, v, x);

@@ -149,7 +149,7 @@ enum err transport_sky_take(struct transport_sky *s, const struct environment *e
         s->bright_count = 0;
         s->bright_energy = 0.0;
     }
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t row = 0; row < CUBE_FACES * TRANSPORT_EDGE; row++)
         for (uint32_t j = 0; j < TRANSPORT_EDGE; j++)
             take_cell(s, e, row / TRANSPORT_EDGE, row % TRANSPORT_EDGE, j);

@@ -109,7 +109,7 @@ shading = rows["cached: shading"]
 assert shading["at_least"] == (6 if sun else 40), shading
 assert abs(shading["ratio"] * shading["bare"] / shading["ours"] - 1) < 0.5, shading # medians, of few rounds
 assert rows["cached: whole pipeline"]["verdict"] == "stated" # of this size nothing is wished for
-assert rows["cached: interreflection"]["ratio"] > 1, rows
+assert "records" in rows["cached: interreflection"]["note"], rows
 error, colour = rows["cached: bias floor, relMSE"], rows["cached: bias floor, delta E"]
 assert abs(error["ours"]) < 1e-3 and 0 <= colour["ours"] < 1, (error, colour)
 assert 0 <= rows["cached: seams"]["ours"] <= 100 and 0 <= rows["cached: temporal"]["ours"] < (4 if sun else 1e-2), rows
