@@ -36,8 +36,7 @@ const struct packet_list *bounce_left(const struct bounce *b)
 /* The sky's coefficients: y = Q L. */
 static void project_sky(const struct bounce_basis *basis, float (*sky)[TRANSPORT_CELLS], float *y)
 {
-#pragma omp parallel for schedule(static)
-    for (uint32_t k = 0; k < basis->count; k++) {
+    for (uint32_t k = 0; k < basis->count; k++) { /* less than it takes to wake a thread */
         const float *row = basis->rows + (size_t)k * TRANSPORT_CELLS;
         for (uint32_t c = 0; c < 3; c++) {
             float sum[PACKET] = { 0.0f };
@@ -51,15 +50,17 @@ static void project_sky(const struct bounce_basis *basis, float (*sky)[TRANSPORT
     }
 }
 
-/* Each group's V times the sky. */
-static void project_groups(const struct bounce *b)
+/* A group's V times the sky. */
+static void prepare_group(const void *self, uint32_t k)
 {
-#pragma omp parallel for schedule(dynamic, 4)
-    for (uint32_t k = 0; k < b->group_count; k++)
-        for (uint32_t r = 0; r < b->groups[k].rows; r++)
-            if (b->groups[k].pieces[r].bytes)
-                b->kernels->bounce->project(&b->groups[k].pieces[r], b->y, b->basis.count, b->groups[k].z[r]);
+    const struct bounce *b = self;
+
+    for (uint32_t r = 0; r < b->groups[k].rows; r++)
+        if (b->groups[k].pieces[r].bytes)
+            b->kernels->bounce->project(&b->groups[k].pieces[r], b->y, b->basis.count, b->groups[k].z[r]);
 }
+
+#define AHEAD 1024 /* bytes of the stream */
 
 static void guest_rows(const void *self, uint32_t first, struct transport_rows *out)
 {
@@ -75,6 +76,8 @@ static void guest_rows(const void *self, uint32_t first, struct transport_rows *
         b->kernels->bounce->expand(bytes, row.rank, b->z + row.z, row.columns, points, out->at[r]);
         bytes += bounce_block_bytes(row.rank, row.columns, points);
     }
+    for (uint32_t i = 0; i < AHEAD; i += 64) /* the next block's, most likely */
+        __builtin_prefetch(bytes + i);
     out->count = place.rows;
 }
 
@@ -88,8 +91,7 @@ enum err bounce_take(struct bounce *b, const struct environment *e, const struct
     bounce_sky_take(e, sky);
     project_sky(&b->basis, sky, b->y);
     mem_free(sky);
-    project_groups(b);
-    b->guest = (struct transport_guest){ b, guest_rows, b->y, 3 * b->basis.count };
+    b->guest = (struct transport_guest){ b, prepare_group, b->group_count, guest_rows, b->y, 3 * b->basis.count };
     *out = &b->guest;
     return ERR_OK;
 }
@@ -119,6 +121,9 @@ enum err bounce_shade(struct bounce *b, const struct environment *e, const atomi
 #pragma omp parallel
     {
         const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < guest->parts; k++)
+            guest->prepare(guest->self, k);
 #pragma omp for schedule(dynamic, 16)
         for (uint32_t k = 0; k < b->block_count; k++)
             if (!cancel || !atomic_load_explicit(cancel, memory_order_relaxed))

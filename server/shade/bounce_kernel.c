@@ -15,16 +15,22 @@ static void add(float *to, const float *from, const float weight[3], uint32_t ba
         }
 }
 
-/* Sixteen partial sums, in one order at all levels. */
-static inline float sum_lanes(const struct lanes *x)
+/* Sixteen partial sums of each of three, in one order at all levels: (((0 + 8) + (4 + 12)) + ((2 + 10) + (6 + 14))) +
+ * the same of the odd ones. Side by side, so that no sum waits for another. */
+static inline void sum_lanes(const struct lanes x[3], float out[3])
 {
     struct {
         float v __attribute__((vector_size(16)));
-    } a[4];
+    } a[3][4], sum[3], by_lane[4];
 
-    memcpy(a, x->v, sizeof(a));
-    a[0].v = (a[0].v + a[2].v) + (a[1].v + a[3].v);
-    return (a[0].v[0] + a[0].v[2]) + (a[0].v[1] + a[0].v[3]);
+    for (int c = 0; c < 3; c++) {
+        memcpy(a[c], x[c].v, sizeof(a[c]));
+        sum[c].v = (a[c][0].v + a[c][2].v) + (a[c][1].v + a[c][3].v);
+    }
+    for (int l = 0; l < 4; l++)
+        by_lane[l].v = (__typeof__(by_lane[l].v)){ sum[0].v[l], sum[1].v[l], sum[2].v[l], 0.0f };
+    by_lane[0].v = (by_lane[0].v + by_lane[2].v) + (by_lane[1].v + by_lane[3].v);
+    memcpy(out, &by_lane[0].v, 3 * sizeof(*out));
 }
 
 static void project(const struct bounce_piece *q, const float *y, uint32_t basis, float *z)
@@ -33,16 +39,19 @@ static void project(const struct bounce_piece *q, const float *y, uint32_t basis
     const int8_t *v = q->bytes;
 
     memset(z, 0, 3 * columns * sizeof(*z));
-    for (uint32_t r = 0; r < q->rank; r++)
-        for (uint32_t c = 0; c < 3; c++, v += q->basis) {
-            struct lanes sum = { { 0.0f } }, x;
+    for (uint32_t r = 0; r < q->rank; r++) {
+        struct lanes sum[3] = { { { 0.0f } } }, x;
+        float all[3];
+        for (uint32_t c = 0; c < 3; c++, v += q->basis)
             for (uint32_t k = 0; k < q->basis; k += PACKET) {
                 const float *sky = y + c * basis + k;
                 widen_bytes(v + k, &x);
-                LANES(l) sum.v[l] += x.v[l] * sky[l];
+                LANES(l) sum[c].v[l] += x.v[l] * sky[l];
             }
-            z[c * columns + r] = sum_lanes(&sum);
-        }
+        sum_lanes(sum, all);
+        for (uint32_t c = 0; c < 3; c++)
+            z[c * columns + r] = all[c];
+    }
 }
 
 /* A row of W times z, by colours, and times the gain. */
@@ -57,8 +66,9 @@ static inline void weigh(const int8_t *w, const float *z, uint32_t columns, floa
             LANES(l) sum[c].v[l] += x.v[l] * from[l];
         }
     }
+    sum_lanes(sum, out);
     for (int c = 0; c < 3; c++)
-        out[c] = gain * sum_lanes(&sum[c]);
+        out[c] *= gain;
 }
 
 static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t columns, uint32_t points,

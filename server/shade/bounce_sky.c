@@ -79,26 +79,12 @@ static struct grid grid_of(const struct environment *e)
     return (struct grid){ level, level->n, level->n < FINE ? (FINE + level->n - 1) / level->n : 1 };
 }
 
-/* Texels of one row, times their solid angles. */
-static void weigh_row(const struct grid *g, uint32_t face, uint32_t row, struct four *out)
-{
-    const float *texel = g->level->texels + ((size_t)face * g->n + row) * g->n * 4;
-    const float *solid_angle = g->level->solid_angle + (size_t)row * g->n;
-    const struct four colours = { { 1.0f, 1.0f, 1.0f, 0.0f } }, rest = { { 0.0f, 0.0f, 0.0f, 1.0f } };
-
-    for (uint32_t j = 0; j < g->n; j++) {
-        const float s = solid_angle[j];
-        struct four x;
-        memcpy(&x, texel + 4 * (size_t)j, sizeof(x));
-        x.v = s * (x.v * colours.v + rest.v);
-        out[j] = x;
-    }
-}
-
 /* Texels of one row that have one cell before them, from column `first` on: into that and the one behind. Returns the
  * column where the next begins. */
-static uint32_t take_run(const struct four *row, const struct grid *g, uint32_t first, float (*out)[4])
+static uint32_t take_run(const struct grid *g, const float *texels, const float *solid_angle, uint32_t first,
+                         float (*out)[4])
 {
+    const struct four colours = { { 1.0f, 1.0f, 1.0f, 0.0f } }, rest = { { 0.0f, 0.0f, 0.0f, 1.0f } };
     const uint32_t columns = g->n * g->fine;
     struct four whole = { { 0.0f } }, behind = { { 0.0f } };
     float on;
@@ -107,8 +93,11 @@ static uint32_t take_run(const struct four *row, const struct grid *g, uint32_t 
     uint32_t j = first, at = first / g->fine, part = first % g->fine;
 
     for (; j < columns && on < 1.0f; j++, on += step) {
-        whole.v += row[at].v;
-        behind.v += on * row[at].v;
+        struct four x;
+        memcpy(&x, texels + 4 * (size_t)at, sizeof(x));
+        x.v = solid_angle[at] * (x.v * colours.v + rest.v);
+        whole.v += x.v;
+        behind.v += on * x.v;
         part++;
         at += part == g->fine;
         part = part == g->fine ? 0 : part;
@@ -124,17 +113,17 @@ static uint32_t take_run(const struct four *row, const struct grid *g, uint32_t 
 static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct wide_face *out)
 {
     const uint32_t rows = g->n * g->fine;
-    struct four texels[COARSE];
     float one[WIDE][4];
 
     memset(out, 0, sizeof(*out));
     for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
         float on;
         const int i = cell_before(-1.0 + 2.0 * (y + 0.5) / rows, &on) + 1;
-        weigh_row(g, face, y / g->fine, texels);
+        const size_t row = y / g->fine;
+        const float *texels = g->level->texels + ((size_t)face * g->n + row) * g->n * 4;
         memset(one, 0, sizeof(one));
         for (uint32_t j = 0; j < rows;)
-            j = take_run(texels, g, j, one);
+            j = take_run(g, texels, g->level->solid_angle + row * g->n, j, one);
         for (uint32_t j = 0; j < WIDE; j++)
             for (int c = 0; c < 4; c++) {
                 out->at[i][j][c] += (1.0f - on) * one[j][c];

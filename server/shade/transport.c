@@ -189,10 +189,14 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
         .level = t->sky.level,
         .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
     };
+    const uint32_t parts = frame->guest && change.what != TRANSPORT_EQUAL ? frame->guest->parts : 0;
 #pragma omp parallel reduction(+ : rays, penumbra, kept)
     {
         const unsigned before = denormals_flush();
         struct transport_rows more;
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < parts; k++)
+            frame->guest->prepare(frame->guest->self, k);
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < t->block_count; k++) {
             const struct transport_block *b = &t->blocks[k];

@@ -158,6 +158,9 @@ struct transport_rows {
 
 struct transport_guest {
     const void *self;
+    /* Called first, for each of 0 .. parts - 1: what blocks have in common; any thread. */
+    void (*prepare)(const void *self, uint32_t part);
+    uint32_t parts;
     /* Of the block that begins with packet `first`; any thread. */
     void (*rows)(const void *self, uint32_t first, struct transport_rows *out);
     /* [count]: what all of that is linear in, of this frame */

@@ -142,7 +142,7 @@ static void even_rows(const void *self, uint32_t first, struct transport_rows *o
 static void light_from_elsewhere_is_not_kept_when_it_changes(void **state)
 {
     float values[3] = { 0.5f, 0.25f, 0.75f };
-    struct transport_guest guest = { &guest, even_rows, values, 3 };
+    struct transport_guest guest = { &guest, NULL, 0, even_rows, values, 3 };
     static const enum transport_what want[] = { TRANSPORT_ALL, TRANSPORT_EQUAL, TRANSPORT_ALL,  TRANSPORT_EQUAL,
                                                 TRANSPORT_ALL, TRANSPORT_ALL,   TRANSPORT_GAIN, TRANSPORT_ALL };
     struct stage s;
