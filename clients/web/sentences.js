@@ -18,7 +18,7 @@ export function describe(status) {
   const what = capital(plain(status.scene) || 'a scene');
   const sky = status.sky ? ` under ${plain(status.sky)}` : '';
   const size = status.width && status.height ? `${status.width}\u00a0×\u00a0${status.height}` : '';
-  const samples = status.samples ? `${status.samples} samples per point` : '';
+  const samples = status.samples ? `${status.samples} ${status.samples === 1 ? 'sample' : 'samples'} per point` : '';
   const method = status.method ? `method ${status.method}` : '';
   const facts = [size, samples, method].filter(Boolean).join(', ');
   return `${what}${sky}${facts ? `; ${facts}` : ''}.`;

@@ -17,18 +17,24 @@ static void answer(struct buy *out, bool yes, const char *why)
     out->why = why;
 }
 
+/* Frames, were each to have as many samples. 0: it never pays. */
+static double break_even_of(const struct buy_facts *f, double samples)
+{
+    const double saved = (f->indirect ? 2.0 : 1.0) * samples - BUY_FRAME_SAMPLES;
+
+    return saved > 0.0 ? build_of(f) / saved : 0.0;
+}
+
 void buy_by_counts(const struct buy_facts *f, struct buy *out)
 {
-    const double frame = (f->indirect ? 2.0 : 1.0) * f->samples, saved = frame - BUY_FRAME_SAMPLES;
-
-    *out = (struct buy){ .break_even = saved > 0.0 ? build_of(f) / saved : 0.0 };
+    *out = (struct buy){ .break_even = break_even_of(f, f->samples) };
     if (f->frames == 0)
         answer(out, false, "how many frames will come is not known");
     else if (f->frames == 1)
         answer(out, false, "it is a single frame");
     else if ((f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f))
         answer(out, false, "so many samples are to be better than its bias");
-    else if (saved <= 0.0)
+    else if (out->break_even <= 0.0)
         answer(out, false, "a frame by it takes no less");
     else if ((double)f->frames <= out->break_even)
         answer(out, false, "there are too few frames");
@@ -48,14 +54,16 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
         answer(out, false, "the error is not known yet");
     else if (f->error < bias_of(f))
         answer(out, false, "the picture is to be better than its bias");
+    else if (f->frames == 0 && f->kept)
+        answer(out, true, "it is there");
+    else if (f->frames == 0 && (double)f->made > break_even_of(f, BUY_GOOD_SAMPLES))
+        answer(out, true, "so many frames of 64 samples would have taken as long");
     else if (saved_s <= 0.0)
         answer(out, false, "a frame by it takes no less");
     else if (f->frames > 0 && (double)f->frames > out->break_even)
         answer(out, true, "more frames are to come");
     else if (f->frames > 0)
         answer(out, false, "there are too few frames");
-    else if (f->kept)
-        answer(out, true, "it is there");
     else if (f->spent_s >= out->build_s)
         answer(out, true, "as much time has gone into frames");
     else

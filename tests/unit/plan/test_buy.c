@@ -81,6 +81,39 @@ static void it_is_computed_when_as_much_has_been_spent(void **state)
     assert_false(clocked(1e-2, 0.004, 100.0, 0, false).yes); /* a frame by it takes as long */
 }
 
+/* Frames in haste take no longer than those of the cache, and are worse: 2048 / 60 of them, and (2048 + 1250) / 124. */
+static void haste_does_not_keep_it_away(void **state)
+{
+    struct buy_facts f = { .points = 10000, .sample_s = 1e-7, .error = 1.0, .frame_s = 1e-3, .made = 34 };
+    struct buy b;
+    (void)state;
+
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.kept = true;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+    f.kept = false;
+    f.made = 35;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+    f.frames = 1000; /* known to come: by what they save */
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.frames = 0;
+    f.error = 0.5 * BUY_BIAS;
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.error = 1.0;
+    f.indirect = true;
+    f.made = 26;
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.made = 27;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+}
+
 static void frames_that_are_known_to_come_are_counted(void **state)
 {
     (void)state;
@@ -116,6 +149,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(never_for_a_single_frame),
     cmocka_unit_test(not_where_samples_are_better),
     cmocka_unit_test(it_is_computed_when_as_much_has_been_spent),
+    cmocka_unit_test(haste_does_not_keep_it_away),
     cmocka_unit_test(frames_that_are_known_to_come_are_counted),
     cmocka_unit_test(not_where_a_better_picture_was_asked_for),
 };
