@@ -142,6 +142,8 @@ static enum err shade_frame(struct daemon *d, const struct ingested *in, bool an
                                                  *last_s > 0.0 ? shaded_s - *last_s : 0.0 });
     if (piloted && buyer_may(&desc))
         buyer_step(&d->buyer, d->relighter, d->set, &desc, &stats, &pilot, &(struct buyer_wish){ 0, now.error, true });
+    if (by_pilot && !piloted)
+        buyer_watch(&d->buyer, stats.cache_refused);
     daemon_still_open(d, &(struct still_frame){ in, out, desc, header, shaded_s, shaded_s - *last_s });
     *last_s = shaded_s;
     return ERR_OK;

@@ -96,11 +96,13 @@ static void get(struct buyer *b, struct relighter *r, const struct relight_desc 
     b->ready = share >= 1.0;
 }
 
-static void follow(struct buyer *b, struct relighter *r, const atomic_bool *cancel)
+static void follow(struct buyer *b, struct relighter *r, const struct relight_desc *light, bool background)
 {
+    const atomic_bool *cancel = light->direct.cancel;
+    const bool coarsely = background && !(light->classes & PATH_INDIRECT) && b->error > BUY_BIAS_COARSE;
     const double share = relighter_follow(r);
 
-    b->ready = share >= 1.0 && !(cancel && atomic_load(cancel));
+    b->ready = share >= (coarsely ? RELIGHT_COARSE : 1.0) && !(cancel && atomic_load(cancel));
     if (b->ready)
         log_info("auto: frames are made by the cache of light transport from here on");
 }
@@ -111,15 +113,16 @@ void buyer_step(struct buyer *b, struct relighter *r, const struct set *set, con
     struct buy_facts f = facts_of(set, light);
     struct buy kept;
 
+    b->error = wish->error > 0.0 ? wish->error : pilot->error;
     if (b->begun) {
-        follow(b, r, light->direct.cancel);
+        follow(b, r, light, wish->background);
         return;
     }
     if (b->refused)
         return;
     learn(b, stats, pilot);
     f.frames = wish->left;
-    f.error = wish->error > 0.0 ? wish->error : pilot->error;
+    f.error = b->error;
     f.sample_s = b->sample_s;
     f.frame_s = b->frame_s;
     f.spent_s = b->spent_s;
@@ -140,4 +143,12 @@ void buyer_step(struct buyer *b, struct relighter *r, const struct set *set, con
     log_info("auto: computing the cache of light transport: %s; some %.0f s, which pay after %.0f frames", b->last.why,
              b->last.build_s, ceil(b->last.break_even));
     get(b, r, light, false, wish->background);
+}
+
+void buyer_watch(struct buyer *b, bool refused)
+{
+    if (!refused)
+        return;
+    b->ready = b->begun = false;
+    b->refused = true;
 }

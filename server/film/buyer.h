@@ -14,6 +14,7 @@ struct buyer {   /* zeroed at first */
     bool refused;
     uint64_t made;
     double sample_s, frame_s, spent_s;
+    double error;    /* of the last frame by the pilot, or as it was wished for */
     struct buy last; /* the answer, and why */
 };
 
@@ -37,9 +38,13 @@ struct buyer_wish {
 };
 
 /* After a frame by the pilot, none before. r: what the cache is for. Sets b->ready when the next frame can be made by
- * it; until then, and for ever where it does not pay, frames are made as before. That there is no memory for it is a
- * line in the log. */
+ * it, of what is computed in the background as soon as its coarse blocks are better than the frames are; until then,
+ * and for ever where it does not pay, frames are made as before. That there is no memory for it is a line in the log.
+ */
 void buyer_step(struct buyer *b, struct relighter *r, const struct set *set, const struct relight_desc *light,
                 const struct relight_stats *stats, const struct pilot_stats *pilot, const struct buyer_wish *wish);
+
+/* After a frame by the cache. refused: for want of memory it is no more, which may turn out after its coarse blocks. */
+void buyer_watch(struct buyer *b, bool refused);
 
 #endif

@@ -112,9 +112,11 @@ void relighter_destroy(struct relighter *r); /* NULL is allowed */
  * relighter_run does it where it was not asked for. *ms: what it took. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
 
+#define RELIGHT_COARSE (1.0 / 17.0) /* of a cache's computation: its coarse blocks, by their part of all rays */
+
 /* What a cache comes to that relighter_prepare was told to compute in the background, while pictures are made by
  * another method: to be called for each of them. 0: there is none, or it was refused; below 1: it is being computed; 1:
- * it is there, interreflection with it. */
+ * it is there, interreflection with it; from RELIGHT_COARSE on all of direct light is there coarsely. */
 double relighter_follow(struct relighter *r);
 
 /* The picture of the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method

@@ -13,7 +13,6 @@
 /* Of the builder's threads once every block is there coarsely: where processors are contended, Linux gives them half of
  * what a thread of the pictures gets. */
 #define NICENESS 3
-#define COARSE_PART (1.0 / 17.0) /* of all rays */
 
 struct relight_builder {
     const struct set *set;
@@ -156,8 +155,8 @@ bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct reli
 double relight_builder_share(const struct relight_builder *b)
 {
     const double direct = !b->live ? 1.0
-                                   : COARSE_PART * transport_live_share(b->live, TRANSPORT_COARSE) +
-                                         (1.0 - COARSE_PART) * transport_live_share(b->live, TRANSPORT_FINE);
+                                   : RELIGHT_COARSE * transport_live_share(b->live, TRANSPORT_COARSE) +
+                                         (1.0 - RELIGHT_COARSE) * transport_live_share(b->live, TRANSPORT_FINE);
 
     return atomic_load(&b->done) ? 1.0 : fmin(direct, 0.99);
 }

@@ -30,6 +30,7 @@
  * interreflection (docs/transport-cache.md). */
 #define BUY_BIAS 4.5e-4
 #define BUY_BIAS_INDIRECT 1e-2
+#define BUY_BIAS_COARSE 3e-3 /* of its coarse blocks, direct light alone */
 #define BUY_NOISE 0.3
 #define BUY_NOISE_INDIRECT 4.0
 

@@ -123,41 +123,57 @@ static void its_pictures_are_those_of_the_cache(void **state)
 }
 
 /* Frames whose light takes a second each, of 2000 samples a point: the cache is to take a little more than one. */
-static void step(struct buyer *b, struct relighter *r, const struct buyer_wish *wish)
+static void step(struct buyer *b, struct relighter *r, double error, const struct buyer_wish *wish)
 {
-    const struct pilot_stats pilot = { .seconds = 1.0, .error = 1e-2 };
+    const struct pilot_stats pilot = { .seconds = 1.0, .error = error };
     struct relight_stats stats = { .shade_ms = 1e3 };
 
     stats.direct.rays = 2000 * set->gbuffer->point_count;
     buyer_step(b, r, set, &sampled, &stats, &pilot, wish);
 }
 
-/* Beside the frames, once they have cost as much; then frames are made by it. */
-static void a_stream_of_frames_gets_it_in_the_background(void **state)
+/* Beside the frames, once they have cost as much; then frames are made by it: grainy ones by its coarse blocks. */
+static void gets_it_in_the_background(double error)
 {
     static float rgb[VALUES];
+    double share = 0.0;
     const struct buyer_wish wish = { .background = true };
     struct relight_desc light = buyer_light(&sampled);
     struct relighter *r = make();
     struct buyer b = { .looked = false };
     struct relight_stats stats;
     uint32_t steps = 0;
-    (void)state;
 
-    go_home();
     for (; !b.begun && steps < 100; steps++)
-        step(&b, r, &wish);
+        step(&b, r, error, &wish);
     assert_int_equal(steps, BUY_MADE); /* a second for the computation, and some frames to believe it */
     assert_false(b.ready);
     for (steps = 0; !b.ready && steps < 30000; steps++) {
-        nanosleep(&(struct timespec){ .tv_nsec = 2000000 }, NULL);
-        step(&b, r, &wish);
+        nanosleep(&(struct timespec){ .tv_nsec = 200000 }, NULL);
+        step(&b, r, error, &wish);
     }
     assert_true(b.ready);
     light.cache_background = true;
-    run(r, &light, rgb, &stats);
-    assert_true(stats.cache_share == 1.0 && stats.cache_ms == 0.0 && stats.cache.bytes > 0);
+    for (steps = 0; share < 1.0 && steps < 30000; steps++) {
+        run(r, &light, rgb, &stats);
+        share = stats.cache_share;
+        assert_true(share >= RELIGHT_COARSE && stats.cache_ms == 0.0 && stats.cache.bytes > 0);
+        assert_true(steps > 0 || error > BUY_BIAS_COARSE ? true : share == 1.0);
+    }
+    assert_true(share == 1.0);
+    buyer_watch(&b, false);
+    assert_true(b.ready);
+    buyer_watch(&b, true);
+    assert_true(!b.ready && b.refused);
     relighter_destroy(r);
+}
+
+static void a_stream_of_frames_gets_it_in_the_background(void **state)
+{
+    (void)state;
+    go_home();
+    gets_it_in_the_background(1e-2);
+    gets_it_in_the_background(0.9 * BUY_BIAS_COARSE);
     leave_home();
 }
 
@@ -173,16 +189,16 @@ static void a_file_is_taken_after_one_frame(void **state)
     (void)state;
 
     go_home();
-    step(&b, r, &known); /* no file: two frames are no reason to compute it */
+    step(&b, r, 1e-2, &known); /* no file: two frames are no reason to compute it */
     assert_false(b.ready || b.begun);
     cached.direct.method = METHOD_CACHED;
     assert_int_equal(relighter_prepare(r, &cached, false, &ms), ERR_OK);
     relighter_destroy(r);
     r = make();
     b = (struct buyer){ .looked = false };
-    step(&b, r, &strict);
+    step(&b, r, 1e-2, &strict);
     assert_false(b.ready || b.looked);
-    step(&b, r, &known);
+    step(&b, r, 1e-2, &known);
     assert_true(b.ready);
     relighter_destroy(r);
     cache_places_find(set, "", &places);
