@@ -171,7 +171,7 @@ static enum err obey(struct daemon *d, int held, double *last_s, struct reason *
         if (e)
             return e;
     }
-    if (daemon_settings(d).looks != d->looks)
+    if (atomic_exchange(&d->show_again, false) || daemon_settings(d).looks != d->looks)
         daemon_still_show(d);
     return ERR_OK;
 }
@@ -316,6 +316,7 @@ static void tear_down(struct daemon *d)
     pilot_destroy(d->pilot);
     still_destroy(d->still);
     prober_destroy(d->prober);
+    mem_free(d->sky_text);
     daemon_camera_finish(d);
     source_close(d->source);
     handoff_finish(&d->frames);

@@ -129,10 +129,15 @@ struct daemon {
     uint64_t still_told;          /* of how many passes; 0: none was */
     double still_logged_s;        /* 0: never */
     struct prober *prober;        /* shade thread; NULL until it is wanted */
+    char *sky_text;               /* shade thread: the answer to who asks for the sky alone; NULL: none, */
+    uint64_t sky_frame;           /* of which frame, */
+    double sky_s;                 /* when it was made, */
+    double sky_rotation;          /* and how the sky was turned */
     const struct shaded *latest;  /* shade thread: the last picture, handed on, of still_frame; NULL: there is none */
     atomic_bool *stirred;         /* set by whoever has something new: ends the pass that is under way */
-    atomic_bool reading;          /* a frame is being read */
-    struct jpeg_encoder *jpeg;    /* encode thread, and what follows */
+    atomic_bool show_again;    /* somebody has not got the standing picture in a format that is made of its numbers */
+    atomic_bool reading;       /* a frame is being read */
+    struct jpeg_encoder *jpeg; /* encode thread, and what follows */
     struct exposure exposure;
     uint64_t exposed;             /* the frame to which exposure has adapted */
     float gain;                   /* of exposure that follows, without the bias */
@@ -141,7 +146,8 @@ struct daemon {
     bool h264_failed;             /* which was said */
     uint8_t *display;             /* the last whole picture as it is shown, and */
     struct protocol_picture last; /* what it is; format 0: none */
-    bool last_jpeg;               /* it was published as JPEG */
+    bool last_jpeg;               /* it was published as JPEG, */
+    unsigned last_exr;            /* and as these: bits 1 << enum protocol_format */
     float *small;                 /* a picture of half the sides or less, */
     uint8_t *small_display;       /* and as it is shown */
 

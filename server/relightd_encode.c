@@ -143,6 +143,7 @@ static double show(struct daemon *d, const struct shaded *in)
     d->last = in->header;
     d->last.format = PROTOCOL_JPEG;
     d->last_jpeg = false;
+    d->last_exr = 0;
     return 1e3 * (clock_seconds() - start);
 }
 
@@ -190,6 +191,7 @@ static void encode_picture(struct daemon *d, struct shaded *in)
             d->last_jpeg = true;
         } else if (now != PROTOCOL_JPEG && (at_end || demand.formats >> now & 1)) {
             encode_exr(d, in, now);
+            d->last_exr |= 1u << now;
         }
     }
     close_ticket(d, in);
@@ -215,6 +217,8 @@ static void encode_again(struct daemon *d)
         encode_jpeg(d, &in, d->display, 0.0, quality);
         d->last_jpeg = true;
     }
+    if (demand.formats & (1u << PROTOCOL_EXR_HALF | 1u << PROTOCOL_EXR_FLOAT) & ~d->last_exr) /* the numbers are gone */
+        atomic_store(&d->show_again, true);
     if (d->h264 && key_is_due(d, &demand))
         encode_h264(d, &in, 0.0, quality, true);
 }

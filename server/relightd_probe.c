@@ -4,8 +4,11 @@
  * in a second. */
 #include "relightd.h"
 
+#include "clock.h"
 #include "log.h"
 #include "mem.h"
+
+#define SKY_LEAST_S 1.0 /* between two pictures of the sky for who asks for it alone */
 
 void daemon_probe_picture(struct daemon *d, const struct shaded *picture)
 {
@@ -47,13 +50,40 @@ static enum err report(struct daemon *d, const struct server_probe *asked, char 
     return prober_report(d->prober, f->in->environment, &light, &q, d->latest->rgb, text);
 }
 
+/* Made once a second at most, and once a frame, for all who ask. */
+static const char *sky_alone(struct daemon *d)
+{
+    const struct environment *e = d->still_frame.in->environment;
+    const double now = clock_seconds();
+    char *text;
+
+    if (!d->prober)
+        d->prober = prober_create(d->set, d->kernels);
+    const bool same = d->sky_text && e->number == d->sky_frame && e->rotation == d->sky_rotation;
+    if (same || (d->sky_text && now - d->sky_s < SKY_LEAST_S))
+        return d->sky_text;
+    if (!d->prober || prober_sky(d->prober, e, &text))
+        return NULL;
+    mem_free(d->sky_text);
+    d->sky_text = text;
+    d->sky_frame = e->number;
+    d->sky_rotation = e->rotation;
+    d->sky_s = now;
+    return text;
+}
+
+/* One pixel's question; the sky is given to all who have asked. */
 void daemon_probe_answer(struct daemon *d)
 {
     struct server_probe asked;
     char *text = NULL;
 
-    if (!server_take_probe(d->server, &asked))
-        return;
+    do {
+        if (!server_take_probe(d->server, &asked))
+            return;
+        if (asked.sky_alone && d->latest)
+            server_answer_probe(d->server, &asked, sky_alone(d), "out of memory");
+    } while (asked.sky_alone && d->latest);
     const bool elsewhere = d->set != d->first_set && !d->still_known; /* a lockstep sequence's, of its own camera */
     if (!d->latest || elsewhere || asked.x >= d->latest->header.width || asked.y >= d->latest->header.height) {
         server_answer_probe(d->server, &asked, NULL, "there is no picture with such a pixel");

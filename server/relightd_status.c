@@ -198,6 +198,7 @@ void daemon_tell_shaded(struct daemon *d, const struct shaded_news *news)
     s->computed = stats->cache_share;
     s->passes = 0;
     s->converged = false;
+    server_set_status(d->server, s); /* it may be encoded by now, and nothing be told after it */
     pthread_mutex_unlock(&d->status_lock);
 }
 

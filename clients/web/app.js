@@ -15,7 +15,7 @@ import {
 import { startTheme, switchTheme } from './theme.js';
 
 // Each is a panel or a tool by itself: `export function mount(app)`. One that fails costs itself only.
-const MODULES = ['./controls.js', './probe.js'];
+const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js'];
 
 const $ = (id) => document.getElementById(id);
 

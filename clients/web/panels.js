@@ -39,3 +39,7 @@ export function makePanel(id, title, { open = true } = {}) {
   section.hidden = false;
   return body;
 }
+
+// Whether what stands in a panel can be seen: in a folded one it still has its size.
+export const isSeen = (element) => element.clientWidth > 0 && document.visibilityState === 'visible' &&
+  element.closest('.panel')?.querySelector('details')?.open === true;

@@ -360,6 +360,16 @@ enum err prober_report(struct prober *p, const struct environment *e, const stru
     return *text ? ERR_OK : ERR_NOMEM;
 }
 
+enum err prober_sky(struct prober *p, const struct environment *e, char **text)
+{
+    json_t *j = json_pack("{s:I, s:o, s:o}", "frame", (json_int_t)e->number, "rotate_degrees",
+                          number(e->rotation * 180.0 / PI), "sky", sky_json(p, e));
+
+    *text = j ? dump(j) : NULL;
+    json_decref(j);
+    return *text ? ERR_OK : ERR_NOMEM;
+}
+
 enum err prober_print(struct prober *p, const struct environment *e, const struct relight_desc *light,
                       const struct probe_question *q, const float *rgb, struct reason *why)
 {

@@ -28,7 +28,10 @@ void prober_destroy(struct prober *p); /* NULL is allowed */
 MUST_CHECK enum err prober_report(struct prober *p, const struct environment *e, const struct relight_desc *light,
                                   const struct probe_question *q, const float *rgb, char **text);
 
-/* The same as a line on standard output. ERR_IO too. */
+/* The sky alone: the JSON object of PROTOCOL.md 4.16.10, likewise. ERR_NOMEM. */
+MUST_CHECK enum err prober_sky(struct prober *p, const struct environment *e, char **text);
+
+/* The same as prober_report, as a line on standard output. ERR_IO too. */
 MUST_CHECK enum err prober_print(struct prober *p, const struct environment *e, const struct relight_desc *light,
                                  const struct probe_question *q, const float *rgb, struct reason *why);
 

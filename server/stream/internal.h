@@ -86,6 +86,7 @@ struct viewer {
 
     uint64_t control_seen; /* version of what is in force that it was told */
     bool probing;          /* a question about a pixel is under way */
+    bool asking_sky;       /* one about the sky alone */
     bool answer_due;       /* an answer to its own control message `answer` */
     uint64_t answer;
 

@@ -355,10 +355,12 @@ static enum fault_code parse_probe(const json_t *object, struct message *m, stru
         take_integer(object, "samples", false, 1, MESSAGE_PROBE_SAMPLES_MAX, &samples, "4.15.3", fault) ||
         (preset && !json_is_null(preset) && take_word(object, "preset", presets, 1, &word, "4.15.3", fault)))
         goto failed;
-    m->probe.asks =
-        json_object_get(object, "x") || json_object_get(object, "y") || !m->probe.has_follow || m->probe.follow;
-    if (m->probe.asks && (take_integer(object, "x", true, 0, PROTOCOL_SIDE_MAX - 1, &x, "4.15.2", fault) ||
-                          take_integer(object, "y", true, 0, PROTOCOL_SIDE_MAX - 1, &y, "4.15.2", fault)))
+    const bool somewhere = json_object_get(object, "x") || json_object_get(object, "y") || m->probe.follow;
+    q->sky_alone = q->sky && !somewhere;
+    m->probe.asks = somewhere || q->sky || !m->probe.has_follow;
+    if (m->probe.asks && !q->sky_alone &&
+        (take_integer(object, "x", true, 0, PROTOCOL_SIDE_MAX - 1, &x, "4.15.2", fault) ||
+         take_integer(object, "y", true, 0, PROTOCOL_SIDE_MAX - 1, &y, "4.15.2", fault)))
         goto failed;
     q->request = (uint64_t)request;
     q->x = (uint32_t)x;

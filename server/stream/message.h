@@ -98,7 +98,7 @@ struct message {
         } ping;
         struct server_control control;
         struct {
-            bool asks; /* it names a pixel: `question` is one */
+            bool asks; /* it names a pixel, or asks for the sky: `question` is one */
             struct server_probe question;
             bool has_follow, follow;
         } probe;

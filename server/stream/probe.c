@@ -49,11 +49,13 @@ static bool follow(struct server *s, const struct server_probe *asked)
     return room;
 }
 
-/* {lock} A bucket of PROBES_BURST that fills at PROBES_RATE a second. */
-static bool may_ask(struct probes *p)
+/* {lock} A bucket of PROBES_BURST that fills at PROBES_RATE a second. The sky alone is made once for all who ask. */
+static bool may_ask(struct probes *p, bool sky_alone)
 {
     const int64_t now = viewer_now_us();
 
+    if (sky_alone)
+        return p->waiting_count < PROBES_WAITING;
     p->tokens = p->tokens_us ? p->tokens + (double)(now - p->tokens_us) * 1e-6 * PROBES_RATE : PROBES_BURST;
     p->tokens = p->tokens < PROBES_BURST ? p->tokens : PROBES_BURST;
     p->tokens_us = now;
@@ -76,7 +78,7 @@ static void check(const struct viewer *v, const struct server_probe *q, struct f
         fault_say(fault, FAULT_NOT_OFFERED, "4.15.7", "there is no picture yet");
     else if (width && height && (q->x >= width || q->y >= height))
         fault_say(fault, FAULT_BAD_FIELD, "4.15.2", "x and y must lie in the picture of %ux%u", width, height);
-    else if (v->probing)
+    else if (q->sky_alone ? v->asking_sky : v->probing)
         fault_say(fault, FAULT_BUSY, "4.15.6", "the question before is not answered yet");
 }
 
@@ -85,7 +87,7 @@ static void ask(struct viewer *v, const struct server_probe *q, struct fault *fa
     struct probes *p = &v->server->probes;
 
     pthread_mutex_lock(&v->server->lock);
-    const bool may = may_ask(p);
+    const bool may = may_ask(p, q->sky_alone);
     if (may)
         p->waiting[p->waiting_count++] = *q;
     pthread_mutex_unlock(&v->server->lock);
@@ -93,7 +95,7 @@ static void ask(struct viewer *v, const struct server_probe *q, struct fault *fa
         fault_say(fault, FAULT_BUSY, "4.15.6", "too many ask at once: %g questions a second are answered", PROBES_RATE);
         return;
     }
-    v->probing = true;
+    *(q->sky_alone ? &v->asking_sky : &v->probing) = true;
     if (v->server->stirred)
         atomic_store(v->server->stirred, true);
 }
@@ -150,7 +152,7 @@ bool server_take_probe(struct server *s, struct server_probe *out)
 void server_answer_probe(struct server *s, const struct server_probe *asked, const char *text, const char *error)
 {
     struct probes *p = &s->probes;
-    struct probe_words a = { .by = asked->by, .request = asked->request };
+    struct probe_words a = { .by = asked->by, .request = asked->request, .sky_alone = asked->sky_alone };
 
     a.text = text ? message_probed(text, asked->request) : NULL;
     snprintf(a.error, sizeof(a.error), "%s", error ? error : a.text ? "" : "out of memory");
@@ -212,7 +214,7 @@ void probes_tell(struct server *s)
             message_free(answers[i].text);
             continue;
         }
-        v->probing = false;
+        *(answers[i].sky_alone ? &v->asking_sky : &v->probing) = false;
         if (answers[i].text) {
             viewer_say(v, answers[i].text);
         } else {

@@ -13,6 +13,7 @@
 
 struct probe_words {
     uint64_t by, request;
+    bool sky_alone;
     char *text; /* the answer's fields; NULL: there is none, since */
     char error[sizeof(struct reason)];
 };

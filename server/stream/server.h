@@ -123,6 +123,7 @@ struct server_probe {
     uint32_t x, y;        /* within the picture, as far as its size was said */
     uint32_t samples;     /* 0: not said */
     bool figure, sky;     /* the preset of [LPG13, Fig. 1]; with the sky's picture */
+    bool sky_alone;       /* nothing else is asked, and no pixel named */
 };
 
 /* The next question. False: none. Any thread. */

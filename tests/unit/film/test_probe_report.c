@@ -150,6 +150,31 @@ static enum err read_line(const char *line, bool *asked, struct probe_question *
     return probe_options_read(&o, 320, 180, asked, q, why);
 }
 
+/* By whatever way it is asked for. */
+static void the_sky_alone_is_that_of_a_report(void **state)
+{
+    (void)state;
+    struct frame lit = sky_constant(64, 32, 0.2f);
+    sky_paint(&lit, 40, 8, 90.0f, 80.0f, 70.0f);
+    struct stand s = stand_make(lit);
+    const struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 16, .seed = 1 } };
+    size_t size;
+    char *text;
+    json_t *whole = report(&s, &light, &(struct probe_question){ .x = 20, .y = 30, .sky = true }, NULL, &size);
+
+    assert_int_equal(prober_sky(s.prober, s.sky, &text), ERR_OK);
+    json_t *alone = json_loads(text, JSON_REJECT_DUPLICATES, NULL);
+    assert_non_null(alone);
+    assert_true(json_is_object(json_object_get(alone, "sky")));
+    assert_true(json_equal(json_object_get(alone, "sky"), json_object_get(whole, "sky")));
+    assert_true(json_equal(json_object_get(alone, "frame"), json_object_get(whole, "frame")));
+    assert_true(json_is_number(json_object_get(alone, "rotate_degrees")));
+    mem_free(text);
+    json_decref(alone);
+    json_decref(whole);
+    stand_finish(&s);
+}
+
 static void flags_are_read_or_refused(void **state)
 {
     static const char *const wrong[] = {
@@ -189,6 +214,7 @@ static void flags_are_read_or_refused(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_largest_report_fits),
     cmocka_unit_test(a_report_adds_up),
+    cmocka_unit_test(the_sky_alone_is_that_of_a_report),
     cmocka_unit_test(flags_are_read_or_refused),
 };
 

@@ -66,6 +66,39 @@ static void a_question_arrives_and_its_answer_returns(void **state)
     server_destroy(s);
 }
 
+/* It waits for no question about a pixel, and hinders none. */
+static void the_sky_alone_is_asked_for_beside_a_pixel(void **state)
+{
+    (void)state;
+    struct server *s = server_with_picture();
+    struct client c;
+
+    client_greet(&c, s);
+    client_say(&c, "{\"op\":\"probe\",\"request\":1,\"x\":3,\"y\":4,\"sky\":true}");
+    client_say(&c, "{\"op\":\"probe\",\"request\":2,\"sky\":true}");
+    const struct server_probe pixel = asked(s), sky = asked(s);
+    assert_true(pixel.request == 1 && !pixel.sky_alone && pixel.sky);
+    assert_true(sky.request == 2 && sky.sky_alone);
+    client_say(&c, "{\"op\":\"probe\",\"request\":3,\"sky\":true}");
+    expect_error(&c, "busy", "4.15.6", 3);
+    server_answer_probe(s, &sky, "{\"frame\":8}", NULL);
+    json_t *m = client_await(&c, "probed");
+    assert_int_equal(json_integer_value(json_object_get(m, "request")), 2);
+    assert_int_equal(json_integer_value(json_object_get(m, "frame")), 8);
+    json_decref(m);
+    client_say(&c, "{\"op\":\"probe\",\"request\":4,\"x\":3,\"y\":4}");
+    expect_error(&c, "busy", "4.15.6", 4); /* the pixel is still under way */
+    for (int i = 0; i < 20; i++) {         /* more than pixels may be asked about */
+        client_say(&c, "{\"op\":\"probe\",\"request\":5,\"sky\":true}");
+        const struct server_probe again = asked(s);
+        assert_true(again.sky_alone && again.request == 5);
+        server_answer_probe(s, &again, "{\"frame\":9}", NULL);
+        json_decref(client_await(&c, "probed"));
+    }
+    client_shut(&c);
+    server_destroy(s);
+}
+
 /* The largest answer that is made goes through whole. */
 static void an_answer_of_60_kib_goes_through(void **state)
 {
@@ -300,6 +333,7 @@ static void a_followed_pixel_is_told(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_question_arrives_and_its_answer_returns),
+    cmocka_unit_test(the_sky_alone_is_asked_for_beside_a_pixel),
     cmocka_unit_test(an_answer_of_60_kib_goes_through),
     cmocka_unit_test(what_is_wrong_is_named_and_costs_nothing),
     cmocka_unit_test(before_the_first_picture_nothing_can_be_asked),

@@ -1,0 +1,215 @@
+// A handle over the picture: on its left a picture that was kept, on its right the live one. All of it is of the canvas'
+// own pixels; the words are compare_model.js's.
+
+import { GAIN, alsoMethod, difference, differenceWords, factsOf, sideWords, warnings, within } from './compare_model.js';
+import { make } from './dom.js';
+import { fit } from './probe_geometry.js';
+import { topButton, withKey } from './snapshot.js';
+
+const STEP = 0.01; // of the picture's width for an arrow key; with Shift
+const LEAP = 0.1;
+const FIGURES_MS = 1000;
+
+export class Compare {
+  constructor(app) {
+    this.app = app;
+    this.place = document.getElementById('compare');
+    this.at = 0.5;
+    this.kept = null; // {canvas, facts}
+    this.header = null; // of the live picture
+    this.build();
+    app.on('picture', ({ header }) => this.takePicture(header));
+    app.on('status', (status) => this.takeStatus(status));
+    new ResizeObserver(() => this.layOut()).observe(this.place);
+    window.relight.compare = this;
+  }
+
+  build() {
+    this.left = make('canvas', { id: 'compare-kept', ariaHidden: 'true' });
+    this.handle = make('div', { id: 'compare-handle', tabIndex: 0, role: 'slider', ariaLabel: 'Boundary between the kept picture and the live one', ariaValueMin: '0', ariaValueMax: '100', ariaOrientation: 'horizontal' });
+    this.handle.dataset.keys = 'ArrowLeft ArrowRight Home End';
+    this.wordsA = make('p', { id: 'compare-a' });
+    this.wordsB = make('p', { id: 'compare-b' });
+    this.anew = make('button', { type: 'button', id: 'compare-anew', text: 'Keep the live one' });
+    this.apart = make('button', { type: 'button', id: 'compare-difference', text: `Difference × ${GAIN}`, ariaPressed: 'false' });
+    this.end = make('button', { type: 'button', id: 'compare-end', text: 'End' });
+    this.remark = make('span', { id: 'compare-remark' });
+    this.bar = make('div', { id: 'compare-bar', role: 'group', ariaLabel: 'Comparison' }, this.remark,
+      make('div', { className: 'compare-row' }, this.anew, this.apart, this.end));
+    this.parts = [this.left, this.handle, this.wordsA, this.wordsB, this.bar];
+    this.place.append(...this.parts.slice(0, 4));
+    document.getElementById('stage').append(this.bar); // over the picture, and on a phone below it
+    this.show(false);
+
+    this.button = topButton('compare-button', 'Keep this picture and compare', 'Compare', 'M2 3h12v10H2zM8 1.5v13M5 8H3.8M11 8h1.2');
+    this.button.setAttribute('aria-pressed', 'false');
+    withKey(this.app, this.button, 'k', 'Keep this picture and compare the live one with it, or end that', () => (this.kept ? this.stop() : this.keep()));
+    this.anew.onclick = () => this.keep();
+    this.end.onclick = () => this.stop();
+    this.apart.onclick = () => this.toggle();
+    this.app.key('x', `Comparing: difference times ${GAIN}, or the kept picture`, () => this.toggle());
+    this.listen();
+  }
+
+  listen() {
+    const move = (event) => {
+      const { left, width } = this.box();
+      this.set((event.clientX - left) / width);
+    };
+    this.handle.addEventListener('pointerdown', (event) => {
+      if (event.button !== 0) return;
+      this.handle.setPointerCapture(event.pointerId);
+      this.handle.focus({ focusVisible: false });
+      event.preventDefault();
+    });
+    this.handle.addEventListener('pointermove', (event) => {
+      if (this.handle.hasPointerCapture(event.pointerId)) move(event);
+    });
+    this.handle.addEventListener('keydown', (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      const by = event.shiftKey ? LEAP : STEP;
+      const to = { ArrowLeft: this.at - by, ArrowRight: this.at + by, Home: 0, End: 1 }[event.key];
+      if (to === undefined) return;
+      event.preventDefault();
+      this.set(to);
+    });
+  }
+
+  // ---- what a person does
+
+  keep() {
+    if (!this.header) {
+      this.app.say('There is no picture yet');
+      return;
+    }
+    const { width, height } = this.app.canvas;
+    const canvas = new OffscreenCanvas(width, height);
+    canvas.getContext('2d', { willReadFrequently: true }).drawImage(this.app.canvas, 0, 0);
+    this.kept = { canvas, facts: factsOf(this.header, this.app.status), young: true };
+    this.show(true);
+    this.draw();
+    this.app.say('Kept on the left; the right side is live');
+  }
+
+  stop() {
+    this.kept = null;
+    this.show(false);
+  }
+
+  toggle() {
+    if (!this.kept) {
+      this.app.say('Keep a picture first (K)');
+      return;
+    }
+    this.apart.setAttribute('aria-pressed', String(!this.differs));
+    this.draw();
+  }
+
+  get differs() {
+    return this.apart.getAttribute('aria-pressed') === 'true';
+  }
+
+  set(at) {
+    this.at = within(at);
+    this.layOut();
+  }
+
+  // ---- what comes
+
+  takePicture(header) {
+    this.header = header;
+    if (!this.kept) return;
+    if (this.differs || header.width !== this.laidWidth || header.height !== this.laidHeight) this.draw();
+    this.say();
+  }
+
+  takeStatus(status) {
+    if (!this.kept) return;
+    if (this.kept.young) { // the first word after the picture was kept
+      this.kept.facts = alsoMethod(this.kept.facts, status);
+      this.kept.young = false;
+    }
+    this.say();
+  }
+
+  // ---- showing
+
+  show(on) {
+    for (const element of this.parts) element.hidden = !on;
+    document.body.classList.toggle('comparing', on);
+    this.button?.setAttribute('aria-pressed', String(on));
+  }
+
+  // Of the picture within the window.
+  box() {
+    const over = this.place.getBoundingClientRect();
+    const { width, height } = this.app.canvas;
+    const { scale, left, top } = fit(over, width, height);
+    return { left, top, width: scale * width, height: scale * height, over };
+  }
+
+  layOut() {
+    if (!this.kept) return;
+    const { left, top, width, height, over } = this.box();
+    const place = (element, x, y, w, h) => Object.assign(element.style, { left: `${x}px`, top: `${y}px`, width: `${w}px`, height: `${h}px` });
+    place(this.left, left - over.left, top - over.top, width, height);
+    this.left.style.clipPath = `inset(0 ${(100 * (1 - this.at)).toFixed(3)}% 0 0)`;
+    place(this.handle, left - over.left + this.at * width, top - over.top, 0, height);
+    this.handle.setAttribute('aria-valuenow', String(Math.round(100 * this.at)));
+    this.handle.setAttribute('aria-valuetext', `${Math.round(100 * this.at)} % of the picture is the kept one`);
+  }
+
+  // The left side: the kept picture, or GAIN times the absolute difference of the two, capped at white.
+  draw() {
+    if (!this.kept) return;
+    const { width, height } = this.app.canvas;
+    [this.laidWidth, this.laidHeight] = [width, height];
+    if (this.left.width !== width || this.left.height !== height) Object.assign(this.left, { width, height });
+    const context = this.left.getContext('2d', { alpha: false });
+    context.globalCompositeOperation = 'copy';
+    context.drawImage(this.kept.canvas, 0, 0, width, height);
+    if (this.differs) {
+      context.globalCompositeOperation = 'difference';
+      context.drawImage(this.app.canvas, 0, 0);
+      context.globalCompositeOperation = 'lighter'; // it and itself: twice as much
+      for (let gain = 1; gain < GAIN; gain *= 2) context.drawImage(this.left, 0, 0);
+    }
+    this.layOut();
+    this.say();
+  }
+
+  say() {
+    if (!this.kept) return;
+    const live = factsOf(this.header, this.app.status);
+    const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
+    text(this.wordsA, sideWords(this.differs ? 'Difference from kept' : 'Kept', this.kept.facts));
+    text(this.wordsB, sideWords('Live', live));
+    text(this.remark, [this.figures(), ...warnings(this.kept.facts, live)].filter(Boolean).join('; '));
+  }
+
+  // By way of a canvas that is made for that: the shown one, often read, would be taken off the graphics processor.
+  pixels(canvas) {
+    const { width, height } = canvas;
+    if (this.scratch?.width !== width || this.scratch?.height !== height) this.scratch = new OffscreenCanvas(width, height);
+    const context = this.scratch.getContext('2d', { willReadFrequently: true, alpha: false });
+    context.drawImage(canvas, 0, 0);
+    return context.getImageData(0, 0, width, height);
+  }
+
+  // Reading pixels back costs time, so once a second, and only while the difference is looked at.
+  figures() {
+    const { canvas } = this.kept;
+    const now = performance.now();
+    if (!this.differs || canvas.width !== this.app.canvas.width || canvas.height !== this.app.canvas.height) return '';
+    if (this.kept.figuresFor === this.header.sequence || now - this.kept.figuresMs < FIGURES_MS) return this.kept.figures;
+    const live = this.pixels(this.app.canvas);
+    const kept = this.pixels(canvas);
+    Object.assign(this.kept, { figuresMs: now, figuresFor: this.header.sequence, figures: differenceWords(difference(kept.data, live.data)) });
+    return this.kept.figures;
+  }
+}
+
+export function mount(app) {
+  document.head.append(make('link', { rel: 'stylesheet', href: 'compare.css' }));
+  return new Compare(app);
+}

@@ -1,0 +1,109 @@
+// Speed and accuracy, live: each picture's time against its error, what the server chose and left out, and where the time
+// between a sky and its picture on the screen goes. The figures are insight_model.js's, the drawings insight_draw.js's.
+
+import { make } from './dom.js';
+import { STAGE_COLOURS, colours, drawForm, drawLatency, drawScatter, stageLabels, styleOf } from './insight_draw.js';
+import { isSeen } from './panels.js';
+import { Insight, MINUTES, choiceWords, rows, summary } from './insight_model.js';
+
+const SHOW_MS = 500;
+
+class Panel {
+  constructor(app) {
+    this.insight = new Insight();
+    this.methods = []; // as they were seen: each keeps its form and colour
+    this.session = null;
+    this.build(app.panel('insight', 'Speed and accuracy'));
+    app.on('picture', ({ header, clock, nowMs }) =>
+      this.insight.picture(header, clock.known ? nowMs * 1000 + clock.offsetUs : NaN, performance.now()));
+    app.on('status', (status) => this.takeStatus(status));
+    app.on('welcome', (welcome) => {
+      if (welcome.session !== this.session) this.insight.forget();
+      this.insight.headers.length = 0; // sequence numbers begin again
+      this.session = welcome.session;
+    });
+    setInterval(() => this.show(), SHOW_MS);
+    window.relight.insight = this;
+  }
+
+  build(body) {
+    this.words = make('p', { className: 'counts', id: 'insight-words' });
+    this.time = make('select', { id: 'insight-time' },
+      make('option', { value: 'shaded', text: 'to relight' }), make('option', { value: 'whole', text: 'at the server, in all' }));
+    this.scatter = make('canvas', { id: 'insight-scatter', role: 'img' });
+    this.latency = make('canvas', { id: 'insight-latency', role: 'img' });
+    for (const canvas of [this.scatter, this.latency]) canvas.setAttribute('role', 'img');
+    this.legend = make('ul', { className: 'insight-legend', id: 'insight-methods' });
+    this.choices = make('ol', { className: 'counts insight-choices', id: 'insight-choices' });
+    this.stages = make('ul', { className: 'insight-legend', id: 'insight-stages' });
+    this.table = make('tbody', { id: 'insight-table' });
+    this.time.onchange = () => this.show();
+    body.append(
+      make('label', { className: 'insight-row' }, 'Error against the time ', this.time),
+      this.scatter, this.legend, this.words,
+      make('h3', { text: 'What was chosen, newest first' }), this.choices,
+      make('h3', { text: 'From the sky to the screen' }), this.latency, this.stages,
+      make('details', {}, make('summary', { text: 'The last values as a table' }),
+        make('table', { className: 'insight-table' }, make('caption', { className: 'unseen', text: 'The newest picture, and the latency of the last second' }), this.table)));
+    this.stages.replaceChildren(...stageLabels.map((label, i) => this.item(label, 'square', STAGE_COLOURS[i])));
+  }
+
+  item(label, form, colour) {
+    const sign = make('canvas', { width: 22, height: 22, className: 'insight-sign' });
+    sign.setAttribute('aria-hidden', 'true');
+    sign.dataset.form = form;
+    sign.dataset.colour = colour;
+    return make('li', {}, sign, label);
+  }
+
+  takeStatus(status) {
+    const point = this.insight.status(status, performance.now());
+    if (!point || this.methods.includes(point.method)) return;
+    this.methods.push(point.method);
+    const { form, colour } = styleOf(this.methods.length - 1);
+    this.legend.append(this.item(point.method, form, colour));
+  }
+
+  show() {
+    if (!isSeen(this.scatter)) return;
+    const now = performance.now();
+    const { insight } = this;
+    const whole = this.time.value === 'whole';
+    drawScatter(this.scatter, insight, this.methods, whole);
+    drawLatency(this.latency, insight.seconds, now);
+    this.paintSigns();
+    const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
+    const said = summary(insight, whole);
+    text(this.words, said);
+    this.scatter.setAttribute('aria-label', `Each picture of the last ${MINUTES} minutes, its error against its time. ${said}`);
+    const table = rows(insight);
+    this.latency.setAttribute('aria-label', `Latency over time, by its parts. ${table.filter(([label]) => label.startsWith('Latency')).map((r) => r.join(': ')).join('; ')}`);
+    this.fill(this.choices, [...insight.choices].reverse().map((c) => choiceWords(c, now)), (words) => make('li', { text: words }));
+    this.fill(this.table, table, ([label, value]) => make('tr', {}, make('th', { text: label, scope: 'row' }), make('td', { text: value })));
+  }
+
+  fill(element, items, row) {
+    const key = JSON.stringify(items);
+    if (element.dataset.key === key) return;
+    element.dataset.key = key;
+    element.replaceChildren(...items.map(row));
+  }
+
+  paintSigns() {
+    const colour = colours();
+    for (const sign of document.querySelectorAll('.insight-sign')) {
+      const context = sign.getContext('2d');
+      context.clearRect(0, 0, 22, 22);
+      context.fillStyle = context.strokeStyle = colour(sign.dataset.colour);
+      context.lineWidth = 3;
+      drawForm(context, sign.dataset.form, 11, 11, 8);
+      if (sign.dataset.form === 'cross') context.stroke();
+      else context.fill();
+    }
+  }
+}
+
+export function mount(app) {
+  document.head.append(make('link', { rel: 'stylesheet', href: 'insight.css' }));
+  return new Panel(app);
+}

@@ -1,0 +1,149 @@
+// The sky that lights the picture, as a lat-long picture of its own, with its sun marked and, while a pixel is looked into,
+// the samples of that pixel. The server is asked once a second while the panel is looked at; a probe brings its own.
+
+import { make } from './dom.js';
+import { decodeSky, drawProbe } from './probe_draw.js';
+import { toLatLong } from './probe_geometry.js';
+import { isSeen } from './panels.js';
+import { sunSentence } from './sentences.js';
+
+const ASK_MS = 1000;
+const LOST_MS = 10000;
+
+// Towards the sun: degrees above the horizon and clockwise from north, which is +Z, east -X; in a sky that is turned
+// right-handed about +Y.
+export function sunDirection({ elevation, azimuth }, turnDegrees = 0) {
+  const [up, round, turn] = [elevation, azimuth, turnDegrees].map((d) => (d * Math.PI) / 180);
+  const [x, z] = [-Math.cos(up) * Math.sin(round), Math.cos(up) * Math.cos(round)];
+  return [x * Math.cos(turn) + z * Math.sin(turn), Math.sin(up), z * Math.cos(turn) - x * Math.sin(turn)];
+}
+
+const NONE = { light: [], lobes: [], point: null, escape: null };
+
+class SkyPanel {
+  constructor(app) {
+    this.app = app;
+    this.request = 0;
+    this.waiting = false;
+    this.refused = false; // an older server
+    this.sky = null; // {frame, image, turn}
+    this.probed = null; // the last answer about a pixel
+    this.probedMs = -Infinity;
+    this.build(app.panel('sky-panel', 'The sky'));
+    app.on('probed', (message) => this.take(message));
+    app.on('error', (error) => this.takeError(error));
+    app.on('welcome', () => { this.waiting = this.refused = false; });
+    app.on('status', () => this.say());
+    setInterval(() => this.ask(), ASK_MS);
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    window.relight.sky = this;
+  }
+
+  build(body) {
+    this.canvas = make('canvas', { id: 'sky-latlong' });
+    this.canvas.setAttribute('role', 'img');
+    this.words = make('p', { className: 'counts', id: 'sky-words', text: 'The sky has not been asked for yet.' });
+    body.append(this.canvas, this.words);
+  }
+
+  get seen() {
+    return isSeen(this.canvas);
+  }
+
+  // The pixel that is looked into at present, if any.
+  get pixel() {
+    return window.relight.probe?.pixel ? this.probed : null;
+  }
+
+  ask() {
+    const now = performance.now();
+    if (this.waiting && now - this.askedMs > LOST_MS) this.waiting = false;
+    if (!this.pixel && this.probed) {
+      this.probed = null;
+      this.draw();
+    }
+    if (!this.seen || this.waiting || this.refused || !(this.app.status?.frames?.used > 0) || now - this.probedMs < 1.5 * ASK_MS) return;
+    if (this.fresh()) return;
+    this.waiting = true;
+    this.askedMs = now;
+    this.app.send({ op: 'probe', request: ++this.request, sky: true });
+  }
+
+  // Nothing has changed since: a sky that stands still is asked for once.
+  fresh() {
+    return this.sky?.alone && this.sky.frame === this.app.status.frame && this.sky.turn === (this.app.control?.rotate_degrees ?? this.sky.turn);
+  }
+
+  async take(message) {
+    const alone = message.x === undefined;
+    if (alone && message.request !== this.request) return;
+    if (alone) this.waiting = false;
+    else {
+      this.probed = message;
+      this.probedMs = performance.now();
+    }
+    if (message.sky) {
+      const image = await decodeSky(message.sky);
+      this.sky = { image, alone, frame: message.frame, turn: message.rotate_degrees ?? this.app.control?.rotate_degrees ?? 0 };
+    }
+    this.draw();
+    this.say();
+  }
+
+  takeError(error) {
+    if (error.request !== this.request || !error.clause?.startsWith('4.15')) {
+      if (error.code !== 'unknown_op' || !this.waiting) return;
+    }
+    this.waiting = false;
+    this.refused = error.code === 'unknown_op' || error.code === 'bad_field';
+    if (this.refused) this.words.textContent = 'This server does not send its sky.';
+  }
+
+  // Where the sun stands in the sky that is drawn, [x, y, z], or null.
+  get sun() {
+    const sun = this.app.status?.light?.sun;
+    return sun && this.sky ? sunDirection(sun, this.sky.turn) : null;
+  }
+
+  draw() {
+    if (!this.sky || !this.seen) return;
+    const answer = this.pixel ?? NONE;
+    drawProbe(this.canvas, 'latlong', answer, this.sky.image, { visibility: false, lobes: false });
+    const { sun } = this;
+    if (!sun) return;
+    const { u, v } = toLatLong(sun);
+    for (const round of [-1, 0, 1]) this.markSun(u + round, v); // a mark at the edge goes on at the other
+  }
+
+  markSun(u, v) {
+    const unit = Math.max(1, window.devicePixelRatio);
+    const context = this.canvas.getContext('2d');
+    for (const [colour, width] of [['#000c', 4], ['#fff', 2]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = width * unit;
+      for (let turn = 0; turn < 4; turn++) { // four strokes around it, so that it stays in sight
+        const [c, s] = [Math.cos((turn * Math.PI) / 2), Math.sin((turn * Math.PI) / 2)];
+        context.beginPath();
+        context.moveTo(u * this.canvas.width + 6 * unit * c, v * this.canvas.height + 6 * unit * s);
+        context.lineTo(u * this.canvas.width + 13 * unit * c, v * this.canvas.height + 13 * unit * s);
+        context.stroke();
+      }
+    }
+  }
+
+  say() {
+    if (!this.sky) return;
+    const sun = sunSentence(this.app.status?.light);
+    const { pixel } = this;
+    const marks = pixel ? ` Marked: the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}.` : '';
+    const turn = Math.round(this.sky.turn);
+    const words = `Frame ${this.sky.frame}${turn ? `, turned by ${turn}°` : ''}; the middle is +Z, the north of a computed sky.${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; a cross of four strokes marks it.` : ''}${marks}`;
+    if (this.words.textContent === words) return;
+    this.words.textContent = words;
+    this.canvas.setAttribute('aria-label', `The sky as a lat-long picture. ${words}`);
+  }
+}
+
+export function mount(app) {
+  return new SkyPanel(app);
+}

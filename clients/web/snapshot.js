@@ -1,0 +1,124 @@
+// Keeps a picture as a file: what the canvas shows as PNG, or the numbers behind it as EXR, which a second, short
+// connection asks the server for.
+
+import { make } from './dom.js';
+import { FLAG_REPEAT, PATH, PROTOCOL, VERSION, decodePicture } from './protocol.js';
+import { wishedRole } from './role.js';
+
+const PATIENCE_MS = 30000; // for the whole of that connection: a float picture may be large and the line thin
+
+// "relight_frame_118_2026-11-22T10-05-30Z.png": the sky's frame, and when the picture was published.
+export function fileName(header, extension) {
+  const time = new Date(header.publishedUs / 1000).toISOString().slice(0, 19).replaceAll(':', '-');
+  return `relight_frame_${header.frame}_${time}Z.${extension}`;
+}
+
+export function saveAs(blob, name) {
+  const url = URL.createObjectURL(blob);
+  make('a', { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 10000);
+}
+
+// The best of the formats that hold numbers, or null.
+export const numbersFormat = (offered) => ['exr_float', 'exr_half'].find((format) => offered?.includes(format)) ?? null;
+
+// One picture in that format, on a connection of its own. The server begins with the last one that it has encoded so, which
+// may be of long ago: a repeated one is taken only if it is of the frame that is seen.
+export function fetchPicture({ url, role, token, frame, Socket = globalThis.WebSocket, patienceMs = PATIENCE_MS }) {
+  return new Promise((resolve, reject) => {
+    const socket = new Socket(url, PROTOCOL);
+    let late;
+    const end = (act, value) => {
+      clearTimeout(late);
+      socket.onmessage = socket.onclose = null;
+      socket.close();
+      act(value);
+    };
+    const say = (message) => socket.send(JSON.stringify(message));
+    const hear = (message) => {
+      if (message.op === 'error') end(reject, new Error(message.message));
+      if (message.op !== 'welcome') return;
+      const format = numbersFormat(message.formats);
+      if (format) say({ op: 'subscribe', format });
+      else end(reject, new Error('this server makes no EXR'));
+    };
+    late = setTimeout(() => end(reject, new Error('no picture came')), patienceMs);
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => say({ op: 'hello', role, version: VERSION, token });
+    socket.onclose = ({ reason }) => end(reject, new Error(reason || 'the connection broke'));
+    socket.onmessage = ({ data }) => {
+      if (typeof data === 'string') {
+        hear(JSON.parse(data));
+        return;
+      }
+      const picture = decodePicture(data);
+      if (!picture.ok) end(reject, new Error(picture.text));
+      else if (picture.header.flags & FLAG_REPEAT && picture.header.frame !== frame) say({ op: 'ack', sequence: picture.header.sequence });
+      else end(resolve, picture);
+    };
+  });
+}
+
+// A button of the top line: an icon, and a word that narrow windows leave out.
+export function topButton(id, label, word, path) {
+  const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
+  const line = document.createElementNS('http://www.w3.org/2000/svg', 'path');
+  line.setAttribute('d', path);
+  svg.setAttribute('viewBox', '0 0 16 16');
+  svg.setAttribute('aria-hidden', 'true');
+  svg.append(line);
+  const button = make('button', { type: 'button', id, ariaLabel: label }, svg, make('span', { text: word }));
+  document.getElementById('snapshot-place').append(button);
+  return button;
+}
+
+// The same by a key, which the button names.
+export function withKey(app, button, key, label, act) {
+  const name = key.replace('+', ' + ').toUpperCase();
+  button.title = `${label} (${name})`;
+  button.setAttribute('aria-keyshortcuts', key.length === 1 ? name : key);
+  button.onclick = act;
+  app.key(key, label, act);
+}
+
+export function mount(app) {
+  const png = topButton('snapshot-png', 'Save the picture as PNG', 'PNG', 'M2 4.5h3l1-1.5h4l1 1.5h3v8H2zM10.5 8.5a2.5 2.5 0 1 1-5 0 2.5 2.5 0 0 1 5 0');
+  const exr = topButton('snapshot-exr', 'Save the numbers as EXR', 'EXR', 'M8 2v8M4.5 7 8 10.5 11.5 7M2.5 13.5h11');
+  let shown = null; // the header of what the canvas shows
+
+  async function savePng() {
+    if (!shown) {
+      app.say('There is no picture yet');
+      return;
+    }
+    const name = fileName(shown, 'png');
+    const blob = await new Promise((resolve) => app.canvas.toBlob(resolve, 'image/png'));
+    saveAs(blob, name);
+    app.say(`Saved ${name}`);
+  }
+
+  async function saveExr() {
+    if (exr.disabled) return;
+    if (!shown) {
+      app.say('There is no picture yet');
+      return;
+    }
+    exr.disabled = true;
+    app.say('Asking for the numbers');
+    try {
+      const url = new URL(PATH, location.href.replace(/^http/, 'ws')).href;
+      const { header, payload } = await fetchPicture({ url, role: app.role ?? 'viewer', token: wishedRole(location).token, frame: shown.frame });
+      const name = fileName(header, 'exr');
+      saveAs(new Blob([payload], { type: 'image/x-exr' }), name);
+      app.say(`Saved ${name}`);
+    } catch (error) {
+      app.say(`No EXR: ${error.message}`);
+    } finally {
+      exr.disabled = false;
+    }
+  }
+
+  app.on('picture', ({ header }) => { shown = header; });
+  withKey(app, png, 's', 'Save the picture as PNG', savePng);
+  withKey(app, exr, 'Shift+s', 'Save the numbers behind the picture as EXR', saveExr);
+}

@@ -1,0 +1,217 @@
+// Snapshots and the comparison in Chromium, on the whole program: pixels read back from the canvas and from the files.
+// RELIGHT_RELIGHTD names the server's program.
+import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
+import { after, before, test } from 'node:test';
+import { inflateSync } from 'node:zlib';
+import { openBrowser, openPage, readback, startServer, untilFrames, whatIsMissing } from './lib.mjs';
+
+const missing = await whatIsMissing();
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const RELIGHTD = process.env.RELIGHT_RELIGHTD;
+assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
+
+const WIDTH = 160;
+const HEIGHT = 90;
+const STILL = ['--source', 'sky:hour=9', '--frames', '2-2', '--once', '--converge', 'off', '--method', 'mis', '--samples', '8'];
+const MOVING = ['--source', 'sky:time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
+
+let browser;
+before(async () => { browser = await openBrowser(); });
+after(async () => { await browser?.close(); });
+
+async function withPage(args, body, options) {
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', `${WIDTH}x${HEIGHT}`, ...args]);
+  const page = await openPage(browser, `${server.url}?coding=jpeg`, options);
+  try {
+    await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });
+    await body(page);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+}
+
+// What is saved when this is done: {name, bytes}.
+async function saved(page, act) {
+  const [download] = await Promise.all([page.waitForEvent('download', { timeout: 60000 }), act()]);
+  return { name: download.suggestedFilename(), bytes: readFileSync(await download.path()) };
+}
+
+// A PNG of eight bits without interlacing, as a browser writes it: {width, height, data of RGB}.
+function readPng(bytes) {
+  const parts = [];
+  let at = 8;
+  let [width, height, channels] = [0, 0, 0];
+  while (at < bytes.length) {
+    const size = bytes.readUInt32BE(at);
+    const type = bytes.toString('latin1', at + 4, at + 8);
+    const body = bytes.subarray(at + 8, at + 8 + size);
+    if (type === 'IHDR') [width, height, channels] = [body.readUInt32BE(0), body.readUInt32BE(4), { 2: 3, 6: 4 }[body[9]]];
+    if (type === 'IDAT') parts.push(body);
+    at += 12 + size;
+  }
+  const raw = inflateSync(Buffer.concat(parts));
+  const row = width * channels;
+  const lines = Buffer.alloc(row * height);
+  for (let y = 0; y < height; y++)
+    for (let i = 0; i < row; i++) {
+      const left = i >= channels ? lines[y * row + i - channels] : 0;
+      const up = y ? lines[(y - 1) * row + i] : 0;
+      const corner = y && i >= channels ? lines[(y - 1) * row + i - channels] : 0;
+      const [p, pa, pb, pc] = [left + up - corner, Math.abs(up - corner), Math.abs(left - corner), Math.abs(left + up - 2 * corner)];
+      const paeth = pa <= pb && pa <= pc ? left : pb <= pc ? up : corner;
+      const guess = [0, left, up, (left + up) >> 1, paeth][raw[y * (row + 1)]];
+      assert.ok(Number.isFinite(p));
+      lines[y * row + i] = raw[y * (row + 1) + 1 + i] + guess;
+    }
+  return { width, height, data: Buffer.from(lines.filter((_, i) => channels === 3 || i % 4 < 3)) };
+}
+
+const withoutAlpha = (data) => Buffer.from(data.filter((_, i) => i % 4 < 3));
+const nameOf = (header, extension) =>
+  `relight_frame_${header.frame}_${new Date(header.publishedUs / 1000).toISOString().slice(0, 19).replaceAll(':', '-')}Z.${extension}`;
+
+test('PNG has the canvas\u2019s pixels, by key and by button', () => withPage(STILL, async (page) => {
+  const seen = await readback(page);
+  for (const act of [() => page.keyboard.press('s'), () => page.click('#snapshot-png')]) {
+    const { name, bytes } = await saved(page, act);
+    assert.equal(name, nameOf(seen.header, 'png'));
+    const png = readPng(bytes);
+    assert.deepEqual([png.width, png.height], [WIDTH, HEIGHT]);
+    assert.ok(png.data.equals(withoutAlpha(seen.data)));
+  }
+}));
+
+test('EXR comes of a sky that stands still, by key and by button, each time', () => withPage(STILL, async (page) => {
+  for (const act of [() => page.keyboard.press('Shift+S'), () => page.click('#snapshot-exr')]) {
+    const { name, bytes } = await saved(page, act);
+    assert.match(name, /^relight_frame_2_.*Z\.exr$/);
+    assert.equal(bytes.readUInt32LE(0), 20000630); // OpenEXR's magic number
+    assert.ok(bytes.includes('dataWindow') && bytes.length > WIDTH * HEIGHT);
+    await page.waitForFunction(() => !document.getElementById('snapshot-exr').disabled);
+  }
+}));
+
+test('EXR of a moving sky is no older than what was seen', () => withPage(MOVING, async (page) => {
+  await saved(page, () => page.click('#snapshot-exr')); // the server now has one that grows old
+  await page.waitForFunction(() => !document.getElementById('snapshot-exr').disabled);
+  await untilFrames(page, 10);
+  const frame = await page.evaluate(() => window.relight.lastHeader.frame);
+  const { name } = await saved(page, () => page.click('#snapshot-exr'));
+  assert.ok(Number(name.match(/frame_(\d+)_/)[1]) >= frame, `${name}, frame ${frame} was seen`);
+}));
+
+const leftSide = (page) => page.evaluate(() => {
+  const { left } = window.relight.compare;
+  return [...left.getContext('2d').getImageData(0, 0, left.width, left.height).data];
+});
+// Until no further picture has come for a while.
+const pause = async (page, more = {}) => {
+  await page.evaluate((m) => {
+    window.stillFor = null;
+    window.relight.app.send({ op: 'control', request: 1, paused: true, ...m });
+  }, more);
+  await page.waitForFunction(() => {
+    const { sequence, frame } = window.relight.lastHeader;
+    if (window.stillFor?.sequence !== sequence) window.stillFor = { sequence, since: performance.now() };
+    return window.relight.status.source.state === 'paused' && window.relight.status.frame === frame && performance.now() - window.stillFor.since > 1200;
+  }, null, { timeout: 60000, polling: 100 });
+};
+
+test('the kept picture stays as it was, with words for what it is, while the live one goes on', () => withPage([...MOVING, '--converge', 'off'], async (page) => {
+  await pause(page);
+  const seen = await readback(page);
+  await page.keyboard.press('k');
+  assert.deepEqual(await leftSide(page), [...seen.data]);
+  assert.equal(await page.textContent('#compare-a'), `Kept: mis, 4 samples, frame ${seen.header.frame}`);
+  await page.evaluate(() => window.relight.app.send({ op: 'control', request: 2, method: 'uniform', samples: 1, paused: false }));
+  await page.waitForFunction(() => /^Live: uniform, 1 sample,/.test(document.getElementById('compare-b').textContent), null, { timeout: 30000 });
+  await page.waitForFunction((frame) => window.relight.lastHeader.frame > frame + 3, seen.header.frame);
+  assert.deepEqual(await leftSide(page), [...seen.data]);
+  assert.equal(await page.textContent('#compare-a'), `Kept: mis, 4 samples, frame ${seen.header.frame}`);
+  assert.match(await page.textContent('#compare-remark'), /another frame of the sky/);
+  await pause(page);
+  const live = await readback(page);
+  assert.equal(await page.textContent('#compare-b'), `Live: uniform, 1 sample, frame ${live.header.frame}`);
+  await page.click('#compare-anew');
+  assert.deepEqual(await leftSide(page), [...live.data]);
+  await page.keyboard.press('k');
+  assert.ok(await page.isHidden('#compare-handle') && await page.isHidden('#compare-bar') && await page.isHidden('#compare-kept'));
+  assert.equal(await page.getAttribute('#compare-button', 'aria-pressed'), 'false');
+}));
+
+test('the difference is eight times the absolute one, and its figures are those of the pixels', () => withPage([...MOVING, '--converge', 'off'], async (page) => {
+  await pause(page);
+  const kept = (await readback(page)).data;
+  await page.click('#compare-button');
+  await page.keyboard.press('x');
+  assert.ok((await leftSide(page)).every((v, i) => v === (i % 4 === 3 ? 255 : 0)), 'of a picture and itself there is none');
+  await pause(page, { hour: 18 });
+  assert.equal(await page.evaluate(() => window.relight.status.light.time), '18:00');
+  const live = (await readback(page)).data;
+  const shown = await leftSide(page);
+  let [sum, wrong] = [0, 0];
+  shown.forEach((v, i) => {
+    if (i % 4 === 3) return;
+    const d = Math.abs(live[i] - kept[i]);
+    sum += d;
+    wrong += v !== Math.min(255, 8 * d);
+  });
+  assert.equal(wrong, 0);
+  const mean = sum / (3 * WIDTH * HEIGHT);
+  assert.ok(mean > 1, `the evening differs from the morning: ${mean}`);
+  await page.evaluate(() => window.relight.compare.say());
+  const words = await page.textContent('#compare-remark');
+  assert.ok(words.startsWith(`differs by ${mean.toFixed(mean < 9.95 ? 2 : 0)} of 255 on average`), `${words}, ${mean} is meant`);
+}));
+
+// The share of the picture that the handle stands at, as it is seen.
+const handleAt = (page) => page.evaluate(([width, height]) => {
+  const box = document.getElementById('picture').getBoundingClientRect();
+  const scale = Math.min(box.width / width, box.height / height);
+  const left = box.left + (box.width - scale * width) / 2;
+  return (document.getElementById('compare-handle').getBoundingClientRect().left - left) / (scale * width);
+}, [WIDTH, HEIGHT]);
+
+test('the boundary follows a drag and the arrow keys, and turns no sky', () => withPage(STILL, async (page) => {
+  await page.keyboard.press('k');
+  assert.ok(Math.abs(await handleAt(page) - 0.5) < 0.01);
+  const box = await page.locator('#picture').boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x - 0.3 * box.width, y + 5, { steps: 4 });
+  await page.mouse.up();
+  const dragged = await handleAt(page);
+  assert.ok(dragged < 0.35, `${dragged}`);
+  const clip = await page.$eval('#compare-kept', (e) => getComputedStyle(e).clipPath);
+  assert.ok(Math.abs(Number.parseFloat(clip.split(' ')[1]) - 100 * (1 - dragged)) < 0.2, clip);
+  await page.focus('#compare-handle');
+  await page.keyboard.press('ArrowRight');
+  assert.ok(Math.abs(await handleAt(page) - dragged - 0.01) < 0.004);
+  await page.keyboard.press('Shift+ArrowRight');
+  assert.ok(Math.abs(await handleAt(page) - dragged - 0.11) < 0.004);
+  await page.keyboard.press('End');
+  assert.equal(await page.getAttribute('#compare-handle', 'aria-valuenow'), '100');
+  await page.keyboard.press('Home');
+  assert.ok(Math.abs(await handleAt(page)) < 0.004);
+  assert.equal(await page.evaluate(() => window.relight.app.control?.rotate_degrees ?? 0), 0);
+  assert.equal(await page.evaluate(() => window.relight.probe.pixel), null, 'a drag asks about no pixel');
+}));
+
+test('against the reference that accumulates while the sky stands still', () =>
+  withPage(['--source', 'sky:hour=9', '--frames', '2-2', '--once', '--method', 'mis', '--samples', '1'], async (page) => {
+    await page.waitForFunction(() => window.relight.status.light.passes > 0, null, { timeout: 60000 });
+    await page.keyboard.press('k');
+    await page.waitForFunction(() => /^Live: mis, \d+ samples, \d+ passes/.test(document.getElementById('compare-b').textContent), null, { timeout: 60000 });
+    const { samples, passes } = await page.evaluate(() => {
+      const [, a, b] = document.getElementById('compare-b').textContent.match(/(\d+) samples, (\d+) passes/);
+      return { samples: Number(a), passes: Number(b) };
+    });
+    assert.equal(samples, passes, 'one sample a pass');
+  }, { width: 390, height: 844 }));

@@ -1,0 +1,217 @@
+// Speed and accuracy and the sky in Chromium, on the whole program: what is shown against the headers and statuses that
+// it came from. RELIGHT_RELIGHTD names the server's program.
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import { openBrowser, openPage, startServer, whatIsMissing } from './lib.mjs';
+
+const missing = await whatIsMissing();
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const RELIGHTD = process.env.RELIGHT_RELIGHTD;
+assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
+
+let browser;
+before(async () => { browser = await openBrowser(); });
+after(async () => { await browser?.close(); });
+
+async function withPage(args, body, options) {
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', ...args]);
+  const page = await openPage(browser, `${server.url}?coding=jpeg`, options);
+  try {
+    await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });
+    await body(page, server);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.close();
+    await server.stop();
+  }
+}
+
+const say = (page, message) => page.evaluate((m) => window.relight.app.send({ op: 'control', request: 1, ...m }), message);
+
+// All headers and statuses from here on, as they came.
+const listen = (page) => page.evaluate(() => {
+  window.heard = { headers: [], statuses: [] };
+  window.relight.app.on('picture', ({ header }) => window.heard.headers.push(header));
+  window.relight.app.on('status', (s) => window.heard.statuses.push(s));
+});
+
+const AUTO = ['--source', 'sky:time=10:00,speed=20', '--fps', '8', '--method', 'auto', '--paths', 'direct'];
+
+test('each point is a picture that was drawn, with the time of its header and the error of its status', () => withPage(AUTO, async (page) => {
+  await listen(page);
+  await page.waitForFunction(() => window.heard.statuses.length >= 8, null, { timeout: 30000 });
+  const { points, heard } = await page.evaluate(() => ({ points: window.relight.insight.insight.points, heard: window.heard }));
+  const held = points.filter((p) => heard.headers.some((h) => h.sequence === p.sequence) && heard.statuses.some((s) => s.frame === p.frame));
+  assert.ok(held.length >= 3, `${held.length} of ${points.length} points`);
+  for (const p of held) {
+    const h = heard.headers.find(({ sequence }) => sequence === p.sequence);
+    const s = heard.statuses.find(({ frame }) => frame === p.frame);
+    assert.equal(h.frame, p.frame);
+    assert.equal(p.shadedMs, h.shadedUs / 1000);
+    assert.equal(p.wholeMs, (h.queuedUs + h.decodedUs + h.shadedUs + h.encodedUs) / 1000);
+    assert.equal(p.error, s.light.error);
+    assert.equal(p.method, s.method);
+  }
+  assert.ok(held.some((p) => p.error > 0), 'auto estimates its error');
+}));
+
+// The dots are where the axes say: the colour of the method at each point's place, on the canvas.
+test('the newest point is drawn at its time and error, within a ring, and told in words and in the table', () => withPage(AUTO, async (page) => {
+  await page.waitForFunction(() => window.relight.insight.insight.points.filter((p) => p.error > 0).length >= 3, null, { timeout: 30000 });
+  const got = await page.evaluate(async () => {
+    const { scatterPlaces, styleOf, colours } = await import('./insight_draw.js');
+    const { errorText } = await import('./insight_model.js');
+    const panel = window.relight.insight;
+    panel.show();
+    const canvas = panel.scatter;
+    const at = scatterPlaces(panel.insight.points, false, { width: canvas.width, height: canvas.height, unit: devicePixelRatio });
+    const { last } = panel.insight;
+    const spot = document.createElement('canvas').getContext('2d');
+    spot.fillStyle = colours()(styleOf(panel.methods.indexOf(last.method)).colour);
+    spot.fillRect(0, 0, 1, 1);
+    const [x, y] = [at.x(last.shadedMs), at.y(last.error)];
+    const pixel = (dx) => [...canvas.getContext('2d').getImageData(Math.floor(x + dx), Math.floor(y), 1, 1).data.slice(0, 3)];
+    return {
+      last, error: errorText(last.error), pixel: pixel(0), wanted: [...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)],
+      x, y, at: { left: at.left, right: at.right, top: at.top, bottom: at.bottom, xs: at.xs, ys: at.ys },
+      table: Object.fromEntries([...document.querySelectorAll('#insight-table tr')].map((r) => [r.cells[0].textContent, r.cells[1].textContent])),
+      words: document.getElementById('insight-words').textContent, label: canvas.getAttribute('aria-label'),
+      methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
+    };
+  });
+  got.pixel.forEach((v, c) => assert.ok(Math.abs(v - got.wanted[c]) <= 6, `${got.pixel} for ${got.wanted}`));
+  const { at, last } = got; // the same place by another way
+  const across = Math.log10(last.shadedMs / at.xs.least) / Math.log10(at.xs.most / at.xs.least);
+  assert.ok(Math.abs(got.x - (at.left + across * (at.right - at.left))) < 0.5);
+  const up = Math.log10(last.error / at.ys.least) / Math.log10(at.ys.most / at.ys.least);
+  assert.ok(Math.abs(got.y - (at.bottom - up * (at.bottom - at.top))) < 0.5);
+  const number = (text) => Number.parseFloat(text);
+  assert.ok(Math.abs(number(got.table.Relight) - last.shadedMs) <= 0.51, got.table.Relight);
+  assert.ok(Math.abs(number(got.table['Server, in all']) - last.wholeMs) <= 0.51);
+  assert.equal(got.table['Error (relMSE)'], got.error);
+  assert.equal(got.table.Method, 'auto');
+  assert.match(got.table['Newest picture'], new RegExp(`^frame ${last.frame}\\b`));
+  assert.ok(got.label.includes(got.words) && got.words.includes('by auto'));
+  assert.ok(got.methods.includes('auto'));
+}));
+
+test('a change of method begins a choice, with what was left out as the server says it', () => withPage(AUTO, async (page) => {
+  await page.waitForFunction(() => window.relight.insight.insight.points.length > 0, null, { timeout: 30000 });
+  await say(page, { method: 'mis', samples: 4 });
+  await page.waitForFunction(() => window.relight.insight.insight.last.method === 'mis', null, { timeout: 30000 });
+  await page.evaluate(() => window.relight.insight.show());
+  const { choices, light, methods } = await page.evaluate(() => ({
+    choices: [...document.querySelectorAll('#insight-choices li')].map((li) => li.textContent), light: window.relight.status.light,
+    methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
+  }));
+  assert.match(choices[0], /^\d+, \d+ s ago: mis: direct light/);
+  assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
+  assert.deepEqual([...methods].sort(), ['auto', 'mis']);
+  assert.match(await page.textContent('#insight-words'), /not estimated/);
+}));
+
+test('the parts of latency are the means of the headers of a second', () => withPage(AUTO, async (page) => {
+  await page.evaluate(() => {
+    window.heard = [];
+    window.relight.app.on('picture', ({ header, clock, nowMs }) => window.heard.push({ header, nowUs: nowMs * 1000 + clock.offsetUs, t: performance.now() }));
+  });
+  await page.waitForTimeout(4500);
+  const { seconds, heard } = await page.evaluate(() => ({ seconds: window.relight.insight.insight.seconds, heard: window.heard }));
+  const whole = seconds.filter((s) => s.t > heard[0].t && s.t + 1000 < heard.at(-1).t);
+  assert.ok(whole.length >= 2, `${whole.length} whole seconds`);
+  for (const s of whole) {
+    const those = heard.filter(({ t }) => t >= s.t && t < s.t + 999); // the two clocks are read one after the other
+    assert.ok(Math.abs(those.length - s.count) <= 1);
+    if (those.length !== s.count) continue;
+    const mean = (f) => those.reduce((a, h) => a + f(h), 0) / those.length / 1000;
+    const wanted = [
+      mean(({ header: h }) => h.queuedUs + (h.captureUs > 0 ? Math.max(0, h.publishedUs - h.captureUs - h.queuedUs - h.decodedUs - h.shadedUs - h.encodedUs) : 0)),
+      mean(({ header }) => header.decodedUs), mean(({ header }) => header.shadedUs), mean(({ header }) => header.encodedUs),
+      mean(({ header, nowUs }) => Math.max(0, nowUs - header.publishedUs))];
+    s.sums.forEach((sum, i) => assert.ok(Math.abs(sum / s.count - wanted[i]) < 1e-3, `part ${i}: ${sum / s.count} for ${wanted[i]}`));
+  }
+  const drawn = await page.evaluate(() => {
+    const { latency } = window.relight.insight;
+    window.relight.insight.show();
+    const seen = new Set();
+    const { data } = latency.getContext('2d').getImageData(0, 0, latency.width, latency.height);
+    for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) seen.add(`${data[i]},${data[i + 1]},${data[i + 2]}`);
+    const spot = document.createElement('canvas').getContext('2d');
+    spot.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--sun').trim();
+    spot.fillRect(0, 0, 1, 1);
+    return seen.has([...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)].join(','));
+  });
+  assert.ok(drawn, 'relighting has its colour in the drawing');
+}));
+
+// ---- the sky
+
+// Where the sky's picture is brightest, in its own texels: the middle of those that are nearly as bright.
+const brightest = (page) => page.evaluate(() => {
+  const { width, height, data } = window.relight.sky.sky.image;
+  const light = (i) => 0.2126 * data[4 * i] + 0.7152 * data[4 * i + 1] + 0.0722 * data[4 * i + 2];
+  let most = 0;
+  for (let i = 0; i < width * height; i++) most = Math.max(most, light(i));
+  let [x, y, n] = [0, 0, 0];
+  for (let i = 0; i < width * height; i++)
+    if (light(i) > most - 6) [x, y, n] = [x + (i % width) + 0.5, y + Math.floor(i / width) + 0.5, n + 1];
+  return { u: x / n / width, v: y / n / height, most };
+});
+const sunPlace = (page) => page.evaluate(async () => {
+  const { toLatLong } = await import('./probe_geometry.js');
+  return toLatLong(window.relight.sky.sun);
+});
+const STILL = ['--source', 'sky:hour=15', '--frames', '2-2', '--converge', 'off', '--method', 'mis', '--samples', '4', '--once'];
+
+test('the sky is that of the frame, its mark is on its sun, also when the sky is turned', () => withPage(STILL, async (page) => {
+  for (const turn of [0, 70, -110]) {
+    await say(page, { rotate_degrees: turn });
+    await page.waitForFunction((t) => window.relight.sky.sky?.turn === t, turn, { timeout: 30000 });
+    const [sun, bright] = [await sunPlace(page), await brightest(page)];
+    const across = Math.abs(((sun.u - bright.u + 1.5) % 1) - 0.5) * Math.sin(Math.PI * sun.v);
+    assert.ok(across < 0.03 && Math.abs(sun.v - bright.v) < 0.03, `turned by ${turn}: ${JSON.stringify([sun, bright])}`);
+    const { frame, status } = await page.evaluate(() => ({ frame: window.relight.sky.sky.frame, status: window.relight.status }));
+    assert.equal(frame, status.frame);
+    assert.match(await page.textContent('#sky-words'), new RegExp(`Frame ${frame}.*sun ${Math.round(status.light.sun.elevation)}° high`));
+  }
+}));
+
+test('a pixel that is looked into has its samples in the sky, until it is let go', () => withPage(STILL, async (page) => {
+  await page.waitForFunction(() => window.relight.sky.sky, null, { timeout: 30000 });
+  const plain = await page.evaluate(() => window.relight.sky.canvas.toDataURL());
+  const box = await page.locator('#picture').boundingBox();
+  await page.mouse.click(box.x + 0.45 * box.width, box.y + 0.7 * box.height);
+  await page.waitForFunction(() => window.relight.sky.pixel?.light.length > 0 && /light samples of pixel/.test(document.getElementById('sky-words').textContent), null, { timeout: 30000 });
+  const { pixel, words, marked } = await page.evaluate(() => ({
+    pixel: window.relight.probe.answer, words: document.getElementById('sky-words').textContent, marked: window.relight.sky.canvas.toDataURL(),
+  }));
+  assert.ok(words.includes(`the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}`), words);
+  assert.notEqual(marked, plain);
+  await page.click('#probe-stop');
+  await page.waitForFunction(() => !/light samples/.test(document.getElementById('sky-words').textContent), null, { timeout: 10000 });
+}));
+
+test('a sky that moves is asked for once a second at most, a folded panel asks nothing', () => withPage(AUTO, async (page) => {
+  const count = async (ms) => {
+    await page.evaluate(() => {
+      window.asked = 0;
+      window.relight.app.sendFirst ??= window.relight.app.send;
+      window.relight.app.send = (m) => {
+        window.asked += m.op === 'probe';
+        window.relight.app.sendFirst(m);
+      };
+    });
+    await page.waitForTimeout(ms);
+    return page.evaluate(() => window.asked);
+  };
+  const frame = await page.evaluate(() => window.relight.sky.sky?.frame ?? 0);
+  const open = await count(4000);
+  assert.ok(open >= 2 && open <= 5, `${open} in four seconds`);
+  assert.ok(await page.evaluate(() => window.relight.sky.sky.frame) > frame);
+  await page.click('#sky-panel summary');
+  await page.waitForTimeout(300);
+  assert.equal(await count(2500), 0);
+}));
