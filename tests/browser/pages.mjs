@@ -69,6 +69,25 @@ const PAGES = {
       await page.locator('#probe-title').evaluate((e) => e.scrollIntoView({ block: 'start' }));
     },
   },
+  compare: {
+    act: async (page) => {
+      await drawn(page);
+      await askFor(page, { paused: true, method: 'uniform', samples: 8 });
+      await page.waitForFunction(() => window.relight.status.method === 'uniform');
+      await page.keyboard.press('k');
+      await askFor(page, { paused: true, method: 'mis', samples: 64 });
+      await page.waitForFunction(() => window.relight.status.method === 'mis');
+    },
+  },
+  insight: {
+    act: async (page) => {
+      await drawn(page);
+      await settled(page, 12000);
+      await askFor(page, { method: 'auto', samples: null });
+      await settled(page, 12000);
+      await page.locator('#insight-title').evaluate((e) => e.scrollIntoView({ block: 'start' }));
+    },
+  },
 };
 
 const browser = await openBrowser();

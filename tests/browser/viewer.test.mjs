@@ -226,12 +226,13 @@ test('keys and buttons do what they say', () =>
     await untilState(page, 'live');
     // by keyboard alone: every button is reached in turn and shows that it is
     const names = [];
-    for (let i = 0; i < 4; i++) {
+    for (let i = 0; i < 7; i++) {
       await page.keyboard.press('Tab');
       names.push(await page.evaluate(() => document.activeElement.getAttribute('aria-label')));
       assert.notEqual(await page.evaluate(() => getComputedStyle(document.activeElement).outlineStyle), 'none');
     }
-    assert.deepEqual(names, ['Panels', 'Dark or light', 'Keys and help', 'Full screen']);
+    assert.deepEqual(names, ['Save the picture as PNG', 'Save the numbers as EXR', 'Keep this picture and compare',
+      'Panels', 'Dark or light', 'Keys and help', 'Full screen']);
     assert.ok(await page.isVisible('#fps'));
     await page.keyboard.press('i');
     assert.ok(!(await page.isVisible('#panels')));
