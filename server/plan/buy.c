@@ -45,9 +45,10 @@ void buy_by_counts(const struct buy_facts *f, struct buy *out)
 void buy_by_clock(const struct buy_facts *f, struct buy *out)
 {
     const double point_s = f->sample_s * (double)f->points, saved_s = f->frame_s - BUY_FRAME_SAMPLES * point_s;
+    const bool many = f->frames == 0 && (double)f->made > break_even_of(f, BUY_GOOD_SAMPLES);
 
     *out = (struct buy){ .build_s = build_of(f) * point_s };
-    out->break_even = saved_s > 0.0 ? out->build_s / saved_s : 0.0;
+    out->break_even = many ? break_even_of(f, BUY_GOOD_SAMPLES) : saved_s > 0.0 ? out->build_s / saved_s : 0.0;
     if (f->made < (f->kept ? 1 : BUY_MADE) || f->sample_s <= 0.0)
         answer(out, false, "too little was measured yet");
     else if (f->error <= 0.0)
@@ -56,7 +57,7 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
         answer(out, false, "the picture is to be better than its bias");
     else if (f->frames == 0 && f->kept)
         answer(out, true, "it is there");
-    else if (f->frames == 0 && (double)f->made > break_even_of(f, BUY_GOOD_SAMPLES))
+    else if (many)
         answer(out, true, "so many frames of 64 samples would have taken as long");
     else if (saved_s <= 0.0)
         answer(out, false, "a frame by it takes no less");
