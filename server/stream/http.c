@@ -180,6 +180,9 @@ int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user,
         return http_refuse(s, wsi, 400, "The WebSocket subprotocol " PROTOCOL_NAME " must be asked for.\n");
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE: return confirm_upgrade(s, wsi);
     case LWS_CALLBACK_HTTP_BODY: return -1; /* answered already; the rest is not read */
+    case LWS_CALLBACK_RAW_ADOPT:            /* CONNECT; lws would keep the connection as a pipe, without any time-out */
+    case LWS_CALLBACK_RAW_CONNECTED:
+    case LWS_CALLBACK_RAW_RX: atomic_fetch_add(&s->counts.refused, 1); return -1;
     case LWS_CALLBACK_ESTABLISHED:
     case LWS_CALLBACK_RECEIVE: return -1;
     default: return lws_callback_http_dummy(wsi, reason, user, in, length);

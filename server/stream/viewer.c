@@ -9,10 +9,20 @@
 #include <string.h>
 #include <sys/socket.h>
 
+/* Sixteen bytes in base 64 [RFC 6455, 4.2.1]; lws would take any word. */
+static bool key_ok(struct lws *wsi)
+{
+    static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char key[32];
+
+    return lws_hdr_copy(wsi, key, sizeof(key), WSI_TOKEN_KEY) == 24 && strspn(key, letters) == 22 &&
+           strcmp(key + 22, "==") == 0;
+}
+
 /* Before the upgrade is answered. */
 static int filter(struct server *s, struct lws *wsi)
 {
-    char path[64], version[8];
+    char path[64], version[8], http[16];
 
     if (atomic_load(&s->stopping))
         return http_refuse(s, wsi, 503, "The server is going away.\n");
@@ -22,6 +32,8 @@ static int filter(struct server *s, struct lws *wsi)
         return http_refuse(s, wsi, 404, "WebSockets are at " PROTOCOL_PATH "\n");
     if (lws_hdr_copy(wsi, version, sizeof(version), WSI_TOKEN_VERSION) <= 0 || strcmp(version, "13") != 0)
         return http_refuse(s, wsi, 400, "Only WebSocket version 13 is spoken.\n");
+    if (lws_hdr_copy(wsi, http, sizeof(http), WSI_TOKEN_HTTP) <= 0 || strcmp(http, "HTTP/1.1") != 0 || !key_ok(wsi))
+        return http_refuse(s, wsi, 400, "A WebSocket handshake is HTTP/1.1 with a key of 16 bytes.\n");
     return 0;
 }
 

@@ -1,0 +1,654 @@
+"""What the fault suites share: one relightd with an honest viewer and an honest producer, clients that misbehave byte by
+byte, and what is held after each fault. A row of docs/reliability.md is one function NUMBER_name(stage) that throws one
+fault and returns the figure that it saw; around it the stage holds that
+  - the server lives, the honest viewer stays connected and gets further pictures,
+  - the descriptors are no more than before once the fault is over, and memory has not grown by more than the row allows,
+  - all of it takes no longer than the row allows,
+  - what the row says is counted has been counted, as /metrics tells.
+Rows that wait for the server's patience (@patient) begin first and run beside the others."""
+
+import asyncio
+import base64
+import contextlib
+import ctypes
+import json
+import os
+import re
+import signal
+import struct
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "integration"))
+
+import websockets  # noqa: E402
+
+from peer import BIN, PICTURE, Failed, Skipped, check, skip  # noqa: E402, F401
+
+WAIT_S = 30  # until something that must come has come; machines may be slow, sanitized programs are
+SLOW = float(os.environ.get("RELIGHT_SLOWER", "1"))  # what is held to a number of seconds is held to so many times that
+
+TEXT, BINARY, CLOSE, PING, PONG, MORE = 1, 2, 8, 9, 10, 0
+
+
+# ---- The server, seen from outside ----
+
+class Relightd:
+    """A server of 64x36 pictures; by default its frames come from producers."""
+
+    def __init__(self, *arguments, before=(), env=None, source="push:"):
+        self.arguments = [*before, str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "4",
+                          "--source", source, *arguments]
+        self.env = {**os.environ, "OMP_WAIT_POLICY": "passive", **(env or {})}
+        self.lines = []
+
+    async def __aenter__(self):
+        await self.start()
+        return self
+
+    async def start(self):
+        def die_with_the_test():
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+        self.process = await asyncio.create_subprocess_exec(
+            *self.arguments, stderr=asyncio.subprocess.PIPE, env=self.env, preexec_fn=die_with_the_test)
+        self.pid = self.process.pid
+        self.port = None
+        while not self.port:
+            line = (await asyncio.wait_for(self.process.stderr.readline(), WAIT_S * SLOW)).decode()
+            check(line, f"relightd ended before it listened: {' '.join(self.lines)}")
+            self.lines.append(line)
+            found = re.search(r"listening on https?://\S*:(\d+)/", line)
+            self.port = int(found[1]) if found else None
+        self.url = f"ws://127.0.0.1:{self.port}/ws"
+        self.reading = asyncio.ensure_future(self.read())
+
+    async def read(self):
+        while line := await self.process.stderr.readline():
+            self.lines.append(line.decode(errors="replace"))
+            del self.lines[:-400]
+
+    def alive(self):
+        return self.process.returncode is None
+
+    async def stop(self, number=signal.SIGTERM, most_s=15):
+        """The exit code."""
+        if self.alive():
+            self.process.send_signal(number)
+        try:
+            await asyncio.wait_for(self.process.wait(), most_s * SLOW)
+        except asyncio.TimeoutError:
+            self.process.kill()
+            raise Failed(f"it did not end within {most_s} s of signal {number}") from None
+        await asyncio.wait([self.reading], timeout=1)
+        return self.process.returncode
+
+    async def __aexit__(self, kind, *_):
+        code = await self.stop()
+        if kind is None:
+            check(code == 0, f"relightd ended with {code}: {''.join(self.lines[-20:])}")
+
+    def descriptors(self):
+        return len(os.listdir(f"/proc/{self.pid}/fd"))
+
+    def memory_kib(self):
+        status = Path(f"/proc/{self.pid}/status").read_text(encoding="ascii")
+        return int(re.search(r"VmRSS:\s+(\d+)", status)[1])
+
+    def processor_s(self):
+        fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    async def get(self, path, most_s=10):
+        """Status and body of one request."""
+        raw = await Raw.open(self.port)
+        try:
+            raw.send(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nConnection: close\r\n\r\n".encode())
+            answer = await raw.rest(most_s)
+        finally:
+            raw.shut()
+        head, _, body = answer.partition(b"\r\n\r\n")
+        return int(head.split()[1]) if head.startswith(b"HTTP/") else 0, body
+
+    async def counters(self):
+        """What /metrics says: {'name{labels}': value}; {} where it is not there."""
+        status, body = await self.get("/metrics")
+        if status != 200:
+            return {}
+        found = re.findall(r"^([a-z_:0-9]+(?:\{[^}\n]*\})?) (\S+)", body.decode(), re.M | re.I)
+        return {name: float(value) for name, value in found}
+
+
+# ---- Clients that misbehave ----
+
+def masked(payload, key):
+    long = (key * (len(payload) // 4 + 1))[:len(payload)]
+    return (int.from_bytes(payload, "big") ^ int.from_bytes(long, "big")).to_bytes(len(payload), "big")
+
+
+def frame(op, payload=b"", *, fin=True, mask=True, reserved=0, length=None, wide=0):
+    """One WebSocket frame. length: what it says instead of what it has; wide: 2 or 8 bytes for that, whatever it is."""
+    size = len(payload) if length is None else length
+    first = (0x80 if fin else 0) | reserved << 4 | op
+    bit = 0x80 if mask else 0
+    if wide == 8 or (not wide and size > 65535):
+        head = struct.pack(">BBQ", first, bit | 127, size)
+    elif wide == 2 or size > 125:
+        head = struct.pack(">BBH", first, bit | 126, size)
+    else:
+        head = struct.pack(">BB", first, bit | size)
+    if not mask:
+        return head + payload
+    key = b"\x5a\x17\xc3\x88"
+    return head + key + masked(payload, key)
+
+
+def say(**fields):
+    return frame(TEXT, json.dumps(fields).encode())
+
+
+def hello(role="viewer", **more):
+    return say(op="hello", role=role, version={"major": 1, "minor": 1}, **more)
+
+
+class Raw:
+    """A TCP connection whose every byte is the test's choice."""
+
+    @classmethod
+    async def open(cls, port, host="127.0.0.1", buffer=None):
+        self = cls()
+        if buffer:
+            import socket
+            plain = socket.socket()
+            plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+            plain.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(plain, (host, port))
+            self.reader, self.writer = await asyncio.open_connection(sock=plain, limit=buffer)
+        else:
+            self.reader, self.writer = await asyncio.wait_for(asyncio.open_connection(host, port, limit=1 << 22), WAIT_S)
+        self.port = port
+        self.started = time.monotonic()
+        self.said = []  # texts that came
+        self.binary = 0
+        return self
+
+    def send(self, data):
+        if not self.writer.transport.is_closing():
+            self.writer.write(data)
+
+    async def flush(self, most_s=10):
+        """Until the kernel has taken all but 64 KiB; whether it did. The server may have gone meanwhile."""
+        try:
+            await asyncio.wait_for(self.writer.drain(), most_s * SLOW)
+            return True
+        except (ConnectionError, asyncio.TimeoutError):
+            return False
+
+    def shut(self):
+        self.writer.close()
+
+    def reset(self):
+        """The connection ends with RST."""
+        import socket
+        plain = self.writer.get_extra_info("socket")
+        plain.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.writer.transport.abort()
+
+    async def rest(self, most_s=10):
+        """All that comes until the end."""
+        parts = []
+        try:
+            async with Deadline(most_s):
+                while part := await self.reader.read(65536):
+                    parts.append(part)
+        except ConnectionError:
+            pass
+        return b"".join(parts)
+
+    async def ends(self, most_s):
+        """Until the server closes, whatever comes before; after how many seconds of the connection's life."""
+        await self.rest(most_s)
+        return time.monotonic() - self.started
+
+    async def answer(self, most_s=10):
+        """Status of an HTTP answer and its head; 0 for an end without one."""
+        try:
+            async with Deadline(most_s):
+                head = await self.reader.readuntil(b"\r\n\r\n")
+        except (asyncio.IncompleteReadError, ConnectionError):
+            return 0, b""
+        return int(head.split()[1]), head
+
+    def handshake(self, **other):
+        """Its text; header names with _ for -, None leaves one out, path and method as such."""
+        lines = {"Host": f"127.0.0.1:{self.port}", "Upgrade": "websocket", "Connection": "Upgrade",
+                 "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": base64.b64encode(b"sixteen bytes !!").decode(),
+                 "Sec-WebSocket-Protocol": "relight.v1"}
+        first = f"{other.pop('method', 'GET')} {other.pop('path', '/ws')} {other.pop('http', 'HTTP/1.1')}\r\n"
+        lines.update({name.replace("_", "-"): value for name, value in other.items()})
+        return (first + "".join(f"{n}: {v}\r\n" for n, v in lines.items() if v is not None) + "\r\n").encode("latin-1")
+
+    async def upgrade(self, **other):
+        self.send(self.handshake(**other))
+        return (await self.answer())[0]
+
+    async def receive(self, most_s=WAIT_S):
+        """(opcode, payload) of the next frame; (None, b"") at the end of the stream."""
+        try:
+            async with Deadline(most_s):
+                first, second = await self.reader.readexactly(2)
+                size = second & 127
+                if size == 126:
+                    size, = struct.unpack(">H", await self.reader.readexactly(2))
+                elif size == 127:
+                    size, = struct.unpack(">Q", await self.reader.readexactly(8))
+                payload = await self.reader.readexactly(size)
+        except (asyncio.IncompleteReadError, ConnectionError):
+            return None, b""
+        check(second < 128, "the server masked a frame")
+        self.final = first >= 128
+        if first & 15 == TEXT:
+            self.said.append(json.loads(payload))
+        elif first & 15 == BINARY:
+            self.binary += 1
+        return first & 15, payload
+
+    async def until(self, op, most_s=WAIT_S):
+        """The next text of that op."""
+        end = time.monotonic() + most_s * SLOW
+        while True:
+            kind, payload = await self.receive(max(0.01, (end - time.monotonic()) / SLOW))
+            check(kind is not None and kind != CLOSE, f"closed while '{op}' was waited for: {payload[:120]}")
+            if kind == TEXT and self.said[-1]["op"] == op:
+                return self.said[-1]
+
+    async def closed(self, most_s=10):
+        """The close code that came before the end; None for an end without."""
+        code = None
+        end = time.monotonic() + most_s * SLOW
+        while True:
+            kind, payload = await self.receive(max(0.01, (end - time.monotonic()) / SLOW))
+            if kind is None:
+                return code
+            if kind == CLOSE and code is None:
+                code = struct.unpack(">H", payload[:2])[0] if len(payload) >= 2 else 1005
+                self.reason = payload[2:].decode(errors="replace")
+                self.send(frame(CLOSE, payload[:2]))
+
+    async def pong(self, number=7, most_s=WAIT_S):
+        """That a message goes through and is answered, by text."""
+        self.send(say(op="ping", id=number))
+        while (await self.until("pong", most_s))["id"] != number:
+            pass
+
+
+class Deadline:
+    """asyncio.timeout of Python 3.11, in a word: Failed after so many seconds."""
+
+    def __init__(self, most_s):
+        self.most_s = most_s
+
+    async def __aenter__(self):
+        self.inner = asyncio.timeout(self.most_s * SLOW)
+        await self.inner.__aenter__()
+
+    async def __aexit__(self, *of):
+        try:
+            await self.inner.__aexit__(*of)
+        except TimeoutError:
+            raise Failed(f"nothing within {self.most_s:.1f} s") from None
+
+
+# ---- Honest clients, of a library by other people ----
+
+def connect(url):
+    return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None)
+
+
+class Viewer:
+    """Watches, acknowledges each picture, and comes back when told to; `parted` holds the codes that it was closed with."""
+
+    def __init__(self, server, format="jpeg", token=None):
+        self.server = server
+        self.format = format
+        self.token = {"token": token} if token else {}
+        self.pictures = 0
+        self.frames = []  # the newest ones, by number
+        self.parted = []
+        self.gap_s = 0.0  # the longest wait for a picture
+        self.last_s = None
+        self.status = {}
+        self.link = None
+
+    async def __aenter__(self):
+        self.task = asyncio.ensure_future(self.live())
+        return self
+
+    async def __aexit__(self, *_):
+        self.task.cancel()
+        try:
+            await self.task
+        except (asyncio.CancelledError, Failed):
+            pass
+        if self.link:
+            await self.link.close()
+
+    async def live(self):
+        while True:
+            try:
+                async with connect(self.server.url) as self.link:
+                    await self.watch(self.link)
+            except (websockets.WebSocketException, OSError, EOFError):
+                if self.link:
+                    self.parted.append(self.link.close_code)
+            await asyncio.sleep(0.2)
+
+    async def watch(self, link):
+        await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}, **self.token}))
+        await link.send(json.dumps({"op": "subscribe", "format": self.format}))
+        async for message in link:
+            if isinstance(message, bytes):
+                fields = PICTURE.unpack_from(message)
+                await link.send(json.dumps({"op": "ack", "sequence": fields[4]}))
+                now = time.monotonic()
+                if self.last_s:
+                    self.gap_s = max(self.gap_s, now - self.last_s)
+                self.last_s = now
+                self.pictures += 1
+                self.frames = [*self.frames[-99:], fields[5]]
+            elif (said := json.loads(message))["op"] == "status":
+                self.status = said
+
+    async def sees(self, count=2, most_s=10):
+        """That so many further pictures come."""
+        want = self.pictures + count
+        async with Deadline(most_s):
+            while self.pictures < want:
+                await asyncio.sleep(0.01)
+
+
+class Producer:
+    """Sends small frames of raw floats, one every 30 ms while there is credit."""
+
+    def __init__(self, server, token=None, pause_s=0.03):
+        self.server = server
+        self.token = {"token": token} if token else {}
+        self.pause_s = pause_s
+        self.number = 0
+        self.fates = {}
+        self.parted = []
+        self.link = None
+        self.credit = 0
+        self.held = self.away = self.welcomed = False
+        self.errors = []
+
+    async def __aenter__(self):
+        self.task = asyncio.ensure_future(self.live())
+        return self
+
+    async def __aexit__(self, *_):
+        self.task.cancel()
+        try:
+            await self.task
+        except (asyncio.CancelledError, Failed):
+            pass
+        if self.link:
+            await self.link.close()
+
+    async def live(self):
+        while True:
+            try:
+                async with connect(self.server.url) as self.link:
+                    await self.link.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1},
+                                                     **self.token}))
+                    await asyncio.gather(self.hear(self.link), self.feed(self.link))
+            except (websockets.WebSocketException, OSError, EOFError):
+                if self.link:
+                    self.parted.append(self.link.close_code)
+            self.credit, self.welcomed = 0, False
+            await asyncio.sleep(0.2)
+            while self.away:
+                await asyncio.sleep(0.02)
+
+    async def hear(self, link):
+        async for message in link:
+            said = json.loads(message)
+            if said["op"] == "welcome":
+                self.credit = said["producer"]["credit"]
+                self.welcomed = True
+            elif said["op"] == "credit":
+                self.credit += said["frames"]
+            elif said["op"] == "frame":
+                self.fates[said["number"]] = said
+                for old in sorted(self.fates)[:-200]:
+                    del self.fates[old]
+            elif said["op"] == "error":
+                self.errors.append(said)
+        raise EOFError
+
+    async def feed(self, link):
+        while not link.closed:
+            if self.credit > 0 and not self.held:
+                await self.push(link)
+            await asyncio.sleep(self.pause_s)
+
+    async def push(self, link, payload=None, **how):
+        self.credit -= 1
+        self.number += 1
+        await link.send(environment(self.number, payload, **how))
+        return self.number
+
+    async def back(self, most_s=WAIT_S):
+        """Until it has been welcomed."""
+        async with Deadline(most_s):
+            while not self.welcomed:
+                await asyncio.sleep(0.01)
+
+    async def fate(self, payload, most_s=WAIT_S, **how):
+        """Sends one frame between the others: what became of it. A newer one may have superseded it: then again."""
+        self.held = True
+        try:
+            async with Deadline(most_s):
+                while True:
+                    while self.credit < 2:  # all that was sent before has been taken
+                        await asyncio.sleep(0.005)
+                    number = await self.push(self.link, payload, **how)
+                    while number not in self.fates:
+                        await asyncio.sleep(0.005)
+                    if self.fates[number]["fate"] != "superseded":
+                        return self.fates[number]
+        finally:
+            self.held = False
+
+
+def environment(number, payload=None, *, encoding=None, size=(8, 4), channels=3, layout=0, flags=0, header=48, length=None,
+                magic=b"RLE1", reserved=0, capture_us=0):
+    """An environment message; without payload a grey of raw floats whose brightness goes up and down."""
+    if payload is None:
+        encoding = 4
+        payload = struct.pack("<f", 0.5 + number % 32 / 32) * (size[0] * size[1] * channels)
+    if encoding in (1, 2):
+        size, channels = (0, 0), 0
+    return struct.pack("<4sHBBBBHIIIQqQ", magic, header, encoding, layout, flags, channels, reserved, *size,
+                       len(payload) if length is None else length, number, capture_us, 0) + payload
+
+
+# ---- Rows ----
+
+ROWS = {}
+
+
+def row(memory_kib=4096, most_s=20, patient=False, counts=None, alone=False):
+    """Declares what a row may take. counts: the part of a metric's name that must have risen; alone: it starts what it
+    needs itself."""
+    def declare(function):
+        function.limits = {"memory_kib": memory_kib, "most_s": most_s, "patient": patient, "counts": counts,
+                           "alone": alone}
+        ROWS[function.__name__] = function
+        return function
+    return declare
+
+
+class Stage:
+    """One server, one honest viewer, one honest producer."""
+
+    def __init__(self, *arguments):
+        self.arguments = arguments
+
+    async def __aenter__(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.server = await Relightd(*self.arguments).__aenter__()
+        self.viewer = await Viewer(self.server).__aenter__()
+        self.producer = await Producer(self.server).__aenter__()
+        await self.viewer.sees(30, WAIT_S)
+        for _ in range(20):  # every way that a connection takes has been taken once, so that memory is what it is
+            raw = await self.client()
+            raw.send(b"".join(frame(TEXT, b" " * 16000 + b'{"op":"ping","id":1}') for _ in range(2)))
+            await raw.pong()
+            raw.shut()
+        await self.settled(self.server.descriptors() - 20)
+        return self
+
+    async def __aexit__(self, *of):
+        await self.producer.__aexit__()
+        await self.viewer.__aexit__()
+        self.folder.cleanup()
+        await self.server.__aexit__(*of)
+
+    @contextlib.asynccontextmanager
+    async def without_producer(self):
+        """The honest producer leaves its place to another."""
+        self.producer.away = True
+        await self.producer.back()
+        await self.producer.link.close()
+        while self.producer.welcomed:
+            await asyncio.sleep(0.01)
+        try:
+            yield
+        finally:
+            self.producer.away = False
+        await self.producer.back()
+
+    async def settled(self, descriptors, most_s=3):
+        end = time.monotonic() + most_s * SLOW
+        while self.server.descriptors() > descriptors and time.monotonic() < end:
+            await asyncio.sleep(0.02)
+        return self.server.descriptors()
+
+    async def raw(self, **how):
+        return await Raw.open(self.server.port, **how)
+
+    async def client(self, role="viewer", **more):
+        """Past the handshake and welcomed; role None: not yet greeted."""
+        raw = await self.raw()
+        check(await raw.upgrade() == 101, "no handshake")
+        if role:
+            raw.send(hello(role, **more))
+            await raw.until("welcome")
+        return raw
+
+    async def offends(self, data, code, error=None, role="viewer", most_s=10):
+        """A client that sends this is closed with that code, and told that error before."""
+        raw = await self.client(role)
+        raw.send(data)
+        got = await raw.closed(most_s)
+        codes = code if isinstance(code, tuple) else (code,)
+        check(got in codes, f"closed with {got} instead of {code}; said: {raw.said[-1:]}")
+        if error:
+            said = [m for m in raw.said if m["op"] == "error"]
+            check(said and said[-1]["code"] == error, f"error {said[-1:]} instead of {error}")
+        raw.shut()
+        return got
+
+    async def holds(self, function):
+        """Throws the fault and holds all that is held; the figure."""
+        limits, server, viewer = function.limits, self.server, self.viewer
+        descriptors, memory = server.descriptors(), server.memory_kib()
+        counters = await server.counters()
+        parted, viewer.gap_s = len(viewer.parted), 0.0
+        begun = time.monotonic()
+        seen = viewer.pictures
+        async with Deadline(limits["most_s"]):
+            figure = await function(self)
+        took = time.monotonic() - begun
+        check(server.alive(), f"relightd ended with {server.process.returncode}: {''.join(server.lines[-20:])}")
+        await viewer.sees(2)
+        check(len(viewer.parted) == parted, f"the honest viewer was closed with {viewer.parted[parted:]}")
+        rate = (viewer.pictures - seen) / max(0.001, time.monotonic() - begun)
+        left = await self.settled(descriptors)
+        check(left <= descriptors or limits["patient"], f"{left} descriptors, {descriptors} before")
+        grown = server.memory_kib() - memory
+        most = limits["memory_kib"] + (8192 if limits["patient"] else 0)  # those beside it have their share
+        check(grown <= most * (16 if SLOW > 1 else 1), f"{grown} KiB more memory")  # sanitizers keep what is freed
+        if limits["counts"] and counters:
+            after = await server.counters()
+            risen = [n for n in after if limits["counts"] in n and after[n] > counters.get(n, 0)]
+            check(risen, f"not counted as {limits['counts']}")
+        words = [figure] if figure else []
+        words.append(f"{took:.1f} s; viewer {rate:.0f}/s, longest gap {viewer.gap_s * 1e3:.0f} ms; {grown:+d} KiB")
+        return "; ".join(words)
+
+
+async def judged(work):
+    """What came of a row."""
+    try:
+        return {"state": "passed", "figure": await work or ""}
+    except Skipped as why:
+        return {"state": "skipped", "figure": str(why)}
+    except (Failed, Exception) as fault:  # a test that breaks has failed
+        return {"state": "failed", "figure": str(fault) if isinstance(fault, Failed) else repr(fault)}
+
+
+async def play(names, arguments):
+    """The rows of these names; each one's result."""
+    results = {}
+    alone = [n for n in names if ROWS[n].limits["alone"]]
+    shared = [n for n in names if n not in alone]
+    if shared:
+        try:
+            async with Stage(*arguments) as stage:
+                baseline = stage.server.descriptors()
+                waiting = {n: asyncio.ensure_future(judged(stage.holds(ROWS[n])))
+                           for n in shared if ROWS[n].limits["patient"]}
+                await asyncio.sleep(0.5 if waiting else 0)
+                for n in shared:
+                    if n not in waiting:
+                        results[n] = await judged(stage.holds(ROWS[n]))
+                for n, task in waiting.items():
+                    results[n] = await task
+                left = await stage.settled(baseline)
+                check(left <= baseline, f"{left} descriptors at the end, {baseline} at the start")
+        except Failed as fault:  # of the stage itself: all of its rows are in doubt
+            for n in shared:
+                if results.get(n, {}).get("state") != "failed":
+                    results[n] = {"state": "failed", "figure": f"the stage: {fault}"}
+    for n in alone:
+        async def bounded(function=ROWS[n]):
+            async with Deadline(function.limits["most_s"]):
+                with tempfile.TemporaryDirectory() as folder:
+                    return await function(Path(folder))
+        begun = time.monotonic()
+        results[n] = await judged(bounded())
+        if results[n]["state"] == "passed":
+            results[n]["figure"] = f"{results[n]['figure']}; {time.monotonic() - begun:.1f} s".lstrip("; ")
+    return results
+
+
+def main(*arguments):
+    """SUITE.py --all RESULTS: plays all rows and writes what came of each, for tell.py; SUITE.py ROW...: plays those.
+    `arguments` are relightd's."""
+    given = sys.argv[1:]
+    if given[:1] == ["--all"]:
+        Path(given[1]).unlink(missing_ok=True)
+        results = asyncio.run(play(list(ROWS), arguments))
+        Path(given[1]).write_text(json.dumps(results, indent=1), encoding="utf-8")
+        for name, result in results.items():
+            print(f"{name}: {result['state']}: {result['figure']}")
+        return  # the rows tell what failed
+    results = asyncio.run(play(given or list(ROWS), arguments))
+    for name, result in results.items():
+        print(f"{name}: {result['state']}: {result['figure']}")
+    sys.exit(any(result["state"] == "failed" for result in results.values()))
