@@ -18,8 +18,10 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <time.h>
+#include <unistd.h>
 
 #define TURN 0.9     /* of the time between two pictures that one may take to shade */
+#define LEAVE_S 5    /* from the signal to the end, whatever is under way */
 #define LISTEN_MS 30 /* between two looks at what controllers ask for, while no frame comes */
 
 /* Set by the signal handler, which can reach nothing else; shading looks at it from packet to packet. */
@@ -32,6 +34,19 @@ static void ask_to_stop(int signal_number)
     (void)signal_number;
     atomic_store(&stop_asked, true); /* lock-free, so a handler may */
     atomic_store(&stirred, true);
+    alarm(LEAVE_S);
+}
+
+/* A scene that is being loaded, or a large frame, cannot be stopped half way. Nothing is lost by leaving it: files are
+ * renamed when they are whole, and the network's thread has told everybody. */
+static void leave_now(int signal_number)
+{
+    static const char words[] = "relightd: warning: what is under way takes too long to end: it is left\n";
+
+    (void)signal_number;
+    if (write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
+        _exit(1);
+    _exit(0);
 }
 
 bool daemon_is_stopping(struct daemon *d)
@@ -183,6 +198,7 @@ static enum err shade_all(struct daemon *d, struct reason *why)
     enum err e = ERR_OK;
 
     while (!e && !stop_asked) {
+        server_beat(d->server);
         atomic_store(&stirred, false); /* what came before is seen below; what comes from here on ends a pass */
         e = obey(d, held, &last_s, why);
         if (e)
@@ -296,6 +312,8 @@ static enum err run(struct daemon *d, struct reason *why)
 
 static void tear_down(struct daemon *d)
 {
+    if (d->server)
+        server_drain(d->server);
     handoff_close(&d->frames);
     handoff_close(&d->pictures);
     if (d->ingesting)
@@ -340,8 +358,10 @@ int main(int argc, char **argv)
     /* The second signal of a kind ends the program at once, whatever it is doing. */
     sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
     sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
+    sigaction(SIGALRM, &(struct sigaction){ .sa_handler = leave_now }, NULL);
     sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
     d.stirred = d.server_desc.stirred = &stirred;
+    d.server_desc.leave = &stop_asked;
     enum err e = daemon_read_options(&d, argc, argv, &done, &why);
     if (!e && done)
         return 0;

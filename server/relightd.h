@@ -166,7 +166,9 @@ struct daemon {
     atomic_bool moves_wait;   /* there are some */
 
     pthread_mutex_t status_lock;
-    struct server_status status; /* {status_lock} its strings point into what follows */
+    struct server_figures figures; /* {status_lock} */
+    uint64_t cache_rays;           /* {status_lock} of the cache that there is */
+    struct server_status status;   /* {status_lock} its strings point into what follows */
     char detail[sizeof(struct reason)], refusal[sizeof(struct reason)], sky_time[8]; /* {status_lock} */
     char paths[320], left_out[1024];                                                 /* {status_lock} */
     char cameras[1024], methods[256], tones[64], paths_known[64];                    /* {status_lock} */

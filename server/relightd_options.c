@@ -43,6 +43,8 @@ static struct option_row rows[] = {
     { "token-viewer", "T", "what viewers must know", NULL },
     { "token-controller", "T", "what controllers must know", NULL },
     { "token-producer", "T", "what producers must know", NULL },
+    { "token-metrics", "T",
+      "what whoever reads /metrics must know; left out: on loopback nothing, else the viewers' token", NULL },
     { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
     { NULL, NULL, NULL, NULL },
 };
@@ -147,6 +149,7 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     d->server_desc.tokens[SERVER_VIEWER] = options_get(o, "token-viewer");
     d->server_desc.tokens[SERVER_CONTROLLER] = options_get(o, "token-controller");
     d->server_desc.tokens[SERVER_PRODUCER] = options_get(o, "token-producer");
+    d->server_desc.token_metrics = options_get(o, "token-metrics");
     /* With a token for every role the whole world may be listened to. */
     d->server_desc.allow_remote = d->server_desc.tokens[SERVER_VIEWER] && d->server_desc.tokens[SERVER_CONTROLLER] &&
                                   d->server_desc.tokens[SERVER_PRODUCER];

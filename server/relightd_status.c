@@ -15,6 +15,24 @@ static double smooth(double old, double reading)
     return old > 0.0 ? old + SMOOTH * (reading - old) : reading;
 }
 
+/* {status_lock} */
+static void tell_figures(struct daemon *d)
+{
+    struct server_figures *f = &d->figures;
+    const struct server_status *s = &d->status;
+
+    f->received = s->received;
+    f->used = s->used;
+    f->superseded = s->dropped;
+    f->repaired = s->repaired;
+    f->fps = s->fps;
+    f->error = s->error;
+    f->frame = s->frame;
+    f->frames_waiting = handoff_wait_newer(&d->frames, 0);
+    f->pictures_waiting = handoff_wait_newer(&d->pictures, 0);
+    server_set_figures(d->server, f);
+}
+
 /* What a controller may ask for: names, one a line. */
 static void add_line(char *text, size_t size, const char *name)
 {
@@ -41,6 +59,8 @@ void daemon_tell_cameras(struct daemon *d)
     pthread_mutex_lock(&d->status_lock);
     for (size_t i = 0; i < scene->camera_count; i++)
         add_line(d->cameras, sizeof(d->cameras), scene->cameras[i].name);
+    d->figures.loaded = true;
+    tell_figures(d);
     pthread_mutex_unlock(&d->status_lock);
     daemon_tell_camera(d, d->first_set->camera, 1.0);
 }
@@ -87,14 +107,21 @@ void daemon_tell_source(struct daemon *d, enum server_source source, const char 
     pthread_mutex_unlock(&d->status_lock);
 }
 
+static void note_refusal(struct daemon *d, enum server_waste waste, const char *why)
+{
+    d->status.refused++;
+    d->figures.refused[waste]++;
+    snprintf(d->refusal, sizeof(d->refusal), "%s", why);
+    tell_figures(d);
+}
+
 void daemon_tell_refused(struct daemon *d, const char *why, bool log)
 {
     if (log)
         log_warning("%s", why);
     pthread_mutex_lock(&d->status_lock);
     d->status.received++;
-    d->status.refused++;
-    snprintf(d->refusal, sizeof(d->refusal), "%s", why);
+    note_refusal(d, SERVER_UNREADABLE, why);
     pthread_mutex_unlock(&d->status_lock);
     daemon_tell_source(d, SERVER_FAILED, why);
 }
@@ -103,8 +130,7 @@ void daemon_tell_unusable(struct daemon *d, const char *why)
 {
     log_warning("%s", why);
     pthread_mutex_lock(&d->status_lock);
-    d->status.refused++;
-    snprintf(d->refusal, sizeof(d->refusal), "%s", why);
+    note_refusal(d, SERVER_UNUSABLE, why);
     pthread_mutex_unlock(&d->status_lock);
     daemon_tell_source(d, SERVER_FAILED, why);
 }
@@ -150,6 +176,7 @@ void daemon_tell_received(struct daemon *d, const struct image_faults *faults, b
     d->status.received++;
     d->status.dropped += dropped;
     d->status.repaired += faults->nan + faults->infinite + faults->negative;
+    tell_figures(d);
     pthread_mutex_unlock(&d->status_lock);
 }
 
@@ -169,6 +196,29 @@ static void note_sun(struct daemon *d, const struct ingested *in)
     d->status.sun_elevation = s.sun_elevation * 180.0 / PI;
     d->status.sun_azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth;
     snprintf(d->sky_time, sizeof(d->sky_time), "%02u:%02u", (unsigned)hour % 24u, (unsigned)(hour * 60.0) % 60u);
+}
+
+/* {status_lock} Rays and samples of one picture, and what its stages took. */
+static void note_work(struct daemon *d, const struct shaded_news *news)
+{
+    struct server_figures *f = &d->figures;
+    const struct relight_stats *s = news->stats;
+    const struct protocol_picture *p = &news->header;
+    const uint64_t cache_rays = s->cache.rays + s->bounce.rays;
+
+    f->direct_rays += s->direct.rays;
+    f->eye_rays += s->eye.rays;
+    f->light_rays += s->light.rays + s->stored.rays;
+    f->cache_rays += s->cache_frame.rays + (cache_rays > d->cache_rays ? cache_rays - d->cache_rays : 0);
+    d->cache_rays = cache_rays;
+    f->generated += s->direct.generated;
+    f->chosen += s->direct.chosen;
+    f->effective += s->direct.effective;
+    f->cache_bytes = s->cache.bytes;
+    f->cache_share = s->cache_share;
+    server_observe(d->server, SERVER_DECODE, 1e-6 * p->decoded_us);
+    server_observe(d->server, SERVER_QUEUE, 1e-6 * p->queued_us);
+    server_observe(d->server, SERVER_SHADE, 1e-6 * p->shaded_us);
 }
 
 void daemon_tell_shaded(struct daemon *d, const struct shaded_news *news)
@@ -193,11 +243,13 @@ void daemon_tell_shaded(struct daemon *d, const struct shaded_news *news)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, news->interval_s);
     note_sun(d, news->in);
     note_plan(d, news);
+    note_work(d, news);
     s->error = news->pilot ? news->pilot->error : 0.0;
     s->computing = stats->cache_share > 0.0 && stats->cache_share < 1.0;
     s->computed = stats->cache_share;
     s->passes = 0;
     s->converged = false;
+    tell_figures(d);
     server_set_status(d->server, s); /* it may be encoded by now, and nothing be told after it */
     pthread_mutex_unlock(&d->status_lock);
 }
@@ -221,9 +273,11 @@ void daemon_tell_camera(struct daemon *d, const char *camera, double share)
 void daemon_tell_finer(struct daemon *d, const struct still_stats *stats)
 {
     pthread_mutex_lock(&d->status_lock);
+    d->figures.finer += stats->passes > d->status.passes ? stats->passes - d->status.passes : 0;
     d->status.error = stats->error;
     d->status.passes = stats->passes;
     d->status.converged = stats->converged;
+    tell_figures(d);
     pthread_mutex_unlock(&d->status_lock);
 }
 

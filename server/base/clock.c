@@ -19,6 +19,11 @@ double clock_seconds(void)
     return (double)read_ns(CLOCK_MONOTONIC) * 1e-9;
 }
 
+double clock_boot_seconds(void)
+{
+    return (double)read_ns(CLOCK_BOOTTIME) * 1e-9;
+}
+
 double clock_processor(void)
 {
     return (double)read_ns(CLOCK_PROCESS_CPUTIME_ID) * 1e-9;

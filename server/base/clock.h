@@ -5,9 +5,10 @@
 
 #include <stdint.h>
 
-int64_t clock_ms(void);       /* monotonic, milliseconds since an arbitrary start */
-double clock_seconds(void);   /* monotonic, seconds */
-double clock_processor(void); /* seconds of all threads of this process on processors */
-int64_t clock_wall_us(void);  /* since 1970-01-01 UTC, microseconds; may step */
+int64_t clock_ms(void);          /* monotonic, milliseconds since an arbitrary start */
+double clock_seconds(void);      /* monotonic, seconds */
+double clock_boot_seconds(void); /* since the machine was switched on, its sleep included */
+double clock_processor(void);    /* seconds of all threads of this process on processors */
+int64_t clock_wall_us(void);     /* since 1970-01-01 UTC, microseconds; may step */
 
 #endif

@@ -14,13 +14,12 @@ static struct picture *kept(const struct server *s, uint64_t sequence)
 
 /* Whether what was published then is so old, as seen from the newest picture, that it is not worth its time. Two
  * pictures are always: a slow stream's are old when they are new. */
-static bool too_late(const struct server *s, uint64_t sequence, int64_t published_us)
+static bool too_late(const struct server *s, uint64_t sequence, int64_t placed_us)
 {
     const uint64_t newest = s->issued[PROTOCOL_H264];
     const struct picture *last = kept(s, newest);
 
-    return last && newest - sequence >= PROTOCOL_CREDIT &&
-           picture_header(last)->published_us - published_us > STREAM_LAG_US;
+    return last && newest - sequence >= PROTOCOL_CREDIT && picture_placed_us(last) - placed_us > STREAM_LAG_US;
 }
 
 void chain_place(struct server *s, struct picture *p)
@@ -59,7 +58,7 @@ struct picture *chain_next(const struct server *s, const struct viewer *v)
     const uint64_t newest = s->issued[PROTOCOL_H264];
     struct picture *p = v->chained ? kept(s, v->begun + 1) : NULL;
 
-    if (p && !too_late(s, v->begun + 1, picture_header(p)->published_us))
+    if (p && !too_late(s, v->begun + 1, picture_placed_us(p)))
         return p;
     for (uint64_t n = newest; n > v->begun && newest - n < STREAM_CHAIN; n--) {
         p = kept(s, n);
@@ -74,7 +73,7 @@ bool chain_may_begin(const struct server *s, const struct viewer *v, const struc
     if (v->unacked_count < PROTOCOL_CREDIT)
         return true;
     return v->chained && picture_header(p)->sequence == v->begun + 1 && v->unacked_count < PROTOCOL_CREDIT_H264 &&
-           !too_late(s, v->unacked[0].sequence, v->unacked[0].published_us);
+           !too_late(s, v->unacked[0].sequence, v->unacked[0].placed_us);
 }
 
 void chain_ask(struct server *s, const struct viewer *v)

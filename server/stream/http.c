@@ -1,5 +1,7 @@
 #include "internal.h"
 
+#include "mem.h"
+
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -62,7 +64,8 @@ static uint8_t *put_header(struct lws *wsi, unsigned status, const char *type, c
 static int respond(struct lws *wsi, struct http_session *h, unsigned status, const struct site_file *f, bool head)
 {
     uint8_t buffer[LWS_PRE + 2048], *begin = buffer + LWS_PRE;
-    const uint8_t *end = put_header(wsi, status, f->type, f->etag, f->size, begin, buffer + sizeof(buffer) - 1);
+    const uint8_t *end =
+        put_header(wsi, status, f->type, f->etag[0] ? f->etag : NULL, f->size, begin, buffer + sizeof(buffer) - 1);
 
     if (!end || lws_write(wsi, begin, (size_t)(end - begin), LWS_WRITE_HTTP_HEADERS) < 0)
         return -1;
@@ -74,8 +77,7 @@ static int respond(struct lws *wsi, struct http_session *h, unsigned status, con
     return 0;
 }
 
-/* A short answer, header and body in one write. */
-static int respond_text(struct lws *wsi, unsigned status, const char *type, const char *text, bool head)
+int http_respond_text(struct lws *wsi, unsigned status, const char *type, const char *text, bool head)
 {
     uint8_t buffer[LWS_PRE + 3072], *begin = buffer + LWS_PRE;
     const size_t size = strlen(text);
@@ -92,27 +94,29 @@ static int respond_text(struct lws *wsi, unsigned status, const char *type, cons
     return lws_http_transaction_completed(wsi) ? -1 : 0;
 }
 
+static void forget_text(struct http_session *h)
+{
+    mem_free(h->text);
+    h->text = NULL;
+    h->bytes = NULL;
+    h->left = 0;
+}
+
+int http_respond_long(struct lws *wsi, struct http_session *h, const char *type, char *text, size_t size, bool head)
+{
+    const struct site_file f = { .type = type, .bytes = (uint8_t *)text, .size = size };
+
+    forget_text(h);
+    h->text = text;
+    return respond(wsi, h, 200, &f, head);
+}
+
 /* A request that is turned away costs its connection: what else may be on it is not looked at. */
 int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text)
 {
     atomic_fetch_add(&s->counts.refused, 1);
-    respond_text(wsi, status, "text/plain; charset=utf-8", text, false);
+    http_respond_text(wsi, status, "text/plain; charset=utf-8", text, false);
     return -1;
-}
-
-static int answer_health(struct server *s, struct lws *wsi, bool head)
-{
-    char text[256];
-
-    pthread_mutex_lock(&s->lock);
-    const unsigned long long published = s->published;
-    pthread_mutex_unlock(&s->lock);
-    snprintf(text, sizeof(text),
-             "{\"status\":\"ok\",\"server\":\"relightd %s\",\"protocol\":\"%s\",\"minor\":%d,\"connections\":%llu,"
-             "\"pictures\":%llu}\n",
-             RELIGHT_VERSION, PROTOCOL_NAME, PROTOCOL_MINOR, (unsigned long long)atomic_load(&s->counts.open),
-             published);
-    return respond_text(wsi, 200, "application/json", text, head);
 }
 
 static int answer_request(struct server *s, struct lws *wsi, struct http_session *h, const char *path)
@@ -127,12 +131,13 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
     if (lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) > 0 ||
         lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0)
         return http_refuse(s, wsi, 413, "A request must not have a body.\n");
-    if (strcmp(path, "/healthz") == 0)
-        return answer_health(s, wsi, head);
+    if (monitor_knows(path))
+        return monitor_answer(s, wsi, h, path, head);
 
     const struct site_file *f = site_find(&s->site, path);
     if (!f)
-        return respond_text(wsi, 404, "text/plain; charset=utf-8", "There is nothing here. The viewer is at /\n", head);
+        return http_respond_text(wsi, 404, "text/plain; charset=utf-8", "There is nothing here. The viewer is at /\n",
+                                 head);
     const bool known =
         lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_IF_NONE_MATCH) > 0 && strcmp(given, f->etag) == 0;
     return respond(wsi, h, known ? 304 : 200, f, head);
@@ -162,14 +167,16 @@ static int send_more(struct lws *wsi, struct http_session *h)
     h->left -= size;
     if (lws_write(wsi, buffer + LWS_PRE, size, h->left ? LWS_WRITE_HTTP : LWS_WRITE_HTTP_FINAL) < 0)
         return -1;
-    if (h->left == 0)
+    if (h->left == 0) {
+        forget_text(h);
         return lws_http_transaction_completed(wsi) ? -1 : 0;
+    }
     lws_callback_on_writable(wsi);
     return 0;
 }
 
 /* Requests, and handshakes that name no subprotocol: those are not spoken to. Thread: service. */
-int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
+static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
 {
     struct server *s = lws_context_user(lws_get_context(wsi));
 
@@ -179,6 +186,10 @@ int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
         return http_refuse(s, wsi, 400, "The WebSocket subprotocol " PROTOCOL_NAME " must be asked for.\n");
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE: return confirm_upgrade(s, wsi);
+    case LWS_CALLBACK_CLOSED_HTTP:
+        if (user)
+            forget_text(user);
+        return lws_callback_http_dummy(wsi, reason, user, in, length);
     case LWS_CALLBACK_HTTP_BODY: return -1; /* answered already; the rest is not read */
     case LWS_CALLBACK_RAW_ADOPT:            /* CONNECT; lws would keep the connection as a pipe, without any time-out */
     case LWS_CALLBACK_RAW_CONNECTED:
@@ -187,4 +198,14 @@ int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_RECEIVE: return -1;
     default: return lws_callback_http_dummy(wsi, reason, user, in, length);
     }
+}
+
+int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
+{
+    const int64_t begun_us = viewer_now_us();
+    const int result = answer(wsi, reason, user, in, length);
+
+    if (reason == LWS_CALLBACK_HTTP || reason == LWS_CALLBACK_HTTP_WRITEABLE)
+        metrics_worked(lws_context_user(lws_get_context(wsi)), begun_us);
+    return result;
 }

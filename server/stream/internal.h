@@ -8,6 +8,7 @@
 #include "control.h"
 #include "ingest.h"
 #include "message.h"
+#include "metrics.h"
 #include "probe.h"
 #include "server.h"
 #include "site.h"
@@ -57,14 +58,14 @@ struct viewer {
     enum server_role role;
     bool subscribed;
     struct message wish; /* the last subscribe */
-    int64_t since_us;    /* wall clock of the last subscribe that began or resumed watching */
+    int64_t since_us;    /* when the last subscribe came that began or resumed watching */
 
     struct picture *current; /* being sent, or NULL */
     bool repeated;           /* current is older than since_us */
     size_t offset;           /* bytes of current that lws has taken */
     struct {
         uint64_t sequence;
-        int64_t published_us;
+        int64_t placed_us; /* monotonic */
     } unacked[PROTOCOL_CREDIT_H264];
     unsigned unacked_count;
     uint64_t begun;    /* sequence of the last picture begun, in the format of the moment */
@@ -121,9 +122,12 @@ struct server {
     char url[96];
     char session[20]; /* random, new with every start */
     char *tokens[SERVER_ROLES];
+    char *token_metrics;                  /* what /metrics asks for; NULL: nothing */
+    bool loopback;                        /* it listens to this machine alone */
     bool allow_remote, push, controllers; /* the last two: that role is offered */
     bool h264;                            /* that format is offered */
     atomic_bool *stirred;                 /* set when a controller asks for something; may be NULL */
+    const atomic_bool *leave;             /* set when the program is to end; may be NULL */
     size_t max_frame_bytes;
     uint32_t frame_ms;
     uint16_t port;
@@ -144,6 +148,7 @@ struct server {
     atomic_bool stopping;
     atomic_bool urgent; /* a status is to go out at once */
     struct stream_counts counts;
+    struct metrics metrics;
 
     pthread_mutex_t lock;
     struct picture *latest[STREAM_KINDS]; /* {lock} NULL before the first */
@@ -152,6 +157,7 @@ struct server {
     bool key_wanted;                      /* {lock} somebody can go on only at a key picture */
     uint32_t width, height;               /* {lock} of a whole picture, as the status says; 0: unknown */
     uint64_t published;                   /* {lock} */
+    int64_t captured_us;                  /* {lock} of the last frame whose age was taken */
     char *status;                         /* {lock} what all viewers are told, see message_status_shared */
     enum server_source source;            /* {lock} of that status */
     char detail[sizeof(((struct reason *)NULL)->text)]; /* {lock} */
@@ -159,10 +165,13 @@ struct server {
     struct ingest ingest;                               /* {lock} but for what it says of itself */
     struct control control;                             /* {lock} */
     struct probes probes;                               /* {lock} */
+    struct server_figures figures;                      /* {lock} */
+    int64_t source_us;                                  /* {lock} wall clock: since when the source is in this state */
 };
 
 /* picture.c: gives a picture its place in the stream; before anybody else sees it. flags are added. */
 void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, uint8_t flags);
+int64_t picture_placed_us(const struct picture *p); /* when that was, on viewer_now_us's clock */
 
 /* server.c: the kind of a picture, and {lock} the one that a subscription asks for: the largest that fits. */
 unsigned picture_kind(const struct protocol_picture *header);
@@ -191,6 +200,7 @@ int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *use
 struct http_session {
     const uint8_t *bytes; /* the rest of the file that is being sent */
     size_t left;
+    char *text; /* of which bytes is a part, where it is no file; freed when it has gone */
 };
 
 /* http.c: whether this request's Host is one we answer to, and its Origin, if any, is that Host: pages of others must
@@ -199,6 +209,16 @@ bool http_host_ok(const struct server *s, struct lws *wsi);
 bool http_origin_ok(struct lws *wsi);
 /* Answers and has the connection closed: returns -1. */
 int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text);
+/* A short answer in one write, and a long one, whose text is taken over. */
+int http_respond_text(struct lws *wsi, unsigned status, const char *type, const char *text, bool head);
+int http_respond_long(struct lws *wsi, struct http_session *h, const char *type, char *text, size_t size, bool head);
+
+/* monitor.c, thread: service. Whether that path is one of /healthz, /readyz, /metrics; and the answer. */
+bool monitor_knows(const char *path);
+int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, const char *path, bool head);
+
+/* viewer_receive.c: takes the same time whatever is given. */
+bool token_is_same(const char *given, const char *wanted);
 
 /* viewer_send.c, thread: service. */
 static inline int64_t viewer_now_us(void)

@@ -11,6 +11,7 @@
 struct picture {
     atomic_uint references;
     struct protocol_picture header;
+    int64_t placed_us;
     size_t size; /* of message */
     uint8_t message[];
 };
@@ -60,6 +61,12 @@ void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, u
     assert(p->header.sequence == 0); /* published once */
     p->header.sequence = sequence;
     p->header.published_us = published_us;
+    p->placed_us = viewer_now_us();
     p->header.flags |= flags;
     protocol_picture_encode(&p->header, p->message);
+}
+
+int64_t picture_placed_us(const struct picture *p)
+{
+    return p->placed_us;
 }

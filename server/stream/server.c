@@ -82,6 +82,19 @@ static enum err address_try(const struct address *a, const char *text, uint16_t 
     return e;
 }
 
+/* *out is NULL where there is none. */
+static enum err copy_token(const char *token, char **out, struct reason *why)
+{
+    const size_t size = token ? strlen(token) + 1 : 0;
+
+    *out = token ? mem_alloc(size, 1) : NULL;
+    if (token && !*out)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    if (token)
+        memcpy(*out, token, size);
+    return ERR_OK;
+}
+
 static enum err copy_desc(struct server *s, const struct server_desc *desc, struct reason *why)
 {
     const char *address = desc->address && desc->address[0] ? desc->address : "127.0.0.1";
@@ -96,19 +109,16 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     s->push = desc->push;
     s->h264 = desc->h264;
     s->stirred = desc->stirred;
+    s->leave = desc->leave;
     s->frame_ms = desc->frame_ms ? desc->frame_ms : STREAM_FRAME_MS;
     s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
     if (s->max_connections > CONNECTIONS_MAX)
         return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
-    for (int r = 0; r < SERVER_ROLES; r++) {
-        if (!desc->tokens[r])
-            continue;
-        const size_t size = strlen(desc->tokens[r]) + 1;
-        s->tokens[r] = mem_alloc(size, 1);
-        if (!s->tokens[r])
-            return err_say(why, ERR_NOMEM, "out of memory");
-        memcpy(s->tokens[r], desc->tokens[r], size);
-    }
+    enum err e = copy_token(desc->token_metrics, &s->token_metrics, why);
+    for (int r = 0; r < SERVER_ROLES && !e; r++)
+        e = copy_token(desc->tokens[r], &s->tokens[r], why);
+    if (e)
+        return e;
     uint64_t random;
     if (getrandom(&random, sizeof(random), 0) != sizeof(random))
         return err_say(why, ERR_IO, "no random number can be had for the session: %s", strerror(errno));
@@ -121,6 +131,9 @@ static void tick(lws_sorted_usec_list_t *sul)
 {
     struct server *s = lws_container_of(sul, struct server, tick);
 
+    metrics_tick(s, viewer_now_us(), STREAM_STATUS_US);
+    if (s->leave && atomic_load(s->leave) && !s->leaving) /* whoever set it may be busy for a while */
+        server_drain(s);
     viewers_tick(s);
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
 }
@@ -130,6 +143,7 @@ static void *serve(void *arg)
     struct server *s = arg;
     int64_t leave_us = 0;
 
+    metrics_tick(s, viewer_now_us(), STREAM_STATUS_US);
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
     for (;;) {
         if (lws_service(s->context, 0) < 0)
@@ -196,6 +210,7 @@ static struct lws_context *context_create(struct server *s, const struct address
  * where they have none. */
 static enum err check_tokens(struct server *s, const struct address *a, struct reason *why)
 {
+    s->loopback = a->loopback;
     s->controllers = a->loopback || s->tokens[SERVER_CONTROLLER];
     if (!a->loopback && !s->tokens[SERVER_VIEWER])
         return err_say(why, ERR_USAGE, "--bind %s: anybody on the network could watch; --token-viewer is needed",
@@ -274,21 +289,28 @@ failed:
     return e;
 }
 
+void server_drain(struct server *s)
+{
+    if (!s->running)
+        return;
+    atomic_store(&s->stopping, true);
+    lws_cancel_service(s->context);
+}
+
 void server_destroy(struct server *s)
 {
     if (!s)
         return;
-    if (s->running) {
-        atomic_store(&s->stopping, true);
-        lws_cancel_service(s->context);
+    server_drain(s);
+    if (s->running)
         pthread_join(s->thread, NULL);
-    }
     if (s->context)
         lws_context_destroy(s->context); /* calls back for every connection left */
     for (int k = 0; k < STREAM_KINDS; k++)
         picture_unref(s->latest[k]);
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
+    mem_free(s->token_metrics);
     chain_clear(s);
     message_free(s->status);
     message_free(s->control.shared);
@@ -330,6 +352,21 @@ unsigned subscribed_kind(const struct server *s, const struct message *wish)
     return scale == 0 ? PROTOCOL_JPEG : scale == 1 ? STREAM_JPEG_HALF : STREAM_JPEG_QUARTER;
 }
 
+/* Of a frame the first picture counts for its age; one that stood already has no new times. */
+static void observe(struct server *s, unsigned kind, const struct protocol_picture *h)
+{
+    struct metrics *m = &s->metrics;
+
+    atomic_fetch_add(&m->published[kind], 1);
+    if (h->flags & PROTOCOL_PICTURE_REPEAT)
+        return;
+    histogram_add(&m->encode[kind], 1e-6 * h->encoded_us);
+    if (h->flags & PROTOCOL_PICTURE_FINER || h->capture_us == 0 || h->capture_us == s->captured_us)
+        return;
+    s->captured_us = h->capture_us;
+    server_observe(s, SERVER_CAPTURED, 1e-6 * (double)(h->published_us - h->capture_us));
+}
+
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
 {
     const unsigned kind = picture_kind(picture_header(p));
@@ -338,6 +375,7 @@ struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
     struct picture *old = s->latest[kind];
     picture_stamp(p, ++s->issued[kind], clock_wall_us(), flags);
     s->latest[kind] = p;
+    observe(s, kind, picture_header(p));
     if (kind == PROTOCOL_H264)
         chain_place(s, p);
     s->published++;
@@ -366,6 +404,8 @@ void server_set_status(struct server *s, const struct server_status *status)
     s->status = text;
     s->width = status->width;
     s->height = status->height;
+    if (s->source != status->source || s->source_us == 0)
+        s->source_us = clock_wall_us();
     s->source = status->source;
     snprintf(s->detail, sizeof(s->detail), "%s", detail);
     pthread_mutex_unlock(&s->lock);

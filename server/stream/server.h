@@ -1,6 +1,6 @@
 /* server/stream/server.h */
-/* HTTP and WebSocket on one port: the viewer page, /healthz, and relight.v1 (protocol/PROTOCOL.md) on /ws.
- * A thread of its own owns all sockets. Others hand it immutable pictures and words about the state; the newest
+/* HTTP and WebSocket on one port: the viewer page, /healthz, /readyz, /metrics, and relight.v1 (protocol/PROTOCOL.md)
+ * on /ws. A thread of its own owns all sockets. Others hand it immutable pictures and words about the state; the newest
  * picture wins, a slow viewer skips, and nothing here ever waits for a viewer. */
 #ifndef STREAM_SERVER_H
 #define STREAM_SERVER_H
@@ -30,10 +30,12 @@ struct server_desc {
     uint32_t max_connections;         /* WebSockets at once; default 128 */
     bool allow_remote;                /* an address other than loopback, and any Host name, are taken */
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */
+    const char *token_metrics;        /* what whoever reads /metrics must show; NULL: see monitor.c */
     bool push;                        /* producers are taken; else their role is not offered */
     bool h264;                        /* H.264 is offered: who publishes must heed server_demand.h264_key */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
     atomic_bool *stirred;             /* set when a controller has asked for something; NULL: nobody is told so */
+    const atomic_bool *leave;         /* once it is set everybody is told that the server goes; NULL: nobody sets it */
     uint32_t frame_ms;                /* within which a frame must be complete once begun; default 30 s */
 };
 
@@ -41,6 +43,10 @@ struct server_desc {
  * ERR_IO: the address is taken or cannot be had, or web_dir has no index.html. ERR_USAGE: not an address, or neither
  * loopback nor allow_remote. ERR_NOMEM. */
 MUST_CHECK enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why);
+
+/* Tells every connection that the server goes (close code 1001), takes no new one, and returns at once. Any thread;
+ * NULL is not allowed. */
+void server_drain(struct server *s);
 
 /* Tells every viewer that the server goes (close code 1001), waits at most two seconds for them, ends the thread.
  * No other call may be under way or follow. NULL is allowed. */
@@ -221,6 +227,67 @@ struct server_demand {
     enum protocol_format recorder_format; /* as it subscribed last; 0: it never did */
 };
 void server_demand(struct server *s, struct server_demand *out);
+
+/* ---- What is measured: /metrics, /healthz and /readyz ---- */
+
+/* The thread that makes pictures lives: to be called by it, and it alone, at least once a second while it waits for
+ * something. While it computes it need not call: then the time that it gets from a processor counts, though not for
+ * more than SERVER_BUSY_MS. From the first call on /healthz asks for this. */
+void server_beat(struct server *s);
+#define SERVER_BEAT_MS 2000
+#define SERVER_BUSY_MS 300000
+
+struct server_health {
+    bool alive;               /* the network's loop and the thread that makes pictures */
+    bool ready;               /* alive, and whoever comes will get a picture */
+    const char *reason;       /* why it is not, static; "ok" */
+    int64_t loop_ms, beat_ms; /* since either was last seen; beat_ms -1: no thread has called server_beat */
+};
+
+/* Any thread. */
+void server_health(struct server *s, struct server_health *out);
+
+/* Times that are told as histograms. */
+enum server_timing {
+    SERVER_DECODE, /* from a frame's bytes to its sampling tables */
+    SERVER_QUEUE,  /* how long it waits to be shaded */
+    SERVER_SHADE,
+    SERVER_ENCODE,    /* of one picture in one format */
+    SERVER_CAPTURED,  /* from a frame's capture to the publication of its first picture: by the calendar's clock */
+    SERVER_SENT,      /* from publication until the kernel has all of a picture */
+    SERVER_DISPLAYED, /* and until the viewer says that it shows it */
+    SERVER_LOOP,      /* one piece of work of the network's thread */
+    SERVER_TIMINGS,
+};
+
+/* Any thread; takes no lock. Of the times above all but the first three are observed by the server itself. */
+void server_observe(struct server *s, enum server_timing timing, double seconds);
+
+enum server_waste {                    /* why a frame was refused */
+                    SERVER_UNREADABLE, /* it could not be decoded */
+                    SERVER_UNUSABLE,   /* the method in force cannot use it */
+                    SERVER_WASTES,
+};
+
+/* What the makers of pictures count. */
+struct server_figures {
+    bool loaded;                         /* the scene is there */
+    uint64_t received, used, superseded; /* environment frames, whatever they came from */
+    uint64_t refused[SERVER_WASTES];
+    uint64_t repaired;                          /* texels */
+    uint64_t direct_rays, eye_rays, light_rays; /* traced for pictures */
+    uint64_t cache_rays;                        /* traced for the cache */
+    uint64_t generated, chosen, effective;      /* light samples */
+    uint64_t finer;                             /* passes by which a standing picture was made better */
+    double fps, error;                          /* error 0: unknown */
+    uint64_t frame;                             /* the last one shown */
+    uint64_t cache_bytes;
+    double cache_share;                        /* 0..1 */
+    unsigned frames_waiting, pictures_waiting; /* read and not shaded, shaded and not encoded */
+};
+
+/* Copied. Any thread. */
+void server_set_figures(struct server *s, const struct server_figures *figures);
 
 /* Counters since the start. Any thread. */
 struct server_counters {

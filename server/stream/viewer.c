@@ -159,7 +159,7 @@ void viewers_demand(struct server *s)
 }
 
 /* relight.v1 on one connection. Thread: service. */
-int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
+static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
 {
     struct server *s = lws_context_user(lws_get_context(wsi));
     struct viewer **slot = user, *v = slot ? *slot : NULL;
@@ -187,4 +187,15 @@ int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *use
         return 0;
     default: return 0;
     }
+}
+
+int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
+{
+    const int64_t begun_us = viewer_now_us();
+    const int result = answer(wsi, reason, user, in, length);
+
+    if (reason == LWS_CALLBACK_RECEIVE || reason == LWS_CALLBACK_SERVER_WRITEABLE ||
+        reason == LWS_CALLBACK_EVENT_WAIT_CANCELLED)
+        metrics_worked(lws_context_user(lws_get_context(wsi)), begun_us);
+    return result;
 }

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-static bool same_token(const char *given, const char *wanted)
+bool token_is_same(const char *given, const char *wanted)
 {
     /* Looks at every byte whatever it finds, so that the time taken tells nothing about the token. */
     const size_t length = strlen(given);
@@ -58,7 +58,7 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
         fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server does not take that role");
     else if (m->hello.recorder[0] && m->hello.role != SERVER_VIEWER)
         fault_say(fault, FAULT_WRONG_ROLE, "4.1.6", "a recorder is a viewer");
-    else if (s->tokens[m->hello.role] && !same_token(m->hello.token, s->tokens[m->hello.role]))
+    else if (s->tokens[m->hello.role] && !token_is_same(m->hello.token, s->tokens[m->hello.role]))
         fault_say(fault, FAULT_BAD_TOKEN, "4.1.3", "the token is missing or wrong");
     else
         welcome(v, m, fault);
@@ -96,7 +96,7 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
             v->begun = picture_header(p)->sequence - 1;
         else if (m->subscribe.format == PROTOCOL_H264)
             v->begun = chain_newest(v->server);
-        v->since_us = clock_wall_us();
+        v->since_us = viewer_now_us();
         picture_unref(p);
     }
     if (v->recorder) {
@@ -121,6 +121,9 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
     for (unsigned i = 0; i < v->unacked_count; i++)
         if (v->unacked[i].sequence > sequence)
             v->unacked[kept++] = v->unacked[i];
+        else if (v->unacked[i].sequence == sequence &&
+                 v->unacked[i].placed_us >= v->since_us) /* else it was old then */
+            server_observe(v->server, SERVER_DISPLAYED, 1e-6 * (double)(viewer_now_us() - v->unacked[i].placed_us));
     atomic_fetch_add(&v->server->counts.acked, v->unacked_count - kept);
     /* Acks that return credit cannot come faster than pictures go: they do not count as messages. */
     v->tokens += v->unacked_count > kept ? 1.0 : 0.0;

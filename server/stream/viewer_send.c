@@ -27,6 +27,7 @@ void viewer_part(struct viewer *v, uint16_t code, const char *text)
 void viewer_complain(struct viewer *v, const struct fault *fault)
 {
     atomic_fetch_add(&v->server->counts.errors, 1);
+    atomic_fetch_add(&v->server->metrics.faults[fault->code], 1);
     log_debug("%s: %s (clause %s): %s", v->peer, fault_name(fault->code), fault->clause, fault->text);
     if (v->outbox_count < STREAM_OUTBOX)
         viewer_say(v, message_error(fault));
@@ -121,8 +122,10 @@ static void begin_picture(struct viewer *v)
     /* Of a chain none can be left out. */
     const double rate = header->format == PROTOCOL_H264 ? 0.0 : v->wish.subscribe.max_rate;
     if (v->begun > 0 && !v->recorder) { /* between those of a recorder are pictures that were never its own */
-        v->skipped += header->sequence - v->begun - 1;
-        atomic_fetch_add(&v->server->counts.skipped, header->sequence - v->begun - 1);
+        const uint64_t skipped = header->sequence - v->begun - 1;
+        v->skipped += skipped;
+        atomic_fetch_add(&v->server->counts.skipped, skipped);
+        atomic_fetch_add(rate > 0.0 ? &v->server->metrics.skipped_rate : &v->server->metrics.skipped_slow, skipped);
     }
     if (rate > 0.0) {
         /* Late by less than one interval is made up for, so that the average holds. */
@@ -131,9 +134,9 @@ static void begin_picture(struct viewer *v)
     }
     v->begun = header->sequence;
     v->chained = true;
-    v->repeated = header->published_us < v->since_us;
+    v->repeated = picture_placed_us(p) < v->since_us;
     v->unacked[v->unacked_count].sequence = header->sequence;
-    v->unacked[v->unacked_count++].published_us = header->published_us;
+    v->unacked[v->unacked_count++].placed_us = picture_placed_us(p);
     v->current = p;
     v->offset = 0;
 }
@@ -153,6 +156,10 @@ static int send_fragment(struct viewer *v)
     v->offset += piece;
     atomic_fetch_add(&v->server->counts.bytes, piece);
     if (v->offset == size) {
+        const struct protocol_picture *header = picture_header(v->current);
+        if (!v->repeated)
+            server_observe(v->server, SERVER_SENT, 1e-6 * (double)(viewer_now_us() - picture_placed_us(v->current)));
+        atomic_fetch_add(&v->server->metrics.sent[picture_kind(header)], 1);
         picture_unref(v->current);
         v->current = NULL;
         v->sent++;

@@ -1,0 +1,66 @@
+/* What a machine asks over HTTP: does the server live, can it be used, how does it do. /healthz and /readyz are open to
+ * whoever can reach the port, and say no more than that. /metrics tells how many watch, how fast and what is wrong, but
+ * no name, address or picture: on loopback it is open too; else it wants a token as "Authorization: Bearer T", the one
+ * of its own where there is one, or else the viewers'. */
+#include "internal.h"
+
+#include "mem.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+bool monitor_knows(const char *path)
+{
+    return strcmp(path, "/healthz") == 0 || strcmp(path, "/readyz") == 0 || strcmp(path, "/metrics") == 0;
+}
+
+static int answer_health(struct server *s, struct lws *wsi, const char *path, bool head)
+{
+    const bool asks_ready = strcmp(path, "/readyz") == 0;
+    struct server_health h;
+    char text[512];
+
+    server_health(s, &h);
+    const bool good = asks_ready ? h.ready : h.alive;
+    pthread_mutex_lock(&s->lock);
+    const unsigned long long published = s->published;
+    pthread_mutex_unlock(&s->lock);
+    snprintf(text, sizeof(text),
+             "{\"status\":\"%s\",\"server\":\"relightd %s\",\"protocol\":\"%s\",\"minor\":%d,\"connections\":%llu,"
+             "\"pictures\":%llu,\"loop_ms\":%lld,\"shade_ms\":%lld,\"ready\":%s}\n",
+             good ? "ok" : h.reason, RELIGHT_VERSION, PROTOCOL_NAME, PROTOCOL_MINOR,
+             (unsigned long long)atomic_load(&s->counts.open), published, (long long)h.loop_ms, (long long)h.beat_ms,
+             h.ready ? "true" : "false");
+    return http_respond_text(wsi, good ? 200 : 503, "application/json", text, head);
+}
+
+static bool may_read_metrics(const struct server *s, struct lws *wsi)
+{
+    const char *wanted = s->token_metrics ? s->token_metrics : s->loopback ? NULL : s->tokens[SERVER_VIEWER];
+    char given[320];
+
+    if (!wanted)
+        return true;
+    return lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_AUTHORIZATION) > 0 &&
+           strncasecmp(given, "Bearer ", 7) == 0 && token_is_same(given + 7, wanted);
+}
+
+static int answer_metrics(struct server *s, struct lws *wsi, struct http_session *h, bool head)
+{
+    size_t size = 0;
+
+    if (!may_read_metrics(s, wsi))
+        return http_refuse(s, wsi, 401, "The metrics ask for Authorization: Bearer and a token.\n");
+    char *text = metrics_text(s, &size);
+    if (!text)
+        return http_respond_text(wsi, 503, "text/plain; charset=utf-8", "Out of memory.\n", head);
+    return http_respond_long(wsi, h, "text/plain; version=0.0.4; charset=utf-8", text, size, head);
+}
+
+int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, const char *path, bool head)
+{
+    if (strcmp(path, "/metrics") == 0)
+        return answer_metrics(s, wsi, h, head);
+    return answer_health(s, wsi, path, head);
+}
