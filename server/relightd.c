@@ -41,7 +41,8 @@ static void ask_to_stop(int signal_number)
  * renamed when they are whole, and the network's thread has told everybody. */
 static void leave_now(int signal_number)
 {
-    static const char words[] = "relightd: warning: what is under way takes too long to end: it is left\n";
+    static const char words[] =
+        "relightd: warning: stopped in the middle of what was under way, since that did not end\n";
 
     (void)signal_number;
     if (write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
