@@ -285,7 +285,9 @@ static enum err set_up(struct daemon *d, struct reason *why)
     }
     daemon_tell_start(d);
     daemon_tell_source(d, SERVER_WAITING, "the scene is being prepared");
-    e = set_create(&d->set_desc, &d->first_set, why);
+    e = daemon_service_begin(d, why);
+    if (!e)
+        e = set_create(&d->set_desc, &d->first_set, why);
     d->set = d->first_set;
     if (!e)
         e = allocate(d, why);
@@ -307,6 +309,7 @@ static enum err run(struct daemon *d, struct reason *why)
     d->encoding = pthread_create(&d->encode_thread, NULL, daemon_encode_main, d) == 0;
     if (!d->ingesting || !d->encoding)
         return err_say(why, ERR_NOMEM, "a thread could not be started");
+    atomic_store(&d->prepared, true);
     log_info("listening on %s", server_url(d->server));
     return shade_all(d, why);
 }
@@ -321,6 +324,7 @@ static void tear_down(struct daemon *d)
         pthread_join(d->ingest_thread, NULL);
     if (d->encoding)
         pthread_join(d->encode_thread, NULL);
+    daemon_service_end(d);
     server_destroy(d->server);
     for (int i = 0; i < HANDOFF_SLOTS; i++) {
         environment_destroy(d->ingested[i].environment);

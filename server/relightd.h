@@ -1,8 +1,8 @@
 /* server/relightd.h */
 /* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_ingest.c and
  * relightd_encode.c are two of these, relightd_still.c makes a picture better while no frame comes, relightd_camera.c
- * goes to another camera, relightd_options.c reads the command line, relightd_settings.c holds what a controller may
- * change, relightd_status.c is what viewers are told. */
+ * goes to another camera, relightd_service.c speaks with the service manager, relightd_options.c reads the command
+ * line, relightd_settings.c holds what a controller may change, relightd_status.c is what viewers are told. */
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
@@ -159,6 +159,9 @@ struct daemon {
     struct handoff pictures;
     pthread_t ingest_thread, encode_thread;
     bool ingesting, encoding; /* the threads run */
+    pthread_t service_thread;
+    bool servicing;                     /* it runs */
+    atomic_bool service_over, prepared; /* it is to end; pictures can be made as soon as a frame comes */
 
     pthread_mutex_t settings_lock;
     struct settings settings; /* {settings_lock} */
@@ -223,6 +226,11 @@ void daemon_probe_answer(struct daemon *d);
  * d->relighter have just become those of another camera: the standing frame is to be lit with them. */
 bool daemon_camera_follow(struct daemon *d);
 void daemon_camera_finish(struct daemon *d);
+
+/* ---- relightd_service.c: main thread; d->server is there ---- */
+
+MUST_CHECK enum err daemon_service_begin(struct daemon *d, struct reason *why);
+void daemon_service_end(struct daemon *d); /* before d->server goes */
 
 /* ---- relightd_options.c ---- */
 

@@ -92,6 +92,11 @@ enum err options_parse(struct options *o, int argc, char **argv, bool *done, str
             *done = true;
             return ERR_OK;
         }
+        if (strcmp(argv[i], "--print-manual") == 0 || strcmp(argv[i], "--print-completion") == 0) {
+            (argv[i][8] == 'm' ? options_print_manual : options_print_completion)(o);
+            *done = true;
+            return ERR_OK;
+        }
         if (strncmp(argv[i], "--", 2) == 0 && argv[i][2]) {
             const enum err e = take_flag(o, argc, argv, &i, why);
             if (e)

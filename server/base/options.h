@@ -29,9 +29,14 @@ struct options {
     size_t operand_max; /* 0: none allowed; at most 8 */
 };
 
-/* Reads argv. --help and --version print to stdout and set *done, after which the program ends with 0.
- * ERR_USAGE names the offending argument. Strings point into argv. */
+/* Reads argv. --help and --version print to stdout and set *done, after which the program ends with 0; so do
+ * --print-manual and --print-completion, by which the build makes its man pages and completions and which --help does
+ * not mention. ERR_USAGE names the offending argument. Strings point into argv. */
 MUST_CHECK enum err options_parse(struct options *o, int argc, char **argv, bool *done, struct reason *why);
+
+/* options_print.c: to stdout, the page for man(1), and what bash's `complete` reads. Defaults are those of the rows. */
+void options_print_manual(const struct options *o);
+void options_print_completion(const struct options *o);
 
 /* What was given for `name`, or its default; NULL when neither. The name must be in the table. */
 const char *options_get(const struct options *o, const char *name);

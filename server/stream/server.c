@@ -16,10 +16,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#ifndef RELIGHT_WEB_DIR
-#define RELIGHT_WEB_DIR "clients/web"
-#endif
-
 enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096 };
 
 /* lws speaks of every peer's mistake as of an error of its own. */
@@ -260,6 +256,7 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
 enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why)
 {
     static const struct server_status nothing = { .source = SERVER_WAITING };
+    char web_dir[4096];
     enum err e;
 
     *out = NULL;
@@ -276,7 +273,9 @@ enum err server_create(const struct server_desc *desc, struct server **out, stru
         e = err_say(why, ERR_NOMEM, "out of memory");
         goto failed;
     }
-    e = site_load(&s->site, desc->web_dir ? desc->web_dir : RELIGHT_WEB_DIR, why);
+    e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
+    if (!e)
+        e = site_load(&s->site, web_dir, why);
     if (e)
         goto failed;
     e = start(s, desc, why);

@@ -26,7 +26,7 @@ enum server_role {
 struct server_desc {
     const char *address;              /* numeric IPv4 or IPv6, or "localhost"; default 127.0.0.1 */
     uint16_t port;                    /* 0: any free one, see server_port */
-    const char *web_dir;              /* what is served over HTTP; default: clients/web of the source tree */
+    const char *web_dir;              /* what is served over HTTP; default: that of site_folder (site.h) */
     uint32_t max_connections;         /* WebSockets at once; default 128 */
     bool allow_remote;                /* an address other than loopback, and any Host name, are taken */
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */

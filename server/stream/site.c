@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static const char *type_of(const char *name)
 {
@@ -84,6 +85,25 @@ static enum err entry_load(struct site *site, const char *dir, const char *name,
     f->type = type;
     snprintf(f->path, sizeof(f->path), "/%s", strcmp(name, "index.html") == 0 ? "" : name);
     return file_load(f, path, why);
+}
+
+enum err site_folder(const char *asked, char *path, size_t size, struct reason *why)
+{
+    char program[4096];
+    int length;
+
+    if (asked) {
+        length = snprintf(path, size, "%s", asked);
+    } else {
+        const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 1);
+        if (n <= 0)
+            return err_say(why, ERR_IO, "the folder of the page cannot be found: /proc/self/exe: %s", strerror(errno));
+        program[n] = '\0';
+        *strrchr(program, '/') = '\0';
+        length = snprintf(path, size, "%s/../share/relightd/web", program);
+    }
+    return length < 0 || (size_t)length >= size ? err_say(why, ERR_RANGE, "%.200s...: the path is too long", path)
+                                                : ERR_OK;
 }
 
 enum err site_load(struct site *site, const char *dir, struct reason *why)

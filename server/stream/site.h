@@ -25,6 +25,11 @@ struct site {
     size_t count;
 };
 
+/* The folder that was asked for, or, where that is NULL, ../share/relightd/web as seen from the folder of the program
+ * that runs: beside /usr/bin where it is installed, and beside bin in a build tree, which has a link there. ERR_IO: the
+ * program cannot be found. */
+MUST_CHECK enum err site_folder(const char *asked, char *path, size_t size, struct reason *why);
+
 /* Reads the files of `dir` whose extension has a known type; folders and hidden files are passed over.
  * ERR_IO: dir cannot be read or has no index.html. ERR_RANGE: a file or their number is too large. ERR_NOMEM. */
 MUST_CHECK enum err site_load(struct site *site, const char *dir, struct reason *why);

@@ -1,0 +1,182 @@
+#!/usr/bin/env bash
+# The Debian package: what is in it, that nothing is missing, and that what it holds works where it is unpacked.
+. "$(dirname "$0")/../integration/lib.sh"
+here=$(cd "$(dirname "$0")" && pwd)
+source=$(dirname "$(dirname "$here")")
+packed=${RELIGHT_PACKED:?the folder of the package}
+root=$packed/root
+programs="relightd relight-bench relight-chart relight-diff relight-feed relight-record relight-render"
+
+need() {
+    command -v "$1" >/dev/null || { echo "skipped: no $1 here"; exit 77; }
+}
+
+a_package_can_be_made() {
+    need dpkg-shlibdeps
+    rm -rf "$packed"
+    mkdir -p "$packed"
+    (cd "$work" && cpack -G DEB --config "${RELIGHT_BUILD:?}/CPackConfig.cmake" -B "$packed") >"$work/log" 2>&1 ||
+        { cat "$work/log"; fail "cpack"; }
+    mv "$packed"/relightd_*.deb "$packed/relightd.deb"
+    dpkg-deb -x "$packed/relightd.deb" "$root"
+    dpkg-deb -e "$packed/relightd.deb" "$packed/control"
+}
+
+it_holds_what_is_to_be_installed() {
+    local program file
+    for program in $programs; do
+        [ -x "$root/usr/bin/$program" ] || fail "no $program"
+        [ -s "$root/usr/share/man/man1/$program.1.gz" ] || fail "no manual page of $program"
+        [ -s "$root/usr/share/bash-completion/completions/$program" ] || fail "no completion of $program"
+        [ "$("$root/usr/bin/$program" --version)" = "$("$bin/$program" --version)" ] || fail "another $program"
+    done
+    [ "$(ls "$root/usr/bin" | wc -w)" = "$(wc -w <<<"$programs")" ] || fail "more programs than are known here"
+    for file in "$source"/clients/web/*; do
+        cmp "$file" "$root/usr/share/relightd/web/${file##*/}" || fail "the page lacks ${file##*/}"
+    done
+    for file in copyright changelog.gz CHANGELOG.md LICENSE NOTICES; do
+        [ -s "$root/usr/share/doc/relightd/$file" ] || fail "no $file"
+    done
+    [ -s "$root/usr/lib/systemd/system/relightd.service" ] || fail "no unit"
+    [ -s "$root/etc/relightd/relightd.json" ] || fail "no configuration"
+    grep -qx /etc/relightd/relightd.json "$packed/control/conffiles" || fail "an upgrade would overwrite the configuration"
+}
+
+# Every library that a program names is of a package that the package depends on, or of one of several that stand for it
+# (libopenblas0-pthread for libopenblas0).
+it_depends_on_what_it_is_linked_with() {
+    local program library package depends triple
+    triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
+    depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g')
+    for program in $programs; do
+        while read -r library; do
+            package=$(dpkg -S "*/$triple/*$library" | sed -n "s|^\([^:]*\).*/$library\$|\1|p" | sort -u)
+            [ -n "$package" ] || fail "nobody owns $library"
+            [[ ",$depends," == *",$package,"* || ",$depends," == *",${package%-*},"* ]] ||
+                fail "$program needs $library of $package, which is not in: $depends"
+        done < <(objdump -p "$root/usr/bin/$program" | sed -n 's/^ *NEEDED *//p')
+    done
+}
+
+# Where it was built nobody needs to know, and one build tree's page must not be served on another machine.
+no_folder_of_the_building_machine_is_in_it() {
+    if grep -rlaF "$source" "$root" "$packed/control"; then fail "they name $source"; fi
+    if grep -rlaF "$RELIGHT_BUILD" "$root" "$packed/control"; then fail "they name $RELIGHT_BUILD"; fi
+}
+
+its_files_have_decent_owners_and_modes() {
+    dpkg-deb -c "$packed/relightd.deb" >"$work/list"
+    if grep -vE '^[-dl]......... root/root ' "$work/list"; then fail "not root's"; fi
+    if grep -E '^.(....w|.......w|..s|.....s)' "$work/list"; then fail "others may write, or set-id"; fi
+    (cd "$root" && md5sum --quiet -c "$packed/control/md5sums") || fail "sums"
+    local script
+    for script in postinst prerm postrm; do
+        [ -x "$packed/control/$script" ] || fail "$script cannot be run"
+        sh -n "$packed/control/$script"
+    done
+}
+
+# A binary that is bound by the GPL says so in the package, and one that is not does not.
+its_licence_is_that_of_what_it_is_linked_with() {
+    local linked=no said=no
+    if objdump -p "$root/usr/bin/relightd" | grep -q 'NEEDED.*libavcodec'; then linked=yes; fi
+    if grep -q 'General Public License' "$root/usr/share/doc/relightd/copyright"; then said=yes; fi
+    [ "$linked" = "$said" ] || fail "libavcodec: $linked, GPL in the copyright file: $said"
+    local line
+    while read -r line; do
+        [ -z "$line" ] || grep -qF "$line" "$root/usr/share/doc/relightd/copyright" || fail "the licence lacks: $line"
+    done < <(sed 1,3d "$source/LICENSE")
+    zcat "$root/usr/share/doc/relightd/changelog.gz" | dpkg-parsechangelog -l - >"$work/changelog"
+    grep -qx "Version: $("$bin/relightd" --version | cut -d' ' -f2)" "$work/changelog" || fail "changelog: $(cat "$work/changelog")"
+}
+
+# The manual says each flag that --help says, with the same words.
+the_manual_pages_say_what_help_says() {
+    need man
+    local program
+    for program in $programs; do
+        man -l --warnings=w "$root/usr/share/man/man1/$program.1.gz" >"$work/page" 2>"$work/warnings"
+        [ ! -s "$work/warnings" ] || { cat "$work/warnings"; fail "roff has something to say of $program"; }
+        # Neither the breaks of lines nor the headings' capitals are words.
+        MANWIDTH=2000 man -l "$root/usr/share/man/man1/$program.1.gz" | tr -s ' \n' ' ' >"$work/page"
+        local flag words
+        while read -r flag words; do
+            grep -qF -- "${words:0:60}" "$work/page" || fail "$program.1 lacks '$words' of $flag"
+            grep -qE -- " $flag " "$work/page" || fail "$program.1 lacks $flag"
+        done < <("$root/usr/bin/$program" --help | sed -nE 's/^  (--[a-z0-9-]+)( [^ ]+)?  *(.*)$/\1 \3/p' | tr -s ' ')
+        whatis=$(sed -n 's/.* NAME \(.*\) SYNOPSIS .*/\1/p' "$work/page")
+        [ "${#whatis}" -lt 160 ] && [[ $whatis == "$program - "* ]] || fail "whatis of $program: $whatis"
+    done
+}
+
+# completed WORD...: what bash offers for the last of these words; the first is the program.
+completed() {
+    bash --norc -c '. "$1"; shift
+        compopt() { :; }
+        COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))
+        "$(complete -p "$1" | sed "s/.*-F \([^ ]*\).*/\1/")" && printf "%s\n" "${COMPREPLY[@]}"' \
+        bash "$root/usr/share/bash-completion/completions/$1" "$@"
+}
+
+bash_completes_flags_and_files_of_every_program() {
+    local program flag
+    for program in $programs; do
+        for flag in $("$root/usr/bin/$program" --help | sed -nE 's/^  (--[a-z0-9-]+).*/\1/p'); do
+            completed "$program" "$flag" >"$work/offers"
+            grep -qx -- "$flag" "$work/offers" || fail "$program: $flag is not completed"
+        done
+    done
+    [ "$(completed relightd --sce)" = --scene ] || fail "--sce: $(completed relightd --sce)"
+    touch "$work/some scene.json"
+    mkdir "$work/some folder"
+    [ "$(completed relightd --scene "$work/some sc")" = "$work/some scene.json" ] || fail "no file for --scene"
+    [ "$(completed relightd --web "$work/some ")" = "$work/some folder" ] || fail "no folder for --web"
+    [ -z "$(completed relightd --port 80)" ] || fail "something for --port"
+}
+
+# systemd-analyze looks for programs and manual pages where they will be; here they are below $root.
+the_unit_is_well_formed_and_lets_little_through() {
+    need systemd-analyze
+    sed "s|=/usr/bin/relightd|=$root/usr/bin/relightd|" "$root/usr/lib/systemd/system/relightd.service" >"$work/relightd.service"
+    MANPATH=$root/usr/share/man systemd-analyze verify --man=yes "$work/relightd.service" >"$work/log" 2>&1 ||
+        { cat "$work/log"; fail "systemd-analyze verify"; }
+    [ ! -s "$work/log" ] || { cat "$work/log"; fail "systemd-analyze verify has something to say"; }
+    systemd-analyze security --offline=true --threshold=16 --no-pager "$root/usr/lib/systemd/system/relightd.service" \
+        >"$work/log" 2>&1 || { cat "$work/log"; fail "the exposure is above 1.6 of 10"; }
+    tail -n 1 "$work/log"
+    local setting
+    for setting in Type=notify DynamicUser=yes StateDirectory= CacheDirectory= ProtectSystem=strict MemoryMax= \
+        Restart=on-failure NoNewPrivileges=yes SystemCallFilter=@system-service; do
+        grep -q "^$setting" "$work/relightd.service" || fail "no $setting"
+    done
+}
+
+# The program finds its page beside itself, whatever folder that is, and nothing else of the build tree.
+what_is_unpacked_serves_its_page() {
+    (cd / && exec "$root/usr/bin/relightd" --port 0 --size 64x36 --samples 4) 2>"$work/log" &
+    pid=$! url= # the trap is obeyed when this function is over
+    local i
+    trap 'kill $pid 2>/dev/null || true; rm -rf "$work"' EXIT
+    for ((i = 0; i < 300; i++)); do
+        url=$(sed -n 's/^relightd: listening on //p' "$work/log")
+        [ -n "$url" ] && break
+        sleep 0.1
+    done
+    [ -n "$url" ] || { cat "$work/log"; fail "it does not listen"; }
+    python3 - "$url" "$root/usr/share/relightd/web/index.html" <<'PY' || fail "another page"
+import sys, urllib.request
+sys.exit(urllib.request.urlopen(sys.argv[1], timeout=10).read() != open(sys.argv[2], "rb").read())
+PY
+    kill "$pid"
+    wait "$pid" || fail "exit code $?"
+}
+
+# `cmake --install` below another prefix keeps everything in it, and the unit names that prefix.
+another_prefix_keeps_all_to_itself() {
+    cmake --install "$RELIGHT_BUILD" --prefix "$work/opt" >"$work/log" 2>&1 || { cat "$work/log"; fail "cmake --install"; }
+    [ -x "$work/opt/bin/relightd" ] && [ -s "$work/opt/etc/relightd/relightd.json" ] || fail "not in the prefix"
+    grep -q "^ExecStart=$work/opt/bin/relightd" \
+        "$work/opt/lib/systemd/system/relightd.service" || fail "the unit names another program"
+}
+
+"$1"

@@ -1,0 +1,93 @@
+#include "unit.h"
+
+#include "options.h"
+
+#include <unistd.h>
+
+static struct option_row rows[] = {
+    { "", NULL, "what goes in", NULL },
+    { "scene", "FILE", ".json, or 'json' \\ both", NULL },
+    { "out-dir", "DIR", "where to", "a-b" },
+    { "samples", "N", "how many", "64" },
+    { NULL, NULL, NULL, NULL },
+};
+static struct option_row shared[] = {
+    { "map", "FILE", "a picture", NULL },
+    { "fast", NULL, "a switch", NULL },
+    { NULL, NULL, NULL, NULL },
+};
+
+/* What the program prints when it is given that word. */
+static const char *printed(const char *word, size_t operand_max)
+{
+    static char text[8192];
+    struct options o = { .program = "relight-test",
+                         .synopsis = "[flags] FILE",
+                         .about = "Tests x.y and\nmore. Not this.",
+                         .epilogue_title = "keys",
+                         .epilogue = ".first = 1\n  second\n",
+                         .rows = rows,
+                         .shared = shared,
+                         .operand_max = operand_max };
+    char copy[32], *argv[] = { copy, copy };
+    struct reason why;
+    bool done = false;
+    FILE *to = tmpfile();
+    const int keep = dup(STDOUT_FILENO);
+
+    snprintf(copy, sizeof(copy), "%s", word);
+    fflush(stdout);
+    dup2(fileno(to), STDOUT_FILENO);
+    const enum err e = options_parse(&o, 2, argv, &done, &why);
+    fflush(stdout);
+    dup2(keep, STDOUT_FILENO);
+    close(keep);
+    rewind(to);
+    text[fread(text, 1, sizeof(text) - 1, to)] = '\0';
+    fclose(to);
+    assert_int_equal(e, ERR_OK);
+    assert_true(done);
+    return text;
+}
+
+static void the_manual_has_every_part_and_escapes_what_roff_obeys(void **state)
+{
+    static const char *const parts[] = {
+        ".TH RELIGHT-TEST 1 \"\" \"relightd " RELIGHT_VERSION "\"",
+        ".SH NAME\nrelight-test \\- tests x.y and more\n",
+        ".SH SYNOPSIS\n.B relight-test\n[flags] FILE\n",
+        ".SH DESCRIPTION\nTests x.y and more. Not this.\n",
+        ".SS \"What goes in\"\n",
+        ".TP\n\\fB\\-\\-scene\\fR \\fIFILE\\fR\n\\&.json, or 'json' \\e both\n",
+        ".TP\n\\fB\\-\\-out\\-dir\\fR \\fIDIR\\fR\nwhere to [a\\-b]\n",
+        ".TP\n\\fB\\-\\-fast\\fR\na switch\n",
+        ".SH \"KEYS\"\n.nf\n\\&.first = 1\n  second\n.fi\n",
+    };
+
+    (void)state;
+    const char *text = printed("--print-manual", 1);
+    for (size_t i = 0; i < sizeof(parts) / sizeof(parts[0]); i++)
+        if (!strstr(text, parts[i]))
+            fail_msg("no '%s' in\n%s", parts[i], text);
+}
+
+static void completion_knows_files_folders_and_flags_of_both_tables(void **state)
+{
+    (void)state;
+    const char *text = printed("--print-completion", 0);
+    assert_non_null(strstr(text, "\n_relight_test()\n"));
+    assert_non_null(strstr(text, "    --scene|--map) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f "));
+    assert_non_null(strstr(text, "    --out-dir) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d "));
+    assert_non_null(strstr(text, "    --samples) "));
+    assert_non_null(strstr(text, "' --scene --out-dir --samples --map --fast --help --version'"));
+    assert_non_null(strstr(text, "complete -F _relight_test relight-test\n"));
+    assert_null(strstr(text, "    else\n")); /* operands, of which there are none, */
+    assert_non_null(strstr(printed("--print-completion", 1), "    else\n"));
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(the_manual_has_every_part_and_escapes_what_roff_obeys),
+    cmocka_unit_test(completion_knows_files_folders_and_flags_of_both_tables),
+};
+
+UNIT_MAIN(tests)
