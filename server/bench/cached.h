@@ -29,7 +29,8 @@ struct cached {
 
     struct environment *clamped; /* the sky without its bright part, where it has one */
     bool judged;                 /* the next are there: of the picture under the sky without its bright part */
-    double rel_mse, delta_e;     /* root of the mean square, crosswise */
+    double rel_mse, delta_e;     /* both crosswise; roots of mean squares within tiles, */
+    double delta_e_whole;        /* and over the whole picture */
     double mean_delta_e;         /* against the mean of both references, */
     double noise;                /* and what that mean has of it by itself */
     uint32_t judged_samples;

@@ -97,8 +97,7 @@ struct relight_stats {           /* of one picture */
     double cache_share; /* of it that is computed: below 1 while it is made in the background */
     double cache_ms;
     struct bounce_stats bounce; /* where the cache has interreflection too: what that is, */
-    bool bounce_loaded;         /* out of a file, */
-    double bounce_ms;           /* and what its sky took in this frame, within shade_ms as all of it */
+    bool bounce_loaded;         /* out of a file */
     const char *bias;           /* in what it is not right in the mean, in words; NULL: in nothing */
 };
 

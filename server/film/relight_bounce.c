@@ -86,18 +86,15 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
     return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
 }
 
-enum err relight_bounce_take(struct relight_bounce *b, const struct environment *e, const struct relight_desc *desc,
-                             float *lo, const struct transport_guest **out, struct relight_stats *stats)
+const struct transport_guest *relight_bounce_take(struct relight_bounce *b, const struct environment *e,
+                                                  const struct relight_desc *desc, float *lo,
+                                                  struct relight_stats *stats)
 {
-    const double start = clock_seconds();
-
-    *out = NULL;
-    const enum err result = lo ? bounce_shade(b->bounce, e, desc->direct.cancel, lo) : bounce_take(b->bounce, e, out);
-
-    stats->bounce_ms = 1e3 * (clock_seconds() - start);
+    if (lo)
+        bounce_shade(b->bounce, e, desc->direct.cancel, lo);
     stats->bounce = *bounce_stats(b->bounce);
     stats->bounce_loaded = b->loaded;
     stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; interreflection by records "
                   "that are even within, of a sky of 1536 overlapping cells with its sun";
-    return result;
+    return lo ? NULL : bounce_guest(b->bounce);
 }

@@ -25,10 +25,9 @@ MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct t
                                         const struct kernels *kernels, const struct relight_desc *desc,
                                         const struct relight_keep *keep, bool progress, double *ms);
 
-/* Takes the frame's sky: *out is for transport_frame, or, where lo is given, NULL, and it is added there. Fills
- * stats->bounce, bounce_ms and bias. */
-MUST_CHECK enum err relight_bounce_take(struct relight_bounce *b, const struct environment *e,
-                                        const struct relight_desc *desc, float *lo, const struct transport_guest **out,
-                                        struct relight_stats *stats);
+/* What transport_frame takes, or NULL where lo is given: then it is added there. Fills stats->bounce and bias. */
+const struct transport_guest *relight_bounce_take(struct relight_bounce *b, const struct environment *e,
+                                                  const struct relight_desc *desc, float *lo,
+                                                  struct relight_stats *stats);
 
 #endif

@@ -250,11 +250,11 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     const bool bounces = stats->plan.indirect == PLAN_CACHE && c->bounce.bounce;
     const bool apart = !transport_is_settled(c->transport);
     if (!result && bounces && !apart)
-        result = relight_bounce_take(&c->bounce, e, desc, NULL, &frame.guest, stats);
+        frame.guest = relight_bounce_take(&c->bounce, e, desc, NULL, stats);
     if (!result)
         result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
     if (!result && bounces && apart)
-        result = relight_bounce_take(&c->bounce, e, desc, lo, &frame.guest, stats);
+        relight_bounce_take(&c->bounce, e, desc, lo, stats);
     stats->cache = *transport_stats(c->transport);
     stats->cache_loaded = c->loaded;
     stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;

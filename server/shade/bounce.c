@@ -19,6 +19,7 @@ void bounce_destroy(struct bounce *b)
     mem_free(b->places);
     mem_free(b->stream);
     mem_free(b->z);
+    mem_free(b->tents);
     bounce_basis_finish(&b->basis);
     mem_free(b);
 }
@@ -33,27 +34,26 @@ const struct packet_list *bounce_left(const struct bounce *b)
     return &b->left;
 }
 
-/* The sky's coefficients: y = Q L. */
-static void project_sky(const struct bounce_basis *basis, float (*sky)[TRANSPORT_CELLS], float *y)
+static void take_sky(void *self, const struct environment *e, uint32_t part)
 {
-    for (uint32_t k = 0; k < basis->count; k++) { /* less than it takes to wake a thread */
-        const float *row = basis->rows + (size_t)k * TRANSPORT_CELLS;
-        for (uint32_t c = 0; c < 3; c++) {
-            float sum[PACKET] = { 0.0f };
-            for (uint32_t i = 0; i < TRANSPORT_CELLS; i += PACKET)
-                for (uint32_t l = 0; l < PACKET; l++)
-                    sum[l] += row[i + l] * sky[c][i + l];
-            for (uint32_t l = 1; l < PACKET; l++)
-                sum[0] += sum[l];
-            y[c * basis->count + k] = sum[0];
-        }
-    }
+    struct bounce *b = self;
+
+    bounce_sky_part(e, part, b->tents);
+}
+
+static void sky_taken(void *self)
+{
+    struct bounce *b = self;
+    float sky[3][TRANSPORT_CELLS];
+
+    bounce_sky_deal(b->tents, sky);
+    b->kernels->bounce->take(&b->basis, sky, b->y); /* less than it takes to wake a thread */
 }
 
 /* A group's V times the sky. */
-static void prepare_group(const void *self, uint32_t k)
+static void prepare_group(void *self, uint32_t k)
 {
-    const struct bounce *b = self;
+    struct bounce *b = self;
 
     for (uint32_t r = 0; r < b->groups[k].rows; r++)
         if (b->groups[k].pieces[r].bytes)
@@ -81,19 +81,24 @@ static void guest_rows(const void *self, uint32_t first, struct transport_rows *
     out->count = place.rows;
 }
 
-enum err bounce_take(struct bounce *b, const struct environment *e, const struct transport_guest **out)
+void bounce_become_guest(struct bounce *b)
 {
-    float(*sky)[TRANSPORT_CELLS] = mem_alloc(3, sizeof(*sky));
+    b->guest = (struct transport_guest){
+        .self = b,
+        .take = take_sky,
+        .take_parts = BOUNCE_SKY_PARTS,
+        .taken = sky_taken,
+        .prepare = prepare_group,
+        .parts = b->group_count,
+        .rows = guest_rows,
+        .values = b->y,
+        .count = 3 * b->basis.count,
+    };
+}
 
-    *out = NULL;
-    if (!sky)
-        return ERR_NOMEM;
-    bounce_sky_take(e, sky);
-    project_sky(&b->basis, sky, b->y);
-    mem_free(sky);
-    b->guest = (struct transport_guest){ b, prepare_group, b->group_count, guest_rows, b->y, 3 * b->basis.count };
-    *out = &b->guest;
-    return ERR_OK;
+const struct transport_guest *bounce_guest(const struct bounce *b)
+{
+    return &b->guest;
 }
 
 /* A block by itself, onto what stands there. */
@@ -111,24 +116,24 @@ static void add_block(const struct bounce *b, const struct bounce_block *block, 
                 lo[((size_t)block->first + k) * 3 * PACKET + i] += more[k * 3 * PACKET + i];
 }
 
-enum err bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo)
+void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo)
 {
-    const struct transport_guest *guest;
-    const enum err result = bounce_take(b, e, &guest);
-
-    if (result)
-        return result;
+    environment_complete_pyramid(e);
 #pragma omp parallel
     {
         const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 1)
+        for (uint32_t k = 0; k < BOUNCE_SKY_PARTS; k++)
+            take_sky(b, e, k);
+#pragma omp single
+        sky_taken(b);
 #pragma omp for schedule(dynamic, 4)
-        for (uint32_t k = 0; k < guest->parts; k++)
-            guest->prepare(guest->self, k);
+        for (uint32_t k = 0; k < b->group_count; k++)
+            prepare_group(b, k);
 #pragma omp for schedule(dynamic, 16)
         for (uint32_t k = 0; k < b->block_count; k++)
             if (!cancel || !atomic_load_explicit(cancel, memory_order_relaxed))
                 add_block(b, &b->blocks[k], lo);
         denormals_restore(before);
     }
-    return ERR_OK;
 }

@@ -71,13 +71,11 @@ MUST_CHECK enum err bounce_create(const struct bounce_desc *desc, const struct k
                                   struct reason *why);
 void bounce_destroy(struct bounce *b); /* NULL is allowed */
 
-/* Takes the frame's sky. *out: for transport_frame, of the transport that it was made with; good until the next call.
- * ERR_NOMEM. */
-MUST_CHECK enum err bounce_take(struct bounce *b, const struct environment *e, const struct transport_guest **out);
+/* For the transport_frame of the transport that it was made with, which takes the sky for it; lives as long as b. */
+const struct transport_guest *bounce_guest(const struct bounce *b);
 
-/* The same by itself: takes the sky, and adds to lo: float[packet_count][3][16], at the packets that are taken.
- * ERR_NOMEM. */
-MUST_CHECK enum err bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo);
+/* The same by itself: takes the sky, and adds to lo: float[packet_count][3][16], at the packets that are taken. */
+void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo);
 
 const struct bounce_stats *bounce_stats(const struct bounce *b);
 

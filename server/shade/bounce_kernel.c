@@ -33,6 +33,29 @@ static inline void sum_lanes(const struct lanes x[3], float out[3])
     memcpy(out, &by_lane[0].v, 3 * sizeof(*out));
 }
 
+/* As many rows at once as keep the sums apart. */
+#define ROWS 4u
+
+static void take(const struct bounce_basis *q, float (*sky)[TRANSPORT_CELLS], float *y)
+{
+    for (uint32_t first = 0; first < q->count; first += ROWS) {
+        const uint32_t rows = q->count - first < ROWS ? q->count - first : ROWS;
+        struct lanes sum[ROWS][3] = { { { { 0.0f } } } };
+        for (uint32_t i = 0; i < TRANSPORT_CELLS; i += PACKET)
+            for (uint32_t r = 0; r < rows; r++) {
+                const float *row = q->rows + (size_t)(first + r) * TRANSPORT_CELLS + i;
+                for (uint32_t c = 0; c < 3; c++)
+                    LANES(l) sum[r][c].v[l] += row[l] * sky[c][i + (uint32_t)l];
+            }
+        for (uint32_t r = 0; r < rows; r++) {
+            float all[3];
+            sum_lanes(sum[r], all);
+            for (uint32_t c = 0; c < 3; c++)
+                y[c * q->count + first + r] = all[c];
+        }
+    }
+}
+
 static void project(const struct bounce_piece *q, const float *y, uint32_t basis, float *z)
 {
     const uint32_t columns = bounce_columns(q->rank);
@@ -95,4 +118,4 @@ static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t 
 }
 
 extern const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL);
-const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { add, project, expand };
+const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { take, add, project, expand };

@@ -111,8 +111,10 @@ enum err bounce_lay_out(struct bounce *b)
     if (e)
         return e;
     b->stream = mem_alloc(size, 1);
-    if (!b->stream)
+    b->tents = mem_alloc(1, sizeof(*b->tents));
+    if (!b->stream || !b->tents)
         return ERR_NOMEM;
+    bounce_become_guest(b);
     b->stats.bytes += floats * sizeof(*b->z) + b->gbuffer->packet_count * sizeof(*b->places) +
                       b->block_count * sizeof(struct bounce_row) * TRANSPORT_ROWS;
     return move_blocks(b);

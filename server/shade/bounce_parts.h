@@ -94,8 +94,22 @@ void bounce_basis_finish(struct bounce_basis *b);
 
 /* ---- The sky ---- */
 
-/* Means of the whole sky over the tents: out[3][TRANSPORT_CELLS]. */
-void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS]);
+#define BOUNCE_WIDE (TRANSPORT_EDGE + 2) /* a face with a border of its neighbours' cells */
+#define BOUNCE_SKY_FACE_PARTS 4u         /* of a face, summed apart */
+#define BOUNCE_SKY_PARTS (CUBE_FACES * BOUNCE_SKY_FACE_PARTS)
+
+struct bounce_tent_sums {
+    float at[BOUNCE_WIDE][BOUNCE_WIDE][4]; /* red, green, blue, solid angle */
+};
+
+struct bounce_tents {
+    struct bounce_tent_sums parts[CUBE_FACES][BOUNCE_SKY_FACE_PARTS];
+};
+
+/* Means of the whole sky over the tents: each of BOUNCE_SKY_PARTS by itself, on any thread, of an environment whose
+ * pyramid is complete; then out[3][TRANSPORT_CELLS] of them all. */
+void bounce_sky_part(const struct environment *e, uint32_t part, struct bounce_tents *t);
+void bounce_sky_deal(const struct bounce_tents *t, float out[3][TRANSPORT_CELLS]);
 
 /* A cell by its tent's weight at w, from x in [0, 1). */
 uint32_t bounce_cell(struct vec3 w, double x);
@@ -163,6 +177,8 @@ static inline size_t bounce_piece_bytes(const struct bounce_group *g, const stru
 }
 
 struct bounce_kernels {
+    /* The sky's coefficients: y[3][K] = Q L; L: [3][TRANSPORT_CELLS]. */
+    void (*take)(const struct bounce_basis *q, float (*sky)[TRANSPORT_CELLS], float *y);
     /* to[c][k] += weight[c] * from[c][k]; k < basis, a multiple of 16. */
     void (*add)(float *to, const float *from, const float weight[3], uint32_t basis);
     /* z[c][rank] = V y; y [3][basis]; z is 0 behind that, up to bounce_columns(rank). */
@@ -184,6 +200,7 @@ struct bounce {
     uint8_t *stream;               /* of each block its rows' heads, and behind these their bytes */
     float *z;                      /* of all groups */
     float y[3 * BOUNCE_BASIS_MAX]; /* the frame's sky in the basis: [3][basis.count] */
+    struct bounce_tents *tents;    /* of the frame's sky */
     struct transport_guest guest;
     uint32_t *left_index;
     struct packet_list left;
@@ -230,7 +247,10 @@ MUST_CHECK enum err bounce_close(struct bounce *b);
 /* Moves the blocks' bytes out of the pieces, which keep V alone, to where frames read them; room for z. ERR_NOMEM. */
 MUST_CHECK enum err bounce_lay_out(struct bounce *b);
 
-/* A row's bytes of a block, once that is done. */
+/* Fills b->guest: the last step. */
+void bounce_become_guest(struct bounce *b);
+
+/* A row's bytes of a block, once all that is done. */
 const int8_t *bounce_block_row(const struct bounce *b, const struct bounce_block *block, uint32_t row);
 
 /* ERR_RANGE. */

@@ -8,14 +8,9 @@
 #include <string.h>
 
 #define EDGE TRANSPORT_EDGE
-#define WIDE (EDGE + 2) /* a face with a border of its neighbours' cells */
-#define FINE 64u        /* texels along an edge, at least; larger ones are divided */
-#define COARSE 128u     /* and at most, by the coarser levels of the pyramid: eight to a tent's slope */
-#define PARTS 4u        /* of a face, summed apart */
-
-struct wide_face {
-    float at[WIDE][WIDE][4]; /* red, green, blue, solid angle */
-};
+#define FINE 64u    /* texels along an edge, at least; larger ones are divided */
+#define COARSE 128u /* and at most, by the coarser levels of the pyramid: eight to a tent's slope */
+#define PARTS BOUNCE_SKY_FACE_PARTS
 
 /* Cells of a row or column `k` in -1..16 beyond the edge are the neighbour's. */
 static uint32_t neighbour(uint32_t face, int i, int j)
@@ -110,10 +105,10 @@ static uint32_t take_run(const struct grid *g, const float *texels, const float 
 }
 
 /* A part of a face's rows. */
-static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct wide_face *out)
+static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct bounce_tent_sums *out)
 {
     const uint32_t rows = g->n * g->fine;
-    float one[WIDE][4];
+    float one[BOUNCE_WIDE][4];
 
     memset(out, 0, sizeof(*out));
     for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
@@ -124,7 +119,7 @@ static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct
         memset(one, 0, sizeof(one));
         for (uint32_t j = 0; j < rows;)
             j = take_run(g, texels, g->level->solid_angle + row * g->n, j, one);
-        for (uint32_t j = 0; j < WIDE; j++)
+        for (uint32_t j = 0; j < BOUNCE_WIDE; j++)
             for (int c = 0; c < 4; c++) {
                 out->at[i][j][c] += (1.0f - on) * one[j][c];
                 out->at[i + 1][j][c] += on * one[j][c];
@@ -133,7 +128,7 @@ static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct
 }
 
 /* What the parts of a face have for one cell, or for three. */
-static void deal(const struct wide_face parts[PARTS], uint32_t face, int i, int j, float out[3][TRANSPORT_CELLS],
+static void deal(const struct bounce_tent_sums parts[PARTS], uint32_t face, int i, int j, float out[3][TRANSPORT_CELLS],
                  float *omega)
 {
     float sum[4] = { 0.0f };
@@ -150,21 +145,22 @@ static void deal(const struct wide_face parts[PARTS], uint32_t face, int i, int 
     }
 }
 
-void bounce_sky_take(const struct environment *e, float out[3][TRANSPORT_CELLS])
+void bounce_sky_part(const struct environment *e, uint32_t part, struct bounce_tents *t)
 {
-    struct wide_face parts[CUBE_FACES][PARTS];
+    const struct grid g = grid_of(e);
+
+    take_part(&g, part / PARTS, part % PARTS, &t->parts[part / PARTS][part % PARTS]);
+}
+
+void bounce_sky_deal(const struct bounce_tents *t, float out[3][TRANSPORT_CELLS])
+{
     float omega[TRANSPORT_CELLS] = { 0.0f };
 
-    environment_complete_pyramid(e);
-    const struct grid g = grid_of(e);
     memset(out, 0, 3 * sizeof(*out));
-#pragma omp parallel for schedule(dynamic, 1)
-    for (uint32_t k = 0; k < CUBE_FACES * PARTS; k++)
-        take_part(&g, k / PARTS, k % PARTS, &parts[k / PARTS][k % PARTS]);
     for (uint32_t face = 0; face < CUBE_FACES; face++)
         for (int i = -1; i <= EDGE; i++)
             for (int j = -1; j <= EDGE; j++)
-                deal(parts[face], face, i, j, out, omega);
+                deal(t->parts[face], face, i, j, out, omega);
     for (uint32_t cell = 0; cell < TRANSPORT_CELLS; cell++)
         for (int c = 0; c < 3; c++)
             out[c][cell] /= omega[cell];

@@ -148,6 +148,28 @@ static void scale_block(const struct transport_block *b, float gain, float *lo)
         lo[i] *= gain;
 }
 
+/* The cells' means and what a guest takes, side by side: to wake threads twice is a part of a frame's time. */
+static enum err take_cells(struct transport_sky *s, const struct environment *e, const struct transport_guest *guest)
+{
+    const enum err result = transport_sky_begin(s, e);
+    const uint32_t parts = guest ? guest->take_parts : 0;
+
+    if (guest)
+        environment_complete_pyramid(e);
+#pragma omp parallel
+    {
+#pragma omp for schedule(dynamic, 1) nowait
+        for (uint32_t k = 0; k < parts; k++)
+            guest->take(guest->self, e, k);
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < TRANSPORT_SKY_PARTS; k++)
+            transport_sky_part(s, e, k);
+    }
+    if (guest)
+        guest->taken(guest->self);
+    return result;
+}
+
 /* The frame's sky, and what has changed in it. */
 static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame,
                          const float *lo, struct transport_change *change)
@@ -158,7 +180,7 @@ static enum err take_sky(struct transport *t, const struct environment *e, const
     t->past.lo = NULL; /* until this one is there */
     transport_past_begin(t);
     t->sky.unsplit = frame->unsplit;
-    enum err result = transport_sky_take(&t->sky, e);
+    enum err result = take_cells(&t->sky, e, frame->guest);
     if (!result)
         result = transport_bright_draw(t, e, frame);
     if (!result)

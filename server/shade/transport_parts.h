@@ -156,14 +156,19 @@ struct transport_rows {
     _Alignas(64) float at[TRANSPORT_ROWS][3][TRANSPORT_POINTS];
 };
 
+/* Called in this order, each step once the one before is over; where there are parts, on any thread. */
 struct transport_guest {
-    const void *self;
-    /* Called first, for each of 0 .. parts - 1: what blocks have in common; any thread. */
-    void (*prepare)(const void *self, uint32_t part);
+    void *self;
+    /* 0 .. take_parts - 1 of the frame's sky, whose pyramid is complete */
+    void (*take)(void *self, const struct environment *e, uint32_t part);
+    uint32_t take_parts;
+    void (*taken)(void *self); /* on one thread: `values` are there */
+    /* 0 .. parts - 1 of what blocks have in common */
+    void (*prepare)(void *self, uint32_t part);
     uint32_t parts;
-    /* Of the block that begins with packet `first`; any thread. */
+    /* Of the block that begins with packet `first`. */
     void (*rows)(const void *self, uint32_t first, struct transport_rows *out);
-    /* [count]: what all of that is linear in, of this frame */
+    /* [count]: what all light is linear in, of this frame */
     const float *values;
     uint32_t count; /* at most TRANSPORT_GUEST */
 };

@@ -130,7 +130,7 @@ static enum err find_bright(struct transport_sky *s, const struct environment *e
     return result;
 }
 
-enum err transport_sky_take(struct transport_sky *s, const struct environment *e)
+enum err transport_sky_begin(struct transport_sky *s, const struct environment *e)
 {
     assert(e->ready);
     if (CUBE_FACES * e->n > s->row_capacity) {
@@ -149,10 +149,23 @@ enum err transport_sky_take(struct transport_sky *s, const struct environment *e
         s->bright_count = 0;
         s->bright_energy = 0.0;
     }
+    return result;
+}
+
+/* A row of cells of a face. */
+void transport_sky_part(struct transport_sky *s, const struct environment *e, uint32_t part)
+{
+    for (uint32_t j = 0; j < TRANSPORT_EDGE; j++)
+        take_cell(s, e, part / TRANSPORT_EDGE, part % TRANSPORT_EDGE, j);
+}
+
+enum err transport_sky_take(struct transport_sky *s, const struct environment *e)
+{
+    const enum err result = transport_sky_begin(s, e);
+
 #pragma omp parallel for schedule(dynamic, 4)
-    for (uint32_t row = 0; row < CUBE_FACES * TRANSPORT_EDGE; row++)
-        for (uint32_t j = 0; j < TRANSPORT_EDGE; j++)
-            take_cell(s, e, row / TRANSPORT_EDGE, row % TRANSPORT_EDGE, j);
+    for (uint32_t k = 0; k < TRANSPORT_SKY_PARTS; k++)
+        transport_sky_part(s, e, k);
     return result;
 }
 

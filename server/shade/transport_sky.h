@@ -48,6 +48,12 @@ struct transport_sky {
 
 /* e must be ready. Memory is reused from frame to frame. The same bits at any number of threads. ERR_NOMEM. */
 MUST_CHECK enum err transport_sky_take(struct transport_sky *s, const struct environment *e);
+
+/* The same in steps: all but the cells, and then each of TRANSPORT_SKY_PARTS, on any thread. */
+#define TRANSPORT_SKY_PARTS (CUBE_FACES * TRANSPORT_EDGE)
+MUST_CHECK enum err transport_sky_begin(struct transport_sky *s, const struct environment *e);
+void transport_sky_part(struct transport_sky *s, const struct environment *e, uint32_t part);
+
 void transport_sky_finish(struct transport_sky *s); /* zeroed memory is allowed */
 
 /* Solid angle of a cell, sr, by its place. */

@@ -371,10 +371,10 @@ static json_t *bounce_stats_of(const struct relight_stats *s)
 {
     const struct bounce_stats *b = &s->bounce;
 
-    return json_pack("{s:f, s:b, s:I, s:I, s:i, s:i, s:f, s:i, s:f}", "sky_ms", s->bounce_ms, "loaded",
-                     s->bounce_loaded, "bytes", (json_int_t)b->bytes, "rays", (json_int_t)b->rays, "records",
-                     (int)b->records, "basis", (int)b->basis, "basis_leaves_out", b->basis_rest, "bounces",
-                     (int)b->bounces, "mean_rank", b->rank);
+    return json_pack("{s:b, s:I, s:I, s:i, s:i, s:f, s:i, s:f}", "loaded", s->bounce_loaded, "bytes",
+                     (json_int_t)b->bytes, "rays", (json_int_t)b->rays, "records", (int)b->records, "basis",
+                     (int)b->basis, "basis_leaves_out", b->basis_rest, "bounces", (int)b->bounces, "mean_rank",
+                     b->rank);
 }
 
 /* Whether auto took the cache, and why. */

@@ -60,7 +60,7 @@ static void each_light_is_taken_once(void **state)
 
     const double cached = run(&s, &light, &stats);
     assert_int_equal(stats.plan.indirect, PLAN_CACHE);
-    assert_true(stats.bounce.records > 0 && stats.bounce.bytes > 0 && stats.bounce_ms > 0.0);
+    assert_true(stats.bounce.records > 0 && stats.bounce.bytes > 0);
     assert_true(stats.cache.narrow > 0 && stats.eye.paths == 0);
     assert_non_null(strstr(stats.bias, "records"));
     assert_true(run(&s, &light, &again) == cached && again.cache_ms == 0.0);

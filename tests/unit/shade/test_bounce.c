@@ -43,7 +43,7 @@ static struct bounce *bounce_of(const struct lit *x, const struct transport *t, 
 static void shade_bounce(struct bounce *b, struct lit *x, const struct environment *e)
 {
     clear(x);
-    assert_int_equal(bounce_shade(b, e, NULL, x->lo), ERR_OK);
+    bounce_shade(b, e, NULL, x->lo);
 }
 
 /* Means by colours over the points that are seen directly (0) and behind mirrors and glass (1), without packets that
@@ -225,6 +225,16 @@ static void a_moving_sun_does_not_jump(void **state)
     lit_destroy(&x);
 }
 
+static void take_means(const struct environment *e, float out[3][TRANSPORT_CELLS])
+{
+    static struct bounce_tents tents;
+
+    environment_complete_pyramid(e);
+    for (uint32_t k = 0; k < BOUNCE_SKY_PARTS; k++)
+        bounce_sky_part(e, k, &tents);
+    bounce_sky_deal(&tents, out);
+}
+
 /* A constant sky has constant means, at any size of map. A texel's energy goes to the cells about it: their mean
  * direction by means times solid angle is the texel's within a cell's third, on edges and corners of faces too. */
 static void the_tents_keep_a_constant_and_a_place(void **state)
@@ -237,7 +247,7 @@ static void the_tents_keep_a_constant_and_a_place(void **state)
 
     for (int k = 0; k < 4; k++) {
         struct environment *e = sky_environment(sky_constant(32, 16, 2.0f), sizes[k], 0.0);
-        bounce_sky_take(e, means);
+        take_means(e, means);
         for (uint32_t i = 0; i < TRANSPORT_CELLS; i++)
             assert_true(fabsf(means[1][i] - 2.0f) < 1e-4f);
         environment_destroy(e);
@@ -251,7 +261,7 @@ static void the_tents_keep_a_constant_and_a_place(void **state)
             sky_paint(&f, u, y, 1.0f, 1.0f, 1.0f);
             assert_int_equal(environment_update(one, &f, &why), ERR_OK);
             frame_finish(&f);
-            bounce_sky_take(one, means);
+            take_means(one, means);
             for (uint32_t i = 0; i < CUBE_FACES * TRANSPORT_EDGE * TRANSPORT_EDGE; i++) {
                 const uint32_t face = i / 256, row = i / 16 % 16, column = i % 16;
                 const uint32_t cell = transport_cell(face, row, column);
@@ -282,7 +292,7 @@ static void a_lean_sky_will_do(void **state)
         struct frame f = sky_with_sun(64, 32, 2e3f);
         assert_int_equal(environment_update(e, &f, &why), ERR_OK);
         frame_finish(&f);
-        bounce_sky_take(e, means[lean]);
+        take_means(e, means[lean]);
         assert_true(environment_is_complete(e) == !lean);
         environment_destroy(e);
     }

@@ -126,6 +126,11 @@ static void a_sky_that_stands_still_is_not_computed_again(void **state)
     tear_down(&s);
 }
 
+static void take_nothing(void *self)
+{
+    (void)self;
+}
+
 /* Each row gets what the guest has of the frame. */
 static void even_rows(const void *self, uint32_t first, struct transport_rows *out)
 {
@@ -142,7 +147,9 @@ static void even_rows(const void *self, uint32_t first, struct transport_rows *o
 static void light_from_elsewhere_is_not_kept_when_it_changes(void **state)
 {
     float values[3] = { 0.5f, 0.25f, 0.75f };
-    struct transport_guest guest = { &guest, NULL, 0, even_rows, values, 3 };
+    struct transport_guest guest = {
+        .self = &guest, .taken = take_nothing, .rows = even_rows, .values = values, .count = 3
+    };
     static const enum transport_what want[] = { TRANSPORT_ALL, TRANSPORT_EQUAL, TRANSPORT_ALL,  TRANSPORT_EQUAL,
                                                 TRANSPORT_ALL, TRANSPORT_ALL,   TRANSPORT_GAIN, TRANSPORT_ALL };
     struct stage s;
