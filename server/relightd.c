@@ -1,9 +1,10 @@
 /* server/relightd.c */
-/* The server, from top to bottom: a sky comes in, pictures go out. Four threads, each handing on to the next:
+/* The server, from top to bottom: a sky comes in, pictures go out. Four threads hand on to the next, a fifth looks on:
  *     ingest   source or producer -> decode -> cube map and tables
  *     shade    (main) direct light at the shade points -> linear picture; when nothing comes, a better one
  *     encode   exposure -> tone curve -> JPEG or H.264, or EXR for those who need the numbers
  *     network  belongs to stream/server.h
+ *     watch    status line, held-back log lines, what is kept for the next start
  * Between two of them stands a handoff of three slots: the newest wins, nobody waits for a copy. */
 #include "relightd.h"
 
@@ -296,6 +297,8 @@ static enum err set_up(struct daemon *d, struct reason *why)
     if (!e) {
         daemon_tell_cameras(d);
         daemon_tell_control(d, d->set->camera);
+        daemon_state_open(d);
+        daemon_tell_control(d, daemon_settings(d).camera);
     }
     if (!e)
         daemon_tell_source(d, SERVER_WAITING,
@@ -307,7 +310,8 @@ static enum err run(struct daemon *d, struct reason *why)
 {
     d->ingesting = pthread_create(&d->ingest_thread, NULL, daemon_ingest_main, d) == 0;
     d->encoding = pthread_create(&d->encode_thread, NULL, daemon_encode_main, d) == 0;
-    if (!d->ingesting || !d->encoding)
+    d->watching = pthread_create(&d->watch_thread, NULL, daemon_watch_main, d) == 0;
+    if (!d->ingesting || !d->encoding || !d->watching)
         return err_say(why, ERR_NOMEM, "a thread could not be started");
     atomic_store(&d->prepared, true);
     log_info("listening on %s", server_url(d->server));
@@ -325,6 +329,10 @@ static void tear_down(struct daemon *d)
     if (d->encoding)
         pthread_join(d->encode_thread, NULL);
     daemon_service_end(d);
+    if (d->watching)
+        pthread_join(d->watch_thread, NULL);
+    daemon_state_close(d);
+    progress_show(stderr, "");
     server_destroy(d->server);
     for (int i = 0; i < HANDOFF_SLOTS; i++) {
         environment_destroy(d->ingested[i].environment);
@@ -370,8 +378,10 @@ int main(int argc, char **argv)
     enum err e = daemon_read_options(&d, argc, argv, &done, &why);
     if (!e && done)
         return 0;
-    if (!e)
+    if (!e) {
+        log_configure(&d.log);
         e = set_up(&d, &why);
+    }
     if (!e)
         e = run(&d, &why);
     tear_down(&d);
@@ -379,5 +389,6 @@ int main(int argc, char **argv)
         log_error("%s", why.text[0] ? why.text : err_text(e));
     else
         log_info("stopped");
+    log_flush(true);
     return err_exit_code(e);
 }

@@ -2,7 +2,8 @@
 /* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_ingest.c and
  * relightd_encode.c are two of these, relightd_still.c makes a picture better while no frame comes, relightd_camera.c
  * goes to another camera, relightd_service.c speaks with the service manager, relightd_options.c reads the command
- * line, relightd_settings.c holds what a controller may change, relightd_status.c is what viewers are told. */
+ * line, relightd_settings.c holds what a controller may change, relightd_state.c keeps that, relightd_status.c is what
+ * viewers are told, relightd_watch.c what whoever runs it sees. */
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
@@ -12,6 +13,7 @@
 #include "h264.h"
 #include "handoff.h"
 #include "jpeg.h"
+#include "log.h"
 #include "pilot.h"
 #include "probe_report.h"
 #include "progress.h"
@@ -104,7 +106,9 @@ struct daemon {
     enum layout layout;
     struct server_desc server_desc;
     const struct kernels *kernels;
-    bool push; /* frames come over the protocol */
+    struct log_desc log;
+    const char *state_dir; /* NULL: nothing is kept */
+    bool push;             /* frames come over the protocol */
     bool computed_sky;
     struct sky_desc sky;
 
@@ -157,8 +161,12 @@ struct daemon {
     struct handoff frames;
     struct shaded shaded[HANDOFF_SLOTS];
     struct handoff pictures;
-    pthread_t ingest_thread, encode_thread;
-    bool ingesting, encoding; /* the threads run */
+    pthread_t ingest_thread, encode_thread, watch_thread;
+    bool ingesting, encoding, watching; /* the threads run */
+
+    char state_file[4096]; /* watch thread, and before and after it main: */
+    char *state_text;      /* what stands there, */
+    double state_due_s;    /* and not before this is it written again */
     pthread_t service_thread;
     bool servicing;                     /* it runs */
     atomic_bool service_over, prepared; /* it is to end; pictures can be made as soon as a frame comes */
@@ -251,10 +259,30 @@ void daemon_tell_control(struct daemon *d, const char *camera);
 struct moves daemon_take_moves(struct daemon *d);
 bool daemon_moves_wait(struct daemon *d);
 
+/* What a control message asks for, done. */
+MUST_CHECK enum err daemon_apply(struct daemon *d, const struct server_control *asked, struct reason *why);
+/* Settings as a control message has them. */
+void daemon_describe(const struct settings *s, struct server_control *out);
+
+/* ---- relightd_state.c: what was set comes back after a crash ---- */
+
+/* Once the set is there: puts into force what the file says; what is wrong with it is a warning. */
+void daemon_state_open(struct daemon *d);
+/* Writes the file when something has changed. Thread: watch. */
+void daemon_state_keep(struct daemon *d);
+void daemon_state_close(struct daemon *d);
+
+/* ---- relightd_watch.c ---- */
+
+/* The watch thread; arg is the daemon. */
+void *daemon_watch_main(void *arg);
+
 /* ---- relightd_status.c: any thread ---- */
 
 void daemon_tell_start(struct daemon *d);
 void daemon_tell_source(struct daemon *d, enum server_source source, const char *detail);
+/* The producer has left without a word: since now. */
+void daemon_tell_gone(struct daemon *d);
 void daemon_tell_refused(struct daemon *d, const char *why, bool log);
 /* A frame that was received and read, but that the method in force cannot use. */
 void daemon_tell_unusable(struct daemon *d, const char *why);

@@ -67,8 +67,10 @@ static enum server_source tell_silence(struct daemon *d, enum server_source told
     server_demand(d->server, &demand);
     const enum server_source now = demand.ended ? SERVER_ENDED : demand.producer ? told : SERVER_WAITING;
     if (told == SERVER_LIVE && now != told) {
-        daemon_tell_source(
-            d, now, demand.ended ? "the producer has sent all its frames" : "the producer is gone, its last sky stays");
+        if (demand.ended)
+            daemon_tell_source(d, now, "the producer has sent all its frames");
+        else
+            daemon_tell_gone(d);
         return now;
     }
     return told;

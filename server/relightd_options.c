@@ -46,8 +46,15 @@ static struct option_row rows[] = {
     { "token-metrics", "T",
       "what whoever reads /metrics must know; left out: on loopback nothing, else the viewers' token", NULL },
     { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
+    { "", NULL, "what is said and kept", NULL },
+    { "log", "FORM", "of the log on standard error: plain, text (key=value, with time) or json", "plain" },
+    { "log-level", "LEVEL", "error, warning, info or debug", "info" },
+    { "state", "DIR", "keeps what controllers set in DIR/state.json, so that it comes back", NULL },
     { NULL, NULL, NULL, NULL },
 };
+#define LOG_BURST 20 /* lines of a kind within */
+#define LOG_WINDOW_MS 10000
+
 static struct option_row light_rows[LIGHT_OPTIONS];
 
 static const char samples_default[] = "16";
@@ -156,6 +163,18 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     return e;
 }
 
+static enum err read_log(const struct options *o, struct daemon *d, struct reason *why)
+{
+    enum err e = log_parse_form(options_get(o, "log"), &d->log.form, why);
+
+    if (!e)
+        e = log_parse_level(options_get(o, "log-level"), &d->log.level, why);
+    d->log.burst = LOG_BURST;
+    d->log.window_ms = LOG_WINDOW_MS;
+    d->state_dir = options_get(o, "state");
+    return e;
+}
+
 enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done, struct reason *why)
 {
     struct options o = {
@@ -178,6 +197,8 @@ enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done
         e = read_light(&o, d, why);
     if (!e)
         e = read_network(&o, d, why);
+    if (!e)
+        e = read_log(&o, d, why);
     d->settings = d->said;
     return e;
 }

@@ -170,7 +170,7 @@ static enum err apply(struct daemon *d, const struct server_control *c, struct s
     return check_moves(d, c, s, clause, why);
 }
 
-static void describe(const struct settings *s, struct server_control *out)
+void daemon_describe(const struct settings *s, struct server_control *out)
 {
     *out = (struct server_control){
         .has_rotate = true,
@@ -202,6 +202,20 @@ static void describe(const struct settings *s, struct server_control *out)
     snprintf(out->camera, sizeof(out->camera), "%s", s->camera);
 }
 
+enum err daemon_apply(struct daemon *d, const struct server_control *asked, struct reason *why)
+{
+    struct settings next = daemon_settings(d);
+    const char *clause;
+    const enum err e = apply(d, asked, &next, &clause, why);
+
+    if (e)
+        return e;
+    pthread_mutex_lock(&d->settings_lock);
+    d->settings = next;
+    pthread_mutex_unlock(&d->settings_lock);
+    return ERR_OK;
+}
+
 void daemon_take_control(struct daemon *d)
 {
     struct server_control asked, now;
@@ -218,7 +232,7 @@ void daemon_take_control(struct daemon *d)
         } else {
             next = daemon_settings(d);
         }
-        describe(&next, &now);
+        daemon_describe(&next, &now);
         server_set_control(d->server, &now, &asked, e ? why.text : NULL);
     }
 }
@@ -231,6 +245,6 @@ void daemon_tell_control(struct daemon *d, const char *camera)
     snprintf(d->settings.camera, sizeof(d->settings.camera), "%s", camera);
     const struct settings s = d->settings;
     pthread_mutex_unlock(&d->settings_lock);
-    describe(&s, &now);
+    daemon_describe(&s, &now);
     server_set_control(d->server, &now, NULL, NULL);
 }

@@ -2,11 +2,13 @@
 #include "relightd.h"
 
 #include "light_options.h"
+#include "clock.h"
 #include "log.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #define SMOOTH 0.2 /* share of a new reading in the figures that viewers are shown */
 
@@ -101,6 +103,8 @@ void daemon_tell_start(struct daemon *d)
 void daemon_tell_source(struct daemon *d, enum server_source source, const char *detail)
 {
     pthread_mutex_lock(&d->status_lock);
+    if (d->status.source != source || strcmp(d->detail, detail) != 0 || d->status.since_us == 0)
+        d->status.since_us = clock_wall_us();
     d->status.source = source;
     snprintf(d->detail, sizeof(d->detail), "%s", detail);
     server_set_status(d->server, &d->status);
@@ -113,6 +117,17 @@ static void note_refusal(struct daemon *d, enum server_waste waste, const char *
     d->figures.refused[waste]++;
     snprintf(d->refusal, sizeof(d->refusal), "%s", why);
     tell_figures(d);
+}
+
+void daemon_tell_gone(struct daemon *d)
+{
+    char detail[96] = "the producer is gone, its last sky stays", time_of_day[16];
+    const time_t now = (time_t)(clock_wall_us() / 1000000);
+    struct tm t;
+
+    if (gmtime_r(&now, &t) && strftime(time_of_day, sizeof(time_of_day), "%H:%M:%S", &t) > 0)
+        snprintf(detail, sizeof(detail), "the producer is gone since %s UTC, its last sky stays", time_of_day);
+    daemon_tell_source(d, SERVER_WAITING, detail);
 }
 
 void daemon_tell_refused(struct daemon *d, const char *why, bool log)

@@ -1,31 +1,217 @@
 #include "log.h"
 
+#include "clock.h"
 #include "progress.h"
 
+#include <pthread.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#define TEXT 1024
 
 /* Set once before threads start, then only read: the sink is the process's own standard error. */
 static const char *log_program = "relight";
-static enum log_level log_most = LOG_INFO;
+static struct log_desc log_now = { .level = LOG_INFO };
+static bool log_timed;
+
+static const char *const level_names[LOG_LEVELS] = { "error", "warning", "info", "debug" };
+static const char *const form_names[] = { "plain", "text", "json" };
+
+/* Guards the sites and what they hold back. */
+static pthread_mutex_t log_lock = PTHREAD_MUTEX_INITIALIZER;
+static struct log_site *log_sites; /* {log_lock} that have held something back */
+static atomic_uint_fast64_t log_lines[LOG_LEVELS], log_held;
 
 void log_init(const char *program, enum log_level level)
 {
     log_program = program;
-    log_most = level;
+    log_now.level = level;
 }
 
-void log_line(enum log_level level, const char *format, ...)
+/* journald says in the environment which pipe is its own [systemd.exec(5)]; a child whose standard error is redirected
+ * has the variable, too. */
+static bool is_journald(void)
 {
-    static const char *const names[] = { "error: ", "warning: ", "", "debug: " };
-    char text[1024];
+    const char *stream = getenv("JOURNAL_STREAM");
+    unsigned long long device, inode;
+    struct stat st;
+
+    return stream && sscanf(stream, "%llu:%llu", &device, &inode) == 2 && fstat(STDERR_FILENO, &st) == 0 &&
+           device == (unsigned long long)st.st_dev && inode == (unsigned long long)st.st_ino;
+}
+
+void log_configure(const struct log_desc *desc)
+{
+    log_now = *desc;
+    log_timed = desc->form != LOG_PLAIN && !is_journald();
+}
+
+enum err log_parse_level(const char *name, enum log_level *out, struct reason *why)
+{
+    for (int k = 0; k < LOG_LEVELS; k++)
+        if (strcmp(name, level_names[k]) == 0) {
+            *out = (enum log_level)k;
+            return ERR_OK;
+        }
+    return err_say(why, ERR_USAGE, "--log-level '%s' is not known; there are error, warning, info and debug", name);
+}
+
+enum err log_parse_form(const char *name, enum log_form *out, struct reason *why)
+{
+    for (int k = 0; k <= LOG_JSON; k++)
+        if (strcmp(name, form_names[k]) == 0) {
+            *out = (enum log_form)k;
+            return ERR_OK;
+        }
+    return err_say(why, ERR_USAGE, "--log '%s' is not known; there are plain, text and json", name);
+}
+
+/* ---- One line ---- */
+
+/* Bytes of one UTF-8 character at `at`; 0: it is none [RFC 3629, 4]. */
+static size_t character(const unsigned char *at)
+{
+    const size_t n = at[0] < 0x80 ? 1 : at[0] >= 0xc2 && at[0] < 0xe0 ? 2 : (at[0] & 0xf0) == 0xe0 ? 3 : 4;
+
+    if (at[0] >= 0x80 && (at[0] < 0xc2 || at[0] > 0xf4))
+        return 0;
+    for (size_t i = 1; i < n; i++)
+        if ((at[i] & 0xc0) != 0x80)
+            return 0;
+    const bool overlong = (at[0] == 0xe0 && at[1] < 0xa0) || (at[0] == 0xf0 && at[1] < 0x90);
+    const bool beyond = (at[0] == 0xed && at[1] > 0x9f) || (at[0] == 0xf4 && at[1] > 0x8f);
+    return overlong || beyond ? 0 : n;
+}
+
+/* Without control characters, and with what is not UTF-8 as '?'; quotes and backslashes escaped where that is asked. A
+ * line is one line, and a terminal is not spoken to, whatever a file is called. */
+static void clean(const char *text, bool quoted, char *out, size_t size)
+{
+    const unsigned char *at = (const unsigned char *)text;
+    size_t used = 0;
+
+    while (*at && used + 5 < size) {
+        const size_t n = character(at);
+        if (n == 0 || (n == 1 && (*at < 0x20 || *at == 0x7f)) || (n == 2 && at[0] == 0xc2 && at[1] < 0xa0)) {
+            out[used++] = '?';
+            at += n ? n : 1;
+            continue;
+        }
+        if (quoted && (*at == '"' || *at == '\\'))
+            out[used++] = '\\';
+        memcpy(out + used, at, n);
+        used += n;
+        at += n;
+    }
+    out[used] = '\0';
+}
+
+static void stamp(char *out, size_t size)
+{
+    const int64_t now_us = clock_wall_us();
+    const time_t seconds = (time_t)(now_us / 1000000);
+    struct tm t;
+
+    gmtime_r(&seconds, &t);
+    const size_t n = strftime(out, size, "%Y-%m-%dT%H:%M:%S", &t);
+    snprintf(out + n, size - n, ".%03dZ", (int)(now_us / 1000 % 1000));
+}
+
+/* {log_lock} A progress line may be standing on the terminal: start at its beginning and wipe it. */
+static void put(enum log_level level, const char *text)
+{
+    static const char *const heads[LOG_LEVELS] = { "error: ", "warning: ", "", "debug: " };
+    char line[2 * TEXT], time[64] = "";
+
+    clean(text, log_now.form != LOG_PLAIN, line, sizeof(line));
+    if (log_timed)
+        stamp(time, sizeof(time));
+    const char *wipe = progress_wipe(stderr);
+    if (log_now.form == LOG_PLAIN)
+        fprintf(stderr, "%s%s: %s%s\n", wipe, log_program, heads[level], line);
+    else if (log_now.form == LOG_PAIRS)
+        fprintf(stderr, "%s%s%s%slevel=%s program=%s message=\"%s\"\n", wipe, log_timed ? "time=" : "", time,
+                log_timed ? " " : "", level_names[level], log_program, line);
+    else
+        fprintf(stderr, "%s{%s%s%s\"level\":\"%s\",\"program\":\"%s\",\"message\":\"%s\"}\n", wipe,
+                log_timed ? "\"time\":\"" : "", time, log_timed ? "\"," : "", level_names[level], log_program, line);
+}
+
+/* ---- How often ---- */
+
+/* {log_lock} */
+static void tell_held(struct log_site *site)
+{
+    char text[TEXT];
+
+    if (site->held == 0)
+        return;
+    snprintf(text, sizeof(text), "%u more like this: %s", site->held, site->last);
+    site->held = 0;
+    put(site->level, text);
+}
+
+/* {log_lock} Whether the line is to be written now. */
+static bool admit(struct log_site *site, enum log_level level, const char *text, int64_t now_ms)
+{
+    if (log_now.burst == 0 || level == LOG_ERROR)
+        return true;
+    if (site->window_ms == 0 || now_ms - site->window_ms >= (int64_t)log_now.window_ms) {
+        tell_held(site);
+        site->window_ms = now_ms;
+        site->count = 0;
+    }
+    if (++site->count <= log_now.burst)
+        return true;
+    if (!site->listed) {
+        site->next = log_sites;
+        site->listed = true;
+        log_sites = site;
+    }
+    site->level = level;
+    site->held++;
+    snprintf(site->last, sizeof(site->last), "%.*s", (int)sizeof(site->last) - 1, text);
+    atomic_fetch_add(&log_held, 1);
+    return false;
+}
+
+void log_line(struct log_site *site, enum log_level level, const char *format, ...)
+{
+    char text[TEXT];
     va_list args;
 
-    if (level > log_most)
+    if (level > log_now.level)
         return;
     va_start(args, format);
     vsnprintf(text, sizeof(text), format, args);
     va_end(args);
-    /* A progress line may be standing on the terminal: start at its beginning and wipe it. */
-    fprintf(stderr, "%s%s: %s%s\n", progress_wipe(stderr), log_program, names[level], text);
+    atomic_fetch_add(&log_lines[level], 1);
+    pthread_mutex_lock(&log_lock);
+    if (admit(site, level, text, clock_ms()))
+        put(level, text);
+    pthread_mutex_unlock(&log_lock);
+}
+
+void log_flush(bool all)
+{
+    const int64_t now_ms = clock_ms();
+
+    pthread_mutex_lock(&log_lock);
+    for (struct log_site *site = log_sites; site; site = site->next)
+        if (all || now_ms - site->window_ms >= (int64_t)log_now.window_ms)
+            tell_held(site);
+    pthread_mutex_unlock(&log_lock);
+}
+
+void log_counts(struct log_counts *out)
+{
+    for (int k = 0; k < LOG_LEVELS; k++)
+        out->lines[k] = atomic_load(&log_lines[k]);
+    out->held = atomic_load(&log_held);
 }

@@ -67,6 +67,15 @@ void progress_end(struct progress *p)
     p->stream = NULL;
 }
 
+void progress_show(FILE *stream, const char *text)
+{
+    if (!isatty(fileno(stream)))
+        return;
+    fprintf(stream, "\r\033[K%s", text);
+    fflush(stream);
+    atomic_store(&line_stands, text[0] != '\0');
+}
+
 const char *progress_wipe(FILE *stream)
 {
     if (atomic_load(&line_stands) && isatty(fileno(stream))) {

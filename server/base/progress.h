@@ -24,6 +24,9 @@ void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *
 void progress_step(struct progress *p, uint64_t steps); /* NULL is allowed */
 void progress_end(struct progress *p);                  /* wipes the line; NULL is allowed */
 
+/* A line of the caller's own in that place, drawn at once; "" wipes it. */
+void progress_show(FILE *stream, const char *text);
+
 /* What to write before another line on `stream` so that a standing progress line does not mix with it. */
 const char *progress_wipe(FILE *stream);
 

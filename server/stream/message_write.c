@@ -222,6 +222,7 @@ static json_t *with_offers(json_t *all, const struct server_status *s)
 
     if (!source) /* out of memory, which dump says */
         return all;
+    json_object_set_new(source, "since_us", number_or_null(s->since_us > 0, (uint64_t)s->since_us));
     json_object_set_new(source, "kind", words(s->kind));
     json_object_set_new(source, "position", json_integer((json_int_t)s->position));
     json_object_set_new(source, "length", number_or_null(s->length > 0, s->length));

@@ -2,6 +2,7 @@
 
 #include "clock.h"
 #include "internal.h"
+#include "log.h"
 #include "mem.h"
 #include "process.h"
 
@@ -356,12 +357,15 @@ static void tell_source(struct metrics_text *t, struct server *s)
     head(t, "relightd_source_state", "gauge", "1 for the state that the source is in.");
     for (int k = SERVER_WAITING; k <= SERVER_FAILED; k++)
         metrics_print(t, "relightd_source_state{state=\"%s\"} %d\n", states[k], (int)now == k);
-    one(t, "relightd_source_state_since_seconds", "gauge", "Since when, in seconds since 1970.",
-        1e-6 * (double)since_us);
+    if (since_us > 0)
+        one(t, "relightd_source_state_since_seconds", "gauge", "Since when, in seconds since 1970.",
+            1e-6 * (double)since_us);
 }
 
 static void tell_process(struct metrics_text *t, struct server *s)
 {
+    static const char *const levels[LOG_LEVELS] = { "error", "warning", "info", "debug" };
+    struct log_counts lines;
     struct process_usage p;
     struct server_health health;
 
@@ -373,6 +377,12 @@ static void tell_process(struct metrics_text *t, struct server *s)
     one(t, "relightd_alive", "gauge", "As /healthz.", health.alive);
     one(t, "relightd_ready", "gauge", "As /readyz.", health.ready);
     count(t, "relightd_scrapes_total", "Answers like this one, this one included.", load(&s->metrics.scrapes));
+    log_counts(&lines);
+    head(t, "relightd_log_lines_total", "counter", "Lines of the log, those held back included.");
+    for (int k = LOG_ERROR; k < LOG_LEVELS; k++)
+        metrics_print(t, "relightd_log_lines_total{level=\"%s\"} %llu\n", levels[k],
+                      (unsigned long long)lines.lines[k]);
+    count(t, "relightd_log_lines_held_total", "Lines that were held back as too many of a kind.", lines.held);
     one(t, "process_cpu_seconds_total", "counter", "Processor time of all threads.", p.processor_s);
     if (p.resident_bytes >= 0) {
         one(t, "process_resident_memory_bytes", "gauge", "Memory that is held.", (double)p.resident_bytes);

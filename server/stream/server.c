@@ -403,8 +403,7 @@ void server_set_status(struct server *s, const struct server_status *status)
     s->status = text;
     s->width = status->width;
     s->height = status->height;
-    if (s->source != status->source || s->source_us == 0)
-        s->source_us = clock_wall_us();
+    s->source_us = status->since_us;
     s->source = status->source;
     snprintf(s->detail, sizeof(s->detail), "%s", detail);
     pthread_mutex_unlock(&s->lock);

@@ -176,6 +176,7 @@ struct server_status {
     uint32_t width, height;
     enum server_source source;
     const char *detail; /* of the source: what it waits for, or why it failed */
+    int64_t since_us;   /* wall clock: since when; 0: unknown */
     uint64_t frame;     /* number of the last environment frame used */
     double fps;         /* pictures made per second, smoothed by the caller; 0: unknown */
     double queued_ms, decoded_ms, shaded_ms, encoded_ms; /* smoothed by the caller */

@@ -54,15 +54,17 @@ class Daemon:
     async def __aenter__(self):
         self.process = await asyncio.create_subprocess_exec(
             str(BIN / "relightd"), "--port", "0", "--size", "96x54", *self.arguments, stderr=asyncio.subprocess.PIPE)
-        line = ""
+        line = self.before = ""  # what it says until it listens
         while "listening on " not in line:
             line = (await asyncio.wait_for(self.process.stderr.readline(), WAIT_S)).decode()
-            check(line, "relightd ended")
-        self.url = line.split("listening on ")[1].strip().replace("http", "ws") + "ws"
+            check(line, "relightd ended: " + self.before)
+            self.before += line
+        self.url = line.split("listening on ")[1].split("\"")[0].strip().replace("http", "ws") + "ws"
         return self
 
     async def __aexit__(self, *_):
-        self.process.terminate()
+        if self.process.returncode is None:
+            self.process.terminate()
         await self.process.wait()
 
     def cpu_s(self):

@@ -2,12 +2,20 @@
 """relightd as who watches over it sees it: /metrics, /healthz, /readyz, its log, its end, and what comes back."""
 
 import asyncio
+import json
 import math
+import os
+import pty
 import re
+import signal
+import time
 import urllib.request
 
-from peer import WAIT_S, Failed, check, main, radiance
-from still import Daemon
+import websockets
+
+from control import Party
+from peer import BIN, FRAME, WAIT_S, Failed, check, main, radiance
+from still import Daemon, connect
 
 try:
     from prometheus_client.parser import text_string_to_metric_families
@@ -164,6 +172,160 @@ async def frames_are_counted_by_their_fate(folder):
             await asyncio.sleep(0.1)
         check(shaded + dropped == 5, f"{shaded} shaded and {dropped} dropped of 5")
         check(value(now, "relightd_stage_seconds_count", stage="decode") == shaded, "times of other frames")
+
+
+# ---- What comes back ----
+
+async def killed(daemon):
+    daemon.process.kill()
+    await daemon.process.wait()
+
+
+def in_force(party):
+    said = dict(party.last["control"])
+    return {key: said[key] for key in ("method", "camera", "rotate_degrees", "scale_stops", "exposure_stops",
+                                       "bias_stops", "tone", "fps", "paths", "error")}
+
+
+async def settings_come_back_after_kill_9(folder):
+    state, arguments = folder / "state", ("--samples", "4", "--log-level", "info")
+    wish = {"method": "faces", "samples": 8, "rotate_degrees": 40, "scale_stops": 1.5, "exposure_stops": 2.5,
+            "bias_stops": 0.25, "tone": "reinhard", "fps": 12.5, "paused": True}
+    async with Daemon("--state", str(state), *arguments) as daemon:
+        one = await Party.come(daemon.url, "controller")
+        check(await one.ask(**wish) is None, "it was not done")
+        await one.until(lambda: one.last["control"]["tone"] == "reinhard")
+        before = in_force(one)
+        for _ in range(100):
+            if (state / "state.json").exists():
+                break
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(0.5)
+        await killed(daemon)
+    check([name.name for name in state.iterdir()] == ["state.json"], "more than the file is there")
+    kept = json.loads((state / "state.json").read_text())
+    check(kept["tone"] == "reinhard" and kept["said"]["tone"] == "filmic", kept)
+    async with Daemon("--state", str(state), *arguments) as daemon:
+        one = await Party.come(daemon.url, "viewer")
+        check(in_force(one) == before, f"{in_force(one)} instead of {before}")
+        check(one.last["control"]["samples"] == 8 and not one.last["control"]["paused"], one.last["control"])
+    async with Daemon("--state", str(state), "--samples", "5") as daemon:  # who changes the command line wants that
+        one = await Party.come(daemon.url, "viewer")
+        check(one.last["control"]["method"] == "auto" and one.last["control"]["samples"] == 5, one.last["control"])
+
+
+async def a_state_that_is_none_is_refused(folder):
+    """What is broken, of another version, or out of range changes nothing, and is named."""
+    good = {"op": "control", "state": 1, "said": {}, "tone": "linear"}
+    async with Daemon("--state", str(folder), "--samples", "4") as daemon:
+        one = await Party.come(daemon.url, "controller")
+        await one.ask(tone="linear")
+        for _ in range(100):
+            if (folder / "state.json").exists():
+                break
+            await asyncio.sleep(0.1)
+    good = json.loads((folder / "state.json").read_text())
+    check(good["tone"] == "linear", good)
+    text = json.dumps(good)
+    for broken in (text[:-20].encode(), b"\0" * 100, text.replace('"state": 1', '"state": 7').encode(),
+                   json.dumps({**good, "camera": "nowhere"}).encode(), json.dumps({**good, "fps": 1e9}).encode(),
+                   b"[" * 100000):
+        (folder / "state.json").write_bytes(broken)
+        async with Daemon("--state", str(folder), "--samples", "4") as daemon:
+            one = await Party.come(daemon.url, "viewer")
+            check(one.last["control"]["tone"] == "filmic", f"{broken[:40]} was taken")
+            check("state.json" in daemon.before and "as the command line says" in daemon.before,
+                  f"{broken[:40]} is not named: {daemon.before}")
+
+
+async def a_state_that_cannot_be_kept_is_only_a_warning(folder):
+    (folder / "file").write_text("in the way")
+    async with Daemon("--state", str(folder / "file"), "--samples", "4") as daemon:
+        check("cannot be written to" in daemon.before, daemon.before)
+        one = await Party.come(daemon.url, "controller")
+        check(await one.ask(tone="linear") is None, "it does not obey any more")
+
+
+# ---- The log ----
+
+async def the_log_is_made_of_lines_for_machines(folder):
+    token = "t0ken-that-nobody-sees"
+    arguments = [part for role in ("viewer", "controller", "producer", "metrics")
+                 for part in (f"--token-{role}", f"{token}-{role}")]
+    (folder / 'sky "1".hdr').write_bytes(b"broken")
+    source = ["--source", str(folder / 'sky "%d".hdr'), "--samples", "4"]
+    for form in ("json", "text"):
+        async with Daemon(*arguments, *source, "--log", form, "--log-level", "debug") as daemon:
+            for wrong in (token + "-viewe", token + "-viewer-and-more"):
+                link = await connect(daemon.url)
+                await link.send(json.dumps({"op": "hello", "role": "viewer", "token": wrong,
+                                            "version": {"major": 1, "minor": 0}}))
+                try:
+                    await asyncio.wait_for(link.wait_closed(), WAIT_S)
+                finally:
+                    await link.close()
+            await ask(daemon, "/metrics")
+            daemon.process.terminate()
+            said = daemon.before + (await daemon.process.stderr.read()).decode()
+        check(token not in said, f"a token is in the log: {said}")
+        check("bad_token" in said and "hdr" in said, f"what was wrong is not: {said}")
+        for line in said.splitlines():
+            if form == "json":
+                entry = json.loads(line)
+                check(set(entry) == {"time", "level", "program", "message"}, line)
+                check(re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", entry["time"]), line)
+            else:
+                check(re.fullmatch(r'time=\S+ level=\w+ program=relightd message="([^"\\]|\\.)*"', line), line)
+
+
+async def many_lines_of_a_kind_are_summed_up(folder):
+    async with Daemon("--source", "push:", "--samples", "4") as daemon:
+        link = await connect(daemon.url)
+        await link.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 0}}))
+        credit, fates, number = 0, 0, 0
+        while fates < 60:
+            message = json.loads(await asyncio.wait_for(link.recv(), WAIT_S))
+            if message["op"] == "welcome":
+                credit = message["producer"]["credit"]
+            credit += message["frames"] if message["op"] == "credit" else 0
+            fates += message["op"] == "frame"
+            while credit > 0 and number < 60:
+                payload = b"#?RADIANCE\nbroken"
+                await link.send(FRAME.pack(b"RLE1", 48, 2, 0, 0, 0, 0, 0, 0, len(payload), number, 0, 0) + payload)
+                credit, number = credit - 1, number + 1
+        values = await metrics(daemon)
+        refused = value(values, "relightd_frames_total", fate="refused", reason="unreadable")
+        await link.close()
+        daemon.process.terminate()
+        lines = (await daemon.process.stderr.read()).decode().splitlines()
+    warnings = [line for line in lines if "warning: " in line and "more like this" not in line]
+    summaries = [int(m[1]) for line in lines if (m := re.search(r"warning: (\d+) more like this", line))]
+    check(refused > 25 and len(warnings) <= 21 and summaries, f"{refused} refusals: {lines}")
+    check(len(warnings) + sum(summaries) >= refused, f"{len(warnings)} and {summaries} of {refused}")
+
+
+async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
+    ours, theirs = pty.openpty()
+    process = await asyncio.create_subprocess_exec(str(BIN / "relightd"), "--port", "0", "--size", "96x54", "--samples",
+                                                   "4", stderr=theirs)
+    os.close(theirs)
+    os.set_blocking(ours, False)
+    said, end = b"", time.monotonic() + WAIT_S
+    while not re.search(rb"\r\x1b\[K[\d.]+ pictures/s, 0 viewers", said) and time.monotonic() < end:
+        try:
+            said += os.read(ours, 65536)
+        except BlockingIOError:
+            await asyncio.sleep(0.1)
+    process.terminate()
+    await process.wait()
+    os.close(ours)
+    check(b"pictures/s, 0 viewers" in said, f"no status: {said}")
+    async with Daemon("--samples", "4") as daemon:
+        await until_ready(daemon)
+        await asyncio.sleep(1)
+        daemon.process.terminate()
+        said = (await daemon.process.stderr.read()).decode()
+        check("pictures/s" not in said and "\x1b" not in said, f"a pipe has a status: {said}")
 
 
 if __name__ == "__main__":
