@@ -45,6 +45,10 @@ static struct option_row rows[] = {
     { "token-producer", "T", "what producers must know", NULL },
     { "token-metrics", "T",
       "what whoever reads /metrics must know; left out: on loopback nothing, else the viewers' token", NULL },
+    { "host", "NAMES", "names that are answered to beside this machine's own, with commas between: a proxy's", NULL },
+    { "behind-proxy", NULL, "a proxy on this machine says in X-Forwarded-For who comes; his limits then count", NULL },
+    { "max-connections", "N", "WebSockets at once", "128" },
+    { "max-per-address", "N", "of these from one address; left out: 32, and no limit for this machine's own", NULL },
     { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
     { "", NULL, "what is said and kept", NULL },
     { "log", "FORM", "of the log on standard error: plain, text (key=value, with time) or json", "plain" },
@@ -137,13 +141,17 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
 
 static enum err read_network(const struct options *o, struct daemon *d, struct reason *why)
 {
-    uint64_t port = 0, quality = 0, mib = 0;
+    uint64_t port = 0, quality = 0, mib = 0, connections = 0, per_address = 0;
     enum err e = options_u64(o, "port", 0, 65535, &port, why);
 
     if (!e)
         e = options_u64(o, "quality", 1, 100, &quality, why);
     if (!e)
         e = options_u64(o, "max-frame-mib", 1, 2047, &mib, why);
+    if (!e)
+        e = options_u64(o, "max-connections", 1, 4096, &connections, why);
+    if (!e && options_get(o, "max-per-address"))
+        e = options_u64(o, "max-per-address", 1, 4096, &per_address, why);
     if (!e)
         e = tone_parse(options_get(o, "tone"), &d->said.tone, why);
     d->quality = (int)quality;
@@ -153,6 +161,10 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     d->server_desc.push = d->push;
     d->server_desc.h264 = h264_available() && !options_on(o, "no-h264");
     d->server_desc.max_frame_bytes = (size_t)mib << 20;
+    d->server_desc.max_connections = (uint32_t)connections;
+    d->server_desc.max_per_address = (uint32_t)per_address;
+    d->server_desc.behind_proxy = options_on(o, "behind-proxy");
+    d->server_desc.hosts = options_get(o, "host");
     d->server_desc.tokens[SERVER_VIEWER] = options_get(o, "token-viewer");
     d->server_desc.tokens[SERVER_CONTROLLER] = options_get(o, "token-controller");
     d->server_desc.tokens[SERVER_PRODUCER] = options_get(o, "token-producer");

@@ -35,7 +35,7 @@ static void print_rows(const struct option_row *rows)
         }
         snprintf(left, sizeof(left), "--%s%s%s", r->name, r->value ? " " : "", r->value ? r->value : "");
         printf("  %-26s %s", left, r->help);
-        if (r->value && r->given)
+        if (r->value && r->given && strncmp(r->name, "token", 5) != 0) /* a token said before --help is no default */
             printf(" [%s]", r->given);
         printf("\n");
     }

@@ -19,6 +19,27 @@ static bool host_name(const char *host, char *out, size_t size)
     return true;
 }
 
+/* 127.x.x.x and no name that only begins so. */
+static bool is_ipv4_loopback(const char *name)
+{
+    return strncmp(name, "127.", 4) == 0 && name[strspn(name, "0123456789.")] == 0;
+}
+
+/* Whether the name is one of those in the list, which has commas between. */
+static bool is_listed(const char *list, const char *name)
+{
+    const size_t length = strlen(name);
+
+    for (const char *at = list;; at++) {
+        const size_t next = strcspn(at, ",");
+        if (next == length && strncasecmp(at, name, length) == 0)
+            return true;
+        at += next;
+        if (!*at)
+            return false;
+    }
+}
+
 bool http_host_ok(const struct server *s, struct lws *wsi)
 {
     char host[256], name[256];
@@ -26,8 +47,8 @@ bool http_host_ok(const struct server *s, struct lws *wsi)
     if (lws_hdr_copy(wsi, host, sizeof(host), WSI_TOKEN_HOST) <= 0 || !host_name(host, name, sizeof(name)))
         return false;
     /* A name that an attacker's DNS points at 127.0.0.1 is still the attacker's name. */
-    return s->allow_remote || strcasecmp(name, "localhost") == 0 || strncmp(name, "127.", 4) == 0 ||
-           strcmp(name, "::1") == 0 || strcasecmp(name, s->address) == 0;
+    return s->allow_remote || strcasecmp(name, "localhost") == 0 || is_ipv4_loopback(name) ||
+           strcmp(name, "::1") == 0 || strcasecmp(name, s->address) == 0 || (s->hosts && is_listed(s->hosts, name));
 }
 
 bool http_origin_ok(struct lws *wsi)
@@ -181,6 +202,8 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     struct server *s = lws_context_user(lws_get_context(wsi));
 
     switch (reason) {
+    case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return admission_arrive(s, wsi);
+    case LWS_CALLBACK_WSI_DESTROY: admission_leave(wsi); return 0;
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);
     case LWS_CALLBACK_HTTP_WRITEABLE: return send_more(wsi, user);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:

@@ -12,6 +12,7 @@
 #include "probe.h"
 #include "server.h"
 #include "site.h"
+#include "visitors.h"
 
 #include <libwebsockets.h>
 #include <pthread.h>
@@ -51,7 +52,8 @@ struct viewer {
     struct viewer *next; /* in server->viewers */
     struct lws *wsi;
     uint64_t id; /* 1, 2, ... in the order of arrival */
-    char peer[64];
+    char peer[VISITOR_NAME];
+    struct visitor *visitor;     /* where it comes from; NULL: unknown */
     int64_t opened_us, heard_us; /* when it came, and when bytes last came from it */
 
     bool greeted; /* hello was accepted */
@@ -113,6 +115,7 @@ struct viewer {
 struct stream_counts {
     atomic_uint_fast64_t connections, open, refused, errors, sent, skipped, acked, bytes, stalled;
     atomic_uint_fast64_t frames_cut, frame_bytes;
+    atomic_uint_fast64_t crowded, wrong_tokens, too_fast;
 };
 
 struct server {
@@ -131,7 +134,11 @@ struct server {
     size_t max_frame_bytes;
     uint32_t frame_ms;
     uint16_t port;
-    uint32_t max_connections;
+    uint32_t max_connections, max_per_address;
+    bool max_per_address_said; /* then this machine's own address is not spared */
+    bool behind_proxy;
+    uint32_t silent_s;
+    char *hosts; /* other names that are answered to, with commas between; or NULL */
     struct lws_context *context;
     struct lws_protocols protocols[3];
     lws_retry_bo_t validity;
@@ -141,6 +148,7 @@ struct server {
     /* The service thread's own. */
     struct viewer *viewers;
     struct viewer *producer; /* the one there is, or NULL */
+    struct visitors visitors;
     uint64_t last_id;
     lws_sorted_usec_list_t tick;
     bool leaving; /* everybody has been told */
@@ -217,8 +225,23 @@ int http_respond_long(struct lws *wsi, struct http_session *h, const char *type,
 bool monitor_knows(const char *path);
 int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, const char *path, bool head);
 
-/* viewer_receive.c: takes the same time whatever is given. */
-bool token_is_same(const char *given, const char *wanted);
+/* admission.c, thread: service. A connection has come: -1 turns it away, since its address has too many. It is gone. */
+int admission_arrive(struct server *s, struct lws *wsi);
+void admission_leave(struct lws *wsi);
+/* Before the upgrade is answered: from here on the connection counts as the one that our proxy speaks for. False: what
+ * the proxy says makes no sense. */
+bool admission_forwarded(struct server *s, struct lws *wsi);
+/* It has become a WebSocket: false when its address has too many; and is one no more. */
+bool admission_socket(struct viewer *v);
+void admission_socket_leave(struct viewer *v);
+/* Whether the token is the one that is wanted. Compared in constant time; LATER: too many wrong ones came from there,
+ * so that this one was not looked at. */
+enum admission {
+    ADMISSION_RIGHT,
+    ADMISSION_WRONG,
+    ADMISSION_LATER,
+};
+enum admission admission_token(struct server *s, struct lws *wsi, const char *given, const char *wanted);
 
 /* viewer_send.c, thread: service. */
 static inline int64_t viewer_now_us(void)

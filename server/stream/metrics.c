@@ -292,6 +292,9 @@ static void tell_crowd(struct metrics_text *t, struct server *s, const struct se
     count(t, "relightd_connections_total", "WebSocket connections accepted.", c->connections);
     count(t, "relightd_connections_refused_total", "Requests and connections turned away.", c->refused);
     count(t, "relightd_connections_stalled_total", "Connections cut since they took no bytes.", c->stalled);
+    count(t, "relightd_connections_crowded_total", "Of those refused, since their address had too many.", c->crowded);
+    count(t, "relightd_wrong_tokens_total", "Wrong tokens that were looked at.", c->wrong_tokens);
+    count(t, "relightd_connections_too_fast_total", "Connections cut since they sent too many messages.", c->too_fast);
     head(t, "relightd_connections", "gauge", "WebSocket connections by role; none: no hello yet.");
     for (int r = 0; r <= SERVER_ROLES; r++)
         metrics_print(t, "relightd_connections{role=\"%s\"} %u\n", roles[r], crowd.role[r]);

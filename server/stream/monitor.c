@@ -35,22 +35,29 @@ static int answer_health(struct server *s, struct lws *wsi, const char *path, bo
     return http_respond_text(wsi, good ? 200 : 503, "application/json", text, head);
 }
 
-static bool may_read_metrics(const struct server *s, struct lws *wsi)
+/* What a proxy passes on does not come from loopback, though the proxy does. */
+static enum admission admit(struct server *s, struct lws *wsi)
 {
-    const char *wanted = s->token_metrics ? s->token_metrics : s->loopback ? NULL : s->tokens[SERVER_VIEWER];
+    const bool near = s->loopback && lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0;
+    const char *wanted = s->token_metrics ? s->token_metrics : near ? NULL : s->tokens[SERVER_VIEWER];
     char given[320];
 
     if (!wanted)
-        return true;
-    return lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_AUTHORIZATION) > 0 &&
-           strncasecmp(given, "Bearer ", 7) == 0 && token_is_same(given + 7, wanted);
+        return ADMISSION_RIGHT;
+    if (!admission_forwarded(s, wsi) || lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_AUTHORIZATION) <= 0 ||
+        strncasecmp(given, "Bearer ", 7) != 0)
+        return ADMISSION_WRONG;
+    return admission_token(s, wsi, given + 7, wanted);
 }
 
 static int answer_metrics(struct server *s, struct lws *wsi, struct http_session *h, bool head)
 {
     size_t size = 0;
 
-    if (!may_read_metrics(s, wsi))
+    const enum admission may = admit(s, wsi);
+    if (may == ADMISSION_LATER)
+        return http_refuse(s, wsi, 429, "Too many wrong tokens came from this address.\n");
+    if (may == ADMISSION_WRONG)
         return http_refuse(s, wsi, 401, "The metrics ask for Authorization: Bearer and a token.\n");
     char *text = metrics_text(s, &size);
     if (!text)

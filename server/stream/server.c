@@ -16,7 +16,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096 };
+enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096, PER_ADDRESS_DEFAULT = 32, SILENT_DEFAULT_S = 10 };
 
 /* lws speaks of every peer's mistake as of an error of its own. */
 static void route_log(int level, const char *line)
@@ -26,6 +26,9 @@ static void route_log(int level, const char *line)
     if (level & LLL_ERR)
         log_debug("libwebsockets: %.*s", (int)length, line);
 }
+
+#define OTHER_FDS 64  /* beside WebSockets: for HTTP, listening and waking */
+#define TOKEN_MAX 255 /* bytes, as in PROTOCOL.md 4.1.3 */
 
 struct address {
     struct sockaddr_storage socket;
@@ -78,21 +81,32 @@ static enum err address_try(const struct address *a, const char *text, uint16_t 
     return e;
 }
 
-/* *out is NULL where there is none. */
-static enum err copy_token(const char *token, char **out, struct reason *why)
+static bool copy_text(char **out, const char *text)
 {
-    const size_t size = token ? strlen(token) + 1 : 0;
+    const size_t size = strlen(text) + 1;
 
-    *out = token ? mem_alloc(size, 1) : NULL;
-    if (token && !*out)
+    *out = mem_alloc(size, 1);
+    if (*out)
+        memcpy(*out, text, size);
+    return *out != NULL;
+}
+
+/* *out is NULL where there is none. What it is is never said, in no message. */
+static enum err copy_token(const char *name, const char *token, char **out, struct reason *why)
+{
+    const size_t length = token ? strlen(token) : 1;
+
+    *out = NULL;
+    if (length < 1 || length > TOKEN_MAX)
+        return err_say(why, ERR_USAGE, "--token-%s: a token has 1 to %d bytes, not %zu", name, TOKEN_MAX, length);
+    if (token && !copy_text(out, token))
         return err_say(why, ERR_NOMEM, "out of memory");
-    if (token)
-        memcpy(*out, token, size);
     return ERR_OK;
 }
 
 static enum err copy_desc(struct server *s, const struct server_desc *desc, struct reason *why)
 {
+    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
     const char *address = desc->address && desc->address[0] ? desc->address : "127.0.0.1";
 
     if (strcmp(address, "localhost") == 0)
@@ -110,9 +124,17 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
     if (s->max_connections > CONNECTIONS_MAX)
         return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
-    enum err e = copy_token(desc->token_metrics, &s->token_metrics, why);
+    s->max_per_address = desc->max_per_address ? desc->max_per_address : PER_ADDRESS_DEFAULT;
+    s->max_per_address_said = desc->max_per_address != 0;
+    s->behind_proxy = desc->behind_proxy;
+    s->silent_s = desc->silent_s ? desc->silent_s : SILENT_DEFAULT_S;
+    enum err e = copy_token("metrics", desc->token_metrics, &s->token_metrics, why);
     for (int r = 0; r < SERVER_ROLES && !e; r++)
-        e = copy_token(desc->tokens[r], &s->tokens[r], why);
+        e = copy_token(roles[r], desc->tokens[r], &s->tokens[r], why);
+    if (!e && desc->hosts && desc->hosts[0] && !copy_text(&s->hosts, desc->hosts))
+        e = err_say(why, ERR_NOMEM, "out of memory");
+    if (!e && !visitors_init(&s->visitors, s->max_connections + OTHER_FDS))
+        e = err_say(why, ERR_NOMEM, "out of memory");
     if (e)
         return e;
     uint64_t random;
@@ -160,7 +182,14 @@ static void *serve(void *arg)
  * not compress), bounded tables, short time-outs. */
 static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
 {
-    static const struct lws_protocol_vhost_options frames = { NULL, NULL, "x-frame-options:", "DENY" };
+    static const struct lws_protocol_vhost_options opener = { NULL, NULL,
+                                                              "cross-origin-opener-policy:", "same-origin" };
+    static const struct lws_protocol_vhost_options owner = { &opener, NULL,
+                                                             "cross-origin-resource-policy:", "same-origin" };
+    static const struct lws_protocol_vhost_options senses = {
+        &owner, NULL, "permissions-policy:", "camera=(), microphone=(), geolocation=(), payment=(), usb=()"
+    };
+    static const struct lws_protocol_vhost_options frames = { &senses, NULL, "x-frame-options:", "DENY" };
     static const struct lws_protocol_vhost_options referrer = { &frames, NULL, "referrer-policy:", "no-referrer" };
     static const struct lws_protocol_vhost_options sniff = { &referrer, NULL, "x-content-type-options:", "nosniff" };
     static const struct lws_protocol_vhost_options policy = {
@@ -178,7 +207,8 @@ static struct lws_context *context_create(struct server *s, const struct address
                                               .per_session_data_size = sizeof(struct viewer *),
                                               .rx_buffer_size = STREAM_RECEIVE,
                                               .tx_packet_size = STREAM_CHUNK + LWS_PRE };
-    s->validity = (lws_retry_bo_t){ .secs_since_valid_ping = 10, .secs_since_valid_hangup = 25 };
+    s->validity = (lws_retry_bo_t){ .secs_since_valid_ping = (uint16_t)s->silent_s,
+                                    .secs_since_valid_hangup = (uint16_t)(s->silent_s * 5 / 2) };
 
     struct lws_context_creation_info info = {
         .port = port,
@@ -188,7 +218,7 @@ static struct lws_context *context_create(struct server *s, const struct address
         .uid = (uid_t)-1,
         .user = s,
         .options = LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
-        .fd_limit_per_thread = s->max_connections + 64, /* the rest is for HTTP, listening and waking */
+        .fd_limit_per_thread = s->max_connections + OTHER_FDS,
         .max_http_header_pool = 32,
         .max_http_header_data = 8192,
         .pt_serv_buf_size = STREAM_RECEIVE,
@@ -310,6 +340,8 @@ void server_destroy(struct server *s)
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
     mem_free(s->token_metrics);
+    mem_free(s->hosts);
+    visitors_finish(&s->visitors);
     chain_clear(s);
     message_free(s->status);
     message_free(s->control.shared);
@@ -437,6 +469,9 @@ void server_counters(struct server *s, struct server_counters *out)
         .acked = atomic_load(&c->acked),
         .bytes = atomic_load(&c->bytes),
         .stalled = atomic_load(&c->stalled),
+        .crowded = atomic_load(&c->crowded),
+        .wrong_tokens = atomic_load(&c->wrong_tokens),
+        .too_fast = atomic_load(&c->too_fast),
         .frames_cut = atomic_load(&c->frames_cut),
         .frame_bytes = atomic_load(&c->frame_bytes),
     };

@@ -28,8 +28,14 @@ struct server_desc {
     uint16_t port;                    /* 0: any free one, see server_port */
     const char *web_dir;              /* what is served over HTTP; default: that of site_folder (site.h) */
     uint32_t max_connections;         /* WebSockets at once; default 128 */
+    uint32_t max_per_address;         /* of these from one address (IPv6: from one /64); default 32, and then none for
+                                       * this machine's own */
+    bool behind_proxy;                /* who comes from this machine with X-Forwarded-For is who that names last */
+    const char *hosts;                /* names that are answered to beside this machine's own, with commas between */
+    uint32_t silent_s;                /* after which a silent peer is asked for a sign of life, and given up after as
+                                       * much again and a half; default 10 */
     bool allow_remote;                /* an address other than loopback, and any Host name, are taken */
-    const char *tokens[SERVER_ROLES]; /* what hello must carry per role; NULL: none asked */
+    const char *tokens[SERVER_ROLES]; /* what hello must carry per role, 1 to 255 bytes; NULL: none asked */
     const char *token_metrics;        /* what whoever reads /metrics must show; NULL: see monitor.c */
     bool push;                        /* producers are taken; else their role is not offered */
     bool h264;                        /* H.264 is offered: who publishes must heed server_demand.h264_key */
@@ -302,6 +308,9 @@ struct server_counters {
     uint64_t acked;
     uint64_t bytes;   /* of pictures handed to the kernel */
     uint64_t stalled; /* connections cut since they took no bytes */
+    uint64_t crowded; /* of those refused, since their address had too many */
+    uint64_t wrong_tokens;
+    uint64_t too_fast; /* connections closed since they sent too many messages */
 
     /* Environment frames that producers pushed. */
     uint64_t frames_received;   /* whole */

@@ -34,6 +34,8 @@ static int filter(struct server *s, struct lws *wsi)
         return http_refuse(s, wsi, 400, "Only WebSocket version 13 is spoken.\n");
     if (lws_hdr_copy(wsi, http, sizeof(http), WSI_TOKEN_HTTP) <= 0 || strcmp(http, "HTTP/1.1") != 0 || !key_ok(wsi))
         return http_refuse(s, wsi, 400, "A WebSocket handshake is HTTP/1.1 with a key of 16 bytes.\n");
+    if (!admission_forwarded(s, wsi))
+        return http_refuse(s, wsi, 400, "The proxy names no address in X-Forwarded-For.\n");
     return 0;
 }
 
@@ -57,11 +59,16 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     s->viewers = v;
     atomic_fetch_add(&s->counts.connections, 1);
     const uint64_t open = atomic_fetch_add(&s->counts.open, 1);
+    const bool room = admission_socket(v);
     if (atomic_load(&s->stopping)) {
         viewer_part(v, 1001, "the server is going away");
     } else if (open >= s->max_connections) {
         atomic_fetch_add(&s->counts.refused, 1);
         fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken", s->max_connections);
+        viewer_complain(v, &fault);
+    } else if (!room) {
+        atomic_fetch_add(&s->counts.refused, 1);
+        fault_say(&fault, FAULT_FULL, "2.4", "one address has at most %u connections", s->max_per_address);
         viewer_complain(v, &fault);
     }
     return 0;
@@ -78,6 +85,7 @@ static void close_viewer(struct viewer *v)
     producer_leave(v);
     recorder_leave(v);
     probe_leave(v);
+    admission_socket_leave(v);
     atomic_fetch_sub(&s->counts.open, 1);
     lws_sul_cancel(&v->pace);
     picture_unref(v->current);

@@ -4,17 +4,6 @@
 
 #include <string.h>
 
-bool token_is_same(const char *given, const char *wanted)
-{
-    /* Looks at every byte whatever it finds, so that the time taken tells nothing about the token. */
-    const size_t length = strlen(given);
-    unsigned differs = length != strlen(wanted);
-
-    for (size_t i = 0; wanted[i]; i++)
-        differs |= (unsigned char)wanted[i] ^ (unsigned char)given[i < length ? i : length];
-    return !differs;
-}
-
 static bool role_offered(const struct server *s, enum server_role role)
 {
     return role == SERVER_VIEWER || (role == SERVER_CONTROLLER && s->controllers) ||
@@ -45,6 +34,17 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
     viewer_say(v, message_welcome(&w));
 }
 
+static bool take_token(struct viewer *v, const char *wanted, const char *given, struct fault *fault)
+{
+    const enum admission may = wanted ? admission_token(v->server, v->wsi, given, wanted) : ADMISSION_RIGHT;
+
+    if (may == ADMISSION_LATER)
+        fault_say(fault, FAULT_TOO_FAST, "4.1.8", "too many wrong tokens came from this address");
+    else if (may == ADMISSION_WRONG)
+        fault_say(fault, FAULT_BAD_TOKEN, "4.1.3", "the token is missing or wrong");
+    return may == ADMISSION_RIGHT;
+}
+
 static void take_hello(struct viewer *v, const struct message *m, struct fault *fault)
 {
     const struct server *s = v->server;
@@ -58,9 +58,7 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
         fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server does not take that role");
     else if (m->hello.recorder[0] && m->hello.role != SERVER_VIEWER)
         fault_say(fault, FAULT_WRONG_ROLE, "4.1.6", "a recorder is a viewer");
-    else if (s->tokens[m->hello.role] && !token_is_same(m->hello.token, s->tokens[m->hello.role]))
-        fault_say(fault, FAULT_BAD_TOKEN, "4.1.3", "the token is missing or wrong");
-    else
+    else if (take_token(v, s->tokens[m->hello.role], m->hello.token, fault))
         welcome(v, m, fault);
 }
 
@@ -175,9 +173,10 @@ static void take_text(struct viewer *v)
     struct message m;
     struct fault fault = { .clause = "" };
 
-    if (too_fast(v))
+    if (too_fast(v)) {
+        atomic_fetch_add(&v->server->counts.too_fast, 1);
         fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %g messages a second", STREAM_RATE);
-    else if (!message_parse(v->text, v->text_size, &m, &fault)) {
+    } else if (!message_parse(v->text, v->text_size, &m, &fault)) {
         if (!v->greeted && m.op != MESSAGE_HELLO)
             fault_say(&fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
         else if (m.op == MESSAGE_HELLO)

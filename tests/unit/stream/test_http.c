@@ -31,11 +31,43 @@ static void page_is_served_with_its_security_headers(void **state)
     assert_int_equal(a.status, 200);
     assert_non_null(strstr(a.head, "text/html"));
     assert_non_null(strstr(a.head, "content-security-policy: default-src 'none'"));
-    assert_non_null(strstr(a.head, "x-content-type-options: nosniff"));
     assert_non_null(strstr(a.body, "<title>relightd</title>"));
     ask(s, "GET /app.js HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", &a);
     assert_int_equal(a.status, 200);
     assert_non_null(strstr(a.head, "text/javascript"));
+    server_destroy(s);
+}
+
+static void every_answer_carries_the_security_headers(void **state)
+{
+    (void)state;
+    static const char *const requests[] = { "GET /",        "HEAD /app.js", "GET /worker.js", "GET /healthz",
+                                            "GET /nothing", "POST /",       "GET /?host" };
+    static const char *const headers[] = {
+        "content-security-policy: default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; ",
+        "frame-ancestors 'none'",
+        "x-content-type-options: nosniff\r\n",
+        "referrer-policy: no-referrer\r\n",
+        "x-frame-options: DENY\r\n",
+        "cross-origin-opener-policy: same-origin\r\n",
+        "cross-origin-resource-policy: same-origin\r\n",
+        "permissions-policy: camera=()",
+    };
+    struct server *s = server_start(NULL);
+    struct answer a;
+    char request[256];
+
+    for (size_t i = 0; i < sizeof(requests) / sizeof(requests[0]); i++) {
+        const bool foreign = strstr(requests[i], "?host") != NULL;
+        snprintf(request, sizeof(request), "%s HTTP/1.1\r\nHost: %s\r\nConnection: close\r\n\r\n", requests[i],
+                 foreign ? "evil.example" : "localhost");
+        ask(s, request, &a);
+        assert_true(a.status >= 200);
+        for (size_t k = 0; k < sizeof(headers) / sizeof(headers[0]); k++)
+            if (!strstr(a.head, headers[k]))
+                fail_msg("%s (%d): no '%s'", requests[i], a.status, headers[k]);
+        assert_null(strstr(a.head, "unsafe"));
+    }
     server_destroy(s);
 }
 
@@ -145,7 +177,8 @@ static void other_methods_and_bodies_are_refused(void **state)
 static void foreign_host_names_are_refused(void **state)
 {
     (void)state;
-    static const char *const hosts[] = { "evil.example", "evil.example:80", "localhost.evil.example", "" };
+    static const char *const hosts[] = { "evil.example", "evil.example:80", "localhost.evil.example",
+                                         "127.evil.example", "" };
     struct server *s = server_start(NULL);
     struct answer a;
     char request[256];
@@ -294,6 +327,7 @@ static void destroy_takes_nothing_and_what_was_never_used(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(page_is_served_with_its_security_headers),
+    cmocka_unit_test(every_answer_carries_the_security_headers),
     cmocka_unit_test(head_sends_no_body_and_etag_saves_one),
     cmocka_unit_test(health_names_the_protocol),
     cmocka_unit_test(paths_outside_the_page_find_nothing),

@@ -1,0 +1,121 @@
+// What the server lets the page do, and that the page needs no more: each of its parts is used while every violation of
+// the content security policy is listened for, in the window and in the worker.
+// RELIGHT_RELIGHTD names the server.
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import { openBrowser, startServer, untilFrames, untilState, whatIsMissing } from './lib.mjs';
+
+const missing = await whatIsMissing();
+if (missing) {
+  console.log(`skipped: ${missing}`);
+  process.exit(0);
+}
+const RELIGHTD = process.env.RELIGHT_RELIGHTD;
+assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
+
+let browser;
+let server;
+before(async () => {
+  browser = await openBrowser();
+  server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:speed=0.5']);
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+});
+
+// A page with `page.violations`: of the window by its event, of anything else by what the browser writes about it.
+async function openWatched(url) {
+  const page = await browser.newPage({ viewport: { width: 1200, height: 900 } });
+  page.violations = [];
+  await page.exposeFunction('reportViolation', (what) => page.violations.push(what));
+  await page.addInitScript(() => {
+    document.addEventListener('securitypolicyviolation', (event) => {
+      window.reportViolation(`${event.effectiveDirective}: ${event.blockedURI} ${event.sourceFile}:${event.lineNumber}`);
+    });
+  });
+  page.on('console', (message) => {
+    if (/content security policy|refused to|permissions policy/i.test(message.text())) page.violations.push(message.text());
+  });
+  page.on('pageerror', (error) => page.violations.push(String(error)));
+  await page.goto(url);
+  return page;
+}
+
+test('every part of the page works within the policy', async () => {
+  const page = await openWatched(`${server.url}#role=controller`);
+  await untilState(page, 'live');
+  await untilFrames(page, 3);
+  for (const key of ['?', 'Escape', 'p', 'Escape']) await page.keyboard.press(key);
+  await page.click('#theme-button');
+  await page.click('#panels-button');
+  await page.click('#panels-button');
+  const box = await page.locator('#picture').boundingBox();
+  await page.mouse.click(box.x + 0.45 * box.width, box.y + 0.7 * box.height); // the probe, which draws plots
+  await page.click('#sky-panel summary');
+  await page.keyboard.press('k'); // the comparison
+  for (const id of ['#snapshot-png', '#snapshot-exr'])
+    await Promise.all([page.waitForEvent('download'), page.click(id)]);
+  await untilFrames(page, 3);
+  assert.deepEqual(page.violations, []);
+  await page.close();
+});
+
+test('a violation would have been heard, and is stopped', async () => {
+  const page = await openWatched(server.url);
+  await untilState(page, 'live');
+  const done = await page.evaluate(async () => {
+    const script = document.createElement('script');
+    script.textContent = 'window.intruded = true';
+    document.body.append(script);
+    const image = document.createElement('img');
+    image.src = 'http://evil.example/spy.gif';
+    document.body.append(image);
+    const frame = document.createElement('iframe');
+    frame.src = '/';
+    document.body.append(frame);
+    let fetched = true;
+    await fetch('http://evil.example/').catch(() => { fetched = false; });
+    return { intruded: window.intruded ?? false, fetched };
+  });
+  assert.deepEqual(done, { intruded: false, fetched: false });
+  for (const directive of ['script-src', 'img-src', 'connect-src']) {
+    for (let i = 0; i < 50 && !page.violations.some((v) => v.includes(directive)); i++)
+      await new Promise((resolve) => { setTimeout(resolve, 100); });
+    assert.ok(page.violations.some((v) => v.includes(directive)), `${directive}: ${page.violations}`);
+  }
+  await page.close();
+});
+
+test('what is served says what may be done with it', async () => {
+  const page = await browser.newPage();
+  const answers = new Map();
+  page.on('response', (answer) => answers.set(new URL(answer.url()).pathname, answer.headers()));
+  await page.goto(server.url);
+  await untilState(page, 'live');
+  for (const path of ['/', '/app.js', '/worker.js', '/style.css']) {
+    const headers = answers.get(path);
+    assert.ok(headers, `${path} was not asked for`);
+    assert.match(headers['content-security-policy'], /^default-src 'none'; script-src 'self';/);
+    assert.doesNotMatch(headers['content-security-policy'], /unsafe|\*/);
+    assert.match(headers['content-security-policy'], /frame-ancestors 'none'/);
+    assert.equal(headers['x-content-type-options'], 'nosniff');
+    assert.equal(headers['referrer-policy'], 'no-referrer');
+    assert.equal(headers['cross-origin-opener-policy'], 'same-origin');
+    assert.equal(headers['cross-origin-resource-policy'], 'same-origin');
+  }
+  await page.close();
+});
+
+test('a token in the address stays with the page', async () => {
+  const page = await browser.newPage();
+  const asked = [];
+  page.on('request', (request) => asked.push(`${request.url()} ${JSON.stringify(request.headers())}`));
+  await page.goto(`${server.url}#token=a-secret-of-the-test`);
+  await untilState(page, 'live');
+  assert.ok(asked.length > 3);
+  // the browser's own protocol names the fragment of the page's address, which is not sent
+  assert.deepEqual(asked.filter((line) => line.replace(`${server.url}#token=a-secret-of-the-test`, '').includes('secret')), []);
+  assert.doesNotMatch(server.text(), /secret/);
+  await page.close();
+});
