@@ -194,8 +194,8 @@ static struct lws_context *context_create(struct server *s, const struct address
     static const struct lws_protocol_vhost_options sniff = { &referrer, NULL, "x-content-type-options:", "nosniff" };
     static const struct lws_protocol_vhost_options policy = {
         &sniff, NULL, "content-security-policy:",
-        "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-        "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     };
 
     s->protocols[0] = (struct lws_protocols){ .name = "http",
