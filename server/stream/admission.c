@@ -19,15 +19,22 @@ static bool is_limited(const struct server *s, const struct visitor *v)
     return s->max_per_address_said || !v->loopback; /* this machine's own may all come through a proxy */
 }
 
-int admission_arrive(struct server *s, struct lws *wsi)
+/* NULL: it is gone already, or there is no room for it. */
+static struct visitor *at_other_end(struct server *s, struct lws *wsi)
 {
     struct sockaddr_storage from = { 0 };
     socklen_t size = sizeof(from);
 
-    lws_set_opaque_user_data(wsi, NULL);
     if (getpeername(lws_get_socket_fd(wsi), (struct sockaddr *)&from, &size) != 0)
-        return -1; /* gone already */
-    struct visitor *v = visitors_find(&s->visitors, (const struct sockaddr *)&from, viewer_now_us());
+        return NULL;
+    return visitors_find(&s->visitors, (const struct sockaddr *)&from, viewer_now_us());
+}
+
+int admission_arrive(struct server *s, struct lws *wsi)
+{
+    struct visitor *v = at_other_end(s, wsi);
+
+    lws_set_opaque_user_data(wsi, NULL);
     if (!v || (is_limited(s, v) && v->connections >= s->max_per_address + OTHERS)) {
         atomic_fetch_add(&s->counts.refused, 1);
         atomic_fetch_add(&s->counts.crowded, 1);
@@ -50,17 +57,20 @@ void admission_leave(struct lws *wsi)
 
 bool admission_forwarded(struct server *s, struct lws *wsi)
 {
-    struct visitor *proxy = of_connection(wsi);
-    char header[1024], address[64];
+    struct visitor *before = of_connection(wsi); /* the proxy, or whom it spoke for in the request before */
+    char header[1024], address[VISITOR_NAME];
 
-    if (!s->behind_proxy || !proxy || !proxy->loopback || lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0)
+    if (!s->behind_proxy || !before || lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0)
+        return true;
+    const struct visitor *proxy = at_other_end(s, wsi);
+    if (!proxy || !proxy->loopback)
         return true;
     if (lws_hdr_copy(wsi, header, sizeof(header), WSI_TOKEN_X_FORWARDED_FOR) <= 0)
         return false;
     struct visitor *v = visitors_forwarded(&s->visitors, header, viewer_now_us(), address, sizeof(address));
     if (!v)
         return false;
-    proxy->connections--;
+    before->connections--;
     v->connections++;
     lws_set_opaque_user_data(wsi, v);
     return true;
