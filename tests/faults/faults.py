@@ -208,6 +208,12 @@ class Raw:
             pass
         return b"".join(parts)
 
+    async def rest_until(self, frames):
+        """So many frames, if they come."""
+        for _ in range(frames):
+            if (await self.receive())[0] is None:
+                return
+
     async def ends(self, most_s):
         """Until the server closes, whatever comes before; after how many seconds of the connection's life."""
         await self.rest(most_s)

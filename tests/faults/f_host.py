@@ -1,0 +1,315 @@
+#!/usr/bin/python3
+"""Faults of the machine around (research: group F): threads, encoders, devices, signals, clocks, locales, ports."""
+
+import asyncio
+import json
+import os
+import random
+import signal
+import subprocess
+import time
+
+from faults import BIN, BINARY, TEXT, Failed, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say, skip
+from peer import run
+
+PRELOAD = os.environ.get("RELIGHT_PRELOAD")
+SKY = "sky:speed=60"
+
+
+def preloaded(**what):
+    """The environment in which a call fails (preload.c)."""
+    if not PRELOAD:
+        skip("RELIGHT_PRELOAD names no library")
+    if "asan" in (subprocess.run(["ldd", BIN / "relightd"], capture_output=True, text=True, check=True).stdout):
+        skip("the sanitizer's library must be the first one")
+    return {"LD_PRELOAD": PRELOAD, **{f"RELIGHT_{k}": str(v) for k, v in what.items()}}
+
+
+@row(alone=True, most_s=120)
+async def F82_no_thread_can_be_had(folder):
+    """Each of the first threads in turn: the server says so and ends with 1, or does without."""
+    said = {}
+    for n in range(1, 13):
+        server = Relightd(source=SKY, env=preloaded(FAIL_THREAD=n, CLOCK_FILE="/nonexistent"))
+        try:
+            await server.start()
+        except Failed as fault:
+            code = await asyncio.wait_for(server.process.wait(), 10)
+            check(code == 1 and str(fault).count("\n") >= 1, f"thread {n}: ended with {code}: {fault}")
+            said["ends with 1"] = said.get("ends with 1", 0) + 1
+            continue
+        try:
+            code = None
+            async with Viewer(server) as viewer:
+                try:
+                    await viewer.sees(2, 10)
+                    said["serves"] = said.get("serves", 0) + 1
+                except Failed:
+                    code = server.process.returncode
+                    check(code == 1, f"thread {n}: neither pictures nor an end: {code} {''.join(server.lines)}")
+                    said["ends with 1"] = said.get("ends with 1", 0) + 1
+        finally:
+            ended = await server.stop()
+        check(ended in (0, 1), f"thread {n}: ended with {ended}: {''.join(server.lines)}")
+    return f"of 12: {said}"
+
+
+@row(alone=True, most_s=40)
+async def F84_folders_that_cannot_be_written(folder):
+    (folder / "file").write_text("x", encoding="ascii")
+    program = await run("relight-record", "--from", "ws://127.0.0.1:9", "--out", folder / "file" / "p.%04d.jpg",
+                        "--frames", "1")
+    check(program.code not in (0, -11, -6), f"ended with {program.code}: {program.err}")
+    async with Relightd("--method", "cached", source=SKY, env={"XDG_CACHE_HOME": str(folder / "file")}) as server:
+        async with Viewer(server) as viewer:
+            await viewer.sees(5, 30)
+    return f"relight-record ends with {program.code}; relightd goes on without its cache's file"
+
+
+@row(alone=True, most_s=40)
+async def F85_no_video_encoder(folder):
+    async with Relightd(source=SKY, env=preloaded(FAIL_CODEC=1)) as server, Viewer(server) as viewer:
+        await viewer.sees(2, 30)
+        raw = await Raw.open(server.port)
+        await raw.upgrade()
+        raw.send(hello())
+        formats = (await raw.until("welcome"))["formats"]
+        raw.send(say(op="subscribe", format="h264"))
+        end = time.monotonic() + 3
+        while time.monotonic() < end and raw.binary == 0:
+            await raw.receive()
+        await raw.pong()
+        raw.send(say(op="subscribe", format="jpeg"))
+        while raw.binary < 2:
+            await raw.receive()
+        raw.shut()
+        await viewer.sees(2)
+        check(len(server.lines) < 50, f"{len(server.lines)} lines in the log")
+        return f"offered: {', '.join(formats)}; {len(server.lines)} lines in the log; JPEG goes on for all"
+
+
+@row(alone=True, most_s=40)
+async def F86_no_embree_device(folder):
+    server = Relightd(source=SKY, env=preloaded(FAIL_EMBREE=1))
+    try:
+        await server.start()
+    except Failed as fault:
+        code = await server.process.wait()
+        check(code == 1 and "error" in str(fault), f"ended with {code}: {fault}")
+        return f"ends with 1: {str(fault).split('error: ')[-1].strip()}"
+    await server.stop()
+    raise Failed("it serves without a device")
+
+
+@row(alone=True, most_s=90)
+async def F88_signals_at_random_times(folder):
+    draw, ends = random.Random(88), []
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+        server = Relightd(source=SKY)
+        await server.start()
+        await asyncio.sleep(draw.random())
+        begun = time.monotonic()
+        code = await server.stop(number)
+        ends.append(time.monotonic() - begun)
+        check(code == 0, f"{number}: ended with {code}: {''.join(server.lines)}")
+    async with Relightd(source=SKY) as server, Viewer(server) as viewer:
+        await viewer.sees(2, 30)
+        for _ in range(20):
+            for number in (signal.SIGPIPE, signal.SIGWINCH, signal.SIGCONT, signal.SIGCHLD):
+                server.process.send_signal(number)
+            await asyncio.sleep(draw.random() * 0.05)
+        await viewer.sees(2)
+        server.process.send_signal(signal.SIGSTOP)
+        await asyncio.sleep(1)
+        server.process.send_signal(signal.SIGCONT)
+        await viewer.sees(5)
+        check(not viewer.parted, f"closed with {viewer.parted}")
+        server.process.send_signal(signal.SIGTERM)
+        await asyncio.sleep(2)
+        check(viewer.parted[:1] == [1001], f"told {viewer.parted}")
+    return f"TERM and INT end it with 0 after {max(ends):.1f} s at most, viewers are told 1001; PIPE and a STOP of 1 s cost nothing"
+
+
+@row(alone=True, most_s=60)
+async def F89_the_clock_steps(folder):
+    """An hour on and back while a viewer watches: pictures go on, words go on, nobody is cut."""
+    step = folder / "ahead"
+    step.write_text("0", encoding="ascii")
+    async with Relightd(source=SKY, env=preloaded(CLOCK_FILE=step)) as server, Viewer(server) as viewer:
+        await viewer.sees(5, 30)
+        raw = await Raw.open(server.port)
+        await raw.upgrade()
+        raw.send(hello() + say(op="subscribe", format="jpeg", max_rate=50))
+        gaps = []
+        for ahead in (3600, 0, -3600, 0):
+            step.write_text(str(ahead), encoding="ascii")
+            viewer.gap_s = 0.0
+            await viewer.sees(20)
+            await raw.pong()
+            gaps.append(viewer.gap_s)
+        await asyncio.sleep(0.6)
+        check(not viewer.parted, f"closed with {viewer.parted}")
+        raw.shut()
+        return f"longest wait for a picture {max(gaps) * 1e3:.0f} ms"
+
+
+@row(alone=True, most_s=40)
+async def F90_a_locale_of_decimal_commas(folder):
+    made = subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(folder / "de_DE.UTF-8")], capture_output=True,
+                          check=False)
+    if not (folder / "de_DE.UTF-8").exists():
+        skip(f"no locale can be made: {made.stderr.decode()[:80]}")
+    env = {"LOCPATH": str(folder), "LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8"}
+    async with Relightd("--scale", "-0.5", "--rotate", "12.5", source=SKY, env=env) as server, Viewer(server) as viewer:
+        await viewer.sees(5, 30)
+        raw = await Raw.open(server.port)
+        await raw.upgrade()
+        raw.send(hello("controller"))
+        told = await raw.until("control")
+        check(told["rotate_degrees"] == 12.5 and told["scale_stops"] == -0.5, f"{told}")
+        raw.send(frame(TEXT, b'{"op":"control","request":1,"rotate_degrees":1.5}'))
+        while (told := await raw.until("control"))["request"] != 1:
+            pass
+        check(told["rotate_degrees"] == 1.5, f"{told}")
+        raw.shut()
+        metrics = (await server.get("/metrics"))[1]
+        check(b"," not in b"".join(line.rsplit(b" ", 1)[-1] for line in metrics.splitlines() if line[:1] != b"#"),
+              "a comma in a number")
+    return "numbers stay as they were"
+
+
+@row(alone=True, most_s=90)
+async def F92_connections_that_come_and_go(folder):
+    """2000 of every kind here, 10^5 in the long run (RELIGHT_CYCLES)."""
+    count = int(os.environ.get("RELIGHT_CYCLES", "2000"))
+    async with Relightd("--rate", "10", source=SKY) as server, Viewer(server) as viewer:
+        await viewer.sees(2, 30)
+
+        async def cycle(i):
+            try:
+                raw = await Raw.open(server.port)
+            except OSError:
+                return
+            if i % 5:
+                raw.send(raw.handshake())
+            if i % 5 > 1:
+                raw.send(hello("viewer" if i % 2 else "controller"))
+            if i % 5 > 2:
+                raw.send(say(op="subscribe", format="jpeg"))
+            if i % 5 > 3:
+                await raw.rest_until(3)
+            if i % 3:
+                raw.reset()
+            else:
+                raw.shut()
+
+        async def some(n):
+            for i in range(0, n, 20):
+                await asyncio.gather(*(cycle(i + k) for k in range(20)))
+
+        await some(count // 4)  # what is kept for the next is there
+        await asyncio.sleep(0.5)
+        descriptors, memory, begun = server.descriptors(), server.memory_kib(), time.monotonic()
+        await some(count)
+        took = time.monotonic() - begun
+        end = time.monotonic() + 10
+        while server.descriptors() > descriptors and time.monotonic() < end:
+            await asyncio.sleep(0.05)
+        check(server.descriptors() <= descriptors, f"{server.descriptors()} descriptors, {descriptors} before")
+        grown = server.memory_kib() - memory
+        check(grown < 4096 + count // 10, f"{grown} KiB more memory")
+        await viewer.sees(2)
+        check(not viewer.parted, f"closed with {viewer.parted}")
+        return f"{count} connections, {count / took:.0f} a second: {grown:+d} KiB, no descriptor more"
+
+
+@row(alone=True, most_s=60)
+async def F95_what_cannot_be_begun_with(folder):
+    """One line, an exit code, and no picture of it."""
+    (folder / "bad.json").write_text("{", encoding="ascii")
+    (folder / "empty.json").write_text("{}", encoding="ascii")
+    (folder / "odd.json").write_text(json.dumps({"models": [{"file": "nowhere.obj"}]}), encoding="ascii")
+    (folder / "deep.json").write_text("[" * 100000, encoding="ascii")
+    cases = [(["--scene", folder / n], 1) for n in ("bad.json", "empty.json", "odd.json", "deep.json", "none.json", "")]
+    cases += [(["--port", "65536"], 2), (["--port", "x"], 2), (["--bind", "300.1.1.1"], 2), (["--bind", "0.0.0.0"], 2),
+              (["--source", folder / "no.%d.exr"], 1), (["--web", folder], 1), (["--port", "1", "--bind", "203.0.113.7"], 2),
+              (["--camera", "nobody"], 1), (["--samples", "0"], 2), (["--config", folder / "none.json"], (1, 2))]
+    for flags, code in cases:
+        program = await run("relightd", "--size", "16x9", "--port", "0", *flags)
+        codes = code if isinstance(code, tuple) else (code, 3 - code)
+        check(program.code in codes and program.err.strip(), f"{flags}: ended with {program.code}: {program.err}")
+    return f"{len(cases)} cases: exit code 1 or 2 and a reason"
+
+
+@row(alone=True, most_s=40)
+async def F96_two_servers_on_one_port(folder):
+    async with Relightd(source=SKY) as server, Viewer(server) as viewer:
+        await viewer.sees(2, 30)
+        program = await run("relightd", "--size", "16x9", "--port", server.port)
+        check(program.code == 1 and "in use" in program.err, f"{program.code}: {program.err}")
+        await viewer.sees(2)
+        check(not viewer.parted, "the first one suffered")
+    return "the second ends with 1, the first goes on"
+
+
+@row(alone=True, most_s=60)
+async def F98_starved_of_processors(folder):
+    """On one processor beside three others that want it as well: pictures come, and words are answered meanwhile."""
+    core = str(min(os.sched_getaffinity(0)))
+    burners = [subprocess.Popen(["taskset", "-c", core, "sh", "-c", "while :; do :; done"]) for _ in range(3)]
+    try:
+        async with Relightd("--size", "320x180", "--method", "auto", before=("taskset", "-c", core), source=SKY) as server:
+            async with Viewer(server) as viewer:
+                await viewer.sees(3, 40)
+                raw = await Raw.open(server.port)
+                await raw.upgrade()
+                raw.send(hello())
+                await raw.until("welcome")
+                waits = []
+                for i in range(30):
+                    begun = time.monotonic()
+                    await raw.pong(i + 1)
+                    waits.append(time.monotonic() - begun)
+                    await asyncio.sleep(0.03)
+                raw.shut()
+                await viewer.sees(2, 30)
+                check(not viewer.parted, f"closed with {viewer.parted}")
+                waits.sort()
+                return f"a word is answered after {waits[15] * 1e3:.0f} ms (median), {waits[-1] * 1e3:.0f} ms at most"
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+@row(alone=True, most_s=60)
+async def F100_other_minor_versions(folder):
+    """An older client leaves out what it does not know; a newer one says more than we know."""
+    async with Relightd(source="push:") as server, Viewer(server) as viewer:
+        for role in ("viewer", "controller", "producer"):
+            for version in ({"major": 1}, {"major": 1, "minor": 0}, {"major": 1, "minor": 99, "patch": 3}):
+                raw = await Raw.open(server.port)
+                await raw.upgrade()
+                raw.send(say(op="hello", role=role, version=version, shiny=True, list=[1, {"a": None}]))
+                await raw.until("welcome")
+                raw.send(say(op="ping", id=3, colour="green"))
+                await raw.until("pong")
+                raw.send(say(op="of-1.99", x=1))
+                check((await raw.until("error"))["code"] == "unknown_op", "another error")
+                await raw.pong()
+                raw.shut()
+                await asyncio.sleep(0.1)
+        raw = await Raw.open(server.port)
+        await raw.upgrade()
+        raw.send(hello("producer"))
+        await raw.until("welcome")
+        longer = environment(1, header=1024)
+        raw.send(frame(BINARY, longer[:48] + b"\1" * 976 + longer[48:]))
+        check((await raw.until("frame"))["fate"] == "used", "a longer header is not passed over")
+        raw.shut()
+        await viewer.sees(1)
+    return "served alike; longer headers are passed over"
+
+
+if __name__ == "__main__":
+    main()
