@@ -185,6 +185,7 @@ async def E74_no_descriptors_left(folder):
             processor = server.processor_s()
             await asyncio.sleep(1)
             busy = server.processor_s() - processor
+            check(busy < idle + 0.4, f"{busy * 100:.0f} % of a processor for connections that cannot be accepted")
             check(not viewer.parted, f"the honest viewer was closed with {viewer.parted}")
             for raw in crowd:
                 raw.reset()
