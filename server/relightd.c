@@ -27,6 +27,8 @@
 
 /* Set by the signal handler, which can reach nothing else; shading looks at it from packet to packet. */
 static atomic_bool stop_asked;
+/* SIGHUP: what it was told is to be read again. */
+static atomic_bool reload_asked;
 /* Something else is to be done than to make a picture better that stands still (relightd_still.c). */
 static atomic_bool stirred;
 
@@ -49,6 +51,13 @@ static void leave_now(int signal_number)
     if (write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
         _exit(1);
     _exit(0);
+}
+
+static void ask_to_reload(int signal_number)
+{
+    (void)signal_number;
+    atomic_store(&reload_asked, true);
+    atomic_store(&stirred, true);
 }
 
 bool daemon_is_stopping(struct daemon *d)
@@ -182,6 +191,8 @@ static double pace_s(struct daemon *d)
  * which a lockstep sequence's never is. */
 static enum err obey(struct daemon *d, int held, double *last_s, struct reason *why)
 {
+    if (atomic_exchange(&reload_asked, false))
+        daemon_reload(d);
     daemon_take_control(d);
     if (daemon_camera_follow(d) && held != HANDOFF_NONE && !d->ingested[held].ticket.lockstep) {
         const enum err e = shade_frame(d, &d->ingested[held], true, last_s, why);
@@ -313,7 +324,6 @@ static enum err run(struct daemon *d, struct reason *why)
     d->watching = pthread_create(&d->watch_thread, NULL, daemon_watch_main, d) == 0;
     if (!d->ingesting || !d->encoding || !d->watching)
         return err_say(why, ERR_NOMEM, "a thread could not be started");
-    atomic_store(&d->prepared, true);
     log_info("listening on %s", server_url(d->server));
     return shade_all(d, why);
 }
@@ -354,13 +364,14 @@ static void tear_down(struct daemon *d)
     handoff_finish(&d->pictures);
     pthread_mutex_destroy(&d->settings_lock);
     pthread_mutex_destroy(&d->status_lock);
+    daemon_config_finish(d);
 }
 
 int main(int argc, char **argv)
 {
     static struct daemon d; /* zeroed, and too large for a stack */
     struct reason why = { "" };
-    bool done;
+    bool done = false;
 
     threads_wait_passively(argv);
     log_init("relightd", LOG_INFO);
@@ -372,22 +383,21 @@ int main(int argc, char **argv)
     sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
     sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
     sigaction(SIGALRM, &(struct sigaction){ .sa_handler = leave_now }, NULL);
+    sigaction(SIGHUP, &(struct sigaction){ .sa_handler = ask_to_reload }, NULL);
     sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
     d.stirred = d.server_desc.stirred = &stirred;
     d.server_desc.leave = &stop_asked;
     enum err e = daemon_read_options(&d, argc, argv, &done, &why);
-    if (!e && done)
-        return 0;
-    if (!e) {
+    if (!e && !done) {
         log_configure(&d.log);
         e = set_up(&d, &why);
     }
-    if (!e)
+    if (!e && !done)
         e = run(&d, &why);
     tear_down(&d);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));
-    else
+    else if (!done)
         log_info("stopped");
     log_flush(true);
     return err_exit_code(e);

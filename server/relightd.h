@@ -1,9 +1,10 @@
 /* server/relightd.h */
 /* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_ingest.c and
  * relightd_encode.c are two of these, relightd_still.c makes a picture better while no frame comes, relightd_camera.c
- * goes to another camera, relightd_service.c speaks with the service manager, relightd_options.c reads the command
- * line, relightd_settings.c holds what a controller may change, relightd_state.c keeps that, relightd_status.c is what
- * viewers are told, relightd_watch.c what whoever runs it sees. */
+ * goes to another camera, relightd_service.c speaks with the service manager, relightd_options.c knows the flags,
+ * relightd_config.c takes them from the command line and a file, relightd_settings.c holds what a controller may
+ * change, relightd_state.c keeps that, relightd_status.c is what viewers are told, relightd_watch.c what whoever runs
+ * it sees. */
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
@@ -100,7 +101,9 @@ struct daemon {
     bool reseed;
     struct still_wish converge; /* error 0: a picture stays as it was shown first */
     double rate;                /* 0: each frame waits until the one before it is shaded */
-    int quality;
+    atomic_int quality;
+    uint64_t threads;                   /* 0: as many as there are processors */
+    struct said *said_first, *said_now; /* as the daemon was started, and as it was told last (relightd_config.h) */
     struct set_desc set_desc;
     struct source_desc source_desc;
     enum layout layout;
@@ -168,8 +171,8 @@ struct daemon {
     char *state_text;      /* what stands there, */
     double state_due_s;    /* and not before this is it written again */
     pthread_t service_thread;
-    bool servicing;                     /* it runs */
-    atomic_bool service_over, prepared; /* it is to end; pictures can be made as soon as a frame comes */
+    bool servicing;           /* it runs */
+    atomic_bool service_over; /* it is to end */
 
     pthread_mutex_t settings_lock;
     struct settings settings; /* {settings_lock} */
@@ -240,10 +243,16 @@ void daemon_camera_finish(struct daemon *d);
 MUST_CHECK enum err daemon_service_begin(struct daemon *d, struct reason *why);
 void daemon_service_end(struct daemon *d); /* before d->server goes */
 
-/* ---- relightd_options.c ---- */
+/* ---- relightd_config.c: main thread ---- */
 
-/* ERR_USAGE names the flag. *done: --help or --version was printed. */
+/* ERR_USAGE names the flag, or file, line and key. *done: --help, --version or the answer to --check-config was
+ * printed. d keeps what was said until daemon_config_finish. */
 MUST_CHECK enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done, struct reason *why);
+void daemon_config_finish(struct daemon *d);
+
+/* Reads it all again; what can change while it runs is changed, and the log says what cannot. A file with faults
+ * changes nothing. */
+void daemon_reload(struct daemon *d);
 
 /* ---- relightd_settings.c: any thread ---- */
 
@@ -254,6 +263,9 @@ void daemon_take_control(struct daemon *d);
 
 /* Tells it without having been asked: at the start, or (camera) when the view of that one stays after all. */
 void daemon_tell_control(struct daemon *d, const char *camera);
+
+/* These settings from now on, whoever asked for what before: everybody is told. */
+void daemon_set(struct daemon *d, const struct settings *s);
 
 /* What controllers have asked for of the source's place: handed out once. */
 struct moves daemon_take_moves(struct daemon *d);

@@ -1,14 +1,13 @@
 /* server/relightd_options.c */
-#include "relightd.h"
+#include "relightd_config.h"
 
-#include "light_options.h"
 #include "options.h"
 
-#include <omp.h>
+#include <assert.h>
 #include <stdio.h>
 #include <string.h>
 
-static struct option_row rows[] = {
+static const struct option_row table[] = {
     { "", NULL, "what is lit, and by what", NULL },
     { "scene", "FILE", "scene to light: .json, .gltf or .glb; left out: the built-in one", NULL },
     { "camera", "NAME", "camera of the scene; left out: the first", NULL },
@@ -43,6 +42,10 @@ static struct option_row rows[] = {
     { "token-viewer", "T", "what viewers must know", NULL },
     { "token-controller", "T", "what controllers must know", NULL },
     { "token-producer", "T", "what producers must know", NULL },
+    { "token-viewer-file", "FILE", "holds that token, which then stands in no list of processes", NULL },
+    { "token-controller-file", "FILE", "likewise", NULL },
+    { "token-producer-file", "FILE", "likewise", NULL },
+    { "token-metrics-file", "FILE", "likewise", NULL },
     { "token-metrics", "T",
       "what whoever reads /metrics must know; left out: on loopback nothing, else the viewers' token", NULL },
     { "host", "NAMES", "names that are answered to beside this machine's own, with commas between: a proxy's", NULL },
@@ -54,12 +57,14 @@ static struct option_row rows[] = {
     { "log", "FORM", "of the log on standard error: plain, text (key=value, with time) or json", "plain" },
     { "log-level", "LEVEL", "error, warning, info or debug", "info" },
     { "state", "DIR", "keeps what controllers set in DIR/state.json, so that it comes back", NULL },
+    { "", NULL, "where all this may stand as well", NULL },
+    { "config", "FILE", "a JSON object whose keys are these flags without dashes; what stands here goes before it",
+      NULL },
+    { "check-config", NULL, "says whether what was given makes sense, or all that does not, and ends", NULL },
     { NULL, NULL, NULL, NULL },
 };
 #define LOG_BURST 20 /* lines of a kind within */
 #define LOG_WINDOW_MS 10000
-
-static struct option_row light_rows[LIGHT_OPTIONS];
 
 static const char samples_default[] = "16";
 
@@ -99,7 +104,7 @@ static enum err read_converge(const struct options *o, struct daemon *d, struct 
 
 static enum err read_light(const struct options *o, struct daemon *d, struct reason *why)
 {
-    uint64_t edge = 0, threads = 0;
+    uint64_t edge = 0;
     struct environment_desc environment = { 0 };
     enum err e = light_options_read(o, &d->light, &d->set_desc, &environment, why);
 
@@ -111,7 +116,7 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
     if (!e)
         e = options_u64(o, "edge-rays", 1, 16, &edge, why);
     if (!e)
-        e = options_u64(o, "threads", 0, 1024, &threads, why);
+        e = options_u64(o, "threads", 0, 1024, &d->threads, why);
     if (!e)
         e = options_double(o, "fps", 0.01, 1000.0, &d->said.fps, why);
     if (!e && options_get(o, "error"))
@@ -134,8 +139,6 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
     d->set_desc.camera = options_get(o, "camera");
     d->set_desc.edge_rays = (uint32_t)edge;
     d->set_desc.progress = true;
-    if (threads)
-        omp_set_num_threads((int)threads);
     return e;
 }
 
@@ -154,7 +157,7 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
         e = options_u64(o, "max-per-address", 1, 4096, &per_address, why);
     if (!e)
         e = tone_parse(options_get(o, "tone"), &d->said.tone, why);
-    d->quality = (int)quality;
+    atomic_init(&d->quality, (int)quality);
     d->server_desc.address = options_get(o, "bind");
     d->server_desc.port = (uint16_t)port;
     d->server_desc.web_dir = options_get(o, "web");
@@ -187,30 +190,33 @@ static enum err read_log(const struct options *o, struct daemon *d, struct reaso
     return e;
 }
 
-enum err daemon_read_options(struct daemon *d, int argc, char **argv, bool *done, struct reason *why)
+void daemon_flags_init(struct daemon_flags *f)
 {
-    struct options o = {
+    assert(sizeof(table) <= sizeof(f->rows));
+    memcpy(f->rows, table, sizeof(table));
+    light_options_init(f->light, samples_default, "direct");
+    f->options = (struct options){
         .program = "relightd",
         .synopsis = "[--scene FILE] [--source S] [flags]",
         .about = "Lights a scene by a live stream of sky frames and shows it in a browser.\n"
                  "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
         .epilogue_title = "keys of sky:, with their defaults",
         .epilogue = sky_help,
-        .rows = rows,
-        .shared = light_rows,
+        .rows = f->rows,
+        .shared = f->light,
     };
-    light_options_init(light_rows, samples_default, "direct");
-    enum err e = options_parse(&o, argc, argv, done, why);
+}
 
-    if (e || *done)
-        return e;
-    e = read_source(&o, d, why);
+enum err daemon_understand(const struct options *o, struct daemon *d, struct reason *why)
+{
+    enum err e = read_source(o, d, why);
+
     if (!e)
-        e = read_light(&o, d, why);
+        e = read_light(o, d, why);
     if (!e)
-        e = read_network(&o, d, why);
+        e = read_network(o, d, why);
     if (!e)
-        e = read_log(&o, d, why);
+        e = read_log(o, d, why);
     d->settings = d->said;
     return e;
 }

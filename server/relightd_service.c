@@ -1,6 +1,7 @@
 /* server/relightd_service.c */
 /* What the service manager is told (systemd's Type=notify, see base/notify.h): that the start goes on, that there is
- * something to be seen, how it gets on, that it ends. A thread of its own, and only where a service manager listens. */
+ * something to be seen, how it gets on, that it lives, that it ends. A thread of its own, and only where a service
+ * manager listens. */
 #include "relightd.h"
 
 #include "clock.h"
@@ -18,7 +19,8 @@
 
 struct service {
     bool ready;
-    double extended_s, status_s;
+    double extended_s, status_s, alive_s;
+    double watchdog_s; /* within which it is to be told that this lives; 0: it does not ask */
     char status[STATUS_MAX];
 };
 
@@ -42,15 +44,6 @@ static void describe(struct daemon *d, char *out)
         *p = *p == '\n' ? ' ' : *p;
 }
 
-/* Whoever comes now gets a picture, or is told which producer is waited for. */
-static bool can_be_seen(struct daemon *d)
-{
-    struct server_counters c;
-
-    server_counters(d->server, &c);
-    return c.published > 0 || (d->push && atomic_load(&d->prepared));
-}
-
 static void say_status(struct daemon *d, struct service *s, double now)
 {
     char text[STATUS_MAX];
@@ -66,25 +59,38 @@ static void say_status(struct daemon *d, struct service *s, double now)
     }
 }
 
+/* Only while the network's thread and the one that makes pictures are seen to go on: a service that hangs is to be
+ * started anew. */
+static void say_alive(struct service *s, bool alive, double now)
+{
+    if (s->watchdog_s <= 0.0 || !alive || (s->alive_s > 0.0 && now - s->alive_s < s->watchdog_s / 4.0))
+        return;
+    notify_say("WATCHDOG=1");
+    s->alive_s = now;
+}
+
 static void look(struct daemon *d, struct service *s)
 {
     const double now = clock_seconds();
+    struct server_health health;
 
-    if (!s->ready && can_be_seen(d)) {
+    server_health(d->server, &health);
+    if (!s->ready && health.ready) {
         notify_say("READY=1");
         s->ready = true;
     }
-    if (!s->ready && (s->extended_s <= 0.0 || now - s->extended_s >= EXTEND_S)) {
+    if (!s->ready && health.alive && (s->extended_s <= 0.0 || now - s->extended_s >= EXTEND_S)) {
         notify_say("EXTEND_TIMEOUT_USEC=%d", EXTEND_US);
         s->extended_s = now;
     }
+    say_alive(s, health.alive, now);
     say_status(d, s, now);
 }
 
 static void *service_main(void *arg)
 {
     struct daemon *d = arg;
-    struct service s = { .ready = false };
+    struct service s = { .watchdog_s = 1e-6 * (double)notify_watchdog_us() };
 
     while (!atomic_load(&d->service_over) && !daemon_is_stopping(d)) {
         look(d, &s);

@@ -237,6 +237,19 @@ void daemon_take_control(struct daemon *d)
     }
 }
 
+void daemon_set(struct daemon *d, const struct settings *s)
+{
+    struct server_control now;
+
+    pthread_mutex_lock(&d->settings_lock);
+    d->settings = *s;
+    d->settings.version++;
+    d->settings.looks++;
+    daemon_describe(&d->settings, &now);
+    pthread_mutex_unlock(&d->settings_lock);
+    server_set_control(d->server, &now, NULL, NULL);
+}
+
 void daemon_tell_control(struct daemon *d, const char *camera)
 {
     struct server_control now;

@@ -25,6 +25,11 @@ static struct option_row *find(const struct options *o, const char *name, size_t
     return r ? r : find_in(o->shared, name, length);
 }
 
+struct option_row *options_row(struct options *o, const char *name)
+{
+    return find(o, name, strlen(name));
+}
+
 static void print_rows(const struct option_row *rows)
 {
     for (const struct option_row *r = rows; r && r->name; r++) {

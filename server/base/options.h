@@ -38,6 +38,9 @@ MUST_CHECK enum err options_parse(struct options *o, int argc, char **argv, bool
 void options_print_manual(const struct options *o);
 void options_print_completion(const struct options *o);
 
+/* The row of that flag in either table, or NULL. */
+struct option_row *options_row(struct options *o, const char *name);
+
 /* What was given for `name`, or its default; NULL when neither. The name must be in the table. */
 const char *options_get(const struct options *o, const char *name);
 bool options_on(const struct options *o, const char *name);

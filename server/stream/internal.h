@@ -119,7 +119,8 @@ struct stream_counts {
 };
 
 struct server {
-    /* Fixed once the thread runs: any thread may read. */
+    /* Fixed once the thread runs, and so any thread may read it, but for what server_take_change changes: tokens,
+     * limits and hosts, which the service thread alone reads from then on. */
     struct site site;
     char address[64];
     char url[96];
@@ -174,6 +175,7 @@ struct server {
     struct control control;                             /* {lock} */
     struct probes probes;                               /* {lock} */
     struct server_figures figures;                      /* {lock} */
+    struct server *next;                                /* {lock} one that never runs: what server_change was told */
     int64_t source_us;                                  /* {lock} wall clock: since when the source is in this state */
 };
 
@@ -184,6 +186,9 @@ int64_t picture_placed_us(const struct picture *p); /* when that was, on viewer_
 /* server.c: the kind of a picture, and {lock} the one that a subscription asks for: the largest that fits. */
 unsigned picture_kind(const struct protocol_picture *header);
 unsigned subscribed_kind(const struct server *s, const struct message *wish);
+
+/* server.c, thread: service. What server_change has brought is in force. */
+void server_take_change(struct server *s);
 
 /* server.c: {lock} makes the picture the newest of its kind. Returns the one before, to be released by the caller. */
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);

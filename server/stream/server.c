@@ -154,6 +154,7 @@ static void tick(lws_sorted_usec_list_t *sul)
     metrics_tick(s, viewer_now_us(), STREAM_STATUS_US);
     if (s->leave && atomic_load(s->leave) && !s->leaving) /* whoever set it may be busy for a while */
         server_drain(s);
+    server_take_change(s);
     viewers_tick(s);
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
 }
@@ -262,20 +263,27 @@ static enum err check_tokens(struct server *s, const struct address *a, struct r
     return ERR_OK;
 }
 
-static enum err start(struct server *s, const struct server_desc *desc, struct reason *why)
+/* Whether that address may be listened to, given what is asked for there. */
+static enum err check_address(struct server *s, uint16_t port, struct address *a, struct reason *why)
 {
-    struct address a;
-    sigset_t all, before;
-    enum err e = address_parse(s->address, desc->port, &a, why);
+    const enum err e = address_parse(s->address, port, a, why);
 
     if (e)
         return e;
-    if (!a.loopback && !s->allow_remote)
+    if (!a->loopback && !s->allow_remote)
         return err_say(why, ERR_USAGE,
                        "--bind %s: anybody on the network could reach it; other than loopback is served only with "
                        "--token-viewer, --token-controller and --token-producer",
                        s->address);
-    e = check_tokens(s, &a, why);
+    return check_tokens(s, a, why);
+}
+
+static enum err start(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    struct address a;
+    sigset_t all, before;
+    enum err e = check_address(s, desc->port, &a, why);
+
     if (!e)
         e = address_try(&a, s->address, desc->port, why);
     if (e)
@@ -298,6 +306,92 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     return ERR_OK;
 }
 
+/* A server that knows what it was told, and has done nothing yet. NULL: out of memory; else *e is what is wrong. */
+static struct server *told(const struct server_desc *desc, enum err *e, struct reason *why)
+{
+    struct server *s = mem_alloc(1, sizeof(*s));
+
+    if (!s) {
+        *e = err_say(why, ERR_NOMEM, "out of memory");
+        return NULL;
+    }
+    pthread_mutex_init(&s->lock, NULL);
+    ingest_init(&s->ingest);
+    *e = copy_desc(s, desc, why);
+    return s;
+}
+
+enum err server_check(const struct server_desc *desc, struct reason *why)
+{
+    char web_dir[4096];
+    struct address a;
+    enum err e;
+
+    struct server *s = told(desc, &e, why);
+    if (!e)
+        e = check_address(s, desc->port, &a, why);
+    if (!e)
+        e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
+    if (!e)
+        e = site_load(&s->site, web_dir, why);
+    server_destroy(s);
+    return e;
+}
+
+enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    struct server_desc here = *desc;
+    struct address a;
+    enum err e;
+
+    here.address = s->address;
+    here.push = s->push;
+    here.max_connections = s->max_connections;
+    struct server *next = told(&here, &e, why);
+    if (!e)
+        e = check_address(next, s->port, &a, why);
+    if (e) {
+        server_destroy(next);
+        return e;
+    }
+    pthread_mutex_lock(&s->lock);
+    struct server *unused = s->next;
+    s->next = next;
+    pthread_mutex_unlock(&s->lock);
+    server_destroy(unused);
+    lws_cancel_service(s->context);
+    return ERR_OK;
+}
+
+static void swap_texts(char **a, char **b)
+{
+    char *old = *a;
+
+    *a = *b;
+    *b = old;
+}
+
+void server_take_change(struct server *s)
+{
+    pthread_mutex_lock(&s->lock);
+    struct server *next = s->next;
+    s->next = NULL;
+    pthread_mutex_unlock(&s->lock);
+    if (!next)
+        return;
+    for (int r = 0; r < SERVER_ROLES; r++)
+        swap_texts(&s->tokens[r], &next->tokens[r]);
+    swap_texts(&s->token_metrics, &next->token_metrics);
+    swap_texts(&s->hosts, &next->hosts);
+    s->behind_proxy = next->behind_proxy;
+    s->max_per_address = next->max_per_address;
+    s->max_per_address_said = next->max_per_address_said;
+    s->max_frame_bytes = next->max_frame_bytes;
+    s->controllers = next->controllers;
+    s->allow_remote = next->allow_remote;
+    server_destroy(next);
+}
+
 enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why)
 {
     static const struct server_status nothing = { .source = SERVER_WAITING };
@@ -305,12 +399,7 @@ enum err server_create(const struct server_desc *desc, struct server **out, stru
     enum err e;
 
     *out = NULL;
-    struct server *s = mem_alloc(1, sizeof(*s));
-    if (!s)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    pthread_mutex_init(&s->lock, NULL);
-    ingest_init(&s->ingest);
-    e = copy_desc(s, desc, why);
+    struct server *s = told(desc, &e, why);
     if (e)
         goto failed;
     s->status = message_status_shared(&nothing);
@@ -357,6 +446,7 @@ void server_destroy(struct server *s)
     mem_free(s->token_metrics);
     mem_free(s->hosts);
     visitors_finish(&s->visitors);
+    server_destroy(s->next);
     chain_clear(s);
     message_free(s->status);
     message_free(s->control.shared);

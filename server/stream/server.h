@@ -58,6 +58,14 @@ void server_drain(struct server *s);
  * No other call may be under way or follow. NULL is allowed. */
 void server_destroy(struct server *s);
 
+/* Whether a server could be had so, as far as that can be said without listening. */
+MUST_CHECK enum err server_check(const struct server_desc *desc, struct reason *why);
+
+/* From now on, for those who come: the tokens, hosts and limits of this one. Address, roles and the number of
+ * connections stay as they are, and so do those who are in. On any error nothing is changed. Any thread but the
+ * server's. */
+MUST_CHECK enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why);
+
 uint16_t server_port(const struct server *s);
 const char *server_url(const struct server *s); /* "http://127.0.0.1:8080/", to print; lives as long as s */
 

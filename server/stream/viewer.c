@@ -187,6 +187,7 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
         *slot = NULL;
         return 0;
     case LWS_CALLBACK_EVENT_WAIT_CANCELLED:
+        server_take_change(s);
         if (atomic_load(&s->stopping) && !s->leaving) {
             s->leaving = true;
             viewers_leave(s);

@@ -79,7 +79,8 @@ its_files_have_decent_owners_and_modes() {
 # A binary that is bound by the GPL says so in the package, and one that is not does not.
 its_licence_is_that_of_what_it_is_linked_with() {
     local linked=no said=no
-    if objdump -p "$root/usr/bin/relightd" | grep -q 'NEEDED.*libavcodec'; then linked=yes; fi
+    objdump -p "$root/usr/bin/relightd" >"$work/headers"
+    if grep -q 'NEEDED.*libavcodec' "$work/headers"; then linked=yes; fi
     if grep -q 'General Public License' "$root/usr/share/doc/relightd/copyright"; then said=yes; fi
     [ "$linked" = "$said" ] || fail "libavcodec: $linked, GPL in the copyright file: $said"
     local line
@@ -146,7 +147,7 @@ the_unit_is_well_formed_and_lets_little_through() {
     tail -n 1 "$work/log"
     local setting
     for setting in Type=notify DynamicUser=yes StateDirectory= CacheDirectory= ProtectSystem=strict MemoryMax= \
-        Restart=on-failure NoNewPrivileges=yes SystemCallFilter=@system-service; do
+        Restart=on-failure NoNewPrivileges=yes WatchdogSec= SystemCallFilter=@system-service; do
         grep -q "^$setting" "$work/relightd.service" || fail "no $setting"
     done
 }

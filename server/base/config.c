@@ -1,0 +1,221 @@
+#include "config.h"
+
+#include "mem.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <jansson.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+struct entry {
+    const char *key; /* the JSON object's */
+    const json_t *value;
+    unsigned line;
+    char text[32]; /* of a number */
+};
+
+struct config {
+    char *name;
+    json_t *root;
+    struct entry *entries;
+    size_t count;
+    bool others; /* may read it */
+};
+
+/* ---- Lines ---- */
+
+/* Jansson keeps keys in the order of the text, but not where they stood. So the text, which is known to be JSON, is
+ * gone through once more: the n-th string at depth one that follows a brace or a comma is the n-th key. */
+static void find_lines(struct config *c, const char *text, size_t size)
+{
+    unsigned line = 1, depth = 0;
+    bool key_next = false;
+    size_t found = 0;
+
+    for (size_t i = 0; i < size; i++) {
+        const char x = text[i];
+        if (x == '\n') {
+            line++;
+        } else if (x == '"') {
+            if (depth == 1 && key_next && found < c->count)
+                c->entries[found++].line = line;
+            key_next = false;
+            for (i++; i < size && text[i] != '"'; i++)
+                i += text[i] == '\\';
+        } else if (x == '{' || x == '[') {
+            depth++;
+            key_next = x == '{';
+        } else if (x == '}' || x == ']') {
+            depth--;
+        } else if (x == ',') {
+            key_next = true;
+        }
+    }
+}
+
+/* ---- Reading ---- */
+
+/* As few digits as give the same number back. */
+static void write_number(const json_t *value, char *text, size_t size)
+{
+    if (json_is_integer(value)) {
+        snprintf(text, size, "%" JSON_INTEGER_FORMAT, json_integer_value(value));
+        return;
+    }
+    for (int digits = 6; digits <= 17; digits++) {
+        snprintf(text, size, "%.*g", digits, json_real_value(value));
+        if (strtod(text, NULL) == json_real_value(value))
+            return;
+    }
+}
+
+static enum err list_entries(struct config *c, struct reason *why)
+{
+    const char *key;
+    json_t *value;
+
+    c->entries = mem_alloc(json_object_size(c->root) + 1, sizeof(*c->entries));
+    if (!c->entries)
+        return err_say(why, ERR_NOMEM, "%s: out of memory", c->name);
+    json_object_foreach(c->root, key, value)
+    {
+        struct entry *e = &c->entries[c->count++];
+        e->key = key;
+        e->value = value;
+        e->line = 1;
+        if (json_is_number(value))
+            write_number(value, e->text, sizeof(e->text));
+    }
+    return ERR_OK;
+}
+
+enum err config_parse(const char *name, const char *text, size_t size, struct config **out, struct reason *why)
+{
+    json_error_t fault;
+    enum err e = ERR_OK;
+
+    *out = NULL;
+    struct config *c = mem_alloc(1, sizeof(*c));
+    if (c)
+        c->name = mem_alloc(strlen(name) + 1, 1);
+    if (!c || !c->name) {
+        config_destroy(c);
+        return err_say(why, ERR_NOMEM, "%s: out of memory", name);
+    }
+    memcpy(c->name, name, strlen(name) + 1);
+    c->root = json_loadb(text, size, JSON_REJECT_DUPLICATES, &fault);
+    if (!c->root)
+        e = err_say(why, ERR_FORMAT, "%s:%d: %s", name, fault.line > 0 ? fault.line : 1, fault.text);
+    else if (!json_is_object(c->root))
+        e = err_say(why, ERR_FORMAT, "%s:1: a JSON object is wanted: {\"flag\": value, ...}", name);
+    else
+        e = list_entries(c, why);
+    if (e) {
+        config_destroy(c);
+        return e;
+    }
+    find_lines(c, text, size);
+    *out = c;
+    return ERR_OK;
+}
+
+enum err config_read(const char *path, struct config **out, struct reason *why)
+{
+    struct stat st;
+    enum err e;
+
+    *out = NULL;
+    FILE *f = fopen(path, "rb");
+    if (!f)
+        return err_say(why, ERR_IO, "%s: cannot be read: %s", path, strerror(errno));
+    char *text = mem_alloc(CONFIG_BYTES_MAX + 1, 1);
+    if (!text) {
+        e = err_say(why, ERR_NOMEM, "%s: out of memory", path);
+        goto done;
+    }
+    const size_t size = fread(text, 1, CONFIG_BYTES_MAX + 1, f);
+    if (ferror(f))
+        e = err_say(why, ERR_IO, "%s: cannot be read: %s", path, strerror(errno));
+    else if (size > CONFIG_BYTES_MAX)
+        e = err_say(why, ERR_RANGE, "%s: larger than %zu bytes, which is no configuration", path, CONFIG_BYTES_MAX);
+    else
+        e = config_parse(path, text, size, out, why);
+    if (!e)
+        (*out)->others = fstat(fileno(f), &st) == 0 && (st.st_mode & (S_IRGRP | S_IROTH));
+done:
+    mem_free(text);
+    fclose(f);
+    return e;
+}
+
+void config_destroy(struct config *c)
+{
+    if (!c)
+        return;
+    json_decref(c->root);
+    mem_free(c->entries);
+    mem_free(c->name);
+    mem_free(c);
+}
+
+/* ---- Using ---- */
+
+const char *config_name(const struct config *c)
+{
+    return c->name;
+}
+
+bool config_is_readable_by_others(const struct config *c)
+{
+    return c->others;
+}
+
+size_t config_count(const struct config *c)
+{
+    return c->count;
+}
+
+const char *config_key(const struct config *c, size_t index)
+{
+    return c->entries[index].key;
+}
+
+unsigned config_line(const struct config *c, size_t index)
+{
+    return c->entries[index].line;
+}
+
+enum err config_apply(const struct config *c, size_t index, struct options *o, struct reason *why)
+{
+    const struct entry *e = &c->entries[index];
+    struct option_row *row = options_row(o, e->key);
+
+    if (!row)
+        return err_say(why, ERR_USAGE, "%s:%u: %s: %s has no such flag", c->name, e->line, e->key, o->program);
+    if (!row->value) {
+        if (!json_is_boolean(e->value))
+            return err_say(why, ERR_USAGE, "%s:%u: %s: it is a switch, true or false", c->name, e->line, e->key);
+        row->given = json_is_true(e->value) ? "1" : NULL;
+        return ERR_OK;
+    }
+    if (!json_is_string(e->value) && !json_is_number(e->value))
+        return err_say(why, ERR_USAGE, "%s:%u: %s: a string or a number is wanted: %s", c->name, e->line, e->key,
+                       row->value);
+    row->given = json_is_string(e->value) ? json_string_value(e->value) : e->text;
+    return ERR_OK;
+}
+
+enum err config_blame(const struct config *c, size_t index, enum err e, struct reason *why)
+{
+    const struct entry *entry = &c->entries[index];
+    const size_t length = strlen(entry->key);
+    const struct reason said = *why;
+    const char *text = said.text[0] ? said.text : err_text(e);
+
+    if (strncmp(text, "--", 2) == 0 && strncmp(text + 2, entry->key, length) == 0 && text[2 + length] == ' ')
+        text += 3 + length;
+    return err_say(why, e, "%s:%u: %s: %s", c->name, entry->line, entry->key, text);
+}

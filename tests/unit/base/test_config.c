@@ -1,0 +1,196 @@
+#include "unit.h"
+
+#include "config.h"
+
+static struct option_row rows[8];
+static struct options options = { .program = "relight-test", .rows = rows };
+
+/* The table anew, and the text as "f". */
+static enum err parse(const char *text, struct config **c, struct reason *why)
+{
+    static const struct option_row table[] = {
+        { "", NULL, "what goes in", NULL },   { "size", "WxH", "the picture's size", "640x360" },
+        { "samples", "N", "how many", "64" }, { "gain", "X", "a factor", NULL },
+        { "fast", NULL, "a switch", NULL },   { NULL, NULL, NULL, NULL },
+    };
+
+    memcpy(rows, table, sizeof(table));
+    return config_parse("f", text, strlen(text), c, why);
+}
+
+static void values_become_what_a_command_line_would_have_said(void **state)
+{
+    struct config *c;
+    struct reason why;
+
+    (void)state;
+    assert_int_equal(parse("{\"size\": \"3x4\", \"samples\": 7, \"gain\": -2.5e-5, \"fast\": true}", &c, &why), ERR_OK);
+    assert_int_equal(config_count(c), 4);
+    for (size_t i = 0; i < 4; i++)
+        assert_int_equal(config_apply(c, i, &options, &why), ERR_OK);
+    assert_string_equal(options_get(&options, "size"), "3x4");
+    assert_string_equal(options_get(&options, "samples"), "7");
+    assert_string_equal(options_get(&options, "gain"), "-2.5e-05");
+    assert_true(options_on(&options, "fast"));
+    config_destroy(c);
+    config_destroy(NULL);
+    assert_int_equal(parse("{\"fast\": false, \"gain\": 0.1, \"samples\": 1e400}", &c, &why), ERR_FORMAT);
+    assert_int_equal(parse("{\"fast\": false, \"gain\": 0.1, \"samples\": 18446744073709551615}", &c, &why),
+                     ERR_FORMAT);
+    assert_int_equal(parse("{\"fast\": false, \"gain\": 0.30000000000000004}", &c, &why), ERR_OK);
+    for (size_t i = 0; i < 2; i++)
+        assert_int_equal(config_apply(c, i, &options, &why), ERR_OK);
+    assert_false(options_on(&options, "fast"));
+    assert_true(strtod(options_get(&options, "gain"), NULL) == 0.30000000000000004);
+    config_destroy(c);
+}
+
+/* Braces, commas and quotes inside strings and inner objects must not be counted. */
+static void every_key_knows_its_line(void **state)
+{
+    static const char text[] =
+        "\n{\"a\": \"x\\\"}, \\\\\",\n\"b\": {\"a\":\n 1, \"c\": [\"d\", \"e\"]}\n,\"c\"\n:\n[1,\n\"z\"], \n"
+        "\"\\u0064\\\"\": \"{\\n\"}\n";
+    static const unsigned lines[] = { 2, 3, 5, 9 };
+    static const char *const keys[] = { "a", "b", "c", "d\"" };
+    struct config *c;
+    struct reason why;
+
+    (void)state;
+    assert_int_equal(parse(text, &c, &why), ERR_OK);
+    assert_int_equal(config_count(c), 4);
+    for (size_t i = 0; i < 4; i++) {
+        assert_string_equal(config_key(c, i), keys[i]);
+        assert_int_equal(config_line(c, i), lines[i]);
+    }
+    config_destroy(c);
+}
+
+static void what_no_flag_takes_is_refused_with_file_line_and_key(void **state)
+{
+    static const struct {
+        const char *value, *says;
+    } bad[] = {
+        { "\"sise\": 3", "f:2: sise: relight-test has no such flag" },
+        { "\"\": 3", "f:2: : relight-test has no such flag" }, /* nor the heading's empty name */
+        { "\"--size\": \"3x3\"", "f:2: --size: relight-test has no such flag" },
+        { "\"fast\": 1", "f:2: fast: it is a switch, true or false" },
+        { "\"fast\": \"true\"", "f:2: fast: it is a switch, true or false" },
+        { "\"fast\": null", "f:2: fast: it is a switch, true or false" },
+        { "\"samples\": true", "f:2: samples: a string or a number is wanted: N" },
+        { "\"samples\": null", "f:2: samples: a string or a number is wanted: N" },
+        { "\"samples\": [3]", "f:2: samples: a string or a number is wanted: N" },
+        { "\"samples\": {\"n\": 3}", "f:2: samples: a string or a number is wanted: N" },
+    };
+    struct config *c;
+    struct reason why;
+    char text[128];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
+        snprintf(text, sizeof(text), "{\n%s}", bad[i].value);
+        assert_int_equal(parse(text, &c, &why), ERR_OK);
+        assert_int_equal(config_apply(c, 0, &options, &why), ERR_USAGE);
+        assert_string_equal(why.text, bad[i].says);
+        assert_string_equal(options_get(&options, "samples"), "64"); /* untouched */
+        config_destroy(c);
+    }
+}
+
+static void what_is_no_json_object_is_refused_with_its_line(void **state)
+{
+    static const struct {
+        const char *text, *says;
+    } bad[] = {
+        { "", "f:1: " },
+        { "[1]", "f:1: a JSON object" },
+        { "{\"a\": 1,\n\"a\": 2}", "f:2: duplicate object key" },
+        { "{\"a\": 1,\n\n\"b\" 2}", "f:3: " },
+        { "{\"a\": 1,\n}", "f:2: " },
+        { "{\"a\": 1} x", "f:1: " },
+        { "{\"a\": \"\\u0000\"}", "f:1: " },
+        { "{\"a\": \"\xff\"}", "f:1: " },
+    };
+    struct config *c;
+    struct reason why;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
+        assert_int_equal(parse(bad[i].text, &c, &why), ERR_FORMAT);
+        assert_null(c);
+        if (strncmp(why.text, bad[i].says, strlen(bad[i].says)) != 0)
+            fail_msg("'%s' says: %s", bad[i].text, why.text);
+    }
+}
+
+/* Whatever a file is cut down to, or wherever a byte is another, it is taken or refused, and nothing else. */
+static void any_bytes_are_taken_or_refused(void **state)
+{
+    static const char whole[] = "{\n \"size\": \"3x\\\"4\",\n \"gain\": [1, {\"x\": \"y\"}], \"fast\": true\n}\n";
+    struct config *c;
+    struct reason why;
+    char text[sizeof(whole)];
+
+    (void)state;
+    for (size_t size = 0; size < sizeof(whole); size++) {
+        for (int byte = -1; byte<256; byte += size> 0 ? 1 : 300) {
+            memcpy(text, whole, sizeof(whole));
+            if (byte >= 0)
+                text[size - 1] = (char)byte;
+            const enum err e = config_parse("f", text, byte >= 0 ? sizeof(whole) - 1 : size, &c, &why);
+            assert_true(e == ERR_OK || e == ERR_FORMAT);
+            for (size_t i = 0; !e && i < config_count(c); i++) {
+                assert_in_range(config_line(c, i), 1, 5);
+                (void)!config_apply(c, i, &options, &why);
+            }
+            config_destroy(c);
+        }
+    }
+}
+
+static void blame_says_the_key_once(void **state)
+{
+    struct config *c;
+    struct reason why;
+    uint64_t n;
+
+    (void)state;
+    assert_int_equal(parse("{\"samples\": 0}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &options, &why), ERR_OK);
+    const enum err e = options_u64(&options, "samples", 1, 9, &n, &why);
+    assert_int_equal(config_blame(c, 0, e, &why), ERR_USAGE);
+    assert_string_equal(why.text, "f:1: samples: '0' is not a whole number from 1 to 9");
+    err_say(&why, ERR_USAGE, "--samples-file x");
+    assert_int_equal(config_blame(c, 0, ERR_USAGE, &why), ERR_USAGE);
+    assert_string_equal(why.text, "f:1: samples: --samples-file x");
+    why.text[0] = '\0';
+    assert_int_equal(config_blame(c, 0, ERR_NOMEM, &why), ERR_NOMEM);
+    assert_string_equal(why.text, "f:1: samples: out of memory");
+    config_destroy(c);
+}
+
+static void a_file_that_cannot_be_read_is_named(void **state)
+{
+    struct config *c;
+    struct reason why;
+
+    (void)state;
+    assert_int_equal(config_read("/nonexistent/x.json", &c, &why), ERR_IO);
+    assert_null(c);
+    assert_non_null(strstr(why.text, "/nonexistent/x.json: cannot be read: No such"));
+    assert_int_equal(config_read("/", &c, &why), ERR_IO);
+    assert_int_equal(config_read("/dev/zero", &c, &why), ERR_RANGE);
+    assert_non_null(strstr(why.text, "larger than 1048576 bytes"));
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(values_become_what_a_command_line_would_have_said),
+    cmocka_unit_test(every_key_knows_its_line),
+    cmocka_unit_test(what_no_flag_takes_is_refused_with_file_line_and_key),
+    cmocka_unit_test(what_is_no_json_object_is_refused_with_its_line),
+    cmocka_unit_test(any_bytes_are_taken_or_refused),
+    cmocka_unit_test(blame_says_the_key_once),
+    cmocka_unit_test(a_file_that_cannot_be_read_is_named),
+};
+
+UNIT_MAIN(tests)
