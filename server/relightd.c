@@ -250,12 +250,13 @@ static enum err allocate(struct daemon *d, struct reason *why)
 
     d->first_relighter = d->relighter = relighter_create(d->set, d->kernels);
     d->jpeg = jpeg_encoder_create();
-    d->display = mem_alloc(pixels, 3);
     d->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
-    d->small_display = mem_alloc(pixels / 4 + 1, 3);
-    d->h264 = d->server_desc.h264 ? h264_encoder_create() : NULL;
     d->tables = resample_tables_create();
-    all = d->tables != NULL;
+    all = d->tables && d->small;
+    for (int scale = 0; scale < SERVER_SCALES && all; scale++) {
+        d->display[scale] = mem_alloc((pixels >> 2 * scale) + 1, 3);
+        all = d->display[scale] != NULL;
+    }
     for (int i = 0; i < HANDOFF_SLOTS && all; i++) {
         d->ingested[i].environment = environment_create(
             &(struct environment_desc){ .layout = d->layout, .importance = d->importance, .tables = d->tables });
@@ -263,8 +264,7 @@ static enum err allocate(struct daemon *d, struct reason *why)
         all = all && d->ingested[i].environment && d->shaded[i].rgb;
     }
     exposure_init(&d->exposure);
-    if (!all || !d->relighter || !d->jpeg || !d->display || !d->small || !d->small_display ||
-        (d->server_desc.h264 && !d->h264))
+    if (!all || !d->relighter || !d->jpeg)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->set_desc.width, d->set_desc.height);
     return ERR_OK;
 }
@@ -349,10 +349,10 @@ static void tear_down(struct daemon *d)
         mem_free(d->shaded[i].rgb);
     }
     resample_tables_destroy(d->tables);
-    mem_free(d->display);
+    for (int scale = 0; scale < SERVER_SCALES; scale++)
+        mem_free(d->display[scale]);
     mem_free(d->small);
-    mem_free(d->small_display);
-    h264_encoder_destroy(d->h264);
+    daemon_video_finish(d);
     jpeg_encoder_destroy(d->jpeg);
     pilot_destroy(d->pilot);
     still_destroy(d->still);

@@ -1,10 +1,10 @@
 /* server/relightd.h */
 /* What the files of the daemon share: relightd.c wires the rooms and runs the threads, relightd_ingest.c and
- * relightd_encode.c are two of these, relightd_still.c makes a picture better while no frame comes, relightd_camera.c
- * goes to another camera, relightd_service.c speaks with the service manager, relightd_options.c knows the flags,
- * relightd_config.c takes them from the command line and a file, relightd_settings.c holds what a controller may
- * change, relightd_state.c keeps that, relightd_status.c is what viewers are told, relightd_watch.c what whoever runs
- * it sees. */
+ * relightd_encode.c are two of these (relightd_video.c is the latter's H.264), relightd_still.c makes a picture better
+ * while no frame comes, relightd_camera.c goes to another camera, relightd_service.c speaks with the service manager,
+ * relightd_options.c knows the flags, relightd_config.c takes them from the command line and a file,
+ * relightd_settings.c holds what a controller may change, relightd_state.c keeps that, relightd_status.c is what
+ * viewers are told, relightd_watch.c what whoever runs it sees. */
 #ifndef RELIGHTD_H
 #define RELIGHTD_H
 
@@ -93,6 +93,14 @@ struct camera_build {
     struct reason why;
 };
 
+/* Pictures of H.264 of one size and rate. */
+struct video_track {
+    struct h264_encoder *encoder; /* NULL: nobody has watched since it was last looked at */
+    double key_s;                 /* when it made a key picture last */
+    double due_s;                 /* before which it gets no other picture */
+    bool behind;                  /* so it has not had the last one */
+};
+
 struct daemon {
     /* Said on the command line, then only read. */
     struct settings said;      /* a lockstep sequence is made with these, whatever a controller changes */
@@ -104,6 +112,7 @@ struct daemon {
     atomic_int quality;
     uint64_t threads;                   /* 0: as many as there are processors */
     struct said *said_first, *said_now; /* as the daemon was started, and as it was told last (relightd_config.h) */
+    double h264_bits;                   /* a second, at most, of the whole picture; 0: by its size and rate */
     struct set_desc set_desc;
     struct source_desc source_desc;
     enum layout layout;
@@ -146,17 +155,17 @@ struct daemon {
     atomic_bool reading;       /* a frame is being read */
     struct jpeg_encoder *jpeg; /* encode thread, and what follows */
     struct exposure exposure;
-    uint64_t exposed;             /* the frame to which exposure has adapted */
-    float gain;                   /* of exposure that follows, without the bias */
-    struct h264_encoder *h264;    /* NULL: not offered */
-    double key_s;                 /* when it made a key picture last */
-    bool h264_failed;             /* which was said */
-    uint8_t *display;             /* the last whole picture as it is shown, and */
-    struct protocol_picture last; /* what it is; format 0: none */
-    bool last_jpeg;               /* it was published as JPEG, */
+    uint64_t exposed; /* the frame to which exposure has adapted */
+    float gain;       /* of exposure that follows, without the bias */
+    struct video_track video[SERVER_TRACKS];
+    bool h264_failed; /* which was said */
+    uint8_t
+        *display[SERVER_SCALES];  /* the last picture as it is shown, whole, at half and at a quarter of its sides, */
+    unsigned shown;               /* which of these there are: bits 1 << scale */
+    struct protocol_picture last; /* what the whole one is; format 0: none */
+    unsigned last_jpeg;           /* it was published as JPEG: bits 1 << scale, */
     unsigned last_exr;            /* and as these: bits 1 << enum protocol_format */
-    float *small;                 /* a picture of half the sides or less, */
-    uint8_t *small_display;       /* and as it is shown */
+    float *small;                 /* a picture of half the sides or less */
 
     struct server *server;
     struct resample_tables *tables; /* of the slots' environments */
@@ -203,6 +212,22 @@ void *daemon_ingest_main(void *arg);
 
 /* The encode thread; arg is the daemon. */
 void *daemon_encode_main(void *arg);
+
+/* An encoded picture, whose header says what it is; track is H.264's, else 0. */
+void daemon_publish(struct daemon *d, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size);
+
+/* ---- relightd_video.c: encode thread ---- */
+
+/* Lets go of the encoders of tracks that nobody watches: whoever comes needs a key picture, which a new one makes. */
+void daemon_video_rest(struct daemon *d, const struct server_demand *demand);
+/* The new picture of this scale, as it stands in d->display, for whoever watches it as H.264. Milliseconds. */
+double daemon_video_encode(struct daemon *d, const struct shaded *in, unsigned scale, double tone_ms,
+                           const struct server_demand *demand);
+/* The same, while no newer one comes: for those who have not had it yet, or cannot begin. */
+void daemon_video_again(struct daemon *d, const struct shaded *in, unsigned scale, const struct server_demand *demand);
+/* Until that may be due for somebody. */
+int daemon_video_wait_ms(struct daemon *d, int most_ms);
+void daemon_video_finish(struct daemon *d);
 
 /* ---- relightd_still.c: shade thread ---- */
 

@@ -9,18 +9,18 @@
 #include <math.h>
 #include <omp.h>
 
-#define KEY_LEAST_S 0.25 /* between two key pictures */
-#define LOOK_MS 50       /* between two looks at who cannot begin, while no picture comes */
+#define LOOK_MS 50 /* between two looks at who cannot begin, while no picture comes */
 
-static void publish(struct daemon *d, struct shaded *in, enum protocol_format format, const uint8_t *bytes, size_t size)
+void daemon_publish(struct daemon *d, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size)
 {
-    in->header.format = format;
     struct picture *p = picture_create(&in->header, bytes, size);
 
-    if (p)
-        server_publish_for(d->server, p, &in->ticket);
-    else
+    if (!p) {
         log_error("no memory for a picture of %zu bytes", size);
+        return;
+    }
+    picture_set_track(p, track);
+    server_publish_for(d->server, p, &in->ticket);
 }
 
 /* Whoever sent the frame must not wait for a picture that will not come; after server_publish_for this says nothing. */
@@ -49,69 +49,68 @@ static double encode_jpeg(struct daemon *d, struct shaded *in, const uint8_t *di
     }
     const double ms = 1e3 * (clock_seconds() - start);
     in->header.encoded_us = (uint32_t)(1e3 * (tone_ms + ms));
-    publish(d, in, PROTOCOL_JPEG, bytes, size);
+    in->header.format = PROTOCOL_JPEG;
+    daemon_publish(d, in, 0, bytes, size);
     return ms;
 }
 
-/* Likewise, of d->display: what it shows must be the next of the encoder's pictures. One that stands still is worth its
- * bytes. */
-static double encode_h264(struct daemon *d, struct shaded *in, double tone_ms, int quality, bool key)
+/* The picture at half or a quarter of its sides, as it is shown: means of 2 x 2 or 4 x 4 pixels of light, before
+ * exposure and tone. A border that does not fill a block is left out. Milliseconds. */
+static double show_small(struct daemon *d, const struct shaded *in, unsigned scale)
 {
-    const bool still = in->header.flags & PROTOCOL_PICTURE_FINER;
-    const struct h264_desc desc = { in->header.width, in->header.height, still ? 100 : quality, key };
-    const double start = clock_seconds();
-    struct shaded coded = *in;
-    struct h264_output out;
-
-    const enum err e = h264_encode(d->h264, d->display, &desc, &out);
-    if (e) {
-        if (!d->h264_failed)
-            log_warning("H.264 of %ux%u cannot be made: %s; viewers go back to JPEG", desc.width, desc.height,
-                        err_text(e));
-        d->h264_failed = true;
-        d->key_s = clock_seconds(); /* tried again, but not all the time */
-        return 0.0;
-    }
-    const double now = clock_seconds(), ms = 1e3 * (now - start);
-    if (out.key)
-        d->key_s = now;
-    coded.header.flags |= out.key ? PROTOCOL_PICTURE_KEY : 0;
-    coded.header.encoded_us = (uint32_t)(1e3 * (tone_ms + ms));
-    publish(d, &coded, PROTOCOL_H264, out.bytes, out.size);
-    return ms;
-}
-
-/* A key picture is some ten times as large as another, and all viewers get it: so they are not made at anybody's will.
- */
-static bool key_is_due(const struct daemon *d, const struct server_demand *demand)
-{
-    return demand->h264_key && clock_seconds() - d->key_s >= KEY_LEAST_S;
-}
-
-/* The picture at half or a quarter of its sides: means of 2 x 2 or 4 x 4 pixels of light, before exposure and tone. A
- * border that does not fill a block is left out. */
-static void encode_small(struct daemon *d, struct shaded *in, unsigned scale, uint8_t flag, int quality)
-{
-    const uint32_t width = in->header.width, block = 1u << scale;
     const struct tone_desc tone = { in->header.gain, looks_of(d, in).tone, d->kernels->level };
-    struct shaded small = { d->small, in->header, in->ticket, false };
+    const uint32_t width = in->header.width, block = 1u << scale, w = width >> scale, h = in->header.height >> scale;
+    const double start = clock_seconds();
 
-    small.header.width = in->header.width >> scale;
-    small.header.height = in->header.height >> scale;
-    small.header.flags |= flag;
-    if (small.header.width == 0 || small.header.height == 0)
-        return;
-    for (uint32_t y = 0; y < small.header.height; y++)
-        for (uint32_t x = 0; x < 3 * small.header.width; x++) {
+    for (uint32_t y = 0; y < h; y++)
+        for (uint32_t x = 0; x < 3 * w; x++) {
             float sum = 0.0f;
             for (uint32_t j = 0; j < block; j++)
                 for (uint32_t i = 0; i < block; i++)
                     sum += in->rgb[3 * ((size_t)(block * y + j) * width + block * (x / 3) + i) + x % 3];
-            small.rgb[3 * (size_t)small.header.width * y + x] = sum / (float)(block * block);
+            d->small[3 * (size_t)w * y + x] = sum / (float)(block * block);
         }
-    const double start = clock_seconds();
-    tone_map(small.rgb, small.header.width, small.header.height, &tone, d->small_display);
-    encode_jpeg(d, &small, d->small_display, 1e3 * (clock_seconds() - start), quality);
+    if (w > 0 && h > 0) {
+        tone_map(d->small, w, h, &tone, d->display[scale]);
+        d->shown |= 1u << scale;
+    }
+    return 1e3 * (clock_seconds() - start);
+}
+
+/* The same picture at another size. */
+static struct shaded scaled(const struct shaded *in, unsigned scale)
+{
+    static const uint8_t flags[SERVER_SCALES] = { 0, PROTOCOL_PICTURE_HALF, PROTOCOL_PICTURE_QUARTER };
+    struct shaded out = *in;
+
+    out.header.width >>= scale;
+    out.header.height >>= scale;
+    out.header.flags |= flags[scale];
+    return out;
+}
+
+static bool small_jpeg(const struct server_demand *demand, unsigned scale)
+{
+    return scale == 1 ? demand->halves : demand->quarters;
+}
+
+/* What viewers want of the picture at half or a quarter of its sides. */
+static void encode_small(struct daemon *d, const struct shaded *in, unsigned scale, const struct server_demand *demand,
+                         int quality)
+{
+    const bool jpeg = small_jpeg(demand, scale), video = demand->h264 & SERVER_TRACKS_OF(scale);
+    struct shaded small = scaled(in, scale);
+
+    if (!jpeg && !video)
+        return;
+    const double tone_ms = show_small(d, in, scale);
+    if (!(d->shown >> scale & 1))
+        return;
+    daemon_video_encode(d, &small, scale, tone_ms, demand);
+    if (jpeg) {
+        encode_jpeg(d, &small, d->display[scale], tone_ms, quality);
+        d->last_jpeg |= 1u << scale;
+    }
 }
 
 static void encode_exr(struct daemon *d, struct shaded *in, enum protocol_format format)
@@ -129,7 +128,8 @@ static void encode_exr(struct daemon *d, struct shaded *in, enum protocol_format
         return;
     }
     in->header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
-    publish(d, in, format, bytes, size);
+    in->header.format = format;
+    daemon_publish(d, in, 0, bytes, size);
     mem_free(bytes);
 }
 
@@ -139,10 +139,11 @@ static double show(struct daemon *d, const struct shaded *in)
     const struct tone_desc tone = { in->header.gain, looks_of(d, in).tone, d->kernels->level };
     const double start = clock_seconds();
 
-    tone_map(in->rgb, in->header.width, in->header.height, &tone, d->display);
+    tone_map(in->rgb, in->header.width, in->header.height, &tone, d->display[0]);
     d->last = in->header;
     d->last.format = PROTOCOL_JPEG;
-    d->last_jpeg = false;
+    d->shown = 1;
+    d->last_jpeg = 0;
     d->last_exr = 0;
     return 1e3 * (clock_seconds() - start);
 }
@@ -170,8 +171,8 @@ static void encode_picture(struct daemon *d, struct shaded *in)
     struct server_demand demand;
 
     server_demand(d->server, &demand);
-    const bool h264 = d->h264 && demand.formats >> PROTOCOL_H264 & 1;
-    const bool jpeg = in->ticket.lockstep || !h264 || demand.formats >> PROTOCOL_JPEG & 1;
+    daemon_video_rest(d, &demand);
+    const bool jpeg = in->ticket.lockstep || !demand.h264 || demand.formats >> PROTOCOL_JPEG & 1;
     const enum protocol_format wanted = demand.recorder_format ? demand.recorder_format : PROTOCOL_EXR_FLOAT;
     const enum protocol_format last = in->ticket.lockstep ? wanted : PROTOCOL_JPEG;
     const int quality = demand.jpeg_quality ? demand.jpeg_quality : d->quality;
@@ -179,16 +180,15 @@ static void encode_picture(struct daemon *d, struct shaded *in)
 
     expose(d, in);
     const double tone_ms = ms = show(d, in);
-    if (h264)
-        ms += encode_h264(d, in, tone_ms, quality, key_is_due(d, &demand));
+    ms += daemon_video_encode(d, in, 0, tone_ms, &demand);
     for (int format = PROTOCOL_JPEG; format <= PROTOCOL_EXR_FLOAT + 1; format++) {
         const bool at_end = format > PROTOCOL_EXR_FLOAT;
         const enum protocol_format now = at_end ? last : (enum protocol_format)format;
         if (!at_end && now == last)
             continue;
         if (now == PROTOCOL_JPEG && jpeg) {
-            ms += encode_jpeg(d, in, d->display, tone_ms, quality);
-            d->last_jpeg = true;
+            ms += encode_jpeg(d, in, d->display[0], tone_ms, quality);
+            d->last_jpeg |= 1;
         } else if (now != PROTOCOL_JPEG && (at_end || demand.formats >> now & 1)) {
             encode_exr(d, in, now);
             d->last_exr |= 1u << now;
@@ -196,31 +196,42 @@ static void encode_picture(struct daemon *d, struct shaded *in)
     }
     close_ticket(d, in);
     daemon_tell_encoded(d, ms);
-    if (demand.halves)
-        encode_small(d, in, 1, PROTOCOL_PICTURE_HALF, quality);
-    if (demand.quarters)
-        encode_small(d, in, 2, PROTOCOL_PICTURE_QUARTER, quality);
+    for (unsigned scale = 1; scale < SERVER_SCALES; scale++)
+        encode_small(d, in, scale, &demand, quality);
 }
 
-/* While no picture comes: the last one again, for those who cannot begin with what there is of it. */
+/* While no picture comes: the last one again, for those who cannot begin with what there is of it, or had it too soon
+ * after another. What is made of its numbers, which are gone, has them made again. */
 static void encode_again(struct daemon *d)
 {
-    struct shaded in = { .header = d->last };
+    const struct shaded in = { .header = d->last };
     struct server_demand demand;
 
     if (d->last.format == 0)
         return;
     server_demand(d->server, &demand);
+    daemon_video_rest(d, &demand);
     const int quality = demand.jpeg_quality ? demand.jpeg_quality : d->quality;
-    in.header.flags |= PROTOCOL_PICTURE_REPEAT;
-    if (demand.formats >> PROTOCOL_JPEG & 1 && !d->last_jpeg) {
-        encode_jpeg(d, &in, d->display, 0.0, quality);
-        d->last_jpeg = true;
+    bool gone = demand.formats & (1u << PROTOCOL_EXR_HALF | 1u << PROTOCOL_EXR_FLOAT) & ~d->last_exr;
+    for (unsigned scale = 0; scale < SERVER_SCALES; scale++) {
+        struct shaded small = scaled(&in, scale);
+        const bool watched = scale == 0 ? demand.formats >> PROTOCOL_JPEG & 1 : small_jpeg(&demand, scale);
+        const bool jpeg = watched && !(d->last_jpeg >> scale & 1);
+        if (!jpeg && !(demand.h264 & SERVER_TRACKS_OF(scale)))
+            continue;
+        if (!(d->shown >> scale & 1)) {
+            gone = gone || (small.header.width > 0 && small.header.height > 0);
+            continue;
+        }
+        daemon_video_again(d, &small, scale, &demand);
+        small.header.flags |= PROTOCOL_PICTURE_REPEAT;
+        if (jpeg) {
+            encode_jpeg(d, &small, d->display[scale], 0.0, quality);
+            d->last_jpeg |= 1u << scale;
+        }
     }
-    if (demand.formats & (1u << PROTOCOL_EXR_HALF | 1u << PROTOCOL_EXR_FLOAT) & ~d->last_exr) /* the numbers are gone */
+    if (gone)
         atomic_store(&d->show_again, true);
-    if (d->h264 && key_is_due(d, &demand))
-        encode_h264(d, &in, 0.0, quality, true);
 }
 
 void *daemon_encode_main(void *arg)
@@ -229,7 +240,7 @@ void *daemon_encode_main(void *arg)
 
     omp_set_num_threads(1);
     while (!handoff_is_closed(&d->pictures)) {
-        const int slot = handoff_take(&d->pictures, LOOK_MS);
+        const int slot = handoff_take(&d->pictures, daemon_video_wait_ms(d, LOOK_MS));
         if (slot == HANDOFF_NONE) {
             encode_again(d);
             continue;

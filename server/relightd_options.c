@@ -37,6 +37,7 @@ static const struct option_row table[] = {
     { "web", "DIR", "folder of the page; left out: the one that came with the program", NULL },
     { "tone", "CURVE", "filmic, reinhard or linear", "filmic" },
     { "quality", "Q", "of JPEG where a viewer does not say, 1 to 100", "85" },
+    { "h264-mbit", "N", "million bits a second, at most, of H.264; 0: half a bit for a pixel of each picture", "0" },
     { "no-h264", NULL, "offers no H.264 to viewers, where the program was built with it", NULL },
     { "", NULL, "who may do what", NULL },
     { "token-viewer", "T", "what viewers must know", NULL },
@@ -157,6 +158,9 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
         e = options_u64(o, "max-per-address", 1, 4096, &per_address, why);
     if (!e)
         e = tone_parse(options_get(o, "tone"), &d->said.tone, why);
+    if (!e)
+        e = options_double(o, "h264-mbit", 0.0, 1000.0, &d->h264_bits, why);
+    d->h264_bits *= 1e6;
     atomic_init(&d->quality, (int)quality);
     d->server_desc.address = options_get(o, "bind");
     d->server_desc.port = (uint16_t)port;

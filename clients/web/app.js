@@ -1,12 +1,12 @@
 // The page: puts states and figures into words and shapes, and gives each panel's module what it needs to hook in. What
 // comes over the wire is player.js and below.
 
-import { FLAG_FINER, FLAG_REPEAT, PATH } from './protocol.js';
+import { FLAG_FINER, FLAG_REPEAT, PATH, PICTURE_BYTES } from './protocol.js';
 import { Rate, Recent } from './figures.js';
 import { showHelp } from './help.js';
 import { Keys, keyOf } from './keys.js';
 import { makePanel } from './panels.js';
-import { wishedRole } from './role.js';
+import { wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import {
   bitsPerSecond, codingName, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence,
@@ -98,9 +98,9 @@ async function startPlayer(take) {
   const start = {
     op: 'start',
     url: new URL(PATH, location.href.replace(/^http/, 'ws')).href,
-    coding: new URLSearchParams(location.search).get('coding'), // ?coding=jpeg holds the page to that
     hidden: document.visibilityState === 'hidden',
     ...wishedRole(location),
+    ...wishedPictures(location),
   };
   const inPage = async () => {
     const { Player } = await import('./player.js');
@@ -165,7 +165,7 @@ function takeOther(message) {
 const screen = new Screen($('picture'), drawn);
 
 function takePicture(picture) {
-  figures.arrived.add(performance.now(), picture.bytes);
+  figures.arrived.add(performance.now(), PICTURE_BYTES + picture.bytes);
   figures.clock = picture.clock;
   screen.show(picture);
 }

@@ -42,6 +42,7 @@ export class Connection {
     this.role = 'viewer'; // or 'controller': where the server does not take that, a viewer after all
     this.token = undefined;
     this.quality = 90;
+    this.maxRate = this.maxWidth = undefined; // pictures a second and pixels, at most
     this.video = false; // H.264 can be decoded here: it is asked for where the server makes it
     this.offered = [];
     this.attempt = 0;
@@ -261,7 +262,10 @@ export class Connection {
 
   subscribe() {
     this.askedMs = this.world.nowMs();
-    this.send({ op: 'subscribe', request: ++this.request, format: this.format, quality: this.quality, paused: this.hidden });
+    const { format, quality, maxRate, maxWidth } = this;
+    this.send({ // what is undefined is not written
+      op: 'subscribe', request: ++this.request, format, quality, max_rate: maxRate, max_width: maxWidth, paused: this.hidden,
+    });
   }
 
   ping() {

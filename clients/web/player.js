@@ -33,8 +33,8 @@ export class Player {
     }
   }
 
-  // coding: 'jpeg' holds it to that; else H.264 where both ends have it.
-  async start({ url, hidden, role, token, coding }) {
+  // coding: 'jpeg' holds it to that; else H.264 where both ends have it. maxRate, maxWidth: undefined, or what is wished.
+  async start({ url, hidden, role, token, coding, maxRate, maxWidth }) {
     this.connection = new Connection(url, {
       state: (state) => this.emit({ op: 'state', state }),
       welcome: (welcome) => {
@@ -53,6 +53,8 @@ export class Player {
     this.connection.hidden = hidden;
     this.connection.role = role ?? 'viewer';
     this.connection.token = token;
+    this.connection.maxRate = maxRate;
+    this.connection.maxWidth = maxWidth;
     if (coding === 'jpeg') this.emit({ op: 'coding', reason: 'JPEG was asked for' });
     else await this.openVideo();
     if (!this.stopped) this.connection.start();

@@ -11,3 +11,16 @@ export function wishedRole({ hash, hostname }) {
   const token = said.get('token') || undefined;
   return { role, token };
 }
+
+// For a thin line: `?rate=10&width=640` asks for no more pictures a second and none that is wider, `?coding=jpeg` for
+// nothing else. What makes no sense asks for nothing.
+export function wishedPictures({ search }) {
+  const said = new URLSearchParams(search);
+  const rate = Number(said.get('rate'));
+  const width = Number(said.get('width'));
+  return {
+    coding: said.get('coding'),
+    maxRate: rate > 0 && rate <= 1000 ? rate : undefined,
+    maxWidth: Number.isInteger(width) && width > 0 && width <= 16384 ? width : undefined,
+  };
+}

@@ -5,19 +5,19 @@
  * behind, and more of them may be under way at once, since the round trip of a long line is more than two pictures. Who
  * is far behind has its line cleared first, and then begins anew. */
 
-static struct picture *kept(const struct server *s, uint64_t sequence)
+static struct picture *kept(const struct server *s, unsigned track, uint64_t sequence)
 {
-    struct picture *p = s->chain[sequence % STREAM_CHAIN];
+    struct picture *p = s->chain[track][sequence % STREAM_CHAIN];
 
     return p && picture_header(p)->sequence == sequence ? p : NULL;
 }
 
 /* Whether what was published then is so old, as seen from the newest picture, that it is not worth its time. Two
  * pictures are always: a slow stream's are old when they are new. */
-static bool too_late(const struct server *s, uint64_t sequence, int64_t placed_us)
+static bool too_late(const struct server *s, unsigned track, uint64_t sequence, int64_t placed_us)
 {
-    const uint64_t newest = s->issued[PROTOCOL_H264];
-    const struct picture *last = kept(s, newest);
+    const uint64_t newest = s->issued[STREAM_TRACKS + track];
+    const struct picture *last = kept(s, track, newest);
 
     return last && newest - sequence >= PROTOCOL_CREDIT && picture_placed_us(last) - placed_us > STREAM_LAG_US;
 }
@@ -25,43 +25,46 @@ static bool too_late(const struct server *s, uint64_t sequence, int64_t placed_u
 void chain_place(struct server *s, struct picture *p)
 {
     const struct protocol_picture *header = picture_header(p);
-    struct picture **place = &s->chain[header->sequence % STREAM_CHAIN];
+    const unsigned track = picture_track(p);
+    struct picture **place = &s->chain[track][header->sequence % STREAM_CHAIN];
 
     picture_unref(*place);
     *place = NULL;
-    if (!(s->demand.formats >> PROTOCOL_H264 & 1)) /* it would be old for whoever comes */
+    if (!(s->demand.h264 >> track & 1)) /* it would be old for whoever comes */
         return;
     *place = picture_ref(p);
     if (header->flags & PROTOCOL_PICTURE_KEY)
-        s->key_wanted = false;
+        s->keys_wanted &= ~(1u << track);
 }
 
-void chain_clear(struct server *s)
+void chains_clear(struct server *s, uint32_t watched)
 {
-    for (int i = 0; i < STREAM_CHAIN; i++) {
-        picture_unref(s->chain[i]);
-        s->chain[i] = NULL;
-    }
-    s->key_wanted = false;
+    for (unsigned track = 0; track < SERVER_TRACKS; track++)
+        for (int i = 0; i < STREAM_CHAIN && !(watched >> track & 1); i++) {
+            picture_unref(s->chain[track][i]);
+            s->chain[track][i] = NULL;
+        }
+    s->keys_wanted &= watched;
 }
 
-uint64_t chain_newest(struct server *s)
+uint64_t chain_newest(struct server *s, unsigned track)
 {
     pthread_mutex_lock(&s->lock);
-    const uint64_t newest = s->issued[PROTOCOL_H264];
+    const uint64_t newest = s->issued[STREAM_TRACKS + track];
     pthread_mutex_unlock(&s->lock);
     return newest;
 }
 
 struct picture *chain_next(const struct server *s, const struct viewer *v)
 {
-    const uint64_t newest = s->issued[PROTOCOL_H264];
-    struct picture *p = v->chained ? kept(s, v->begun + 1) : NULL;
+    const unsigned track = v->kind - STREAM_TRACKS;
+    const uint64_t newest = s->issued[v->kind];
+    struct picture *p = v->chained ? kept(s, track, v->begun + 1) : NULL;
 
-    if (p && !too_late(s, v->begun + 1, picture_placed_us(p)))
+    if (p && !too_late(s, track, v->begun + 1, picture_placed_us(p)))
         return p;
     for (uint64_t n = newest; n > v->begun && newest - n < STREAM_CHAIN; n--) {
-        p = kept(s, n);
+        p = kept(s, track, n);
         if (p && picture_header(p)->flags & PROTOCOL_PICTURE_KEY)
             return p;
     }
@@ -73,13 +76,13 @@ bool chain_may_begin(const struct server *s, const struct viewer *v, const struc
     if (v->unacked_count < PROTOCOL_CREDIT)
         return true;
     return v->chained && picture_header(p)->sequence == v->begun + 1 && v->unacked_count < PROTOCOL_CREDIT_H264 &&
-           !too_late(s, v->unacked[0].sequence, v->unacked[0].placed_us);
+           !too_late(s, v->kind - STREAM_TRACKS, v->unacked[0].sequence, v->unacked[0].placed_us);
 }
 
 void chain_ask(struct server *s, const struct viewer *v)
 {
-    const bool up_to_date = v->chained && v->begun == s->issued[PROTOCOL_H264];
+    const bool up_to_date = v->chained && v->begun == s->issued[v->kind];
 
     if (!up_to_date && v->unacked_count < PROTOCOL_CREDIT)
-        s->key_wanted = true;
+        s->keys_wanted |= 1u << (v->kind - STREAM_TRACKS);
 }

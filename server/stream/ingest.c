@@ -364,7 +364,7 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
     struct picture *old = server_place(s, picture, ticket->lockstep ? PROTOCOL_PICTURE_LOCKSTEP : 0);
     const struct protocol_picture *header = picture_header(picture);
     struct ticket *t = find_ticket(g, ticket);
-    if (t && (!t->sequence || (unsigned)t->sequence->format == picture_kind(header))) {
+    if (t && (!t->sequence || (unsigned)t->sequence->format == picture_kind(picture))) {
         note(g, t->producer, t->sequence, t->number, SERVER_USED)->picture = header->sequence;
         if (t->sequence) {
             t->sequence->kept = picture_ref(picture);

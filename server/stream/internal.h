@@ -18,11 +18,12 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-/* Kinds of picture, each with a newest one and numbers of its own: the formats, and JPEG at half and a quarter of its
- * size. A kind is an enum protocol_format or one of these. */
+/* Kinds of picture, each with a newest one and numbers of its own: the formats but for H.264, JPEG at half and a
+ * quarter of its size, and the tracks of H.264. A kind is an enum protocol_format or one of these. */
 #define STREAM_JPEG_HALF (PROTOCOL_H264 + 1)
 #define STREAM_JPEG_QUARTER (PROTOCOL_H264 + 2)
-#define STREAM_KINDS (PROTOCOL_H264 + 3)
+#define STREAM_TRACKS (PROTOCOL_H264 + 3) /* the first of them */
+#define STREAM_KINDS (STREAM_TRACKS + SERVER_TRACKS)
 #define STREAM_CHAIN 16                    /* pictures of H.264 that are kept for those who are behind */
 #define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
 #define STREAM_UNSENT (128 << 10)          /* bytes the kernel may hold unsent: what is behind cannot be skipped */
@@ -59,7 +60,8 @@ struct viewer {
     bool greeted; /* hello was accepted */
     enum server_role role;
     bool subscribed;
-    struct message wish; /* the last subscribe */
+    struct message wish; /* the last subscribe, */
+    unsigned kind;       /* and the kind of picture that it comes to, by the size that there is */
     int64_t since_us;    /* when the last subscribe came that began or resumed watching */
 
     struct picture *current; /* being sent, or NULL */
@@ -70,9 +72,9 @@ struct viewer {
         int64_t placed_us; /* monotonic */
     } unacked[PROTOCOL_CREDIT_H264];
     unsigned unacked_count;
-    uint64_t begun;    /* sequence of the last picture begun, in the format of the moment */
+    uint64_t begun;    /* sequence of the last picture begun, of the kind of the moment */
     bool chained;      /* H.264: it has what picture begun + 1 needs */
-    uint64_t outdated; /* acks up to this sequence may mean pictures of a format watched before */
+    uint64_t outdated; /* acks up to this sequence may mean pictures of a kind watched before */
     uint64_t sent, skipped;
     int64_t due_us; /* not before: the viewer's max_rate */
     lws_sorted_usec_list_t pace;
@@ -155,20 +157,21 @@ struct server {
     bool leaving; /* everybody has been told */
 
     atomic_bool stopping;
-    atomic_bool urgent; /* a status is to go out at once */
+    atomic_bool urgent;  /* a status is to go out at once */
+    atomic_bool resized; /* pictures have another size: what fits a viewer may be of another kind */
     struct stream_counts counts;
     struct metrics metrics;
 
     pthread_mutex_t lock;
-    struct picture *latest[STREAM_KINDS]; /* {lock} NULL before the first */
-    uint64_t issued[STREAM_KINDS];        /* {lock} the last sequence number given */
-    struct picture *chain[STREAM_CHAIN];  /* {lock} H.264: picture n at n % STREAM_CHAIN; what is not kept is NULL */
-    bool key_wanted;                      /* {lock} somebody can go on only at a key picture */
-    uint32_t width, height;               /* {lock} of a whole picture, as the status says; 0: unknown */
-    uint64_t published;                   /* {lock} */
-    int64_t captured_us;                  /* {lock} of the last frame whose age was taken */
-    char *status;                         /* {lock} what all viewers are told, see message_status_shared */
-    enum server_source source;            /* {lock} of that status */
+    struct picture *latest[STREAM_KINDS];               /* {lock} NULL before the first */
+    uint64_t issued[STREAM_KINDS];                      /* {lock} the last sequence number given */
+    struct picture *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} picture n at n % STREAM_CHAIN; NULL: not kept */
+    uint32_t keys_wanted;      /* {lock} bit 1 << track: somebody can go on only at a key picture */
+    uint32_t width, height;    /* {lock} of a whole picture, as the status says; 0: unknown */
+    uint64_t published;        /* {lock} */
+    int64_t captured_us;       /* {lock} of the last frame whose age was taken */
+    char *status;              /* {lock} what all viewers are told, see message_status_shared */
+    enum server_source source; /* {lock} of that status */
     char detail[sizeof(((struct reason *)NULL)->text)]; /* {lock} */
     struct server_demand demand;                        /* {lock} what viewers want; the rest is found when asked */
     struct ingest ingest;                               /* {lock} but for what it says of itself */
@@ -184,7 +187,7 @@ void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, u
 int64_t picture_placed_us(const struct picture *p); /* when that was, on viewer_now_us's clock */
 
 /* server.c: the kind of a picture, and {lock} the one that a subscription asks for: the largest that fits. */
-unsigned picture_kind(const struct protocol_picture *header);
+unsigned picture_kind(const struct picture *p);
 unsigned subscribed_kind(const struct server *s, const struct message *wish);
 
 /* server.c, thread: service. What server_change has brought is in force. */
@@ -195,11 +198,11 @@ struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
 
 /* chain.c: pictures of H.264, each of which but for key pictures needs the one before. All {lock}. */
 void chain_place(struct server *s, struct picture *p); /* keeps it, with a reference of its own, if anybody watches */
-void chain_clear(struct server *s);
+void chains_clear(struct server *s, uint32_t watched); /* those of the other tracks */
 /* The picture that the viewer gets next: the next of its chain, or else the newest key picture. Not referenced; NULL:
  * none. */
 struct picture *chain_next(const struct server *s, const struct viewer *v);
-uint64_t chain_newest(struct server *s); /* the last number given; takes the lock itself */
+uint64_t chain_newest(struct server *s, unsigned track); /* the last number given; takes the lock itself */
 /* Whether it may begin before what is under way is acknowledged. */
 bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p);
 /* Notes that a key picture is wanted if the viewer has nothing to go on with. */
@@ -263,7 +266,9 @@ struct picture *viewer_next_picture(struct viewer *v);
 bool viewer_may_begin(struct viewer *v);
 int viewer_write(struct viewer *v); /* one write; -1: the connection ends */
 
-/* viewer_receive.c, thread: service. One piece of a message from the viewer. */
+/* viewer_receive.c, thread: service. What the viewer's wish comes to, by the size that pictures have. */
+void viewer_choose(struct viewer *v);
+/* One piece of a message from the viewer. */
 void viewer_receive(struct viewer *v, const uint8_t *in, size_t length);
 
 /* producer.c, thread: service. */

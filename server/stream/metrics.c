@@ -209,8 +209,17 @@ static const char *const kinds[METRICS_KINDS] = {
     [PROTOCOL_H264] = "format=\"h264\",size=\"whole\"",
     [STREAM_JPEG_HALF] = "format=\"jpeg\",size=\"half\"",
     [STREAM_JPEG_QUARTER] = "format=\"jpeg\",size=\"quarter\"",
+    [STREAM_TRACKS] = "format=\"h264\",size=\"half\"",
+    [STREAM_TRACKS + 1] = "format=\"h264\",size=\"quarter\"",
 };
-_Static_assert(METRICS_KINDS == STREAM_KINDS, "a kind of picture has no counter");
+_Static_assert(METRICS_KINDS == STREAM_TRACKS + SERVER_SCALES - 1, "a kind of picture has no counter");
+
+unsigned metrics_kind(unsigned kind)
+{
+    const unsigned scale = kind < STREAM_TRACKS ? 0 : server_track_scale(kind - STREAM_TRACKS);
+
+    return kind < STREAM_TRACKS ? kind : scale == 0 ? PROTOCOL_H264 : STREAM_TRACKS - 1 + scale;
+}
 
 static void by_kind(struct metrics_text *t, const char *name, const char *type, const char *help,
                     const atomic_uint_fast64_t *value)
@@ -278,7 +287,7 @@ static void gather(struct server *s, struct crowd *c)
         if (v->subscribed && v->wish.subscribe.paused)
             c->paused++;
         else if (v->subscribed)
-            c->kind[subscribed_kind(s, &v->wish)]++;
+            c->kind[metrics_kind(v->kind)]++;
     }
     pthread_mutex_unlock(&s->lock);
 }

@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #define METRICS_BOUNDS 13
-#define METRICS_KINDS (PROTOCOL_H264 + 3) /* of pictures: STREAM_KINDS */
+#define METRICS_KINDS (PROTOCOL_H264 + 5) /* of pictures: H.264's by size alone, whatever their rate */
 
 struct histogram {
     atomic_uint_fast64_t bucket[METRICS_BOUNDS + 1]; /* each by itself; the last is above all bounds */
@@ -50,6 +50,9 @@ struct metrics_text {
 void metrics_print(struct metrics_text *t, const char *format, ...) PRINTF_LIKE(2, 3);
 
 struct server;
+
+/* The kind among METRICS_KINDS of one among STREAM_KINDS. */
+unsigned metrics_kind(unsigned kind);
 
 /* Thread: service. The whole text, to be freed by mem_free; NULL when out of memory. */
 char *metrics_text(struct server *s, size_t *size);

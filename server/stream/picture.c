@@ -12,6 +12,7 @@ struct picture {
     atomic_uint references;
     struct protocol_picture header;
     int64_t placed_us;
+    unsigned track;
     size_t size; /* of message */
     uint8_t message[];
 };
@@ -26,10 +27,22 @@ struct picture *picture_create(const struct protocol_picture *header, const uint
     atomic_init(&p->references, 1);
     p->header = *header;
     p->header.payload = (uint32_t)size;
+    p->track = 0;
     p->size = PROTOCOL_PICTURE_BYTES + size;
     protocol_picture_encode(&p->header, p->message);
     memcpy(p->message + PROTOCOL_PICTURE_BYTES, bytes, size);
     return p;
+}
+
+void picture_set_track(struct picture *p, unsigned track)
+{
+    assert(p->header.sequence == 0 && track < SERVER_TRACKS);
+    p->track = track;
+}
+
+unsigned picture_track(const struct picture *p)
+{
+    return p->track;
 }
 
 struct picture *picture_ref(struct picture *p)

@@ -17,6 +17,11 @@ struct picture;
 #define PICTURE_BYTES_MAX ((size_t)512 << 20)
 struct picture *picture_create(const struct protocol_picture *header, const uint8_t *bytes, size_t size);
 
+/* Before it is published, of H.264: the track that it belongs to (server.h); else 0, the whole picture at every rate.
+ */
+void picture_set_track(struct picture *p, unsigned track);
+unsigned picture_track(const struct picture *p);
+
 struct picture *picture_ref(struct picture *p); /* returns p */
 void picture_unref(struct picture *p);          /* frees it with the last reference; NULL is allowed */
 

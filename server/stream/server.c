@@ -447,7 +447,7 @@ void server_destroy(struct server *s)
     mem_free(s->hosts);
     visitors_finish(&s->visitors);
     server_destroy(s->next);
-    chain_clear(s);
+    chains_clear(s, 0);
     message_free(s->status);
     message_free(s->control.shared);
     probes_finish(&s->probes);
@@ -467,8 +467,12 @@ const char *server_url(const struct server *s)
     return s->url;
 }
 
-unsigned picture_kind(const struct protocol_picture *header)
+unsigned picture_kind(const struct picture *p)
 {
+    const struct protocol_picture *header = picture_header(p);
+
+    if (header->format == PROTOCOL_H264)
+        return STREAM_TRACKS + picture_track(p);
     if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_HALF)
         return STREAM_JPEG_HALF;
     if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_QUARTER)
@@ -476,15 +480,34 @@ unsigned picture_kind(const struct protocol_picture *header)
     return header->format;
 }
 
+double server_track_rate(unsigned track)
+{
+    const unsigned index = track % SERVER_RATES;
+
+    return index == 0 ? 0.0 : 120.0 / (double)(1u << index);
+}
+
+/* The fastest that is no faster than that; the slowest for whoever wants less. */
+static unsigned rate_index(double most)
+{
+    unsigned index = 0;
+
+    while (most > 0.0 && index < SERVER_RATES - 1 && (index == 0 || server_track_rate(index) > most))
+        index++;
+    return index;
+}
+
 unsigned subscribed_kind(const struct server *s, const struct message *wish)
 {
     const uint32_t width = wish->subscribe.max_width, height = wish->subscribe.max_height;
     unsigned scale = 0;
 
-    if (wish->subscribe.format != PROTOCOL_JPEG)
+    if (wish->subscribe.format != PROTOCOL_JPEG && wish->subscribe.format != PROTOCOL_H264)
         return wish->subscribe.format;
     while (scale < 2 && ((width && s->width >> scale > width) || (height && s->height >> scale > height)))
         scale++;
+    if (wish->subscribe.format == PROTOCOL_H264)
+        return STREAM_TRACKS + scale * SERVER_RATES + rate_index(wish->subscribe.max_rate);
     return scale == 0 ? PROTOCOL_JPEG : scale == 1 ? STREAM_JPEG_HALF : STREAM_JPEG_QUARTER;
 }
 
@@ -492,11 +515,12 @@ unsigned subscribed_kind(const struct server *s, const struct message *wish)
 static void observe(struct server *s, unsigned kind, const struct protocol_picture *h)
 {
     struct metrics *m = &s->metrics;
+    const unsigned counted = metrics_kind(kind);
 
-    atomic_fetch_add(&m->published[kind], 1);
+    atomic_fetch_add(&m->published[counted], 1);
     if (h->flags & PROTOCOL_PICTURE_REPEAT)
         return;
-    histogram_add(&m->encode[kind], 1e-6 * h->encoded_us);
+    histogram_add(&m->encode[counted], 1e-6 * h->encoded_us);
     if (h->flags & PROTOCOL_PICTURE_FINER || h->capture_us == 0 || h->capture_us == s->captured_us)
         return;
     s->captured_us = h->capture_us;
@@ -505,14 +529,14 @@ static void observe(struct server *s, unsigned kind, const struct protocol_pictu
 
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
 {
-    const unsigned kind = picture_kind(picture_header(p));
+    const unsigned kind = picture_kind(p);
 
     assert(kind >= PROTOCOL_JPEG && kind < STREAM_KINDS);
     struct picture *old = s->latest[kind];
     picture_stamp(p, ++s->issued[kind], clock_wall_us(), flags);
     s->latest[kind] = p;
     observe(s, kind, picture_header(p));
-    if (kind == PROTOCOL_H264)
+    if (kind >= STREAM_TRACKS)
         chain_place(s, p);
     s->published++;
     return old;
@@ -537,6 +561,7 @@ void server_set_status(struct server *s, const struct server_status *status)
     pthread_mutex_lock(&s->lock);
     char *old = s->status;
     const bool news = s->source != status->source || strncmp(s->detail, detail, sizeof(s->detail) - 1) != 0;
+    const bool resized = s->width != status->width || s->height != status->height;
     s->status = text;
     s->width = status->width;
     s->height = status->height;
@@ -545,17 +570,19 @@ void server_set_status(struct server *s, const struct server_status *status)
     snprintf(s->detail, sizeof(s->detail), "%s", detail);
     pthread_mutex_unlock(&s->lock);
     message_free(old);
-    if (news) {
+    if (news)
         atomic_store(&s->urgent, true);
+    if (resized)
+        atomic_store(&s->resized, true);
+    if (news || resized)
         lws_cancel_service(s->context);
-    }
 }
 
 void server_demand(struct server *s, struct server_demand *out)
 {
     pthread_mutex_lock(&s->lock);
     *out = s->demand;
-    out->h264_key = s->key_wanted && out->formats >> PROTOCOL_H264 & 1;
+    out->h264_keys = s->keys_wanted & out->h264;
     ingest_demand(&s->ingest, out);
     pthread_mutex_unlock(&s->lock);
 }

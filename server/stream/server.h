@@ -38,7 +38,7 @@ struct server_desc {
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role, 1 to 255 bytes; NULL: none asked */
     const char *token_metrics;        /* what whoever reads /metrics must show; NULL: see monitor.c */
     bool push;                        /* producers are taken; else their role is not offered */
-    bool h264;                        /* H.264 is offered: who publishes must heed server_demand.h264_key */
+    bool h264;                        /* H.264 is offered: who publishes must heed server_demand.h264_keys */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
     atomic_bool *stirred;             /* set when a controller has asked for something; NULL: nobody is told so */
     const atomic_bool *leave;         /* once it is set everybody is told that the server goes; NULL: nobody sets it */
@@ -68,6 +68,24 @@ MUST_CHECK enum err server_change(struct server *s, const struct server_desc *de
 
 uint16_t server_port(const struct server *s);
 const char *server_url(const struct server *s); /* "http://127.0.0.1:8080/", to print; lives as long as s */
+
+/* H.264 comes in tracks, each a chain of pictures of its own: at whole, half and a quarter of the size, and of each as
+ * many a second as there are, or at most 60, or half as many as the track before. Who publishes makes those that are
+ * watched (server_demand), at their rates: none of a chain can be left out later. */
+#define SERVER_SCALES 3
+#define SERVER_RATES 8
+#define SERVER_TRACKS (SERVER_SCALES * SERVER_RATES)
+
+/* Sides are divided by 2^scale. */
+static inline unsigned server_track_scale(unsigned track)
+{
+    return track / SERVER_RATES;
+}
+
+/* A mask of the tracks of one scale. */
+#define SERVER_TRACKS_OF(scale) (((1u << SERVER_RATES) - 1) << ((scale)*SERVER_RATES))
+
+double server_track_rate(unsigned track); /* pictures a second; 0: no limit */
 
 /* Gives the picture its sequence number and time and offers it to all viewers of its format. Takes over the caller's
  * reference. A picture is published once, to one server. Any thread. */
@@ -231,7 +249,8 @@ struct server_demand {
     uint32_t viewers;      /* subscribed and not paused */
     uint32_t formats;      /* bit 1 << enum protocol_format for each that somebody watches */
     bool halves, quarters; /* somebody watches JPEG at half, at a quarter of the size (flags of the picture's header) */
-    bool h264_key;         /* somebody who watches H.264 can go on only at a key picture (flag of its header) */
+    uint32_t h264;         /* bit 1 << track for each of H.264 that somebody watches, */
+    uint32_t h264_keys;    /* and of these, where somebody can go on only at a key picture (flag of its header) */
     int jpeg_quality;      /* the best anyone wishes, 1..100; 0: nobody said */
     double max_rate;       /* the highest anyone takes, pictures per second; 0: no limit */
 

@@ -97,8 +97,13 @@ static void close_viewer(struct viewer *v)
 
 void viewers_wake(struct server *s)
 {
-    const bool urgent = atomic_exchange(&s->urgent, false);
+    const bool urgent = atomic_exchange(&s->urgent, false), resized = atomic_exchange(&s->resized, false);
 
+    for (struct viewer *v = s->viewers; v && resized; v = v->next)
+        if (v->subscribed)
+            viewer_choose(v);
+    if (resized)
+        viewers_demand(s);
     controls_tell(s);
     probes_tell(s);
     producers_tell(s);
@@ -150,8 +155,10 @@ void viewers_demand(struct server *s)
             continue;
         d.viewers++;
         d.formats |= 1u << v->wish.subscribe.format;
-        d.halves |= subscribed_kind(s, &v->wish) == STREAM_JPEG_HALF;
-        d.quarters |= subscribed_kind(s, &v->wish) == STREAM_JPEG_QUARTER;
+        d.halves |= v->kind == STREAM_JPEG_HALF;
+        d.quarters |= v->kind == STREAM_JPEG_QUARTER;
+        if (v->kind >= STREAM_TRACKS)
+            d.h264 |= 1u << (v->kind - STREAM_TRACKS);
         if (v->wish.subscribe.quality > d.jpeg_quality)
             d.jpeg_quality = v->wish.subscribe.quality;
         if (v->wish.subscribe.max_rate > d.max_rate)
@@ -161,8 +168,7 @@ void viewers_demand(struct server *s)
     if (unlimited)
         d.max_rate = 0.0;
     s->demand = d;
-    if (!(d.formats >> PROTOCOL_H264 & 1))
-        chain_clear(s);
+    chains_clear(s, d.h264);
     pthread_mutex_unlock(&s->lock);
 }
 

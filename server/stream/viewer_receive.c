@@ -62,6 +62,21 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
         welcome(v, m, fault);
 }
 
+void viewer_choose(struct viewer *v)
+{
+    pthread_mutex_lock(&v->server->lock);
+    const unsigned kind = subscribed_kind(v->server, &v->wish);
+    pthread_mutex_unlock(&v->server->lock);
+    if (v->subscribed && v->kind != kind) {
+        /* Each kind of picture has its own numbers. What is on its way need not be acknowledged any more. */
+        v->outdated = v->begun > v->outdated ? v->begun : v->outdated;
+        v->begun = 0;
+        v->unacked_count = 0;
+        v->chained = false;
+    }
+    v->kind = kind;
+}
+
 static void take_subscribe(struct viewer *v, const struct message *m, struct fault *fault)
 {
     const bool watched = v->subscribed && !v->wish.subscribe.paused;
@@ -73,16 +88,8 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
     }
     if (v->recorder && !recorder_subscribe(v, m, fault))
         return;
-    pthread_mutex_lock(&v->server->lock);
-    const bool other = subscribed_kind(v->server, &v->wish) != subscribed_kind(v->server, m);
-    pthread_mutex_unlock(&v->server->lock);
-    if (v->subscribed && other) {
-        /* Each kind of picture has its own numbers. What is on its way need not be acknowledged any more. */
-        v->outdated = v->begun > v->outdated ? v->begun : v->outdated;
-        v->begun = 0;
-        v->unacked_count = 0;
-    }
     v->wish = *m;
+    viewer_choose(v);
     v->subscribed = true;
     v->chained = false; /* its decoder may be a new one */
     v->due_us = 0;
@@ -93,7 +100,7 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
         if (p)
             v->begun = picture_header(p)->sequence - 1;
         else if (m->subscribe.format == PROTOCOL_H264)
-            v->begun = chain_newest(v->server);
+            v->begun = chain_newest(v->server, v->kind - STREAM_TRACKS);
         v->since_us = viewer_now_us();
         picture_unref(p);
     }

@@ -66,8 +66,7 @@ struct picture *viewer_next_picture(struct viewer *v)
         return p;
     }
     pthread_mutex_lock(&s->lock);
-    const unsigned kind = subscribed_kind(s, &v->wish);
-    struct picture *next = kind == PROTOCOL_H264 ? chain_next(s, v) : s->latest[kind];
+    struct picture *next = v->kind >= STREAM_TRACKS ? chain_next(s, v) : s->latest[v->kind];
     if (next && picture_header(next)->sequence > v->begun)
         p = picture_ref(next);
     pthread_mutex_unlock(&s->lock);
@@ -119,7 +118,7 @@ static void begin_picture(struct viewer *v)
     if (!p)
         return;
     const struct protocol_picture *header = picture_header(p);
-    /* Of a chain none can be left out. */
+    /* Of a chain none can be left out; its track has the rate. */
     const double rate = header->format == PROTOCOL_H264 ? 0.0 : v->wish.subscribe.max_rate;
     if (v->begun > 0 && !v->recorder) { /* between those of a recorder are pictures that were never its own */
         const uint64_t skipped = header->sequence - v->begun - 1;
@@ -159,7 +158,7 @@ static int send_fragment(struct viewer *v)
         const struct protocol_picture *header = picture_header(v->current);
         if (!v->repeated)
             server_observe(v->server, SERVER_SENT, 1e-6 * (double)(viewer_now_us() - picture_placed_us(v->current)));
-        atomic_fetch_add(&v->server->metrics.sent[picture_kind(header)], 1);
+        atomic_fetch_add(&v->server->metrics.sent[metrics_kind(picture_kind(v->current))], 1);
         picture_unref(v->current);
         v->current = NULL;
         v->sent++;

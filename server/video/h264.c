@@ -8,15 +8,21 @@
 #include <libavutil/opt.h>
 
 #include <assert.h>
+#include <math.h>
 
 #define SIDE_MAX 16384
+#define NOMINAL 30      /* pictures a second, as libx264 is told */
+#define ENOUGH_BITS 0.5 /* for a pixel of a picture: three times what one without grain takes at quality 90 */
+#define CAP_NONE 1e9    /* bits a second that nobody takes */
+#define CAP_LEAST 16e3  /* below which a picture is nothing but its own header */
 
 struct h264_encoder {
     const AVCodec *codec;
     AVCodecContext *context; /* NULL until the size is known */
     AVFrame *frame;
     AVPacket *packet;
-    int64_t count; /* pictures since it was opened */
+    int64_t count;   /* pictures since it was opened, */
+    int64_t time_us; /* and the time of the last of them */
 };
 
 static const AVCodec *find(void)
@@ -85,15 +91,33 @@ static enum err set_up(AVCodecContext *c)
     c->color_primaries = AVCOL_PRI_BT709;
     c->color_trc = AVCOL_TRC_IEC61966_2_1;
     c->chroma_sample_location = AVCHROMA_LOC_CENTER;
-    c->time_base =
-        (AVRational){ 1, 30 }; /* of use to the rate control only, which a constant rate factor does without */
-    c->framerate = (AVRational){ 30, 1 };
+    c->time_base = (AVRational){ 1, NOMINAL }; /* of use to the cap only */
+    c->framerate = (AVRational){ NOMINAL, 1 };
     c->max_b_frames = 0;
     c->thread_count = 1; /* the other processors are shading */
     return ERR_OK;
 }
 
-static enum err open_for(struct h264_encoder *h, int width, int height, int quality)
+double h264_enough(uint32_t width, uint32_t height, double rate)
+{
+    return ENOUGH_BITS * (double)width * (double)height * rate;
+}
+
+/* libx264 fills a bucket by a picture's share of each nominal second, and takes out what a picture has cost. Pictures
+ * come when they come: so the share is that of the time since the one before. (Told their times, it would hold each
+ * picture back until it knows how long that is to last.) */
+static void set_cap(struct h264_encoder *h, const struct h264_desc *desc)
+{
+    const double most = fmax(desc->bits_a_second > 0.0 ? fmin(desc->bits_a_second, CAP_NONE) : CAP_NONE, CAP_LEAST);
+    const double passed_s = h->count > 0 ? 1e-6 * (double)(desc->time_us - h->time_us) : 1.0 / NOMINAL;
+    const double share_s = fmin(fmax(passed_s, 1e-3), H264_CAP_S);
+
+    h->time_us = desc->time_us;
+    h->context->rc_max_rate = (int64_t)(most * share_s * NOMINAL);
+    h->context->rc_buffer_size = (int)(most * H264_CAP_S);
+}
+
+static enum err open_for(struct h264_encoder *h, int width, int height, const struct h264_desc *desc)
 {
     avcodec_free_context(&h->context);
     av_frame_unref(h->frame);
@@ -104,7 +128,8 @@ static enum err open_for(struct h264_encoder *h, int width, int height, int qual
     h->context->width = width;
     h->context->height = height;
     enum err e = set_up(h->context);
-    if (!e && (av_opt_set_double(h->context->priv_data, "crf", rate_factor(quality), 0) < 0 ||
+    set_cap(h, desc);
+    if (!e && (av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0 ||
                avcodec_open2(h->context, h->codec, NULL) < 0))
         e = ERR_UNSUPPORTED;
     h->frame->width = width;
@@ -145,7 +170,7 @@ enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h2
     if (desc->width < 1 || desc->height < 1 || desc->width > SIDE_MAX || desc->height > SIDE_MAX)
         return ERR_RANGE;
     if (!h->context || h->context->width != width || h->context->height != height)
-        e = open_for(h, width, height, desc->quality);
+        e = open_for(h, width, height, desc);
     /* The encoder may still look at the last picture's planes. */
     if (!e && av_frame_make_writable(h->frame) < 0)
         e = ERR_NOMEM;
@@ -155,7 +180,8 @@ enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h2
     yuv_from_rgb(
         rgb, desc->width, desc->height,
         &(struct yuv_planes){ f->data[0], f->data[1], f->data[2], f->linesize[0], f->linesize[1], f->linesize[2] });
-    /* Heeded from picture to picture. */
+    if (h->count > 0)
+        set_cap(h, desc);
     if (av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0)
         return ERR_UNSUPPORTED;
     e = run(h, desc->key || h->count == 0);

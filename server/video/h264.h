@@ -21,9 +21,15 @@ void h264_encoder_destroy(struct h264_encoder *h); /* NULL is allowed */
 
 struct h264_desc {
     uint32_t width, height;
-    int quality; /* 1..100, as of JPEG: 100 is hardly told from the picture */
-    bool key;    /* the picture is to need none of those before it */
+    int quality;          /* 1..100, as of JPEG: 100 is hardly told from the picture, */
+    double bits_a_second; /* as long as that takes no more than this, over H264_CAP_S; 0: whatever it takes */
+    int64_t time_us;      /* when the picture comes, by any clock that never steps: bits a second are by this */
+    bool key;             /* the picture is to need none of those before it */
 };
+#define H264_CAP_S 1.0
+
+/* Bits a second that are worth while: for a size, and pictures a second. */
+double h264_enough(uint32_t width, uint32_t height, double rate);
 
 struct h264_output {
     const uint8_t *bytes; /* one access unit in Annex B form; before a key picture stand its parameter sets */

@@ -209,6 +209,20 @@ test('H.264 is asked for where both ends have it, and left while the connection 
   assert.equal(world.said('subscribe').at(-1).format, 'jpeg');
 });
 
+test('what a thin line takes is said with each subscription, and nothing where nothing is wished', async () => {
+  const { world, connection } = begin();
+  Object.assign(connection, { maxRate: 7.5, maxWidth: 640 });
+  world.open();
+  world.welcome('a', 1, ['jpeg', 'h264']);
+  connection.setVideo(true);
+  for (const message of world.said('subscribe')) assert.deepEqual([message.max_rate, message.max_width], [7.5, 640]);
+  assert.equal(world.said('subscribe').length, 2);
+  const plain = begin();
+  plain.world.open();
+  plain.world.welcome('a');
+  assert.ok(!('max_rate' in plain.world.said('subscribe')[0]) && !('max_width' in plain.world.said('subscribe')[0]));
+});
+
 test('video of which no picture comes is told, once, before the connection is given up', async () => {
   const { world, connection } = begin();
   let told = 0;

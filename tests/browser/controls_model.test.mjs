@@ -7,7 +7,7 @@ import {
   wrapDegrees,
 } from '../../clients/web/controls_model.js';
 import { Keys, isTaken, keyName, keyOf } from '../../clients/web/keys.js';
-import { wishedRole } from '../../clients/web/role.js';
+import { wishedPictures, wishedRole } from '../../clients/web/role.js';
 
 function wishes() {
   const all = { sent: [], now: 0 };
@@ -149,4 +149,11 @@ test('the page is a controller where the server runs, and elsewhere what its add
   assert.deepEqual(role('#role=controller&token=a%20b', 'sky.example.org'), { role: 'controller', token: 'a b' });
   assert.equal(role('#role=viewer', 'localhost').role, 'viewer');
   assert.equal(role('#role=producer', 'sky.example.org').role, 'viewer');
+});
+
+test('the address says how many pictures, how wide and in which coding', () => {
+  assert.deepEqual(wishedPictures({ search: '?rate=7.5&width=320&coding=jpeg' }), { coding: 'jpeg', maxRate: 7.5, maxWidth: 320 });
+  const nothing = { coding: null, maxRate: undefined, maxWidth: undefined };
+  for (const search of ['', '?rate=0&width=0', '?rate=-1&width=1.5', '?rate=1001&width=16385', '?rate=fast&width=', '?rate=NaN&width=Infinity'])
+    assert.deepEqual(wishedPictures({ search }), nothing);
 });

@@ -81,18 +81,21 @@ static int publish_bytes(struct pattern *p, const struct protocol_picture *heade
     return 0;
 }
 
-/* The frame that is drawn, where somebody watches it so. */
+/* The frame that is drawn, where somebody watches it so: whole and at every rate only. */
 static int publish_h264(struct pattern *p, struct protocol_picture header, bool again)
 {
     struct server_demand demand;
     struct h264_output out;
 
     server_demand(p->server, &demand);
-    const bool key = demand.h264_key && clock_seconds() - p->key_s >= 0.25;
-    if (!p->h264 || !(demand.formats >> PROTOCOL_H264 & 1) || (again && !key))
+    const bool key = demand.h264_keys & 1 && clock_seconds() - p->key_s >= 0.25;
+    if (!p->h264 || !(demand.h264 & 1) || (again && !key))
         return 0;
     const double begun = clock_seconds();
-    if (h264_encode(p->h264, p->rgb, &(struct h264_desc){ p->width, p->height, p->quality, key }, &out))
+    const struct h264_desc desc = {
+        .width = p->width, .height = p->height, .quality = p->quality, .time_us = (int64_t)(1e6 * begun), .key = key
+    };
+    if (h264_encode(p->h264, p->rgb, &desc, &out))
         return -1;
     if (out.key)
         p->key_s = clock_seconds();

@@ -148,5 +148,73 @@ async def key_pictures_are_not_made_at_anybodys_will(folder):
     await with_server(["--source", "sky:speed=0.1", "--fps", "60"], 1, body)
 
 
+async def gather(v, seconds):
+    """Flags, sequence, width, height and bytes of what comes in so long; all acknowledged."""
+    got = []
+    end = asyncio.get_running_loop().time() + seconds
+    while (left := end - asyncio.get_running_loop().time()) > 0:
+        try:
+            message = await asyncio.wait_for(v.link.recv(), left)
+        except asyncio.TimeoutError:
+            break
+        if isinstance(message, bytes):
+            sequence, = struct.unpack_from("<Q", message, 8)
+            await v.link.send(json.dumps({"op": "ack", "sequence": sequence}))
+            got.append((message[7], sequence, *struct.unpack_from("<II", message, 56), len(message) - 80))
+    return got
+
+
+async def video_comes_at_the_rate_and_size_that_was_asked_for(folder):
+    async def body(whole, slow, small):
+        await whole.subscribe("h264")
+        await slow.subscribe("h264", max_rate=8)
+        await small.subscribe("h264", max_rate=16, max_width=60)
+        for v in (whole, slow, small):
+            await v.picture()
+        all_of_them = await asyncio.gather(*(gather(v, 4.0) for v in (whole, slow, small)))
+        for pictures, rate, half, size in zip(all_of_them, (30, 7.5, 15), (0, 0, 16), ((160, 90), (160, 90), (40, 22))):
+            check(2 < len(pictures) <= 4 * rate + 2, f"{len(pictures)} pictures in 4 s at {rate} a second")
+            check([p[1] for p in pictures] == list(range(pictures[0][1], pictures[0][1] + len(pictures))), f"a broken chain: {pictures}")
+            check(all(p[0] & 24 == half and p[2:4] == size for p in pictures), f"not of {size}: {pictures}")
+            check(not any(p[0] & KEY for p in pictures), f"key pictures that nobody needs: {pictures}")
+        check(len(all_of_them[1]) < len(all_of_them[0]), "no slower than the other")
+
+    await with_server(["--source", "sky:speed=0.1"], 3, body)
+
+
+async def until_frame(v, number):
+    while (await v.picture())[3] != number:
+        pass
+
+
+async def the_last_picture_comes_to_the_slow_and_the_small_too(folder):
+    async def body(first, slow, small, jpeg):
+        await slow.subscribe("h264", max_rate=1)
+        await asyncio.wait_for(until_frame(slow, 12), WAIT_S)  # the last of them, in its own time
+        await slow.has_none(1.5)
+        await first.subscribe("jpeg")
+        check((await first.picture())[3] == 12, "not the last one")
+        await small.subscribe("h264", max_width=80)
+        format, flags, sequence, frame, _ = await small.picture()
+        check((format, sequence, frame) == (4, 1, 12) and flags & KEY and flags & 8, f"{format} {flags} {sequence} {frame}")
+        await jpeg.subscribe("jpeg", max_width=80)
+        format, flags, _, frame, _ = await jpeg.picture()
+        check((format, frame) == (1, 12) and flags & 8, f"{format} {flags} {frame}")
+
+    await with_server(["--source", "sky:hour=9,speed=0.1", "--frames", "0-12", "--once", "--rate", "20", "--converge", "off"], 4, body)
+
+
+async def bits_a_second_stay_below_the_cap(folder):
+    async def body(v):
+        await v.subscribe("h264", quality=95)
+        await v.picture()
+        await gather(v, 1.5)
+        pictures = await gather(v, 4.0)
+        bits = 8 * sum(p[4] for p in pictures)
+        check(len(pictures) > 2 and bits <= 1.1 * 0.2e6 * 5, f"{bits} bits in 4 s of {len(pictures)} pictures")
+
+    await with_server(["--source", "sky:speed=1", "--reseed", "--method", "uniform", "--h264-mbit", "0.2"], 1, body)
+
+
 if __name__ == "__main__":
     main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})

@@ -7,7 +7,7 @@ static struct server *start(void)
     return server_start(&(struct server_desc){ .h264 = true });
 }
 
-static void publish_h264(struct server *s, uint64_t frame, bool key, size_t size)
+static void publish_track(struct server *s, unsigned track, uint64_t frame, bool key, size_t size)
 {
     const struct protocol_picture header = {
         .format = PROTOCOL_H264,
@@ -23,7 +23,13 @@ static void publish_h264(struct server *s, uint64_t frame, bool key, size_t size
     struct picture *p = picture_create(&header, bytes, size);
     free(bytes);
     assert_non_null(p);
+    picture_set_track(p, track);
     server_publish(s, p);
+}
+
+static void publish_h264(struct server *s, uint64_t frame, bool key, size_t size)
+{
+    publish_track(s, 0, frame, key, size);
 }
 
 static void watch_h264(struct client *c, const struct server *s)
@@ -38,7 +44,7 @@ static bool key_wanted(struct server *s)
     struct server_demand demand;
 
     server_demand(s, &demand);
-    return demand.h264_key;
+    return demand.h264_keys & 1;
 }
 
 /* A wish is noted when its viewer is next looked at. */
@@ -309,6 +315,127 @@ static void the_kinds_of_picture_do_not_mix(void **state)
     server_destroy(s);
 }
 
+static uint32_t watched(struct server *s)
+{
+    struct server_demand demand;
+
+    server_demand(s, &demand);
+    return demand.h264;
+}
+
+static void tell_size(struct server *s, uint32_t width, uint32_t height)
+{
+    server_set_status(s, &(struct server_status){ .source = SERVER_LIVE, .width = width, .height = height });
+}
+
+static void a_wish_for_rate_and_size_comes_to_a_track(void **state)
+{
+    static const struct {
+        const char *wish;
+        unsigned scale;
+        double rate;
+    } wishes[] = {
+        { "", 0, 0.0 },
+        { ",\"max_rate\":1000", 0, 60.0 },
+        { ",\"max_rate\":60", 0, 60.0 },
+        { ",\"max_rate\":59.9", 0, 30.0 },
+        { ",\"max_rate\":10", 0, 7.5 },
+        { ",\"max_rate\":0.94", 0, 0.9375 },
+        { ",\"max_rate\":0.1", 0, 0.9375 },
+        { ",\"max_width\":640", 0, 0.0 },
+        { ",\"max_width\":639", 1, 0.0 },
+        { ",\"max_width\":320,\"max_rate\":30", 1, 30.0 },
+        { ",\"max_height\":179", 2, 0.0 },
+        { ",\"max_width\":1,\"max_rate\":2", 2, 1.875 },
+    };
+    struct server *s = start();
+    struct client c;
+    (void)state;
+
+    tell_size(s, 640, 360);
+    watch_h264(&c, s);
+    for (size_t i = 0; i < sizeof(wishes) / sizeof(wishes[0]); i++) {
+        char text[128];
+        snprintf(text, sizeof(text), "{\"op\":\"subscribe\",\"format\":\"h264\"%s}", wishes[i].wish);
+        client_say(&c, text);
+        client_expect(&c, "subscribed");
+        const uint32_t mask = watched(s);
+        unsigned track = 0;
+        while (track < SERVER_TRACKS && mask != 1u << track)
+            track++;
+        assert_true(track < SERVER_TRACKS); /* one, and not the one before */
+        assert_int_equal(server_track_scale(track), wishes[i].scale);
+        assert_true(server_track_rate(track) == wishes[i].rate);
+        assert_true(SERVER_TRACKS_OF(wishes[i].scale) >> track & 1);
+    }
+    client_shut(&c);
+    server_destroy(s);
+}
+
+static void each_track_is_a_chain_of_its_own(void **state)
+{
+    const unsigned slow = SERVER_RATES + 3; /* half the size, 15 a second */
+    struct server *s = start();
+    struct server_demand demand;
+    struct client whole, small;
+    (void)state;
+
+    tell_size(s, 64, 36);
+    watch_h264(&whole, s);
+    client_greet(&small, s);
+    client_say(&small, "{\"op\":\"subscribe\",\"format\":\"h264\",\"max_rate\":20,\"max_width\":32}");
+    client_expect(&small, "subscribed");
+    assert_int_equal(watched(s), 1u | 1u << slow);
+    await_wish(s);
+    publish_h264(s, 1, true, 1000);
+    expect(&whole, 1);
+    expect_nothing(&small);
+    server_demand(s, &demand);
+    assert_int_equal(demand.h264_keys, 1u << slow); /* the other one's key picture is not its own */
+    for (uint64_t n = 2; n <= 9; n++)
+        publish_h264(s, n, false, 1000);
+    publish_track(s, slow, 9, true, 500);
+    for (uint64_t n = 2; n <= 9; n++)
+        expect(&whole, n);
+    expect(&small, 1);
+    publish_track(s, slow, 12, false, 500);
+    expect(&small, 2);
+    expect_nothing(&whole);
+    client_say(&small, "{\"op\":\"subscribe\",\"format\":\"h264\"}"); /* with the others: their key picture is kept */
+    client_expect(&small, "subscribed");
+    for (uint64_t n = 1; n <= 9; n++)
+        expect(&small, n);
+    assert_int_equal(watched(s), 1);
+    client_shut(&whole);
+    client_shut(&small);
+    server_destroy(s);
+}
+
+static void a_picture_of_another_size_takes_its_viewers_along(void **state)
+{
+    struct server *s = start();
+    struct client c;
+    (void)state;
+
+    client_greet(&c, s); /* before anybody knows how large pictures are */
+    client_say(&c, "{\"op\":\"subscribe\",\"format\":\"h264\",\"max_width\":100}");
+    client_expect(&c, "subscribed");
+    assert_int_equal(watched(s), 1);
+    publish_h264(s, 1, true, 1000);
+    expect(&c, 1);
+    tell_size(s, 128, 72);
+    for (int i = 0; i < CLIENT_WAIT_MS && watched(s) == 1; i++)
+        sleep_ms(1);
+    assert_int_equal(watched(s), 1u << SERVER_RATES);
+    publish_track(s, SERVER_RATES, 2, true, 1000);
+    expect(&c, 1);
+    client_ack(&c, 1); /* may mean either, and breaks nothing */
+    publish_track(s, SERVER_RATES, 3, false, 1000);
+    expect(&c, 2);
+    client_shut(&c);
+    server_destroy(s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(h264_is_offered_where_it_is_made_and_only_there),
     cmocka_unit_test(a_recorder_gets_no_h264),
@@ -319,5 +446,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(who_comes_while_a_key_picture_is_kept_asks_for_none),
     cmocka_unit_test(who_subscribes_again_or_resumes_begins_anew),
     cmocka_unit_test(the_kinds_of_picture_do_not_mix),
+    cmocka_unit_test(a_wish_for_rate_and_size_comes_to_a_track),
+    cmocka_unit_test(each_track_is_a_chain_of_its_own),
+    cmocka_unit_test(a_picture_of_another_size_takes_its_viewers_along),
 };
 UNIT_MAIN(tests)

@@ -80,10 +80,10 @@ static double rms_error(const struct reader *r)
 
 static struct h264_output encode(struct h264_encoder *h, int quality, bool key)
 {
+    const struct h264_desc desc = { .width = WIDTH, .height = HEIGHT, .quality = quality, .key = key };
     struct h264_output out;
 
-    assert_int_equal(h264_encode(h, &picture[0][0][0], &(struct h264_desc){ WIDTH, HEIGHT, quality, key }, &out),
-                     ERR_OK);
+    assert_int_equal(h264_encode(h, &picture[0][0][0], &desc, &out), ERR_OK);
     assert_true(out.size > 0);
     return out;
 }
@@ -204,6 +204,70 @@ static void what_does_not_move_costs_little(void **state)
     h264_encoder_destroy(h);
 }
 
+/* Bits that so many grainy pictures take, of which no pixel has anything to do with the last one's: the worst case. */
+static double grainy_bits(struct h264_encoder *h, int count, int64_t step_us, double cap, int64_t *time_us)
+{
+    static uint32_t random = 1;
+    double bits = 0.0;
+
+    for (int i = 0; i < count; i++) {
+        uint8_t *bytes = &picture[0][0][0];
+        for (size_t k = 0; k < sizeof(picture); k++) {
+            random = random * 1664525u + 1013904223u;
+            bytes[k] = (uint8_t)(random >> 24);
+        }
+        *time_us += i % 2 ? step_us / 2 : step_us * 3 / 2; /* they do not come evenly */
+        const struct h264_desc desc = { .width = WIDTH,
+                                        .height = HEIGHT,
+                                        .quality = 90,
+                                        .bits_a_second = cap,
+                                        .time_us = *time_us,
+                                        .key = i % 40 == 9 };
+        struct h264_output out;
+        assert_int_equal(h264_encode(h, bytes, &desc, &out), ERR_OK);
+        bits += 8.0 * (double)out.size;
+    }
+    return bits;
+}
+
+static void a_cap_holds_by_the_time_that_passes(void **state)
+{
+    static const double steps_s[] = { 1.0 / 60.0, 1.0 / 30.0, 0.1, 0.5 };
+    const double cap = 400e3;
+    double a_picture = 0.0;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(steps_s) / sizeof(steps_s[0]); i++) {
+        struct h264_encoder *h = h264_encoder_create();
+        const int count = 120;
+        int64_t time_us = 0;
+        const double bits = grainy_bits(h, count, (int64_t)(1e6 * steps_s[i]), cap, &time_us);
+        const double seconds = count * steps_s[i];
+        printf("%4.1f a second: %.0f bits a second, %.0f a picture\n", 1.0 / steps_s[i], bits / seconds, bits / count);
+        /* the bucket is full at first; at the fastest, these pictures take more than the coarsest quantiser gives */
+        if (i > 0)
+            assert_true(bits <= 1.05 * cap * (seconds + H264_CAP_S));
+        assert_true(bits > a_picture * count); /* slower ones have more each */
+        a_picture = bits / count;
+        h264_encoder_destroy(h);
+    }
+}
+
+static void a_cap_is_heeded_from_one_picture_to_the_next(void **state)
+{
+    struct h264_encoder *h = h264_encoder_create();
+    int64_t time_us = 0;
+    (void)state;
+
+    const double free_bits = grainy_bits(h, 60, 33333, 0.0, &time_us);
+    (void)grainy_bits(h, 20, 33333, 400e3, &time_us);
+    const double capped = grainy_bits(h, 60, 33333, 400e3, &time_us), again = grainy_bits(h, 60, 33333, 0.0, &time_us);
+    printf("%.0f, capped %.0f, again %.0f bits\n", free_bits, capped, again);
+    assert_true(capped <= 1.05 * 400e3 * (2.0 + H264_CAP_S));
+    assert_true(free_bits > 2.0 * capped && again > 2.0 * capped);
+    h264_encoder_destroy(h);
+}
+
 static void any_size_can_be_encoded_and_another_one_begins_anew(void **state)
 {
     static const uint32_t sizes[][2] = { { 2, 2 }, { 1, 3 }, { 17, 31 }, { 161, 93 }, { 160, 98 }, { 320, 180 } };
@@ -213,7 +277,7 @@ static void any_size_can_be_encoded_and_another_one_begins_anew(void **state)
 
     memset(rgb, 99, sizeof(rgb));
     for (size_t i = 0; i < sizeof(sizes) / sizeof(sizes[0]); i++) {
-        const struct h264_desc desc = { sizes[i][0], sizes[i][1], 90, false };
+        const struct h264_desc desc = { .width = sizes[i][0], .height = sizes[i][1], .quality = 90 };
         struct h264_output out;
         struct reader r;
         assert_int_equal(h264_encode(h, rgb, &desc, &out), ERR_OK);
@@ -239,7 +303,7 @@ static void sides_out_of_range_are_refused(void **state)
     (void)state;
 
     for (size_t i = 0; i < sizeof(sizes) / sizeof(sizes[0]); i++) {
-        const struct h264_desc desc = { sizes[i][0], sizes[i][1], 90, false };
+        const struct h264_desc desc = { .width = sizes[i][0], .height = sizes[i][1], .quality = 90 };
         assert_int_equal(h264_encode(h, rgb, &desc, &out), ERR_RANGE);
         assert_null(out.bytes);
     }
@@ -252,6 +316,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_stream_says_what_its_colours_are),
     cmocka_unit_test(quality_is_heeded_from_one_picture_to_the_next),
     cmocka_unit_test(what_does_not_move_costs_little),
+    cmocka_unit_test(a_cap_holds_by_the_time_that_passes),
+    cmocka_unit_test(a_cap_is_heeded_from_one_picture_to_the_next),
     cmocka_unit_test(any_size_can_be_encoded_and_another_one_begins_anew),
     cmocka_unit_test(sides_out_of_range_are_refused),
 };
