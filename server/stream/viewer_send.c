@@ -155,7 +155,6 @@ static int send_fragment(struct viewer *v)
     v->offset += piece;
     atomic_fetch_add(&v->server->counts.bytes, piece);
     if (v->offset == size) {
-        const struct protocol_picture *header = picture_header(v->current);
         if (!v->repeated)
             server_observe(v->server, SERVER_SENT, 1e-6 * (double)(viewer_now_us() - picture_placed_us(v->current)));
         atomic_fetch_add(&v->server->metrics.sent[metrics_kind(picture_kind(v->current))], 1);
