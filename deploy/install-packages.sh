@@ -1,13 +1,25 @@
 #!/bin/bash
 # Installs the packages of the named groups of packages.txt that are missing, and says which. Asks nothing; when nothing
 # is missing it touches neither the package manager nor the network.
-# usage: deploy/install-packages.sh GROUP...     (as root, or as a user with sudo)
+# usage: deploy/install-packages.sh GROUP...                  (as root, or as a user with sudo)
+#        deploy/install-packages.sh --unpack DIR GROUP...     (as anybody)
+# With --unpack they are fetched and unpacked into DIR, and nothing is installed: for tests that need the programs of a package
+# whose installation would start a service. What DIR has already is not fetched again.
 set -euo pipefail
+unpack=
+if [[ "${1:-}" == --unpack ]]; then
+    unpack="$2"
+    shift 2
+fi
 
 list="$(dirname "$(readlink -f "$0")")/packages.txt"
 
 is_installed() {
     [[ "$(dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null)" == installed ]]
+}
+
+is_there() {
+    if [[ -n "$unpack" ]]; then [[ -e "$unpack/.$1" ]]; else is_installed "$1"; fi
 }
 
 if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
@@ -18,12 +30,27 @@ fi
 missing=()
 for group in "$@"; do
     while read -r of package; do
-        if [[ "$of" == "$group" ]] && ! is_installed "$package"; then
+        if [[ "$of" == "$group" ]] && ! is_there "$package"; then
             missing+=("$package")
         fi
     done <"$list"
 done
 if ((${#missing[@]} == 0)); then
+    exit 0
+fi
+
+if [[ -n "$unpack" ]]; then
+    echo "packages: unpacking ${missing[*]} into $unpack"
+    mkdir -p "$unpack"
+    into="$(cd "$unpack" && pwd)"
+    fetched="$(mktemp -d)"
+    trap 'rm -rf "$fetched"' EXIT
+    chmod 755 "$fetched"
+    (cd "$fetched" && apt-get -qq -o APT::Sandbox::User=root download "${missing[@]}")
+    for deb in "$fetched"/*.deb; do
+        dpkg-deb -x "$deb" "$into"
+    done
+    (cd "$into" && touch "${missing[@]/#/.}")
     exit 0
 fi
 

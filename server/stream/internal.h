@@ -190,7 +190,13 @@ int64_t picture_placed_us(const struct picture *p); /* when that was, on viewer_
 unsigned picture_kind(const struct picture *p);
 unsigned subscribed_kind(const struct server *s, const struct message *wish);
 
-/* server.c, thread: service. What server_change has brought is in force. */
+/* server.c: a server that knows what it was told, and has done nothing yet. NULL: out of memory; *e is what is wrong.
+ */
+struct server *server_told(const struct server_desc *desc, enum err *e, struct reason *why);
+/* server.c: whether its address may be listened to, given what is asked for there. */
+MUST_CHECK enum err server_may_listen(struct server *s, uint16_t port, struct reason *why);
+
+/* change.c, thread: service. What server_change has brought is in force. */
 void server_take_change(struct server *s);
 
 /* server.c: {lock} makes the picture the newest of its kind. Returns the one before, to be released by the caller. */

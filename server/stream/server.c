@@ -278,6 +278,13 @@ static enum err check_address(struct server *s, uint16_t port, struct address *a
     return check_tokens(s, a, why);
 }
 
+enum err server_may_listen(struct server *s, uint16_t port, struct reason *why)
+{
+    struct address a;
+
+    return check_address(s, port, &a, why);
+}
+
 static enum err start(struct server *s, const struct server_desc *desc, struct reason *why)
 {
     struct address a;
@@ -306,8 +313,7 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     return ERR_OK;
 }
 
-/* A server that knows what it was told, and has done nothing yet. NULL: out of memory; else *e is what is wrong. */
-static struct server *told(const struct server_desc *desc, enum err *e, struct reason *why)
+struct server *server_told(const struct server_desc *desc, enum err *e, struct reason *why)
 {
     struct server *s = mem_alloc(1, sizeof(*s));
 
@@ -321,77 +327,6 @@ static struct server *told(const struct server_desc *desc, enum err *e, struct r
     return s;
 }
 
-enum err server_check(const struct server_desc *desc, struct reason *why)
-{
-    char web_dir[4096];
-    struct address a;
-    enum err e;
-
-    struct server *s = told(desc, &e, why);
-    if (!e)
-        e = check_address(s, desc->port, &a, why);
-    if (!e)
-        e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
-    if (!e)
-        e = site_load(&s->site, web_dir, why);
-    server_destroy(s);
-    return e;
-}
-
-enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why)
-{
-    struct server_desc here = *desc;
-    struct address a;
-    enum err e;
-
-    here.address = s->address;
-    here.push = s->push;
-    here.max_connections = s->max_connections;
-    struct server *next = told(&here, &e, why);
-    if (!e)
-        e = check_address(next, s->port, &a, why);
-    if (e) {
-        server_destroy(next);
-        return e;
-    }
-    pthread_mutex_lock(&s->lock);
-    struct server *unused = s->next;
-    s->next = next;
-    pthread_mutex_unlock(&s->lock);
-    server_destroy(unused);
-    lws_cancel_service(s->context);
-    return ERR_OK;
-}
-
-static void swap_texts(char **a, char **b)
-{
-    char *old = *a;
-
-    *a = *b;
-    *b = old;
-}
-
-void server_take_change(struct server *s)
-{
-    pthread_mutex_lock(&s->lock);
-    struct server *next = s->next;
-    s->next = NULL;
-    pthread_mutex_unlock(&s->lock);
-    if (!next)
-        return;
-    for (int r = 0; r < SERVER_ROLES; r++)
-        swap_texts(&s->tokens[r], &next->tokens[r]);
-    swap_texts(&s->token_metrics, &next->token_metrics);
-    swap_texts(&s->hosts, &next->hosts);
-    s->behind_proxy = next->behind_proxy;
-    s->max_per_address = next->max_per_address;
-    s->max_per_address_said = next->max_per_address_said;
-    s->max_frame_bytes = next->max_frame_bytes;
-    s->controllers = next->controllers;
-    s->allow_remote = next->allow_remote;
-    server_destroy(next);
-}
-
 enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why)
 {
     static const struct server_status nothing = { .source = SERVER_WAITING };
@@ -399,7 +334,7 @@ enum err server_create(const struct server_desc *desc, struct server **out, stru
     enum err e;
 
     *out = NULL;
-    struct server *s = told(desc, &e, why);
+    struct server *s = server_told(desc, &e, why);
     if (e)
         goto failed;
     s->status = message_status_shared(&nothing);

@@ -1,0 +1,75 @@
+/* server/stream/change.c */
+/* What a server is told a second time, while it runs: it is taken down in a server of its own, which never runs, and
+ * the service thread takes over from that what can change. */
+#include "server.h"
+
+#include "internal.h"
+
+enum err server_check(const struct server_desc *desc, struct reason *why)
+{
+    char web_dir[4096];
+    enum err e;
+
+    struct server *s = server_told(desc, &e, why);
+    if (!e)
+        e = server_may_listen(s, desc->port, why);
+    if (!e)
+        e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
+    if (!e)
+        e = site_load(&s->site, web_dir, why);
+    server_destroy(s);
+    return e;
+}
+
+enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    struct server_desc here = *desc;
+    enum err e;
+
+    here.address = s->address;
+    here.push = s->push;
+    here.max_connections = s->max_connections;
+    struct server *next = server_told(&here, &e, why);
+    if (!e)
+        e = server_may_listen(next, s->port, why);
+    if (e) {
+        server_destroy(next);
+        return e;
+    }
+    pthread_mutex_lock(&s->lock);
+    struct server *unused = s->next;
+    s->next = next;
+    pthread_mutex_unlock(&s->lock);
+    server_destroy(unused);
+    lws_cancel_service(s->context);
+    return ERR_OK;
+}
+
+static void swap_texts(char **a, char **b)
+{
+    char *old = *a;
+
+    *a = *b;
+    *b = old;
+}
+
+void server_take_change(struct server *s)
+{
+    pthread_mutex_lock(&s->lock);
+    struct server *next = s->next;
+    s->next = NULL;
+    pthread_mutex_unlock(&s->lock);
+    if (!next)
+        return;
+    for (int r = 0; r < SERVER_ROLES; r++)
+        swap_texts(&s->tokens[r], &next->tokens[r]);
+    swap_texts(&s->token_metrics, &next->token_metrics);
+    swap_texts(&s->hosts, &next->hosts);
+    s->behind_proxy = next->behind_proxy;
+    s->max_per_address = next->max_per_address;
+    s->max_per_address_said = next->max_per_address_said;
+    s->max_frame_bytes = next->max_frame_bytes;
+    s->controllers = next->controllers;
+    s->allow_remote = next->allow_remote;
+    server_destroy(next);
+}

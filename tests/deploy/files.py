@@ -1,0 +1,103 @@
+#!/usr/bin/python3
+"""The files of deploy/ that no program of ours reads, held to what they speak of: the container's commands to the tree and
+the package list, the monitoring's names to what /metrics says, the example configuration to relightd."""
+
+import asyncio
+import json
+import re
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "integration"))
+from peer import BIN, check, main  # noqa: E402
+from still import Daemon  # noqa: E402
+
+ROOT = Path(__file__).parent.parent.parent
+DEPLOY = ROOT / "deploy"
+
+
+def instructions():
+    """Of the container file: (name, words), comments and continued lines resolved."""
+    text = re.sub(r"^#.*\n", "", (DEPLOY / "Containerfile").read_text(), flags=re.M).replace("\\\n", " ")
+    return [line.split(maxsplit=1) for line in text.splitlines() if line.strip()]
+
+
+async def the_container_is_made_of_what_is_there(folder):
+    steps = instructions()
+    names = [name for name, _ in steps]
+    check(set(names) <= {"FROM", "WORKDIR", "COPY", "RUN", "USER", "ENV", "VOLUME", "EXPOSE", "STOPSIGNAL", "HEALTHCHECK",
+                         "ENTRYPOINT", "CMD"}, f"{names}")
+    groups = {line.split()[0] for line in (DEPLOY / "packages.txt").read_text().splitlines()
+              if line.strip() and not line.startswith("#")}
+    for name, words in steps:
+        if name == "COPY" and "--from" not in words:
+            for source in words.split()[:-1]:
+                check((ROOT / source).exists(), f"COPY {source}")
+        if name == "FROM":
+            check(re.match(r"docker\.io/library/debian:12-slim\b", words), f"another system than the packages are of: {words}")
+        if name == "RUN":
+            subprocess.run(["bash", "-n", "-c", words], check=True)
+            for wanted in re.findall(r"install-packages\.sh ([a-z0-9 ]+)", words):
+                check(set(wanted.split()) <= groups, f"no such groups: {wanted}")
+                check({"build", "h264"} <= set(wanted.split()), "something is missing to build it")
+        if name in ("ENTRYPOINT", "CMD") or (name == "HEALTHCHECK" and "CMD" in words):
+            json.loads(words[words.index("["):])
+    last = {name: words for name, words in steps}
+    check(last["USER"] == "relightd", "it runs as root")
+    entry, command = json.loads(last["ENTRYPOINT"]), json.loads(last["CMD"])
+    check(entry == ["/usr/bin/relightd"], f"{entry}")
+    known = subprocess.run([BIN / "relightd", "--help"], capture_output=True, text=True, check=True).stdout
+    for word in command:
+        check(not word.startswith("--") or f"  {word} " in known, f"relightd has no {word}")
+
+
+async def the_health_check_sees_health_and_its_end(folder):
+    words = next(words for name, words in instructions() if name == "HEALTHCHECK")
+    command = json.loads(words[words.index("["):])
+    async with Daemon("--samples", "1") as daemon:
+        port = re.search(r":(\d+)/", daemon.url).group(1)
+        def run():
+            return subprocess.run([w.replace("8080", port) for w in command], capture_output=True, timeout=20).returncode
+        check(run() == 0, "not healthy")
+        daemon.process.terminate()
+        await daemon.process.wait()
+        check(run() != 0, "healthy after its end")
+
+
+async def what_is_watched_is_what_is_told(folder):
+    """Every name of a metric and of its labels in rules and dashboard is one of /metrics."""
+    async with Daemon("--samples", "1") as daemon:
+        url = daemon.url.replace("ws:", "http:").removesuffix("ws")
+        with urllib.request.urlopen(url + "metrics", timeout=20) as answer:
+            told = answer.read().decode()
+    names = set(re.findall(r"^# TYPE (\S+)", told, re.M))
+    names |= {f"{name}_bucket" for name in re.findall(r"^# TYPE (\S+) histogram", told, re.M)}
+    text = (DEPLOY / "relightd.rules.yml").read_text() + (DEPLOY / "grafana.json").read_text().replace('\\"', '"')
+    used = set(re.findall(r"\b(?:relightd|process)_[a-z_]+\b", text))
+    check(len(used) > 15 and used <= names, f"nobody tells {used - names}")
+    for name, label, value in re.findall(r'\b((?:relightd|process)_[a-z_]+)\{([a-z]+)="([^"]+)"\}', text):
+        check(label == "job" or re.search(rf'^{name}\{{[^}}]*{label}="{value}"', told, re.M), f"no {name}{{{label}={value}}}")
+    for name in re.findall(r"by \(([a-z, ]+)\)", text):
+        for label in name.split(", "):
+            check(label in ("le", "instance") or f'{label}="' in told, f"no label {label}")
+
+
+async def the_examples_make_sense_to_who_reads_them(folder):
+    done = subprocess.run([BIN / "relightd", "--check-config", "--config", DEPLOY / "relightd.json"], capture_output=True, text=True)
+    check(done.returncode == 0, done.stderr)
+    board = json.loads((DEPLOY / "grafana.json").read_text())
+    check(len({panel["id"] for panel in board["panels"]}) == len(board["panels"]), "panels with one id")
+    try:
+        import yaml
+    except ImportError:
+        return
+    rules = yaml.safe_load((DEPLOY / "relightd.rules.yml").read_text())["groups"][0]["rules"]
+    check(all({"alert", "expr", "labels", "annotations"} <= set(rule) for rule in rules), f"{rules}")
+    scrape = yaml.safe_load((DEPLOY / "prometheus.yml").read_text())["scrape_configs"][0]
+    check(scrape["metrics_path"] == "/metrics" and scrape["job_name"] == "relightd", f"{scrape}")
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})

@@ -1,0 +1,23 @@
+"""Waits for the first picture of the relightd at that address, and for its page. Exit code 0: both came."""
+
+import asyncio
+import json
+import sys
+import urllib.request
+
+import websockets
+
+
+async def main(url):
+    with urllib.request.urlopen(url, timeout=30) as page:
+        assert b"<canvas" in page.read()
+    async with websockets.connect(url.replace("http", "ws") + "ws", subprotocols=["relight.v1"], compression=None,
+                                  max_size=None) as link:
+        await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}}))
+        await link.send(json.dumps({"op": "subscribe", "format": "jpeg"}))
+        while not isinstance(message := await link.recv(), bytes):
+            pass
+        assert b"\xff\xd8\xff" in message  # a JPEG file's beginning
+
+
+asyncio.run(asyncio.wait_for(main(sys.argv[1]), 120))

@@ -1,0 +1,113 @@
+"""nginx before relightd, with the settings of deploy/nginx.conf and a certificate of its own: shared by the tests of this
+folder. nginx is the one on the path, or the one that RELIGHT_TOOLS holds unpacked."""
+
+import asyncio
+import os
+import re
+import shutil
+import socket
+import ssl
+import subprocess
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "integration"))
+from peer import BIN, WAIT_S, check, skip  # noqa: E402
+
+SITE = Path(__file__).parent.parent.parent / "deploy" / "nginx.conf"
+NAME = "relight.example.org"
+
+
+def find(program):
+    tools = Path(os.environ.get("RELIGHT_TOOLS", "/nonexistent"))
+    here = shutil.which(program) or next((str(p) for p in tools.glob(f"usr/*bin/{program}")), None)
+    return here or skip(f"no {program}: deploy/install-packages.sh --unpack DIR long, and RELIGHT_TOOLS=DIR")
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as s:
+        return s.getsockname()[1]
+
+
+class Proxy:
+    """relightd with these arguments, and nginx before it: .port speaks TLS, .plain does not."""
+
+    def __init__(self, folder, *arguments):
+        self.folder = folder
+        self.arguments = arguments
+        self.inner, self.port, self.plain = free_port(), free_port(), free_port()
+        self.processes = []
+
+    def make_certificate(self):
+        subprocess.run([find("openssl"), "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
+                        "-days", "2", "-subj", f"/CN={NAME}", "-addext", f"subjectAltName=DNS:{NAME},DNS:localhost",
+                        "-keyout", self.folder / "privkey.pem", "-out", self.folder / "fullchain.pem"],
+                       check=True, capture_output=True)
+
+    def site(self):
+        """The file that is shipped, with another certificate and other ports, and in every other respect as it is."""
+        text, count = re.subn(f"/etc/ssl/{NAME}/", f"{self.folder}/", SITE.read_text())
+        check(count == 2, "two names of files in the site")
+        for old, new in ((r"127\.0\.0\.1:8080", f"127.0.0.1:{self.inner}"), (r"listen 443 ssl", f"listen 127.0.0.1:{self.port} ssl"),
+                         (r"listen 80;", f"listen 127.0.0.1:{self.plain};")):
+            text, count = re.subn(old, new, text)
+            check(count == 1, f"'{old}' stands {count} times in the site")
+        return text
+
+    def start(self, *command):
+        log = open(self.folder / (Path(command[0]).name + ".log"), "w+")
+        self.processes.append(subprocess.Popen(command, stderr=log, stdout=log,
+                                               env=dict(os.environ, XDG_CACHE_HOME=str(self.folder))))
+
+    async def __aenter__(self):
+        nginx = find("nginx")
+        self.make_certificate()
+        os.chmod(self.folder, 0o755)  # nginx's workers are others than its master
+        temporary = "".join(f"{kind}_temp_path {self.folder}/{kind};\n"
+                            for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi"))
+        (self.folder / "nginx.conf").write_text(
+            f"daemon off; pid {self.folder}/pid; error_log stderr warn;\nevents {{}}\nhttp {{ access_log off;\n{temporary}"
+            f"{self.site()}\n}}\n")
+        self.start(str(BIN / "relightd"), "--port", str(self.inner), "--behind-proxy", "--host", NAME, *self.arguments)
+        self.start(nginx, "-e", "stderr", "-p", str(self.folder), "-c", str(self.folder / "nginx.conf"))
+        for port in (self.inner, self.port):
+            await self.listens(port)
+        for _ in range(WAIT_S * 10):
+            if "listening on" in self.log("relightd"):
+                return self
+            await asyncio.sleep(0.1)
+        check(False, self.log("relightd"))
+
+    def log(self, name):
+        return (self.folder / f"{name}.log").read_text()
+
+    async def listens(self, port):
+        for _ in range(WAIT_S * 10):
+            try:
+                socket.create_connection(("127.0.0.1", port), 1).close()
+                return
+            except OSError:
+                check(all(p.poll() is None for p in self.processes), self.log("nginx") + self.log("relightd"))
+                await asyncio.sleep(0.1)
+        check(False, f"nobody listens at {port}: {self.log('nginx')}")
+
+    async def __aexit__(self, *_):
+        for process in reversed(self.processes):
+            process.terminate()
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+    def trust(self):
+        return ssl.create_default_context(cafile=str(self.folder / "fullchain.pem"))
+
+    def request(self, path, name=NAME, plain=False):
+        """Status and whole answer of one GET."""
+        with socket.create_connection(("127.0.0.1", self.plain if plain else self.port), WAIT_S) as s:
+            s = s if plain else self.trust().wrap_socket(s, server_hostname=NAME)
+            s.sendall(f"GET {path} HTTP/1.1\r\nHost: {name}:{self.port}\r\nConnection: close\r\n\r\n".encode())
+            answer = b""
+            while piece := s.recv(65536):
+                answer += piece
+        return int(answer.split()[1]), answer
