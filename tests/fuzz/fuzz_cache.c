@@ -1,0 +1,52 @@
+/* A file of tables that another run has left, or somebody in its place: what is read of a section is no more than it
+ * says it holds, and what is damaged is told. */
+#include "as_file.h"
+#include "harness.h"
+
+#include "cache_file.h"
+
+#include <string.h>
+
+static void require(int holds, const char *what)
+{
+    if (holds)
+        return;
+    fprintf(stderr, "broken promise: %s\n", what);
+    abort();
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+    static const char *const names[] = { "transport", "bounce", "view", "one", "two", "" };
+    const struct digest key = { { 1, 2 } };
+    struct cache_reader *r = NULL;
+    struct reason why = { "" };
+    uint8_t room[300];
+    const char *path = as_file(".tables", bytes, size);
+
+    if (cache_reader_open(path, &r, &why)) {
+        require(r == NULL && why.text[0], "a refusal has a reason and no reader");
+        return 0;
+    }
+    for (size_t i = 0; r && i < sizeof(names) / sizeof(names[0]); i++) {
+        if (cache_reader_find(r, names[i], &key, &why))
+            continue;
+        uint64_t left = cache_reader_left(r);
+        require(left <= size, "a section lies within its file");
+        for (size_t n = 1; left > 0; n = n * 2 % 299 + 1) {
+            const size_t some = left < n ? (size_t)left : n;
+            if (cache_reader_get(r, room, some, &why))
+                break;
+            left -= some;
+            require(cache_reader_left(r) == left, "what is left is counted");
+        }
+        require(cache_reader_get(r, room, sizeof(room), &why) != ERR_OK || left >= sizeof(room),
+                "no byte behind its end");
+        if (cache_reader_end(r, &why))
+            require(why.text[0] != 0, "a damage is told");
+    }
+    if (r)
+        require(strcmp(cache_reader_path(r), path) == 0, "the reader knows its path");
+    cache_reader_close(r);
+    return 0;
+}
