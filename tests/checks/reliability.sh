@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# docs/reliability.md: every row from 1 to 100 is there once, in order, and names tests that exist, or says that it does not
+# apply; every row that is tested stands there. usage: reliability.sh ROOT
+set -euo pipefail
+cd "${1:-$(dirname "$0")/../..}"
+page=docs/reliability.md bad=0
+
+rows=$(sed -n 's/^| \([0-9]\+\) |.*/\1/p' "$page" | tr '\n' ' ')
+[ "$rows" = "$(seq -s ' ' 1 100) " ] || { echo "$page: its rows are not 1 to 100: $rows"; bad=1; }
+
+# exists NAME: SUITE.CLAIM of ctest, by where the claim is written.
+exists() {
+    local claim=${1##*.}
+    case $1 in
+    fuzz.*) [ "$claim" = five_seconds_each ] && return 0 ;;
+    *) grep -rqE "(static void|async def|^)[[:space:]]*$claim\(" tests --include=*.c --include=*.py --include=*.sh && return 0 ;;
+    esac
+    return 1
+}
+
+while IFS='|' read -r _ row _ _ test figure _; do
+    row=${row// /} test=${test// /}
+    [[ $row =~ ^[0-9]+$ ]] || continue
+    if [ "$test" = none ]; then
+        [[ $figure == *"does not apply"* ]] || { echo "$page: row $row has no test and does not say why"; bad=1; }
+        continue
+    fi
+    for name in $(grep -o '`[^`]*`' <<<"$test" | tr -d '`'); do
+        exists "$name" || { echo "$page: row $row: $name is no test"; bad=1; }
+    done
+    [[ $test == *'`'* ]] || { echo "$page: row $row names no test"; bad=1; }
+done <"$page"
+
+for name in $(sed -n 's/^async def \([A-F][0-9]*_[a-z0-9_]*\)(.*/\1/p' tests/faults/*.py); do
+    grep -q "faults\.$name" "$page" || { echo "$page: faults.$name has no row"; bad=1; }
+done
+exit $bad
