@@ -1,12 +1,15 @@
 #include "process.h"
 
 #include "clock.h"
+#include "log.h"
 
 #include <dirent.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <unistd.h>
+
+enum { FILES_ELSEWHERE = 24 }; /* files, pipes and threads of the rest of the program */
 
 /* /proc/self/stat has the program's name in brackets, which may hold anything but does not end the line: fields are
  * counted from the last bracket [proc(5)]. */
@@ -57,4 +60,16 @@ void process_usage(struct process_usage *out)
     out->open_files = count_files();
     if (getrlimit(RLIMIT_NOFILE, &files) == 0)
         out->most_files = files.rlim_cur == RLIM_INFINITY ? 0 : (int64_t)files.rlim_cur;
+}
+
+uint32_t process_files(uint32_t wanted)
+{
+    struct rlimit files;
+
+    if (getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= wanted + FILES_ELSEWHERE)
+        return wanted;
+    const uint32_t left =
+        files.rlim_cur > 2 * FILES_ELSEWHERE ? (uint32_t)files.rlim_cur - FILES_ELSEWHERE : FILES_ELSEWHERE;
+    log_warning("only %u descriptors are allowed: at most %u are for connections", (unsigned)files.rlim_cur, left);
+    return left;
 }

@@ -15,4 +15,8 @@ struct process_usage {
 
 void process_usage(struct process_usage *out);
 
+/* Of so many descriptors that somebody would like to hold, those that this process may have beside the rest of its
+ * files; a warning where that is fewer. */
+uint32_t process_files(uint32_t wanted);
+
 #endif

@@ -4,6 +4,7 @@
 #include "internal.h"
 #include "log.h"
 #include "mem.h"
+#include "process.h"
 
 #include <arpa/inet.h>
 #include <assert.h>
@@ -13,12 +14,10 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/random.h>
-#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096, PER_ADDRESS_DEFAULT = 32, SILENT_DEFAULT_S = 10 };
-enum { FDS_ELSEWHERE = 24 }; /* files, pipes and threads of the rest of the program */
 
 /* lws speaks of every peer's mistake as of an error of its own. */
 static void route_log(int level, const char *line)
@@ -181,19 +180,6 @@ static void *serve(void *arg)
     return NULL;
 }
 
-/* How many descriptors the network may hold: where the process may have no more than that, lws must stop accepting by
- * itself, or it is told of the connection that it cannot accept again and again, at full speed. */
-static unsigned descriptor_limit(unsigned wanted)
-{
-    struct rlimit files;
-
-    if (getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= wanted + FDS_ELSEWHERE)
-        return wanted;
-    const unsigned left = files.rlim_cur > 2 * FDS_ELSEWHERE ? (unsigned)files.rlim_cur - FDS_ELSEWHERE : FDS_ELSEWHERE;
-    log_warning("only %u descriptors are allowed: at most %u are for connections", (unsigned)files.rlim_cur, left);
-    return left;
-}
-
 /* Fills what both context and vhost take. No extensions (permessage-deflate of 4.1.6 has known faults and pictures do
  * not compress), bounded tables, short time-outs. */
 static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
@@ -234,7 +220,7 @@ static struct lws_context *context_create(struct server *s, const struct address
         .uid = (uid_t)-1,
         .user = s,
         .options = LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
-        .fd_limit_per_thread = descriptor_limit(s->max_connections + OTHER_FDS),
+        .fd_limit_per_thread = process_files(s->max_connections + OTHER_FDS),
         .max_http_header_pool = 32,
         .max_http_header_data = 8192,
         .pt_serv_buf_size = STREAM_RECEIVE,
@@ -338,16 +324,13 @@ enum err server_create(const struct server_desc *desc, struct server **out, stru
     if (e)
         goto failed;
     s->status = message_status_shared(&nothing);
-    if (!s->status) {
-        e = err_say(why, ERR_NOMEM, "out of memory");
-        goto failed;
-    }
-    e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
+    e = s->status ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
+    if (!e)
+        e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
     if (!e)
         e = site_load(&s->site, web_dir, why);
-    if (e)
-        goto failed;
-    e = start(s, desc, why);
+    if (!e)
+        e = start(s, desc, why);
     if (e)
         goto failed;
     *out = s;

@@ -55,7 +55,7 @@ fuzzers_look_for_ten_minutes_each() {
 }
 
 two_hundred_viewers_beside_nginx() {
-    command -v nginx >/dev/null || { echo "skipped: nginx is not installed"; exit 77; }
+    [ -n "${RELIGHT_NGINX:-}" ] || command -v nginx >/dev/null || { echo "skipped: nginx is not installed"; exit 77; }
     /usr/bin/python3 -B "$here/crowd.py"
 }
 

@@ -1,0 +1,97 @@
+#!/usr/bin/python3
+"""What a viewer costs: crowd.py [VIEWERS=200] [SECONDS=10]. relightd sends pictures at 30 a second to so many viewers on
+this machine, then to one: the difference of its processor time, by viewers, is the price of one, since a picture is made and
+encoded once for all. Then nginx serves a file as large as a picture as often to as many. One line of JSON each; nothing is
+asserted, times depend on the machine. RELIGHT_NGINX names another nginx than the one in the path."""
+
+import asyncio
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from faults import BIN, Producer, Relightd, Viewer, check
+
+RATE = 30
+
+
+def processor_s(pid):
+    """Of a process and its children."""
+    total = 0.0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(stat.parent.name) == pid or int(fields[1]) == pid:
+            total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return total
+
+
+async def crowd(pid, port, viewers, seconds, *path):
+    """What came, and the server's processor time per second."""
+    begun = processor_s(pid)
+    process = await asyncio.create_subprocess_exec(str(BIN / "crowd"), str(port), str(viewers), str(RATE), str(seconds), *path,
+                                                   stdout=asyncio.subprocess.PIPE)
+    out, _ = await process.communicate()
+    check(process.returncode == 0, "the crowd failed")
+    came = json.loads(out)
+    return came, (processor_s(pid) - begun) / came["seconds"]
+
+
+async def relightd(viewers, seconds):
+    async with Relightd("--size", "640x360", "--fps", str(RATE), "--max-connections", str(viewers + 16), "--converge", "off",
+                        "--no-h264") as server:
+        async with Producer(server, pause_s=1 / RATE):
+            async with Viewer(server) as viewer:
+                await viewer.sees(RATE, 30)
+            few, alone = await crowd(server.pid, server.port, 1, seconds)
+            many, full = await crowd(server.pid, server.port, viewers, seconds)
+    size = many["bytes"] // max(1, many["messages"])
+    report("relightd", viewers, many, (full - alone) / (viewers - 1), size, alone)
+    return size
+
+
+def report(name, viewers, came, cost, size, alone=0.0):
+    print(json.dumps({"server": name, "viewers": viewers, "messages_per_viewer_per_second":
+                      round(came["messages"] / viewers / came["seconds"], 1), "bytes_per_message": size,
+                      "processor_percent_per_viewer": round(100 * cost, 3), "microseconds_per_message":
+                      round(1e6 * cost * viewers * came["seconds"] / max(1, came["messages"]), 1),
+                      "processor_percent_with_one": round(100 * alone, 1)}), flush=True)
+
+
+async def nginx(viewers, seconds, size):
+    program = os.environ.get("RELIGHT_NGINX") or shutil.which("nginx")
+    if not program:
+        print("nginx is not installed")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        Path(folder, "picture").write_bytes(os.urandom(size))
+        Path(folder, "conf").write_text(f"""
+            daemon off; master_process off; pid {folder}/pid; error_log {folder}/log;
+            events {{ worker_connections 1024; }}
+            http {{ access_log off; keepalive_requests 1000000; sendfile on; tcp_nodelay on; open_file_cache max=10;
+                    client_body_temp_path {folder}; proxy_temp_path {folder}; fastcgi_temp_path {folder};
+                    uwsgi_temp_path {folder}; scgi_temp_path {folder};
+                    server {{ listen 127.0.0.1:18231; root {folder}; }} }}""", encoding="ascii")
+        process = subprocess.Popen([program, "-e", f"{folder}/log", "-c", f"{folder}/conf"])
+        try:
+            await asyncio.sleep(1)
+            await crowd(process.pid, 18231, viewers, 2, "/picture")
+            came, cost = await crowd(process.pid, 18231, viewers, seconds, "/picture")
+        finally:
+            process.terminate()
+            process.wait()
+    report("nginx", viewers, came, cost / viewers, came["bytes"] // max(1, came["messages"]))
+
+
+async def both(viewers, seconds):
+    await nginx(viewers, seconds, await relightd(viewers, seconds))
+
+
+if __name__ == "__main__":
+    asyncio.run(both(int(sys.argv[1]) if len(sys.argv) > 1 else 200, int(sys.argv[2]) if len(sys.argv) > 2 else 10))
