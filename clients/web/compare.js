@@ -36,9 +36,10 @@ export class Compare {
     this.remark = make('span', { id: 'compare-remark' });
     this.bar = make('div', { id: 'compare-bar', role: 'group', ariaLabel: 'Comparison' }, this.remark,
       make('div', { className: 'compare-row' }, this.anew, this.apart, this.end));
-    this.parts = [this.left, this.handle, this.wordsA, this.wordsB, this.bar];
-    this.place.append(...this.parts.slice(0, 4));
-    document.getElementById('stage').append(this.bar); // over the picture, and on a phone below it
+    this.words = make('div', { id: 'compare-words' }, this.wordsA, this.wordsB);
+    this.parts = [this.left, this.handle, this.words, this.bar];
+    this.place.append(this.left, this.handle);
+    document.getElementById('stage').append(this.words, this.bar); // over the picture, and on a phone below it
     this.show(false);
 
     this.button = topButton('compare-button', 'Keep this picture and compare', 'Compare', 'M2 3h12v10H2zM8 1.5v13M5 8H3.8M11 8h1.2');

@@ -196,8 +196,11 @@ class Controls {
     const pill = document.getElementById('role');
     pill.hidden = !this.there;
     pill.textContent = this.may ? 'Controlling' : 'Watching';
-    const what = this.may ? 'Drag across the picture to turn the sky; click it' : 'Click the picture';
-    document.getElementById('hint').textContent = `${what} to see where a pixel\u2019s light comes from; press ? for all keys.`;
+    const touch = window.matchMedia('(pointer: coarse)').matches; // no mouse, and likely no keys
+    const click = touch ? 'tap' : 'click';
+    const what = this.may ? `Drag across the picture to turn the sky; ${click} it` : `${click[0].toUpperCase()}${click.slice(1)} the picture`;
+    const more = touch ? 'the ? above says more' : 'press ? for all keys';
+    document.getElementById('hint').textContent = `${what} to see where a pixel\u2019s light comes from; ${more}.`;
   }
 
   showCamera() {

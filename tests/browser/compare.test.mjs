@@ -2,30 +2,21 @@
 // RELIGHT_RELIGHTD names the server's program.
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
-import { after, before, test } from 'node:test';
+import { test } from 'node:test';
 import { inflateSync } from 'node:zlib';
-import { openBrowser, openPage, readback, startServer, untilFrames, whatIsMissing } from './lib.mjs';
+import { beginTests, openPage, readback, startServer, untilFrames } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const RELIGHTD = process.env.RELIGHT_RELIGHTD;
-assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
+const chromium = await beginTests(['RELIGHT_RELIGHTD']);
+const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 
 const WIDTH = 160;
 const HEIGHT = 90;
 const STILL = ['--source', 'sky:hour=9', '--frames', '2-2', '--once', '--converge', 'off', '--method', 'mis', '--samples', '8'];
 const MOVING = ['--source', 'sky:time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
 
-let browser;
-before(async () => { browser = await openBrowser(); });
-after(async () => { await browser?.close(); });
-
 async function withPage(args, body, options) {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', `${WIDTH}x${HEIGHT}`, ...args]);
-  const page = await openPage(browser, `${server.url}?coding=jpeg`, options);
+  const page = await openPage(chromium.browser, `${server.url}?coding=jpeg`, options);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });
     await body(page);
@@ -215,3 +206,22 @@ test('against the reference that accumulates while the sky stands still', () =>
     });
     assert.equal(samples, passes, 'one sample a pass');
   }, { width: 390, height: 844 }));
+
+for (const [width, height] of [[390, 844], [844, 390]]) {
+  test(`on a phone of ${width} x ${height} the comparison hides nothing of the picture but the boundary`, () => withPage(STILL, async (page) => {
+    await page.click('#compare-button');
+    await page.waitForFunction(() => !document.getElementById('toast').textContent); // it goes by itself
+    const got = await page.evaluate(() => {
+      const { left, top, width: w, height: h } = window.relight.compare.box();
+      const boxes = ['compare-a', 'compare-b', 'compare-bar', 'compare-end'].map((id) => [id, document.getElementById(id).getBoundingClientRect().toJSON()]);
+      return { picture: { left, top, right: left + w, bottom: top + h }, boxes, window: [innerWidth, innerHeight] };
+    });
+    for (const [id, box] of got.boxes) {
+      assert.ok(box.width > 10 && box.height > 5, `${id} is not there`);
+      const apart = box.left >= got.picture.right || box.right <= got.picture.left || box.top >= got.picture.bottom - 0.5 || box.bottom <= got.picture.top;
+      assert.ok(apart, `${id} covers the picture: ${JSON.stringify(box)} over ${JSON.stringify(got.picture)}`);
+      assert.ok(box.left >= 0 && box.right <= got.window[0] && box.bottom <= got.window[1], `${id} is not in the window: ${JSON.stringify(box)}`);
+    }
+    assert.ok(got.picture.bottom - got.picture.top > 0.45 * Math.min(width * 9 / 16, height), 'hardly a picture is left');
+  }, { width, height }));
+}

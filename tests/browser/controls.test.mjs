@@ -5,20 +5,13 @@ import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
-import { openBrowser, openPage, startServer, untilFrames, whatIsMissing } from './lib.mjs';
+import { beginTests, openPage, startServer, untilFrames } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const RELIGHTD = process.env.RELIGHT_RELIGHTD;
-assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
+const chromium = await beginTests(['RELIGHT_RELIGHTD']);
+const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 
-let browser;
 let folder;
-before(async () => {
-  browser = await openBrowser();
+before(() => {
   folder = mkdtempSync(join(tmpdir(), 'relight-controls-'));
   for (let i = 0; i < 20; i++) { // grey skies, each brighter than the one before
     const texel = Buffer.from([128 + i, 128, 128, 129]);
@@ -26,8 +19,7 @@ before(async () => {
       Buffer.from('#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n'), ...Array(32).fill(texel)]));
   }
 });
-after(async () => {
-  await browser?.close();
+after(() => {
   if (folder) rmSync(folder, { recursive: true });
 });
 
@@ -36,7 +28,7 @@ const files = () => ['--source', join(folder, 'sky.%d.hdr')];
 
 // A connection that only looks: witness.control() and witness.status() are the server's last words.
 async function openWitness(url) {
-  const page = await browser.newPage();
+  const page = await chromium.browser.newPage();
   await page.goto(new URL('/healthz', url).href);
   await page.evaluate(() => {
     window.said = {};
@@ -67,7 +59,7 @@ const inForce = (witness, wanted) => witness.until(
 
 async function withAll(args, body, { hash = '', ...options } = {}) {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--fps', '15', ...args]);
-  const page = await openPage(browser, server.url + hash, options);
+  const page = await openPage(chromium.browser, server.url + hash, options);
   const witness = await openWitness(server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control && window.relight.app.status?.offers,
@@ -327,7 +319,7 @@ test('a token in the address makes a controller, and without it one watches', as
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--token-controller', 'se cret', ...SKY]);
   try {
     for (const [hash, role] of [['', 'Watching'], ['#token=wrong', 'Watching'], ['#token=se%20cret', 'Controlling']]) {
-      const page = await openPage(browser, server.url + hash);
+      const page = await openPage(chromium.browser, server.url + hash);
       await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control, null, { timeout: 60000 });
       assert.equal(await page.textContent('#role'), role, `with "${hash}"`);
       await page.close();

@@ -1,24 +1,15 @@
 // Speed and accuracy and the sky in Chromium, on the whole program: what is shown against the headers and statuses that
 // it came from. RELIGHT_RELIGHTD names the server's program.
 import assert from 'node:assert/strict';
-import { after, before, test } from 'node:test';
-import { openBrowser, openPage, startServer, whatIsMissing } from './lib.mjs';
+import { test } from 'node:test';
+import { beginTests, openPage, startServer } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const RELIGHTD = process.env.RELIGHT_RELIGHTD;
-assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
-
-let browser;
-before(async () => { browser = await openBrowser(); });
-after(async () => { await browser?.close(); });
+const chromium = await beginTests(['RELIGHT_RELIGHTD']);
+const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 
 async function withPage(args, body, options) {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', ...args]);
-  const page = await openPage(browser, `${server.url}?coding=jpeg`, options);
+  const page = await openPage(chromium.browser, `${server.url}?coding=jpeg`, options);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });
     await body(page, server);

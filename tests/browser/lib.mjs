@@ -1,4 +1,5 @@
-// What the browser tests share: a server as a child process, Chromium, and how to wait.
+// What the browser tests share: how they begin, a server as a child process, Chromium, and how to wait.
+import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { existsSync } from 'node:fs';
 
@@ -13,6 +14,25 @@ export async function whatIsMissing() {
     return 'playwright-core is not installed: npm ci --ignore-scripts in tests/browser';
   }
   return undefined;
+}
+
+// How a file of tests begins: the environment variables that name the programs under test, and one browser for all of
+// them, in `browser` once tests run. Where there is none, or `missing` says what else is not there, all are skipped.
+export async function beginTests(variables, missing = () => undefined) {
+  const absent = (await whatIsMissing()) ?? missing();
+  if (absent) {
+    console.log(`skipped: ${absent}`);
+    process.exit(0);
+  }
+  const { after, before } = await import('node:test');
+  const begun = {};
+  for (const name of variables) {
+    assert.ok(process.env[name], `${name} is not set`);
+    begun[name] = process.env[name];
+  }
+  before(async () => { begun.browser = await openBrowser(); });
+  after(async () => { await begun.browser?.close(); });
+  return begun;
 }
 
 // Starts `command` and waits for the address that it prints: {url, port, say(line), text(), ended, stop()}.

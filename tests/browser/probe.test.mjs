@@ -4,15 +4,10 @@ import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
 import { readFileSync } from 'node:fs';
 import { after, before, test } from 'node:test';
-import { openBrowser, openPage, startServer, untilFrames, untilState, whatIsMissing } from './lib.mjs';
+import { beginTests, openPage, startServer, untilFrames, untilState } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const BIN = process.env.RELIGHT_BIN;
-assert.ok(BIN, 'RELIGHT_BIN is not set');
+const chromium = await beginTests(['RELIGHT_BIN']);
+const BIN = chromium.RELIGHT_BIN;
 
 const WIDTH = 320;
 const HEIGHT = 180;
@@ -21,14 +16,11 @@ const STILL = ['--source', 'sky:hour=9', '--frames', '2-2'];
 const FLOOR = [150, 150]; // pixels of the built-in court
 const SKY = [40, 12];
 
-let browser;
 let server;
 before(async () => {
-  browser = await openBrowser();
   server = await startServer(`${BIN}/relightd`, ['--port', '0', ...STILL, '--once', '--converge', 'off', ...WAY]);
 });
 after(async () => {
-  await browser?.close();
   await server?.stop();
 });
 
@@ -39,7 +31,7 @@ function rendered([x, y], ...more) {
 }
 
 async function withPage(body, { at = server, options = {} } = {}) {
-  const page = await openPage(browser, at.url, options);
+  const page = await openPage(chromium.browser, at.url, options);
   try {
     await page.waitForFunction(() => window.relight.frames > 0 && window.relight.status?.width > 0, null, { timeout: 60000 });
     await body(page);

@@ -1,22 +1,13 @@
 // The page behind a thin and a long line: what it shows stays new, and it goes on by itself. Times are printed, not
 // asserted, but for bounds that only a queue which grows could break. RELIGHT_PATTERN_SERVER names the server.
 import assert from 'node:assert/strict';
-import { after, before, test } from 'node:test';
-import { openBrowser, startServer, state, untilFrames, untilState, whatIsMissing } from './lib.mjs';
+import { test } from 'node:test';
+import { beginTests, startServer, state, untilFrames, untilState } from './lib.mjs';
 import { startRelay } from './relay.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const PATTERN = process.env.RELIGHT_PATTERN_SERVER;
-assert.ok(PATTERN, 'RELIGHT_PATTERN_SERVER is not set');
+const chromium = await beginTests(['RELIGHT_PATTERN_SERVER']);
+const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
 const BUILT_IN = process.env.RELIGHT_H264 === 'ON';
-
-let browser;
-before(async () => { browser = await openBrowser(); });
-after(async () => { await browser?.close(); });
 
 // The page notes of each picture that it draws when, its numbers, and how old it is: both ends are on one clock.
 const note = () => {
@@ -30,7 +21,7 @@ const note = () => {
 async function withRelay(args, line, query, body) {
   const server = await startServer(PATTERN, args);
   const relay = await startRelay(server.port, {}); // the page itself comes quickly
-  const page = await browser.newPage({ viewport: { width: 1000, height: 800 } });
+  const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
   const faults = [];
   page.on('pageerror', (error) => faults.push(String(error)));
   try {

@@ -3,28 +3,20 @@
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
 import {
-  brightness, openBrowser, openPage, readback, sentence, startServer, state, untilFrames, untilState, whatIsMissing,
+  brightness, beginTests, openPage, readback, sentence, startServer, state, untilFrames, untilState,
 } from './lib.mjs';
 
 const command = process.env.RELIGHT_STREAM_COMMAND ?? '';
 const data = process.env.RELIGHT_TEST_DATA;
-const missing = (await whatIsMissing())
-  ?? (command ? undefined : 'RELIGHT_STREAM_COMMAND is not set')
-  ?? (command.includes('$RELIGHT_TEST_DATA') && !data ? 'RELIGHT_TEST_DATA is not set' : undefined);
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
+const chromium = await beginTests([], () => (command ? undefined : 'RELIGHT_STREAM_COMMAND is not set')
+  ?? (command.includes('$RELIGHT_TEST_DATA') && !data ? 'RELIGHT_TEST_DATA is not set' : undefined));
 const [program, ...args] = JSON.parse(command).map((word) => word.replaceAll('$RELIGHT_TEST_DATA', data));
 
-let browser;
 let server;
 before(async () => {
   server = await startServer(program, args);
-  browser = await openBrowser();
 });
 after(async () => {
-  await browser?.close();
   await server?.stop();
 });
 
@@ -52,7 +44,7 @@ function tones({ data }) {
 }
 
 test('a lit scene comes, picture after picture, and moves', async () => {
-  const page = await openPage(browser, server.url);
+  const page = await openPage(chromium.browser, server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
     const pictures = [await readback(page)];
@@ -84,7 +76,7 @@ test('a lit scene comes, picture after picture, and moves', async () => {
 });
 
 test('the page says what it shows and how fast', async () => {
-  const page = await openPage(browser, server.url);
+  const page = await openPage(chromium.browser, server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 2, null, { timeout: 120000 });
     await page.waitForFunction(() => window.relight.status?.scene && window.relight.status?.samples > 0);
@@ -100,8 +92,8 @@ test('the page says what it shows and how fast', async () => {
 });
 
 test('a second viewer changes nothing for the first', async () => {
-  const first = await openPage(browser, server.url);
-  const second = await openPage(browser, server.url);
+  const first = await openPage(chromium.browser, server.url);
+  const second = await openPage(chromium.browser, server.url);
   try {
     for (const page of [first, second])
       await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
@@ -115,7 +107,7 @@ test('a second viewer changes nothing for the first', async () => {
 });
 
 test('the page hears of it when the server goes', async () => {
-  const page = await openPage(browser, server.url);
+  const page = await openPage(chromium.browser, server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
     const { code, signal } = await server.stop();

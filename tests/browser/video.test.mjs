@@ -6,34 +6,26 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
 import {
-  openBrowser, openPage, readback, sentence, startServer, untilFrames, untilState, whatIsMissing,
+  beginTests, openPage, readback, sentence, startServer, untilFrames, untilState,
 } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const PATTERN = process.env.RELIGHT_PATTERN_SERVER;
-assert.ok(PATTERN, 'RELIGHT_PATTERN_SERVER is not set');
+const chromium = await beginTests(['RELIGHT_PATTERN_SERVER', 'RELIGHT_RELIGHTD']);
+const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
 const BUILT_IN = process.env.RELIGHT_H264 === 'ON'; // the server makes H.264
 
-let browser;
 let folder;
 let decodes; // the browser's own word
 before(async () => {
-  browser = await openBrowser();
   folder = mkdtempSync(join(tmpdir(), 'relight-video-'));
   const server = await startServer(PATTERN, []);
-  const page = await openPage(browser, server.url);
+  const page = await openPage(chromium.browser, server.url);
   decodes = await page.evaluate(async () => isSecureContext && typeof VideoDecoder === 'function'
     && (await VideoDecoder.isConfigSupported({ codec: 'avc1.42E01F', optimizeForLatency: true })).supported);
   console.log(`H.264: the server ${BUILT_IN ? 'makes' : 'does not make'} it, the browser ${decodes ? 'decodes' : 'does not decode'} it`);
   await page.close();
   await server.stop();
 });
-after(async () => {
-  await browser?.close();
+after(() => {
   if (folder) rmSync(folder, { recursive: true });
 });
 
@@ -43,7 +35,7 @@ const untilCoding = (page, name) => page.waitForFunction((n) => window.relight?.
 
 async function withPage(args, query, body, script) {
   const server = await startServer(PATTERN, args);
-  const page = await browser.newPage({ viewport: { width: 1000, height: 800 } });
+  const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
   const faults = [];
   page.on('pageerror', (error) => faults.push(String(error)));
   try {
@@ -226,9 +218,9 @@ for (const coding of ['h264', 'jpeg']) {
       t.skip('no H.264 here');
       return;
     }
-    const server = await startServer(process.env.RELIGHT_RELIGHTD,
+    const server = await startServer(chromium.RELIGHT_RELIGHTD,
       ['--port', '0', '--size', '320x180', '--samples', '4', '--source', 'sky:speed=0.5', '--reseed', '--h264-mbit', '2']);
-    const page = await browser.newPage({ viewport: { width: 1000, height: 800 } });
+    const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
     try {
       const arrived = []; // what comes over the line, as the browser itself tells it
       page.on('websocket', (socket) => socket.on('framereceived', ({ payload }) => {
@@ -312,7 +304,7 @@ test('a page opened on a picture that stands still shows it', () =>
     await untilFrames(first, 30); // more than the server keeps: whoever comes needs a key picture
     server.say('state ended');
     const { shown } = await lastPicture(first, server);
-    const second = await openPage(browser, server.url);
+    const second = await openPage(chromium.browser, server.url);
     try {
       await second.waitForFunction((n) => window.relight.lastHeader?.frame === n, shown.header.frame, { timeout: 30000 });
       assert.equal(await coding(second), expected());

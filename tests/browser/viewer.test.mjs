@@ -1,27 +1,18 @@
 // The viewer page in Chromium on pictures whose every pixel is known: pattern_server.c says what they show.
 // RELIGHT_PATTERN_SERVER names that program.
 import assert from 'node:assert/strict';
-import { after, before, test } from 'node:test';
+import { test } from 'node:test';
 import {
-  openBrowser, openPage, readback, sentence, startServer, state, untilFrames, untilState, whatIsMissing,
+  beginTests, openPage, readback, sentence, startServer, state, untilFrames, untilState,
 } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const PATTERN = process.env.RELIGHT_PATTERN_SERVER;
-assert.ok(PATTERN, 'RELIGHT_PATTERN_SERVER is not set');
-
-let browser;
-before(async () => { browser = await openBrowser(); });
-after(async () => { await browser?.close(); });
+const chromium = await beginTests(['RELIGHT_PATTERN_SERVER']);
+const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
 
 // Runs `body` with a server and a page on it, and ends both.
 async function withPage(args, body, options) {
   const server = await startServer(PATTERN, args);
-  const page = await openPage(browser, server.url, options);
+  const page = await openPage(chromium.browser, server.url, options);
   try {
     await body(page, server);
     assert.deepEqual(page.faults, []);
@@ -278,7 +269,7 @@ test('help lists every key, and one may look without acting', () =>
 test('dark and light are those of the system until a person says otherwise', async () => {
   const server = await startServer(PATTERN, []);
   const ground = (page) => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
-  const page = await browser.newPage({ colorScheme: 'light' });
+  const page = await chromium.browser.newPage({ colorScheme: 'light' });
   try {
     await page.goto(server.url);
     await untilState(page, 'live');
@@ -385,7 +376,7 @@ test('all text is told from its ground by at least 4.5 to 1', () =>
 
 test('without workers the page itself does their work', async () => {
   const server = await startServer(PATTERN, ['--fps', '20']);
-  const page = await browser.newPage();
+  const page = await chromium.browser.newPage();
   try {
     await page.addInitScript(() => { delete window.Worker; });
     await page.goto(server.url);
@@ -400,7 +391,7 @@ test('without workers the page itself does their work', async () => {
 
 test('another site cannot open the stream', async () => {
   const server = await startServer(PATTERN, []);
-  const page = await browser.newPage();
+  const page = await chromium.browser.newPage();
   try {
     await page.goto('about:blank'); // its origin is null
     const opened = await page.evaluate((url) => new Promise((resolve) => {
