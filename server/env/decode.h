@@ -33,6 +33,13 @@ MUST_CHECK enum err decode_exr(const uint8_t *bytes, size_t size, const char *na
 MUST_CHECK enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct image *im,
                                struct reason *why);
 
+/* Whoever else does what decode_image does, such as a process that may die of it; with a context of its own. */
+struct image_decoder {
+    enum err (*decode)(void *context, const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                       struct reason *why);
+    void *context;
+};
+
 /* The file at `path` whole: reads and decodes. ERR_IO when it cannot be read, ERR_RANGE above DECODE_FILE_MAX. */
 MUST_CHECK enum err decode_file(const char *path, struct image *im, struct reason *why);
 

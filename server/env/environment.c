@@ -104,6 +104,7 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->gain = (float)exp2(desc->scale_stops);
     e->importance = desc->importance;
     e->lean = desc->lean;
+    e->decoder = desc->decoder;
 }
 
 /* What whoever sent the frame says of its layout stands above what the file says and below the user's own word; ""
@@ -155,6 +156,13 @@ static enum err place_face(struct image *cube, struct image *face, uint32_t k, c
     return ERR_OK;
 }
 
+static enum err decode(const struct environment *e, const uint8_t *bytes, size_t size, const char *name,
+                       struct image *im, struct reason *why)
+{
+    return e->decoder ? e->decoder->decode(e->decoder->context, bytes, size, name, im, why)
+                      : decode_image(bytes, size, name, im, why);
+}
+
 static enum err decode_faces(struct environment *e, const struct frame *f, struct reason *why)
 {
     static const char *const names[CUBE_FACES] = { "px", "nx", "py", "ny", "pz", "nz" };
@@ -164,7 +172,7 @@ static enum err decode_faces(struct environment *e, const struct frame *f, struc
 
     for (uint32_t k = 0; k < CUBE_FACES && !result; at += f->faces[k++]) {
         snprintf(name, sizeof(name), "%s (face %s)", f->name, names[k]);
-        result = decode_image(f->bytes + at, f->faces[k], name, &e->face, why);
+        result = decode(e, f->bytes + at, f->faces[k], name, &e->face, why);
         if (!result)
             result = place_face(&e->image, &e->face, k, name, why);
     }
@@ -193,7 +201,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
     if (f->kind == FRAME_FILE && f->faces[0]) {
         result = decode_faces(e, f, why);
     } else if (f->kind == FRAME_FILE) {
-        result = decode_image(f->bytes, f->size, f->name, &e->image, why);
+        result = decode(e, f->bytes, f->size, f->name, &e->image, why);
     } else if (f->kind == FRAME_TEXELS) {
         result = image_resize(&e->image, f->width, f->height);
         if (result)

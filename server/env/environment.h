@@ -6,6 +6,7 @@
 #define ENV_ENVIRONMENT_H
 
 #include "cube.h"
+#include "decode.h"
 #include "err.h"
 #include "frame.h"
 #include "image.h"
@@ -54,6 +55,7 @@ struct environment {
     enum importance importance;
     struct resampler *resampler;
     struct resample_tables *tables;
+    const struct image_decoder *decoder; /* NULL: decode_image */
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
@@ -80,6 +82,7 @@ struct environment_desc {
     enum importance importance;
     bool lean; /* a rebuild makes what all methods read, and leaves the rest, by which directions are
                 * drawn and wide eyes look, to environment_complete */
+    const struct image_decoder *decoder; /* who decodes the files of frames; it is borrowed. NULL: decode_image */
     struct resample_tables *tables; /* where environments find each other's resampling tables (resample_table.h); they
                                      * must outlive the environment. NULL: it makes its own. */
 };
@@ -88,7 +91,8 @@ struct environment_desc {
 struct environment *environment_create(const struct environment_desc *desc);
 void environment_destroy(struct environment *e); /* NULL is allowed */
 
-/* Takes another layout, rotation, scale, importance and leanness from the next update on; n and tables stay. */
+/* Takes another layout, rotation, scale, importance, leanness and decoder from the next update on; n and tables stay.
+ */
 void environment_set(struct environment *e, const struct environment_desc *desc);
 
 /* Decodes the frame and rebuilds cube map and tables. On any error *why names frame and fault and the environment must

@@ -1,0 +1,6 @@
+add_executable(misbehaving_decoder decoder/misbehave.c)
+target_link_libraries(misbehaving_decoder PRIVATE flags decoder m)
+unit_test(decoder test_decoder)
+target_compile_definitions(test_decoder_test_decoder PRIVATE MISBEHAVE="$<TARGET_FILE:misbehaving_decoder>"
+                                                             CORPUS="${CMAKE_SOURCE_DIR}/tests/fuzz/corpus")
+add_dependencies(test_decoder_test_decoder misbehaving_decoder relight-decoder)
