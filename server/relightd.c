@@ -289,6 +289,8 @@ static enum err set_up(struct daemon *d, struct reason *why)
 
     if (!e && !d->push)
         e = source_open(&d->source_desc, &d->source, why);
+    if (!e)
+        e = daemon_decoder_begin(d, &stop_asked, why);
     if (e)
         return e;
     if (!d->push) {
@@ -336,6 +338,7 @@ static void tear_down(struct daemon *d)
     handoff_close(&d->pictures);
     if (d->ingesting)
         pthread_join(d->ingest_thread, NULL);
+    daemon_decoder_end(d);
     if (d->encoding)
         pthread_join(d->encode_thread, NULL);
     daemon_service_end(d);

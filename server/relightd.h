@@ -9,6 +9,7 @@
 #define RELIGHTD_H
 
 #include "buyer.h"
+#include "decoder.h"
 #include "environment.h"
 #include "film.h"
 #include "h264.h"
@@ -121,6 +122,8 @@ struct daemon {
     struct log_desc log;
     const char *state_dir; /* NULL: nothing is kept */
     bool push;             /* frames come over the protocol */
+    bool no_sandbox;       /* and are decoded in this process */
+    struct decoder_desc decoder_desc;
     bool computed_sky;
     struct sky_desc sky;
 
@@ -173,6 +176,7 @@ struct daemon {
     struct handoff frames;
     struct shaded shaded[HANDOFF_SLOTS];
     struct handoff pictures;
+    struct decoder *decoder; /* ingest thread: of producers' files; NULL: they are decoded in this process */
     pthread_t ingest_thread, encode_thread, watch_thread;
     bool ingesting, encoding, watching; /* the threads run */
 
@@ -204,6 +208,10 @@ struct daemon {
 bool daemon_is_stopping(struct daemon *d);
 
 /* ---- relightd_ingest.c ---- */
+
+/* Starts the process that decodes what producers send. Before the ingest thread; and its end, after that. */
+MUST_CHECK enum err daemon_decoder_begin(struct daemon *d, const atomic_bool *stop, struct reason *why);
+void daemon_decoder_end(struct daemon *d);
 
 /* The ingest thread; arg is the daemon. */
 void *daemon_ingest_main(void *arg);

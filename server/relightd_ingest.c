@@ -4,6 +4,7 @@
 #include "relightd.h"
 
 #include "clock.h"
+#include "log.h"
 #include "mem.h"
 
 #include <omp.h>
@@ -15,6 +16,45 @@ static void nap_ms(int64_t ms)
 {
     nanosleep(&(struct timespec){ .tv_nsec = (long)ms * 1000000 }, NULL);
 }
+
+/* ---- Producers' files ---- */
+
+enum err daemon_decoder_begin(struct daemon *d, const atomic_bool *stop, struct reason *why)
+{
+    if (!d->push)
+        return ERR_OK;
+    if (d->no_sandbox) {
+        log_warning(
+            "--no-sandbox: files that producers send are decoded in this process; whoever can send one that its "
+            "decoders do not survive ends it, or takes it over");
+        return ERR_OK;
+    }
+    d->decoder_desc.stop = stop;
+    const enum err e = decoder_create(&d->decoder_desc, &d->decoder, why);
+    if (!e && !decoder_is_confined(d->decoder))
+        log_warning("this kernel grants no seccomp: the process that decodes producers' files is limited in memory and "
+                    "files, but not in what it may ask of the system");
+    return e;
+}
+
+void daemon_decoder_end(struct daemon *d)
+{
+    decoder_destroy(d->decoder);
+    d->decoder = NULL;
+}
+
+static void tell_decoder(struct daemon *d)
+{
+    struct decoder_counts c;
+
+    if (!d->decoder)
+        return;
+    decoder_counts(d->decoder, &c);
+    server_set_decoder(d->server, &(struct server_decoder){ true, decoder_is_confined(d->decoder), c.files, c.died,
+                                                            c.hung, c.lied, c.waited, c.starts });
+}
+
+/* ---- Any source ---- */
 
 /* Where in the source the frame stood, for those who are told. */
 static void note_place(struct daemon *d, struct ingested *in)
@@ -31,7 +71,9 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     const int slot = handoff_begin(&d->frames);
     struct ingested *in = &d->ingested[slot];
     const struct settings now = ticket->lockstep ? d->said : daemon_settings(d);
+    const struct image_decoder decoder = { decoder_decode, d->decoder };
     const struct environment_desc desc = { .layout = d->layout,
+                                           .decoder = d->decoder ? &decoder : NULL,
                                            .rotation_degrees = now.rotation_degrees,
                                            .scale_stops = now.scale_stops,
                                            .importance = d->importance,
@@ -42,7 +84,9 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     atomic_store(d->stirred, true);
     environment_set(in->environment, &desc);
     const enum err e = environment_update(in->environment, f, why);
+    in->environment->decoder = NULL; /* it ends with this block */
     atomic_store(&d->reading, false);
+    tell_decoder(d);
     if (e)
         return e;
     environment_warn_clipped(in->environment, &d->warned_clipped);

@@ -54,6 +54,10 @@ static const struct option_row table[] = {
     { "max-connections", "N", "WebSockets at once", "128" },
     { "max-per-address", "N", "of these from one address; left out: 32, and no limit for this machine's own", NULL },
     { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
+    { "decoder", "PROGRAM", "decodes what producers send; left out: the relight-decoder that came with this program",
+      NULL },
+    { "decode-seconds", "N", "for one file, after which it is refused", "10" },
+    { "no-sandbox", NULL, "decodes what producers send in this process, where a bad file can do harm", NULL },
     { "", NULL, "what is said and kept", NULL },
     { "log", "FORM", "of the log on standard error: plain, text (key=value, with time) or json", "plain" },
     { "log-level", "LEVEL", "error, warning, info or debug", "info" },
@@ -64,7 +68,8 @@ static const struct option_row table[] = {
     { "check-config", NULL, "says whether what was given makes sense, or all that does not, and ends", NULL },
     { NULL, NULL, NULL, NULL },
 };
-#define LOG_BURST 20 /* lines of a kind within */
+#define MIB_MOST 2047 /* of --max-frame-mib */
+#define LOG_BURST 20  /* lines of a kind within */
 #define LOG_WINDOW_MS 10000
 
 static const char samples_default[] = "16";
@@ -146,12 +151,15 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
 static enum err read_network(const struct options *o, struct daemon *d, struct reason *why)
 {
     uint64_t port = 0, quality = 0, mib = 0, connections = 0, per_address = 0;
+    double patience = 0.0;
     enum err e = options_u64(o, "port", 0, 65535, &port, why);
 
     if (!e)
         e = options_u64(o, "quality", 1, 100, &quality, why);
     if (!e)
-        e = options_u64(o, "max-frame-mib", 1, 2047, &mib, why);
+        e = options_u64(o, "max-frame-mib", 1, MIB_MOST, &mib, why);
+    if (!e)
+        e = options_double(o, "decode-seconds", 0.1, 3600.0, &patience, why);
     if (!e)
         e = options_u64(o, "max-connections", 1, 4096, &connections, why);
     if (!e && options_get(o, "max-per-address"))
@@ -169,6 +177,10 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     d->server_desc.h264 = h264_available() && !options_on(o, "no-h264");
     d->server_desc.max_frame_bytes = (size_t)mib << 20;
     d->server_desc.max_connections = (uint32_t)connections;
+    d->no_sandbox = options_on(o, "no-sandbox");
+    d->decoder_desc.program = options_get(o, "decoder");
+    d->decoder_desc.patience_ms = (uint32_t)(1e3 * patience);
+    d->decoder_desc.file_bytes = (size_t)MIB_MOST << 20; /* address space: --max-frame-mib may change */
     d->server_desc.max_per_address = (uint32_t)per_address;
     d->server_desc.behind_proxy = options_on(o, "behind-proxy");
     d->server_desc.hosts = options_get(o, "host");

@@ -1,12 +1,14 @@
 #include "internal.h"
 
 #include "log.h"
+#include "mem.h"
 
 #include <netinet/in.h>
 #include <string.h>
 #include <sys/socket.h>
 
-#define OTHERS 16 /* connections beside WebSockets: a browser opens six for a page */
+#define TOKEN_MAX 255 /* bytes, as in PROTOCOL.md 4.1.3 */
+#define OTHERS 16     /* connections beside WebSockets: a browser opens six for a page */
 
 /* lws keeps one pointer of ours with each connection, from the first byte to the last. */
 static struct visitor *of_connection(struct lws *wsi)
@@ -131,4 +133,26 @@ enum admission admission_token(struct server *s, struct lws *wsi, const char *gi
     if (v)
         visitor_guessed_wrong(v, now);
     return ADMISSION_WRONG;
+}
+
+bool admission_copy(char **out, const char *text)
+{
+    const size_t size = strlen(text) + 1;
+
+    *out = mem_alloc(size, 1);
+    if (*out)
+        memcpy(*out, text, size);
+    return *out != NULL;
+}
+
+enum err admission_copy_token(const char *name, const char *token, char **out, struct reason *why)
+{
+    const size_t length = token ? strlen(token) : 1;
+
+    *out = NULL;
+    if (length < 1 || length > TOKEN_MAX)
+        return err_say(why, ERR_USAGE, "--token-%s: a token has 1 to %d bytes, not %zu", name, TOKEN_MAX, length);
+    if (token && !admission_copy(out, token))
+        return err_say(why, ERR_NOMEM, "out of memory");
+    return ERR_OK;
 }

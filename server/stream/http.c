@@ -64,6 +64,28 @@ bool http_origin_ok(struct lws *wsi)
     return authority && strcasecmp(authority + 3, host) == 0;
 }
 
+/* On every answer: what a browser may do with it. The page needs no more than its own server. */
+const struct lws_protocol_vhost_options *http_headers(void)
+{
+    static const struct lws_protocol_vhost_options opener = { NULL, NULL,
+                                                              "cross-origin-opener-policy:", "same-origin" };
+    static const struct lws_protocol_vhost_options owner = { &opener, NULL,
+                                                             "cross-origin-resource-policy:", "same-origin" };
+    static const struct lws_protocol_vhost_options senses = {
+        &owner, NULL, "permissions-policy:", "camera=(), microphone=(), geolocation=(), payment=(), usb=()"
+    };
+    static const struct lws_protocol_vhost_options frames = { &senses, NULL, "x-frame-options:", "DENY" };
+    static const struct lws_protocol_vhost_options referrer = { &frames, NULL, "referrer-policy:", "no-referrer" };
+    static const struct lws_protocol_vhost_options sniff = { &referrer, NULL, "x-content-type-options:", "nosniff" };
+    static const struct lws_protocol_vhost_options policy = {
+        &sniff, NULL, "content-security-policy:",
+        "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    };
+
+    return &policy;
+}
+
 /* Writes the header into out; NULL when it does not fit. */
 static uint8_t *put_header(struct lws *wsi, unsigned status, const char *type, const char *etag, size_t size,
                            uint8_t *out, uint8_t *end)

@@ -178,6 +178,7 @@ struct server {
     struct control control;                             /* {lock} */
     struct probes probes;                               /* {lock} */
     struct server_figures figures;                      /* {lock} */
+    struct server_decoder decoder;                      /* {lock} */
     struct server *next;                                /* {lock} one that never runs: what server_change was told */
     int64_t source_us;                                  /* {lock} wall clock: since when the source is in this state */
 };
@@ -225,6 +226,7 @@ struct http_session {
     char *text; /* of which bytes is a part, where it is no file; freed when it has gone */
 };
 
+const struct lws_protocol_vhost_options *http_headers(void);
 /* http.c: whether this request's Host is one we answer to, and its Origin, if any, is that Host: pages of others must
  * not reach a server on a visitor's own machine, under whatever name they reach it. Thread: service. */
 bool http_host_ok(const struct server *s, struct lws *wsi);
@@ -238,6 +240,11 @@ int http_respond_long(struct lws *wsi, struct http_session *h, const char *type,
 /* monitor.c, thread: service. Whether that path is one of /healthz, /readyz, /metrics; and the answer. */
 bool monitor_knows(const char *path);
 int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, const char *path, bool head);
+
+/* admission.c, before the thread runs: copies of what was said, *out NULL where there is none. False: out of memory.
+ * What a token is is never said, in no message. */
+bool admission_copy(char **out, const char *text);
+enum err admission_copy_token(const char *name, const char *token, char **out, struct reason *why);
 
 /* admission.c, thread: service. A connection has come: -1 turns it away, since its address has too many. It is gone. */
 int admission_arrive(struct server *s, struct lws *wsi);

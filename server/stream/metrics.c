@@ -175,6 +175,29 @@ static void histogram(struct metrics_text *t, const char *name, const char *labe
                   open, labels, close, (unsigned long long)sum);
 }
 
+void server_set_decoder(struct server *s, const struct server_decoder *decoder)
+{
+    pthread_mutex_lock(&s->lock);
+    s->decoder = *decoder;
+    pthread_mutex_unlock(&s->lock);
+}
+
+static void tell_decoder(struct metrics_text *t, const struct server_decoder *d)
+{
+    static const char failed[] = "relightd_decoder_failures_total";
+
+    one(t, "relightd_decoder_separate", "gauge", "1: producers' files are decoded in a process of its own.",
+        d->separate);
+    one(t, "relightd_decoder_confined", "gauge", "1: which the kernel holds to a few system calls.", d->confined);
+    count(t, "relightd_decoder_files_total", "Files of producers that were to be decoded there.", d->files);
+    count(t, "relightd_decoder_starts_total", "Processes that were started for it.", d->starts);
+    head(t, failed, "counter", "Files that cost their decoder, or that it was not given since too many had.");
+    metrics_print(t, "%s{reason=\"died\"} %llu\n", failed, (unsigned long long)d->died);
+    metrics_print(t, "%s{reason=\"hung\"} %llu\n", failed, (unsigned long long)d->hung);
+    metrics_print(t, "%s{reason=\"nonsense\"} %llu\n", failed, (unsigned long long)d->lied);
+    metrics_print(t, "%s{reason=\"waiting\"} %llu\n", failed, (unsigned long long)d->waited);
+}
+
 static void tell_frames(struct metrics_text *t, const struct server_figures *f, const struct server_counters *c)
 {
     count(t, "relightd_frames_received_total", "Environment frames that came, from whatever source.", f->received);
@@ -417,10 +440,12 @@ char *metrics_text(struct server *s, size_t *size)
     server_counters(s, &c);
     pthread_mutex_lock(&s->lock);
     const struct server_figures f = s->figures;
+    const struct server_decoder decoder = s->decoder;
     pthread_mutex_unlock(&s->lock);
     tell_process(&t, s);
     tell_source(&t, s);
     tell_frames(&t, &f, &c);
+    tell_decoder(&t, &decoder);
     tell_pictures(&t, &s->metrics, &c);
     tell_times(&t, &s->metrics);
     tell_crowd(&t, s, &c);

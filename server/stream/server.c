@@ -28,8 +28,7 @@ static void route_log(int level, const char *line)
         log_debug("libwebsockets: %.*s", (int)length, line);
 }
 
-#define OTHER_FDS 64  /* beside WebSockets: for HTTP, listening and waking */
-#define TOKEN_MAX 255 /* bytes, as in PROTOCOL.md 4.1.3 */
+#define OTHER_FDS 64 /* beside WebSockets: for HTTP, listening and waking */
 
 struct address {
     struct sockaddr_storage socket;
@@ -82,29 +81,6 @@ static enum err address_try(const struct address *a, const char *text, uint16_t 
     return e;
 }
 
-static bool copy_text(char **out, const char *text)
-{
-    const size_t size = strlen(text) + 1;
-
-    *out = mem_alloc(size, 1);
-    if (*out)
-        memcpy(*out, text, size);
-    return *out != NULL;
-}
-
-/* *out is NULL where there is none. What it is is never said, in no message. */
-static enum err copy_token(const char *name, const char *token, char **out, struct reason *why)
-{
-    const size_t length = token ? strlen(token) : 1;
-
-    *out = NULL;
-    if (length < 1 || length > TOKEN_MAX)
-        return err_say(why, ERR_USAGE, "--token-%s: a token has 1 to %d bytes, not %zu", name, TOKEN_MAX, length);
-    if (token && !copy_text(out, token))
-        return err_say(why, ERR_NOMEM, "out of memory");
-    return ERR_OK;
-}
-
 static enum err copy_desc(struct server *s, const struct server_desc *desc, struct reason *why)
 {
     static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
@@ -129,10 +105,10 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     s->max_per_address_said = desc->max_per_address != 0;
     s->behind_proxy = desc->behind_proxy;
     s->silent_s = desc->silent_s ? desc->silent_s : SILENT_DEFAULT_S;
-    enum err e = copy_token("metrics", desc->token_metrics, &s->token_metrics, why);
+    enum err e = admission_copy_token("metrics", desc->token_metrics, &s->token_metrics, why);
     for (int r = 0; r < SERVER_ROLES && !e; r++)
-        e = copy_token(roles[r], desc->tokens[r], &s->tokens[r], why);
-    if (!e && desc->hosts && desc->hosts[0] && !copy_text(&s->hosts, desc->hosts))
+        e = admission_copy_token(roles[r], desc->tokens[r], &s->tokens[r], why);
+    if (!e && desc->hosts && desc->hosts[0] && !admission_copy(&s->hosts, desc->hosts))
         e = err_say(why, ERR_NOMEM, "out of memory");
     if (!e && !visitors_init(&s->visitors, s->max_connections + OTHER_FDS))
         e = err_say(why, ERR_NOMEM, "out of memory");
@@ -184,22 +160,6 @@ static void *serve(void *arg)
  * not compress), bounded tables, short time-outs. */
 static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
 {
-    static const struct lws_protocol_vhost_options opener = { NULL, NULL,
-                                                              "cross-origin-opener-policy:", "same-origin" };
-    static const struct lws_protocol_vhost_options owner = { &opener, NULL,
-                                                             "cross-origin-resource-policy:", "same-origin" };
-    static const struct lws_protocol_vhost_options senses = {
-        &owner, NULL, "permissions-policy:", "camera=(), microphone=(), geolocation=(), payment=(), usb=()"
-    };
-    static const struct lws_protocol_vhost_options frames = { &senses, NULL, "x-frame-options:", "DENY" };
-    static const struct lws_protocol_vhost_options referrer = { &frames, NULL, "referrer-policy:", "no-referrer" };
-    static const struct lws_protocol_vhost_options sniff = { &referrer, NULL, "x-content-type-options:", "nosniff" };
-    static const struct lws_protocol_vhost_options policy = {
-        &sniff, NULL, "content-security-policy:",
-        "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    };
-
     s->protocols[0] = (struct lws_protocols){ .name = "http",
                                               .callback = http_callback,
                                               .per_session_data_size = sizeof(struct http_session),
@@ -228,7 +188,7 @@ static struct lws_context *context_create(struct server *s, const struct address
         .timeout_secs_ah_idle = 5,
         .keepalive_timeout = 5,
         .retry_and_idle_policy = &s->validity,
-        .headers = &policy,
+        .headers = http_headers(),
         .server_string = "relightd",
     };
     return lws_create_context(&info);

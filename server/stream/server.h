@@ -323,6 +323,15 @@ struct server_figures {
 /* Copied. Any thread. */
 void server_set_figures(struct server *s, const struct server_figures *figures);
 
+/* Producers' files are decoded in a process of its own: what became of it (decoder.h). */
+struct server_decoder {
+    bool separate, confined; /* it is; and the kernel holds it to its few system calls */
+    uint64_t files, died, hung, lied, waited, starts;
+};
+
+/* Copied. Any thread. */
+void server_set_decoder(struct server *s, const struct server_decoder *decoder);
+
 /* Counters since the start. Any thread. */
 struct server_counters {
     uint64_t connections; /* WebSockets accepted */
