@@ -64,6 +64,8 @@ const app = {
   panel: makePanel,
   // A few words about what has just been done, for a moment.
   say,
+  // Functions that say for how many milliseconds a person has waited for the server, 0 where for nothing.
+  waits: [],
 };
 relight.app = app;
 
@@ -82,6 +84,18 @@ function say(text) {
   setText('toast', text);
   clearTimeout(sayTimer);
   sayTimer = setTimeout(() => setText('toast', ''), 2500);
+}
+
+// The server answers between two pictures, of which each may take seconds: whoever waits is told what for.
+const WAIT_MS = 400;
+const LOST_MS = 60000; // such an answer does not come any more
+const WAIT_TEXT = 'Asked; the picture that is being made comes first';
+
+function showWaits() {
+  const there = ['live', 'stalled', 'paused', 'ended'].includes(relight.state.name);
+  const waited = app.waits.map((wait) => wait()).some((ms) => ms > WAIT_MS && ms < LOST_MS);
+  if (there && waited) say(WAIT_TEXT);
+  else if ($('toast').textContent === WAIT_TEXT) say('');
 }
 
 const figures = {
@@ -357,4 +371,5 @@ showState(relight.state);
 listen();
 await mountAll();
 setInterval(showFigures, 250);
+setInterval(showWaits, 100);
 send = await startPlayer(take);

@@ -30,6 +30,7 @@ class Controls {
     });
     app.on('error', (error) => this.refused(error));
     app.on('picture', ({ header }) => { this.gain = header.gain; });
+    app.waits.push(() => this.wishes.waitedMs);
     this.show();
   }
 

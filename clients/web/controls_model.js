@@ -37,6 +37,11 @@ export class Wishes {
     return true;
   }
 
+  // For how long what was asked has been without an answer; 0: nothing is under way.
+  get waitedMs() {
+    return this.underway ? this.nowMs() - this.sentMs : 0;
+  }
+
   // What is in force with what is wished for on top: what a control shows, so that it does not jump back and forth.
   over(control) {
     return { ...control, ...this.underway, ...this.waiting };

@@ -40,6 +40,7 @@ class Probe {
     app.on('radiance', (message) => this.takeRadiance(message));
     app.on('error', (error) => this.takeError(error));
     app.on('welcome', () => this.begin());
+    app.waits.push(() => this.waitedMs());
     app.on('status', (status) => this.picker.setSize(status.width, status.height));
     setInterval(() => this.askAgain(), AGAIN_MS);
     setInterval(() => this.showTrace(), 250);
@@ -141,6 +142,12 @@ class Probe {
     if (this.preset.getAttribute('aria-pressed') === 'true') message.preset = 'fig1';
     else if (this.samples.value) message.samples = Number(this.samples.value);
     this.app.send(message);
+  }
+
+  // Of a pixel that is followed the next answer is in no hurry.
+  waitedMs() {
+    const answered = this.answer?.x === this.pixel?.x && this.answer?.y === this.pixel?.y;
+    return this.waiting && !answered ? performance.now() - this.askedMs : 0;
   }
 
   // A followed pixel's samples move with the sky.

@@ -78,6 +78,19 @@ const setRange = (page, id, value) => page.$eval(`#${id}`, (input, v) => {
   input.dispatchEvent(new Event('input', { bubbles: true }));
 }, value);
 
+test('whoever waits for an answer is told what for, until it comes', () =>
+  withAll(SKY, async (page, witness, server) => {
+    server.kill('SIGSTOP'); // as if a picture took for ever
+    try {
+      await setRange(page, 'set-rotate', 33);
+      await page.waitForFunction(() => document.getElementById('toast').textContent.startsWith('Asked; '), null, { timeout: 30000 });
+    } finally {
+      server.kill('SIGCONT');
+    }
+    await inForce(witness, { rotate_degrees: 33 });
+    await page.waitForFunction(() => !document.getElementById('toast').textContent.startsWith('Asked; '), null, { timeout: 30000 });
+  }));
+
 test('every control of the panel changes what is in force', () =>
   withAll(SKY, async (page, witness) => {
     assert.equal(await page.textContent('#role'), 'Controlling');

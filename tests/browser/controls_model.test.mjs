@@ -157,3 +157,18 @@ test('the address says how many pictures, how wide and in which coding', () => {
   for (const search of ['', '?rate=0&width=0', '?rate=-1&width=1.5', '?rate=1001&width=16385', '?rate=fast&width=', '?rate=NaN&width=Infinity'])
     assert.deepEqual(wishedPictures({ search }), nothing);
 });
+
+test('how long an answer has been waited for is known until it comes', () => {
+  let now = 1000;
+  const wishes = new Wishes(() => {}, () => now);
+  assert.equal(wishes.waitedMs, 0);
+  wishes.ask({ tone: 'linear' });
+  now = 1700;
+  assert.equal(wishes.waitedMs, 700);
+  wishes.answered(wishes.request);
+  assert.equal(wishes.waitedMs, 0);
+  wishes.ask({ tone: 'filmic' });
+  now = 1800;
+  wishes.forget();
+  assert.equal(wishes.waitedMs, 0);
+});
