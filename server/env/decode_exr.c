@@ -60,11 +60,15 @@ static void hear(exr_const_context_t ctx, exr_result_t code, const char *text)
 /* Whom this thread's file takes its memory from: the library's hooks are told sizes and pointers and nothing else. Set
  * while decode_exr runs. */
 static _Thread_local struct scratch *serving;
+static _Thread_local bool refused; /* memory was out, which some of the library's decoders call a damaged file */
 
 /* Zeroed, so that a chunk that unpacks to less than it claims shows black and not another picture's remains. */
 static void *take_block(size_t bytes)
 {
-    return bytes > BLOCK_MOST ? NULL : scratch_take(serving, bytes);
+    void *p = bytes > BLOCK_MOST ? NULL : scratch_take(serving, bytes);
+
+    refused = refused || (!p && bytes <= BLOCK_MOST);
+    return p;
 }
 
 static void give_block(void *p)
@@ -77,7 +81,8 @@ enum err exr_file_say(struct exr_file *x, exr_result_t r, const char *where)
 {
     const char *text = x->said.text[0] ? x->said.text : exr_get_default_error_message(r);
 
-    return err_say(x->why, r == EXR_ERR_OUT_OF_MEMORY ? ERR_NOMEM : ERR_FORMAT, "%s: %s: %s", x->name, where, text);
+    return err_say(x->why, r == EXR_ERR_OUT_OF_MEMORY || refused ? ERR_NOMEM : ERR_FORMAT, "%s: %s: %s", x->name, where,
+                   text);
 }
 
 bool exr_file_is_dwa(const struct exr_file *x)
@@ -365,6 +370,7 @@ enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct 
         im->scratch = scratch_create(); /* without one all goes on, with the system's memory */
     scratch_begin(im->scratch);
     serving = im->scratch;
+    refused = false;
     enum err e = read_header(&x);
     if (e)
         goto done;

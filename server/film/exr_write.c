@@ -29,16 +29,16 @@ static enum err code_of(exr_result_t r)
     }
 }
 
+/* Where this thread writes: what hears of faults cannot ask the library for it, which holds the lock that the answer
+ * takes. Set while exr_encode runs. */
+static _Thread_local struct sink *serving;
+
 static void hear(exr_const_context_t ctx, exr_result_t code, const char *text)
 {
-    void *user = NULL;
-
+    (void)ctx;
     (void)code;
-    if (exr_get_user_data(ctx, &user) != EXR_ERR_SUCCESS || !user)
-        return;
-    struct sink *s = user;
-    if (!s->said.text[0])
-        (void)err_say(&s->said, ERR_FORMAT, "%s", text);
+    if (serving && !serving->said.text[0])
+        (void)err_say(&serving->said, ERR_FORMAT, "%s", text);
 }
 
 /* At any offset: the library comes back to fill in the table of chunks. */
@@ -177,6 +177,7 @@ enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t *size, str
     init.error_handler_fn = hear;
     init.user_data = &sink;
     init.write_fn = sink_write;
+    serving = &sink;
     exr_result_t r = exr_start_write(&ctx, "memory", EXR_WRITE_FILE_DIRECTLY, &init);
     if (r == EXR_ERR_SUCCESS)
         r = write_all(ctx, d);
@@ -184,6 +185,7 @@ enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t *size, str
         const exr_result_t closed = exr_finish(&ctx); /* writes the table of chunks */
         r = r == EXR_ERR_SUCCESS ? closed : r;
     }
+    serving = NULL;
     if (r != EXR_ERR_SUCCESS) {
         mem_free(sink.bytes);
         return err_say(why, code_of(r), "EXR: %s",

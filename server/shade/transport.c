@@ -154,6 +154,8 @@ static enum err take_cells(struct transport_sky *s, const struct environment *e,
     const enum err result = transport_sky_begin(s, e);
     const uint32_t parts = guest ? guest->take_parts : 0;
 
+    if (result)
+        return result;
     if (guest)
         environment_complete_pyramid(e);
 #pragma omp parallel
@@ -167,7 +169,7 @@ static enum err take_cells(struct transport_sky *s, const struct environment *e,
     }
     if (guest)
         guest->taken(guest->self);
-    return result;
+    return ERR_OK;
 }
 
 /* The frame's sky, and what has changed in it. */

@@ -163,10 +163,12 @@ enum err transport_sky_take(struct transport_sky *s, const struct environment *e
 {
     const enum err result = transport_sky_begin(s, e);
 
+    if (result)
+        return result;
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t k = 0; k < TRANSPORT_SKY_PARTS; k++)
         transport_sky_part(s, e, k);
-    return result;
+    return ERR_OK;
 }
 
 void transport_sky_finish(struct transport_sky *s)

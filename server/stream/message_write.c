@@ -41,7 +41,7 @@ static json_t *words(const char *text)
 /* Adds to an object that may be NULL, and then frees the value: what could not be made ends as no message at all. */
 static json_t *with(json_t *object, const char *key, json_t *value)
 {
-    if (object && json_object_set_new(object, key, value) == 0)
+    if (json_object_set_new(object, key, value) == 0) /* else it has freed the value, also where there is no object */
         return object;
     json_decref(object);
     return NULL;
