@@ -14,7 +14,7 @@ import urllib.request
 import websockets
 
 from control import Party
-from peer import BIN, FRAME, WAIT_S, Failed, check, main, radiance
+from peer import BIN, FRAME, WAIT_S, Failed, check, main, radiance, run, skip
 from still import Daemon, connect
 
 try:
@@ -326,6 +326,117 @@ async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
         daemon.process.terminate()
         said = (await daemon.process.stderr.read()).decode()
         check("pictures/s" not in said and "\x1b" not in said, f"a pipe has a status: {said}")
+
+
+# ---- The end ----
+
+async def watch_until_parted(url, stuck):
+    """A viewer; its close code. A stuck one never reads, until the server has gone: -1."""
+    link = await websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, max_queue=1,
+                                    ping_interval=None, close_timeout=1)
+    await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 0}}))
+    await link.send(json.dumps({"op": "subscribe", "format": "exr_float" if stuck else "jpeg"}))
+    if stuck:
+        link.transport.pause_reading()
+        return link
+    try:
+        while True:
+            message = await asyncio.wait_for(link.recv(), WAIT_S)
+            if isinstance(message, bytes):
+                await link.send(json.dumps({"op": "ack", "sequence": int.from_bytes(message[8:16], "little")}))
+    except websockets.ConnectionClosed:
+        return link.close_code
+
+
+async def everybody_is_told_when_it_ends(folder):
+    """Forty viewers, one of them stuck in the middle of a large picture, while it shades at full speed."""
+    async with Daemon("--size", "640x360", "--samples", "64", "--source", "sky:speed=60") as daemon:
+        await until_ready(daemon)
+        stuck = await watch_until_parted(daemon.url, True)
+        viewers = [asyncio.ensure_future(watch_until_parted(daemon.url, False)) for _ in range(39)]
+        for _ in range(10 * WAIT_S):
+            if value(await metrics(daemon), "relightd_connections", role="viewer") == 40:
+                break
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(1)
+        begun = time.monotonic()
+        daemon.process.send_signal(signal.SIGTERM)
+        codes = await asyncio.wait_for(asyncio.gather(*viewers), WAIT_S)
+        code = await asyncio.wait_for(daemon.process.wait(), WAIT_S)
+        took = time.monotonic() - begun
+        stuck.transport.abort()
+    print(f"gone {took:.2f} s after SIGTERM")
+    check(code == 0 and set(codes) == {1001}, f"exit code {code}, close codes {codes}")
+    check(took < 8, f"it took {took:.1f} s")  # five, and what a busy machine adds
+
+
+async def a_signal_while_a_scene_is_prepared_is_obeyed(folder):
+    """What cannot be stopped half way is left: nobody waits longer than the five seconds."""
+    process = await asyncio.create_subprocess_exec(str(BIN / "relightd"), "--port", "0", "--size", "4096x4096",
+                                                   "--edge-rays", "16", stderr=asyncio.subprocess.PIPE)
+    await asyncio.sleep(1)
+    begun = time.monotonic()
+    process.send_signal(signal.SIGTERM)
+    said = (await asyncio.wait_for(process.stderr.read(), WAIT_S)).decode()
+    check(await process.wait() == 0 and "stopped" in said, f"{process.returncode}: {said}")
+    check(time.monotonic() - begun < 10, f"it took {time.monotonic() - begun:.1f} s")
+
+
+# ---- The producer goes; the disk is full ----
+
+async def the_last_sky_of_a_producer_stays_and_since_when_is_said(folder):
+    async with Daemon("--source", "push:", "--samples", "4") as daemon:
+        viewer = await Party.come(daemon.url, "viewer")
+        check((await ask(daemon, "/readyz"))[0] == 200, "it does not wait for a producer")
+        producer = await connect(daemon.url)
+        await producer.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 0}}))
+        payload = radiance(100)
+        await producer.send(FRAME.pack(b"RLE1", 48, 2, 0, 0, 0, 0, 0, 0, len(payload), 7, 0, 0) + payload)
+        await viewer.until(lambda: viewer.last["status"]["source"]["state"] == "live"
+                           and viewer.last["status"]["frame"] == 7)
+        left_us = time.time_ns() // 1000
+        producer.transport.abort()
+        await viewer.until(lambda: viewer.last["status"]["source"]["state"] == "waiting")
+        source = viewer.last["status"]["source"]
+        check(re.fullmatch(r"the producer is gone since \d\d:\d\d:\d\d UTC, its last sky stays", source["detail"]), source)
+        check(-1e6 < source["since_us"] - left_us < WAIT_S * 1e6, f"{source} after {left_us}")
+        late = await Party.come(daemon.url, "viewer")  # who comes now gets the last picture
+        await late.until(lambda: late.gains)
+        values = await metrics(daemon)
+        check(value(values, "relightd_source_state", state="waiting") == 1, "another state in the metrics")
+        check(value(values, "relightd_connections", role="producer") == 0, "the producer is still counted")
+
+
+async def a_disk_that_is_full_leaves_nothing_half(folder):
+    """relight-record and --state on a file system of 64 KiB."""
+    disk = folder / "disk"
+    disk.mkdir()
+    mount = await asyncio.create_subprocess_exec("mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk),
+                                                 stderr=asyncio.subprocess.DEVNULL)
+    if await mount.wait() != 0:
+        skip("no file system can be mounted here")
+    try:
+        async with Daemon("--source", "sky:speed=60", "--samples", "4", "--state", str(disk / "state")) as daemon:
+            recorder = await run("relight-record", "--from", daemon.url.removesuffix("/ws"), "--format", "exr-float",
+                                 "--out", disk / "p.%04d.exr")
+            check(recorder.code == 1 and "No space left on device" in recorder.err, recorder.err)
+            check(not list(disk.glob("*.part")), f"half a file is left: {list(disk.iterdir())}")
+            stored = sorted(disk.glob("*.exr"))
+            for name in stored:
+                check(name.read_bytes()[:4] == b"\x76\x2f\x31\x01", f"{name} is no EXR")
+            free = os.statvfs(disk).f_bavail * os.statvfs(disk).f_frsize
+            (disk / "filler").write_bytes(b"x" * free)
+            one = await Party.come(daemon.url, "controller")
+            check(await one.ask(tone="linear") is None, "it does not obey")
+            await asyncio.sleep(1)
+            check((await ask(daemon, "/healthz"))[0] == 200, "it is not healthy")
+            daemon.process.terminate()
+            said = (await daemon.process.stderr.read()).decode()
+            check("state.json" in said and "No space left on device" in said, f"the full disk is not named: {said}")
+            check(not list((disk / "state").iterdir()), f"half a state: {list((disk / 'state').iterdir())}")
+    finally:
+        unmount = await asyncio.create_subprocess_exec("umount", str(disk))
+        await unmount.wait()
 
 
 if __name__ == "__main__":

@@ -23,13 +23,13 @@ struct stage {
     float rgb[WIDTH * HEIGHT * 3];
 };
 
-static void stage_make(struct stage *s)
+static void stage_make(struct stage *s, uint32_t width, uint32_t height)
 {
     struct reason why;
 
     memset(s, 0, sizeof(*s));
     s->scene = RING;
-    assert_int_equal(set_create(&(struct set_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT, .edge_rays = 2 },
+    assert_int_equal(set_create(&(struct set_desc){ .scene = RING, .width = width, .height = height, .edge_rays = 2 },
                                 &s->set, &why),
                      ERR_OK);
     s->sky = sky_environment(sky_with_sun(32, 16, 2e3f), 16, 0.0);
@@ -95,7 +95,7 @@ static void every_live_method_lights_it(void **state)
     static struct stage s;
     (void)state;
 
-    stage_make(&s);
+    stage_make(&s, WIDTH, HEIGHT);
     s.light.classes = PATH_ALL;
     for (int m = 0; m < METHOD_COUNT; m++) {
         if (method_is_reference((enum method)m) || m == METHOD_CACHED)
@@ -111,15 +111,14 @@ static void the_cache_lights_it(void **state)
     static struct stage s;
     (void)state;
 
-    stage_make(&s);
+    stage_make(&s, 8, 5);
     s.light.direct.method = METHOD_CACHED;
     s.light.cache_keep = true;
+    nomem_most = 12; /* each of them computes what is kept */
     nomem_each("cached, direct light", light_it, &s);
-    s.light.classes = PATH_ALL;
-    nomem_most = 20; /* each of them computes what is kept of all bounces */
-    nomem_each("cached, all light", light_it, &s);
+    s.light.classes = PATH_BACKGROUND | PATH_DIRECT | PATH_CAUSTICS;
     s.light.caustics = PLAN_STORED;
-    s.light.stored_paths = 2000;
+    s.light.stored_paths = 500;
     nomem_each("cached, stored caustics", light_it, &s);
     stage_finish(&s);
 }
@@ -160,10 +159,10 @@ static void pictures_are_steered_and_made_finer(void **state)
     static struct stage s;
     (void)state;
 
-    stage_make(&s);
+    stage_make(&s, WIDTH, HEIGHT);
     s.light.direct.method = METHOD_AUTO;
     s.light.classes = PATH_ALL;
-    nomem_most = 60;
+    nomem_most = 40;
     nomem_each("still", refine, &s);
     nomem_each("pilot", steer, &s);
     stage_finish(&s);
