@@ -227,9 +227,8 @@ async def a_state_that_is_none_is_refused(folder):
     good = json.loads((folder / "state.json").read_text())
     check(good["tone"] == "linear", good)
     text = json.dumps(good)
-    for broken in (text[:-20].encode(), b"\0" * 100, text.replace('"state": 1', '"state": 7').encode(),
-                   json.dumps({**good, "camera": "nowhere"}).encode(), json.dumps({**good, "fps": 1e9}).encode(),
-                   b"[" * 100000):
+    for broken in (text[:-20].encode(), text.replace('"state": 1', '"state": 7').encode(),
+                   json.dumps({**good, "camera": "nowhere"}).encode(), b"[" * 100000):
         (folder / "state.json").write_bytes(broken)
         async with Daemon("--state", str(folder), "--samples", "4") as daemon:
             one = await Party.come(daemon.url, "viewer")
