@@ -218,6 +218,7 @@ async def a_bad_file_on_reload_changes_nothing(folder):
     file = write(folder / "f.json", first)
     async with Daemon(file) as daemon:
         bad = ('{"port": ', json.dumps(first | {"token-viewer": "new-secret", "fps": 0, "tone": "linear"}),
+               json.dumps(first | {"token-viewer": "new-secret", "error": 0.1}),  # not beside samples
                json.dumps(first | {"token-viewer": ""}), json.dumps(first | {"token-viewer-file": "/nonexistent"}))
         for count, text in enumerate(bad, start=1):
             write(file, text)
