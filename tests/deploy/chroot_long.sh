@@ -32,9 +32,11 @@ make_base() {
     touch "$base/.made"
 }
 
+# Each of these programs becomes the next, so that a signal to the first reaches the last.
+within=(env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root DEBIAN_FRONTEND=noninteractive ${http_proxy:+http_proxy=$http_proxy}
+    chroot "$root")
 inside() {
-    env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root DEBIAN_FRONTEND=noninteractive ${http_proxy:+http_proxy=$http_proxy} \
-        chroot "$root" "$@"
+    "${within[@]}" "$@"
 }
 
 it_installs_and_serves_in_a_clean_system() {
@@ -54,7 +56,7 @@ it_installs_and_serves_in_a_clean_system() {
 
     # As the unit does: nobody in particular, with a folder of its own.
     inside install -d -o nobody -m 700 /var/lib/relightd
-    inside setpriv --reuid nobody --regid nogroup --clear-groups --no-new-privs env XDG_CACHE_HOME=/var/lib/relightd \
+    "${within[@]}" setpriv --reuid nobody --regid nogroup --clear-groups --no-new-privs env XDG_CACHE_HOME=/var/lib/relightd \
         relightd --config /etc/relightd/relightd.json --port 0 --size 160x90 --state /var/lib/relightd 2>"$work/daemon" &
     pid=$!
     trap 'kill $pid 2>/dev/null || true; umount -l "$root/proc" || true; rm -rf "$work"' EXIT
