@@ -56,6 +56,7 @@ it_installs_and_serves_in_a_clean_system() {
 
     # As the unit does: nobody in particular, with a folder of its own.
     inside install -d -o nobody -m 700 /var/lib/relightd
+    : >"$work/daemon"
     "${within[@]}" setpriv --reuid nobody --regid nogroup --clear-groups --no-new-privs env XDG_CACHE_HOME=/var/lib/relightd \
         relightd --config /etc/relightd/relightd.json --port 0 --size 160x90 --state /var/lib/relightd 2>"$work/daemon" &
     pid=$!

@@ -1,0 +1,77 @@
+#!/usr/bin/python3
+"""What the systemd unit forbids, held to what relightd does: its system calls, kinds of sockets and kinds of memory, as
+strace(1) sees them, are among those that are left."""
+
+import asyncio
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "integration"))
+from peer import BIN, WAIT_S, check, main, skip  # noqa: E402
+
+UNIT = (Path(__file__).parent.parent.parent / "deploy" / "relightd.service").read_text()
+
+
+def settings(name):
+    return [line.split("=", 1)[1] for line in UNIT.splitlines() if line.startswith(name + "=")]
+
+
+def groups():
+    """systemd's sets of system calls by name, sets within sets resolved."""
+    if not shutil.which("systemd-analyze"):
+        skip("no systemd-analyze here")
+    sets, name = {}, None
+    for line in subprocess.run(["systemd-analyze", "syscall-filter"], capture_output=True, text=True).stdout.splitlines():
+        if line.startswith("@"):
+            name = line.split()[0]
+            sets[name] = set()
+        elif name and re.match("    [@a-z]", line):
+            sets[name].add(line.strip())
+    def calls(of):
+        return set().union(*(calls(x) if x.startswith("@") else {x} for x in sets[of]))
+    return {name: calls(name) for name in sets}
+
+
+async def trace(folder, *arguments):
+    """The lines of strace over a start, some pictures and an end."""
+    if not shutil.which("strace"):
+        skip("no strace here")
+    process = await asyncio.create_subprocess_exec(
+        "strace", "-f", "-qq", "-o", str(folder / "calls"), str(BIN / "relightd"), "--port", "0", "--size", "64x36",
+        "--method", "cached", "--samples", "4", "--state", str(folder), stderr=asyncio.subprocess.PIPE,
+        env={"XDG_CACHE_HOME": str(folder), "NOTIFY_SOCKET": "@nobody", "WATCHDOG_USEC": "1000000"})
+    text = ""
+    while "kept in" not in text:
+        line = (await asyncio.wait_for(process.stderr.readline(), WAIT_S)).decode()
+        check(line, f"it ended: {text}")
+        text += line
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    check(len(children) == 1, f"{children}")
+    subprocess.run(["kill", children[0]], check=True)
+    await asyncio.wait_for(process.wait(), WAIT_S)
+    lines = (folder / "calls").read_text().splitlines()
+    if len(lines) < 100:
+        skip("nothing can be traced here")
+    return lines
+
+
+async def all_that_it_does_is_allowed_by_the_unit(folder):
+    sets = groups()
+    filters = settings("SystemCallFilter")
+    check(filters == ["@system-service", "~@privileged"], f"another filter than is known here: {filters}")
+    allowed = (sets["@system-service"] | sets["@default"]) - sets["@privileged"]
+    lines = await trace(folder)
+    made = {m.group(1) for line in lines if (m := re.match(r"\d+ +([a-z_0-9]+)\(", line))}
+    check({"socket", "listen", "clone3", "rename", "futex"} - made <= {"clone3", "rename"}, f"what was traced? {made}")
+    check(made <= allowed, f"forbidden, and made: {made - allowed}")
+    families = set(re.findall(r" socket\((AF_[A-Z0-9]+)", "\n".join(lines)))
+    check(families and families <= set(settings("RestrictAddressFamilies")[0].split()), f"kinds of sockets: {families}")
+    both = [line for line in lines if re.search(r"PROT_WRITE\|PROT_EXEC", line)]
+    check(settings("MemoryDenyWriteExecute") == ["yes"] and not both, f"memory that is written and run: {both[:3]}")
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f) and name != "trace"})
