@@ -37,6 +37,7 @@ it_holds_what_is_to_be_installed() {
     for file in copyright changelog.gz CHANGELOG.md LICENSE NOTICES; do
         [ -s "$root/usr/share/doc/relightd/$file" ] || fail "no $file"
     done
+    [ -x "$root/usr/lib/relightd/relight-decoder" ] || fail "no decoder for what producers send"
     [ -s "$root/usr/lib/systemd/system/relightd.service" ] || fail "no unit"
     [ -s "$root/etc/relightd/relightd.json" ] || fail "no configuration"
     grep -qx /etc/relightd/relightd.json "$packed/control/conffiles" || fail "an upgrade would overwrite the configuration"
@@ -48,7 +49,7 @@ it_depends_on_what_it_is_linked_with() {
     local program library package depends triple
     triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
     depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g')
-    for program in $programs; do
+    for program in $programs ../lib/relightd/relight-decoder; do
         while read -r library; do
             package=$(dpkg -S "*/$triple/*$library" | sed -n "s|^\([^:]*\).*/$library\$|\1|p" | sort -u)
             [ -n "$package" ] || fail "nobody owns $library"
