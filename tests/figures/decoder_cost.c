@@ -10,7 +10,7 @@
 #include <sys/resource.h>
 #include <time.h>
 
-#define PAIRS 41
+#define PAIRS 15
 
 static int by_value(const void *a, const void *b)
 {

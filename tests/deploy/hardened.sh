@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# The programs as they were linked: position-independent, with a stack that does not execute, relocations that are read-only
+# before main, a stack protector and fortified calls; of control-flow protection what our own objects carry.
+#   hardened.sh PROGRAM...
+set -euo pipefail
+
+fail() {
+    echo "FAILED: $*"
+    exit 1
+}
+
+[ $# -gt 0 ] || fail "no program was named"
+command -v readelf >/dev/null || { echo "skipped: no readelf"; exit 77; }
+for program; do
+    [ -x "$program" ] || fail "$program is not there"
+    name=$(basename "$program")
+    header=$(readelf -hW "$program")
+    segments=$(readelf -lW "$program")
+    dynamic=$(readelf -dW "$program")
+    symbols=$(readelf -W --dyn-syms "$program")
+    [[ $header =~ Type:\ +DYN ]] || fail "$name is not position-independent"
+    [[ $dynamic =~ FLAGS_1[^$'\n']*PIE ]] || fail "$name is no PIE"
+    [[ $segments =~ GNU_RELRO ]] || fail "$name: no RELRO"
+    [[ $dynamic =~ FLAGS_1[^$'\n']*NOW ]] || fail "$name: functions are bound late"
+    [[ $segments =~ GNU_STACK[^$'\n']*\ RW\  ]] || fail "$name: the stack can be executed"
+    [[ ! $segments =~ LOAD[^$'\n']*\ RWE\  ]] || fail "$name: memory that can be written and executed"
+    [[ $symbols =~ __stack_chk_fail ]] || fail "$name: no stack protector"
+    [[ $symbols =~ __[a-z]+_chk@ ]] || fail "$name: no fortified call"
+    if [ "$(uname -m)" = x86_64 ]; then
+        # Debian's start-up objects carry no mark of it, so that the whole cannot either: endbr64 is looked for instead
+        pads=$(LC_ALL=C grep -aoP '\xf3\x0f\x1e\xfa' "$program" | wc -l)
+        [ "$pads" -ge 20 ] || fail "$name: no control-flow protection ($pads landing pads)"
+    fi
+done
+echo "$# programs"
