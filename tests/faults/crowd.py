@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """What a viewer costs: crowd.py [VIEWERS=200] [SECONDS=10]. relightd sends pictures at 30 a second to so many viewers on
-this machine, then to one: the difference of its processor time, by viewers, is the price of one, since a picture is made and
-encoded once for all. Then nginx serves a file as large as a picture as often to as many. One line of JSON each; nothing is
+this machine, then to one: by how much more its network thread computes is their price, since a picture is made and encoded once
+for all. Then nginx serves a file as large as a picture as often to as many. One line of JSON each; nothing is
 asserted, times depend on the machine. RELIGHT_NGINX names another nginx than the one in the path."""
 
 import asyncio
@@ -19,48 +19,44 @@ RATE = 30
 
 
 def processor_s(pid):
-    """Of a process and its children."""
-    total = 0.0
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = stat.read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()
-        except OSError:
-            continue
-        if int(stat.parent.name) == pid or int(fields[1]) == pid:
-            total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return total
+    """Of each thread of a process."""
+    times = {}
+    for stat in Path(f"/proc/{pid}/task").glob("[0-9]*/stat"):
+        fields = stat.read_text(encoding="ascii", errors="replace").rsplit(")", 1)[1].split()
+        times[stat.parent.name] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return times
 
 
 async def crowd(pid, port, viewers, seconds, *path):
-    """What came, and the server's processor time per second."""
+    """What came, and the server's processor time per second, by threads."""
     begun = processor_s(pid)
     process = await asyncio.create_subprocess_exec(str(BIN / "crowd"), str(port), str(viewers), str(RATE), str(seconds), *path,
                                                    stdout=asyncio.subprocess.PIPE)
     out, _ = await process.communicate()
     check(process.returncode == 0, "the crowd failed")
     came = json.loads(out)
-    return came, (processor_s(pid) - begun) / came["seconds"]
+    return came, {thread: (s - begun.get(thread, 0.0)) / came["seconds"] for thread, s in processor_s(pid).items()}
 
 
 async def relightd(viewers, seconds):
-    async with Relightd("--size", "640x360", "--fps", str(RATE), "--max-connections", str(viewers + 16), "--converge", "off",
-                        "--no-h264") as server:
+    async with Relightd("--size", "320x180", "--method", "mis", "--samples", "1", "--fps", str(RATE), "--converge", "off",
+                        "--no-h264", "--max-connections", str(viewers + 16)) as server:
         async with Producer(server, pause_s=1 / RATE):
             async with Viewer(server) as viewer:
                 await viewer.sees(RATE, 30)
             few, alone = await crowd(server.pid, server.port, 1, seconds)
             many, full = await crowd(server.pid, server.port, viewers, seconds)
     size = many["bytes"] // max(1, many["messages"])
-    report("relightd", viewers, many, (full - alone) / (viewers - 1), size, alone)
+    network = max(full, key=lambda thread: full[thread] - alone.get(thread, 0.0))  # the thread that viewers cost
+    report("relightd", viewers, many, (full[network] - alone.get(network, 0.0)) / (viewers - 1), size)
     return size
 
 
-def report(name, viewers, came, cost, size, alone=0.0):
+def report(name, viewers, came, cost, size):
     print(json.dumps({"server": name, "viewers": viewers, "messages_per_viewer_per_second":
                       round(came["messages"] / viewers / came["seconds"], 1), "bytes_per_message": size,
                       "processor_percent_per_viewer": round(100 * cost, 3), "microseconds_per_message":
-                      round(1e6 * cost * viewers * came["seconds"] / max(1, came["messages"]), 1),
-                      "processor_percent_with_one": round(100 * alone, 1)}), flush=True)
+                      round(1e6 * cost * viewers * came["seconds"] / max(1, came["messages"]), 1)}), flush=True)
 
 
 async def nginx(viewers, seconds, size):
@@ -86,7 +82,7 @@ async def nginx(viewers, seconds, size):
         finally:
             process.terminate()
             process.wait()
-    report("nginx", viewers, came, cost / viewers, came["bytes"] // max(1, came["messages"]))
+    report("nginx", viewers, came, sum(cost.values()) / viewers, came["bytes"] // max(1, came["messages"]))
 
 
 async def both(viewers, seconds):

@@ -608,11 +608,26 @@ async def judged(work):
         return {"state": "failed", "figure": str(fault) if isinstance(fault, Failed) else repr(fault)}
 
 
+async def by_itself(function):
+    """A row that starts what it needs."""
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        async with Deadline(function.limits["most_s"]):
+            figure = await function(Path(folder))
+    return f"{figure}; {time.monotonic() - begun:.1f} s".lstrip("; ")
+
+
 async def play(names, arguments):
-    """The rows of these names; each one's result."""
+    """The rows of these names; each one's result. Those that start what they need themselves come while patient ones wait."""
     results = {}
     alone = [n for n in names if ROWS[n].limits["alone"]]
     shared = [n for n in names if n not in alone]
+
+    async def play_alone():
+        while alone:
+            results[alone[0]] = await judged(by_itself(ROWS[alone[0]]))
+            del alone[0]
+
     if shared:
         try:
             async with Stage(*arguments) as stage:
@@ -623,6 +638,8 @@ async def play(names, arguments):
                 for n in shared:
                     if n not in waiting:
                         results[n] = await judged(stage.holds(ROWS[n]))
+                if waiting:
+                    await play_alone()
                 for n, task in waiting.items():
                     results[n] = await task
                 left = await stage.settled(baseline)
@@ -631,15 +648,7 @@ async def play(names, arguments):
             for n in shared:
                 if results.get(n, {}).get("state") != "failed":
                     results[n] = {"state": "failed", "figure": f"the stage: {fault}"}
-    for n in alone:
-        async def bounded(function=ROWS[n]):
-            async with Deadline(function.limits["most_s"]):
-                with tempfile.TemporaryDirectory() as folder:
-                    return await function(Path(folder))
-        begun = time.monotonic()
-        results[n] = await judged(bounded())
-        if results[n]["state"] == "passed":
-            results[n]["figure"] = f"{results[n]['figure']}; {time.monotonic() - begun:.1f} s".lstrip("; ")
+    await play_alone()
     return results
 
 
