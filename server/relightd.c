@@ -21,7 +21,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#define TURN 0.9     /* of the time between two pictures that one may take to shade */
+#define TURN 0.9     /* of the time between two pictures that one may take to shade, */
+#define SHARED 0.75  /* and while the cache is computed beside them: it costs how good they are, not when they come */
 #define LEAVE_S 5    /* from the signal to the end, whatever is under way */
 #define LISTEN_MS 30 /* between two looks at what controllers ask for, while no frame comes */
 
@@ -78,12 +79,20 @@ static bool is_piloted(const struct settings *now, const struct ingested *in)
     return now->method == METHOD_AUTO && !now->counted && !in->ticket.lockstep;
 }
 
+/* Seconds that a picture by the pilot may take. */
+static double turn_of(struct daemon *d, const struct settings *now)
+{
+    const bool shared = d->buyer.begun && relighter_follow(d->relighter) < 1.0;
+
+    return (shared ? SHARED : TURN) / now->fps;
+}
+
 /* The picture's time is the whole of its turn but for a margin: what else is done for it goes on beside, on other
  * threads, and makes the measured times longer where it is in the way. */
 static enum err run_pilot(struct daemon *d, const struct environment *e, const struct relight_desc *desc,
                           const struct settings *now, float *rgb, struct relight_stats *stats, struct pilot_stats *out)
 {
-    const struct pilot_wish wish = { .seconds = TURN / now->fps, .error = now->error };
+    const struct pilot_wish wish = { .seconds = turn_of(d, now), .error = now->error };
 
     if (!d->pilot)
         d->pilot = pilot_create(d->set, d->kernels, NULL);

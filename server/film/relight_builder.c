@@ -10,9 +10,9 @@
 #include <stdatomic.h>
 #include <sys/resource.h>
 
-/* Of the builder's threads once every block is there coarsely: where processors are contended, Linux gives them half of
- * what a thread of the pictures gets. */
-#define NICENESS 3
+/* Of the builder's threads: they take what the pictures' leave over, which are to leave something (relightd.c). With 10
+ * each of a picture's parallel loops still waits for a thread that makes room too late. */
+#define NICENESS 19
 
 struct relight_builder {
     const struct set *set;
@@ -55,7 +55,6 @@ static const struct transport *build_direct(struct relight_builder *b)
     b->error = transport_live_build(b->live, TRANSPORT_COARSE, b->threads, &b->why);
     if (!b->error && transport_live_share(b->live, TRANSPORT_COARSE) >= 1.0)
         log_info("light transport: there coarsely after %.1f s", clock_seconds() - start);
-    stand_back(b->threads);
     if (!b->error)
         b->error = transport_live_build(b->live, TRANSPORT_FINE, b->threads, &b->why);
     const struct transport *t = transport_live_built(b->live);
@@ -79,8 +78,7 @@ static void *build_main(void *arg)
     struct relight_builder *b = arg;
 
     omp_set_num_threads((int)b->threads);
-    if (b->loaded)
-        stand_back(b->threads);
+    stand_back(b->threads);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
     if (t && !b->loaded)
         relight_keep_save(&b->keep, t, NULL, NULL);

@@ -2,6 +2,10 @@
 // own time: when its frame began to be read) to the end of drawing in Chromium. No test: prints a table, one line a
 // coding and size. Target: a median of at most one frame time and 50 ms.
 // usage: node latency-bench.mjs RELIGHTD [PATTERN_SERVER]      (build/bin/relightd, build/bin/pattern_server)
+import { execFileSync } from 'node:child_process';
+import { mkdtempSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { dirname, join } from 'node:path';
 import { openBrowser, openPage, startServer, untilFrames } from './lib.mjs';
 
 const [relightd, pattern] = process.argv.slice(2);
@@ -67,10 +71,23 @@ console.log([
 ].join(' '));
 const browser = await openBrowser();
 const codings = ['?coding=jpeg', ''];
+const folder = mkdtempSync(join(tmpdir(), 'relight-latency-'));
+
+// The cache of light transport, as it is kept beside a scene: what a server finds when it is started for the second time.
+function makeCache(size) {
+  const file = join(folder, `${size}.transport`);
+  execFileSync(join(dirname(relightd), 'relight-render'),
+    ['--method', 'cached', '--source', 'sky:', '--frames', '0-0', '--size', size, '--cache-file', file, '--out', join(folder, 'one.exr')],
+    { stdio: 'ignore' });
+  return file;
+}
+
 for (const size of (process.env.SIZES ?? '320x180,640x360,1280x720').split(',')) {
   const sky = ['--port', '0', '--fps', String(FPS), '--source', 'sky:speed=0.02', '--size', size];
-  await measure(browser, `relightd, ${size}`, relightd, sky, codings);
+  await measure(browser, `relightd, ${size}, first start`, relightd, [...sky, '--cache-file', 'off'], codings);
+  await measure(browser, `relightd, ${size}, cache kept`, relightd, [...sky, '--cache-file', makeCache(size)], codings);
   if (pattern)
     await measure(browser, `no rendering, ${size}`, pattern, ['--fps', String(FPS), '--size', size, '--rough', '--h264'], codings);
 }
 await browser.close();
+rmSync(folder, { recursive: true });

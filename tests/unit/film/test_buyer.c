@@ -43,10 +43,11 @@ static void run(struct relighter *r, const struct relight_desc *light, float *rg
 }
 
 /* A folder of its own for files that nobody asked for, of which there are none in the end. */
-static char folder[] = "/tmp/relight-buyer-XXXXXX";
+static char folder[32];
 
 static void go_home(void)
 {
+    snprintf(folder, sizeof(folder), "/tmp/relight-buyer-XXXXXX");
     assert_non_null(mkdtemp(folder));
     assert_int_equal(setenv("XDG_CACHE_HOME", folder, 1), 0);
 }
