@@ -361,6 +361,9 @@ static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row
     }
     if (e)
         return e;
+    struct metrics m = { 0 };
+    if (!metrics_compare(s->picture[0], s->picture[1], s->mask, g->width, g->height, 0.0, NULL, &m))
+        return ERR_NOMEM;
     const double gain = gain_of(s->picture[1], s->mask, g->width, g->height);
     for (int k = 0; k < 2; k++)
         to_codes(s->picture[k], 3 * s->pixels, gain);
@@ -374,9 +377,10 @@ static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row
     row->alone = true;
     snprintf(row->note, sizeof(row->note),
              "of %llu border pixels of blocks at %ux%u: what compression changes is different by more than one 8-bit "
-             "code on the two sides; within blocks %.3g %%; %.0f MB without compression, %.0f with it",
+             "code on the two sides; within blocks %.3g %%; %.0f MB without compression, %.0f with it, relMSE %.2g",
              (unsigned long long)all[1], g->width, g->height, all[0] ? 100.0 * (double)seen[0] / (double)all[0] : 0.0,
-             1e-6 * (double)transport_stats(s->cache[1])->bytes, 1e-6 * (double)transport_stats(s->cache[0])->bytes);
+             1e-6 * (double)transport_stats(s->cache[1])->bytes, 1e-6 * (double)transport_stats(s->cache[0])->bytes,
+             m.rel_mse);
     return ERR_OK;
 }
 

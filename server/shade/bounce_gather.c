@@ -12,7 +12,7 @@
 
 #define BASIS_POINTS 1536u
 #define BASIS_RECORDS 512u
-#define TOLERANCE 0.027
+#define TOLERANCE 0.035
 #define FLOOR 0.03f /* of a block's mean light: darker points count as if they had that */
 #define BATCH 32u   /* groups */
 
