@@ -1,6 +1,6 @@
 /* server/env/exr_policy.h */
 /* Which EXR files may be decoded when they came over a network. The decoders of the other compressions are large, old
- * and have had faults; until decoding has a sandbox of its own a stranger does not get to choose them.
+ * and have had faults: confined as decoding is (decoder.h), a stranger still does not get to choose them.
  * Reads the header itself, without the library that it is to protect: every step is checked against `size`, nothing is
  * allocated, and the time it takes is bounded by EXR_POLICY_ATTRIBUTES. Any thread. */
 #ifndef ENV_EXR_POLICY_H
