@@ -34,6 +34,9 @@ static const struct option_row table[] = {
     { "", NULL, "what goes out, and where", NULL },
     { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1" },
     { "port", "P", "port to listen on; 0: any free one", "8080" },
+    { "tls-cert", "FILE", "certificate in PEM, with those that vouch for it: serves HTTPS alone, with --tls-key",
+      NULL },
+    { "tls-key", "FILE", "its private key in PEM, without a password", NULL },
     { "web", "DIR", "folder of the page; left out: the one that came with the program", NULL },
     { "tone", "CURVE", "filmic, reinhard or linear", "filmic" },
     { "quality", "Q", "of JPEG where a viewer does not say, 1 to 100", "85" },
@@ -188,6 +191,8 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     d->server_desc.tokens[SERVER_CONTROLLER] = options_get(o, "token-controller");
     d->server_desc.tokens[SERVER_PRODUCER] = options_get(o, "token-producer");
     d->server_desc.token_metrics = options_get(o, "token-metrics");
+    d->server_desc.tls_cert = options_get(o, "tls-cert");
+    d->server_desc.tls_key = options_get(o, "tls-key");
     /* With a token for every role the whole world may be listened to. */
     d->server_desc.allow_remote = d->server_desc.tokens[SERVER_VIEWER] && d->server_desc.tokens[SERVER_CONTROLLER] &&
                                   d->server_desc.tokens[SERVER_PRODUCER];

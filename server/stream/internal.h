@@ -126,6 +126,7 @@ struct server {
     struct site site;
     char address[64];
     char url[96];
+    char *tls_cert, *tls_key; /* NULL: plain */
     char session[20]; /* random, new with every start */
     char *tokens[SERVER_ROLES];
     char *token_metrics;                  /* what /metrics asks for; NULL: nothing */

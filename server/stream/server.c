@@ -5,6 +5,7 @@
 #include "log.h"
 #include "mem.h"
 #include "process.h"
+#include "tls.h"
 
 #include <arpa/inet.h>
 #include <assert.h>
@@ -110,6 +111,13 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
         e = admission_copy_token(roles[r], desc->tokens[r], &s->tokens[r], why);
     if (!e && desc->hosts && desc->hosts[0] && !admission_copy(&s->hosts, desc->hosts))
         e = err_say(why, ERR_NOMEM, "out of memory");
+    if (!e && !desc->tls_cert != !desc->tls_key)
+        e = err_say(why, ERR_USAGE, "--tls-cert and --tls-key need each other");
+    if (!e && desc->tls_cert &&
+        (!admission_copy(&s->tls_cert, desc->tls_cert) || !admission_copy(&s->tls_key, desc->tls_key)))
+        e = err_say(why, ERR_NOMEM, "out of memory");
+    if (!e && desc->tls_cert)
+        e = tls_check(s->tls_cert, s->tls_key, why);
     if (!e && !visitors_init(&s->visitors, s->max_connections + OTHER_FDS))
         e = err_say(why, ERR_NOMEM, "out of memory");
     if (e)
@@ -191,6 +199,12 @@ static struct lws_context *context_create(struct server *s, const struct address
         .headers = http_headers(),
         .server_string = "relightd",
     };
+    if (s->tls_cert) {
+        info.options |= LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT;
+        info.ssl_cert_filepath = s->tls_cert;
+        info.ssl_private_key_filepath = s->tls_key;
+        info.alpn = "http/1.1"; /* HTTP/2 of 4.1.6 has known faults */
+    }
     return lws_create_context(&info);
 }
 
@@ -246,7 +260,8 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     if (!s->context)
         return err_say(why, ERR_IO, "cannot listen on port %u at %s", desc->port, s->address);
     s->port = (uint16_t)lws_get_vhost_listen_port(lws_get_vhost_by_name(s->context, "default"));
-    snprintf(s->url, sizeof(s->url), a.six ? "http://[%s]:%u/" : "http://%s:%u/", s->address, s->port);
+    snprintf(s->url, sizeof(s->url), a.six ? "http%s://[%s]:%u/" : "http%s://%s:%u/", s->tls_cert ? "s" : "",
+             s->address, s->port);
 
     /* Signals are the main thread's. */
     sigfillset(&all);
@@ -323,6 +338,8 @@ void server_destroy(struct server *s)
         mem_free(s->tokens[r]);
     mem_free(s->token_metrics);
     mem_free(s->hosts);
+    mem_free(s->tls_cert);
+    mem_free(s->tls_key);
     visitors_finish(&s->visitors);
     server_destroy(s->next);
     chains_clear(s, 0);

@@ -37,6 +37,7 @@ struct server_desc {
     bool allow_remote;                /* an address other than loopback, and any Host name, are taken */
     const char *tokens[SERVER_ROLES]; /* what hello must carry per role, 1 to 255 bytes; NULL: none asked */
     const char *token_metrics;        /* what whoever reads /metrics must show; NULL: see monitor.c */
+    const char *tls_cert, *tls_key;   /* PEM files (tls.h): HTTPS and WSS alone; NULL: neither */
     bool push;                        /* producers are taken; else their role is not offered */
     bool h264;                        /* H.264 is offered: who publishes must heed server_demand.h264_keys */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
