@@ -4,6 +4,7 @@
 import asyncio
 import json
 import struct
+import time
 
 import websockets
 
@@ -40,11 +41,13 @@ class Viewer:
                 return message[6], message[7], sequence, frame, message[80:]
 
     async def has_none(self, seconds):
-        try:
-            while True:
-                check(isinstance(await asyncio.wait_for(self.link.recv(), seconds), str), "a picture came")
-        except asyncio.TimeoutError:
-            return
+        """Words may come meanwhile."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            try:
+                check(isinstance(await asyncio.wait_for(self.link.recv(), left), str), "a picture came")
+            except asyncio.TimeoutError:
+                return
 
 
 async def viewers(url, count, body):
