@@ -24,13 +24,13 @@ export async function beginTests(variables, missing = () => undefined) {
     console.log(`skipped: ${absent}`);
     process.exit(0);
   }
-  const { after, before } = await import('node:test');
+  const { after } = await import('node:test');
   const begun = {};
   for (const name of variables) {
     assert.ok(process.env[name], `${name} is not set`);
     begun[name] = process.env[name];
   }
-  before(async () => { begun.browser = await openBrowser(); });
+  begun.browser = await openBrowser(); // at once: a hook of the file's own may want it
   after(async () => { await begun.browser?.close(); });
   return begun;
 }
