@@ -20,7 +20,7 @@
 #define SEAM_CODES 1.0   /* what is seen */
 #define STEP_DEGREES 0.1 /* a frame */
 #define STEP_FRAMES 24
-#define TILE 32u           /* pixels along an edge: so many that what noise is left does not count */
+#define TILE 16u           /* pixels along an edge: so many that what noise is left counts for some percent at most */
 #define BINS 65536         /* of second differences */
 #define BINS_PER_CODE 4096 /* up to 16 codes, and what is above */
 
