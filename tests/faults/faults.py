@@ -314,20 +314,8 @@ def connect(url):
     return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None)
 
 
-class Viewer:
-    """Watches, acknowledges each picture, and comes back when told to; `parted` holds the codes that it was closed with."""
-
-    def __init__(self, server, format="jpeg", token=None):
-        self.server = server
-        self.format = format
-        self.token = {"token": token} if token else {}
-        self.pictures = 0
-        self.frames = []  # the newest ones, by number
-        self.parted = []
-        self.gap_s = 0.0  # the longest wait for a picture
-        self.last_s = None
-        self.status = {}
-        self.link = None
+class Honest:
+    """Lives beside what is thrown at the server, by its own live(), from `async with` to its end."""
 
     async def __aenter__(self):
         self.task = asyncio.ensure_future(self.live())
@@ -341,6 +329,22 @@ class Viewer:
             pass
         if self.link:
             await self.link.close()
+
+
+class Viewer(Honest):
+    """Watches, acknowledges each picture, and comes back when told to; `parted` holds the codes that it was closed with."""
+
+    def __init__(self, server, format="jpeg", token=None):
+        self.server = server
+        self.format = format
+        self.token = {"token": token} if token else {}
+        self.pictures = 0
+        self.frames = []  # the newest ones, by number
+        self.parted = []
+        self.gap_s = 0.0  # the longest wait for a picture
+        self.last_s = None
+        self.status = {}
+        self.link = None
 
     async def live(self):
         while True:
@@ -376,7 +380,7 @@ class Viewer:
                 await asyncio.sleep(0.01)
 
 
-class Producer:
+class Producer(Honest):
     """Sends small frames of raw floats, one every 30 ms while there is credit."""
 
     def __init__(self, server, token=None, pause_s=0.03):
@@ -390,19 +394,6 @@ class Producer:
         self.credit = 0
         self.held = self.away = self.welcomed = False
         self.errors = []
-
-    async def __aenter__(self):
-        self.task = asyncio.ensure_future(self.live())
-        return self
-
-    async def __aexit__(self, *_):
-        self.task.cancel()
-        try:
-            await self.task
-        except (asyncio.CancelledError, Failed):
-            pass
-        if self.link:
-            await self.link.close()
 
     async def live(self):
         while True:
