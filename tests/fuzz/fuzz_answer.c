@@ -10,14 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void require(int holds, const char *what)
-{
-    if (holds)
-        return;
-    fprintf(stderr, "broken promise: %s\n", what);
-    abort();
-}
-
 static void read_picture(const uint8_t *bytes, size_t size)
 {
     struct protocol_picture p;

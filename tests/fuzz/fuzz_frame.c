@@ -10,14 +10,6 @@
 
 #define LIMIT 4096
 
-static void require(int holds, const char *what)
-{
-    if (holds)
-        return;
-    fprintf(stderr, "broken promise: %s\n", what);
-    abort();
-}
-
 /* FAULT_NONE: the message is whole. */
 static enum fault_code feed(struct assembly *a, const uint8_t *bytes, size_t size, size_t piece, int fragments,
                             struct fault *fault)

@@ -14,14 +14,6 @@ struct file {
     size_t size;
 };
 
-static void require(int holds, const char *what)
-{
-    if (holds)
-        return;
-    fprintf(stderr, "broken promise: %s\n", what);
-    abort();
-}
-
 static int64_t read_bytes(exr_const_context_t ctx, void *user, void *out, uint64_t count, uint64_t offset,
                           exr_stream_error_func_ptr_t fail)
 {

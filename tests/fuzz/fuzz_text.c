@@ -8,14 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void require(int holds, const char *what)
-{
-    if (holds)
-        return;
-    fprintf(stderr, "broken promise: %s\n", what);
-    abort();
-}
-
 static void check_fault(const struct fault *f)
 {
     char reason[FAULT_REASON];

@@ -6,8 +6,18 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
 
 /* libFuzzer's name for it. Always 0: the input is of interest whatever came of it. */
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
+
+static inline void require(int holds, const char *what)
+{
+    if (holds)
+        return;
+    fprintf(stderr, "broken promise: %s\n", what);
+    abort();
+}
 
 #endif
