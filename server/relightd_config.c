@@ -316,6 +316,12 @@ static bool same(const char *a, const char *b)
     return a == b || (a && b && strcmp(a, b) == 0);
 }
 
+/* TLS neither begins nor ends while it runs, but its files may become others. */
+static enum live live_now(const char *name, const char *old, const char *now)
+{
+    return strncmp(name, "tls-", 4) == 0 && old && now ? LIVE_SERVER : live_of(name);
+}
+
 /* Which kinds of what can change have changed, as bits 1 << enum live; the rest is said to need a restart. Tokens are
  * named and not shown. */
 static unsigned compare_rows(const struct option_row *rows, const struct said *before)
@@ -326,7 +332,7 @@ static unsigned compare_rows(const struct option_row *rows, const struct said *b
         const char *old = r->name[0] ? options_get(&before->flags.options, r->name) : NULL;
         if (!r->name[0] || same(old, r->given))
             continue;
-        const enum live live = live_of(r->name);
+        const enum live live = live_now(r->name, old, r->given);
         changed |= 1u << live;
         if (strncmp(r->name, "token-", 6) == 0)
             log_info("reload: %s has changed", r->name);

@@ -3,7 +3,13 @@
  * the service thread takes over from that what can change. */
 #include "server.h"
 
+#include "clock.h"
 #include "internal.h"
+#include "log.h"
+
+#include <time.h>
+
+#define CERTIFICATE_DAYS 14 /* with fewer left somebody should look why it has not been renewed */
 
 enum err server_check(const struct server_desc *desc, struct reason *why)
 {
@@ -45,6 +51,21 @@ enum err server_change(struct server *s, const struct server_desc *desc, struct 
     return ERR_OK;
 }
 
+void server_tell_certificate(const struct server *s)
+{
+    const time_t expires = s->tls ? (time_t)tls_expires_s(s->tls) : 0;
+    const int64_t days = ((int64_t)expires - clock_wall_us() / 1000000) / 86400;
+    struct tm parts;
+    char text[40];
+
+    if (!s->tls || !gmtime_r(&expires, &parts) || !strftime(text, sizeof(text), "%Y-%m-%d %H:%M:%S UTC", &parts))
+        return;
+    if (days < CERTIFICATE_DAYS)
+        log_warning("--tls-cert %s: is valid until %s, %lld days from now", s->tls_cert, text, (long long)days);
+    else
+        log_info("--tls-cert %s: is valid until %s", s->tls_cert, text);
+}
+
 static void swap_texts(char **a, char **b)
 {
     char *old = *a;
@@ -71,5 +92,13 @@ void server_take_change(struct server *s)
     s->max_frame_bytes = next->max_frame_bytes;
     s->controllers = next->controllers;
     s->allow_remote = next->allow_remote;
+    if (s->tls && next->tls) {
+        struct tls *old = s->tls;
+        s->tls = next->tls;
+        next->tls = old;
+        swap_texts(&s->tls_cert, &next->tls_cert);
+        swap_texts(&s->tls_key, &next->tls_key);
+        server_tell_certificate(s);
+    }
     server_destroy(next);
 }

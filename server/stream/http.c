@@ -224,6 +224,9 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     struct server *s = lws_context_user(lws_get_context(wsi));
 
     switch (reason) {
+    case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS: /* once, before it listens; user is the SSL_CTX */
+        tls_show(user, &s->tls);
+        return 0;
     case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return admission_arrive(s, wsi);
     case LWS_CALLBACK_WSI_DESTROY: admission_leave(wsi); return 0;
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);

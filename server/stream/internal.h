@@ -12,6 +12,7 @@
 #include "probe.h"
 #include "server.h"
 #include "site.h"
+#include "tls.h"
 #include "visitors.h"
 
 #include <libwebsockets.h>
@@ -122,11 +123,12 @@ struct stream_counts {
 
 struct server {
     /* Fixed once the thread runs, and so any thread may read it, but for what server_take_change changes: tokens,
-     * limits and hosts, which the service thread alone reads from then on. */
+     * limits, hosts and certificate, which the service thread alone reads from then on. */
     struct site site;
     char address[64];
     char url[96];
     char *tls_cert, *tls_key; /* NULL: plain */
+    struct tls *tls;          /* what is in these files; NULL: plain */
     char session[20]; /* random, new with every start */
     char *tokens[SERVER_ROLES];
     char *token_metrics;                  /* what /metrics asks for; NULL: nothing */
@@ -200,6 +202,8 @@ MUST_CHECK enum err server_may_listen(struct server *s, uint16_t port, struct re
 
 /* change.c, thread: service. What server_change has brought is in force. */
 void server_take_change(struct server *s);
+/* change.c: tells the log until when the certificate is valid, with a warning where that is soon. */
+void server_tell_certificate(const struct server *s);
 
 /* server.c: {lock} makes the picture the newest of its kind. Returns the one before, to be released by the caller. */
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);

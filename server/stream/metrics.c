@@ -411,6 +411,11 @@ static void tell_process(struct metrics_text *t, struct server *s)
                   RELIGHT_VERSION, PROTOCOL_NAME, PROTOCOL_MINOR, s->h264);
     one(t, "relightd_alive", "gauge", "As /healthz.", health.alive);
     one(t, "relightd_ready", "gauge", "As /readyz.", health.ready);
+    if (s->tls) {
+        head(t, "relightd_tls_certificate_expires_seconds", "gauge",
+             "When the certificate's time is over, in seconds since 1970.");
+        metrics_print(t, "relightd_tls_certificate_expires_seconds %lld\n", (long long)tls_expires_s(s->tls));
+    }
     count(t, "relightd_scrapes_total", "Answers like this one, this one included.", load(&s->metrics.scrapes));
     log_counts(&lines);
     head(t, "relightd_log_lines_total", "counter", "Lines of the log, those held back included.");

@@ -5,7 +5,6 @@
 #include "log.h"
 #include "mem.h"
 #include "process.h"
-#include "tls.h"
 
 #include <arpa/inet.h>
 #include <assert.h>
@@ -117,7 +116,7 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
         (!admission_copy(&s->tls_cert, desc->tls_cert) || !admission_copy(&s->tls_key, desc->tls_key)))
         e = err_say(why, ERR_NOMEM, "out of memory");
     if (!e && desc->tls_cert)
-        e = tls_check(s->tls_cert, s->tls_key, why);
+        e = tls_load(s->tls_cert, s->tls_key, &s->tls, why);
     if (!e && !visitors_init(&s->visitors, s->max_connections + OTHER_FDS))
         e = err_say(why, ERR_NOMEM, "out of memory");
     if (e)
@@ -271,6 +270,7 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     if (failed)
         return err_say(why, ERR_NOMEM, "no thread can be had for the network: %s", strerror(failed));
     s->running = true;
+    server_tell_certificate(s);
     return ERR_OK;
 }
 
@@ -340,6 +340,7 @@ void server_destroy(struct server *s)
     mem_free(s->hosts);
     mem_free(s->tls_cert);
     mem_free(s->tls_key);
+    tls_destroy(s->tls);
     visitors_finish(&s->visitors);
     server_destroy(s->next);
     chains_clear(s, 0);

@@ -62,9 +62,9 @@ void server_destroy(struct server *s);
 /* Whether a server could be had so, as far as that can be said without listening. */
 MUST_CHECK enum err server_check(const struct server_desc *desc, struct reason *why);
 
-/* From now on, for those who come: the tokens, hosts and limits of this one. Address, roles and the number of
- * connections stay as they are, and so do those who are in. On any error nothing is changed. Any thread but the
- * server's. */
+/* From now on, for those who come: the tokens, hosts and limits of this one, and, where both speak TLS, its certificate
+ * and key, whose files are read again. Address, roles, whether it speaks TLS and the number of connections stay as they
+ * are, and so do those who are in. On any error nothing is changed. Any thread but the server's. */
 MUST_CHECK enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why);
 
 uint16_t server_port(const struct server *s);

@@ -1,12 +1,20 @@
 #include "tls.h"
 
+#include "mem.h"
+
 #include <errno.h>
 #include <openssl/err.h>
 #include <openssl/ssl.h>
 #include <openssl/x509.h>
 #include <stdbool.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
+
+struct tls {
+    SSL_CTX *files; /* where OpenSSL keeps certificate, chain and key together; nobody shakes hands by it */
+    int64_t expires_s;
+};
 
 /* A password that is asked for would be waited for. */
 static int no_password(char *out, int size, int writing, void *user)
@@ -15,42 +23,90 @@ static int no_password(char *out, int size, int writing, void *user)
     return 0;
 }
 
-static enum err check_dates(const SSL_CTX *ctx, const char *cert, struct reason *why)
+static enum err check_dates(struct tls *t, const char *cert, struct reason *why)
 {
-    const X509 *x = SSL_CTX_get0_certificate(ctx);
+    const X509 *x = SSL_CTX_get0_certificate(t->files);
+    const time_t now = time(NULL);
+    int days, seconds;
 
     if (X509_cmp_current_time(X509_get0_notAfter(x)) <= 0)
         return err_say(why, ERR_USAGE, "--tls-cert %s: has expired; no browser would take it", cert);
     if (X509_cmp_current_time(X509_get0_notBefore(x)) >= 0)
         return err_say(why, ERR_USAGE, "--tls-cert %s: is not valid yet; is the clock right?", cert);
+    ASN1_TIME *from = ASN1_TIME_set(NULL, now);
+    const bool told = from && ASN1_TIME_diff(&days, &seconds, from, X509_get0_notAfter(x)) == 1;
+    ASN1_TIME_free(from);
+    if (!told)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    t->expires_s = (int64_t)now + 86400 * (int64_t)days + seconds;
     return ERR_OK;
 }
 
-static enum err check_files(SSL_CTX *ctx, const char *cert, const char *key, struct reason *why)
+static enum err read_files(struct tls *t, const char *cert, const char *key, struct reason *why)
 {
-    SSL_CTX_set_default_passwd_cb(ctx, no_password);
+    SSL_CTX_set_default_passwd_cb(t->files, no_password);
     if (access(cert, R_OK) != 0)
         return err_say(why, ERR_USAGE, "--tls-cert %s: cannot be read: %s", cert, strerror(errno));
     if (access(key, R_OK) != 0)
         return err_say(why, ERR_USAGE, "--tls-key %s: cannot be read: %s", key, strerror(errno));
-    if (SSL_CTX_use_certificate_chain_file(ctx, cert) != 1)
+    if (SSL_CTX_use_certificate_chain_file(t->files, cert) != 1)
         return err_say(why, ERR_USAGE, "--tls-cert %s: is no certificate in PEM, or too weak a one", cert);
-    if (SSL_CTX_use_PrivateKey_file(ctx, key, SSL_FILETYPE_PEM) != 1) {
+    if (SSL_CTX_use_PrivateKey_file(t->files, key, SSL_FILETYPE_PEM) != 1) {
         const bool other = ERR_GET_REASON(ERR_peek_last_error()) == X509_R_KEY_VALUES_MISMATCH;
         return err_say(why, ERR_USAGE, "--tls-key %s: is %s", key,
                        other ? "not the key of that certificate" : "no private key in PEM without a password");
     }
-    return check_dates(ctx, cert, why);
+    return check_dates(t, cert, why);
 }
 
-enum err tls_check(const char *cert, const char *key, struct reason *why)
+enum err tls_load(const char *cert, const char *key, struct tls **out, struct reason *why)
 {
-    SSL_CTX *ctx = SSL_CTX_new(TLS_server_method());
+    struct tls *t = mem_alloc(1, sizeof(*t));
+    enum err e = ERR_NOMEM;
 
-    if (!ctx)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    const enum err e = check_files(ctx, cert, key, why);
-    SSL_CTX_free(ctx);
+    *out = NULL;
+    if (t)
+        t->files = SSL_CTX_new(TLS_server_method());
+    if (t && t->files)
+        e = read_files(t, cert, key, why);
+    else
+        err_say(why, e, "out of memory");
     ERR_clear_error(); /* libwebsockets looks at the same list */
-    return e;
+    if (e) {
+        tls_destroy(t);
+        return e;
+    }
+    *out = t;
+    return ERR_OK;
+}
+
+void tls_destroy(struct tls *t)
+{
+    if (!t)
+        return;
+    SSL_CTX_free(t->files);
+    mem_free(t);
+}
+
+int64_t tls_expires_s(const struct tls *t)
+{
+    return t->expires_s;
+}
+
+/* Of each kind of key a context holds one certificate, and so whoever comes could still be shown the old one where the
+ * new one is of another kind: all are taken from the connection first. 0 ends the handshake. */
+static int show(SSL *ssl, void *arg)
+{
+    struct tls *const *shown = arg;
+    SSL_CTX *files = (*shown)->files;
+    STACK_OF(X509) *chain = NULL;
+
+    SSL_certs_clear(ssl);
+    return SSL_CTX_get0_chain_certs(files, &chain) == 1 &&
+           SSL_use_cert_and_key(ssl, SSL_CTX_get0_certificate(files), SSL_CTX_get0_privatekey(files), chain, 1) == 1;
+}
+
+void tls_show(void *context, struct tls *const *shown)
+{
+    SSL_CTX_set_cert_cb(context, show, (void *)shown);
 }

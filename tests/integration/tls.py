@@ -30,18 +30,21 @@ policy = names
 [names]
 commonName = supplied
 """
-KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=localhost")
+CURVE = ("ec", "-pkeyopt", "ec_paramgen_curve:prime256v1")
+NAME = ("-nodes", "-subj", "/CN=localhost")
+KEY = ("-newkey", *CURVE, *NAME)
 
 
 def openssl(*arguments):
     subprocess.run(["openssl", *map(str, arguments)], check=True, capture_output=True)
 
 
-def certificate(folder, name):
+def certificate(folder, name, kind=CURVE, days=30):
     if not shutil.which("openssl"):
         skip("openssl is not installed")
     cert, key = folder / f"{name}.pem", folder / f"{name}.key"
-    openssl("req", "-x509", *KEY, "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1", "-keyout", key, "-out", cert)
+    openssl("req", "-x509", "-newkey", *kind, *NAME, "-days", days, "-addext",
+            "subjectAltName=DNS:localhost,IP:127.0.0.1", "-keyout", key, "-out", cert)
     return cert, key
 
 
@@ -55,6 +58,36 @@ def expired(folder):
     openssl("ca", "-batch", "-config", rules, "-selfsign", "-keyfile", key, "-in", request, "-out", cert, "-notext",
             "-startdate", "20200101000000Z", "-enddate", "20200201000000Z")
     return cert, key
+
+
+def text_of(cert, *what):
+    """As openssl says it: -serial, -enddate."""
+    said = subprocess.run(["openssl", "x509", "-in", str(cert), "-noout", *what], check=True, capture_output=True)
+    return said.stdout.decode().split("=", 1)[1].strip()
+
+
+def shown(port, kinds="DEFAULT"):
+    """The serial number of the certificate that a new connection sees, whoever signed it."""
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    context.maximum_version = ssl.TLSVersion.TLSv1_2  # where the client's list of ciphers says which kind of key it takes
+    context.set_ciphers(kinds)
+    with socket.create_connection(("127.0.0.1", port), WAIT_S) as plain, context.wrap_socket(plain) as link:
+        der = link.getpeercert(binary_form=True)
+    said = subprocess.run(["openssl", "x509", "-inform", "der", "-noout", "-serial"], input=der, check=True,
+                          capture_output=True)
+    return said.stdout.decode().split("=", 1)[1].strip()
+
+
+async def renew(daemon, words):
+    """SIGHUP, and then what the log says, up to those words."""
+    daemon.process.send_signal(signal.SIGHUP)
+    said = ""
+    while words not in said:
+        line = (await asyncio.wait_for(daemon.process.stderr.readline(), WAIT_S)).decode()
+        check(line, f"it ended: {said}")
+        said += line
+    return said
 
 
 def trust(cert):
@@ -119,18 +152,93 @@ async def certificates_that_will_not_do_are_named(folder):
         check(process.returncode == 2 and words in said.decode(), f"{arguments}: {process.returncode}, {said.decode()}")
 
 
+async def a_renewed_certificate_is_shown_to_those_who_come(folder):
+    """Another of the same kind, and one of another kind of key, beside which the old one is shown to nobody any more;
+    whoever is in stays."""
+    cert, key = certificate(folder, "good")
+    async with Daemon(*SKY, "--tls-cert", str(cert), "--tls-key", str(key)) as daemon:
+        port = port_of(daemon.url)
+        check(f"{cert}: is valid until " in daemon.before, f"not until when: {daemon.before}")
+        serials = [text_of(cert, "-serial")]
+        check(shown(port) == serials[0], "another certificate than its own")
+        async with websockets.connect(f"wss://localhost:{port}/ws", ssl=trust(cert), subprotocols=["relight.v1"],
+                                      origin=f"https://localhost:{port}", compression=None, max_size=None) as link:
+            await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}}))
+            for kind in (CURVE, ("rsa:2048",), CURVE):
+                certificate(folder, "good", kind)
+                await renew(daemon, f"{cert}: is valid until ")
+                serials.append(text_of(cert, "-serial"))
+                check(shown(port) == serials[-1], f"shown is {shown(port)} of {serials}")
+                check((await get(port, trust(cert), "/healthz")).startswith(b"HTTP/1.1 200"), "it does not answer")
+                try:
+                    other = shown(port, "ECDSA" if kind != CURVE else "aRSA")
+                except ssl.SSLError:
+                    other = None
+                check(other is None, f"who takes another kind of key only is shown {other} of {serials}")
+                await link.send(json.dumps({"op": "ping", "id": len(serials)}))
+                while (said := json.loads(await asyncio.wait_for(link.recv(), WAIT_S)))["op"] != "pong":
+                    pass
+                check(said["id"] == len(serials), f"the open connection is told {said}")
+
+
+async def renewed_files_may_have_other_names(folder):
+    (cert, key), (other, other_key) = certificate(folder, "good"), certificate(folder, "other")
+    config = folder / "config.json"
+    config.write_text(json.dumps({"tls-cert": str(cert), "tls-key": str(key)}))
+    async with Daemon(*SKY, "--config", str(config)) as daemon:
+        config.write_text(json.dumps({"tls-cert": str(other), "tls-key": str(other_key)}))
+        said = await renew(daemon, "reload: done")
+        check("next start" not in said and f"tls-cert is {other}" in said, said)
+        for _ in range(20 * WAIT_S):
+            if shown(port_of(daemon.url)) == text_of(other, "-serial"):
+                break
+            await asyncio.sleep(0.05)
+        check(shown(port_of(daemon.url)) == text_of(other, "-serial"), "the old one is shown")
+        config.write_text("{}")
+        said = await renew(daemon, "reload: done")
+        check(f"tls-cert stays {other} until the next start" in said, said)
+        check((await get(port_of(daemon.url), trust(other), "/healthz")).startswith(b"HTTP/1.1 200"), "no more TLS")
+
+
+async def when_a_certificate_ends_is_told_and_warned_of(folder):
+    cert, key = certificate(folder, "good", days=30)
+    async with Daemon(*SKY, "--tls-cert", str(cert), "--tls-key", str(key)) as daemon:
+        def ends():
+            return ssl.cert_time_to_seconds(text_of(cert, "-enddate"))
+        async def measured():
+            text = (await get(port_of(daemon.url), trust(cert), "/metrics")).decode()
+            return int(text.split("\nrelightd_tls_certificate_expires_seconds ")[1].split()[0])
+        check("warning" not in daemon.before, f"warned of 30 days: {daemon.before}")
+        check(await measured() == ends(), f"{await measured()} is not {ends()}")
+        certificate(folder, "good", days=13)
+        said = await renew(daemon, f"{cert}: is valid until ")
+        date = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ends()))
+        warning = f"relightd: warning: --tls-cert {cert}: is valid until {date}, {{}} days from now"
+        check(warning.format(12) in said or warning.format(13) in said, said)
+        check(await measured() == ends(), f"{await measured()} is not {ends()}")
+
+
 async def a_bad_certificate_on_reload_changes_nothing(folder):
     cert, key = certificate(folder, "good")
+    good, good_key = cert.read_bytes(), key.read_bytes()
     (folder / "config.json").write_text(json.dumps({"tls-cert": str(cert), "tls-key": str(key)}))
     async with Daemon(*SKY, "--config", str(folder / "config.json")) as daemon:
-        context = trust(cert)
-        cert.write_text("no certificate\n")
-        daemon.process.send_signal(signal.SIGHUP)
-        said = ""
-        while "is no certificate" not in said:
-            said = (await asyncio.wait_for(daemon.process.stderr.readline(), WAIT_S)).decode()
-            check(said, "it ended")
-        check((await get(port_of(daemon.url), context, "/healthz")).startswith(b"HTTP/1.1 200"), "it no longer answers")
+        port, context, serial = port_of(daemon.url), trust(cert), text_of(cert, "-serial")
+        _, other_key = certificate(folder, "other")
+        old, old_key = expired(folder)
+        for files, words in (((b"no certificate\n", good_key), f"{cert}: is no certificate"),
+                             ((good, other_key.read_bytes()), f"{key}: is not the key of that certificate"),
+                             ((old.read_bytes(), old_key.read_bytes()), f"{cert}: has expired")):
+            cert.write_bytes(files[0])
+            key.write_bytes(files[1])
+            said = await renew(daemon, "all stays as it was")
+            check(words in said, f"no '{words}': {said}")
+            check(shown(port) == serial, f"{words}: shown is {shown(port)}")
+            check((await get(port, context, "/healthz")).startswith(b"HTTP/1.1 200"), "it no longer answers")
+        cert.write_bytes(good)
+        key.write_bytes(good_key)
+        await renew(daemon, "reload: done")
+        check(shown(port) == serial, "the good one is not taken after bad ones")
 
 
 async def plain_and_slow_ones_are_cut_off(folder):
