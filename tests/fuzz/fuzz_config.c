@@ -1,0 +1,149 @@
+/* A configuration file: it is read, or refused by file and line; its keys stand where it says, and what a flag is given
+ * by it is what readers of flags take for a number, or say what is wrong with. */
+#include "harness.h"
+
+#include "config.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <string.h>
+
+#define NAME "f.json"
+
+static struct option_row rows[8];
+static struct options options = { .program = "relight-fuzz", .rows = rows };
+
+static void begin_rows(void)
+{
+    static const struct option_row table[] = {
+        { "", NULL, "what goes in", NULL },   { "size", "WxH", "the picture's size", "640x360" },
+        { "samples", "N", "how many", "64" }, { "gain", "X", "a factor", "1" },
+        { "frames", "A-B", "which", NULL },   { "fast", NULL, "a switch", NULL },
+        { NULL, NULL, NULL, NULL },
+    };
+
+    memcpy(rows, table, sizeof(table));
+}
+
+/* "f.json:3: ..." with a line that is there. */
+static void check_reason(const struct reason *why, unsigned lines)
+{
+    char *end;
+
+    require(strncmp(why->text, NAME ":", sizeof(NAME)) == 0, "a reason begins with the file");
+    const unsigned long line = strtoul(why->text + sizeof(NAME), &end, 10);
+    require(line >= 1 && line <= lines && end[0] == ':' && end[1] == ' ' && end[2], "and with a line of it");
+}
+
+/* Whoever reads the flag afterwards gets what lies within the limits that he sets, or a reason. */
+static void read_flags(void)
+{
+    struct reason why = { "" };
+    uint64_t whole = 0, first = 0, last = 0;
+    uint32_t width = 0, height = 0;
+    double real = 0.0;
+    bool given = false;
+
+    if (!options_u64(&options, "samples", 1, 4096, &whole, &why))
+        require(whole >= 1 && whole <= 4096, "a whole number within its limits");
+    if (!options_double(&options, "gain", -1e3, 1e3, &real, &why))
+        require(fabs(real) <= 1e3, "a number within its limits");
+    if (!options_size(&options, "size", &width, &height, &why))
+        require(width >= 1 && width <= 16384 && height >= 1 && height <= 16384, "a size within its limits");
+    if (!options_range(&options, "frames", &given, &first, &last, &why))
+        require(!given || first <= last, "a range in order");
+    (void)options_on(&options, "fast");
+}
+
+/* A flag that was taken has what the file gives it, to the last bit of a number. */
+static void check_value(const struct option_row *row, const json_t *value)
+{
+    if (!row->value)
+        require(json_is_boolean(value) && (row->given != NULL) == json_is_true(value), "a switch is as it was put");
+    else if (json_is_string(value))
+        require(strcmp(row->given, json_string_value(value)) == 0, "words are those of the file");
+    else if (json_is_integer(value))
+        require(strtoll(row->given, NULL, 10) == json_integer_value(value), "a whole number is that of the file");
+    else
+        require(json_is_real(value) && strtod(row->given, NULL) == json_real_value(value),
+                "a number is that of the file");
+}
+
+static void check_entry(const struct config *c, size_t index, const json_t *root, unsigned lines)
+{
+    const char *key = config_key(c, index);
+    struct reason why = { "" };
+
+    begin_rows();
+    const struct option_row *row = key[0] ? options_row(&options, key) : NULL;
+    const enum err e = config_apply(c, index, &options, &why);
+    require(e == ERR_OK || e == ERR_USAGE, "taken, or refused as a fault of the user's");
+    require(e != ERR_OK || row, "no flag but those of the table");
+    if (e)
+        check_reason(&why, lines);
+    else
+        check_value(row, json_object_get(root, key));
+    read_flags();
+    snprintf(why.text, sizeof(why.text), "--%.64s is wrong", key);
+    require(config_blame(c, index, ERR_USAGE, &why) == ERR_USAGE, "the error that was blamed");
+    check_reason(&why, lines);
+}
+
+/* The line, without its end. */
+static const char *line_at(const char *text, size_t size, unsigned line, size_t *length)
+{
+    const char *end = text + size;
+
+    while (line-- > 1)
+        text = (const char *)memchr(text, '\n', (size_t)(end - text)) + 1;
+    const char *stop = memchr(text, '\n', (size_t)(end - text));
+    *length = (size_t)((stop ? stop : end) - text);
+    return text;
+}
+
+/* Where nothing is escaped, a key stands in quotes on the line that is said of it. */
+static void check_lines(const struct config *c, const char *text, size_t size, unsigned lines)
+{
+    const bool plain = !memchr(text, '\\', size);
+    unsigned before = 1;
+
+    for (size_t i = 0; i < config_count(c); i++) {
+        const unsigned line = config_line(c, i);
+        const size_t want = strlen(config_key(c, i));
+        bool found = !plain;
+        size_t length;
+        require(line >= before && line <= lines, "keys stand in the order of the file");
+        const char *at = line_at(text, size, line, &length);
+        for (size_t k = 0; !found && k + want + 2 <= length; k++)
+            found = at[k] == '"' && memcmp(at + k + 1, config_key(c, i), want) == 0 && at[k + 1 + want] == '"';
+        require(found, "a key stands on its line");
+        before = line;
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+    const char *text = (const char *)bytes;
+    struct config *c = NULL;
+    struct reason why = { "" };
+    unsigned lines = 1;
+
+    for (size_t i = 0; i < size; i++)
+        lines += text[i] == '\n';
+    const enum err e = config_parse(NAME, text, size, &c, &why);
+    require((e == ERR_OK) == (c != NULL), "a configuration or an error");
+    require(!e || e == ERR_FORMAT, "what is wrong with bytes is their format");
+    if (e) {
+        check_reason(&why, lines);
+        return 0;
+    }
+    require(strcmp(config_name(c), NAME) == 0, "the name that was given");
+    check_lines(c, text, size, lines);
+    json_t *root = json_loadb(text, size, 0, NULL);
+    require(config_count(c) == json_object_size(root), "every key");
+    for (size_t i = 0; i < config_count(c); i++)
+        check_entry(c, i, root, lines);
+    json_decref(root);
+    config_destroy(c);
+    return 0;
+}
