@@ -65,6 +65,19 @@ static void note_place(struct daemon *d, struct ingested *in)
         in->sky = *source_sky(d->source);
 }
 
+/* What a slot that is seldom used has kept of a far larger frame than those of late. */
+static void forget_idle(struct daemon *d, int slot)
+{
+    const struct recent *recent = &d->ingested[slot].environment->image.recent;
+
+    for (int i = 0; i < HANDOFF_SLOTS; i++) {
+        struct environment *e = d->ingested[i].environment;
+        if (i != slot && handoff_is_idle(&d->frames, i) &&
+            recent_is_outgrown(recent, e->image.capacity * sizeof(*e->image.rgb)))
+            environment_forget(e);
+    }
+}
+
 static enum err ingest_frame(struct daemon *d, const struct frame *f, const struct server_ticket *ticket,
                              struct reason *why)
 {
@@ -93,6 +106,7 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
     in->ticket = *ticket;
     in->decode_ms = 1e3 * (clock_seconds() - start);
     note_place(d, in);
+    forget_idle(d, slot);
     in->ready_ms = clock_ms();
     const struct image_faults faults = in->environment->image.faults; /* the slot is the reader's once published */
     const int dropped = handoff_publish(&d->frames, slot);

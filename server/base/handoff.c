@@ -48,6 +48,14 @@ int handoff_begin(struct handoff *h)
     return slot;
 }
 
+bool handoff_is_idle(struct handoff *h, int slot)
+{
+    pthread_mutex_lock(&h->lock);
+    const bool idle = slot != h->ready && slot != h->taken;
+    pthread_mutex_unlock(&h->lock);
+    return idle;
+}
+
 int handoff_publish(struct handoff *h, int slot)
 {
     pthread_mutex_lock(&h->lock);

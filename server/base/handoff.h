@@ -25,6 +25,9 @@ void handoff_finish(struct handoff *h);
 /* Writer: a slot that nobody reads and that is not waiting to be read. */
 int handoff_begin(struct handoff *h);
 
+/* Writer: whether that slot is in nobody's hands, and so the writer's to touch until it publishes the next one. */
+bool handoff_is_idle(struct handoff *h, int slot);
+
 /* Writer: makes the slot the newest. Returns the slot that this dropped because it had not been taken, or HANDOFF_NONE.
  */
 int handoff_publish(struct handoff *h, int slot);

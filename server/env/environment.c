@@ -79,13 +79,20 @@ struct environment *environment_create(const struct environment_desc *desc)
     return e;
 }
 
+void environment_forget(struct environment *e)
+{
+    e->ready = false;
+    image_finish(&e->image);
+    image_finish(&e->face);
+    resampler_destroy(e->resampler);
+    e->resampler = NULL;
+}
+
 void environment_destroy(struct environment *e)
 {
     if (!e)
         return;
-    image_finish(&e->image);
-    image_finish(&e->face);
-    resampler_destroy(e->resampler);
+    environment_forget(e);
     mem_free(e->texels);
     mem_free(e->row_cdf);
     mem_free(e->face_cdf);
@@ -214,6 +221,8 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
         result = take_layout(e, f, why);
     if (result)
         return result;
+    image_trim(&e->image);
+    image_trim(&e->face);
     e->number = f->number;
     e->capture_us = f->capture_us;
     memcpy(e->name, f->name, sizeof(e->name));

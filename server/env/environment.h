@@ -91,6 +91,10 @@ struct environment_desc {
 struct environment *environment_create(const struct environment_desc *desc);
 void environment_destroy(struct environment *e); /* NULL is allowed */
 
+/* Gives back the memory that frames have taken; not that of the cube map. Nobody may read it until an update succeeds.
+ */
+void environment_forget(struct environment *e);
+
 /* Takes another layout, rotation, scale, importance, leanness and decoder from the next update on; n and tables stay.
  */
 void environment_set(struct environment *e, const struct environment_desc *desc);

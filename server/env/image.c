@@ -43,6 +43,22 @@ enum err image_resize(struct image *im, uint32_t width, uint32_t height)
     return ERR_OK;
 }
 
+void image_trim(struct image *im)
+{
+    const size_t count = (size_t)im->width * im->height * 3, bytes = count * sizeof(*im->rgb);
+
+    recent_add(&im->recent, bytes);
+    if (!recent_is_outgrown(&im->recent, im->capacity * sizeof(*im->rgb)))
+        return;
+    float *rgb = mem_alloc_raw(count, sizeof(*rgb));
+    if (!rgb)
+        return;
+    memcpy(rgb, im->rgb, bytes);
+    mem_free(im->rgb);
+    im->rgb = rgb;
+    im->capacity = count;
+}
+
 void image_finish(struct image *im)
 {
     if (!im)

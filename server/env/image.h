@@ -5,6 +5,7 @@
 #define ENV_IMAGE_H
 
 #include "err.h"
+#include "recent.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -42,11 +43,15 @@ struct image {
     struct image_faults faults;
     struct scratch *scratch; /* what decoders keep from one picture to the next (scratch.h); NULL until there is one */
     struct libdeflate_decompressor *inflater; /* likewise (exr_zip.h) */
+    struct recent recent;                     /* bytes that pictures took, as image_trim was told */
 };
 
 /* Makes room, with no layout and no faults; the texels are undefined afterwards. ERR_RANGE at 0, beyond IMAGE_MAX_SIDE
  * or IMAGE_MAX_TEXELS; ERR_NOMEM. On failure the image is as before, or empty. */
 MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t height);
+/* Once for each picture that is held: room that only much larger ones before it have needed goes back (recent.h). The
+ * texels stay, at another place. Only where rgb is of mem_alloc. */
+void image_trim(struct image *im);
 void image_finish(struct image *im); /* NULL and zeroed memory are allowed */
 
 /* Puts NaN, infinite, negative and too large values right and counts them into im->faults (which it first clears). */

@@ -5,9 +5,10 @@
 #include <string.h>
 
 /* The old contents need not survive, so the old block goes first and the two are never held at once. */
-static enum err reserve(void **block, size_t *capacity, size_t count, size_t size)
+static enum err reserve(struct recent *recent, void **block, size_t *capacity, size_t count, size_t size)
 {
-    if (*block && *capacity >= count)
+    recent_add(recent, count <= SIZE_MAX / size ? count * size : SIZE_MAX);
+    if (*block && *capacity >= count && !recent_is_outgrown(recent, *capacity * size))
         return ERR_OK;
     mem_free(*block);
     *capacity = 0;
@@ -25,7 +26,7 @@ enum err frame_reserve_bytes(struct frame *f, size_t size)
     f->kind = FRAME_NONE;
     f->size = 0;
     memset(f->faces, 0, sizeof(f->faces));
-    const enum err e = reserve(&block, &f->bytes_capacity, size, 1);
+    const enum err e = reserve(&f->recent_bytes, &block, &f->bytes_capacity, size, 1);
     f->bytes = block;
     if (e)
         return e;
@@ -43,7 +44,7 @@ enum err frame_reserve_texels(struct frame *f, uint32_t width, uint32_t height)
     f->width = f->height = 0;
     if (texels > SIZE_MAX / 3)
         return ERR_NOMEM;
-    const enum err e = reserve(&block, &f->rgb_capacity, 3 * (size_t)texels, sizeof(float));
+    const enum err e = reserve(&f->recent_rgb, &block, &f->rgb_capacity, 3 * (size_t)texels, sizeof(float));
     f->rgb = block;
     if (e)
         return e;

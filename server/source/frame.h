@@ -1,10 +1,12 @@
 /* server/source/frame.h */
 /* One environment frame on its way from a source to env: either the bytes of a file, not yet decoded, or the texels
- * of a sky that was computed. The frame owns what it points to and is reused: frame_reserve_* keep the larger block. */
+ * of a sky that was computed. The frame owns what it points to and is reused: frame_reserve_* keep the larger block,
+ * until it has been far too large for some frames (recent.h). */
 #ifndef SOURCE_FRAME_H
 #define SOURCE_FRAME_H
 
 #include "err.h"
+#include "recent.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -32,6 +34,8 @@ struct frame {
     float *rgb; /* FRAME_TEXELS */
     uint32_t width, height;
     size_t rgb_capacity; /* floats */
+
+    struct recent recent_bytes, recent_rgb; /* what was reserved, in bytes */
 };
 
 /* Make room for `size` bytes or width x height texels and set kind and sizes; the contents are undefined. ERR_NOMEM

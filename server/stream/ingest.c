@@ -2,6 +2,7 @@
 
 #include "clock.h"
 #include "internal.h"
+#include "mem.h"
 #include "texels.h"
 
 #include <assert.h>
@@ -29,10 +30,10 @@ void ingest_finish(struct ingest *g)
     pthread_cond_destroy(&g->arrived);
 }
 
-/* {lock} Keeps the larger of two spare blocks, and none for nobody. */
+/* {lock} Keeps the larger of two spare blocks, none that is far too large by now, and none for nobody. */
 static void keep_spare(struct ingest *g, struct block *b)
 {
-    if (g->producer && b->capacity > g->spare.capacity) {
+    if (g->producer && b->capacity > g->spare.capacity && !recent_is_outgrown(&g->recent, b->capacity)) {
         const struct block old = g->spare;
         g->spare = *b;
         *b = old;
@@ -160,6 +161,7 @@ void ingest_deliver(struct server *s, struct assembly *a, uint64_t producer, con
     snprintf(p.peer, sizeof(p.peer), "%s", peer);
     pthread_mutex_lock(&s->lock);
     g->received++;
+    recent_add(&g->recent, p.header.payload);
     if (sequence && sequence->has_accepted && p.header.frame <= sequence->accepted) {
         deliver_again(g, &p);
     } else if (refusal) {
@@ -268,6 +270,20 @@ static enum err fill_frame(struct frame *f, struct pushed *p)
     return e;
 }
 
+/* {lock} What the frame has kept from payloads of another kind than this one's. */
+static void drop_unused(const struct ingest *g, struct frame *f)
+{
+    if (f->kind == FRAME_FILE && recent_is_outgrown(&g->recent, f->rgb_capacity * sizeof(float))) {
+        mem_free(f->rgb);
+        f->rgb = NULL;
+        f->rgb_capacity = 0;
+    } else if (f->kind == FRAME_TEXELS && recent_is_outgrown(&g->recent, f->bytes_capacity)) {
+        mem_free(f->bytes);
+        f->bytes = NULL;
+        f->bytes_capacity = 0;
+    }
+}
+
 /* {lock} */
 static struct pushed *to_take(struct ingest *g)
 {
@@ -320,6 +336,7 @@ bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *
     const enum err e = fill_frame(f, &p);
     pthread_mutex_lock(&s->lock);
     keep_spare(g, &p.payload);
+    drop_unused(g, f);
     pthread_mutex_unlock(&s->lock);
     lws_cancel_service(s->context);
     if (e)

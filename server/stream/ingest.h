@@ -12,6 +12,7 @@
 
 #include "assembly.h"
 #include "message.h"
+#include "recent.h"
 #include "server.h"
 
 #include <pthread.h>
@@ -77,7 +78,8 @@ struct note {
 struct ingest {
     pthread_cond_t arrived;
     struct pushed live, lockstep;
-    struct block spare; /* a block that was in use before; while a producer is connected */
+    struct block spare;   /* a block that was in use before; while a producer is connected */
+    struct recent recent; /* payloads */
     struct sequence sequences[INGEST_SEQUENCES];
     struct ticket tickets[INGEST_TICKETS];
     uint64_t last_ticket;

@@ -7,6 +7,7 @@
 #include "handoff.h"
 #include "mem.h"
 #include "progress.h"
+#include "recent.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -26,6 +27,29 @@ static void memory_is_aligned_and_zero(void **state)
         mem_free(p);
     }
     mem_free(NULL);
+}
+
+static void a_block_is_outgrown_when_the_last_eight_were_far_smaller(void **state)
+{
+    const size_t large = (size_t)100 << 20;
+    struct recent r = { .next = 0 };
+
+    (void)state;
+    recent_add(&r, large);
+    for (int i = 0; i < RECENT_FRAMES; i++) {
+        assert_false(recent_is_outgrown(&r, large));
+        recent_add(&r, large / 4 - 1);
+    }
+    assert_true(recent_is_outgrown(&r, large));
+    assert_false(recent_is_outgrown(&r, large - 4)); /* four times, and no more */
+    recent_add(&r, 0);
+    assert_true(recent_is_outgrown(&r, large));
+    for (int i = 0; i < RECENT_FRAMES; i++)
+        recent_add(&r, 0);
+    assert_false(recent_is_outgrown(&r, RECENT_KEPT)); /* little may stay */
+    assert_true(recent_is_outgrown(&r, RECENT_KEPT + 1));
+    recent_add(&r, large);
+    assert_false(recent_is_outgrown(&r, large));
 }
 
 static void sizes_that_overflow_are_refused(void **state)
@@ -172,6 +196,26 @@ static void progress_is_drawn_on_a_terminal_and_wiped(void **state)
 
 /* ---- Three slots ---- */
 
+static void the_writer_has_what_nobody_holds(void **state)
+{
+    struct handoff h;
+
+    (void)state;
+    handoff_init(&h);
+    for (int i = 0; i < HANDOFF_SLOTS; i++)
+        assert_true(handoff_is_idle(&h, i));
+    handoff_publish(&h, 2);
+    assert_false(handoff_is_idle(&h, 2)); /* it may be taken at any time */
+    assert_int_equal(handoff_take(&h, 0), 2);
+    handoff_publish(&h, 0);
+    assert_false(handoff_is_idle(&h, 2));
+    assert_false(handoff_is_idle(&h, 0));
+    assert_true(handoff_is_idle(&h, 1));
+    handoff_release(&h, 2);
+    assert_true(handoff_is_idle(&h, 2));
+    handoff_finish(&h);
+}
+
 static void newest_frame_wins(void **state)
 {
     struct handoff h;
@@ -268,6 +312,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_code_has_its_own_words),
     cmocka_unit_test(progress_is_silent_in_a_pipe),
     cmocka_unit_test(progress_is_drawn_on_a_terminal_and_wiped),
+    cmocka_unit_test(a_block_is_outgrown_when_the_last_eight_were_far_smaller),
+    cmocka_unit_test(the_writer_has_what_nobody_holds),
     cmocka_unit_test(newest_frame_wins),
     cmocka_unit_test(frames_arrive_whole_and_in_order_between_threads),
     cmocka_unit_test(closing_wakes_who_waits),

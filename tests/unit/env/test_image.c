@@ -1,5 +1,6 @@
 /* An image's memory, and what sanitising does to each kind of value. */
 #include "environment.h"
+#include "skies.h"
 #include "unit.h"
 
 #include "image.h"
@@ -44,6 +45,64 @@ static void memory_is_kept_while_it_is_large_enough(void **state)
     assert_null(im.rgb);
     image_finish(&im);
     image_finish(NULL);
+}
+
+static void hold(struct image *im, uint32_t width, uint32_t height)
+{
+    assert_int_equal(image_resize(im, width, height), ERR_OK);
+    for (size_t i = 0; i < 3 * (size_t)width * height; i++)
+        im->rgb[i] = (float)i;
+    image_trim(im);
+}
+
+/* Texels stay what they are; pictures of one size, or now and then a large one, take no new memory. */
+static void memory_goes_back_when_pictures_have_become_far_smaller(void **state)
+{
+    struct image im = { 0 };
+    (void)state;
+
+    hold(&im, 2048, 1024);
+    const float *large = im.rgb;
+    for (int i = 0; i < 20; i++) {
+        hold(&im, i % RECENT_FRAMES == 0 ? 2048 : 4, i % RECENT_FRAMES == 0 ? 1024 : 2);
+        assert_ptr_equal(im.rgb, large);
+    }
+    for (int i = 0; i < RECENT_FRAMES; i++)
+        hold(&im, 20, 10);
+    assert_int_equal(im.capacity, 600);
+    assert_int_equal(im.width, 20);
+    for (size_t i = 0; i < 600; i++)
+        assert_true(im.rgb[i] == (float)i);
+    const float *small = im.rgb;
+    hold(&im, 20, 10);
+    assert_ptr_equal(im.rgb, small);
+    image_finish(&im);
+}
+
+/* The same through a whole environment, which is as good as new when it has been told to forget. */
+static void an_environment_gives_back_what_a_far_larger_frame_took(void **state)
+{
+    struct frame large = sky_overcast(2048, 1024), small = sky_overcast(32, 16);
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 16 });
+    struct environment *other = sky_environment(sky_overcast(32, 16), 16, 0.0);
+    struct reason why;
+    (void)state;
+
+    assert_int_equal(environment_update(e, &large, &why), ERR_OK);
+    for (int i = 0; i < RECENT_FRAMES; i++)
+        assert_int_equal(environment_update(e, &small, &why), ERR_OK);
+    assert_int_equal(e->image.capacity, 3 * 32 * 16);
+    assert_memory_equal(e->texels, other->texels, CUBE_FACES * 16 * 16 * sizeof(*e->texels));
+    environment_forget(e);
+    assert_int_equal(e->image.capacity, 0);
+    assert_false(e->ready);
+    assert_int_equal(environment_update(e, &small, &why), ERR_OK);
+    assert_true(e->ready);
+    assert_memory_equal(e->texels, other->texels, CUBE_FACES * 16 * 16 * sizeof(*e->texels));
+    environment_destroy(e);
+    environment_destroy(other);
+    frame_finish(&large);
+    frame_finish(&small);
 }
 
 /* Every odd value at every place of a picture that is no multiple of anything. */
@@ -172,6 +231,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(texels_of_a_frame_are_put_right_in_every_row),
     cmocka_unit_test(sizes_outside_the_limits_are_refused),
     cmocka_unit_test(memory_is_kept_while_it_is_large_enough),
+    cmocka_unit_test(memory_goes_back_when_pictures_have_become_far_smaller),
+    cmocka_unit_test(an_environment_gives_back_what_a_far_larger_frame_took),
     cmocka_unit_test(each_odd_value_is_put_right_and_counted_anywhere),
     cmocka_unit_test(faults_are_counted_before_a_change_of_primaries_and_negatives_after),
     cmocka_unit_test(no_texels_are_no_work),

@@ -375,6 +375,24 @@ static void frame_keeps_the_larger_block(void **state)
     frame_finish(NULL);
 }
 
+static void frame_gives_a_block_back_that_is_far_too_large_for_the_last_eight(void **state)
+{
+    struct frame f = { .kind = FRAME_NONE };
+
+    (void)state;
+    assert_int_equal(frame_reserve_bytes(&f, (size_t)20 << 20), ERR_OK);
+    assert_int_equal(frame_reserve_texels(&f, 2048, 1024), ERR_OK);
+    for (int i = 0; i < RECENT_FRAMES; i++) {
+        assert_int_equal(f.bytes_capacity, (size_t)20 << 20);
+        assert_int_equal(f.rgb_capacity, 3 * 2048 * 1024);
+        assert_int_equal(frame_reserve_bytes(&f, 100), ERR_OK);
+        assert_int_equal(frame_reserve_texels(&f, 4, 2), ERR_OK);
+    }
+    assert_int_equal(f.bytes_capacity, 100);
+    assert_int_equal(f.rgb_capacity, 3 * 4 * 2);
+    frame_finish(&f);
+}
+
 static void frame_too_large_for_memory_is_an_error(void **state)
 {
     struct frame f = { .kind = FRAME_NONE };
@@ -451,6 +469,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(fifo_is_refused_without_waiting),
     cmocka_unit_test(loop_begins_again_with_the_same_numbers),
     cmocka_unit_test(frame_keeps_the_larger_block),
+    cmocka_unit_test(frame_gives_a_block_back_that_is_far_too_large_for_the_last_eight),
     cmocka_unit_test(frame_too_large_for_memory_is_an_error),
     cmocka_unit_test(long_path_keeps_its_end_as_a_name),
     cmocka_unit_test(real_sequence_has_its_67_frames),

@@ -1,5 +1,5 @@
 /* What one client may take from the others, by their number, by their speed and by their slowness: nothing. */
-#include "client.h"
+#include "producing.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -362,6 +362,48 @@ static void other_names_are_answered_to_where_they_were_said(void **state)
     server_destroy(s);
 }
 
+/* What one frame of 21 to 31 MB has taken, as bytes of a file and as raw texels, is not kept for small ones. */
+static void memory_of_a_large_frame_goes_back_after_small_ones(void **state)
+{
+    static const enum protocol_encoding kinds[] = { PROTOCOL_FILE_HDR, PROTOCOL_RAW_FLOAT, PROTOCOL_RAW_HALF };
+    const struct server_desc desc = { .push = true, .max_frame_bytes = 32 << 20 };
+    const uint32_t width = 2048, height = 1280; /* halves too are more than what may always be kept */
+    struct server *s = server_start(&desc);
+    uint8_t *bytes = calloc(12, (size_t)width * height);
+    struct frame f = { 0 };
+    struct server_ticket t;
+    struct client c;
+    uint64_t number = 0;
+
+    (void)state;
+    assert_non_null(bytes);
+    memcpy(bytes, "#?", 2);
+    produce_live(&c, s);
+    for (size_t k = 0; k < sizeof(kinds) / sizeof(kinds[0]); k++) {
+        struct protocol_environment e = { .encoding = kinds[k], .payload = 12 * width * height, .frame = ++number };
+        if (kinds[k] != PROTOCOL_FILE_HDR) {
+            e.channels = kinds[k] == PROTOCOL_RAW_HALF ? 4 : 3;
+            e.width = width;
+            e.height = height;
+            e.payload = kinds[k] == PROTOCOL_RAW_HALF ? 8 * width * height : e.payload;
+        }
+        payload_send(&c, e, bytes);
+        take(s, &f, &t, number);
+        assert_true(f.bytes_capacity + sizeof(float) * f.rgb_capacity >= 12 * width * height);
+        for (int i = 0; i < 4 * RECENT_FRAMES; i++) {
+            payload_send(&c, (struct protocol_environment){ PROTOCOL_FILE_HDR, .payload = 100, .frame = ++number },
+                         bytes);
+            take(s, &f, &t, number);
+            if (i >= 3 * RECENT_FRAMES)
+                assert_true(f.bytes_capacity + sizeof(float) * f.rgb_capacity < 1 << 20);
+        }
+    }
+    client_shut(&c);
+    free(bytes);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(one_address_gets_no_more_than_its_share),
     cmocka_unit_test(this_machines_own_address_is_spared_unless_a_number_was_said),
@@ -372,6 +414,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ten_thousand_control_messages_cost_their_sender_only),
     cmocka_unit_test(who_gives_no_sign_of_life_is_given_up),
     cmocka_unit_test(who_never_finishes_a_request_is_cut),
+    cmocka_unit_test(memory_of_a_large_frame_goes_back_after_small_ones),
     cmocka_unit_test(a_token_that_cannot_be_one_is_refused_without_being_said),
     cmocka_unit_test(other_names_are_answered_to_where_they_were_said),
 };
