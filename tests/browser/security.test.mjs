@@ -2,27 +2,13 @@
 // the content security policy is listened for, in the window and in the worker.
 // RELIGHT_RELIGHTD names the server.
 import assert from 'node:assert/strict';
-import { after, before, test } from 'node:test';
-import { openBrowser, startServer, untilFrames, untilState, whatIsMissing } from './lib.mjs';
+import { after, test } from 'node:test';
+import { beginTests, startServer, untilFrames, untilState } from './lib.mjs';
 
-const missing = await whatIsMissing();
-if (missing) {
-  console.log(`skipped: ${missing}`);
-  process.exit(0);
-}
-const RELIGHTD = process.env.RELIGHT_RELIGHTD;
-assert.ok(RELIGHTD, 'RELIGHT_RELIGHTD is not set');
-
-let browser;
-let server;
-before(async () => {
-  browser = await openBrowser();
-  server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:speed=0.5']);
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
+const { browser, RELIGHT_RELIGHTD } = await beginTests(['RELIGHT_RELIGHTD']);
+const server = await startServer(RELIGHT_RELIGHTD,
+  ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:speed=0.5']);
+after(() => server.stop());
 
 // A page with `page.violations`: of the window by its event, of anything else by what the browser writes about it.
 async function openWatched(url) {
