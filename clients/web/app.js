@@ -4,6 +4,7 @@
 import { FLAG_FINER, FLAG_REPEAT, PATH, PICTURE_BYTES } from './protocol.js';
 import { Rate, Recent } from './figures.js';
 import { showHelp } from './help.js';
+import { latencyParts } from './insight_model.js';
 import { Keys, keyOf } from './keys.js';
 import { makePanel } from './panels.js';
 import { wishedPictures, wishedRole } from './role.js';
@@ -201,11 +202,10 @@ function drawn(picture, nowMs) {
 function measure(picture, nowMs) {
   const { header } = picture;
   const serverUs = header.queuedUs + header.decodedUs + header.shadedUs + header.encodedUs;
-  for (const key of ['queued', 'decoded', 'shaded', 'encoded']) figures.stages[key].add(header[`${key}Us`] / 1000);
-  if (picture.clock.known && !(header.flags & FLAG_REPEAT)) {
-    const shownUs = nowMs * 1000 + picture.clock.offsetUs;
+  const shownUs = picture.clock.known && !(header.flags & FLAG_REPEAT) ? nowMs * 1000 + picture.clock.offsetUs : NaN;
+  latencyParts(header, shownUs).forEach((ms, i) => { if (Number.isFinite(ms)) figures.stages[STAGES[i][0]].add(ms); });
+  if (Number.isFinite(shownUs)) {
     const bornUs = header.captureUs || header.publishedUs - serverUs;
-    figures.stages.shown.add(Math.max(0, shownUs - header.publishedUs) / 1000);
     figures.latency.add(Math.max(0, shownUs - bornUs) / 1000);
     relight.latencyMs = figures.latency.median();
   }

@@ -50,10 +50,10 @@ export function scatterPlaces(points, whole, { width, height, unit }) {
   const time = (p) => (whole ? p.wholeMs : p.shadedMs);
   const xs = logAxis(points.map(time), [10, 100]);
   const ys = logAxis(points.map((p) => p.error), [0.001, 0.1]);
-  const [left, right, top, bottom] = [44 * unit, width - 18 * unit, 32 * unit, height - 30 * unit];
+  const [left, right, top, bottom] = [44 * unit, width - 18 * unit, 38 * unit, height - 30 * unit];
   const part = (v, { least, most }) => Math.log(v / least) / Math.log(most / least);
   return {
-    xs, ys, left, right, top, bottom, none: 18 * unit, time,
+    xs, ys, left, right, top, bottom, none: 20 * unit, time,
     x: (v) => left + (right - left) * part(Math.max(v, xs.least), xs),
     y: (v) => bottom - (bottom - top) * part(v, ys),
   };
@@ -76,7 +76,7 @@ export function drawScatter(canvas, insight, methods, whole) {
     context.stroke();
     context.fillText(tickText(v), x, at.bottom + 13 * unit);
   }
-  context.fillText('ms', (at.left + at.right) / 2, height - 4 * unit);
+  context.fillText(whole ? 'ms at the server, in all' : 'ms to relight', (at.left + at.right) / 2, height - 4 * unit);
   context.textAlign = 'right';
   for (const v of at.ys.ticks) {
     const y = Math.round(at.y(v)) + 0.5;
@@ -87,7 +87,8 @@ export function drawScatter(canvas, insight, methods, whole) {
     context.fillText(tickText(v), at.left - 4 * unit, y + 4 * unit);
   }
   context.textAlign = 'left';
-  if (insight.points.some((p) => !p.error)) context.fillText('error unknown', 2 * unit, at.none + 4 * unit);
+  context.fillText('error (relMSE)', 2 * unit, 10 * unit);
+  if (insight.points.some((p) => !p.error)) context.fillText('unknown', 2 * unit, at.none + 6 * unit);
   const now = insight.last?.t ?? 0;
   for (const p of insight.points) {
     const { form, colour: name } = styleOf(methods.indexOf(p.method));

@@ -130,7 +130,7 @@ export function logAxis(values, usual) {
 
 const ms = (x) => (Number.isFinite(x) ? `${x < 9.95 ? x.toFixed(1) : Math.round(x)} ms` : '–');
 export const errorText = (e) => (e > 0 ? e.toPrecision(2).replace('e-', 'e\u2212') : 'not estimated');
-export const noiseText = (e) => (e > 0 ? `${(100 * Math.sqrt(e)).toPrecision(2)} %` : 'not estimated');
+export const noiseText = (e) => (e > 0 ? `${Number((100 * Math.sqrt(e)).toPrecision(2))} %` : 'not estimated');
 
 // The table that says what the drawings show: [label, value] each.
 export function rows(insight) {

@@ -238,9 +238,9 @@ class Probe {
     const n = countSamples(this.answer);
     const items = [
       ['generated', `${n.generated - n.chosen} generated`],
-      ['chosen', `${n.chosen - n.effective} chosen, no cosine or no light`],
+      ['chosen', `${n.chosen - n.effective} chosen, but below the surface or without light`],
       ['blocked', `${n.effective - n.visible} effective, but something is in the way`],
-      ['effective', `${n.visible} effective, by what they bring`],
+      ['effective', `${n.visible} effective, and arrive: the larger, the more light`],
       ['normal', this.answer.point ? 'the normal' : 'where it looks'],
     ];
     if (lobes) items.push(['lobe', `${this.answer.lobes.length} of the material`]);

@@ -1,6 +1,6 @@
 // A pixel's radiance over the last minutes: three lines, red, green and blue, over a scale that begins at 0.
 
-import { figure } from './probe_words.js';
+import { UNIT, figure } from './probe_words.js';
 
 export const MINUTES = 3;
 const MOST = 6000; // points: three minutes at 30 a second
@@ -56,7 +56,7 @@ export function drawTrace(canvas, points, colours) {
     context.lineTo(width - left, Math.round(y(part * most)) + 0.5);
     context.stroke();
   }
-  context.fillText(figure(most), left, top - 4 * unit);
+  context.fillText(`${figure(most)} ${UNIT}`, left, top - 4 * unit);
   context.fillText(`${Math.round(span / 1000)} s ago`, left, height - 4 * unit);
   const now = 'now';
   context.fillText(now, width - left - context.measureText(now).width, height - 4 * unit);

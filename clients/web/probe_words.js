@@ -59,7 +59,7 @@ export function summary(answer) {
   const behind = answer.point.behind ? ', and in it a place' : '';
   const n = countSamples(answer);
   const shares = [...answer.shares].sort((a, b) => b.share - a.share).filter((s) => s.share >= 0.005).slice(0, 3);
-  const most = shares.map((s) => `${s.face === 'sun' ? 'the sun' : s.face} ${percent(s.share)}`).join(', ');
+  const most = shares.map((s) => `${s.face === 'sun' ? 'the sun' : s.face.replace('-', '−')}\u00a0${percent(s.share)}`).join(', ');
   return `${where}${behind}. Of ${n.generated} light samples ${n.chosen} were chosen for it, ${n.effective} are effective`
     + ` and ${n.visible} arrive.${most ? ` Shares: ${most}.` : ''} ${percent(answer.point.open)} of what is above it is open sky.`;
 }

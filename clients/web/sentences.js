@@ -12,14 +12,16 @@ export const withoutFolders = (text) => (text || '')
   .replace(/^(watch:)?[^:'"]*\/(?=[^/:]+: )/, '$1')
   .replace(/(^|[\s'":=(])\.{0,2}\/(?!\/)(?:[^\s:'"/]+\/)*/g, '$1');
 
-// What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis."
+// What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis." Before a picture was
+// made nobody knows how.
 export function describe(status) {
   if (!status) return '';
   const what = capital(plain(status.scene) || 'a scene');
   const sky = status.sky ? ` under ${plain(status.sky)}` : '';
   const size = status.width && status.height ? `${status.width}\u00a0×\u00a0${status.height}` : '';
-  const samples = status.samples ? `${status.samples} ${status.samples === 1 ? 'sample' : 'samples'} per point` : '';
-  const method = status.method ? `method ${status.method}` : '';
+  const made = status.frames?.used !== 0;
+  const samples = made && status.samples ? `${status.samples} ${status.samples === 1 ? 'sample' : 'samples'} per point` : '';
+  const method = made && status.method ? `method ${status.method}` : '';
   const facts = [size, samples, method].filter(Boolean).join(', ');
   return `${what}${sky}${facts ? `; ${facts}` : ''}.`;
 }

@@ -42,7 +42,7 @@ class SkyPanel {
   build(body) {
     this.canvas = make('canvas', { id: 'sky-latlong' });
     this.canvas.setAttribute('role', 'img');
-    this.words = make('p', { className: 'counts', id: 'sky-words', text: 'The sky has not been asked for yet.' });
+    this.words = make('p', { className: 'counts', id: 'sky-words', text: 'It is shown with the first picture.' });
     body.append(this.canvas, this.words);
   }
 

@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { alsoMethod, difference, factsOf, sideWords, warnings } from '../../clients/web/compare_model.js';
 import { styleOf } from '../../clients/web/insight_draw.js';
-import { Insight, choiceWords, kindOf, latencyParts, logAxis, rows } from '../../clients/web/insight_model.js';
+import { Insight, choiceWords, kindOf, latencyParts, logAxis, noiseText, rows } from '../../clients/web/insight_model.js';
 import { FLAG_FINER, FLAG_REPEAT, encodePicture } from '../../clients/web/protocol.js';
 import { sunDirection } from '../../clients/web/sky_panel.js';
 import { fetchPicture, fileName, numbersFormat } from '../../clients/web/snapshot.js';
@@ -86,6 +86,10 @@ test('axes hold all values, begin and end on round ones', () => {
     assert.ok(ticks.length >= 2 && ticks.length <= 14, `${values}: ${ticks}`);
     for (const v of ticks) assert.match(v.toExponential(), /^[125]e/);
   }
+});
+
+test('noise is told in plain digits, also where it is more than the light', () => {
+  assert.deepEqual([1.44, 0.01, 0.00003, null].map(noiseText), ['120 %', '10 %', '0.55 %', 'not estimated']);
 });
 
 test('no two methods look alike', () => {

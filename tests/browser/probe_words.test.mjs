@@ -101,7 +101,7 @@ const answer = {
 test('a probe is summed up in words', () => {
   assert.deepEqual(countSamples(answer), { generated: 4, chosen: 3, effective: 2, visible: 1 });
   assert.equal(summary(answer), 'Pixel 3, 4 shows a surface. Of 4 light samples 3 were chosen for it, 2 are effective and 1 arrive.'
-    + ' Shares: +Y 75\u00a0%, +X 25\u00a0%. 50\u00a0% of what is above it is open sky.');
+    + ' Shares: +Y\u00a075\u00a0%, +X\u00a025\u00a0%. 50\u00a0% of what is above it is open sky.');
   assert.equal(summary({ ...answer, sees: 'sky', point: null, escape: [0, 1, 0] }),
     'Pixel 3, 4 shows the sky. No light is gathered there: the sky itself is seen.');
   const mirror = { ...answer, sees: 'mirror', point: { ...answer.point, behind: true } };

@@ -14,6 +14,7 @@ test('one sentence says what is seen', () => {
   };
   assert.equal(describe(status),
     'The built-in scene under a computed sky; 640\u00a0×\u00a0360, 64 samples per point, method mis.');
+  assert.equal(describe({ ...status, frames: { used: 0 } }), 'The built-in scene under a computed sky; 640\u00a0×\u00a0360.');
   assert.equal(describe({ ...status, sky: '', method: '', samples: 0, width: 0 }), 'The built-in scene.');
   assert.equal(describe({ scene: '/somewhere/scenes/plaza.json', sky: 'skies/sky.%04d.exr' }), 'plaza.json under sky.%04d.exr.');
   assert.equal(describe({ scene: '/home of/my scenes/a court.json', sky: '*.hdr' }), 'A court.json under *.hdr.');
