@@ -2,6 +2,9 @@
 // it came from. RELIGHT_RELIGHTD names the server's program.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
+import { latencyParts } from '../../clients/web/insight_model.js';
+import { FLAG_FINER } from '../../clients/web/protocol.js';
+import { milliseconds } from '../../clients/web/sentences.js';
 import { beginTests, openPage, startServer } from './lib.mjs';
 
 const chromium = await beginTests(['RELIGHT_RELIGHTD']);
@@ -136,6 +139,64 @@ test('the parts of latency are the means of the headers of a second', () => with
     return seen.has([...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)].join(','));
   });
   assert.ok(drawn, 'relighting has its colour in the drawing');
+}));
+
+// The server's figures are means in which a new reading weighs a fifth, computed here from the headers of the same pictures.
+test('the stages that the server tells of are the smoothed ones of its pictures', () => withPage(AUTO, async (page) => {
+  await listen(page);
+  await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
+  const count = await page.evaluate(() => window.heard.statuses.length);
+  await page.waitForFunction((n) => window.heard.statuses.length >= n + 2, count, { timeout: 30000 });
+  const { headers, statuses } = await page.evaluate(() => window.heard);
+  const last = statuses.findLast((s) => headers.some((h) => h.frame === s.frame));
+  const those = headers.slice(0, headers.findIndex((h) => h.frame === last.frame) + 1);
+  const seen = (key) => those.map((h) => h[`${key}Us`] / 1000);
+  // Of pictures that this viewer was too slow for nothing is known, but that a mean lies between the least and the most.
+  const whole = last.skipped === statuses[0].skipped;
+  for (const key of ['queued', 'decoded', 'shaded']) {
+    const wanted = seen(key).reduce((old, ms) => (old > 0 ? old + 0.2 * (ms - old) : ms), 0);
+    const told = last.stages_ms[key];
+    const slack = 0.02 * Math.max(...seen(key)) + 0.05; // what was before the page came counts for 0.8^30 of it
+    assert.ok(told >= Math.min(...seen(key)) - slack && told <= Math.max(...seen(key)) + slack, `${key}: ${told} of ${seen(key)}`);
+    if (whole) assert.ok(Math.abs(told - wanted) <= slack, `${key}: ${told} for ${wanted}`);
+  }
+  const encoded = seen('encoded');
+  assert.ok(last.stages_ms.encoded > 0 && last.stages_ms.encoded <= Math.max(...encoded) + 0.1, `${last.stages_ms.encoded} of ${encoded}`);
+}));
+
+test('what was chosen names matte surfaces before glossy ones, and nothing is left out twice', () => withPage(AUTO, async (page) => {
+  await page.waitForFunction(() => window.relight.insight.insight.points.length >= 4, null, { timeout: 30000 });
+  const { paths, leftOut } = await page.evaluate(() => window.relight.insight.insight.last);
+  assert.match(paths, /^direct light.*, matte by \d+ samples of [^,]+.*, glossy by \d+ samples of /);
+  const phrases = leftOut.split('; ');
+  assert.ok(phrases.length >= 2, leftOut);
+  assert.equal(new Set(phrases).size, phrases.length, leftOut);
+}));
+
+test('of a sky that stands still the error falls as passes are added', () =>
+  withPage(['--source', 'sky:hour=15', '--frames', '2-2', '--once', '--method', 'auto', '--paths', 'direct'], async (page) => {
+    await page.evaluate(() => {
+      window.told = [];
+      window.relight.app.on('status', ({ light }) => { if (light.passes > 0) window.told.push([light.passes, light.error]); });
+    });
+    await page.waitForFunction(() => window.told.length >= 2 && window.told.at(-1)[0] >= 4 * window.told[0][0], null, { timeout: 60000 });
+    const told = await page.evaluate(() => window.told);
+    const [[few, before], [many, now]] = [told[0], told.at(-1)];
+    assert.ok(now > 0 && now < before, `${before} by ${few} passes, ${now} by ${many}`);
+  }));
+
+test('the figures hold what came before the server had the sky: their parts are those of latency', () => withPage(AUTO, async (page) => {
+  await listen(page);
+  await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
+  await say(page, { paused: true });
+  await page.waitForFunction(() => window.relight.state.name === 'paused', null, { timeout: 30000 });
+  await page.waitForTimeout(1500); // what was under way is there, and the figures are written
+  const { headers, shown } = await page.evaluate(() => ({
+    headers: window.heard.headers, shown: document.getElementById('ms-queued').textContent,
+  }));
+  const waits = headers.filter((h) => !(h.flags & FLAG_FINER)).slice(-30)
+    .map((h) => latencyParts(h, NaN)[0]).sort((a, b) => a - b);
+  assert.equal(shown, milliseconds((waits[14] + waits[15]) / 2));
 }));
 
 // ---- the sky
