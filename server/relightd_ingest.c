@@ -10,7 +10,10 @@
 #include <omp.h>
 #include <time.h>
 
-#define MARGIN_MS 10 /* a frame is ready by so much before it is wanted */
+#define MARGIN_MS 10   /* a frame is ready by so much before it is wanted */
+#define UNSEEN_MS 1000 /* between frames of a computed sky while nobody sees it, which is a picture's pace then, too   \
+                        */
+#define LOOK_MS 20     /* between two looks whether somebody has come */
 
 static void nap_ms(int64_t ms)
 {
@@ -248,6 +251,29 @@ static void wait_until_wanted(struct daemon *d, struct pull *p, struct reason *w
     sleep_until_ms(d, p, clock_ms() + (int64_t)daemon_slack_ms(d) - MARGIN_MS, why);
 }
 
+static bool is_seen(struct daemon *d)
+{
+    struct server_demand demand;
+
+    server_demand(d->server, &demand);
+    return demand.viewers > 0 || demand.recorder;
+}
+
+/* Frames of a sky that nobody sees need not be computed: after a second, or once somebody comes, the next one is that
+ * of then, as though those between had been. Files are read all the same, for who counts them. */
+static void rest_unseen(struct daemon *d, struct pull *p, struct reason *why)
+{
+    const int64_t each_ms = (int64_t)(1e3 / d->rate), until_ms = p->next_ms + UNSEEN_MS - each_ms;
+
+    if (d->kind != SOURCE_SKY || d->length > 0 || is_seen(d))
+        return;
+    while (clock_ms() < until_ms && !is_seen(d) && !is_disturbed(d))
+        sleep_until_ms(d, p, clock_ms() + LOOK_MS, why);
+    const int64_t passed = (clock_ms() - p->next_ms) / each_ms;
+    if (passed > 0 && !is_disturbed(d) && source_step(d->source, 1 + passed))
+        p->next_ms += passed * each_ms;
+}
+
 static void pace(struct daemon *d, struct pull *p, struct reason *why)
 {
     const int64_t now = clock_ms();
@@ -263,6 +289,7 @@ static void pace(struct daemon *d, struct pull *p, struct reason *why)
         p->next_ms += (int64_t)(1e3 / d->rate);
         p->next_ms = p->next_ms > now ? p->next_ms : now;
         sleep_until_ms(d, p, p->next_ms, why);
+        rest_unseen(d, p, why);
     } else {
         wait_until_wanted(d, p, why);
     }

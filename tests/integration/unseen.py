@@ -1,0 +1,108 @@
+#!/usr/bin/python3
+"""A computed sky with a rate of its own while nobody looks: it is made once a second, its time goes on, and whoever comes
+sees the present at once. What is counted is told by /metrics, so that the looking itself is not seen."""
+
+import asyncio
+import json
+import re
+import time
+import urllib.request
+
+from peer import PICTURE, WAIT_S, check, main
+from still import Daemon, connect
+
+RATE = 20
+SKY = ("--source", "sky:speed=1,size=128x64", "--rate", str(RATE), "--samples", "1", "--method", "mis")
+
+
+def counted(daemon, name):
+    url = daemon.url.replace("ws://", "http://").removesuffix("ws") + "metrics"
+    text = urllib.request.urlopen(url, timeout=WAIT_S).read().decode()
+    return float(re.search(rf"^{name} (\S+)$", text, re.M)[1])
+
+
+def received(daemon):
+    return counted(daemon, "relightd_frames_received_total")
+
+
+async def made(daemon, more):
+    """Until so many more have been; how many there are."""
+    want, end = received(daemon) + more, time.monotonic() + WAIT_S
+    while (count := received(daemon)) < want:
+        check(time.monotonic() < end, "no frame is made")
+        await asyncio.sleep(0.02)
+    return count
+
+
+async def come(link):
+    await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}}))
+    await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": 1}))
+
+
+async def picture(link):
+    """The number of the frame of the next one."""
+    while True:
+        message = await asyncio.wait_for(link.recv(), WAIT_S)
+        if isinstance(message, bytes):
+            fields = PICTURE.unpack_from(message)
+            await link.send(json.dumps({"op": "ack", "sequence": fields[4]}))
+            return fields[5]
+
+
+async def unwatched(daemon):
+    """Once it is at its slower pace."""
+    await made(daemon, 2)
+    return received(daemon), time.monotonic()
+
+
+async def a_sky_that_nobody_sees_is_made_once_a_second(folder):
+    async with Daemon(*SKY) as daemon:
+        before, begun = await unwatched(daemon)
+        await asyncio.sleep(4)
+        count, passed = received(daemon) - before, time.monotonic() - begun
+        check(2 <= count <= passed + 2, f"{count} frames in {passed:.1f} s without anybody")
+        async with connect(daemon.url) as link:
+            await come(link)
+            first, begun = await picture(link), time.monotonic()
+            while await picture(link) < first + 2 * RATE:
+                pass
+            check(received(daemon) - before - count > 10, "no more are made when somebody is there")
+            passed = time.monotonic() - begun
+            await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": 2, "paused": True}))
+            await asyncio.sleep(0.5)
+            before, begun = await unwatched(daemon)
+            await asyncio.sleep(2)
+            check(received(daemon) - before <= time.monotonic() - begun + 2, "who does not look has it made all the same")
+
+
+async def its_time_goes_on_meanwhile(folder):
+    """At the rate that was said, but for the second that may pass between two looks."""
+    async with Daemon(*SKY) as daemon:
+        await unwatched(daemon)
+        first, begun = counted(daemon, "relightd_frame_number"), time.monotonic()
+        await asyncio.sleep(6)
+        went = counted(daemon, "relightd_frame_number") - first
+        due = RATE * (time.monotonic() - begun)
+        check(due - 2.5 * RATE <= went <= due + 1.5 * RATE, f"{went} frames on, and not {due:.0f}")
+
+
+async def whoever_comes_sees_the_present_at_once(folder):
+    """Comes just when a frame has been made, the next of which nobody would have seen for a second."""
+    async with Daemon(*SKY) as daemon:
+        waits = []
+        for _ in range(5):
+            await asyncio.sleep(1.5)  # it has noticed that nobody is there
+            await made(daemon, 1)
+            async with connect(daemon.url) as link:
+                begun = time.monotonic()
+                await come(link)
+                frames = set()  # three may be there: the last that was encoded, that which stands, and the next of them
+                while len(frames) < 4:
+                    frames.add(await picture(link))
+                waits.append(time.monotonic() - begun)
+        print(f"a new frame after {', '.join(f'{w * 1e3:.0f}' for w in waits)} ms")
+        check(sorted(waits)[2] < 0.7, f"a new frame after {waits} s")
+
+
+if __name__ == "__main__":
+    main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f)})
