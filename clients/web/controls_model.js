@@ -106,7 +106,7 @@ export function transportOf(status) {
     return { play: true, step: true, scrub: { least: 0, most: 24, step: 1 / 12, value: hour }, text: hourText(hour) };
   if ((kind === 'files' || kind === 'sky') && length > 1)
     return { play: true, step: true, scrub: { least: 0, most: length - 1, step: 1, value: position }, text: `${position + 1} of ${length}` };
-  if (kind === 'sky') return none; // its hour is known with its first picture
+  if (kind === 'sky') return { ...none, play: true }; // its hour is known with its first picture
   if (kind === 'files') return { ...none, text: 'One sky, which stands still.' };
   return { ...none, play: true, text: kind === 'folder' ? 'Frames come as they are stored.' : 'Frames come as they are sent.' };
 }

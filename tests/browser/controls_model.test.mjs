@@ -60,7 +60,8 @@ test('the scale of time is that of the source', () => {
     assert.equal(of({ kind, position: 0, length: null, hour: null }).play, true);
   }
   assert.equal(of({ kind: 'files', position: 0, length: 1, hour: null }).play, false);
-  assert.equal(of({ kind: 'sky', position: 0, length: null, hour: null }).text, '', 'nobody sends a computed sky');
+  assert.deepEqual(of({ kind: 'sky', position: 0, length: null, hour: null }),
+    { play: true, step: false, scrub: null, text: '' }, 'nobody sends a computed sky, and it can be paused before its hour is known');
   assert.equal(transportOf({ source: { state: 'live', detail: '' } }).play, false); // minor 0
   assert.equal(transportOf(null).text, '');
 });
