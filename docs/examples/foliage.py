@@ -40,7 +40,7 @@ def trunk(sides=16):
 
 
 def main():
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
         sys.exit(__doc__.strip())
     folder = pathlib.Path(sys.argv[1])
     rng = random.Random(1)

@@ -53,6 +53,8 @@ static const struct technique techniques[] = {
     { "rules", "what the program takes by rule", ALL, .colour = 0x5b7f95, .light.direct.method = METHOD_AUTO },
     { "auto", "what the program chooses by measuring, given the time", ALL, .kind = TECHNIQUE_AUTO,
       .light.direct.method = METHOD_AUTO },
+    { "cached", "what stands still and stored light paths, computed beforehand", ALL, .colour = 0x2e7d5b,
+      .kind = TECHNIQUE_PREPARED, .light.direct.method = METHOD_CACHED },
     { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_ALL, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
     { "mlt", "chains of paths that dwell where it is bright (Metropolis)", PICTURE_ALL, .colour = 0x7a5af0,

@@ -61,6 +61,7 @@ enum err relight_caustics_make(struct relight_caustics *c, const struct set *set
     if (is_for(c, &wish) && caustic_store_is_whole(c->store))
         return ERR_OK;
     struct progress line;
+    const bool first = !c->store; /* a chart has one for each of its runs */
     const double start = clock_seconds();
     enum err e = is_for(c, &wish) ? ERR_OK : create(c, set, desc, &wish);
     if (e)
@@ -70,7 +71,7 @@ enum err relight_caustics_make(struct relight_caustics *c, const struct set *set
     progress_end(&line);
     *ms += 1e3 * (clock_seconds() - start);
     const struct caustic_store_stats *s = caustic_store_stats(c->store);
-    if (!e && caustic_store_is_whole(c->store))
+    if (!e && first && caustic_store_is_whole(c->store))
         log_info("store of caustics: %.1f s, %.1f million paths, %.1f million splats, %.0f MB", clock_seconds() - start,
                  1e-6 * (double)s->paths, 1e-6 * (double)s->splats, 1e-6 * (double)s->bytes);
     return e;

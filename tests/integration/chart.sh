@@ -112,6 +112,25 @@ assert max(shown[:5]) < 0.01 and shown[5] > 3 and shown[34] < 0.3 and sorted(sho
 PY
 }
 
+# The cache of light transport, of direct light and of all: its own seconds are told beside those of a frame.
+what_is_computed_beforehand_is_told_apart() {
+    chart "$work/a" --techniques cached,mis,mis/eye --sources 'sky:hour=12,size=64x32'
+    /usr/bin/python3 -B - "$work/a/chart.csv" <<'PY' || fail "chart.csv"
+import csv, sys
+rows = list(csv.DictReader(open(sys.argv[1], newline="")))
+for light, other in (("direct", "mis"), ("all", "mis/eye")):
+    cached, traced = ([r for r in rows if r["light"] == light and r["technique"] == name] for name in ("cached", other))
+    assert len(cached) == len(traced) == 2, light
+    for c, t in zip(cached, traced):
+        assert c["kind"] == "prepared" and float(c["prepared_ms"]) > 0 and float(t["prepared_ms"]) == 0, (light, c, t)
+        assert int(c["rays"]) < int(t["rays"]), (light, c, t)
+    assert float(cached[0]["noise_median"]) < float(traced[0]["noise_median"]), (light, cached[0], traced[0])
+of = {r["light"]: float(r["energy"]) for r in rows if r["technique"] == "cached" and r["budget"] == "16"}
+assert abs(of["direct"] - 1) < 0.05 and abs(of["all"] - 1) < 0.05, of
+PY
+    [ "$(grep -o 'first computes for' "$work/a/index.html" | wc -l)" = 2 ] || fail "the page does not say so of both"
+}
+
 references_are_kept_and_used_again() {
     chart "$work/a" --techniques mis,faces --sources 'a<b, "c"&d=sky:hour=12,size=64x32'
     find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/before"
