@@ -232,6 +232,7 @@ test('keys and buttons do what they say', () =>
     assert.ok(await page.isVisible('#fps'));
     await page.click('#figures summary'); // each panel folds by itself, and stays so
     assert.ok(!(await page.isVisible('#fps')));
+    await page.waitForFunction(() => Object.values(JSON.parse(localStorage.getItem('relight.folded') ?? '{}')).includes(false));
     await page.reload();
     await untilState(page, 'live');
     assert.ok(!(await page.isVisible('#fps')));

@@ -155,6 +155,7 @@ the_unit_is_well_formed_and_lets_little_through() {
 
 # The program finds its page beside itself, whatever folder that is, and nothing else of the build tree.
 what_is_unpacked_serves_its_page() {
+    : >"$work/log"
     (cd / && exec "$root/usr/bin/relightd" --port 0 --size 64x36 --samples 4) 2>"$work/log" &
     pid=$! url= # the trap is obeyed when this function is over
     local i
