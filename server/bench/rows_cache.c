@@ -11,9 +11,10 @@
 
 #define TRUTH_PASSES 32 /* at most, of */
 #define TRUTH_SAMPLES 64
-#define TRUTH_SECONDS 20.0
-#define SHORT_SECONDS 4e-3 /* frames that are shorter are made several times in a row, */
-#define REPEATS_MAX 64     /* at most so many */
+#define TRUTH_SECONDS 20.0    /* for pictures of TRUTH_VALUES; larger ones in proportion, so that theirs are as good */
+#define TRUTH_VALUES 691200.0 /* 640 x 360 of three colours */
+#define SHORT_SECONDS 4e-3    /* frames that are shorter are made several times in a row, */
+#define REPEATS_MAX 64        /* at most so many */
 
 /* ---- The cache ---- */
 
@@ -81,7 +82,7 @@ enum err cached_truth_make(struct cached *c, const struct environment *e, struct
         .classes = c->light.classes,
     };
     struct relight_stats stats;
-    const double start = clock_seconds();
+    const double start = clock_seconds(), most = TRUTH_SECONDS * fmax(1.0, (double)c->values / TRUTH_VALUES);
     uint32_t passes = 0;
     enum err result = ERR_OK;
 
@@ -92,7 +93,7 @@ enum err cached_truth_make(struct cached *c, const struct environment *e, struct
     if (!t->half[0] || !t->half[1])
         return ERR_NOMEM;
     /* By twos, so that both have as many. */
-    for (; passes < TRUTH_PASSES && !result && (passes % 2 || clock_seconds() - start < TRUTH_SECONDS); passes++) {
+    for (; passes < TRUTH_PASSES && !result && (passes % 2 || clock_seconds() - start < most); passes++) {
         float *to = t->half[passes % 2];
         light.direct.pass = passes;
         result = relighter_run(c->relighter, e, &light, c->rgb, &stats);
