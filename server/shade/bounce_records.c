@@ -95,7 +95,8 @@ static uint32_t sort_spots(const struct bounce_records *r, struct bounce_spots *
         struct bounce_spot *x = &s->at[i];
         x->key = key_of(level_of(r, x->at, x->length), x->at, x);
     }
-    qsort(s->at, s->count, sizeof(*s->at), by_key);
+    if (s->count > 0) /* qsort wants a place even for nothing */
+        qsort(s->at, s->count, sizeof(*s->at), by_key);
     for (uint32_t i = 0; i < s->count; i++)
         count += i == 0 || s->at[i].key != s->at[i - 1].key;
     return count;
