@@ -55,6 +55,8 @@ fuzzers_look_for_ten_minutes_each() {
 }
 
 two_hundred_viewers_beside_nginx() {
+    local unpacked=$build/tools/usr/sbin/nginx # by `./test --long`
+    [ -n "${RELIGHT_NGINX:-}" ] || [ ! -x "$unpacked" ] || export RELIGHT_NGINX=$unpacked
     [ -n "${RELIGHT_NGINX:-}" ] || command -v nginx >/dev/null || { echo "skipped: nginx is not installed"; exit 77; }
     /usr/bin/python3 -B "$here/crowd.py"
 }
