@@ -9,6 +9,7 @@ const missing = await whatIsMissing();
 if (missing || !out) throw new Error(missing ?? 'which folder?');
 
 const SKY = ['--source', 'sky:time=09:30,speed=0.2', '--size', '1280x720', '--fps', '4'];
+const SMALL = [...SKY, '--size', '640x360']; // sharp enough for a phone, and soon without noise
 const DESKTOP = { width: 1280, height: 800 };
 const folder = mkdtempSync(join(tmpdir(), 'relight-pages-'));
 
@@ -29,8 +30,8 @@ function skies() {
 const PAGES = {
   live: { act: drawn },
   light: { scheme: 'light', act: drawn },
-  phone: { size: { width: 390, height: 844 }, act: drawn },
-  'phone-side': { size: { width: 844, height: 390 }, act: drawn },
+  phone: { args: SMALL, size: { width: 390, height: 844 }, act: drawn },
+  'phone-side': { args: SMALL, size: { width: 844, height: 390 }, act: drawn },
   help: { act: async (page) => { await drawn(page); await page.keyboard.press('?'); } },
   paused: {
     act: async (page) => {
