@@ -11,8 +11,7 @@
 #include <time.h>
 
 #define MARGIN_MS 10   /* a frame is ready by so much before it is wanted */
-#define UNSEEN_MS 1000 /* between frames of a computed sky while nobody sees it, which is a picture's pace then, too   \
-                        */
+#define UNSEEN_MS 1000 /* between frames of a computed sky that nobody sees: as between pictures then */
 #define LOOK_MS 20     /* between two looks whether somebody has come */
 
 static void nap_ms(int64_t ms)
