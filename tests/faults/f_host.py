@@ -9,7 +9,8 @@ import signal
 import subprocess
 import time
 
-from faults import BIN, BINARY, TEXT, Failed, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say, skip
+from faults import BIN, BINARY, KEPT, TEXT, Failed, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say
+from faults import skip
 from peer import run
 
 PRELOAD = os.environ.get("RELIGHT_PRELOAD")
@@ -219,7 +220,7 @@ async def F92_connections_that_come_and_go(folder):
             await asyncio.sleep(0.05)
         check(server.descriptors() <= descriptors, f"{server.descriptors()} descriptors, {descriptors} before")
         grown = server.memory_kib() - memory
-        check(grown < 4096 + count // 10, f"{grown} KiB more memory")
+        check(grown < KEPT * (4096 + count // 10), f"{grown} KiB more memory")
         await viewer.sees(2)
         check(not viewer.parted, f"closed with {viewer.parted}")
         return f"{count} connections, {count / took:.0f} a second: {grown:+d} KiB, no descriptor more"

@@ -29,6 +29,8 @@ import websockets  # noqa: E402
 from peer import BIN, PICTURE, Failed, Skipped, check, skip  # noqa: E402, F401
 
 WAIT_S = 30  # until something that must come has come; machines may be slow, sanitized programs are
+SANITIZED = "RELIGHT_SANITIZED" in os.environ
+KEPT = 16 if SANITIZED else 1  # memory is held to so many times what a row allows: sanitizers keep what is freed
 SLOW = float(os.environ.get("RELIGHT_SLOWER", "1"))  # what is held to a number of seconds is held to so many times that
 
 TEXT, BINARY, CLOSE, PING, PONG, MORE = 1, 2, 8, 9, 10, 0
@@ -579,7 +581,7 @@ class Stage:
         check(left <= descriptors or limits["patient"], f"{left} descriptors, {descriptors} before")
         grown = server.memory_kib() - memory
         most = limits["memory_kib"] + (8192 if limits["patient"] else 0)  # those beside it have their share
-        check(grown <= most * (16 if SLOW > 1 else 1), f"{grown} KiB more memory")  # sanitizers keep what is freed
+        check(grown <= most * KEPT, f"{grown} KiB more memory")
         if limits["counts"] and counters:
             after = await server.counters()
             risen = [n for n in after if limits["counts"] in n and after[n] > counters.get(n, 0)]

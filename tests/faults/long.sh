@@ -30,7 +30,7 @@ no_race_is_found_under_load() {
     [ -n "$archer" ] || { echo "skipped: libomp-14-dev has no Archer here"; exit 77; }
     export OMP_TOOL_LIBRARIES=$archer ARCHER_OPTIONS=verbose=0
     export TSAN_OPTIONS="ignore_noninstrumented_modules=1 suppressions=$here/tsan.supp log_path=$work/race exitcode=0"
-    export RELIGHT_BIN=$build/threads/bin RELIGHT_SLOWER=10
+    export RELIGHT_BIN=$build/threads/bin RELIGHT_SLOWER=10 RELIGHT_SANITIZED=1
     "$build/threads/bin/load" || fail "fifty viewers"
     local suite
     for suite in a_handshake b_frames c_protocol d_images e_clients; do

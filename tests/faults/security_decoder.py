@@ -9,7 +9,7 @@ import struct
 
 import websockets
 
-from faults import Relightd, check, skip
+from faults import SANITIZED, Relightd, check, skip
 from peer import BIN, main, radiance
 
 MISBEHAVING = BIN / "misbehaving_decoder"
@@ -67,6 +67,8 @@ class Party:
 
 async def play(producer):
     """Each bad frame stands between two good ones. The numbers of the good ones."""
+    if SANITIZED:
+        skip("a sanitizer's words about a crash are more than the decoder may ask of the system")
     good = []
     for i, (deed, reason) in enumerate((*DEEDS, (None, None))):
         fate = await producer.send(2 * i + 1, radiance(100 + i))
