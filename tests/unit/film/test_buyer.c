@@ -149,8 +149,8 @@ static void gets_it_in_the_background(double error)
         step(&b, r, error, &wish);
     assert_int_equal(steps, BUY_MADE); /* a second for the computation, and some frames to believe it */
     assert_false(b.ready);
-    for (steps = 0; !b.ready && steps < 30000; steps++) {
-        nanosleep(&(struct timespec){ .tv_nsec = 200000 }, NULL);
+    for (steps = 0; !b.ready && steps < 150000; steps++) { /* some minutes: a sanitizer may have it slow */
+        nanosleep(&(struct timespec){ .tv_nsec = 2000000 }, NULL);
         step(&b, r, error, &wish);
     }
     assert_true(b.ready);
