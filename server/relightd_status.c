@@ -173,8 +173,8 @@ static void note_plan(struct daemon *d, const struct shaded_news *news)
     for (int k = PILOT_MATTE; pilot && k <= PILOT_GLOSSY; k++)
         if (pilot->part[k].n > 0.0) {
             char how[32];
-            snprintf(how, sizeof(how), "%s by %.0f samples of ", k == PILOT_MATTE ? "matte" : "glossy",
-                     pilot->part[k].n);
+            snprintf(how, sizeof(how), "%s by %.0f sample%s of ", k == PILOT_MATTE ? "matte" : "glossy",
+                     pilot->part[k].n, pilot->part[k].n < 1.5 ? "" : "s");
             add_phrase(d->paths, sizeof(d->paths), ", ", how, pilot->part[k].name);
         }
     if (p->caustics != PLAN_NONE)

@@ -27,7 +27,7 @@ export class Screen {
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
-      this.canvas.parentElement.style.setProperty('--aspect', `${width} / ${height}`);
+      document.documentElement.style.setProperty('--aspect', `${width} / ${height}`);
     }
     this.context.drawImage(bitmap, 0, 0);
     bitmap.close();

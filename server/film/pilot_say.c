@@ -94,9 +94,16 @@ static void say_technique(struct pilot *p, enum pilot_part part, struct plan *pl
         return;
     const double seconds = model_seconds(&p->model[way], p->choice.n[part]);
     const double n = fmax(1.0, (seconds - model_begin(both)) / both->unit_s);
-    leave_out(p, plan, "%s on %s surfaces: with them the error there would be %.2g times as large", left,
-              part == PILOT_MATTE ? "matte" : "glossy",
-              model_error(both, n) / model_error(&p->model[way], p->choice.n[part]));
+    const double times = model_error(both, n) / model_error(&p->model[way], p->choice.n[part]);
+    char much[32];
+    if (times > 100.0)
+        snprintf(much, sizeof(much), "a hundred times as large or more");
+    else if (times > 1.05)
+        snprintf(much, sizeof(much), "%.2g times as large", times);
+    else /* what was read since it was chosen is not yet reason enough to change over */
+        snprintf(much, sizeof(much), "about as large");
+    leave_out(p, plan, "%s on %s surfaces: with them the error there would be %s", left,
+              part == PILOT_MATTE ? "matte" : "glossy", much);
 }
 
 static void say_plan(struct pilot *p, struct relight_stats *stats)

@@ -326,6 +326,24 @@ test('on a phone held upright the button brings the panels in, and then hides th
     assert.ok(!(await page.isVisible('#panels')));
   }, { width: 390, height: 844 }));
 
+test('what the keyboard comes to is not behind the picture that stays at the top', () =>
+  withPage([], async (page) => {
+    await untilState(page, 'live');
+    await untilFrames(page, 1);
+    let below = 0;
+    for (const key of [...Array(60).fill('Tab'), ...Array(60).fill('Shift+Tab')]) {
+      await page.keyboard.press(key);
+      const hidden = await page.evaluate(() => {
+        const at = document.activeElement, stage = document.getElementById('stage');
+        if (at === document.body || stage.contains(at) || at.closest('dialog')) return null;
+        return stage.getBoundingClientRect().bottom - at.getBoundingClientRect().top;
+      });
+      below += hidden !== null;
+      assert.ok(!(hidden > 1), `${hidden} pixels of it are behind the picture`);
+    }
+    assert.ok(below > 40, `${below} looked at`);
+  }, { width: 390, height: 844 }));
+
 test('a slow round trip keeps within its tile', async () => {
   for (const [width, height] of [[320, 640], [390, 844], [640, 900]]) {
     await withPage([], async (page) => {
