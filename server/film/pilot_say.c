@@ -95,7 +95,7 @@ static void say_technique(struct pilot *p, enum pilot_part part, struct plan *pl
     const double seconds = model_seconds(&p->model[way], p->choice.n[part]);
     const double n = fmax(1.0, (seconds - model_begin(both)) / both->unit_s);
     const double times = model_error(both, n) / model_error(&p->model[way], p->choice.n[part]);
-    char much[32];
+    char much[40];
     if (times > 100.0)
         snprintf(much, sizeof(much), "a hundred times as large or more");
     else if (times > 1.05)
