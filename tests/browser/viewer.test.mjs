@@ -336,7 +336,8 @@ test('what the keyboard comes to is not behind the picture that stays at the top
       const hidden = await page.evaluate(() => {
         const at = document.activeElement, stage = document.getElementById('stage');
         if (at === document.body || stage.contains(at) || at.closest('dialog')) return null;
-        return stage.getBoundingClientRect().bottom - at.getBoundingClientRect().top;
+        const [own, above] = [at, stage].map((e) => e.getBoundingClientRect());
+        return Math.min(own.bottom, above.bottom) - Math.max(own.top, above.top);
       });
       below += hidden !== null;
       assert.ok(!(hidden > 1), `${hidden} pixels of it are behind the picture`);
