@@ -58,6 +58,11 @@ function untilAnswer(page, [x, y], preset = null) {
 }
 
 async function click(page, pixel) {
+  // The first picture gives the canvas its size; a place found before that is another pixel's.
+  await page.waitForFunction(([w, h]) => {
+    const { width, height } = document.getElementById('picture');
+    return width === w && height === h;
+  }, [WIDTH, HEIGHT], { timeout: 60000 });
   await page.mouse.click(...await placeOf(page, pixel));
   await untilAnswer(page, pixel);
 }
