@@ -262,6 +262,7 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     snprintf(s->url, sizeof(s->url), a.six ? "http%s://[%s]:%u/" : "http%s://%s:%u/", s->tls_cert ? "s" : "",
              s->address, s->port);
 
+    server_tell_certificate(s); /* while it is this thread's to read */
     /* Signals are the main thread's. */
     sigfillset(&all);
     pthread_sigmask(SIG_BLOCK, &all, &before);
@@ -270,7 +271,6 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     if (failed)
         return err_say(why, ERR_NOMEM, "no thread can be had for the network: %s", strerror(failed));
     s->running = true;
-    server_tell_certificate(s);
     return ERR_OK;
 }
 
