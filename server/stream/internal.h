@@ -129,7 +129,7 @@ struct server {
     char url[96];
     char *tls_cert, *tls_key; /* NULL: plain */
     struct tls *tls;          /* what is in these files; NULL: plain */
-    char session[20]; /* random, new with every start */
+    char session[20];         /* random, new with every start */
     char *tokens[SERVER_ROLES];
     char *token_metrics;                  /* what /metrics asks for; NULL: nothing */
     bool loopback;                        /* it listens to this machine alone */
@@ -202,7 +202,8 @@ MUST_CHECK enum err server_may_listen(struct server *s, uint16_t port, struct re
 
 /* change.c, thread: service. What server_change has brought is in force. */
 void server_take_change(struct server *s);
-/* change.c, thread: whose the certificate is. Tells the log until when it is valid, with a warning where that is soon. */
+/* change.c, thread: whose the certificate is. Tells the log until when it is valid, with a warning where that is soon.
+ */
 void server_tell_certificate(const struct server *s);
 
 /* server.c: {lock} makes the picture the newest of its kind. Returns the one before, to be released by the caller. */
