@@ -16,13 +16,15 @@
 
 extern char **environ;
 
-static enum err run_gnuplot(const char *argument, struct reason *why)
+/* On a script's file, or on `option` (NULL: none) and what it takes. */
+static enum err run_gnuplot(const char *option, const char *argument, struct reason *why)
 {
-    char *const argv[] = { (char *)"gnuplot", (char *)argument, NULL };
+    char *const with[] = { (char *)"gnuplot", (char *)option, (char *)argument, NULL };
+    char *const without[] = { (char *)"gnuplot", (char *)argument, NULL };
     pid_t child;
     int status;
 
-    if (posix_spawnp(&child, "gnuplot", NULL, NULL, argv, environ) != 0)
+    if (posix_spawnp(&child, "gnuplot", NULL, NULL, option ? with : without, environ) != 0)
         return err_say(why, ERR_UNSUPPORTED, "gnuplot cannot be run: it draws the charts (Debian: gnuplot-nox)");
     while (waitpid(child, &status, 0) < 0)
         if (errno != EINTR)
@@ -34,9 +36,10 @@ static enum err run_gnuplot(const char *argument, struct reason *why)
     return ERR_OK;
 }
 
+/* By a command, not by an empty script: where /dev/null was replaced by a plain file it holds what others wrote. */
 enum err plot_check(struct reason *why)
 {
-    return run_gnuplot("/dev/null", why);
+    return run_gnuplot("-e", "exit", why);
 }
 
 /* A string of gnuplot's, within single quotes. */
@@ -180,7 +183,7 @@ enum err plot_run(const struct text *script, const char *svg, struct reason *why
     snprintf(name, sizeof(name), "%s.gp", svg);
     enum err e = text_store(script, name, why);
     if (!e)
-        e = run_gnuplot(name, why);
+        e = run_gnuplot(NULL, name, why);
     unlink(name);
     return e;
 }
