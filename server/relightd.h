@@ -123,6 +123,7 @@ struct daemon {
     const char *state_dir; /* NULL: nothing is kept */
     bool push;             /* frames come over the protocol */
     bool no_sandbox;       /* and are decoded in this process */
+    uint32_t most_side;    /* of their pictures, in texels; 0: of what this machine's user names himself */
     struct decoder_desc decoder_desc;
     bool computed_sky;
     struct sky_desc sky;

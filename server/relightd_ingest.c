@@ -92,6 +92,7 @@ static enum err ingest_frame(struct daemon *d, const struct frame *f, const stru
                                            .rotation_degrees = now.rotation_degrees,
                                            .scale_stops = now.scale_stops,
                                            .importance = d->importance,
+                                           .most_side = d->most_side,
                                            .lean = now.method == METHOD_CACHED };
     const double start = clock_seconds();
 

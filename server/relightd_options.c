@@ -57,6 +57,8 @@ static const struct option_row table[] = {
     { "max-connections", "N", "WebSockets at once", "128" },
     { "max-per-address", "N", "of these from one address; left out: 32, and no limit for this machine's own", NULL },
     { "max-frame-mib", "N", "largest environment frame taken over the network", "256" },
+    { "max-frame-side", "N",
+      "longest side of its picture, in texels, up to 16384; twice the side takes four times the memory", "8192" },
     { "decoder", "PROGRAM", "decodes what producers send; left out: the relight-decoder that came with this program",
       NULL },
     { "decode-seconds", "N", "for one file, after which it is refused", "10" },
@@ -153,7 +155,7 @@ static enum err read_light(const struct options *o, struct daemon *d, struct rea
 
 static enum err read_network(const struct options *o, struct daemon *d, struct reason *why)
 {
-    uint64_t port = 0, quality = 0, mib = 0, connections = 0, per_address = 0;
+    uint64_t port = 0, quality = 0, mib = 0, side = 0, connections = 0, per_address = 0;
     double patience = 0.0;
     enum err e = options_u64(o, "port", 0, 65535, &port, why);
 
@@ -161,6 +163,8 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
         e = options_u64(o, "quality", 1, 100, &quality, why);
     if (!e)
         e = options_u64(o, "max-frame-mib", 1, MIB_MOST, &mib, why);
+    if (!e)
+        e = options_u64(o, "max-frame-side", 1, IMAGE_MAX_SIDE, &side, why);
     if (!e)
         e = options_double(o, "decode-seconds", 0.1, 3600.0, &patience, why);
     if (!e)
@@ -179,6 +183,7 @@ static enum err read_network(const struct options *o, struct daemon *d, struct r
     d->server_desc.push = d->push;
     d->server_desc.h264 = h264_available() && !options_on(o, "no-h264");
     d->server_desc.max_frame_bytes = (size_t)mib << 20;
+    d->most_side = d->push ? (uint32_t)side : 0;
     d->server_desc.max_connections = (uint32_t)connections;
     d->no_sandbox = options_on(o, "no-sandbox");
     d->decoder_desc.program = options_get(o, "decoder");

@@ -21,4 +21,8 @@ void *mem_grow(void *old, size_t old_count, size_t count, size_t size);
 
 void mem_free(void *p); /* NULL is allowed */
 
+/* What the allocator keeps of freed blocks, in the arenas of all threads, goes back to the system. Takes up to some
+ * milliseconds: for when something of another size than the rest has ended. */
+void mem_trim(void);
+
 #endif

@@ -25,22 +25,27 @@
 #define MEMORY_BYTES ((size_t)512 << 20)
 #define PICTURE_BYTES                                                                                                  \
     (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space: what no picture has used takes no memory */
-#define KEPT_BYTES ((size_t)64 << 20)      /* of pictures' memory, though pictures are smaller now */
+#define KEPT_BYTES ((size_t)64 << 20)      /* of shared memory, though what is in it is smaller now */
 #define ABOVE 10                           /* descriptors that are given on lie above those that they become */
 #define SPARED 2                           /* deaths in a row after which the process is started again at once */
 #define LIFE_S 3600                        /* processor time after which it is replaced, before its limit ends it */
 
 enum { PATIENCE_MS = 10000, LOOK_MS = 100, WAIT_LEAST_MS = 250, WAIT_MOST_MS = 5000 };
 
+/* Memory that both see. */
+struct shared {
+    int fd; /* -1: none yet */
+    void *at;
+    size_t bytes;
+    size_t used; /* that the system may have given so far */
+};
+
 struct decoder {
     char program[4096];
     size_t file_bytes, memory_bytes;
     uint32_t patience_ms;
     const atomic_bool *stop;
-    int file_fd, picture_fd; /* the memory that both see; -1: none yet */
-    uint8_t *file;
-    const float *picture;
-    size_t used_bytes; /* of the picture's memory that is the system's no more */
+    struct shared file, picture;
 
     pid_t pid; /* 0: there is no process */
     int socket;
@@ -77,21 +82,40 @@ static enum err find_program(struct decoder *d, const char *asked, struct reason
 }
 
 /* Memory of that size, as a descriptor and mapped. */
-static enum err share(const char *name, size_t bytes, int protection, int *fd, void **at, struct reason *why)
+static enum err share(struct shared *s, const char *name, size_t bytes, int protection, struct reason *why)
 {
     const int low = memfd_create(name, MFD_CLOEXEC);
 
-    *fd = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, ABOVE);
+    s->fd = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, ABOVE);
     if (low >= 0)
         close(low);
-    if (*fd < 0 || ftruncate(*fd, (off_t)bytes) != 0)
+    if (s->fd < 0 || ftruncate(s->fd, (off_t)bytes) != 0)
         return err_say(why, ERR_IO, "no memory can be shared with " PROGRAM ": %s", strerror(errno));
-    *at = mmap(NULL, bytes, protection, MAP_SHARED, *fd, 0);
-    if (*at == MAP_FAILED) {
-        *at = NULL;
+    void *at = mmap(NULL, bytes, protection, MAP_SHARED, s->fd, 0);
+    if (at == MAP_FAILED)
         return err_say(why, ERR_NOMEM, "no room for %zu bytes that are shared with " PROGRAM, bytes);
-    }
+    s->at = at;
+    s->bytes = bytes;
     return ERR_OK;
+}
+
+static void shared_finish(struct shared *s)
+{
+    if (s->at)
+        munmap(s->at, s->bytes);
+    if (s->fd >= 0)
+        close(s->fd);
+}
+
+/* Of what only much larger contents than these `bytes` have needed, the system gets all back but KEPT_BYTES. */
+static void trim(struct shared *s, size_t bytes)
+{
+    const size_t kept = bytes > KEPT_BYTES ? bytes : KEPT_BYTES;
+
+    if (s->used / 4 > kept &&
+        fallocate(s->fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)kept, (off_t)(s->bytes - kept)) == 0)
+        s->used = kept;
+    s->used = s->used > bytes ? s->used : bytes;
 }
 
 /* With these three descriptors, nothing in its environment, and no signal blocked or ignored. */
@@ -113,8 +137,8 @@ static int spawn(struct decoder *d, int socket)
 #endif
             posix_spawn_file_actions_addopen(&files, fd, "/dev/null", O_RDWR, 0);
     posix_spawn_file_actions_adddup2(&files, socket, WIRE_SOCKET);
-    posix_spawn_file_actions_adddup2(&files, d->file_fd, WIRE_FILE);
-    posix_spawn_file_actions_adddup2(&files, d->picture_fd, WIRE_PICTURE);
+    posix_spawn_file_actions_adddup2(&files, d->file.fd, WIRE_FILE);
+    posix_spawn_file_actions_adddup2(&files, d->picture.fd, WIRE_PICTURE);
     sigemptyset(&none);
     sigfillset(&all);
     posix_spawnattr_init(&how);
@@ -234,25 +258,15 @@ static enum err say_lie(struct decoder *d, const char *name, struct reason *why)
     return err_say(why, ERR_FORMAT, "%s: its decoder answered with nonsense", name);
 }
 
-/* Memory that only a much larger picture needed goes back to the system. */
-static void trim(struct decoder *d, size_t bytes)
-{
-    const size_t kept = bytes > KEPT_BYTES ? bytes : KEPT_BYTES;
-
-    if (d->used_bytes / 4 > kept && fallocate(d->picture_fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)kept,
-                                              (off_t)(PICTURE_BYTES - kept)) == 0)
-        d->used_bytes = kept;
-    d->used_bytes = d->used_bytes > bytes ? d->used_bytes : bytes;
-}
-
 /* Row by row, each put right while it is in the cache; of an honest process there is nothing to put right. */
 static void take_texels(const struct decoder *d, struct image *im)
 {
     const size_t row = 3 * (size_t)im->width;
+    const float *rgb = d->picture.at;
     struct image_faults ignored = { 0 };
 
     for (size_t at = 0; at < row * im->height; at += row) {
-        memcpy(im->rgb + at, d->picture + at, row * sizeof(float));
+        memcpy(im->rgb + at, rgb + at, row * sizeof(float));
         image_sanitise_texels(im->rgb + at, im->width, NULL, &ignored);
     }
 }
@@ -276,7 +290,7 @@ static enum err take_answer(struct decoder *d, struct wire_answer *a, const char
     im->layout = (enum layout)a->layout;
     im->faults = (struct image_faults){ a->nan, a->infinite, a->negative, a->clipped };
     take_texels(d, im);
-    trim(d, 3 * sizeof(float) * (size_t)im->width * im->height);
+    trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
     return ERR_OK;
 }
 
@@ -310,7 +324,7 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
                         struct reason *why)
 {
     struct decoder *d = context;
-    struct wire_request q = { .magic = WIRE_MAGIC, .size = size };
+    struct wire_request q = { .magic = WIRE_MAGIC, .most_side = im->most_side, .size = size };
     struct wire_answer a;
 
     atomic_fetch_add(&d->files, 1);
@@ -320,7 +334,8 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
     if (e)
         return e;
     snprintf(q.name, sizeof(q.name), "%s", name);
-    memcpy(d->file, bytes, size);
+    memcpy(d->file.at, bytes, size);
+    trim(&d->file, size);
     enum heard heard = HEARD_END;
     if (send(d->socket, &q, sizeof(q), MSG_NOSIGNAL) == (ssize_t)sizeof(q))
         heard = hear(d, &a, sizeof(a));
@@ -331,24 +346,20 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
 
 enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, struct reason *why)
 {
-    void *file = NULL, *picture = NULL;
-
     *out = NULL;
     struct decoder *d = mem_alloc(1, sizeof(*d));
     if (!d)
         return err_say(why, ERR_NOMEM, "out of memory");
-    d->file_fd = d->picture_fd = -1;
+    d->file.fd = d->picture.fd = -1;
     d->file_bytes = desc->file_bytes ? desc->file_bytes : FILE_BYTES;
     d->memory_bytes = desc->memory_bytes ? desc->memory_bytes : MEMORY_BYTES;
     d->patience_ms = desc->patience_ms ? desc->patience_ms : PATIENCE_MS;
     d->stop = desc->stop;
     enum err e = find_program(d, desc->program, why);
     if (!e)
-        e = share("relight-file", d->file_bytes, PROT_READ | PROT_WRITE, &d->file_fd, &file, why);
+        e = share(&d->file, "relight-file", d->file_bytes, PROT_READ | PROT_WRITE, why);
     if (!e)
-        e = share("relight-picture", PICTURE_BYTES, PROT_READ, &d->picture_fd, &picture, why);
-    d->file = file;
-    d->picture = picture;
+        e = share(&d->picture, "relight-picture", PICTURE_BYTES, PROT_READ, why);
     if (!e)
         e = start(d, why);
     if (e) {
@@ -364,14 +375,8 @@ void decoder_destroy(struct decoder *d)
     if (!d)
         return;
     end(d);
-    if (d->file)
-        munmap(d->file, d->file_bytes);
-    if (d->picture)
-        munmap((void *)(uintptr_t)d->picture, PICTURE_BYTES);
-    if (d->file_fd >= 0)
-        close(d->file_fd);
-    if (d->picture_fd >= 0)
-        close(d->picture_fd);
+    shared_finish(&d->file);
+    shared_finish(&d->picture);
     mem_free(d);
 }
 

@@ -23,7 +23,8 @@ static bool next_request(struct wire_request *q, size_t file_bytes)
     do
         got = read(WIRE_SOCKET, q, sizeof(*q));
     while (got < 0 && errno == EINTR);
-    return got == (ssize_t)sizeof(*q) && q->magic == WIRE_MAGIC && q->size <= file_bytes;
+    return got == (ssize_t)sizeof(*q) && q->magic == WIRE_MAGIC && q->most_side <= IMAGE_MAX_SIDE &&
+           q->size <= file_bytes;
 }
 
 static bool say(const void *message, size_t size)
@@ -40,6 +41,7 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
     while (next_request(&q, file_bytes)) {
         struct wire_answer a = { .magic = WIRE_MAGIC };
         q.name[sizeof(q.name) - 1] = 0;
+        im.most_side = q.most_side;
         a.result = (int32_t)work->decode(file, (size_t)q.size, q.name, &im, &a.why);
         a.width = im.width;
         a.height = im.height;

@@ -8,7 +8,7 @@
 
 #include <stdint.h>
 
-#define WIRE_MAGIC 0x524c4431u /* another build of the other end shows here */
+#define WIRE_MAGIC 0x524c4432u /* another build of the other end shows here */
 
 enum { WIRE_SOCKET = 3, WIRE_FILE = 4, WIRE_PICTURE = 5 }; /* descriptors that the process begins with */
 
@@ -20,8 +20,9 @@ struct wire_hello {
 };
 
 struct wire_request {
-    uint32_t magic, zero;
-    uint64_t size; /* of the file */
+    uint32_t magic;
+    uint32_t most_side; /* of the picture; 0: IMAGE_MAX_SIDE */
+    uint64_t size;      /* of the file */
     char name[256];
 };
 

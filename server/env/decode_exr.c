@@ -5,6 +5,7 @@
 #include "scratch.h"
 
 #include <inttypes.h>
+#include <stdio.h>
 #include <string.h>
 
 #define BLOCK_MOST ((size_t)1 << 30)                        /* bytes that the library may take at once */
@@ -286,6 +287,7 @@ static enum err choose_part(struct exr_file *x)
  * eight bytes of its own, and no compression gives more than its ratio. */
 static enum err check_size(struct exr_file *x)
 {
+    char where[512];
     exr_attr_box2i_t w;
     int32_t chunks = 0;
     exr_result_t r = exr_get_data_window(x->context, x->part, &w);
@@ -297,11 +299,10 @@ static enum err check_size(struct exr_file *x)
     const int64_t width = (int64_t)w.max.x - w.min.x + 1, height = (int64_t)w.max.y - w.min.y + 1;
     if (width < 1 || height < 1)
         return err_say(x->why, ERR_FORMAT, "%s: header: the data window is empty", x->name);
-    if (width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE || (uint64_t)(width * height) > IMAGE_MAX_TEXELS)
-        return err_say(x->why, ERR_RANGE,
-                       "%s: header: a picture of %" PRId64 "x%" PRId64
-                       " texels is too large, at most %d a side and %zu in all are read",
-                       x->name, width, height, IMAGE_MAX_SIDE, IMAGE_MAX_TEXELS);
+    snprintf(where, sizeof(where), "%s: header", x->name);
+    const enum err e = image_check_size(x->into, (uint64_t)width, (uint64_t)height, where, x->why);
+    if (e)
+        return e;
     if (chunks < 1 || (uint64_t)chunks > x->size / 16 ||
         !exr_file_plausible(x, x->size, (uint64_t)(width * height) * x->texel_bytes))
         return err_say(x->why, ERR_FORMAT,
@@ -364,7 +365,7 @@ static enum err read_header(struct exr_file *x)
 
 enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
-    struct exr_file x = { .bytes = bytes, .size = size, .name = name, .why = why };
+    struct exr_file x = { .bytes = bytes, .size = size, .name = name, .into = im, .why = why };
 
     if (!im->scratch)
         im->scratch = scratch_create(); /* without one all goes on, with the system's memory */

@@ -6,6 +6,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -22,6 +23,7 @@ struct hdr {
     const uint8_t *bytes;
     size_t size, at;
     const char *name;
+    const struct image *into; /* for its limits */
     struct reason *why;
 
     bool xyz;
@@ -168,6 +170,7 @@ static enum err take_resolution(struct hdr *h, size_t at, const char *line)
     char axis[2];
     bool plus[2];
     uint64_t length[2];
+    char where[512];
     const char *rest = line;
 
     if (!take_axis(&rest, &axis[0], &plus[0], &length[0]) || !take_axis(&rest, &axis[1], &plus[1], &length[1]) ||
@@ -179,11 +182,10 @@ static enum err take_resolution(struct hdr *h, size_t at, const char *line)
     const uint64_t width = length[!h->x_first], height = length[h->x_first];
     if (width == 0 || height == 0)
         return say_line(h, at, line, ERR_FORMAT, "the picture has no texels");
-    if (width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE || width * height > IMAGE_MAX_TEXELS)
-        return err_say(h->why, ERR_RANGE,
-                       "%s: byte %zu: a picture of %" PRIu64 "x%" PRIu64
-                       " texels is too large, at most %d a side and %zu in all are read",
-                       h->name, at, width, height, IMAGE_MAX_SIDE, IMAGE_MAX_TEXELS);
+    snprintf(where, sizeof(where), "%s: byte %zu", h->name, at);
+    const enum err e = image_check_size(h->into, width, height, where, h->why);
+    if (e)
+        return e;
     h->width = (uint32_t)width;
     h->height = (uint32_t)height;
     h->scanlines = (uint32_t)length[0];
@@ -406,9 +408,13 @@ static enum err row_init(struct row *row, uint32_t length, struct scratch *scrat
 
 enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
-    struct hdr h = {
-        .bytes = bytes, .size = size, .name = name, .why = why, .exposure = 1.0, .correction = { 1.0, 1.0, 1.0 }
-    };
+    struct hdr h = { .bytes = bytes,
+                     .size = size,
+                     .name = name,
+                     .into = im,
+                     .why = why,
+                     .exposure = 1.0,
+                     .correction = { 1.0, 1.0, 1.0 } };
     struct row row = { .rgb = NULL };
     float to_rec709[9];
     bool needed = false;

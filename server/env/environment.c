@@ -86,6 +86,7 @@ void environment_forget(struct environment *e)
     image_finish(&e->face);
     resampler_destroy(e->resampler);
     e->resampler = NULL;
+    mem_trim();
 }
 
 void environment_destroy(struct environment *e)
@@ -112,6 +113,7 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->importance = desc->importance;
     e->lean = desc->lean;
     e->decoder = desc->decoder;
+    e->most_side = desc->most_side;
 }
 
 /* What whoever sent the frame says of its layout stands above what the file says and below the user's own word; ""
@@ -205,11 +207,15 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
     enum err result = ERR_OK;
 
     e->ready = false;
+    e->image.most_side = e->face.most_side = e->most_side;
     if (f->kind == FRAME_FILE && f->faces[0]) {
         result = decode_faces(e, f, why);
     } else if (f->kind == FRAME_FILE) {
         result = decode(e, f->bytes, f->size, f->name, &e->image, why);
     } else if (f->kind == FRAME_TEXELS) {
+        result = image_check_size(&e->image, f->width, f->height, f->name, why);
+        if (result)
+            return result;
         result = image_resize(&e->image, f->width, f->height);
         if (result)
             return err_say(why, result, "%s: a picture of %ux%u texels cannot be held", f->name, f->width, f->height);

@@ -56,6 +56,7 @@ struct environment {
     struct resampler *resampler;
     struct resample_tables *tables;
     const struct image_decoder *decoder; /* NULL: decode_image */
+    uint32_t most_side;                  /* of a frame's picture, in texels; 0: IMAGE_MAX_SIDE */
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
@@ -83,6 +84,7 @@ struct environment_desc {
     bool lean; /* a rebuild makes what all methods read, and leaves the rest, by which directions are
                 * drawn and wide eyes look, to environment_complete */
     const struct image_decoder *decoder; /* who decodes the files of frames; it is borrowed. NULL: decode_image */
+    uint32_t most_side;                  /* of a frame's picture, in texels; 0: IMAGE_MAX_SIDE */
     struct resample_tables *tables; /* where environments find each other's resampling tables (resample_table.h); they
                                      * must outlive the environment. NULL: it makes its own. */
 };
@@ -95,7 +97,8 @@ void environment_destroy(struct environment *e); /* NULL is allowed */
  */
 void environment_forget(struct environment *e);
 
-/* Takes another layout, rotation, scale, importance, leanness and decoder from the next update on; n and tables stay.
+/* Takes another layout, rotation, scale, importance, leanness, decoder and limit from the next update on; n and tables
+ * stay.
  */
 void environment_set(struct environment *e, const struct environment_desc *desc);
 

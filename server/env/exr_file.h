@@ -24,6 +24,7 @@ struct exr_file {
     const uint8_t *bytes;
     size_t size;
     const char *name;
+    const struct image *into; /* for its limits */
     struct reason *why;
 
     exr_context_t context;

@@ -4,6 +4,7 @@
 #include "mem.h"
 #include "scratch.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
@@ -20,10 +21,24 @@ static const struct {
     { "ball", LAYOUT_BALL }, { "fisheye", LAYOUT_FISHEYE },
 };
 
+enum err image_check_size(const struct image *im, uint64_t width, uint64_t height, const char *where,
+                          struct reason *why)
+{
+    const uint64_t side = im->most_side ? im->most_side : IMAGE_MAX_SIDE, texels = side * ((side + 1) / 2);
+
+    if (width > side || height > side || width * height > texels)
+        return err_say(why, ERR_RANGE,
+                       "%s: a picture of %" PRIu64 "x%" PRIu64 " texels is too large, at most %" PRIu64
+                       " a side and %" PRIu64 " in all are read",
+                       where, width, height, side, texels);
+    return ERR_OK;
+}
+
 enum err image_resize(struct image *im, uint32_t width, uint32_t height)
 {
-    if (width == 0 || height == 0 || width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE ||
-        (size_t)width * height > IMAGE_MAX_TEXELS)
+    struct reason why;
+
+    if (width == 0 || height == 0 || image_check_size(im, width, height, "", &why))
         return ERR_RANGE;
     const size_t count = (size_t)width * height * 3;
     if (count > im->capacity) {
@@ -57,6 +72,7 @@ void image_trim(struct image *im)
     mem_free(im->rgb);
     im->rgb = rgb;
     im->capacity = count;
+    mem_trim(); /* the resampling table of such a picture has been freed in parts */
 }
 
 void image_finish(struct image *im)

@@ -37,6 +37,7 @@ struct libdeflate_decompressor;
 
 struct image {
     uint32_t width, height;
+    uint32_t most_side; /* what is larger is not read: the owner's to set, 0: IMAGE_MAX_SIDE */
     float *rgb;
     size_t capacity;    /* floats that rgb has room for */
     enum layout layout; /* what the file itself says; LAYOUT_AUTO when it says nothing */
@@ -46,8 +47,11 @@ struct image {
     struct recent recent;                     /* bytes that pictures took, as image_trim was told */
 };
 
-/* Makes room, with no layout and no faults; the texels are undefined afterwards. ERR_RANGE at 0, beyond IMAGE_MAX_SIDE
- * or IMAGE_MAX_TEXELS; ERR_NOMEM. On failure the image is as before, or empty. */
+/* ERR_RANGE beyond most_side, or beyond the texels of a 2:1 picture with such a side: *why begins with `where`. */
+MUST_CHECK enum err image_check_size(const struct image *im, uint64_t width, uint64_t height, const char *where,
+                                     struct reason *why);
+/* Makes room, with no layout and no faults; the texels are undefined afterwards. ERR_RANGE at 0 and where
+ * image_check_size says so; ERR_NOMEM. On failure the image is as before, or empty. */
 MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t height);
 /* Once for each picture that is held: room that only much larger ones before it have needed goes back (recent.h). The
  * texels stay, at another place. Only where rgb is of mem_alloc. */

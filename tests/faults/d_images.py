@@ -241,12 +241,16 @@ async def D67_a_bomb_of_zeros(stage):
     before, peak = stage.server.memory_kib(), [0]
     rgb = [channel(n) for n in (b"B", b"G", b"R")]
     width, height = 8192, 4096
-    head = header(rgb, (0, 0, width - 1, height - 1), ZIP)
-    block = zlib.compress(b"\0" * (width * 12 * 16), 9)
-    count = height // 16
-    start = len(head) + 8 * count
-    table = b"".join(struct.pack("<Q", start + i * (8 + len(block))) for i in range(count))
-    bomb = head + table + b"".join(struct.pack("<ii", 16 * i, len(block)) + block for i in range(count))
+
+    def zeros(width, height):
+        head = header(rgb, (0, 0, width - 1, height - 1), ZIP)
+        block = zlib.compress(b"\0" * (width * 12 * 16), 9)
+        count = height // 16
+        start = len(head) + 8 * count
+        table = b"".join(struct.pack("<Q", start + i * (8 + len(block))) for i in range(count))
+        return head + table + b"".join(struct.pack("<ii", 16 * i, len(block)) + block for i in range(count))
+
+    bomb = zeros(width, height)
 
     async def watch():
         while True:
@@ -259,6 +263,8 @@ async def D67_a_bomb_of_zeros(stage):
     finally:
         watching.cancel()
     check(peak[0] > 400 << 10 or got["fate"] != "used", f"at most {peak[0]} KiB more: its picture was not held")
+    larger = await stage.producer.fate(zeros(2 * width, 2 * height), encoding=1)
+    check(larger["fate"] == "refused" and "at most 8192 a side" in larger["message"], f"{larger}")
     begun = time.monotonic()
     while stage.server.memory_kib() - before > KEPT * 96 << 10:
         grown = stage.server.memory_kib() - before

@@ -5,6 +5,7 @@
 
 #include "decoder.h"
 
+#include <ctype.h>
 #include <dirent.h>
 #include <signal.h>
 #include <time.h>
@@ -137,6 +138,65 @@ static void files_are_decoded_to_the_same_bits(void **state)
     assert_int_equal(counts.starts, 1); /* damaged files are refused by the decoder itself: none cost the process */
     image_finish(&near);
     image_finish(&far);
+    decoder_destroy(d);
+}
+
+/* The picture is 2x1 texels. */
+static void a_picture_above_its_limit_is_refused_by_the_process_too(void **state)
+{
+    (void)state;
+    struct decoder *d = begin(NULL);
+    struct image near = { .most_side = 1 }, far = { .most_side = 1 };
+    struct reason why = { "" };
+
+    assert_int_equal(decode(d, good, sizeof(good) - 1, &far, &why), ERR_RANGE);
+    assert_non_null(strstr(why.text, "a picture of 2x1 texels is too large, at most 1 a side"));
+    compare(d, (const uint8_t *)good, sizeof(good) - 1, &near, &far);
+    near.most_side = far.most_side = 2;
+    assert_int_equal(decode(d, good, sizeof(good) - 1, &far, &why), ERR_OK);
+    compare(d, (const uint8_t *)good, sizeof(good) - 1, &near, &far);
+    image_finish(&near);
+    image_finish(&far);
+    decoder_destroy(d);
+}
+
+/* Bytes that the memory named so takes in this process; 0: there is none of that name. */
+static size_t held_of(const char *name)
+{
+    FILE *f = fopen("/proc/self/smaps", "r");
+    char line[512];
+    bool its = false;
+    size_t kib = 0, sum = 0;
+
+    assert_non_null(f);
+    while (fgets(line, sizeof(line), f)) {
+        if (!isupper((unsigned char)line[0])) /* the next mapping's own line */
+            its = strstr(line, name) != NULL;
+        else if (its && sscanf(line, "Rss: %zu kB", &kib) == 1)
+            sum += kib << 10;
+    }
+    fclose(f);
+    return sum;
+}
+
+static void memory_of_a_huge_file_goes_back_with_the_next(void **state)
+{
+    (void)state;
+    const size_t size = (size_t)257 << 20, kept = (size_t)65 << 20;
+    struct decoder *d = begin(&(struct decoder_desc){ .file_bytes = size });
+    struct image im = { 0 };
+    struct reason why = { "" };
+    uint8_t *bytes = malloc(size);
+
+    assert_non_null(bytes);
+    memset(bytes, 'x', size);
+    assert_int_equal(decode(d, bytes, size, &im, &why), ERR_FORMAT);
+    assert_true(held_of("memfd:relight-file") >= size);
+    taken(d);
+    const size_t held = held_of("memfd:relight-file");
+    assert_true(held > 0 && held <= kept);
+    free(bytes);
+    image_finish(&im);
     decoder_destroy(d);
 }
 
@@ -350,5 +410,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_cannot_be_started_is_said_at_once),
     cmocka_unit_test(whoever_waits_for_a_file_can_be_called_away),
     cmocka_unit_test(a_file_above_its_limit_is_not_handed_on),
+    cmocka_unit_test(a_picture_above_its_limit_is_refused_by_the_process_too),
+    cmocka_unit_test(memory_of_a_huge_file_goes_back_with_the_next),
 };
 UNIT_MAIN(tests)

@@ -7,6 +7,10 @@
 
 #include <math.h>
 
+#define FILE_2X2                                                                                                       \
+    "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n"                                                                \
+    "\x80\x80\x80\x81\x80\x80\x80\x81\x80\x80\x80\x81\x80\x80\x80\x81"
+
 static void sizes_outside_the_limits_are_refused(void **state)
 {
     static const uint32_t sizes[][2] = { { 0, 1 },
@@ -22,6 +26,46 @@ static void sizes_outside_the_limits_are_refused(void **state)
         assert_int_equal(image_resize(&im, sizes[i][0], sizes[i][1]), ERR_RANGE);
         assert_null(im.rgb);
     }
+}
+
+/* Of frames of texels, of one file and of six; and the limit can be moved. */
+static void a_frame_above_the_owners_limit_is_refused_by_its_size(void **state)
+{
+    enum { FACE = sizeof(FILE_2X2) - 1 };
+    static char six[] = FILE_2X2 FILE_2X2 FILE_2X2 FILE_2X2 FILE_2X2 FILE_2X2;
+    static float rgb[3 * 3];
+    const struct frame frames[] = {
+        { .kind = FRAME_TEXELS, .name = "f", .rgb = rgb, .width = 1, .height = 3 },
+        { .kind = FRAME_FILE, .name = "f", .bytes = (uint8_t *)six, .size = FACE },
+        { .kind = FRAME_FILE,
+          .name = "f",
+          .bytes = (uint8_t *)six,
+          .size = sizeof(six) - 1,
+          .faces = { FACE, FACE, FACE, FACE, FACE, FACE } },
+    };
+    static const uint32_t enough[] = {
+        3, 3, 12
+    }; /* a side; half its square has to be enough as well, and six faces lie one above the other */
+    static const char *const said[] = {
+        "f: a picture of 1x3 texels is too large, at most 2 a side and 2 in all are read",
+        "f: byte 35: a picture of 2x2 texels is too large, at most 2 a side and 2 in all",
+        "f (face px): six faces of 2x2 texels cannot be held"
+    };
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 16 });
+    struct reason why;
+    (void)state;
+
+    for (size_t i = 0; i < 3; i++) {
+        environment_set(e, &(struct environment_desc){ .most_side = enough[i] - 1 });
+        assert_int_equal(environment_decode(e, &frames[i], &why), ERR_RANGE);
+        if (strncmp(why.text, said[i], strlen(said[i])) != 0)
+            fail_msg("%s", why.text);
+        environment_set(e, &(struct environment_desc){ .most_side = enough[i] });
+        assert_int_equal(environment_decode(e, &frames[i], &why), ERR_OK);
+        environment_set(e, &(struct environment_desc){ .most_side = 0 });
+        assert_int_equal(environment_decode(e, &frames[i], &why), ERR_OK);
+    }
+    environment_destroy(e);
 }
 
 static void memory_is_kept_while_it_is_large_enough(void **state)
@@ -230,6 +274,7 @@ static void texels_of_a_frame_are_put_right_in_every_row(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(texels_of_a_frame_are_put_right_in_every_row),
     cmocka_unit_test(sizes_outside_the_limits_are_refused),
+    cmocka_unit_test(a_frame_above_the_owners_limit_is_refused_by_its_size),
     cmocka_unit_test(memory_is_kept_while_it_is_large_enough),
     cmocka_unit_test(memory_goes_back_when_pictures_have_become_far_smaller),
     cmocka_unit_test(an_environment_gives_back_what_a_far_larger_frame_took),
