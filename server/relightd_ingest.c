@@ -10,7 +10,7 @@
 #include <omp.h>
 #include <time.h>
 
-#define MARGIN_MS 10   /* a frame is ready by so much before it is wanted */
+#define MARGIN_MS 2    /* a frame is ready by so much before it is wanted: what it would wait longer, it ages */
 #define UNSEEN_MS 1000 /* between frames of a computed sky that nobody sees: as between pictures then */
 #define LOOK_MS 20     /* between two looks whether somebody has come */
 
