@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from faults import BIN, Producer, Relightd, Viewer, check
+from faults import BIN, Relightd, Viewer, check
 
 RATE = 30
 
@@ -40,12 +40,11 @@ async def crowd(pid, port, viewers, seconds, *path):
 
 async def relightd(viewers, seconds):
     async with Relightd("--size", "320x180", "--method", "mis", "--samples", "1", "--fps", str(RATE), "--converge", "off",
-                        "--no-h264", "--max-connections", str(viewers + 16)) as server:
-        async with Producer(server, pause_s=1 / RATE):
-            async with Viewer(server) as viewer:
-                await viewer.sees(RATE, 30)
-            few, alone = await crowd(server.pid, server.port, 1, seconds)
-            many, full = await crowd(server.pid, server.port, viewers, seconds)
+                        "--no-h264", "--max-connections", str(viewers + 16), source="sky:size=64x32") as server:
+        async with Viewer(server) as viewer:
+            await viewer.sees(RATE, 30)
+        few, alone = await crowd(server.pid, server.port, 1, seconds)
+        many, full = await crowd(server.pid, server.port, viewers, seconds)
     size = many["bytes"] // max(1, many["messages"])
     network = max(full, key=lambda thread: full[thread] - alone.get(thread, 0.0))  # the thread that viewers cost
     report("relightd", viewers, many, (full[network] - alone.get(network, 0.0)) / (viewers - 1), size)
