@@ -1,19 +1,27 @@
 #!/bin/bash
-# Makes the charts of docs/speed-and-accuracy.md by the program itself, on a machine that does nothing else:
+# Makes the charts of docs/speed-and-accuracy.md, and of docs/transport-cache.md those where the cache loses, by the program
+# itself, on a machine that does nothing else:
 #     docs/pictures/charts.sh [FOLDER OF THE PROGRAMS] [FOLDER FOR THE WHOLE PAGES]
-# Half an hour on two cores. The pages themselves, with tables and pictures, stay in the second folder.
+# An hour on two cores. The pages themselves, with tables and pictures, stay in folders of the second.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 bin="${1:-$here/../../build/bin}"
 pages="${2:-$here/../../build/charts}"
 mkdir -p "$pages"
 
-"$bin/relight-chart" --out "$pages" --budgets 4,8,16,32
+"$bin/relight-chart" --out "$pages/court" --budgets 4,8,16,32
+/usr/bin/python3 "$here/../examples/foliage.py" "$pages"
+less=(--no-video --seeds 8)
+"$bin/relight-chart" --out "$pages/leaves" "${less[@]}" --scenes "leaves=$pages/foliage.json" --techniques mis,brdf,rules,cached,auto
+"$bin/relight-chart" --out "$pages/ring" "${less[@]}" --scenes "ring=$here/../examples/ring.json" \
+    --techniques mis/light,mis/eye,rules,cached,auto,path
 
 take() { # CHART NAME
     cp "$pages/$1" "$here/chart-$2.svg"
 }
-take 01-builtin-noon-direct-light.rel_mse.svg court-noon-direct
-take 02-builtin-noon-all-light.rel_mse.svg court-noon-all
-take 03-builtin-overcast-direct-light.rel_mse.svg court-overcast-direct
-take 04-builtin-overcast-all-light.rel_mse.svg court-overcast-all
+take court/01-builtin-noon-direct-light.rel_mse.svg court-noon-direct
+take court/02-builtin-noon-all-light.rel_mse.svg court-noon-all
+take court/03-builtin-overcast-direct-light.rel_mse.svg court-overcast-direct
+take court/04-builtin-overcast-all-light.rel_mse.svg court-overcast-all
+take leaves/01-leaves-noon-direct-light.noise.svg leaves-noon-direct
+take ring/02-ring-noon-all-light.delta_e.svg ring-noon-all
