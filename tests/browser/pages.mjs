@@ -50,8 +50,8 @@ const PAGES = {
   },
   watching: { hash: '#role=viewer', act: drawn },
   waiting: { args: ['--source', 'push:'], act: (page) => untilState(page, 'waiting') },
-  failed: { args: () => ['--source', skies(), '--size', '1280x720', '--rate', '0.5'], act: async (page) => { await drawn(page); await untilState(page, 'failed'); } },
-  ended: { args: ['--source', 'sky:time=17:00', '--frames', '0-1', '--once', '--size', '1280x720'], act: (page) => untilState(page, 'ended', 60000) },
+  failed: { args: () => ['--source', skies(), '--size', '1280x720', '--rate', '0.5', '--fps', '4'], act: async (page) => { await drawn(page); await untilState(page, 'failed'); } },
+  ended: { args: ['--source', 'sky:time=17:00', '--frames', '0-1', '--once', '--converge', '3e-3', '--size', '1280x720'], act: async (page) => { await untilState(page, 'ended', 60000); await settled(page, 5000); await untilState(page, 'ended', 60000); } },
   reconnecting: {
     act: async (page, server) => {
       await drawn(page);
