@@ -1,10 +1,10 @@
 #!/bin/bash
-# Installs the packages of the named groups of packages.txt that are missing, and says which. Asks nothing; when nothing
-# is missing it touches neither the package manager nor the network.
+# Installs the missing packages of the named groups of packages.txt and lists them. Non-interactive; if nothing is missing it uses neither
+# the package manager nor the network.
 # usage: deploy/install-packages.sh GROUP...                  (as root, or as a user with sudo)
-#        deploy/install-packages.sh --unpack DIR GROUP...     (as anybody)
-# With --unpack they are fetched and unpacked into DIR, and nothing is installed: for tests that need the programs of a package
-# whose installation would start a service. What DIR has already is not fetched again.
+#        deploy/install-packages.sh --unpack DIR GROUP...     (as any user)
+# --unpack downloads and unpacks them into DIR without installing: for tests that need programs of a package whose installation would start
+# a service. Packages already in DIR are not downloaded again.
 set -euo pipefail
 unpack=
 if [[ "${1:-}" == --unpack ]]; then
@@ -23,8 +23,8 @@ is_there() {
 }
 
 if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
-    echo "packages: no apt-get here, this is not Debian; what is needed stands in $list" >&2
-    exit 0 # the build says what it cannot find
+    echo "packages: no apt-get here, so this is not Debian; $list lists the required packages" >&2
+    exit 0 # the build reports what is missing
 fi
 
 missing=()
@@ -57,12 +57,12 @@ fi
 as_root=()
 if (($(id -u) != 0)); then
     if ! command -v sudo >/dev/null; then
-        echo "packages: missing, and neither root nor sudo to install them; as root: apt-get install ${missing[*]}" >&2
+        echo "packages: missing, and neither root nor sudo is available; run as root: apt-get install ${missing[*]}" >&2
         exit 1
     fi
     as_root=(sudo)
 fi
 echo "packages: installing ${missing[*]}"
 apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=300 -qq)
-"${apt[@]}" update || echo "packages: some lists could not be fetched; going on with those at hand" >&2
+"${apt[@]}" update || echo "packages: some package lists could not be downloaded; continuing with the existing ones" >&2
 "${apt[@]}" install --yes --no-install-recommends "${missing[@]}" </dev/null

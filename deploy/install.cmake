@@ -1,6 +1,6 @@
-# Run by `cmake --install`, after what CMake itself installs: what depends on where it is installed to. Below /usr the
-# configuration is in /etc; below any other prefix it is in that prefix's own etc. CPack installs into a folder of its own
-# that ends in /usr, and moves it there later: names inside files must not have that folder.
+# Run by `cmake --install` after CMake's own steps: installs files that depend on the prefix. For /usr the configuration is in /etc; for
+# any other prefix in that prefix's etc. CPack installs into a temporary folder that ends in /usr; that folder must not appear inside
+# installed files.
 #   source, build: the trees;  CMAKE_INSTALL_PREFIX as given
 if(CMAKE_INSTALL_PREFIX MATCHES "^(.*)/usr/*$")
   set(etc "${CMAKE_MATCH_1}/etc")

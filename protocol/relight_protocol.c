@@ -1,9 +1,9 @@
-#include "relight_protocol.h"
+#include "protocol/relight_protocol.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Byte by byte, so that neither the host's order nor alignment matters; compilers make one move of each. */
+/* Byte by byte, independent of byte order and alignment; compilers merge each into one move. */
 static void put16(uint8_t *at, uint16_t v)
 {
     at[0] = (uint8_t)v;
@@ -75,7 +75,7 @@ static int side_ok(uint32_t v)
     return v >= 1 && v <= PROTOCOL_SIDE_MAX;
 }
 
-/* What both headers begin with: magic, and the header's own length, which a later minor version may raise. */
+/* Both headers start with magic bytes and the header's length, which a later minor version may increase. */
 static enum protocol_result begin_ok(const uint8_t *bytes, size_t length, const char magic[4], size_t least)
 {
     if (length >= 4 && memcmp(bytes, magic, 4) != 0)
@@ -166,7 +166,7 @@ void protocol_environment_encode(const struct protocol_environment *e, uint8_t o
     put64(out + 32, (uint64_t)e->capture_us);
 }
 
-/* Raw texels must fill the payload exactly; files say their own size, so the header must not. */
+/* Raw texels must fill the payload exactly; files contain their size, so the header must not state one. */
 static int environment_size_ok(const struct protocol_environment *e)
 {
     if (e->encoding == PROTOCOL_FILE_EXR || e->encoding == PROTOCOL_FILE_HDR)

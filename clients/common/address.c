@@ -1,81 +1,55 @@
-#include "address.h"
+#include "clients/common/address.h"
 
-#include "relight_protocol.h"
+#include "protocol/relight_protocol.h"
 
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-static const char *after(const char *text, const char *start)
+/* Both go into a request's header. */
+static bool is_printable(const char *text, size_t size)
 {
-    const size_t n = strlen(start);
-    return strncmp(text, start, n) == 0 ? text + n : NULL;
+    while (size > 0 && *text > ' ' && *text <= '~')
+        text++, size--;
+    return size == 0;
 }
 
-/* The port's digits, all of [text, end). */
-static bool read_port(const char *text, const char *end, int *port)
-{
-    int v = 0;
-
-    if (text == end || end - text > 5)
-        return false;
-    for (; text < end; text++) {
-        if (*text < '0' || *text > '9')
-            return false;
-        v = 10 * v + (*text - '0');
-    }
-    *port = v;
-    return v >= 1 && v <= 65535;
-}
-
-/* Splits [text, end) into host and port. */
-static bool read_host(const char *text, const char *end, struct address *a)
+/* Parses HOST[:PORT] after the scheme; returns its end, NULL if it is malformed. */
+static const char *read_host(const char *text, struct address *a)
 {
     const bool six = *text == '[';
-    const char *host = six ? text + 1 : text, *colon = NULL, *stop = NULL;
+    const char *host = text + six, *end = host + strcspn(host, six ? "]/@" : ":/@");
+    const size_t size = (size_t)(end - host);
 
-    if (six) {
-        stop = memchr(host, ']', (size_t)(end - host));
-        if (!stop)
-            return false;
-        colon = stop + 1 < end ? stop + 1 : NULL;
-    } else {
-        colon = memchr(host, ':', (size_t)(end - host));
-        stop = colon ? colon : end;
+    if (size == 0 || size >= sizeof(a->host) || !is_printable(host, size) || (six && *end++ != ']'))
+        return NULL;
+    memcpy(a->host, host, size);
+    if (*end == ':') {
+        const size_t digits = strspn(++end, "0123456789");
+        a->port = digits <= 5 ? atoi(end) : 0;
+        end += digits;
     }
-    if (stop == host || (size_t)(stop - host) >= sizeof(a->host))
-        return false;
-    for (const char *p = host; p < stop; p++) /* goes into a request's header */
-        if (*p <= ' ' || *p > '~' || *p == '@')
-            return false;
-    memcpy(a->host, host, (size_t)(stop - host));
-    if (colon && (*colon != ':' || !read_port(colon + 1, end, &a->port)))
-        return false;
     snprintf(a->named, sizeof(a->named), six ? "[%s]:%d" : "%s:%d", a->host, a->port);
-    return true;
+    return (*end == '\0' || *end == '/') && a->port >= 1 && a->port <= 65535 ? end : NULL;
 }
 
 enum err address_parse(const char *text, struct address *out, struct reason *why)
 {
-    const char *rest = after(text, "ws://");
+    static const char *const schemes[] = { "ws://", "http://", "wss://", "https://" };
+    const char *rest = NULL;
 
-    *out = (struct address){ .port = ADDRESS_PORT };
+    *out = (struct address){ .tls = false };
+    for (size_t i = 0; i < 4 && !rest; i++) {
+        const size_t n = strlen(schemes[i]);
+        out->tls = i >= 2;
+        out->port = out->tls ? ADDRESS_TLS_PORT : ADDRESS_PORT;
+        rest = strncmp(text, schemes[i], n) == 0 ? read_host(text + n, out) : NULL;
+    }
     if (!rest)
-        rest = after(text, "http://");
-    if (!rest && (after(text, "wss://") || after(text, "https://")))
-        return err_say(why, ERR_USAGE, "%s: encrypted connections are not spoken here; a tunnel must do that", text);
-    if (!rest)
-        return err_say(why, ERR_USAGE, "%s: not of the form ws://HOST:PORT", text);
-    const char *end = rest + strcspn(rest, "/");
-    if (!read_host(rest, end, out))
-        return err_say(why, ERR_USAGE, "%s: not of the form ws://HOST:PORT", text);
-    const char *path = end[0] && end[1] ? end : PROTOCOL_PATH;
-    for (const char *p = path; *p; p++)
-        if (*p <= ' ' || *p > '~')
-            return err_say(why, ERR_USAGE, "%s: a path has no blanks or control characters", text);
-    if (strlen(path) >= sizeof(out->path))
-        return err_say(why, ERR_USAGE, "%.200s...: the path is too long", text);
+        return err_say(why, ERR_USAGE, "%s: not of the form ws://HOST:PORT or, with TLS, wss://HOST:PORT", text);
+    const char *path = rest[0] && rest[1] ? rest : PROTOCOL_PATH;
+    if (strlen(path) >= sizeof(out->path) || !is_printable(path, strlen(path)))
+        return err_say(why, ERR_USAGE, "%.200s: the path is too long, or has blanks or control characters", text);
     snprintf(out->path, sizeof(out->path), "%s", path);
     return ERR_OK;
 }

@@ -1,12 +1,11 @@
 /* clients/common/connection.h */
-/* A relight.v1 client over libwebsockets: connects, says hello, hears welcome, carries text and binary messages both
- * ways, and comes back with back-off when the connection breaks. One thread runs it (connection_run) and gets all the
- * hooks; only connection_wake may be called from others. At most one binary message is under way outwards; what comes
- * in is bounded by the description. */
+/* A relight.v1 client over libwebsockets: connects, with or without TLS, says hello, hears welcome, carries text and
+ * binary messages both ways, and comes back with back-off when the connection breaks. One thread runs it
+ * (connection_run) and gets all the hooks; only connection_wake may be called from others. */
 #ifndef CLIENTS_CONNECTION_H
 #define CLIENTS_CONNECTION_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -34,29 +33,29 @@ struct connection_hooks {
 };
 
 struct connection_desc {
-    const char *url;    /* ws://HOST:PORT */
-    int64_t tries;      /* attempts in a row before giving up after a loss; below 0: for ever */
-    double give_up_s;   /* gives up after so long without a connection; 0: never */
-    size_t binary_most; /* bytes of a message from the server; larger ones end it with CONNECTION_LOST */
-    bool quiet;         /* no lines about losing and finding the server */
+    const char *url;     /* as address.h has it */
+    const char *ca_file; /* PEM file of the certificate authorities to trust; NULL: the system's. Of TLS only */
+    int64_t tries;       /* attempts in a row before giving up after a loss; below 0: for ever */
+    double give_up_s;    /* gives up after so long without a connection; 0: never */
+    size_t binary_most;  /* bytes of a message from the server; larger ones end it with CONNECTION_LOST */
+    bool quiet;          /* no lines about losing and finding the server */
     struct connection_hooks hooks;
     void *user;
 };
 
-/* ERR_USAGE: no such address. ERR_NOMEM. */
+/* ERR_USAGE: no such address, or a CA file without TLS. ERR_IO, ERR_FORMAT: the CA file. ERR_NOMEM. */
 MUST_CHECK enum err connection_create(const struct connection_desc *d, struct connection **out, struct reason *why);
 void connection_destroy(struct connection *c); /* NULL is allowed */
 
-/* Until one of the ends. *why says what it was, but for CONNECTION_DONE. */
+/* Returns at one of the ends. *why says what it was, but for CONNECTION_DONE. */
 enum connection_end connection_run(struct connection *c, struct reason *why);
 
-/* A text message, soon; the object is taken over. Nothing happens without a welcomed connection. */
+/* Queues a text message; the object is taken over. Nothing happens without a welcomed connection. */
 void connection_say(struct connection *c, json_t *object);
 
-/* A binary message of two parts, in fragments; one at a time, only while welcomed. `payload` stays the caller's and
- * must not change until the hook sent or lost. */
+/* Sends a binary message of two parts, in fragments; one at a time, only while welcomed. `head` is copied; `payload`
+ * stays the caller's and must not change until the hook sent or lost. */
 void connection_send(struct connection *c, const uint8_t *head, size_t head_size, const uint8_t *payload, size_t size);
-bool connection_is_sending(const struct connection *c);
 bool connection_is_open(const struct connection *c); /* welcomed */
 
 /* Ends after the server has confirmed that it read all that was said; when the connection breaks before that, it is
@@ -66,13 +65,13 @@ void connection_finish(struct connection *c);
 /* Ends at once, with a clean close where there is a connection. */
 void connection_stop(struct connection *c);
 
-/* Ends with this result and text, after a clean close. */
+/* Ends with this result and text, after a clean close. The first such end counts. */
 void connection_fail(struct connection *c, enum connection_end end, const char *format, ...) PRINTF_LIKE(3, 4);
 
 /* Something useful was done: the next loss begins with the shortest wait again. */
 void connection_thrive(struct connection *c);
 
-/* The server's clock against ours; false while unknown. */
+/* The server's clock against ours, us; false while unknown. */
 bool connection_clock(const struct connection *c, int64_t *ahead_us, int64_t *uncertain_us);
 
 unsigned connection_count(const struct connection *c); /* welcomed so far */

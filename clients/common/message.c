@@ -1,6 +1,6 @@
-#include "message.h"
+#include "clients/common/message.h"
 
-#include "relight_protocol.h"
+#include "protocol/relight_protocol.h"
 
 #include <string.h>
 

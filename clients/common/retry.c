@@ -1,4 +1,4 @@
-#include "retry.h"
+#include "clients/common/retry.h"
 
 #include <stddef.h>
 

@@ -3,7 +3,7 @@
 #ifndef CLIENTS_RETRY_H
 #define CLIENTS_RETRY_H
 
-#include "rng.h"
+#include "base/rng.h"
 
 #include <stdbool.h>
 #include <stdint.h>

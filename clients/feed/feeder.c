@@ -1,18 +1,18 @@
-#include "feeder.h"
+#include "clients/feed/feeder.h"
 
-#include "clock.h"
-#include "log.h"
-#include "mem.h"
-#include "message.h"
-#include "progress.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "clients/common/message.h"
+#include "base/progress.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-#define FLIGHTS 64       /* frames sent whole and without a fate; a server that grants more credit is not believed */
-#define PATIENCE_MS 5000 /* until a hint about what is missing */
-#define GOODBYE_MS 2000  /* for the fates of frames under way after an interrupt */
+#define FLIGHTS 64       /* frames sent completely and not yet answered; a server that grants more credit is ignored */
+#define PATIENCE_MS 5000 /* delay before a hint about what is missing */
+#define GOODBYE_MS 2000  /* time limit for outstanding answers after an interrupt */
 
 struct flight {
     uint64_t number;
@@ -24,24 +24,24 @@ struct feeder {
     struct reader *reader;
     struct connection *connection;
     struct progress line;
-    bool begun;                     /* the reader runs */
-    uint64_t credit, most;          /* frames that may be sent now; bytes of one message */
-    struct flight flights[FLIGHTS]; /* in the order sent, of this connection */
+    bool begun;                     /* the reader has been started */
+    uint64_t credit, most;          /* frames that may be sent now; maximum bytes of a message */
+    struct flight flights[FLIGHTS]; /* sent on this connection, in order */
     size_t flight_count;
     bool transmitting; /* the reader's oldest parcel is being sent */
-    bool has_settled;  /* lockstep: the server has the frames up to `settled`, as far as we know */
+    bool has_settled;  /* lockstep: the server has the frames up to `settled`, as far as is known */
     uint64_t settled;
-    double due_s;       /* of the next frame, with a rate */
-    int64_t waiting_ms; /* when we began to have a frame and no credit; 0: no */
+    double due_s;       /* of the next frame, if there is a rate */
+    int64_t waiting_ms; /* since when a frame has been waiting for credit; 0: none */
     bool hinted;
-    int64_t interrupted_ms;      /* 0: no */
-    bool has_owed, owed_counted; /* lockstep: the fate of a frame that an earlier connection sent may still come */
+    int64_t interrupted_ms;      /* 0: not interrupted */
+    bool has_owed, owed_counted; /* lockstep: the fate of a frame sent on an earlier connection is still open */
     uint64_t owed;               /* its number; counted: as used */
 
-    struct feeder_report report; /* but for what others count */
+    struct feeder_report report; /* without what the reader and the connection count */
 };
 
-/* ---- Frames out, fates in ---- */
+/* ---- Sending frames, receiving fates ---- */
 
 static void settle(struct feeder *f, uint64_t *count)
 {
@@ -57,18 +57,20 @@ static void refuse_here(struct feeder *f, const struct parcel *p, const char *te
     reader_drop(f->reader);
 }
 
-/* What need not be tried. True: the parcel was dropped. */
+/* Refuses a frame that cannot succeed. True: the parcel was dropped. */
 static bool is_hopeless(struct feeder *f, const struct parcel *p)
 {
     char text[160];
 
     if (f->most > 0 && (uint64_t)p->header.payload + sizeof(p->head) > f->most) {
-        snprintf(text, sizeof(text), "has %" PRIu32 " bytes, the server takes %" PRIu64, p->header.payload, f->most);
+        snprintf(text, sizeof(text), "has %" PRIu32 " bytes; the server's limit is %" PRIu64, p->header.payload,
+                 f->most);
         refuse_here(f, p, text);
         return true;
     }
     if (f->desc.lockstep && f->report.has_last && p->frame.number < f->report.last) {
-        snprintf(text, sizeof(text), "comes after %" PRIu64 "; in lockstep numbers must rise", f->report.last);
+        snprintf(text, sizeof(text), "comes after frame %" PRIu64 "; in lockstep frame numbers must increase",
+                 f->report.last);
         refuse_here(f, p, text);
         return true;
     }
@@ -89,7 +91,7 @@ static void send_parcel(struct feeder *f, struct parcel *p)
     connection_send(f->connection, p->head, sizeof(p->head), p->payload, p->header.payload);
 }
 
-/* With a rate: whether the next frame is due; else comes back when it is. */
+/* With a rate: whether the next frame is due; else schedules a tick for when it is. */
 static bool is_due(struct feeder *f)
 {
     const double now = clock_seconds();
@@ -100,7 +102,7 @@ static bool is_due(struct feeder *f)
         connection_tick_within(f->connection, (int64_t)(1e6 * (f->due_s - now)) + 500);
         return false;
     }
-    /* On the grid, but never behind it by more than a frame: what was late is not made up for. */
+    /* On the grid, but at most one frame behind it: delays are not made up for. */
     f->due_s = f->due_s + 1.0 / f->desc.rate > now ? f->due_s + 1.0 / f->desc.rate : now + 1.0 / f->desc.rate;
     return true;
 }
@@ -117,7 +119,7 @@ static void hint(struct feeder *f)
     log_info("waiting until the last picture is stored; is 'relight-record --recorder %s' running?", f->desc.sequence);
 }
 
-/* All was sent and has its fate; in lockstep its picture has been stored too, since the credit has come back. */
+/* Every frame has its fate. In lockstep the last picture has been stored too, since its credit was returned. */
 static bool is_all_settled(struct feeder *f)
 {
     return reader_is_done(f->reader) && f->flight_count == 0 && !f->transmitting &&
@@ -151,7 +153,7 @@ static void pump(struct feeder *f)
         send_parcel(f, p);
 }
 
-/* In lockstep the parcel is kept until its fate is known: it may have to be sent again. */
+/* In lockstep the parcel is kept until its fate is known, because it may have to be sent again. */
 static void on_sent(void *user)
 {
     struct feeder *f = user;
@@ -175,8 +177,8 @@ static void tell_refused(const char *name, uint64_t number, const json_t *m)
               message);
 }
 
-/* In lockstep a fate goes to whoever produces the sequence by then: this frame was sent by an earlier connection, or
- * even by a feeder that was killed. */
+/* In lockstep a fate goes to the current producer of the sequence: the frame may have been sent on an earlier
+ * connection, or even by a feeder that was killed. */
 static void on_owed_fate(struct feeder *f, uint64_t number, const json_t *m)
 {
     if (strcmp(json_string_value(json_object_get(m, "fate")), "refused") == 0) {
@@ -200,7 +202,7 @@ static void on_fate(struct feeder *f, const json_t *m)
     if (i == f->flight_count && f->has_owed && f->owed == number)
         on_owed_fate(f, number, m);
     if (i == f->flight_count || (f->transmitting && i == f->flight_count - 1))
-        return; /* not one of ours, or not yet sent whole */
+        return; /* not sent on this connection, or not yet completely */
     if (strcmp(fate, "refused") == 0) {
         tell_refused(f->flights[i].name, number, m);
         settle(f, &f->report.refused);
@@ -251,8 +253,8 @@ static void begin_reading(struct feeder *f, bool has_after, uint64_t after)
     f->begun = true;
 }
 
-/* The server names the last frame that it has. Ours is dropped when that is among them; when frames that we let go are
- * not, it is another server than before, and the source begins again behind that number. */
+/* The server names the last frame it has. If that includes the held frame, it is dropped. If frames that were already
+ * released are missing, this is a different server, and the source restarts after that number. */
 static void resume_lockstep(struct feeder *f, bool has_after, uint64_t after)
 {
     const struct parcel *held = f->begun ? reader_take(f->reader) : NULL;
@@ -262,18 +264,18 @@ static void resume_lockstep(struct feeder *f, bool has_after, uint64_t after)
         f->report.resumed = has_after;
         f->report.resume_after = after;
         if (has_after)
-            log_info("sequence %s goes on after frame %" PRIu64, f->desc.sequence, after);
+            log_info("sequence %s continues after frame %" PRIu64, f->desc.sequence, after);
         begin_reading(f, has_after, after);
     } else if (f->has_settled && (!has_after || after < f->settled)) {
-        log_warning("the server has forgotten frames up to %" PRIu64 "%s", f->settled,
-                    f->desc.watched ? "; a watched folder goes on from here" : ", they are sent again");
+        log_warning("the server has lost frames up to %" PRIu64 "%s", f->settled,
+                    f->desc.watched ? "; a watched folder cannot be replayed" : ", they are sent again");
         if (!f->desc.watched) {
             f->report.has_last = false;
             begin_reading(f, has_after, after);
         }
     } else if (f->report.has_last && held && held->frame.number == f->report.last && has_after &&
                after >= f->report.last) {
-        settle(f, &f->report.used); /* its fate was lost with the connection, or will come yet */
+        settle(f, &f->report.used); /* its fate was lost with the connection, or is still to come */
         reader_drop(f->reader);
         f->owed_counted = true;
     }
@@ -290,8 +292,8 @@ static void on_welcome(void *user, const json_t *welcome)
     uint64_t after = 0;
 
     if (!json_is_object(producer) || !message_number(producer, "credit", &f->credit)) {
-        connection_fail(f->connection, CONNECTION_REFUSED, "%s takes no frames (relightd --source push: does)",
-                        f->desc.connection.url);
+        connection_fail(f->connection, CONNECTION_REFUSED,
+                        "%s does not accept frames; start relightd with --source push:", f->desc.connection.url);
         return;
     }
     const bool has_after = message_number(producer, "resume_after", &after);
@@ -305,7 +307,7 @@ static void on_welcome(void *user, const json_t *welcome)
     pump(f);
 }
 
-/* What was not sent whole is sent again; live, what was and has no fate will not get one. */
+/* Frames not sent completely are sent again. Live frames that were sent but not answered count as lost. */
 static void on_lost(void *user)
 {
     struct feeder *f = user;
@@ -320,7 +322,7 @@ static void on_lost(void *user)
     f->waiting_ms = 0;
 }
 
-/* The first signal: no new frames, but the fates of those under way; the second: now. */
+/* On the first signal, sends no new frames and waits for outstanding fates; on the second, stops at once. */
 static void stop_when_asked(struct feeder *f)
 {
     const int64_t now = clock_ms();
@@ -331,7 +333,7 @@ static void stop_when_asked(struct feeder *f)
         f->interrupted_ms = now;
     if (*f->desc.stops > 1 || now - f->interrupted_ms > GOODBYE_MS || !connection_is_open(f->connection))
         connection_stop(f->connection);
-    else if (f->flight_count == 0 && f->desc.lockstep) /* to be gone on with: no end */
+    else if (f->flight_count == 0 && f->desc.lockstep) /* no `end`, so that the sequence can be continued */
         connection_finish(f->connection);
     else if (f->flight_count == 0)
         say_end(f);
@@ -351,7 +353,7 @@ static void wake(void *user)
     connection_wake(f->connection);
 }
 
-/* ---- The whole ---- */
+/* ---- Creation and running ---- */
 
 enum err feeder_create(const struct feeder_desc *d, struct feeder **out, struct reason *why)
 {
@@ -359,7 +361,7 @@ enum err feeder_create(const struct feeder_desc *d, struct feeder **out, struct 
 
     *out = NULL;
     if (!f)
-        return err_say(why, ERR_NOMEM, "no memory for a producer");
+        return err_say(why, ERR_NOMEM, "out of memory for a producer");
     f->desc = *d;
     f->desc.connection.user = f->desc.reader.user = f;
     f->desc.reader.wake = wake;
@@ -380,7 +382,7 @@ void feeder_destroy(struct feeder *f)
 {
     if (!f)
         return;
-    reader_destroy(f->reader); /* first: its thread wakes the connection */
+    reader_destroy(f->reader); /* first, because its thread wakes the connection */
     connection_destroy(f->connection);
     mem_free(f);
 }

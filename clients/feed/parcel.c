@@ -1,14 +1,14 @@
-#include "parcel.h"
+#include "clients/feed/parcel.h"
 
-#include "decode.h"
-#include "exr_policy.h"
-#include "mem.h"
+#include "codec/decode.h"
+#include "codec/exr_policy.h"
+#include "base/mem.h"
 
 #include <half.h>
 #include <inttypes.h>
 #include <string.h>
 
-#define PAYLOAD_MOST UINT32_MAX
+#define PAYLOAD_MAX UINT32_MAX
 
 static bool is_exr(const uint8_t *bytes, size_t size)
 {
@@ -25,15 +25,15 @@ static enum err state_texels(struct parcel *p, const struct parcel_desc *d, cons
 {
     const uint64_t count = (uint64_t)width * height * 3, bytes = count * (d->half ? 2 : 4);
 
-    if (width > PROTOCOL_SIDE_MAX || height > PROTOCOL_SIDE_MAX || bytes > PAYLOAD_MOST)
-        return err_say(why, ERR_RANGE, "%s: %" PRIu32 "x%" PRIu32 " texels are more than a message carries%s",
+    if (width > PROTOCOL_SIDE_MAX || height > PROTOCOL_SIDE_MAX || bytes > PAYLOAD_MAX)
+        return err_say(why, ERR_RANGE, "%s: %" PRIu32 "x%" PRIu32 " texels exceed the size of a message%s",
                        p->frame.name, width, height, d->half ? "" : "; try --raw half");
     p->header.encoding = d->half ? PROTOCOL_RAW_HALF : PROTOCOL_RAW_FLOAT;
     p->header.width = width;
     p->header.height = height;
     p->header.channels = 3;
     p->header.payload = (uint32_t)bytes;
-    p->payload = (const uint8_t *)rgb; /* little-endian, as all computers are for which this is built */
+    p->payload = (const uint8_t *)rgb; /* little-endian, like all supported processors */
     if (!d->half)
         return ERR_OK;
     if (p->half_count < count) {
@@ -41,16 +41,16 @@ static enum err state_texels(struct parcel *p, const struct parcel_desc *d, cons
         p->half_count = 0;
         p->half = mem_alloc((size_t)count, sizeof(*p->half));
         if (!p->half)
-            return err_say(why, ERR_NOMEM, "%s: no memory for its half floats", p->frame.name);
+            return err_say(why, ERR_NOMEM, "%s: out of memory for its half floats", p->frame.name);
         p->half_count = (size_t)count;
     }
-    for (size_t i = 0; i < count; i++) /* beyond its range a half becomes infinite, which no light is */
+    for (size_t i = 0; i < count; i++) /* larger values would become infinite as half floats */
         p->half[i] = imath_float_to_half(rgb[i] > 65504.0f ? 65504.0f : rgb[i]);
     p->payload = (const uint8_t *)p->half;
     return ERR_OK;
 }
 
-/* A file's own statement about its layout would be lost with the file. */
+/* Keeps the layout declared in the file, which would otherwise be lost. */
 static void keep_layout(struct parcel *p)
 {
     if (p->header.layout != PROTOCOL_LAYOUT_AUTO)
@@ -65,7 +65,7 @@ static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct
 {
     const struct frame *f = &p->frame;
     const bool exr = is_exr(f->bytes, f->size);
-    /* What is damaged goes out as it is: that the server refuses it shall show in its counters. */
+    /* A damaged file is sent as it is, so that the refusal appears in the server's counters. */
     const bool barred = exr && exr_policy_check(f->bytes, f->size, f->name, &p->barred) == ERR_UNSUPPORTED;
 
     if (!exr && !is_radiance(f->bytes, f->size))
@@ -79,8 +79,8 @@ static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct
         keep_layout(p);
         return state_texels(p, d, p->image.rgb, p->image.width, p->image.height, why);
     }
-    if (f->size > PAYLOAD_MOST)
-        return err_say(why, ERR_RANGE, "%s: %zu bytes are more than a message carries", f->name, f->size);
+    if (f->size > PAYLOAD_MAX)
+        return err_say(why, ERR_RANGE, "%s: %zu bytes exceed the size of a message", f->name, f->size);
     p->header.encoding = exr ? PROTOCOL_FILE_EXR : PROTOCOL_FILE_HDR;
     p->header.payload = (uint32_t)f->size;
     p->payload = f->bytes;
@@ -99,7 +99,7 @@ enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reaso
         .capture_us = f->capture_us,
     };
     if (f->number > PROTOCOL_NUMBER_MAX)
-        return err_say(why, ERR_RANGE, "%s: frame numbers go up to 2^53 - 1", f->name);
+        return err_say(why, ERR_RANGE, "%s: the frame number exceeds 2^53 - 1", f->name);
     if (f->capture_us > PROTOCOL_NUMBER_MAX || f->capture_us < -PROTOCOL_NUMBER_MAX)
         p->header.capture_us = 0;
     enum err e;
@@ -148,7 +148,7 @@ enum err parcel_layout_parse(const char *name, struct parcel_desc *out, struct r
         }
     }
     return err_say(why, ERR_USAGE,
-                   "--layout '%s' is not known; there are auto, latlong, latlong-bottom, cube, hcross, vcross, ball "
-                   "and fisheye",
+                   "unknown --layout '%s'; expected auto, latlong, latlong-bottom, cube, hcross, vcross, ball "
+                   "or fisheye",
                    name);
 }

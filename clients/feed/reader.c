@@ -1,24 +1,25 @@
-#include "reader.h"
+#include "clients/feed/reader.h"
 
-#include "log.h"
-#include "mem.h"
+#include "base/log.h"
+#include "base/mem.h"
 
 #include <assert.h>
 #include <pthread.h>
 
 struct reader {
     struct reader_desc desc;
-    struct source *source; /* the reader thread's, once it runs */
+    struct source *source; /* belongs to the reader's thread while it runs */
     uint64_t total;
     pthread_t thread;
     bool running;
-    bool noticed; /* reader thread: has said that files are decoded here */
+    bool noticed; /* reader's thread: the log has mentioned decoding */
 
     pthread_mutex_t lock;
     pthread_cond_t changed;
-    struct parcel slots[READER_SLOTS]; /* a slot is the reader's while it is not among the `held` from `first` on */
+    struct parcel slots[READER_SLOTS]; /* slots `held` from `first` on belong to the consumer, the others to the
+                                          reader's thread */
     size_t first, held;                /* {lock} */
-    uint64_t run;                      /* {lock} raised by reader_begin: what was read before is dropped */
+    uint64_t run;                      /* {lock} incremented by reader_begin; invalidates what was read before */
     bool has_after, ended, stop;       /* {lock} */
     uint64_t after;                    /* {lock} */
     struct reader_counts counts;       /* {lock} */
@@ -30,7 +31,7 @@ enum err reader_create(const struct reader_desc *d, struct reader **out, struct 
 
     *out = NULL;
     if (!r)
-        return err_say(why, ERR_NOMEM, "no memory to read %s", d->source.spec);
+        return err_say(why, ERR_NOMEM, "out of memory to read %s", d->source.spec);
     r->desc = *d;
     const enum err e = source_open(&d->source, &r->source, why);
     if (e) {
@@ -44,9 +45,9 @@ enum err reader_create(const struct reader_desc *d, struct reader **out, struct 
     return ERR_OK;
 }
 
-/* ---- The thread ---- */
+/* ---- The reader's thread ---- */
 
-/* What a frame that was read becomes; under the lock. */
+/* {lock} Files the result of reading a frame. */
 static void keep(struct reader *r, uint64_t run, enum err e, const struct frame *f)
 {
     if (r->run != run)
@@ -129,7 +130,7 @@ static void *reader_main(void *arg)
     return NULL;
 }
 
-/* ---- The other side ---- */
+/* ---- The consumer ---- */
 
 enum err reader_begin(struct reader *r, bool has_after, uint64_t after, struct reason *why)
 {
@@ -142,7 +143,7 @@ enum err reader_begin(struct reader *r, bool has_after, uint64_t after, struct r
     pthread_cond_signal(&r->changed);
     pthread_mutex_unlock(&r->lock);
     if (!r->running && pthread_create(&r->thread, NULL, reader_main, r) != 0)
-        return err_say(why, ERR_NOMEM, "a thread could not be started");
+        return err_say(why, ERR_NOMEM, "cannot start a thread");
     r->running = true;
     return ERR_OK;
 }

@@ -1,11 +1,11 @@
 /* clients/feed/reader.h */
-/* Reads a source ahead on a thread of its own, so that slow disks, watched folders and computed skies never keep the
- * connection waiting: at most two parcels are held, in order. */
+/* Reads ahead from a source on a separate thread, so that slow disks, watched folders and computed skies do not delay
+ * the connection. Holds at most two parcels, in order. */
 #ifndef FEED_READER_H
 #define FEED_READER_H
 
-#include "parcel.h"
-#include "source.h"
+#include "clients/feed/parcel.h"
+#include "source/source.h"
 
 #define READER_SLOTS 2
 
@@ -14,29 +14,29 @@ struct reader;
 struct reader_desc {
     struct source_desc source;
     struct parcel_desc parcel;
-    void (*wake)(void *user); /* something new to take, or the end; on the reader's thread */
+    void (*wake)(void *user); /* a new parcel is available, or the source has ended; called on the reader's thread */
     void *user;
 };
 
 struct reader_counts {
-    uint64_t passed; /* frames that reader_begin's `after` left out */
-    uint64_t faulty; /* frames that could not be read or packed: each was named on standard error */
+    uint64_t passed; /* frames skipped because of reader_begin's `after` */
+    uint64_t faulty; /* frames that could not be read or packed; each was reported on standard error */
 };
 
-/* Opens the source; errors as source_open's. Nothing is read before reader_begin. */
+/* Opens the source; the caller owns *out. Reading starts with reader_begin. Errors of source_open; ERR_NOMEM. */
 MUST_CHECK enum err reader_create(const struct reader_desc *d, struct reader **out, struct reason *why);
-void reader_destroy(struct reader *r); /* NULL is allowed */
+void reader_destroy(struct reader *r); /* stops the thread; NULL is allowed */
 
-/* Starts, or starts again from the source's first frame with nothing held; with has_after only frames with numbers
- * above `after` are given. ERR_NOMEM: no thread. What reader_take gave is not valid any more. */
+/* Starts, or restarts from the source's first frame with nothing held. With has_after, only frames with numbers above
+ * `after` are returned. Invalidates the result of reader_take. ERR_NOMEM: cannot start a thread. */
 MUST_CHECK enum err reader_begin(struct reader *r, bool has_after, uint64_t after, struct reason *why);
 
-/* The oldest parcel, again and again until reader_drop; NULL: none yet, or the end. One thread. */
+/* The oldest parcel, which stays valid until reader_drop; NULL: none yet, or the end. Thread: one. */
 struct parcel *reader_take(struct reader *r);
-void reader_drop(struct reader *r);
+void reader_drop(struct reader *r); /* releases the oldest parcel */
 
-bool reader_is_done(struct reader *r);         /* the source has ended and nothing is held */
-uint64_t reader_total(const struct reader *r); /* frames of one pass; 0 unknown or without end */
-void reader_counts(struct reader *r, struct reader_counts *out);
+bool reader_is_done(struct reader *r);                           /* the source has ended and nothing is held */
+uint64_t reader_total(const struct reader *r);                   /* frames in one pass; 0: unknown or infinite */
+void reader_counts(struct reader *r, struct reader_counts *out); /* thread: any */
 
 #endif

@@ -1,11 +1,11 @@
 /* clients/feed/relight_feed.c */
-/* Plays a source of frames to a relightd that takes them (relightd --source push:). This is the command line; feeder.h
- * speaks with the server, and reader.h reads ahead on a thread of its own. */
-#include "clock.h"
-#include "feeder.h"
-#include "log.h"
-#include "message.h"
-#include "options.h"
+/* Streams a source of frames to a relightd started with --source push:. This file is the command line; feeder.h talks
+ * to the server, and reader.h reads ahead on a separate thread. */
+#include "base/clock.h"
+#include "clients/feed/feeder.h"
+#include "base/log.h"
+#include "clients/common/message.h"
+#include "base/options.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 
 #define EXIT_REFUSED 3
 
-/* Set by the signal handler, which can reach nothing else: how often it was asked to stop. */
+/* Number of stop requests, incremented by the signal handler. */
 static volatile sig_atomic_t stops_asked;
 
 static void ask_to_stop(int signal_number)
@@ -24,24 +24,26 @@ static void ask_to_stop(int signal_number)
 }
 
 static struct option_row rows[] = {
-    { "", NULL, "where to", NULL },
-    { "to", "URL", "ws://HOST:PORT of a relightd that was started with --source push:", "ws://127.0.0.1:8080" },
-    { "token", "T", "what the server asks producers for; left out: the variable RELIGHT_TOKEN", NULL },
-    { "", NULL, "what", NULL },
+    { "", NULL, "Destination", NULL },
+    { "to", "URL",
+      "ws://HOST:PORT, or wss:// with TLS, of a relightd started with --source push:", "ws://127.0.0.1:8080" },
+    { "ca", "FILE", "PEM file of the certificate authorities to trust; default: the system's (wss:// only)", NULL },
+    { "token", "T", "access token; default: the variable RELIGHT_TOKEN", NULL },
+    { "", NULL, "Frames", NULL },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL },
-    { "loop", NULL, "begin again after the last frame", NULL },
-    { "layout", "L", "of the environment: auto, latlong, latlong-bottom, cube, hcross, vcross, ball or fisheye",
-      "auto" },
-    { "raw", "half|float", "decode files here and send texels; a computed sky is always sent so", NULL },
-    { "", NULL, "how", NULL },
-    { "rate", "N", "frames per second; 0: as fast as the server gives credit", "0" },
-    { "lockstep", NULL, "every frame gives exactly one picture, which relight-record --recorder stores", NULL },
-    { "sequence", "NAME", "of frames and pictures in lockstep; the server knows it by this name", "default" },
-    { "retry", "N", "try so many times in a row to come back after a loss; left out: for ever", NULL },
-    { "give-up-after", "SECONDS", "give up after so long without a connection; 0: never", "0" },
-    { "", NULL, "what is said", NULL },
-    { "json", NULL, "a summary as one JSON object on standard output", NULL },
-    { "quiet", NULL, "no progress, and no lines but errors", NULL },
+    { "loop", NULL, "restart after the last frame", NULL },
+    { "layout", "L",
+      "layout of the environment map: auto, latlong, latlong-bottom, cube, hcross, vcross, ball or fisheye", "auto" },
+    { "raw", "half|float", "decode files here and send texels; computed skies are always sent as texels", NULL },
+    { "", NULL, "Behaviour", NULL },
+    { "rate", "N", "frames per second; 0: as fast as the server accepts them", "0" },
+    { "lockstep", NULL, "exactly one picture per frame, stored by relight-record --recorder", NULL },
+    { "sequence", "NAME", "name of the lockstep sequence", "default" },
+    { "retry", "N", "consecutive attempts to reconnect; default: unlimited", NULL },
+    { "give-up-after", "SECONDS", "give up after this long without a connection; 0: never", "0" },
+    { "", NULL, "Messages", NULL },
+    { "json", NULL, "print a summary as one JSON object on standard output", NULL },
+    { "quiet", NULL, "print only errors, no progress", NULL },
     { NULL, NULL, NULL, NULL },
 };
 
@@ -51,7 +53,7 @@ static enum err read_source_options(const struct options *o, struct feeder_desc 
     const char *raw = options_get(o, "raw");
 
     if (o->operand_count != 1)
-        return err_say(why, ERR_USAGE, "SOURCE is missing: what to play (see relight-feed --help)");
+        return err_say(why, ERR_USAGE, "SOURCE is missing (see relight-feed --help)");
     d->source.spec = o->operands[0];
     d->source.loop = options_on(o, "loop");
     f->watched = strncmp(d->source.spec, "watch:", 6) == 0;
@@ -72,6 +74,7 @@ static enum err read_options(const struct options *o, struct feeder_desc *f, str
     f->sequence = options_get(o, "sequence");
     f->token = options_get(o, "token") ? options_get(o, "token") : getenv("RELIGHT_TOKEN");
     f->connection.url = options_get(o, "to");
+    f->connection.ca_file = options_get(o, "ca");
     f->connection.quiet = options_on(o, "quiet");
     f->connection.tries = -1;
     if (!e)
@@ -83,7 +86,7 @@ static enum err read_options(const struct options *o, struct feeder_desc *f, str
         f->connection.tries = (int64_t)tries;
     }
     if (!e && f->lockstep && f->reader.source.loop)
-        e = err_say(why, ERR_USAGE, "--loop and --lockstep exclude each other: numbers must rise");
+        e = err_say(why, ERR_USAGE, "--loop and --lockstep exclude each other: frame numbers must increase");
     if (!e && f->lockstep && f->rate > 0.0)
         e = err_say(why, ERR_USAGE, "--rate and --lockstep exclude each other: the recorder sets the pace");
     if (!e && !message_is_sequence_name(f->sequence))
@@ -139,8 +142,8 @@ static int run(const struct feeder_desc *d, struct feeder *f, bool json, struct 
         log_info("%" PRIu64 " frames used, %" PRIu64 " superseded, %" PRIu64 " refused, %" PRIu64 " lost", r.used,
                  r.superseded, r.refused, r.lost);
     if (end == CONNECTION_DONE && d->lockstep && r.complete && r.resumed && r.sent == 0)
-        log_warning("nothing was sent: sequence %s had all frames up to %" PRIu64
-                    " before; another --sequence begins anew",
+        log_warning("nothing was sent: the server already has all frames of sequence %s up to %" PRIu64
+                    "; use another --sequence to start a new one",
                     d->sequence, r.resume_after);
     if (end == CONNECTION_REFUSED)
         return EXIT_REFUSED;
@@ -154,10 +157,10 @@ int main(int argc, char **argv)
         .program = "relight-feed",
         .synopsis = "[--to ws://HOST:PORT] [--rate N | --lockstep] [flags] SOURCE",
         .about =
-            "Plays environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR, or\n"
-            "sky:key=value,... When the connection breaks it comes back and goes on; Ctrl-C ends it cleanly.\n"
+            "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR, or\n"
+            "sky:key=value,... Reconnects and continues when the connection is lost; Ctrl-C ends it cleanly.\n"
             "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent,\n"
-            "2 wrong usage, 3 the server refused us (role, token, version, or its place is taken).",
+            "2 wrong usage, 3 refused by the server (role, token, version, or already taken).",
         .rows = rows,
         .operand_max = 1,
     };

@@ -1,4 +1,4 @@
-#include "journal.h"
+#include "clients/record/journal.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -6,17 +6,17 @@
 #include <string.h>
 #include <unistd.h>
 
-#define TAIL 65536 /* bytes; longer than any line */
+#define TAIL 65536 /* bytes; exceeds any line */
 
 static enum err say(const struct journal *j, const char *step, struct reason *why)
 {
     return err_say(why, ERR_IO, "%s: cannot %s: %s", j->path, step, strerror(errno));
 }
 
-/* Finds the last line of the file's last bytes, and where it ends. */
+/* Finds the last complete line in the file's tail, and where it ends. */
 static enum err read_tail(struct journal *j, off_t size, struct reason *why)
 {
-    static char tail[TAIL]; /* too large for a stack */
+    static char tail[TAIL]; /* too large for the stack */
     const off_t from = size > TAIL ? size - TAIL : 0;
     size_t count = 0;
 
@@ -32,13 +32,13 @@ static enum err read_tail(struct journal *j, off_t size, struct reason *why)
     while (end > 0 && tail[end - 1] != '\n')
         end--;
     if (end == 0 && from > 0)
-        return err_say(why, ERR_IO, "%s: is not an index of relight-record: its last line has no end", j->path);
+        return err_say(why, ERR_IO, "%s: is not an index of relight-record: its last line is too long", j->path);
     size_t begin = end > 0 ? end - 1 : 0;
     while (begin > 0 && tail[begin - 1] != '\n')
         begin--;
     j->last = json_loadb(tail + begin, end - begin, JSON_REJECT_DUPLICATES, NULL);
     if (end < count && ftruncate(j->fd, from + (off_t)end) != 0)
-        return say(j, "cut off half a line", why);
+        return say(j, "truncate a partial line", why);
     return ERR_OK;
 }
 
@@ -92,13 +92,13 @@ enum err journal_add(struct journal *j, json_t *line, const char *const *key, st
     enum err e = ERR_OK;
 
     if (!line)
-        return err_say(why, ERR_NOMEM, "no memory for a line of the index");
+        return err_say(why, ERR_NOMEM, "out of memory for an index line");
     if (j->fd < 0 || (j->last && says_the_same(j->last, line, key)))
         goto done;
     text = json_dumps(line, JSON_COMPACT | JSON_REAL_PRECISION(9));
-    e = text ? write_line(j, text, why) : err_say(why, ERR_NOMEM, "no memory for a line of the index");
+    e = text ? write_line(j, text, why) : err_say(why, ERR_NOMEM, "out of memory for an index line");
     if (!e)
-        e = write_line(j, "\n", why); /* without it the line does not count */
+        e = write_line(j, "\n", why); /* the newline makes the line valid */
     if (!e && fsync(j->fd) != 0 && errno != EINVAL)
         e = say(j, "sync", why);
     if (!e) {

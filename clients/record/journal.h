@@ -1,25 +1,26 @@
 /* clients/record/journal.h */
-/* The list of what was recorded: one JSON object a line, on disk before the picture is acknowledged. One thread. */
+/* The index of recorded pictures: one JSON object per line, on disk before the picture is acknowledged. Thread: one. */
 #ifndef RECORD_JOURNAL_H
 #define RECORD_JOURNAL_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <jansson.h>
 #include <stdbool.h>
 
 struct journal {
-    int fd; /* -1: there is none, and all calls do nothing */
+    int fd; /* -1: no journal; all calls do nothing */
     const char *path;
-    json_t *last; /* the last line that was whole, or NULL */
+    json_t *last; /* the last complete line, or NULL */
 };
 
-/* Opens or creates the file and goes on behind its last whole line: half of one, which a killed writer has left, is cut
- * off. path NULL: no journal. ERR_IO names path and cause; also when the last line is longer than any of ours. */
+/* Opens or creates the file and continues after its last complete line, truncating a partial one left by a killed
+ * writer. path NULL: no journal. ERR_IO names path and cause; also if the last line is longer than any index line. */
 MUST_CHECK enum err journal_open(struct journal *j, const char *path, struct reason *why);
-void journal_close(struct journal *j); /* zeroed memory but for fd -1 is allowed */
+void journal_close(struct journal *j); /* zeroed memory except fd -1 is allowed */
 
-/* Takes the line over. A line that says the same as the last one in all the fields of `key` is left out. */
+/* Appends a line and takes ownership of it. Skips a line that equals the last one in all fields of `key`. ERR_IO,
+ * ERR_NOMEM. */
 MUST_CHECK enum err journal_add(struct journal *j, json_t *line, const char *const *key, struct reason *why);
 
 #endif

@@ -1,17 +1,17 @@
 /* clients/record/relight_record.c */
-/* Writes the pictures of a relightd to files: live, as many as come, or as the recorder of a lockstep sequence, exactly
- * one for each environment frame. A picture is acknowledged when it is safely on disk and not before. Everything runs
- * on one thread: while a picture is being stored the server waits with the next but one. */
-#include "clock.h"
-#include "connection.h"
-#include "file_pattern.h"
-#include "file_store.h"
-#include "journal.h"
-#include "log.h"
-#include "message.h"
-#include "options.h"
-#include "progress.h"
-#include "relight_protocol.h"
+/* Stores the pictures of a relightd as files: live, as many as arrive, or as the recorder of a lockstep sequence,
+ * exactly one per environment frame. A picture is acknowledged once it is safely on disk. Everything runs on one
+ * thread: while a picture is being stored, the server holds back the one after the next. */
+#include "base/clock.h"
+#include "clients/common/connection.h"
+#include "base/file_pattern.h"
+#include "base/file_store.h"
+#include "clients/record/journal.h"
+#include "base/log.h"
+#include "clients/common/message.h"
+#include "base/options.h"
+#include "base/progress.h"
+#include "protocol/relight_protocol.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -22,7 +22,7 @@
 #include <unistd.h>
 
 #define EXIT_REFUSED 3
-#define PICTURE_MOST ((size_t)1 << 30) /* bytes; memory is taken as they come */
+#define PICTURE_MAX ((size_t)1 << 30) /* bytes; memory is allocated as they arrive */
 #define GOODBYE_MS 2000
 
 struct span { /* microseconds */
@@ -33,9 +33,9 @@ struct span { /* microseconds */
 struct record {
     struct file_pattern out;
     enum protocol_format format;
-    int quality;     /* 0: the server's */
-    double max_rate; /* 0: all */
-    uint64_t wanted; /* pictures; 0: until told to stop */
+    int quality;     /* 0: the server's default */
+    double max_rate; /* 0: no limit */
+    uint64_t wanted; /* pictures; 0: until stopped */
     const char *recorder, *token;
     bool json;
     struct journal journal;
@@ -44,19 +44,19 @@ struct record {
     struct connection *connection;
     struct progress line;
     char session[64];
-    uint64_t newest; /* sequence number of the last picture of this session */
+    uint64_t newest; /* sequence number of the last picture in this session */
     bool has_stored; /* first and last are valid */
     uint64_t first, last;
     uint64_t stored, again, bytes;
     struct span latency;
     int64_t uncertain_us;
-    bool ended;         /* the sequence has, or all that was wanted is there */
+    bool ended;         /* the sequence has ended, or all requested pictures are stored */
     bool failed;        /* a picture could not be stored */
-    int64_t stopped_ms; /* when an interrupt was seen; 0: none */
+    int64_t stopped_ms; /* time of an interrupt; 0: none */
     double start_s;
 };
 
-/* Set by the signal handler, which can reach nothing else: how often it was asked to stop. */
+/* Number of stop requests, incremented by the signal handler. */
 static volatile sig_atomic_t stops_asked;
 
 static void ask_to_stop(int signal_number)
@@ -71,7 +71,7 @@ static const char *const format_names[] = {
     [PROTOCOL_JPEG] = "jpeg", [PROTOCOL_EXR_HALF] = "exr_half", [PROTOCOL_EXR_FLOAT] = "exr_float"
 };
 
-/* From capture to disk, on the server's clock; false where either is unknown. */
+/* Latency from capture to disk, on the server's clock; false if either time is unknown. */
 static bool measure(struct record *r, const struct protocol_picture *h, int64_t *latency_us)
 {
     int64_t ahead_us;
@@ -131,8 +131,8 @@ static enum err store(struct record *r, const struct protocol_picture *h, const 
     return ERR_OK;
 }
 
-/* Whether the file is already there: a picture that comes again since its acknowledgement was lost, or the last one,
- * which a viewer gets again on every connection. */
+/* Whether the file is already stored: a picture resent because its acknowledgement was lost, or the last one, which a
+ * viewer receives again on every connection. */
 static bool is_stored(const struct record *r, const struct protocol_picture *h)
 {
     if (r->recorder)
@@ -158,9 +158,9 @@ static const char *examine(const struct record *r, const uint8_t *bytes, size_t 
     if (result)
         return protocol_result_text(result);
     if (h->format != r->format)
-        return "it has another format than asked for";
+        return "it does not have the requested format";
     if (r->recorder && !(h->flags & PROTOCOL_PICTURE_LOCKSTEP))
-        return "it is of no sequence";
+        return "it does not belong to a sequence";
     return NULL;
 }
 
@@ -228,18 +228,18 @@ static void on_welcome(void *user, const json_t *welcome)
     char session[sizeof(r->session)];
 
     message_plain(welcome, "session", session, sizeof(session));
-    if (strcmp(session, r->session) != 0) { /* another run of the server: its numbers begin again */
+    if (strcmp(session, r->session) != 0) { /* another run of the server, whose numbering restarts */
         snprintf(r->session, sizeof(r->session), "%s", session);
         r->newest = 0;
         r->has_stored = r->recorder ? false : r->has_stored;
     }
-    if (r->ended) { /* only the last acknowledgements were left to hear */
+    if (r->ended) { /* only acknowledgements were outstanding */
         connection_finish(r->connection);
         return;
     }
     if (!is_offered(welcome, format) || (r->recorder && !json_is_object(json_object_get(welcome, "recorder")))) {
-        connection_fail(r->connection, CONNECTION_REFUSED, "%s offers no %s", r->connection_desc.url,
-                        is_offered(welcome, format) ? "lockstep (relightd --source push: does)" : format);
+        connection_fail(r->connection, CONNECTION_REFUSED, "%s does not offer %s", r->connection_desc.url,
+                        is_offered(welcome, format) ? "lockstep (start relightd with --source push:)" : format);
         return;
     }
     json_t *subscribe = json_pack("{s:s, s:s}", "op", "subscribe", "format", format);
@@ -258,7 +258,7 @@ static void on_text(void *user, const char *op, const json_t *m)
     const char *code = json_string_value(json_object_get(m, "code"));
     char message[200];
 
-    if (strcmp(op, "error") == 0 && code && strcmp(code, "not_offered") == 0) /* nothing would come, for ever */
+    if (strcmp(op, "error") == 0 && code && strcmp(code, "not_offered") == 0) /* the server would never send anything */
         connection_fail(r->connection, CONNECTION_REFUSED, "%s: %s", r->connection_desc.url,
                         message_plain(m, "message", message, sizeof(message)));
     if (strcmp(op, "sequence") != 0 || !r->recorder || !name || strcmp(name, r->recorder) != 0)
@@ -284,29 +284,30 @@ static void on_tick(void *user)
         connection_finish(r->connection);
 }
 
-/* ---- The program ---- */
+/* ---- Command line ---- */
 
 static struct option_row rows[] = {
-    { "", NULL, "where from", NULL },
-    { "from", "URL", "ws://HOST:PORT of a relightd", "ws://127.0.0.1:8080" },
-    { "token", "T", "what the server asks viewers for; left out: the variable RELIGHT_TOKEN", NULL },
-    { "", NULL, "what comes out", NULL },
-    { "out", "PATTERN", "a name with %d or %04d for the environment frame's number", NULL },
-    { "format", "F", "jpeg, exr-half or exr-float; left out: jpeg for .jpg, exr-float for .exr", NULL },
-    { "quality", "Q", "of JPEG, 1 to 100; left out: the server's", NULL },
-    { "index", "FILE", "appends a line of JSON for each picture: frame, file, times, latency", NULL },
-    { "", NULL, "how long", NULL },
-    { "frames", "N", "end after so many pictures", NULL },
-    { "once", NULL, "the newest picture and no more; PATTERN needs no number then", NULL },
-    { "", NULL, "how", NULL },
-    { "lockstep", NULL, "store one picture for each frame of relight-feed --lockstep, until that has ended", NULL },
+    { "", NULL, "Source", NULL },
+    { "from", "URL", "ws://HOST:PORT, or wss:// with TLS, of a relightd", "ws://127.0.0.1:8080" },
+    { "ca", "FILE", "PEM file of the certificate authorities to trust; default: the system's (wss:// only)", NULL },
+    { "token", "T", "access token; default: the variable RELIGHT_TOKEN", NULL },
+    { "", NULL, "Output", NULL },
+    { "out", "PATTERN", "file name with %d or %04d for the environment frame's number", NULL },
+    { "format", "F", "jpeg, exr-half or exr-float; default: jpeg for .jpg, exr-float for .exr", NULL },
+    { "quality", "Q", "JPEG quality, 1 to 100; default: the server's", NULL },
+    { "index", "FILE", "append a JSON line per picture: frame, file, times, latency", NULL },
+    { "", NULL, "Duration", NULL },
+    { "frames", "N", "exit after N pictures", NULL },
+    { "once", NULL, "store the newest picture and exit; PATTERN then needs no number", NULL },
+    { "", NULL, "Behaviour", NULL },
+    { "lockstep", NULL, "store one picture for each frame of relight-feed --lockstep, until it ends", NULL },
     { "recorder", "NAME", "the same for the sequence of this name; --lockstep alone means 'default'", NULL },
-    { "max-rate", "N", "pictures per second at most; 0: all that come", "0" },
-    { "retry", "N", "try so many times in a row to come back after a loss; left out: for ever", NULL },
-    { "give-up-after", "SECONDS", "give up after so long without a connection; 0: never", "0" },
-    { "", NULL, "what is said", NULL },
-    { "json", NULL, "a summary as one JSON object on standard output", NULL },
-    { "quiet", NULL, "no progress, and no lines but errors", NULL },
+    { "max-rate", "N", "maximum pictures per second; 0: no limit", "0" },
+    { "retry", "N", "consecutive attempts to reconnect; default: unlimited", NULL },
+    { "give-up-after", "SECONDS", "give up after this long without a connection; 0: never", "0" },
+    { "", NULL, "Messages", NULL },
+    { "json", NULL, "print a summary as one JSON object on standard output", NULL },
+    { "quiet", NULL, "print only errors, no progress", NULL },
     { NULL, NULL, NULL, NULL },
 };
 
@@ -332,25 +333,25 @@ static enum err parse_format(struct record *r, const char *name, struct reason *
     else if (strcmp(name, "exr-float") == 0)
         r->format = PROTOCOL_EXR_FLOAT;
     else
-        return err_say(why, ERR_USAGE, "--format '%s' is not known; there are jpeg, exr-half and exr-float", name);
+        return err_say(why, ERR_USAGE, "unknown --format '%s'; expected jpeg, exr-half or exr-float", name);
     if ((jpg && r->format != PROTOCOL_JPEG) || (exr && r->format == PROTOCOL_JPEG))
-        return err_say(why, ERR_USAGE, "--format %s does not go with --out '%s'", name, r->out.text);
+        return err_say(why, ERR_USAGE, "--format %s does not match --out '%s'", name, r->out.text);
     return ERR_OK;
 }
 
-/* That the folder is there is better known before an hour's wait for the first picture. */
+/* Checks the output folder now rather than when the first picture arrives, perhaps an hour later. */
 static enum err check_folder(const struct file_pattern *p, struct reason *why)
 {
     char folder[4096];
     const char *slash = strrchr(p->text, '/');
 
     if (slash && ((p->length && (size_t)(slash - p->text) > p->at) || (size_t)(slash - p->text) >= sizeof(folder)))
-        return ERR_OK; /* one folder a frame: each is looked for in its time */
+        return ERR_OK; /* one folder per frame: checked when needed */
     if (slash)
         snprintf(folder, sizeof(folder), "%.*s", slash == p->text ? 1 : (int)(slash - p->text), p->text);
     if (access(slash ? folder : ".", W_OK) == 0)
         return ERR_OK;
-    return err_say(why, ERR_IO, "%s: cannot be written to: %s", slash ? folder : ".", strerror(errno));
+    return err_say(why, ERR_IO, "%s: cannot write to this folder: %s", slash ? folder : ".", strerror(errno));
 }
 
 static enum err read_output_options(const struct options *o, struct record *r, struct reason *why)
@@ -366,14 +367,14 @@ static enum err read_output_options(const struct options *o, struct record *r, s
     if (!e && options_get(o, "quality"))
         e = options_u64(o, "quality", 1, 100, &quality, why);
     if (!e && quality && r->format != PROTOCOL_JPEG)
-        e = err_say(why, ERR_USAGE, "--quality is of JPEG only");
+        e = err_say(why, ERR_USAGE, "--quality applies only to JPEG");
     r->quality = (int)quality;
     if (!e && options_get(o, "frames"))
         e = options_u64(o, "frames", 1, UINT64_MAX, &r->wanted, why);
     if (!e && options_on(o, "once"))
         r->wanted = 1;
     if (!e && !r->out.length && r->wanted != 1)
-        e = err_say(why, ERR_USAGE, "--out '%s' names one file: put %%04d into it, or ask for one picture by --once",
+        e = err_say(why, ERR_USAGE, "--out '%s' names one file: include %%04d, or use --once for a single picture",
                     out);
     return e ? e : check_folder(&r->out, why);
 }
@@ -390,17 +391,18 @@ static enum err read_options(const struct options *o, struct record *r, struct r
                                               : NULL;
     r->token = options_get(o, "token") ? options_get(o, "token") : getenv("RELIGHT_TOKEN");
     d->url = options_get(o, "from");
+    d->ca_file = options_get(o, "ca");
     d->quiet = options_on(o, "quiet");
     d->tries = -1;
-    d->binary_most = PICTURE_MOST;
+    d->binary_most = PICTURE_MAX;
     if (!e && r->recorder && !message_is_sequence_name(r->recorder))
         e = err_say(why, ERR_USAGE, "--recorder '%s' is not 1 to 64 letters, digits, '.', '_' or '-'", r->recorder);
     if (!e && r->recorder && options_on(o, "once"))
-        e = err_say(why, ERR_USAGE, "--once takes the newest picture, lockstep takes them all");
+        e = err_say(why, ERR_USAGE, "--once and lockstep exclude each other: lockstep stores every picture");
     if (!e)
         e = options_double(o, "max-rate", 0.0, 1000.0, &r->max_rate, why);
     if (!e && r->recorder && r->max_rate > 0.0)
-        e = err_say(why, ERR_USAGE, "--max-rate leaves pictures out, lockstep takes them all");
+        e = err_say(why, ERR_USAGE, "--max-rate and lockstep exclude each other: lockstep stores every picture");
     if (!e)
         e = options_double(o, "give-up-after", 0.0, 1e6, &d->give_up_s, why);
     if (!e && options_get(o, "retry")) {
@@ -464,7 +466,7 @@ static int run(struct record *r, struct reason *why)
     else
         log_info("%" PRIu64 " pictures stored", r->stored);
     if (end == CONNECTION_DONE && r->recorder && r->ended && r->stored == 0)
-        log_warning("sequence %s had ended before; another name begins anew", r->recorder);
+        log_warning("sequence %s has already ended; use another name to start a new one", r->recorder);
     if (end == CONNECTION_REFUSED)
         return EXIT_REFUSED;
     return end == CONNECTION_DONE && (r->ended || (!r->recorder && !r->wanted)) ? 0 : 1;
@@ -475,11 +477,10 @@ int main(int argc, char **argv)
     struct options options = {
         .program = "relight-record",
         .synopsis = "--out PATTERN [--from ws://HOST:PORT] [flags]",
-        .about =
-            "Stores the pictures of a relightd as files, each whole or not at all, named by the number of the frame\n"
-            "that lit it; a number that comes again replaces its file. When the connection breaks it comes back.\n"
-            "Exit code: 0 all that was asked for is stored (without --frames and --lockstep: until Ctrl-C),\n"
-            "1 it is not, 2 wrong usage, 3 the server refused us (role, token, version, or its place is taken).",
+        .about = "Stores the pictures of a relightd as files, written atomically and named by the number of the frame\n"
+                 "that lit it; a repeated number replaces its file. Reconnects when the connection is lost.\n"
+                 "Exit code: 0 everything requested is stored (without --frames and --lockstep: until Ctrl-C),\n"
+                 "1 not everything, 2 wrong usage, 3 refused by the server (role, token, version, or already taken).",
         .rows = rows,
     };
     static struct record r = { .journal = { .fd = -1 } };
@@ -498,7 +499,7 @@ int main(int argc, char **argv)
     sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
     sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
     sigaction(SIGXFSZ, &(struct sigaction){ .sa_handler = SIG_IGN },
-              NULL); /* a size limit is an error like any other */
+              NULL); /* exceeding a size limit is then an ordinary error */
     r.connection_desc.user = &r;
     r.connection_desc.hooks = (struct connection_hooks){
         .hello = say_hello, .welcome = on_welcome, .text = on_text, .binary = on_binary, .tick = on_tick

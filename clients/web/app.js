@@ -1,5 +1,4 @@
-// The page: puts states and figures into words and shapes, and gives each panel's module what it needs to hook in. What
-// comes over the wire is player.js and below.
+// The page: shows states and statistics, and gives each panel's module its hooks. player.js and below handle the connection.
 
 import { FLAG_FINER, FLAG_REPEAT, PATH, PICTURE_BYTES } from './protocol.js';
 import { Rate, Recent } from './figures.js';
@@ -15,7 +14,7 @@ import {
 } from './sentences.js';
 import { startTheme, switchTheme } from './theme.js';
 
-// Each is a panel or a tool by itself: `export function mount(app)`. One that fails costs itself only.
+// Independent panels and tools, each with `export function mount(app)`. A failing one does not affect the others.
 const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js'];
 
 const $ = (id) => document.getElementById(id);
@@ -30,42 +29,42 @@ const STAGES = [
 
 const relight = {
   state: { name: 'connecting' },
-  frames: 0, // pictures drawn
+  frames: 0, // images drawn
   lastHeader: null,
   status: null,
   latencyMs: NaN,
-  noVideo: null, // why there is no H.264, once that is known
+  noVideo: null, // why there is no H.264, once known
   readback: () => screen.readback(),
 };
 window.relight = relight;
 
-// What a module is given.
+// The interface for modules.
 const listeners = new Map();
 const keys = new Keys();
 const app = {
   canvas: $('picture'),
   state: relight.state,
-  status: null, // the last of each
+  status: null, // the latest of each
   welcome: null,
-  role: null, // in which the server took us in: 'viewer' or 'controller'
+  role: null, // granted by the server: 'viewer' or 'controller'
   control: null,
-  // 'state', 'welcome' and 'status' with the server's message; 'picture' after it was drawn, with {header, clock, heardMs,
-  // decodeMs, bytes, nowMs}; 'error' with what the server complains of; any other message of the server by its op:
-  // 'control', 'probed'.
+  // Events: 'state', 'welcome' and 'status' with the server's message; 'picture' after it was drawn, with {header, clock,
+  // heardMs, decodeMs, bytes, nowMs}; 'error' with the server's error message; any other server message by its op, such as
+  // 'control' or 'probed'.
   on(name, then) {
     if (!listeners.has(name)) listeners.set(name, []);
     listeners.get(name).push(then);
   },
-  // Any JSON message to the server; what is said before it has welcomed us is not sent.
+  // Sends a JSON message to the server; dropped before welcome.
   send: (message) => send({ op: 'say', message }),
-  // app.key('f', 'Full screen', act), app.key(['ArrowLeft', ','], ..): anywhere on the page, and listed in help.
+  // app.key('f', 'Full screen', act), app.key(['ArrowLeft', ','], ..): a page-wide key, listed in help.
   key: (key, label, act) => keys.add(key, label, act),
   get rows() { return keys.rows.length; }, // how many keys help lists
-  // The content of the place <section id=ID>, with this heading, shown; {open: false}: folded at first.
+  // Shows <section id=ID> with this heading and returns its body; {open: false}: initially folded.
   panel: makePanel,
-  // A few words about what has just been done, for a moment.
+  // Shows a short message for a moment.
   say,
-  // Functions that say for how many milliseconds a person has waited for the server, 0 where for nothing.
+  // Functions that return how many ms the user has been waiting for the server; 0: not waiting.
   waits: [],
 };
 relight.app = app;
@@ -75,7 +74,7 @@ function emit(name, value) {
     try {
       then(value);
     } catch (error) {
-      console.error(error); // another panel need not suffer
+      console.error(error); // do not affect other panels
     }
   }
 }
@@ -87,10 +86,10 @@ function say(text) {
   sayTimer = setTimeout(() => setText('toast', ''), 2500);
 }
 
-// The server answers between two pictures, of which each may take seconds: whoever waits is told what for.
+// The server answers between two images, each of which may take seconds: tell a waiting user why.
 const WAIT_MS = 400;
-const LOST_MS = 60000; // such an answer does not come any more
-const WAIT_TEXT = 'Asked; the picture that is being made comes first';
+const LOST_MS = 60000; // such an answer is lost
+const WAIT_TEXT = 'Waiting for the server to finish the current image';
 
 function showWaits() {
   const there = ['live', 'stalled', 'paused', 'ended'].includes(relight.state.name);
@@ -107,7 +106,7 @@ const figures = {
   clock: { known: false },
 };
 
-// ---- the player, in a worker where that works
+// ---- the player, in a worker if possible
 
 async function startPlayer(take) {
   const start = {
@@ -175,7 +174,7 @@ function takeOther(message) {
   emit(message.op, message);
 }
 
-// ---- pictures
+// ---- images
 
 const screen = new Screen($('picture'), drawn);
 
@@ -193,7 +192,7 @@ function drawn(picture, nowMs) {
   document.body.classList.add('seen');
   figures.drawn.add(performance.now());
 
-  if (!(header.flags & FLAG_FINER)) measure(picture, nowMs); // its age is that of a frame that stands still
+  if (!(header.flags & FLAG_FINER)) measure(picture, nowMs); // refinements of a still sky would count its age as latency
   if (relight.frames === 1) showState(relight.state);
   const { bitmap, ...rest } = picture; // closed by now
   emit('picture', { ...rest, nowMs });
@@ -253,12 +252,12 @@ function showCountdown() {
   for (const element of document.querySelectorAll('.countdown')) if (element.textContent !== text) element.textContent = text;
 }
 
-// The sky as a half circle: the sun on it at its height, left is where it rises.
+// The sky as a semicircle with the sun at its elevation; it rises on the left.
 function showSun(sun) {
   $('sky').toggleAttribute('hidden', !sun); // an SVG element has no property of that name
   if (!sun) return;
   const up = (sun.elevation * Math.PI) / 180;
-  // Azimuth 90 (east) is left, 270 (west) right, as one sees them looking south.
+  // Looking south: azimuth 90 (east) is left, 270 (west) right.
   const across = Math.sin(((sun.azimuth - 180) * Math.PI) / 180) * Math.cos(up);
   $('sun').setAttribute('cx', (50 + 40 * across).toFixed(1));
   $('sun').setAttribute('cy', (46 - 40 * Math.sin(up)).toFixed(1));
@@ -295,15 +294,15 @@ function showStages(stages) {
   const sum = values.reduce((a, b) => a + (b || 0), 0);
   STAGES.forEach(([key], i) => {
     const share = sum > 0 ? ((values[i] || 0) / sum) * 100 : 0;
-    // Through the object model: a style attribute would be against the page's own content security policy.
+    // Set through the object model: the content security policy forbids style attributes.
     $(`bar-${key}`).style.flexGrow = share.toFixed(2);
     setText(`ms-${key}`, milliseconds(values[i]));
   });
 }
 
-// ---- what a person does
+// ---- user actions
 
-// Panels that are shown, but below the window's edge as on a phone, are not hidden but brought in.
+// Panels below the window's edge, as on a phone, are scrolled into view instead of hidden.
 function togglePanels() {
   const hidden = document.body.classList.contains('plain');
   const top = $('panels').getBoundingClientRect().top;
@@ -320,11 +319,11 @@ async function toggleFullscreen() {
     if (document.fullscreenElement) await document.exitFullscreen();
     else await $('stage').requestFullscreen();
   } catch {
-    // not allowed here: the picture stays as it is
+    // not allowed here
   }
 }
 
-// A button and a key for the same thing.
+// Binds a button and a key to one action.
 function command(id, key, label, act) {
   $(id).onclick = act;
   $(id).title = `${label} (${key.toUpperCase()})`;
@@ -338,10 +337,10 @@ function pressed(event) {
 }
 
 function listen() {
-  command('help-button', '?', 'This help', () => showHelp($('help'), keys));
-  command('panels-button', 'i', 'Panels: show or hide them', togglePanels);
+  command('help-button', '?', 'Help', () => showHelp($('help'), keys));
+  command('panels-button', 'i', 'Show or hide the panels', togglePanels);
   command('theme-button', 'd', 'Dark or light page', () => say(switchTheme() === 'dark' ? 'Dark' : 'Light'));
-  if (document.fullscreenEnabled) command('full-button', 'f', 'Full screen, and back', toggleFullscreen);
+  if (document.fullscreenEnabled) command('full-button', 'f', 'Full screen on or off', toggleFullscreen);
   else $('full-button').hidden = true;
   for (const button of document.querySelectorAll('.again'))
     button.onclick = () => send({ op: 'retry', person: true });
@@ -363,7 +362,7 @@ async function mountAll() {
       console.error(MODULES[i], error);
     }
   });
-  makePanel('figures', 'Figures');
+  makePanel('figures', 'Statistics');
 }
 
 startTheme();

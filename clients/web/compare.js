@@ -1,12 +1,12 @@
-// A handle over the picture: on its left a picture that was kept, on its right the live one. All of it is of the canvas'
-// own pixels; the words are compare_model.js's.
+// The comparison: a divider with a kept image on its left and the live one on its right, all from canvas pixels.
+// compare_model.js has the texts.
 
 import { GAIN, alsoMethod, difference, differenceWords, factsOf, sideWords, warnings, within } from './compare_model.js';
 import { make } from './dom.js';
 import { fit } from './probe_geometry.js';
 import { topButton, withKey } from './snapshot.js';
 
-const STEP = 0.01; // of the picture's width for an arrow key; with Shift
+const STEP = 0.01; // of the image's width per arrow key; LEAP with Shift
 const LEAP = 0.1;
 const FIGURES_MS = 1000;
 
@@ -16,7 +16,7 @@ export class Compare {
     this.place = document.getElementById('compare');
     this.at = 0.5;
     this.kept = null; // {canvas, facts}
-    this.header = null; // of the live picture
+    this.header = null; // of the live image
     this.build();
     app.on('picture', ({ header }) => this.takePicture(header));
     app.on('status', (status) => this.takeStatus(status));
@@ -26,29 +26,29 @@ export class Compare {
 
   build() {
     this.left = make('canvas', { id: 'compare-kept', ariaHidden: 'true' });
-    this.handle = make('div', { id: 'compare-handle', tabIndex: 0, role: 'slider', ariaLabel: 'Boundary between the kept picture and the live one', ariaValueMin: '0', ariaValueMax: '100', ariaOrientation: 'horizontal' });
+    this.handle = make('div', { id: 'compare-handle', tabIndex: 0, role: 'slider', ariaLabel: 'Divider between the kept image and the live one', ariaValueMin: '0', ariaValueMax: '100', ariaOrientation: 'horizontal' });
     this.handle.dataset.keys = 'ArrowLeft ArrowRight Home End';
     this.wordsA = make('p', { id: 'compare-a' });
     this.wordsB = make('p', { id: 'compare-b' });
-    this.anew = make('button', { type: 'button', id: 'compare-anew', text: 'Keep the live one' });
+    this.anew = make('button', { type: 'button', id: 'compare-anew', text: 'Keep the live image' });
     this.apart = make('button', { type: 'button', id: 'compare-difference', text: `Difference × ${GAIN}`, ariaPressed: 'false' });
-    this.end = make('button', { type: 'button', id: 'compare-end', text: 'End' });
+    this.end = make('button', { type: 'button', id: 'compare-end', text: 'Close' });
     this.remark = make('span', { id: 'compare-remark' });
     this.bar = make('div', { id: 'compare-bar', role: 'group', ariaLabel: 'Comparison' }, this.remark,
       make('div', { className: 'compare-row' }, this.anew, this.apart, this.end));
     this.words = make('div', { id: 'compare-words' }, this.wordsA, this.wordsB);
     this.parts = [this.left, this.handle, this.words, this.bar];
     this.place.append(this.left, this.handle);
-    document.getElementById('stage').append(this.words, this.bar); // over the picture, and on a phone below it
+    document.getElementById('stage').append(this.words, this.bar); // over the image; on a phone below it
     this.show(false);
 
-    this.button = topButton('compare-button', 'Keep this picture and compare', 'Compare', 'M2 3h12v10H2zM8 1.5v13M5 8H3.8M11 8h1.2');
+    this.button = topButton('compare-button', 'Keep this image and compare', 'Compare', 'M2 3h12v10H2zM8 1.5v13M5 8H3.8M11 8h1.2');
     this.button.setAttribute('aria-pressed', 'false');
-    withKey(this.app, this.button, 'k', 'Keep this picture and compare the live one with it, or end that', () => (this.kept ? this.stop() : this.keep()));
+    withKey(this.app, this.button, 'k', 'Compare: keep this image beside the live one, or stop', () => (this.kept ? this.stop() : this.keep()));
     this.anew.onclick = () => this.keep();
     this.end.onclick = () => this.stop();
     this.apart.onclick = () => this.toggle();
-    this.app.key('x', `Comparing: difference times ${GAIN}, or the kept picture`, () => this.toggle());
+    this.app.key('x', `Compare: difference times ${GAIN}, or the kept image`, () => this.toggle());
     this.listen();
   }
 
@@ -76,11 +76,11 @@ export class Compare {
     });
   }
 
-  // ---- what a person does
+  // ---- user actions
 
   keep() {
     if (!this.header) {
-      this.app.say('There is no picture yet');
+      this.app.say('There is no image yet');
       return;
     }
     const { width, height } = this.app.canvas;
@@ -89,7 +89,7 @@ export class Compare {
     this.kept = { canvas, facts: factsOf(this.header, this.app.status), young: true };
     this.show(true);
     this.draw();
-    this.app.say('Kept on the left; the right side is live');
+    this.app.say('Left: kept image. Right: live image.');
   }
 
   stop() {
@@ -99,7 +99,7 @@ export class Compare {
 
   toggle() {
     if (!this.kept) {
-      this.app.say('Keep a picture first (K)');
+      this.app.say('Keep an image first (K)');
       return;
     }
     this.apart.setAttribute('aria-pressed', String(!this.differs));
@@ -115,7 +115,7 @@ export class Compare {
     this.layOut();
   }
 
-  // ---- what comes
+  // ---- events
 
   takePicture(header) {
     this.header = header;
@@ -126,14 +126,14 @@ export class Compare {
 
   takeStatus(status) {
     if (!this.kept) return;
-    if (this.kept.young) { // the first word after the picture was kept
+    if (this.kept.young) { // the first status after the image was kept
       this.kept.facts = alsoMethod(this.kept.facts, status);
       this.kept.young = false;
     }
     this.say();
   }
 
-  // ---- showing
+  // ---- drawing
 
   show(on) {
     for (const element of this.parts) element.hidden = !on;
@@ -141,7 +141,7 @@ export class Compare {
     this.button?.setAttribute('aria-pressed', String(on));
   }
 
-  // Of the picture within the window.
+  // The image's rectangle in the window.
   box() {
     const over = this.place.getBoundingClientRect();
     const { width, height } = this.app.canvas;
@@ -157,10 +157,10 @@ export class Compare {
     this.left.style.clipPath = `inset(0 ${(100 * (1 - this.at)).toFixed(3)}% 0 0)`;
     place(this.handle, left - over.left + this.at * width, top - over.top, 0, height);
     this.handle.setAttribute('aria-valuenow', String(Math.round(100 * this.at)));
-    this.handle.setAttribute('aria-valuetext', `${Math.round(100 * this.at)} % of the picture is the kept one`);
+    this.handle.setAttribute('aria-valuetext', `${Math.round(100 * this.at)} % of the width shows the kept image`);
   }
 
-  // The left side: the kept picture, or GAIN times the absolute difference of the two, capped at white.
+  // Draws the left side: the kept image, or GAIN times the absolute difference, capped at white.
   draw() {
     if (!this.kept) return;
     const { width, height } = this.app.canvas;
@@ -172,7 +172,7 @@ export class Compare {
     if (this.differs) {
       context.globalCompositeOperation = 'difference';
       context.drawImage(this.app.canvas, 0, 0);
-      context.globalCompositeOperation = 'lighter'; // it and itself: twice as much
+      context.globalCompositeOperation = 'lighter'; // doubles it
       for (let gain = 1; gain < GAIN; gain *= 2) context.drawImage(this.left, 0, 0);
     }
     this.layOut();
@@ -183,12 +183,12 @@ export class Compare {
     if (!this.kept) return;
     const live = factsOf(this.header, this.app.status);
     const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
-    text(this.wordsA, sideWords(this.differs ? 'Difference from kept' : 'Kept', this.kept.facts));
+    text(this.wordsA, sideWords(this.differs ? 'Difference from kept image' : 'Kept', this.kept.facts));
     text(this.wordsB, sideWords('Live', live));
     text(this.remark, [this.figures(), ...warnings(this.kept.facts, live)].filter(Boolean).join('; '));
   }
 
-  // By way of a canvas that is made for that: the shown one, often read, would be taken off the graphics processor.
+  // Reads through a second canvas: browsers move a canvas that is read often off the GPU.
   pixels(canvas) {
     const { width, height } = canvas;
     if (this.scratch?.width !== width || this.scratch?.height !== height) this.scratch = new OffscreenCanvas(width, height);
@@ -197,7 +197,7 @@ export class Compare {
     return context.getImageData(0, 0, width, height);
   }
 
-  // Reading pixels back costs time, so once a second, and only while the difference is looked at.
+  // Reading pixels is slow, so only once a second, and only while the difference is shown.
   figures() {
     const { canvas } = this.kept;
     const now = performance.now();

@@ -1,10 +1,10 @@
-// What two compared pictures are, and how far they lie apart, in words and figures. Pure functions.
+// Descriptions of two compared images and of their difference. Pure functions.
 
 import { FLAG_FINER } from './protocol.js';
 
-export const GAIN = 8; // of the difference that is drawn
+export const GAIN = 8; // amplification of the drawn difference
 
-// What is known of a picture: from its header, and from the last status, which may be half a second older or younger.
+// The facts about an image, from its header and the last status, which may be half a second older or newer.
 export function factsOf(header, status) {
   const finer = (header.flags & FLAG_FINER) !== 0;
   const of = status?.frame === header.frame;
@@ -19,7 +19,7 @@ export function factsOf(header, status) {
   };
 }
 
-// Another status that may be about the same picture: where the two name different methods, both are said.
+// Adds the method of another status that may concern the same image: if they differ, both are named.
 export function alsoMethod(facts, status) {
   const names = facts.method.split(' or ');
   if (!status?.method || names.includes(status.method)) return facts;
@@ -33,18 +33,17 @@ export function sideWords(name, facts) {
   return `${name}: ${[facts.method, samples, passes, `frame ${facts.frame}`].filter(Boolean).join(', ')}`;
 }
 
-// What makes the two differ besides their methods.
+// Other differences between the two images than the method.
 export function warnings(a, b) {
   const all = [];
-  if (a.camera !== b.camera) all.push('another camera');
-  if (a.frame !== b.frame) all.push('another frame of the sky');
+  if (a.camera !== b.camera) all.push('different camera');
+  if (a.frame !== b.frame) all.push('different sky frame');
   const stops = a.gain > 0 && b.gain > 0 ? Math.log2(b.gain / a.gain) : 0;
-  if (Math.abs(stops) >= 0.005) all.push(`exposed ${stops > 0 ? '+' : '\u2212'}${Math.abs(stops).toFixed(2)} stops`);
+  if (Math.abs(stops) >= 0.005) all.push(`exposure ${stops > 0 ? '+' : '\u2212'}${Math.abs(stops).toFixed(2)} EV`);
   return all;
 }
 
-// Of two pictures of RGBA code values of one size: the mean absolute difference of red, green and blue, and the value that
-// 95 % of them do not pass.
+// The mean absolute difference of red, green and blue of two RGBA images of one size, and its 95th percentile.
 export function difference(a, b) {
   const histogram = new Uint32Array(256);
   for (let i = 0; i < a.length; i += 4)
@@ -62,6 +61,6 @@ export function difference(a, b) {
 }
 
 export const differenceWords = ({ mean, most }) =>
-  `differs by ${mean.toFixed(mean < 9.95 ? 2 : 0)} of 255 on average, 95 % by at most ${most}`;
+  `mean difference ${mean.toFixed(mean < 9.95 ? 2 : 0)} of 255, 95th percentile ${most}`;
 
 export const within = (x) => Math.min(1, Math.max(0, x));

@@ -1,19 +1,19 @@
-// One viewer's connection: speaks relight.v1, keeps the server's clock, reconnects, and says in which state things are.
-// Knows no page and no canvas, so that it runs in a worker, in a page or under test; the world comes in through `world`.
+// A viewer's connection: speaks relight.v1, tracks the server's clock, reconnects and reports its state. Independent of page and
+// canvas, so it runs in a worker, in a page or under test; `world` provides sockets, timers and clock.
 
 import { CREDIT, FLAG_REPEAT, PROTOCOL, VERSION, closePolicy, decodePicture } from './protocol.js';
 import { ServerClock } from './figures.js';
 
 const BACKOFF_MS = [300, 600, 1200, 2500];
-const BACKOFF_LATE_MS = 10000; // after a minute of trying
+const BACKOFF_LATE_MS = 10000; // after a minute of retries
 const LATER_MS = 10000;
-const OPEN_MS = 8000; // to open and be welcomed
-const QUIET_MS = 2000; // statuses come twice a second: after this it is said that nothing comes
-const SILENCE_MS = 12000; // and after this the connection is dead; a large picture on a slow line takes its time
+const OPEN_MS = 8000; // from opening to welcome
+const QUIET_MS = 2000; // statuses arrive twice a second; after this the state is stalled
+const SILENCE_MS = 12000; // the connection is dead; allows for a large image on a slow line
 const STALL_MS = 2000;
 const CLOSE_WRONG_ROLE = 4004;
 const CLOSE_BAD_TOKEN = 4006;
-const WAKE_MS = 3000; // from waking to the first picture
+const WAKE_MS = 3000; // from waking to the first image
 
 export function realWorld() {
   return {
@@ -27,8 +27,8 @@ export function realWorld() {
 }
 
 export class Connection {
-  // on: {state(state), status(status), welcome(welcome), picture(header, payload), error(message), heard(message)}; what
-  // is heard is any message that has no function of its own here; videoSilent(): no picture of the video has come.
+  // on: {state(state), status(status), welcome(welcome), picture(header, payload), error(message), heard(message)}; heard gets
+  // all other messages; videoSilent(): no H.264 image has arrived.
   constructor(url, on, world = realWorld()) {
     this.url = url;
     this.on = on;
@@ -39,11 +39,11 @@ export class Connection {
     this.session = null;
     this.source = null;
     this.hidden = false;
-    this.role = 'viewer'; // or 'controller': where the server does not take that, a viewer after all
+    this.role = 'viewer'; // or 'controller', with fallback to viewer if the server refuses
     this.token = undefined;
     this.quality = 90;
-    this.maxRate = this.maxWidth = undefined; // pictures a second and pixels, at most
-    this.video = false; // H.264 can be decoded here: it is asked for where the server makes it
+    this.maxRate = this.maxWidth = undefined; // limits: images per second, pixels
+    this.video = false; // we can decode H.264: subscribe to it if the server offers it
     this.offered = [];
     this.attempt = 0;
     this.request = 0;
@@ -63,7 +63,7 @@ export class Connection {
     this.drop();
   }
 
-  // The network is back or the page is looked at again: no more waiting. Only a person asks again after a refusal.
+  // Retries at once, since the network is back or the page visible. After a refusal only the user can retry.
   retryNow(person = false) {
     if (this.state.name === 'reconnecting' || (person && this.state.name === 'refused')) {
       this.attempt = 0;
@@ -83,7 +83,7 @@ export class Connection {
     this.judge();
   }
 
-  // Whether H.264 can be decoded, from now on.
+  // Sets whether H.264 can be decoded.
   setVideo(video) {
     if (this.video === video) return;
     this.video = video;
@@ -95,7 +95,7 @@ export class Connection {
     return this.video && this.offered.includes('h264') ? 'h264' : 'jpeg';
   }
 
-  // The picture was drawn: its credit returns. Earlier ones that were passed over are meant too.
+  // The image was drawn: returns its credit and that of earlier skipped ones.
   displayed(sequence, nowMs) {
     if (!this.welcomed || this.pictureSession !== this.session || sequence > this.lastSequence) return;
     const message = { op: 'ack', sequence };
@@ -121,14 +121,14 @@ export class Connection {
     this.opened = false;
     socket.onopen = () => {
       this.opened = true;
-      this.send({ op: 'hello', role: this.role, version: VERSION, token: this.token }); // undefined is not written
+      this.send({ op: 'hello', role: this.role, version: VERSION, token: this.token }); // undefined fields are omitted
     };
     socket.onmessage = (event) => this.receive(event.data);
     socket.onclose = (event) => this.closed(socket, event.code, event.reason);
     this.after('open', OPEN_MS, () => this.lost('The server does not answer.'));
   }
 
-  // Lets go of the present socket; nothing it still says is heard.
+  // Drops the current socket and ignores its further events.
   drop() {
     const socket = this.socket;
     this.socket = null;
@@ -139,7 +139,7 @@ export class Connection {
     socket.close();
   }
 
-  // What another part of the page has to say.
+  // Sends a message of another part of the page.
   say(message) {
     if (this.welcomed) this.send(message);
   }
@@ -170,7 +170,7 @@ export class Connection {
     else this.retry(said, policy === 'later' ? LATER_MS : 0);
   }
 
-  // A browser hides why a handshake failed; an ordinary request tells a dead server from one that refuses us.
+  // Browsers hide why a handshake failed; a plain request distinguishes a dead server from a refusal.
   async explain() {
     let detail = 'The server cannot be reached.';
     try {
@@ -180,9 +180,9 @@ export class Connection {
         this.set({ name: 'refused', detail: `The server speaks ${health.protocol}, this page ${PROTOCOL}. Reloading the page may help.` });
         return;
       }
-      detail = 'The server is there, but did not take the connection.';
+      detail = 'The server is running but did not accept the connection.';
     } catch {
-      // unreachable it is
+      // unreachable
     }
     if (!this.socket) this.retry(detail, 0);
   }
@@ -198,7 +198,7 @@ export class Connection {
     const late = now - this.firstTryMs > 60000;
     const cap = late ? BACKOFF_LATE_MS : BACKOFF_MS[Math.min(this.attempt, BACKOFF_MS.length - 1)];
     this.attempt++;
-    // Jitter, so that many viewers of one server do not come back in the same moment.
+    // Jitter, so that many viewers do not reconnect at the same moment.
     const wait = Math.max(leastMs, cap * (0.5 + 0.5 * this.world.random()));
     this.set({ name: 'reconnecting', detail, untilMs: now + wait, attempt: this.attempt });
     this.after('retry', wait, () => this.open());
@@ -263,7 +263,7 @@ export class Connection {
   subscribe() {
     this.askedMs = this.world.nowMs();
     const { format, quality, maxRate, maxWidth } = this;
-    this.send({ // what is undefined is not written
+    this.send({ // undefined fields are omitted
       op: 'subscribe', request: ++this.request, format, quality, max_rate: maxRate, max_width: maxWidth, paused: this.hidden,
     });
   }
@@ -295,7 +295,7 @@ export class Connection {
   takePicture(data) {
     const picture = decodePicture(data);
     if (!picture.ok) {
-      this.refuse(`The server sent a picture that this page cannot read: ${picture.text} (clause ${picture.clause}).`);
+      this.refuse(`The server sent an image that this page cannot read: ${picture.text} (clause ${picture.clause}).`);
       return;
     }
     this.lastSequence = picture.header.sequence;
@@ -315,16 +315,16 @@ export class Connection {
     if (JSON.stringify(state) !== before) this.on.state(state);
   }
 
-  // What is the case while connected.
+  // Derives the state while connected.
   judge() {
     if (!this.welcomed) return;
     const name = this.source?.state;
     const now = this.world.nowMs();
     const quiet = now - Math.max(this.pictureMs, this.sinceMs);
-    // Only who makes pictures can stall; silence of another source ends with the connection (watch).
+    // Only a source that delivers can stall; in other states watch() detects silence.
     const resting = ['waiting', 'failed', 'paused', 'ended'].includes(name);
     const allowed = STALL_MS + (this.fps > 0 ? 3000 / this.fps : 3000);
-    // Of a sky that stands still the picture is made better by unbiased passes, until it is good enough.
+    // For a still sky the server refines the image with unbiased passes until it has converged.
     const still = this.light?.passes > 0 ? (this.light.converged ? 'done' : 'better') : undefined;
     const newest = this.lastSequence > 0 && this.shownFrame === this.frame;
     if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
@@ -339,24 +339,24 @@ export class Connection {
     else this.set({ name: 'connecting', detail: 'picture' });
   }
 
-  // Four times a second: dead connections, stalls, and pictures that do not come after waking.
+  // Four times a second: detects dead connections, stalls, and missing images after waking.
   watch() {
     if (!this.welcomed) return;
     const now = this.world.nowMs();
     if (now - this.heardMs > SILENCE_MS) {
-      this.lost('The server has fallen silent.');
+      this.lost('The server stopped responding.');
       return;
     }
     this.judge();
-    // Of a sky that stands still no picture may ever come again: the first one is worth asking for in another way.
+    // For a still sky no further image may come: try another coding to get the first one.
     if (this.made && this.lastSequence === 0 && this.format === 'h264' && !this.hidden && now - this.askedMs > 2 * WAKE_MS)
       this.on.videoSilent?.();
     if (this.state.name !== 'stalled' || this.state.silent || now - this.askedMs < WAKE_MS) return;
-    // The server says that it makes pictures: ask again, and in the end on a new connection.
+    // The server reports that it renders: subscribe again, and finally reconnect.
     this.wakes++;
     if (this.wakes === 2 && this.format === 'h264') this.on.videoSilent?.();
     else if (this.wakes <= 3) this.subscribe();
-    else if (this.fps > 0) this.lost('No picture came.');
+    else if (this.fps > 0) this.lost('No image arrived.');
   }
 
   // ---- timers by name

@@ -1,5 +1,5 @@
-// The controls: what a controller changes for all who watch. The panel here, time below the picture in controls_time.js;
-// what is shown is always what the server says is in force, with one's own newest wishes on top.
+// The controls: settings that a controller changes for all viewers. This file has the panel, controls_time.js the timeline. The
+// controls show the server's current settings, overlaid with the user's newest changes.
 
 import {
   NOISES, RATES, SAMPLES, Wishes, changesText, degreesText, errorOf, next, noiseOf, noiseText, stopsText, withPresent,
@@ -16,7 +16,7 @@ class Controls {
     this.app = app;
     this.wishes = new Wishes((message) => app.send(message));
     this.gain = null;
-    this.there = false; // the server has welcomed us, and has not been lost since
+    this.there = false; // welcomed, and still connected
     this.build(app.panel('controls', 'Controls'));
     this.transport = new Transport(this);
     turnByDragging(app.canvas, this);
@@ -34,14 +34,14 @@ class Controls {
     this.show();
   }
 
-  // ---- who may
+  // ---- permissions
 
-  // The role that the server took us in; a server of minor 0 tells nothing that could be set.
+  // Whether the server accepted us as a controller; a server of minor version 0 has no settings.
   get may() {
     return this.there && this.app.role === 'controller' && this.app.control !== null;
   }
 
-  // What is in force with our wishes on top.
+  // The current settings, overlaid with our changes.
   get now() {
     return this.wishes.over(this.app.control ?? {});
   }
@@ -52,7 +52,7 @@ class Controls {
 
   ask(wish) {
     if (!this.may) {
-      this.app.say(this.there ? 'Only a controller can change that.' : 'The server is not connected.');
+      this.app.say(this.there ? 'Only a controller can change this.' : 'Not connected to the server.');
       return;
     }
     this.wishes.ask(wish);
@@ -73,14 +73,14 @@ class Controls {
     if (control.by === this.id) this.wishes.answered(control.request);
     else if (before && control.by !== '0') {
       const changes = changesText(before, control);
-      if (changes) this.app.say(`Another controller has set ${changes}.`);
+      if (changes) this.app.say(`Another controller changed ${changes}.`);
     }
     this.show();
   }
 
   refused(error) {
     if (!String(error.clause).startsWith('4.13')) return;
-    this.app.say(`Not done: ${error.message}.`);
+    this.app.say(`Refused: ${error.message}.`);
     this.wishes.answered(error.request);
     this.show();
   }
@@ -91,8 +91,8 @@ class Controls {
     this.why = make('p', { id: 'controls-why', className: 'soft' });
     this.camera = this.choice('set-camera', 'Camera', (camera) => ({ camera }));
     this.preparing = make('progress', { id: 'camera-progress', max: 1, hidden: true });
-    this.preparing.setAttribute('aria-label', 'The view of that camera is being computed');
-    this.rotate = this.range('set-rotate', 'Turn of the sky', -180, 180, 1, (v) => ({ rotate_degrees: v }));
+    this.preparing.setAttribute('aria-label', 'Preparing this camera\u2019s view');
+    this.rotate = this.range('set-rotate', 'Rotate the sky', -180, 180, 1, (v) => ({ rotate_degrees: v }));
     this.automatic = make('input', { type: 'checkbox', id: 'exposure-auto' });
     this.automatic.onchange = () => this.setAutomatic(this.automatic.checked);
     this.exposure = this.range('set-exposure', 'Exposure', -10, 10, 0.1,
@@ -100,13 +100,13 @@ class Controls {
     this.tone = this.choice('set-tone', 'Tone curve', (tone) => ({ tone }));
     this.paths = this.choice('set-paths', 'Light', (paths) => ({ paths }));
     this.method = this.choice('set-method', 'Method', (method) => ({ method }));
-    this.effort = this.choice('set-effort', 'Good enough', (value) => this.effortWish(value));
-    this.fps = this.choice('set-fps', 'Pictures/s, at most', (value) => ({ fps: Number(value) }));
+    this.effort = this.choice('set-effort', 'Quality', (value) => this.effortWish(value));
+    this.fps = this.choice('set-fps', 'Frame rate limit', (value) => ({ fps: Number(value) }));
     this.fields = make('fieldset', { id: 'controls-fields' },
-      make('legend', { className: 'unseen', text: 'What is shown to all who watch' }),
+      make('legend', { className: 'unseen', text: 'Settings for all viewers' }),
       this.camera.row, this.preparing, this.rotate.row,
       make('div', { className: 'control' },
-        make('label', { className: 'check' }, this.automatic, ' Exposure follows the picture')),
+        make('label', { className: 'check' }, this.automatic, ' Auto exposure')),
       this.exposure.row, this.tone.row, this.paths.row, this.method.row, this.effort.row, this.fps.row);
     body.append(this.why, this.fields);
   }
@@ -125,7 +125,7 @@ class Controls {
     return { input, output, name, row: make('div', { className: 'control wide' }, name, output, input) };
   }
 
-  // From one to the other without a jump: fixed at the gain that the picture has, or back.
+  // Switches without a jump: fixes the exposure at the image's current gain, or returns to auto.
   setAutomatic(on) {
     const stops = this.gain > 0 ? Math.log2(this.gain) : 0;
     this.ask(on ? { exposure_stops: null, bias_stops: 0 } : { exposure_stops: Number(stops.toFixed(2)) });
@@ -144,15 +144,15 @@ class Controls {
     return counted || samples !== this.app.control?.samples ? `samples ${samples}` : 'time';
   }
 
-  // What method auto takes; the others only count.
+  // Choices of method auto; other methods offer sample counts only.
   efforts() {
     const { method } = this.now;
     const [kind, number] = this.effortNow.split(' ');
     const noises = withPresent(NOISES, kind === 'noise' ? Number(number) : undefined);
     const samples = withPresent(SAMPLES, kind === 'samples' ? Number(number) : undefined);
-    const counted = samples.map((n) => [`samples ${n}`, `${n} ${n === 1 ? 'sample' : 'samples'} a point`]);
+    const counted = samples.map((n) => [`samples ${n}`, `${n} ${n === 1 ? 'sample' : 'samples'} per point`]);
     if (method !== 'auto') return counted;
-    return [['time', 'as time allows'], ...noises.map((n) => [`noise ${n}`, `noise of ${noiseText(n)}`]), ...counted];
+    return [['time', 'best in the time available'], ...noises.map((n) => [`noise ${n}`, `noise ${noiseText(n)}`]), ...counted];
   }
 
   // ---- showing
@@ -160,11 +160,11 @@ class Controls {
   whyNot() {
     const { app } = this;
     if (this.may || !app.welcome) return '';
-    if (!this.there) return 'The server is not connected; this is what was in force.';
-    if (app.role === 'controller') return 'This server has nothing to control.';
+    if (!this.there) return 'Not connected to the server; these are the last known settings.';
+    if (app.role === 'controller') return 'This server has no settings to control.';
     return app.welcome.roles?.includes('controller')
-      ? 'You are watching. A controller\u2019s page changes what is shown here: its address ends in #role=controller, with &token=\u2026 where the server asks for one.'
-      : 'You are watching; this server takes no controllers.';
+      ? 'You are watching. To change settings, open this page with #role=controller at the end of the address, and &token=\u2026 if the server requires one.'
+      : 'You are watching; this server accepts no controllers.';
   }
 
   show() {
@@ -197,10 +197,10 @@ class Controls {
     const pill = document.getElementById('role');
     pill.hidden = !this.there;
     pill.textContent = this.may ? 'Controlling' : 'Watching';
-    const touch = window.matchMedia('(pointer: coarse)').matches; // no mouse, and likely no keys
+    const touch = window.matchMedia('(pointer: coarse)').matches; // no mouse, and probably no keyboard
     const click = touch ? 'tap' : 'click';
-    const what = this.may ? `Drag across the picture to turn the sky; ${click} it` : `${click[0].toUpperCase()}${click.slice(1)} the picture`;
-    const more = touch ? 'the ? above says more' : 'press ? for all keys';
+    const what = this.may ? `Drag across the image to rotate the sky; ${click} it` : `${click[0].toUpperCase()}${click.slice(1)} the image`;
+    const more = touch ? 'press ? above for help' : 'press ? for all keys';
     document.getElementById('hint').textContent = `${what} to see where a pixel\u2019s light comes from; ${more}.`;
   }
 
@@ -219,8 +219,8 @@ class Controls {
     const stops = follows ? now.bias_stops : now.exposure_stops;
     this.automatic.checked = follows;
     this.exposure.row.hidden = now.exposure_stops === undefined;
-    this.exposure.name.textContent = follows ? 'Brighter or darker than that' : 'Exposure';
-    // Around what is in force, since scales of skies differ by thousands.
+    this.exposure.name.textContent = follows ? 'Exposure compensation' : 'Exposure';
+    // Centre the range on the current value: scales of skies differ by a factor of thousands.
     const centre = follows ? 0 : 10 * Math.round(stops / 10);
     this.exposure.input.min = centre - 10;
     this.exposure.input.max = centre + 10;
@@ -233,22 +233,22 @@ class Controls {
   keys() {
     const { app } = this;
     const turn = (by) => () => this.askAndSay({ rotate_degrees: wrapDegrees((this.now.rotate_degrees ?? 0) + by) },
-      () => `Sky turned by ${degreesText(this.now.rotate_degrees)}`);
-    app.key('[', 'Turn the sky to the right', turn(-5));
-    app.key(']', 'Turn the sky to the left', turn(5));
+      () => `Sky rotated by ${degreesText(this.now.rotate_degrees)}`);
+    app.key('[', 'Rotate the sky to the right', turn(-5));
+    app.key(']', 'Rotate the sky to the left', turn(5));
     app.key(['+', '='], 'Brighter', () => this.brighten(0.5));
     app.key('-', 'Darker', () => this.brighten(-0.5));
-    app.key('a', 'Exposure: follow the picture, or stay fixed', () => {
+    app.key('a', 'Auto exposure on or off', () => {
       this.setAutomatic(this.now.exposure_stops !== null);
-      this.sayIfMay(this.now.exposure_stops === null ? 'Exposure follows the picture' : 'Exposure is fixed');
+      this.sayIfMay(this.now.exposure_stops === null ? 'Auto exposure' : 'Fixed exposure');
     });
     this.cycle('t', 'Next tone curve', 'tone', () => this.offers.tones, 'Tone curve');
     this.cycle('l', 'Direct light only, or all light', 'paths', () => this.offers.paths, 'Light', (p) => PATHS[p] ?? p);
     this.cycle('m', 'Next method', 'method', () => this.offers.methods, 'Method');
     this.cycle('c', 'Next camera', 'camera', () => this.offers.cameras, 'Camera');
-    this.cycle('r', 'Next limit of pictures per second', 'fps', () => RATES, 'Pictures per second, at most');
-    app.key('g', 'Good enough: next', () => this.nextEffort(1));
-    app.key('Shift+g', 'Good enough: the one before', () => this.nextEffort(-1));
+    this.cycle('r', 'Next frame rate limit', 'fps', () => RATES, 'Frame rate limit');
+    app.key('g', 'Next quality', () => this.nextEffort(1));
+    app.key('Shift+g', 'Previous quality', () => this.nextEffort(-1));
   }
 
   sayIfMay(text) {
@@ -279,7 +279,7 @@ class Controls {
   nextEffort(by) {
     const all = this.efforts();
     const value = next(all.map(([v]) => v), this.effortNow, by);
-    this.askAndSay(this.effortWish(value), () => `Good enough: ${all.find(([v]) => v === value)[1]}`);
+    this.askAndSay(this.effortWish(value), () => `Quality: ${all.find(([v]) => v === value)[1]}`);
   }
 }
 

@@ -1,11 +1,11 @@
-// A drag across the picture turns the sky with the hand; a click stays a click.
+// Dragging across the image rotates the sky; a click stays a click.
 
 import { wrapDegrees } from './controls_model.js';
 
-const SLACK = 6; // CSS pixels before it is a drag
-const TURN = 120; // degrees across the picture's width
+const SLACK = 6; // CSS pixels before a press becomes a drag
+const TURN = 120; // degrees per image width
 
-// Positive angles turn the sky right-handed about the vertical (DESIGN: Y up), which moves what is ahead to the left.
+// Positive angles rotate the sky right-handed about +Y, which moves the view ahead to the left.
 export const turned = (start, dx, width) => wrapDegrees(start - (dx * TURN) / Math.max(1, width));
 
 export function turnByDragging(canvas, controls) {
@@ -24,7 +24,7 @@ export function turnByDragging(canvas, controls) {
     controls.ask({ rotate_degrees: Math.round(turned(from.degrees, dx, canvas.clientWidth)) });
   });
   const end = () => {
-    if (from?.dragging) // the click that follows is no click
+    if (from?.dragging) // suppress the click that follows a drag
       window.addEventListener('click', (event) => event.stopPropagation(), { capture: true, once: true });
     from = null;
   };

@@ -1,8 +1,8 @@
-// What the controls show and ask for, without a page: pure functions and one small queue, testable by themselves.
+// The controls without the page: pure functions and one small queue, for tests.
 
-// One word for each wish that waits for its answer: the newest of each kind, sent when the one before is answered.
+// A queue of setting changes: keeps the newest of each kind and sends it when the previous request is answered.
 export class Wishes {
-  // send({op: 'control', request, ...wish}); nothing is under way for longer than `patience` milliseconds.
+  // send({op: 'control', request, ...wish}); a request without an answer is abandoned after `patience` milliseconds.
   constructor(send, nowMs = () => performance.now(), patience = 2000) {
     this.send = send;
     this.nowMs = nowMs;
@@ -30,26 +30,26 @@ export class Wishes {
     this.send({ op: 'control', request: ++this.request, ...this.underway });
   }
 
-  // An answer to the request, or its refusal. True when it was the one that is waited for.
+  // Handles an answer or a refusal. True if it belongs to the pending request.
   answered(request) {
     if (!this.underway || request !== this.request) return false;
     this.flush();
     return true;
   }
 
-  // For how long what was asked has been without an answer; 0: nothing is under way.
+  // Age of the pending request in ms; 0: none.
   get waitedMs() {
     return this.underway ? this.nowMs() - this.sentMs : 0;
   }
 
-  // What is in force with what is wished for on top: what a control shows, so that it does not jump back and forth.
+  // The current settings overlaid with pending changes, so that a control does not jump back and forth.
   over(control) {
     return { ...control, ...this.underway, ...this.waiting };
   }
 }
 
-// As the server joins what it is told in a row (PROTOCOL.md 4.13): a place voids the steps before it; samples and error
-// are two wishes for one thing.
+// Merges changes as the server does (PROTOCOL.md 4.13): a position discards earlier steps; samples and error replace each
+// other.
 export function join(before, wish) {
   const all = { ...before, ...wish };
   const placed = wish.seek !== undefined || wish.hour !== undefined;
@@ -66,14 +66,14 @@ export const wrapDegrees = (d) => ((((d + 180) % 360) + 360) % 360) - 180;
 export const wrapHour = (h) => ((h % 24) + 24) % 24;
 
 export const degreesText = (d) => `${Math.round(wrapDegrees(d))}°`;
-export const stopsText = (s) => `${s > 0 ? '+' : s < 0 ? '−' : ''}${Math.abs(s).toFixed(1)} stops`;
+export const stopsText = (s) => `${s > 0 ? '+' : s < 0 ? '−' : ''}${Math.abs(s).toFixed(1)} EV`;
 
 export function hourText(hour) {
-  const minutes = Math.floor(wrapHour(hour) * 60 + 1e-6) % 1440; // a rounded hour is that hour
+  const minutes = Math.floor(wrapHour(hour) * 60 + 1e-6) % 1440; // guard against rounding below a full hour
   return `${String(Math.floor(minutes / 60)).padStart(2, '0')}:${String(minutes % 60).padStart(2, '0')}`;
 }
 
-// The noise that is good enough, as a part of the picture's light, and the relMSE that the protocol has for it.
+// Noise targets as a share of the image's light, and the relMSE that the protocol uses.
 export const NOISES = [0.01, 0.02, 0.05, 0.1, 0.2];
 export const noiseOf = (error) => Math.sqrt(error);
 export const errorOf = (noise) => Number((noise * noise).toPrecision(6));
@@ -82,7 +82,7 @@ export const noiseText = (noise) => `${Number((100 * noise).toPrecision(2))} %`;
 export const SAMPLES = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024];
 export const RATES = [1, 2, 5, 10, 15, 20, 24, 30, 60];
 
-// The next of the choices, round the end; of one that is not among them, the first above it.
+// The next choice, cyclic; for a value that is not a choice, the first above it.
 export function next(choices, now, by = 1) {
   const at = choices.indexOf(now);
   if (at >= 0) return choices[(at + by + choices.length) % choices.length];
@@ -90,28 +90,28 @@ export function next(choices, now, by = 1) {
   return by > 0 ? choices[above < 0 ? 0 : above] : choices[above < 0 ? choices.length - 1 : Math.max(0, above - 1)];
 }
 
-// The choices with one more in its place, where what is in force is none of them.
+// The choices plus the current value, if it is not one of them.
 export function withPresent(choices, now) {
   if (now === undefined || now === null || choices.includes(now)) return choices;
   return typeof now === 'number' ? [...choices, now].sort((a, b) => a - b) : [...choices, now];
 }
 
-// What the source can do: {play, step, scrub: null | {least, most, step, value}, text}.
+// The source's abilities: {play, step, scrub: null | {least, most, step, value}, text}.
 export function transportOf(status) {
   const source = status?.source ?? {};
   const { kind, position, length, hour } = source;
   const none = { play: false, step: false, scrub: null, text: '' };
-  if (kind === undefined) return none; // a server of minor 0
+  if (kind === undefined) return none; // a server of minor version 0
   if (kind === 'sky' && typeof hour === 'number')
     return { play: true, step: true, scrub: { least: 0, most: 24, step: 1 / 12, value: hour }, text: hourText(hour) };
   if ((kind === 'files' || kind === 'sky') && length > 1)
     return { play: true, step: true, scrub: { least: 0, most: length - 1, step: 1, value: position }, text: `${position + 1} of ${length}` };
-  if (kind === 'sky') return { ...none, play: true }; // its hour is known with its first picture
-  if (kind === 'files') return { ...none, text: 'One sky, which stands still.' };
-  return { ...none, play: true, text: kind === 'folder' ? 'Frames come as they are stored.' : 'Frames come as they are sent.' };
+  if (kind === 'sky') return { ...none, play: true }; // its hour is known with its first image
+  if (kind === 'files') return { ...none, text: 'A single sky.' };
+  return { ...none, play: true, text: kind === 'folder' ? 'Frames arrive as files are stored.' : 'Frames arrive as they are sent.' };
 }
 
-// One frame on or back, or a leap of an hour or ten frames, for a paused source: what is to be asked for.
+// The request for one frame forward or back, or for a leap of an hour or ten frames, on a paused source.
 export function stepWish(status, by, leap) {
   const { kind, length } = status?.source ?? {};
   const { hour } = status?.source ?? {};
@@ -120,21 +120,21 @@ export function stepWish(status, by, leap) {
 }
 
 const NAMES = {
-  rotate_degrees: ['the sky\u2019s turn', degreesText],
+  rotate_degrees: ['the sky\u2019s rotation', degreesText],
   scale_stops: ['the sky\u2019s brightness', stopsText],
   method: ['the method', String],
   samples: ['the samples', String],
-  error: ['the noise that is good enough', (e) => (e ? noiseText(noiseOf(e)) : 'none')],
-  fps: ['the pictures per second', String],
+  error: ['the target noise', (e) => (e ? noiseText(noiseOf(e)) : 'none')],
+  fps: ['the frame rate limit', String],
   tone: ['the tone curve', String],
   exposure_stops: ['the exposure', (s) => (s === null ? 'automatic' : stopsText(s))],
-  bias_stops: ['the brightness', stopsText],
+  bias_stops: ['the exposure compensation', stopsText],
   paths: ['the light', String],
   camera: ['the camera', String],
   paused: ['time', (p) => (p ? 'paused' : 'running')],
 };
 
-// What somebody has changed between two of the server's words, in a few of ours; '' where nothing that is shown.
+// The differences between two sets of settings, in words; '' if none is shown.
 export function changesText(before, after) {
   return Object.entries(NAMES)
     .filter(([key]) => after[key] !== undefined && before[key] !== after[key])

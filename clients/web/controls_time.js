@@ -1,4 +1,4 @@
-// Time, below the picture: play and pause, one frame on or back, and a scale of the whole sequence or of the day.
+// The timeline below the image: play and pause, one frame forward or back, and a slider for the sequence or the day.
 
 import { hourText, stepWish, transportOf, wrapHour } from './controls_model.js';
 import { make, setValue } from './dom.js';
@@ -27,18 +27,18 @@ export class Transport {
     this.bar = document.getElementById('transport');
     this.back = this.button('step-back', 'back', 'One frame back', 'ArrowLeft', () => this.step(-1));
     this.play = this.button('play', 'pause', 'Pause', 'Space', () => this.toggle());
-    this.on = this.button('step-on', 'on', 'One frame on', 'ArrowRight', () => this.step(1));
+    this.on = this.button('step-on', 'on', 'One frame forward', 'ArrowRight', () => this.step(1));
     this.scale = make('input', { type: 'range', id: 'scrub' });
-    this.scale.setAttribute('aria-label', 'Place in the sky\u2019s time');
+    this.scale.setAttribute('aria-label', 'Position in time');
     this.scale.oninput = () => this.scrub(Number(this.scale.value));
     this.text = make('output', { id: 'scrub-text', htmlFor: 'scrub' });
     this.bar.append(this.back, this.play, this.on, this.scale, this.text);
     const { app } = controls;
-    app.key(' ', 'Pause the sky, or let it go on', () => this.toggle());
+    app.key(' ', 'Pause or resume the sky', () => this.toggle());
     app.key(['ArrowLeft', ','], 'One frame back, paused', () => this.step(-1));
-    app.key(['ArrowRight', '.'], 'One frame on, paused', () => this.step(1));
-    app.key('Shift+ArrowLeft', 'Ten frames back, or an hour', () => this.step(-1, true));
-    app.key('Shift+ArrowRight', 'Ten frames on, or an hour', () => this.step(1, true));
+    app.key(['ArrowRight', '.'], 'One frame forward, paused', () => this.step(1));
+    app.key('Shift+ArrowLeft', 'Ten frames or one hour back', () => this.step(-1, true));
+    app.key('Shift+ArrowRight', 'Ten frames or one hour forward', () => this.step(1, true));
   }
 
   button(id, name, label, keys, act) {
@@ -61,11 +61,11 @@ export class Transport {
     const { controls } = this;
     const can = transportOf(controls.app.status);
     if (!can.step && controls.may) return;
-    // Of hours that were asked for and not answered yet, the newest counts.
+    // The newest requested hour counts, even before the server answers.
     const hour = controls.now.hour ?? controls.app.status?.source?.hour;
     const source = { ...controls.app.status?.source, hour };
     controls.askAndSay(stepWish({ source }, by, leap),
-      () => (leap && controls.now.hour !== undefined ? hourText(controls.now.hour) : by < 0 ? 'Back' : 'On'));
+      () => (leap && controls.now.hour !== undefined ? hourText(controls.now.hour) : by < 0 ? 'Back' : 'Forward'));
   }
 
   scrub(value) {
@@ -97,7 +97,7 @@ export class Transport {
   }
 
   showPlay(paused) {
-    const label = paused ? 'Let the sky go on' : 'Pause the sky';
+    const label = paused ? 'Resume the sky' : 'Pause the sky';
     if (this.play.title === label) return;
     this.play.title = label;
     this.play.setAttribute('aria-label', label);

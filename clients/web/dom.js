@@ -1,4 +1,4 @@
-// Elements of the page, made and kept up to date without touching what has not changed: a list that is open stays open.
+// Creates and updates elements, and leaves unchanged ones alone, so that an open list stays open.
 
 export function make(tag, { text, ...properties } = {}, ...children) {
   const element = document.createElement(tag);
@@ -11,7 +11,7 @@ export function make(tag, { text, ...properties } = {}, ...children) {
   return element;
 }
 
-// options: [value, text] each.
+// options: pairs [value, text].
 export function setOptions(select, options, value) {
   const key = JSON.stringify(options);
   if (select.dataset.options !== key) {

@@ -1,6 +1,6 @@
-// Running figures: rates, medians, the clock of the other side. Pure state machines over times handed in.
+// Running statistics: rates, medians, the server's clock. Pure state machines; times are arguments.
 
-// Events per second over the last `windowMs`, from the spacing of the events that lie in it.
+// Events per second over the last `windowMs`, from the spacing of the events in it.
 export class Rate {
   constructor(windowMs = 2000) {
     this.windowMs = windowMs;
@@ -63,8 +63,7 @@ export class Recent {
   }
 }
 
-// The server's clock seen from here: of the last twenty round trips the shortest tells most, since what delays one
-// way only is at most what the whole trip took longer.
+// The server's clock: uses the shortest of the last twenty round trips, since its asymmetry bounds the error.
 export class ServerClock {
   constructor(count = 20) {
     this.count = count;
@@ -86,12 +85,12 @@ export class ServerClock {
     return this.trips.length > 0;
   }
 
-  // Add to a time here for the time there, microseconds.
+  // Server time minus local time, microseconds.
   get offsetUs() {
     return this.best ? this.best.offsetUs : 0;
   }
 
-  // The offset lies within plus or minus this.
+  // The offset is accurate to plus or minus this.
   get uncertaintyUs() {
     return this.best ? this.best.rttUs / 2 : Infinity;
   }

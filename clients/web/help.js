@@ -1,4 +1,4 @@
-// The overlay that says what the page is and which keys it has.
+// The help overlay: what the page shows, and its keys.
 import { keyName } from './keys.js';
 
 function make(tag, text) {
@@ -7,16 +7,15 @@ function make(tag, text) {
   return element;
 }
 
-const WHAT = 'The picture is one scene, lit anew for every frame of a moving sky: direct light, and what mirrors, glass and '
-  + 'surfaces throw at each other where that is switched on. Drag across the picture to turn the sky; press a panel\u2019s heading to '
-  + 'fold it.';
+const WHAT = 'The server relights one scene for every frame of a moving sky: direct light, and indirect light and caustics if they '
+  + 'are on. Drag across the image to rotate the sky; press a panel\u2019s heading to fold it.';
 
 export function showHelp(dialog, keys) {
   if (dialog.open) {
     dialog.close();
     return;
   }
-  const title = make('h2', 'What this is, and its keys');
+  const title = make('h2', 'Help and keys');
   title.id = 'help-title';
   const table = make('table');
   for (const row of keys.rows) {
@@ -32,7 +31,7 @@ export function showHelp(dialog, keys) {
   close.onclick = () => dialog.close();
   const top = make('div');
   top.className = 'dialog-top';
-  top.append(title, close); // first, so that the focus does not scroll the keys away
+  top.append(title, close); // first, so that focus does not scroll the keys away
   dialog.replaceChildren(top, make('p', WHAT), table);
   dialog.showModal();
 }

@@ -1,5 +1,5 @@
-// Speed and accuracy, live: each picture's time against its error, what the server chose and left out, and where the time
-// between a sky and its picture on the screen goes. The figures are insight_model.js's, the drawings insight_draw.js's.
+// The speed and accuracy panel: each image's time against its error, what the server chose and left out, and the latency from sky
+// to screen by stage. insight_model.js has the numbers, insight_draw.js the drawings.
 
 import { make } from './dom.js';
 import { STAGE_COLOURS, colours, drawForm, drawLatency, drawScatter, stageLabels, styleOf } from './insight_draw.js';
@@ -11,7 +11,7 @@ const SHOW_MS = 500;
 class Panel {
   constructor(app) {
     this.insight = new Insight();
-    this.methods = []; // as they were seen: each keeps its form and colour
+    this.methods = []; // in order of appearance: each keeps its shape and colour
     this.session = null;
     this.build(app.panel('insight', 'Speed and accuracy'));
     app.on('picture', ({ header, clock, nowMs }) =>
@@ -19,7 +19,7 @@ class Panel {
     app.on('status', (status) => this.takeStatus(status));
     app.on('welcome', (welcome) => {
       if (welcome.session !== this.session) this.insight.forget();
-      this.insight.headers.length = 0; // sequence numbers begin again
+      this.insight.headers.length = 0; // sequence numbers restart
       this.session = welcome.session;
     });
     setInterval(() => this.show(), SHOW_MS);
@@ -29,7 +29,7 @@ class Panel {
   build(body) {
     this.words = make('p', { className: 'counts', id: 'insight-words' });
     this.time = make('select', { id: 'insight-time' },
-      make('option', { value: 'shaded', text: 'to relight' }), make('option', { value: 'whole', text: 'at the server, in all' }));
+      make('option', { value: 'shaded', text: 'relighting' }), make('option', { value: 'whole', text: 'server total' }));
     this.scatter = make('canvas', { id: 'insight-scatter', role: 'img' });
     this.latency = make('canvas', { id: 'insight-latency', role: 'img' });
     for (const canvas of [this.scatter, this.latency]) canvas.setAttribute('role', 'img');
@@ -39,12 +39,12 @@ class Panel {
     this.table = make('tbody', { id: 'insight-table' });
     this.time.onchange = () => this.show();
     body.append(
-      make('label', { className: 'insight-row' }, 'Error against the time ', this.time),
+      make('label', { className: 'insight-row' }, 'Error against time: ', this.time),
       this.scatter, this.legend, this.words,
-      make('h3', { text: 'What was chosen, newest first' }), this.choices,
-      make('h3', { text: 'From the sky to the screen' }), this.latency, this.stages,
-      make('details', {}, make('summary', { text: 'The last values as a table' }),
-        make('table', { className: 'insight-table' }, make('caption', { className: 'unseen', text: 'The newest picture, and the latency of the last second' }), this.table)));
+      make('h3', { text: 'Choices, newest first' }), this.choices,
+      make('h3', { text: 'Latency from sky to screen' }), this.latency, this.stages,
+      make('details', {}, make('summary', { text: 'Latest values as a table' }),
+        make('table', { className: 'insight-table' }, make('caption', { className: 'unseen', text: 'The newest image, and the latency of the last second' }), this.table)));
     this.stages.replaceChildren(...stageLabels.map((label, i) => this.item(label, 'square', STAGE_COLOURS[i])));
   }
 
@@ -75,9 +75,9 @@ class Panel {
     const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
     const said = summary(insight, whole);
     text(this.words, said);
-    this.scatter.setAttribute('aria-label', `Each picture of the last ${MINUTES} minutes, its error against its time. ${said}`);
+    this.scatter.setAttribute('aria-label', `Error against time of each image of the last ${MINUTES} minutes. ${said}`);
     const table = rows(insight);
-    this.latency.setAttribute('aria-label', `Latency over time, by its parts. ${table.filter(([label]) => label.startsWith('Latency')).map((r) => r.join(': ')).join('; ')}`);
+    this.latency.setAttribute('aria-label', `Latency over time, by stage. ${table.filter(([label]) => label.startsWith('Latency')).map((r) => r.join(': ')).join('; ')}`);
     this.fill(this.choices, [...insight.choices].reverse().map((c) => choiceWords(c, now)), (words) => make('li', { text: words }));
     this.fill(this.table, table, ([label, value]) => make('tr', {}, make('th', { text: label, scope: 'row' }), make('td', { text: value })));
   }

@@ -1,9 +1,9 @@
-// The two drawings of insight.js, on canvases as wide as they are shown.
+// The two plots of insight.js, on canvases at their displayed size.
 
 import { MINUTES, STAGES, logAxis } from './insight_model.js';
 import { roundUp } from './probe_plot.js';
 
-// A form and a colour for each method, in the order in which they are seen: no two have both in common.
+// A shape and a colour per method, in order of appearance: no two methods share both.
 const FORMS = ['disc', 'square', 'triangle', 'diamond', 'cross'];
 export const COLOURS = ['--sun', '--sky', '--good', '--violet', '--bad'];
 export const styleOf = (index) => ({ form: FORMS[index % FORMS.length], colour: COLOURS[(index + Math.floor(index / FORMS.length)) % COLOURS.length] });
@@ -45,7 +45,7 @@ const tickText = (v) => (v >= 0.001 && v < 1e5 ? String(v) : v.toExponential(0).
 
 const timeText = (v) => (v >= 1000 ? `${v / 1000} s` : v > 0 ? `${v} ms` : '0');
 
-// Where things of the first drawing lie: {x(ms), y(error), none: of points without an error, ..}, in the canvas's pixels.
+// The layout of the first plot: {x(ms), y(error), none: y of points without an error, ..}, in canvas pixels.
 export function scatterPlaces(points, whole, { width, height, unit }) {
   const time = (p) => (whole ? p.wholeMs : p.shadedMs);
   const xs = logAxis(points.map(time), [10, 100]);
@@ -59,7 +59,7 @@ export function scatterPlaces(points, whole, { width, height, unit }) {
   };
 }
 
-// Each picture's time against its error; older ones paler, finer ones of a still sky hollow, the newest ringed.
+// Plots each image's error against its time: older ones paler, refinements of a still sky hollow, the newest with a ring.
 export function drawScatter(canvas, insight, methods, whole) {
   const frame = begin(canvas);
   const { context, unit, height } = frame;
@@ -76,7 +76,7 @@ export function drawScatter(canvas, insight, methods, whole) {
     context.stroke();
     context.fillText(tickText(v), x, at.bottom + 13 * unit);
   }
-  context.fillText(whole ? 'ms at the server, in all' : 'ms to relight', (at.left + at.right) / 2, height - 4 * unit);
+  context.fillText(whole ? 'server total, ms' : 'relighting, ms', (at.left + at.right) / 2, height - 4 * unit);
   context.textAlign = 'right';
   for (const v of at.ys.ticks) {
     const y = Math.round(at.y(v)) + 0.5;
@@ -109,14 +109,14 @@ export function drawScatter(canvas, insight, methods, whole) {
   }
 }
 
-// The parts of latency over time, one on the other, from the left as old as MINUTES to the right as now.
+// Plots latency over time as stacked stages, from MINUTES ago on the left to now on the right.
 export function drawLatency(canvas, seconds, t) {
   const { context, unit, width, height } = begin(canvas);
   const colour = colours();
   const means = seconds.map((s) => s.sums.map((sum) => sum / s.count));
   const totals = means.map((m) => m.reduce((a, b) => a + b, 0));
   const sorted = [...totals].sort((a, b) => a - b);
-  const usual = sorted[Math.floor(0.98 * (sorted.length - 1))] ?? 0; // one stall must not flatten all the rest
+  const usual = sorted[Math.floor(0.98 * (sorted.length - 1))] ?? 0; // one stall must not flatten the rest
   const most = roundUp(Math.max(usual, 1));
   const span = Math.min(MINUTES * 60000, Math.max(20000, t - (seconds[0]?.t ?? t)));
   const [left, right, top, bottom] = [44 * unit, width - 4 * unit, 8 * unit, height - 18 * unit];

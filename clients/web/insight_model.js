@@ -1,12 +1,12 @@
-// How long pictures took and how right they are, over the last minutes, and where the time between a sky and its picture on
-// the screen went. Pure: headers, statuses and times are handed in.
+// Times and errors of the images of the last minutes, and the latency from sky to screen by stage. Pure: headers, statuses and
+// times are arguments.
 
 import { FLAG_FINER, FLAG_REPEAT } from './protocol.js';
 
 export const MINUTES = 3;
 const SPAN_MS = MINUTES * 60000;
-const HEADERS = 400; // kept until a status tells of one of them
-const CHOICES = 6; // told in words
+const HEADERS = 400; // kept until a status refers to one of them
+const CHOICES = 6; // listed
 
 export const STAGES = [
   ['queued', 'Capture and wait'],
@@ -18,8 +18,8 @@ export const STAGES = [
 
 const isFiner = (header) => (header.flags & FLAG_FINER) !== 0;
 
-// The parts of the time between a frame's capture and its picture on the screen, ms, in the order of STAGES; NaN where
-// the clocks are not known to each other. nowUs: the server's clock when it was drawn.
+// Latency from a frame's capture to its image on screen, ms by STAGES; NaN if the clock offset is unknown. nowUs: the server's
+// clock when it was drawn.
 export function latencyParts(header, nowUs) {
   const { queuedUs, decodedUs, shadedUs, encodedUs, captureUs, publishedUs } = header;
   const made = queuedUs + decodedUs + shadedUs + encodedUs;
@@ -27,7 +27,7 @@ export function latencyParts(header, nowUs) {
   return [before + queuedUs, decodedUs, shadedUs, encodedUs, Math.max(0, nowUs - publishedUs)].map((us) => us / 1000);
 }
 
-// What a choice of estimators is, without its counts, which change from picture to picture.
+// The kind of a choice of estimators: without its counts, which change from image to image.
 export const kindOf = ({ method, paths }) => `${method}|${paths}`.replace(/ \([^)]*\)/g, '').replace(/\d[\d.]*(e[-+]?\d+)?/g, '#');
 
 export class Insight {
@@ -35,20 +35,20 @@ export class Insight {
     this.forget();
   }
 
-  // Of another server or session nothing is known.
+  // Clears everything, for a new server or session.
   forget() {
     this.headers = [];
     this.points = []; // {t, frame, sequence, finer, passes, method, shadedMs, wholeMs, error or null, choice}
     this.choices = []; // {number, t, method, paths, leftOut}
-    this.seconds = []; // {t, count, sums}: of one second each
-    this.told = 0; // choices in all
+    this.seconds = []; // {t, count, sums}: one per second
+    this.told = 0; // number of choices so far
   }
 
-  // A picture was drawn. nowUs: on the server's clock, NaN where that is not known.
+  // Records a drawn image. nowUs: the server's clock, NaN if unknown.
   picture(header, nowUs, t) {
     this.headers.push({ header, t });
     if (this.headers.length > HEADERS) this.headers.shift();
-    if (isFiner(header) || header.flags & FLAG_REPEAT || !Number.isFinite(nowUs)) return; // its age is not the way's
+    if (isFiner(header) || header.flags & FLAG_REPEAT || !Number.isFinite(nowUs)) return; // its age is not latency
     const second = Math.floor(t / 1000) * 1000;
     let last = this.seconds[this.seconds.length - 1];
     if (last?.t !== second) {
@@ -60,17 +60,17 @@ export class Insight {
     while (this.seconds[0].t < t - SPAN_MS) this.seconds.shift();
   }
 
-  // The status tells of one picture: its method, what was left out, its error. A point where that picture was drawn here.
+  // A status describes one image: method, error, what was left out. Adds a point if that image was drawn here.
   status(status, t) {
     const light = status.light;
     const finer = light?.passes > 0;
     const found = this.headers.findLast(({ header }) => header.frame === status.frame && isFiner(header) === finer);
-    if (!light || !found || status.frames?.used === 0) return null; // of none yet
+    if (!light || !found || status.frames?.used === 0) return null; // no image yet
     const { header } = found;
     const before = this.points[this.points.length - 1];
     if (before?.frame === header.frame && before.finer === finer) {
-      if (!finer) return null; // told already
-      this.points.pop(); // of a still sky the newest takes the place of the one before
+      if (!finer) return null; // already recorded
+      this.points.pop(); // for a still sky the newest refinement replaces the previous one
     }
     const us = header.queuedUs + header.decodedUs + header.shadedUs + header.encodedUs;
     const point = {
@@ -89,7 +89,7 @@ export class Insight {
     point.kind = kindOf(point);
     if (newest && newest.kind === point.kind) {
       point.choice = newest.number;
-      Object.assign(newest, { paths: point.paths, leftOut: point.leftOut }); // its counts as they are by now
+      Object.assign(newest, { paths: point.paths, leftOut: point.leftOut }); // with the latest counts
       return;
     }
     point.begins = true;
@@ -102,14 +102,14 @@ export class Insight {
     return this.points[this.points.length - 1] ?? null;
   }
 
-  // The means of the last second that is over, or of the one that is not: ms by STAGES.
+  // Means of the last complete second, else of the current one: ms by STAGES.
   get latency() {
     const last = this.seconds[this.seconds.length - 2] ?? this.seconds[this.seconds.length - 1];
     return last ? last.sums.map((sum) => sum / last.count) : STAGES.map(() => NaN);
   }
 }
 
-// Powers of ten, with 2 and 5 where these are few, that hold all values: {least, most, ticks}.
+// A logarithmic axis for all values, with ticks at powers of ten, and at 2 and 5 if these are few: {least, most, ticks}.
 export function logAxis(values, usual) {
   const known = values.filter((v) => v > 0);
   const [low, high] = known.length ? [Math.min(...known), Math.max(...known)] : usual;
@@ -122,7 +122,7 @@ export function logAxis(values, usual) {
   const all = steps(low, high);
   const least = all.findLast((v) => v <= low * (1 + 1e-9));
   let most = all.find((v) => v >= high * (1 - 1e-9));
-  if (most / least < 4.9) most = all.find((v) => v >= 4.9 * least); // not a line
+  if (most / least < 4.9) most = all.find((v) => v >= 4.9 * least); // a minimal range
   const within = all.filter((v) => v >= least && v <= most);
   const tens = within.filter((v) => /^(1|1e[-+]\d+|0\.0*1|10+)$/.test(String(v)));
   return { least, most, ticks: within.length > 6 && tens.length > 1 ? tens : within.length > 6 ? within.filter((v, i) => i % 2 === 0) : within };
@@ -132,29 +132,29 @@ const ms = (x) => (Number.isFinite(x) ? `${x < 9.95 ? x.toFixed(1) : Math.round(
 export const errorText = (e) => (e > 0 ? e.toPrecision(2).replace('e-', 'e\u2212') : 'not estimated');
 export const noiseText = (e) => (e > 0 ? `${Number((100 * Math.sqrt(e)).toPrecision(2))} %` : 'not estimated');
 
-// The table that says what the drawings show: [label, value] each.
+// The plots as a table: pairs [label, value].
 export function rows(insight) {
   const last = insight.last;
   const parts = insight.latency;
   const all = last
-    ? [['Newest picture', `frame ${last.frame}${last.finer ? `, ${last.passes} ${last.passes === 1 ? 'pass' : 'passes'}` : ''}`],
-      ['Method', last.method], ['Relight', ms(last.shadedMs)], ['Server, in all', ms(last.wholeMs)],
+    ? [['Newest image', `frame ${last.frame}${last.finer ? `, ${last.passes} ${last.passes === 1 ? 'pass' : 'passes'}` : ''}`],
+      ['Method', last.method], ['Relight', ms(last.shadedMs)], ['Server total', ms(last.wholeMs)],
       ['Error (relMSE)', errorText(last.error)], ['Noise', noiseText(last.error)]]
     : [];
   if (parts.some(Number.isFinite)) {
     STAGES.forEach(([, label], i) => all.push([`Latency: ${label.toLowerCase()}`, ms(parts[i])]));
-    all.push(['Latency, in all', ms(parts.reduce((a, b) => a + b, 0))]);
+    all.push(['Latency: total', ms(parts.reduce((a, b) => a + b, 0))]);
   }
   return all;
 }
 
-// One sentence for who does not see the drawing.
+// One sentence for screen readers.
 export function summary(insight, whole) {
   const { last, points } = insight;
-  if (!last) return 'No picture has been told about yet.';
+  if (!last) return 'No image has been reported yet.';
   const time = ms(whole ? last.wholeMs : last.shadedMs);
-  const error = last.error ? `, noise about ${noiseText(last.error)}` : ', its error is not estimated by this method';
-  return `The newest of ${points.length} pictures took ${time} by ${last.method}${error}.`;
+  const error = last.error ? `, noise about ${noiseText(last.error)}` : '; this method does not estimate its error';
+  return `The newest of ${points.length} images took ${time} with ${last.method}${error}.`;
 }
 
 export const choiceWords = (choice, nowT) => {

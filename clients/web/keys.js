@@ -1,12 +1,12 @@
-// Keys that do something anywhere on the page, and the list of them that help shows. The matching is a pure function.
+// Page-wide keys, and their list for the help overlay. Matching is a pure function.
 
-// What a key is called on paper.
+// Display names of keys.
 const NAMES = { ' ': 'Space', ArrowLeft: '←', ArrowRight: '→', ArrowUp: '↑', ArrowDown: '↓' };
 const partName = (part) => NAMES[part] ?? (part.length === 1 ? part.toUpperCase() : part);
 export const keyName = (key) => (key.length === 1 ? partName(key) : key.split('+').map(partName).join(' + '));
 
-// The key of an event as app.key names it: 'f', ' ', '?', 'ArrowLeft', 'Shift+ArrowLeft'; '' for what belongs to the
-// browser. Of a sign such as '?' or '+' Shift is no part, since keyboards differ in how it is typed.
+// The key of an event as app.key names it: 'f', ' ', '?', 'ArrowLeft', 'Shift+ArrowLeft'; '' for the browser's own shortcuts.
+// Signs such as '?' or '+' ignore Shift, since keyboards differ in how they are typed.
 export function keyOf(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing) return '';
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
@@ -14,7 +14,7 @@ export function keyOf(event) {
   return event.shiftKey && !sign ? `Shift+${key}` : key;
 }
 
-// Whether the element that has the focus needs this key itself.
+// Whether the focused element needs this key itself.
 export function isTaken(target, key) {
   const tag = target?.tagName;
   if (target?.isContentEditable || tag === 'TEXTAREA') return true;
@@ -24,7 +24,7 @@ export function isTaken(target, key) {
   if (tag === 'INPUT' && target.type !== 'button')
     return bare.startsWith('Arrow') || ['Home', 'End', 'PageUp', 'PageDown', ' '].includes(bare);
   if (tag === 'BUTTON' || tag === 'SUMMARY' || tag === 'A' || tag === 'INPUT') return bare === ' ' || bare === 'Enter';
-  // What handles keys of its own, as a divider or a plot that arrows move, says which: data-keys="ArrowLeft ArrowRight".
+  // Elements with keys of their own, such as a divider, list them: data-keys="ArrowLeft ArrowRight".
   return (target?.dataset?.keys ?? '').split(' ').includes(bare);
 }
 
@@ -34,17 +34,17 @@ export class Keys {
     this.byKey = new Map();
   }
 
-  // One or more keys, as ['ArrowLeft', ','], for one action; each key has one meaning.
+  // One or more keys, such as ['ArrowLeft', ','], for one action; each key has one action.
   add(keys, label, act) {
     const all = [keys].flat();
     for (const key of all) {
-      if (this.byKey.has(key)) throw new Error(`the key '${key}' already means: ${this.byKey.get(key).label}`);
+      if (this.byKey.has(key)) throw new Error(`the key '${key}' already has the action: ${this.byKey.get(key).label}`);
       this.byKey.set(key, { label, act });
     }
     this.rows.push({ keys: all, label });
   }
 
-  // Whether the event was one of ours.
+  // Handles the event; true if it was one of our keys.
   press(event) {
     const key = keyOf(event);
     const found = this.byKey.get(key);

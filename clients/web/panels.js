@@ -1,4 +1,4 @@
-// Panels beside the picture: each folds by its own heading, and stays as it was left, on this machine.
+// The panels: each folds at its heading, and the browser remembers its state.
 
 const KEY = 'relight.folded';
 
@@ -6,7 +6,7 @@ function remembered() {
   try {
     return JSON.parse(localStorage.getItem(KEY)) ?? {};
   } catch {
-    return {}; // no storage here, or not ours: nothing is remembered
+    return {}; // no storage, or not ours
   }
 }
 
@@ -18,8 +18,8 @@ function remember(id, open) {
   }
 }
 
-// Shows the place `<section id=ID>` with a heading, and gives the element that its content goes into. What stood in it
-// before becomes its content. The <details> is panel.parentElement; open: as a first visitor finds it.
+// Shows `<section id=ID>` with a heading and returns the element for its content, which receives the section's previous
+// children. The <details> is panel.parentElement; open: the state for a first visitor.
 export function makePanel(id, title, { open = true } = {}) {
   const section = document.getElementById(id);
   const details = document.createElement('details');
@@ -40,6 +40,6 @@ export function makePanel(id, title, { open = true } = {}) {
   return body;
 }
 
-// Whether what stands in a panel can be seen: in a folded one it still has its size.
+// Whether an element in a panel is visible: in a folded panel it still has its size.
 export const isSeen = (element) => element.clientWidth > 0 && document.visibilityState === 'visible' &&
   element.closest('.panel')?.querySelector('details')?.open === true;

@@ -1,13 +1,13 @@
-// Connection and decoder in one: takes commands, gives events, both plain objects, so that the same code serves in a
-// worker (over postMessage) and, where there are no module workers, in the page itself.
+// Connection and decoder: takes commands and emits events, both plain objects, so that it runs in a worker (over postMessage)
+// or, without module workers, in the page.
 
 import { Connection } from './connection.js';
 import { Video, realWorld, whyNoVideo } from './video.js';
 
-const ASK_MS = 1000; // a browser that has not said by then whether it decodes H.264 does not
+const ASK_MS = 1000; // a browser that has not answered by then counts as unable to decode H.264
 
-// emit(event, transfer). Events: state, welcome, status, error, heard {message: any other of the server's}, picture
-// {header, bitmap, bytes, heardMs, decodeMs}, whose bitmap is to be closed, and coding {reason}: why there is no H.264.
+// emit(event, transfer). Events: state, welcome, status, error, heard {message: any other server message}, picture
+// {header, bitmap, bytes, heardMs, decodeMs}, whose receiver closes the bitmap, and coding {reason}: why there is no H.264.
 export class Player {
   constructor(emit, world = realWorld()) {
     this.emit = emit;
@@ -33,7 +33,7 @@ export class Player {
     }
   }
 
-  // coding: 'jpeg' holds it to that; else H.264 where both ends have it. maxRate, maxWidth: undefined, or what is wished.
+  // coding: 'jpeg' forces JPEG; otherwise H.264 if both ends support it. maxRate, maxWidth: limits, or undefined.
   async start({ url, hidden, role, token, coding, maxRate, maxWidth }) {
     this.connection = new Connection(url, {
       state: (state) => this.emit({ op: 'state', state }),
@@ -43,19 +43,19 @@ export class Player {
       },
       status: (status) => this.emit({ op: 'status', status, clock: this.clock() }),
       error: (error) => {
-        if (error.code === 'not_offered') this.leaveVideo('the server makes none');
+        if (error.code === 'not_offered') this.leaveVideo('the server offers no H.264');
         this.emit({ op: 'error', error });
       },
       heard: (message) => this.emit({ op: 'heard', message }),
       picture: (header, payload, heardMs) => this.take({ header, payload, heardMs }),
-      videoSilent: () => this.leaveVideo('the server sent no picture of it'),
+      videoSilent: () => this.leaveVideo('the server sent no H.264 image'),
     });
     this.connection.hidden = hidden;
     this.connection.role = role ?? 'viewer';
     this.connection.token = token;
     this.connection.maxRate = maxRate;
     this.connection.maxWidth = maxWidth;
-    if (coding === 'jpeg') this.emit({ op: 'coding', reason: 'JPEG was asked for' });
+    if (coding === 'jpeg') this.emit({ op: 'coding', reason: 'JPEG requested' });
     else await this.openVideo();
     if (!this.stopped) this.connection.start();
   }
@@ -78,7 +78,7 @@ export class Player {
     this.connection.setVideo(true);
   }
 
-  // JPEG from here on; what is on the screen stays there until it comes.
+  // Switches to JPEG; the current image stays on screen until the first one arrives.
   leaveVideo(reason) {
     if (!this.video) return;
     const { video } = this;
@@ -88,7 +88,7 @@ export class Player {
     this.connection.setVideo(false);
   }
 
-  // A decoder that nobody looks at is let go of; the server begins anew at a key picture.
+  // Releases the decoder of a hidden page; the server starts again with a keyframe.
   hide(hidden) {
     if (hidden) this.video?.forget();
     this.connection.setHidden(hidden);
@@ -103,7 +103,7 @@ export class Player {
     return { known, offsetUs, uncertaintyUs, rttUs };
   }
 
-  // One picture is decoded at a time; of those that come meanwhile the newest is next.
+  // Decodes one image at a time; the newest that arrived meanwhile is next.
   take(picture) {
     if (picture.header.format === 'h264') {
       if (this.video) this.video.take(picture);

@@ -1,15 +1,15 @@
-// The pixel probe: a click, a tap or the arrow keys choose a pixel, and the panel shows where its light comes from. What
-// is drawn is probe_draw.js's, the words are probe_words.js's.
+// The pixel probe: a click, a tap or the arrow keys choose a pixel, and the panel shows where its light comes from. probe_draw.js
+// has the drawings, probe_words.js the texts.
 
 import { COLOURS, decodeSky, drawProbe } from './probe_draw.js';
 import { Picker } from './probe_pick.js';
 import { MINUTES, Trace, drawTrace } from './probe_plot.js';
 import { countSamples, figure, percent, plotWords, rows, summary } from './probe_words.js';
 
-const AGAIN_MS = 1000; // between questions about a pixel that is followed
-const LOST_MS = 15000; // after which an answer will not come: large pictures take their time
+const AGAIN_MS = 1000; // between requests about a followed pixel
+const LOST_MS = 15000; // an answer this late is lost; allows for large images
 
-// An element with properties, attributes and children.
+// Creates an element with properties, attributes and children.
 export function element(tag, { text, attributes = {}, ...properties } = {}, ...children) {
   const made = document.createElement(tag);
   Object.assign(made, properties);
@@ -28,11 +28,11 @@ class Probe {
   constructor(app) {
     this.app = app;
     this.request = 0;
-    this.pixel = null; // what is asked about
+    this.pixel = null; // the probed pixel
     this.answer = null;
     this.sky = null;
-    this.waiting = 0; // the request that is under way; 0: none
-    this.next = false; // another one is wanted as soon as that is answered
+    this.waiting = 0; // the pending request; 0: none
+    this.next = false; // repeat the request after that answer
     this.trace = new Trace();
     this.build(app.panel('probe', 'Where the light comes from'));
     this.picker = new Picker(app, (x, y) => this.choose(x, y));
@@ -49,26 +49,26 @@ class Probe {
     window.relight.probe = this;
   }
 
-  // ---- what the panel is made of
+  // ---- the panel
 
   build(body) {
     this.hint = element('p', { className: 'probe-hint', id: 'probe-hint' });
     this.words = element('p', { className: 'probe-words', id: 'probe-words' });
-    // What is read out: once for a pixel and not each second, or a screen reader would never be silent.
+    // Read out by screen readers: once per pixel instead of every second.
     this.spoken = element('p', { className: 'probe-spoken', attributes: { role: 'status', 'aria-live': 'polite' } });
     this.shown = element('div', { id: 'probe-shown', hidden: true });
-    this.latlong = this.canvas('probe-latlong', 'The sky as a lat-long picture, with the samples');
+    this.latlong = this.canvas('probe-latlong', 'The sky as a lat-long image, with the samples');
     this.cross = this.canvas('probe-cross', 'The sky as a cross of six faces, with the samples');
     this.plot = this.canvas('probe-plot', 'Radiance over time');
-    this.visibility = toggle('probe-visibility', 'Darken what cannot be seen from there', true);
-    this.lobes = toggle('probe-lobes', 'Samples of the material too', false);
-    this.follow = toggle('probe-follow', 'Follow this pixel from picture to picture', true);
+    this.visibility = toggle('probe-visibility', 'Darken directions that are not visible', true);
+    this.lobes = toggle('probe-lobes', 'Show BRDF samples', false);
+    this.follow = toggle('probe-follow', 'Follow this pixel', true);
     this.samples = element('select', { id: 'probe-samples' },
-      ...['', '16', '64', '256'].map((n) => element('option', { value: n, text: n || 'as the picture', selected: n === '64' })));
+      ...['', '16', '64', '256'].map((n) => element('option', { value: n, text: n || 'as in the image', selected: n === '64' })));
     this.preset = element('button', { type: 'button', id: 'probe-preset', text: 'As in Fig. 1', attributes: { 'aria-pressed': 'false' },
       title: '50 samples and a Phong exponent of 150, as Fig. 1 of Lu, Pacanowski and Granier 2013' });
     this.save = element('button', { type: 'button', id: 'probe-save', text: 'Save as JSON' });
-    this.stop = element('button', { type: 'button', id: 'probe-stop', text: 'Let go' });
+    this.stop = element('button', { type: 'button', id: 'probe-stop', text: 'Stop' });
     this.legend = element('ul', { className: 'probe-legend', id: 'probe-legend' });
     this.shares = element('table', { className: 'probe-shares', id: 'probe-shares' });
     this.table = element('table', { className: 'probe-table', id: 'probe-table' });
@@ -77,9 +77,9 @@ class Probe {
       element('div', { className: 'probe-row' }, this.preset,
         element('label', {}, 'Samples ', this.samples)),
       this.latlong, this.cross, this.legend, this.visibility.row, this.lobes.row,
-      element('h3', { text: 'Shares of the faces' }), this.shares,
+      element('h3', { text: 'Samples per cube face' }), this.shares,
       element('h3', { text: 'This pixel' }), this.table,
-      element('h3', { text: `Its radiance in the last ${MINUTES} minutes` }), this.follow.row, this.plot, this.plotText,
+      element('h3', { text: `Radiance in the last ${MINUTES} minutes` }), this.follow.row, this.plot, this.plotText,
       element('div', { className: 'probe-row' }, this.save, this.stop));
     body.append(this.hint, this.words, this.spoken, this.shown);
     this.listen();
@@ -105,13 +105,13 @@ class Probe {
   }
 
   sayHint() {
-    this.hint.textContent = 'Click or tap the picture, or press P and choose a pixel with the arrow keys and Enter.';
+    this.hint.textContent = 'Click or tap the image, or press P and choose a pixel with the arrow keys and Enter.';
     this.hint.hidden = this.pixel !== null;
   }
 
-  // ---- asking
+  // ---- requests
 
-  // The picture's place was clicked, or Enter pressed.
+  // A pixel was clicked, or Enter pressed.
   choose(x, y) {
     if (!this.pixel || this.pixel.x !== x || this.pixel.y !== y) this.trace.clear();
     this.pixel = { x, y };
@@ -120,10 +120,10 @@ class Probe {
     this.bringIn();
   }
 
-  // On a narrow window the panel is far below the picture, which stays at the top.
+  // In a narrow window the panel is far below the image, which stays at the top.
   bringIn() {
     const section = this.shown.closest('section');
-    if (document.body.classList.contains('plain')) this.app.say('Press I for the panels: there it says where the light comes from');
+    if (document.body.classList.contains('plain')) this.app.say('Press I to show the panel with the answer');
     section.querySelector('details').open = true;
     const stage = document.getElementById('stage');
     const sticky = getComputedStyle(stage).position === 'sticky' ? stage.offsetHeight : 0;
@@ -131,11 +131,11 @@ class Probe {
     if (section.getBoundingClientRect().top > window.innerHeight - 160) section.scrollIntoView({ block: 'start' });
   }
 
-  // One question at a time, as the server has it.
+  // One request at a time, as the protocol requires.
   ask() {
     this.next = this.waiting !== 0;
     if (!this.pixel || this.next) return;
-    this.request = Math.max(Date.now(), this.request + 1); // unlike any other part's
+    this.request = Math.max(Date.now(), this.request + 1); // distinct from other parts' requests
     this.waiting = this.request;
     this.askedMs = performance.now();
     const message = { op: 'probe', request: this.request, ...this.pixel, sky: true, follow: this.follow.input.checked };
@@ -144,13 +144,13 @@ class Probe {
     this.app.send(message);
   }
 
-  // Of a pixel that is followed the next answer is in no hurry.
+  // Repeated requests about a followed pixel are not urgent.
   waitedMs() {
     const answered = this.answer?.x === this.pixel?.x && this.answer?.y === this.pixel?.y;
     return this.waiting && !answered ? performance.now() - this.askedMs : 0;
   }
 
-  // A followed pixel's samples move with the sky.
+  // Repeats the request for a followed pixel, since its samples move with the sky.
   askAgain() {
     const seen = document.visibilityState === 'visible' && this.panelOpen();
     if (this.waiting && performance.now() - this.askedMs > LOST_MS) this.waiting = 0;
@@ -179,7 +179,7 @@ class Probe {
     this.sayHint();
   }
 
-  // Another connection knows nothing of what the last one followed.
+  // A new connection must follow the pixel again.
   begin() {
     this.waiting = 0;
     this.ask();
@@ -200,7 +200,7 @@ class Probe {
     this.shown.hidden = false;
     this.words.textContent = summary(answer);
     if (first) this.spoken.textContent = summary(answer);
-    this.latlong.setAttribute('aria-label', `The sky as a lat-long picture. ${summary(answer)}`);
+    this.latlong.setAttribute('aria-label', `The sky as a lat-long image. ${summary(answer)}`);
     this.draw();
     this.showShares();
     this.showTable();
@@ -210,13 +210,13 @@ class Probe {
     if (error.code === 'unknown_op' && this.waiting) { // an older server
       this.letGo();
       this.waiting = 0;
-      this.words.textContent = this.spoken.textContent = 'This server does not say where light comes from.';
+      this.words.textContent = this.spoken.textContent = 'This server does not support the pixel probe.';
       return;
     }
     if (!error.clause?.startsWith('4.15') || (error.request && error.request !== this.waiting)) return;
     this.waiting = 0;
-    if (error.code === 'busy') this.next = true; // askAgain does
-    this.words.textContent = error.code === 'busy' ? 'The server is busy with other questions; it is asked again.' : `No answer: ${error.message}.`;
+    if (error.code === 'busy') this.next = true; // askAgain repeats it
+    this.words.textContent = error.code === 'busy' ? 'The server is busy with other requests; retrying.' : `No answer: ${error.message}.`;
     this.spoken.textContent = this.words.textContent;
   }
 
@@ -224,7 +224,7 @@ class Probe {
     if (x === this.pixel?.x && y === this.pixel?.y) this.trace.add(performance.now(), radiance, frame, finer);
   }
 
-  // ---- showing
+  // ---- drawing
 
   draw() {
     if (!this.answer || this.latlong.clientWidth === 0) return;
@@ -239,11 +239,11 @@ class Probe {
     const items = [
       ['generated', `${n.generated - n.chosen} generated`],
       ['chosen', `${n.chosen - n.effective} chosen, but below the surface or without light`],
-      ['blocked', `${n.effective - n.visible} effective, but something is in the way`],
-      ['effective', `${n.visible} effective, and arrive: the larger, the more light`],
-      ['normal', this.answer.point ? 'the normal' : 'where it looks'],
+      ['blocked', `${n.effective - n.visible} effective, but blocked`],
+      ['effective', `${n.visible} effective and unblocked: the larger, the more light`],
+      ['normal', this.answer.point ? 'the normal' : 'the view direction'],
     ];
-    if (lobes) items.push(['lobe', `${this.answer.lobes.length} of the material`]);
+    if (lobes) items.push(['lobe', `${this.answer.lobes.length} BRDF samples`]);
     this.legend.replaceChildren(...items.map(([kind, text]) => {
       const sign = element('span', { className: `probe-sign ${kind}`, attributes: { 'aria-hidden': 'true' } });
       sign.style.setProperty('--colour', COLOURS[kind]);
@@ -252,7 +252,7 @@ class Probe {
   }
 
   showShares() {
-    const head = ['Face', 'Share', 'Of the sky', 'Chosen', 'Arrive'].map((text) => element('th', { text, scope: 'col' }));
+    const head = ['Face', 'Share', 'Of the sky', 'Chosen', 'Unblocked'].map((text) => element('th', { text, scope: 'col' }));
     const body = this.answer.shares.map((s) => {
       const bar = element('span', { className: 'probe-bar', attributes: { 'aria-hidden': 'true' } });
       bar.style.width = `${(100 * s.share).toFixed(2)}%`;
@@ -264,7 +264,7 @@ class Probe {
         element('td', { text: String(s.visible) }));
     });
     this.shares.replaceChildren(
-      element('caption', { text: 'Light samples, by the normal and the sky (Eq. 3)' }),
+      element('caption', { text: 'Light samples by normal and sky (Eq. 3)' }),
       element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...body));
     this.shares.hidden = body.length === 0;
   }

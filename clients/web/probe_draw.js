@@ -1,5 +1,5 @@
-// The sky with a probe's samples on it, as lat-long picture and as cube cross, in the colours of Fig. 1 of Lu, Pacanowski
-// and Granier 2013: red generated, yellow chosen, green effective, cyan the normal. Each mark has a form of its own too.
+// The sky with a probe's samples, as lat-long image and cube cross, in the colours of Fig. 1 of Lu, Pacanowski and Granier 2013:
+// red generated, yellow chosen, green effective, cyan the normal. Each mark has its own shape too.
 
 import { fromCross, fromLatLong, luminance, readSample, sightAt, toCross, toLatLong } from './probe_geometry.js';
 
@@ -13,7 +13,7 @@ export const COLOURS = {
 };
 const INK = '#07090c';
 
-// The sky's own picture: {width, height, data} of RGBA.
+// Decodes the sky's image: {width, height, data} of RGBA.
 export async function decodeSky({ jpeg }) {
   const bytes = Uint8Array.from(atob(jpeg), (c) => c.charCodeAt(0));
   const bitmap = await createImageBitmap(new Blob([bytes], { type: 'image/jpeg' }));
@@ -24,7 +24,7 @@ export async function decodeSky({ jpeg }) {
   return context.getImageData(0, 0, canvas.width, canvas.height);
 }
 
-// Both drawings: how many units they are wide and high, and where directions lie.
+// Both drawings: width and height in units, and the mapping of directions.
 export const VIEWS = {
   latlong: {
     width: 2,
@@ -38,7 +38,7 @@ export const VIEWS = {
   cross: { width: 4, height: 3, from: fromCross, to: toCross },
 };
 
-// Fills the canvas with the sky; what is below the surface dark, what is in the way hatched.
+// Fills the canvas with the sky; directions below the surface dark, blocked ones hatched.
 function paintSky(context, view, sky, visibility) {
   const { width, height } = context.canvas;
   const image = context.createImageData(width, height);
@@ -67,7 +67,7 @@ function disc(context, x, y, radius) {
   context.arc(x, y, radius, 0, 2 * Math.PI);
 }
 
-// Radius by contribution: area in proportion to its share of the largest.
+// Radius by contribution: area proportional to its share of the largest.
 function radiusOf(sample, largest, unit) {
   const share = largest > 0 ? luminance(sample.rgb) / largest : 0;
   return unit * (1.6 + 3.4 * Math.sqrt(share));
@@ -128,7 +128,7 @@ function markNormal(context, x, y, unit) {
 
 export const ORDER = ['generated', 'chosen', 'blocked', 'effective'];
 
-// Draws `answer` on the canvas, which is as wide as it is shown; sky: of decodeSky, or null; show: {visibility, lobes}.
+// Draws `answer` on the canvas at its displayed size; sky: from decodeSky, or null; show: {visibility, lobes}.
 export function drawProbe(canvas, name, answer, sky, show) {
   const view = VIEWS[name];
   const unit = Math.max(1, window.devicePixelRatio);

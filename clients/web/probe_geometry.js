@@ -1,5 +1,5 @@
-// Where things of a probe lie: on the lat-long picture and the cube cross of the sky, and on the picture that is looked
-// at. Pure functions; directions are [x, y, z], the conventions those of docs/how-it-works.md.
+// Coordinates of a probe: on the lat-long image and the cube cross of the sky, and on the displayed image. Pure functions;
+// directions are [x, y, z], with the conventions of docs/how-it-works.md.
 
 // u to the right, v downwards, both 0 to 1; the middle is +Z, a quarter to its left +X, the top row +Y.
 export function toLatLong([x, y, z]) {
@@ -13,8 +13,8 @@ export function fromLatLong(u, v) {
   return [Math.sin(theta) * Math.sin(phi), Math.cos(theta), Math.sin(theta) * Math.cos(phi)];
 }
 
-// A cross of four by three faces, as one stands inside the cube and looks at +Z: `at` is the face's place, `right` and
-// `up` are what is to the right and up on it. Neighbours in the middle row and above and below +Z fit together.
+// A cross of four by three faces, seen from inside the cube looking at +Z: `at` is the face's position, `right` and `up` its axes.
+// Neighbours in the middle row and above and below +Z fit together.
 export const FACES = [
   { name: '+X', axis: [1, 0, 0], right: [0, 0, 1], up: [0, 1, 0], at: [0, 1] },
   { name: '-X', axis: [-1, 0, 0], right: [0, 0, -1], up: [0, 1, 0], at: [2, 1] },
@@ -30,7 +30,7 @@ export function faceOf(w) {
   return FACES.reduce((best, face) => (dot(face.axis, w) > dot(best.axis, w) ? face : best));
 }
 
-// In faces from the cross's top left: x 0 to 4, y 0 to 3.
+// In units of faces from the cross's top left: x 0 to 4, y 0 to 3.
 export function toCross(w) {
   const face = faceOf(w);
   const scale = 1 / dot(face.axis, w);
@@ -40,7 +40,7 @@ export function toCross(w) {
   };
 }
 
-// null in the corners of the cross that hold no face.
+// null in the empty corners of the cross.
 export function fromCross(x, y) {
   const face = FACES.find(({ at }) => Math.floor(x) === at[0] && Math.floor(y) === at[1]);
   if (!face) return null;
@@ -51,7 +51,7 @@ export function fromCross(x, y) {
   return w.map((c) => c * scale);
 }
 
-// What became of a sample of `probed` (PROTOCOL.md 4.16.7).
+// The fate of a sample of `probed` (PROTOCOL.md 4.16.7).
 const KINDS = ['chosen', 'blocked', 'effective'];
 export function readSample(s) {
   const kind = s.length > 3 ? KINDS[s[3]] : 'generated';
@@ -60,14 +60,14 @@ export function readSample(s) {
 
 export const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
 
-// The letter of the visibility map in a direction.
+// The visibility map's letter for a direction.
 export function sightAt(visibility, w) {
   const { u, v } = toLatLong(w);
   const row = visibility[Math.min(visibility.length - 1, Math.floor(v * visibility.length))];
   return row[Math.min(row.length - 1, Math.floor(u * row.length))];
 }
 
-// The picture of width x height pixels fills `box` {left, top, width, height} as well as its shape allows, in the middle.
+// Fits an image of width x height pixels into `box` {left, top, width, height}, centred.
 export function fit(box, width, height) {
   const scale = Math.min(box.width / width, box.height / height);
   return {
@@ -77,7 +77,7 @@ export function fit(box, width, height) {
   };
 }
 
-// The pixel at a place of the window; null beside the picture.
+// The pixel at a window position; null outside the image.
 export function pixelAt(box, width, height, clientX, clientY) {
   const { scale, left, top } = fit(box, width, height);
   const x = Math.floor((clientX - left) / scale);

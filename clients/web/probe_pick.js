@@ -1,14 +1,13 @@
-// The cross hair over the picture: chooses a pixel of the whole picture, however large it is shown, by a click, a tap or
-// the arrow keys.
+// The crosshair over the image: chooses a pixel of the full-size image by a click, a tap or the arrow keys.
 
 import { fit, pixelAt } from './probe_geometry.js';
 
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const LEAP = 10; // with Shift
-const STILL_PX = 5; // a drag is no click
+const STILL_PX = 5; // more than this is a drag, not a click
 
 export class Picker {
-  // chosen(x, y) follows each choice.
+  // Calls chosen(x, y) after each choice.
   constructor(app, chosen) {
     this.canvas = app.canvas;
     this.view = app.canvas.parentElement;
@@ -19,7 +18,7 @@ export class Picker {
     this.hair.id = 'probe-hair';
     this.hair.tabIndex = 0;
     this.hair.setAttribute('role', 'application');
-    this.hair.setAttribute('aria-label', 'Pixel probe: arrow keys move, with Shift by ten; Enter asks where the light comes from');
+    this.hair.setAttribute('aria-label', 'Pixel probe: move with the arrow keys, with Shift by ten; Enter shows where the light comes from');
     this.hair.dataset.keys = 'ArrowLeft ArrowRight ArrowUp ArrowDown Enter Escape';
     this.said = document.createElement('span');
     this.said.setAttribute('aria-live', 'polite');
@@ -43,14 +42,14 @@ export class Picker {
       this.say();
     });
     new ResizeObserver(() => this.place()).observe(this.view);
-    app.key('p', 'Pixel probe: arrow keys choose a pixel, Enter asks where its light comes from', () => this.hair.focus());
+    app.key('p', 'Pixel probe: choose a pixel with the arrow keys, then press Enter', () => this.hair.focus());
   }
 
   box() {
     return this.canvas.getBoundingClientRect();
   }
 
-  // Of the whole picture, in pixels.
+  // Size of the full image, pixels.
   setSize(width, height) {
     if (this.width === width && this.height === height) return;
     this.width = width;
@@ -81,7 +80,7 @@ export class Picker {
     if (this.at) this.said.textContent = `pixel ${this.at.x}, ${this.at.y}`;
   }
 
-  // null: none.
+  // null removes the mark.
   mark(pixel) {
     this.at = pixel;
     this.hair.classList.toggle('placed', pixel !== null);

@@ -1,4 +1,4 @@
-// A pixel's radiance over the last minutes: three lines, red, green and blue, over a scale that begins at 0.
+// A pixel's radiance over the last minutes: red, green and blue lines on an axis from 0.
 
 import { UNIT, figure } from './probe_words.js';
 
@@ -14,7 +14,7 @@ export class Trace {
     this.points.length = 0;
   }
 
-  // A better picture of a frame that was told before takes its place.
+  // A refined image of the same frame replaces the previous point.
   add(t, rgb, frame, finer = false) {
     const last = this.points[this.points.length - 1];
     if (finer && last?.finer && last.frame === frame) this.points.pop();
@@ -24,7 +24,7 @@ export class Trace {
   }
 }
 
-// A round number that is at least x: 1, 2 or 5 times a power of ten.
+// The smallest round number of at least x: 1, 2 or 5 times a power of ten.
 export function roundUp(x) {
   if (!(x > 0)) return 1;
   const power = 10 ** Math.floor(Math.log10(x));

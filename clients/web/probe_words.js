@@ -1,10 +1,10 @@
-// A probe's answer in words and figures. Pure functions of `probed` (PROTOCOL.md 4.16).
+// A probe's answer as text. Pure functions of `probed` (PROTOCOL.md 4.16).
 
 import { luminance, readSample } from './probe_geometry.js';
 
 export const UNIT = 'W\u00a0sr⁻¹\u00a0m⁻²';
 
-// Three figures that count: 0.0123, 1.23, 123, 1.23e+5.
+// Three significant digits: 0.0123, 1.23, 123, 1.23e+5.
 export function figure(x) {
   if (!Number.isFinite(x)) return '–';
   if (x === 0) return '0';
@@ -48,42 +48,42 @@ export function countSamples(answer) {
   return count;
 }
 
-// One or two sentences that say what the drawing shows, for whoever does not see it.
+// One or two sentences that describe the drawing, for screen readers.
 export function summary(answer) {
   const where = `Pixel ${answer.x}, ${answer.y} shows ${SEES[answer.sees]}`;
   if (!answer.point) {
     return answer.escape
-      ? `${where}. No light is gathered there: the sky itself is seen.`
-      : `${where}. No light from the sky is gathered there.`;
+      ? `${where}. It sees the sky directly, so no light is gathered.`
+      : `${where}. It gathers no light from the sky.`;
   }
-  const behind = answer.point.behind ? ', and in it a place' : '';
+  const behind = answer.point.behind ? ', and a point seen in it' : '';
   const n = countSamples(answer);
   const shares = [...answer.shares].sort((a, b) => b.share - a.share).filter((s) => s.share >= 0.005).slice(0, 3);
   const most = shares.map((s) => `${s.face === 'sun' ? 'the sun' : s.face.replace('-', '−')}\u00a0${percent(s.share)}`).join(', ');
   return `${where}${behind}. Of ${n.generated} light samples ${n.chosen} were chosen for it, ${n.effective} are effective`
-    + ` and ${n.visible} arrive.${most ? ` Shares: ${most}.` : ''} ${percent(answer.point.open)} of what is above it is open sky.`;
+    + ` and ${n.visible} unblocked.${most ? ` Shares: ${most}.` : ''} ${percent(answer.point.open)} of the hemisphere above it is open sky.`;
 }
 
-// What stands in the table: [label, value, unit or remark].
+// The table: [label, value, unit or remark].
 export function rows(answer) {
   const all = [];
   const { point, pixel, first } = answer;
-  if (answer.picture) all.push(['Radiance in the picture', triple(answer.picture), `${UNIT}; all its light`]);
+  if (answer.picture) all.push(['Radiance in the image', triple(answer.picture), `${UNIT}; all light`]);
   if (pixel) {
-    all.push([`By these ${answer.samples} samples`, triple(pixel.radiance), `${UNIT}; direct light and sky`]);
-    all.push(['By many more', withError(pixel.reference), `${UNIT}; ${pixel.reference.estimates * 256} samples`]);
-    all.push(['Made of', madeOf(pixel), '']);
+    all.push([`From these ${answer.samples} samples`, triple(pixel.radiance), `${UNIT}; direct light and sky`]);
+    all.push(['Converged', withError(pixel.reference), `${UNIT}; ${pixel.reference.estimates * 256} samples`]);
+    all.push(['Contains', madeOf(pixel), '']);
   }
-  if (first && answer.sees !== 'surface') all.push(['Seen first', materialWords(first.material), '']);
+  if (first && answer.sees !== 'surface') all.push(['First surface', materialWords(first.material), '']);
   if (point) {
     if (!pixel) all.push(['Here, with the preset', triple(point.radiance), UNIT]);
-    if (!pixel) all.push(['By many more', withError(point.reference), `${UNIT}; ${point.reference.estimates * 256} samples`]);
+    if (!pixel) all.push(['Converged', withError(point.reference), `${UNIT}; ${point.reference.estimates * 256} samples`]);
     all.push(['Position', metres(point.position), 'x, y, z']);
     all.push(['Normal', direction(point.normal), '']);
-    all.push(['Material', materialWords(point.material), answer.preset ? 'taken as a Phong lobe' : '']);
+    all.push(['Material', materialWords(point.material), answer.preset ? 'replaced by a Phong lobe' : '']);
     all.push(['Diffuse', triple(point.lobe.diffuse), 'red, green, blue']);
     if (point.lobe.specular) all.push(['Specular', triple(point.lobe.specular), lobeWords(point.lobe)]);
-    all.push(['Open sky', percent(point.open), `of the half space; ${percent(point.open_cosine)} by cosine`]);
+    all.push(['Open sky', percent(point.open), `of the hemisphere; ${percent(point.open_cosine)} cosine-weighted`]);
   }
   all.push(['Sky frame', String(answer.frame), `method ${answer.method}, ${answer.samples} samples`]);
   return all;
@@ -98,16 +98,16 @@ function withError({ mean, error }) {
 function madeOf({ points, escapes }) {
   const parts = [];
   if (points) parts.push(`${points} shade ${points === 1 ? 'point' : 'points'}`);
-  if (escapes) parts.push(`${escapes} ${escapes === 1 ? 'look' : 'looks'} at the sky`);
+  if (escapes) parts.push(`${escapes} direct ${escapes === 1 ? 'view' : 'views'} of the sky`);
   return parts.join(', ') || 'nothing';
 }
 
-// The plot in words.
+// The plot as text.
 export function plotWords(points) {
-  if (points.length < 2) return 'The radiance over time is drawn as pictures come.';
+  if (points.length < 2) return 'The plot of radiance over time grows with each image.';
   const values = points.map(({ rgb }) => luminance(rgb));
   const seconds = Math.round((points[points.length - 1].t - points[0].t) / 1000);
   const [least, most] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
-  return `Over ${seconds} s its luminance went from ${figure(values[0])} to ${figure(values[values.length - 1])},`
+  return `Over ${seconds} s the luminance went from ${figure(values[0])} to ${figure(values[values.length - 1])},`
     + ` between ${figure(least)} and ${figure(most)} ${UNIT}.`;
 }

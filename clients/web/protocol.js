@@ -1,4 +1,4 @@
-// relight.v1 as protocol/PROTOCOL.md lays it down: the binary headers and the close codes. Pure functions.
+// relight.v1 (protocol/PROTOCOL.md): binary headers and close codes. Pure functions.
 
 export const PROTOCOL = 'relight.v1';
 export const VERSION = { major: 1, minor: 1 };
@@ -16,8 +16,8 @@ export const LAYOUTS = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', '
 
 export const FLAG_LAST = 1;
 export const FLAG_REPEAT = 2;
-export const FLAG_FINER = 32; // of the frame shown before, made better since
-export const FLAG_KEY = 64; // of H.264, and needs none of those before it
+export const FLAG_FINER = 32; // a refinement of the frame shown before
+export const FLAG_KEY = 64; // H.264 keyframe: needs no earlier frame
 
 const RESULTS = {
   short: ['1', 'the message ends inside its header'],
@@ -41,13 +41,13 @@ function viewOf(bytes) {
     : new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 }
 
-// 64-bit numbers stay below 2^53 on the wire; what does not is NaN here.
+// 64-bit numbers on the wire are below 2^53; others become NaN.
 function number64(value) {
   const n = Number(value);
   return Number.isSafeInteger(n) ? n : NaN;
 }
 
-// What is wrong with the common beginning of both headers, or null.
+// The fault in the common start of both headers, or null.
 function beginFault(view, magic, least) {
   if (view.byteLength >= 4 && view.getUint32(0, true) !== magic) return 'magic';
   if (view.byteLength < least) return 'short';
@@ -96,7 +96,7 @@ export function decodePicture(bytes) {
 
 const keyOf = (table, word) => Number(Object.keys(table).find((key) => table[key] === word));
 
-// The 80 bytes of a picture's header.
+// Encodes the 80 bytes of a picture header.
 export function encodePicture(header) {
   const bytes = new Uint8Array(PICTURE_BYTES);
   const view = new DataView(bytes.buffer);
@@ -126,7 +126,7 @@ function environmentSizeOk(header) {
   return header.width * header.height * header.channels * (header.encoding === 'raw_half' ? 2 : 4) === header.payload;
 }
 
-// A whole environment frame, as decodePicture.
+// A whole environment frame; result as in decodePicture.
 export function decodeEnvironment(bytes) {
   const view = viewOf(bytes);
   const wrong = beginFault(view, MAGIC_ENVIRONMENT, ENVIRONMENT_BYTES);
@@ -168,31 +168,31 @@ export function encodeEnvironment(header) {
   return bytes;
 }
 
-// PROTOCOL.md section 8: what a viewer does after a close code, and what it says.
+// PROTOCOL.md section 8: a viewer's policy and message for each close code.
 const CLOSES = {
   1000: ['again', 'The server closed the connection.'],
   1001: ['again', 'The server has stopped.'],
-  1002: ['never', 'The server found the connection malformed.'],
+  1002: ['never', 'The server reported a malformed connection.'],
   1006: ['again', 'The connection broke.'],
-  1007: ['never', 'The server found text that is not UTF-8.'],
-  1009: ['never', 'The server found a message too large.'],
-  4001: ['never', 'The server could not read a message of this page.'],
-  4002: ['never', 'The server found a wrong value in a message of this page.'],
-  4003: ['never', 'The server did not expect a message of this page.'],
+  1007: ['never', 'The server received text that is not UTF-8.'],
+  1009: ['never', 'The server received a message that is too large.'],
+  4001: ['never', 'The server could not parse a message from this page.'],
+  4002: ['never', 'The server found an invalid value in a message from this page.'],
+  4003: ['never', 'The server did not expect a message from this page.'],
   4004: ['never', 'The server does not offer this role.'],
   4005: ['never', 'The server speaks another version of the protocol. Reloading the page may help.'],
-  4006: ['never', 'The server asks for a token.'],
-  4007: ['later', 'The server has as many viewers as it takes.'],
-  4008: ['again', 'The server did not hear from this page in time.'],
+  4006: ['never', 'The server requires a token: add #role=viewer&token=… to the address.'],
+  4007: ['later', 'The server has reached its connection limit.'],
+  4008: ['again', 'This page did not answer the server in time.'],
   4009: ['again', 'The connection was too slow for the server.'],
-  4010: ['later', 'This page asked for too much at once.'],
-  4011: ['never', 'Another client has taken the place of this one.'],
-  4012: ['later', 'Another producer is at work.'],
+  4010: ['later', 'This page sent too many requests.'],
+  4011: ['never', 'Another client has taken this one\u2019s place.'],
+  4012: ['later', 'Another producer is active.'],
   4013: ['again', 'A frame took too long to arrive.'],
-  4014: ['never', 'A frame was sent that the server had not asked for.'],
+  4014: ['never', 'A frame was sent without credit.'],
 };
 
-// {policy: 'again' | 'later' | 'never', text}: with back-off, not before ten seconds, or only when a person asks.
+// {policy: 'again' | 'later' | 'never', text}: retry with back-off, after ten seconds, or only when the user asks.
 export function closePolicy(code) {
   const [policy, text] = CLOSES[code] ?? (code >= 4000
     ? ['never', `The server refused the connection (code ${code}).`]

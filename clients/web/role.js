@@ -1,6 +1,6 @@
-// As what the page connects. `#role=viewer` or `#role=controller` in the address says it; else whoever opens the page on
-// the machine that runs the server is its controller. `#token=...` is shown to the server, which gets it in `hello` only:
-// a fragment is sent in no request and stands in no log.
+// The role in which the page connects: `#role=viewer` or `#role=controller` in the address; by default controller on the
+// server's own machine, else viewer. `#token=...` is sent in `hello` only: browsers never send a fragment in a request, so it
+// appears in no log.
 
 const LOOPBACK = /^(localhost|127(\.\d+){3}|\[::1\])$/;
 
@@ -12,8 +12,8 @@ export function wishedRole({ hash, hostname }) {
   return { role, token };
 }
 
-// For a thin line: `?rate=10&width=640` asks for no more pictures a second and none that is wider, `?coding=jpeg` for
-// nothing else. What makes no sense asks for nothing.
+// For slow connections: `?rate=10&width=640` limits frame rate and width, `?coding=jpeg` forces JPEG. Invalid values are
+// ignored.
 export function wishedPictures({ search }) {
   const said = new URLSearchParams(search);
   const rate = Number(said.get('rate'));

@@ -1,7 +1,7 @@
-// The canvas: draws the newest picture when the browser is about to paint, and closes what it passes over.
+// The canvas: draws the newest image before the browser paints, and closes skipped ones.
 
 export class Screen {
-  // drawn(picture, nowMs) follows each drawing.
+  // Calls drawn(picture, nowMs) after each drawing.
   constructor(canvas, drawn) {
     this.canvas = canvas;
     this.context = canvas.getContext('2d', { alpha: false, colorSpace: 'srgb' });
@@ -21,7 +21,7 @@ export class Screen {
     const picture = this.waiting;
     this.waiting = null;
     if (!picture) return;
-    // A video frame's sides may be one longer than the picture's.
+    // A video frame's sides may be one pixel longer than the image's.
     const { bitmap, header: { width, height } } = picture;
     // Setting the size clears the canvas, so only when it changes.
     if (this.canvas.width !== width || this.canvas.height !== height) {
@@ -34,7 +34,7 @@ export class Screen {
     this.drawn(picture, performance.timeOrigin + performance.now());
   }
 
-  // The pixels as they are now: {width, height, data: Uint8ClampedArray of RGBA, top row first}.
+  // The current pixels: {width, height, data: Uint8ClampedArray of RGBA, top row first}.
   readback() {
     return this.context.getImageData(0, 0, this.canvas.width, this.canvas.height);
   }

@@ -1,19 +1,19 @@
-// What the page says, in words. Pure functions of the state, so that each sentence can be tested.
+// The page's sentences: pure functions of its state, for tests.
 
-// Words begin with a capital; the name of a file stays as it is.
+// Capitalises words, but not file names.
 const capital = (text) => (/\s/.test(text) ? text[0].toUpperCase() + text.slice(1) : text);
 
-// Of a path, what a person would call it: where a server keeps its files is nobody's business.
+// The last part of a path: the page does not show the server's folders.
 const plain = (text) => text?.replace(/\/+$/, '').replace(/^.*\//, '');
 
-// Likewise for the paths in a reason, as "folder/a.exr: byte 3: torn": what stands before the first colon, which may
-// have blanks, and every other one that begins with a slash or a dot.
+// The same for paths in a reason such as "folder/a.exr: byte 3: torn": the text before the first colon, which may have
+// blanks, and every other path that begins with a slash or a dot.
 export const withoutFolders = (text) => (text || '')
   .replace(/^(watch:)?[^:'"]*\/(?=[^/:]+: )/, '$1')
   .replace(/(^|[\s'":=(])\.{0,2}\/(?!\/)(?:[^\s:'"/]+\/)*/g, '$1');
 
-// What is seen: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis." Before a picture was
-// made nobody knows how.
+// The scene and its settings: "The built-in scene under a computed sky; 640 × 360, 64 samples per point, method mis." Samples
+// and method are unknown before the first image.
 export function describe(status) {
   if (!status) return '';
   const what = capital(plain(status.scene) || 'a scene');
@@ -26,14 +26,14 @@ export function describe(status) {
   return `${what}${sky}${facts ? `; ${facts}` : ''}.`;
 }
 
-// The short word beside the dot.
+// The word beside the dot.
 export function stateWord(state) {
   return {
     connecting: 'Connecting',
     waiting: 'Waiting',
     live: 'Live',
     paused: 'Paused',
-    ended: { better: 'Getting better', done: 'Done' }[state.still] ?? 'Ended',
+    ended: { better: 'Refining', done: 'Converged' }[state.still] ?? 'Ended',
     failed: 'Bad frame',
     stalled: 'Stalled',
     reconnecting: 'Reconnecting',
@@ -41,38 +41,38 @@ export function stateWord(state) {
   }[state.name];
 }
 
-// The sentence for a state; `seen` is whether a picture is on the screen already. Without the countdown, which is
-// shown beside it, so that a screen reader is not told every second.
+// The sentence for a state; `seen`: an image is on screen. The countdown is separate, so that a screen reader does not read it
+// every second.
 export function stateSentence(state, seen) {
-  const stays = seen ? ' The last picture stays.' : '';
-  const still = { better: 'its picture is getting better', done: 'its picture is done' }[state.still];
+  const stays = seen ? ' The last image stays on screen.' : '';
+  const still = { better: 'its image is being refined', done: 'its image has converged' }[state.still];
   const because = state.detail ? `: ${withoutFolders(state.detail)}` : '';
   switch (state.name) {
     case 'connecting':
-      return state.detail === 'picture' ? 'Connected. The first picture is on its way.' : 'Connecting to the server.';
+      return state.detail === 'picture' ? 'Connected. Waiting for the first image.' : 'Connecting to the server.';
     case 'waiting':
-      return state.detail ? `Waiting for a sky${because}.` : 'Waiting for a sky. The server is ready and has had no frame yet.';
+      return state.detail ? `Waiting for a sky${because}.` : 'Waiting for a sky. The server is ready but has received no frame yet.';
     case 'live':
-      if (!seen) return 'The first picture is on its way.';
+      if (!seen) return 'Waiting for the first image.';
       if (still) return `Live. The sky stands still, and ${still}.`;
-      return state.still === 'idle' ? 'Live. No new sky has come for a while.' : 'Live.';
+      return state.still === 'idle' ? 'Live. No new sky for a while.' : 'Live.';
     case 'paused':
       if (state.detail === 'hidden') return 'Paused while this page is hidden.';
-      if (!seen && state.made) return 'The sky is paused. Its picture is on its way.';
+      if (!seen && state.made) return 'The sky is paused. Waiting for its image.';
       return seen && still ? `The sky is paused, and ${still}.` : `The sky is paused.${stays}`;
     case 'ended':
-      if (seen) return still ? `The sky stands still, and ${still}.` : 'The sky sequence has ended. The last picture stays.';
+      if (seen) return still ? `The sky stands still, and ${still}.` : 'The sky sequence has ended. The last image stays on screen.';
       return state.made
-        ? 'The sky stands still. Its picture is on its way.'
-        : 'The sky sequence has ended before a picture was made.';
+        ? 'The sky stands still. Waiting for its image.'
+        : 'The sky sequence ended before an image was made.';
     case 'failed':
       return `A sky frame could not be used${because}.${stays}`;
     case 'stalled':
       return state.silent
-        ? `Nothing has come from the server for ${state.seconds} s.${stays}`
-        : `The server answers, but no picture has come for ${state.seconds} s.${stays}`;
+        ? `Nothing received from the server for ${state.seconds} s.${stays}`
+        : `The server answers, but has sent no image for ${state.seconds} s.${stays}`;
     case 'reconnecting':
-      return `${state.detail || 'The connection broke.'}${stays} Trying again`;
+      return `${state.detail || 'The connection broke.'}${stays} Retrying`;
     case 'refused':
       return `${state.detail}`;
     default:
@@ -80,8 +80,8 @@ export function stateSentence(state, seen) {
   }
 }
 
-// Where the sun stands: "14:35 solar time, sun 32° high in the south-west". A sky's clock has its noon when the sun is
-// highest, which is not what the clocks of its place say.
+// The sun's position: "14:35 solar time, sun 32° high in the south-west". Solar noon is when the sun is highest, which differs
+// from local clock time.
 export function sunSentence(light) {
   if (!light) return '';
   const time = light.time ? `${light.time} solar time, ` : '';
@@ -92,14 +92,14 @@ export function sunSentence(light) {
   return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
 }
 
-// Which light the picture holds, how far it is from the truth, where the server says so, how much of what will make it
-// better and quicker is computed, what has been done for a sky that stands still, and what is left out of it.
+// Which light the image contains, its estimated noise, the progress of the light-transport cache, the passes of a still sky, and
+// what was left out.
 export function lightSentence(light) {
   if (!light?.paths) return '';
   const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
-  const share = typeof light.computed === 'number' ? ` Light transport: ${Math.floor(100 * light.computed)} % computed.` : '';
+  const share = typeof light.computed === 'number' ? ` Light-transport cache: ${Math.floor(100 * light.computed)} % computed.` : '';
   const still = light.passes > 0
-    ? ` Standing still: ${light.passes} ${light.passes === 1 ? 'pass' : 'passes'}, ${light.converged ? 'done' : 'getting better'}.`
+    ? ` Still sky: ${light.passes} ${light.passes === 1 ? 'pass' : 'passes'}, ${light.converged ? 'converged' : 'refining'}.`
     : '';
   return `Light: ${light.paths}.${off}${share}${still}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
 }
@@ -112,7 +112,7 @@ export function milliseconds(ms) {
   return `${ms < 9.95 ? ms.toFixed(1) : Math.round(ms)} ms`;
 }
 
-// How the pictures come, as people call it.
+// The display name of an image coding.
 export const codingName = (format) => ({ jpeg: 'JPEG', h264: 'H.264' })[format] ?? '';
 
 export function bitsPerSecond(bytes) {

@@ -1,5 +1,5 @@
-// The sky that lights the picture, as a lat-long picture of its own, with its sun marked and, while a pixel is looked into,
-// the samples of that pixel. The server is asked once a second while the panel is looked at; a probe brings its own.
+// The sky panel: the environment map as a lat-long image with the sun marked and, while a pixel is probed, that pixel's light
+// samples. Requests the sky once a second while the panel is visible; probe answers include it.
 
 import { make } from './dom.js';
 import { decodeSky, drawProbe } from './probe_draw.js';
@@ -10,8 +10,8 @@ import { sunSentence } from './sentences.js';
 const ASK_MS = 1000;
 const LOST_MS = 10000;
 
-// Towards the sun: degrees above the horizon and clockwise from north, which is +Z, east -X; in a sky that is turned
-// right-handed about +Y.
+// Unit vector towards the sun from its elevation and its azimuth clockwise from north in degrees (north +Z, east -X), in a sky
+// rotated right-handed about +Y.
 export function sunDirection({ elevation, azimuth }, turnDegrees = 0) {
   const [up, round, turn] = [elevation, azimuth, turnDegrees].map((d) => (d * Math.PI) / 180);
   const [x, z] = [-Math.cos(up) * Math.sin(round), Math.cos(up) * Math.cos(round)];
@@ -27,7 +27,7 @@ class SkyPanel {
     this.waiting = false;
     this.refused = false; // an older server
     this.sky = null; // {frame, image, turn}
-    this.probed = null; // the last answer about a pixel
+    this.probed = null; // the last probe answer
     this.probedMs = -Infinity;
     this.build(app.panel('sky-panel', 'The sky'));
     app.on('probed', (message) => this.take(message));
@@ -42,7 +42,7 @@ class SkyPanel {
   build(body) {
     this.canvas = make('canvas', { id: 'sky-latlong' });
     this.canvas.setAttribute('role', 'img');
-    this.words = make('p', { className: 'counts', id: 'sky-words', text: 'It is shown with the first picture.' });
+    this.words = make('p', { className: 'counts', id: 'sky-words', text: 'The sky appears with the first image.' });
     body.append(this.canvas, this.words);
   }
 
@@ -50,7 +50,7 @@ class SkyPanel {
     return isSeen(this.canvas);
   }
 
-  // The pixel that is looked into at present, if any.
+  // The probed pixel, if any.
   get pixel() {
     return window.relight.probe?.pixel ? this.probed : null;
   }
@@ -69,7 +69,7 @@ class SkyPanel {
     this.app.send({ op: 'probe', request: ++this.request, sky: true });
   }
 
-  // Nothing has changed since: a sky that stands still is asked for once.
+  // Whether the sky is unchanged: a still sky is requested once.
   fresh() {
     return this.sky?.alone && this.sky.frame === this.app.status.frame && this.sky.turn === (this.app.control?.rotate_degrees ?? this.sky.turn);
   }
@@ -99,7 +99,7 @@ class SkyPanel {
     if (this.refused) this.words.textContent = 'This server does not send its sky.';
   }
 
-  // Where the sun stands in the sky that is drawn, [x, y, z], or null.
+  // The sun's direction in the drawn sky, [x, y, z], or null.
   get sun() {
     const sun = this.app.status?.light?.sun;
     return sun && this.sky ? sunDirection(sun, this.sky.turn) : null;
@@ -112,7 +112,7 @@ class SkyPanel {
     const { sun } = this;
     if (!sun) return;
     const { u, v } = toLatLong(sun);
-    for (const round of [-1, 0, 1]) this.markSun(u + round, v); // a mark at the edge goes on at the other
+    for (const round of [-1, 0, 1]) this.markSun(u + round, v); // a mark at one edge continues at the other
   }
 
   markSun(u, v) {
@@ -121,7 +121,7 @@ class SkyPanel {
     for (const [colour, width] of [['#000c', 4], ['#fff', 2]]) {
       context.strokeStyle = colour;
       context.lineWidth = width * unit;
-      for (let turn = 0; turn < 4; turn++) { // four strokes around it, so that it stays in sight
+      for (let turn = 0; turn < 4; turn++) { // four strokes around the sun leave it visible
         const [c, s] = [Math.cos((turn * Math.PI) / 2), Math.sin((turn * Math.PI) / 2)];
         context.beginPath();
         context.moveTo(u * this.canvas.width + 6 * unit * c, v * this.canvas.height + 6 * unit * s);
@@ -137,10 +137,10 @@ class SkyPanel {
     const { pixel } = this;
     const marks = pixel ? ` Marked: the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}.` : '';
     const turn = Math.round(this.sky.turn);
-    const words = `Frame ${this.sky.frame}${turn ? `, turned by ${turn}°` : ''}; the middle is +Z, the north of a computed sky.${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; a cross of four strokes marks it.` : ''}${marks}`;
+    const words = `Frame ${this.sky.frame}${turn ? `, rotated by ${turn}°` : ''}; the middle is +Z (north in a computed sky).${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; four strokes mark it.` : ''}${marks}`;
     if (this.words.textContent === words) return;
     this.words.textContent = words;
-    this.canvas.setAttribute('aria-label', `The sky as a lat-long picture. ${words}`);
+    this.canvas.setAttribute('aria-label', `The sky as a lat-long image. ${words}`);
   }
 }
 

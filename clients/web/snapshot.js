@@ -1,13 +1,12 @@
-// Keeps a picture as a file: what the canvas shows as PNG, or the numbers behind it as EXR, which a second, short
-// connection asks the server for.
+// Saves the image as a file: the canvas as PNG, or the linear image as EXR, fetched over a second, short connection.
 
 import { make } from './dom.js';
 import { FLAG_REPEAT, PATH, PROTOCOL, VERSION, decodePicture } from './protocol.js';
 import { wishedRole } from './role.js';
 
-const PATIENCE_MS = 30000; // for the whole of that connection: a float picture may be large and the line thin
+const PATIENCE_MS = 30000; // for that whole connection: a float image may be large and the line slow
 
-// "relight_frame_118_2026-11-22T10-05-30Z.png": the sky's frame, and when the picture was published.
+// "relight_frame_118_2026-11-22T10-05-30Z.png": sky frame and time of publication.
 export function fileName(header, extension) {
   const time = new Date(header.publishedUs / 1000).toISOString().slice(0, 19).replaceAll(':', '-');
   return `relight_frame_${header.frame}_${time}Z.${extension}`;
@@ -19,11 +18,11 @@ export function saveAs(blob, name) {
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
 
-// The best of the formats that hold numbers, or null.
+// The best linear format, or null.
 export const numbersFormat = (offered) => ['exr_float', 'exr_half'].find((format) => offered?.includes(format)) ?? null;
 
-// One picture in that format, on a connection of its own. The server begins with the last one that it has encoded so, which
-// may be of long ago: a repeated one is taken only if it is of the frame that is seen.
+// Fetches one image in that format. The server first sends the last one it encoded so, which may be old: a repeated image counts
+// only if it shows the current frame.
 export function fetchPicture({ url, role, token, frame, Socket = globalThis.WebSocket, patienceMs = PATIENCE_MS }) {
   return new Promise((resolve, reject) => {
     const socket = new Socket(url, PROTOCOL);
@@ -40,9 +39,9 @@ export function fetchPicture({ url, role, token, frame, Socket = globalThis.WebS
       if (message.op !== 'welcome') return;
       const format = numbersFormat(message.formats);
       if (format) say({ op: 'subscribe', format });
-      else end(reject, new Error('this server makes no EXR'));
+      else end(reject, new Error('this server offers no EXR'));
     };
-    late = setTimeout(() => end(reject, new Error('no picture came')), patienceMs);
+    late = setTimeout(() => end(reject, new Error('no image arrived')), patienceMs);
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => say({ op: 'hello', role, version: VERSION, token });
     socket.onclose = ({ reason }) => end(reject, new Error(reason || 'the connection broke'));
@@ -59,7 +58,7 @@ export function fetchPicture({ url, role, token, frame, Socket = globalThis.WebS
   });
 }
 
-// A button of the top line: an icon, and a word that narrow windows leave out.
+// Creates a button in the header: an icon, and a word that narrow windows hide.
 export function topButton(id, label, word, path) {
   const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
   const line = document.createElementNS('http://www.w3.org/2000/svg', 'path');
@@ -72,7 +71,7 @@ export function topButton(id, label, word, path) {
   return button;
 }
 
-// The same by a key, which the button names.
+// Binds a key to the button and names it in the tooltip.
 export function withKey(app, button, key, label, act) {
   const name = key.replace('+', ' + ').toUpperCase();
   button.title = `${label} (${name})`;
@@ -82,13 +81,13 @@ export function withKey(app, button, key, label, act) {
 }
 
 export function mount(app) {
-  const png = topButton('snapshot-png', 'Save the picture as PNG', 'PNG', 'M2 4.5h3l1-1.5h4l1 1.5h3v8H2zM10.5 8.5a2.5 2.5 0 1 1-5 0 2.5 2.5 0 0 1 5 0');
-  const exr = topButton('snapshot-exr', 'Save the numbers as EXR', 'EXR', 'M8 2v8M4.5 7 8 10.5 11.5 7M2.5 13.5h11');
+  const png = topButton('snapshot-png', 'Save the image as PNG', 'PNG', 'M2 4.5h3l1-1.5h4l1 1.5h3v8H2zM10.5 8.5a2.5 2.5 0 1 1-5 0 2.5 2.5 0 0 1 5 0');
+  const exr = topButton('snapshot-exr', 'Save the linear image as EXR', 'EXR', 'M8 2v8M4.5 7 8 10.5 11.5 7M2.5 13.5h11');
   let shown = null; // the header of what the canvas shows
 
   async function savePng() {
     if (!shown) {
-      app.say('There is no picture yet');
+      app.say('There is no image yet');
       return;
     }
     const name = fileName(shown, 'png');
@@ -100,11 +99,11 @@ export function mount(app) {
   async function saveExr() {
     if (exr.disabled) return;
     if (!shown) {
-      app.say('There is no picture yet');
+      app.say('There is no image yet');
       return;
     }
     exr.disabled = true;
-    app.say('Asking for the numbers');
+    app.say('Requesting the linear image');
     try {
       const url = new URL(PATH, location.href.replace(/^http/, 'ws')).href;
       const { header, payload } = await fetchPicture({ url, role: app.role ?? 'viewer', token: wishedRole(location).token, frame: shown.frame });
@@ -119,6 +118,6 @@ export function mount(app) {
   }
 
   app.on('picture', ({ header }) => { shown = header; });
-  withKey(app, png, 's', 'Save the picture as PNG', savePng);
-  withKey(app, exr, 'Shift+s', 'Save the numbers behind the picture as EXR', saveExr);
+  withKey(app, png, 's', 'Save the image as PNG', savePng);
+  withKey(app, exr, 'Shift+s', 'Save the linear image as EXR', saveExr);
 }

@@ -1,4 +1,4 @@
-// Dark or light: as the system has it until a person says otherwise, and then as that person said.
+// Dark or light theme: the system's, until the user chooses.
 
 const KEY = 'relight.theme';
 const system = () => (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark');
@@ -20,7 +20,7 @@ export function startTheme() {
   matchMedia('(prefers-color-scheme: light)').addEventListener('change', follow);
 }
 
-// Gives what it is now.
+// Returns the new theme.
 export function switchTheme() {
   const now = theme() === 'light' ? 'dark' : 'light';
   document.documentElement.dataset.theme = now;
@@ -28,7 +28,7 @@ export function switchTheme() {
     if (now === system()) localStorage.removeItem(KEY);
     else localStorage.setItem(KEY, now);
   } catch {
-    // it lasts as long as the page
+    // lasts until the page closes
   }
   return now;
 }

@@ -1,9 +1,9 @@
-// Pictures of H.264 through the browser's WebCodecs: a chain that begins at a key picture, each of the others needing the
-// one before. Knows no connection and no page; the world comes in through `world`, so that it runs under test.
+// Decodes H.264 through WebCodecs: a chain that starts at a keyframe, in which every other frame needs the previous one.
+// Independent of connection and page; `world` provides decoder, timers and clock, also for tests.
 
 import { FLAG_KEY } from './protocol.js';
 
-const SILENT_S = 3; // a decoder that gives nothing for so long gives nothing at all
+const SILENT_S = 3; // a decoder without output for so long has failed
 
 export function realWorld() {
   return {
@@ -16,20 +16,20 @@ export function realWorld() {
   };
 }
 
-// What stands in the way of H.264 here, in words, or null. A browser that says yes may still fail later.
+// Why H.264 is unavailable here, or null. A browser that claims support may still fail later.
 export async function whyNoVideo(world = realWorld()) {
-  if (!world.secure) return 'this page did not come over a secure connection';
+  if (!world.secure) return 'this page was not loaded over a secure connection';
   if (!world.VideoDecoder || !world.EncodedVideoChunk) return 'this browser has no WebCodecs';
   try {
     const { supported } = await world.VideoDecoder.isConfigSupported({ codec: 'avc1.42E01F', optimizeForLatency: true });
     return supported ? null : 'this browser does not decode H.264';
   } catch (error) {
-    return `this browser cannot tell: ${error.message}`;
+    return `this browser reports no codec support: ${error.message}`;
   }
 }
 
-// The name that WebCodecs has for the stream that this key picture begins, from its sequence parameter set: profile,
-// constraints and level are the three bytes behind the unit's own [H.264, 7.3.2.1.1]. null where there is none.
+// The WebCodecs codec string of the stream that this keyframe starts, from its sequence parameter set: profile, constraints and
+// level are the three bytes behind the NAL unit's header [H.264, 7.3.2.1.1]. null if there is none.
 export function codecOf(payload) {
   for (let i = 0; i + 6 < payload.length; i++) {
     if (payload[i] !== 0 || payload[i + 1] !== 0 || payload[i + 2] !== 1 || (payload[i + 3] & 31) !== 7) continue;
@@ -40,11 +40,11 @@ export function codecOf(payload) {
 
 export class Video {
   // on: {picture({header, bitmap, bytes, heardMs, decodeMs}), passed(header): will not be shown,
-  //      lost(): a key picture is needed, failed(reason): nothing will come any more}
+  //      lost(): a keyframe is needed, failed(reason): no more images will come}
   constructor(on, world = realWorld()) {
     this.on = on;
     this.world = world;
-    this.pending = []; // handed to the decoder and not come out, oldest first
+    this.pending = []; // in the decoder, oldest first
     this.decoder = null;
     this.codec = null;
     this.timer = undefined;
@@ -62,7 +62,7 @@ export class Video {
       this.pending.push({ header, bytes: payload.byteLength, heardMs, begunMs: this.world.nowMs() });
       this.decoder.decode(new this.world.EncodedVideoChunk({
         type: key ? 'key' : 'delta',
-        timestamp: header.sequence, // comes back with what was made of it
+        timestamp: header.sequence, // identifies the decoded frame
         data: payload,
       }));
       this.watch();
@@ -71,7 +71,7 @@ export class Video {
     }
   }
 
-  // The decoder and what is in it are let go of: the next picture that is taken is a key picture.
+  // Releases the decoder and its contents: the next frame must be a keyframe.
   forget() {
     const { decoder } = this;
     this.decoder = null;
@@ -87,7 +87,7 @@ export class Video {
   }
 
   begin(codec) {
-    if (!codec) throw new Error('a key picture came without its parameters');
+    if (!codec) throw new Error('a keyframe has no parameter sets');
     if (this.decoder && codec === this.codec) return;
     this.forget();
     const decoder = new this.world.VideoDecoder({
@@ -117,7 +117,7 @@ export class Video {
     this.on.picture({ header, bitmap: frame, bytes, heardMs, decodeMs: this.world.nowMs() - begunMs });
   }
 
-  // A browser takes a decoder back that has long been idle; that is no failure.
+  // Browsers reclaim decoders that were idle for long; that is no failure.
   broken(error) {
     if (error.name === 'QuotaExceededError') {
       this.forget();
@@ -132,13 +132,13 @@ export class Video {
     this.on.failed(reason);
   }
 
-  // While there is something in the decoder: three seconds without a picture out of it are a failure. Counted one by
-  // one, since a computer that was asleep finds them all gone at once.
+  // While the decoder holds frames, three seconds without output are a failure. Counted second by second, since a computer that
+  // slept sees them all pass at once.
   watch() {
     if (this.timer !== undefined || !this.pending.length || this.closed) return;
     let seconds = 0;
     const tick = () => {
-      if (++seconds >= SILENT_S) this.fail(`the decoder gave nothing for ${SILENT_S} s`);
+      if (++seconds >= SILENT_S) this.fail(`the decoder produced nothing for ${SILENT_S} s`);
       else this.timer = this.world.setTimeout(tick, 1000);
     };
     this.timer = this.world.setTimeout(tick, 1000);

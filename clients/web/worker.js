@@ -1,4 +1,4 @@
-// The player in a thread of its own: a busy page delays neither messages nor decoding.
+// The player in a worker, so that a busy page delays neither messages nor decoding.
 import { Player } from './player.js';
 
 const player = new Player((event, transfer = []) => self.postMessage(event, transfer));

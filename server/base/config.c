@@ -1,6 +1,6 @@
-#include "config.h"
+#include "base/config.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -11,10 +11,10 @@
 #include <sys/stat.h>
 
 struct entry {
-    const char *key; /* the JSON object's */
+    const char *key; /* owned by the JSON object */
     const json_t *value;
     unsigned line;
-    char text[32]; /* of a number */
+    char text[32]; /* a number, written as text */
 };
 
 struct config {
@@ -22,13 +22,13 @@ struct config {
     json_t *root;
     struct entry *entries;
     size_t count;
-    bool others; /* may read it */
+    bool others_can_read; /* group or others may read the file */
 };
 
 /* ---- Lines ---- */
 
-/* Jansson keeps keys in the order of the text, but not where they stood. So the text, which is known to be JSON, is
- * gone through once more: the n-th string at depth one that follows a brace or a comma is the n-th key. */
+/* Jansson keeps keys in file order but not their positions. The text is known to be valid JSON by now, so a second scan
+ * finds them: the n-th string at depth one that follows a brace or a comma is the n-th key. */
 static void find_lines(struct config *c, const char *text, size_t size)
 {
     unsigned line = 1, depth = 0;
@@ -58,7 +58,7 @@ static void find_lines(struct config *c, const char *text, size_t size)
 
 /* ---- Reading ---- */
 
-/* As few digits as give the same number back. */
+/* The fewest digits that read back as the same number. */
 static void write_number(const json_t *value, char *text, size_t size)
 {
     if (json_is_integer(value)) {
@@ -110,7 +110,7 @@ enum err config_parse(const char *name, const char *text, size_t size, struct co
     if (!c->root)
         e = err_say(why, ERR_FORMAT, "%s:%d: %s", name, fault.line > 0 ? fault.line : 1, fault.text);
     else if (!json_is_object(c->root))
-        e = err_say(why, ERR_FORMAT, "%s:1: a JSON object is wanted: {\"flag\": value, ...}", name);
+        e = err_say(why, ERR_FORMAT, "%s:1: not a JSON object; expected {\"flag\": value, ...}", name);
     else
         e = list_entries(c, why);
     if (e) {
@@ -130,7 +130,7 @@ enum err config_read(const char *path, struct config **out, struct reason *why)
     *out = NULL;
     FILE *f = fopen(path, "rb");
     if (!f)
-        return err_say(why, ERR_IO, "%s: cannot be read: %s", path, strerror(errno));
+        return err_say(why, ERR_IO, "%s: cannot read the file: %s", path, strerror(errno));
     char *text = mem_alloc(CONFIG_BYTES_MAX + 1, 1);
     if (!text) {
         e = err_say(why, ERR_NOMEM, "%s: out of memory", path);
@@ -138,13 +138,14 @@ enum err config_read(const char *path, struct config **out, struct reason *why)
     }
     const size_t size = fread(text, 1, CONFIG_BYTES_MAX + 1, f);
     if (ferror(f))
-        e = err_say(why, ERR_IO, "%s: cannot be read: %s", path, strerror(errno));
+        e = err_say(why, ERR_IO, "%s: cannot read the file: %s", path, strerror(errno));
     else if (size > CONFIG_BYTES_MAX)
-        e = err_say(why, ERR_RANGE, "%s: larger than %zu bytes, which is no configuration", path, CONFIG_BYTES_MAX);
+        e = err_say(why, ERR_RANGE, "%s: larger than %zu bytes, the limit of a configuration file", path,
+                    CONFIG_BYTES_MAX);
     else
         e = config_parse(path, text, size, out, why);
     if (!e)
-        (*out)->others = fstat(fileno(f), &st) == 0 && (st.st_mode & (S_IRGRP | S_IROTH));
+        (*out)->others_can_read = fstat(fileno(f), &st) == 0 && (st.st_mode & (S_IRGRP | S_IROTH));
 done:
     mem_free(text);
     fclose(f);
@@ -170,7 +171,7 @@ const char *config_name(const struct config *c)
 
 bool config_is_readable_by_others(const struct config *c)
 {
-    return c->others;
+    return c->others_can_read;
 }
 
 size_t config_count(const struct config *c)
@@ -197,18 +198,18 @@ enum err config_apply(const struct config *c, size_t index, struct options *o, s
         return err_say(why, ERR_USAGE, "%s:%u: %s: %s has no such flag", c->name, e->line, e->key, o->program);
     if (!row->value) {
         if (!json_is_boolean(e->value))
-            return err_say(why, ERR_USAGE, "%s:%u: %s: it is a switch, true or false", c->name, e->line, e->key);
+            return err_say(why, ERR_USAGE, "%s:%u: %s: is a switch; expected true or false", c->name, e->line, e->key);
         row->given = json_is_true(e->value) ? "1" : NULL;
         return ERR_OK;
     }
     if (!json_is_string(e->value) && !json_is_number(e->value))
-        return err_say(why, ERR_USAGE, "%s:%u: %s: a string or a number is wanted: %s", c->name, e->line, e->key,
+        return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or a number: %s", c->name, e->line, e->key,
                        row->value);
     row->given = json_is_string(e->value) ? json_string_value(e->value) : e->text;
     return ERR_OK;
 }
 
-enum err config_blame(const struct config *c, size_t index, enum err e, struct reason *why)
+enum err config_add_location(const struct config *c, size_t index, enum err e, struct reason *why)
 {
     const struct entry *entry = &c->entries[index];
     const size_t length = strlen(entry->key);

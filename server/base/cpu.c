@@ -1,4 +1,4 @@
-#include "cpu.h"
+#include "base/cpu.h"
 
 #include <stddef.h>
 #include <string.h>
@@ -34,6 +34,6 @@ enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why)
             *out = (enum cpu_level)k;
             return ERR_OK;
         }
-    return err_say(why, ERR_USAGE, "--cpu '%s' is unknown, or this CPU lacks it; it has %s%s%s", name, names[0],
-                   best >= CPU_V3 ? ", v3" : "", best >= CPU_V4 ? ", v4" : "");
+    return err_say(why, ERR_USAGE, "--cpu '%s' is unknown or not supported by this CPU; it supports %s%s%s", name,
+                   names[0], best >= CPU_V3 ? ", v3" : "", best >= CPU_V4 ? ", v4" : "");
 }

@@ -1,28 +1,18 @@
-#include "digest.h"
+#include "base/digest.h"
 
-#include "rng.h"
+#include <xxhash.h>
 
-#include <string.h>
-
-void digest_begin(struct digest *d)
+/* Chained: hashes each item's hash and size together with the digest so far. */
+void digest_bytes(struct digest *d, const void *bytes, size_t size)
 {
-    *d = (struct digest){ { 0x6368617274u, 0x7472757468u } };
+    const XXH128_hash_t item = XXH3_128bits(bytes, size);
+    const uint64_t link[] = { d->half[0], d->half[1], size, item.low64, item.high64 };
+    const XXH128_hash_t next = XXH3_128bits(link, sizeof(link));
+
+    *d = (struct digest){ { next.low64, next.high64 } };
 }
 
 void digest_u64(struct digest *d, uint64_t value)
 {
-    d->half[0] = rng_mix(d->half[0], value);
-    d->half[1] = rng_mix(value, d->half[1]);
-}
-
-void digest_bytes(struct digest *d, const void *bytes, size_t size)
-{
-    const unsigned char *p = bytes;
-
-    digest_u64(d, size);
-    for (size_t i = 0; i < size; i += 8) {
-        uint64_t word = 0;
-        memcpy(&word, p + i, size - i < 8 ? size - i : 8);
-        digest_u64(d, word);
-    }
+    digest_bytes(d, &value, sizeof(value));
 }

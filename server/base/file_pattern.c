@@ -1,10 +1,10 @@
-#include "file_pattern.h"
+#include "base/file_pattern.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-#define DIGITS_MOST 20 /* of 2^64 - 1 */
+#define DIGITS_MAX 20 /* digits of 2^64 - 1 */
 
 enum err file_pattern_parse(const char *text, const char *flag, struct file_pattern *out, struct reason *why)
 {
@@ -12,10 +12,11 @@ enum err file_pattern_parse(const char *text, const char *flag, struct file_patt
     for (const char *p = strchr(text, '%'); p; p = strchr(p + 1, '%')) {
         size_t n = 1;
         unsigned width = 0;
-        while (p[n] >= '0' && p[n] <= '9' && width <= DIGITS_MOST)
+        while (p[n] >= '0' && p[n] <= '9' && width <= DIGITS_MAX)
             width = 10 * width + (unsigned)(p[n++] - '0');
-        if (p[n] != 'd' || width > DIGITS_MOST || out->length)
-            return err_say(why, ERR_USAGE, "%s '%s' may hold one %%d or %%04d and no other '%%'", flag, text);
+        if (p[n] != 'd' || width > DIGITS_MAX || out->length)
+            return err_say(why, ERR_USAGE, "%s '%s' must contain at most one %%d or %%04d and no other '%%'", flag,
+                           text);
         out->at = (size_t)(p - text);
         out->length = n + 1;
         out->digits = width;
@@ -29,5 +30,5 @@ enum err file_pattern_name(const struct file_pattern *p, uint64_t number, char *
                                        p->text + p->at + p->length)
                             : snprintf(name, size, "%s", p->text);
 
-    return n > 0 && (size_t)n < size ? ERR_OK : err_say(why, ERR_USAGE, "'%.200s' is too long a name", p->text);
+    return n > 0 && (size_t)n < size ? ERR_OK : err_say(why, ERR_USAGE, "'%.200s': the file name is too long", p->text);
 }

@@ -1,26 +1,26 @@
 /* server/base/file_pattern.h */
-/* Names of numbered files: "picture.%04d.exr". At most one %d or %0Nd; no other '%', since the name would not be what
- * was meant. Any thread. */
+/* Names of numbered files: "image.%04d.exr". A pattern has at most one %d or %0Nd and no other '%'. Thread: any. */
 #ifndef BASE_FILE_PATTERN_H
 #define BASE_FILE_PATTERN_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stddef.h>
 #include <stdint.h>
 
 struct file_pattern {
     const char *text; /* borrowed */
-    size_t at;        /* where the number goes */
-    size_t length;    /* of what stands for it; 0: there is none, and all files have the same name */
-    unsigned digits;  /* at least so many, with zeros in front */
+    size_t at;        /* offset of the conversion */
+    size_t length;    /* of the conversion; 0: none, so every file has the same name */
+    unsigned digits;  /* minimum number of digits, zero-padded */
 };
 
-/* `flag`, as "--out", begins the reason. ERR_USAGE. */
+/* Parses a pattern; *out borrows `text`. `flag`, such as "--out", begins the message. ERR_USAGE: not a valid pattern.
+ */
 MUST_CHECK enum err file_pattern_parse(const char *text, const char *flag, struct file_pattern *out,
                                        struct reason *why);
 
-/* ERR_USAGE when the name does not fit. */
+/* Writes the name of file `number` into name[size]. ERR_USAGE: the name does not fit. */
 MUST_CHECK enum err file_pattern_name(const struct file_pattern *p, uint64_t number, char *name, size_t size,
                                       struct reason *why);
 

@@ -1,4 +1,4 @@
-#include "file_store.h"
+#include "base/file_store.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -10,7 +10,7 @@
 #include <unistd.h>
 
 #define PATH_ROOM 4096
-#define NAME_TRIES 100 /* processes that write under one name at once */
+#define NAME_TRIES 100 /* processes that may write to one name at the same time */
 
 static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
 {
@@ -21,7 +21,7 @@ static enum err say_errno(struct reason *why, const char *path, const char *step
     return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, text);
 }
 
-/* Whether the name still stands for the open file: another process may have renamed it before we had the lock. */
+/* Whether `name` still refers to the open file: another process may have renamed it before this one got the lock. */
 static bool is_still(int fd, const char *name)
 {
     struct stat open_one, named;
@@ -30,8 +30,8 @@ static bool is_still(int fd, const char *name)
            open_one.st_dev == named.st_dev && S_ISREG(named.st_mode);
 }
 
-/* Opens and locks `name`, and empties it: what a killed process has left there is nobody's. *fd is -1 when another
- * process is writing to it. 0 or errno. */
+/* Opens and locks `name` and truncates it, since it may hold what a killed process left. *fd is -1 if another process
+ * is writing to it. Returns 0 or errno. */
 static int claim(const char *name, int *fd)
 {
     struct flock lock = { .l_type = F_WRLCK, .l_whence = SEEK_SET };
@@ -39,7 +39,7 @@ static int claim(const char *name, int *fd)
     *fd = open(name, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (*fd < 0)
         return errno;
-    /* Where a file system has no locks, one process a name must do. */
+    /* On a file system without locks, only one process may write to a name. */
     const bool taken = fcntl(*fd, F_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES);
     if (!taken && is_still(*fd, name) && ftruncate(*fd, 0) == 0)
         return 0;
@@ -54,22 +54,22 @@ static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd
         const int n =
             i ? snprintf(temporary, PATH_ROOM, "%s.%d.part", path, i) : snprintf(temporary, PATH_ROOM, "%s.part", path);
         if (n < 0 || n >= PATH_ROOM)
-            return err_say(why, ERR_IO, "%.200s...: the path is longer than %d bytes", path, PATH_ROOM - 32);
+            return err_say(why, ERR_IO, "%.200s...: the path exceeds %d bytes", path, PATH_ROOM - 32);
         const int number = claim(temporary, fd);
         if (number && number != ELOOP)
             return say_errno(why, path, "create the file", number);
         if (*fd >= 0)
             return ERR_OK;
     }
-    return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) stand beside it", path, NAME_TRIES);
+    return err_say(why, ERR_IO, "%s: %d unfinished files (*.part) exist beside it", path, NAME_TRIES);
 }
 
-#define TOGETHER 256 /* parts to one call of the system */
+#define TOGETHER 256 /* buffers per writev call */
 
-/* 0 or errno. */
+/* Returns 0 or errno. */
 static int write_parts(int fd, const struct file_part *parts, size_t count)
 {
-    size_t written = 0; /* of the first part */
+    size_t written = 0; /* bytes of the first part already written */
 
     while (count > 0) {
         struct iovec list[TOGETHER];
@@ -88,7 +88,7 @@ static int write_parts(int fd, const struct file_part *parts, size_t count)
     return 0;
 }
 
-/* 0 or errno. Pipes and devices know no fsync. */
+/* Writes and syncs. Returns 0 or errno. Pipes and devices do not support fsync. */
 static int write_fully(int fd, const struct file_part *parts, size_t count)
 {
     const int failed = write_parts(fd, parts, count);
@@ -98,7 +98,8 @@ static int write_fully(int fd, const struct file_part *parts, size_t count)
     return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
 }
 
-/* A rename is on disk when its folder is. 0 or errno; file systems that cannot do that say EINVAL. */
+/* Makes a rename durable by syncing its folder. Returns 0 or errno; ignores EINVAL from file systems that cannot do it.
+ */
 static int sync_folder(const char *path)
 {
     char folder[PATH_ROOM];
@@ -108,13 +109,13 @@ static int sync_folder(const char *path)
         snprintf(folder, sizeof(folder), "%.*s", slash == path ? 1 : (int)(slash - path), path);
     const int fd = open(slash ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (fd < 0)
-        return errno == EACCES ? 0 : errno; /* a folder that may be written and not read: no more can be done */
+        return errno == EACCES ? 0 : errno; /* a folder that is writable but not readable cannot be synced */
     const int failed = fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
     close(fd);
     return failed;
 }
 
-/* What is no plain file (a pipe, a device, a link to one) must not be replaced by one: written in place. */
+/* A pipe, a device or a link to one must be written in place, not replaced by a regular file. */
 static bool is_replaceable(const char *path)
 {
     struct stat st;
@@ -139,7 +140,8 @@ enum err file_store_parts(const char *path, const struct file_part *parts, size_
     int failed = write_fully(fd, parts, count);
     if (failed)
         e = say_errno(why, path, "write the file", failed);
-    else if (replace && rename(temporary, path) != 0) /* while it is locked: nobody else may have begun to write it */
+    else if (replace &&
+             rename(temporary, path) != 0) /* still locked: no other process can have started writing to it */
         e = say_errno(why, path, "rename the finished file", errno);
     if (e && replace)
         unlink(temporary);

@@ -1,24 +1,26 @@
 /* server/base/file_store.h */
-/* Puts bytes on disk so that nobody ever sees half of them: a temporary name in the same folder (NAME.part), synced,
- * renamed over NAME, the folder synced. After ERR_OK the file survives a power cut; after an error or a kill the old
- * one is untouched, and at most a .part is left, which the next writer of that NAME takes over. */
+/* Atomic file writes: no reader ever sees a partial file. Writes to NAME.part in the same folder, syncs it, renames it
+ * to NAME and syncs the folder. After ERR_OK the file survives a power failure. After an error or a kill the old file
+ * is intact; at most a .part file remains, which the next writer of that name reuses. Thread: any, but one at a time
+ * within a process. Several processes may write to one name; the last one wins. */
 #ifndef BASE_FILE_STORE_H
 #define BASE_FILE_STORE_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* A pipe, device or symbolic link is not replaced but written in place. Several processes may store under one name, the
- * last one wins; within a process one thread at a time. ERR_IO names path and cause: a full disk, a missing folder. */
+/* Writes `size` bytes to `path`. A pipe, device or symbolic link is written in place. ERR_IO names path and cause, such
+ * as a full disk or a missing folder. */
 MUST_CHECK enum err file_store(const char *path, const void *bytes, size_t size, struct reason *why);
 
-/* The same for what lies in several pieces, one after the other. */
+/* As file_store, for data in several buffers, written one after the other. */
 struct file_part {
     const void *bytes;
     size_t size;
 };
+/* Errors of file_store. */
 MUST_CHECK enum err file_store_parts(const char *path, const struct file_part *parts, size_t count, struct reason *why);
 
 #endif

@@ -1,4 +1,4 @@
-#include "folder.h"
+#include "base/folder.h"
 
 #include <errno.h>
 #include <stdbool.h>
@@ -18,17 +18,17 @@ enum err folder_make(const char *path, struct reason *why)
     char folder[4096];
 
     if (snprintf(folder, sizeof(folder), "%s", path) >= (int)sizeof(folder) || !path[0])
-        return err_say(why, ERR_IO, "%.200s: is no name of a folder", path);
+        return err_say(why, ERR_IO, "%.200s: is not a valid folder name", path);
     for (char *p = folder + 1;; p++) {
         if (*p && *p != '/')
             continue;
         const char kept = *p;
         *p = '\0';
         if (mkdir(folder, 0777) != 0 && errno != EEXIST)
-            return err_say(why, ERR_IO, "%s: cannot be made: %s", folder, strerror(errno));
+            return err_say(why, ERR_IO, "%s: cannot create the folder: %s", folder, strerror(errno));
         *p = kept;
         if (!kept)
-            return is_folder(folder) ? ERR_OK : err_say(why, ERR_IO, "%s: is no folder", folder);
+            return is_folder(folder) ? ERR_OK : err_say(why, ERR_IO, "%s: exists and is not a folder", folder);
     }
 }
 

@@ -1,4 +1,4 @@
-#include "handoff.h"
+#include "base/handoff.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -42,7 +42,7 @@ int handoff_begin(struct handoff *h)
     int slot = 0;
 
     pthread_mutex_lock(&h->lock);
-    while (slot == h->ready || slot == h->taken) /* of three, at most two are in use */
+    while (slot == h->ready || slot == h->taken) /* at most two of the three slots are in use */
         slot++;
     pthread_mutex_unlock(&h->lock);
     return slot;

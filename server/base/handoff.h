@@ -1,7 +1,7 @@
 /* server/base/handoff.h */
-/* Three slots between one writer and one reader, so that neither ever waits for the other's copy: the writer fills a
- * free slot and publishes it, the reader takes the newest published one; what was published and not taken is dropped by
- * the next. The slots' contents are the caller's: index 0..2 names them. One writer thread, one reader thread. */
+/* Triple buffering between one writer thread and one reader thread: neither waits while the other copies. The writer
+ * fills a free slot and publishes it; the reader takes the newest published slot; publishing drops a slot that was not
+ * taken. The caller owns the contents of the slots, which are numbered 0..2. */
 #ifndef BASE_HANDOFF_H
 #define BASE_HANDOFF_H
 
@@ -14,39 +14,38 @@
 struct handoff {
     pthread_mutex_t lock;
     pthread_cond_t changed;
-    int ready;   /* {lock} published and not taken, or HANDOFF_NONE */
-    int taken;   /* {lock} in the reader's hands, or HANDOFF_NONE */
+    int ready;   /* {lock} published and not yet taken, or HANDOFF_NONE */
+    int taken;   /* {lock} held by the reader, or HANDOFF_NONE */
     bool closed; /* {lock} */
 };
 
-void handoff_init(struct handoff *h);
-void handoff_finish(struct handoff *h);
+void handoff_init(struct handoff *h);   /* before either thread starts */
+void handoff_finish(struct handoff *h); /* after both threads have ended */
 
-/* Writer: a slot that nobody reads and that is not waiting to be read. */
+/* Writer: returns a free slot to fill. */
 int handoff_begin(struct handoff *h);
 
-/* Writer: whether that slot is in nobody's hands, and so the writer's to touch until it publishes the next one. */
+/* Writer: whether `slot` is neither published nor held by the reader. It then stays idle until the next
+ * handoff_publish. */
 bool handoff_is_idle(struct handoff *h, int slot);
 
-/* Writer: makes the slot the newest. Returns the slot that this dropped because it had not been taken, or HANDOFF_NONE.
- */
+/* Writer: makes `slot` the newest. Returns the slot that was published but never taken and is now dropped, or
+ * HANDOFF_NONE. */
 int handoff_publish(struct handoff *h, int slot);
 
-/* Writer: waits until what was published has been taken, at most timeout_ms. True when it has; false also when closed.
- */
+/* Writer: waits at most timeout_ms until the published slot has been taken. False: timeout or closed. */
 bool handoff_wait_taken(struct handoff *h, int timeout_ms);
 
-/* Reader: waits until there is something to take, at most timeout_ms; what it has in its hands it may keep meanwhile.
- * True when there is; false also when closed. */
+/* Reader: waits at most timeout_ms for a published slot, without releasing the one it holds. False: timeout or closed.
+ */
 bool handoff_wait_newer(struct handoff *h, int timeout_ms);
 
-/* Reader: the newest slot, which stays the reader's until handoff_release; HANDOFF_NONE after timeout_ms or when
+/* Reader: takes the newest published slot, which it holds until handoff_release. HANDOFF_NONE after timeout_ms or when
  * closed. */
 int handoff_take(struct handoff *h, int timeout_ms);
-void handoff_release(struct handoff *h, int slot);
+void handoff_release(struct handoff *h, int slot); /* reader: gives the slot back */
 
-/* Wakes both sides for good. Any thread. */
-void handoff_close(struct handoff *h);
-bool handoff_is_closed(struct handoff *h);
+void handoff_close(struct handoff *h);     /* wakes both sides; every later wait fails at once. Thread: any. */
+bool handoff_is_closed(struct handoff *h); /* thread: any */
 
 #endif

@@ -1,7 +1,7 @@
-#include "log.h"
+#include "base/log.h"
 
-#include "clock.h"
-#include "progress.h"
+#include "base/clock.h"
+#include "base/progress.h"
 
 #include <pthread.h>
 #include <stdarg.h>
@@ -15,18 +15,15 @@
 
 #define TEXT 1024
 
-/* Set once before threads start, then only read: the sink is the process's own standard error. */
+/* Set once before other threads start, read-only afterwards. */
 static const char *log_program = "relight";
 static struct log_desc log_now = { .level = LOG_INFO };
 static bool log_timed;
 
-static const char *const level_names[LOG_LEVELS] = { "error", "warning", "info", "debug" };
-static const char *const form_names[] = { "plain", "text", "json" };
-
-/* Guards the sites and what they hold back. */
+/* Guards the sites and their suppressed lines. */
 static pthread_mutex_t log_lock = PTHREAD_MUTEX_INITIALIZER;
-static struct log_site *log_sites; /* {log_lock} that have held something back */
-static atomic_uint_fast64_t log_lines[LOG_LEVELS], log_held;
+static struct log_site *log_sites; /* {log_lock} sites with suppressed lines */
+static atomic_uint_fast64_t log_lines[LOG_LEVELS], log_suppressed;
 
 void log_init(const char *program, enum log_level level)
 {
@@ -34,8 +31,8 @@ void log_init(const char *program, enum log_level level)
     log_now.level = level;
 }
 
-/* journald says in the environment which pipe is its own [systemd.exec(5)]; a child whose standard error is redirected
- * has the variable, too. */
+/* journald names its own pipe in an environment variable [systemd.exec(5)]. A child whose standard error is redirected
+ * inherits that variable, so the pipe has to be compared. */
 static bool is_journald(void)
 {
     const char *stream = getenv("JOURNAL_STREAM");
@@ -52,29 +49,24 @@ void log_configure(const struct log_desc *desc)
     log_timed = desc->form != LOG_PLAIN && !is_journald();
 }
 
-enum err log_parse_level(const char *name, enum log_level *out, struct reason *why)
-{
-    for (int k = 0; k < LOG_LEVELS; k++)
-        if (strcmp(name, level_names[k]) == 0) {
-            *out = (enum log_level)k;
-            return ERR_OK;
-        }
-    return err_say(why, ERR_USAGE, "--log-level '%s' is not known; there are error, warning, info and debug", name);
-}
+const struct setting_choice log_levels[] = {
+    { "error", LOG_ERROR, "errors", 0 },
+    { "warning", LOG_WARNING, "and warnings", 0 },
+    { "info", LOG_INFO, "and events", 0 },
+    { "debug", LOG_DEBUG, "and details", 0 },
+    { NULL, 0, NULL, 0 },
+};
 
-enum err log_parse_form(const char *name, enum log_form *out, struct reason *why)
-{
-    for (int k = 0; k <= LOG_JSON; k++)
-        if (strcmp(name, form_names[k]) == 0) {
-            *out = (enum log_form)k;
-            return ERR_OK;
-        }
-    return err_say(why, ERR_USAGE, "--log '%s' is not known; there are plain, text and json", name);
-}
+const struct setting_choice log_forms[] = {
+    { "plain", LOG_PLAIN, "text for people", 0 },
+    { "text", LOG_PAIRS, "key=value pairs with the time", 0 },
+    { "json", LOG_JSON, "one JSON object per line", 0 },
+    { NULL, 0, NULL, 0 },
+};
 
 /* ---- One line ---- */
 
-/* Bytes of one UTF-8 character at `at`; 0: it is none [RFC 3629, 4]. */
+/* Length in bytes of the UTF-8 character at `at`; 0 if it is invalid [RFC 3629, 4]. */
 static size_t character(const unsigned char *at)
 {
     const size_t n = at[0] < 0x80 ? 1 : at[0] >= 0xc2 && at[0] < 0xe0 ? 2 : (at[0] & 0xf0) == 0xe0 ? 3 : 4;
@@ -89,8 +81,8 @@ static size_t character(const unsigned char *at)
     return overlong || beyond ? 0 : n;
 }
 
-/* Without control characters, and with what is not UTF-8 as '?'; quotes and backslashes escaped where that is asked. A
- * line is one line, and a terminal is not spoken to, whatever a file is called. */
+/* Replaces control characters and invalid UTF-8 by '?', and escapes quotes and backslashes if `quoted`. File names from
+ * outside can thus neither break a line nor send codes to a terminal. */
 static void clean(const char *text, bool quoted, char *out, size_t size)
 {
     const unsigned char *at = (const unsigned char *)text;
@@ -123,7 +115,7 @@ static void stamp(char *out, size_t size)
     snprintf(out + n, size - n, ".%03dZ", (int)(now_us / 1000 % 1000));
 }
 
-/* {log_lock} A progress line may be standing on the terminal: start at its beginning and wipe it. */
+/* {log_lock} If a progress line is on the terminal, wipes it first. */
 static void put(enum log_level level, const char *text)
 {
     static const char *const heads[LOG_LEVELS] = { "error: ", "warning: ", "", "debug: " };
@@ -137,33 +129,34 @@ static void put(enum log_level level, const char *text)
         fprintf(stderr, "%s%s: %s%s\n", wipe, log_program, heads[level], line);
     else if (log_now.form == LOG_PAIRS)
         fprintf(stderr, "%s%s%s%slevel=%s program=%s message=\"%s\"\n", wipe, log_timed ? "time=" : "", time,
-                log_timed ? " " : "", level_names[level], log_program, line);
+                log_timed ? " " : "", log_levels[level].name, log_program, line);
     else
         fprintf(stderr, "%s{%s%s%s\"level\":\"%s\",\"program\":\"%s\",\"message\":\"%s\"}\n", wipe,
-                log_timed ? "\"time\":\"" : "", time, log_timed ? "\"," : "", level_names[level], log_program, line);
+                log_timed ? "\"time\":\"" : "", time, log_timed ? "\"," : "", log_levels[level].name, log_program,
+                line);
 }
 
 /* ---- How often ---- */
 
 /* {log_lock} */
-static void tell_held(struct log_site *site)
+static void report_suppressed(struct log_site *site)
 {
     char text[TEXT];
 
-    if (site->held == 0)
+    if (site->suppressed == 0)
         return;
-    snprintf(text, sizeof(text), "%u more like this: %s", site->held, site->last);
-    site->held = 0;
+    snprintf(text, sizeof(text), "%u more like this: %s", site->suppressed, site->last);
+    site->suppressed = 0;
     put(site->level, text);
 }
 
-/* {log_lock} Whether the line is to be written now. */
+/* {log_lock} Whether to write the line now. */
 static bool admit(struct log_site *site, enum log_level level, const char *text, int64_t now_ms)
 {
     if (log_now.burst == 0 || level == LOG_ERROR)
         return true;
     if (site->window_ms == 0 || now_ms - site->window_ms >= (int64_t)log_now.window_ms) {
-        tell_held(site);
+        report_suppressed(site);
         site->window_ms = now_ms;
         site->count = 0;
     }
@@ -175,9 +168,9 @@ static bool admit(struct log_site *site, enum log_level level, const char *text,
         log_sites = site;
     }
     site->level = level;
-    site->held++;
+    site->suppressed++;
     snprintf(site->last, sizeof(site->last), "%.*s", (int)sizeof(site->last) - 1, text);
-    atomic_fetch_add(&log_held, 1);
+    atomic_fetch_add(&log_suppressed, 1);
     return false;
 }
 
@@ -205,7 +198,7 @@ void log_flush(bool all)
     pthread_mutex_lock(&log_lock);
     for (struct log_site *site = log_sites; site; site = site->next)
         if (all || now_ms - site->window_ms >= (int64_t)log_now.window_ms)
-            tell_held(site);
+            report_suppressed(site);
     pthread_mutex_unlock(&log_lock);
 }
 
@@ -213,5 +206,5 @@ void log_counts(struct log_counts *out)
 {
     for (int k = 0; k < LOG_LEVELS; k++)
         out->lines[k] = atomic_load(&log_lines[k]);
-    out->held = atomic_load(&log_held);
+    out->suppressed = atomic_load(&log_suppressed);
 }

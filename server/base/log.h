@@ -1,9 +1,11 @@
-/* One line per event on standard error: `relightd: warning: text`, or the same for machines. Any thread; a line is
- * written in one piece, and control characters in it, which may come from outside, are written as '?'. */
+/* server/base/log.h */
+/* The log: one line per event on standard error, as `relightd: warning: text` or in a machine-readable format.
+ * Thread: any, except log_init and log_configure. Lines are never interleaved. Control characters, which may come from
+ * outside, are written as '?'. */
 #ifndef BASE_LOG_H
 #define BASE_LOG_H
 
-#include "err.h"
+#include "base/choice.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,43 +24,43 @@ enum log_form {
     LOG_JSON,  /* {"time":"...","level":"warning","program":"relightd","message":"text"} */
 };
 
-/* Names the program and the most talkative level that is printed. Called once by a main, before any other thread. */
+/* Sets the program's name and the most verbose level to print. Called once by main, before any other thread starts. */
 void log_init(const char *program, enum log_level level);
 
-/* After log_init, and likewise before any other thread. */
+/* Called after log_init and before any other thread starts. */
 struct log_desc {
     enum log_level level;
-    enum log_form form; /* time is left out where standard error is journald's, which has its own */
-    unsigned burst;     /* lines of one kind within window_ms; what is above is counted, and told at its end as one line
-                           "N more like this: ..."; 0: no limit. Errors are never held back. */
+    enum log_form form; /* the time is omitted if standard error is journald's, which adds its own */
+    unsigned burst; /* maximum lines of one kind within window_ms; further ones are counted and reported at its end as
+                       one line "N more like this: ..."; 0: no limit. Errors are never suppressed. */
     unsigned window_ms;
 };
+/* Thread: main, before any other starts. */
 void log_configure(const struct log_desc *desc);
 
-/* ERR_USAGE names the flag. Names are error, warning, info, debug; plain, text, json. */
-MUST_CHECK enum err log_parse_level(const char *name, enum log_level *out, struct reason *why);
-MUST_CHECK enum err log_parse_form(const char *name, enum log_form *out, struct reason *why);
+extern const struct setting_choice log_levels[], log_forms[];
 
-/* Tells what was held back and whose time is over; `all`: also what is not. To be called about once a second. */
+/* Reports suppressed lines whose window has ended; with `all`, every suppressed line. Call it about once a second. */
 void log_flush(bool all);
 
 struct log_counts {
-    uint64_t lines[LOG_LEVELS]; /* asked for, up to the level in force */
-    uint64_t held;              /* of these, not written */
+    uint64_t lines[LOG_LEVELS]; /* logged at or above the current level */
+    uint64_t suppressed;        /* of these, suppressed */
 };
-void log_counts(struct log_counts *out);
+void log_counts(struct log_counts *out); /* since the start */
 
-/* A place in the program that logs: the kind of its lines. {log.c's lock} */
+/* A call site that logs; its lines count as one kind. Guarded by log.c's lock. */
 struct log_site {
     struct log_site *next;
     bool listed;
     enum log_level level;
-    int64_t window_ms; /* when the present window began */
-    unsigned count;    /* lines in it, */
-    unsigned held;     /* and those not written */
-    char last[160];    /* of these */
+    int64_t window_ms;   /* start of the current window */
+    unsigned count;      /* lines in the window */
+    unsigned suppressed; /* of these, suppressed */
+    char last[160];      /* the last suppressed line */
 };
 
+/* Used by the macros below, which give each call site its own log_site. */
 void log_line(struct log_site *site, enum log_level level, const char *format, ...) PRINTF_LIKE(3, 4);
 
 #define log_at(level, ...)                                                                                             \

@@ -1,4 +1,4 @@
-#include "mem.h"
+#include "base/mem.h"
 
 #include <assert.h>
 #include <malloc.h>
@@ -10,7 +10,7 @@ void *mem_alloc_raw(size_t count, size_t size)
 {
     if (size != 0 && count > (SIZE_MAX - MEM_ALIGN) / size)
         return NULL;
-    /* aligned_alloc wants a multiple of the alignment, and not zero */
+    /* aligned_alloc requires a nonzero multiple of the alignment */
     return aligned_alloc(MEM_ALIGN, (count * size + MEM_ALIGN) / MEM_ALIGN * MEM_ALIGN);
 }
 

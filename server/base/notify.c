@@ -1,4 +1,4 @@
-#include "notify.h"
+#include "base/notify.h"
 
 #include <errno.h>
 #include <stdarg.h>
@@ -10,7 +10,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-/* A path, or behind '@' a name in Linux's own space of sockets without files. Other kinds are for other machines. */
+/* A path, or with a leading '@' a Linux abstract socket name. Other kinds of address are not supported. */
 static bool address_of(const char *name, struct sockaddr_un *address, socklen_t *size)
 {
     const size_t length = name ? strlen(name) : 0;
@@ -21,12 +21,12 @@ static bool address_of(const char *name, struct sockaddr_un *address, socklen_t 
     memcpy(address->sun_path, name, length);
     if (name[0] == '@')
         address->sun_path[0] = '\0';
-    *size =
-        (socklen_t)(offsetof(struct sockaddr_un, sun_path) + length + (name[0] == '/')); /* such a name has no end */
+    *size = (socklen_t)(offsetof(struct sockaddr_un, sun_path) + length +
+                        (name[0] == '/')); /* an abstract name is not NUL-terminated */
     return true;
 }
 
-bool notify_wanted(void)
+bool notify_enabled(void)
 {
     struct sockaddr_un address;
     socklen_t size;
@@ -34,7 +34,7 @@ bool notify_wanted(void)
     return address_of(getenv("NOTIFY_SOCKET"), &address, &size);
 }
 
-bool notify_say(const char *format, ...)
+bool notify_send(const char *format, ...)
 {
     struct sockaddr_un address;
     socklen_t size;
@@ -62,9 +62,9 @@ uint64_t notify_watchdog_us(void)
     const char *us = getenv("WATCHDOG_USEC"), *pid = getenv("WATCHDOG_PID");
     char *end;
 
-    if (!us || !notify_wanted())
+    if (!us || !notify_enabled())
         return 0;
-    if (pid && strtoll(pid, NULL, 10) != (long long)getpid()) /* inherited, and meant for another process */
+    if (pid && strtoll(pid, NULL, 10) != (long long)getpid()) /* inherited from a parent, meant for another process */
         return 0;
     errno = 0;
     const unsigned long long v = strtoull(us, &end, 10);

@@ -1,22 +1,21 @@
 /* server/base/notify.h */
-/* Words to the service manager that started this program, as sd_notify(3) of systemd speaks: one datagram to the socket
- * that the variable NOTIFY_SOCKET names. Without that variable, or where nobody listens, nothing happens. Any thread.
- */
+/* Status messages to the service manager, as systemd's sd_notify(3): one datagram to the socket named by NOTIFY_SOCKET.
+ * Does nothing if the variable is unset or no one listens. Thread: any. */
 #ifndef BASE_NOTIFY_H
 #define BASE_NOTIFY_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Whether a service manager waits for words. */
-bool notify_wanted(void);
+/* Whether a service manager expects messages. */
+bool notify_enabled(void);
 
-/* "READY=1\nSTATUS=..." as a printf. False where it could not be said. */
-bool notify_say(const char *format, ...) PRINTF_LIKE(1, 2);
+/* Sends a message such as "READY=1\nSTATUS=...", formatted as by printf. False if it could not be sent. */
+bool notify_send(const char *format, ...) PRINTF_LIKE(1, 2);
 
-/* Within how long WATCHDOG=1 has to come again and again, in microseconds; 0: nobody asks this process for it. */
+/* The interval within which WATCHDOG=1 must be sent repeatedly, in microseconds; 0 if the watchdog is off. */
 uint64_t notify_watchdog_us(void);
 
 #endif

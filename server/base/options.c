@@ -1,4 +1,4 @@
-#include "options.h"
+#include "base/options.h"
 
 #include <assert.h>
 #include <ctype.h>
@@ -40,7 +40,8 @@ static void print_rows(const struct option_row *rows)
         }
         snprintf(left, sizeof(left), "--%s%s%s", r->name, r->value ? " " : "", r->value ? r->value : "");
         printf("  %-26s %s", left, r->help);
-        if (r->value && r->given && strncmp(r->name, "token", 5) != 0) /* a token said before --help is no default */
+        if (r->value && r->given &&
+            strncmp(r->name, "token", 5) != 0) /* a token on the command line is a secret, not a default */
             printf(" [%s]", r->given);
         printf("\n");
     }
@@ -51,12 +52,12 @@ static void print_help(const struct options *o)
     printf("usage: %s %s\n\n%s\n", o->program, o->synopsis, o->about);
     print_rows(o->rows);
     print_rows(o->shared);
-    printf("  %-26s %s\n  %-26s %s\n", "--help", "this text", "--version", "the program's version");
+    printf("  %-26s %s\n  %-26s %s\n", "--help", "print this help and exit", "--version", "print the version and exit");
     if (o->epilogue)
         printf("\n%s\n%s", o->epilogue_title, o->epilogue);
 }
 
-/* One flag and its value, which may follow as --name=value or as the next argument. */
+/* Parses one flag and its value, given as --name=value or as the next argument. */
 static enum err take_flag(struct options *o, int argc, char **argv, int *i, struct reason *why)
 {
     const char *name = argv[*i] + 2;
@@ -77,7 +78,7 @@ static enum err take_flag(struct options *o, int argc, char **argv, int *i, stru
     } else if (*i + 1 < argc) {
         r->given = argv[++*i];
     } else {
-        return err_say(why, ERR_USAGE, "--%s wants a value: %s", r->name, r->value);
+        return err_say(why, ERR_USAGE, "--%s needs a value: %s", r->name, r->value);
     }
     return ERR_OK;
 }
@@ -109,7 +110,7 @@ enum err options_parse(struct options *o, int argc, char **argv, bool *done, str
         } else if (o->operand_count < o->operand_max) {
             o->operands[o->operand_count++] = argv[i];
         } else {
-            return err_say(why, ERR_USAGE, "'%s' is one argument too many (see %s --help)", argv[i], o->program);
+            return err_say(why, ERR_USAGE, "unexpected argument '%s' (see %s --help)", argv[i], o->program);
         }
     }
     return ERR_OK;
@@ -159,7 +160,7 @@ enum err options_double(const struct options *o, const char *name, double least,
     return ERR_OK;
 }
 
-/* 1 to 19 digits, which fit 64 bits, and nothing else: no sign, no blank. */
+/* Parses 1 to 19 digits, which fit 64 bits. Accepts neither sign nor blank. */
 static bool take_digits(const char **at, uint64_t *out)
 {
     uint64_t v = 0;

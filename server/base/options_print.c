@@ -1,16 +1,15 @@
-#include "options.h"
+#include "base/options.h"
 
 #include <ctype.h>
 #include <stdio.h>
 #include <string.h>
 
-#define SUMMARY_MAX 90 /* characters, of a line that whatis(1) prints */
+#define SUMMARY_MAX 90 /* characters; whatis(1) prints the summary on one line */
 
-/* ---- The manual page, in the macros of man(7) ---- */
+/* ---- Manual page, in man(7) macros ---- */
 
-/* Text as it stands: a backslash begins a request of roff's, a minus sign would become a hyphen, and so would a point
- * or an apostrophe at the beginning of a line become a request. Line ends of the source are blanks, since roff fills.
- */
+/* Escapes text for roff: a backslash would start a request, a minus sign would become a hyphen, and a period or an
+ * apostrophe at the start of a line would start a request. Newlines become blanks, since roff fills lines. */
 static void put_roff(const char *text)
 {
     bool begins = true;
@@ -28,7 +27,7 @@ static void put_roff(const char *text)
     }
 }
 
-/* Lines that are laid out by hand keep their ends. */
+/* Preformatted lines keep their line breaks. */
 static void put_roff_lines(const char *text)
 {
     while (*text) {
@@ -47,8 +46,8 @@ static void put_upper(const char *text)
         putchar(toupper((unsigned char)*text));
 }
 
-/* What stands behind the name at the top, and in whatis(1): how the description begins, up to the first end of a
- * sentence or clause; and only up to its first comma where that is long. A point within a word ends nothing. */
+/* The summary after the name, for the man page and whatis(1): the description up to its first end of sentence or
+ * clause, or only up to its first comma if that is too long. A period inside a word does not count. */
 static void put_summary(const char *about)
 {
     char text[200];
@@ -109,12 +108,12 @@ void options_print_manual(const struct options *o)
     put_roff(o->synopsis);
     printf("\n.SH DESCRIPTION\n");
     put_roff(o->about);
-    printf("\n.SH OPTIONS\nA value stands behind its flag, after a blank or an equals sign. What holds when a flag is "
-           "left out stands in brackets.\n");
+    printf("\n.SH OPTIONS\nA value follows its flag after a blank or an equals sign. Defaults are shown in "
+           "brackets.\n");
     put_manual_rows(o->rows);
     put_manual_rows(o->shared);
-    printf(".SS \"All programs\"\n.TP\n\\fB\\-\\-help\\fR\nthis text\n.TP\n\\fB\\-\\-version\\fR\nthe program's "
-           "version\n");
+    printf(".SS \"All programs\"\n.TP\n\\fB\\-\\-help\\fR\nprint this help and exit\n.TP\n\\fB\\-\\-version\\fR\n"
+           "print the version and exit\n");
     if (o->epilogue) {
         printf(".SH \"");
         put_upper(o->epilogue_title);
@@ -132,7 +131,7 @@ void options_print_manual(const struct options *o)
     printf("\n.PP\nThe documents in /usr/share/doc/relightd.\n");
 }
 
-/* ---- Completion by bash ---- */
+/* ---- bash completion ---- */
 
 static void put_flags(const struct option_row *rows)
 {
@@ -141,8 +140,7 @@ static void put_flags(const struct option_row *rows)
             printf(" --%s", r->name);
 }
 
-/* The flags whose value is a file or a folder, or (kind NULL) something that cannot be guessed, as a pattern of case.
- */
+/* The flags whose value is a file or a folder or, with kind NULL, cannot be completed, as a case pattern. */
 static int put_pattern(const struct option_row *rows, const char *kind, int count)
 {
     for (const struct option_row *r = rows; r && r->name; r++) {
@@ -163,7 +161,7 @@ static void put_case(const struct options *o, const char *kind, const char *acti
     if (put_pattern(o->shared, kind, count) > 0)
         printf(") %s; return ;;\n", action);
     else
-        printf("--) ;;\n"); /* a pattern that never is the word before */
+        printf("--) ;;\n"); /* a pattern that never matches the previous word */
 }
 
 void options_print_completion(const struct options *o)

@@ -1,7 +1,7 @@
-#include "process.h"
+#include "base/process.h"
 
-#include "clock.h"
-#include "log.h"
+#include "base/clock.h"
+#include "base/log.h"
 
 #include <dirent.h>
 #include <stdio.h>
@@ -9,10 +9,10 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-enum { FILES_ELSEWHERE = 24 }; /* files, pipes and threads of the rest of the program */
+enum { FILES_ELSEWHERE = 24 }; /* descriptors that the rest of the program uses */
 
-/* /proc/self/stat has the program's name in brackets, which may hold anything but does not end the line: fields are
- * counted from the last bracket [proc(5)]. */
+/* /proc/self/stat holds the program's name in parentheses. The name may contain any character, so fields are counted
+ * from the last parenthesis [proc(5)]. */
 static void read_stat(struct process_usage *out)
 {
     char text[1024];
@@ -33,14 +33,14 @@ static void read_stat(struct process_usage *out)
     out->threads = threads;
     out->virtual_bytes = (int64_t)bytes;
     out->resident_bytes = (int64_t)pages * sysconf(_SC_PAGESIZE);
-    /* Since the machine began, in ticks; what the calendar says of that moment steps with the calendar. */
+    /* In ticks since boot; converting to calendar time here would step with the calendar. */
     const double age_s = clock_boot_seconds() - (double)started / (double)sysconf(_SC_CLK_TCK);
     out->started_s = 1e-6 * (double)clock_wall_us() - age_s;
 }
 
 static int64_t count_files(void)
 {
-    int64_t count = -3; /* ".", "..", and the folder itself, which is open for this */
+    int64_t count = -3; /* excludes ".", ".." and the descriptor that reads the folder */
     DIR *folder = opendir("/proc/self/fd");
 
     if (!folder)
@@ -59,10 +59,10 @@ void process_usage(struct process_usage *out)
     read_stat(out);
     out->open_files = count_files();
     if (getrlimit(RLIMIT_NOFILE, &files) == 0)
-        out->most_files = files.rlim_cur == RLIM_INFINITY ? 0 : (int64_t)files.rlim_cur;
+        out->max_files = files.rlim_cur == RLIM_INFINITY ? 0 : (int64_t)files.rlim_cur;
 }
 
-uint32_t process_files(uint32_t wanted)
+uint32_t process_connections_allowed(uint32_t wanted)
 {
     struct rlimit files;
 
@@ -70,6 +70,6 @@ uint32_t process_files(uint32_t wanted)
         return wanted;
     const uint32_t left =
         files.rlim_cur > 2 * FILES_ELSEWHERE ? (uint32_t)files.rlim_cur - FILES_ELSEWHERE : FILES_ELSEWHERE;
-    log_warning("only %u descriptors are allowed: at most %u are for connections", (unsigned)files.rlim_cur, left);
+    log_warning("the limit of %u file descriptors leaves %u for connections", (unsigned)files.rlim_cur, left);
     return left;
 }

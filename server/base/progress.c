@@ -1,6 +1,6 @@
-#include "progress.h"
+#include "base/progress.h"
 
-#include "clock.h"
+#include "base/clock.h"
 
 #include <inttypes.h>
 #include <stdatomic.h>
@@ -8,8 +8,8 @@
 
 #define REDRAW_MS 100
 
-/* The terminal has one last line, so there is one flag for it. */
-static _Atomic bool line_stands;
+/* A terminal has one last line, so one flag suffices. */
+static _Atomic bool line_shown;
 
 static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
 {
@@ -27,7 +27,7 @@ static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
                 (unsigned)(100 * done / p->total), left);
     }
     fflush(p->stream);
-    atomic_store(&line_stands, true);
+    atomic_store(&line_shown, true);
 }
 
 void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *stream)
@@ -53,7 +53,7 @@ void progress_step(struct progress *p, uint64_t steps)
         done = p->total;
     const int64_t now = clock_ms();
     int64_t drawn = atomic_load(&p->drawn_ms);
-    /* Whoever moves drawn_ms draws; the others go on working. */
+    /* The thread that advances drawn_ms draws; the others go on. */
     if (now - drawn >= REDRAW_MS && atomic_compare_exchange_strong(&p->drawn_ms, &drawn, now))
         draw(p, done, now);
 }
@@ -73,13 +73,13 @@ void progress_show(FILE *stream, const char *text)
         return;
     fprintf(stream, "\r\033[K%s", text);
     fflush(stream);
-    atomic_store(&line_stands, text[0] != '\0');
+    atomic_store(&line_shown, text[0] != '\0');
 }
 
 const char *progress_wipe(FILE *stream)
 {
-    if (atomic_load(&line_stands) && isatty(fileno(stream))) {
-        atomic_store(&line_stands, false);
+    if (atomic_load(&line_shown) && isatty(fileno(stream))) {
+        atomic_store(&line_shown, false);
         return "\r\033[K";
     }
     return "";

@@ -1,7 +1,6 @@
 /* server/base/recent.h */
-/* Memory that is kept from one frame to the next, so that frames of a size take none from the system, is held against
- * what the last of them needed: a block that only a much larger frame was in need of is to go back. One thread, or the
- * lock of what it belongs to. */
+/* Decides when to free a buffer that is reused from frame to frame: it compares the buffer's size with what the last
+ * RECENT_FRAMES frames needed, so that one large frame does not pin its memory. Thread: that of the buffer's owner. */
 #ifndef BASE_RECENT_H
 #define BASE_RECENT_H
 
@@ -9,9 +8,9 @@
 #include <stddef.h>
 
 #define RECENT_FRAMES 8
-#define RECENT_KEPT ((size_t)16 << 20) /* bytes of a block that may always be kept */
+#define RECENT_KEPT ((size_t)16 << 20) /* bytes; smaller buffers are always kept */
 
-struct recent { /* zeroed: nothing has been needed yet */
+struct recent { /* zeroed: no frame yet */
     size_t bytes[RECENT_FRAMES];
     unsigned next;
 };
@@ -22,7 +21,7 @@ static inline void recent_add(struct recent *r, size_t bytes)
     r->next = (r->next + 1) % RECENT_FRAMES;
 }
 
-/* Whether a block is more than four times as large as any that was needed of late. */
+/* Whether a buffer is more than four times as large as any recent frame needed. */
 static inline bool recent_is_outgrown(const struct recent *r, size_t bytes)
 {
     bool outgrown = bytes > RECENT_KEPT;

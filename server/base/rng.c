@@ -1,4 +1,4 @@
-#include "rng.h"
+#include "base/rng.h"
 
 static uint64_t reverse_bits(uint64_t x)
 {
@@ -8,8 +8,8 @@ static uint64_t reverse_bits(uint64_t x)
     return __builtin_bswap64(x);
 }
 
-/* The second Sobol dimension: direction numbers of the polynomial 1 + x, which are the rows of Pascal's triangle
- * modulo 2, so that each follows from the one before. */
+/* The second Sobol dimension. Its direction numbers, of the polynomial 1 + x, are the rows of Pascal's triangle modulo
+ * 2, so that each follows from the previous one. */
 static uint64_t sobol_second(uint32_t index)
 {
     uint64_t v = (uint64_t)1 << 63, x = 0;
@@ -19,13 +19,13 @@ static uint64_t sobol_second(uint32_t index)
     return x;
 }
 
-/* Each bit is flipped by a coin that depends on the seed and all bits above it. */
+/* Flips each bit by a random bit that depends on the seed and all higher bits. */
 static uint64_t owen_scramble(uint64_t x, uint64_t seed)
 {
     uint64_t flips = rng_hash(seed) & ((uint64_t)1 << 63);
     for (int bit = 62; bit > 10; bit--) {
         const uint64_t above = x >> (bit + 1);
-        const uint64_t node = above | ((uint64_t)1 << (63 - bit)); /* the leading 1 tells depths apart */
+        const uint64_t node = above | ((uint64_t)1 << (63 - bit)); /* the leading 1 distinguishes depths */
         flips |= (rng_mix(seed, node) & 1) << bit;
     }
     return x ^ flips;

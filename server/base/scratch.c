@@ -1,26 +1,27 @@
-#include "scratch.h"
+#include "base/scratch.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 
-#define PIECES_MOST 256 /* in hand at once; more come from mem_alloc */
-#define LARGE 4096      /* bytes: from there on sizes are powers of two, so that files of a kind ask for the same */
+#define PIECES_MAX 256 /* pieces allocated at once; further ones come from mem_alloc */
+/* Bytes; larger sizes are rounded up to powers of two, so that similar files request the same sizes. */
+#define LARGE 4096
 
-/* Pieces lie in the block one behind the other. The list of them stands outside, where who writes beyond a piece's end
- * does not reach it. */
+/* Pieces lie one after another in the block. Their list is stored outside the block, where a write past a piece's end
+ * cannot reach it. */
 struct piece {
-    void *at; /* NULL: given back, but something behind it is still in hand */
+    void *at; /* NULL: freed, but a later piece is still allocated */
     size_t offset;
 };
 
 struct scratch {
     uint8_t *block;
     size_t size;
-    size_t used, most; /* bytes in hand, as if all had come from the block */
-    struct piece piece[PIECES_MOST];
+    size_t used, most; /* bytes allocated, as if all had come from the block */
+    struct piece piece[PIECES_MAX];
     size_t count;
 };
 
@@ -42,17 +43,18 @@ static size_t round_up(size_t bytes)
     size_t room = LARGE;
 
     if (bytes <= LARGE)
-        return (bytes + MEM_ALIGN) / MEM_ALIGN * MEM_ALIGN; /* never 0, so that no two are at one place */
+        return (bytes + MEM_ALIGN) / MEM_ALIGN * MEM_ALIGN; /* never 0, so that no two pieces share an address */
     while (room < bytes)
         room *= 2;
     return room;
 }
 
-void *scratch_take(struct scratch *s, size_t bytes)
+void *scratch_alloc(struct scratch *s, size_t bytes)
 {
-    if (!s || s->count == PIECES_MOST)
+    if (!s || s->count == PIECES_MAX)
         return mem_alloc(bytes, 1);
-    const size_t room = bytes > SCRATCH_MOST ? 0 : round_up(bytes); /* what is too large takes no room of the block */
+    const size_t room =
+        bytes > SCRATCH_MAX ? 0 : round_up(bytes); /* a piece that is too large takes no space of the block */
     const bool fits = room > 0 && s->used <= s->size && room <= s->size - s->used;
     void *p = fits ? s->block + s->used : mem_alloc(bytes, 1);
     if (!p)
@@ -65,7 +67,7 @@ void *scratch_take(struct scratch *s, size_t bytes)
     return p;
 }
 
-void scratch_give(struct scratch *s, void *p)
+void scratch_free(struct scratch *s, void *p)
 {
     if (!p)
         return;
@@ -86,11 +88,11 @@ void scratch_begin(struct scratch *s)
     if (!s)
         return;
     while (s->count > 0)
-        scratch_give(s, s->piece[s->count - 1].at);
-    if (s->most <= s->size || s->size == SCRATCH_MOST)
+        scratch_free(s, s->piece[s->count - 1].at);
+    if (s->most <= s->size || s->size == SCRATCH_MAX)
         return;
-    /* twice that, since no two files of a stream are alike */
-    const size_t wanted = s->most < SCRATCH_MOST / 2 ? 2 * s->most : SCRATCH_MOST;
+    /* doubled, because the files of a stream differ in size */
+    const size_t wanted = s->most < SCRATCH_MAX / 2 ? 2 * s->most : SCRATCH_MAX;
     mem_free(s->block);
     s->block = mem_alloc_raw(wanted, 1);
     s->size = s->block ? wanted : 0;

@@ -1,11 +1,11 @@
-#include "threads.h"
+#include "base/threads.h"
 
 #include <stdlib.h>
 #include <unistd.h>
 
 void threads_wait_passively(char **argv)
 {
-    char path[4096]; /* the program's own, by name, so that it keeps it in lists of processes */
+    char path[4096]; /* the program's own path, so that it keeps its name in process lists */
 
     if (getenv("OMP_WAIT_POLICY"))
         return;
@@ -15,5 +15,5 @@ void threads_wait_passively(char **argv)
     path[length] = '\0';
     setenv("OMP_WAIT_POLICY", "passive", 1);
     execv(path, argv);
-    /* Where that cannot be done, spinning costs speed and nothing else. */
+    /* If exec fails, spinning only costs speed. */
 }

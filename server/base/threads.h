@@ -1,11 +1,11 @@
 /* server/base/threads.h */
-/* How OpenMP's threads wait for each other. Main thread. */
+/* OpenMP's wait policy. Thread: main. */
 #ifndef BASE_THREADS_H
 #define BASE_THREADS_H
 
-/* OpenMP's waiting threads spin by default and take the processors from whatever else runs. The library reads the
- * variable that says otherwise as it is loaded, so that it must stand before the program begins: sets it and starts the
- * program anew, unless the user has set it. Called first in a main, with its argv. */
+/* OpenMP's idle threads spin by default and take processors from other work. The library reads OMP_WAIT_POLICY when it
+ * is loaded, so it must be set before the program starts: sets it and re-executes the program, unless the user has set
+ * it. Call it first in main, with its argv. */
 void threads_wait_passively(char **argv);
 
 #endif

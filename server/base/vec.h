@@ -1,5 +1,5 @@
 /* server/base/vec.h */
-/* Three floats: a point (m), a direction, or linear Rec.709. Plain functions on values. */
+/* Three-component float vectors: a point (m), a direction, or linear Rec.709. Thread: any. */
 #ifndef BASE_VEC_H
 #define BASE_VEC_H
 
@@ -41,6 +41,17 @@ static inline float vec3_dot(struct vec3 a, struct vec3 b)
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
+/* The same with products and sums in double. */
+static inline double vec3_dot_double(struct vec3 a, struct vec3 b)
+{
+    return (double)a.x * b.x + (double)a.y * b.y + (double)a.z * b.z;
+}
+
+static inline double dot3(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
 static inline struct vec3 vec3_cross(struct vec3 a, struct vec3 b)
 {
     return vec3_make(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
@@ -51,11 +62,19 @@ static inline float vec3_length(struct vec3 a)
     return sqrtf(vec3_dot(a, a));
 }
 
-/* (0,0,0) stays (0,0,0). */
+/* The zero vector stays zero. */
 static inline struct vec3 vec3_normalize(struct vec3 a)
 {
     const float l = vec3_length(a);
     return l > 0.0f ? vec3_scale(a, 1.0f / l) : a;
+}
+
+/* The share (1 - cosine)^5 by which reflectance grows to 1 at grazing angles [Schlick 1994]; cosine is clamped to
+ * 0..1. */
+static inline double schlick(double cosine)
+{
+    const double c = fmin(1.0, fmax(0.0, 1.0 - cosine));
+    return c * c * c * c * c;
 }
 
 /* Luminance of linear Rec.709 [ITU-R BT.709-6]. */

@@ -1,4 +1,4 @@
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
 #include <errno.h>
 #include <stdatomic.h>

@@ -1,11 +1,11 @@
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "cached.h"
-#include "clock.h"
-#include "exr_write.h"
-#include "machine.h"
-#include "mem.h"
-#include "source.h"
+#include "bench/cached.h"
+#include "base/clock.h"
+#include "codec/exr_write.h"
+#include "chart/machine.h"
+#include "base/mem.h"
+#include "source/source.h"
 
 #include <math.h>
 #include <omp.h>
@@ -243,13 +243,14 @@ static enum err make_picture(struct bench *b, struct reason *why)
 static enum err set_up(struct bench *b, struct reason *why)
 {
     const struct bench_desc *d = b->desc;
-    const struct set_desc set = { .scene = d->scene, .width = d->width, .height = d->height, .progress = d->progress };
+    struct set_desc set = { .scene = d->scene, .width = d->width, .height = d->height, .progress = d->progress };
     const struct source_desc source = { .spec = d->source };
 
     if (d->threads)
         omp_set_num_threads(d->threads);
     b->threads = omp_get_max_threads();
     enum err e = kernels_select(d->cpu, &b->kernels, why);
+    set.kernels = b->kernels;
     if (!e)
         e = source_first(&source, &b->frame, why);
     if (!e)

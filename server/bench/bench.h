@@ -4,8 +4,8 @@
 #ifndef BENCH_BENCH_H
 #define BENCH_BENCH_H
 
-#include "err.h"
-#include "method.h"
+#include "base/err.h"
+#include "estimators/method.h"
 
 #include <stdbool.h>
 #include <stdint.h>

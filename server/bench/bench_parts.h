@@ -3,12 +3,12 @@
 #ifndef BENCH_BENCH_PARTS_H
 #define BENCH_BENCH_PARTS_H
 
-#include "bench.h"
-#include "film.h"
-#include "frame.h"
-#include "jpeg.h"
-#include "progress.h"
-#include "relight.h"
+#include "bench/bench.h"
+#include "film/film.h"
+#include "codec/frame.h"
+#include "codec/jpeg.h"
+#include "base/progress.h"
+#include "light/relight.h"
 
 struct scene;
 struct cached;

@@ -3,7 +3,7 @@
 #ifndef BENCH_CACHED_H
 #define BENCH_CACHED_H
 
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
 #define CACHED_SAMPLES 64 /* N of `cached` and of `mis` beside it, whatever the other rows have */
 

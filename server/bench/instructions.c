@@ -1,6 +1,6 @@
 /* perf_event_open has no wrapper in the C library. */
 #define _GNU_SOURCE
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
 #include <string.h>
 

@@ -1,14 +1,14 @@
 /* Frames by the cache of light transport: how wrong, where nothing else is. */
-#include "cached.h"
+#include "bench/cached.h"
 
-#include "flip.h"
-#include "lab.h"
-#include "mem.h"
-#include "metrics.h"
-#include "pyramid.h"
-#include "resolve.h"
-#include "transport_parts.h"
-#include "transport_sky.h"
+#include "compare/flip.h"
+#include "compare/lab.h"
+#include "base/mem.h"
+#include "compare/metrics.h"
+#include "env/pyramid.h"
+#include "light/resolve.h"
+#include "transport/parts.h"
+#include "env/sky_split.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -42,7 +42,7 @@ static void clamp_image(struct environment *e, float level)
  * which the references can be computed. *out: e itself where nothing is cut. */
 static enum err without_bright(struct bench *b, struct cached *c, const struct environment **out)
 {
-    struct transport_sky sky = { .level = 0.0f };
+    struct sky_split sky = { .level = 0.0f };
     struct reason why;
     enum err e = ERR_OK;
 
@@ -53,13 +53,13 @@ static enum err without_bright(struct bench *b, struct cached *c, const struct e
         c->clamped = environment_create(&(struct environment_desc){ .n = b->environment->n });
         e = c->clamped ? environment_update(c->clamped, &b->frame, &why) : ERR_NOMEM;
         for (int k = 0; k < CLAMP_TIMES && !e; k++) {
-            e = transport_sky_take(&sky, c->clamped);
+            e = sky_split_take(&sky, c->clamped);
             if (e || sky.bright_count == 0)
                 break;
             clamp_image(c->clamped, sky.level);
             e = environment_rebuild(c->clamped, &why);
         }
-        transport_sky_finish(&sky);
+        sky_split_finish(&sky);
     }
     *out = c->clamped;
     return e;
@@ -68,11 +68,11 @@ static enum err without_bright(struct bench *b, struct cached *c, const struct e
 /* A sky of which hardly any is lit has no level, and nothing but a bright part. */
 static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
 {
-    struct transport_sky sky = { .level = 0.0f };
+    struct sky_split sky = { .level = 0.0f };
 
-    *e = transport_sky_take(&sky, b->environment);
+    *e = sky_split_take(&sky, b->environment);
     const bool has = sky.level > 0.0f;
-    transport_sky_finish(&sky);
+    sky_split_finish(&sky);
     if (!*e && !has)
         bench_skip(row, "hardly any of the sky is lit: it is bright as a whole");
     return !*e && has;
@@ -258,6 +258,7 @@ static enum err seams_init(struct seams *s, const struct bench *b, struct bench_
     const struct set_desc desc = {
         .scene = b->desc->scene,
         .width = large ? SEAM_WIDTH : b->desc->width,
+        .kernels = b->kernels,
         .height = large ? (b->desc->height * SEAM_WIDTH + b->desc->width / 2) / b->desc->width : b->desc->height,
     };
     struct reason why = { "" };
@@ -407,7 +408,7 @@ struct motion {
     struct bench *b;
     struct cached *c;
     struct environment *sky;
-    struct transport_sky split;
+    struct sky_split split;
     float *codes[3]; /* of the last frames: frame i in i % 3 */
     double gain;
     uint64_t bins[BINS];
@@ -429,12 +430,12 @@ static void rebuild_pyramid(const struct environment *e)
 static enum err keep_lower(struct motion *m)
 {
     const size_t count = (size_t)CUBE_FACES * m->sky->n * m->sky->n;
-    const enum err e = transport_sky_take(&m->split, m->sky);
+    const enum err e = sky_split_take(&m->split, m->sky);
 
     for (size_t i = 0; i < count && !e; i++) {
         struct texel *t = &m->sky->texels[i];
         const float g = importance_of(m->sky->importance, t->r, t->g, t->b);
-        const float kept = transport_lower(m->split.level, g);
+        const float kept = sky_lower(m->split.level, g);
         t->r *= kept;
         t->g *= kept;
         t->b *= kept;
@@ -452,7 +453,7 @@ static enum err make_frame(struct motion *m, int i)
     struct reason why;
     float *to = m->codes[i % 3];
 
-    environment_set(m->sky, &turned);
+    environment_configure(m->sky, &turned);
     enum err e = environment_rebuild(m->sky, &why);
     if (!e)
         e = keep_lower(m);
@@ -555,7 +556,7 @@ enum err bench_cached_motion(struct bench *b, struct bench_row *row)
     for (int k = 0; k < 3; k++)
         mem_free(m->codes[k]);
     mem_free(m->glossy);
-    transport_sky_finish(&m->split);
+    sky_split_finish(&m->split);
     environment_destroy(m->sky);
     mem_free(m);
     return e;

@@ -1,10 +1,10 @@
 /* Frames by the cache of light transport: how fast. */
-#include "cached.h"
+#include "bench/cached.h"
 
-#include "clock.h"
-#include "mem.h"
-#include "resolve.h"
-#include "rng.h"
+#include "base/clock.h"
+#include "base/mem.h"
+#include "light/resolve.h"
+#include "base/rng.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,11 +1,11 @@
 /* One picture to all viewers: through stream/server.h, and over sockets with nothing around them. The viewers are
  * played by this thread, over plain sockets in both cases. */
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "clock.h"
-#include "mem.h"
-#include "picture.h"
-#include "server.h"
+#include "base/clock.h"
+#include "base/mem.h"
+#include "stream/picture.h"
+#include "stream/server.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>

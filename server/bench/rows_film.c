@@ -1,7 +1,7 @@
 /* From light to bytes. */
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <string.h>
 #include <turbojpeg.h>

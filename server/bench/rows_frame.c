@@ -1,10 +1,10 @@
 /* Whole frames: how the stages overlap, and how their time grows. */
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "clock.h"
-#include "handoff.h"
-#include "mem.h"
-#include "resample_table.h"
+#include "base/clock.h"
+#include "base/handoff.h"
+#include "base/mem.h"
+#include "env/resample_table.h"
 
 #include <math.h>
 #include <omp.h>
@@ -415,6 +415,7 @@ enum err bench_pixels(struct bench *b, struct bench_row *row)
         .scene = b->desc->scene,
         .width = 2 * b->desc->width,
         .height = 2 * b->desc->height,
+        .kernels = b->kernels,
     };
     struct reason why = { "" };
     struct set *large = NULL;
@@ -450,7 +451,7 @@ static enum err make_fine(const struct bench *b, struct set *fine, struct reason
     if (!e)
         e = fine->scene ? subdivide(fine->scene, 2) : ERR_NOMEM;
     if (!e)
-        fine->rays = rays_create(fine->scene);
+        fine->rays = rays_create_for(fine->scene, b->kernels->cpu);
     if (!e && !fine->rays)
         e = ERR_NOMEM;
     const struct gbuffer_desc g = { .camera = e ? NULL : scene_camera(fine->scene, NULL),
@@ -461,7 +462,9 @@ static enum err make_fine(const struct bench *b, struct set *fine, struct reason
 
 enum err bench_triangles(struct bench *b, struct bench_row *row)
 {
-    const struct set_desc given = { .scene = b->desc->scene_fine, .width = b->desc->width, .height = b->desc->height };
+    const struct set_desc given = {
+        .scene = b->desc->scene_fine, .width = b->desc->width, .height = b->desc->height, .kernels = b->kernels
+    };
     struct set made = { .scene = NULL }, *loaded = NULL;
     struct reason why = { "" };
     enum err e;

@@ -1,8 +1,8 @@
 /* Light: shadow rays, arithmetic, particles. */
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "mem.h"
-#include "resolve.h"
+#include "base/mem.h"
+#include "light/resolve.h"
 
 #include <math.h>
 #include <omp.h>

@@ -1,8 +1,8 @@
 /* From a file's bytes to light samples. */
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "mem.h"
-#include "samples.h"
+#include "base/mem.h"
+#include "env/samples.h"
 
 #include <openexr.h>
 #include <string.h>

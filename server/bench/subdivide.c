@@ -1,7 +1,7 @@
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "mem.h"
-#include "scene.h"
+#include "base/mem.h"
+#include "scene/scene.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,17 +1,16 @@
-#include "chart.h"
+#include "chart/chart.h"
 
-#include "clock.h"
-#include "csv.h"
-#include "folder.h"
-#include "mem.h"
-#include "page.h"
-#include "panel.h"
-#include "plot.h"
-#include "progress.h"
-#include "source.h"
-#include "text.h"
-#include "video.h"
-#include "winners.h"
+#include "base/clock.h"
+#include "chart/csv.h"
+#include "base/folder.h"
+#include "base/mem.h"
+#include "chart/page.h"
+#include "chart/panel.h"
+#include "chart/plot.h"
+#include "base/progress.h"
+#include "source/source.h"
+#include "chart/text.h"
+#include "chart/winners.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -30,7 +29,6 @@ struct chart {
     struct panel **panels;
     struct winners *winners;
     struct text *sections;
-    struct text video; /* its section; empty while there is none */
     size_t count, room;
     struct progress line;
     double begun;
@@ -134,7 +132,6 @@ static enum err write_files(const struct chart *c, struct reason *why)
         .winners = c->winners,
         .sections = c->sections,
         .count = c->count,
-        .video = c->video.size ? &c->video : NULL,
         .command = c->desc->command,
         .seconds = clock_seconds() - c->begun,
     };
@@ -243,6 +240,7 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
         .height = c->desc->height,
         .edge_rays = c->desc->edge_rays,
         .every_pixel = c->desc->every_pixel,
+        .kernels = c->desc->kernels,
     };
     const char *list = c->desc->sources;
     char source[128], source_spec[4096];
@@ -254,50 +252,6 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
     if (set)
         set_destroy(set);
     return e;
-}
-
-static bool has_video(const struct chart *c)
-{
-    return c->desc->video && video_takes_any(c->desc->techniques);
-}
-
-/* Of the first scene. */
-static struct video_desc video_desc_of(const struct chart *c, const char *scene, const char *spec)
-{
-    return (struct video_desc){
-        .scene = scene,
-        .scene_spec = strcmp(spec, BUILTIN) == 0 ? NULL : spec,
-        .sources = c->desc->sources,
-        .techniques = c->desc->techniques,
-        .kernels = c->desc->kernels,
-        .cache = c->cache,
-        .quick = c->desc->quick,
-        .width = c->desc->width,
-        .height = c->desc->height,
-    };
-}
-
-static enum err run_video(struct chart *c, struct reason *why)
-{
-    const char *list = c->desc->scenes;
-    char title[128], spec[4096];
-    struct text csv = { .bytes = NULL };
-    struct video *v;
-
-    (void)chart_next_item(&list, title, spec);
-    struct video_desc d = video_desc_of(c, title, spec);
-    d.line = &c->line;
-    enum err e = video_measure(&d, &v, why);
-    if (e)
-        return e;
-    video_csv(&csv, v);
-    e = store(&csv, c->desc->out, "video.csv", why);
-    if (!e)
-        e = video_draw(v, c->desc->out, why);
-    if (!e)
-        e = video_add_section(&c->video, v, c->desc->out, why);
-    video_destroy(v);
-    return e ? e : write_files(c, why);
 }
 
 /* The folder of references: the one that was asked for, or the user's own. */
@@ -343,10 +297,6 @@ static enum err check(struct chart *c, struct reason *why)
             work += panel_work(&p);
     }
     work *= skies;
-    if (has_video(c)) {
-        const struct video_desc v = video_desc_of(c, "", BUILTIN);
-        work += video_work(&v);
-    }
     c->room = skies * LIGHT_CLASSES;
     c->panels = mem_alloc(c->room, sizeof(struct panel *));
     c->winners = mem_alloc(c->room, sizeof(*c->winners));
@@ -366,14 +316,11 @@ enum err chart_run(const struct chart_desc *desc, struct reason *why)
     enum err e = check(&c, why);
     while (!e && chart_next_item(&list, title, spec))
         e = run_scene(&c, title, spec, why);
-    if (!e && c.count > 0 && has_video(&c))
-        e = run_video(&c, why);
     progress_end(&c.line);
     for (size_t k = 0; k < c.count; k++) {
         panel_destroy(c.panels[k]);
         text_finish(&c.sections[k]);
     }
-    text_finish(&c.video);
     mem_free(c.panels);
     mem_free(c.winners);
     mem_free(c.sections);

@@ -4,7 +4,7 @@
 #ifndef CHART_CHART_H
 #define CHART_CHART_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -25,12 +25,10 @@ struct chart_desc {
     uint32_t edge_rays; /* as in set_desc, likewise every_pixel */
     bool every_pixel;
     uint32_t truth_samples; /* of each reference, per pixel */
-    bool video;             /* moving pictures too (video.h): of the first scene */
-    bool quick;             /* those smaller and fewer */
     bool progress;          /* a line on standard error, if that is a terminal */
 };
 
-/* Writes chart.csv, runs.csv, video.csv, index.html and the charts' SVG files. ERR_USAGE: a list that makes no sense,
+/* Writes chart.csv, runs.csv, index.html and the charts' SVG files. ERR_USAGE: a list that makes no sense,
  * before anything is done. Errors of scenes and sources, ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: no gnuplot. */
 MUST_CHECK enum err chart_run(const struct chart_desc *desc, struct reason *why);
 

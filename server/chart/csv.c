@@ -1,4 +1,4 @@
-#include "csv.h"
+#include "chart/csv.h"
 
 #include <inttypes.h>
 #include <math.h>

@@ -3,8 +3,8 @@
 #ifndef CHART_CSV_H
 #define CHART_CSV_H
 
-#include "panel.h"
-#include "text.h"
+#include "chart/panel.h"
+#include "chart/text.h"
 
 /* One row for each technique at each budget. */
 void csv_points(struct text *t, const struct panel *const *panels, size_t count);

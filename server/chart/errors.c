@@ -1,9 +1,9 @@
-#include "errors.h"
+#include "chart/errors.h"
 
-#include "film.h"
-#include "flip.h"
-#include "mem.h"
-#include "metrics.h"
+#include "film/film.h"
+#include "compare/flip.h"
+#include "base/mem.h"
+#include "compare/metrics.h"
 
 #include <math.h>
 

@@ -3,7 +3,7 @@
 #ifndef CHART_ERRORS_H
 #define CHART_ERRORS_H
 
-#include "judge.h"
+#include "chart/judge.h"
 
 #include <stdint.h>
 

@@ -1,7 +1,7 @@
-#include "judge.h"
+#include "chart/judge.h"
 
-#include "mem.h"
-#include "vec.h"
+#include "base/mem.h"
+#include "base/vec.h"
 
 #include <math.h>
 

@@ -9,7 +9,7 @@
 #ifndef CHART_JUDGE_H
 #define CHART_JUDGE_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stdbool.h>
 #include <stddef.h>

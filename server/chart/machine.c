@@ -1,4 +1,4 @@
-#include "machine.h"
+#include "chart/machine.h"
 
 #include <omp.h>
 #include <stdio.h>

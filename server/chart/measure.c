@@ -1,12 +1,12 @@
 /* server/chart/measure.c: the runs that fill a panel (panel.h). */
-#include "panel.h"
+#include "chart/panel.h"
 
-#include "clock.h"
-#include "film.h"
-#include "jpeg.h"
-#include "mem.h"
-#include "progress.h"
-#include "resolve.h"
+#include "base/clock.h"
+#include "film/film.h"
+#include "codec/jpeg.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "light/resolve.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -113,7 +113,7 @@ static enum err set_up(struct bench *b, struct reason *why)
     for (uint32_t k = 0; k < p->budget_count; k++) {
         b->stage[k].relighter = relighter;
         b->stage[k].environment = d->environment;
-        b->stage[k].pilot = pilot_create(d->set, d->kernels, &(struct pilot_desc){ .price = NULL });
+        b->stage[k].pilot = relighter ? pilot_create(relighter, NULL) : NULL;
         if (!b->stage[k].pilot)
             e = ERR_NOMEM;
     }

@@ -1,6 +1,6 @@
-#include "page.h"
+#include "chart/page.h"
 
-#include "ramp.h"
+#include "compare/ramp.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -211,16 +211,10 @@ enum err page_write(const struct page *p, struct text *t, struct reason *why)
         add_title(t, p->panels[k]);
         text_add(t, ": %s</a>", light_class_title(p->panels[k]->light_class));
     }
-    if (p->video)
-        text_add(t, "<a href=\"#video\">in motion</a>");
     text_add(t, "<a href=\"#made\">how it was made</a></nav>");
     for (size_t k = 0; k < p->count; k++) {
         text_add_bytes(t, p->sections[k].bytes, p->sections[k].size);
         t->failed |= p->sections[k].failed;
-    }
-    if (p->video) {
-        text_add_bytes(t, p->video->bytes, p->video->size);
-        t->failed |= p->video->failed;
     }
     add_machine(t, p);
     text_add(t, "</main></body></html>\n");

@@ -5,17 +5,16 @@
 #ifndef CHART_PAGE_H
 #define CHART_PAGE_H
 
-#include "machine.h"
-#include "panel.h"
-#include "text.h"
-#include "winners.h"
+#include "chart/machine.h"
+#include "chart/panel.h"
+#include "chart/text.h"
+#include "chart/winners.h"
 
 struct page {
     const struct panel *const *panels;
     const struct winners *winners; /* [count], by ERROR_REL_MSE */
     const struct text *sections;   /* [count]: what page_add_panel made of them */
     size_t count;
-    const struct text *video; /* the section of moving pictures; NULL: there is none */
     struct machine machine;
     const char *command; /* that made it */
     double seconds;      /* that it took */

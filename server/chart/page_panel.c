@@ -1,8 +1,8 @@
 /* server/chart/page_panel.c: one panel of the page. */
-#include "page.h"
+#include "chart/page.h"
 
-#include "plot.h"
-#include "thumb.h"
+#include "chart/plot.h"
+#include "chart/thumb.h"
 
 #include <inttypes.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-#include "page.h"
+#include "chart/page.h"
 
 /* Quiet, so that charts and pictures are what is seen; light or dark as the reader's system is. Contrast of all text on
  * its ground is at least 4.5:1. */
@@ -45,7 +45,6 @@ const char page_style[] =
     ".times{color:var(--soft);font-weight:400;font-size:.88em}"
     ".bad{color:var(--bad)}"
     ".strip{display:grid;gap:.7rem;grid-template-columns:repeat(auto-fill,minmax(min(100%,13rem),1fr))}"
-    ".strip.video{grid-template-columns:repeat(auto-fill,minmax(min(100%,11rem),1fr));margin:1rem 0}"
     ".strip figure{background:var(--raised);border:1px solid var(--line);border-radius:.5rem;overflow:hidden}"
     ".strip figure.first{outline:2px solid var(--best-ink)}"
     ".strip img{display:block;width:100%;height:auto;image-rendering:pixelated}"

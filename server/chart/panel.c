@@ -1,6 +1,6 @@
-#include "panel.h"
+#include "chart/panel.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -4,12 +4,12 @@
 #ifndef CHART_PANEL_H
 #define CHART_PANEL_H
 
-#include "errors.h"
-#include "judge.h"
-#include "relight.h"
-#include "series.h"
-#include "technique.h"
-#include "truth.h"
+#include "chart/errors.h"
+#include "chart/judge.h"
+#include "light/relight.h"
+#include "chart/series.h"
+#include "chart/technique.h"
+#include "chart/truth.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,6 +1,6 @@
-#include "plot.h"
+#include "chart/plot.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <errno.h>
 #include <math.h>

@@ -4,8 +4,8 @@
 #ifndef CHART_PLOT_H
 #define CHART_PLOT_H
 
-#include "panel.h"
-#include "text.h"
+#include "chart/panel.h"
+#include "chart/text.h"
 
 /* ERR_UNSUPPORTED, with the package's name, where gnuplot cannot be run. */
 MUST_CHECK enum err plot_check(struct reason *why);

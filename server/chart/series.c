@@ -1,7 +1,7 @@
-#include "series.h"
+#include "chart/series.h"
 
-#include "mem.h"
-#include "rng.h"
+#include "base/mem.h"
+#include "base/rng.h"
 
 #include <math.h>
 #include <stdlib.h>

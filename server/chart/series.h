@@ -4,7 +4,7 @@
 #ifndef CHART_SERIES_H
 #define CHART_SERIES_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,8 +1,8 @@
-#include "technique.h"
+#include "chart/technique.h"
 
-#include "clock.h"
-#include "paths.h"
-#include "rng.h"
+#include "base/clock.h"
+#include "estimators/paths.h"
+#include "base/rng.h"
 
 #include <math.h>
 #include <string.h>
@@ -105,7 +105,7 @@ const struct technique *technique_pace(enum light_class c)
 static void take_choice(const struct pilot_stats *p, struct technique_cost *cost)
 {
     cost->expected = p->error;
-    cost->samples = (uint32_t)fmax(p->part[PILOT_MATTE].n, p->part[PILOT_GLOSSY].n);
+    cost->samples = (uint32_t)p->part[PILOT_DIRECT].n;
     cost->eye_paths = (uint32_t)p->part[PILOT_EYE].n;
     cost->particles = (uint64_t)(p->part[PILOT_AIMED].n + p->part[PILOT_WHOLE].n);
 }
@@ -113,7 +113,7 @@ static void take_choice(const struct pilot_stats *p, struct technique_cost *cost
 enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget, uint64_t seed,
                        float *rgb, struct technique_cost *cost, struct reason *why)
 {
-    const struct pilot_wish wish = { .seconds = stage->seconds };
+    const struct pilot_target target = { .seconds = stage->seconds };
     struct relight_desc light = t->light;
     struct relight_stats stats = { 0 };
     struct pilot_stats pilot = { 0 };
@@ -124,7 +124,7 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
     light.direct.why = why;
     const double start = clock_seconds();
     if (t->kind == TECHNIQUE_AUTO)
-        result = pilot_run(stage->pilot, stage->environment, &light, &wish, rgb, &stats, &pilot);
+        result = pilot_run(stage->pilot, stage->environment, &light, &target, rgb, &stats, &pilot);
     else
         result = relighter_run(stage->relighter, stage->environment, &light, rgb, &stats);
     *cost = (struct technique_cost){

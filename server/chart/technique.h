@@ -4,9 +4,9 @@
 #ifndef CHART_TECHNIQUE_H
 #define CHART_TECHNIQUE_H
 
-#include "err.h"
-#include "pilot.h"
-#include "relight.h"
+#include "base/err.h"
+#include "light/pilot.h"
+#include "light/relight.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -28,7 +28,7 @@ enum technique_kind {
     TECHNIQUE_BASELINE, /* there to be compared with: paths, Metropolis, photons, point lights */
     TECHNIQUE_PREPARED, /* computes for the scene beforehand, which is told apart from the time of a frame: it stands
                          * beside the others, sets no mark for them and is not ranked among them */
-    TECHNIQUE_AUTO,     /* a pilot (film/pilot.h) chooses by what it measures; held to the envelope of the fixed ones */
+    TECHNIQUE_AUTO,     /* a pilot (light/pilot.h) chooses by measurement; held to the envelope of the others */
 };
 
 struct technique {
@@ -64,7 +64,7 @@ struct technique_stage { /* what a run needs; borrowed */
 struct technique_cost {
     double seconds;  /* of the picture: samples, shading, light tracing, resolving, and the pilot's own measurements */
     double expected; /* relMSE without bias, as a pilot estimates it; 0: nobody does */
-    uint32_t samples, eye_paths; /* per shade point; of a pilot the larger of its two numbers of samples */
+    uint32_t samples, eye_paths; /* per shade point */
     uint64_t particles, rays;
     const char *bias; /* in what the method says that it is wrong; NULL: in nothing */
     double prepared;  /* seconds of what was computed for the scene in this very run, not in `seconds` */

@@ -1,7 +1,7 @@
-#include "text.h"
+#include "chart/text.h"
 
-#include "file_store.h"
-#include "mem.h"
+#include "base/file_store.h"
+#include "base/mem.h"
 
 #include <stdarg.h>
 #include <stdio.h>

@@ -4,7 +4,7 @@
 #ifndef CHART_TEXT_H
 #define CHART_TEXT_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,8 +1,8 @@
-#include "thumb.h"
+#include "chart/thumb.h"
 
-#include "film.h"
-#include "mem.h"
-#include "ramp.h"
+#include "film/film.h"
+#include "base/mem.h"
+#include "compare/ramp.h"
 
 #include <math.h>
 #include <string.h>

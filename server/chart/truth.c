@@ -1,14 +1,14 @@
-#include "truth.h"
+#include "chart/truth.h"
 
-#include "baselines/path.h"
-#include "clock.h"
-#include "log.h"
-#include "mem.h"
-#include "progress.h"
-#include "resolve.h"
-#include "rng.h"
-#include "scene_digest.h"
-#include "truth_file.h"
+#include "estimators/baselines/path.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "light/resolve.h"
+#include "base/rng.h"
+#include "scene/scene_digest.h"
+#include "chart/truth_file.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -53,9 +53,8 @@ static void digest_frame(struct digest *d, const struct frame *frame)
 
 static struct digest key_of(const struct truth_desc *desc, int half)
 {
-    struct digest d;
+    struct digest d = { { 0 } };
 
-    digest_begin(&d);
     digest_u64(&d, VERSION);
     digest_u64(&d, TRUTH_PART);
     digest_scene(&d, desc->set->scene);

@@ -1,6 +1,6 @@
 /* server/chart/truth.h */
 /* What a picture should be: two references a and b from different random numbers, over the whole pixel and not only its
- * centre. Background, direct light and ordinary interreflection come from the path tracer (shade/baselines/path.h),
+ * centre. Background, direct light and ordinary interreflection come from the path tracer (baselines/path.h),
  * caustics and their interreflection from the light tracer, and those of the two that are seen in a mirror or through
  * glass from eye paths, with 4 x 4 camera rays in every pixel. None of these is timed, and none shares random numbers
  * with what is charted.
@@ -11,9 +11,9 @@
 #ifndef CHART_TRUTH_H
 #define CHART_TRUTH_H
 
-#include "err.h"
-#include "frame.h"
-#include "relight.h"
+#include "base/err.h"
+#include "codec/frame.h"
+#include "light/relight.h"
 
 #include <stdbool.h>
 #include <stdint.h>

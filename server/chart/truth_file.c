@@ -1,7 +1,7 @@
-#include "truth_file.h"
+#include "chart/truth_file.h"
 
-#include "file_store.h"
-#include "mem.h"
+#include "base/file_store.h"
+#include "base/mem.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -23,9 +23,8 @@ static size_t bytes_of(const struct truth_sum *sum)
 
 static void seal(const struct head *h, const double *rgb, size_t size, uint64_t check[2])
 {
-    struct digest d;
+    struct digest d = { { 0 } };
 
-    digest_begin(&d);
     digest_bytes(&d, h, offsetof(struct head, check));
     digest_bytes(&d, rgb, size);
     memcpy(check, d.half, sizeof(d.half));

@@ -5,8 +5,8 @@
 #ifndef CHART_TRUTH_FILE_H
 #define CHART_TRUTH_FILE_H
 
-#include "digest.h"
-#include "err.h"
+#include "base/digest.h"
+#include "base/err.h"
 
 #include <stdint.h>
 

@@ -1,6 +1,6 @@
-#include "winners.h"
+#include "chart/winners.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <math.h>
 #include <stdlib.h>

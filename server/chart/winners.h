@@ -4,7 +4,7 @@
 #ifndef CHART_WINNERS_H
 #define CHART_WINNERS_H
 
-#include "panel.h"
+#include "chart/panel.h"
 
 #include <stdbool.h>
 #include <stddef.h>

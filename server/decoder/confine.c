@@ -1,27 +1,13 @@
-#define _GNU_SOURCE /* close_range, mremap's numbers */
-#include "confine.h"
+#define _GNU_SOURCE /* close_range */
+#include "decoder/confine.h"
 
 #include <errno.h>
-#include <linux/audit.h>
-#include <linux/filter.h>
-#include <linux/seccomp.h>
+#include <seccomp.h>
 #include <stdbool.h>
-#include <stdint.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/syscall.h>
 #include <unistd.h>
-
-#if defined(__x86_64__)
-#define ARCHITECTURE AUDIT_ARCH_X86_64
-#elif defined(__aarch64__)
-#define ARCHITECTURE AUDIT_ARCH_AARCH64
-#else
-#define ARCHITECTURE 0 /* none: no filter is made */
-#endif
-
-#define OTHER_TABLE 0x40000000u /* calls of the x32 table, which have numbers of their own */
 
 static bool limit(int what, rlim_t most)
 {
@@ -32,76 +18,72 @@ static bool limit(int what, rlim_t most)
 
 int confine_limits(size_t address_bytes, unsigned seconds)
 {
-    close_range(6, ~0u, 0); /* what somebody may have left open; none of ours is */
+    close_range(6, ~0u, 0); /* closes descriptors left open by the caller; the process uses only the first six */
 #ifdef __SANITIZE_ADDRESS__
-    address_bytes = RLIM_INFINITY; /* its shadow is larger than any limit */
+    address_bytes = RLIM_INFINITY; /* AddressSanitizer's shadow memory exceeds any limit */
 #endif
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0)
         return errno;
     if (!limit(RLIMIT_AS, address_bytes) || !limit(RLIMIT_CPU, seconds) ||
-        !limit(RLIMIT_NOFILE, 6) /* that which it has */ || !limit(RLIMIT_FSIZE, 0) || !limit(RLIMIT_CORE, 0) ||
+        !limit(RLIMIT_NOFILE, 6) /* those that are open */ || !limit(RLIMIT_FSIZE, 0) || !limit(RLIMIT_CORE, 0) ||
         !limit(RLIMIT_NPROC, 0) || !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
         return errno;
     return 0;
 }
 
-/* The filter is a program for the kernel's packet filter over struct seccomp_data. Steps of it: */
-#define LOAD(field) BPF_STMT(BPF_LD | BPF_W | BPF_ABS, (uint32_t)offsetof(struct seccomp_data, field))
-#define DIE BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS)
-#define ALLOW BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)
-#define UNLESS(value) BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, (value), 0, 1) /* skips one step when it is another */
-#define LET(call) UNLESS(__NR_##call), ALLOW
-/* Lower halves: protection and flags are ints, and those of the upper half the kernel does not look at. */
-#define LOWER(n) BPF_STMT(BPF_LD | BPF_W | BPF_ABS, (uint32_t)offsetof(struct seccomp_data, args[n]))
+/* malloc needs getrandom. The masks ignore the upper halves of the int arguments of mmap and mprotect, as the kernel
+ * does. */
+static int add_rules(scmp_filter_ctx filter)
+{
+    static const int calls[] = {
+#ifdef __SANITIZE_ADDRESS__ /* writes its report */
+        SCMP_SYS(getpid),
+        SCMP_SYS(gettid),
+        SCMP_SYS(sched_yield),
+        SCMP_SYS(sigaltstack),
+        SCMP_SYS(rt_sigprocmask),
+        SCMP_SYS(rt_sigaction),
+#endif
+        SCMP_SYS(read),
+        SCMP_SYS(write),
+        SCMP_SYS(futex),
+        SCMP_SYS(getrandom),
+        SCMP_SYS(brk),
+        SCMP_SYS(munmap),
+        SCMP_SYS(madvise),
+        SCMP_SYS(mremap),
+        SCMP_SYS(clock_gettime),
+        SCMP_SYS(rt_sigreturn),
+        SCMP_SYS(restart_syscall),
+        SCMP_SYS(exit),
+        SCMP_SYS(exit_group)
+    };
+    const struct scmp_arg_cmp not_executed = SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0),
+                              not_a_file = SCMP_A3(SCMP_CMP_MASKED_EQ, MAP_ANONYMOUS, MAP_ANONYMOUS);
+    int fault = 0;
+
+    for (size_t i = 0; i < sizeof(calls) / sizeof(calls[0]) && !fault; i++)
+        fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, calls[i], 0);
+    if (!fault)
+        fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, SCMP_SYS(mprotect), 1, not_executed);
+    if (!fault)
+        fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, SCMP_SYS(mmap), 2, not_executed, not_a_file);
+    return fault;
+}
 
 int confine_calls(void)
 {
-    static struct sock_filter steps[] = {
-        LOAD(arch),
-        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ARCHITECTURE, 1, 0),
-        DIE,
-        LOAD(nr),
-        BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, OTHER_TABLE, 0, 1),
-        DIE,
-        LET(read),
-        LET(write),
-        LET(futex),
-        LET(getrandom), /* of malloc */
-        LET(brk),
-        LET(munmap),
-        LET(madvise),
-        LET(mremap),
-        LET(clock_gettime),
-        LET(rt_sigreturn),
-        LET(restart_syscall),
-        LET(exit),
-        LET(exit_group),
-#ifdef __SANITIZE_ADDRESS__ /* which has to write its report */
-        LET(getpid),
-        LET(gettid),
-        LET(sched_yield),
-        LET(sigaltstack),
-        LET(rt_sigprocmask),
-        LET(rt_sigaction),
-#endif
-        /* memory that is not executed, and not a file's */
-        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, __NR_mprotect, 0, 4),
-        LOWER(2),
-        BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, PROT_EXEC, 0, 1),
-        DIE,
-        ALLOW,
-        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, __NR_mmap, 0, 6),
-        LOWER(2),
-        BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, PROT_EXEC, 3, 0),
-        LOWER(3),
-        BPF_JUMP(BPF_JMP | BPF_JSET | BPF_K, MAP_ANONYMOUS, 0, 1),
-        ALLOW,
-        DIE,
-        DIE,
-    };
-    const struct sock_fprog program = { (unsigned short)(sizeof(steps) / sizeof(steps[0])), steps };
+    const scmp_filter_ctx filter = seccomp_init(SCMP_ACT_KILL_PROCESS);
 
-    if (ARCHITECTURE == 0)
+    if (!filter) /* the kernel does not support that action, or out of memory */
         return ENOSYS;
-    return prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program, 0, 0) == 0 ? 0 : errno;
+    int fault = seccomp_attr_set(filter, SCMP_FLTATR_ACT_BADARCH, SCMP_ACT_KILL_PROCESS); /* i386 and x32 calls */
+    if (!fault)
+        fault = seccomp_attr_set(filter, SCMP_FLTATR_API_SYSRAWRC, 1); /* seccomp_load returns the kernel's errno */
+    if (!fault)
+        fault = add_rules(filter);
+    if (!fault)
+        fault = seccomp_load(filter);
+    seccomp_release(filter);
+    return -fault;
 }

@@ -1,17 +1,17 @@
 /* server/decoder/confine.h */
-/* Takes away from this process all that decoding does not need, for good. Inside this room only. Main thread, before
- * any other. */
+/* The sandbox of relight-decoder: irrevocably drops everything that decoding does not need. Private to this room.
+ * Thread: main, before any other starts. */
 #ifndef DECODER_CONFINE_H
 #define DECODER_CONFINE_H
 
 #include <stddef.h>
 
-/* No files, no core dump, no other process, no new privileges, at most so many bytes mapped, and so many seconds of
- * processor time in its life. 0, or errno. */
+/* Denies new files, core dumps, processes and privileges; limits the address space to `address_bytes` and the processor
+ * time to `seconds`. Returns 0 or errno. */
 int confine_limits(size_t address_bytes, unsigned seconds);
 
-/* From here on every system call but the few that decoding makes ends the process (SIGSYS). 0, or errno where the
- * kernel has no seccomp. */
+/* Installs a seccomp filter: every system call that decoding does not make ends the process (SIGSYS). Returns 0, or
+ * errno if the kernel has no seccomp. */
 int confine_calls(void);
 
 #endif

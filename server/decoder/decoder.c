@@ -1,10 +1,10 @@
 #define _GNU_SOURCE /* memfd_create, fallocate */
-#include "decoder.h"
+#include "decoder/decoder.h"
 
-#include "clock.h"
-#include "log.h"
-#include "mem.h"
-#include "wire.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "decoder/wire.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -24,40 +24,40 @@
 #define FILE_BYTES ((size_t)256 << 20)
 #define MEMORY_BYTES ((size_t)512 << 20)
 #define PICTURE_BYTES                                                                                                  \
-    (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space: what no picture has used takes no memory */
-#define KEPT_BYTES ((size_t)64 << 20)      /* of shared memory, though what is in it is smaller now */
-#define ABOVE 10                           /* descriptors that are given on lie above those that they become */
-#define SPARED 2                           /* deaths in a row after which the process is started again at once */
-#define LIFE_S 3600                        /* processor time after which it is replaced, before its limit ends it */
+    (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space; pages that no image has used take no memory */
+#define KEPT_BYTES ((size_t)64 << 20)      /* shared memory that is kept although the current contents are smaller */
+#define ABOVE 10    /* descriptors passed to the process are first moved above its fixed numbers */
+#define SPARED 2    /* consecutive crashes after which the process is still restarted at once */
+#define LIFE_S 3600 /* processor time after which the process is replaced, before its limit ends it */
 
-enum { PATIENCE_MS = 10000, LOOK_MS = 100, WAIT_LEAST_MS = 250, WAIT_MOST_MS = 5000 };
+enum { PATIENCE_MS = 10000, LOOK_MS = 100, WAIT_MIN_MS = 250, WAIT_MAX_MS = 5000 };
 
-/* Memory that both see. */
+/* Memory mapped by both processes. */
 struct shared {
-    int fd; /* -1: none yet */
+    int fd; /* -1: none */
     void *at;
     size_t bytes;
-    size_t used; /* that the system may have given so far */
+    size_t used; /* bytes that may be backed by pages */
 };
 
 struct decoder {
     char program[4096];
     size_t file_bytes, memory_bytes;
-    uint32_t patience_ms;
+    uint32_t timeout_ms;
     const atomic_bool *stop;
     struct shared file, picture;
 
-    pid_t pid; /* 0: there is no process */
+    pid_t pid; /* 0: not running */
     int socket;
     bool confined;
-    unsigned deaths;  /* in a row */
-    int64_t again_ms; /* no start before */
-    atomic_uint_fast64_t files, died, hung, lied, waited, starts;
+    unsigned crashes_in_row; /* consecutive crashes */
+    int64_t restart_ms;      /* earliest restart */
+    atomic_uint_fast64_t files, crashed, timed_out, invalid, refused, starts;
 };
 
 /* ---- The process ---- */
 
-/* Beside this program, or where a package has it. */
+/* Looks beside this program and in the package's lib folder. */
 static enum err find_program(struct decoder *d, const char *asked, struct reason *why)
 {
     static const char *const places[] = { "/" PROGRAM, "/../lib/relightd/" PROGRAM };
@@ -66,7 +66,7 @@ static enum err find_program(struct decoder *d, const char *asked, struct reason
     if (asked) {
         snprintf(d->program, sizeof(d->program), "%s", asked);
         return access(asked, X_OK) == 0 ? ERR_OK
-                                        : err_say(why, ERR_IO, "%s: cannot be run: %s", asked, strerror(errno));
+                                        : err_say(why, ERR_IO, "%s: cannot execute: %s", asked, strerror(errno));
     }
     const ssize_t n = readlink("/proc/self/exe", self, sizeof(self) - 1);
     self[n > 0 ? n : 0] = 0;
@@ -78,10 +78,10 @@ static enum err find_program(struct decoder *d, const char *asked, struct reason
         if (access(d->program, X_OK) == 0)
             return ERR_OK;
     }
-    return err_say(why, ERR_IO, PROGRAM " is neither in %.200s nor in ../lib/relightd from there", self);
+    return err_say(why, ERR_IO, PROGRAM " not found in %.200s or in ../lib/relightd from there", self);
 }
 
-/* Memory of that size, as a descriptor and mapped. */
+/* Creates shared memory as a descriptor and maps it. */
 static enum err share(struct shared *s, const char *name, size_t bytes, int protection, struct reason *why)
 {
     const int low = memfd_create(name, MFD_CLOEXEC);
@@ -90,10 +90,10 @@ static enum err share(struct shared *s, const char *name, size_t bytes, int prot
     if (low >= 0)
         close(low);
     if (s->fd < 0 || ftruncate(s->fd, (off_t)bytes) != 0)
-        return err_say(why, ERR_IO, "no memory can be shared with " PROGRAM ": %s", strerror(errno));
+        return err_say(why, ERR_IO, "cannot share memory with " PROGRAM ": %s", strerror(errno));
     void *at = mmap(NULL, bytes, protection, MAP_SHARED, s->fd, 0);
     if (at == MAP_FAILED)
-        return err_say(why, ERR_NOMEM, "no room for %zu bytes that are shared with " PROGRAM, bytes);
+        return err_say(why, ERR_NOMEM, "out of memory for %zu bytes shared with " PROGRAM, bytes);
     s->at = at;
     s->bytes = bytes;
     return ERR_OK;
@@ -107,7 +107,7 @@ static void shared_finish(struct shared *s)
         close(s->fd);
 }
 
-/* Of what only much larger contents than these `bytes` have needed, the system gets all back but KEPT_BYTES. */
+/* Returns memory to the system that only much larger contents needed; keeps KEPT_BYTES. */
 static void trim(struct shared *s, size_t bytes)
 {
     const size_t kept = bytes > KEPT_BYTES ? bytes : KEPT_BYTES;
@@ -118,7 +118,7 @@ static void trim(struct shared *s, size_t bytes)
     s->used = s->used > bytes ? s->used : bytes;
 }
 
-/* With these three descriptors, nothing in its environment, and no signal blocked or ignored. */
+/* Passes these three descriptors, an empty environment and default signal handling. */
 static int spawn(struct decoder *d, int socket)
 {
     char file[24], picture[24], memory[24];
@@ -133,7 +133,7 @@ static int spawn(struct decoder *d, int socket)
     posix_spawn_file_actions_init(&files);
     for (int fd = 0; fd < 3; fd++)
 #ifdef __SANITIZE_ADDRESS__
-        if (fd != STDERR_FILENO) /* reports go there */
+        if (fd != STDERR_FILENO) /* for error reports */
 #endif
             posix_spawn_file_actions_addopen(&files, fd, "/dev/null", O_RDWR, 0);
     posix_spawn_file_actions_adddup2(&files, socket, WIRE_SOCKET);
@@ -153,7 +153,7 @@ static int spawn(struct decoder *d, int socket)
     return failed;
 }
 
-/* Ends the process, if it has not done so itself, and returns how it ended, as waitpid says. */
+/* Ends the process if it has not ended yet, and returns its exit status as waitpid does. */
 static int end(struct decoder *d)
 {
     int status = 0;
@@ -168,24 +168,24 @@ static int end(struct decoder *d)
     return status;
 }
 
-enum heard { HEARD, HEARD_END, HEARD_NOTHING, HEARD_STOP };
+enum receipt { RECEIVED, RECEIVED_END, RECEIVED_NOTHING, RECEIVED_STOP };
 
-/* Waits for one message of exactly that size. HEARD_END: there is no other end any more, or it talks nonsense. */
-static enum heard hear(struct decoder *d, void *message, size_t size)
+/* Waits for one message of exactly `size` bytes. RECEIVED_END: the process is gone or sent something else. */
+static enum receipt receive(struct decoder *d, void *message, size_t size)
 {
-    const int64_t until = clock_ms() + d->patience_ms;
+    const int64_t until = clock_ms() + d->timeout_ms;
 
     for (;;) {
         struct pollfd p = { .fd = d->socket, .events = POLLIN };
         const int64_t left = until - clock_ms();
         if (left <= 0)
-            return HEARD_NOTHING;
+            return RECEIVED_NOTHING;
         if (d->stop && atomic_load(d->stop))
-            return HEARD_STOP;
+            return RECEIVED_STOP;
         if (poll(&p, 1, left < LOOK_MS ? (int)left : LOOK_MS) <= 0)
             continue;
         const ssize_t got = recv(d->socket, message, size, MSG_TRUNC | MSG_DONTWAIT);
-        return got == (ssize_t)size ? HEARD : HEARD_END;
+        return got == (ssize_t)size ? RECEIVED : RECEIVED_END;
     }
 }
 
@@ -195,7 +195,7 @@ static enum err start(struct decoder *d, struct reason *why)
     int pair[2];
 
     if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0)
-        return err_say(why, ERR_IO, "no socket for " PROGRAM ": %s", strerror(errno));
+        return err_say(why, ERR_IO, "cannot create a socket for " PROGRAM ": %s", strerror(errno));
     const int theirs = fcntl(pair[1], F_DUPFD_CLOEXEC, ABOVE);
     const int failed = theirs < 0 ? errno : spawn(d, theirs);
     close(pair[1]);
@@ -204,13 +204,13 @@ static enum err start(struct decoder *d, struct reason *why)
     d->socket = pair[0];
     if (failed) {
         close(pair[0]);
-        return err_say(why, ERR_IO, "%.200s: cannot be started: %s", d->program, strerror(failed));
+        return err_say(why, ERR_IO, "%.200s: cannot start: %s", d->program, strerror(failed));
     }
     atomic_fetch_add(&d->starts, 1);
-    const enum heard heard = hear(d, &hello, sizeof(hello));
-    if (heard != HEARD || hello.magic != WIRE_MAGIC) {
+    const enum receipt receipt = receive(d, &hello, sizeof(hello));
+    if (receipt != RECEIVED || hello.magic != WIRE_MAGIC) {
         end(d);
-        return err_say(why, ERR_IO, "%.200s: started, and is no " PROGRAM " of this version", d->program);
+        return err_say(why, ERR_IO, "%.200s: is not the " PROGRAM " of this version", d->program);
     }
     d->confined = hello.confined == 1;
     return ERR_OK;
@@ -218,47 +218,48 @@ static enum err start(struct decoder *d, struct reason *why)
 
 /* ---- One file ---- */
 
-/* The first deaths cost nothing but a start; then it waits longer and longer, so that a stream of bad files does not
- * keep a processor busy with starting processes. */
-static void note_death(struct decoder *d)
+/* The first crashes cost only a restart; then the delay doubles, so that a stream of bad files does not keep a
+ * processor busy with restarts. */
+static void count_crash(struct decoder *d)
 {
-    int64_t wait = WAIT_LEAST_MS;
+    int64_t wait = WAIT_MIN_MS;
 
-    if (++d->deaths <= SPARED)
+    if (++d->crashes_in_row <= SPARED)
         return;
-    for (unsigned i = SPARED + 1; i < d->deaths && wait < WAIT_MOST_MS; i++)
+    for (unsigned i = SPARED + 1; i < d->crashes_in_row && wait < WAIT_MAX_MS; i++)
         wait *= 2;
-    d->again_ms = clock_ms() + (wait < WAIT_MOST_MS ? wait : WAIT_MOST_MS);
+    d->restart_ms = clock_ms() + (wait < WAIT_MAX_MS ? wait : WAIT_MAX_MS);
 }
 
-static enum err say_death(struct decoder *d, enum heard heard, const char *name, struct reason *why)
+static enum err report_crash(struct decoder *d, enum receipt receipt, const char *name, struct reason *why)
 {
     const int status = end(d);
 
-    if (heard == HEARD_STOP)
-        return err_say(why, ERR_END, "%s: the program ends", name);
-    note_death(d);
-    if (heard == HEARD_NOTHING) {
-        atomic_fetch_add(&d->hung, 1);
-        return err_say(why, ERR_FORMAT, "%s: not decoded within %g s", name, d->patience_ms / 1e3);
+    if (receipt == RECEIVED_STOP)
+        return err_say(why, ERR_END, "%s: not decoded, the program is stopping", name);
+    count_crash(d);
+    if (receipt == RECEIVED_NOTHING) {
+        atomic_fetch_add(&d->timed_out, 1);
+        return err_say(why, ERR_FORMAT, "%s: decoding timed out after %g s", name, d->timeout_ms / 1e3);
     }
-    atomic_fetch_add(&d->died, 1);
+    atomic_fetch_add(&d->crashed, 1);
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGSYS)
-        return err_say(why, ERR_FORMAT, "%s: made its decoder ask the system for what decoding does not need", name);
+        return err_say(why, ERR_FORMAT, "%s: the decoder made a forbidden system call", name);
     if (WIFSIGNALED(status))
-        return err_say(why, ERR_FORMAT, "%s: its decoder did not survive it (signal %d)", name, WTERMSIG(status));
-    return err_say(why, ERR_FORMAT, "%s: its decoder did not survive it (exit code %d)", name, WEXITSTATUS(status));
+        return err_say(why, ERR_FORMAT, "%s: the decoder crashed (signal %d)", name, WTERMSIG(status));
+    return err_say(why, ERR_FORMAT, "%s: the decoder crashed (exit code %d)", name, WEXITSTATUS(status));
 }
 
-static enum err say_lie(struct decoder *d, const char *name, struct reason *why)
+static enum err report_invalid_answer(struct decoder *d, const char *name, struct reason *why)
 {
     end(d);
-    note_death(d);
-    atomic_fetch_add(&d->lied, 1);
-    return err_say(why, ERR_FORMAT, "%s: its decoder answered with nonsense", name);
+    count_crash(d);
+    atomic_fetch_add(&d->invalid, 1);
+    return err_say(why, ERR_FORMAT, "%s: the decoder sent an invalid answer", name);
 }
 
-/* Row by row, each put right while it is in the cache; of an honest process there is nothing to put right. */
+/* Copies row by row and sanitises each row while it is in the cache; an uncompromised process sends only valid texels.
+ */
 static void take_texels(const struct decoder *d, struct image *im)
 {
     const size_t row = 3 * (size_t)im->width;
@@ -275,18 +276,18 @@ static enum err take_answer(struct decoder *d, struct wire_answer *a, const char
                             struct reason *why)
 {
     if (a->magic != WIRE_MAGIC || a->result < ERR_OK || a->result >= ERR_END || a->layout > LAYOUT_FISHEYE)
-        return say_lie(d, name, why);
-    d->deaths = 0;
+        return report_invalid_answer(d, name, why);
+    d->crashes_in_row = 0;
     if (a->result != ERR_OK) {
         char text[sizeof(a->why.text)];
         return err_say(why, (enum err)a->result, "%s",
-                       decode_plain(a->why.text, sizeof(a->why.text), text, sizeof(text)));
+                       decode_printable(a->why.text, sizeof(a->why.text), text, sizeof(text)));
     }
     const enum err e = image_resize(im, a->width, a->height);
     if (e == ERR_RANGE)
-        return say_lie(d, name, why);
+        return report_invalid_answer(d, name, why);
     if (e)
-        return err_say(why, e, "%s: no memory for %ux%u texels", name, a->width, a->height);
+        return err_say(why, e, "%s: out of memory for %ux%u texels", name, a->width, a->height);
     im->layout = (enum layout)a->layout;
     im->faults = (struct image_faults){ a->nan, a->infinite, a->negative, a->clipped };
     take_texels(d, im);
@@ -294,7 +295,7 @@ static enum err take_answer(struct decoder *d, struct wire_answer *a, const char
     return ERR_OK;
 }
 
-/* A process that is ready: the one there is, or a new one. */
+/* Returns a running process, starting one if necessary. */
 static enum err ready(struct decoder *d, const char *name, struct reason *why)
 {
     struct reason cause;
@@ -306,16 +307,16 @@ static enum err ready(struct decoder *d, const char *name, struct reason *why)
         end(d);
     if (d->pid != 0)
         return ERR_OK;
-    if (clock_ms() < d->again_ms) {
-        atomic_fetch_add(&d->waited, 1);
-        return err_say(why, ERR_IO, "%s: not decoded, since %u frames in a row have each cost a decoder", name,
-                       d->deaths);
+    if (clock_ms() < d->restart_ms) {
+        atomic_fetch_add(&d->refused, 1);
+        return err_say(why, ERR_IO, "%s: not decoded: the decoder crashed on %u frames in a row", name,
+                       d->crashes_in_row);
     }
     const enum err e = start(d, &cause);
     if (e) {
-        note_death(d);
+        count_crash(d);
         log_error("%s", cause.text);
-        return err_say(why, e, "%s: there is no decoder for it", name);
+        return err_say(why, e, "%s: no decoder is running", name);
     }
     return ERR_OK;
 }
@@ -324,25 +325,25 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
                         struct reason *why)
 {
     struct decoder *d = context;
-    struct wire_request q = { .magic = WIRE_MAGIC, .most_side = im->most_side, .size = size };
+    struct wire_request q = { .magic = WIRE_MAGIC, .max_side = im->max_side, .size = size };
     struct wire_answer a;
 
     atomic_fetch_add(&d->files, 1);
     if (size > d->file_bytes)
-        return err_say(why, ERR_RANGE, "%s: more than %zu bytes", name, d->file_bytes);
+        return err_say(why, ERR_RANGE, "%s: larger than %zu bytes", name, d->file_bytes);
     enum err e = ready(d, name, why);
     if (e)
         return e;
     snprintf(q.name, sizeof(q.name), "%s", name);
     memcpy(d->file.at, bytes, size);
     trim(&d->file, size);
-    enum heard heard = HEARD_END;
+    enum receipt receipt = RECEIVED_END;
     if (send(d->socket, &q, sizeof(q), MSG_NOSIGNAL) == (ssize_t)sizeof(q))
-        heard = hear(d, &a, sizeof(a));
-    return heard == HEARD ? take_answer(d, &a, name, im, why) : say_death(d, heard, name, why);
+        receipt = receive(d, &a, sizeof(a));
+    return receipt == RECEIVED ? take_answer(d, &a, name, im, why) : report_crash(d, receipt, name, why);
 }
 
-/* ---- Life ---- */
+/* ---- Creation and statistics ---- */
 
 enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, struct reason *why)
 {
@@ -353,7 +354,7 @@ enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, s
     d->file.fd = d->picture.fd = -1;
     d->file_bytes = desc->file_bytes ? desc->file_bytes : FILE_BYTES;
     d->memory_bytes = desc->memory_bytes ? desc->memory_bytes : MEMORY_BYTES;
-    d->patience_ms = desc->patience_ms ? desc->patience_ms : PATIENCE_MS;
+    d->timeout_ms = desc->timeout_ms ? desc->timeout_ms : PATIENCE_MS;
     d->stop = desc->stop;
     enum err e = find_program(d, desc->program, why);
     if (!e)
@@ -389,10 +390,10 @@ void decoder_counts(const struct decoder *d, struct decoder_counts *out)
 {
     *out = (struct decoder_counts){
         .files = atomic_load(&d->files),
-        .died = atomic_load(&d->died),
-        .hung = atomic_load(&d->hung),
-        .lied = atomic_load(&d->lied),
-        .waited = atomic_load(&d->waited),
+        .crashed = atomic_load(&d->crashed),
+        .timed_out = atomic_load(&d->timed_out),
+        .invalid = atomic_load(&d->invalid),
+        .refused = atomic_load(&d->refused),
         .starts = atomic_load(&d->starts),
     };
 }

@@ -1,14 +1,14 @@
 /* server/decoder/decoder.h */
-/* Decodes picture files that came from a stranger, in a process of its own (relight-decoder) that can do nothing else:
- * no files, no network, no new processes, so much memory and no more. Whatever a file makes of that process, dead, hung
- * or taken over, costs the frame it was in: it is refused with a reason, and the process started anew.
- * What comes back is data of a stranger still: sizes are checked, words made printable, and each texel is put right
- * while it is copied out of the memory that both see, so that nothing can change it afterwards. The bits are those of
- * decode_image. Thread: one at a time, but for decoder_counts. */
+/* Decodes untrusted image files in a separate, sandboxed process (relight-decoder) without access to files, the network
+ * or new processes, and with limited memory. If a file crashes, hangs or compromises that process, only its frame is
+ * lost: it is refused with a reason, and the process is restarted.
+ * The result is untrusted too: sizes are checked, text is made printable, and each texel is sanitised while it is
+ * copied out of shared memory, so that it cannot change afterwards. The texels are identical to decode_image's. Thread:
+ * one at a time, except decoder_counts. */
 #ifndef DECODER_DECODER_H
 #define DECODER_DECODER_H
 
-#include "decode.h"
+#include "codec/decode.h"
 
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -17,33 +17,34 @@ struct decoder;
 
 /* Zero means the default. */
 struct decoder_desc {
-    const char *program;     /* default: relight-decoder beside this program, or in ../lib/relightd from there */
-    size_t file_bytes;       /* of the largest file; default 256 MiB */
-    size_t memory_bytes;     /* that decoding may take beside the file and the picture; default 512 MiB */
-    uint32_t patience_ms;    /* for one file; default 10 s */
-    const atomic_bool *stop; /* set: whoever waits for a file gives up; may be NULL */
+    const char *program;     /* default: relight-decoder beside this program, or in ../lib/relightd relative to it */
+    size_t file_bytes;       /* limit of a file; default 256 MiB */
+    size_t memory_bytes;     /* memory for decoding besides the file and the image; default 512 MiB */
+    uint32_t timeout_ms;     /* per file; default 10 s */
+    const atomic_bool *stop; /* when set, a waiting call returns; may be NULL */
 };
 
-/* Starts the process. ERR_IO: it cannot be started: *why says why. ERR_NOMEM. On any error *out is NULL. */
+/* Starts the process. The caller owns *out, NULL on error. ERR_IO: cannot start, see *why. ERR_NOMEM. */
 MUST_CHECK enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, struct reason *why);
 void decoder_destroy(struct decoder *d); /* ends the process; NULL is allowed */
 
-/* Whether the kernel holds the process to its few system calls; without seccomp the other limits stand alone. */
+/* Whether seccomp restricts the process's system calls; without it only the resource limits apply. */
 bool decoder_is_confined(const struct decoder *d);
 
-/* As decode_image, with the decoder as context. ERR_FORMAT also when the process did not survive the file. */
+/* As decode_image; `context` is the decoder. Also ERR_FORMAT: the process crashed, timed out or sent an invalid answer.
+ */
 MUST_CHECK enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const char *name, struct image *im,
                                    struct reason *why);
 
-/* Since the start. Any thread. */
+/* Counts since the start. */
 struct decoder_counts {
     uint64_t files;
-    uint64_t died;   /* files that the process did not survive, */
-    uint64_t hung;   /* that it was not done with in time, */
-    uint64_t lied;   /* or that it answered with nonsense */
-    uint64_t waited; /* refused unread, since the process had died too often of late */
+    uint64_t crashed;   /* files on which the process crashed */
+    uint64_t timed_out; /* files that exceeded the timeout */
+    uint64_t invalid;   /* files for which it sent an invalid answer */
+    uint64_t refused;   /* files refused unread after too many crashes */
     uint64_t starts;
 };
-void decoder_counts(const struct decoder *d, struct decoder_counts *out);
+void decoder_counts(const struct decoder *d, struct decoder_counts *out); /* thread: any */
 
 #endif

@@ -1,5 +1,5 @@
-/* relight-decoder: started by relightd for pictures that came over the network; of no use by itself. */
-#include "serve.h"
+/* relight-decoder: the process that relightd starts to decode images from the network. */
+#include "decoder/serve.h"
 
 int main(int argc, char **argv)
 {

@@ -1,8 +1,8 @@
 #define _GNU_SOURCE /* MAP_NORESERVE */
-#include "serve.h"
+#include "decoder/serve.h"
 
-#include "confine.h"
-#include "wire.h"
+#include "decoder/confine.h"
+#include "decoder/wire.h"
 
 #include <errno.h>
 #include <stdbool.h>
@@ -12,10 +12,10 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#define PROGRAM_BYTES ((size_t)256 << 20) /* libraries, stack and what they take at the start */
-#define LIFE_S 7200                       /* of processor time: whoever started it ends it long before */
+#define PROGRAM_BYTES ((size_t)256 << 20) /* libraries, the stack and their initial allocations */
+#define LIFE_S 7200                       /* processor time; the parent replaces the process long before */
 
-/* False: the other end is gone, or there is no making sense of it. */
+/* False: the other end is gone or sent something invalid. */
 static bool next_request(struct wire_request *q, size_t file_bytes)
 {
     ssize_t got;
@@ -23,7 +23,7 @@ static bool next_request(struct wire_request *q, size_t file_bytes)
     do
         got = read(WIRE_SOCKET, q, sizeof(*q));
     while (got < 0 && errno == EINTR);
-    return got == (ssize_t)sizeof(*q) && q->magic == WIRE_MAGIC && q->most_side <= IMAGE_MAX_SIDE &&
+    return got == (ssize_t)sizeof(*q) && q->magic == WIRE_MAGIC && q->max_side <= IMAGE_MAX_SIDE &&
            q->size <= file_bytes;
 }
 
@@ -32,7 +32,7 @@ static bool say(const void *message, size_t size)
     return write(WIRE_SOCKET, message, size) == (ssize_t)size;
 }
 
-/* The picture's memory is never let go: image_resize takes no more than it has. */
+/* The image's memory stays mapped: image_resize never exceeds it. */
 static int serve(const uint8_t *file, size_t file_bytes, float *picture, const struct decoder_work *work)
 {
     struct image im = { .rgb = picture, .capacity = 3 * IMAGE_MAX_TEXELS };
@@ -41,7 +41,7 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
     while (next_request(&q, file_bytes)) {
         struct wire_answer a = { .magic = WIRE_MAGIC };
         q.name[sizeof(q.name) - 1] = 0;
-        im.most_side = q.most_side;
+        im.max_side = q.max_side;
         a.result = (int32_t)work->decode(file, (size_t)q.size, q.name, &im, &a.why);
         a.width = im.width;
         a.height = im.height;
@@ -63,7 +63,8 @@ int decoder_serve(int argc, char **argv, const struct decoder_work *work)
 
     if (argc != 4 || sscanf(argv[1], "%llu", &file_bytes) != 1 || sscanf(argv[2], "%llu", &picture_bytes) != 1 ||
         sscanf(argv[3], "%llu", &memory_bytes) != 1 || picture_bytes < 3 * sizeof(float) * IMAGE_MAX_TEXELS) {
-        fprintf(stderr, "relight-decoder is started by relightd: it decodes pictures that came over the network.\n");
+        fprintf(stderr,
+                "relight-decoder is started by relightd to decode images from the network; it cannot be used alone.\n");
         return 2;
     }
     const uint8_t *file = mmap(NULL, (size_t)file_bytes, PROT_READ, MAP_SHARED, WIRE_FILE, 0);

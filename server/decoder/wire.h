@@ -1,28 +1,28 @@
 /* server/decoder/wire.h */
-/* What relightd and relight-decoder say to each other, over a socket that keeps messages apart. A file's bytes and a
- * picture's texels do not go over it but lie in two pieces of memory that both have mapped. Inside this room only. */
+/* Messages between relightd and relight-decoder over a seqpacket socket. File bytes and texels are exchanged through
+ * two blocks of shared memory. Private to this room. */
 #ifndef DECODER_WIRE_H
 #define DECODER_WIRE_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stdint.h>
 
-#define WIRE_MAGIC 0x524c4432u /* another build of the other end shows here */
+#define WIRE_MAGIC 0x524c4432u /* differs between incompatible builds */
 
-enum { WIRE_SOCKET = 3, WIRE_FILE = 4, WIRE_PICTURE = 5 }; /* descriptors that the process begins with */
+enum { WIRE_SOCKET = 3, WIRE_FILE = 4, WIRE_PICTURE = 5 }; /* descriptors that the process starts with */
 
 struct wire_hello {
     uint32_t magic;
-    uint32_t confined; /* 1: seccomp is in force */
-    int32_t error;     /* errno, when it is not */
+    uint32_t confined; /* 1: seccomp is active */
+    int32_t error;     /* errno if it is not */
     uint32_t zero;
 };
 
 struct wire_request {
     uint32_t magic;
-    uint32_t most_side; /* of the picture; 0: IMAGE_MAX_SIDE */
-    uint64_t size;      /* of the file */
+    uint32_t max_side; /* of the image; 0: IMAGE_MAX_SIDE */
+    uint64_t size;     /* bytes of the file */
     char name[256];
 };
 

@@ -1,4 +1,4 @@
-#include "cube.h"
+#include "env/cube.h"
 
 static double corner_integral(double u, double v)
 {

@@ -1,7 +1,7 @@
 /* server/env/cube.h */
-/* The cube map inside: six faces of n x n texels. Face 2a + s looks along coordinate axis a (0 = x, 1 = y, 2 = z),
- * positive for s = 0, negative for s = 1. On it, u runs along axis (a + 1) mod 3 and v along axis (a + 2) mod 3, both
- * in -1..1; column j holds u from -1 + 2 j / n, row i holds v from -1 + 2 i / n. Pure functions; any thread. */
+/* Cube maps: six faces of n x n texels. Face 2a + s lies on coordinate axis a (0 = x, 1 = y, 2 = z), on its positive
+ * side for s = 0 and its negative side for s = 1. On a face, u runs along axis (a + 1) mod 3 and v along axis (a + 2)
+ * mod 3, both in -1..1; column j starts at u = -1 + 2 j / n, row i at v = -1 + 2 i / n. Thread: any. */
 #ifndef ENV_CUBE_H
 #define ENV_CUBE_H
 
@@ -10,7 +10,7 @@
 
 #define CUBE_FACES 6
 
-/* The direction (not of unit length: its largest component is 1) through (u, v) of a face. */
+/* The direction through (u, v) of a face, not normalised: its largest component is 1. */
 static inline void cube_direction(uint32_t face, double u, double v, double out[3])
 {
     const uint32_t a = face >> 1;
@@ -19,7 +19,7 @@ static inline void cube_direction(uint32_t face, double u, double v, double out[
     out[(a + 2) % 3] = v;
 }
 
-/* Face and (u, v) of a direction other than zero. */
+/* Face and (u, v) of a nonzero direction. */
 static inline uint32_t cube_locate(const float w[3], float *u, float *v)
 {
     const float x = fabsf(w[0]), y = fabsf(w[1]), z = fabsf(w[2]);
@@ -30,8 +30,8 @@ static inline uint32_t cube_locate(const float w[3], float *u, float *v)
     return 2 * a + (w[a] < 0.0f);
 }
 
-/* The texel that a direction (any length but zero) falls in, [face][row][column], and its (u, v): the one place where
- * that is decided. */
+/* Index [face][row][column] of the texel that contains a nonzero direction, and its (u, v). All code uses this
+ * function, so that sampling and evaluation agree. */
 static inline uint32_t cube_texel(uint32_t n, const float w[3], float *u, float *v)
 {
     const uint32_t face = cube_locate(w, u, v);
@@ -41,18 +41,18 @@ static inline uint32_t cube_texel(uint32_t n, const float w[3], float *u, float 
     return (face * n + (i < n ? i : n - 1)) * n + (j < n ? j : n - 1);
 }
 
-/* Solid angle between (u0, v0) and (u1, v1) on a face, sr: differences of the corner integral atan(uv / sqrt(u^2 + v^2
- * + 1)). */
+/* Solid angle of (u0, v0)..(u1, v1) on a face, sr: differences of the corner integral atan(uv / sqrt(u^2 + v^2 + 1)).
+ */
 double cube_solid_angle(double u0, double v0, double u1, double v1);
 
-/* How many square metres of the face plane there are per steradian at (u, v): (1 + u^2 + v^2)^(3/2). */
+/* Area on the face plane per solid angle at (u, v): (1 + u^2 + v^2)^(3/2), sr^-1. */
 static inline float cube_jacobian(float u, float v)
 {
     const float r2 = 1.0f + u * u + v * v;
     return r2 * sqrtf(r2);
 }
 
-/* The four corners of a face as unit vectors, for Eq. 3 of [LPG13]. */
+/* The four corners of a face as unit vectors, for [LPG13, Eq. 3]. */
 void cube_corners(uint32_t face, float out[4][3]);
 
 #endif

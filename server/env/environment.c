@@ -1,11 +1,11 @@
-#include "environment.h"
+#include "env/environment.h"
 
-#include "decode.h"
-#include "layout.h"
-#include "log.h"
-#include "mem.h"
-#include "pyramid.h"
-#include "resample.h"
+#include "codec/decode.h"
+#include "env/layout.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "env/pyramid.h"
+#include "env/resample.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -16,31 +16,20 @@
 
 #define DEFAULT_N 256
 #define MAX_N 1024
-#define BAND 8 /* rows of a face, as resample.h makes them */
+#define BAND 8 /* rows of a face per band, as in resample.h */
 
-/* What a lean rebuild leaves for later. */
+/* The state of deferred work (see lean). */
 struct environment_rest {
-    pthread_mutex_t lock; /* whoever makes it holds it */
+    pthread_mutex_t lock; /* held while completing */
     atomic_bool made, pyramid_made;
 };
 
-static const char *const importance_names[] = { "luminance", "mean", "max" };
-
-enum err importance_parse(const char *name, enum importance *out, struct reason *why)
-{
-    for (size_t k = 0; k < sizeof(importance_names) / sizeof(importance_names[0]); k++)
-        if (strcmp(name, importance_names[k]) == 0) {
-            *out = (enum importance)k;
-            return ERR_OK;
-        }
-    *out = IMPORTANCE_LUMINANCE;
-    return err_say(why, ERR_USAGE, "importance '%s' is not known: it is luminance, mean or max", name);
-}
-
-const char *importance_name(enum importance kind)
-{
-    return importance_names[kind];
-}
+const struct setting_choice importance_choices[] = {
+    { "luminance", IMPORTANCE_LUMINANCE, "what the eye sees", 0 },
+    { "mean", IMPORTANCE_MEAN, "mean of red, green and blue", 0 },
+    { "max", IMPORTANCE_MAX, "largest of red, green and blue: less noise in saturated colours", 0 },
+    { NULL, 0, NULL, 0 },
+};
 
 struct environment *environment_create(const struct environment_desc *desc)
 {
@@ -75,11 +64,11 @@ struct environment *environment_create(const struct environment_desc *desc)
         environment_destroy(e);
         return NULL;
     }
-    environment_set(e, desc);
+    environment_configure(e, desc);
     return e;
 }
 
-void environment_forget(struct environment *e)
+void environment_release_memory(struct environment *e)
 {
     e->ready = false;
     image_finish(&e->image);
@@ -93,7 +82,7 @@ void environment_destroy(struct environment *e)
 {
     if (!e)
         return;
-    environment_forget(e);
+    environment_release_memory(e);
     mem_free(e->texels);
     mem_free(e->row_cdf);
     mem_free(e->face_cdf);
@@ -105,7 +94,7 @@ void environment_destroy(struct environment *e)
     mem_free(e);
 }
 
-void environment_set(struct environment *e, const struct environment_desc *desc)
+void environment_configure(struct environment *e, const struct environment_desc *desc)
 {
     e->layout = desc->layout;
     e->rotation = desc->rotation_degrees * PI / 180.0;
@@ -113,22 +102,22 @@ void environment_set(struct environment *e, const struct environment_desc *desc)
     e->importance = desc->importance;
     e->lean = desc->lean;
     e->decoder = desc->decoder;
-    e->most_side = desc->most_side;
+    e->max_side = desc->max_side;
 }
 
-/* What whoever sent the frame says of its layout stands above what the file says and below the user's own word; ""
- * says nothing. "auto" does not either, but then texels are not taken as lat-long whatever their shape. */
+/* Layouts take precedence in this order: the user's, the sender's, the file's. The sender's "" says nothing. Neither
+ * does "auto", except that texels are then not assumed to be lat-long. */
 static enum err take_layout(struct environment *e, const struct frame *f, struct reason *why)
 {
     struct reason said;
-    enum layout layout;
+    int layout;
 
     if (!f->layout[0])
         return ERR_OK;
-    if (layout_parse(f->layout, &layout, &said))
+    if (choice_parse(layout_choices, 0, "layout", f->layout, &layout, &said))
         return err_say(why, ERR_FORMAT, "%s: %s", f->name, said.text);
     if (layout != LAYOUT_AUTO || f->kind == FRAME_TEXELS)
-        e->image.layout = layout;
+        e->image.layout = (enum layout)layout;
     return ERR_OK;
 }
 
@@ -140,9 +129,9 @@ static void add_faults(struct image_faults *to, const struct image_faults *more)
     to->clipped += more->clipped;
 }
 
-/* One face of six files into its place in OpenEXR's cube; the first gives all their size. Graphics libraries name the
- * faces so that px lies to the right of pz, seen from the inside, as cells of a horizontal cross: with pz at +Z that is
- * -X. Turned by half, their py and ny are OpenEXR's. */
+/* Copies one of six face files to its place in OpenEXR's cube; the first face sets the size. Graphics libraries name
+ * faces so that px is to the right of pz, seen from inside, as in a horizontal cross: with pz at +Z that is -X. Their
+ * py and ny, rotated by 180 degrees, are OpenEXR's. */
 static enum err place_face(struct image *cube, struct image *face, uint32_t k, const char *name, struct reason *why)
 {
     static const uint32_t slot[CUBE_FACES] = { 1, 0, 2, 3, 4, 5 };
@@ -150,10 +139,10 @@ static enum err place_face(struct image *cube, struct image *face, uint32_t k, c
 
     const enum err e = k == 0 && size == face->height ? image_resize(cube, size, CUBE_FACES * size) : ERR_OK;
     if (e)
-        return err_say(why, e, "%s: six faces of %ux%u texels cannot be held", name, size, size);
+        return err_say(why, e, "%s: too large: six faces of %ux%u texels", name, size, size);
     if (size != face->height || size != cube->width || CUBE_FACES * size != cube->height)
-        return err_say(why, ERR_FORMAT, "%s: %ux%u is no square face of the same size as the first", name, size,
-                       face->height);
+        return err_say(why, ERR_FORMAT, "%s: %ux%u texels; the face must be square and as large as the first", name,
+                       size, face->height);
     const size_t texels = (size_t)size * size;
     float *to = cube->rgb + 3 * texels * slot[k];
     if (k == 2 || k == 3)
@@ -189,8 +178,8 @@ static enum err decode_faces(struct environment *e, const struct frame *f, struc
     return result;
 }
 
-/* Row by row, each put right while it is in the cache. A copy, because the frame may be wanted again: with another
- * rotation, while the source is held. */
+/* Copies row by row, sanitising each row while it is in the cache. A copy is needed because the frame may be processed
+ * again with another rotation while the source is paused. */
 static void take_texels(struct image *im, const struct frame *f)
 {
     const size_t row = 3 * (size_t)f->width;
@@ -207,7 +196,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
     enum err result = ERR_OK;
 
     e->ready = false;
-    e->image.most_side = e->face.most_side = e->most_side;
+    e->image.max_side = e->face.max_side = e->max_side;
     if (f->kind == FRAME_FILE && f->faces[0]) {
         result = decode_faces(e, f, why);
     } else if (f->kind == FRAME_FILE) {
@@ -218,7 +207,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
             return result;
         result = image_resize(&e->image, f->width, f->height);
         if (result)
-            return err_say(why, result, "%s: a picture of %ux%u texels cannot be held", f->name, f->width, f->height);
+            return err_say(why, result, "%s: too large: an image of %ux%u texels", f->name, f->width, f->height);
         take_texels(&e->image, f);
     } else {
         return err_say(why, ERR_FORMAT, "%s: the frame is empty", f->name);
@@ -235,7 +224,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
     return ERR_OK;
 }
 
-/* The user's word first, then the file's own, then its shape. */
+/* The user's choice, else the file's, else from the aspect ratio. */
 static enum err choose_layout(const struct environment *e, enum layout *out, struct reason *why)
 {
     const uint32_t w = e->image.width, h = e->image.height;
@@ -253,12 +242,12 @@ static enum err match_resampler(struct environment *e, enum layout layout, struc
     resampler_destroy(e->resampler);
     e->resampler = NULL;
     const enum err result = resampler_create(e->tables, &key, &e->resampler);
-    return result ? err_say(why, result, "%s: no memory for resampling %ux%u texels", e->name, e->image.width,
+    return result ? err_say(why, result, "%s: out of memory for resampling %ux%u texels", e->name, e->image.width,
                             e->image.height)
                   : ERR_OK;
 }
 
-/* A row's radiances into its texels, with their densities; weight: importance x solid angle. */
+/* Stores a row's radiance and density. weight: importance x solid angle. */
 static inline void weigh_row(const struct environment *e, enum importance kind, const float *from,
                              const double *solid_angle, struct texel *t, double *weight)
 {
@@ -272,7 +261,7 @@ static inline void weigh_row(const struct environment *e, enum importance kind, 
     }
 }
 
-/* Running sums along all rows of a band [LPG13, 2.2], side by side: each has to wait for its last sum. */
+/* CDFs along all rows of a band [LPG13, 2.2], interleaved, because each running sum has a serial dependency. */
 static inline void sum_rows(double *cdf, uint32_t n, uint32_t rows, double *whole)
 {
     double sum[BAND] = { 0.0 };
@@ -284,7 +273,7 @@ static inline void sum_rows(double *cdf, uint32_t n, uint32_t rows, double *whol
         whole[i] = sum[i];
 }
 
-/* The rows' sums alone: the same numbers in the same order. */
+/* The rows' totals only: the same numbers added in the same order. */
 static inline void add_rows(const double *weight, uint32_t n, uint32_t rows, double *whole)
 {
     double sum[BAND] = { 0.0 };
@@ -308,8 +297,7 @@ static void sum_band(double *cdf, uint32_t n, uint32_t rows, bool lean, double *
         sum_rows(cdf, n, rows, whole);
 }
 
-/* Rows 8 b .. of a face: their texels, densities and running sums, and what the pyramid makes of them while they are
- * in the cache. */
+/* Builds rows 8 b .. of a face: texels, densities, CDFs and, while they are in the cache, their part of the pyramid. */
 static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
 {
     const uint32_t n = e->n, i0 = BAND * b, rows = n - i0 < BAND ? n - i0 : BAND, row = face * n + i0;
@@ -356,7 +344,7 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     e->total_energy = 0.0;
     for (uint32_t f = 0; f < CUBE_FACES; f++) {
         double sum = 0.0;
-        for (uint32_t i = 0; i < n; i++) /* the rows' own sums stand there */
+        for (uint32_t i = 0; i < n; i++) /* holds the rows' totals */
             e->face_cdf[(size_t)f * n + i] = sum += e->face_cdf[(size_t)f * n + i];
         e->energy[f] = sum;
         e->total_energy += sum;
@@ -375,7 +363,7 @@ bool environment_has_pyramid(const struct environment *e)
     return atomic_load(&e->rest->pyramid_made);
 }
 
-/* Rows 8 b .. of a face, whose texels and energy are there. */
+/* Completes rows 8 b .. of a face from their texels. */
 static void complete_band(const struct environment *e, uint32_t face, uint32_t b)
 {
     const uint32_t n = e->n, i0 = BAND * b, rows = n - i0 < BAND ? n - i0 : BAND, row = face * n + i0;
@@ -390,7 +378,7 @@ static void complete_band(const struct environment *e, uint32_t face, uint32_t b
     sum_band(cdf, n, rows, false, whole);
 }
 
-/* The rest of what a lean rebuild has left: the pyramid, and with `tables` the running sums. */
+/* Completes a lean rebuild: the pyramid and, with `tables`, the CDFs. */
 static void complete(const struct environment *e, bool tables)
 {
     const uint32_t bands = (e->n + BAND - 1) / BAND;
@@ -443,8 +431,8 @@ void environment_warn_clipped(const struct environment *e, bool *warned)
     if (*warned || e->image.faults.clipped == 0)
         return;
     *warned = true;
-    log_warning("%s: %" PRIu64 " values stand at 65504, the largest of a half float: the light there may have been "
-                "brighter; capture it darker and give it back by --scale STOPS",
+    log_warning("%s: %" PRIu64 " values are 65504, the largest half float: the capture may have been clipped. "
+                "Capture at a lower exposure and compensate with --scale STOPS",
                 e->name, e->image.faults.clipped);
 }
 

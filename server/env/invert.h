@@ -1,15 +1,15 @@
 /* server/env/invert.h */
-/* Inversion of running sums, for the samplers of this room. Pure functions; any thread. */
+/* Inversion of CDFs for the samplers of this room. Thread: any. */
 #ifndef ENV_INVERT_H
 #define ENV_INVERT_H
 
-#include "cube.h"
+#include "env/cube.h"
 
 #include <math.h>
 #include <stdint.h>
 
-/* The first entry of ascending sums that exceeds target. Where rounding put target on the total, the
- * last entry that has mass, so that nothing of probability zero is ever chosen. */
+/* The first entry of an ascending CDF that exceeds target. If rounding made target equal to the total, the last entry
+ * with nonzero probability, so that an impossible entry is never chosen. */
 static inline uint32_t invert_find(const double *cdf, uint32_t n, double target)
 {
     uint32_t low = 0, high = n;
@@ -27,10 +27,10 @@ static inline uint32_t invert_find(const double *cdf, uint32_t n, double target)
     return low;
 }
 
-/* The last place within an entry: the sum of it and a number below 2^20 is still exact. */
+/* The last position within an entry: added to a number below 2^20 it is still exact. */
 #define INVERT_LAST (1.0 - 0x1p-32)
 
-/* Position in 0..n, real-valued: the entry that x in [0, 1) falls in and the place within it. */
+/* Real-valued position in 0..n for x in [0, 1): the entry plus the fraction within it. */
 static inline double invert(const double *cdf, uint32_t n, double x)
 {
     const double target = x * cdf[n - 1];
@@ -41,9 +41,9 @@ static inline double invert(const double *cdf, uint32_t n, double x)
     return k + fmin(fmax(within, 0.0), INVERT_LAST);
 }
 
-/* Where rounding to float carries a direction over the border of the texel that was chosen, perhaps onto a black one,
- * the place within the texel is held off its border by this part of it. At 1024 texels an edge rounding moves a place
- * by 1e-4 of a texel at most: one sample in several thousand is moved, by less than this. */
+/* Rounding to float may move a direction across the border of the chosen texel, possibly onto a black one, so positions
+ * are kept this fraction of a texel away from borders. At 1024 texels per edge, rounding moves a position by at most
+ * 1e-4 of a texel: one sample in several thousand is moved, by less than this margin. */
 #define INVERT_MARGIN 0x1p-10
 
 static inline double invert_hold(double place)
@@ -52,8 +52,8 @@ static inline double invert_hold(double place)
     return whole + fmin(fmax(place - whole, INVERT_MARGIN), 1.0 - INVERT_MARGIN);
 }
 
-/* The unit direction through a place of a face of n x n texels, counted in texels; always in the very texel that the
- * place is in. */
+/* The unit direction through a position on a face of n x n texels, in texels. It always lies in the texel of that
+ * position. */
 void invert_direction(uint32_t n, uint32_t face, double row, double column, float w[3]);
 
 #endif

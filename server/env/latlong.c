@@ -1,20 +1,20 @@
-#include "latlong.h"
+#include "env/latlong.h"
 
-#include "invert.h"
-#include "layout.h"
-#include "mem.h"
-#include "resample.h"
+#include "env/invert.h"
+#include "env/layout.h"
+#include "base/mem.h"
+#include "env/resample.h"
 
 #include <assert.h>
 #include <math.h>
 
-/* At 16384 x 8192 texels, rounding to float moves a place by 4e-3 of a texel at most. */
+/* At 16384 x 8192 texels, rounding to float moves a position by at most 4e-3 of a texel. */
 #define MARGIN 0x1p-6
 
-/* Below this the sine of a sampled theta counts as this much: the density stays finite at the very pole. */
-#define LEAST_SINE 1e-12
+/* The minimum sine of a sampled theta, which keeps the density finite at the poles. */
+#define MIN_SINE 1e-12
 
-/* The radiance of a texel, and its importance: the same function for tables and densities. */
+/* Radiance and importance of a texel, for tables and densities alike. */
 static double load(const struct latlong *t, uint32_t row, uint32_t column, float rgb[3])
 {
     const float *s = t->environment->image.rgb + 3 * ((size_t)row * t->width + column);
@@ -29,7 +29,7 @@ static void build_row(struct latlong *t, uint32_t row)
     double *cdf = t->cdf + (size_t)row * t->width, sum = 0.0;
     float rgb[3];
 
-    /* cos a - cos b as a product, which keeps its digits where the rows are thin. */
+    /* cos a - cos b as a product, which is accurate for thin rows. */
     t->row_angle[row] = 4.0 * PI / t->width * sin(PI * (row + 0.5) / t->height) * sin(0.5 * PI / t->height);
     for (uint32_t j = 0; j < t->width; j++) {
         sum += load(t, row, j, rgb) * t->row_angle[row];
@@ -60,10 +60,10 @@ enum err latlong_build(struct latlong *t, const struct environment *e, struct re
     const enum layout layout = e->resampler->table->key.layout;
     if (layout != LAYOUT_LATLONG && layout != LAYOUT_LATLONG_BOTTOM_FIRST)
         return err_say(why, ERR_UNSUPPORTED,
-                       "%s: its layout is %s, and lat-long sampling reads the texels of latlong or latlong-bottom only",
-                       e->name, layout_name(layout));
+                       "%s: the layout is %s; lat-long sampling requires latlong or latlong-bottom", e->name,
+                       layout_name(layout));
     if (reserve(t, width, height))
-        return err_say(why, ERR_NOMEM, "%s: no memory for the tables of %ux%u texels", e->name, width, height);
+        return err_say(why, ERR_NOMEM, "%s: out of memory for the tables of %ux%u texels", e->name, width, height);
     t->environment = e;
     t->bottom_first = layout == LAYOUT_LATLONG_BOTTOM_FIRST;
     t->importance = e->importance;
@@ -87,7 +87,7 @@ void latlong_finish(struct latlong *t)
     *t = (struct latlong){ 0 };
 }
 
-/* The texel of a world direction, row and column. */
+/* Row and column of the texel that contains a world direction. */
 static void find_texel(const struct latlong *t, const float w[3], uint32_t at[2])
 {
     const double c = t->rotation[0], s = t->rotation[1];
@@ -98,10 +98,11 @@ static void find_texel(const struct latlong *t, const float w[3], uint32_t at[2]
     at[0] = (uint32_t)fmax(0.0, place.y);
     at[1] = (uint32_t)fmax(0.0, place.x);
     at[0] = at[0] < t->height ? at[0] : t->height - 1;
-    at[1] = at[1] < t->width ? at[1] : 0; /* the azimuth wraps */
+    at[1] = at[1] < t->width ? at[1] : 0; /* the azimuth wraps around */
 }
 
-/* The world direction at the azimuth of `column` (in texels, from the left), from its cosine and sine to +Y. */
+/* World direction from the azimuth of `column` (in texels, from the left) and the cosine and sine of the angle to +Y.
+ */
 static void direct(const struct latlong *t, double cosine, double sine, double column, float w[3])
 {
     const double phi = PI - 2.0 * PI * column / t->width, x = sine * sin(phi), z = sine * cos(phi);
@@ -117,9 +118,8 @@ static double hold(double within)
     return fmin(fmax(within, MARGIN), 1.0 - MARGIN);
 }
 
-/* The direction of a place within a texel, `down` it (0 its upper border as the picture is stored) and `along`: down
- * is even in theta, or in solid angle, that is, in the cosine. Where rounding to float carries it into another texel,
- * it is held off the border. */
+/* Direction of a position within a texel: `down` (0 at the upper border as stored) is uniform in theta or in solid
+ * angle, that is, in cos theta. Kept off the border where rounding to float would cross it. */
 static void direct_within(const struct latlong *t, const uint32_t at[2], double down, double along, bool in_solid_angle,
                           float w[3])
 {
@@ -129,7 +129,8 @@ static void direct_within(const struct latlong *t, const uint32_t at[2], double 
     for (int attempt = 0; attempt < 2; attempt++) {
         const double a = PI * to_top / t->height, b = PI * (to_top + step) / t->height;
         double theta = a + (b - a) * down;
-        if (in_solid_angle) { /* cos theta = cos a - down (cos a - cos b), from sin^2 (theta / 2), exact at the poles */
+        if (in_solid_angle) { /* cos theta = cos a - down (cos a - cos b), from sin^2 (theta / 2), which is exact at the
+                                 poles */
             const double sa = sin(0.5 * a), sb = sin(0.5 * b), half = sa * sa + (sb * sb - sa * sa) * down;
             theta = 2.0 * atan2(sqrt(half), sqrt(fmax(0.0, 1.0 - half)));
         }
@@ -158,7 +159,7 @@ void latlong_evaluate_rows(const struct latlong *t, const float w[3], float rgb[
     uint32_t row;
 
     const double p = evaluate(t, w, rgb, &row);
-    *pdf = (float)(p * t->width * t->height / (2.0 * PI * PI * fmax(sine, LEAST_SINE)));
+    *pdf = (float)(p * t->width * t->height / (2.0 * PI * PI * fmax(sine, MIN_SINE)));
 }
 
 void latlong_evaluate(const struct latlong *t, const float w[3], float rgb[3], float *pdf)

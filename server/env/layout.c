@@ -1,10 +1,10 @@
-#include "layout.h"
+#include "env/layout.h"
 
-#include "vec.h"
+#include "base/vec.h"
 
 #include <assert.h>
 
-#define STEP 0.125 /* of the radius, at most, between two groups of nodes */
+#define STEP 0.125 /* maximum distance between two groups of nodes, in radii */
 
 /* In the order of cube.h: +X, -X, +Y, -Y, +Z, -Z. */
 static const struct layout_face cube[CUBE_FACES] = {
@@ -46,21 +46,21 @@ enum err layout_fits(enum layout layout, uint32_t width, uint32_t height, const 
     uint32_t columns, rows;
 
     if (layout_is_disc(layout) && (width < LAYOUT_DISC_MIN || height < LAYOUT_DISC_MIN))
-        return err_say(why, ERR_UNSUPPORTED, "%s: %ux%u is too small for a %s, which needs %dx%d", name, width, height,
-                       layout_name(layout), LAYOUT_DISC_MIN, LAYOUT_DISC_MIN);
+        return err_say(why, ERR_UNSUPPORTED, "%s: %ux%u is too small for a %s, which needs at least %dx%d", name, width,
+                       height, layout_name(layout), LAYOUT_DISC_MIN, LAYOUT_DISC_MIN);
     if (!layout_faces(layout))
         return ERR_OK;
     count_cells(layout, &columns, &rows);
     if (width % columns == 0 && height % rows == 0 && width / columns == height / rows)
         return ERR_OK;
-    return err_say(why, ERR_UNSUPPORTED, "%s: %ux%u cannot be the layout %s, which has %u x %u square faces", name,
+    return err_say(why, ERR_UNSUPPORTED, "%s: %ux%u does not fit the layout %s, which has %u x %u square faces", name,
                    width, height, layout_name(layout), columns, rows);
 }
 
 enum err layout_guess(uint32_t width, uint32_t height, const char *name, enum layout *out, struct reason *why)
 {
     static const enum layout of_faces[] = { LAYOUT_CUBE, LAYOUT_HCROSS, LAYOUT_VCROSS };
-    const char *fits = "latlong, or ball or fisheye, whose circle is centred,";
+    const char *fits = "latlong, ball or fisheye (with a centred circle)";
 
     *out = width == 2 * height ? LAYOUT_LATLONG : LAYOUT_AUTO;
     if (*out != LAYOUT_AUTO)
@@ -70,9 +70,8 @@ enum err layout_guess(uint32_t width, uint32_t height, const char *name, enum la
     for (size_t k = 0; k < sizeof(of_faces) / sizeof(of_faces[0]); k++)
         if (layout_fits(of_faces[k], width, height, name, NULL) == ERR_OK)
             fits = layout_name(of_faces[k]);
-    return err_say(why, ERR_UNSUPPORTED,
-                   "%s: %ux%u is not 2:1, so its layout is unknown: say --layout %s if it is that", name, width, height,
-                   fits);
+    return err_say(why, ERR_UNSUPPORTED, "%s: %ux%u is not 2:1, so the layout is ambiguous: specify --layout %s", name,
+                   width, height, fits);
 }
 
 static double component(const double w[3], int axis)
@@ -95,7 +94,7 @@ static void find_on_cube(const struct layout_face *faces, uint32_t size, const d
     out->y = out->low[1] + 0.5 * (1.0 + scale * component(w, f->down)) * size;
 }
 
-/* Distance from the centre, in radii, at the angle theta from the axis that the centre shows. */
+/* Distance from the centre, in radii, at angle theta from the direction shown at the centre. */
 static bool find_on_disc(enum layout layout, const double w[3], double *x, double *y)
 {
     const bool ball = layout == LAYOUT_BALL;
@@ -131,12 +130,12 @@ bool layout_find(enum layout layout, uint32_t width, uint32_t height, const doub
     return true;
 }
 
-/* A ball's normal n halves the angle to the camera: w = 2 (n.z) n - z. */
+/* A ball's normal n bisects the direction and the one to the camera: w = 2 (n.z) n - z. */
 void layout_disc_direction(enum layout layout, double x, double y, double w[3])
 {
     double r2 = x * x + y * y;
 
-    if (r2 > 1.0 - 1e-13) { /* the rim, but for rounding */
+    if (r2 > 1.0 - 1e-13) { /* the rim, within rounding */
         x /= sqrt(r2);
         y /= sqrt(r2);
         r2 = 1.0;
@@ -174,7 +173,7 @@ int layout_disc_border(const double low[2], const double high[2], double pieces[
     return count;
 }
 
-/* (1 - cos theta) / r^2, which is smooth through the centre. */
+/* (1 - cos theta) / r^2, which is smooth at the centre. */
 static double cap_per_r2(enum layout layout, double r2)
 {
     if (layout == LAYOUT_BALL)
@@ -183,8 +182,8 @@ static double cap_per_r2(enum layout layout, double r2)
     return r2 > 1e-12 ? 2.0 * s * s / r2 : PI * PI / 8.0;
 }
 
-/* Solid angle is the integral of (1 - cos theta) dphi around the border. On a straight piece, along which one
- * coordinate is c, dphi is c / r^2 times the step (Gauss and Legendre's three nodes); on the circle it is the angle. */
+/* Solid angle is the integral of (1 - cos theta) dphi along the border. On a straight piece with one coordinate equal
+ * to c, dphi is c / r^2 times the step (three-node Gauss-Legendre quadrature); on the circle it is the angle. */
 static double disc_solid_angle(enum layout layout, const double low[2], const double high[2])
 {
     static const double node[3] = { -0.77459666924148338, 0.0, 0.77459666924148338 };
@@ -236,7 +235,7 @@ double layout_solid_angle(enum layout layout, uint32_t width, uint32_t height, c
         }
         return disc_solid_angle(layout, a, b);
     }
-    /* cos a - cos b as a product, which keeps its digits where the rows are thin. */
+    /* cos a - cos b as a product, which is accurate for thin rows. */
     return 4.0 * PI / width * (high[0] - low[0]) * sin(0.5 * PI / height * (low[1] + high[1])) *
            sin(0.5 * PI / height * (high[1] - low[1]));
 }

@@ -1,81 +1,83 @@
 /* server/env/layout.h */
-/* Where a direction stands in a picture of each layout, and how large each texel is, in the picture's own frame (before
- * the rotation of the environment). Texels are areas: texel (x, y) spans x..x+1 and y..y+1, counted from the top left.
+/* The mapping between directions and texels for each layout, and the solid angles of texels, in the image's own frame
+ * (before the environment's rotation). Texels are areas: texel (x, y) spans x..x+1 and y..y+1, from the top left.
  *
- * latlong   Any shape. Centre +Z, a quarter of the width to its left +X, top row +Y. latlong-bottom: upside down.
- * cube      1:6. Six square faces as OpenEXR stacks them, from the top +X, -X, +Y, -Y, +Z, -Z, each as seen from the
- *           inside. The sides stand upright: right of them is +Z, -Z (faces +X, -X) and -X, +X (faces +Z, -Z). +Y has
- *           +Z at its top edge, -Y has -Z there; +X is on the right of both.
- * hcross    4:3. The unfolded cube, seen from the inside: in the middle row +X, +Z, -X, -Z, all upright; above and
- *           below +Z the faces +Y and -Y, joined to it.
- * vcross    3:4. The same but for -Z, which stands upside down at the bottom, joined to -Y (Debevec's, HDRShop's).
- *           The other cells of a cross are not read.
+ * latlong   Any aspect. Centre +Z, a quarter of the width to its left +X, top row +Y. latlong-bottom: flipped.
+ * cube      1:6. Six square faces as OpenEXR stacks them, from the top +X, -X, +Y, -Y, +Z, -Z, each seen from inside.
+ *           Side faces are upright; their right edge is +Z, -Z (faces +X, -X) and -X, +X (faces +Z, -Z). +Y has +Z at
+ *           its top edge, -Y has -Z there; +X is on the right of both.
+ * hcross    4:3. The unfolded cube, seen from inside: the middle row is +X, +Z, -X, -Z, all upright; above and below
+ *           +Z are the faces +Y and -Y, joined to it.
+ * vcross    3:4. The same except -Z, which is upside down at the bottom, joined to -Y (as in Debevec's HDRShop).
+ *           The other cells of a cross are ignored.
  * ball      A mirror ball photographed from far along +Z: centre +Z (the camera itself), top +Y, right +X, rim -Z.
- *           All texels are equally large in solid angle.
- * fisheye   A camera that looks up: centre +Y, top +Z, right +X, and the angle from +Y grows evenly (equidistant, also
- *           called angular) to the horizon at the rim. Nothing is seen below.
- * Of ball and fisheye the image circle is the largest one about the picture's centre; what is outside is masked.
+ *           All texels have the same solid angle.
+ * fisheye   A camera that points up: centre +Y, top +Z, right +X; the radius is proportional to the angle from +Y
+ *           (equidistant, also called angular) up to the horizon at the rim. The lower hemisphere is not covered.
+ * The image circle of ball and fisheye is the largest centred one; everything outside is masked.
  *
- * Pure functions; any thread. */
+ * Thread: any. */
 #ifndef ENV_LAYOUT_H
 #define ENV_LAYOUT_H
 
-#include "cube.h"
-#include "err.h"
-#include "image.h"
+#include "env/cube.h"
+#include "base/err.h"
+#include "codec/image.h"
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#define LAYOUT_DISC_MIN 16 /* texels across the circle of a ball or a fisheye */
+#define LAYOUT_DISC_MIN 16 /* minimum diameter of the circle of a ball or a fisheye, texels */
 
-/* One face of a cube in a picture: its cell, counted in faces from the top left, and the axes that point right and
- * down in it, as +-(1 + axis). */
+/* A cube face within an image: its cell, in faces from the top left, and the axes that point right and down, as +-(1 +
+ * axis). */
 struct layout_face {
     int8_t column, row, right, down;
 };
 
-/* The six faces, in the order of cube.h, of cube, hcross and vcross; NULL for the others. */
+/* The six faces in the order of cube.h for cube, hcross and vcross; NULL for other layouts. */
 const struct layout_face *layout_faces(enum layout layout);
 uint32_t layout_face_size(enum layout layout, uint32_t width); /* texels along an edge */
 
-bool layout_is_disc(enum layout layout);
+bool layout_is_disc(enum layout layout); /* ball or fisheye */
 
-/* Whether a picture of that shape can be of that layout. If not, *why (which `name` begins) says what is asked for. */
+/* Checks that an image of this size can have this layout. ERR_UNSUPPORTED: *why begins with `name` and says what is
+ * required. */
 MUST_CHECK enum err layout_fits(enum layout layout, uint32_t width, uint32_t height, const char *name,
                                 struct reason *why);
 
-/* The layout of a picture that does not say it: lat-long for 2:1, else ERR_UNSUPPORTED and the names that fit. */
+/* The layout of an image without a declared one: lat-long for 2:1, else ERR_UNSUPPORTED, naming the layouts that fit.
+ */
 MUST_CHECK enum err layout_guess(uint32_t width, uint32_t height, const char *name, enum layout *out,
                                  struct reason *why);
 
-/* Where the picture shows a direction (any length but zero) and the part of it that belongs together there: texels
- * low[k] .. high[k] - 1 of each coordinate, between which it may be interpolated. */
+/* The position of a direction (nonzero) in an image, and the contiguous part around it within which to interpolate:
+ * texels low[k] .. high[k] - 1 of each coordinate. */
 struct layout_place {
     double x, y;
     uint32_t low[2], high[2];
-    bool wraps; /* left and right border are one */
+    bool wraps; /* the left and right borders are adjacent */
 };
 
-/* False where the layout does not show that direction (below a fisheye's horizon). */
+/* False if the layout does not cover the direction (below a fisheye's horizon). */
 bool layout_find(enum layout layout, uint32_t width, uint32_t height, const double w[3], struct layout_place *out);
 
-/* The direction of a point of a ball or a fisheye, in units of the circle's radius from its centre: x to the right, y
- * down. Unit; beyond the circle that of the rim. */
+/* The direction (unit) of a point of a ball or a fisheye, in radii from the centre: x to the right, y down. Points
+ * outside the circle map to the rim. */
 void layout_disc_direction(enum layout layout, double x, double y, double w[3]);
 
-/* Solid angle in sr of the rectangle (x0, y0) .. (x1, y1) of the picture, in texels. It must be within one face of a
- * cube; where it is masked, or in a cell of a cross that is not read, it counts nothing. Exact but for rounding; of a
- * fisheye to 1e-10 of a texel. */
+/* Solid angle, sr, of the rectangle (x0, y0) .. (x1, y1) of the image, in texels. Must lie within one face of a cube.
+ * Masked parts and ignored cells count 0. Exact up to rounding; for a fisheye to 1e-10 of a texel. */
 double layout_solid_angle(enum layout layout, uint32_t width, uint32_t height, const double low[2],
                           const double high[2]);
 
-/* The part of a rectangle's border (in units of the circle's radius, as above) that is inside the circle: up to four
- * straight pieces, in the order right, down, left, up. Returns how many. */
+/* Clips the border of a rectangle (in radii, as above) to the circle: up to four straight pieces in the order right,
+ * down, left, up. Returns their number. */
 int layout_disc_border(const double low[2], const double high[2], double pieces[4][2][2]);
 
-/* All that the layout shows: 4 pi, or 2 pi. And what it shows of a rectangle on a face of the cube map. */
-double layout_shown(enum layout layout);
+double layout_shown(enum layout layout); /* covered solid angle: 4 pi or 2 pi, sr */
+
+/* The covered solid angle, sr, of a rectangle on a face of the cube map. */
 double layout_shown_of_face(enum layout layout, uint32_t face, double u0, double v0, double u1, double v1);
 
 #endif

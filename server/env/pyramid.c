@@ -1,20 +1,20 @@
-#include "pyramid.h"
+#include "env/pyramid.h"
 
-#include "cube.h"
-#include "mem.h"
+#include "env/cube.h"
+#include "base/mem.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <string.h>
 
-#define FIT_MAX 32  /* in finer levels what gains put right is below 1 % */
-#define FIT_STEPS 4 /* a texel; on a face at least */
-#define FIT_LEAST 64
+#define FIT_MAX 32  /* in finer levels the correction is below 1 % */
+#define FIT_STEPS 4 /* per texel, but at least this many on a face */
+#define FIT_MIN 64
 #define FIT_ROUNDS 5
 
-/* What texel `to` of m covers of n texels below: first .. last - 1, each wholly or in part. Counted in m-ths of a texel
- * below all borders are whole numbers. */
+/* Which of n fine texels coarse texel `to` of m covers: first .. last - 1, wholly or partly. In units of 1/m fine texel
+ * all borders are integers. */
 struct span {
     uint32_t first, last;
     float part[3];
@@ -34,7 +34,7 @@ static struct span cover(uint32_t n, uint32_t m, uint32_t to)
     return s;
 }
 
-/* The parts add up over the texels of a level, and so do the solid angles. */
+/* Solid angles and their parts add up over a level. */
 static void sum_solid_angles(const struct pyramid_level *fine, struct pyramid_level *coarse)
 {
     for (uint32_t i = 0; i < coarse->n; i++)
@@ -49,15 +49,15 @@ static void sum_solid_angles(const struct pyramid_level *fine, struct pyramid_le
         }
 }
 
-/* One of the texels that a bilinear lookup is made of. */
+/* A texel of a bilinear lookup. */
 struct tap {
     uint32_t face, row, column;
     float weight;
 };
 
-/* The texel beyond the border of a face. On the neighbour that lies beyond u = +-1, whose axis is the face's u axis,
- * the face's v runs along u, and the face's own axis along v; beyond v = +-1 it is the other way round. Both faces
- * divide their common edge in the same way. */
+/* The texel beyond the border of a face. On the neighbour beyond u = +-1, which lies on the face's u axis, u runs along
+ * the face's v, and v along the face's own axis; beyond v = +-1 it is the reverse. Both faces divide their common edge
+ * in the same way. */
 static struct tap beyond_u(uint32_t n, uint32_t face, uint32_t row, bool positive, float weight)
 {
     return (struct tap){ 2 * ((face / 2 + 1) % 3) + !positive, face & 1 ? 0 : n - 1, row, weight };
@@ -68,8 +68,9 @@ static struct tap beyond_v(uint32_t n, uint32_t face, uint32_t column, bool posi
     return (struct tap){ 2 * ((face / 2 + 2) % 3) + !positive, column, face & 1 ? 0 : n - 1, weight };
 }
 
-/* Texel (i, j) of a face, either of which may lie one step outside. Where both do, at a corner of the cube, there is no
- * texel: all three faces that meet there see the mean of their own three instead, and so agree. Returns how many. */
+/* Texel (i, j) of a face, either of which may lie one step outside. If both do, at a corner of the cube, there is no
+ * such texel: all three faces use the mean of their own three corner texels instead, and so agree. Returns the number
+ * of taps. */
 static int place_tap(uint32_t n, uint32_t face, int64_t i, int64_t j, float weight, struct tap *out)
 {
     const bool out_i = i < 0 || i >= n, out_j = j < 0 || j >= n;
@@ -92,11 +93,11 @@ static int place_tap(uint32_t n, uint32_t face, int64_t i, int64_t j, float weig
     return 1;
 }
 
-/* The taps at (u, v) of a face, at most 6 (at n = 1, 12); their weights add up to 1. */
+/* The taps at (u, v) of a face, at most 6 (12 at n = 1), with weights that sum to 1. */
 static int find_taps(uint32_t n, uint32_t face, float u, float v, struct tap out[12])
 {
     const float half = 0.5f * (float)n;
-    /* Texel centres stand at half-integers. */
+    /* Texel centres are at half-integers. */
     const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
     const float x0 = floorf(x), y0 = floorf(y), fx = x - x0, fy = y - y0;
     const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
@@ -107,17 +108,17 @@ static int find_taps(uint32_t n, uint32_t face, float u, float v, struct tap out
     return count;
 }
 
-/* The texel that stands for all those which a cube turned or mirrored has in the same place. */
+/* The representative of all texels that are equivalent under rotations and reflections of the cube. */
 static size_t alike(uint32_t n, uint32_t row, uint32_t column)
 {
     const uint32_t i = row < n - 1 - row ? row : n - 1 - row, j = column < n - 1 - column ? column : n - 1 - column;
     return (size_t)(i < j ? i : j) * n + (i < j ? j : i);
 }
 
-/* What the texels that are alike spread over the sphere, in sr, of which a face has a sixth. */
+/* The solid angle, sr, over which equivalent texels spread their light; a face has a sixth of it. */
 static void sum_spread(const struct pyramid_level *l, double *spread)
 {
-    const uint32_t steps = l->n > FIT_LEAST / FIT_STEPS ? FIT_STEPS * l->n : FIT_LEAST;
+    const uint32_t steps = l->n > FIT_MIN / FIT_STEPS ? FIT_STEPS * l->n : FIT_MIN;
     const double step = 2.0 / steps;
 
     for (uint32_t at = 0; at < steps * steps; at++) {
@@ -136,10 +137,10 @@ static void sum_spread(const struct pyramid_level *l, double *spread)
     }
 }
 
-/* Bilinear weights alone would give a texel at an edge of the cube more than its solid angle, since texels grow away
- * from there on both sides: 4 % in rows of 9. The gains by which they are multiplied, before they
- * are made to add up to 1 again, are found by turns [Deming and Stephan 1940]: then each texel spreads what it holds.
- */
+/* With plain bilinear weights, a texel at an edge of the cube would contribute more than its solid angle, since texels
+ * grow towards the face centres on both sides: 4 % in rows of 9. Weights are therefore multiplied by gains and
+ * renormalised; iterative proportional fitting [Deming and Stephan 1940] finds gains for which each texel contributes
+ * exactly its energy. */
 static bool fit_gains(struct pyramid_level *l)
 {
     const size_t texels = (size_t)l->n * l->n;
@@ -208,11 +209,10 @@ void pyramid_destroy(struct pyramid *p)
     mem_free(p);
 }
 
-/* A texel as one operation of a vector. */
+/* A texel as one vector. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
 
-/* One row of a face of the next level, where that has half as many texels: the same sums as below, in the same order.
- */
+/* One row of a face at half the resolution: the same sums in the same order as shrink_row. */
 static void halve_row(const struct pyramid_level *fine, const struct pyramid_level *coarse, uint32_t face, uint32_t i)
 {
     const uint32_t n = fine->n, m = coarse->n;
@@ -231,7 +231,7 @@ static void halve_row(const struct pyramid_level *fine, const struct pyramid_lev
     }
 }
 
-/* One row of a face of the next level; every texel is a mean of at most 3 x 3, by solid angle. */
+/* One row of a face of the next level; every texel is a mean of at most 3 x 3, weighted by solid angle. */
 static void shrink_row(const struct pyramid_level *fine, const struct pyramid_level *coarse, uint32_t face, uint32_t i)
 {
     const uint32_t n = fine->n, m = coarse->n;
@@ -264,7 +264,7 @@ static void make_row(const struct pyramid *p, uint32_t level, uint32_t face, uin
         shrink_row(fine, coarse, face, i);
 }
 
-/* Of a band of 8 rows come 4 of the next level, 2 and 1, where all these sizes are even. */
+/* A band of 8 rows yields 4 rows of the next level, then 2 and 1, if all these sizes are even. */
 #define BAND 8
 #define BAND_LEVELS 3
 
@@ -289,8 +289,8 @@ void pyramid_end(struct pyramid *p)
 {
     const uint32_t made = levels_by_band(p);
 
-    /* No face needs another's texels: each thread makes whole ones, and none waits between levels. What bands have left
-     * over is less work than to wake a thread for. */
+    /* Faces are independent, so each thread builds whole faces without waiting between levels. What the bands have left
+     * over is too little work to start threads for. */
 #pragma omp parallel for schedule(static) if (made == 0)
     for (uint32_t face = 0; face < CUBE_FACES; face++)
         for (uint32_t k = made + 1; k < p->count; k++)
@@ -304,7 +304,7 @@ void pyramid_end(struct pyramid *p)
     }
 }
 
-void pyramid_look(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
+void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
 {
     const struct pyramid_level *l = &p->level[level];
     float u, v, sum[3] = { 0.0f, 0.0f, 0.0f }, whole = 0.0f;

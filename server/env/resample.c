@@ -1,8 +1,8 @@
-#include "resample.h"
+#include "env/resample.h"
 
-#include "layout.h"
-#include "mem.h"
-#include "resample_build.h"
+#include "env/layout.h"
+#include "base/mem.h"
+#include "env/resample_build.h"
 
 #include <assert.h>
 #include <string.h>
@@ -58,19 +58,18 @@ void resampler_load(struct resampler *r, const float *rgb)
         r->mean[c] = (float)mean[c];
 }
 
-/* Four floats a texel instead of three, which is one operation of a vector; what the fourth reads is the next texel's
- * red, and is dropped. */
+/* Loads four floats per texel instead of three, as one vector; the fourth is the next texel's red and is dropped. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
 
-static inline size_t place_of(const struct resample_table *t, const struct eight *e, uint32_t step, uint32_t lane)
+static inline size_t place_of(const struct resample_table *t, const struct octet *e, uint32_t step, uint32_t lane)
 {
     const size_t at = (size_t)8 * step + lane;
     return e->base + (size_t)(t->near ? t->near[at] : t->far[at]);
 }
 
-/* One lane by itself. Where a coarse cube map meets a fine source, thousands of terms add up: in double, so that the
- * sum stays exact. So do those at the very end of the source, behind which there is no next texel to be read. */
-static void sum_lane(const struct resampler *r, const struct eight *e, uint32_t lane, float out[4])
+/* Sums one lane alone, in double: where a coarse cube map meets a fine source, thousands of terms add up. Also used at
+ * the very end of the source, where there is no next texel to load. */
+static void sum_lane(const struct resampler *r, const struct octet *e, uint32_t lane, float out[4])
 {
     const struct resample_table *t = r->table;
     const uint32_t end = t->columns * t->rows - 1;
@@ -93,7 +92,7 @@ static void sum_lane(const struct resampler *r, const struct eight *e, uint32_t 
         out[c] = exact ? (float)many[c] : few[c];
 }
 
-static inline void sum_eight(const struct resample_table *t, const struct eight *e, const float *restrict source,
+static inline void sum_octet(const struct resample_table *t, const struct octet *e, const float *restrict source,
                              bool near, FOUR_FLOATS *restrict out)
 {
     FOUR_FLOATS sum[8] = { { 0.0f } };
@@ -112,8 +111,8 @@ static inline void sum_eight(const struct resample_table *t, const struct eight 
         out[l] = sum[l];
 }
 
-/* The sums of an eight, with the mean for what is not seen of them. */
-static inline void finish_eight(const struct resampler *r, float gain, const struct eight *e, bool near,
+/* Stores the sums of an octet, adding the mean for directions that the layout does not cover. */
+static inline void finish_octet(const struct resampler *r, float gain, const struct octet *e, bool near,
                                 FOUR_FLOATS out[8])
 {
     const struct resample_table *t = r->table;
@@ -125,10 +124,10 @@ static inline void finish_eight(const struct resampler *r, float gain, const str
             memcpy(&out[l], sum, sizeof(sum));
         }
     } else {
-        sum_eight(t, e, r->source, near, out);
+        sum_octet(t, e, r->source, near, out);
     }
     if (t->unseen) {
-        const float *unseen = t->unseen + 8 * (e - t->eights);
+        const float *unseen = t->unseen + 8 * (e - t->octets);
         const FOUR_FLOATS mean = { r->mean[0], r->mean[1], r->mean[2], 0.0f };
         for (int l = 0; l < 8; l++)
             out[l] += unseen[l] * mean;
@@ -137,24 +136,23 @@ static inline void finish_eight(const struct resampler *r, float gain, const str
         out[l] *= gain;
 }
 
-static inline void fill_tile(const struct resampler *r, float gain, const struct eight *e, bool near, float *texels)
+static inline void fill_tile(const struct resampler *r, float gain, const struct octet *e, bool near, float *texels)
 {
     const uint32_t pitch = 4 * RESAMPLE_PITCH(r->table->key.n);
     FOUR_FLOATS sum[8];
 
-    for (uint32_t k = 0; k < EIGHTS; k++, e++) {
-        finish_eight(r, gain, e, near, sum);
+    for (uint32_t k = 0; k < OCTETS; k++, e++) {
+        finish_octet(r, gain, e, near, sum);
         for (uint32_t l = 0; l < 8; l++)
             memcpy(texels + e->texel[l] / TILE * pitch + e->texel[l] % TILE * 4, &sum[l], sizeof(sum[l]));
     }
 }
 
-/* What the next tile reads, while this one is summed: its rows lie so far apart in the source that the processor does
- * not find them by itself. */
+/* Prefetches what the next tile reads: its rows lie too far apart for the hardware prefetcher. */
 static inline void fetch_tile(const struct resampler *r, size_t tile)
 {
     const struct resample_table *t = r->table;
-    const uintptr_t from = (uintptr_t)(r->source + 3 * (size_t)t->eights[EIGHTS * tile].base) / LINE_BYTES;
+    const uintptr_t from = (uintptr_t)(r->source + 3 * (size_t)t->octets[OCTETS * tile].base) / LINE_BYTES;
 
     for (uint32_t k = t->line_first[tile]; k < t->line_first[tile + 1]; k++)
         __builtin_prefetch((const void *)((from + t->line[k]) * LINE_BYTES));
@@ -170,8 +168,8 @@ void resampler_band(const struct resampler *r, float gain, uint32_t face, uint32
         if (t->near) {
             if (k + 1 < t->across)
                 fetch_tile(r, first + k + 1);
-            fill_tile(r, gain, t->eights + EIGHTS * (first + k), true, texels + 4 * TILE * k);
+            fill_tile(r, gain, t->octets + OCTETS * (first + k), true, texels + 4 * TILE * k);
         } else {
-            fill_tile(r, gain, t->eights + EIGHTS * (first + k), false, texels + 4 * TILE * k);
+            fill_tile(r, gain, t->octets + OCTETS * (first + k), false, texels + 4 * TILE * k);
         }
 }

@@ -1,43 +1,43 @@
 /* server/env/resample_build.h */
-/* How the table of resample.h is made: the source cut into blocks, and two ways to find what overlaps what. Inside the
- * room only. */
+/* Construction of the table of resample.h: dividing the source into blocks, and two ways to find overlaps. Private to
+ * this room. Thread: any, on separate objects. */
 #ifndef ENV_RESAMPLE_BUILD_H
 #define ENV_RESAMPLE_BUILD_H
 
-#include "cube.h"
-#include "err.h"
-#include "image.h"
-#include "layout.h"
-#include "resample_table.h"
+#include "env/cube.h"
+#include "base/err.h"
+#include "codec/image.h"
+#include "env/layout.h"
+#include "env/resample_table.h"
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* Overlaps smaller than this share of both texels are left out. */
-#define OVERLAP_LEAST 1e-7
+/* Overlaps smaller than this share of both texels are dropped. */
+#define OVERLAP_MIN 1e-7
 
-#define RESAMPLE_MANY 64 /* terms that are still added in float */
+#define RESAMPLE_MANY 64 /* more terms than this are summed in double */
 
-/* A picture as cells (the faces of a cube; else one) of blocks of factor x factor texels; the last block of a cell may
+/* An image as cells (the faces of a cube; else one) of blocks of factor x factor texels; the last block of a cell may
  * be smaller. */
 struct blocks {
     enum layout layout;
     uint32_t width, height, factor;
-    uint32_t cell[2];     /* width and height of a cell, in texels */
-    uint32_t per_cell[2]; /* blocks in it */
+    uint32_t cell[2];     /* size of a cell, texels */
+    uint32_t per_cell[2]; /* blocks per cell */
     uint32_t columns, rows;
 };
 
-void blocks_init(struct blocks *b, enum layout layout, uint32_t width, uint32_t height, uint32_t factor);
+void blocks_init(struct blocks *b, enum layout layout, uint32_t width, uint32_t height, uint32_t factor); /* fills *b */
 
-/* Where along coordinate k block `index` begins and ends, in texels. */
+/* Start and end of block `index` along coordinate k, in texels. */
 uint32_t blocks_start(const struct blocks *b, int k, uint32_t index);
-uint32_t blocks_end(const struct blocks *b, int k, uint32_t index);
+uint32_t blocks_end(const struct blocks *b, int k, uint32_t index); /* exclusive */
 
 /* The corners of a block, in texels. */
 void blocks_bounds(const struct blocks *b, uint32_t column, uint32_t row, double low[2], double high[2]);
 
-/* One overlap, and a list of them that grows. */
+/* An overlap, and a growing list of them. */
 struct overlap {
     uint32_t texel; /* of the cube map */
     uint32_t block;
@@ -47,35 +47,36 @@ struct overlap {
 struct overlaps {
     struct overlap *items;
     size_t count, capacity;
-    enum err e; /* what stopped it */
+    enum err e; /* the first error */
 };
 
-MUST_CHECK enum err overlaps_add(struct overlaps *o, uint32_t texel, uint32_t block, double solid_angle);
+MUST_CHECK enum err overlaps_add(struct overlaps *o, uint32_t texel, uint32_t block,
+                                 double solid_angle); /* ERR_NOMEM */
 
-/* What the cube map's side of the table needs: n, the rotation, and the solid angles [n][n] of a face's texels. */
+/* The cube map: n, rotation, and the solid angles [n][n] of a face's texels. */
 struct cube_side {
     uint32_t n;
     double rotation;
     const double *solid_angle;
 };
 
-/* Lat-long, in closed form: the overlaps of row `row` of 6n of the cube map. edge_cos[rows + 1]: heights of the borders
- * between the blocks' rows, from the north pole, descending. */
+/* Lat-long, in closed form: adds the overlaps of row `row` of 6n of the cube map. edge_cos[rows + 1]: heights of the
+ * borders between rows of blocks, from the north pole, descending. */
 void resample_latlong_row(const struct blocks *b, const struct cube_side *c, const double *edge_cos, uint32_t row,
                           struct overlaps *out);
 
-/* The others: the overlaps of row `row` of the blocks, which is cut by the cube map's grid as polygons on its faces. */
+/* Other layouts: adds the overlaps of row `row` of the blocks, clipped as polygons against the cube map's grid. */
 void resample_polygon_row(const struct blocks *b, const struct cube_side *c, uint32_t row, struct overlaps *out);
 
-/* The table of a key, without its sharing. ERR_UNSUPPORTED, ERR_NOMEM. */
+/* Computes the table of a key, unshared. The caller owns *out. ERR_UNSUPPORTED, ERR_NOMEM. */
 MUST_CHECK enum err resample_table_create(const struct resample_key *key, struct resample_table **out);
 void resample_table_destroy(struct resample_table *t); /* NULL is allowed */
 
-/* t->share. ERR_NOMEM. */
+/* Computes t->share. ERR_NOMEM. */
 MUST_CHECK enum err resample_make_share(struct resample_table *t, const struct blocks *b);
 
-/* Row y of the blocks of a picture: each the mean of its texels, weighted by solid angle. What is masked weighs
- * nothing. */
+/* Row y of an image's blocks: each the mean of its texels, weighted by solid angle; masked texels have weight 0. rgb:
+ * the image, float[height][width][3]; out: float[columns][3]. */
 void resample_reduce_row(const struct resample_table *t, const struct blocks *b, const float *rgb, uint32_t y,
                          float *out);
 

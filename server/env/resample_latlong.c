@@ -1,18 +1,17 @@
-#include "mem.h"
-#include "resample_build.h"
-#include "vec.h"
+#include "base/mem.h"
+#include "env/resample_build.h"
+#include "base/vec.h"
 
 #include <math.h>
 
-/* One source column while a cube texel is integrated over it: solid angle per source row. Rows are counted from the
- * north pole. */
+/* A source column while a cube texel is integrated over it: solid angle per source row, from the north pole. */
 struct column {
-    double *row_solid_angle; /* [rows], zero outside lowest..highest */
+    double *row_solid_angle; /* [rows], 0 outside lowest..highest */
     uint32_t lowest, highest;
-    double whole; /* radians across the column */
+    double whole; /* width of the column, radians */
 };
 
-/* The cube texel that is integrated, and where its overlaps go. */
+/* The cube texel being integrated, and the list for its overlaps. */
 struct target {
     uint32_t texel;
     double solid_angle;
@@ -20,13 +19,13 @@ struct target {
     struct overlaps *out;
 };
 
-/* A straight border of a cube texel, seen from the centre: a horizontal line at height y over a foot at distance d in
- * the direction `azimuth`. Along it the height of the unit vector is, with k = y / d and psi counted from that azimuth,
- *     h(psi) = k cos(psi) / sqrt(1 + k^2 cos(psi)^2),     integral of h = asin(k sin(psi) / sqrt(1 + k^2)).
- * Or, where the texel reaches the pole, that pole: h is constant. */
+/* A straight border of a cube texel, seen from the centre: a horizontal line at height y, at distance d in direction
+ * `azimuth`. With k = y / d and psi the azimuth relative to it, the height of the unit vector along the line is h(psi)
+ * = k cos(psi) / sqrt(1 + k^2 cos(psi)^2), and the integral of h = asin(k sin(psi) / sqrt(1 + k^2)). If the texel
+ * contains a pole, the border is the pole itself and h is constant. */
 struct border {
     double k, azimuth;
-    double constant; /* 1 or -1: the pole, else 0 */
+    double constant; /* 1 or -1 at a pole, else 0 */
 };
 
 static double wrap_angle(double a)
@@ -50,13 +49,13 @@ static double height_integral(const struct border *b, double psi0, double psi1)
     return asin(scale * sin(psi1)) - asin(scale * sin(psi0));
 }
 
-/* Integral of min(h(psi), cap) from psi0 to psi1. |h| falls as psi leaves 0, so it crosses the cap at -psi* and psi*,
- * where cos(psi*) = cap / (k sqrt(1 - cap^2)). */
+/* Integral of min(h(psi), cap) from psi0 to psi1. |h| decreases away from psi = 0, so it crosses the cap at -psi* and
+ * psi*, where cos(psi*) = cap / (k sqrt(1 - cap^2)). */
 static double capped_integral(const struct border *b, double cap, double psi0, double psi1)
 {
     if (b->constant != 0.0)
         return fmin(b->constant, cap) * (psi1 - psi0);
-    if (b->k * cap <= 0.0) /* the border lies wholly on one side of the cap */
+    if (b->k * cap <= 0.0) /* the border lies entirely on one side of the cap */
         return b->k > 0.0 || (b->k == 0.0 && cap < 0.0) ? cap * (psi1 - psi0) : height_integral(b, psi0, psi1);
     const double ratio = cap / (b->k * sqrt(fmax(1e-300, 1.0 - cap * cap)));
     const double crossing = ratio < 1.0 ? acos(ratio) : 0.0;
@@ -71,7 +70,7 @@ static enum err flush_column(const struct blocks *b, struct column *col, uint32_
     for (uint32_t r = col->lowest; r <= col->highest && r < b->rows; r++) {
         const uint32_t y = b->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? b->rows - 1 - r : r;
         const double found = col->row_solid_angle[r], whole = col->whole * (t->edge_cos[r] - t->edge_cos[r + 1]);
-        if (found > OVERLAP_LEAST * fmin(whole, t->solid_angle)) {
+        if (found > OVERLAP_MIN * fmin(whole, t->solid_angle)) {
             const enum err e = overlaps_add(t->out, t->texel, y * b->columns + x, found);
             if (e)
                 return e;
@@ -83,7 +82,7 @@ static enum err flush_column(const struct blocks *b, struct column *col, uint32_
     return ERR_OK;
 }
 
-/* The azimuths at which the texel begins, ends and has corners, ascending. Returns how many. */
+/* The azimuths of the texel's corners and extremes, ascending. Returns their number. */
 static int texel_azimuths(uint32_t face, const double u[2], const double v[2], double out[6])
 {
     const int pole_inside = face >> 1 == 1 && u[0] < 0 && u[1] > 0 && v[0] < 0 && v[1] > 0;
@@ -100,7 +99,7 @@ static int texel_azimuths(uint32_t face, const double u[2], const double v[2], d
     for (int k = 0; k < 4; k++) {
         cube_direction(face, u[k & 1], v[k >> 1], w);
         if (fabs(w[0]) < 1e-12 && fabs(w[2]) < 1e-12)
-            continue; /* the pole itself has no azimuth */
+            continue; /* a pole has no azimuth */
         out[count++] = phi_centre + wrap_angle(atan2(w[0], w[2]) - phi_centre);
     }
     for (int i = 1; i < count; i++) /* insertion sort of at most six */
@@ -112,18 +111,19 @@ static int texel_azimuths(uint32_t face, const double u[2], const double v[2], d
     return count;
 }
 
-/* The borders by which the meridian at phi enters and leaves the texel, lower in height first. */
+/* The borders where the meridian at phi enters and leaves the texel, the lower one first. */
 static void find_borders(uint32_t face, const double u[2], const double v[2], double phi, struct border out[2])
 {
     static const double normal_azimuth[4] = { 0.5 * PI, -0.5 * PI, 0.0, PI }; /* +x, -x, +z, -z */
 
-    if (face >> 1 != 1) { /* a side: bottom and top edge, at distance 1 */
+    if (face >> 1 != 1) { /* a side face: bottom and top edge, at distance 1 */
         const double *y = face >> 1 == 0 ? u : v, azimuth = normal_azimuth[face < 2 ? face : face - 2];
         for (int k = 0; k < 2; k++)
             out[k] = (struct border){ y[k], azimuth, 0.0 };
         return;
     }
-    /* A pole: u runs along z, v along x. The meridian is a ray from the plane's origin, clipped against both slabs. */
+    /* A polar face: u runs along z, v along x. The meridian is a ray from the plane's origin, clipped against both
+     * slabs. */
     const double pole = face & 1 ? -1.0 : 1.0;
     const double along[2] = { cos(phi), sin(phi) }, low[2] = { u[0], v[0] }, high[2] = { u[1], v[1] };
     struct border enter = { 0.0, 0.0, pole }, leave = { 0.0, 0.0, pole };
@@ -146,7 +146,7 @@ static void find_borders(uint32_t face, const double u[2], const double v[2], do
     out[1] = pole > 0.0 ? enter : leave;
 }
 
-/* The texel between two azimuths, exactly: what lies between its lower and upper border, row by row of the source. */
+/* Integrates the texel between two azimuths exactly: between its lower and upper border, row by row of the source. */
 static void integrate_interval(const struct blocks *b, const double *edge_cos, uint32_t face, const double u[2],
                                const double v[2], double phi0, double phi1, struct column *col)
 {
@@ -187,7 +187,8 @@ static void integrate_interval(const struct blocks *b, const double *edge_cos, u
     }
 }
 
-/* One cube texel: walk the source columns that it overlaps, from one column border or corner azimuth to the next. */
+/* Integrates one cube texel: visits the source columns it overlaps, from one column border or corner azimuth to the
+ * next. */
 static enum err integrate_texel(const struct blocks *b, double rotation, uint32_t face, const double u[2],
                                 const double v[2], struct column *col, struct target *t)
 {
@@ -196,11 +197,11 @@ static enum err integrate_texel(const struct blocks *b, double rotation, uint32_
     const double texels_per_radian = b->width / (2.0 * PI);
 
     for (int s = 0; s + 1 < n; s++) {
-        /* The source's own azimuth: phi = pi - 2 pi x / width, after the rotation is undone. */
+        /* Azimuth in the source: phi = pi - 2 pi x / width, after undoing the rotation. */
         double at = stops[s];
         while (at < stops[s + 1] - 1e-14) {
             const double x = (PI - (at - rotation)) * texels_per_radian;
-            /* The block on the left of x, and its left border: the one that comes next with rising azimuth. */
+            /* The block to the left of x and its left border, which is the next one with increasing azimuth. */
             const double turn = b->width * floor((x - 1e-9) / b->width);
             const double block = fmax(0.0, ceil((x - turn) / b->factor - 1e-9) - 1.0);
             const uint32_t column = block < b->columns ? (uint32_t)block : b->columns - 1;

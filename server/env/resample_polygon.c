@@ -1,6 +1,6 @@
-#include "mem.h"
-#include "resample_build.h"
-#include "vec.h"
+#include "base/mem.h"
+#include "env/resample_build.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <math.h>
@@ -8,13 +8,13 @@
 #include <string.h>
 
 #define CORNERS_MAX 384
-#define STRAIGHT 1e-8 /* likewise: what is as good as straight */
+#define STRAIGHT 1e-8 /* likewise: treated as straight */
 #define BEND_DEPTH 7
 #define RIM_DEPTH 5
-#define BEND_TOLERANCE 1e-3 /* of a piece's length: how far a curved border may leave its chord */
+#define BEND_TOLERANCE 1e-3 /* relative to a piece's length: maximum distance of a curved border from its chord */
 
-/* The border of a block as directions that are joined by great circles, and on the plane of a face as points (u, v)
- * that are joined by straight lines, which is the same. */
+/* The border of a block as directions joined by great circles; equivalently, on the plane of a face, points (u, v)
+ * joined by straight lines. */
 struct ring {
     int count;
     double w[CORNERS_MAX][3];
@@ -25,7 +25,7 @@ struct polygon {
     double p[CORNERS_MAX][2];
 };
 
-/* What is cut, and room for what is left while it is. */
+/* The polygon being clipped, and buffers for intermediate results. */
 struct cutter {
     const struct cube_side *cube;
     struct ring ring, clipped[2];
@@ -45,7 +45,7 @@ static void polygon_add(struct polygon *g, double u, double v)
     g->p[g->count++][1] = v;
 }
 
-/* About +Y: what the source shows at +Z goes towards +X. */
+/* About +Y: moves what the source shows at +Z towards +X. */
 static void rotate(double c, double s, double w[3])
 {
     const double x = w[0], z = w[2];
@@ -59,8 +59,8 @@ static int is_rim(const double p[2])
     return p[0] * p[0] + p[1] * p[1] > 1.0 - 1e-9;
 }
 
-/* A point of a piece near the middle of its directions. Towards a ball's rim those run as the root of the distance from
- * it, so that a quarter of the way is the middle there. */
+/* A point near the middle of a piece in terms of direction. Near a ball's rim, direction varies as the square root of
+ * the distance from it, so the middle is a quarter of the way. */
 static void halve(enum layout layout, const double a[2], const double b[2], double m[2])
 {
     const double share = layout != LAYOUT_BALL || is_rim(a) == is_rim(b) ? 0.5 : is_rim(a) ? 0.25 : 0.75;
@@ -69,10 +69,10 @@ static void halve(enum layout layout, const double a[2], const double b[2], doub
         m[k] = a[k] + share * (b[k] - a[k]);
 }
 
-/* Adds what is between a and b (but neither of them) of a border that is straight in a ball's or fisheye's picture. The
- * last pieces are taken as parabolas, of which Archimedes knew the area: a triangle 4/3 as high has the same, so the
- * corner stands that far out. What meets the rim is halved a few times anyway: all of a ball's rim is one direction,
- * and a block there may be a sliver that has no area but between its curves. */
+/* Adds the points between a and b (exclusive) of a border that is straight in a ball's or fisheye's image. The last
+ * pieces are approximated by parabolas, whose area (Archimedes) equals a triangle 4/3 as high, so the corner is placed
+ * that far out. Pieces that touch the rim are always halved a few times: a ball's whole rim is one direction, and a
+ * block there may be a sliver whose only area lies between its curves. */
 static void bend(enum layout layout, const double a[2], const double b[2], int depth, struct ring *out)
 {
     double m[2], wa[3], wb[3], wm[3];
@@ -98,7 +98,7 @@ static void bend(enum layout layout, const double a[2], const double b[2], int d
     }
 }
 
-/* Neighbours share their border: it is bent in the same direction for both, so that it has the same corners. */
+/* Neighbours traverse a common border in the same direction, so that it gets the same corners for both. */
 static void outline_disc(const struct blocks *b, const double low[2], const double high[2], struct ring *out)
 {
     const double size[2] = { b->width, b->height }, side = fmin(b->width, b->height);
@@ -130,7 +130,7 @@ static void outline_disc(const struct blocks *b, const double low[2], const doub
     }
 }
 
-/* The corners of a block of a cube's face: its borders are great circles. */
+/* The corners of a block of a cube face, whose borders are great circles. */
 static void outline_cube(const struct blocks *b, uint32_t column, uint32_t row, const double low[2],
                          const double high[2], struct ring *out)
 {
@@ -152,8 +152,7 @@ static void outline_cube(const struct blocks *b, uint32_t column, uint32_t row, 
     }
 }
 
-/* What lies on the side of sign * w[b] <= w[a] * facing: Sutherland and Hodgman's clipping, with planes through the
- * centre. */
+/* Clips to sign * w[b] <= w[a] * facing by a plane through the centre [Sutherland and Hodgman]. */
 static void clip_ring(const struct ring *in, int a, double facing, int b, double sign, struct ring *out)
 {
     out->count = 0;
@@ -170,7 +169,7 @@ static void clip_ring(const struct ring *in, int a, double facing, int b, double
     }
 }
 
-/* Cuts a polygon at a line across `axis`. */
+/* Splits a polygon at a line across `axis`. */
 static void cut(const struct polygon *in, int axis, double at, struct polygon *below, struct polygon *above)
 {
     below->count = above->count = 0;
@@ -191,9 +190,8 @@ static void cut(const struct polygon *in, int axis, double at, struct polygon *b
     }
 }
 
-/* Of the triangles between the face's foot and each side [Van Oosterom and Strackee 1983]: the tangent of half the
- * solid angle is y / x, so that solid angles add up as the arguments of complex numbers do, and one arctangent is
- * enough. */
+/* Sums triangles between the face's foot point and each side [Van Oosterom and Strackee 1983]: the tangent of half the
+ * solid angle is y / x, so solid angles add like the arguments of complex numbers, and a single arctangent suffices. */
 static double solid_angle_of(const struct polygon *g)
 {
     double x = 1.0, y = 0.0;
@@ -214,7 +212,7 @@ static double solid_angle_of(const struct polygon *g)
     return fabs(2.0 * atan2(y, x));
 }
 
-/* The columns or rows of the grid that a polygon reaches. */
+/* The columns or rows of the grid that a polygon touches. */
 static void reach(const struct polygon *g, int axis, uint32_t n, uint32_t *from, uint32_t *to)
 {
     double low = 1.0, high = -1.0;
@@ -228,7 +226,7 @@ static void reach(const struct polygon *g, int axis, uint32_t n, uint32_t *from,
     *to = b < n ? (uint32_t)b : n - 1;
 }
 
-/* A row of the grid's cells: cut from left to right. */
+/* Splits a row of grid cells from left to right. */
 static enum err cut_strip(struct cutter *c, const struct polygon *strip, uint32_t face, uint32_t i, uint32_t block,
                           double whole, struct overlaps *out)
 {
@@ -244,7 +242,7 @@ static enum err cut_strip(struct cutter *c, const struct polygon *strip, uint32_
             strip = &c->row_rest[turn];
         }
         const double found = cell->count > 2 ? solid_angle_of(cell) : 0.0;
-        if (found <= OVERLAP_LEAST * fmin(whole, c->cube->solid_angle[(size_t)i * n + j]))
+        if (found <= OVERLAP_MIN * fmin(whole, c->cube->solid_angle[(size_t)i * n + j]))
             continue;
         const enum err e = overlaps_add(out, (face * n + i) * n + j, block, found);
         if (e)
@@ -281,7 +279,7 @@ static enum err cut_face(struct cutter *c, const struct ring *ring, uint32_t fac
     return ERR_OK;
 }
 
-/* The face on which all corners are, or CUBE_FACES. */
+/* The face that contains all corners, or CUBE_FACES. */
 static uint32_t common_face(const struct ring *r)
 {
     const double *w = r->w[0], x = fabs(w[0]), y = fabs(w[1]), z = fabs(w[2]);

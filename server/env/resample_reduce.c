@@ -1,6 +1,6 @@
-/* The source cut into blocks, and a frame reduced to the means of them. */
-#include "mem.h"
-#include "resample_build.h"
+/* Divides the source into blocks and reduces a frame to their means. */
+#include "base/mem.h"
+#include "env/resample_build.h"
 
 void blocks_init(struct blocks *b, enum layout layout, uint32_t width, uint32_t height, uint32_t factor)
 {
@@ -34,8 +34,8 @@ void blocks_bounds(const struct blocks *b, uint32_t column, uint32_t row, double
     high[1] = blocks_end(b, 1, row);
 }
 
-/* Solid angles of single texels, for the reduction. They repeat: lat-long, by row; cubes, by place within the face;
- * the others are symmetric about both middles. */
+/* Solid angles of single texels, for the reduction, stored without repetition: lat-long by row, cubes by position
+ * within a face, the others by one quadrant. */
 static size_t share_place(const struct resample_table *r, uint32_t x, uint32_t y)
 {
     if (layout_faces(r->key.layout)) {
@@ -55,7 +55,7 @@ enum err resample_make_share(struct resample_table *r, const struct blocks *b)
     const int faces = layout_faces(r->key.layout) != NULL, disc = layout_is_disc(r->key.layout);
     const uint32_t x0 = disc ? r->key.width / 2 : 0, y0 = disc ? r->key.height / 2 : 0;
     const uint32_t x1 = faces ? b->cell[0] : disc ? r->key.width : 1, y1 = faces ? b->cell[1] : r->key.height;
-    /* The top left cell of a cross is not read; the one below it is. */
+    /* The top left cell of a cross is unused; the one below it is not. */
     const uint32_t down = faces && r->key.layout != LAYOUT_CUBE ? b->cell[1] : 0;
 
     r->share = mem_alloc((size_t)(x1 - x0) * (y1 - y0), sizeof(*r->share));
@@ -71,7 +71,7 @@ enum err resample_make_share(struct resample_table *r, const struct blocks *b)
     return ERR_OK;
 }
 
-/* Part of a row of the source into its block: sum[3] of texels by solid angle, and whole, the solid angles'. */
+/* Adds part of a source row to its block: sum[3] of texels by solid angle, and `whole`, the sum of the solid angles. */
 static void add_texels(const struct resample_table *t, const float *rgb, uint32_t x0, uint32_t x1, uint32_t y,
                        double sum[3], double *whole)
 {
@@ -79,7 +79,7 @@ static void add_texels(const struct resample_table *t, const float *rgb, uint32_
     const int by_row = !layout_faces(t->key.layout) && !layout_is_disc(t->key.layout);
     float row[3] = { 0.0f, 0.0f, 0.0f };
 
-    if (by_row) { /* one solid angle for all, and few enough for a sum in float */
+    if (by_row) { /* one solid angle for all, and few enough terms to sum in float */
         for (uint32_t x = x0; x < x1; x++, s += 3)
             for (int c = 0; c < 3; c++)
                 row[c] += s[c];
@@ -96,7 +96,7 @@ static void add_texels(const struct resample_table *t, const float *rgb, uint32_
     }
 }
 
-/* A row of blocks: each the mean of its texels, weighted by solid angle. What is masked weighs nothing. */
+/* A row of blocks: each the mean of its texels, weighted by solid angle; masked texels have weight 0. */
 void resample_reduce_row(const struct resample_table *t, const struct blocks *b, const float *rgb, uint32_t y,
                          float *out)
 {

@@ -1,13 +1,13 @@
-/* Tables that several environments use at a time. */
-#include "mem.h"
-#include "resample_build.h"
+/* Sharing of resampling tables between environments. */
+#include "base/mem.h"
+#include "env/resample_build.h"
 
 #include <assert.h>
 #include <pthread.h>
 
 struct resample_tables {
     pthread_mutex_t lock;
-    struct resample_table *first; /* {lock}: those in use, joined by `next` */
+    struct resample_table *first; /* {lock} tables in use, linked by `next` */
 };
 
 struct resample_tables *resample_tables_create(void)
@@ -45,8 +45,8 @@ bool resample_key_equal(const struct resample_key *a, const struct resample_key 
            a->rotation == b->rotation;
 }
 
-/* The lock is held while a table is made: who wants the same one must wait for it anyway, and two at a time would only
- * share the same processors. */
+/* Holds the lock while a table is computed: another user of the same table would have to wait anyway, and two
+ * computations would only compete for the same processors. */
 enum err resample_table_take(struct resample_tables *s, const struct resample_key *key, struct resample_table **out)
 {
     struct resample_table *t;

@@ -1,22 +1,22 @@
-#include "resample_table.h"
+#include "env/resample_table.h"
 
-#include "mem.h"
-#include "resample_build.h"
-#include "vec.h"
+#include "base/mem.h"
+#include "env/resample_build.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define BLOCKS_MAX ((size_t)1 << 23) /* a table of about 100 MB, and some 500 MB while it is made */
-#define BLOCKS_PER_TEXEL 8           /* of the cube map: finer than that is not seen */
-#define BLOCKS_FEW ((size_t)1 << 20) /* not worth reducing, however coarse the cube map */
+#define BLOCKS_MAX ((size_t)1 << 23) /* a table of about 100 MB, and some 500 MB while it is built */
+#define BLOCKS_PER_TEXEL 8           /* per cube map texel; a finer source makes no visible difference */
+#define BLOCKS_FEW ((size_t)1 << 20) /* not worth reducing, however coarse the cube map is */
 #define TEXEL_BYTES (3 * sizeof(float))
 #define LINE_WORDS (((size_t)UINT16_MAX * TEXEL_BYTES / LINE_BYTES + 2) / 64 + 1)
 #define FIT_ROUNDS 400
 #define FIT_TOLERANCE 8e-6
-#define FIT_HASTE 1.7 /* over-relaxation: halves the rounds */
+#define FIT_HASTE 1.7 /* over-relaxation: halves the number of iterations */
 
 enum err overlaps_add(struct overlaps *o, uint32_t texel, uint32_t block, double solid_angle)
 {
@@ -44,7 +44,7 @@ static uint32_t choose_factor(enum layout layout, uint32_t width, uint32_t heigh
     return factor;
 }
 
-/* All overlaps, in lists[count]: by rows of the cube map for lat-long, by rows of blocks for the others. */
+/* Finds all overlaps, in lists[count]: per row of the cube map for lat-long, per row of blocks for the others. */
 static enum err find_overlaps(const struct blocks *b, const struct cube_side *side, struct overlaps *lists,
                               uint32_t count)
 {
@@ -70,8 +70,7 @@ static enum err find_overlaps(const struct blocks *b, const struct cube_side *si
     return e;
 }
 
-/* All overlaps, ordered by cube texel and within it by block: those of texel t are items[first[t]] to [first[t + 1]].
- */
+/* All overlaps, sorted by cube texel and then by block: those of texel t are items[first[t]] to [first[t + 1]]. */
 struct sorted {
     uint32_t *first; /* [6 n n + 2] */
     struct overlap *items;
@@ -83,7 +82,7 @@ static int by_block(const void *a, const void *b)
     return (x->block > y->block) - (x->block < y->block);
 }
 
-/* The lists are emptied on the way. */
+/* Frees the lists on the way. */
 static enum err gather(const struct resample_table *t, struct overlaps *lists, uint32_t count, struct sorted *s)
 {
     const size_t texels = (size_t)CUBE_FACES * t->key.n * t->key.n;
@@ -99,7 +98,7 @@ static enum err gather(const struct resample_table *t, struct overlaps *lists, u
     s->items = mem_alloc(total, sizeof(*s->items));
     if (!s->first || !s->items)
         return ERR_NOMEM;
-    for (uint32_t i = 0; i < count; i++) /* first[t + 2]: how many t has; then first[t + 1]: where its next one goes */
+    for (uint32_t i = 0; i < count; i++) /* first[t + 2]: the count of t; then first[t + 1]: where its next item goes */
         for (size_t k = 0; k < lists[i].count; k++)
             s->first[lists[i].items[k].texel + 2]++;
     for (size_t k = 2; k < texels + 2; k++)
@@ -116,7 +115,7 @@ static enum err gather(const struct resample_table *t, struct overlaps *lists, u
     return ERR_OK;
 }
 
-/* What the layout shows of each texel of the cube map: the row sums of the table. */
+/* The covered solid angle of each cube map texel: the row sums of the matrix. */
 static double *shown_of_texels(const struct resample_table *r)
 {
     const double step = 2.0 / r->key.n;
@@ -133,7 +132,7 @@ static double *shown_of_texels(const struct resample_table *r)
     return shown;
 }
 
-/* What each block covers: the column sums. */
+/* The solid angle of each block: the column sums. */
 static double *shown_of_blocks(const struct blocks *b)
 {
     double *shown = mem_alloc((size_t)b->columns * b->rows, sizeof(*shown));
@@ -150,8 +149,8 @@ static double *shown_of_blocks(const struct blocks *b)
     return shown;
 }
 
-/* Borders of a ball's and a fisheye's texels are curved, so their overlaps are slightly off. Rows and columns are
- * scaled in turn until both have their exact sums (iterative proportional fitting). */
+/* The texels of a ball and a fisheye have curved borders, so their overlaps are slightly off. Rows and columns are
+ * scaled alternately until both have their exact sums (iterative proportional fitting). */
 static enum err fit(const struct resample_table *r, struct sorted *s, const double *row_sum, const double *column_sum)
 {
     const size_t texels = (size_t)CUBE_FACES * r->key.n * r->key.n, blocks = (size_t)r->columns * r->rows;
@@ -183,8 +182,8 @@ static enum err fit(const struct resample_table *r, struct sorted *s, const doub
     return sum ? ERR_OK : ERR_NOMEM;
 }
 
-/* Shares of what was found instead of solid angles, so that a constant stays constant to the last bit of float. What is
- * shown of a texel is a share of it too, which is returned: the rest is the mean's. */
+/* Converts solid angles to weights that sum to 1, so that a constant stays constant to the last bit of float. Returns
+ * the uncovered share of the texel, which the mean fills. */
 static double weigh(const struct resample_table *t, struct sorted *s, size_t texel, const double *row_sum)
 {
     const uint32_t n = t->key.n;
@@ -202,7 +201,7 @@ static double weigh(const struct resample_table *t, struct sorted *s, size_t tex
     return seen;
 }
 
-/* A texel of a tile, and how many terms it has. */
+/* A texel of a tile and its number of terms. */
 struct place {
     uint32_t terms;
     uint8_t texel;
@@ -215,7 +214,7 @@ static int by_terms(const void *a, const void *b)
                                 : (x->texel > y->texel) - (x->texel < y->texel);
 }
 
-/* Texel `in_tile` of a tile in `sorted`; false past the edge of the face. */
+/* Texel `in_tile` of a tile in `sorted`; false beyond the edge of the face. */
 static bool find_texel(const struct resample_table *t, uint32_t tile, uint32_t in_tile, size_t *texel)
 {
     const uint32_t n = t->key.n, across = t->across, face = tile / (across * across);
@@ -225,11 +224,11 @@ static bool find_texel(const struct resample_table *t, uint32_t tile, uint32_t i
     return row < n && column < n;
 }
 
-/* Who shares an eight with whom, its steps (for now in `first`), and what its blocks are counted from. Returns how far
- * the farthest is from there. */
+/* Assigns texels to octets, and sets each octet's steps (temporarily in `first`) and the base of its block numbers.
+ * Returns the largest distance from the base. */
 static uint32_t lay_out_tile(const struct resample_table *t, const struct sorted *s, uint32_t tile)
 {
-    struct eight *eights = t->eights + (size_t)EIGHTS * tile;
+    struct octet *octets = t->octets + (size_t)OCTETS * tile;
     struct place places[TILE * TILE];
     uint32_t low = UINT32_MAX, highest = 0, many = 0, end = 0;
 
@@ -245,19 +244,19 @@ static uint32_t lay_out_tile(const struct resample_table *t, const struct sorted
     }
     end = highest == t->columns * t->rows - 1;
     qsort(places, TILE * TILE, sizeof(places[0]), by_terms);
-    for (uint32_t k = 0; k < EIGHTS; k++) {
+    for (uint32_t k = 0; k < OCTETS; k++) {
         many = places[8 * k].terms > RESAMPLE_MANY;
-        eights[k].first = places[8 * k].terms;
-        eights[k].base = low & INT32_MAX;
-        eights[k].careful = (many || end) & 1;
+        octets[k].first = places[8 * k].terms;
+        octets[k].base = low & INT32_MAX;
+        octets[k].careful = (many || end) & 1;
         for (uint32_t l = 0; l < 8; l++)
-            eights[k].texel[l] = places[8 * k + l].texel;
+            octets[k].texel[l] = places[8 * k + l].texel;
     }
     return highest > low ? highest - low : 0;
 }
 
-/* A texel's terms into its lane. Behind its last one stands that block again, with no weight. */
-static void fill_lane(struct resample_table *t, const struct sorted *s, size_t texel, const struct eight *e,
+/* Writes a texel's terms to its lane; padding repeats the last block with weight 0. */
+static void fill_lane(struct resample_table *t, const struct sorted *s, size_t texel, const struct octet *e,
                       uint32_t lane)
 {
     const uint32_t terms = texel == SIZE_MAX ? 0 : s->first[texel + 1] - s->first[texel];
@@ -276,13 +275,13 @@ static void fill_lane(struct resample_table *t, const struct sorted *s, size_t t
 
 static void fill_tile(struct resample_table *t, struct sorted *s, uint32_t tile, const double *row_sum)
 {
-    for (size_t k = 0; k < 8 * EIGHTS; k++) {
-        const struct eight *e = &t->eights[(size_t)EIGHTS * tile + k / 8];
+    for (size_t k = 0; k < 8 * OCTETS; k++) {
+        const struct octet *e = &t->octets[(size_t)OCTETS * tile + k / 8];
         size_t texel;
         if (find_texel(t, tile, e->texel[k % 8], &texel)) {
             const double seen = weigh(t, s, texel, row_sum);
             if (t->unseen)
-                t->unseen[(size_t)8 * EIGHTS * tile + k] = (float)(1.0 - seen);
+                t->unseen[(size_t)8 * OCTETS * tile + k] = (float)(1.0 - seen);
         } else {
             texel = SIZE_MAX;
         }
@@ -290,16 +289,16 @@ static void fill_tile(struct resample_table *t, struct sorted *s, uint32_t tile,
     }
 }
 
-/* The cache lines of a tile's blocks, as bits from the line of its base on. Returns how many. The source begins on a
- * line's border, as mem_alloc has it; elsewhere the list would only be off by one. */
+/* The cache lines of a tile's blocks, as a bit set starting at the line of its base. Returns their number. Assumes that
+ * the source starts at a cache line, as mem_alloc guarantees; otherwise the list is off by one. */
 static uint32_t find_lines(const struct resample_table *t, uint32_t tile, uint64_t lines[LINE_WORDS])
 {
-    const struct eight *e = &t->eights[(size_t)EIGHTS * tile];
+    const struct octet *e = &t->octets[(size_t)OCTETS * tile];
     const size_t start = e->base * TEXEL_BYTES / LINE_BYTES;
     uint32_t count = 0;
 
     memset(lines, 0, LINE_WORDS * sizeof(*lines));
-    for (size_t k = 8 * (size_t)e[0].first; k < 8 * (size_t)e[EIGHTS].first; k++) {
+    for (size_t k = 8 * (size_t)e[0].first; k < 8 * (size_t)e[OCTETS].first; k++) {
         const size_t from = (e->base + (size_t)t->near[k]) * TEXEL_BYTES;
         for (size_t at = from / LINE_BYTES - start; at <= (from + TEXEL_BYTES - 1) / LINE_BYTES - start; at++)
             lines[at / 64] |= UINT64_C(1) << at % 64;
@@ -344,19 +343,19 @@ static enum err pack(struct resample_table *t, struct sorted *s, const double *r
     const bool whole = layout_shown(t->key.layout) >= 4.0 * PI;
     uint32_t farthest = 0, steps = 0;
 
-    t->eights = mem_alloc((size_t)EIGHTS * tiles + 1, sizeof(*t->eights));
+    t->octets = mem_alloc((size_t)OCTETS * tiles + 1, sizeof(*t->octets));
     if (!whole)
-        t->unseen = mem_alloc((size_t)8 * EIGHTS * tiles, sizeof(*t->unseen));
-    if (!t->eights || (!whole && !t->unseen))
+        t->unseen = mem_alloc((size_t)8 * OCTETS * tiles, sizeof(*t->unseen));
+    if (!t->octets || (!whole && !t->unseen))
         return ERR_NOMEM;
 #pragma omp parallel for schedule(static) reduction(max : farthest)
     for (uint32_t k = 0; k < tiles; k++) {
         const uint32_t far = lay_out_tile(t, s, k);
         farthest = far > farthest ? far : farthest;
     }
-    for (size_t k = 0; k <= (size_t)EIGHTS * tiles; k++) {
-        const uint32_t own = t->eights[k].first;
-        t->eights[k].first = steps;
+    for (size_t k = 0; k <= (size_t)OCTETS * tiles; k++) {
+        const uint32_t own = t->octets[k].first;
+        t->octets[k].first = steps;
         steps += own;
     }
     t->weight = mem_alloc(steps, 8 * sizeof(*t->weight));
@@ -380,7 +379,7 @@ static enum err make_table(struct resample_table *t, const struct blocks *b, str
     struct sorted s = { 0 };
     enum err e = row_sum ? ERR_OK : ERR_NOMEM;
 
-    if (!e) { /* the solid angles of face +Y, which every layout shows whole, are those of each */
+    if (!e) { /* every layout covers face +Y completely, so its solid angles serve for all faces */
         const struct cube_side side = { n, t->key.rotation, row_sum + 2 * (size_t)n * n };
         e = find_overlaps(b, &side, lists, count);
     }
@@ -441,7 +440,7 @@ void resample_table_destroy(struct resample_table *t)
 {
     if (!t)
         return;
-    mem_free(t->eights);
+    mem_free(t->octets);
     mem_free(t->weight);
     mem_free(t->near);
     mem_free(t->far);

@@ -1,15 +1,15 @@
 /* server/env/resample_table.h */
-/* The sparse table of resample.h: which source texels a cube texel is made of, and in which shares. It takes a good
- * part of a second and some 16 MB to make, depends on nothing but its key, and never changes afterwards: any number of
- * threads and environments read one. Each user holds a reference; it is freed with the last of them.
+/* The sparse matrix of resample.h: the source texels and weights of each cube texel. It takes a good part of a second
+ * and about 16 MB to compute, depends only on its key, and never changes afterwards, so that any number of threads and
+ * environments can share it. Tables are reference-counted.
  *
- * A `struct resample_tables` is what several environments find each other's tables in: a list of those that are in use,
- * with a lock of its own. Whoever creates it owns it and destroys it after the last environment that was given it. */
+ * A `struct resample_tables` is the list of tables in use, with its own lock, through which environments share them.
+ * Its creator owns it and destroys it after the last environment that uses it. Thread: any. */
 #ifndef ENV_RESAMPLE_TABLE_H
 #define ENV_RESAMPLE_TABLE_H
 
-#include "err.h"
-#include "image.h"
+#include "base/err.h"
+#include "codec/image.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -17,62 +17,62 @@
 struct resample_key {
     enum layout layout; /* any but LAYOUT_AUTO */
     uint32_t width, height;
-    uint32_t n;      /* texels along an edge of the cube's faces */
-    double rotation; /* radians about +Y, right-handed: takes what the source shows at +Z towards +X */
+    uint32_t n;      /* texels per edge of a cube face */
+    double rotation; /* radians about +Y, right-handed: moves what the source shows at +Z towards +X */
 };
 
-bool resample_key_equal(const struct resample_key *a, const struct resample_key *b);
+bool resample_key_equal(const struct resample_key *a, const struct resample_key *b); /* field by field */
 
-/* The cube map goes by tiles of 8 x 8 texels (what reaches past its edge is empty), tile (band, place) of a face being
- * rows 8 band .. and columns 8 place .., and a tile by eights: eight texels of about as many terms, so that eight sums
- * grow side by side and hardly one waits for the others. What a tile reads lies close together in the source. */
+/* The cube map is processed in tiles of 8 x 8 texels (padded at its edge); tile (band, place) of a face covers rows 8
+ * band .. and columns 8 place ... A tile consists of octets: eight texels with similar numbers of terms, summed in
+ * parallel with little padding. What a tile reads is close together in the source. */
 #define TILE 8
-#define EIGHTS 8 /* in a tile */
+#define OCTETS 8 /* octets in a tile */
 
 #define LINE_BYTES 64
 
-struct eight {
-    uint32_t first;       /* step; it has those up to the next eight's first */
-    uint32_t base : 31;   /* source block that `near` is counted from, the tile's lowest */
-    uint32_t careful : 1; /* a lane has many terms, or one of them is the very last block of the source */
-    uint8_t texel[8];     /* in the tile, 8 row + column, by lane */
+struct octet {
+    uint32_t first;       /* index of the first step; the octet's steps end at the next octet's first */
+    uint32_t base : 31;   /* the tile's lowest source block; `near` is relative to it */
+    uint32_t careful : 1; /* a lane has many terms, or one of them is the last block of the source */
+    uint8_t texel[8];     /* in the tile, 8 row + column, per lane */
 };
 
 struct resample_table {
     struct resample_key key;
-    uint32_t users;              /* {lock of tables}: references */
+    uint32_t users;              /* {lock of tables} reference count */
     struct resample_table *next; /* {lock of tables} */
 
-    /* Blocks of the source, row by row: columns x rows of them. With factor 1 they are its texels. */
+    /* The source in blocks, row by row: columns x rows. With factor 1, blocks are texels. */
     uint32_t factor, columns, rows;
 
-    /* The texel in lane l of an eight is the sum over its steps k of weight[k][l] * block[base + near[k][l]] (or
-     * block[base + far[k][l]]), plus unseen[eight][l] times the mean; its weights and unseen add up to 1. Blocks ascend
-     * within a lane; behind the last one its weights are 0. */
-    uint32_t across;      /* tiles along an edge of a face */
-    struct eight *eights; /* [6][across][across][8] + 1: face, band, place */
+    /* The texel in lane l of an octet is the sum over its steps k of weight[k][l] * block[base + near[k][l]] (or
+     * block[base + far[k][l]]) plus unseen[octet][l] times the mean. Weights and unseen sum to 1. Blocks ascend within
+     * a lane; padding has weight 0. */
+    uint32_t across;      /* tiles per edge of a face */
+    struct octet *octets; /* [6][across][across][8] + 1: face, band, place */
     float *weight;        /* [steps][8] */
-    uint16_t *near;       /* [steps][8]; NULL where a tile's blocks are too far apart, then: */
+    uint16_t *near;       /* [steps][8]; NULL if a tile's blocks are too far apart; then `far` is used */
     uint32_t *far;
-    uint32_t *line_first; /* [tiles + 1]; NULL with `far` */
-    uint16_t *line;       /* cache lines that a tile reads of the source, from its base's on: to be fetched ahead */
-    float *unseen;        /* [eights][8]; NULL where the layout shows everything */
-    float *block_sum;     /* [blocks]: their shares of all that is seen; NULL with unseen */
-    float *share;         /* solid angles of source texels, for the reduction; NULL when factor is 1 */
+    uint32_t *line_first; /* [tiles + 1]; NULL if `far` is used */
+    uint16_t *line;       /* cache lines of the source that a tile reads, relative to its base; for prefetching */
+    float *unseen;        /* [octets][8]; NULL if the layout covers everything */
+    float *block_sum;     /* [blocks]: weights of the mean; NULL if unseen is */
+    float *share;         /* solid angles of source texels, for the reduction; NULL if factor is 1 */
 };
 
 /* NULL when out of memory. */
 struct resample_tables *resample_tables_create(void);
-void resample_tables_destroy(struct resample_tables *s); /* no table may be in use; NULL allowed */
+void resample_tables_destroy(struct resample_tables *s); /* no table may be in use; NULL is allowed */
 
-uint32_t resample_tables_in_use(struct resample_tables *s); /* how many; any thread */
+uint32_t resample_tables_in_use(struct resample_tables *s); /* number of tables in use */
 
-/* A reference to the table of a key, made now if nobody has it: whoever else asks for one meanwhile waits. Give it back
- * with resample_table_release and the same tables; those may be NULL: then it is the caller's alone. The shape must fit
- * the layout (layout_fits). ERR_UNSUPPORTED when it does not, ERR_NOMEM. Any thread. Uses all OpenMP threads; the table
- * is the same at any number of them. */
+/* Acquires the table of a key, computing it if necessary; concurrent requests for the same table wait. Release it with
+ * resample_table_release and the same `tables`, which may be NULL for an unshared table. The size must fit the layout
+ * (layout_fits). ERR_UNSUPPORTED: it does not. ERR_NOMEM. Uses all OpenMP threads; the table does not depend on their
+ * number. */
 MUST_CHECK enum err resample_table_take(struct resample_tables *s, const struct resample_key *key,
                                         struct resample_table **out);
-void resample_table_release(struct resample_tables *s, struct resample_table *t); /* t NULL is allowed */
+void resample_table_release(struct resample_tables *s, struct resample_table *t); /* t may be NULL */
 
 #endif

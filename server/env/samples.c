@@ -1,8 +1,8 @@
-#include "samples.h"
+#include "env/samples.h"
 
-#include "invert.h"
-#include "mem.h"
-#include "rng.h"
+#include "env/invert.h"
+#include "base/mem.h"
+#include "base/rng.h"
 
 #include <assert.h>
 #include <math.h>
@@ -48,7 +48,7 @@ static void sphere_direction(const double x[2], float w[3])
     w[2] = (float)(r * cos(phi));
 }
 
-/* The face that x falls in by energy; *x becomes the place within that face's share. */
+/* Selects a face in proportion to energy; rescales *x within that face's share. */
 static uint32_t pick_face(const struct environment *e, double *x)
 {
     double cdf[CUBE_FACES], sum = 0.0;
@@ -60,7 +60,7 @@ static uint32_t pick_face(const struct environment *e, double *x)
     return (uint32_t)at;
 }
 
-float samples_whole_density(const struct environment *e, const float w[3], float rgb[3])
+float environment_sample_density(const struct environment *e, const float w[3], float rgb[3])
 {
     float pdf;
     const uint32_t face = environment_evaluate(e, w, rgb, &pdf);
@@ -68,7 +68,7 @@ float samples_whole_density(const struct environment *e, const float w[3], float
     return e->total_energy > 0.0 ? pdf * (float)(e->energy[face] / e->total_energy) : 0.0f;
 }
 
-bool samples_whole(const struct environment *e, const double x[2], float w[3], float rgb[3], float *pdf)
+bool environment_sample(const struct environment *e, const double x[2], float w[3], float rgb[3], float *pdf)
 {
     double rest[2] = { x[0], x[1] };
 
@@ -76,8 +76,8 @@ bool samples_whole(const struct environment *e, const double x[2], float w[3], f
         return false;
     const uint32_t face = pick_face(e, &rest[0]);
     samples_invert_face(e, face, rest, w);
-    *pdf = samples_whole_density(e, w, rgb);
-    if (!(*pdf > 0.0f)) { /* rounding carried it over the border of its texel: it brings nothing */
+    *pdf = environment_sample_density(e, w, rgb);
+    if (!(*pdf > 0.0f)) { /* rounding moved it out of its texel: it contributes nothing */
         *pdf = 1.0f;
         rgb[0] = rgb[1] = rgb[2] = 0.0f;
     }
@@ -107,8 +107,8 @@ static enum err reserve(struct light_samples *s, uint32_t count)
     return ERR_OK;
 }
 
-/* Sample k: its direction and radiance, and the densities that it may have come by. Rounding to float may carry a
- * direction over a texel's border onto one that none of them reaches: then it brings nothing. */
+/* Stores sample k: direction, radiance and the densities of all strata that could have produced it. Rounding may move a
+ * direction onto a texel that no stratum reaches; the sample then contributes nothing. */
 static void put_sample(struct light_samples *s, uint32_t k, const float w[3], const float rgb[3], uint32_t stratum,
                        float pdf, float sun_pdf)
 {
@@ -125,8 +125,8 @@ static void put_sample(struct light_samples *s, uint32_t k, const float w[3], co
     s->stratum[k] = stratum;
 }
 
-/* Sample i of a stratum: a direction, and what the cube map holds there. The density is read back by the same lookup
- * that a BRDF ray uses, so that what is sampled is what is evaluated. */
+/* Draws sample i of a stratum. Its density is evaluated by the same lookup that BRDF samples use, so that sampling and
+ * evaluation agree. */
 static void draw_one(const struct environment *e, enum strata_kind kind, uint32_t stratum, const double at[2],
                      struct light_samples *s, uint32_t k)
 {
@@ -183,7 +183,7 @@ void samples_shape(const struct sky_table *t, struct light_samples *out)
     if (t->has_sun)
         out->energy[t->strata] = t->sun_energy;
     memcpy(out->sun_axis, t->sun_axis, sizeof(out->sun_axis));
-    const float spread = t->sun_spread + 1e-4f; /* more than rounding takes away */
+    const float spread = t->sun_spread + 1e-4f; /* a margin larger than rounding */
     out->sun_cos = cosf(spread);
     out->sun_sin = sinf(spread);
 }

@@ -1,33 +1,34 @@
-#include "sky_table.h"
+#include "env/sky_table.h"
 
-#include "invert.h"
-#include "mem.h"
+#include "env/invert.h"
+#include "base/mem.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 
-/* What a sun is was read off captured skies and models of the sky, resampled to faces of 256 x 256 texels.
+/* The constants were determined on captured skies and sky models, resampled to faces of 256 x 256 texels.
  *
- * The level c is LEVEL times the mean of the sky itself cut at c: a fixed point, which a sun of any strength moves by
- * less than its own part of the sphere times LEVEL, whereas a multiple of the plain mean would rise with the sun (the
- * mean of a clear sky with its sun is 2 to 7 times that without). Clear skies without their disc, overcast ones and the
- * glow of twilight reach 5 to 20 times their mean, a glowing sunrise cloud 50; the disc reaches 1e4 to 4e5 times. With
- * LEVEL from 8 to 64 the same skies have a sun and its share changes by less than 0.02.
+ * The level c is LEVEL times the mean of the sky clamped at c: a fixed point, which a sun of any strength moves by less
+ * than its share of the sphere times LEVEL. A multiple of the plain mean would rise with the sun (the mean of a clear
+ * sky with its sun is 2 to 7 times that without). Clear skies without the disc, overcast skies and twilight glow reach
+ * 5 to 20 times their mean, a glowing sunrise cloud 50; the disc reaches 1e4 to 4e5 times. For LEVEL from 8 to 64, the
+ * same skies are found to have a sun, and its share changes by less than 0.02.
  *
- * SUN_RADIUS: the disc is 0.27 degrees, a texel up to 0.45; captured suns bloom. Within 1.5 degrees is all but 0.01 of
- * what is brighter than c in any sky with a sun, within 2.5 all but 0.008 (a sunrise at the horizon); a wider cap would
- * only loosen the bound on the sun's cosine.
+ * SUN_RADIUS: the disc's radius is 0.27 degrees, a texel up to 0.45; captured suns bloom. In any sky with a sun, all
+ * but 0.01 of what is brighter than c is within 1.5 degrees, and all but 0.008 within 2.5 (a sunrise at the horizon). A
+ * wider cap would only loosen the bound on the sun's cosine.
  *
- * SUN_SHARE: clear skies have 0.13 (hazy) to 0.85 there. Below are what is no sun: the brightest lamp of a street by
- * night (0.10), the middle of a studio's soft box (0.06), a veiled sun and dawns (0.01 to 0.02). With less than a tenth
- * of the light a stratum of its own has little to win: within its cell it gets samples by its energy as it is. */
+ * SUN_SHARE: clear skies have 0.13 (hazy) to 0.85 in the sun. Lower are sources that are no sun: the brightest lamp of
+ * a street at night (0.10), the middle of a studio's soft box (0.06), a veiled sun and dawns (0.01 to 0.02). With less
+ * than a tenth of the light, a separate stratum gains little: its cell already gets samples by its energy. */
 #define LEVEL 16.0
 #define SUN_RADIUS 2.5 /* degrees */
 #define SUN_SHARE 0.1
 
-/* A histogram of solid angles over importance, 16 bins to the octave: the bits of a float >= 0 above the fourth of
- * its mantissa. The solid angles are integers, so that their sums do not depend on the order of the threads. */
+/* A histogram of solid angle over importance, 16 bins per octave: the bits of a float >= 0 above the fourth bit of its
+ * mantissa. Solid angles are integers, so that sums do not depend on the order of threads. */
 #define BIN_SHIFT 19
 #define BINS 4096
 #define PER_SR 0x1p40 /* 4 pi is 1.4e13, the smallest texel of 1024^2 is 8e5 */
@@ -70,10 +71,10 @@ static float measure_row(const struct environment *e, uint32_t row, uint64_t *bi
     return brightest;
 }
 
-/* The c > 0 with c = LEVEL m(c), where m(c) is the mean over the sphere of min(importance, c); 0 where less than
- * 1/LEVEL of the sphere is lit, and there is none. From the histogram (whose bins are 1/16 of an octave, so that m is
- * good to some 3 %, and need not be better). m is concave and m(0) = 0: there is one such c, and with bin k the
- * brightest that is not cut, c = LEVEL (below[k] + c above). */
+/* The c > 0 with c = LEVEL m(c), where m(c) is the mean over the sphere of min(importance, c). 0 if less than 1/LEVEL
+ * of the sphere is lit: then there is none. Computed from the histogram, whose bins of 1/16 octave make m accurate to
+ * about 3 %, which suffices. m is concave and m(0) = 0, so c is unique; with bin k the brightest that is not clamped, c
+ * = LEVEL (below[k] + c above). */
 static double find_level(const uint64_t *bins)
 {
     double below[BINS] = { 0.0 }, above = 0.0;
@@ -125,11 +126,6 @@ static void texel_corner(const struct sky_table *t, uint32_t at, double row, dou
         out[c] *= scale;
 }
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* The part of a sun's texel above the level, x solid angle. */
 static double sun_part(const struct sky_table *t, uint32_t at)
 {
@@ -167,7 +163,7 @@ static uint32_t find_brightest(const struct sky_table *t)
     return at;
 }
 
-/* The mean direction of the sun's energy, and how far its texels reach from there. */
+/* The mean direction of the sun's energy, and the angular extent of its texels around it. */
 static void enclose_sun(struct sky_table *t)
 {
     double axis[3] = { 0.0, 0.0, 0.0 }, w[3], least = 1.0;
@@ -177,16 +173,16 @@ static void enclose_sun(struct sky_table *t)
         for (int c = 0; c < 3; c++)
             axis[c] += sun_part(t, t->sun_texels[k]) / t->sun_energy * w[c];
     }
-    const double length = sqrt(dot(axis, axis));
+    const double length = sqrt(dot3(axis, axis));
     for (int c = 0; c < 3; c++)
         t->sun_axis[c] = (float)(axis[c] / length);
     for (int c = 0; c < 3; c++)
         axis[c] = t->sun_axis[c];
     for (uint32_t k = 0; k < 4 * t->sun_count; k++) {
         texel_corner(t, t->sun_texels[k / 4], k >> 1 & 1, k & 1, w);
-        least = fmin(least, dot(axis, w) / sqrt(dot(axis, axis)));
+        least = fmin(least, dot3(axis, w) / sqrt(dot3(axis, axis)));
     }
-    t->sun_spread = (float)acos(least) * 1.0001f + 1e-6f; /* not less by rounding */
+    t->sun_spread = (float)acos(least) * 1.0001f + 1e-6f; /* rounded up */
 }
 
 static enum err find_sun(struct sky_table *t)
@@ -203,7 +199,7 @@ static enum err find_sun(struct sky_table *t)
             if (!(importance_at(t, at) > t->level))
                 continue;
             texel_corner(t, at, 0.5, 0.5, w);
-            if (at == brightest || dot(w, centre) >= reach)
+            if (at == brightest || dot3(w, centre) >= reach)
                 e = add_sun_texel(t, at);
         }
     t->has_sun = !e && t->sun_count && t->sun_energy >= SUN_SHARE * t->environment->total_energy;
@@ -216,7 +212,7 @@ static enum err find_sun(struct sky_table *t)
     return e;
 }
 
-/* The first of the sun's texels that is not before `at`. */
+/* The first of the sun's texels at or after `at`. */
 static uint32_t find_sun_texel(const struct sky_table *t, uint32_t at)
 {
     uint32_t low = 0, high = t->sun_count;
@@ -231,7 +227,7 @@ static uint32_t find_sun_texel(const struct sky_table *t, uint32_t at)
     return low;
 }
 
-/* One row of texels: their shaped densities, and the running sums in each cell. */
+/* One row of texels: shaped densities, and CDFs within each cell. */
 static void shape_row(struct sky_table *t, uint32_t row)
 {
     const uint32_t n = t->n, m = n / t->cells, first = row * n;
@@ -256,7 +252,7 @@ static void shape_row(struct sky_table *t, uint32_t row)
             cdf[j] += cdf[j - 1];
 }
 
-/* The cells of one column of cells of a face: the running sums over their rows, and their energies. */
+/* A column of cells of a face: the CDFs over their rows, and their energies. */
 static void sum_cells(struct sky_table *t, uint32_t face, uint32_t column)
 {
     const uint32_t n = t->n, m = n / t->cells;
@@ -281,7 +277,7 @@ static void find_corners(struct sky_table *t)
             const uint32_t i = s / cells % cells + (k >> 1), j = s % cells + (k & 1);
             double w[3];
             cube_direction(s / (cells * cells), -1.0 + 2.0 * j / cells, -1.0 + 2.0 * i / cells, w);
-            const double scale = 1.0 / sqrt(dot(w, w));
+            const double scale = 1.0 / sqrt(dot3(w, w));
             for (int c = 0; c < 3; c++)
                 t->corner[s][k][c] = (float)(w[c] * scale);
         }

@@ -1,29 +1,29 @@
-#include "film.h"
+#include "film/film.h"
 
-#include "vec.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 
-#define BANDS 64         /* sums are per band, bands are added in order: the thread count changes nothing */
-#define EXPONENTS 256    /* of a float: one bin of the histogram per stop */
-#define REACH_STOPS 8.0  /* from the median; a clear sky over its own shadows spans about 12 stops in all */
-#define PRODUCT_LENGTH 6 /* floats that a double multiplies without leaving its range: 6 * 149 < 1022 stops */
-#define LANES 16         /* products side by side */
+#define BANDS 64                       /* partial sums, added in order: the same result at any number of threads */
+#define EXPONENTS 256                  /* one histogram bin per exponent of a float, that is, per stop */
+#define REACH_STOPS 8.0                /* stops around the median; a clear sky and its shadows span about 12 stops */
+#define PRODUCT_LENGTH 6               /* floats whose product stays within a double: 6 * 149 < 1022 stops */
+#define LANES 16                       /* products computed side by side */
 #define BLOCK (PRODUCT_LENGTH * LANES) /* pixels */
-/* Four pixels as one operation of a vector. */
+/* Four pixels as one vector. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
-#define APART 4          /* tables in which exponents are counted */
-#define LAG_STOPS 1.0    /* exposure is never further than this from what the picture asks for */
-#define GAIN_STOPS 120.0 /* the gain stays a float, and times a float it stays a double */
+#define APART 4          /* separate tables for counting exponents */
+#define LAG_STOPS 1.0    /* maximum distance from the target exposure */
+#define GAIN_STOPS 120.0 /* the gain fits a float, and times a float it fits a double */
 
 void exposure_init(struct exposure *e)
 {
     *e = (struct exposure){ .key = 0.18, .adapt = 0.2 };
 }
 
-/* Luminances of four pixels, as rgb_luminance has them: one vector of each colour out of twelve floats. */
+/* Luminances of four pixels, as rgb_luminance: twelve floats to one vector per channel. */
 static inline FOUR_FLOATS luminances(const float *rgb)
 {
     FOUR_FLOATS t[3];
@@ -35,8 +35,7 @@ static inline FOUR_FLOATS luminances(const float *rgb)
     return 0.2126f * r + 0.7152f * g + 0.0722f * b;
 }
 
-/* Luminances of pixels `from` .. from + count - 1, 0 where they do not count; count is at most BLOCK. What is beyond
- * count is 0. */
+/* Luminances of pixels `from` .. from + count - 1, 0 where masked out; count <= BLOCK. Pads with 0. */
 static inline void take_block(const float *rgb, const uint8_t *mask, size_t from, size_t count, float l[BLOCK])
 {
     const float *p = rgb + 3 * from;
@@ -62,9 +61,9 @@ static inline uint32_t exponent_of(float l)
     return bits >> 23;
 }
 
-/* How many pixels have each float exponent. Integers: any order of adding gives the same. Neighbours are alike, and to
- * count one waits for the last one of the same exponent: so they are counted apart. A luminance of 0 is counted with
- * the least exponent and taken off again. */
+/* Counts pixels per float exponent. Integer sums do not depend on their order. Adjacent pixels have similar exponents,
+ * and consecutive increments of one counter stall, so several tables are used. Luminance 0 is counted with the smallest
+ * exponent and subtracted afterwards. */
 static void count_exponents(const float *rgb, const uint8_t *mask, size_t pixels, uint32_t count[EXPONENTS])
 {
     memset(count, 0, EXPONENTS * sizeof(count[0]));
@@ -90,7 +89,7 @@ static void count_exponents(const float *rgb, const uint8_t *mask, size_t pixels
     }
 }
 
-/* The median of log2, taken as evenly spread within its bin, so that it moves without steps from frame to frame. */
+/* The median of log2 luminance, assumed uniform within its bin, so that it changes continuously from frame to frame. */
 static double median_stop(const uint32_t count[EXPONENTS], uint64_t total)
 {
     const double half = 0.5 * (double)total;
@@ -102,7 +101,7 @@ static double median_stop(const uint32_t count[EXPONENTS], uint64_t total)
     return bin - 127 + (half - below) / count[bin];
 }
 
-/* A product of many factors, as mantissa x 2^exponent: one logarithm in the end instead of one a factor. */
+/* A product of many factors as mantissa x 2^exponent: one logarithm at the end instead of one per factor. */
 struct product {
     double mantissa; /* 1 .. 2 */
     int64_t exponent;
@@ -112,14 +111,14 @@ static inline void multiply(struct product *p, double by)
 {
     uint64_t bits;
 
-    by *= p->mantissa; /* never subnormal: PRODUCT_LENGTH floats, and a mantissa */
+    by *= p->mantissa; /* never subnormal: PRODUCT_LENGTH floats and a mantissa */
     memcpy(&bits, &by, sizeof(bits));
     p->exponent += (int64_t)(bits >> 52) - 1023;
     bits = (bits & 0xfffffffffffffu) | (uint64_t)1023 << 52;
     memcpy(&p->mantissa, &bits, sizeof(bits));
 }
 
-/* Sum of log2 over pixels begin .. end - 1, of luminances clamped to low .. high. */
+/* Sum of log2 luminance, clamped to low .. high, over pixels begin .. end - 1. */
 static double band_sum(const float *rgb, const uint8_t *mask, size_t begin, size_t end, float low, float high)
 {
     struct product whole = { 1.0, 0 };
@@ -177,13 +176,13 @@ double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint3
 
     assert(e->key > 0.0 && e->adapt >= 0.0 && e->adapt <= 1.0);
     if (exposure_log2_mean(rgb, NULL, width, height, &mean)) {
-        /* [Reinhard 2002, Eq. 2]: the gain is key over the log-average. A share of at most 1 of the way there, in
-         * stops, can neither overshoot nor swing. */
+        /* [Reinhard 2002, Eq. 2]: gain = key / log-average. Covering a share of at most 1 of the distance, in stops,
+         * can neither overshoot nor oscillate. */
         const double target = log2(e->key) - mean;
-        /* What is left of the way is first cut to a stop: a sequence in long steps would otherwise burn out or sink
-         * into black before exposure has followed. */
-        const double way = fmin(fmax(target - e->log2_gain, -LAG_STOPS), LAG_STOPS);
-        e->log2_gain = e->started ? target - way * pow(1.0 - e->adapt, (double)frames) : target;
+        /* Limit the distance to one stop first: otherwise a sequence with large changes would clip or go black before
+         * exposure follows. */
+        const double distance = fmin(fmax(target - e->log2_gain, -LAG_STOPS), LAG_STOPS);
+        e->log2_gain = e->started ? target - distance * pow(1.0 - e->adapt, (double)frames) : target;
         e->started = 1;
     }
     return exp2(fmin(fmax(e->log2_gain + e->bias_stops, -GAIN_STOPS), GAIN_STOPS));

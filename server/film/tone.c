@@ -1,40 +1,28 @@
-#include "film.h"
+#include "film/film.h"
 
-#include "tone_kernel.h"
-#include "vec.h"
+#include "film/tone_kernel.h"
+#include "base/vec.h"
 
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
-#define BLOCK 512 /* pixels treated at a time: 6 KB, stays in the first cache */
+#define BLOCK 512 /* pixels processed at a time: 6 KB, stays in the first-level cache */
 
-static const char *const names[] = {
-    [TONE_FILMIC] = "filmic",
-    [TONE_REINHARD] = "reinhard",
-    [TONE_LINEAR] = "linear",
+const struct setting_choice tone_choices[] = {
+    { "filmic", TONE_FILMIC, "soft toe and shoulder, close to the ACES curve", 0 },
+    { "reinhard", TONE_REINHARD, "compresses highlights by luminance and keeps their colour", 0 },
+    { "linear", TONE_LINEAR, "no curve: values above 1 are clipped", 0 },
+    { NULL, 0, NULL, 0 },
 };
-
-#define NAME_COUNT (sizeof(names) / sizeof(names[0]))
-
-enum err tone_parse(const char *name, enum tone_curve *out, struct reason *why)
-{
-    for (size_t i = 0; i < NAME_COUNT; i++) {
-        if (strcmp(name, names[i]) == 0) {
-            *out = (enum tone_curve)i;
-            return ERR_OK;
-        }
-    }
-    return err_say(why, ERR_USAGE, "unknown tone curve '%s': filmic, reinhard or linear", name);
-}
 
 const char *tone_name(enum tone_curve curve)
 {
-    return (size_t)curve < NAME_COUNT ? names[curve] : "unknown";
+    return choice_name(tone_choices, (int)curve);
 }
 
-/* The rational fit of the ACES curve by [Narkowicz 2015]. Its input is scaled so that 0.18 stays 0.18, whereby it
- * reaches 1 at 10.01; the rest, up to 1.033 at infinity, is cut off. */
+/* The rational fit of the ACES curve by [Narkowicz 2015]. The input is scaled so that 0.18 maps to 0.18; it then
+ * reaches 1 at 10.01, and the rest, up to 1.033 at infinity, is clamped. */
 static double filmic(double x)
 {
     const double s = 0.72324 * x;
@@ -45,7 +33,7 @@ double tone_value(enum tone_curve curve, double x)
 {
     if (!(x > 0.0))
         return 0.0;
-    x = fmin(x, 1e30); /* infinity over infinity is no number */
+    x = fmin(x, 1e30); /* avoids infinity / infinity */
     switch (curve) {
     case TONE_FILMIC: return fmin(filmic(x), 1.0);
     case TONE_REINHARD: return fmin(x * (1.0 + x / (TONE_WHITE * TONE_WHITE)) / (1.0 + x), 1.0);
@@ -59,14 +47,14 @@ double tone_srgb(double linear)
     return linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1.0 / 2.4) - 0.055;
 }
 
-/* The code before it is rounded, and before it is cut off at 1: `curve` acts per channel here. */
+/* The code value before rounding and clamping; `curve` acts per channel. */
 static double smooth_code(enum tone_curve curve, double x)
 {
     return 255.0 * tone_srgb(curve == TONE_FILMIC ? filmic(x) : x);
 }
 
-/* The cubic through four places of each half octave, its ends among them, so that neighbours meet:
- * u = -1/4, -1/8, 1/8, 1/4, the extremes of Chebyshev's third polynomial. */
+/* Interpolates a cubic at four points of each half octave, including both ends, so that neighbouring segments meet: u =
+ * -1/4, -1/8, 1/8, 1/4, the extrema of the third Chebyshev polynomial. */
 void tone_table_fill(struct tone_table *t, enum tone_curve curve)
 {
     for (uint32_t k = 0; k < TONE_SEGMENTS; k++) {
@@ -89,8 +77,8 @@ void tone_table_fill(struct tone_table *t, enum tone_curve curve)
     }
 }
 
-/* [Reinhard 2002, Eq. 4] on the luminance, the colour's ratios kept; what then exceeds 1 is clipped with the codes.
- * Three plain loops, because compilers vectorise each of them and not the one that they would make together. */
+/* [Reinhard 2002, Eq. 4] on luminance, keeping the ratios of the channels; values above 1 are clamped with the codes.
+ * Three simple loops, each of which compilers vectorise, unlike a single combined loop. */
 static void expose_reinhard(const float *in, size_t count, float gain, float *out)
 {
     const float bend = (float)(1.0 / (TONE_WHITE * TONE_WHITE));
@@ -117,7 +105,7 @@ void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct to
     const enum tone_curve curve = desc->curve;
     struct tone_table table;
     const size_t count = (size_t)width * height * 3;
-    /* a factor that is no number, or not one that a float can hold, must not turn light into NaN */
+    /* a gain that is NaN or exceeds a float must not turn light into NaN */
     const float factor = (float)fmin(fmax(desc->gain, 0x1p-126), 0x1p127);
     const float scaled = (float)fmin(fmax(desc->gain * TONE_SCALE, 0x1p-126), 0x1p127);
 

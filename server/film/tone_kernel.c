@@ -1,7 +1,7 @@
-#include "tone_kernel.h"
+#include "film/tone_kernel.h"
 
-#include "cpu.h"
-#include "tone_loop.h"
+#include "base/cpu.h"
+#include "film/tone_loop.h"
 
 void tone_ref(const struct tone_table *t, const float *in, size_t count, float gain, uint8_t *out)
 {

@@ -1,13 +1,13 @@
 /* server/film/tone_loop.h */
-/* The loop that specifies tone_kernel.h, for the files that compile it, each for another CPU. Inside this room only. */
+/* The reference loop of tone_kernel.h, compiled once per CPU level. Private to this room. */
 #ifndef FILM_TONE_LOOP_H
 #define FILM_TONE_LOOP_H
 
-#include "tone_kernel.h"
+#include "film/tone_kernel.h"
 
 #include <string.h>
 
-#define INDEX_BIT 22 /* of a float: a half octave's first */
+#define INDEX_BIT 22 /* lowest bit of a float's half-octave index */
 #define PLACE 0x003fff00u
 #define PLACE_MIDDLE 0x00000080u
 #define ONE 0x3f800000u
@@ -16,7 +16,7 @@ static inline void tone_loop(const struct tone_table *restrict t, const float *r
                              uint8_t *restrict out)
 {
     for (size_t i = 0; i < count; i++) {
-        /* The comparisons are written so that NaN fails the first one and comes out as the lowest value. */
+        /* The comparisons are written so that NaN fails the first one and yields the lowest value. */
         const float exposed = in[i] * gain;
         const float floored = exposed > TONE_LOWEST ? exposed : TONE_LOWEST;
         const float x = floored < TONE_HIGHEST ? floored : TONE_HIGHEST;

@@ -1,8 +1,8 @@
-#include "tone_kernel.h"
+#include "film/tone_kernel.h"
 
 #include <immintrin.h>
 
-/* A table of 32 floats is two registers, from which one instruction takes 16 of them by 5 bits of each index. */
+/* A table of 32 floats fits two registers; one instruction looks up 16 of them by 5-bit indices. */
 struct table {
     __m512 low, high;
 };
@@ -27,7 +27,7 @@ void tone_v4(const struct tone_table *t, const float *in, size_t count, float ga
     size_t i = 0;
 
     for (; i + 16 <= count; i += 16) {
-        /* Of two operands, one of them NaN, the second comes back: the lowest. */
+        /* If one operand is NaN, max returns the second: the lowest value. */
         const __m512 exposed = _mm512_max_ps(_mm512_mul_ps(_mm512_loadu_ps(in + i), factor), lowest);
         const __m512i bits = _mm512_castps_si512(_mm512_min_ps(exposed, highest));
         const __m512i index = _mm512_srli_epi32(bits, 22);

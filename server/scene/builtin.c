@@ -1,15 +1,15 @@
-/* The scene that comes with the program: a court with a sundial that tells the hour under the built-in sky. North is
- * +Z, as in the sky: the sun rises at -X, stands over -Z at noon and sets at +X; the colonnade opens to the south. */
-#include "scene.h"
+/* The built-in scene: a court with a sundial that shows the hour under the built-in sky. North is +Z, as in the sky:
+ * the sun rises at -X, is over -Z at noon and sets at +X; the colonnade opens to the south. */
+#include "scene/scene.h"
 
-#include "scene_build.h"
-#include "shape.h"
+#include "scene/scene_build.h"
+#include "scene/shape.h"
 
 #include <math.h>
 #include <stdio.h>
 
 #define TAU (2.0f * (float)PI)
-#define LATITUDE (45.0f * (float)PI / 180.0f) /* for which the sundial is made; the sky's default */
+#define LATITUDE (45.0f * (float)PI / 180.0f) /* the sundial's latitude, the sky's default */
 
 enum stuff {
     STUFF_GROUND,
@@ -70,9 +70,9 @@ static struct vec3 torus_at(float u, float v, const void *data)
     return vec3_add(vec3_scale(out, t->ring + t->tube * cosf(b)), vec3_scale(across, t->tube * sinf(b)));
 }
 
-/* A profile of radii and heights, joined by a Catmull-Rom spline and turned about Y. */
+/* A profile of radii and heights, interpolated by a Catmull-Rom spline and rotated about Y. */
 struct lathe {
-    const float (*points)[2]; /* radius, height; upwards */
+    const float (*points)[2]; /* radius, height; from bottom to top */
     uint32_t count;
 };
 
@@ -99,7 +99,7 @@ static void add_lathe(struct shape *s, const float (*points)[2], uint32_t count,
     shape_grid(s, columns, rows, &(struct surface_map){ lathe_at, &l, true });
 }
 
-/* A fluted shaft that narrows upwards, a little fuller than a cone. */
+/* A fluted shaft that tapers upwards, slightly convex (entasis). */
 static struct vec3 shaft_at(float u, float v, const void *data)
 {
     const float height = *(const float *)data;
@@ -135,7 +135,7 @@ static enum err add_ground(struct scene *scene)
     return shape_finish(&s, scene, STUFF_GROUND);
 }
 
-/* Rings of paving stones around the dial, their joints open. */
+/* Rings of paving stones around the dial, with open joints. */
 static enum err add_paving(struct scene *scene, bool dark)
 {
     static const float radii[] = { 3.9f, 4.75f, 5.6f, 6.45f };
@@ -162,7 +162,7 @@ static enum err add_paving(struct scene *scene, bool dark)
     return shape_finish(&s, scene, dark ? STUFF_PAVING_DARK : STUFF_PAVING_PALE);
 }
 
-/* Three round steps up to the dial, and the two long ones of the colonnade. */
+/* Three round steps up to the dial, and the two long steps of the colonnade. */
 static enum err add_steps(struct scene *scene)
 {
     struct shape s = { 0 };
@@ -214,8 +214,8 @@ static enum err add_wall(struct scene *scene)
     return shape_finish(&s, scene, STUFF_PLASTER);
 }
 
-/* The gnomon's edge points at the celestial pole; hour lines by tan(line) = sin(latitude) tan(hour angle)
- * [Waugh 1973, chapter 4], from six to six. */
+/* The gnomon's edge points at the celestial pole. Hour lines satisfy tan(line) = sin(latitude) tan(hour angle) [Waugh
+ * 1973, chapter 4], from six to six. */
 static enum err add_sundial(struct scene *scene)
 {
     const float foot = -1.1f, top = 2.3f;
@@ -230,7 +230,7 @@ static enum err add_sundial(struct scene *scene)
     shape_sector(&s, &rim);
     for (int hour = -6; hour <= 6; hour++) {
         const float h = (float)hour * (float)PI / 12.0f;
-        /* the shadow falls to the side away from the sun: to the west, +X, in the morning */
+        /* the shadow falls away from the sun: to the west, +X, in the morning */
         const float line = atan2f(sinf(LATITUDE) * sinf(h), cosf(h));
         const float width = hour % 3 == 0 ? 0.045f : 0.022f;
         shape_place(&s, 0.0f, 0.48f, foot, -line);
@@ -257,7 +257,7 @@ static enum err add_plinths(struct scene *scene)
     return shape_finish(&s, scene, STUFF_MARBLE);
 }
 
-/* Rings for the equator, the meridian and the ecliptic about a small globe. */
+/* Rings for the equator, the meridian and the ecliptic around a small globe. */
 static enum err add_armillary(struct scene *scene)
 {
     const float c = cosf(LATITUDE), n = sinf(LATITUDE), globe = 0.16f;

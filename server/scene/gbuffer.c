@@ -1,10 +1,10 @@
-#include "gbuffer.h"
+#include "scene/gbuffer.h"
 
-#include "gbuffer_build.h"
-#include "mem.h"
-#include "progress.h"
-#include "rng.h"
-#include "view.h"
+#include "scene/gbuffer_build.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "base/rng.h"
+#include "scene/view.h"
 
 #include <assert.h>
 #include <math.h>
@@ -13,17 +13,17 @@
 
 #define SIDE_MAX 16384u
 #define EDGE_RAYS_MAX 64u
-#define BAND_ROWS 16u     /* rows that one thread takes at a time; it traces one more above and below for their edges */
-#define COLOUR_STEP 0.04f /* neighbours whose texture differs by more are an edge */
+#define BAND_ROWS 16u     /* rows per thread and step; one more above and below is traced for edge detection */
+#define COLOUR_STEP 0.04f /* a larger difference in texture colour between neighbours is an edge */
 
-/* Rows lie one after another in blocks that are large enough to go back to the system when they are freed: below 32 MiB
- * the C library may keep them in its heap, where they are of no use to the larger arrays that follow. */
+/* Rows are stored in blocks large enough to be returned to the system when freed: below 32 MiB the C library may keep
+ * them in its heap, unusable for the larger arrays that follow. */
 #define SLAB_BYTES ((size_t)33 << 20)
 
 struct slab {
-    _Alignas(MEM_ALIGN) size_t size; /* bytes behind this head */
+    _Alignas(MEM_ALIGN) size_t size; /* bytes after this header */
     size_t used;
-    uint32_t holders; /* rows, and the thread that still fills it */
+    uint32_t holders; /* reference count: rows, and the thread that is filling it */
 };
 
 struct build {
@@ -34,22 +34,22 @@ struct build {
     struct row *rows;
     uint32_t side; /* camera rays per side of an edge pixel */
     uint64_t max_bytes;
-    _Atomic uint64_t bytes; /* of all that is held at once, with what sorting the points will take */
+    _Atomic uint64_t bytes; /* memory held, including what sorting will need */
     _Atomic bool failed;    /* out of memory */
 };
 
-/* A thread's own: centre samples of a band, the leaves of one pixel and the row that is being made. */
+/* Per thread: centre samples of a band, the leaves of one pixel, and the row being built. */
 struct scratch {
     struct leaf *centres; /* [rows of a band + 2][width] */
     uint8_t *specular;    /* likewise: the first surface is a mirror or glass */
     struct leaf *leaves;  /* [side * side * LEAF_MAX] */
     uint32_t *owner;
-    struct row draft;  /* one row after another is made here and then copied at its size */
-    struct slab *slab; /* the one that takes the copies; NULL: none yet */
+    struct row draft;  /* each row is built here and then copied at its exact size */
+    struct slab *slab; /* receives the copies; NULL: none yet */
 };
 
-/* The ray through (x, y), of `side` x `side` in the pixel; a pixel off the picture's centre is smaller: as many radians
- * along an edge as its solid angle step^2 cos^3 is the square of. */
+/* Traces the ray through (x, y), one of `side` x `side` in the pixel. A pixel off the image centre subtends less: its
+ * edge is the square root of its solid angle step^2 cos^3. */
 static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX],
                       bool *specular, struct sight_count *count)
 {
@@ -59,7 +59,7 @@ static uint32_t trace(const struct build *b, double x, double y, uint32_t side, 
     return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, specular, count);
 }
 
-/* The centre sample of each pixel of row y: the heaviest of its leaves, which without mirrors is the only one. */
+/* The centre sample of each pixel of row y: the heaviest of its leaves; without mirrors there is only one. */
 static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *specular,
                           struct leaf *leaves, struct sight_count *count)
 {
@@ -79,7 +79,7 @@ static bool same_colour(const struct leaf *a, const struct leaf *b)
            fabsf(a->diffuse.z - b->diffuse.z) <= COLOUR_STEP;
 }
 
-/* row: the centre samples of the pixel's own row in the scratch, y its number in the picture. */
+/* row: index of the pixel's row in the scratch buffer; y: its row in the image. */
 static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row, uint32_t x, uint32_t y)
 {
     const uint32_t width = b->desc->width, height = b->desc->height;
@@ -105,7 +105,7 @@ static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row
     return false;
 }
 
-/* The leaves of pixel (x, y) from side^2 jittered rays, merged; the jitter is the same in every run. */
+/* Leaves of pixel (x, y) from side^2 jittered rays, merged. The jitter is deterministic. */
 static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint32_t x, uint32_t y,
                            struct sight_count *count)
 {
@@ -129,7 +129,7 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
     return n;
 }
 
-/* Place for one more; the room doubles. */
+/* Grows an array for one more element; doubles its capacity. */
 static bool reserve(void **array, uint32_t count, uint32_t room, size_t size)
 {
     if (count < room)
@@ -197,8 +197,8 @@ static bool add_leaf(struct row *r, const struct leaf *l, uint32_t x, uint32_t y
     return l->escaped ? add_escape(r, l) : add_point(r, l, x, y);
 }
 
-/* One row of pixels; entry_first and escape_first take the counts within the row, of which prefix sums are made
- * later. */
+/* Builds a row of pixels. entry_first and escape_first receive counts within the row; prefix sums are computed later.
+ */
 static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint32_t y)
 {
     const uint32_t width = b->desc->width;
@@ -237,7 +237,7 @@ static void slab_release(struct slab *slab)
         mem_free(slab);
 }
 
-/* Place for `bytes` more in the thread's slab, or in a new one. */
+/* Ensures `bytes` more in the thread's slab, or starts a new one. */
 static bool slab_reserve(struct slab **slab, size_t bytes)
 {
     if (*slab && (*slab)->size - (*slab)->used >= bytes)
@@ -267,7 +267,7 @@ static void *slab_copy(struct slab *slab, const void *from, size_t bytes)
     return to;
 }
 
-/* The draft as row y. */
+/* Copies the draft as row y. */
 static bool keep_row(struct build *b, struct scratch *s, uint32_t y)
 {
     const struct row *draft = &s->draft;
@@ -298,7 +298,7 @@ static void build_band(struct build *b, struct scratch *s, uint32_t band)
     const uint32_t width = b->desc->width, height = b->desc->height;
     const uint32_t from = band * BAND_ROWS, to = from + BAND_ROWS < height ? from + BAND_ROWS : height;
 
-    /* Scratch row k is picture row from - 1 + k. */
+    /* Scratch row k is image row from - 1 + k. */
     for (uint32_t k = from == 0; k <= to - from + 1 && from + k <= height; k++) {
         const uint32_t y = from + k - 1;
         trace_centres(b, y, s->centres + (size_t)k * width, s->specular + (size_t)k * width, s->leaves,
@@ -317,7 +317,7 @@ static void build_band(struct build *b, struct scratch *s, uint32_t band)
     }
 }
 
-/* How many samples the centres of a band and its neighbours are. */
+/* Number of centre samples of a band and its neighbouring rows. */
 static size_t centre_count(const struct gbuffer_desc *d)
 {
     return ((d->height < BAND_ROWS ? d->height : BAND_ROWS) + 2) * (size_t)d->width;
@@ -336,7 +336,7 @@ static bool scratch_init(struct scratch *s, const struct gbuffer_desc *d, uint32
     return s->centres && s->specular && s->leaves && s->owner;
 }
 
-/* The draft apart, which is a row among thousands. */
+/* Without the draft, which is one row among thousands. */
 static uint64_t scratch_bytes(const struct gbuffer_desc *d, uint32_t side)
 {
     return centre_count(d) * (sizeof(struct leaf) + 1) +
@@ -374,7 +374,7 @@ static void build_bands(struct build *b)
     }
 }
 
-/* Counts into sums, first[0] = 0; the total. */
+/* Converts counts to prefix sums, first[0] = 0; returns the total. */
 static uint64_t prefix_sum(uint32_t *first, size_t count)
 {
     uint64_t sum = 0;
@@ -386,8 +386,8 @@ static uint64_t prefix_sum(uint32_t *first, size_t count)
     return sum;
 }
 
-/* The rows one after another, in the G-buffer's own arrays. Each row is given back at once, and the new arrays are not
- * real memory before they are written: the two are never there in full together. */
+/* Concatenates the rows in the G-buffer's arrays. Each row is freed at once, and the new arrays are committed only when
+ * written, so that both never exist in full. */
 static enum err join_rows(struct build *b, struct packing *p)
 {
     struct gbuffer *g = b->g;
@@ -462,7 +462,7 @@ static enum err build_all(struct build *b, struct reason *why)
     const size_t pixels = (size_t)g->width * g->height;
     enum err e = ERR_OK;
 
-    /* every pixel takes at least its place in the lists and one escape */
+    /* every pixel needs at least its list offsets and one escape */
     b->bytes = pixels * (2 * sizeof(*g->entry_first));
     if (b->bytes + pixels * sizeof(struct gbuffer_entry) > b->max_bytes)
         return too_large(b, why);
@@ -494,14 +494,13 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     assert(scene && rays && desc && desc->camera);
     *out = NULL;
     if (desc->width < 1 || desc->height < 1 || desc->width > SIDE_MAX || desc->height > SIDE_MAX)
-        return err_say(why, ERR_RANGE, "picture of %u x %u pixels: each side must be 1 to %u", desc->width,
-                       desc->height, SIDE_MAX);
+        return err_say(why, ERR_RANGE, "image of %u x %u pixels: each side must be 1 to %u", desc->width, desc->height,
+                       SIDE_MAX);
     if (desc->edge_rays > EDGE_RAYS_MAX)
-        return err_say(why, ERR_RANGE, "%u camera rays per side of an edge pixel, more than %u", desc->edge_rays,
+        return err_say(why, ERR_RANGE, "%u camera rays per side of an edge pixel; the limit is %u", desc->edge_rays,
                        EDGE_RAYS_MAX);
     if (desc->interleave > 4 || desc->interleave == 3)
-        return err_say(why, ERR_RANGE, "light samples interleaved %u x %u: 1, 2 and 4 are possible", desc->interleave,
-                       desc->interleave);
+        return err_say(why, ERR_RANGE, "interleave %u x %u: expected 1, 2 or 4", desc->interleave, desc->interleave);
     struct build b = {
         .desc = desc,
         .g = mem_alloc(1, sizeof(*b.g)),
@@ -509,7 +508,7 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
         .max_bytes = desc->max_bytes ? desc->max_bytes : UINT64_C(4) << 30,
     };
     if (!b.g)
-        return err_say(why, ERR_NOMEM, "no memory for the G-buffer");
+        return err_say(why, ERR_NOMEM, "out of memory for the G-buffer");
     b.g->width = desc->width;
     b.g->height = desc->height;
     b.g->interleave = desc->interleave ? desc->interleave : 1;
@@ -519,7 +518,7 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     const enum err e = build_all(&b, why);
     free_rows(b.rows, desc->height);
     if (e == ERR_NOMEM)
-        err_say(why, e, "no memory for the G-buffer of %u x %u pixels", desc->width, desc->height);
+        err_say(why, e, "out of memory for the G-buffer of %u x %u pixels", desc->width, desc->height);
     if (e)
         gbuffer_destroy(b.g);
     else

@@ -1,44 +1,44 @@
 /* server/scene/gbuffer.h */
-/* What the camera sees, without light: the input of relighting. Not pixels but shade points: a pixel is
- *     sum over its entries   weight * Lo(shade point)  +  sum over its escapes  weight * Lenv(direction)
- * A plain pixel has one of the two with weight 1; a pixel on an edge of geometry has several, from more camera rays.
- * Camera rays are followed through mirrors and smooth glass, so that a weight may be coloured; the weights of a pixel
- * without them sum to 1. Inside glass of index n a point weighs n^-2, since radiance there is n^2 as large.
- * Shade points stand in packets of 16 that are near each other in the picture and scatter by the same kind of lobe.
- * Never changes after gbuffer_create: any number of threads may read one. */
+/* The G-buffer: what the camera sees, without light. Instead of pixels it holds shading points; a pixel is
+ *     sum over its entries   weight * Lo(shading point)  +  sum over its escapes  weight * Lenv(direction)
+ * A plain pixel has a single entry or escape of weight 1; a pixel on a geometric edge has several, from more camera
+ * rays. Camera rays are traced through mirrors and smooth glass, where weights may be coloured; the weights of a pixel
+ * without them sum to 1. Inside glass of index n a point's weight has a factor n^-2, since radiance there is n^2 as
+ * large. Shading points are stored in packets of 16 that are close together in the image and have the same kind of
+ * lobe. Immutable after gbuffer_create. Thread: any number may read. */
 #ifndef SCENE_GBUFFER_H
 #define SCENE_GBUFFER_H
 
-#include "err.h"
-#include "rays.h"
-#include "scatter.h"
-#include "scene.h"
+#include "base/err.h"
+#include "scene/rays.h"
+#include "scene/scatter.h"
+#include "scene/scene.h"
 
 #include <stdint.h>
 
 struct progress;
 
-struct shade_packet { /* 16 shade points; lanes >= count repeat the last one and are not shaded */
+struct shade_packet { /* 16 shading points; lanes >= count repeat the last one and are not shaded */
     _Alignas(64) float x[PACKET];
-    float y[PACKET], z[PACKET];                     /* m: where rays start, already moved off the surface */
-    float ng_x[PACKET], ng_y[PACKET], ng_z[PACKET]; /* geometric normal, towards the viewer */
-    float ns_x[PACKET], ns_y[PACKET], ns_z[PACKET]; /* shading normal, same side */
-    float wo_x[PACKET], wo_y[PACKET], wo_z[PACKET]; /* to the viewer, unit */
+    float y[PACKET], z[PACKET];                     /* m: ray origins, already offset from the surface */
+    float ng_x[PACKET], ng_y[PACKET], ng_z[PACKET]; /* geometric normal, facing the viewer */
+    float ns_x[PACKET], ns_y[PACKET], ns_z[PACKET]; /* shading normal, on the same side */
+    float wo_x[PACKET], wo_y[PACKET], wo_z[PACKET]; /* towards the viewer, unit */
     float diffuse[3][PACKET], specular[3][PACKET];  /* linear Rec.709, textures applied */
     float gloss[PACKET];                            /* phong: exponent; ggx: alpha */
-    int32_t valid[PACKET];                          /* -1 lit, 0 padding */
+    int32_t valid[PACKET];                          /* -1: shaded, 0: padding */
     uint32_t mesh[PACKET], material[PACKET];
-    uint8_t behind[PACKET]; /* 1: the camera sees it in a mirror or through glass; 0: directly */
+    uint8_t behind[PACKET]; /* 1: seen in a mirror or through glass; 0: directly */
     uint32_t kind;          /* enum lobe_kind */
     uint32_t count;         /* 1..16 */
-    uint32_t set;           /* (y mod K) K + x mod K of its pixels, K = interleave: 0 at K = 1 */
+    uint32_t sample_set;    /* set of light samples: (y mod K) K + x mod K, K = interleave; 0 at K = 1 */
 };
 
-/* One point into a lane of another packet, of which kind, count and set stay as they are. */
+/* Copies one point to a lane of another packet, whose kind, count and sample_set are unchanged. */
 void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
                       int32_t valid);
 
-/* Some of a G-buffer's packets, by their places, each once: what is asked to be shaded where not all is. */
+/* A subset of a G-buffer's packets, by index, without duplicates. */
 struct packet_list {
     const uint32_t *index;
     uint32_t count;
@@ -52,46 +52,42 @@ struct gbuffer_entry {
 struct gbuffer_escape {
     struct vec3 direction; /* unit, world */
     float weight[3];
-    float width; /* radians, > 0: edge of the square of directions that it stands for, as mirrors and glass spread the
-                  * pixel's or camera ray's own; what environment_look_wide asks for */
+    float width; /* radians, > 0: edge of the square of directions that it represents, after spreading by mirrors and
+                    glass; the width for environment_lookup_wide */
 };
 
 struct gbuffer {
     uint32_t width, height;
-    uint32_t interleave; /* K, at least 1; 0 says 1 too, in one that is made by hand */
+    uint32_t interleave; /* K, at least 1; 0 means 1 */
     struct shade_packet *packets;
     uint32_t packet_count;
-    uint64_t point_count;  /* lanes in use */
+    uint64_t point_count;  /* lanes in use, without padding */
     uint32_t *entry_first; /* [width * height + 1]: pixel i owns entries entry_first[i] .. entry_first[i + 1] */
     struct gbuffer_entry *entries;
-    uint32_t *escape_first; /* likewise */
+    uint32_t *escape_first; /* likewise, for escapes */
     struct gbuffer_escape *escapes;
-    uint64_t edge_pixels; /* got more camera rays than one */
-    uint64_t camera_rays; /* with those that follow mirrors and glass */
-    double cut_weight;    /* sum over all camera rays of what was left when a chain of mirrors and glass was cut */
-    uint64_t bytes;       /* what all of it takes, once it is built */
-    float pixel_angle;    /* radians, height of a pixel at the picture's centre */
+    uint64_t edge_pixels; /* pixels that got more than one camera ray */
+    uint64_t camera_rays; /* including those that continue through mirrors and glass */
+    double cut_weight;    /* total weight of all camera rays lost where chains of mirrors and glass were cut */
+    uint64_t bytes;       /* memory in use after construction */
+    float pixel_angle;    /* radians, height of a pixel at the image centre */
 };
 
 struct gbuffer_desc {
     const struct camera *camera;
     uint32_t width, height; /* 1..16384 */
-    uint32_t edge_rays;     /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: none extra; at most 64 */
-    bool every_pixel;       /* treat all pixels as edges */
-    uint32_t interleave;    /* 1, 2 or 4 = K: packets hold pixels of one place in the K x K pattern, so that each place
-                             * can have light samples of its own [Keller and Heidrich 2001]; 0: 1 */
-    uint64_t max_bytes;     /* of all that is held at once, building included, about 1.3 times what stays; 0: 4 GiB;
-                             * ERR_RANGE beyond */
+    uint32_t edge_rays;  /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no extra ones; at most 64 */
+    bool every_pixel;    /* treat all pixels as edges */
+    uint32_t interleave; /* K = 1, 2 or 4: a packet holds pixels of one position in the K x K pattern, each of which can
+                            have its own light samples [Keller and Heidrich 2001]; 0: 1 */
+    uint64_t max_bytes;  /* limit of memory during construction, about 1.3 times the final size; 0: 4 GiB */
     struct progress *progress; /* may be NULL; stepped once per row */
 };
 
-/* On ERR_OK the caller owns *out. ERR_RANGE: size, interleave or memory cap. ERR_NOMEM. */
+/* Traces a camera's G-buffer on all OpenMP threads. The caller owns *out, NULL on error. ERR_RANGE: size, interleave or
+ * max_bytes. ERR_NOMEM. */
 MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
                                    struct gbuffer **out, struct reason *why);
 void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */
-
-/* The same with one shade point a pixel: the heaviest of its entries has the weight of all; escapes stay. No edge is
- * smooth in it, and it has a half of the points, or a third. On ERR_OK the caller owns *out. ERR_NOMEM. */
-MUST_CHECK enum err gbuffer_thin(const struct gbuffer *g, struct gbuffer **out);
 
 #endif

@@ -1,19 +1,18 @@
-#include "gbuffer_build.h"
+#include "scene/gbuffer_build.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 
-/* A camera ray is followed until less than this share of it is left [docs/REFERENCES.md names no source: our choice].
- */
+/* Camera rays are traced until less than this share is left [docs/REFERENCES.md has no source: our choice]. */
 #define CUT 1e-3f
 #define RAYS_MAX 256u
 
 struct branch {
     struct vec3 origin, dir;
     float weight[3]; /* flux: without the n^2 of the medium */
-    float ior;       /* of the medium the ray runs in */
-    float distance;  /* m, from the eye */
+    float ior;       /* of the medium that the ray is in */
+    float distance;  /* m, from the camera */
     uint32_t bounces;
     struct cone cone;
 };
@@ -63,8 +62,8 @@ static double pending_weight(const struct chain *c)
     return sum;
 }
 
-/* Radiance over index squared is what stays along a ray [Veach 1997, section 5.2]: a leaf inside a medium of index n
- * counts n^-2 at the eye, which stands in air. */
+/* Radiance over squared index is invariant along a ray [Veach 1997, section 5.2]: a leaf in a medium of index n has a
+ * factor n^-2 for the camera, which is in air. */
 static struct leaf *new_leaf(struct chain *c, const struct branch *b)
 {
     assert(c->leaf_count < LEAF_MAX);
@@ -89,7 +88,7 @@ static void fill_leaf(struct leaf *l, const struct scatter *at)
     l->gloss = at->gloss;
 }
 
-/* Meets the branch's surface: ends there, goes on, or both. True when the surface has a delta lobe. */
+/* Handles the branch's hit: it ends, continues, or both. True if the surface has a delta lobe. */
 static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 {
     struct scatter at;
@@ -97,7 +96,7 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     struct footprint footprint;
 
     scatter_at(c->sight->scene, c->sight->rays, h, b->dir, &at);
-    b->distance += h->t; /* dir is of unit length */
+    b->distance += h->t; /* dir is unit */
     if (at.rough) {
         struct leaf *l = new_leaf(c, b);
         fill_leaf(l, &at);
@@ -112,7 +111,7 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
         next.dir = out[i].dir;
         next.bounces++;
         cone_turn(&b->cone, &footprint, &at, b->dir, &out[0], &out[i], &next.cone);
-        if (out[i].crosses) /* glass stands in air */
+        if (out[i].crosses) /* glass is assumed to be in air */
             next.ior = at.surface.outside ? at.ior : 1.0f;
         for (int k = 0; k < 3; k++)
             next.weight[k] *= out[i].weight[k];

@@ -1,12 +1,12 @@
-/* How far apart neighbouring camera rays come: first derivatives of origin and direction by the two steps across a
- * pixel, carried through mirrors and glass [Igehy 1999]. */
-#include "gbuffer_build.h"
+/* Ray differentials: first derivatives of a camera ray's origin and direction with respect to one pixel in x and y,
+ * carried through mirrors and glass [Igehy 1999]. */
+#include "scene/gbuffer_build.h"
 
 #include <math.h>
 
-#define COS_LEAST 0.02f    /* steeper is not believed: the footprint would have no end */
-#define TURN_MOST 1.0f     /* a normal's change within a footprint */
-#define DIR_MOST (float)PI /* a direction's */
+#define COS_MIN 0.02f     /* cosines are clamped here: the footprint would grow without bound */
+#define TURN_MAX 1.0f     /* change of the normal within a footprint */
+#define DIR_MAX (float)PI /* change of the direction */
 
 static struct vec3 limit(struct vec3 v, float most)
 {
@@ -14,7 +14,7 @@ static struct vec3 limit(struct vec3 v, float most)
 
     if (length <= most)
         return v;
-    return length < INFINITY ? vec3_scale(v, most / length) : vec3_make(most, 0.0f, 0.0f); /* NaN comes here too */
+    return length < INFINITY ? vec3_scale(v, most / length) : vec3_make(most, 0.0f, 0.0f); /* NaN also ends up here */
 }
 
 void cone_begin(struct cone *c, struct vec3 dir, float angle)
@@ -27,8 +27,8 @@ void cone_begin(struct cone *c, struct vec3 dir, float angle)
     c->dir[1] = vec3_scale(vec3_cross(dir, across), angle);
 }
 
-/* A square of edge `width` has the same variance, along an axis and on average over all, as the parallelogram of the
- * two steps: width^2 / 12 = (|d0|^2 + |d1|^2) / 24. */
+/* A square of edge `width` has the same variance, along an axis and averaged over all, as the parallelogram of the two
+ * steps: width^2 / 12 = (|d0|^2 + |d1|^2) / 24. */
 float cone_width(const struct cone *c)
 {
     return sqrtf(0.5f * (vec3_dot(c->dir[0], c->dir[0]) + vec3_dot(c->dir[1], c->dir[1])));
@@ -40,8 +40,8 @@ static struct vec3 vertex(const float *array, uint32_t index)
     return vec3_make(v[0], v[1], v[2]);
 }
 
-/* How the interpolated normal changes with a step in the triangle's plane [Igehy 1999, Eq. 13-15, with the barycentric
- * coordinates as quotients of areas]. */
+/* The change of the interpolated normal for a step in the triangle's plane [Igehy 1999, Eq. 13-15, with the barycentric
+ * coordinates as ratios of areas]. */
 static struct vec3 normal_change(const struct mesh *m, const struct hit *h, struct vec3 shading, struct vec3 step)
 {
     const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
@@ -55,15 +55,15 @@ static struct vec3 normal_change(const struct mesh *m, const struct hit *h, stru
     const struct vec3 area = vec3_cross(e1, e2);
     const float area2 = vec3_dot(area, area);
     const struct vec3 raw = vec3_add(n0, vec3_add(vec3_scale(n1, h->u), vec3_scale(n2, h->v)));
-    const float along = vec3_dot(raw, shading); /* its length, with the side's sign */
+    const float along = vec3_dot(raw, shading); /* its length, with the sign of the side */
     if (!(area2 > 0.0f) || fabsf(along) < 1e-3f)
         return none;
     const float du = vec3_dot(vec3_cross(step, e2), area) / area2, dv = vec3_dot(vec3_cross(e1, step), area) / area2;
     const struct vec3 change = vec3_scale(vec3_add(vec3_scale(n1, du), vec3_scale(n2, dv)), 1.0f / along);
-    return limit(vec3_sub(change, vec3_scale(shading, vec3_dot(change, shading))), TURN_MOST);
+    return limit(vec3_sub(change, vec3_scale(shading, vec3_dot(change, shading))), TURN_MAX);
 }
 
-/* A vector divided by its length, once the length changes: what is across it. */
+/* The derivative of a normalised vector: the part perpendicular to it. */
 static struct vec3 crosswise(struct vec3 d, struct vec3 dir)
 {
     return vec3_sub(d, vec3_scale(dir, vec3_dot(d, dir)));
@@ -73,9 +73,9 @@ void cone_meet(const struct cone *c, const struct scene *scene, const struct hit
                struct vec3 dir, struct footprint *out)
 {
     const float cosine = vec3_dot(dir, s->geometric);
-    const float against = fabsf(cosine) > COS_LEAST ? cosine : copysignf(COS_LEAST, cosine);
+    const float against = fabsf(cosine) > COS_MIN ? cosine : copysignf(COS_MIN, cosine);
 
-    /* Where the neighbours meet the triangle's plane [Igehy 1999, Eq. 10-12]. */
+    /* The points where the neighbours meet the triangle's plane [Igehy 1999, Eq. 10-12]. */
     for (int k = 0; k < 2; k++) {
         const struct vec3 moved = vec3_add(c->origin[k], vec3_scale(c->dir[k], h->t));
         out->step[k] = vec3_sub(moved, vec3_scale(dir, vec3_dot(moved, s->geometric) / against));
@@ -86,27 +86,26 @@ void cone_meet(const struct cone *c, const struct scene *scene, const struct hit
 void cone_turn(const struct cone *c, const struct footprint *at, const struct scatter *s, struct vec3 dir,
                const struct delta_ray *back, const struct delta_ray *to, struct cone *out)
 {
-    /* Which normal sent the rays on is seen from the reflection: by the geometric one, the triangle is as flat as it
-     * is. */
+    /* The reflection shows which normal was used. If it was the geometric one, the triangle is flat. */
     const struct vec3 half = vec3_normalize(vec3_sub(back->dir, dir));
     const bool smooth = vec3_dot(half, s->surface.shading) > 0.99999f;
     const struct vec3 n = smooth ? s->surface.shading : s->surface.geometric;
-    const float cosine = fmaxf(COS_LEAST, -vec3_dot(dir, n));
+    const float cosine = fmaxf(COS_MIN, -vec3_dot(dir, n));
     const float eta = s->surface.outside ? s->ior : 1.0f / s->ior;
 
     for (int k = 0; k < 2; k++) {
         const struct vec3 dn = smooth ? at->turn[k] : vec3_make(0.0f, 0.0f, 0.0f), d = c->dir[k];
-        const float dc = -(vec3_dot(d, n) + vec3_dot(dir, dn)); /* of the cosine */
+        const float dc = -(vec3_dot(d, n) + vec3_dot(dir, dn)); /* change of the cosine */
         struct vec3 change;
         if (!to->crosses) { /* dir + 2 c n [Igehy 1999, Eq. 16] */
             change = vec3_add(d, vec3_add(vec3_scale(dn, 2.0f * cosine), vec3_scale(n, 2.0f * dc)));
         } else { /* dir / eta + (c / eta - c') n, c' = sqrt(1 - (1 - c^2) / eta^2) [Igehy 1999, Eq. 17-19] */
-            const float behind = fmaxf(COS_LEAST, -vec3_dot(to->dir, n));
+            const float behind = fmaxf(COS_MIN, -vec3_dot(to->dir, n));
             const float dm = dc * (1.0f / eta - cosine / (eta * eta * behind));
             change =
                 vec3_add(vec3_scale(d, 1.0f / eta), vec3_add(vec3_scale(dn, cosine / eta - behind), vec3_scale(n, dm)));
         }
-        out->dir[k] = limit(crosswise(change, to->dir), DIR_MOST);
+        out->dir[k] = limit(crosswise(change, to->dir), DIR_MAX);
         out->origin[k] = at->step[k];
     }
 }

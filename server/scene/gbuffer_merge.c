@@ -1,4 +1,4 @@
-#include "gbuffer_build.h"
+#include "scene/gbuffer_build.h"
 
 #include <math.h>
 
@@ -13,7 +13,7 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
         return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
     if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind)
         return false;
-    /* Where normals are interpolated the facets only decide what lies below the horizon. */
+    /* With interpolated normals, the geometric normals only determine what lies below the horizon. */
     const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
     if (vec3_dot(a->surface.shading, b->surface.shading) < COS_5_DEGREES ||
         vec3_dot(a->surface.geometric, b->surface.geometric) < geometric_least)
@@ -24,7 +24,7 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
     return fabsf(vec3_dot(apart, a->surface.geometric)) <= fmaxf(a->footprint, b->footprint);
 }
 
-/* What stands for a cluster in space: escapes are told apart by direction, points by position. */
+/* The position of a leaf in clustering space: escapes by direction, points by position. */
 static struct vec3 whereabouts(const struct leaf *l)
 {
     return l->escaped ? l->arrival : l->surface.position;
@@ -35,8 +35,8 @@ static float total(const struct leaf *l)
     return l->weight[0] + l->weight[1] + l->weight[2];
 }
 
-/* Variances add up: width^2 / 12 is the mean of those of the rays, and what their directions scatter about their mean,
- * half of it along either axis. */
+/* Variances add: width^2 / 12 is the mean of the leaves' own and half the variance of their directions about the mean,
+ * per axis. */
 static float merged_width(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
                           struct vec3 mean)
 {
@@ -54,8 +54,8 @@ static float merged_width(const struct leaf *leaves, const uint32_t *owner, uint
     return (float)sqrt(sum / all);
 }
 
-/* The cluster of seed `first` as one leaf. Colours are averaged per channel with the weights of the pixel, which is
- * exact: a pixel is linear in them. */
+/* Merges the cluster of seed `first`. Colours are averaged per channel with the weights, which is exact, since a pixel
+ * is linear in them. */
 static struct leaf merge_cluster(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count)
 {
     double weight[3] = { 0.0 }, colour[3] = { 0.0 }, place[3] = { 0.0 }, all = 0.0;
@@ -103,7 +103,7 @@ void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, u
 {
     uint32_t kept = 0;
 
-    /* Each joins the first seed that it is like; one that is like none is a seed. */
+    /* Each leaf joins the first seed it is similar to, else becomes a seed. */
     for (uint32_t i = 0; i < *count; i++) {
         uint32_t j = 0;
         while (j < i && (owner[j] != j || !leaf_alike(s, &leaves[j], &leaves[i])))

@@ -1,20 +1,20 @@
-#include "gbuffer_build.h"
+#include "scene/gbuffer_build.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 
-/* 2^bits pixels a side: the neighbourhoods within which alike points come together. Measured: larger ones fill the
- * packets better (fewer lanes below the horizon), smaller ones trace no faster. */
+/* 2^bits pixels per side of the tiles within which similar points are grouped. Measured: larger tiles fill packets
+ * better (fewer lanes below the horizon); smaller ones do not trace faster. */
 #define TILE_BITS 4u
 #define KEY_BITS 44u
 #define DIGIT_BITS 11u
-#define KIND_SHIFT 42u /* the kind is the key's topmost two bits */
-#define SET_SHIFT 38u  /* below it up to four bits of the set */
+#define KIND_SHIFT 42u /* the kind is in the top two bits of the key */
+#define SET_SHIFT 38u  /* followed by up to four bits of the sample set */
 
-/* Spreads the low 16 bits of x to the even places. */
+/* Spreads the low 16 bits of x to the even bit positions. */
 static uint64_t spread(uint64_t x)
 {
     x &= 0xffffu;
@@ -30,7 +30,7 @@ static uint64_t morton(uint32_t x, uint32_t y)
     return spread(x) | spread(y) << 1;
 }
 
-/* One of 64 cells of the sphere: signs of the coordinates, then the halves of the two smaller ones. */
+/* One of 64 cells of the sphere: the signs of the coordinates, then the halves of the two smaller ones. */
 static uint64_t normal_cell(struct vec3 n)
 {
     uint64_t cell = (uint64_t)(n.x < 0.0f) | (uint64_t)(n.y < 0.0f) << 1 | (uint64_t)(n.z < 0.0f) << 2;
@@ -39,10 +39,10 @@ static uint64_t normal_cell(struct vec3 n)
     return cell;
 }
 
-/* Kind (2 bits), set (2 bits `phase`), neighbourhood in Morton order, material (8), normal (6), place in the
- * neighbourhood: pixels of a picture of 2^14 a side take 28 bits together with the set, which is their lowest bits. A
- * set stands above the neighbourhood, since below it each would leave a packet half filled in each neighbourhood; the
- * neighbourhoods count a set's own pixels, so that they hold as many points at any interleave. */
+/* Sort key: kind (2 bits), sample set (2 bits `phase`), tile in Morton order, material (8), normal (6), position in the
+ * tile. Pixels of an image with 2^14 per side take 28 bits together with the sample set, their lowest bits. The sample
+ * set is above the tile: below it, each set would leave a packet half filled in each tile. Tiles count the pixels of a
+ * set, so that they hold as many points at any interleave. */
 static uint64_t sort_key(const struct shade_point *p, unsigned phase)
 {
     const uint32_t inside = (1u << TILE_BITS) - 1u, among = (1u << phase) - 1u;
@@ -58,17 +58,17 @@ static uint64_t sort_key(const struct shade_point *p, unsigned phase)
 }
 
 struct item {
-    uint32_t key_high, key_low; /* in halves: 12 bytes, not 16 */
+    uint32_t key_high, key_low; /* in halves: 12 bytes instead of 16 */
     uint32_t point;
 };
-_Static_assert(2 * sizeof(struct item) == PACKING_BYTES, "items and spare ones");
+_Static_assert(2 * sizeof(struct item) == PACKING_BYTES, "two buffers of items");
 
 static uint32_t digit(const struct item *item, unsigned shift)
 {
     return ((uint64_t)item->key_high << 32 | item->key_low) >> shift & ((1u << DIGIT_BITS) - 1u);
 }
 
-/* Stable, so that equal keys keep the picture's order. */
+/* Stable: equal keys keep the image's order. */
 static void radix_sort(struct item *items, struct item *spare, uint32_t count)
 {
     enum { DIGITS = 1 << DIGIT_BITS };
@@ -85,7 +85,7 @@ static void radix_sort(struct item *items, struct item *spare, uint32_t count)
         items = spare;
         spare = swap;
     }
-    /* KEY_BITS / DIGIT_BITS is even: the result is back in the caller's items */
+    /* KEY_BITS / DIGIT_BITS is even, so the result ends in the caller's array */
 }
 _Static_assert(KEY_BITS % (2 * DIGIT_BITS) == 0, "an even number of passes");
 
@@ -116,21 +116,21 @@ static void put(struct shade_packet *k, uint32_t lane, const struct shade_point 
     k->valid[lane] = valid;
 }
 
-/* The kind stands in the topmost bits of the key. */
+/* The kind is in the top bits of the key. */
 static uint8_t kind_of(const struct item *item)
 {
     return (uint8_t)(item->key_high >> (KIND_SHIFT - 32));
 }
 
-/* The set stands next to it. */
+/* The sample set follows it. */
 static uint8_t set_of(const struct item *item, unsigned phase)
 {
     const uint32_t below_kind = item->key_high >> (SET_SHIFT - 32) & 15u;
     return (uint8_t)(below_kind >> (4 - 2 * phase));
 }
 
-/* Packets that `items` take when a new kind or set begins a new packet; writes their heads and the slots where those
- * are given. */
+/* Number of packets for `items` if a new kind or sample set starts a new packet; writes their heads and the slots if
+ * requested. */
 static uint32_t lay_out(const struct item *items, uint32_t count, unsigned phase, struct packet_head *heads,
                         uint32_t *slots)
 {
@@ -144,14 +144,14 @@ static uint32_t lay_out(const struct item *items, uint32_t count, unsigned phase
         }
         lane++;
         if (heads)
-            heads[packets - 1] = (struct packet_head){ .kind = kind, .count = (uint8_t)lane, .set = set };
+            heads[packets - 1] = (struct packet_head){ .kind = kind, .count = (uint8_t)lane, .sample_set = set };
         if (slots)
             slots[items[i].point] = (packets - 1) * PACKET + lane - 1;
     }
     return packets;
 }
 
-/* The points of all rows into the order of the packets. */
+/* Sorts the points of all rows into packet order. */
 static void sort_points(const struct row *rows, uint32_t row_count, uint32_t point_count, unsigned phase,
                         struct item *items, struct item *spare)
 {
@@ -170,7 +170,7 @@ static void sort_points(const struct row *rows, uint32_t row_count, uint32_t poi
 enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count,
                       uint32_t interleave)
 {
-    const unsigned phase = interleave / 2; /* bits: 1, 2, 4 make 0, 1, 2 */
+    const unsigned phase = interleave / 2; /* bits: 1, 2, 4 become 0, 1, 2 */
     struct item *items = mem_alloc_raw(point_count, sizeof(*items));
     void *spare = mem_alloc_raw(point_count, sizeof(*items));
     enum err e = items && spare ? ERR_OK : ERR_NOMEM;
@@ -184,7 +184,7 @@ enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_co
     e = p->heads ? ERR_OK : ERR_NOMEM;
     if (e)
         goto done;
-    p->slots = spare; /* which is there already */
+    p->slots = spare; /* reuses an existing buffer */
     spare = NULL;
     lay_out(items, point_count, phase, p->heads, p->slots);
 done:
@@ -210,11 +210,37 @@ void packing_put(struct packing *p, const struct row *r, uint32_t first, struct 
             memset(k, 0, sizeof(*k));
             k->kind = head->kind;
             k->count = head->count;
-            k->set = head->set;
+            k->sample_set = head->sample_set;
             head->begun = true;
         }
         put(k, lane, &r->points[i], -1);
         for (uint32_t rest = lane + 1; lane + 1u == head->count && rest < PACKET; rest++)
             put(k, rest, &r->points[i], 0);
     }
+}
+
+void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
+                      int32_t valid)
+{
+    to->x[at] = from->x[lane];
+    to->y[at] = from->y[lane];
+    to->z[at] = from->z[lane];
+    to->ng_x[at] = from->ng_x[lane];
+    to->ng_y[at] = from->ng_y[lane];
+    to->ng_z[at] = from->ng_z[lane];
+    to->ns_x[at] = from->ns_x[lane];
+    to->ns_y[at] = from->ns_y[lane];
+    to->ns_z[at] = from->ns_z[lane];
+    to->wo_x[at] = from->wo_x[lane];
+    to->wo_y[at] = from->wo_y[lane];
+    to->wo_z[at] = from->wo_z[lane];
+    for (int c = 0; c < 3; c++) {
+        to->diffuse[c][at] = from->diffuse[c][lane];
+        to->specular[c][at] = from->specular[c][lane];
+    }
+    to->gloss[at] = from->gloss[lane];
+    to->valid[at] = valid;
+    to->mesh[at] = from->mesh[lane];
+    to->material[at] = from->material[lane];
+    to->behind[at] = from->behind[lane];
 }

@@ -1,4 +1,4 @@
-#include "material.h"
+#include "scene/material.h"
 
 #include <assert.h>
 
@@ -11,6 +11,6 @@ const char *material_kind_name(enum material_kind kind)
     case MATERIAL_MIRROR: return "mirror";
     case MATERIAL_GLASS: return "glass";
     }
-    assert(!"a kind outside the enum");
+    assert(!"invalid material kind");
     return "";
 }

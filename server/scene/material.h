@@ -1,16 +1,16 @@
 /* server/scene/material.h */
-/* How a surface scatters light. Colours are linear Rec.709 in 0..1. */
+/* Materials: how a surface scatters light. Colours are linear Rec.709 in 0..1. Thread: any. */
 #ifndef SCENE_MATERIAL_H
 #define SCENE_MATERIAL_H
 
-#include "vec.h"
+#include "base/vec.h"
 
 #include <stdint.h>
 
 enum material_kind {
     MATERIAL_LAMBERT, /* diffuse / pi */
     MATERIAL_PHONG,   /* diffuse/pi + specular (n+2)/(2 pi) max(0, r.o)^n, diffuse + specular <= 1 per channel */
-    MATERIAL_GGX,     /* glTF's metallic-roughness */
+    MATERIAL_GGX,     /* the metallic-roughness model of glTF */
     MATERIAL_MIRROR,  /* delta reflection */
     MATERIAL_GLASS,   /* smooth dielectric */
 };
@@ -25,10 +25,10 @@ struct material {
     float exponent;            /* phong */
     float metallic, roughness; /* ggx */
     float ior;                 /* glass */
-    uint32_t texture;          /* multiplies diffuse; index into the scene's textures or MATERIAL_NO_TEXTURE */
+    uint32_t texture;          /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
 };
 
-/* "lambert", "phong", ... */
+/* "lambert", "phong", ...; never NULL. */
 const char *material_kind_name(enum material_kind kind);
 
 #endif

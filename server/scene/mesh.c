@@ -1,13 +1,13 @@
-#include "scene_build.h"
+#include "scene/scene_build.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Beyond this Embree leaves triangles out, and squares of it still fit a double with ease. */
+/* Embree drops triangles beyond this, and its square still fits a double. */
 #define COORDINATE_MAX 1e15f
-/* A triangle whose height is less than this share of its longest side has no normal worth the name. */
+/* A triangle whose height is less than this share of its longest side counts as degenerate. */
 #define FLATNESS 1e-10
 
 void mesh_finish(struct mesh *m)
@@ -71,11 +71,11 @@ uint32_t mesh_drop_degenerate(struct mesh *m)
     return dropped;
 }
 
-/* Vertices by what they hold: open addressing over the first vertex of each kind. */
+/* Finds equal vertices by open addressing over the first vertex of each group. */
 struct welder {
     const struct mesh *mesh;
-    bool all;        /* positions, normals and texture coordinates must agree; else positions alone */
-    uint32_t *slots; /* vertex + 1, or 0 where free */
+    bool all;        /* compare positions, normals and texture coordinates; else only positions */
+    uint32_t *slots; /* vertex + 1, or 0 if free */
     size_t mask;
 };
 
@@ -92,7 +92,7 @@ static bool welder_init(struct welder *w, const struct mesh *m, bool all)
 static uint64_t hash_floats(uint64_t h, const float *v, int count)
 {
     for (int k = 0; v && k < count; k++) {
-        const float x = v[k] + 0.0f; /* -0 and 0 are one place */
+        const float x = v[k] + 0.0f; /* -0 and 0 are the same position */
         uint32_t bits;
         memcpy(&bits, &x, sizeof(bits));
         h = (h ^ bits) * 0x9e3779b97f4a7c15u;
@@ -117,7 +117,7 @@ static bool same_vertex(const struct welder *w, uint32_t a, uint32_t b)
            (!w->all || (same_floats(m->normals, a, b, 3) && same_floats(m->uvs, a, b, 2)));
 }
 
-/* The first vertex that is the same as this one, among those asked about so far. */
+/* The first equal vertex among those looked up so far. */
 static uint32_t weld(struct welder *w, uint32_t vertex)
 {
     const struct mesh *m = w->mesh;
@@ -146,7 +146,8 @@ static void move_vertex(struct mesh *m, uint32_t from, uint32_t to)
 
 enum err mesh_join_vertices(struct mesh *m)
 {
-    uint32_t *place = mem_alloc(m->vertex_count, sizeof(*place)); /* of a first vertex, plus 1; 0: not used */
+    uint32_t *place =
+        mem_alloc(m->vertex_count, sizeof(*place)); /* new index of a group's first vertex, plus 1; 0: unused */
     struct welder w;
     uint32_t kept = 0;
     enum err e = welder_init(&w, m, true) && place ? ERR_OK : ERR_NOMEM;
@@ -156,7 +157,7 @@ enum err mesh_join_vertices(struct mesh *m)
         place[m->indices[i]] = 1;
     }
     for (uint32_t v = 0; v < m->vertex_count && !e; v++) {
-        if (place[v]) { /* kept <= v: nothing is overwritten that is still to be moved */
+        if (place[v]) { /* kept <= v: does not overwrite a vertex that is still needed */
             move_vertex(m, v, kept);
             place[v] = ++kept;
         }
@@ -176,7 +177,7 @@ static double angle_between(struct vec3d a, struct vec3d b)
     return atan2(sqrt(dot(n, n)), dot(a, b));
 }
 
-/* Adds each triangle's unit normal, times its angle there, to the sums of its three places. */
+/* Adds each triangle's unit normal, weighted by its angle, to the sums at its three positions. */
 static void add_up_normals(const struct mesh *m, struct welder *w, struct vec3d *sums)
 {
     for (uint32_t i = 0; i < m->triangle_count; i++) {
@@ -209,7 +210,7 @@ enum err mesh_make_normals(struct mesh *m)
             const uint32_t v = m->indices[i];
             const struct vec3d n = sums[weld(&w, v)];
             const double length = sqrt(dot(n, n));
-            /* Where the triangles cancel out there is no normal: the geometric one shades. */
+            /* If the triangles cancel out, no normal is stored and the geometric one is used. */
             const double scale = length > 1e-6 ? 1.0 / length : 0.0;
             normals[3 * (size_t)v] = (float)(n.x * scale);
             normals[3 * (size_t)v + 1] = (float)(n.y * scale);

@@ -1,7 +1,7 @@
-#include "rays.h"
+#include "scene/rays.h"
 
-#include "log.h"
-#include "mem.h"
+#include "base/log.h"
+#include "base/mem.h"
 
 #include <embree3/rtcore.h>
 #include <math.h>
@@ -31,7 +31,8 @@ struct rays {
     const struct scene *scene;
     RTCDevice device;
     RTCScene bvh;
-    struct ray_log *log; /* NULL but in benchmarks */
+    int width;           /* lanes of the widest packets that Embree traces natively: 16, 8 or 4 */
+    struct ray_log *log; /* NULL except in benchmarks */
 };
 
 static void log_embree_error(void *user, enum RTCError code, const char *text)
@@ -52,22 +53,37 @@ static bool attach_mesh(struct rays *r, const struct mesh *m, unsigned int id)
     rtcSetGeometryBuildQuality(g, RTC_BUILD_QUALITY_HIGH);
     rtcCommitGeometry(g);
     rtcAttachGeometryByID(r->bvh, g, id);
-    rtcReleaseGeometry(g); /* the scene holds it now */
+    rtcReleaseGeometry(g); /* the scene now holds it */
     return true;
 }
 
-struct rays *rays_create(const struct scene *scene)
+/* The widest packets with instructions of their own. Wider ones Embree 3 answers through its streams, which do not look
+ * at `valid`. */
+static int native_width(RTCDevice device)
 {
+    if (rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED))
+        return 16;
+    return rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) ? 8 : 4;
+}
+
+struct rays *rays_create_for(const struct scene *scene, enum cpu_level level)
+{
+    static const char *const config[CPU_LEVELS] = {
+        [CPU_BASELINE] = "verbose=0,isa=sse2",
+        [CPU_V3] = "verbose=0,isa=avx2",
+        [CPU_V4] = "verbose=0",
+    };
     struct rays *r = mem_alloc(1, sizeof(*r));
     if (!r)
         return NULL;
     r->scene = scene;
-    r->device = rtcNewDevice("verbose=0");
+    r->device = rtcNewDevice(config[level]);
     if (!r->device) {
-        log_error("Embree: no device, error %d", (int)rtcGetDeviceError(NULL));
+        log_error("Embree: cannot create a device, error %d", (int)rtcGetDeviceError(NULL));
         goto failed;
     }
     rtcSetDeviceErrorFunction(r->device, log_embree_error, NULL);
+    r->width = native_width(r->device);
     r->bvh = rtcNewScene(r->device);
     if (!r->bvh)
         goto failed;
@@ -86,6 +102,11 @@ failed:
     return NULL;
 }
 
+struct rays *rays_create(const struct scene *scene)
+{
+    return rays_create_for(scene, cpu_best());
+}
+
 void rays_destroy(struct rays *r)
 {
     if (!r)
@@ -102,10 +123,43 @@ static enum RTCIntersectContextFlags context_flags(enum ray_spread spread)
     return spread == RAYS_TOGETHER ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
 
+/* Lanes first .. first + width - 1 of a packet as a packet of that width: both are plain rows of four-byte numbers. */
+static void narrow_to(const struct ray16 *packet, int first, int width, void *out)
+{
+    const size_t row_bytes = (size_t)width * sizeof(float);
+
+    for (size_t row = 0; row < sizeof(*packet) / sizeof(packet->org_x); row++)
+        memcpy((char *)out + row * row_bytes, (const char *)packet + row * sizeof(packet->org_x) + (size_t)first * 4,
+               row_bytes);
+}
+
+/* valid is aligned to 64 bytes, as Embree wants it. */
+static void ask_packet(const struct rays *r, struct RTCIntersectContext *context, const int32_t *valid,
+                       struct ray16 *packet)
+{
+    struct RTCRay8 eight;
+    struct RTCRay4 four;
+
+    if (r->width == 16) {
+        rtcOccluded16(valid, r->bvh, context, (struct RTCRay16 *)packet);
+        return;
+    }
+    for (int first = 0; first < PACKET; first += r->width) {
+        void *narrow = r->width == 8 ? (void *)&eight : (void *)&four;
+
+        narrow_to(packet, first, r->width, narrow);
+        if (r->width == 8)
+            rtcOccluded8(valid + first, r->bvh, context, &eight);
+        else
+            rtcOccluded4(valid + first, r->bvh, context, &four);
+        memcpy(packet->tfar + first, r->width == 8 ? eight.tfar : four.tfar, (size_t)r->width * sizeof(float));
+    }
+}
+
 void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t valid[PACKET], struct ray16 *packet)
 {
     struct RTCIntersectContext context;
-    _Alignas(64) int32_t lanes[PACKET]; /* Embree wants them aligned; a caller's need not be */
+    _Alignas(64) int32_t lanes[PACKET]; /* Embree requires alignment; the caller's array may be unaligned */
 
     memcpy(lanes, valid, sizeof(lanes));
     if (r->log && r->log->count < r->log->capacity) {
@@ -115,7 +169,7 @@ void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t
     }
     rtcInitIntersectContext(&context);
     context.flags = context_flags(spread);
-    rtcOccluded16(lanes, r->bvh, &context, (struct RTCRay16 *)packet);
+    ask_packet(r, &context, lanes, packet);
 }
 
 void rays_set_log(struct rays *r, struct ray_log *log)
@@ -132,7 +186,7 @@ uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t fir
     for (size_t i = first; i < last; i++) {
         struct ray16 packet = log->packets[i];
         context.flags = context_flags(log->spread[i]);
-        rtcOccluded16(log->valid[i], r->bvh, &context, (struct RTCRay16 *)&packet);
+        ask_packet(r, &context, log->valid[i], &packet);
         for (int l = 0; l < PACKET; l++)
             occluded += packet.tfar[l] < 0.0f;
     }
@@ -214,15 +268,14 @@ bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, flo
     return q.tfar < 0.0f;
 }
 
-/* How far a point, computed on a triangle and rounded to float, may lie from where a ray query believes the triangle's
- * plane to be, along the plane's unit normal n; a running error bound [Higham 2002, section 3.3], with
- * u = 2^-24 per rounding.
- *  - The point: each coordinate is rounded once when it is stored and once when it is moved: 2 u |n_i| |p_i|.
- *  - The query computes (v - o).N with N = e1 x e2, all in float. v - o is rounded: u |n_i| D_i, where D_i is the
- *    largest distance of a vertex along axis i; the dot product adds at most 3 u |n_i| D_i; and each component of N
- *    carries at most 4 u A_i, A = |e1| x |e2| with plus instead of minus: 4 u A_i D_i / |N|.
- * The bound is doubled, for triangles in the same plane whose vertices lie further off. It vanishes with the
- * point's height for planes that stand square to the axes, so that a huge ground does not ask for a huge step. */
+/* Bounds the distance of a point, computed on a triangle and rounded to float, from the triangle's plane as a ray query
+ * sees it, along the unit normal n: a running error bound [Higham 2002, section 3.3] with u = 2^-24 per rounding.
+ *  - The point: each coordinate is rounded once when stored and once when offset: 2 u |n_i| |p_i|.
+ *  - The query computes (v - o).N with N = e1 x e2 in float. Rounding v - o gives u |n_i| D_i, where D_i is the largest
+ *    distance of a vertex along axis i; the dot product adds at most 3 u |n_i| D_i; each component of N has an error of
+ *    at most 4 u A_i, A = |e1| x |e2| with plus instead of minus: 4 u A_i D_i / |N|.
+ * The bound is doubled for triangles in the same plane whose vertices are further away. It vanishes with the point's
+ * height for planes perpendicular to an axis, so that a huge ground plane does not need a huge offset. */
 static double plane_doubt(const double v[3][3], const double p[3], const double n[3], double n_length)
 {
     const double u = 0x1p-24;
@@ -242,7 +295,7 @@ static double plane_doubt(const double v[3][3], const double p[3], const double 
     return 2.0 * doubt;
 }
 
-/* The interpolated normal, or `geometric` where there is none. */
+/* The interpolated normal, or `geometric` if there is none. */
 static struct vec3 shading_normal(const struct mesh *m, const uint32_t *t, const double weight[3],
                                   struct vec3 geometric)
 {
@@ -280,14 +333,14 @@ void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards
     }
     const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     for (int i = 0; i < 3; i++)
-        n[i] /= length; /* > 0: meshes hold no degenerate triangles */
+        n[i] /= length; /* > 0: meshes contain no degenerate triangles */
     const double side = n[0] * towards.x + n[1] * towards.y + n[2] * towards.z < 0.0 ? -1.0 : 1.0;
 
     out->position = vec3_make((float)p[0], (float)p[1], (float)p[2]);
     out->geometric = vec3_make((float)(side * n[0]), (float)(side * n[1]), (float)(side * n[2]));
     out->outside = side > 0.0;
     out->shading = shading_normal(m, t, weight, out->geometric);
-    /* where the bound is 0 the start must still be off the plane, and no product with it denormal */
+    /* nonzero even if the bound is 0, so that the origin is off the plane and no product is denormal */
     out->offset = (float)(plane_doubt(v, p, n, length) + 1e-18);
     out->uv[0] = out->uv[1] = 0.0f;
     for (int k = 0; m->uvs && k < 3; k++) {

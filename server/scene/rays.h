@@ -1,9 +1,11 @@
 /* server/scene/rays.h */
-/* Ray queries on a scene: the only room that knows Embree. Any thread may ask once rays_create has returned. */
+/* Ray queries on a scene, through Embree, which no other file uses. Thread: any, once rays_create has returned. The
+ * caller owns all arrays. */
 #ifndef SCENE_RAYS_H
 #define SCENE_RAYS_H
 
-#include "scene.h"
+#include "base/cpu.h"
+#include "scene/scene.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -13,79 +15,82 @@
 
 struct rays;
 
-/* A packet in Embree's own memory layout (RTCRay16): arrays of 16, 64-byte aligned; rays.c proves it at compile time.
- * Directions need not be unit length; t counts in their lengths. */
+/* A ray packet in Embree's memory layout (RTCRay16), 64-byte aligned; rays.c verifies it at compile time. Directions
+ * need not be unit; t is in units of their length. */
 struct ray16 {
     _Alignas(64) float org_x[PACKET];
     float org_y[PACKET], org_z[PACKET], tnear[PACKET];
     float dir_x[PACKET], dir_y[PACKET], dir_z[PACKET], time[PACKET];
-    float tfar[PACKET]; /* in: the ray's end; after rays_occluded16: -inf where something was in the way */
+    float tfar[PACKET]; /* in: end of the ray; after rays_occluded16: -inf if occluded */
     uint32_t mask[PACKET], id[PACKET], flags[PACKET];
 };
 
-struct hit { /* where one ray met the scene first */
+struct hit { /* the first hit of a ray */
     float t;
     uint32_t mesh, triangle;
     float u, v; /* barycentric: p = (1-u-v) p0 + u p1 + v p2 */
 };
 
-/* A hit's surface, from the mesh's own vertices in double precision, so that origins of further rays lie on it. */
+/* The surface at a hit, computed from the mesh in double precision, so that the origins of further rays lie on it. */
 struct surface {
     struct vec3 position;  /* m */
-    struct vec3 geometric; /* unit normal of the triangle, turned to the side `towards` came from */
-    struct vec3 shading;   /* unit, interpolated where the mesh has normals, turned to the same side as geometric */
-    bool outside;          /* the ray came from where the triangle's vertices are counter-clockwise */
+    struct vec3 geometric; /* unit normal of the triangle, on the side of `towards` */
+    struct vec3 shading;   /* unit, interpolated if the mesh has normals; on the same side as geometric */
+    bool outside;          /* the ray came from the side where the vertices are counter-clockwise */
     float uv[2];
-    float offset; /* m: how far along the geometric normal a ray must start so as not to meet its own triangle */
+    float offset; /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
 };
 
-/* Builds the BVH with the scene's triangles; the scene must outlive it. NULL when out of memory or Embree fails, which
- * is logged. */
-struct rays *rays_create(const struct scene *scene);
-void rays_destroy(struct rays *r); /* NULL is allowed */
+/* Builds the BVH of the scene's triangles; the scene must outlive it. Embree uses the instructions of `level` at most,
+ * so that one machine can test what another runs. The caller owns the result. NULL when out of memory or when Embree
+ * fails, which is logged. Runs on all OpenMP threads. */
+struct rays *rays_create_for(const struct scene *scene, enum cpu_level level);
+struct rays *rays_create(const struct scene *scene); /* for the best level of this CPU */
+void rays_destroy(struct rays *r);                   /* NULL is allowed */
 
-/* How a packet's rays lie to each other. It changes how fast the answer comes, not what it is. */
+/* Coherence of a packet's rays: a performance hint that does not affect results. */
 enum ray_spread {
-    RAYS_TOGETHER, /* from neighbours, in one direction: they take the same way through the tree */
-    RAYS_APART,    /* in directions of their own: after a few common nodes each goes alone */
+    RAYS_TOGETHER, /* coherent: adjacent origins, similar directions */
+    RAYS_APART,    /* incoherent: directions differ, so rays diverge after a few common nodes */
 };
 
-/* Sets tfar of each lane whose valid is -1 to -inf when anything lies between tnear and tfar. valid: 0 or -1 a lane. */
+/* Sets tfar to -inf in each lane whose valid is -1 and whose ray meets anything between tnear and tfar; leaves the
+ * other lanes alone. valid: 0 or -1 a lane. Where Embree has no native packets of 16 it gets packets of 8 or 4. */
 void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t valid[PACKET], struct ray16 *packet);
 
-struct ray_single { /* a query of rays_intersect, or of rays_blocked */
+struct ray_single { /* a query of rays_intersect or rays_blocked */
     struct vec3 origin, dir;
     float tnear, tfar;
-    bool blocked; /* asked whether anything is in the way; else what is met first */
+    bool blocked; /* an occlusion query; else for the first hit */
 };
 
-/* Queries written down as they are asked, to ask them again without anything around them: for benchmarks. */
+/* A recording of queries, for replay in benchmarks. The caller owns the arrays. */
 struct ray_log {
-    struct ray16 *packets; /* of rays_occluded16, as they were before the query */
+    struct ray16 *packets; /* from rays_occluded16, before the query */
     int32_t (*valid)[PACKET];
     enum ray_spread *spread;
-    size_t count, capacity; /* what does not fit is not written down */
+    size_t count, capacity; /* further queries are not recorded */
     struct ray_single *singles;
     size_t single_count, single_capacity; /* likewise */
 };
 
-/* Writes down every query from now on; NULL ends it. While a log is set, only one thread may ask. */
+/* Records every query from now on; NULL stops. While recording, only one thread may query. */
 void rays_set_log(struct rays *r, struct ray_log *log);
 
-/* The bare limit: asks the log's queries first .. last again, one after another, and nothing else. Returns how many
- * lanes were occluded, so that the work cannot be left out. */
+/* Replays queries first .. last - 1 of the log, one after another: the bare cost of tracing. Returns the number of
+ * occluded lanes, so that the work is not optimised away. */
 uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t first, size_t last);
 
-/* The same for single rays. Returns how many met something. */
+/* The same for single rays. Returns the number of hits. */
 uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, size_t first, size_t last);
 
-/* True when dir meets something beyond tnear; *out is set then. */
+/* The first hit of a ray beyond tnear, in *out. False: no hit. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
 
-/* True when anything lies along dir between tnear and tfar. */
+/* Whether anything lies along dir between tnear and tfar. */
 bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar);
 
-/* The surface at a hit. `towards` points away from the surface, back along the ray that met it. */
+/* The surface at a hit. `towards` points away from the surface, back along the ray. */
 void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out);
 
 #endif

@@ -1,4 +1,4 @@
-#include "scatter.h"
+#include "scene/scatter.h"
 
 #include <math.h>
 
@@ -9,7 +9,7 @@ static struct vec3 base_colour(const struct scene *scene, const struct material 
     return vec3_mul(m->diffuse, texture_lookup(&scene->textures[m->texture], uv[0], uv[1]));
 }
 
-/* glTF's F0: 0.04 of a dielectric, the base colour of a metal [glTF 2.0, appendix B]. */
+/* F0 in glTF: 0.04 for a dielectric, the base colour for a metal [glTF 2.0, appendix B]. */
 static struct vec3 ggx_f0(struct vec3 base, float metallic)
 {
     const float d = 0.04f * (1.0f - metallic);
@@ -93,7 +93,7 @@ static struct vec3 reflect(struct vec3 dir, struct vec3 n)
     return vec3_normalize(vec3_sub(dir, vec3_scale(n, 2.0f * vec3_dot(dir, n))));
 }
 
-/* Refraction about n (on the side that dir comes from): returns Fresnel's reflectance, 1 where nothing goes through. */
+/* Refraction about n (on the side that dir comes from). Returns the Fresnel reflectance, 1 on total reflection. */
 static double refract(struct vec3 dir, struct vec3 n, double eta, struct vec3 *out)
 {
     const double cos_i = fmin(1.0, -(double)vec3_dot(dir, n));
@@ -104,15 +104,14 @@ static double refract(struct vec3 dir, struct vec3 n, double eta, struct vec3 *o
     return f;
 }
 
-/* Index behind over index before the surface: glass stands in air. */
+/* Index behind the surface over index before it; glass is assumed to be in air. */
 static double index_ratio(const struct scatter *s)
 {
     return s->surface.outside ? (double)s->ior : 1.0 / (double)s->ior;
 }
 
-/* The normal that an eye ray along dir is sent on by: the shading normal, unless that would send it, reflected or
- * refracted, to the wrong side of the triangle. geometric and shading are turned to the side that dir comes from.
- * True: the shading normal. */
+/* Whether an eye ray along dir uses the shading normal: unless that would send it, reflected or refracted, to the wrong
+ * side of the triangle. geometric and shading face the side that dir comes from. */
 static bool by_shading_normal(struct vec3 geometric, struct vec3 shading, struct vec3 dir, enum delta_kind delta,
                               double eta)
 {
@@ -177,7 +176,7 @@ uint32_t scatter_eye(const struct scatter *s, struct vec3 dir, struct delta_ray 
     return 2;
 }
 
-/* Light along dir, sent on by the normal n, which is the shading normal or not. */
+/* Light along dir, scattered about the normal n, which may be the shading normal. */
 static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n, bool shading, struct delta_ray *out)
 {
     const struct surface *at = &s->surface;

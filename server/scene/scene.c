@@ -1,17 +1,17 @@
-#include "scene.h"
+#include "scene/scene.h"
 
-#include "log.h"
-#include "mem.h"
-#include "progress.h"
-#include "scatter.h"
-#include "scene_build.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "scene/scatter.h"
+#include "scene/scene_build.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 #include <strings.h>
 
-/* Of the camera that frames a file without one: radians, and the least width over height it is meant for. */
+/* The camera that frames a model without one: field of view in radians, and the narrowest aspect ratio it fits. */
 #define FRAMING_FOV (35.0f * (float)PI / 180.0f)
 #define FRAMING_ASPECT (4.0f / 3.0f)
 
@@ -35,7 +35,7 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_ANIMATION: return "animation";
     case FEATURE_COUNT: break;
     }
-    assert(!"a feature outside the enum");
+    assert(!"invalid scene feature");
     return "";
 }
 
@@ -59,7 +59,7 @@ void scene_destroy(struct scene *s)
     mem_free(s);
 }
 
-/* The array with place for one more behind `count`; its capacity is the power of two at or above the count. */
+/* Makes room for one more element after `count`; the capacity is the next power of two. */
 static void *one_more(void *array, size_t count, size_t size)
 {
     if (array && (count & (count - 1)) != 0)
@@ -125,7 +125,7 @@ void scene_note_unmodelled(struct scene *s, enum scene_feature feature, const ch
     const uint32_t bit = UINT32_C(1) << feature;
 
     if (!(s->unmodelled & bit))
-        log_warning("%s: not modelled: %s", file, scene_feature_name(feature));
+        log_warning("%s: not supported: %s", file, scene_feature_name(feature));
     s->unmodelled |= bit;
 }
 
@@ -157,7 +157,7 @@ enum err scene_finish(struct scene *s, const char *file, struct reason *why)
         grow_box(s, &s->meshes[i]);
     }
     if (s->triangle_count == 0)
-        return err_say(why, ERR_FORMAT, "%s: there are no triangles in it", file);
+        return err_say(why, ERR_FORMAT, "%s: the scene contains no triangles", file);
     return ERR_OK;
 }
 
@@ -166,13 +166,13 @@ struct camera scene_framing_camera(const struct scene *s)
     const struct vec3 centre = vec3_scale(vec3_add(s->low, s->high), 0.5f);
     const struct vec3 half = vec3_scale(vec3_sub(s->high, s->low), 0.5f);
     const float tan_y = tanf(0.5f * FRAMING_FOV), tan_x = FRAMING_ASPECT * tan_y;
-    /* a little above the eye's usual height, off the axes so that three sides are seen */
+    /* slightly above eye level and off the axes, so that three sides are visible */
     const struct vec3 from = vec3_normalize(vec3_make(0.62f, 0.42f, 1.0f));
     const struct vec3 right = vec3_normalize(vec3_cross(vec3_make(0.0f, 1.0f, 0.0f), from));
     const struct vec3 up = vec3_cross(from, right);
     float distance = 0.0f;
 
-    /* The least distance from which each corner of the box lies within the picture, and a margin. */
+    /* The smallest distance from which every corner of the box is in the image, with a margin. */
     for (int i = 0; i < 8; i++) {
         const struct vec3 corner = { i & 1 ? half.x : -half.x, i & 2 ? half.y : -half.y, i & 4 ? half.z : -half.z };
         const float across = fabsf(vec3_dot(corner, right)) / tan_x, along = fabsf(vec3_dot(corner, up)) / tan_y;
@@ -203,10 +203,10 @@ enum err camera_check(const struct camera *c, const char *place, struct reason *
         return err_say(why, ERR_RANGE, "%s: fov_y_degrees is %g, not between 0 and 180", place,
                        (double)c->fov_y * 180.0 / PI);
     if (vec3_length(ahead) == 0.0f)
-        return err_say(why, ERR_RANGE, "%s: position and look_at are the same point", place);
+        return err_say(why, ERR_RANGE, "%s: position and look_at are equal", place);
     const struct vec3 right = vec3_cross(vec3_normalize(ahead), vec3_normalize(c->up));
     if (!(vec3_length(right) > 1e-4f))
-        return err_say(why, ERR_RANGE, "%s: up is parallel to the line of sight", place);
+        return err_say(why, ERR_RANGE, "%s: up is parallel to the viewing direction", place);
     return ERR_OK;
 }
 
@@ -252,7 +252,7 @@ enum err scene_load(const char *path, struct scene **out, struct progress *progr
     else if (path_is_gltf(path))
         e = load_gltf(s, path, progress, why);
     else
-        e = err_say(why, ERR_UNSUPPORTED, "%s: a scene is a .json, .gltf or .glb file", path);
+        e = err_say(why, ERR_UNSUPPORTED, "%s: unknown scene format; expected a .json, .gltf or .glb file", path);
     if (e == ERR_NOMEM)
         err_say(why, e, "%s: out of memory", path);
     if (e)

@@ -1,12 +1,12 @@
 /* server/scene/scene.h */
-/* What stands in front of the camera: meshes in world space, materials, textures and cameras, as described by a JSON
- * scene file or a glTF file, or made by code. Never changes after loading: any number of threads may read one. */
+/* A scene: meshes in world space, materials, textures and cameras, loaded from a JSON scene file or a glTF file, or
+ * built-in. The scene owns its arrays. Immutable after loading. Thread: any number may read. */
 #ifndef SCENE_SCENE_H
 #define SCENE_SCENE_H
 
-#include "err.h"
-#include "material.h"
-#include "vec.h"
+#include "base/err.h"
+#include "scene/material.h"
+#include "base/vec.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -14,38 +14,37 @@
 
 struct progress;
 
-/* What files describe and this program does not model: each is named once in a warning and kept in the scene's
- * `unmodelled`, for the statistics. */
+/* Features of files that are not supported: each is named once in a warning and recorded in `unmodelled` for the
+ * statistics. */
 enum scene_feature {
     FEATURE_NORMAL_MAP,
-    FEATURE_ALPHA,         /* masks and blending: the surface is taken as opaque */
+    FEATURE_ALPHA,         /* masks and blending; treated as opaque */
     FEATURE_VOLUME,        /* attenuation inside glass */
-    FEATURE_EMISSION,      /* taken as black */
-    FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures: their means count */
+    FEATURE_EMISSION,      /* treated as black */
+    FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures; replaced by their means */
     FEATURE_CLEARCOAT,     /* clearcoat and sheen */
-    FEATURE_ROUGH_GLASS,   /* taken as smooth */
-    FEATURE_TINTED_GLASS,  /* taken as clear */
-    FEATURE_PARTIAL_GLASS, /* a transmission of less than half is taken as none, else as all */
+    FEATURE_ROUGH_GLASS,   /* treated as smooth */
+    FEATURE_TINTED_GLASS,  /* treated as clear */
+    FEATURE_PARTIAL_GLASS, /* transmission below 0.5 is treated as 0, else as 1 */
     FEATURE_VERTEX_COLOUR,
     FEATURE_TEXTURE_TRANSFORM,
-    FEATURE_TEXTURE_CLAMP, /* all textures repeat */
+    FEATURE_TEXTURE_CLAMP, /* textures always repeat */
     FEATURE_SPECULAR_GLOSSINESS,
-    FEATURE_LIGHTS,    /* the environment is the only light */
-    FEATURE_ANIMATION, /* geometry stands still */
+    FEATURE_LIGHTS,    /* the environment map is the only light */
+    FEATURE_ANIMATION, /* geometry is static */
     FEATURE_COUNT
 };
 
-struct mesh { /* triangles of one material */
+struct mesh { /* triangles with one material */
     uint32_t vertex_count, triangle_count;
-    float *positions; /* [vertex_count][3], m; one float of padding behind the last, as Embree reads 16 bytes */
-    float
-        *normals; /* [vertex_count][3], unit, or (0,0,0) where there is none; NULL: flat, the geometric normal shades */
-    float *uvs;   /* [vertex_count][2], v up from the picture's bottom as in OBJ; NULL: none */
-    uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise from outside */
+    float *positions;  /* [vertex_count][3], m; padded by one float, since Embree reads 16 bytes */
+    float *normals;    /* [vertex_count][3], unit, or (0,0,0) if undefined; NULL: flat shading by geometric normals */
+    float *uvs;        /* [vertex_count][2], v upwards as in OBJ; NULL: none */
+    uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise seen from outside */
     uint32_t material; /* index into the scene's materials */
 };
 
-struct texture { /* base colour, decoded to linear Rec.709, float[height][width][3], top row first */
+struct texture { /* base colour in linear Rec.709, float[height][width][3], top row first */
     uint32_t width, height;
     float *rgb;
 };
@@ -53,7 +52,7 @@ struct texture { /* base colour, decoded to linear Rec.709, float[height][width]
 struct camera {
     char name[64];
     struct vec3 position, look_at, up; /* m */
-    float fov_y;                       /* radians, spans the picture's height */
+    float fov_y;                       /* radians, vertical field of view */
 };
 
 struct scene {
@@ -67,34 +66,35 @@ struct scene {
     size_t camera_count;
     uint64_t triangle_count; /* of all meshes */
     struct vec3 low, high;   /* bounding box of the triangles, m */
-    uint32_t unmodelled;     /* bit 1 << feature for each enum scene_feature that was met */
+    uint32_t unmodelled;     /* bit 1 << feature for each enum scene_feature that occurred */
 };
 
-/* A few English words, as "normal maps". */
+/* A short description, such as "normal maps". */
 const char *scene_feature_name(enum scene_feature feature);
 
-/* Reads a .json scene or a .gltf/.glb file. On ERR_OK the caller owns *out; else *out is NULL and *why holds one line
- * that names file, place and fault: ERR_IO a missing file, ERR_FORMAT malformed JSON or model, no camera, an unknown
- * material, ERR_RANGE a value outside its limits, ERR_UNSUPPORTED a format that is not read here. Features that are
- * not modelled are named once each in a warning. progress may be NULL; stepped once per model. */
+/* Reads a .json scene or a .gltf/.glb file. On ERR_OK the caller owns *out; on error *out is NULL and *why names file,
+ * place and fault. ERR_IO: a missing file. ERR_FORMAT: malformed JSON or model, no camera, an unknown material.
+ * ERR_RANGE: a value outside its limits. ERR_UNSUPPORTED: an unknown file format. Unsupported features are named once
+ * each in a warning. progress may be NULL; stepped once per model. */
 MUST_CHECK enum err scene_load(const char *path, struct scene **out, struct progress *progress, struct reason *why);
 
-/* The scene that comes with the program, made by code. NULL when out of memory. */
+/* The built-in scene. The caller owns it. NULL: out of memory. */
 struct scene *scene_create_builtin(void);
 
 void scene_destroy(struct scene *s); /* NULL is allowed */
 
-/* The camera of that name, or the first when name is NULL; NULL when there is none such. */
+/* The camera of that name, or the first if name is NULL; NULL if there is none. */
 const struct camera *scene_camera(const struct scene *s, const char *name);
 
-/* Axis-aligned boxes around what scatters by a delta lobe (mirror, glass, sharp ggx), one per mesh. Returns how many
- * there are; writes at most `room` of them. */
-struct box {
+struct box {               /* axis-aligned */
     struct vec3 low, high; /* m */
 };
+
+/* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, sharp ggx), which cast caustics. Returns their
+ * number; writes at most `room`. */
 size_t scene_casters(const struct scene *s, struct box *out, size_t room);
 
-/* Bilinear, wrapped lookup of a texture; u right, v up. */
+/* Bilinear lookup with wrap-around; u to the right, v upwards. Linear Rec.709. */
 struct vec3 texture_lookup(const struct texture *t, float u, float v);
 
 #endif

@@ -1,7 +1,7 @@
-#include "scene_build.h"
+#include "scene/scene_build.h"
 
-#include "log.h"
-#include "mem.h"
+#include "base/log.h"
+#include "base/mem.h"
 
 #include <assimp/cimport.h>
 #include <assimp/config.h>
@@ -16,12 +16,12 @@
 #define DEPTH_MAX 256
 #define PLY_LINES_MAX 1000
 
-/* What the walk over the nodes carries. */
+/* State of the node traversal. */
 struct import {
     struct scene *scene;
     const struct model_desc *desc;
     const struct aiScene *ai;
-    uint32_t first_material; /* of the file's own, in the scene */
+    uint32_t first_material; /* index in the scene of the file's first material */
     size_t dropped;          /* degenerate triangles */
     struct reason *why;
 };
@@ -55,7 +55,7 @@ static void put_positions(const struct aiMesh *ai, const double m[16], float *ou
     }
 }
 
-/* Cofactors of the upper 3x3: what turns normals, up to a factor. Returns the determinant. */
+/* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
 static double cofactors(const double m[16], double c[9])
 {
     for (int i = 0; i < 3; i++) {
@@ -93,7 +93,7 @@ static void put_uvs(const struct aiMesh *ai, float *out)
     }
 }
 
-/* Faces that are no triangles (points and lines that Assimp let pass) are left out. */
+/* Skips faces that are not triangles (points and lines that Assimp let pass). */
 static uint32_t put_indices(const struct aiMesh *ai, bool mirrored, uint32_t *out)
 {
     uint32_t count = 0;
@@ -104,7 +104,7 @@ static uint32_t put_indices(const struct aiMesh *ai, bool mirrored, uint32_t *ou
             continue;
         uint32_t *t = out + 3 * (size_t)count++;
         t[0] = f->mIndices[0];
-        t[1] = f->mIndices[mirrored ? 2 : 1]; /* a reflection turns the triangles inside out: turn them back */
+        t[1] = f->mIndices[mirrored ? 2 : 1]; /* a reflection turns triangles inside out: restore the winding */
         t[2] = f->mIndices[mirrored ? 1 : 2];
     }
     return count;
@@ -164,7 +164,7 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
     if (!(ai->mPrimitiveTypes & aiPrimitiveType_TRIANGLE))
         return ERR_OK;
     if (ai->mNumVertices > UINT32_MAX / 3 || ai->mNumFaces > UINT32_MAX / 3)
-        return err_say(in->why, ERR_RANGE, "%s: %s: %u vertices and %u faces in one mesh are too many", in->desc->place,
+        return err_say(in->why, ERR_RANGE, "%s: %s: a mesh has %u vertices and %u faces, too many", in->desc->place,
                        in->desc->path, ai->mNumVertices, ai->mNumFaces);
     e = find_material(in, ai, &m.material);
     if (!e)
@@ -180,13 +180,13 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
             scene_note_unmodelled(in->scene, FEATURE_VERTEX_COLOUR, in->desc->path);
         e = scene_add_mesh(in->scene, &m);
         if (!e)
-            return ERR_OK; /* the scene owns its arrays now */
+            return ERR_OK; /* the scene now owns its arrays */
     }
     mesh_finish(&m);
     return e;
 }
 
-/* Nodes are at most DEPTH_MAX deep here. */
+/* Nodes are at most DEPTH_MAX deep, see check_node. */
 static enum err add_node(struct import *in, const struct aiNode *node, const double parent[16])
 {
     double local[16], world[16];
@@ -201,7 +201,7 @@ static enum err add_node(struct import *in, const struct aiNode *node, const dou
     return e;
 }
 
-/* World matrix of the node of that name; false when there is none. */
+/* World matrix of the node of that name; false if there is none. */
 static bool find_node(const struct aiNode *node, const char *name, const double parent[16], double out[16])
 {
     double local[16], world[16];
@@ -241,7 +241,7 @@ static enum err add_camera(struct import *in, const struct aiCamera *ai, unsigne
     c.position = turn(world, ai->mPosition, 1.0);
     c.look_at = vec3_add(c.position, vec3_normalize(turn(world, ai->mLookAt, 0.0)));
     c.up = vec3_normalize(turn(world, ai->mUp, 0.0));
-    /* Assimp 5.2 turns glTF's vertical angle into a "horizontal" one by a plain product with the aspect ratio. */
+    /* Assimp 5.2 converts glTF's vertical angle to a "horizontal" one by multiplying it by the aspect ratio. */
     c.fov_y = ai->mHorizontalFOV / (ai->mAspect > 0.0f ? ai->mAspect : 1.0f);
     snprintf(place, sizeof(place), "%s: camera '%s'", in->desc->path, c.name);
     const enum err e = camera_check(&c, place, in->why);
@@ -266,13 +266,13 @@ static enum err take(struct import *in)
     if (in->ai->mNumAnimations > 0)
         scene_note_unmodelled(in->scene, FEATURE_ANIMATION, in->desc->path);
     if (in->dropped > 0)
-        log_warning("%s: %zu degenerate or non-finite triangles left out", in->desc->path, in->dropped);
+        log_warning("%s: dropped %zu degenerate or non-finite triangles", in->desc->path, in->dropped);
     if (in->scene->mesh_count == meshes_before)
-        return err_say(in->why, ERR_FORMAT, "%s: %s: there are no triangles in it", in->desc->place, in->desc->path);
+        return err_say(in->why, ERR_FORMAT, "%s: %s: the model contains no triangles", in->desc->place, in->desc->path);
     return ERR_OK;
 }
 
-/* The file as it is, without post-processing, which trusts every index. */
+/* Imports without post-processing, which trusts every index. */
 static const struct aiScene *import_file(const struct model_desc *d)
 {
     int unwanted = aiComponent_TANGENTS_AND_BITANGENTS | aiComponent_BONEWEIGHTS;
@@ -294,18 +294,18 @@ static enum err check_mesh(const struct aiScene *ai, const struct aiMesh *m, con
                            struct reason *why)
 {
     if (m->mMaterialIndex >= ai->mNumMaterials)
-        return err_say(why, ERR_FORMAT, "%s: %s: a mesh asks for material %u of %u", d->place, d->path,
+        return err_say(why, ERR_FORMAT, "%s: %s: a mesh refers to material %u of %u", d->place, d->path,
                        m->mMaterialIndex, ai->mNumMaterials);
     if (m->mNumVertices > 0 && !m->mVertices)
         return err_say(why, ERR_FORMAT, "%s: %s: a mesh has no positions", d->place, d->path);
     for (unsigned i = 0; i < m->mNumFaces; i++) {
         const struct aiFace *f = &m->mFaces[i];
-        if (f->mNumIndices == 0) /* which Assimp takes for a polygon */
+        if (f->mNumIndices == 0) /* Assimp treats it as a polygon */
             return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh has no vertices", d->place, d->path, i);
         for (unsigned k = 0; k < f->mNumIndices; k++) {
             if (f->mIndices[k] >= m->mNumVertices)
-                return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh names vertex %u of %u", d->place, d->path, i,
-                               f->mIndices[k], m->mNumVertices);
+                return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh refers to vertex %u of %u", d->place,
+                               d->path, i, f->mIndices[k], m->mNumVertices);
         }
     }
     return ERR_OK;
@@ -317,10 +317,10 @@ static enum err check_node(const struct aiScene *ai, const struct aiNode *node, 
     enum err e = ERR_OK;
 
     if (depth > DEPTH_MAX)
-        return err_say(why, ERR_RANGE, "%s: %s: nodes nested more than %d deep", d->place, d->path, DEPTH_MAX);
+        return err_say(why, ERR_RANGE, "%s: %s: nodes are nested more than %d deep", d->place, d->path, DEPTH_MAX);
     for (unsigned i = 0; i < node->mNumMeshes; i++) {
         if (node->mMeshes[i] >= ai->mNumMeshes)
-            return err_say(why, ERR_FORMAT, "%s: %s: a node asks for mesh %u of %u", d->place, d->path,
+            return err_say(why, ERR_FORMAT, "%s: %s: a node refers to mesh %u of %u", d->place, d->path,
                            node->mMeshes[i], ai->mNumMeshes);
     }
     for (unsigned i = 0; i < node->mNumChildren && !e; i++)
@@ -328,11 +328,11 @@ static enum err check_node(const struct aiScene *ai, const struct aiNode *node, 
     return e;
 }
 
-/* Whatever the file says must hold together before anything follows its indices. */
+/* Checks all indices of the file before anything uses them. */
 static enum err check_scene(const struct aiScene *ai, const struct model_desc *d, struct reason *why)
 {
     if (!ai->mRootNode)
-        return err_say(why, ERR_FORMAT, "%s: %s: there are no triangles in it", d->place, d->path);
+        return err_say(why, ERR_FORMAT, "%s: %s: the model contains no triangles", d->place, d->path);
     enum err e = check_node(ai, ai->mRootNode, d, 0, why);
     for (unsigned i = 0; i < ai->mNumMeshes && !e; i++)
         e = check_mesh(ai, ai->mMeshes[i], d, why);
@@ -358,7 +358,7 @@ static bool is_ply_line(const char *line)
     return false;
 }
 
-/* Assimp 5.2 reads on for ever where it does not understand a PLY's header. */
+/* Assimp 5.2 loops forever on a malformed PLY header. */
 static enum err check_ply_header(FILE *f, const struct model_desc *d, struct reason *why)
 {
     char line[1024];
@@ -370,19 +370,20 @@ static enum err check_ply_header(FILE *f, const struct model_desc *d, struct rea
         if (strcmp(line, "end_header") == 0 && whole)
             return ERR_OK;
         if (!is_ply_line(line) || !whole || strncmp(line, "end_header", 10) == 0)
-            return err_say(why, ERR_FORMAT, "%s: %s: line %d is none of a PLY header", d->place, d->path, number);
+            return err_say(why, ERR_FORMAT, "%s: %s: line %d is not part of a PLY header", d->place, d->path, number);
     }
     return err_say(why, ERR_FORMAT, "%s: %s: the PLY header has no end_header", d->place, d->path);
 }
 
-/* Before Assimp sees it: a format that is read here, and a file that opens, whose faults Assimp would not name. */
+/* Checks extension and readability first, which Assimp does not report clearly. */
 static enum err check_file(const struct model_desc *d, struct reason *why)
 {
     const bool ply = has_ending(d->path, ".ply");
     enum err e = ERR_OK;
 
     if (!ply && !has_ending(d->path, ".obj") && !path_is_gltf(d->path))
-        return err_say(why, ERR_UNSUPPORTED, "%s: %s: a model is an .obj, .ply, .gltf or .glb file", d->place, d->path);
+        return err_say(why, ERR_UNSUPPORTED, "%s: %s: unknown model format; expected an .obj, .ply, .gltf or .glb file",
+                       d->place, d->path);
     FILE *f = fopen(d->path, "rb");
     if (!f)
         return err_say(why, ERR_IO, "%s: %s: %s", d->place, d->path, strerror(errno));
@@ -394,7 +395,7 @@ static enum err check_file(const struct model_desc *d, struct reason *why)
 
 enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
 {
-    /* Not JoinIdenticalVertices: it also joins what is only close by, and NaN with anything. */
+    /* Not JoinIdenticalVertices, which also joins vertices that are merely close, and NaN with anything. */
     const unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent;
 
     enum err e = check_file(d, why);
@@ -404,7 +405,7 @@ enum err model_load(struct scene *s, const struct model_desc *d, struct reason *
     if (!ai)
         return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
     e = check_scene(ai, d, why);
-    if (!e && !aiApplyPostProcessing(ai, steps)) /* which then has freed it */
+    if (!e && !aiApplyPostProcessing(ai, steps)) /* which frees the scene on failure */
         return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
     if (!e) {
         struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };

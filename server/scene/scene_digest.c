@@ -1,4 +1,4 @@
-#include "scene_digest.h"
+#include "scene/scene_digest.h"
 
 #include <stddef.h>
 
@@ -12,7 +12,7 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
     digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
 }
 
-/* Field by field: what stands between them is nobody's. */
+/* Field by field, since padding is undefined. */
 static void digest_material(struct digest *d, const struct material *m)
 {
     const float values[] = { m->diffuse.x,  m->diffuse.y, m->diffuse.z, m->specular.x, m->specular.y,
@@ -56,6 +56,6 @@ void digest_geometry(struct digest *d, const struct scene *scene)
 void digest_points(struct digest *d, const struct gbuffer *g)
 {
     digest_u64(d, (uint64_t)g->width << 32 | g->height);
-    for (uint32_t i = 0; i < g->packet_count; i++) /* without what fills a packet up to its alignment */
-        digest_bytes(d, &g->packets[i], offsetof(struct shade_packet, set) + sizeof(g->packets[i].set));
+    for (uint32_t i = 0; i < g->packet_count; i++) /* excludes the padding at the end of a packet */
+        digest_bytes(d, &g->packets[i], offsetof(struct shade_packet, sample_set) + sizeof(g->packets[i].sample_set));
 }

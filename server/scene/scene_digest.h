@@ -1,21 +1,22 @@
-/* Parts of this room in a digest (base/digest.h), as they were loaded or made, wherever they stood. Any thread. */
+/* server/scene/scene_digest.h */
+/* Adds parts of a scene to a digest (base/digest.h): their contents, independent of addresses. Thread: any. */
 #ifndef SCENE_SCENE_DIGEST_H
 #define SCENE_SCENE_DIGEST_H
 
-#include "digest.h"
-#include "gbuffer.h"
-#include "scene.h"
-#include "view.h"
+#include "base/digest.h"
+#include "scene/gbuffer.h"
+#include "scene/scene.h"
+#include "scene/view.h"
 
 /* Geometry, materials and textures. */
 void digest_scene(struct digest *d, const struct scene *scene);
 
-/* What a ray can meet, and nothing of how it looks. */
+/* The geometry alone, without materials. */
 void digest_geometry(struct digest *d, const struct scene *scene);
 
-void digest_view(struct digest *d, const struct view *view);
+void digest_view(struct digest *d, const struct view *view); /* camera and image size */
 
-/* Shade points with their colours, and the picture's size; not which pixels they are for. */
+/* Shading points with their colours, and the image size; not the assignment to pixels. */
 void digest_points(struct digest *d, const struct gbuffer *g);
 
 #endif

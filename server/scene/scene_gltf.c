@@ -1,7 +1,7 @@
-/* glTF's materials as Assimp hands them over: metallic-roughness to `ggx`, transmission to `glass`. */
-#include "scene_build.h"
+/* Materials of glTF as Assimp provides them: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
+#include "scene/scene_build.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <assimp/GltfMaterial.h>
 #include <assimp/material.h>
@@ -16,7 +16,7 @@ struct source {
     const struct aiScene *ai;
     const char *path;
     struct reason *why;
-    /* What the file's materials have named so far, so that each picture is read once. */
+    /* The textures named so far, so that each image is read once. */
     struct {
         char name[256];
         uint32_t texture;
@@ -62,7 +62,7 @@ static int hex_digit(char c)
     return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
 }
 
-/* The file that a URI names, beside the model; %20 and its like are decoded. False when that is too long. */
+/* The path of a URI, relative to the model; decodes %20 and the like. False: too long. */
 static bool file_beside(const char *model, const char *uri, char *out, size_t size)
 {
     const char *slash = strrchr(model, '/');
@@ -83,7 +83,7 @@ static bool file_beside(const char *model, const char *uri, char *out, size_t si
     return true;
 }
 
-/* Reads the picture `name`: "*3" is the file's own third, all else a file beside it. */
+/* Reads image `name`: "*3" is the third embedded one, anything else a file beside the model. */
 static enum err read_picture(struct source *s, const char *name, enum texture_values values, struct texture *out)
 {
     char label[4096];
@@ -96,7 +96,7 @@ static enum err read_picture(struct source *s, const char *name, enum texture_va
     const unsigned long index = strtoul(name + 1, NULL, 10);
     snprintf(label, sizeof(label), "%.4000s: embedded texture %lu", s->path, index);
     if (index >= s->ai->mNumTextures)
-        return err_say(s->why, ERR_FORMAT, "%s: there is none", label);
+        return err_say(s->why, ERR_FORMAT, "%s: does not exist", label);
     const struct aiTexture *t = s->ai->mTextures[index];
     if (t->mHeight != 0)
         return err_say(s->why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", label);
@@ -154,8 +154,8 @@ static enum err read_base_texture(struct source *s, const struct aiMaterial *ai,
     return base_texture(s, name.data, &m->texture);
 }
 
-/* Metallic and roughness vary over the surface where there is a texture of them (blue and green); their means are what
- * is modelled. */
+/* Metallic and roughness vary over the surface if they have a texture (blue and green channels); their means are used.
+ */
 static enum err read_metallic_roughness(struct source *s, const struct aiMaterial *ai, struct material *m)
 {
     double green = 0.0, blue = 0.0;

@@ -1,23 +1,23 @@
-#include "scene_build.h"
+#include "scene/scene_build.h"
 
-#include "log.h"
-#include "progress.h"
+#include "base/log.h"
+#include "base/progress.h"
 
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-/* One object of the file while it is read. */
+/* A JSON object being read. */
 struct spot {
     const json_t *object;
-    char place[320]; /* how messages begin: "plaza.json: materials 'wall'" */
+    char place[320]; /* beginning of messages: "plaza.json: materials 'wall'" */
     struct scene *scene;
     const char *path;
     struct reason *why;
 };
 
-/* The object inside s under a name for messages; ERR_FORMAT when the value is no object. */
+/* Enters the object `value` of s, called `name` in messages. ERR_FORMAT: not an object. */
 static enum err spot_enter(const struct spot *s, const json_t *value, const char *name, struct spot *out)
 {
     *out = *s;
@@ -49,7 +49,7 @@ static enum err missing(const struct spot *s, const char *key)
     return err_say(s->why, ERR_FORMAT, "%s: '%s' is missing", s->place, key);
 }
 
-/* A number within [least, most]; the key may be absent when fallback is not NULL. */
+/* Reads a number within [least, most]; the key may be missing if fallback is not NULL. */
 static enum err read_number(const struct spot *s, const char *key, const double *fallback, double least, double most,
                             float *out)
 {
@@ -128,8 +128,8 @@ static enum err read_phong(const struct spot *s, struct material *m)
     const struct vec3 sum = vec3_add(m->diffuse, m->specular);
     const float most = fmaxf(sum.x, fmaxf(sum.y, sum.z));
     if (most > 1.0f + 1e-4f)
-        return err_say(s->why, ERR_RANGE, "%s: diffuse + specular is %g, more than 1: it would make light", s->place,
-                       (double)most);
+        return err_say(s->why, ERR_RANGE, "%s: diffuse + specular is %g, more than 1, which would create energy",
+                       s->place, (double)most);
     return ERR_OK;
 }
 
@@ -198,7 +198,7 @@ static enum err read_material(const struct spot *root, const char *name, const j
             return e ? e : scene_add_material(s.scene, &m, NULL);
         }
     }
-    return err_say(s.why, ERR_FORMAT, "%s: unknown type '%.40s'; known are lambert, phong, ggx, mirror and glass",
+    return err_say(s.why, ERR_FORMAT, "%s: unknown type '%.40s'; expected lambert, phong, ggx, mirror or glass",
                    s.place, type);
 }
 
@@ -256,7 +256,8 @@ static enum err read_camera(const struct spot *root, const char *label, const ch
     return e ? e : scene_add_camera(s.scene, &c);
 }
 
-/* `camera` is one, called "main"; `cameras` is an object of cameras by name or an array of cameras with names. */
+/* `camera` is a single camera called "main"; `cameras` is an object of cameras by name, or an array of named cameras.
+ */
 static enum err read_cameras(const struct spot *root)
 {
     const json_t *one = json_object_get(root->object, "camera");
@@ -285,7 +286,7 @@ static enum err read_cameras(const struct spot *root)
         e = err_say(root->why, ERR_FORMAT, "%s: 'cameras' is neither an object nor an array", root->path);
     }
     if (!e && root->scene->camera_count == 0)
-        e = err_say(root->why, ERR_FORMAT, "%s: there is no camera in it", root->path);
+        e = err_say(root->why, ERR_FORMAT, "%s: the file contains no camera", root->path);
     return e;
 }
 
@@ -311,17 +312,17 @@ static enum err read_transform(const struct spot *s, double out[16])
     }
     if (out[3] != 0.0 || out[7] != 0.0 || out[11] != 0.0 || out[15] != 1.0)
         return err_say(s->why, ERR_RANGE,
-                       "%s: 'transform' is not affine: the last row of a column-major matrix (its numbers 4, 8, 12, "
+                       "%s: 'transform' is not affine: the last row of the column-major matrix (numbers 4, 8, 12, "
                        "16) must be 0 0 0 1",
                        s->place);
     const double det = out[0] * (out[5] * out[10] - out[6] * out[9]) - out[4] * (out[1] * out[10] - out[2] * out[9]) +
                        out[8] * (out[1] * out[6] - out[2] * out[5]);
     if (det == 0.0)
-        return err_say(s->why, ERR_RANGE, "%s: 'transform' flattens the model: its determinant is 0", s->place);
+        return err_say(s->why, ERR_RANGE, "%s: 'transform' is singular (its determinant is 0)", s->place);
     return ERR_OK;
 }
 
-/* Absent: glTF carries normals to be used, of OBJ and PLY the facets are meant. */
+/* By default glTF uses its normals, while OBJ and PLY are flat-shaded. */
 static enum err read_smooth(const struct spot *s, bool gltf, enum model_normals *out)
 {
     const json_t *value = json_object_get(s->object, "smooth");
@@ -335,7 +336,7 @@ static enum err read_smooth(const struct spot *s, bool gltf, enum model_normals 
     return ERR_OK;
 }
 
-/* `file` as seen from the folder of the scene file. */
+/* Resolves `file` relative to the scene file's folder. */
 static enum err join_path(const struct spot *s, const char *file, char out[4096])
 {
     const char *slash = strrchr(s->path, '/');
@@ -388,11 +389,11 @@ static enum err read_models(const struct spot *root, struct progress *progress)
     enum err e = ERR_OK;
 
     if (!models)
-        return err_say(root->why, ERR_FORMAT, "%s: there are no models in it", root->path);
+        return err_say(root->why, ERR_FORMAT, "%s: the file contains no models", root->path);
     if (!json_is_array(models))
         return err_say(root->why, ERR_FORMAT, "%s: 'models' is not an array", root->path);
     if (json_array_size(models) == 0)
-        return err_say(root->why, ERR_FORMAT, "%s: there are no models in it", root->path);
+        return err_say(root->why, ERR_FORMAT, "%s: the file contains no models", root->path);
     for (size_t i = 0; i < json_array_size(models) && !e; i++) {
         e = read_model(root, i, json_array_get(models, i));
         progress_step(progress, 1);
@@ -407,7 +408,7 @@ enum err scene_load_json(struct scene *scene, const char *path, struct progress 
 
     json_t *root = json_load_file(path, JSON_REJECT_DUPLICATES, &fault);
     if (!root && json_error_code(&fault) == json_error_cannot_open_file)
-        return err_say(why, ERR_IO, "%s: cannot be opened", path);
+        return err_say(why, ERR_IO, "%s: cannot open", path);
     if (!root)
         return err_say(why, ERR_FORMAT, "%s: line %d, column %d: %s", path, fault.line, fault.column, fault.text);
     struct spot s = { .object = root, .scene = scene, .path = path, .why = why };

@@ -1,6 +1,6 @@
-#include "shape.h"
+#include "scene/shape.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <assert.h>
 #include <math.h>
@@ -17,14 +17,14 @@ static struct vec3 turned(const struct shape *s, struct vec3 v)
     return vec3_make(c * v.x + n * v.z, v.y, c * v.z - n * v.x);
 }
 
-/* Room for more vertices and triangles; false once anything has failed. */
+/* Reserves vertices and triangles; false once an allocation has failed. */
 static bool reserve(struct shape *s, uint32_t vertices, uint32_t triangles)
 {
     struct mesh *m = &s->mesh;
 
     if (m->vertex_count + vertices > s->vertex_room) {
         const uint32_t room = 2 * (m->vertex_count + vertices);
-        /* one float more than a multiple of three: Embree reads 16 bytes at the last vertex */
+        /* one float of padding: Embree reads 16 bytes at the last vertex */
         float *p = mem_grow(m->positions, 3 * (size_t)m->vertex_count, 3 * (size_t)room + 1, sizeof(*p));
         if (p)
             m->positions = p;
@@ -67,7 +67,7 @@ static void add_triangle(struct shape *s, uint32_t a, uint32_t b, uint32_t c)
     s->mesh.indices[at + 2] = c;
 }
 
-/* Four corners counter-clockwise from outside, with a normal at each. */
+/* Four corners, counter-clockwise seen from outside, each with a normal. */
 static void add_quad(struct shape *s, const struct vec3 p[4], const struct vec3 n[4])
 {
     if (!reserve(s, 4, 2))
@@ -81,7 +81,7 @@ static void add_quad(struct shape *s, const struct vec3 p[4], const struct vec3 
 
 static void add_flat_quad(struct shape *s, struct vec3 a, struct vec3 b, struct vec3 c, struct vec3 d)
 {
-    /* the diagonals span it even where two corners coincide */
+    /* the diagonals span the plane even if two corners coincide */
     const struct vec3 n = vec3_normalize(vec3_cross(vec3_sub(c, a), vec3_sub(d, b)));
     add_quad(s, (const struct vec3[4]){ a, b, c, d }, (const struct vec3[4]){ n, n, n, n });
 }
@@ -105,7 +105,7 @@ static struct vec3 on_circle(float radius, float angle, float y)
     return vec3_make(radius * sinf(angle), y, radius * cosf(angle));
 }
 
-/* One straight piece: its two curved sides, top and bottom. */
+/* A straight segment: its two curved sides, top and bottom. */
 static void sector_piece(struct shape *s, const struct sector *k, float a, float b)
 {
     const struct vec3 na = on_circle(1.0f, a, 0.0f), nb = on_circle(1.0f, b, 0.0f);
@@ -144,7 +144,7 @@ void shape_sector(struct shape *s, const struct sector *k)
 static struct vec3 grid_normal(const struct surface_map *m, float u, float v)
 {
     const float h = 1e-3f;
-    /* a step inside at the rims, where the surface may come to a point */
+    /* a step inside at the rims, where the surface may converge to a point */
     const float v0 = fminf(fmaxf(v, 2.0f * h), 1.0f - 2.0f * h);
     const float u0 = m->wrap_u ? u : fminf(fmaxf(u, h), 1.0f - h);
     const struct vec3 du = vec3_sub(m->at(u0 + h, v0, m->data), m->at(u0 - h, v0, m->data));
@@ -161,7 +161,7 @@ void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, const struct s
     const uint32_t first = s->mesh.vertex_count;
     for (uint32_t j = 0; j <= rows; j++) {
         for (uint32_t i = 0; i <= columns; i++) {
-            /* the seam's two rows of vertices must be the same points, to the bit */
+            /* the seam's two columns of vertices must be identical */
             const float u = map->wrap_u && i == columns ? 0.0f : (float)i / (float)columns;
             const float v = (float)j / (float)rows;
             add_vertex(s, map->at(u, v, map->data), grid_normal(map, u, v));
@@ -201,7 +201,7 @@ enum err shape_finish(struct shape *s, struct scene *scene, uint32_t material)
     enum err e = s->failed ? ERR_NOMEM : ERR_OK;
 
     s->mesh.material = material;
-    (void)mesh_drop_degenerate(&s->mesh); /* the halves of quads whose corners coincide, as at a pole */
+    (void)mesh_drop_degenerate(&s->mesh); /* halves of quads with coinciding corners, as at a pole */
     if (!e && s->mesh.triangle_count > 0)
         e = scene_add_mesh(scene, &s->mesh);
     if (e)

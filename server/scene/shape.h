@@ -1,10 +1,11 @@
-/* Solids made by code, for the built-in scene: for the files of this room alone. Each call appends to a mesh that
- * carries normals; the local frame of the solid is turned about Y and then moved. Metres, Y up, radians counted from +Z
- * towards +X. A failed allocation is remembered, and shape_finish reports it. */
+/* server/scene/shape.h */
+/* Procedural solids for the built-in scene. Private to this room. Each call appends to a mesh with normals, in a local
+ * frame that is rotated about Y and then translated. Metres, Y up, radians from +Z towards +X. Allocation failures are
+ * recorded and reported by shape_finish. Thread: one per shape. */
 #ifndef SCENE_SHAPE_H
 #define SCENE_SHAPE_H
 
-#include "scene_build.h"
+#include "scene/scene_build.h"
 
 struct shape {
     struct mesh mesh;
@@ -14,33 +15,35 @@ struct shape {
     bool failed;
 };
 
-/* The local frame of what comes next. */
+/* Sets the local frame of the following solids. */
 void shape_place(struct shape *s, float x, float y, float z, float turn);
 
-/* A box between two corners. */
+/* Appends a box between two corners. */
 void shape_box(struct shape *s, struct vec3 low, struct vec3 high);
 
-/* A block of a ring: between two radii, two angles and two heights; `parts` straight pieces along the arc. A radius of
- * 0 gives a slice of a disc, an arc of 2 pi a closed ring. Its curved sides are shaded smoothly. */
 struct sector {
     float inner, outer, from, to, low, high;
     uint32_t parts;
 };
+
+/* Appends a block of a ring between two radii, two angles and two heights, with `parts` straight segments along the
+ * arc. A radius of 0 gives a slice of a disc, an arc of 2 pi a closed ring. Curved sides are shaded smoothly. */
 void shape_sector(struct shape *s, const struct sector *k);
 
-/* A surface over (u, v) in the unit square: at(u, v, data) is its point; u x v counter-clockwise from outside. Normals
- * from differences; wrap_u: the surface closes where u = 1 meets 0. */
 struct surface_map {
     struct vec3 (*at)(float u, float v, const void *data);
     const void *data;
     bool wrap_u;
 };
+
+/* Appends a surface over (u, v) in the unit square: at(u, v, data) is its point; u x v is counter-clockwise seen from
+ * outside. Normals by finite differences. wrap_u: the surface closes where u = 1 meets 0. */
 void shape_grid(struct shape *s, uint32_t columns, uint32_t rows, const struct surface_map *map);
 
-/* A convex outline of n <= 8 corners in the plane x = 0, (z, y) each, given a thickness along x. */
+/* Appends a convex plate with an outline of n <= 8 corners (z, y) in the plane x = 0 and a thickness along x. */
 void shape_plate(struct shape *s, const float (*outline)[2], uint32_t n, float thickness);
 
-/* Hands the mesh over to the scene and empties s; ERR_NOMEM when anything failed on the way. */
+/* Moves the mesh into the scene and empties s. ERR_NOMEM: an allocation failed, now or earlier. */
 MUST_CHECK enum err shape_finish(struct shape *s, struct scene *scene, uint32_t material);
 
 #endif

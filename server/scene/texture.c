@@ -1,6 +1,6 @@
-#include "scene_build.h"
+#include "scene/scene_build.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <errno.h>
 #include <math.h>
@@ -13,13 +13,13 @@
 #define TEXELS_MAX (UINT64_C(1) << 26)
 #define FILE_MAX (256u << 20)
 
-/* [IEC 61966-2-1, section 5.2]: the encoded value in 0..1 to linear. */
+/* [IEC 61966-2-1, section 5.2]: encoded value in 0..1 to linear. */
 static float srgb_to_linear(float v)
 {
     return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
-/* 8-bit texels, `channels` bytes apart, to the texture's floats. */
+/* Converts 8-bit texels of `channels` bytes to the texture's floats. */
 static enum err take_texels(const uint8_t *texels, int channels, enum texture_values values, struct texture *out)
 {
     float linear[256];
@@ -40,7 +40,7 @@ static enum err take_texels(const uint8_t *texels, int channels, enum texture_va
 static enum err check_size(uint64_t width, uint64_t height, const char *name, struct reason *why)
 {
     if (width < 1 || height < 1 || width > SIDE_MAX || height > SIDE_MAX || width * height > TEXELS_MAX)
-        return err_say(why, ERR_RANGE, "%s: %llu x %llu texels, more than %d a side or 2^26 in all", name,
+        return err_say(why, ERR_RANGE, "%s: %llu x %llu texels; the limit is %d per side and 2^26 in all", name,
                        (unsigned long long)width, (unsigned long long)height, SIDE_MAX);
     return ERR_OK;
 }
@@ -57,7 +57,7 @@ static enum err decode_png(const void *bytes, size_t count, enum texture_values 
     e = check_size(image.width, image.height, name, why);
     if (e)
         goto done;
-    image.format = PNG_FORMAT_RGBA; /* alpha is read so that libpng does not blend it away */
+    image.format = PNG_FORMAT_RGBA; /* alpha is read so that libpng does not blend with it */
     texels = mem_alloc((size_t)image.width * image.height, 4);
     if (!texels) {
         e = ERR_NOMEM;
@@ -140,7 +140,7 @@ enum err texture_load(const char *path, enum texture_values values, struct textu
         goto done;
     }
     if ((unsigned long)size > FILE_MAX) {
-        e = err_say(why, ERR_RANGE, "%s: %ld bytes, more than %u", path, size, FILE_MAX);
+        e = err_say(why, ERR_RANGE, "%s: %ld bytes, more than the limit of %u", path, size, FILE_MAX);
         goto done;
     }
     bytes = mem_alloc((size_t)size, 1);
@@ -149,7 +149,7 @@ enum err texture_load(const char *path, enum texture_values values, struct textu
         goto done;
     }
     if (fread(bytes, 1, (size_t)size, f) != (size_t)size) {
-        e = err_say(why, ERR_IO, "%s: cannot be read", path);
+        e = err_say(why, ERR_IO, "%s: cannot read", path);
         goto done;
     }
     e = texture_decode(bytes, (size_t)size, values, path, out, why);

@@ -1,11 +1,8 @@
-#include "view.h"
+#include "scene/view.h"
+
+#include "base/vec.h"
 
 #include <math.h>
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 void view_init(struct view *v, const struct camera *c, uint32_t width, uint32_t height)
 {
@@ -34,22 +31,22 @@ struct vec3 view_direction(const struct view *v, double x, double y)
 
     for (int i = 0; i < 3; i++)
         d[i] = v->corner[i] + x * v->step_x[i] + y * v->step_y[i];
-    const double l = 1.0 / sqrt(dot(d, d));
+    const double l = 1.0 / sqrt(dot3(d, d));
     return vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
 }
 
 bool view_project(const struct view *v, struct vec3 p, struct projection *out)
 {
     const double d[3] = { p.x - v->origin[0], p.y - v->origin[1], p.z - v->origin[2] };
-    const double depth = dot(d, v->ahead), area = v->step * v->step;
+    const double depth = dot3(d, v->ahead), area = v->step * v->step;
 
     if (!(depth > 0.0))
         return false;
-    out->x = 0.5 * v->width + dot(d, v->step_x) / (depth * area);
-    out->y = 0.5 * v->height + dot(d, v->step_y) / (depth * area);
+    out->x = 0.5 * v->width + dot3(d, v->step_x) / (depth * area);
+    out->y = 0.5 * v->height + dot3(d, v->step_y) / (depth * area);
     if (!(out->x >= 0.0 && out->x < v->width && out->y >= 0.0 && out->y < v->height))
         return false;
-    out->distance = sqrt(dot(d, d));
+    out->distance = sqrt(dot3(d, d));
     const double l = -1.0 / out->distance, cosine = depth / out->distance;
     out->to_eye = vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
     out->response = 1.0 / (area * out->distance * out->distance * cosine * cosine * cosine);

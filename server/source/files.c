@@ -1,6 +1,6 @@
-#include "files.h"
+#include "source/files.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <assert.h>
 #include <ctype.h>
@@ -27,7 +27,7 @@ enum err files_say_errno(struct reason *why, const char *path, const char *what,
     return err_say(why, ERR_IO, "%s: %s: %s", path, what, text);
 }
 
-/* ---- The list ---- */
+/* ---- File lists ---- */
 
 enum err files_add(struct file_list *l, const char *dir, const char *name, uint64_t number)
 {
@@ -78,7 +78,7 @@ static void sort_and_count(struct file_list *l)
         l->items[i].number = i;
 }
 
-/* ---- A folder ---- */
+/* ---- Folders ---- */
 
 bool files_is_frame_name(const char *name)
 {
@@ -86,7 +86,7 @@ bool files_is_frame_name(const char *name)
     return n > 4 && name[0] != '.' && (strcasecmp(name + n - 4, ".exr") == 0 || strcasecmp(name + n - 4, ".hdr") == 0);
 }
 
-/* What is there but is no file is left out; what cannot be looked at stays, so that reading it says why. */
+/* Skips entries that are not files; keeps those that cannot be examined, so that reading them reports why. */
 static bool is_something_else(const char *path)
 {
     struct stat st;
@@ -101,18 +101,18 @@ static enum err each_entry(const char *dir, enum err (*take)(const char *name, v
     DIR *d = opendir(dir);
 
     if (!d)
-        return files_say_errno(why, dir, "cannot be opened as a folder", errno);
+        return files_say_errno(why, dir, "cannot open as a folder", errno);
     while (!e) {
-        errno = 0; /* readdir tells the end from a failure by it alone */
+        errno = 0; /* distinguishes the end of the folder from an error */
         const struct dirent *entry = readdir(d);
         if (!entry && errno)
-            e = files_say_errno(why, dir, "cannot be listed", errno);
+            e = files_say_errno(why, dir, "cannot list", errno);
         if (!entry)
             break;
         e = take(entry->d_name, arg);
     }
     closedir(d);
-    return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the names in it", dir) : e;
+    return e == ERR_NOMEM ? err_say(why, e, "%s: out of memory for its file names", dir) : e;
 }
 
 struct folder_scan {
@@ -146,21 +146,21 @@ enum err files_from_folder(const char *dir, struct file_list *out, struct reason
     return e;
 }
 
-/* ---- A printf pattern ---- */
+/* ---- printf patterns ---- */
 
-/* `DIR/headNNNNtail`, where NNNN is a number of at least `width` characters, padded in front. */
+/* `DIR/headNNNNtail`; NNNN is a number padded to at least `width` characters. */
 struct pattern {
     char *dir;        /* owned */
-    const char *head; /* in the spec, head_length long */
+    const char *head; /* in the spec; length head_length */
     size_t head_length;
     const char *tail; /* in the spec, to its end */
     int width;
-    bool zeros; /* padded by zeros, else by blanks */
+    bool zeros; /* padded with zeros, else with blanks */
     struct file_list *out;
 };
 
-/* The length of the %d, %i or %u with an optional width that starts at p, or 0. The text never reaches printf: other
- * conversions are literal characters of the name. */
+/* Length of the %d, %i or %u conversion at p, with an optional width, or 0. The text never reaches printf; other
+ * conversions are literal characters. */
 static size_t conversion_at(const char *p, int *width, bool *zeros)
 {
     size_t n = 1;
@@ -172,7 +172,7 @@ static size_t conversion_at(const char *p, int *width, bool *zeros)
     return (p[n] == 'd' || p[n] == 'i' || p[n] == 'u') && *width <= 20 ? n + 1 : 0;
 }
 
-/* How many conversions the spec has; the first one's place goes to *at and *length. */
+/* Counts the conversions of the spec and stores the position of the first. */
 static size_t count_conversions(const char *spec, const char **at, size_t *length, struct pattern *p)
 {
     size_t count = 0;
@@ -192,7 +192,7 @@ static size_t count_conversions(const char *spec, const char **at, size_t *lengt
     return count;
 }
 
-/* Takes a name when it is what the pattern prints for some number, to the character. */
+/* Accepts a name that is exactly what the pattern prints for some number. */
 static enum err take_numbered(const char *name, void *arg)
 {
     const struct pattern *p = arg;
@@ -209,7 +209,7 @@ static enum err take_numbered(const char *name, void *arg)
     errno = 0;
     const unsigned long long number = strtoull(digits, NULL, 10);
     if (errno)
-        return ERR_OK; /* does not fit 64 bits */
+        return ERR_OK; /* exceeds 64 bits */
     snprintf(printed, sizeof(printed), p->zeros ? "%0*llu" : "%*llu", p->width, number);
     if (strcmp(printed, digits) != 0)
         return ERR_OK;
@@ -224,45 +224,45 @@ static enum err from_pattern(const char *spec, struct file_list *out, struct rea
     enum err e = ERR_NOMEM;
 
     if (count_conversions(spec, &at, &length, &p) != 1)
-        return err_say(why, ERR_USAGE, "%s: a pattern has one number (%%d, %%04d), this one has more", spec);
+        return err_say(why, ERR_USAGE, "%s: a pattern must contain exactly one number (%%d, %%04d)", spec);
     const char *slash = strrchr(spec, '/');
     p.head = slash ? slash + 1 : spec;
     p.tail = at + length;
     if (p.head > at)
-        return err_say(why, ERR_USAGE, "%s: the number must stand in the file's name, not in a folder's", spec);
+        return err_say(why, ERR_USAGE, "%s: the number must be in the file name, not in a folder name", spec);
     p.head_length = (size_t)(at - p.head);
-    const size_t dir_length = (size_t)(p.head - spec); /* with its slash, so that "/" stays the root */
+    const size_t dir_length = (size_t)(p.head - spec); /* includes the slash, so that "/" stays the root */
     p.dir = mem_alloc(dir_length + 1, 1);
     if (p.dir) {
         memcpy(p.dir, spec, dir_length);
         e = each_entry(dir_length ? p.dir : ".", take_numbered, &p, why);
     }
     if (!e && out->count == 0)
-        e = err_say(why, ERR_IO, "%s: no file has such a name", spec);
+        e = err_say(why, ERR_IO, "%s: no file matches", spec);
     if (!e)
         qsort(out->items, out->count, sizeof(out->items[0]), by_number);
     mem_free(p.dir);
     return e;
 }
 
-/* ---- A glob pattern and a single file ---- */
+/* ---- Glob patterns and single files ---- */
 
 static enum err from_glob(const char *spec, struct file_list *out, struct reason *why)
 {
     glob_t found = { 0 };
     enum err e = ERR_OK;
-    const int code = glob(spec, GLOB_NOSORT, NULL, &found); /* its own order is the locale's, ours is the bytes' */
+    const int code = glob(spec, GLOB_NOSORT, NULL, &found); /* sorted by bytes later; glob would sort by locale */
 
     if (code == GLOB_NOSPACE)
         e = ERR_NOMEM;
     else if (code != 0 && code != GLOB_NOMATCH)
-        e = err_say(why, ERR_IO, "%s: a folder in it cannot be read", spec);
+        e = err_say(why, ERR_IO, "%s: cannot read a folder in it", spec);
     for (size_t i = 0; !e && i < found.gl_pathc; i++)
         if (!is_something_else(found.gl_pathv[i]))
             e = files_add(out, NULL, found.gl_pathv[i], 0);
     globfree(&found);
     if (!e && out->count == 0)
-        e = err_say(why, ERR_IO, "%s: no file has such a name", spec);
+        e = err_say(why, ERR_IO, "%s: no file matches", spec);
     if (!e)
         sort_and_count(out);
     return e;
@@ -274,7 +274,7 @@ static enum err from_existing(const char *spec, const struct stat *st, struct fi
         return files_add(out, NULL, spec, 0);
     const enum err e = files_from_folder(spec, out, why);
     if (!e && out->count == 0)
-        return err_say(why, ERR_IO, "%s: this folder holds no .exr or .hdr file", spec);
+        return err_say(why, ERR_IO, "%s: the folder contains no .exr or .hdr file", spec);
     return e;
 }
 
@@ -291,14 +291,14 @@ static enum err expand(const char *spec, struct file_list *out, struct reason *w
         return from_pattern(spec, out, why);
     if (strpbrk(spec, "*?["))
         return from_glob(spec, out, why);
-    return files_say_errno(why, spec, "cannot be opened", errno);
+    return files_say_errno(why, spec, "cannot open", errno);
 }
 
-/* The names that the faces of a cube have, in the order of frame.h. */
+/* File names of cube faces, in the order of frame.h. */
 static const char *const face_names[2][6] = { { "px", "nx", "py", "ny", "pz", "nz" },
                                               { "posx", "negx", "posy", "negy", "posz", "negz" } };
 
-/* What the spec gives with the first face's name in place of `{face}`, which `at` points to. */
+/* Expands the spec with the first face's name in place of `{face}`, which `at` points to. */
 static enum err from_faces(const char *spec, const char *at, struct file_list *out, struct reason *why)
 {
     const size_t before = (size_t)(at - spec), size = strlen(spec) + 1;
@@ -310,7 +310,7 @@ static enum err from_faces(const char *spec, const char *at, struct file_list *o
         return ERR_NOMEM;
     if (strpbrk(after, "%*?[{")) {
         mem_free(first);
-        return err_say(why, ERR_USAGE, "%s: after " FACE " nothing may vary", spec);
+        return err_say(why, ERR_USAGE, "%s: after " FACE " no pattern is allowed", spec);
     }
     for (int k = 0; k < 2 && e == ERR_IO; k++) {
         snprintf(first, size, "%.*s%s%s", (int)before, spec, face_names[k][0], after);
@@ -322,7 +322,7 @@ static enum err from_faces(const char *spec, const char *at, struct file_list *o
         }
     }
     mem_free(first);
-    return e == ERR_IO ? err_say(why, e, "%s: there is no file of the first face, px or posx", spec) : e;
+    return e == ERR_IO ? err_say(why, e, "%s: found no file for the first face, px or posx", spec) : e;
 }
 
 enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why)
@@ -333,13 +333,13 @@ enum err files_from_spec(const char *spec, struct file_list *out, struct reason 
 
     *out = (struct file_list){ .items = NULL };
     if (!spec[0])
-        return err_say(why, ERR_USAGE, "the source is empty: a file, folder, pattern, watch:DIR or sky: is wanted");
+        return err_say(why, ERR_USAGE, "the source is empty; expected a file, folder, pattern, watch:DIR or sky:");
     if (face && stat(spec, &st) != 0)
         e = from_faces(spec, face, out, why);
     else
         e = expand(spec, out, why);
     if (e == ERR_NOMEM)
-        err_say(why, e, "%s: no memory for the list of its files", spec);
+        err_say(why, e, "%s: out of memory for its file list", spec);
     if (e)
         files_finish(out);
     return e;
@@ -347,7 +347,7 @@ enum err files_from_spec(const char *spec, struct file_list *out, struct reason 
 
 /* ---- Reading ---- */
 
-/* The end of a long path says more than its beginning. */
+/* Keeps the end of a long path, which is more specific than its beginning. */
 static void set_name(struct frame *f, const char *path)
 {
     const size_t n = strlen(path), room = sizeof(f->name) - 1;
@@ -365,28 +365,28 @@ static enum err read_bytes(int fd, uint8_t *to, size_t size, const char *path, s
         if (n < 0 && errno == EINTR)
             continue;
         if (n < 0)
-            return files_say_errno(why, path, "cannot be read", errno);
+            return files_say_errno(why, path, "cannot read", errno);
         if (n == 0)
-            return err_say(why, ERR_IO, "%s: byte %zu: the file became shorter while it was read (%zu bytes before)",
+            return err_say(why, ERR_IO, "%s: byte %zu: the file was truncated while it was read (it had %zu bytes)",
                            path, done, size);
         done += (size_t)n;
     }
     return ERR_OK;
 }
 
-/* On ERR_OK *fd is open and *st tells its size, which is within the limits. */
+/* Opens a file and checks its size against the limits. Sets *fd and *st on ERR_OK. */
 static enum err open_file(const char *path, int *fd, struct stat *st, struct reason *why)
 {
     enum err e = ERR_OK;
 
-    /* O_NONBLOCK: opening a FIFO must not wait for its writer before we can see that it is one. */
+    /* O_NONBLOCK: opening a FIFO must not wait for its writer before fstat shows what it is. */
     *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (*fd < 0)
-        return files_say_errno(why, path, "cannot be opened", errno);
+        return files_say_errno(why, path, "cannot open", errno);
     if (fstat(*fd, st) != 0)
-        e = files_say_errno(why, path, "cannot be examined", errno);
+        e = files_say_errno(why, path, "cannot stat", errno);
     else if (!S_ISREG(st->st_mode))
-        e = err_say(why, ERR_IO, "%s: is not a plain file", path);
+        e = err_say(why, ERR_IO, "%s: is not a regular file", path);
     else if (st->st_size <= 0)
         e = err_say(why, ERR_IO, "%s: is empty", path);
     else if ((uint64_t)st->st_size > FILES_SIZE_MAX)
@@ -399,7 +399,7 @@ static enum err open_file(const char *path, int *fd, struct stat *st, struct rea
     return e;
 }
 
-/* `count` files, one after another. A path with several faces has the name of each in turn written into it. */
+/* Reads `count` files one after another. For a cube, substitutes each face's name into the path. */
 static enum err read_all(const struct file_item *item, char *path, size_t count, struct frame *f, struct reason *why)
 {
     const char *const *names = face_names[item->face_length == 4];
@@ -415,9 +415,9 @@ static enum err read_all(const struct file_item *item, char *path, size_t count,
         total += e ? 0 : (size_t)st[opened].st_size;
     }
     if (!e && total > FILES_SIZE_MAX)
-        e = err_say(why, ERR_RANGE, "%s: the faces together have more than %" PRIu64 " bytes", path, FILES_SIZE_MAX);
+        e = err_say(why, ERR_RANGE, "%s: the faces together exceed %" PRIu64 " bytes", path, FILES_SIZE_MAX);
     if (!e && frame_reserve_bytes(f, total))
-        e = err_say(why, ERR_NOMEM, "%s: no memory for its %zu bytes", path, total);
+        e = err_say(why, ERR_NOMEM, "%s: out of memory for %zu bytes", path, total);
     for (size_t k = 0, at = 0; k < count && !e; at += (size_t)st[k++].st_size) {
         if (count > 1) {
             memcpy(path + item->face_at, names[k], item->face_length);
@@ -440,7 +440,7 @@ enum err files_read(const struct file_item *item, struct frame *f, struct reason
     const size_t size = strlen(item->path) + 1;
     char *path = mem_alloc(size, 1);
     if (!path)
-        return err_say(why, ERR_NOMEM, "%s: no memory for its name", item->path);
+        return err_say(why, ERR_NOMEM, "%s: out of memory for its name", item->path);
     memcpy(path, item->path, size);
     const enum err e = read_all(item, path, item->face_length ? 6 : 1, f, why);
     if (e)

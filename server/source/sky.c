@@ -1,7 +1,7 @@
-#include "sky.h"
+#include "source/sky.h"
 
-#include "sky_model.h"
-#include "vec.h"
+#include "source/sky_model.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <ctype.h>
@@ -17,17 +17,17 @@ const char *const sky_help =
     "latitude=45       degrees, north positive\n"
     "longitude=0       degrees, east positive; only utc= needs it\n"
     "date=06-21        MM-DD or YYYY-MM-DD, of the first frame\n"
-    "hour=6.25         local solar time of the first frame, 0 to 24; time=06:15 says the same\n"
-    "utc=HH:MM         the clock's time instead, from which longitude and date give the solar time\n"
+    "hour=6.25         local solar time of the first frame, 0 to 24; or time=06:15\n"
+    "utc=HH:MM         UTC instead; longitude and date then give the solar time\n"
     "speed=1           minutes of solar time from frame to frame, 0 to 1440\n"
     "turbidity=3       haziness: 1.7 very clear, 10 hazy\n"
     "ground=0.2        albedo of the ground below the horizon, 0 to 1\n"
-    "sun_ratio=0       luminance of the sun's disc over the sky's mean; 0: as the air gives it\n"
-    "night=0.002       illuminance of the night in lux; 0.2 is a full moon's\n"
+    "sun_ratio=0       luminance of the sun's disc over the sky's mean; 0: from the atmosphere\n"
+    "night=0.002       illuminance at night in lux; 0.2 is a full moon\n"
     "scale=0.0065      output units per W sr^-1 m^-2\n"
-    "size=1024x512     texels, 2:1, the height even\n";
+    "size=1024x512     texels; must be 2:1 with an even height\n";
 
-/* ---- Reading a spec ---- */
+/* ---- Parsing ---- */
 
 enum clock_kind {
     CLOCK_SOLAR,
@@ -43,7 +43,7 @@ struct reading {
 static const struct {
     const char *name;
     size_t offset;
-    double least, most, unit; /* unit: what one of the user's is in the description */
+    double least, most, unit; /* unit: factor from the user's unit to the description's */
 } numbers[] = {
     { "latitude", offsetof(struct sky_desc, latitude_degrees), -90.0, 90.0, 1.0 },
     { "longitude", offsetof(struct sky_desc, longitude_degrees), -180.0, 180.0, 1.0 },
@@ -58,7 +58,7 @@ static const struct {
 
 static const int month_days[12] = { 31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
 
-/* The whole of `text` as one of 1..5 digits; -1 when it is anything else. */
+/* `text` as a number of 1..5 digits; -1 if it is anything else. */
 static int small_number(const char *text, size_t length)
 {
     int v = 0;
@@ -88,7 +88,7 @@ static enum err read_date(struct sky_desc *d, const char *value, struct reason *
     const char *date = value;
     int month, day;
 
-    if (strlen(value) == 10 && small_number(value, 4) >= 0 && value[4] == '-') /* the year, which does not matter */
+    if (strlen(value) == 10 && small_number(value, 4) >= 0 && value[4] == '-') /* the year is ignored */
         date = value + 5;
     if (!two_numbers(date, '-', &month, &day) || month < 1 || month > 12 || day < 1 || day > month_days[month - 1])
         return err_say(why, ERR_USAGE, "sky: date=%s is not MM-DD or YYYY-MM-DD", value);
@@ -112,8 +112,9 @@ static enum err read_size(struct sky_desc *d, const char *value, struct reason *
     int w, h;
 
     if (!two_numbers(value, 'x', &w, &h) || h < 2 || h % 2 || w != 2 * h || w > SKY_SIDE_MAX)
-        return err_say(why, ERR_USAGE, "sky: size=%s is not WIDTHxHEIGHT of 2:1, from 4x2 to %dx%d, the height even",
-                       value, SKY_SIDE_MAX, SKY_SIDE_MAX / 2);
+        return err_say(why, ERR_USAGE,
+                       "sky: size=%s is not WIDTHxHEIGHT; expected 2:1 from 4x2 to %dx%d with an even height", value,
+                       SKY_SIDE_MAX, SKY_SIDE_MAX / 2);
     d->width = (uint32_t)w;
     d->height = (uint32_t)h;
     return ERR_OK;
@@ -147,8 +148,8 @@ static enum err read_key(struct reading *r, const char *name, const char *value,
     }
     return err_say(
         why, ERR_USAGE,
-        "sky: '%s' is no key; there are latitude, longitude, date, hour, time, utc, speed, turbidity, ground, "
-        "sun_ratio, night, scale and size",
+        "sky: unknown key '%s'; expected latitude, longitude, date, hour, time, utc, speed, turbidity, ground, "
+        "sun_ratio, night, scale or size",
         name);
 }
 
@@ -181,13 +182,14 @@ enum err sky_parse(const char *text, struct sky_desc *out, struct reason *why)
     while (*text) {
         const size_t length = strcspn(text, ",");
         if (length >= sizeof(key))
-            return err_say(why, ERR_USAGE, "sky: '%.40s...' is too long for a key and its value", text);
+            return err_say(why, ERR_USAGE, "sky: '%.40s...' is too long for a key and a value", text);
         memcpy(key, text, length);
         key[length] = '\0';
         text += length + (text[length] == ',');
         char *equals = strchr(key, '=');
         if (!equals)
-            return err_say(why, ERR_USAGE, "sky: '%s' has no value, as in latitude=45,date=06-21", key);
+            return err_say(why, ERR_USAGE, "sky: '%s' has no value; expected KEY=VALUE, as in latitude=45,date=06-21",
+                           key);
         *equals = '\0';
         const enum err e = read_key(&r, key, equals + 1, why);
         if (e)
@@ -201,7 +203,7 @@ enum err sky_parse(const char *text, struct sky_desc *out, struct reason *why)
     return ERR_OK;
 }
 
-/* ---- One moment ---- */
+/* ---- The sky at one moment ---- */
 
 void sky_state_at(const struct sky_desc *d, uint64_t frame, struct sky_state *out)
 {

@@ -1,29 +1,29 @@
-#include "sky_model.h"
+#include "source/sky_model.h"
 
-#include "vec.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <math.h>
 
 #define DEGREE (PI / 180.0)
 #define SUN_KELVIN 5772.0 /* effective temperature of the sun [IAU 2015 B3] */
-#define SUN_WATTS 1361.0  /* solar irradiance above the air, W m^-2 [IAU 2015 B3] */
+#define SUN_WATTS 1361.0  /* solar irradiance above the atmosphere, W m^-2 [IAU 2015 B3] */
 
 static double clamp(double v, double least, double most)
 {
     return v < least ? least : v > most ? most : v;
 }
 
-/* 0 below 0, 1 above 1, and smooth between. */
+/* 0 below 0, 1 above 1, smooth in between. */
 static double smooth_step(double t)
 {
     t = clamp(t, 0.0, 1.0);
     return t * t * (3.0 - 2.0 * t);
 }
 
-/* ---- Where the sun stands ---- */
+/* ---- The sun's position ---- */
 
-/* The day's place in the year as an angle, counted from noon of 1 January. */
+/* The time of year as an angle, from noon of 1 January. */
 static double day_angle(int day, double hours)
 {
     return 2.0 * PI * (day - 1 + (hours - 12.0) / 24.0) / 365.0;
@@ -39,8 +39,8 @@ double sky_equation_of_time(int day, double hours)
 void sky_sun_place(double latitude, int day, double hours, double w[3])
 {
     const double g = day_angle(day, hours);
-    /* Declination [Spencer 1971]: within 0.03 degrees of the almanac at the solstices, 0.5 at the equinoxes, whose date
-     * moves by a day from year to year. */
+    /* Declination [Spencer 1971]: within 0.03 degrees of the almanac at the solstices and 0.5 at the equinoxes, whose
+     * date varies by a day from year to year. */
     const double decl = 0.006918 - 0.399912 * cos(g) + 0.070257 * sin(g) - 0.006758 * cos(2.0 * g) +
                         0.000907 * sin(2.0 * g) - 0.002697 * cos(3.0 * g) + 0.00148 * sin(3.0 * g);
     const double turn = (fmod(hours, 24.0) - 12.0) * PI / 12.0; /* hour angle, negative in the morning */
@@ -55,10 +55,10 @@ void sky_sun_place(double latitude, int day, double hours, double w[3])
         w[i] /= length;
 }
 
-/* ---- What comes through the air ---- */
+/* ---- Transmission of the atmosphere ---- */
 
-/* A piece of the fits to the CIE 1931 colour-matching functions: a bell whose halves differ in width, nm
- * [Wyman et al. 2013, Eq. 4]. */
+/* One term of the fits to the CIE 1931 colour-matching functions: a bell with different widths on both sides, nm [Wyman
+ * et al. 2013, Eq. 4]. */
 static double bell(double nm, double centre, double below, double above)
 {
     const double t = (nm - centre) / (nm < centre ? below : above);
@@ -73,7 +73,7 @@ static void colour_matching(double nm, double xyz[3])
     xyz[2] = 1.217 * bell(nm, 437.0, 11.8, 36.0) + 0.681 * bell(nm, 459.0, 26.0, 13.8);
 }
 
-/* The sun above the air as a black body with the sun's total, W m^-2 um^-1; um = wavelength. */
+/* The sun above the atmosphere as a black body with the sun's total, W m^-2 um^-1; um: wavelength. */
 static double solar_spectrum(double um)
 {
     const double t4 = SUN_KELVIN * SUN_KELVIN * SUN_KELVIN * SUN_KELVIN;
@@ -81,17 +81,17 @@ static double solar_spectrum(double um)
     return SUN_WATTS * emitted / (5.670374e-8 * t4);
 }
 
-/* Path through the air over that towards the zenith [Kasten and Young 1989]. Their fit bends back about two degrees
- * below the horizon, where no part of the disc is left: it is held from one degree below. */
+/* Optical path relative to the zenith [Kasten and Young 1989]. The fit turns back about two degrees below the horizon,
+ * where no part of the disc is visible; it is clamped one degree below. */
 static double air_mass(double elevation)
 {
     const double h = clamp(elevation / DEGREE, -1.0, 90.0);
     return 1.0 / (sin(h * DEGREE) + 0.50572 * pow(h + 6.07995, -1.6364));
 }
 
-/* Optical depth of the air towards the zenith [Preetham et al. 1999, App. 1]: molecules, haze (Angstrom's law with
- * exponent 1.3) and 3.5 mm of ozone. Water vapour and mixed gases absorb next to nothing in the visible: left out. The
- * ozone's Chappuis band is a bell fitted by us to the coefficients tabulated there. */
+/* Zenith optical depth [Preetham et al. 1999, App. 1]: molecules, haze (Angstrom's law with exponent 1.3) and 3.5 mm of
+ * ozone. Water vapour and mixed gases hardly absorb visible light and are omitted. Ozone's Chappuis band is a bell that
+ * we fitted to the coefficients tabulated there. */
 static double optical_depth(double um, double turbidity)
 {
     const double beta = 0.04608 * turbidity - 0.04586;
@@ -100,7 +100,7 @@ static double optical_depth(double um, double turbidity)
 
 void sky_sun_radiance(double elevation, double turbidity, double rgb[3])
 {
-    const double mass = air_mass(elevation), step = 10.0; /* nm: the spectrum has no lines, so coarse steps do */
+    const double mass = air_mass(elevation), step = 10.0; /* nm; the spectrum has no lines, so coarse steps suffice */
     double xyz[3] = { 0.0 };
 
     for (double nm = 380.0; nm <= 780.0; nm += step) {
@@ -115,11 +115,10 @@ void sky_sun_radiance(double elevation, double turbidity, double rgb[3])
     sky_rgb_from_xyy(xyz[0] / sum, xyz[1] / sum, xyz[1] / solid_angle, rgb);
 }
 
-/* ---- How bright the sky is ---- */
+/* ---- Luminance of the sky ---- */
 
-/* log10 of the illuminance in lux from the sun's elevation in degrees, -18 (held below) to 5
- * [Janiczek and DeYoung 1987, Table 1]. Its four pieces miss each other by up to 1 % where they meet: they are blended
- * over 0.6 degrees there. */
+/* log10 of the illuminance in lux from the sun's elevation in degrees, -18 (clamped below) to 5 [Janiczek and DeYoung
+ * 1987, Table 1]. The four pieces differ by up to 1 % where they meet and are blended over 0.6 degrees there. */
 static double twilight_log10_lux(double degrees)
 {
     static const double piece[4][4] = {
@@ -139,8 +138,8 @@ static double twilight_log10_lux(double degrees)
     return value;
 }
 
-/* Diffuse irradiance of the clear sky on the horizontal plane, W m^-2, for the sun above the horizon
- * [Rigollier et al. 2000, Eq. 13 to 17], our turbidity standing for Linke's at air mass 2. */
+/* Diffuse horizontal irradiance of the clear sky, W m^-2, with the sun above the horizon [Rigollier et al. 2000, Eq. 13
+ * to 17]; our turbidity takes the place of Linke's at air mass 2. */
 static double diffuse_watts(double sin_elevation, double t)
 {
     const double zenith = -1.5843e-2 + t * (3.0543e-2 + t * 3.797e-4);
@@ -154,7 +153,7 @@ static double diffuse_watts(double sin_elevation, double t)
 
 double sky_illuminance(double elevation, double turbidity)
 {
-    const double efficacy = 130.0; /* lm/W of a clear sky's light [Littlefair 1985] */
+    const double efficacy = 130.0; /* lm/W of a clear sky [Littlefair 1985] */
     const double degrees = elevation / DEGREE, day = smooth_step(degrees / 5.0);
     const double twilight = log(10.0) * twilight_log10_lux(degrees);
 
@@ -163,17 +162,17 @@ double sky_illuminance(double elevation, double turbidity)
     return exp((1.0 - day) * twilight + day * log(efficacy * diffuse_watts(sin(elevation), turbidity)));
 }
 
-/* ---- How its light is spread, and of what colour ---- */
+/* ---- Distribution and colour ---- */
 
-/* A to E of luminance, x and y: slope over turbidity and constant [Preetham et al. 1999, App. 2]. */
+/* A to E for luminance, x and y: slope over turbidity, and constant [Preetham et al. 1999, App. 2]. */
 static const double perez_fit[3][5][2] = {
     { { 0.1787, -1.4630 }, { -0.3554, 0.4275 }, { -0.0227, 5.3251 }, { 0.1206, -2.5771 }, { -0.0670, 0.3703 } },
     { { -0.0193, -0.2592 }, { -0.0665, 0.0008 }, { -0.0004, 0.2125 }, { -0.0641, -0.8989 }, { -0.0033, 0.0452 } },
     { { -0.0167, -0.2608 }, { -0.0950, 0.0092 }, { -0.0079, 0.2102 }, { -0.0441, -1.6537 }, { -0.0109, 0.0529 } },
 };
 
-/* Chromaticity x and y of the zenith: rows T^2, T, 1; columns the cube, square, first and zeroth power of the sun's
- * zenith angle [ibid.]. */
+/* Zenith chromaticity x and y: rows T^2, T, 1; columns the cube, square, first and zeroth power of the sun's zenith
+ * angle [ibid.]. */
 static const double zenith_fit[2][3][4] = {
     { { 0.00166, -0.00375, 0.00209, 0.0 },
       { -0.02903, 0.06377, -0.03202, 0.00394 },
@@ -183,7 +182,7 @@ static const double zenith_fit[2][3][4] = {
       { 0.15346, -0.26756, 0.06670, 0.26688 } },
 };
 
-/* The two factors of F [ibid., Eq. 1]: by the angle from the zenith and by the angle from the sun. */
+/* The two factors of F [ibid., Eq. 1]: by angle from the zenith and by angle from the sun. */
 static double gradation(const double p[5], double cos_zenith)
 {
     return 1.0 + p[0] * exp(p[1] / (cos_zenith > 1e-6 ? cos_zenith : 1e-6));
@@ -206,10 +205,10 @@ static double zenith_chromaticity(const double fit[3][4], double turbidity, doub
     return value;
 }
 
-/* Everything of the dome but its level and the ground. */
+/* All terms of the dome except its level and the ground. */
 static void dome_shape(const struct sky_desc *d, double elevation, struct sky_dome *dome)
 {
-    /* The fit's range; below it the gradation nears 0 at the zenith, above it the colours leave what skies have. */
+    /* The fit's range: below it the gradation approaches 0 at the zenith, above it the colours become unnatural. */
     const double t = clamp(d->turbidity, 2.2, 6.0);
     const double zenith = 0.5 * PI - elevation, held = clamp(zenith, 0.0, 0.5 * PI);
     for (int i = 0; i < 3; i++)
@@ -249,7 +248,7 @@ void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3])
     }
     for (int i = 0; i < 3; i++)
         half += 0.25 * (w[i] - s->sun_direction[i]) * (w[i] - s->sun_direction[i]);
-    const double angle = 2.0 * asin(sqrt(clamp(half, 0.0, 1.0))); /* exact near 0, where acos is not */
+    const double angle = 2.0 * asin(sqrt(clamp(half, 0.0, 1.0))); /* accurate near 0, unlike acos */
     for (int i = 0; i < 3; i++)
         value[i] = dome->gain[i] * gradation(dome->perez[i], w[1]) * indicatrix(dome->perez[i], angle);
     const double blue = sky_twilight_weight(dome, w[1]);
@@ -263,13 +262,13 @@ void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3])
         rgb[c] += dome->night[c] * gradation(dome->perez[0], w[1]);
 }
 
-/* ---- The whole ---- */
+/* ---- Integration ---- */
 
-#define RINGS 32   /* of the hemisphere, equal in height: equal solid angles */
-#define SECTORS 48 /* of half a ring; the other half is its mirror image */
+#define RINGS 32   /* rings of the hemisphere, equal in height and so in solid angle */
+#define SECTORS 48 /* per half ring; the other half is its mirror image */
 
-/* Sums over the upper hemisphere: radiance and radiance times cosine, over solid angle. Midpoint rule; the sun's
- * azimuth is where the sectors begin, so that the rule moves with the sun. */
+/* Integrals over the upper hemisphere of radiance and of radiance times cosine. Midpoint rule; the sectors start at the
+ * sun's azimuth, so that the error does not change as the sun moves. */
 static void integrate(const struct sky_state *s, double mean[3], double irradiance[3])
 {
     struct sky_state turned = *s;
@@ -299,21 +298,21 @@ static double luminance(const double rgb[3])
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
-/* The visible share of the disc and the integral of the cosine over it, by slices at equal height above the horizon.
- * A slice at zenith angle z is 2 half(z) wide; z = centre - radius cos(t) turns the disc's rim into a smooth end. */
+/* The visible share of the disc and the integral of the cosine over it, by slices at equal height above the horizon. A
+ * slice at zenith angle z is 2 half(z) wide; z = centre - radius cos(t) makes the integrand smooth at the rim. */
 static void disc_over_horizon(double elevation, double *visible, double *cosine)
 {
     const double r = SKY_SUN_RADIUS;
     const double full = 2.0 * PI * (1.0 - cos(r));
 
     *visible = 1.0;
-    *cosine = PI * sin(r) * sin(r) * sin(elevation); /* of a cap that is wholly above */
+    *cosine = PI * sin(r) * sin(r) * sin(elevation); /* a cap entirely above the horizon */
     if (elevation >= r)
         return;
     *visible = *cosine = 0.0;
     if (elevation <= -r)
         return;
-    /* Cap and hemisphere intersect in this solid angle (Gauss and Bonnet). */
+    /* Solid angle of the intersection of cap and hemisphere (Gauss and Bonnet). */
     const double se = sin(elevation), ce = cos(elevation);
     *visible =
         2.0 * (PI - acos(clamp(se / sin(r), -1.0, 1.0)) - acos(clamp(-se / ce * cos(r) / sin(r), -1.0, 1.0)) * cos(r)) /
@@ -336,7 +335,7 @@ static void fill_sun(const struct sky_desc *d, struct sky_state *s)
     s->sun_visible = clamp(visible, 0.0, 1.0);
     sky_sun_radiance(s->sun_elevation, d->turbidity, s->sun_radiance);
     double gain = d->scale;
-    if (d->sun_ratio > 0.0) /* the colour stays the air's */
+    if (d->sun_ratio > 0.0) /* keeps the atmosphere's colour */
         gain = d->sun_ratio * luminance(s->sky_mean) / luminance(s->sun_radiance);
     for (int c = 0; c < 3; c++) {
         s->sun_radiance[c] *= gain;
@@ -351,7 +350,8 @@ void sky_state_fill(const struct sky_desc *d, struct sky_state *s)
     const double units = d->scale / SKY_EFFICACY; /* per cd m^-2 */
 
     dome_shape(d, s->sun_elevation, dome);
-    /* Spread 1 and measure it, then set the level: first of the night, whose spread is the gradation alone. */
+    /* Measure the distribution at level 1, then set the level: first the night's, whose distribution is the gradation
+     * alone. */
     const double night[3] = { dome->night[0], dome->night[1], dome->night[2] };
     for (int c = 0; c < 3; c++)
         dome->night[c] = 0.0;

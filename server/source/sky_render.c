@@ -1,19 +1,19 @@
-#include "sky_model.h"
+#include "source/sky_model.h"
 
-#include "vec.h"
+#include "base/vec.h"
 
 #include <assert.h>
 #include <math.h>
 
-/* ---- The sky ---- */
+/* ---- Sky ---- */
 
-/* The indicatrix of a texel depends on the angle to the sun alone: four tables over the sine of half that angle,
- * linear between 2048 steps. Within 1e-5 of the exact value, but 1e-3 of it within some degrees of the point opposite
- * the sun, where the formula has a cusp that no sky has. */
+/* The indicatrix depends only on the angle to the sun: four tables over the sine of half that angle, with linear
+ * interpolation in 2048 steps. The error is below 1e-5, or 1e-3 within some degrees of the antisolar point, where the
+ * formula has a cusp that real skies do not have. */
 #define STEPS 2048
 
 struct angle_entry {
-    float value[4], slope[4]; /* of luminance, x and y; and the warmth kept. 32 bytes: within one cache line */
+    float value[4], slope[4]; /* luminance, x and y, and the kept warmth; 32 bytes, within one cache line */
 };
 
 static void fill_table(const struct sky_dome *dome, struct angle_entry table[STEPS + 1])
@@ -35,10 +35,10 @@ static void fill_table(const struct sky_dome *dome, struct angle_entry table[STE
     }
 }
 
-/* What a whole row shares. */
+/* Terms common to a row. */
 struct sky_row {
-    float across[2];    /* squared sine of half the angle to the sun = [0] + [1] * that of half the azimuth between */
-    float gradation[3]; /* of luminance, x and y */
+    float across[2];    /* sin^2 of half the angle to the sun = [0] + [1] sin^2 of half the azimuth difference */
+    float gradation[3]; /* luminance, x and y */
     float twilight[2];  /* added to x and y */
     float night[3];
 };
@@ -49,7 +49,7 @@ static void fill_row(const struct sky_state *s, double theta, struct sky_row *ro
     const double sun_theta = 0.5 * PI - s->sun_elevation, up = cos(theta) > 1e-6 ? cos(theta) : 1e-6;
     const double apart = sin(0.5 * (theta - sun_theta)), blue = sky_twilight_weight(dome, up);
 
-    row->across[0] = (float)(apart * apart); /* the haversine formula: no digits are lost near the sun */
+    row->across[0] = (float)(apart * apart); /* the haversine formula, accurate near the sun */
     row->across[1] = (float)(sin(theta) * sin(sun_theta));
     for (int k = 0; k < 3; k++) {
         const double keep = k == 0 ? 1.0 : 1.0 - blue;
@@ -60,7 +60,7 @@ static void fill_row(const struct sky_state *s, double theta, struct sky_row *ro
     row->twilight[1] = (float)(blue * SKY_TWILIGHT_Y);
 }
 
-/* sky_radiance of every texel of a row, in float. half_sine: of the columns, as in sky_row. */
+/* sky_radiance for the texels of a row, in float. half_sine: of the columns, as in sky_row. */
 static void render_row(const struct sky_row *row, const struct angle_entry table[STEPS + 1], const float *half_sine,
                        uint32_t width, float *rgb)
 {
@@ -75,10 +75,10 @@ static void render_row(const struct sky_row *row, const struct angle_entry table
         const float warm = fmaxf(x_fit - (float)SKY_WHITE_X, 0.0f);
         const float x = x_fit - warm + warm * (t->value[3] + part * t->slope[3]);
         const float y_fit = row->gradation[2] * (t->value[2] + part * t->slope[2]) + row->twilight[1];
-        const float locus = (-3.0f * x + 2.870f) * x - 0.275f; /* as sky_locus */
+        const float locus = (-3.0f * x + 2.870f) * x - 0.275f; /* sky_locus */
         const float y = fminf(fmaxf(y_fit, locus - (float)SKY_LOCUS_BELOW), locus + (float)SKY_LOCUS_ABOVE);
         const float sum = luminance / y, cx = x * sum, cz = sum - cx - luminance;
-        float r = 3.2404542f * cx - 1.5371385f * luminance - 0.4985314f * cz; /* as sky_rgb_from_xyy */
+        float r = 3.2404542f * cx - 1.5371385f * luminance - 0.4985314f * cz; /* sky_rgb_from_xyy */
         float g = -0.9692660f * cx + 1.8760108f * luminance + 0.0415560f * cz;
         float b = 0.0556434f * cx - 0.2040259f * luminance + 1.0572252f * cz;
         const float least = fminf(fminf(r, g), b);
@@ -92,7 +92,7 @@ static void render_row(const struct sky_row *row, const struct angle_entry table
     }
 }
 
-/* Azimuth of the centre of column i, in the convention w = (sin theta sin phi, cos theta, sin theta cos phi). */
+/* Azimuth of the centre of column i, where w = (sin theta sin phi, cos theta, sin theta cos phi). */
 static double column_phi(uint32_t i, uint32_t width)
 {
     return PI - 2.0 * PI * (i + 0.5) / width;
@@ -123,10 +123,10 @@ static void render_dome(const struct sky_desc *d, const struct sky_state *s, flo
             rgb[3 * i + c] = ground[c];
 }
 
-/* ---- The sun ---- */
+/* ---- Sun ---- */
 
-/* The disc's extent in azimuth, to each side, on the circle of zenith angle z; 0 where it does not reach, pi where the
- * whole circle lies in it (a pole is inside). */
+/* Half extent in azimuth of the disc on the circle of zenith angle z; 0 outside the disc, pi where the whole circle is
+ * inside (the disc contains a pole). */
 static double half_width(double sun_theta, double z)
 {
     const double across = sin(z) * sin(sun_theta), rise = cos(SKY_SUN_RADIUS) - cos(z) * cos(sun_theta);
@@ -136,23 +136,23 @@ static double half_width(double sun_theta, double z)
     return rise <= -across ? PI : acos(rise / across);
 }
 
-/* How much of lo..hi the interval a..b covers. */
+/* Length of the intersection of lo..hi and a..b. */
 static double overlap(double lo, double hi, double a, double b)
 {
     const double from = lo > a ? lo : a, to = hi < b ? hi : b;
     return to > from ? to - from : 0.0;
 }
 
-/* Which texels the disc can touch, and the slices in which a row of them is integrated: even in t where zenith angle
- * z = centre - radius cos t, so that the disc's rim is smooth in t. */
+/* The texels that the disc may touch. Each row is integrated in slices uniform in t, where zenith angle z = centre -
+ * radius cos t, so that the integrand is smooth at the rim. */
 #define SLICES 32
 
 struct sun_grid {
     double theta, phi; /* of the disc's centre */
     uint32_t width, height;
-    uint32_t row_begin, row_end; /* above the horizon */
-    long column;                 /* the first, any integer: modulo the width */
-    uint32_t columns;            /* at most width + 1: the last may be the first once more */
+    uint32_t row_begin, row_end; /* rows above the horizon */
+    long column;                 /* the first column, modulo the width */
+    uint32_t columns;            /* at most width + 1: the last may equal the first */
 };
 
 static void find_grid(const struct sky_desc *d, const struct sky_state *s, struct sun_grid *g)
@@ -166,14 +166,14 @@ static void find_grid(const struct sky_desc *d, const struct sky_state *s, struc
     const double begin = (g->theta - r) / PI * d->height, end = (g->theta + r) / PI * d->height + 1.0;
     g->row_begin = begin > 0.0 ? (uint32_t)begin : 0;
     g->row_end = end < d->height / 2 ? (uint32_t)end : d->height / 2;
-    const double half = g->theta > r ? asin(sin(r) / sin(g->theta)) : PI; /* the disc's widest extent in azimuth */
+    const double half = g->theta > r ? asin(sin(r) / sin(g->theta)) : PI; /* the disc's maximum extent in azimuth */
     const double columns = ceil(2.0 * half / texel) + 1.0;
     g->column = (long)floor((PI - g->phi - half) / texel);
     g->columns = columns < d->width + 1.0 ? (uint32_t)columns : d->width + 1;
 }
 
-/* Adds the solid angles that the disc covers of one row's texels, exact in azimuth and by Simpson's rule across, times
- * `gain` for its three channels; returns their sum without gain. rgb NULL: only the sum. */
+/* Adds gain (three channels) times the solid angle of the disc within each texel of a row, exact in azimuth and by
+ * Simpson's rule across rows. Returns the sum without gain. rgb NULL: only the sum. */
 static double cover_row(const struct sun_grid *g, uint32_t y, const double gain[3], float *rgb)
 {
     const double r = SKY_SUN_RADIUS, texel = 2.0 * PI / g->width;
@@ -189,7 +189,7 @@ static double cover_row(const struct sun_grid *g, uint32_t y, const double gain[
         weight[i] = simpson * sin(z) * r * sin(t);
     }
     for (uint32_t k = 0; k < g->columns; k++) {
-        /* Azimuth from the disc's centre, growing to the right: with falling phi. */
+        /* Azimuth from the disc's centre, increasing to the right, as phi decreases. */
         const long column = g->column + (long)k, width = (long)g->width;
         const double left = (double)column * texel - (PI - g->phi);
         double share = 0.0;
@@ -215,7 +215,7 @@ static void render_sun(const struct sky_desc *d, const struct sky_state *s, floa
         sum += cover_row(&g, y, NULL, NULL);
     if (sum <= 0.0)
         return;
-    /* What the rule misses of the disc's energy, some 1e-4, is put right in proportion. */
+    /* Rescale to correct the quadrature error of about 1e-4. */
     const double right = s->sun_visible * s->sun_solid_angle / sum;
     for (uint32_t y = g.row_begin; y < g.row_end; y++) {
         const double top = cos(PI * y / g.height), bottom = cos(PI * (y + 1.0) / g.height);

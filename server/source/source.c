@@ -1,10 +1,10 @@
-#include "source.h"
+#include "source/source.h"
 
-#include "clock.h"
-#include "files.h"
-#include "mem.h"
-#include "sky.h"
-#include "watch.h"
+#include "base/clock.h"
+#include "source/files.h"
+#include "base/mem.h"
+#include "source/sky.h"
+#include "source/watch.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -18,11 +18,11 @@ struct source {
     enum source_kind kind;
     bool has_range, loop;
     uint64_t first, last;
-    struct file_list files; /* SOURCE_FILES: only what lies in the range */
+    struct file_list files; /* SOURCE_FILES: only files within the range */
     struct watch watch;     /* SOURCE_WATCH */
     struct sky_desc sky;    /* SOURCE_SKY */
-    uint64_t sky_frame;     /* the next one */
-    uint64_t position;      /* of the frame that was given last */
+    uint64_t sky_frame;     /* of the next frame */
+    uint64_t position;      /* of the last frame returned */
     bool sky_ended;
 };
 
@@ -36,7 +36,7 @@ static bool in_range(const struct source *s, uint64_t number)
     return !s->has_range || (number >= s->first && number <= s->last);
 }
 
-/* Keeps the files whose number is asked for. */
+/* Keeps only files whose number is in the range. */
 static enum err cut_to_range(struct source *s, const char *spec, struct reason *why)
 {
     struct file_list *l = &s->files;
@@ -53,18 +53,18 @@ static enum err cut_to_range(struct source *s, const char *spec, struct reason *
     if (kept)
         return ERR_OK;
     return err_say(why, ERR_USAGE,
-                   "%s: no frame from %" PRIu64 " to %" PRIu64 ", the numbers go from %" PRIu64 " to %" PRIu64, spec,
-                   s->first, s->last, least, most);
+                   "%s: no frame in the range from %" PRIu64 " to %" PRIu64 "; the numbers run from %" PRIu64
+                   " to %" PRIu64,
+                   spec, s->first, s->last, least, most);
 }
 
 static enum err open_spec(struct source *s, const char *spec, struct reason *why)
 {
     if (starts_with(spec, "push:"))
-        return err_say(why, ERR_USAGE, "'%s': frames that are pushed over the network are taken by relightd alone",
-                       spec);
+        return err_say(why, ERR_USAGE, "'%s': only relightd accepts frames pushed over the network", spec);
     if (starts_with(spec, "watch:")) {
         if (!spec[strlen("watch:")])
-            return err_say(why, ERR_USAGE, "%s: the folder to watch is missing, as in watch:DIR", spec);
+            return err_say(why, ERR_USAGE, "%s: the folder is missing; expected watch:DIR", spec);
         const enum err e = watch_init(&s->watch, spec + strlen("watch:"), why);
         s->kind = e ? s->kind : SOURCE_WATCH;
         return e;
@@ -83,10 +83,10 @@ enum err source_open(const struct source_desc *desc, struct source **out, struct
     *out = NULL;
     assert(desc->spec);
     if (desc->has_range && desc->first > desc->last)
-        return err_say(why, ERR_USAGE, "%s: the range of frames ends before it begins", desc->spec);
+        return err_say(why, ERR_USAGE, "%s: the frame range ends before it starts", desc->spec);
     struct source *s = mem_alloc(1, sizeof(*s));
     if (!s)
-        return err_say(why, ERR_NOMEM, "%s: no memory to open it", desc->spec);
+        return err_say(why, ERR_NOMEM, "%s: out of memory", desc->spec);
     s->kind = SOURCE_FILES;
     s->has_range = desc->has_range;
     s->first = desc->first;
@@ -110,7 +110,7 @@ void source_close(struct source *s)
     mem_free(s);
 }
 
-/* From here on the frame is no longer the one before. */
+/* Invalidates the frame's contents. */
 static void forget(struct frame *f)
 {
     f->kind = FRAME_NONE;
@@ -127,7 +127,8 @@ static enum err next_file(struct source *s, struct frame *f, struct reason *why)
     forget(f);
     s->position = s->files.next;
     const enum err e = files_read(&s->files.items[s->files.next++], f, why);
-    f->capture_us = 0; /* a file that lies there was copied, converted, checked out: its time is not the light's */
+    f->capture_us = 0; /* the modification time of an existing file is when it was copied or converted, not when the
+                          light was captured */
     return e;
 }
 
@@ -155,9 +156,9 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
         s->sky_frame = s->first;
     }
     forget(f);
-    f->capture_us = clock_wall_us(); /* this light is as old as its computation */
+    f->capture_us = clock_wall_us(); /* computed light is as old as its computation */
     if (frame_reserve_texels(f, s->sky.width, s->sky.height))
-        return err_say(why, ERR_NOMEM, "sky: no memory for %" PRIu32 "x%" PRIu32 " texels", s->sky.width,
+        return err_say(why, ERR_NOMEM, "sky: out of memory for %" PRIu32 "x%" PRIu32 " texels", s->sky.width,
                        s->sky.height);
     f->number = s->sky_frame;
     s->position = s->sky_frame - (s->has_range ? s->first : 0);
@@ -231,7 +232,7 @@ bool source_step(struct source *s, int64_t by)
     return source_seek(s, to < 0 ? 0 : (uint64_t)to);
 }
 
-/* Hours since midnight of the day of frame 0, of the frame that was given last. */
+/* Hours since midnight of frame 0's day, for the last frame returned. */
 static double sky_hours(const struct source *s)
 {
     return s->sky.hour + s->sky.speed_hours * (double)(s->position + (s->has_range ? s->first : 0));
@@ -270,6 +271,6 @@ enum err source_first(const struct source_desc *desc, struct frame *f, struct re
         e = source_next(s, f, why);
     source_close(s);
     if (e == ERR_END || (!e && f->kind == FRAME_NONE))
-        e = err_say(why, ERR_IO, "%s: has no frame", desc->spec);
+        e = err_say(why, ERR_IO, "%s: contains no frame", desc->spec);
     return e;
 }

@@ -1,20 +1,24 @@
 /* server/source/source.h */
-/* Where frames come from: a file, a directory, a printf or glob pattern, a watched folder, or the built-in sky.
- * `sky.%04d.exr` (one %d, %i or %u with an optional width, in the file's name; every other character, '%' included, is
- * literal) walks the numbers that exist between first and last, ascending; a directory takes its *.exr and *.hdr of any
- * case, a glob what it matches, both in byte order, counted from 0; one file is one frame with the number 0, whatever
- * digits its name has (dawn_1k.hdr is no frame 1). A name that exists is that file, whatever characters it has.
- * A spec with `{face}` in it, after which nothing may vary, means six files a frame, the faces of a cube: px, nx,
- * py, ny, pz and nz, or posx, negx and so on, in its place (`pier/{face}.hdr`, `sky.%04d.{face}.exr`).
- * `watch:DIR` gives the frames of DIR in byte order, then those that are closed after writing or moved in, as they
- * come, counted from 0 in that order; hidden names (".x.exr") are left alone, so that a writer may use and then rename
- * them. What is there at the start counts as whole. `sky:key=value,...` (see sky.h) computes frames and never ends by
- * itself. No sockets and no decoding here: `push:` belongs to relightd. One thread per source. */
+/* Sources of environment frames: a file, a folder, a printf or glob pattern, a watched folder, or the built-in sky.
+ *
+ * `sky.%04d.exr`  The numbered files that exist between first and last, ascending. One %d, %i or %u with an optional
+ *                 width, in the file name; every other character, '%' included, is literal.
+ * folder          Its *.exr and *.hdr files, in any case, in byte order, numbered from 0.
+ * glob            The matching files, likewise.
+ * file            One frame with number 0, regardless of digits in its name (dawn_1k.hdr is not frame 1).
+ * `{face}`        In a file spec: a cube map of six files, with px, nx, py, ny, pz, nz or posx, negx, ... in its place
+ *                 (`pier/{face}.hdr`, `sky.%04d.{face}.exr`). No pattern may follow it.
+ * `watch:DIR`     The files in DIR, in byte order and assumed complete, then those closed after writing or moved in, as
+ *                 they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when done.
+ * `sky:key=...`   Computed frames (sky.h); never ends by itself.
+ * A file that exists under exactly the name of the spec takes precedence. `push:` is handled by relightd.
+ *
+ * Thread: one per source. */
 #ifndef SOURCE_SOURCE_H
 #define SOURCE_SOURCE_H
 
-#include "err.h"
-#include "frame.h"
+#include "base/err.h"
+#include "codec/frame.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -23,32 +27,34 @@ struct sky_desc;
 struct source;
 
 struct source_desc {
-    const char *spec; /* S of the command line */
+    const char *spec; /* as on the command line */
     bool has_range;   /* only frames with first <= number <= last */
     uint64_t first, last;
-    bool loop; /* begin again after the last frame; the numbers repeat */
+    bool loop; /* restart after the last frame; numbers repeat */
 };
 
-/* On ERR_OK the caller owns *out; else *out is NULL and *why names the spec and the fault.
- * ERR_IO: nothing there, or not readable. ERR_USAGE: the spec or the range makes no sense. ERR_NOMEM. */
+/* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:
+ * nothing found or not readable. ERR_USAGE: an invalid spec or range. ERR_NOMEM. */
 MUST_CHECK enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why);
 void source_close(struct source *s); /* NULL is allowed */
 
-/* The next frame into *f, whose memory is reused. ERR_END after the last one: *f is left as it was, so that a caller
- * may go on with the frame that stands. ERR_IO, ERR_RANGE (a file above 1 GiB),
- * ERR_NOMEM: this frame could not be read (*why says which), but the source goes on with the one after it at the next
- * call; f->kind is FRAME_NONE then. Capture time: for `watch:` the file's last modification;
- * for a sky the moment of its computation; 0, unknown, for all other files, which may have lain there for years.
- * `watch:` blocks at most 200 ms and then answers ERR_OK with f->kind FRAME_NONE, so that the caller can stop. */
+/* Reads the next frame into *f, whose memory is reused.
+ * ERR_END: no frame is left; *f is unchanged, so that the caller can keep using it. ERR_IO, ERR_RANGE (a file above
+ * 1 GiB), ERR_NOMEM: this frame could not be read (*why says which); f->kind is FRAME_NONE, and the next call continues
+ * with the following frame.
+ * Capture time: the modification time for `watch:`, the time of computation for a sky, else 0 (unknown), since the
+ * files may be years old. `watch:` blocks for at most 200 ms and then returns ERR_OK with FRAME_NONE, so that the
+ * caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 
-/* The first frame alone, of a source that is not needed any longer. ERR_IO also where there is none. */
+/* Opens a source, reads its first frame and closes it. Errors of source_open and source_next; ERR_IO also if there is
+ * no frame. */
 MUST_CHECK enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why);
 
-/* How many frames one pass has; 0 when that is unknown or without end. */
+/* Number of frames in one pass; 0 if unknown or infinite. */
 uint64_t source_count(const struct source *s);
 
-/* ---- Going to another place of it. A watched folder has none: there these do nothing and say so. ---- */
+/* ---- Seeking. Watched folders do not support it: these functions then return 0 or false and change nothing. ---- */
 
 enum source_kind {
     SOURCE_FILES, /* one file, a folder, a pattern */
@@ -56,27 +62,26 @@ enum source_kind {
     SOURCE_SKY,
 };
 
-enum source_kind source_kind(const struct source *s);
+enum source_kind source_kind(const struct source *s); /* of an open source */
 
-/* Place of the frame that was given last, from 0, before the first one 0: among the files, or of a sky's frames in its
+/* Position of the last frame returned, from 0 (0 before the first): in the file list, or among the sky's frames in the
  * range. */
 uint64_t source_position(const struct source *s);
 
-/* The next frame is the one at that place. False, and nothing is changed, where the source has none such. */
+/* Makes the frame at `position` the next. False, with nothing changed, if there is none. */
 bool source_seek(struct source *s, uint64_t position);
 
-/* The next frame is so many places after the one that was given last, or before it: round the end where the source
- * loops, else no further than its ends. */
+/* Moves the next frame to `by` positions from the last one returned: wraps around if the source loops, else clamps. */
 bool source_step(struct source *s, int64_t by);
 
-/* Solar time, 0 to 24, of the frame that was given last; false where the source is no computed sky. */
+/* Solar time, 0 to 24, of the last frame returned. False if the source is not a computed sky. */
 bool source_hour(const struct source *s, double *out);
 
-/* The next frame, and those after it in their steps, has this solar time of the day of the one that was given last: as
- * though `time=` of the sky had been another. Numbers go on as they would. */
+/* Sets the solar time of the next frame, on the day of the last one returned; later frames continue from there, as if
+ * the sky's `time=` had been different. Frame numbers are not affected. False if the source is not a computed sky. */
 bool source_set_hour(struct source *s, double hour);
 
-/* The sky as its hour now stands; NULL where the source is none. Lives as long as s. */
+/* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);
 
 #endif

@@ -1,28 +1,28 @@
 /* server/source/watch.h */
-/* A folder under observation (inotify): files that were closed after writing or moved in, in the order in which that
- * happened. Inside this room only. One thread per watch. */
+/* Watches a folder with inotify: files closed after writing or moved in, in order of arrival. Private to this room.
+ * Thread: one per watch. */
 #ifndef SOURCE_WATCH_H
 #define SOURCE_WATCH_H
 
-#include "err.h"
-#include "files.h"
+#include "base/err.h"
+#include "source/files.h"
 
 struct watch {
     char *dir; /* owned */
     int fd;
-    bool gone;              /* the folder was removed: nothing more will come */
-    uint64_t number;        /* of the next file that appears */
-    struct file_list queue; /* files not yet read; the numbers follow their arrival */
+    bool gone;              /* the folder was removed; no more files will come */
+    uint64_t number;        /* of the next file to appear */
+    struct file_list queue; /* files not yet read, numbered in order of arrival */
 };
 
-/* Begins to watch; the files that are there already are first in the queue, in byte order, and are taken to be whole.
- * ERR_IO: no such folder, or no more watches are to be had. ERR_NOMEM. On error *w is finished. */
+/* Starts watching. Files that already exist are queued first, in byte order, and assumed complete. ERR_IO: no such
+ * folder, or no inotify watches left. ERR_NOMEM. On error *w is finished. */
 MUST_CHECK enum err watch_init(struct watch *w, const char *dir, struct reason *why);
-void watch_finish(struct watch *w);
+void watch_finish(struct watch *w); /* frees; zeroed memory is allowed */
 
-/* The next file, borrowed until the next call; *out is NULL when none appeared within timeout_ms or a signal came.
- * ERR_RANGE: files came faster than the kernel remembers and some were missed; goes on at the next call.
- * ERR_END: the folder is gone and everything was delivered. ERR_NOMEM. */
+/* The next file, borrowed until the next call; *out is NULL after timeout_ms or a signal. ERR_RANGE: the kernel's event
+ * queue overflowed and files were missed; the next call continues. ERR_END: the folder was removed and every file was
+ * delivered. ERR_NOMEM. */
 MUST_CHECK enum err watch_next(struct watch *w, int timeout_ms, const struct file_item **out, struct reason *why);
 
 #endif

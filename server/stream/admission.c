@@ -1,7 +1,7 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "log.h"
-#include "mem.h"
+#include "base/log.h"
+#include "base/mem.h"
 
 #include <netinet/in.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #define TOKEN_MAX 255 /* bytes, as in PROTOCOL.md 4.1.3 */
 #define OTHERS 16     /* connections beside WebSockets: a browser opens six for a page */
 
-/* lws keeps one pointer of ours with each connection, from the first byte to the last. */
+/* libwebsockets keeps one pointer of ours with each connection, from the first byte to the last. */
 static struct visitor *of_connection(struct lws *wsi)
 {
     return lws_get_opaque_user_data(wsi);
@@ -18,10 +18,10 @@ static struct visitor *of_connection(struct lws *wsi)
 
 static bool is_limited(const struct server *s, const struct visitor *v)
 {
-    return s->max_per_address_said || !v->loopback; /* this machine's own may all come through a proxy */
+    return s->max_per_address_given || !v->loopback; /* local connections may all come through a proxy */
 }
 
-/* NULL: it is gone already, or there is no room for it. */
+/* NULL: the connection is gone, or there is no free row. */
 static struct visitor *at_other_end(struct server *s, struct lws *wsi)
 {
     struct sockaddr_storage from = { 0 };
@@ -59,7 +59,7 @@ void admission_leave(struct lws *wsi)
 
 bool admission_forwarded(struct server *s, struct lws *wsi)
 {
-    struct visitor *before = of_connection(wsi); /* the proxy, or whom it spoke for in the request before */
+    struct visitor *before = of_connection(wsi); /* the proxy, or the client of the previous request */
     char header[1024], address[VISITOR_NAME];
 
     if (!s->behind_proxy || !before || lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0)
@@ -101,7 +101,7 @@ void admission_socket_leave(struct viewer *v)
     v->visitor = NULL;
 }
 
-/* Looks at every byte whatever it finds, so that the time taken tells nothing about the token. */
+/* Compares in constant time, so that timing reveals nothing about the token. */
 static bool is_same(const char *given, const char *wanted)
 {
     const size_t length = strlen(given);
@@ -118,13 +118,13 @@ enum admission admission_token(struct server *s, struct lws *wsi, const char *gi
     struct visitor *v = of_connection(wsi);
     char name[VISITOR_NAME];
 
-    if (!given[0]) /* who has none does not guess: none is empty */
+    if (!given[0]) /* an empty token is no guess */
         return ADMISSION_WRONG;
     if (v && !visitor_may_guess(v, now)) {
-        if (!v->told)
-            log_warning("%s: %g wrong tokens came from there; until it slows down none is looked at",
+        if (!v->logged)
+            log_warning("%s: sent %g wrong tokens; tokens from there are ignored until it slows down",
                         visitor_name(v, name), VISITORS_GUESSES);
-        v->told = true;
+        v->logged = true;
         return ADMISSION_LATER;
     }
     if (is_same(given, wanted))

@@ -1,6 +1,6 @@
-#include "assembly.h"
+#include "stream/assembly.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <string.h>
 
@@ -28,7 +28,7 @@ void assembly_finish(struct assembly *a)
     *a = (struct assembly){ .limit = a->limit };
 }
 
-/* What the header says the message's size is: believed here, and held against what comes in assembly_add. */
+/* The message's size as its header states it; assembly_add checks it against what arrives. */
 static uint64_t claimed_size(const uint8_t *head)
 {
     const uint32_t header = head[4] | (uint32_t)head[5] << 8;
@@ -51,7 +51,7 @@ static enum fault_code take_header(struct assembly *a, struct fault *fault)
     if (result)
         return say_result(result, fault);
     if (claimed > a->limit)
-        return fault_say(fault, FAULT_TOO_BIG, "7.7", "a frame of %llu bytes; at most %zu are taken",
+        return fault_say(fault, FAULT_TOO_BIG, "7.7", "a frame of %llu bytes exceeds the limit of %zu",
                          (unsigned long long)claimed, a->limit);
     if (block_reserve(&a->payload, a->header.payload))
         return fault_say(fault, FAULT_TOO_BIG, "7.7", "no memory for a frame of %llu bytes",
@@ -59,7 +59,7 @@ static enum fault_code take_header(struct assembly *a, struct fault *fault)
     return FAULT_NONE;
 }
 
-/* What still belongs to the header as we know it. Returns how many bytes that were. */
+/* Takes the bytes that belong to the known header. Returns their number. */
 static size_t gather_header(struct assembly *a, const uint8_t *in, size_t length)
 {
     const size_t lacking = a->received < sizeof(a->head) ? sizeof(a->head) - a->received : 0;
@@ -73,7 +73,7 @@ static size_t gather_header(struct assembly *a, const uint8_t *in, size_t length
 
 static void gather_payload(struct assembly *a, const uint8_t *in, size_t length)
 {
-    /* What a longer header holds beyond today's is passed over. */
+    /* A later version's longer header: skip what we do not know. */
     const size_t unknown = a->received < a->offset ? a->offset - a->received : 0;
     const size_t passed = length < unknown ? length : unknown;
 
@@ -90,11 +90,11 @@ static enum fault_code take_piece(struct assembly *a, const uint8_t *in, size_t 
         return fault_say(fault, FAULT_TOO_BIG, "7.8", "a message in more than %d fragments", ASSEMBLY_FRAGMENTS);
     if (length > a->limit - a->received || coming > a->limit - a->received - length)
         return fault_say(fault, FAULT_TOO_BIG, "7.7", "a frame has at most %zu bytes", a->limit);
-    const size_t known = a->received + length + coming; /* of the message, as far as it has been announced */
+    const size_t known = a->received + length + coming; /* bytes of the message announced so far */
     const size_t n = gather_header(a, in, length);
     if (a->received >= 4 && memcmp(a->head, "RLE1", 4) != 0)
         return say_result(PROTOCOL_MAGIC, fault);
-    if (a->received < sizeof(a->head)) /* and nothing is left of the piece */
+    if (a->received < sizeof(a->head)) /* and the piece is used up */
         return last && coming == 0 ? say_result(PROTOCOL_SHORT, fault) : FAULT_NONE;
     if (a->offset == 0 && take_header(a, fault))
         return fault->code;

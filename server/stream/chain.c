@@ -1,9 +1,9 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-/* H.264 spares bytes by saying only what has changed since the picture before. So a viewer that misses one can go on
- * only at a key picture, which is ten times as large: rather than that, the last few are kept for who is a little
- * behind, and more of them may be under way at once, since the round trip of a long line is more than two pictures. Who
- * is far behind has its line cleared first, and then begins anew. */
+/* H.264 pictures encode only changes since the picture before. A viewer that misses one can continue only at a key
+ * picture, which is ten times as large. So the last few pictures are kept for viewers that are slightly behind, and
+ * more of them may be under way at once, because the round trip of a long line exceeds two pictures. A viewer that is
+ * far behind first waits until its line is clear, then starts at a key picture. */
 
 static struct picture *kept(const struct server *s, unsigned track, uint64_t sequence)
 {
@@ -12,8 +12,8 @@ static struct picture *kept(const struct server *s, unsigned track, uint64_t seq
     return p && picture_header(p)->sequence == sequence ? p : NULL;
 }
 
-/* Whether what was published then is so old, as seen from the newest picture, that it is not worth its time. Two
- * pictures are always: a slow stream's are old when they are new. */
+/* Whether a picture placed at that time is too old to send, compared with the newest. The last two never are: those of
+ * a slow stream are old when they are published. */
 static bool too_late(const struct server *s, unsigned track, uint64_t sequence, int64_t placed_us)
 {
     const uint64_t newest = s->issued[STREAM_TRACKS + track];
@@ -30,7 +30,7 @@ void chain_place(struct server *s, struct picture *p)
 
     picture_unref(*place);
     *place = NULL;
-    if (!(s->demand.h264 >> track & 1)) /* it would be old for whoever comes */
+    if (!(s->demand.h264 >> track & 1)) /* nobody watches; the next viewer starts at a key picture */
         return;
     *place = picture_ref(p);
     if (header->flags & PROTOCOL_PICTURE_KEY)

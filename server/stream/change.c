@@ -1,22 +1,21 @@
-/* server/stream/change.c */
-/* What a server is told a second time, while it runs: it is taken down in a server of its own, which never runs, and
- * the service thread takes over from that what can change. */
-#include "server.h"
+/* Reconfigures a running server: the new description becomes a server that never runs, from which the service thread
+ * takes over what can change. */
+#include "stream/server.h"
 
-#include "clock.h"
-#include "internal.h"
-#include "log.h"
+#include "base/clock.h"
+#include "stream/internal.h"
+#include "base/log.h"
 
 #include <time.h>
 
-#define CERTIFICATE_DAYS 14 /* with fewer left somebody should look why it has not been renewed */
+#define CERTIFICATE_DAYS 14 /* warn when it is valid for fewer */
 
 enum err server_check(const struct server_desc *desc, struct reason *why)
 {
     char web_dir[4096];
     enum err e;
 
-    struct server *s = server_told(desc, &e, why);
+    struct server *s = server_prepare(desc, &e, why);
     if (!e)
         e = server_may_listen(s, desc->port, why);
     if (!e)
@@ -35,7 +34,7 @@ enum err server_change(struct server *s, const struct server_desc *desc, struct 
     here.address = s->address;
     here.push = s->push;
     here.max_connections = s->max_connections;
-    struct server *next = server_told(&here, &e, why);
+    struct server *next = server_prepare(&here, &e, why);
     if (!e)
         e = server_may_listen(next, s->port, why);
     if (e) {
@@ -51,7 +50,7 @@ enum err server_change(struct server *s, const struct server_desc *desc, struct 
     return ERR_OK;
 }
 
-void server_tell_certificate(const struct server *s)
+void server_log_certificate(const struct server *s)
 {
     const time_t expires = s->tls ? (time_t)tls_expires_s(s->tls) : 0;
     const int64_t days = ((int64_t)expires - clock_wall_us() / 1000000) / 86400;
@@ -88,7 +87,7 @@ void server_take_change(struct server *s)
     swap_texts(&s->hosts, &next->hosts);
     s->behind_proxy = next->behind_proxy;
     s->max_per_address = next->max_per_address;
-    s->max_per_address_said = next->max_per_address_said;
+    s->max_per_address_given = next->max_per_address_given;
     s->max_frame_bytes = next->max_frame_bytes;
     s->controllers = next->controllers;
     s->allow_remote = next->allow_remote;
@@ -98,7 +97,7 @@ void server_take_change(struct server *s)
         next->tls = old;
         swap_texts(&s->tls_cert, &next->tls_cert);
         swap_texts(&s->tls_key, &next->tls_key);
-        server_tell_certificate(s);
+        server_log_certificate(s);
     }
     server_destroy(next);
 }

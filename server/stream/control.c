@@ -1,82 +1,15 @@
-#include "control.h"
+#include "stream/control.h"
 
-#include "internal.h"
+#include "stream/internal.h"
 
 #include <stdio.h>
 #include <string.h>
 
-/* What `from` says of the light stands; the rest stays. A count of samples and an error are two wishes for one thing.
- */
-static void join_light(struct server_control *to, const struct server_control *from)
+static void join(const struct setting *controls, struct server_control *to, const struct server_control *then)
 {
-    if (from->has_rotate)
-        to->rotate_degrees = from->rotate_degrees;
-    if (from->has_scale)
-        to->scale_stops = from->scale_stops;
-    if (from->has_method)
-        memcpy(to->method, from->method, sizeof(to->method));
-    if (from->has_samples)
-        to->samples = from->samples;
-    if (from->has_error)
-        to->error = from->error;
-    if (from->has_paths)
-        memcpy(to->paths, from->paths, sizeof(to->paths));
-    if (from->has_camera)
-        memcpy(to->camera, from->camera, sizeof(to->camera));
-    to->has_rotate |= from->has_rotate;
-    to->has_scale |= from->has_scale;
-    to->has_method |= from->has_method;
-    to->has_samples = from->has_samples || (to->has_samples && !(from->has_error && from->error > 0.0));
-    to->has_error = from->has_error || (to->has_error && !(from->has_samples && from->samples > 0));
-    to->has_paths |= from->has_paths;
-    to->has_camera |= from->has_camera;
-}
-
-/* Likewise of what a picture looks like once it is lit. */
-static void join_looks(struct server_control *to, const struct server_control *from)
-{
-    if (from->has_tone)
-        memcpy(to->tone, from->tone, sizeof(to->tone));
-    if (from->has_exposure) {
-        to->exposure_auto = from->exposure_auto;
-        to->exposure_stops = from->exposure_stops;
-    }
-    if (from->has_bias)
-        to->bias_stops = from->bias_stops;
-    to->has_tone |= from->has_tone;
-    to->has_exposure |= from->has_exposure;
-    to->has_bias |= from->has_bias;
-}
-
-/* Likewise of time. Steps add up, and a place makes those before it void. */
-static void join_time(struct server_control *to, const struct server_control *from)
-{
-    if (from->has_paused)
-        to->paused = from->paused;
-    if (from->has_fps)
-        to->fps = from->fps;
-    if (from->has_hour || from->has_seek) {
-        to->has_step = to->has_seek = to->has_hour = false;
-        to->step = 0;
-        to->seek = from->seek;
-        to->hour = from->hour;
-    }
-    if (from->has_step)
-        to->step += from->step;
-    to->has_paused |= from->has_paused;
-    to->has_fps |= from->has_fps;
-    to->has_hour |= from->has_hour;
-    to->has_seek |= from->has_seek;
-    to->has_step |= from->has_step;
-}
-
-static void join(struct server_control *to, const struct server_control *from)
-{
-    join_light(to, from);
-    join_looks(to, from);
-    join_time(to, from);
-    to->by = from->by;
-    to->request = from->request;
+    settings_join(controls, &to->asked, to->values, then->asked, then->values);
+    to->by = then->by;
+    to->request = then->request;
 }
 
 /* Words of one controller in a row are one change; between two controllers the order is kept, so that the last word
@@ -88,12 +21,12 @@ void control_ask(struct server *s, const struct server_control *c)
     pthread_mutex_lock(&s->lock);
     struct server_control *last = k->waiting_count ? &k->waiting[k->waiting_count - 1] : NULL;
     if (last && (last->by == c->by || k->waiting_count == CONTROL_WAITING))
-        join(last, c);
+        join(s->controls, last, c);
     else
         k->waiting[k->waiting_count++] = *c;
     pthread_mutex_unlock(&s->lock);
-    if (s->stirred)
-        atomic_store(s->stirred, true);
+    if (s->new_work)
+        atomic_store(s->new_work, true);
 }
 
 bool server_take_control(struct server *s, struct server_control *out)
@@ -123,13 +56,12 @@ static void answer(struct control *k, const struct server_control *asked, const 
     snprintf(a->error, sizeof(a->error), "%s", error ? error : "");
 }
 
-void server_set_control(struct server *s, const struct server_control *now, const struct server_control *answered,
-                        const char *error)
+void server_set_control(struct server *s, const void *values, const struct server_control *answered, const char *error)
 {
     struct control *k = &s->control;
-    char *text = message_control_shared(now);
+    char *text = s->controls ? message_control_shared(s->controls, values) : NULL;
 
-    if (!text) /* out of memory: what was said before stays */
+    if (!text) /* nothing to send, or out of memory: keep the last */
         return;
     pthread_mutex_lock(&s->lock);
     char *old = k->shared;
@@ -167,7 +99,7 @@ void controls_tell(struct server *s)
             fault_say(&fault, FAULT_BAD_FIELD, answers[i].clause ? answers[i].clause : "4.13", "%s", answers[i].error);
             fault.stays = true;
             fault.request = answers[i].request;
-            viewer_complain(v, &fault);
+            viewer_send_error(v, &fault);
         }
         v->answer_due = true;
         v->answer = answers[i].request;

@@ -1,12 +1,12 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
 
-/* "name", "name:port", "[::1]:port": the name alone, without brackets, into out. */
+/* Extracts the name from "name", "name:port" or "[::1]:port", without brackets. */
 static bool host_name(const char *host, char *out, size_t size)
 {
     const char *begin = host[0] == '[' ? host + 1 : host;
@@ -19,13 +19,13 @@ static bool host_name(const char *host, char *out, size_t size)
     return true;
 }
 
-/* 127.x.x.x and no name that only begins so. */
+/* 127.x.x.x, but no name that merely begins so. */
 static bool is_ipv4_loopback(const char *name)
 {
     return strncmp(name, "127.", 4) == 0 && name[strspn(name, "0123456789.")] == 0;
 }
 
-/* Whether the name is one of those in the list, which has commas between. */
+/* Whether the comma-separated list contains the name. */
 static bool is_listed(const char *list, const char *name)
 {
     const size_t length = strlen(name);
@@ -64,7 +64,7 @@ bool http_origin_ok(struct lws *wsi)
     return authority && strcasecmp(authority + 3, host) == 0;
 }
 
-/* On every answer: what a browser may do with it. The page needs no more than its own server. */
+/* Security headers of every answer. The page needs only its own server. */
 const struct lws_protocol_vhost_options *http_headers(void)
 {
     static const struct lws_protocol_vhost_options opener = { NULL, NULL,
@@ -90,7 +90,7 @@ const struct lws_protocol_vhost_options *http_headers(void)
 static uint8_t *put_header(struct lws *wsi, unsigned status, const char *type, const char *etag, size_t size,
                            uint8_t *out, uint8_t *end)
 {
-    static const char cache[] = "no-cache"; /* asked again each time, and answered with 304 while unchanged */
+    static const char cache[] = "no-cache"; /* revalidate each time; 304 while unchanged */
     uint8_t *p = out;
 
     if (lws_add_http_common_headers(wsi, status, type, status == 304 ? LWS_ILLEGAL_HTTP_CONTENT_LEN : size, &p, end) ||
@@ -103,7 +103,7 @@ static uint8_t *put_header(struct lws *wsi, unsigned status, const char *type, c
     return p;
 }
 
-/* Sends the header, and has the body (bytes that outlive the request) follow unless this is a HEAD. */
+/* Sends the header; the body (bytes that outlive the request) follows unless this is a HEAD. */
 static int respond(struct lws *wsi, struct http_session *h, unsigned status, const struct site_file *f, bool head)
 {
     uint8_t buffer[LWS_PRE + 2048], *begin = buffer + LWS_PRE;
@@ -154,7 +154,7 @@ int http_respond_long(struct lws *wsi, struct http_session *h, const char *type,
     return respond(wsi, h, 200, &f, head);
 }
 
-/* A request that is turned away costs its connection: what else may be on it is not looked at. */
+/* Refuses a request and closes its connection, so that nothing else on it is read. */
 int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text)
 {
     atomic_fetch_add(&s->counts.refused, 1);
@@ -186,8 +186,8 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
     return respond(wsi, h, known ? 304 : 200, f, head);
 }
 
-/* 0: the upgrade may go on. HTTP/2 is not spoken: 4.1.6 has known faults there. The `in` of this callback is not to be
- * touched, since it may point at freed memory. */
+/* 0: the upgrade may go on. HTTP/2 is off: libwebsockets 4.1.6 has known faults there. Do not read this callback's
+ * `in`: it may point to freed memory. */
 static int confirm_upgrade(struct server *s, struct lws *wsi)
 {
     char to[32];
@@ -218,13 +218,13 @@ static int send_more(struct lws *wsi, struct http_session *h)
     return 0;
 }
 
-/* Requests, and handshakes that name no subprotocol: those are not spoken to. Thread: service. */
+/* Requests, and handshakes without a subprotocol, which are refused. Thread: service. */
 static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
 {
     struct server *s = lws_context_user(lws_get_context(wsi));
 
     switch (reason) {
-    case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS: /* once, before it listens; user is the SSL_CTX */
+    case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS: /* once, before listening; user is the SSL_CTX */
         tls_show(user, &s->tls);
         return 0;
     case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return admission_arrive(s, wsi);
@@ -238,8 +238,8 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
         if (user)
             forget_text(user);
         return lws_callback_http_dummy(wsi, reason, user, in, length);
-    case LWS_CALLBACK_HTTP_BODY: return -1; /* answered already; the rest is not read */
-    case LWS_CALLBACK_RAW_ADOPT:            /* CONNECT; lws would keep the connection as a pipe, without any time-out */
+    case LWS_CALLBACK_HTTP_BODY: return -1; /* answered already; do not read the rest */
+    case LWS_CALLBACK_RAW_ADOPT: /* CONNECT: libwebsockets would keep the connection as a pipe, without a time-out */
     case LWS_CALLBACK_RAW_CONNECTED:
     case LWS_CALLBACK_RAW_RX: atomic_fetch_add(&s->counts.refused, 1); return -1;
     case LWS_CALLBACK_ESTABLISHED:

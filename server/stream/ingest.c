@@ -1,9 +1,9 @@
-#include "ingest.h"
+#include "stream/ingest.h"
 
-#include "clock.h"
-#include "internal.h"
-#include "mem.h"
-#include "texels.h"
+#include "base/clock.h"
+#include "stream/internal.h"
+#include "base/mem.h"
+#include "stream/texels.h"
 
 #include <assert.h>
 #include <stdio.h>
@@ -30,7 +30,7 @@ void ingest_finish(struct ingest *g)
     pthread_cond_destroy(&g->arrived);
 }
 
-/* {lock} Keeps the larger of two spare blocks, none that is far too large by now, and none for nobody. */
+/* {lock} Keeps the larger of two spare blocks, unless it is far too large by now or no producer is connected. */
 static void keep_spare(struct ingest *g, struct block *b)
 {
     if (g->producer && b->capacity > g->spare.capacity && !recent_is_outgrown(&g->recent, b->capacity)) {
@@ -96,7 +96,7 @@ unsigned ingest_notes(struct server *s, struct note out[INGEST_NOTES])
     return count;
 }
 
-/* {lock} A frame that had been received before its producer came back: its fate stands. */
+/* {lock} A frame received before its producer reconnected: its fate is decided already. */
 static void deliver_again(struct ingest *g, const struct pushed *p)
 {
     const bool refused = p->sequence->refused && p->header.frame == p->sequence->accepted;
@@ -177,7 +177,7 @@ void ingest_deliver(struct server *s, struct assembly *a, uint64_t producer, con
     pthread_mutex_unlock(&s->lock);
 }
 
-/* {lock} One lockstep frame is worked on at a time, whoever's; and meanwhile no live one, which could overtake it. */
+/* {lock} At most one lockstep frame is under way, of any producer, and no live frame meanwhile: it could overtake. */
 static bool is_working(const struct ingest *g)
 {
     for (int i = 0; i < INGEST_SEQUENCES; i++)
@@ -207,7 +207,7 @@ uint32_t ingest_returned(struct server *s)
     return n;
 }
 
-/* ---- Taking, and what became of it: any thread ---- */
+/* ---- Taking frames, and their fate: any thread ---- */
 
 /* {lock} */
 static struct ticket *open_ticket(struct ingest *g, const struct pushed *p)
@@ -243,11 +243,11 @@ static void set_layout(struct frame *f, const struct protocol_environment *h)
     if (h->layout == PROTOCOL_LAYOUT_AUTO && raw)
         name = "auto";
     if (!raw && h->flags & PROTOCOL_BOTTOM_FIRST)
-        name = "latlong-bottom"; /* of files no other is taken bottom first */
+        name = "latlong-bottom"; /* of files, only this layout may be bottom first */
     snprintf(f->layout, sizeof(f->layout), "%s", name);
 }
 
-/* The payload into the frame; what memory the frame had goes back in its place. */
+/* Moves the payload into the frame, and the frame's old memory back. */
 static enum err fill_frame(struct frame *f, struct pushed *p)
 {
     const struct protocol_environment *h = &p->header;
@@ -270,7 +270,7 @@ static enum err fill_frame(struct frame *f, struct pushed *p)
     return e;
 }
 
-/* {lock} What the frame has kept from payloads of another kind than this one's. */
+/* {lock} Frees what the frame keeps from payloads of the other kind. */
 static void drop_unused(const struct ingest *g, struct frame *f)
 {
     if (f->kind == FRAME_FILE && recent_is_outgrown(&g->recent, f->rgb_capacity * sizeof(float))) {

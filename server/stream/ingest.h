@@ -1,26 +1,24 @@
-/* server/stream/ingest.h */
-/* What producers have pushed and what has become of it: the state between the service thread, which receives frames,
- * and the threads that take them and hand back pictures. No socket is touched here. Everything in these structures
- * is guarded by the server's lock unless it says otherwise.
+/* Frames from producers and their fate: the state between the service thread, which receives frames, and the threads
+ * that take them and return pictures. No sockets here. The server's lock guards these structures unless noted.
  *
- * A live frame stands in `live` until it is taken or a newer one comes. A lockstep sequence outlives its connections:
- * it goes IDLE -> WAITING (a frame is accepted) -> WORKING (taken) -> KEPT (its picture is there) -> IDLE (stored), or
- * back to IDLE from WORKING when the frame is refused; only in IDLE can a frame be accepted. So at any moment either
- * end may vanish, and whoever comes back finds what is owed to him. */
+ * A live frame stays in `live` until it is taken or replaced. A lockstep sequence outlives its connections: IDLE ->
+ * WAITING (frame accepted) -> WORKING (taken) -> KEPT (its picture is ready) -> IDLE (stored), or WORKING -> IDLE when
+ * the frame is refused. Frames are accepted in IDLE only, so either end may disconnect at any time and finds its place
+ * when it returns. */
 #ifndef STREAM_INGEST_H
 #define STREAM_INGEST_H
 
-#include "assembly.h"
-#include "message.h"
-#include "recent.h"
-#include "server.h"
+#include "stream/assembly.h"
+#include "stream/message.h"
+#include "base/recent.h"
+#include "stream/server.h"
 
 #include <pthread.h>
 
-#define INGEST_SEQUENCES 16 /* names that are remembered */
-#define INGEST_TICKETS 16   /* frames taken whose fate is open; of live ones the oldest is forgotten */
-#define INGEST_NOTES 32     /* fates not yet told: above what tickets and one delivery can make */
-#define INGEST_CREDIT 2     /* frames that a live producer may be ahead */
+#define INGEST_SEQUENCES 16 /* sequences remembered */
+#define INGEST_TICKETS 16   /* taken frames with open fate; the oldest live one is dropped */
+#define INGEST_NOTES 32     /* fates not yet sent: more than tickets and one delivery can make */
+#define INGEST_CREDIT 2     /* frames in advance for a live producer */
 #define INGEST_FRAME_BYTES ((size_t)256 << 20)
 
 enum sequence_stage {
@@ -39,24 +37,24 @@ struct sequence {
     uint64_t accepted;           /* number of the last frame received whole */
     uint64_t stored;             /* number of the last frame whose picture is stored */
     uint64_t stored_count;       /* pictures */
-    bool refused;                /* the last frame accepted was */
-    bool ended;                  /* the producer said so, and no frame came since */
+    bool refused;                /* the last accepted frame was refused */
+    bool ended;                  /* the producer ended it */
     struct picture *kept;        /* in SEQUENCE_KEPT */
     enum protocol_format format; /* of its pictures; 0 before a recorder has subscribed */
-    bool recording;              /* the recorder is there and has subscribed */
+    bool recording;              /* its recorder has subscribed */
     int64_t touched_us;          /* when a connection last came or went */
 
     /* The service thread's own: who is connected. */
     struct viewer *producer, *recorder;
 };
 
-/* A frame that was received whole. */
+/* A complete frame. */
 struct pushed {
     bool full;
     struct protocol_environment header;
     struct block payload;
-    uint64_t producer;         /* its connection */
-    char peer[64];             /* where that came from */
+    uint64_t producer;         /* connection */
+    char peer[64];             /* its address */
     struct sequence *sequence; /* NULL: live */
 };
 
@@ -66,9 +64,9 @@ struct ticket {
     struct sequence *sequence;
 };
 
-/* A fate to be told. */
+/* A fate to send. */
 struct note {
-    uint64_t producer; /* told to this connection, or to the sequence's producer of the moment */
+    uint64_t producer; /* to this connection, or to the sequence's present producer */
     struct sequence *sequence;
     uint64_t number, picture;
     enum server_fate fate;
@@ -78,7 +76,7 @@ struct note {
 struct ingest {
     pthread_cond_t arrived;
     struct pushed live, lockstep;
-    struct block spare;   /* a block that was in use before; while a producer is connected */
+    struct block spare;   /* a block to reuse, while a producer is connected */
     struct recent recent; /* payloads */
     struct sequence sequences[INGEST_SEQUENCES];
     struct ticket tickets[INGEST_TICKETS];
@@ -86,10 +84,10 @@ struct ingest {
     struct note notes[INGEST_NOTES];
     unsigned note_count;
 
-    uint64_t producer;        /* connection of the one there is; 0: none */
+    uint64_t producer;        /* connection of the producer; 0: none */
     struct sequence *current; /* its sequence */
-    uint32_t returned;        /* credit of a live producer that is to be told */
-    bool ended;               /* the last producer said so, and no frame came since */
+    uint32_t returned;        /* credit to return to a live producer */
+    bool ended;               /* the last producer ended its stream */
 
     uint64_t received, superseded, refused, repeated;
 };
@@ -99,47 +97,47 @@ void ingest_finish(struct ingest *g);
 
 /* All below take the server's lock themselves. Thread: service. */
 
-/* sequence.c: the sequence of that name, made if need be, in place of one that is of no use any more. NULL when all
- * are in use. now_us: any clock that only rises. */
+/* sequence.c: finds or creates the sequence, in place of one no longer needed. NULL: all are in use. now_us: monotonic.
+ */
 struct sequence *ingest_sequence(struct server *s, const char *name, int64_t now_us);
 
-/* A producer has come (sequence NULL: live), or is gone. */
+/* A producer connects (sequence NULL: live) or leaves. */
 void ingest_attach(struct server *s, uint64_t producer, struct sequence *sequence);
 void ingest_detach(struct server *s, uint64_t producer);
 
-/* A block to receive a frame into, if one is left over. */
+/* Moves the spare block, if any, into *out. */
 void ingest_spare(struct server *s, struct block *out);
 
-/* A frame is whole. refusal: why it must not be used, or NULL. Moves the payload out if the frame is kept. */
+/* A frame is complete. refusal: why it must not be used, or NULL. Takes over the payload if it keeps the frame. */
 void ingest_deliver(struct server *s, struct assembly *a, uint64_t producer, const char *peer,
                     struct sequence *sequence, const struct fault *refusal);
 
-/* What there is to tell: up to INGEST_NOTES fates, which are then forgotten here. */
+/* Takes the fates to send. Returns their number. */
 unsigned ingest_notes(struct server *s, struct note out[INGEST_NOTES]);
 
-/* Whether the sequence may be granted a frame: when nothing of it is under way, and its format is known; what a live
- * producer is granted anew, which then counts as told. */
+/* Whether the sequence may send a frame: nothing is under way and its format is known. Credit to return to a live
+ * producer, taken. */
 bool ingest_may_grant(struct server *s, const struct sequence *sequence);
 uint32_t ingest_returned(struct server *s);
 
 /* ---- sequence.c ---- */
 
-/* The recorder has subscribed: false when a frame is under way that is to be a picture of another format. */
+/* The recorder subscribes. False: a frame of another format is under way. */
 bool ingest_record(struct server *s, struct sequence *sequence, enum protocol_format format);
 
-/* The recorder's ack: true when that was the picture kept. */
+/* The recorder acknowledges a stored picture. True: it was the kept one. */
 bool ingest_stored(struct server *s, struct sequence *sequence, uint64_t picture);
 
-/* The picture that the recorder has not acknowledged, as a new reference; NULL: none. */
+/* The picture not yet acknowledged, as a new reference; NULL: none. */
 struct picture *ingest_kept(struct server *s, const struct sequence *sequence);
 
-/* {lock} The part of server_demand that is about producers and recorders. Any thread. */
+/* {lock} Fills in producers and recorders. Any thread. */
 void ingest_demand(const struct ingest *g, struct server_demand *out);
 
-/* The producer will send no more (sequence NULL: live). */
+/* The producer ends its stream (sequence NULL: live). */
 void ingest_end(struct server *s, struct sequence *sequence);
 
-/* Whether the producer has said so, and all its pictures are stored. */
+/* Whether the stream has ended and all its pictures are stored; *stored: how many. */
 bool ingest_is_over(struct server *s, const struct sequence *sequence, uint64_t *stored);
 
 #endif

@@ -1,16 +1,16 @@
-/* server/stream/message.h */
-/* The text messages of relight.v1 (PROTOCOL.md sections 3 to 5): JSON in, checked values out, and back. No socket and
- * no state: functions of their arguments, any thread. */
+/* The text messages of relight.v1 (PROTOCOL.md sections 3 to 5): JSON to checked values and back. No sockets, no state;
+ * any thread. */
 #ifndef STREAM_MESSAGE_H
 #define STREAM_MESSAGE_H
 
-#include "server.h"
+#include "base/setting.h"
+#include "stream/server.h"
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-/* PROTOCOL.md section 8: what can be wrong, its name on the wire and its close code (0: the connection stays). */
+/* Errors of PROTOCOL.md section 8. */
 enum fault_code {
     FAULT_NONE,
     FAULT_BAD_JSON,
@@ -38,15 +38,15 @@ enum fault_code {
 struct fault {
     enum fault_code code;
     const char *clause; /* of PROTOCOL.md */
-    bool stays;         /* the connection does, though others with this code are closed */
-    uint64_t request;   /* of the message at fault, if it had one */
+    bool stays;         /* does not close the connection, although its code usually does */
+    uint64_t request;   /* number of the faulty message, if any */
     char text[160];
 };
 
 const char *fault_name(enum fault_code code);
 uint16_t fault_close_code(const struct fault *f); /* 0: the connection stays */
 
-/* "clause 4.3.2: ...", cut to what a close frame holds, in plain ASCII. Returns out. */
+/* "clause 4.3.2: ...", in plain ASCII, cut to fit a close frame. Returns out. */
 #define FAULT_REASON 120 /* 125 less the code, and a NUL [RFC 6455, 5.5] */
 char *fault_reason(const struct fault *f, char out[FAULT_REASON]);
 
@@ -98,25 +98,28 @@ struct message {
         } ping;
         struct server_control control;
         struct {
-            bool asks; /* it names a pixel, or asks for the sky: `question` is one */
+            bool asks; /* it names a pixel or asks for the sky: `question` is valid */
             struct server_probe question;
             bool has_follow, follow;
         } probe;
     };
 };
 
-/* Reads one text message. FAULT_NONE, or what is wrong with it, said in *fault. *m is then undefined. */
-enum fault_code message_parse(const char *text, size_t length, struct message *m, struct fault *fault);
+/* Parses one text message. controls: the rows that a control message may name, or NULL. On a fault *fault says what is
+ * wrong and *m is undefined. */
+enum fault_code message_parse(const char *text, size_t length, const struct setting *controls, struct message *m,
+                              struct fault *fault);
 
-/* Whole messages, to be freed with message_free; NULL when out of memory. */
+/* Complete messages, freed with message_free; NULL: out of memory. */
 struct welcome {
     const char *session;
     uint64_t id; /* of the connection */
     uint32_t max_connections;
-    bool controllers, producers; /* these roles are offered */
-    bool h264;                   /* and this format */
-    bool producer, recorder;     /* the one welcomed is one */
-    bool has_after;              /* there is a last frame that was accepted (producer) or stored (recorder): */
+    bool controllers, producers;    /* roles offered */
+    bool h264;                      /* format offered */
+    bool producer, recorder;        /* the client's role */
+    const struct setting *controls; /* what controllers may ask for; NULL: not sent */
+    bool has_after;                 /* `after` is the last frame accepted (producer) or stored (recorder) */
     uint64_t after;
     uint32_t credit;
     size_t frame_bytes;
@@ -126,20 +129,20 @@ char *message_subscribed(const struct message *m);
 char *message_pong(uint64_t id, int64_t server_us);
 char *message_error(const struct fault *fault);
 char *message_credit(uint32_t frames);
-/* sequence: of the picture, 0 when none is named; fault: why it was refused, or NULL. */
+/* sequence: of the picture, 0: none; fault: why the frame was refused, or NULL. */
 char *message_fate(uint64_t number, enum server_fate fate, uint64_t sequence, const struct fault *fault);
 char *message_sequence(const char *name, uint64_t stored);
 
-/* What controllers have set, as a status in two parts. */
-char *message_control_shared(const struct server_control *c);
+/* The settings in force, in two parts as the status; values: the struct that the rows describe. */
+char *message_control_shared(const struct setting *controls, const void *values);
 char *message_control(const char *shared, uint64_t by, uint64_t request);
 
-/* What was asked about a pixel, of the text of a JSON object; and what a followed one has in a picture. */
+/* The answer about a pixel, from the text of a JSON object; and the radiance of a followed pixel. */
 char *message_probed(const char *object, uint64_t request);
 char *message_radiance(const struct server_follow *pixel, const struct server_radiance *r);
 
-/* A status, in two parts: what all viewers share, made once, and a message made of it for one viewer. */
-char *message_status_shared(const struct server_status *status);
+/* A status in two parts: the one that all viewers share, and the message made from it for one viewer. */
+char *message_status_shared(const struct server_figures *figures, const struct setting *controls);
 char *message_status(const char *shared, int64_t server_us, uint32_t viewers, uint64_t sent, uint64_t skipped);
 
 void message_free(char *text); /* NULL is allowed */

@@ -1,6 +1,6 @@
-#include "message.h"
+#include "stream/message.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <jansson.h>
 
@@ -11,7 +11,7 @@
 
 const char *const message_formats[MESSAGE_FORMATS] = { "jpeg", "exr_half", "exr_float", "h264" };
 
-/* The text of an object, which is given back; NULL when it could not be made. */
+/* Serializes an object and releases it. NULL: out of memory. */
 static char *dump(json_t *object)
 {
     const size_t length = object ? json_dumpb(object, NULL, 0, JSON_COMPACT) : 0;
@@ -25,13 +25,13 @@ static char *dump(json_t *object)
     return text;
 }
 
-/* JSON has no NaN or infinity, and Jansson refuses them: a figure nobody knows is 0. */
+/* JSON has no NaN or infinity: an unknown figure is 0. */
 static double figure(double x)
 {
     return isfinite(x) ? x : 0.0;
 }
 
-/* Words from outside (a file's name in a reason) may not be UTF-8; then they are left out rather than the message. */
+/* Text from outside (a file name in a reason) may not be UTF-8; then only the text is left out. */
 static json_t *words(const char *text)
 {
     json_t *s = json_string(text ? text : "");
@@ -52,7 +52,7 @@ static json_t *number_or_null(bool known, uint64_t number)
     return known ? json_integer((json_int_t)number) : json_null();
 }
 
-/* The number of a connection, as texts name it. */
+/* A connection's number as text. */
 static json_t *name_of(uint64_t id)
 {
     char text[24];
@@ -85,6 +85,8 @@ char *message_welcome(const struct welcome *w)
                              (int)w->credit, "frame_bytes", (json_int_t)w->frame_bytes, "raw", 1));
     if (w->recorder)
         all = with(all, "recorder", json_pack("{s:o}", "stored_after", number_or_null(w->has_after, w->after)));
+    if (w->controls)
+        all = with(all, "controls", settings_ranges(w->controls, FOR_CONTROL));
     return dump(all);
 }
 
@@ -137,35 +139,9 @@ char *message_error(const struct fault *fault)
     return dump(all);
 }
 
-char *message_control_shared(const struct server_control *c)
+char *message_control_shared(const struct setting *controls, const void *values)
 {
-    json_t *all = json_object();
-
-    if (c->has_rotate)
-        all = with(all, "rotate_degrees", json_real(figure(c->rotate_degrees)));
-    if (c->has_scale)
-        all = with(all, "scale_stops", json_real(figure(c->scale_stops)));
-    if (c->has_method)
-        all = with(all, "method", words(c->method));
-    if (c->has_samples) {
-        all = with(all, "samples", json_integer(c->samples));
-        all = with(all, "counted", json_boolean(c->counted));
-    }
-    if (c->has_tone)
-        all = with(all, "tone", words(c->tone));
-    if (c->has_exposure)
-        all = with(all, "exposure_stops", c->exposure_auto ? json_null() : json_real(figure(c->exposure_stops)));
-    if (c->has_bias)
-        all = with(all, "bias_stops", json_real(figure(c->bias_stops)));
-    if (c->has_error)
-        all = with(all, "error", c->error > 0.0 ? json_real(figure(c->error)) : json_null());
-    if (c->has_fps)
-        all = with(all, "fps", json_real(figure(c->fps)));
-    if (c->has_paths)
-        all = with(all, "paths", words(c->paths));
-    if (c->has_camera)
-        all = with(all, "camera", words(c->camera));
-    return dump(with(all, "paused", json_boolean(c->paused)));
+    return dump(settings_to_json(controls, SETTING_TOLD, values));
 }
 
 char *message_control(const char *shared, uint64_t by, uint64_t request)
@@ -200,64 +176,101 @@ char *message_radiance(const struct server_follow *pixel, const struct server_ra
                           figure((double)r->rgb[2])));
 }
 
-/* Names that stand one a line. */
-static json_t *list(const char *lines)
+/* ended by NULL, or NULL */
+static json_t *list(const char *const *names)
 {
     json_t *all = json_array();
 
-    for (const char *at = lines ? lines : ""; *at;) {
-        const size_t length = strcspn(at, "\n");
-        char name[64];
-        snprintf(name, sizeof(name), "%.*s", (int)length, at);
-        json_array_append_new(all, words(name));
-        at += length + (at[length] != '\0');
-    }
+    for (; names && *names; names++)
+        json_array_append_new(all, words(*names));
     return all;
 }
 
-/* Where in its source the picture's frame stands, and what may be asked for. */
-static json_t *with_offers(json_t *all, const struct server_status *s)
+static json_t *value_of(const struct figure *row, const struct server_figures *f)
 {
-    json_t *source = json_object_get(all, "source");
+    const void *at = (const char *)f + row->offset;
 
-    if (!source) /* out of memory, which dump says */
-        return all;
-    json_object_set_new(source, "since_us", number_or_null(s->since_us > 0, (uint64_t)s->since_us));
-    json_object_set_new(source, "kind", words(s->kind));
-    json_object_set_new(source, "position", json_integer((json_int_t)s->position));
-    json_object_set_new(source, "length", number_or_null(s->length > 0, s->length));
-    json_object_set_new(source, "hour", s->has_hour ? json_real(figure(s->hour)) : json_null());
-    all = with(all, "camera", words(s->camera));
-    all = with(all, "preparing",
-               s->preparing && s->preparing[0]
-                   ? json_pack("{s:o s:f}", "camera", words(s->preparing), "share", figure(s->prepared))
-                   : json_null());
-    return with(all, "offers",
-                json_pack("{s:o s:o s:o s:o}", "cameras", list(s->cameras), "methods", list(s->methods), "tones",
-                          list(s->tones), "paths", list(s->paths_known)));
+    switch (row->type) {
+    case FIGURE_BOOL: return json_boolean(*(const bool *)at);
+    case FIGURE_U32: return json_integer(*(const uint32_t *)at);
+    case FIGURE_U64: return json_integer((json_int_t) * (const uint64_t *)at);
+    case FIGURE_KNOWN:
+    case FIGURE_DOUBLE: return json_real(figure(*(const double *)at));
+    case FIGURE_TEXT: return words(at);
+    case FIGURE_LIST: return list(*(const char *const *const *)at);
+    }
+    return NULL;
 }
 
-char *message_status_shared(const struct server_status *s)
+/* Sets a member by its path, "source.detail". Takes value over. False: out of memory. */
+static bool set_at(json_t *object, const char *path, json_t *value)
+{
+    const char *dot = strchr(path, '.');
+    char name[16];
+
+    if (!dot)
+        return json_object_set_new(object, path, value) == 0;
+    snprintf(name, sizeof(name), "%.*s", (int)(dot - path), path);
+    json_t *inner = json_object_get(object, name);
+    if (!inner && json_object_set_new(object, name, inner = json_object()) != 0) {
+        json_decref(value);
+        return false;
+    }
+    return set_at(inner, dot + 1, value);
+}
+
+/* What is unknown is null. */
+static bool set_unknown(json_t *all, const struct server_figures *f)
+{
+    const bool computing = f->cache_share > 0.0 && f->cache_share < 1.0;
+    const struct {
+        const char *path;
+        bool known;
+    } parts[] = {
+        { "source.since_us", f->since_us > 0 }, { "source.length", f->length > 0 },
+        { "source.hour", f->has_hour },         { "light.sun", f->has_sun },
+        { "light.error", f->error > 0.0 },      { "light.computed", computing },
+        { "light.passes", f->passes > 0 },      { "light.converged", f->passes > 0 },
+        { "preparing", f->preparing[0] },
+    };
+    bool ok = true;
+
+    for (size_t i = 0; i < sizeof(parts) / sizeof(parts[0]); i++)
+        ok = ok && (parts[i].known || set_at(all, parts[i].path, json_null()));
+    return ok;
+}
+
+/* The names of choices that controllers may ask for. */
+static bool set_offers(json_t *all, const struct setting *controls)
+{
+    json_t *offers = json_object_get(all, "offers");
+    bool ok = true;
+
+    for (const struct setting *row = controls; row && row->key; row++) {
+        json_t *names = row->offers ? json_array() : NULL;
+        for (const struct setting_choice *c = row->choices; names && c->name; c++)
+            if (choice_has(c->programs, FOR_CONTROL))
+                json_array_append_new(names, json_string(c->name));
+        ok = ok && (!row->offers || json_object_set(offers, row->offers, names) == 0);
+        json_decref(names);
+    }
+    return ok;
+}
+
+char *message_status_shared(const struct server_figures *f, const struct setting *controls)
 {
     static const char *const sources[] = { "waiting", "live", "paused", "ended", "failed" };
-    json_t *sun = s->has_sun
-                      ? json_pack("{s:f s:f}", "elevation", figure(s->sun_elevation), "azimuth", figure(s->sun_azimuth))
-                      : json_null();
-    json_t *all = json_pack(
-        "{s:o s:o s:o s:I s:I s:I s:{s:s s:o} s:I s:f s:{s:f s:f s:f s:f} s:{s:I s:I s:I s:I s:o s:I} "
-        "s:{s:o s:o s:o s:o s:o s:o s:o s:o}}",
-        "scene", words(s->scene), "sky", words(s->sky), "method", words(s->method), "samples", (json_int_t)s->samples,
-        "width", (json_int_t)s->width, "height", (json_int_t)s->height, "source", "state", sources[s->source], "detail",
-        words(s->detail), "frame", (json_int_t)s->frame, "fps", figure(s->fps), "stages_ms", "queued",
-        figure(s->queued_ms), "decoded", figure(s->decoded_ms), "shaded", figure(s->shaded_ms), "encoded",
-        figure(s->encoded_ms), "frames", "received", (json_int_t)s->received, "used", (json_int_t)s->used, "dropped",
-        (json_int_t)s->dropped, "refused", (json_int_t)s->refused, "last_refusal", words(s->last_refusal), "repaired",
-        (json_int_t)s->repaired, "light", "sun", sun, "time", words(s->sky_time), "paths", words(s->paths), "left_out",
-        words(s->left_out), "error", s->error > 0.0 ? json_real(figure(s->error)) : json_null(), "computed",
-        s->computing ? json_real(figure(s->computed)) : json_null(), "passes", number_or_null(s->passes > 0, s->passes),
-        "converged", s->passes > 0 ? json_boolean(s->converged) : json_null());
+    json_t *all = json_object();
+    bool ok = all != NULL;
 
-    return dump(with_offers(all, s));
+    for (const struct figure *row = server_figure_table; row->json || row->metric; row++)
+        ok = ok && (!row->json || set_at(all, row->json, value_of(row, f)));
+    ok = ok && set_at(all, "source.state", json_string(sources[f->source])) &&
+         set_at(all, "source.since_us", json_integer(f->since_us)) && set_unknown(all, f) && set_offers(all, controls);
+    if (ok)
+        return dump(all);
+    json_decref(all);
+    return NULL;
 }
 
 char *message_status(const char *shared, int64_t server_us, uint32_t viewers, uint64_t sent, uint64_t skipped)

@@ -1,10 +1,9 @@
-/* What a machine asks over HTTP: does the server live, can it be used, how does it do. /healthz and /readyz are open to
- * whoever can reach the port, and say no more than that. /metrics tells how many watch, how fast and what is wrong, but
- * no name, address or picture: on loopback it is open too; else it wants a token as "Authorization: Bearer T", the one
- * of its own where there is one, or else the viewers'. */
-#include "internal.h"
+/* /healthz, /readyz and /metrics. The first two are open to everyone who can reach the port and reveal nothing else.
+ * /metrics has counts and times, but no names, addresses or pictures. On loopback it is open too; elsewhere it requires
+ * "Authorization: Bearer T" with its own token, or the viewers' token where it has none. */
+#include "stream/internal.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -35,7 +34,7 @@ static int answer_health(struct server *s, struct lws *wsi, const char *path, bo
     return http_respond_text(wsi, good ? 200 : 503, "application/json", text, head);
 }
 
-/* What a proxy passes on does not come from loopback, though the proxy does. */
+/* A request that a proxy forwards is not local, although the proxy is. */
 static enum admission admit(struct server *s, struct lws *wsi)
 {
     const bool near = s->loopback && lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0;

@@ -1,8 +1,8 @@
-#include "picture.h"
+#include "stream/picture.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
-#include "internal.h"
+#include "stream/internal.h"
 
 #include <assert.h>
 #include <stdatomic.h>

@@ -1,12 +1,12 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "exr_policy.h"
-#include "log.h"
+#include "codec/exr_policy.h"
+#include "base/log.h"
 
 #include <stdio.h>
 #include <string.h>
 
-/* Another one may have its place: it makes the same sequence (and is the same producer come back), or is silent. */
+/* Whether a new producer may replace this one: it makes the same sequence (a reconnect), or this one is silent. */
 static bool may_replace(const struct viewer *old, const struct sequence *wanted, int64_t now_us)
 {
     return (wanted && old->sequence == wanted) || now_us - old->heard_us > STREAM_SILENT_US;
@@ -18,7 +18,7 @@ static void replace(struct viewer *old)
 
     producer_leave(old);
     fault_say(&fault, FAULT_SUPERSEDED, "4.1.7", "another producer has taken over");
-    viewer_complain(old, &fault);
+    viewer_send_error(old, &fault);
 }
 
 void producer_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault)
@@ -30,13 +30,12 @@ void producer_hello(struct viewer *v, const struct message *m, struct welcome *w
     if (m->hello.lockstep) {
         q = ingest_sequence(s, m->hello.sequence, now);
         if (!q) {
-            fault_say(fault, FAULT_BUSY, "4.1.5", "%d sequences are remembered already, and all in use",
-                      INGEST_SEQUENCES);
+            fault_say(fault, FAULT_BUSY, "4.1.5", "all %d sequences are in use", INGEST_SEQUENCES);
             return;
         }
     }
     if (s->producer && !may_replace(s->producer, q, now)) {
-        fault_say(fault, FAULT_BUSY, "4.1.7", "another producer is at work");
+        fault_say(fault, FAULT_BUSY, "4.1.7", "another producer is connected");
         return;
     }
     if (s->producer)
@@ -77,16 +76,16 @@ void producer_leave(struct viewer *v)
     ingest_detach(s, v->id);
 }
 
-/* A frame at fault costs the connection, since what follows it cannot be told apart from it. */
+/* A malformed frame closes the connection, because the start of the next one cannot be found. */
 static void give_up(struct viewer *v, const struct fault *fault)
 {
     atomic_fetch_add(&v->server->counts.frames_cut, 1);
     v->assembly.under_way = false;
-    viewer_complain(v, fault);
+    viewer_send_error(v, fault);
     producer_leave(v);
 }
 
-/* What is not decoded when it comes from a network. */
+/* Formats that are not accepted from the network. */
 static enum fault_code inspect(const struct assembly *a, struct fault *fault)
 {
     const struct protocol_environment *h = &a->header;
@@ -116,7 +115,7 @@ static void deliver(struct viewer *v)
 
     v->assembly.whole = false;
     ingest_deliver(v->server, &v->assembly, v->id, v->peer, v->sequence, refused ? &fault : NULL);
-    producers_tell(v->server);
+    producers_send(v->server);
 }
 
 void producer_receive(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last)
@@ -153,10 +152,10 @@ void producer_tick(struct viewer *v, int64_t now_us)
 
 static void grant_later(lws_sorted_usec_list_t *sul)
 {
-    producers_tell(lws_container_of(sul, struct viewer, grant)->server);
+    producers_send(lws_container_of(sul, struct viewer, grant)->server);
 }
 
-/* Gives the producer the credit that is due, though not too often. */
+/* Grants the producer the credit that is due, at limited rate. */
 static void grant(struct viewer *v)
 {
     struct server *s = v->server;
@@ -175,10 +174,10 @@ static void grant(struct viewer *v)
         return;
     v->granted_us = viewer_now_us();
     v->credit += frames;
-    viewer_say(v, message_credit(frames));
+    viewer_queue(v, message_credit(frames));
 }
 
-void producers_tell(struct server *s)
+void producers_send(struct server *s)
 {
     struct note notes[INGEST_NOTES];
     const unsigned count = ingest_notes(s, notes);
@@ -186,9 +185,9 @@ void producers_tell(struct server *s)
     for (unsigned i = 0; i < count; i++) {
         const struct note *n = &notes[i];
         struct viewer *v = s->producer;
-        /* The fate of a lockstep frame goes to whoever makes that sequence now. */
+        /* The fate of a lockstep frame goes to the present producer of that sequence. */
         if (v && (n->sequence ? n->sequence == v->sequence : n->producer == v->id))
-            viewer_say(v, message_fate(n->number, n->fate, n->picture, &n->fault));
+            viewer_queue(v, message_fate(n->number, n->fate, n->picture, &n->fault));
     }
     if (s->producer && !s->producer->close_code)
         grant(s->producer);

@@ -1,6 +1,6 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "log.h"
+#include "base/log.h"
 
 void recorder_leave(struct viewer *v)
 {
@@ -23,7 +23,7 @@ void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w
     struct sequence *q = ingest_sequence(s, m->hello.recorder, viewer_now_us());
 
     if (!q) {
-        fault_say(fault, FAULT_BUSY, "4.1.6", "%d sequences are remembered already, and all in use", INGEST_SEQUENCES);
+        fault_say(fault, FAULT_BUSY, "4.1.6", "all %d sequences are in use", INGEST_SEQUENCES);
         return;
     }
     struct viewer *old = q->recorder;
@@ -31,7 +31,7 @@ void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w
         struct fault gone;
         recorder_leave(old);
         fault_say(&gone, FAULT_SUPERSEDED, "4.1.6", "another recorder has taken over");
-        viewer_complain(old, &gone);
+        viewer_send_error(old, &gone);
     }
     v->recorder = true;
     v->sequence = q;
@@ -46,7 +46,7 @@ bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault 
 {
     if (v->sequence && ingest_record(v->server, v->sequence, m->subscribe.format))
         return true;
-    fault_say(fault, FAULT_NOT_OFFERED, "4.3.6", "a frame is under way to become a picture in another format");
+    fault_say(fault, FAULT_NOT_OFFERED, "4.3.6", "a frame of another format is under way");
     return false;
 }
 
@@ -58,18 +58,18 @@ void recorder_ack(struct viewer *v, const struct message *m, struct fault *fault
     }
     if (!v->sequence || !ingest_stored(v->server, v->sequence, m->ack.sequence))
         return;
-    producers_tell(v->server);
-    recorder_tell(v);
+    producers_send(v->server);
+    recorder_send_end(v);
 }
 
-void recorder_tell(struct viewer *v)
+void recorder_send_end(struct viewer *v)
 {
     uint64_t stored;
 
     if (!v->recorder || !v->sequence)
         return;
     const bool over = ingest_is_over(v->server, v->sequence, &stored);
-    if (over && !v->told_end)
-        viewer_say(v, message_sequence(v->sequence->name, stored));
-    v->told_end = over;
+    if (over && !v->sent_end)
+        viewer_queue(v, message_sequence(v->sequence->name, stored));
+    v->sent_end = over;
 }

@@ -1,13 +1,13 @@
-#include "ingest.h"
+#include "stream/ingest.h"
 
-#include "internal.h"
-#include "log.h"
+#include "stream/internal.h"
+#include "base/log.h"
 
 #include <string.h>
 
-#define ABANDONED_US ((int64_t)600 * 1000000) /* after which a picture that nobody fetches may make way */
+#define ABANDONED_US ((int64_t)600 * 1000000) /* an unfetched picture older than this may be dropped */
 
-/* {lock} A name may be forgotten when nobody is connected and nothing is owed, or has not been asked for in long. */
+/* {lock} A sequence may be forgotten when nobody is connected and no picture waits, or it was abandoned long ago. */
 static bool may_forget(const struct sequence *q, int64_t now_us)
 {
     if (q->producer || q->recorder || q->stage == SEQUENCE_WAITING || q->stage == SEQUENCE_WORKING)
@@ -15,7 +15,7 @@ static bool may_forget(const struct sequence *q, int64_t now_us)
     return q->stage == SEQUENCE_IDLE || now_us - q->touched_us > ABANDONED_US;
 }
 
-/* {lock} Whether a is the one to forget rather than b: those with nothing kept first, then the oldest. */
+/* {lock} Whether to forget a before b: first those without a kept picture, then the oldest. */
 static bool rather(const struct sequence *a, const struct sequence *b)
 {
     if (!b || (a->stage == SEQUENCE_IDLE) != (b->stage == SEQUENCE_IDLE))
@@ -51,7 +51,7 @@ struct sequence *ingest_sequence(struct server *s, const char *name, int64_t now
     if (q && strcmp(q->name, name) != 0) {
         lost = q->kept;
         if (lost)
-            log_warning("sequence %s: forgotten with the picture of frame %llu, which no recorder fetched", q->name,
+            log_warning("sequence %s: dropped with the picture of frame %llu, which no recorder fetched", q->name,
                         (unsigned long long)q->accepted);
         *q = (struct sequence){ .stage = SEQUENCE_IDLE };
         memcpy(q->name, name, strlen(name) + 1);
@@ -66,7 +66,7 @@ struct sequence *ingest_sequence(struct server *s, const char *name, int64_t now
 bool ingest_record(struct server *s, struct sequence *q, enum protocol_format format)
 {
     pthread_mutex_lock(&s->lock);
-    /* A frame under way is made into a picture of the format that was wanted when it was accepted. */
+    /* A frame under way becomes a picture of the format requested when it was accepted. */
     const bool may = q->stage == SEQUENCE_IDLE || q->format == format;
     if (may) {
         q->format = format;

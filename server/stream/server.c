@@ -1,10 +1,10 @@
-#include "server.h"
+#include "stream/server.h"
 
-#include "clock.h"
-#include "internal.h"
-#include "log.h"
-#include "mem.h"
-#include "process.h"
+#include "base/clock.h"
+#include "stream/internal.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/process.h"
 
 #include <arpa/inet.h>
 #include <assert.h>
@@ -19,7 +19,7 @@
 
 enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096, PER_ADDRESS_DEFAULT = 32, SILENT_DEFAULT_S = 10 };
 
-/* lws speaks of every peer's mistake as of an error of its own. */
+/* libwebsockets logs every client's mistake as an error of its own. */
 static void route_log(int level, const char *line)
 {
     const size_t length = strcspn(line, "\n");
@@ -60,7 +60,7 @@ static enum err address_parse(const char *text, uint16_t port, struct address *a
     return ERR_OK;
 }
 
-/* lws says no more than that it could not; so the address is tried first, under the same rules. */
+/* libwebsockets does not say why it cannot listen; so try the address first, under the same rules. */
 static enum err address_try(const struct address *a, const char *text, uint16_t port, struct reason *why)
 {
     const int on = 1;
@@ -68,7 +68,7 @@ static enum err address_try(const struct address *a, const char *text, uint16_t 
     const int fd = socket(a->socket.ss_family, SOCK_STREAM, 0);
 
     if (fd < 0)
-        return err_say(why, ERR_IO, "%s: no socket can be had: %s", text, strerror(errno));
+        return err_say(why, ERR_IO, "%s: no socket: %s", text, strerror(errno));
     if (setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on)) != 0 ||
         bind(fd, (const struct sockaddr *)&a->socket, a->size) != 0 || listen(fd, 1) != 0) {
         if (errno == EADDRINUSE)
@@ -81,49 +81,84 @@ static enum err address_try(const struct address *a, const char *text, uint16_t 
     return e;
 }
 
-static enum err copy_desc(struct server *s, const struct server_desc *desc, struct reason *why)
+static enum err copy_address(struct server *s, const char *wanted, struct reason *why)
 {
-    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
-    const char *address = desc->address && desc->address[0] ? desc->address : "127.0.0.1";
+    const char *address = wanted && wanted[0] ? wanted : "127.0.0.1";
 
     if (strcmp(address, "localhost") == 0)
         address = "127.0.0.1";
     if (strlen(address) >= sizeof(s->address))
         return err_say(why, ERR_USAGE, "--bind %.40s...: not an address", address);
     memcpy(s->address, address, strlen(address) + 1);
-    s->allow_remote = desc->allow_remote;
-    s->max_connections = desc->max_connections ? desc->max_connections : CONNECTIONS_DEFAULT;
-    s->push = desc->push;
-    s->h264 = desc->h264;
-    s->stirred = desc->stirred;
-    s->leave = desc->leave;
-    s->frame_ms = desc->frame_ms ? desc->frame_ms : STREAM_FRAME_MS;
+    return ERR_OK;
+}
+
+static uint32_t or_default(uint32_t given, uint32_t otherwise)
+{
+    return given ? given : otherwise;
+}
+
+static enum err copy_limits(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    s->frame_ms = or_default(desc->frame_ms, STREAM_FRAME_MS);
     s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
+    s->max_connections = or_default(desc->max_connections, CONNECTIONS_DEFAULT);
+    s->max_per_address = or_default(desc->max_per_address, PER_ADDRESS_DEFAULT);
+    s->max_per_address_given = desc->max_per_address != 0;
+    s->silent_s = or_default(desc->silent_s, SILENT_DEFAULT_S);
     if (s->max_connections > CONNECTIONS_MAX)
         return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
-    s->max_per_address = desc->max_per_address ? desc->max_per_address : PER_ADDRESS_DEFAULT;
-    s->max_per_address_said = desc->max_per_address != 0;
-    s->behind_proxy = desc->behind_proxy;
-    s->silent_s = desc->silent_s ? desc->silent_s : SILENT_DEFAULT_S;
+    return visitors_init(&s->visitors, s->max_connections + OTHER_FDS) ? ERR_OK
+                                                                       : err_say(why, ERR_NOMEM, "out of memory");
+}
+
+static enum err copy_text(char **out, const char *text, struct reason *why)
+{
+    if (!text || !text[0] || admission_copy(out, text))
+        return ERR_OK;
+    return err_say(why, ERR_NOMEM, "out of memory");
+}
+
+static enum err copy_secrets(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
     enum err e = admission_copy_token("metrics", desc->token_metrics, &s->token_metrics, why);
+
     for (int r = 0; r < SERVER_ROLES && !e; r++)
         e = admission_copy_token(roles[r], desc->tokens[r], &s->tokens[r], why);
-    if (!e && desc->hosts && desc->hosts[0] && !admission_copy(&s->hosts, desc->hosts))
-        e = err_say(why, ERR_NOMEM, "out of memory");
     if (!e && !desc->tls_cert != !desc->tls_key)
         e = err_say(why, ERR_USAGE, "--tls-cert and --tls-key need each other");
-    if (!e && desc->tls_cert &&
-        (!admission_copy(&s->tls_cert, desc->tls_cert) || !admission_copy(&s->tls_key, desc->tls_key)))
-        e = err_say(why, ERR_NOMEM, "out of memory");
+    if (!e)
+        e = copy_text(&s->tls_cert, desc->tls_cert, why);
+    if (!e)
+        e = copy_text(&s->tls_key, desc->tls_key, why);
     if (!e && desc->tls_cert)
-        e = tls_load(s->tls_cert, s->tls_key, &s->tls, why);
-    if (!e && !visitors_init(&s->visitors, s->max_connections + OTHER_FDS))
-        e = err_say(why, ERR_NOMEM, "out of memory");
+        e = tls_load(desc->tls_cert, desc->tls_key, &s->tls, why);
+    return e;
+}
+
+static enum err copy_desc(struct server *s, const struct server_desc *desc, struct reason *why)
+{
+    uint64_t random;
+    enum err e = copy_address(s, desc->address, why);
+
+    s->allow_remote = desc->allow_remote;
+    s->push = desc->push;
+    s->h264 = desc->h264;
+    s->controls = desc->controls;
+    s->new_work = desc->new_work;
+    s->leave = desc->leave;
+    s->behind_proxy = desc->behind_proxy;
+    if (!e)
+        e = copy_limits(s, desc, why);
+    if (!e)
+        e = copy_secrets(s, desc, why);
+    if (!e)
+        e = copy_text(&s->hosts, desc->hosts, why);
     if (e)
         return e;
-    uint64_t random;
     if (getrandom(&random, sizeof(random), 0) != sizeof(random))
-        return err_say(why, ERR_IO, "no random number can be had for the session: %s", strerror(errno));
+        return err_say(why, ERR_IO, "no random number for the session: %s", strerror(errno));
     snprintf(s->session, sizeof(s->session), "%016llx", (unsigned long long)random);
     return ERR_OK;
 }
@@ -134,7 +169,7 @@ static void tick(lws_sorted_usec_list_t *sul)
     struct server *s = lws_container_of(sul, struct server, tick);
 
     metrics_tick(s, viewer_now_us(), STREAM_STATUS_US);
-    if (s->leave && atomic_load(s->leave) && !s->leaving) /* whoever set it may be busy for a while */
+    if (s->leave && atomic_load(s->leave) && !s->leaving) /* the main thread may be busy for a while */
         server_drain(s);
     server_take_change(s);
     viewers_tick(s);
@@ -153,7 +188,7 @@ static void *serve(void *arg)
             break;
         if (!atomic_load(&s->stopping))
             continue;
-        /* Leave when the last has gone, or when they have had their time; the tick keeps this loop awake. */
+        /* Leave when the last client has gone or time is up; the tick keeps this loop awake. */
         if (leave_us == 0)
             leave_us = (int64_t)lws_now_usecs() + STREAM_GOODBYE_US;
         if (!s->viewers || (int64_t)lws_now_usecs() > leave_us)
@@ -163,8 +198,8 @@ static void *serve(void *arg)
     return NULL;
 }
 
-/* Fills what both context and vhost take. No extensions (permessage-deflate of 4.1.6 has known faults and pictures do
- * not compress), bounded tables, short time-outs. */
+/* Describes context and vhost: no extensions (permessage-deflate of 4.1.6 has known faults, and pictures do not
+ * compress), bounded tables, short time-outs. */
 static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
 {
     s->protocols[0] = (struct lws_protocols){ .name = "http",
@@ -187,7 +222,7 @@ static struct lws_context *context_create(struct server *s, const struct address
         .uid = (uid_t)-1,
         .user = s,
         .options = LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
-        .fd_limit_per_thread = process_files(s->max_connections + OTHER_FDS),
+        .fd_limit_per_thread = process_connections_allowed(s->max_connections + OTHER_FDS),
         .max_http_header_pool = 32,
         .max_http_header_data = 8192,
         .pt_serv_buf_size = STREAM_RECEIVE,
@@ -207,22 +242,21 @@ static struct lws_context *context_create(struct server *s, const struct address
     return lws_create_context(&info);
 }
 
-/* Whoever can reach a port that is not loopback's is a stranger until he shows a token. Controllers are not offered
- * where they have none. */
+/* Beyond loopback every role requires a token. Without one for controllers that role is not offered. */
 static enum err check_tokens(struct server *s, const struct address *a, struct reason *why)
 {
     s->loopback = a->loopback;
     s->controllers = a->loopback || s->tokens[SERVER_CONTROLLER];
     if (!a->loopback && !s->tokens[SERVER_VIEWER])
-        return err_say(why, ERR_USAGE, "--bind %s: anybody on the network could watch; --token-viewer is needed",
+        return err_say(why, ERR_USAGE, "--bind %s: anyone on the network could watch; --token-viewer is required",
                        s->address);
     if (!a->loopback && s->push && !s->tokens[SERVER_PRODUCER])
-        return err_say(why, ERR_USAGE, "--bind %s: anybody on the network could send; --token-producer is needed",
+        return err_say(why, ERR_USAGE, "--bind %s: anyone on the network could send; --token-producer is required",
                        s->address);
     return ERR_OK;
 }
 
-/* Whether that address may be listened to, given what is asked for there. */
+/* Whether the server may listen on its address with these roles and tokens. */
 static enum err check_address(struct server *s, uint16_t port, struct address *a, struct reason *why)
 {
     const enum err e = address_parse(s->address, port, a, why);
@@ -231,7 +265,7 @@ static enum err check_address(struct server *s, uint16_t port, struct address *a
         return e;
     if (!a->loopback && !s->allow_remote)
         return err_say(why, ERR_USAGE,
-                       "--bind %s: anybody on the network could reach it; other than loopback is served only with "
+                       "--bind %s: anyone on the network could connect; an address other than loopback requires "
                        "--token-viewer, --token-controller and --token-producer",
                        s->address);
     return check_tokens(s, a, why);
@@ -262,19 +296,19 @@ static enum err start(struct server *s, const struct server_desc *desc, struct r
     snprintf(s->url, sizeof(s->url), a.six ? "http%s://[%s]:%u/" : "http%s://%s:%u/", s->tls_cert ? "s" : "",
              s->address, s->port);
 
-    server_tell_certificate(s); /* while it is this thread's to read */
-    /* Signals are the main thread's. */
+    server_log_certificate(s); /* before the service thread owns it */
+    /* Signals go to the main thread. */
     sigfillset(&all);
     pthread_sigmask(SIG_BLOCK, &all, &before);
     const int failed = pthread_create(&s->thread, NULL, serve, s);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     if (failed)
-        return err_say(why, ERR_NOMEM, "no thread can be had for the network: %s", strerror(failed));
+        return err_say(why, ERR_NOMEM, "no thread for the network: %s", strerror(failed));
     s->running = true;
     return ERR_OK;
 }
 
-struct server *server_told(const struct server_desc *desc, enum err *e, struct reason *why)
+struct server *server_prepare(const struct server_desc *desc, enum err *e, struct reason *why)
 {
     struct server *s = mem_alloc(1, sizeof(*s));
 
@@ -290,18 +324,14 @@ struct server *server_told(const struct server_desc *desc, enum err *e, struct r
 
 enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why)
 {
-    static const struct server_status nothing = { .source = SERVER_WAITING };
     char web_dir[4096];
     enum err e;
 
     *out = NULL;
-    struct server *s = server_told(desc, &e, why);
+    struct server *s = server_prepare(desc, &e, why);
     if (e)
         goto failed;
-    s->status = message_status_shared(&nothing);
-    e = s->status ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
-    if (!e)
-        e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
+    e = site_folder(desc->web_dir, web_dir, sizeof(web_dir), why);
     if (!e)
         e = site_load(&s->site, web_dir, why);
     if (!e)
@@ -331,7 +361,7 @@ void server_destroy(struct server *s)
     if (s->running)
         pthread_join(s->thread, NULL);
     if (s->context)
-        lws_context_destroy(s->context); /* calls back for every connection left */
+        lws_context_destroy(s->context); /* calls back for every open connection */
     for (int k = 0; k < STREAM_KINDS; k++)
         picture_unref(s->latest[k]);
     for (int r = 0; r < SERVER_ROLES; r++)
@@ -383,7 +413,7 @@ double server_track_rate(unsigned track)
     return index == 0 ? 0.0 : 120.0 / (double)(1u << index);
 }
 
-/* The fastest that is no faster than that; the slowest for whoever wants less. */
+/* The fastest rate not above `most`, or else the slowest. */
 static unsigned rate_index(double most)
 {
     unsigned index = 0;
@@ -400,14 +430,15 @@ unsigned subscribed_kind(const struct server *s, const struct message *wish)
 
     if (wish->subscribe.format != PROTOCOL_JPEG && wish->subscribe.format != PROTOCOL_H264)
         return wish->subscribe.format;
-    while (scale < 2 && ((width && s->width >> scale > width) || (height && s->height >> scale > height)))
+    while (scale < 2 &&
+           ((width && s->figures.width >> scale > width) || (height && s->figures.height >> scale > height)))
         scale++;
     if (wish->subscribe.format == PROTOCOL_H264)
         return STREAM_TRACKS + scale * SERVER_RATES + rate_index(wish->subscribe.max_rate);
     return scale == 0 ? PROTOCOL_JPEG : scale == 1 ? STREAM_JPEG_HALF : STREAM_JPEG_QUARTER;
 }
 
-/* Of a frame the first picture counts for its age; one that stood already has no new times. */
+/* A frame's first picture gives its age; repeated and refined pictures have no new times. */
 static void observe(struct server *s, unsigned kind, const struct protocol_picture *h)
 {
     struct metrics *m = &s->metrics;
@@ -444,28 +475,18 @@ void server_publish(struct server *s, struct picture *picture)
     struct picture *old = server_place(s, picture, 0);
     pthread_mutex_unlock(&s->lock);
     picture_unref(old);
-    lws_cancel_service(s->context); /* the only call of lws that another thread may make */
+    lws_cancel_service(s->context); /* the only libwebsockets call allowed on other threads */
 }
 
-void server_set_status(struct server *s, const struct server_status *status)
+void server_set_figures(struct server *s, const struct server_figures *f)
 {
-    const char *detail = status->detail ? status->detail : "";
-    char *text = message_status_shared(status);
-
-    if (!text) /* out of memory: the one before stays */
-        return;
     pthread_mutex_lock(&s->lock);
-    char *old = s->status;
-    const bool news = s->source != status->source || strncmp(s->detail, detail, sizeof(s->detail) - 1) != 0;
-    const bool resized = s->width != status->width || s->height != status->height;
-    s->status = text;
-    s->width = status->width;
-    s->height = status->height;
-    s->source_us = status->since_us;
-    s->source = status->source;
-    snprintf(s->detail, sizeof(s->detail), "%s", detail);
+    const bool news = s->figures.source != f->source || strcmp(s->figures.detail, f->detail) != 0;
+    const bool resized = s->figures.width != f->width || s->figures.height != f->height;
+    s->figures = *f;
+    message_free(s->status);
+    s->status = NULL;
     pthread_mutex_unlock(&s->lock);
-    message_free(old);
     if (news)
         atomic_store(&s->urgent, true);
     if (resized)

@@ -1,7 +1,7 @@
-#include "site.h"
+#include "stream/site.h"
 
-#include "mem.h"
-#include "rng.h"
+#include "base/mem.h"
+#include "base/rng.h"
 
 #include <dirent.h>
 #include <errno.h>

@@ -1,10 +1,9 @@
-/* server/stream/site.h */
-/* The viewer page's files, read once at start and served from memory: what was not there then cannot be asked for, so
- * that no path of a request ever reaches the file system. Never changes after site_load: any thread may read. */
+/* The viewer page's files, read once at start and served from memory, so that no path of a request reaches the file
+ * system. Constant after site_load: any thread may read. */
 #ifndef STREAM_SITE_H
 #define STREAM_SITE_H
 
-#include "err.h"
+#include "base/err.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -25,17 +24,16 @@ struct site {
     size_t count;
 };
 
-/* The folder that was asked for, or, where that is NULL, ../share/relightd/web as seen from the folder of the program
- * that runs: beside /usr/bin where it is installed, and beside bin in a build tree, which has a link there. ERR_IO: the
- * program cannot be found. */
+/* Writes the folder `asked` to path[size]; if NULL, ../share/relightd/web seen from the running program's folder: next
+ * to bin where installed, and in a build tree by a link. ERR_IO: the program's folder is unknown. */
 MUST_CHECK enum err site_folder(const char *asked, char *path, size_t size, struct reason *why);
 
-/* Reads the files of `dir` whose extension has a known type; folders and hidden files are passed over.
+/* Reads the files of `dir` with a known extension; skips folders and hidden files.
  * ERR_IO: dir cannot be read or has no index.html. ERR_RANGE: a file or their number is too large. ERR_NOMEM. */
 MUST_CHECK enum err site_load(struct site *site, const char *dir, struct reason *why);
 void site_finish(struct site *site); /* zeroed memory is allowed */
 
-/* The file at this path, without query; NULL when there is none. "/index.html" is "/". */
+/* The file at path, which has no query; owned by site. NULL: none. "/index.html" is "/". */
 const struct site_file *site_find(const struct site *site, const char *path);
 
 #endif

@@ -1,4 +1,4 @@
-#include "texels.h"
+#include "stream/texels.h"
 
 #include <assert.h>
 #include <string.h>

@@ -1,6 +1,6 @@
-#include "tls.h"
+#include "stream/tls.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <errno.h>
 #include <openssl/err.h>
@@ -12,11 +12,11 @@
 #include <unistd.h>
 
 struct tls {
-    SSL_CTX *files; /* where OpenSSL keeps certificate, chain and key together; nobody shakes hands by it */
+    SSL_CTX *files; /* holds certificate, chain and key; never used for a handshake */
     int64_t expires_s;
 };
 
-/* A password that is asked for would be waited for. */
+/* Without this, OpenSSL would wait for a password on the terminal. */
 static int no_password(char *out, int size, int writing, void *user)
 {
     (void)out, (void)size, (void)writing, (void)user;
@@ -30,13 +30,13 @@ static enum err check_dates(struct tls *t, const char *cert, struct reason *why)
     int days, seconds;
 
     if (X509_cmp_current_time(X509_get0_notAfter(x)) <= 0)
-        return err_say(why, ERR_USAGE, "--tls-cert %s: has expired; no browser would take it", cert);
+        return err_say(why, ERR_USAGE, "--tls-cert %s: has expired; no browser will accept it", cert);
     if (X509_cmp_current_time(X509_get0_notBefore(x)) >= 0)
         return err_say(why, ERR_USAGE, "--tls-cert %s: is not valid yet; is the clock right?", cert);
     ASN1_TIME *from = ASN1_TIME_set(NULL, now);
-    const bool told = from && ASN1_TIME_diff(&days, &seconds, from, X509_get0_notAfter(x)) == 1;
+    const bool known = from && ASN1_TIME_diff(&days, &seconds, from, X509_get0_notAfter(x)) == 1;
     ASN1_TIME_free(from);
-    if (!told)
+    if (!known)
         return err_say(why, ERR_NOMEM, "out of memory");
     t->expires_s = (int64_t)now + 86400 * (int64_t)days + seconds;
     return ERR_OK;
@@ -50,7 +50,7 @@ static enum err read_files(struct tls *t, const char *cert, const char *key, str
     if (access(key, R_OK) != 0)
         return err_say(why, ERR_USAGE, "--tls-key %s: cannot be read: %s", key, strerror(errno));
     if (SSL_CTX_use_certificate_chain_file(t->files, cert) != 1)
-        return err_say(why, ERR_USAGE, "--tls-cert %s: is no certificate in PEM, or too weak a one", cert);
+        return err_say(why, ERR_USAGE, "--tls-cert %s: is not a PEM certificate, or it is too weak", cert);
     if (SSL_CTX_use_PrivateKey_file(t->files, key, SSL_FILETYPE_PEM) != 1) {
         const bool other = ERR_GET_REASON(ERR_peek_last_error()) == X509_R_KEY_VALUES_MISMATCH;
         return err_say(why, ERR_USAGE, "--tls-key %s: is %s", key,
@@ -71,7 +71,7 @@ enum err tls_load(const char *cert, const char *key, struct tls **out, struct re
         e = read_files(t, cert, key, why);
     else
         err_say(why, e, "out of memory");
-    ERR_clear_error(); /* libwebsockets looks at the same list */
+    ERR_clear_error(); /* libwebsockets reads the same error queue */
     if (e) {
         tls_destroy(t);
         return e;
@@ -93,8 +93,8 @@ int64_t tls_expires_s(const struct tls *t)
     return t->expires_s;
 }
 
-/* Of each kind of key a context holds one certificate, and so whoever comes could still be shown the old one where the
- * new one is of another kind: all are taken from the connection first. 0 ends the handshake. */
+/* A context holds one certificate per kind of key. If the new one is of another kind, clients could still get the old
+ * one; so clear the connection's certificates first. 0 ends the handshake. */
 static int show(SSL *ssl, void *arg)
 {
     struct tls *const *shown = arg;

@@ -1,7 +1,7 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "log.h"
-#include "mem.h"
+#include "base/log.h"
+#include "base/mem.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -9,7 +9,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-/* Sixteen bytes in base 64 [RFC 6455, 4.2.1]; lws would take any word. */
+/* Sixteen bytes in base 64 [RFC 6455, 4.2.1]; libwebsockets would accept any word. */
 static bool key_ok(struct lws *wsi)
 {
     static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -61,15 +61,15 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     const uint64_t open = atomic_fetch_add(&s->counts.open, 1);
     const bool room = admission_socket(v);
     if (atomic_load(&s->stopping)) {
-        viewer_part(v, 1001, "the server is going away");
+        viewer_close(v, 1001, "the server is going away");
     } else if (open >= s->max_connections) {
         atomic_fetch_add(&s->counts.refused, 1);
         fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken", s->max_connections);
-        viewer_complain(v, &fault);
+        viewer_send_error(v, &fault);
     } else if (!room) {
         atomic_fetch_add(&s->counts.refused, 1);
         fault_say(&fault, FAULT_FULL, "2.4", "one address has at most %u connections", s->max_per_address);
-        viewer_complain(v, &fault);
+        viewer_send_error(v, &fault);
     }
     return 0;
 }
@@ -105,14 +105,14 @@ void viewers_wake(struct server *s)
     if (resized)
         viewers_demand(s);
     controls_tell(s);
-    probes_tell(s);
-    producers_tell(s);
+    probes_send(s);
+    producers_send(s);
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (urgent && v->greeted)
             v->status_due = true;
-        recorder_tell(v);
+        recorder_send_end(v);
         if (v->status_due || control_due(v) || probe_due(v) || viewer_may_begin(v))
-            viewer_want(v);
+            viewer_request_write(v);
     }
 }
 
@@ -124,16 +124,16 @@ void viewers_tick(struct server *s)
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (v->waiting && now - v->moved_us > STREAM_STALL_US) {
             atomic_fetch_add(&s->counts.stalled, 1);
-            log_warning("%s: cut, since it took no byte for %d s; it had %llu pictures and skipped %llu", v->peer,
+            log_warning("%s: closed: it took no bytes for %d s; it got %llu pictures and skipped %llu", v->peer,
                         STREAM_STALL_US / 1000000, (unsigned long long)v->sent, (unsigned long long)v->skipped);
             lws_set_timeout(v->wsi, PENDING_TIMEOUT_USER_REASON_BASE, LWS_TO_KILL_ASYNC);
         } else if (!v->greeted && !v->close_code && now - v->opened_us > STREAM_HELLO_US) {
             fault_say(&fault, FAULT_NO_HELLO, "4.1", "no hello within %d s", STREAM_HELLO_US / 1000000);
-            viewer_complain(v, &fault);
+            viewer_send_error(v, &fault);
         } else if (v->greeted && !v->close_code) {
             producer_tick(v, now);
             v->status_due = true;
-            viewer_want(v);
+            viewer_request_write(v);
         }
     }
 }
@@ -141,7 +141,7 @@ void viewers_tick(struct server *s)
 void viewers_leave(struct server *s)
 {
     for (struct viewer *v = s->viewers; v; v = v->next)
-        viewer_part(v, 1001, "the server is going away");
+        viewer_close(v, 1001, "the server is going away");
 }
 
 void viewers_demand(struct server *s)

@@ -1,6 +1,6 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "clock.h"
+#include "base/clock.h"
 
 #include <string.h>
 
@@ -20,6 +20,7 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
         .controllers = s->controllers,
         .producers = s->push,
         .h264 = s->h264,
+        .controls = s->controls,
     };
 
     if (m->hello.role == SERVER_PRODUCER)
@@ -31,7 +32,7 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
     v->greeted = true;
     v->role = m->hello.role;
     v->status_due = true;
-    viewer_say(v, message_welcome(&w));
+    viewer_queue(v, message_welcome(&w));
 }
 
 static bool take_token(struct viewer *v, const char *wanted, const char *given, struct fault *fault)
@@ -50,12 +51,12 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
     const struct server *s = v->server;
 
     if (v->greeted)
-        fault_say(fault, FAULT_BAD_ORDER, "4.1", "hello was said before");
+        fault_say(fault, FAULT_BAD_ORDER, "4.1", "hello was already sent");
     else if (m->hello.major != PROTOCOL_MAJOR)
-        fault_say(fault, FAULT_BAD_VERSION, "4.1.2", "version %u is spoken here, not %u", PROTOCOL_MAJOR,
+        fault_say(fault, FAULT_BAD_VERSION, "4.1.2", "this server speaks version %u, not %u", PROTOCOL_MAJOR,
                   m->hello.major);
     else if (!role_offered(s, m->hello.role))
-        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server does not take that role");
+        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server does not offer that role");
     else if (m->hello.recorder[0] && m->hello.role != SERVER_VIEWER)
         fault_say(fault, FAULT_WRONG_ROLE, "4.1.6", "a recorder is a viewer");
     else if (take_token(v, s->tokens[m->hello.role], m->hello.token, fault))
@@ -68,7 +69,7 @@ void viewer_choose(struct viewer *v)
     const unsigned kind = subscribed_kind(v->server, &v->wish);
     pthread_mutex_unlock(&v->server->lock);
     if (v->subscribed && v->kind != kind) {
-        /* Each kind of picture has its own numbers. What is on its way need not be acknowledged any more. */
+        /* Each kind of picture has its own numbers. Pictures under way need no acknowledgement any more. */
         v->outdated = v->begun > v->outdated ? v->begun : v->outdated;
         v->begun = 0;
         v->unacked_count = 0;
@@ -93,9 +94,9 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
     v->subscribed = true;
     v->chained = false; /* its decoder may be a new one */
     v->due_us = 0;
-    viewer_say(v, message_subscribed(m));
+    viewer_queue(v, message_subscribed(m));
     if (!watched && !m->subscribe.paused) {
-        /* Who begins or resumes gets the last picture at once, and has skipped none. */
+        /* A viewer that starts or resumes gets the last picture at once and has skipped none. */
         struct picture *p = viewer_next_picture(v);
         if (p)
             v->begun = picture_header(p)->sequence - 1;
@@ -105,11 +106,11 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
         picture_unref(p);
     }
     if (v->recorder) {
-        producers_tell(v->server);
-        recorder_tell(v);
+        producers_send(v->server);
+        recorder_send_end(v);
     }
     viewers_demand(v->server);
-    viewer_want(v);
+    viewer_request_write(v);
 }
 
 static void take_ack(struct viewer *v, const struct message *m, struct fault *fault)
@@ -130,19 +131,19 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
                  v->unacked[i].placed_us >= v->since_us) /* else it was old then */
             server_observe(v->server, SERVER_DISPLAYED, 1e-6 * (double)(viewer_now_us() - v->unacked[i].placed_us));
     atomic_fetch_add(&v->server->counts.acked, v->unacked_count - kept);
-    /* Acks that return credit cannot come faster than pictures go: they do not count as messages. */
+    /* Acks that return credit do not count for the rate limit: they cannot outnumber pictures. */
     v->tokens += v->unacked_count > kept ? 1.0 : 0.0;
     v->unacked_count = kept;
     if (v->recorder)
         recorder_ack(v, m, fault);
     if (viewer_may_begin(v))
-        viewer_want(v);
+        viewer_request_write(v);
 }
 
 static void take_control(struct viewer *v, struct message *m, struct fault *fault)
 {
     if (v->role != SERVER_CONTROLLER) {
-        fault_say(fault, FAULT_WRONG_ROLE, "4.13", "only a controller may change what is in force");
+        fault_say(fault, FAULT_WRONG_ROLE, "4.13", "only a controller may change settings");
         return;
     }
     m->control.by = v->id;
@@ -152,15 +153,15 @@ static void take_control(struct viewer *v, struct message *m, struct fault *faul
 static void take_end(struct viewer *v, struct fault *fault)
 {
     if (v->role != SERVER_PRODUCER) {
-        fault_say(fault, FAULT_WRONG_ROLE, "4.12", "only a producer can end");
+        fault_say(fault, FAULT_WRONG_ROLE, "4.12", "only a producer may send end");
         return;
     }
     ingest_end(v->server, v->sequence);
     if (v->sequence && v->sequence->recorder)
-        recorder_tell(v->sequence->recorder);
+        recorder_send_end(v->sequence->recorder);
 }
 
-/* A bucket of STREAM_BURST messages that fills at STREAM_RATE a second. */
+/* Rate limit: a token bucket of STREAM_BURST messages, refilled at STREAM_RATE per second. */
 static bool too_fast(struct viewer *v)
 {
     const int64_t now = viewer_now_us();
@@ -183,7 +184,7 @@ static void take_text(struct viewer *v)
     if (too_fast(v)) {
         atomic_fetch_add(&v->server->counts.too_fast, 1);
         fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %g messages a second", STREAM_RATE);
-    } else if (!message_parse(v->text, v->text_size, &m, &fault)) {
+    } else if (!message_parse(v->text, v->text_size, v->server->controls, &m, &fault)) {
         if (!v->greeted && m.op != MESSAGE_HELLO)
             fault_say(&fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
         else if (m.op == MESSAGE_HELLO)
@@ -193,21 +194,21 @@ static void take_text(struct viewer *v)
         else if (m.op == MESSAGE_CONTROL)
             take_control(v, &m, &fault);
         else if (m.op != MESSAGE_PING && v->role == SERVER_PRODUCER)
-            fault_say(&fault, FAULT_WRONG_ROLE, "4.1.1", "a producer watches nothing");
+            fault_say(&fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no pictures");
         else if (m.op == MESSAGE_SUBSCRIBE)
             take_subscribe(v, &m, &fault);
         else if (m.op == MESSAGE_ACK)
             take_ack(v, &m, &fault);
         else if (m.op == MESSAGE_PROBE)
             probe_take(v, &m, &fault);
-        else if (v->outbox_count < STREAM_PONGS) /* behind a large picture on a slow line, answers would only age */
-            viewer_say(v, message_pong(m.ping.id, clock_wall_us()));
+        else if (v->outbox_count < STREAM_PONGS) /* no more pongs than this behind a large picture on a slow line */
+            viewer_queue(v, message_pong(m.ping.id, clock_wall_us()));
     }
     if (fault.code)
-        viewer_complain(v, &fault);
+        viewer_send_error(v, &fault);
 }
 
-/* Gathers the pieces of one text message; its size is refused as soon as it is known. */
+/* Collects the pieces of one text message; refuses one that is too long as soon as its size is known. */
 static void receive_text(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last)
 {
     struct fault fault;
@@ -219,7 +220,7 @@ static void receive_text(struct viewer *v, const uint8_t *in, size_t length, siz
     const size_t room = sizeof(v->text) - v->text_size;
     if (length > room || coming > room - length || ++v->pieces > STREAM_PIECES) {
         fault_say(&fault, FAULT_TOO_BIG, "3.3", "a text message has at most %d bytes", PROTOCOL_TEXT_MAX);
-        viewer_complain(v, &fault);
+        viewer_send_error(v, &fault);
         return;
     }
     memcpy(v->text + v->text_size, in, length);
@@ -242,6 +243,6 @@ void viewer_receive(struct viewer *v, const uint8_t *in, size_t length)
         producer_receive(v, in, length, coming, last);
     } else {
         fault_say(&fault, FAULT_WRONG_ROLE, "3.5", "only a producer sends binary messages");
-        viewer_complain(v, &fault);
+        viewer_send_error(v, &fault);
     }
 }

@@ -1,12 +1,12 @@
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "clock.h"
-#include "log.h"
+#include "base/clock.h"
+#include "base/log.h"
 
 #include <stdio.h>
 #include <string.h>
 
-void viewer_want(struct viewer *v)
+void viewer_request_write(struct viewer *v)
 {
     if (!v->waiting) {
         v->waiting = true;
@@ -15,49 +15,48 @@ void viewer_want(struct viewer *v)
     lws_callback_on_writable(v->wsi);
 }
 
-void viewer_part(struct viewer *v, uint16_t code, const char *text)
+void viewer_close(struct viewer *v, uint16_t code, const char *text)
 {
     if (v->close_code)
         return;
     v->close_code = code;
     snprintf(v->close_text, sizeof(v->close_text), "%s", text);
-    viewer_want(v);
+    viewer_request_write(v);
 }
 
-void viewer_complain(struct viewer *v, const struct fault *fault)
+void viewer_send_error(struct viewer *v, const struct fault *fault)
 {
     atomic_fetch_add(&v->server->counts.errors, 1);
     atomic_fetch_add(&v->server->metrics.faults[fault->code], 1);
     log_debug("%s: %s (clause %s): %s", v->peer, fault_name(fault->code), fault->clause, fault->text);
     if (v->outbox_count < STREAM_OUTBOX)
-        viewer_say(v, message_error(fault));
+        viewer_queue(v, message_error(fault));
     if (fault_close_code(fault)) {
         char text[FAULT_REASON];
-        viewer_part(v, fault_close_code(fault), fault_reason(fault, text));
+        viewer_close(v, fault_close_code(fault), fault_reason(fault, text));
     }
 }
 
-void viewer_say(struct viewer *v, char *text)
+void viewer_queue(struct viewer *v, char *text)
 {
     struct fault fault;
 
     if (text && v->outbox_count == STREAM_OUTBOX) {
         message_free(text);
-        fault_say(&fault, FAULT_TOO_FAST, "2.5", "answers wait and are not read");
-        viewer_complain(v, &fault);
+        fault_say(&fault, FAULT_TOO_FAST, "2.5", "too many answers wait unread");
+        viewer_send_error(v, &fault);
     } else if (text) {
         v->outbox[v->outbox_count++] = text;
-        viewer_want(v);
+        viewer_request_write(v);
     }
 }
 
-/* The newest picture of the viewer's format, as a new reference, if it has not begun to get it yet. */
 struct picture *viewer_next_picture(struct viewer *v)
 {
     struct server *s = v->server;
     struct picture *p = NULL;
 
-    if (v->recorder) { /* all of its sequence and nothing else: there is one at a time */
+    if (v->recorder) { /* gets its sequence's pictures only, one at a time */
         p = v->sequence ? ingest_kept(s, v->sequence) : NULL;
         if (p && picture_header(p)->sequence <= v->begun) {
             picture_unref(p);
@@ -77,10 +76,10 @@ static void pace_over(lws_sorted_usec_list_t *sul)
 {
     struct viewer *v = lws_container_of(sul, struct viewer, pace);
 
-    viewer_want(v);
+    viewer_request_write(v);
 }
 
-/* Whether the viewer has credit for the picture that it gets next. H.264 that has none to go on with asks for one. */
+/* Whether the viewer has credit and a next picture. Without one, an H.264 viewer requests a key picture. */
 static bool has_picture(struct viewer *v)
 {
     const bool video = v->wish.subscribe.format == PROTOCOL_H264;
@@ -100,7 +99,6 @@ static bool has_picture(struct viewer *v)
     return may;
 }
 
-/* Whether a picture may begin now. Comes back by itself when only the viewer's rate stands against it. */
 bool viewer_may_begin(struct viewer *v)
 {
     if (v->current || v->close_code || !v->subscribed || v->wish.subscribe.paused || !has_picture(v))
@@ -118,16 +116,16 @@ static void begin_picture(struct viewer *v)
     if (!p)
         return;
     const struct protocol_picture *header = picture_header(p);
-    /* Of a chain none can be left out; its track has the rate. */
+    /* No picture of an H.264 chain can be left out; its track has the rate. */
     const double rate = header->format == PROTOCOL_H264 ? 0.0 : v->wish.subscribe.max_rate;
-    if (v->begun > 0 && !v->recorder) { /* between those of a recorder are pictures that were never its own */
+    if (v->begun > 0 && !v->recorder) { /* a recorder's numbers have gaps for pictures of others */
         const uint64_t skipped = header->sequence - v->begun - 1;
         v->skipped += skipped;
         atomic_fetch_add(&v->server->counts.skipped, skipped);
         atomic_fetch_add(rate > 0.0 ? &v->server->metrics.skipped_rate : &v->server->metrics.skipped_slow, skipped);
     }
     if (rate > 0.0) {
-        /* Late by less than one interval is made up for, so that the average holds. */
+        /* A delay below one interval is made up for, so that the average rate holds. */
         const int64_t interval = (int64_t)(1e6 / rate), now = viewer_now_us();
         v->due_us = (v->due_us > now - interval ? v->due_us : now) + interval;
     }
@@ -176,15 +174,21 @@ static int send_text(struct viewer *v, const char *text)
     return lws_write(v->wsi, v->staging + LWS_PRE, size, LWS_WRITE_TEXT) < 0 ? -1 : 0;
 }
 
+static int send_made(struct viewer *v, char *text)
+{
+    const int result = text ? send_text(v, text) : 0;
+
+    message_free(text);
+    return result;
+}
+
 static int send_outbox(struct viewer *v)
 {
     char *text = v->outbox[0];
 
     v->outbox_count--;
     memmove(v->outbox, v->outbox + 1, v->outbox_count * sizeof(v->outbox[0]));
-    const int result = send_text(v, text);
-    message_free(text);
-    return result;
+    return send_made(v, text);
 }
 
 static int send_status(struct viewer *v)
@@ -193,62 +197,50 @@ static int send_status(struct viewer *v)
 
     v->status_due = false;
     pthread_mutex_lock(&s->lock);
-    char *text = message_status(s->status, clock_wall_us(), s->demand.viewers, v->sent, v->skipped);
+    if (!s->status)
+        s->status = message_status_shared(&s->figures, s->controls);
+    char *text = s->status ? message_status(s->status, clock_wall_us(), s->demand.viewers, v->sent, v->skipped) : NULL;
     pthread_mutex_unlock(&s->lock);
-    const int result = text ? send_text(v, text) : 0;
-    message_free(text);
-    return result;
+    return send_made(v, text);
 }
 
-static int send_control(struct viewer *v)
-{
-    char *text = control_text(v);
-    const int result = text ? send_text(v, text) : 0;
-
-    message_free(text);
-    return result;
-}
-
-static int send_radiance(struct viewer *v)
-{
-    char *text = probe_text(v);
-    const int result = text ? send_text(v, text) : 0;
-
-    message_free(text);
-    return result;
-}
-
-static int say_goodbye(struct viewer *v)
+static int send_close(struct viewer *v)
 {
     lws_close_reason(v->wsi, (enum lws_close_status)v->close_code, (unsigned char *)v->close_text,
                      strlen(v->close_text));
     return -1;
 }
 
-/* One write per call, as lws wants it. Between the fragments of a picture only a close frame may go. */
+/* The text message that is due first, if any; messages to this viewer alone come before the status. */
+static bool text_is_due(const struct viewer *v)
+{
+    return v->outbox_count > 0 || v->status_due || control_due(v) || probe_due(v);
+}
+
+static int send_due_text(struct viewer *v)
+{
+    if (v->outbox_count > 0)
+        return send_outbox(v);
+    if (v->status_due)
+        return send_status(v);
+    return send_made(v, control_due(v) ? control_text(v) : probe_text(v));
+}
+
+static int send_picture(struct viewer *v)
+{
+    if (viewer_may_begin(v))
+        begin_picture(v);
+    return v->current ? send_fragment(v) : 0;
+}
+
+/* libwebsockets wants one write per call. Between the fragments of a picture only a close frame may go. */
 int viewer_write(struct viewer *v)
 {
-    int result = 0;
-
     v->waiting = false;
     if (v->close_code && (v->current || v->outbox_count == 0))
-        return say_goodbye(v);
-    if (!v->current && v->outbox_count > 0) {
-        result = send_outbox(v);
-    } else if (!v->current && v->status_due) {
-        result = send_status(v);
-    } else if (!v->current && control_due(v)) {
-        result = send_control(v);
-    } else if (!v->current && probe_due(v)) {
-        result = send_radiance(v);
-    } else {
-        if (viewer_may_begin(v))
-            begin_picture(v);
-        if (v->current)
-            result = send_fragment(v);
-    }
-    if (result == 0 && (v->current || v->outbox_count > 0 || v->status_due || control_due(v) || probe_due(v) ||
-                        v->close_code || viewer_may_begin(v)))
-        viewer_want(v);
+        return send_close(v);
+    const int result = !v->current && text_is_due(v) ? send_due_text(v) : send_picture(v);
+    if (result == 0 && (v->current || text_is_due(v) || v->close_code || viewer_may_begin(v)))
+        viewer_request_write(v);
     return result;
 }

@@ -1,6 +1,6 @@
-#include "visitors.h"
+#include "stream/visitors.h"
 
-#include "mem.h"
+#include "base/mem.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -47,7 +47,7 @@ static void refill(struct visitor *v, int64_t now_us)
     if (v->guesses > VISITORS_GUESSES)
         v->guesses = VISITORS_GUESSES;
     if (v->guesses >= 1.0)
-        v->told = false;
+        v->logged = false;
 }
 
 struct visitor *visitors_find(struct visitors *g, const struct sockaddr *address, int64_t now_us)
@@ -62,7 +62,7 @@ struct visitor *visitors_find(struct visitors *g, const struct sockaddr *address
         struct visitor *v = &g->rows[i];
         if (v->used && memcmp(v->address, wanted, sizeof(wanted)) == 0)
             return v;
-        /* A free row, or else that of the one who guessed longest ago. */
+        /* A free row, or else the one whose last guess is oldest. */
         if (!take || (take->used && (!v->used || v->guesses_us < take->guesses_us)))
             take = v->connections == 0 ? v : take;
     }

@@ -1,14 +1,14 @@
 /* server/tools/relight_diff.c */
 /* How far a picture is from a reference: means, relative squared error, visible error, and where. */
-#include "decode.h"
-#include "error_map.h"
-#include "exr_write.h"
-#include "flip.h"
-#include "log.h"
-#include "mem.h"
-#include "metrics.h"
-#include "options.h"
-#include "vec.h"
+#include "codec/decode.h"
+#include "compare/error_map.h"
+#include "codec/exr_write.h"
+#include "compare/flip.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "compare/metrics.h"
+#include "base/options.h"
+#include "base/vec.h"
 
 #include <inttypes.h>
 #include <jansson.h>

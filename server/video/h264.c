@@ -1,8 +1,8 @@
-#include "h264.h"
+#include "video/h264.h"
 
-#include "log.h"
-#include "mem.h"
-#include "yuv.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "video/yuv.h"
 
 #include <libavcodec/avcodec.h>
 #include <libavutil/opt.h>
@@ -11,18 +11,18 @@
 #include <math.h>
 
 #define SIDE_MAX 16384
-#define NOMINAL 30      /* pictures a second, as libx264 is told */
-#define ENOUGH_BITS 0.5 /* for a pixel of a picture: three times what one without grain takes at quality 90 */
-#define CAP_NONE 1e9    /* bits a second that nobody takes */
-#define CAP_LEAST 16e3  /* below which a picture is nothing but its own header */
+#define NOMINAL 30      /* nominal frames per second for libx264 */
+#define ENOUGH_BITS 0.5 /* bits per pixel: three times what a noise-free frame needs at quality 90 */
+#define CAP_NONE 1e9    /* bits per second; no limit */
+#define CAP_MIN 16e3    /* below this a frame is little more than its header */
 
 struct h264_encoder {
     const AVCodec *codec;
     AVCodecContext *context; /* NULL until the size is known */
     AVFrame *frame;
     AVPacket *packet;
-    int64_t count;   /* pictures since it was opened, */
-    int64_t time_us; /* and the time of the last of them */
+    int64_t count;   /* frames since it was opened */
+    int64_t time_us; /* time of the last frame */
 };
 
 static const AVCodec *find(void)
@@ -41,7 +41,7 @@ struct h264_encoder *h264_encoder_create(void)
 
     if (!h)
         return NULL;
-    av_log_set_level(AV_LOG_QUIET); /* it would tell of every opening; errors come back as such */
+    av_log_set_level(AV_LOG_QUIET); /* it would log every opening; errors are returned anyway */
     h->codec = find();
     h->frame = av_frame_alloc();
     h->packet = av_packet_alloc();
@@ -62,14 +62,14 @@ void h264_encoder_destroy(struct h264_encoder *h)
     mem_free(h);
 }
 
-/* The rate factor is a quantiser, smaller is better: 18 for quality 100, 21 for 85, 38 for 1. */
+/* The constant rate factor, smaller is better: 18 for quality 100, 21 for 85, 38 for 1. */
 static double rate_factor(int quality)
 {
     return 38.0 - 0.2 * quality;
 }
 
-/* Zero latency: no picture waits for a later one, and the stream says so (no reordering), which decoders need to give
- * each picture out at once. Key pictures come when asked for, and not otherwise; each brings its parameter sets. */
+/* Zero latency: no frame waits for a later one, and the stream declares that frames are not reordered, which decoders
+ * need to output each frame at once. Keyframes appear only on request, each with its parameter sets. */
 static enum err set_up(AVCodecContext *c)
 {
     const struct {
@@ -84,31 +84,31 @@ static enum err set_up(AVCodecContext *c)
     for (size_t i = 0; i < sizeof(options) / sizeof(options[0]); i++)
         if (av_opt_set(c->priv_data, options[i].key, options[i].value, 0) < 0)
             return ERR_UNSUPPORTED;
-    /* The picture's own curve is sRGB's, and its primaries are BT.709's: said, so that no decoder has to guess. */
+    /* The input is sRGB with BT.709 primaries; declare it explicitly. */
     c->pix_fmt = AV_PIX_FMT_YUV420P;
     c->color_range = AVCOL_RANGE_JPEG;
     c->colorspace = AVCOL_SPC_BT709;
     c->color_primaries = AVCOL_PRI_BT709;
     c->color_trc = AVCOL_TRC_IEC61966_2_1;
     c->chroma_sample_location = AVCHROMA_LOC_CENTER;
-    c->time_base = (AVRational){ 1, NOMINAL }; /* of use to the cap only */
+    c->time_base = (AVRational){ 1, NOMINAL }; /* only the rate cap uses it */
     c->framerate = (AVRational){ NOMINAL, 1 };
     c->max_b_frames = 0;
-    c->thread_count = 1; /* the other processors are shading */
+    c->thread_count = 1; /* the other processors are rendering */
     return ERR_OK;
 }
 
-double h264_enough(uint32_t width, uint32_t height, double rate)
+double h264_max_useful_rate(uint32_t width, uint32_t height, double rate)
 {
     return ENOUGH_BITS * (double)width * (double)height * rate;
 }
 
-/* libx264 fills a bucket by a picture's share of each nominal second, and takes out what a picture has cost. Pictures
- * come when they come: so the share is that of the time since the one before. (Told their times, it would hold each
- * picture back until it knows how long that is to last.) */
+/* libx264's rate control adds one nominal frame interval's share of bits per frame and subtracts each frame's size.
+ * Frames arrive irregularly, so the share is scaled by the time since the previous frame. (With real timestamps libx264
+ * would delay each frame until it knows its duration.) */
 static void set_cap(struct h264_encoder *h, const struct h264_desc *desc)
 {
-    const double most = fmax(desc->bits_a_second > 0.0 ? fmin(desc->bits_a_second, CAP_NONE) : CAP_NONE, CAP_LEAST);
+    const double most = fmax(desc->bits_per_second > 0.0 ? fmin(desc->bits_per_second, CAP_NONE) : CAP_NONE, CAP_MIN);
     const double passed_s = h->count > 0 ? 1e-6 * (double)(desc->time_us - h->time_us) : 1.0 / NOMINAL;
     const double share_s = fmin(fmax(passed_s, 1e-3), H264_CAP_S);
 
@@ -142,7 +142,7 @@ static enum err open_for(struct h264_encoder *h, int width, int height, const st
     return e;
 }
 
-/* One in, one out. After an error the encoder is opened anew, so that nobody depends on what went wrong. */
+/* One frame in, one out. After an error the encoder is reopened, so that no later frame depends on the failed one. */
 static enum err run(struct h264_encoder *h, bool key)
 {
     av_packet_unref(h->packet);
@@ -155,7 +155,7 @@ static enum err run(struct h264_encoder *h, bool key)
         h->count++;
         return ERR_OK;
     }
-    log_debug("libavcodec gave error %d at picture %lld", failed, (long long)h->count);
+    log_debug("libavcodec: error %d at frame %lld", failed, (long long)h->count);
     avcodec_free_context(&h->context);
     return failed == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_UNSUPPORTED;
 }
@@ -171,7 +171,7 @@ enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h2
         return ERR_RANGE;
     if (!h->context || h->context->width != width || h->context->height != height)
         e = open_for(h, width, height, desc);
-    /* The encoder may still look at the last picture's planes. */
+    /* The encoder may still reference the last frame's planes. */
     if (!e && av_frame_make_writable(h->frame) < 0)
         e = ERR_NOMEM;
     if (e)

@@ -1,4 +1,4 @@
-#include "h264.h"
+#include "video/h264.h"
 
 bool h264_available(void)
 {

@@ -1,8 +1,8 @@
-#include "yuv.h"
+#include "video/yuv.h"
 
 #include <stddef.h>
 
-/* In units of 2^-16. Rows sum to 1 and to 0: a grey stays grey, whatever rounding does. */
+/* In units of 2^-16. The rows sum to 1 and to 0, so that grey stays grey despite rounding. */
 enum {
     Y_R = 13933,  /* 0.2126 */
     Y_G = 46871,  /* 0.7152 */
@@ -20,7 +20,7 @@ static uint8_t luma(const uint8_t *p)
     return (uint8_t)((Y_R * p[0] + Y_G * p[1] + Y_B * p[2] + 32768) >> 16);
 }
 
-/* Of sums of four pixels: 2^18 units are one code value. 255.5 is 255. */
+/* The sum of four pixels: 2^18 units are one code value. Clamps 255.5 to 255. */
 static uint8_t difference(int32_t sum)
 {
     const int32_t v = (sum + (128 << 18) + (1 << 17)) >> 18;

@@ -14,7 +14,7 @@ const vectors = readdirSync(folder).filter((name) => name.endsWith('.json')).map
 }));
 const decode = (v, data = v.data) => (v.kind === 'picture' ? decodePicture(data) : decodeEnvironment(data));
 
-test('there are as many vectors as there were', () => assert.ok(vectors.length >= 30));
+test('the vectors are complete', () => assert.ok(vectors.length >= 30));
 
 for (const v of vectors) {
   test(`${v.name}: ${v.about}`, () => {
@@ -34,7 +34,7 @@ for (const v of vectors) {
   });
 }
 
-test('what is cut at any byte is refused', () => {
+test('messages truncated at any byte are refused', () => {
   for (const v of vectors.filter((each) => !each.fails))
     for (let size = 0; size < v.data.length; size++) {
       const got = decode(v, v.data.slice(0, size));
@@ -43,14 +43,14 @@ test('what is cut at any byte is refused', () => {
     }
 });
 
-test('what is written is the golden bytes', () => {
+test('the encoder produces the golden bytes', () => {
   for (const v of vectors.filter((each) => !each.fails && !each.name.includes('longer_header'))) {
     const bytes = v.kind === 'picture' ? encodePicture(v.header) : encodeEnvironment(v.header);
     assert.deepEqual(bytes, v.data.slice(0, bytes.length), v.name);
   }
 });
 
-test('every close code of section 8 has the policy that stands there', () => {
+test('every close code of section 8 has its policy', () => {
   const text = readFileSync(new URL('../../protocol/PROTOCOL.md', import.meta.url), 'utf8');
   const rows = [...text.matchAll(/^\|[^|]*\| (\d{4}) \|[^|]*\| (again|later|never) \|$/gm)];
   assert.ok(rows.length >= 15);

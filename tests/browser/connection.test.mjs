@@ -1,4 +1,4 @@
-// The connection's states under a made-up world: a socket and a clock that do what the test says.
+// The connection's states with a fake socket and a fake clock.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Connection } from '../../clients/web/connection.js';
@@ -10,7 +10,7 @@ class World {
     this.timers = new Map();
     this.ids = 0;
     this.sockets = [];
-    this.health = null; // what /healthz answers; null: unreachable
+    this.health = null; // response of /healthz; null: unreachable
     this.random = () => 1;
     const world = this;
     this.WebSocket = class {
@@ -39,7 +39,7 @@ class World {
     return { json: async () => this.health };
   }
 
-  // Lets this much time pass, timer by timer.
+  // Advances time, timer by timer.
   async pass(ms) {
     const until = this.now + ms;
     for (;;) {
@@ -61,7 +61,7 @@ class World {
     this.socket.onopen();
   }
 
-  // What a socket that was let go of still says is heard by nobody.
+  // Events of a dropped socket are ignored.
   hear(message) { this.socket.onmessage?.({ data: JSON.stringify(message) }); }
 
   welcome(session = 'a', major = 1, formats = ['jpeg', 'exr_half', 'exr_float']) {
@@ -124,14 +124,14 @@ test('hello comes first, then subscribe and pings', async () => {
   assert.ok(world.said('ping').length >= 4);
 });
 
-test('the states of the source are those of the page', async () => {
+test('the source’s states map to the page’s', async () => {
   const { world, connection } = begin();
   world.open();
   world.welcome();
   world.status('waiting', 'nothing there');
   assert.deepEqual(connection.state, { name: 'waiting', detail: 'nothing there' });
   world.status('live');
-  assert.equal(connection.state.name, 'connecting'); // until there is a picture
+  assert.equal(connection.state.name, 'connecting'); // until the first picture
   world.picture(1);
   assert.equal(connection.state.name, 'live');
   for (const name of ['paused', 'ended']) {
@@ -144,7 +144,7 @@ test('the states of the source are those of the page', async () => {
   assert.equal(connection.state.name, 'live');
 });
 
-test('only pictures under way can stall: another state stays through silence, until the connection is given up', async () => {
+test('only a delivering source can stall: other states survive silence until the connection is lost', async () => {
   for (const name of ['waiting', 'failed', 'paused', 'ended']) {
     const { world, connection } = await live();
     world.status(name, 'Because.');
@@ -159,7 +159,7 @@ test('only pictures under way can stall: another state stays through silence, un
   }
 });
 
-test('whether the picture of a still sky gets better is part of the state', async () => {
+test('refinement of a still sky is part of the state', async () => {
   const { world, connection } = begin();
   world.open();
   world.welcome();
@@ -176,7 +176,7 @@ test('whether the picture of a still sky gets better is part of the state', asyn
   assert.equal(connection.state.name, 'live');
 });
 
-test('a live sky without news is no stall: nobody is asked again or left', async () => {
+test('a live sky without new frames is no stall: nothing is requested again', async () => {
   const { world, connection } = await live();
   for (let i = 0; i < 60; i++) {
     await world.pass(1000);
@@ -187,10 +187,10 @@ test('a live sky without news is no stall: nobody is asked again or left', async
   assert.equal(world.sockets.length, 1);
   assert.equal(world.said('subscribe').length, 1);
   world.status('live', '', 30, { frame: 2 });
-  assert.equal(connection.state.name, 'stalled'); // there is a newer one, and it has not come
+  assert.equal(connection.state.name, 'stalled'); // a newer frame exists and its picture has not arrived
 });
 
-test('H.264 is asked for where both ends have it, and left while the connection stays', async () => {
+test('H.264 is used if both ends support it, and can be left without reconnecting', async () => {
   const { world, connection } = begin();
   connection.setVideo(true);
   world.open();
@@ -201,7 +201,7 @@ test('H.264 is asked for where both ends have it, and left while the connection 
   connection.setVideo(true);
   assert.equal(world.said('subscribe').at(-1).format, 'h264');
   assert.equal(world.sockets.length, 1);
-  // another server makes none
+  // another server offers none
   world.shut(1001);
   await world.pass(1000);
   world.open();
@@ -209,7 +209,7 @@ test('H.264 is asked for where both ends have it, and left while the connection 
   assert.equal(world.said('subscribe').at(-1).format, 'jpeg');
 });
 
-test('what a thin line takes is said with each subscription, and nothing where nothing is wished', async () => {
+test('the limits for slow connections are sent with each subscription', async () => {
   const { world, connection } = begin();
   Object.assign(connection, { maxRate: 7.5, maxWidth: 640 });
   world.open();
@@ -223,7 +223,7 @@ test('what a thin line takes is said with each subscription, and nothing where n
   assert.ok(!('max_rate' in plain.world.said('subscribe')[0]) && !('max_width' in plain.world.said('subscribe')[0]));
 });
 
-test('video of which no picture comes is told, once, before the connection is given up', async () => {
+test('missing video is reported once, before the connection is given up', async () => {
   const { world, connection } = begin();
   let told = 0;
   connection.on.videoSilent = () => {
@@ -244,7 +244,7 @@ test('video of which no picture comes is told, once, before the connection is gi
   assert.equal(connection.state.name, 'live');
 });
 
-test('video that does not come of a sky that stands still is left', async () => {
+test('missing video of a still sky is left', async () => {
   const { world, connection } = begin();
   connection.on.videoSilent = () => connection.setVideo(false);
   connection.setVideo(true);
@@ -272,7 +272,7 @@ test('an ack carries the time of display on the server clock', async () => {
   assert.equal(world.said('ack').length, 1);
 });
 
-test('pictures that stop are a stall, asked for again and then fetched on a new connection', async () => {
+test('missing pictures are a stall: subscribed again, then fetched on a new connection', async () => {
   const { world, connection, states } = await live();
   for (let i = 0; i < 5; i++) {
     await world.pass(1000);
@@ -289,7 +289,7 @@ test('pictures that stop are a stall, asked for again and then fetched on a new 
   assert.ok(states.includes('reconnecting'));
 });
 
-test('a server that makes no pictures is not left for that', async () => {
+test('a server that renders nothing is not left for that', async () => {
   const { world, connection } = await live();
   for (let i = 0; i < 40; i++) {
     await world.pass(1000);
@@ -322,7 +322,7 @@ test('silence is a dead connection', async () => {
   assert.ok(world.sockets.length >= 2);
 });
 
-test('tries are backed off and go on', async () => {
+test('retries back off and continue', async () => {
   const { world, connection } = await live();
   world.shut(1006);
   assert.equal(connection.state.name, 'reconnecting');
@@ -341,12 +341,12 @@ test('tries are backed off and go on', async () => {
   assert.ok(times.length > 10 && times.length < 60, `${times.length} tries`);
   const last = times[times.length - 1] - times[times.length - 2];
   assert.ok(last >= 5000 && last <= 10200, `${last}`);
-  // while the server has been away for a few seconds only, it is found again within three
+  // a server that was away for a few seconds is found within three
   const early = times.filter((t) => t < 60000);
   assert.ok(early.every((t, i) => i === 0 || t - early[i - 1] <= 2700));
 });
 
-test('the network coming back is used at once', async () => {
+test('a restored network is used at once', async () => {
   const { world, connection } = await live();
   world.shut(1001);
   const count = world.sockets.length;
@@ -355,11 +355,11 @@ test('the network coming back is used at once', async () => {
   world.open();
   world.welcome('b');
   world.status();
-  world.picture(1); // sequence numbers start again in a new session
+  world.picture(1); // sequence numbers restart in a new session
   assert.equal(connection.state.name, 'live');
 });
 
-test('a refusal is final until a person asks', async () => {
+test('a refusal is final until the user retries', async () => {
   for (const code of [4001, 4004, 4005, 4006, 1009]) {
     const { world, connection } = await live();
     world.shut(code, 'clause 1: because');
@@ -373,7 +373,7 @@ test('a refusal is final until a person asks', async () => {
   }
 });
 
-test('a full server is not asked again before ten seconds', async () => {
+test('a full server is not retried before ten seconds', async () => {
   const { world, connection } = begin();
   world.open();
   world.shut(4007);
@@ -384,7 +384,7 @@ test('a full server is not asked again before ten seconds', async () => {
   assert.equal(world.sockets.length, 2);
 });
 
-test('a handshake that fails is explained by the health of the server', async () => {
+test('/healthz explains a failed handshake', async () => {
   const { world, connection } = begin();
   world.shut(1006);
   await world.pass(1);
@@ -393,7 +393,7 @@ test('a handshake that fails is explained by the health of the server', async ()
   world.health = { protocol: 'relight.v1' };
   world.shut(1006);
   await world.pass(1);
-  assert.match(connection.state.detail, /is there, but did not take/);
+  assert.match(connection.state.detail, /is running but did not accept/);
   await world.pass(2000);
   world.health = { protocol: 'relight.v2' };
   world.shut(1006);
@@ -402,7 +402,7 @@ test('a handshake that fails is explained by the health of the server', async ()
   assert.match(connection.state.detail, /relight\.v2/);
 });
 
-test('another major version is refused in words', async () => {
+test('a different major version is refused with a sentence', async () => {
   const { world, connection } = begin();
   world.open();
   world.welcome('a', 2);
@@ -410,7 +410,7 @@ test('another major version is refused in words', async () => {
   assert.match(connection.state.detail, /version 2/);
 });
 
-test('a hidden page pauses and a seen one resumes', async () => {
+test('a hidden page pauses and a visible one resumes', async () => {
   const { world, connection } = await live();
   connection.setHidden(true);
   assert.deepEqual(connection.state, { name: 'paused', detail: 'hidden' });
@@ -419,7 +419,7 @@ test('a hidden page pauses and a seen one resumes', async () => {
     await world.pass(1000);
     world.status();
   }
-  assert.equal(connection.state.name, 'paused'); // no stall while nobody looks
+  assert.equal(connection.state.name, 'paused'); // no stall while hidden
   connection.setHidden(false);
   assert.equal(world.said('subscribe').at(-1).paused, false);
   assert.ok(world.said('subscribe').at(-1).request > world.said('subscribe').at(-2).request);
@@ -427,7 +427,7 @@ test('a hidden page pauses and a seen one resumes', async () => {
   assert.equal(world.sockets.length, 1);
 });
 
-test('a malformed picture is refused by its clause', async () => {
+test('a malformed picture is refused with its clause', async () => {
   const { world, connection } = await live();
   world.socket.onmessage({ data: new Uint8Array(100).buffer });
   assert.equal(connection.state.name, 'refused');
@@ -440,7 +440,7 @@ test('unknown messages are ignored', async () => {
   assert.equal(connection.state.name, 'live');
 });
 
-test('nothing is left running after stop', async () => {
+test('stop leaves nothing running', async () => {
   const { world, connection } = await live();
   connection.stop();
   assert.equal(world.timers.size, 0);

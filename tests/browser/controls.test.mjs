@@ -1,5 +1,5 @@
-// Every control of the page against what the server says is in force, seen by a connection of its own.
-// RELIGHT_RELIGHTD names the server's program.
+// Every control of the page against the server's settings, observed by a separate connection. RELIGHT_RELIGHTD names
+// the server program.
 import assert from 'node:assert/strict';
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
@@ -13,7 +13,7 @@ const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 let folder;
 before(() => {
   folder = mkdtempSync(join(tmpdir(), 'relight-controls-'));
-  for (let i = 0; i < 20; i++) { // grey skies, each brighter than the one before
+  for (let i = 0; i < 20; i++) { // grey skies, each brighter than the previous one
     const texel = Buffer.from([128 + i, 128, 128, 129]);
     writeFileSync(join(folder, `sky.${100 + i}.hdr`), Buffer.concat([
       Buffer.from('#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n'), ...Array(32).fill(texel)]));
@@ -26,7 +26,7 @@ after(() => {
 const SKY = ['--source', 'sky:time=10:00,speed=1'];
 const files = () => ['--source', join(folder, 'sky.%d.hdr')];
 
-// A connection that only looks: witness.control() and witness.status() are the server's last words.
+// An observing connection: witness.control() and witness.status() are the server's latest messages.
 async function openWitness(url) {
   const page = await chromium.browser.newPage();
   await page.goto(new URL('/healthz', url).href);
@@ -53,7 +53,7 @@ async function openWitness(url) {
   };
 }
 
-// Until this is in force.
+// Waits until these settings are in force.
 const inForce = (witness, wanted) => witness.until(
   (want) => Object.entries(want).every(([key, value]) => window.said.control[key] === value), wanted);
 
@@ -78,27 +78,27 @@ const setRange = (page, id, value) => page.$eval(`#${id}`, (input, v) => {
   input.dispatchEvent(new Event('input', { bubbles: true }));
 }, value);
 
-test('whoever waits for an answer is told what for, until it comes', () =>
+test('a waiting user is told why, until the answer arrives', () =>
   withAll(SKY, async (page, witness, server) => {
-    server.kill('SIGSTOP'); // as if a picture took for ever
+    server.kill('SIGSTOP'); // simulates an endless render
     try {
       await setRange(page, 'set-rotate', 33);
-      await page.waitForFunction(() => document.getElementById('toast').textContent.startsWith('Asked; '), null, { timeout: 30000 });
+      await page.waitForFunction(() => document.getElementById('toast').textContent.startsWith('Waiting for the server'), null, { timeout: 30000 });
     } finally {
       server.kill('SIGCONT');
     }
     await inForce(witness, { rotate_degrees: 33 });
-    await page.waitForFunction(() => !document.getElementById('toast').textContent.startsWith('Asked; '), null, { timeout: 30000 });
+    await page.waitForFunction(() => !document.getElementById('toast').textContent.startsWith('Waiting for the server'), null, { timeout: 30000 });
   }));
 
-test('every control of the panel changes what is in force', () =>
+test('every control of the panel changes its setting', () =>
   withAll(SKY, async (page, witness) => {
     assert.equal(await page.textContent('#role'), 'Controlling');
     await setRange(page, 'set-rotate', 90);
     await inForce(witness, { rotate_degrees: 90 });
     await setRange(page, 'set-exposure', 2);
     await inForce(witness, { bias_stops: 2, exposure_stops: null });
-    await page.waitForTimeout(500); // with that in the picture
+    await page.waitForTimeout(500); // with that in the image
     const { gain } = await page.evaluate(() => window.relight.lastHeader);
     await page.uncheck('#exposure-auto');
     await witness.until(() => typeof window.said.control.exposure_stops === 'number');
@@ -129,7 +129,7 @@ test('every control of the panel changes what is in force', () =>
     await witness.until(() => window.said.status.method === 'faces' && window.said.status.samples === 8);
   }));
 
-test('a camera is gone to while the old picture stays, and the page says how far it is', () =>
+test('the old image stays while the page shows the new camera’s progress', () =>
   withAll(['--size', '640x360', ...SKY], async (page, witness) => {
     const seen = await page.evaluate(() => {
       window.shares = [];
@@ -149,7 +149,7 @@ test('a camera is gone to while the old picture stays, and the page says how far
     assert.ok(!(await page.isVisible('#camera-progress')));
   }));
 
-test('files play, pause, step and are scrubbed', () =>
+test('files play, pause, step and can be scrubbed', () =>
   withAll(['--rate', '10', ...files()], async (page, witness) => {
     await page.click('#play');
     await inForce(witness, { paused: true });
@@ -163,11 +163,11 @@ test('files play, pause, step and are scrubbed', () =>
     await page.click('#step-back');
     await witness.until(() => window.said.status.source.position === 6);
     assert.equal((await witness.status()).source.state, 'paused');
-    assert.equal(await page.getAttribute('#play', 'aria-label'), 'Let the sky go on');
+    assert.equal(await page.getAttribute('#play', 'aria-label'), 'Resume the sky');
     await page.click('#play');
     await inForce(witness, { paused: false });
     await witness.until(() => window.said.status.source.position > 8);
-    // a slider that is moved about asks for the newest place only, and ends where it was let go
+    // a dragged slider requests only the newest position, and ends where it was released
     await page.click('#play');
     await inForce(witness, { paused: true });
     for (let i = 0; i < 20; i++) await setRange(page, 'scrub', (i * 7) % 20);
@@ -175,14 +175,14 @@ test('files play, pause, step and are scrubbed', () =>
     await witness.until(() => window.said.status.source.position === 11);
   }));
 
-test('keys do all of it, on a computed sky by the hour', () =>
+test('keys do the same, on a computed sky by the hour', () =>
   withAll(['--camera', 'gallery', ...SKY], async (page, witness) => {
     const press = (key) => page.keyboard.press(key);
     await press('Space');
     await inForce(witness, { paused: true });
     await witness.until(() => window.said.status.source.state === 'paused');
     const hour = (h) => witness.until((want) => Math.abs(window.said.status.source.hour - want) < 1e-3, h);
-    await setRange(page, 'scrub', 12); // from a known place: of the frame before, one more may be under way
+    await setRange(page, 'scrub', 12); // from a known position: one more frame may be under way
     await hour(12);
     await press('ArrowRight');
     await hour(12 + 1 / 60);
@@ -221,12 +221,12 @@ test('keys do all of it, on a computed sky by the hour', () =>
     await inForce(witness, { samples: 4 });
     await press('r');
     await inForce(witness, { fps: 20 });
-    await page.waitForFunction(() => document.getElementById('toast').textContent === 'Pictures per second, at most: 20');
+    await page.waitForFunction(() => document.getElementById('toast').textContent === 'Frame rate limit: 20');
     await press('Space');
     await inForce(witness, { paused: false });
   }));
 
-test('by the keyboard alone every control is reached, shows that it is, and is worked', () =>
+test('every control can be reached, seen and operated by keyboard', () =>
   withAll(files(), async (page, witness) => {
     const reached = [];
     for (let i = 0; i < 60; i++) {
@@ -246,10 +246,10 @@ test('by the keyboard alone every control is reached, shows that it is, and is w
     assert.deepEqual(all.filter((id) => id && !reached.includes(id)), []);
     for (const id of ['play', 'scrub', 'set-camera', 'set-rotate', 'exposure-auto', 'set-exposure', 'set-tone', 'set-paths', 'set-method',
       'set-effort', 'set-fps']) assert.ok(reached.includes(id), id);
-    // in the order of the page: time, then the panel
+    // in page order: timeline, then the panel
     assert.ok(reached.indexOf('play') < reached.indexOf('scrub') && reached.indexOf('scrub') < reached.indexOf('set-camera'));
     await page.focus('#play');
-    await page.keyboard.press('Space'); // once, though Space is a key of the page as well
+    await page.keyboard.press('Space'); // once, though Space is also a page-wide key
     await inForce(witness, { paused: true });
     await page.focus('#scrub');
     await page.keyboard.press('Home');
@@ -269,25 +269,25 @@ test('by the keyboard alone every control is reached, shows that it is, and is w
     assert.equal((await witness.control()).paused, true);
   }));
 
-test('what another controller changes is shown and said', () =>
+test('changes by another controller are shown and announced', () =>
   withAll(SKY, async (page, witness) => {
     await witness.say({ op: 'control', request: 1, tone: 'reinhard', rotate_degrees: -45, exposure_stops: 3 });
     await page.waitForFunction(() => document.getElementById('set-tone').value === 'reinhard');
     assert.equal(await page.textContent('#set-rotate-text'), '-45°');
     assert.equal(await page.inputValue('#set-rotate'), '-45');
     assert.ok(!(await page.isChecked('#exposure-auto')));
-    assert.equal(await page.textContent('#set-exposure-text'), '+3.0 stops');
-    assert.match(await page.textContent('#toast'), /^Another controller has set .*turn: -45°.*tone curve: reinhard/);
+    assert.equal(await page.textContent('#set-exposure-text'), '+3.0 EV');
+    assert.match(await page.textContent('#toast'), /^Another controller changed .*rotation: -45°.*tone curve: reinhard/);
     await witness.say({ op: 'control', request: 2, paused: true });
-    await page.waitForFunction(() => document.getElementById('play').title === 'Let the sky go on');
-    // one's own are not announced as somebody else's
+    await page.waitForFunction(() => document.getElementById('play').title === 'Resume the sky');
+    // our own changes are not announced as another controller's
     await page.selectOption('#set-tone', 'filmic');
     await inForce(witness, { tone: 'filmic' });
     await page.waitForTimeout(300);
     assert.ok(!/tone curve: filmic/.test(await page.textContent('#toast')));
   }));
 
-test('what the server refuses is said, and the control goes back', () =>
+test('a refused change is reported, and the control reverts', () =>
   withAll(SKY, async (page) => {
     await page.evaluate(() => { window.relight.controls.ask({ camera: 'nowhere' }); });
     await page.waitForFunction(() => /no camera 'nowhere'/.test(document.getElementById('toast').textContent));
@@ -295,7 +295,7 @@ test('what the server refuses is said, and the control goes back', () =>
     page.faults.length = 0;
   }));
 
-test('a drag across the picture turns the sky, a click does not', () =>
+test('a drag across the image rotates the sky, a click does not', () =>
   withAll(SKY, async (page, witness) => {
     const box = await page.locator('#picture').boundingBox();
     const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
@@ -307,14 +307,14 @@ test('a drag across the picture turns the sky, a click does not', () =>
     await page.mouse.down();
     for (let i = 1; i <= 8; i++) await page.mouse.move(x + (i * box.width) / 32, y);
     await page.mouse.up();
-    await inForce(witness, { rotate_degrees: -30 }); // a quarter of the width, of 120 degrees
+    await inForce(witness, { rotate_degrees: -30 }); // a quarter of the width, which is 120 degrees
     assert.equal(await page.evaluate(() => window.clicks), 0);
     await page.mouse.click(x, y);
     assert.equal(await page.evaluate(() => window.clicks), 1);
     assert.equal((await witness.control()).rotate_degrees, -30);
   }));
 
-test('who only watches sees what is in force, and why nothing can be changed', () =>
+test('a viewer sees current settings, and why they cannot be changed', () =>
   withAll(SKY, async (page, witness) => {
     assert.equal(await page.textContent('#role'), 'Watching');
     assert.match(await page.textContent('#controls-why'), /^You are watching\. .*#role=controller/);
@@ -328,7 +328,7 @@ test('who only watches sees what is in force, and why nothing can be changed', (
     assert.equal((await witness.control()).paused, false);
   }, { hash: '#role=viewer' }));
 
-test('a token in the address makes a controller, and without it one watches', async () => {
+test('a token in the address grants control, without it the page watches', async () => {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--token-controller', 'se cret', ...SKY]);
   try {
     for (const [hash, role] of [['', 'Watching'], ['#token=wrong', 'Watching'], ['#token=se%20cret', 'Controlling']]) {
@@ -342,13 +342,13 @@ test('a token in the address makes a controller, and without it one watches', as
   }
 });
 
-test('a server that comes back finds the same controls at work', () =>
+test('controls work again after a server restart', () =>
   withAll(SKY, async (page, witness, server) => {
     await page.selectOption('#set-tone', 'linear');
     await inForce(witness, { tone: 'linear' });
     await server.stop();
     await page.waitForFunction(() => window.relight.state.name === 'reconnecting');
-    assert.match(await page.textContent('#controls-why'), /not connected/);
+    assert.match(await page.textContent('#controls-why'), /Not connected/);
     assert.ok(await page.isDisabled('#set-tone'));
     const again = await startServer(RELIGHTD, ['--port', server.port, '--size', '160x90', '--samples', '4', ...SKY]);
     try {
@@ -361,7 +361,7 @@ test('a server that comes back finds the same controls at work', () =>
     }
   }));
 
-test('nothing sticks out and all can be reached at any width', async () => {
+test('nothing overflows and everything is reachable at any width', async () => {
   for (const [width, height] of [[320, 640], [390, 844], [844, 390], [1000, 800], [1920, 1080]]) {
     await withAll(files(), async (page) => {
       assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth), `${width} wide`);
@@ -379,20 +379,19 @@ test('nothing sticks out and all can be reached at any width', async () => {
   }
 });
 
-test('the keys that docs/viewer.md lists are those of the page', () =>
+test('the keys in docs/viewer.md are those of the page', () =>
   withAll(SKY, async (page) => {
     const text = readFileSync(new URL('../../docs/viewer.md', import.meta.url), 'utf8');
     const written = [...text.matchAll(/^\| (`[^|]+) \| ([^|]+) \|$/gm)]
       .map(([, keys, label]) => `${keys.replaceAll('`', '')}: ${label}`);
     await page.keyboard.press('?');
     const listed = await page.$$eval('#help tr', (rows) => rows.map((row) => `${row.cells[0].textContent}: ${row.cells[1].textContent}`));
-    assert.deepEqual(written.filter((row) => !listed.includes(row)), []); // other panels may have more
+    assert.deepEqual(written.filter((row) => !listed.includes(row)), []); // other panels may add keys
     assert.ok(written.length >= 20);
   }));
 
-// Relative luminance and contrast as WCAG 2 defines them: text 4.5, the edges of what is operated and the ring of the
-// focus 3.
-test('contrast is enough, dark and light, for who controls and who watches', async () => {
+// Relative luminance and contrast as in WCAG 2: 4.5 for text, 3 for edges of interactive elements and the focus ring.
+test('contrast suffices in both themes, controlling and watching', async () => {
   for (const hash of ['', '#role=viewer']) {
     await withAll(SKY, async (page) => {
       await page.keyboard.press('?');

@@ -1,4 +1,4 @@
-// What the controls ask for and show, without a page.
+// The model of the controls, without a page.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { turned } from '../../clients/web/controls_drag.js';
@@ -15,14 +15,14 @@ function wishes() {
   return all;
 }
 
-test('one wish is under way, and the newest of each kind waits for its answer', () => {
+test('one request is pending, and the newest change of each kind waits', () => {
   const { wishes: w, sent } = wishes();
   w.ask({ rotate_degrees: 1 });
   for (let i = 2; i <= 50; i++) w.ask({ rotate_degrees: i });
   w.ask({ tone: 'linear' });
   assert.deepEqual(sent, [{ op: 'control', request: 1, rotate_degrees: 1 }]);
   assert.deepEqual(w.over({ rotate_degrees: 0, samples: 4 }), { rotate_degrees: 50, samples: 4, tone: 'linear' });
-  assert.equal(w.answered(7), false); // somebody else's
+  assert.equal(w.answered(7), false); // another client's
   assert.equal(w.answered(1), true);
   assert.deepEqual(sent[1], { op: 'control', request: 2, rotate_degrees: 50, tone: 'linear' });
   w.answered(2);
@@ -30,7 +30,7 @@ test('one wish is under way, and the newest of each kind waits for its answer', 
   assert.deepEqual(w.over({ rotate_degrees: 50 }), { rotate_degrees: 50 });
 });
 
-test('an answer that never comes does not hold up what is wished for next', () => {
+test('a missing answer does not block the next change', () => {
   const all = wishes();
   all.wishes.ask({ samples: 1 });
   all.now = 3000;
@@ -38,7 +38,7 @@ test('an answer that never comes does not hold up what is wished for next', () =
   assert.equal(all.sent.length, 2);
 });
 
-test('wishes in a row are joined as the server joins them', () => {
+test('successive changes are merged as the server merges them', () => {
   assert.deepEqual(join({ step: 2 }, { step: 1 }), { step: 3 });
   assert.deepEqual(join({ step: 2 }, { seek: 5 }), { seek: 5 });
   assert.deepEqual(join({ seek: 5 }, { hour: 3 }), { hour: 3 });
@@ -48,7 +48,7 @@ test('wishes in a row are joined as the server joins them', () => {
   assert.deepEqual(join({ samples: 4 }, { error: null }), { samples: 4, error: null });
 });
 
-test('the scale of time is that of the source', () => {
+test('the timeline is that of the source', () => {
   const of = (source) => transportOf({ source });
   assert.deepEqual(of({ kind: 'files', position: 4, length: 67, hour: null }),
     { play: true, step: true, scrub: { least: 0, most: 66, step: 1, value: 4 }, text: '5 of 67' });
@@ -62,11 +62,11 @@ test('the scale of time is that of the source', () => {
   assert.equal(of({ kind: 'files', position: 0, length: 1, hour: null }).play, false);
   assert.deepEqual(of({ kind: 'sky', position: 0, length: null, hour: null }),
     { play: true, step: false, scrub: null, text: '' }, 'nobody sends a computed sky, and it can be paused before its hour is known');
-  assert.equal(transportOf({ source: { state: 'live', detail: '' } }).play, false); // minor 0
+  assert.equal(transportOf({ source: { state: 'live', detail: '' } }).play, false); // minor version 0
   assert.equal(transportOf(null).text, '');
 });
 
-test('a step is of a paused source, a leap of ten frames or an hour', () => {
+test('a step pauses the source; a leap is ten frames or an hour', () => {
   assert.deepEqual(stepWish({ source: { kind: 'files', length: 67 } }, -1, false), { paused: true, step: -1 });
   assert.deepEqual(stepWish({ source: { kind: 'files', length: 67 } }, 1, true), { paused: true, step: 10 });
   assert.deepEqual(stepWish({ source: { kind: 'files', length: 4 } }, 1, true), { paused: true, step: 3 });
@@ -74,7 +74,7 @@ test('a step is of a paused source, a leap of ten frames or an hour', () => {
   assert.deepEqual(stepWish({ source: { kind: 'sky', length: null, hour: 0.5 } }, -1, true), { paused: true, hour: 23.5 });
 });
 
-test('choices go round, and hold what is in force', () => {
+test('choices are cyclic and include the current value', () => {
   assert.equal(next([1, 2, 4], 4), 1);
   assert.equal(next([1, 2, 4], 1, -1), 4);
   assert.equal(next([1, 2, 4], 3), 4);
@@ -85,32 +85,32 @@ test('choices go round, and hold what is in force', () => {
   assert.deepEqual(withPresent([1], undefined), [1]);
 });
 
-test('figures are written so that they can be read', () => {
+test('numbers are readable', () => {
   assert.equal(degreesText(270), '-90°');
   assert.equal(wrapDegrees(-3600), 0);
-  assert.equal(stopsText(1), '+1.0 stops');
-  assert.equal(stopsText(-2.5), '−2.5 stops');
+  assert.equal(stopsText(1), '+1.0 EV');
+  assert.equal(stopsText(-2.5), '−2.5 EV');
   assert.equal(hourText(23.999999999), '00:00');
   assert.equal(hourText(6.25), '06:15');
   assert.equal(errorOf(0.05), 0.0025);
   assert.ok(Math.abs(noiseOf(errorOf(0.05)) - 0.05) < 1e-12);
 });
 
-test('what another has changed is said in words', () => {
+test('changes by others are described in words', () => {
   const before = { tone: 'filmic', rotate_degrees: 0, paused: false, error: null, exposure_stops: null };
   assert.equal(changesText(before, { ...before }), '');
   assert.equal(changesText(before, { ...before, tone: 'linear', rotate_degrees: 90 }),
-    'the sky\u2019s turn: 90°, the tone curve: linear');
-  assert.equal(changesText(before, { ...before, error: 0.01 }), 'the noise that is good enough: 10 %');
+    'the sky\u2019s rotation: 90°, the tone curve: linear');
+  assert.equal(changesText(before, { ...before, error: 0.01 }), 'the target noise: 10 %');
   assert.equal(changesText({ ...before, exposure_stops: 2 }, before), 'the exposure: automatic');
 });
 
-test('a drag to the right turns what is ahead to the right', () => {
+test('a drag to the right rotates the view ahead to the right', () => {
   assert.equal(turned(0, 100, 1200), -10);
   assert.equal(turned(-175, 100, 1200), 175);
 });
 
-test('a key is named as the page names it, and what has the focus comes first', () => {
+test('keys have names, and focused elements come first', () => {
   const event = (key, more = {}) => ({ key, ctrlKey: false, metaKey: false, altKey: false, shiftKey: false, ...more });
   assert.equal(keyOf(event('F')), 'f');
   assert.equal(keyOf(event('G', { shiftKey: true })), 'Shift+g');
@@ -130,7 +130,7 @@ test('a key is named as the page names it, and what has the focus comes first', 
   assert.equal(isTaken({ tagName: 'DIV', dataset: { keys: 'ArrowLeft' } }, 'ArrowLeft'), true);
 });
 
-test('each key has one meaning', () => {
+test('each key has one action', () => {
   const keys = new Keys();
   const pressed = [];
   keys.add(['a', 'b'], 'first', () => pressed.push('first'));
@@ -141,7 +141,7 @@ test('each key has one meaning', () => {
   assert.deepEqual(pressed, ['first']);
 });
 
-test('the page is a controller where the server runs, and elsewhere what its address says', () => {
+test('the role comes from the address; by default the server’s machine controls', () => {
   const role = (hash, hostname) => wishedRole({ hash, hostname });
   assert.deepEqual(role('', '127.0.0.1'), { role: 'controller', token: undefined });
   assert.equal(role('', 'localhost').role, 'controller');
@@ -153,14 +153,14 @@ test('the page is a controller where the server runs, and elsewhere what its add
   assert.equal(role('#role=producer', 'sky.example.org').role, 'viewer');
 });
 
-test('the address says how many pictures, how wide and in which coding', () => {
+test('the address limits frame rate, width and coding', () => {
   assert.deepEqual(wishedPictures({ search: '?rate=7.5&width=320&coding=jpeg' }), { coding: 'jpeg', maxRate: 7.5, maxWidth: 320 });
   const nothing = { coding: null, maxRate: undefined, maxWidth: undefined };
   for (const search of ['', '?rate=0&width=0', '?rate=-1&width=1.5', '?rate=1001&width=16385', '?rate=fast&width=', '?rate=NaN&width=Infinity'])
     assert.deepEqual(wishedPictures({ search }), nothing);
 });
 
-test('how long an answer has been waited for is known until it comes', () => {
+test('the age of a pending request is known until its answer', () => {
   let now = 1000;
   const wishes = new Wishes(() => {}, () => now);
   assert.equal(wishes.waitedMs, 0);

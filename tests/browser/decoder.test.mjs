@@ -1,4 +1,4 @@
-// clients/web/video.js under a made-up decoder and clock: which pictures it is given, and what becomes of each.
+// clients/web/video.js with a fake decoder and clock: its input, and the fate of each frame.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Video, codecOf, whyNoVideo } from '../../clients/web/video.js';
@@ -6,14 +6,14 @@ import { Video, codecOf, whyNoVideo } from '../../clients/web/video.js';
 const KEY = 64;
 const SPS = [0, 0, 0, 1, 0x67, 0x42, 0xc0, 0x1f, 0x99, 0, 0, 0, 1, 0x68, 1, 0, 0, 1, 0x65, 7];
 
-// A decoder that gives out what it is told to: frames of the pictures that it holds, first in, first out.
+// A decoder that outputs frames on command, first in, first out.
 class World {
   constructor() {
     this.now = 0;
     this.timers = new Map();
     this.ids = 0;
     this.decoders = [];
-    this.frames = []; // all there ever were
+    this.frames = []; // all frames ever output
     this.secure = true;
     const world = this;
     this.EncodedVideoChunk = class { constructor(init) { Object.assign(this, init); } };
@@ -89,7 +89,7 @@ function begin() {
   return { world, video, told, take };
 }
 
-test('why there is no H.264 is told', async () => {
+test('the reason for missing H.264 is given', async () => {
   assert.equal(await whyNoVideo(new World()), null);
   assert.match(await whyNoVideo(Object.assign(new World(), { secure: false })), /secure/);
   assert.match(await whyNoVideo(Object.assign(new World(), { VideoDecoder: undefined })), /WebCodecs/);
@@ -101,15 +101,15 @@ test('why there is no H.264 is told', async () => {
   assert.match(await whyNoVideo(torn), /odd/);
 });
 
-test('the codec is named after the stream', () => {
+test('the codec string comes from the stream', () => {
   assert.equal(codecOf(Uint8Array.from(SPS)), 'avc1.42C01F');
   assert.equal(codecOf(Uint8Array.from([0, 0, 1, 0x09, 0xf0, ...SPS.slice(1, 5), 0x64, 0x00, 0x0a, 1])), 'avc1.64000A');
   assert.equal(codecOf(Uint8Array.from([0, 0, 0, 1, 0x65, 1, 2, 3, 4])), null);
-  assert.equal(codecOf(Uint8Array.from([0, 0, 1, 0x67, 0x42])), null); // cut short
+  assert.equal(codecOf(Uint8Array.from([0, 0, 1, 0x67, 0x42])), null); // truncated
   assert.equal(codecOf(new Uint8Array(0)), null);
 });
 
-test('it begins at a key picture, and what comes before that returns its credit', () => {
+test('decoding starts at a keyframe; earlier frames return their credit', () => {
   const { world, told, take } = begin();
   take(1);
   take(2);
@@ -121,7 +121,7 @@ test('it begins at a key picture, and what comes before that returns its credit'
   assert.deepEqual(world.decoder.held.map(({ type, timestamp }) => [type, timestamp]), [['key', 3], ['delta', 4]]);
 });
 
-test('each picture comes out with its own header, once', () => {
+test('each frame comes out with its own header, once', () => {
   const { world, told, take } = begin();
   take(7, true);
   world.pass(4);
@@ -136,7 +136,7 @@ test('each picture comes out with its own header, once', () => {
   assert.deepEqual(told.passed, []);
 });
 
-test('what a decoder leaves out returns its credit, and a frame that nobody knows is closed', () => {
+test('skipped frames return their credit, and unknown ones are closed', () => {
   const { world, told, take } = begin();
   take(1, true);
   take(2);
@@ -151,7 +151,7 @@ test('what a decoder leaves out returns its credit, and a frame that nobody know
   assert.equal(world.frames.at(-1).open, false);
 });
 
-test('other parameters make a new decoder', () => {
+test('new parameters create a new decoder', () => {
   const { world, told, take } = begin();
   take(1, true);
   const first = world.decoder;
@@ -161,12 +161,12 @@ test('other parameters make a new decoder', () => {
   assert.equal(first.state, 'closed');
   assert.deepEqual(told.passed, [1]);
   assert.equal(world.decoder.configs[0].codec, 'avc1.64C01F');
-  first.give(); // too late: it is closed and not shown
+  first.give(); // too late: closed and not shown
   assert.equal(world.frames[0].open, false);
   assert.deepEqual(told.shown, []);
 });
 
-test('a fault of any kind ends it, once, and the rest returns its credit', () => {
+test('any fault ends it once, and the rest returns its credit', () => {
   const faults = {
     'the decoder says so': ({ world }) => world.decoder.fail('EncodingError', 'bad data'),
     'it refuses a picture': ({ world, take }) => { world.decoder.refuses = true; take(3); },
@@ -189,7 +189,7 @@ test('a fault of any kind ends it, once, and the rest returns its credit', () =>
   }
 });
 
-test('three silent seconds are a failure, though pictures go on coming in', () => {
+test('three seconds without output are a failure, even if frames keep arriving', () => {
   const { world, told, take } = begin();
   take(1, true);
   for (let i = 2; i < 100 && !told.failed.length; i++) {
@@ -200,7 +200,7 @@ test('three silent seconds are a failure, though pictures go on coming in', () =
   assert.ok(world.now >= 2900 && world.now <= 3200, `${world.now}`);
 });
 
-test('a decoder that answers is not silent, nor is one that has nothing to do', () => {
+test('a decoder with output, or with nothing to do, is not silent', () => {
   const { world, told, take } = begin();
   take(1, true);
   for (let i = 2; i < 400; i++) {
@@ -214,7 +214,7 @@ test('a decoder that answers is not silent, nor is one that has nothing to do', 
   assert.equal(world.timers.size, 0);
 });
 
-test('a computer that was asleep is given its time', () => {
+test('a computer that slept gets its time', () => {
   const { world, told, take } = begin();
   take(1, true);
   world.now += 3600000; // no timer ran meanwhile
@@ -224,7 +224,7 @@ test('a computer that was asleep is given its time', () => {
   assert.equal(told.shown.length, 1);
 });
 
-test('a decoder that the browser takes back is no failure: it goes on at the next key picture', () => {
+test('a reclaimed decoder is no failure: it continues at the next keyframe', () => {
   const { world, told, take } = begin();
   take(1, true);
   world.decoder.give();
@@ -238,7 +238,7 @@ test('a decoder that the browser takes back is no failure: it goes on at the nex
   assert.equal(told.shown.at(-1).header.sequence, 3);
 });
 
-test('a page that is hidden lets go of it, and nothing stays behind', () => {
+test('a hidden page releases the decoder and everything in it', () => {
   const { world, video, told, take } = begin();
   take(1, true);
   take(2);

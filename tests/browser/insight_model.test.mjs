@@ -1,4 +1,4 @@
-// The pure parts of insight, comparison, snapshot and sky panel, without a browser.
+// Pure functions of insight, comparison, snapshot and sky panel, without a browser.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { alsoMethod, difference, factsOf, sideWords, warnings } from '../../clients/web/compare_model.js';
@@ -16,15 +16,15 @@ const status = (more = {}, light = {}) => ({
   frame: 7, method: 'auto', camera: 'main', light: { error: 0.01, passes: null, converged: null, paths: 'direct light', left_out: '', ...light }, ...more,
 });
 
-test('the parts of latency add up to the time from capture to screen', () => {
+test('the stages of latency add up to the time from capture to screen', () => {
   const parts = latencyParts(header(), 1.7e15 + 5000);
   assert.deepEqual(parts, [1, 2, 30, 4, 5]);
-  const captured = latencyParts(header({ captureUs: 1.7e15 - 60000 }), 1.7e15 + 5000); // 23 ms before it reached the server
+  const captured = latencyParts(header({ captureUs: 1.7e15 - 60000 }), 1.7e15 + 5000); // 23 ms before arrival
   assert.deepEqual(captured, [24, 2, 30, 4, 5]);
   assert.equal(captured.reduce((a, b) => a + b), 65);
 });
 
-test('a status makes a point of the picture that it tells of, once', () => {
+test('a status makes one point of the image that it describes', () => {
   const insight = new Insight();
   insight.picture(header({ frame: 6, shadedUs: 99000 }), NaN, 0);
   insight.picture(header(), NaN, 100);
@@ -37,7 +37,7 @@ test('a status makes a point of the picture that it tells of, once', () => {
   assert.equal(insight.status(status({ frame: 8 }, { error: null }), 900).error, null);
 });
 
-test('of a still sky the newest of the finer pictures stays, with its passes', () => {
+test('for a still sky only the newest refinement stays, with its passes', () => {
   const insight = new Insight();
   insight.picture(header(), NaN, 0);
   insight.status(status(), 1);
@@ -48,7 +48,7 @@ test('of a still sky the newest of the finer pictures stays, with its passes', (
   assert.deepEqual(insight.points.map((p) => [p.finer, p.passes, p.shadedMs, p.error]), [[false, 0, 30, 0.01], [true, 16, 900, 0.001]]);
 });
 
-test('a choice begins where method or paths change, not where counts do', () => {
+test('a choice starts when method or paths change, not when counts do', () => {
   const insight = new Insight();
   const tell = (frame, method, paths) => {
     insight.picture(header({ frame }), NaN, frame);
@@ -64,7 +64,7 @@ test('a choice begins where method or paths change, not where counts do', () => 
   assert.equal(kindOf({ method: 'a', paths: 'x 1.1e+03' }), kindOf({ method: 'a', paths: 'x 0.2' }));
 });
 
-test('latency is kept by seconds, without pictures that stand still or are repeated', () => {
+test('latency is kept per second, without refined and repeated images', () => {
   const insight = new Insight();
   insight.picture(header(), 1.7e15 + 5000, 10000);
   insight.picture(header({ shadedUs: 50000 }), 1.7e15 + 7000, 10900);
@@ -74,12 +74,12 @@ test('latency is kept by seconds, without pictures that stand still or are repea
   assert.deepEqual(insight.latency, [1, 2, 40, 4, 6]);
   const table = Object.fromEntries(rows(insight));
   assert.equal(table['Latency: relight'], '40 ms');
-  assert.equal(table['Latency, in all'], '53 ms');
+  assert.equal(table['Latency: total'], '53 ms');
   insight.picture(header(), 1.7e15, 10000 + 181000);
   assert.equal(insight.seconds.length, 2, 'older than three minutes is forgotten');
 });
 
-test('axes hold all values, begin and end on round ones', () => {
+test('axes contain all values and have round ends', () => {
   for (const values of [[3, 47], [0.00012, 0.9], [5], [], [1e-7, 1e5], [10, 50]]) {
     const { least, most, ticks } = logAxis(values, [10, 100]);
     for (const v of values) assert.ok(least <= v && v <= most, `${v} in ${least}..${most}`);
@@ -88,16 +88,16 @@ test('axes hold all values, begin and end on round ones', () => {
   }
 });
 
-test('noise is told in plain digits, also where it is more than the light', () => {
+test('noise is a plain number, even above the light', () => {
   assert.deepEqual([1.44, 0.01, 0.00003, null].map(noiseText), ['120 %', '10 %', '0.55 %', 'not estimated']);
 });
 
-test('no two methods look alike', () => {
+test('methods look different', () => {
   const looks = new Set(Array.from({ length: 25 }, (_, i) => JSON.stringify(styleOf(i))));
   assert.equal(looks.size, 25);
 });
 
-test('each side of a comparison says what it is', () => {
+test('each side of a comparison is described', () => {
   assert.equal(sideWords('Kept', factsOf(header(), status())), 'Kept: auto, 16 samples, frame 7');
   const finer = factsOf(header({ flags: FLAG_FINER, samples: 128 }), status({}, { passes: 8, converged: true }));
   assert.equal(sideWords('Live', finer), 'Live: auto, 128 samples, 8 passes, converged, frame 7');
@@ -107,11 +107,11 @@ test('each side of a comparison says what it is', () => {
   assert.equal(alsoMethod(facts, status()).method, 'auto');
   assert.equal(alsoMethod(facts, status({ method: 'mis' })).method, 'auto or mis');
   assert.deepEqual(warnings(facts, factsOf(header({ frame: 8, gain: 2 }), status({ camera: 'roof' }))),
-    ['another camera', 'another frame of the sky', 'exposed +1.00 stops']);
+    ['different camera', 'different sky frame', 'exposure +1.00 EV']);
   assert.deepEqual(warnings(facts, facts), []);
 });
 
-test('the difference is the mean over colours and pixels, and what 95 % do not pass', () => {
+test('the difference is the mean over colours and pixels, and the 95th percentile', () => {
   const a = new Uint8ClampedArray(4 * 100).fill(100);
   const b = a.slice();
   for (let i = 0; i < 4; i++) b[4 * i] = 160; // 4 of 300 values by 60
@@ -122,14 +122,14 @@ test('the difference is the mean over colours and pixels, and what 95 % do not p
   assert.equal(most, 3);
 });
 
-test('a snapshot is named by frame and time', () => {
+test('a snapshot’s name has frame and time', () => {
   assert.equal(fileName(header({ frame: 118, publishedUs: Date.UTC(2026, 10, 22, 10, 5, 30) * 1000 }), 'png'), 'relight_frame_118_2026-11-22T10-05-30Z.png');
   assert.equal(numbersFormat(['jpeg', 'exr_half', 'exr_float']), 'exr_float');
   assert.equal(numbersFormat(['jpeg', 'exr_half']), 'exr_half');
   assert.equal(numbersFormat(['jpeg']), null);
 });
 
-// A server that answers `say` with what `answers` gives.
+// A fake server that answers messages with `answers`.
 function fakeSocket(answers) {
   return class {
     constructor() {
@@ -147,7 +147,7 @@ function fakeSocket(answers) {
 const picture = (more) => Uint8Array.from([...encodePicture({ ...header(), format: 'exr_float', ...more }), 42]).buffer;
 const welcome = JSON.stringify({ op: 'welcome', formats: ['jpeg', 'exr_half', 'exr_float'] });
 
-test('an EXR is of the frame that is seen, or newer: an old one that the server still has is passed over', async () => {
+test('an EXR shows the displayed frame or a newer one: an older one is skipped', async () => {
   const Socket = fakeSocket(({ op, format }) => {
     if (op === 'hello') return [welcome];
     if (op === 'subscribe') return [`{"op":"subscribed","format":"${format}"}`, picture({ flags: FLAG_REPEAT, frame: 3 })];
@@ -160,10 +160,10 @@ test('an EXR is of the frame that is seen, or newer: an old one that the server 
   const Refusing = fakeSocket(() => [JSON.stringify({ op: 'error', message: 'all connections are taken' })]);
   await assert.rejects(fetchPicture({ url: 'ws://x/ws', role: 'viewer', frame: 7, Socket: Refusing }), /all connections are taken/);
   const Silent = fakeSocket(() => []);
-  await assert.rejects(fetchPicture({ url: 'ws://x/ws', role: 'viewer', frame: 7, Socket: Silent, patienceMs: 20 }), /no picture came/);
+  await assert.rejects(fetchPicture({ url: 'ws://x/ws', role: 'viewer', frame: 7, Socket: Silent, patienceMs: 20 }), /no image arrived/);
 });
 
-test('the sun is where north is +Z and east is -X, and turns with the sky', () => {
+test('north is +Z and east is -X, and the sun rotates with the sky', () => {
   const near = (a, b) => a.forEach((v, i) => assert.ok(Math.abs(v - b[i]) < 1e-12, `${a} for ${b}`));
   near(sunDirection({ elevation: 0, azimuth: 0 }), [0, 0, 1]);
   near(sunDirection({ elevation: 0, azimuth: 90 }), [-1, 0, 0]);

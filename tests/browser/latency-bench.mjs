@@ -1,6 +1,6 @@
-// How old a picture is when it is drawn, on one machine, at 30 frames a second: from the capture of its sky (the source's
-// own time: when its frame began to be read) to the end of drawing in Chromium. No test: prints a table, one line a
-// coding and size. Target: a median of at most one frame time and 50 ms.
+// Age of an image when drawn, on one machine, at 30 frames per second: from the capture of its sky (when the source
+// began to read the frame) to the end of drawing in Chromium. Not a test: prints a table, one line per coding and
+// size. Target: a median of at most one frame time and 50 ms.
 // usage: node latency-bench.mjs RELIGHTD [PATTERN_SERVER]      (build/bin/relightd, build/bin/pattern_server)
 import { execFileSync } from 'node:child_process';
 import { mkdtempSync, rmSync } from 'node:fs';
@@ -14,12 +14,12 @@ if (!relightd) {
   process.exit(2);
 }
 const FPS = 30;
-const ROUNDS = 3; // of each, one after another, so that what else the machine does hits all alike
+const ROUNDS = 3; // of each, alternating, so that other load affects all equally
 const SECONDS = 6;
 
 const at = (values, share) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(share * values.length))];
 
-// Notes each picture that is drawn and not a repetition: what it was when, in milliseconds.
+// Records each drawn image that is not a repetition: its times in ms.
 const note = () => {
   window.drawn = [];
   window.relight.app.on('picture', ({ header, nowMs, heardMs, decodeMs, clock, bytes }) => {
@@ -73,7 +73,7 @@ const browser = await openBrowser();
 const codings = ['?coding=jpeg', ''];
 const folder = mkdtempSync(join(tmpdir(), 'relight-latency-'));
 
-// The cache of light transport, as it is kept beside a scene: what a server finds when it is started for the second time.
+// The light-transport cache stored beside a scene, as a server finds it at its second start.
 function makeCache(size) {
   const file = join(folder, `${size}.transport`);
   execFileSync(join(dirname(relightd), 'relight-render'),

@@ -1,11 +1,11 @@
-// What the browser tests share: how they begin, a server as a child process, Chromium, and how to wait.
+// Shared by the browser tests: setup, a server as a child process, Chromium, and waiting.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { existsSync } from 'node:fs';
 
 export const CHROMIUM = process.env.RELIGHT_CHROMIUM ?? '/usr/bin/chromium';
 
-// Says why nothing can be tested here, in words that ctest takes for a skip; or undefined.
+// The reason why nothing can be tested here, in the form that ctest reports as skipped; or undefined.
 export async function whatIsMissing() {
   if (!existsSync(CHROMIUM)) return `no browser at ${CHROMIUM}`;
   try {
@@ -16,8 +16,8 @@ export async function whatIsMissing() {
   return undefined;
 }
 
-// How a file of tests begins: the environment variables that name the programs under test, and one browser for all of
-// them, in `browser` once tests run. Where there is none, or `missing` says what else is not there, all are skipped.
+// Sets up a test file: the environment variables that name the programs under test, and one shared browser in
+// `browser`. Without a browser, or if `missing` names something else, all tests are skipped.
 export async function beginTests(variables, missing = () => undefined) {
   const absent = (await whatIsMissing()) ?? missing();
   if (absent) {
@@ -30,19 +30,19 @@ export async function beginTests(variables, missing = () => undefined) {
     assert.ok(process.env[name], `${name} is not set`);
     begun[name] = process.env[name];
   }
-  begun.browser = await openBrowser(); // at once: a hook of the file's own may want it
+  begun.browser = await openBrowser(); // first, because hooks of the file may need it
   after(async () => { await begun.browser?.close(); });
   return begun;
 }
 
-// Starts `command` and waits for the address that it prints: {url, port, say(line), text(), ended, stop()}.
+// Starts `command` and waits for the address it prints: {url, port, say(line), text(), ended, stop()}.
 export async function startServer(command, args = []) {
   const child = spawn(command, args, { stdio: ['pipe', 'ignore', 'pipe'] });
   let text = '';
   const ended = new Promise((resolve) => {
     child.on('exit', (code, signal) => resolve({ code, signal }));
   });
-  child.stdin.on('error', () => {}); // it may have gone before it was told to
+  child.stdin.on('error', () => {}); // it may have exited already
   const url = await new Promise((resolve, reject) => {
     const late = setTimeout(() => reject(new Error(`${command} printed no address within 120 s:\n${text}`)), 120000);
     child.stderr.on('data', (data) => {
@@ -83,13 +83,13 @@ export async function openBrowser() {
   });
 }
 
-// A page on the viewer, whose faults fail the test that looks at `faults`.
+// Opens the page; a test that checks `faults` fails on its errors.
 export async function openPage(browser, url, { width = 1000, height = 800 } = {}) {
   const page = await browser.newPage({ viewport: { width, height } });
   page.faults = [];
   page.on('pageerror', (error) => page.faults.push(String(error)));
   page.on('console', (message) => {
-    // A browser reports each failed connection by itself; those are what some tests are about.
+    // Browsers report each failed connection, which some tests cause on purpose.
     if (message.type() === 'error' && !/ERR_CONNECTION|WebSocket connection|Failed to load/.test(message.text()))
       page.faults.push(message.text());
   });
@@ -100,18 +100,18 @@ export async function openPage(browser, url, { width = 1000, height = 800 } = {}
 export const state = (page) => page.evaluate(() => window.relight.state.name);
 export const sentence = (page) => page.textContent('#sentence');
 
-// Until the page is in this state; the wait is generous, since the machine may be busy.
+// Waits until the page is in this state; generous, since the machine may be busy.
 export function untilState(page, name, timeout = 30000) {
   return page.waitForFunction((n) => window.relight?.state.name === n, name, { timeout });
 }
 
-// Until `count` more pictures were drawn.
+// Waits until `count` more images were drawn.
 export async function untilFrames(page, count, timeout = 60000) {
   const now = await page.evaluate(() => window.relight.frames);
   await page.waitForFunction((n) => window.relight.frames >= n, now + count, { timeout });
 }
 
-// The canvas as it is, with the header of the picture on it: {width, height, data, header}.
+// The current canvas with the header of its image: {width, height, data, header}.
 export async function readback(page) {
   const got = await page.evaluate(() => {
     const { width, height, data } = window.relight.readback();
@@ -122,5 +122,5 @@ export async function readback(page) {
   return { ...got, data: Buffer.from(got.base64, 'base64') };
 }
 
-// Rec.709 luminance of sRGB code values, 0..255, as they are: a rough measure of brightness.
+// Rec.709 luminance of sRGB code values, 0..255: a rough measure of brightness.
 export const brightness = (data, i) => 0.2126 * data[i] + 0.7152 * data[i + 1] + 0.0722 * data[i + 2];

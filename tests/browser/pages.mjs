@@ -1,4 +1,4 @@
-// Takes the pictures of docs/viewer.md into a folder; docs/pictures/pages.sh calls it.
+// Takes the screenshots of docs/viewer.md into a folder; docs/pictures/pages.sh calls it.
 import { mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
@@ -9,15 +9,15 @@ const missing = await whatIsMissing();
 if (missing || !out) throw new Error(missing ?? 'which folder?');
 
 const SKY = ['--source', 'sky:time=09:30,speed=0.2', '--size', '1280x720', '--fps', '4'];
-const SMALL = [...SKY, '--size', '640x360']; // sharp enough for a phone, and soon without noise
+const SMALL = [...SKY, '--size', '640x360']; // sharp enough for a phone, and quickly free of noise
 const DESKTOP = { width: 1280, height: 800 };
 const folder = mkdtempSync(join(tmpdir(), 'relight-pages-'));
 
-const settled = (page, ms = 2500) => page.waitForTimeout(ms); // for noise to go and figures to come
+const settled = (page, ms = 2500) => page.waitForTimeout(ms); // for noise to disappear and statistics to arrive
 const drawn = (page) => page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control, null, { timeout: 120000 });
 const askFor = (page, wish) => page.evaluate((w) => window.relight.app.send({ op: 'control', request: 1, ...w }), wish);
 
-// A grey sky, and a file that is none.
+// A grey sky, and an invalid file.
 function skies() {
   const texel = Buffer.from([110, 120, 128, 129]);
   writeFileSync(join(folder, 'a.hdr'), Buffer.concat([

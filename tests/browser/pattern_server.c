@@ -1,14 +1,13 @@
-/* Publishes a moving pattern whose every pixel is known, so that a browser's canvas can be checked against it without
- * any rendering. Lines on standard input change what it does: "go", "stop" (pictures), "state
- * waiting|live|paused|ended", "fail REASON", "size WxH", "passes N" (of the picture that stands still; 0: none), "done"
- * (they are enough), "dump FILE" (the last picture as it was drawn, and then as libjpeg-turbo decodes it, both
- * RGB); it ends with "quit", end of input, SIGTERM or SIGINT. */
-#include "clock.h"
-#include "h264.h"
-#include "log.h"
-#include "mem.h"
-#include "options.h"
-#include "server.h"
+/* Publishes a moving pattern whose every pixel is known, to verify a browser's canvas without rendering. Commands on
+ * standard input: "go", "stop" (pictures), "state waiting|live|paused|ended", "fail REASON", "size WxH", "passes N"
+ * (of a still picture; 0: none), "done" (converged), "dump FILE" (the last picture as drawn, then as decoded by
+ * libjpeg-turbo, both RGB); it exits on "quit", end of input, SIGTERM or SIGINT. */
+#include "base/clock.h"
+#include "video/h264.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/options.h"
+#include "stream/server.h"
 
 #include <turbojpeg.h>
 
@@ -33,7 +32,7 @@ struct pattern {
     struct server *server;
     tjhandle jpeg, back;
     struct h264_encoder *h264; /* NULL: not offered */
-    double key_s;              /* when it made a key picture last */
+    double key_s;              /* time of the last keyframe */
     uint8_t *rgb, *decoded;
     bool rough; /* every pixel differs from the next */
     uint64_t passes;
@@ -48,8 +47,8 @@ struct pattern {
     char detail[256];
 };
 
-/* Four quarters that differ, so that no flip or swap of channels goes unseen; a white bar that moves 8 pixels a frame;
- * along the bottom the frame number in 16 cells of 16 x 16, least significant first, white is 1. */
+/* Four different quarters, so that flips and swapped channels are detected; a white bar that moves 8 pixels per
+ * frame; along the bottom the frame number in 16 cells of 16 x 16, least significant first, white is 1. */
 static void draw(struct pattern *p)
 {
     static const uint8_t quarters[4][3] = { { 200, 40, 40 }, { 40, 170, 60 }, { 50, 70, 200 }, { 220, 190, 40 } };
@@ -62,7 +61,7 @@ static void draw(struct pattern *p)
             memcpy(out, quarters[q], 3);
             if ((x + p->width - bar) % p->width < 16)
                 memset(out, 255, 3);
-            if (p->rough) /* as grainy as a picture of few samples, and standing still */
+            if (p->rough) /* as noisy as an image of few samples, and static */
                 for (int c = 0; c < 3; c++)
                     out[c] = (uint8_t)(out[c] + (x * 7919u + y * 104729u + (unsigned)c * 31u) % 29u - 14u);
             if (y >= p->height - 16 && x < 256)
@@ -81,7 +80,7 @@ static int publish_bytes(struct pattern *p, const struct protocol_picture *heade
     return 0;
 }
 
-/* The frame that is drawn, where somebody watches it so: whole and at every rate only. */
+/* Publishes the drawn frame as H.264 if watched: only at full size and rate. */
 static int publish_h264(struct pattern *p, struct protocol_picture header, bool again)
 {
     struct server_demand demand;
@@ -105,7 +104,7 @@ static int publish_h264(struct pattern *p, struct protocol_picture header, bool 
     return publish_bytes(p, &header, out.bytes, out.size);
 }
 
-/* What every decoder should make of the last JPEG, beside what it was made of. */
+/* Writes what decoders should make of the last JPEG, beside its source. */
 static void dump(struct pattern *p, const char *path)
 {
     const size_t size = (size_t)p->width * p->height * 3;
@@ -146,7 +145,7 @@ static int publish(struct pattern *p)
         .gain = 1.0f,
         .samples = 64,
     };
-    int failed = publish_h264(p, header, false); /* first: its own time should not count the other's */
+    int failed = publish_h264(p, header, false); /* first: its own time should not include the other's */
     if (!failed)
         failed = publish_bytes(p, &header, bytes, size);
     tjFree(bytes);
@@ -157,7 +156,7 @@ static int publish(struct pattern *p)
 
 static void tell(const struct pattern *p)
 {
-    const struct server_status status = {
+    struct server_figures figures = {
         .scene = "a test pattern",
         .sky = "no sky at all",
         .method = "mis",
@@ -165,7 +164,6 @@ static void tell(const struct pattern *p)
         .width = p->width,
         .height = p->height,
         .source = p->source,
-        .detail = p->detail,
         .frame = p->frame,
         .fps = p->going ? p->fps : 0.0,
         .queued_ms = 0.4,
@@ -175,7 +173,6 @@ static void tell(const struct pattern *p)
         .received = p->frame,
         .used = p->frame,
         .refused = p->source == SERVER_FAILED,
-        .last_refusal = p->source == SERVER_FAILED ? p->detail : "",
         .has_sun = true,
         .sun_elevation = 40.0 * sin((double)p->frame * 0.01),
         .sun_azimuth = fmod((double)p->frame * 0.5, 360.0),
@@ -184,7 +181,9 @@ static void tell(const struct pattern *p)
         .passes = p->passes,
         .converged = p->done,
     };
-    server_set_status(p->server, &status);
+    snprintf(figures.detail, sizeof(figures.detail), "%s", p->detail);
+    snprintf(figures.last_refusal, sizeof(figures.last_refusal), "%s", p->source == SERVER_FAILED ? p->detail : "");
+    server_set_figures(p->server, &figures);
 }
 
 static int resize(struct pattern *p, uint32_t width, uint32_t height)
@@ -232,7 +231,7 @@ static void obey(struct pattern *p, char *line)
     tell(p);
 }
 
-/* Until the next picture is due: listens to standard input. */
+/* Reads commands from standard input until the next picture is due. */
 static void attend(struct pattern *p, double until)
 {
     char line[256];
@@ -291,7 +290,7 @@ int main(int argc, char **argv)
     const struct sigaction action = { .sa_handler = end };
 
     log_init("pattern_server", LOG_DEBUG);
-    setvbuf(stdin, NULL, _IONBF, 0); /* poll must see what fgets has not taken */
+    setvbuf(stdin, NULL, _IONBF, 0); /* poll must see what fgets has not read */
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
     enum err e = options_parse(&o, argc, argv, &done, &why);

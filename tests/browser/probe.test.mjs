@@ -1,5 +1,5 @@
-// The pixel probe in Chromium, on the whole program: what is shown against what relight-render prints of the same scene,
-// sky and seed. RELIGHT_BIN is the folder of both programs.
+// The pixel probe in Chromium with the whole program: what it shows against relight-render's output for the same
+// scene, sky and seed. RELIGHT_BIN is the folder of both programs.
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
 import { readFileSync } from 'node:fs';
@@ -24,7 +24,7 @@ after(async () => {
   await server?.stop();
 });
 
-// What the page asks for when nothing else is chosen: 64 samples.
+// The page's default request: 64 samples.
 function rendered([x, y], ...more) {
   const how = more.length ? more : ['--probe-samples', '64'];
   return JSON.parse(execFileSync(`${BIN}/relight-render`, [...STILL, ...WAY, '--probe', `${x},${y}`, ...how]));
@@ -41,7 +41,7 @@ async function withPage(body, { at = server, options = {} } = {}) {
   }
 }
 
-// Where a pixel is on the page: the picture in the middle of its canvas, as large as fits.
+// A pixel's position on the page: the image is centred in its canvas, as large as fits.
 function placeOf(page, [x, y]) {
   return page.evaluate(([px, py, width, height]) => {
     const box = document.getElementById('picture').getBoundingClientRect();
@@ -58,7 +58,7 @@ function untilAnswer(page, [x, y], preset = null) {
 }
 
 async function click(page, pixel) {
-  // The first picture gives the canvas its size; a place found before that is another pixel's.
+  // The first image sets the canvas size; positions computed before it are wrong.
   await page.waitForFunction(([w, h]) => {
     const { width, height } = document.getElementById('picture');
     return width === w && height === h;
@@ -74,14 +74,14 @@ const numbers = (text) => text.replaceAll('−', '-').match(/-?\d+(\.\d+)?(e[-+]
 const like = (shown, wanted, what) => shown.forEach((v, i) =>
   assert.ok(Math.abs(v - wanted[i]) <= 0.006 * Math.abs(wanted[i]) + 1e-9, `${what}: ${v} is shown, ${wanted[i]} is meant`));
 
-test('a click shows what relight-render says of that pixel', () => withPage(async (page) => {
+test('a click shows relight-render’s answer for that pixel', () => withPage(async (page) => {
   await click(page, FLOOR);
   const want = rendered(FLOOR);
   assert.deepEqual(await answerOf(page), want);
   const table = await tableOf(page);
-  like(numbers(table['Radiance in the picture']), want.picture, 'the picture');
-  like(numbers(table['By these 64 samples']), want.pixel.radiance, 'the estimate');
-  like(numbers(table['By many more']), [0, 1, 2].flatMap((c) => [want.pixel.reference.mean[c], want.pixel.reference.error[c]]), 'the reference');
+  like(numbers(table['Radiance in the image']), want.picture, 'the picture');
+  like(numbers(table['From these 64 samples']), want.pixel.radiance, 'the estimate');
+  like(numbers(table['Converged']), [0, 1, 2].flatMap((c) => [want.pixel.reference.mean[c], want.pixel.reference.error[c]]), 'the reference');
   numbers(table.Normal).forEach((v, i) => assert.ok(Math.abs(v - want.point.normal[i]) < 6e-4));
   numbers(table.Position).forEach((v, i) => assert.ok(Math.abs(v - want.point.position[i]) < 6e-3));
   assert.ok(table.Material.startsWith(`${want.point.material.name}, ${want.point.material.kind}`));
@@ -102,7 +102,7 @@ test('a click shows what relight-render says of that pixel', () => withPage(asyn
   assert.deepEqual(legend.slice(0, 4).map((text) => Number.parseInt(text, 10)), [-1, 0, 1, 2].map(count));
 }));
 
-// The drawn place of a direction, by the conventions' own formulas.
+// The drawn position of a direction, by the conventions' own formulas.
 const LATLONG = ([x, y, z]) => [0.5 - Math.atan2(x, z) / (2 * Math.PI), Math.acos(y) / Math.PI];
 function CROSS([x, y, z]) {
   const a = [Math.abs(x), Math.abs(y), Math.abs(z)];
@@ -122,7 +122,7 @@ function colourAt(page, id, [u, v]) {
   }, [id, u, v]);
 }
 
-test('each sample is drawn where its direction is, in the colour of what became of it', () => withPage(async (page) => {
+test('each sample is drawn in its direction, in the colour of its fate', () => withPage(async (page) => {
   await page.setViewportSize({ width: 1400, height: 1000 });
   await click(page, FLOOR);
   await page.uncheck('#probe-follow');
@@ -147,7 +147,7 @@ test('each sample is drawn where its direction is, in the colour of what became 
   }
 }));
 
-test('what cannot be seen is darkened, and the material has samples of its own', () => withPage(async (page) => {
+test('hidden directions are darkened, and BRDF samples appear', () => withPage(async (page) => {
   await click(page, FLOOR);
   await page.uncheck('#probe-follow');
   const sum = () => page.evaluate(() => {
@@ -160,7 +160,7 @@ test('what cannot be seen is darkened, and the material has samples of its own',
   await page.check('#probe-lobes');
   const { lobes } = await answerOf(page);
   const legend = await page.textContent('#probe-legend');
-  assert.ok(lobes.length === 32 && legend.includes('32 of the material'), legend);
+  assert.ok(lobes.length === 32 && legend.includes('32 BRDF samples'), legend);
 }));
 
 test('the keyboard alone chooses a pixel, and Tab reaches every control', () => withPage(async (page) => {
@@ -183,19 +183,19 @@ test('the keyboard alone chooses a pixel, and Tab reaches every control', () => 
     if (wanted.includes(id)) reached.add(id);
   }
   assert.deepEqual([...reached].sort(), [...wanted].sort());
-  await page.keyboard.press('Enter'); // on the last of them: lets go
+  await page.keyboard.press('Enter'); // on the last of them: stops the probe
   assert.ok(!(await page.isVisible('#probe-shown')));
 }));
 
-test('the sky has no samples, and says so', () => withPage(async (page) => {
+test('a sky pixel has no samples, and says so', () => withPage(async (page) => {
   await click(page, SKY);
   const want = rendered(SKY);
   assert.deepEqual(await answerOf(page), want);
   assert.equal(want.sees, 'sky');
-  assert.match(await page.textContent('#probe-words'), /shows the sky\. No light is gathered there/);
+  assert.match(await page.textContent('#probe-words'), /shows the sky\. It sees the sky directly/);
   assert.match(await page.textContent('.probe-spoken'), /shows the sky/);
   assert.ok(!(await page.isVisible('#probe-shares')));
-  like(numbers((await tableOf(page))['Radiance in the picture']), want.picture, 'the picture');
+  like(numbers((await tableOf(page))['Radiance in the image']), want.picture, 'the picture');
 }));
 
 test('the preset is the figure: 50 samples and an exponent of 150', () => withPage(async (page) => {
@@ -213,30 +213,30 @@ test('the preset is the figure: 50 samples and an exponent of 150', () => withPa
   await page.selectOption('#probe-samples', '256');
   await page.waitForFunction(() => window.relight.probe.answer.samples === 256, null, { timeout: 60000 });
   assert.deepEqual(await answerOf(page), rendered(FLOOR, '--probe-samples', '256'));
-  await page.selectOption('#probe-samples', ''); // as the picture
+  await page.selectOption('#probe-samples', ''); // as in the image
   await page.waitForFunction(() => window.relight.probe.answer.samples === 40, null, { timeout: 60000 });
 }));
 
-test('a busy server is asked again, an older one let alone', () => withPage(async (page) => {
+test('a busy server is asked again, an older one is not', () => withPage(async (page) => {
   await click(page, FLOOR);
   await page.uncheck('#probe-follow');
   await page.waitForFunction(() => !window.relight.probe.waiting);
   const refuse = (error) => page.evaluate((e) => {
     const { probe } = window.relight;
     probe.answer = null;
-    probe.waiting = 4711; // as if it had just been asked
+    probe.waiting = 4711; // simulates a pending request
     probe.askedMs = performance.now();
     probe.takeError({ ...e, request: e.clause === '3.4' ? undefined : 4711 });
     return probe.words.textContent;
   }, error);
   assert.match(await refuse({ code: 'busy', clause: '4.15.6', message: 'too many ask at once' }), /busy/);
-  await untilAnswer(page, FLOOR); // by itself
+  await untilAnswer(page, FLOOR); // without another request by us
   assert.match(await refuse({ code: 'not_offered', clause: '4.15.7', message: 'there is no picture yet' }), /there is no picture yet/);
-  assert.match(await refuse({ code: 'unknown_op', clause: '3.4', message: 'op "probe" is not known' }), /does not say where light comes from/);
+  assert.match(await refuse({ code: 'unknown_op', clause: '3.4', message: 'op "probe" is not known' }), /does not support the pixel probe/);
   assert.ok(!(await page.isVisible('#probe-shown')));
 }));
 
-test('what is shown can be saved', () => withPage(async (page) => {
+test('the answer can be saved', () => withPage(async (page) => {
   await click(page, FLOOR);
   const [download] = await Promise.all([page.waitForEvent('download'), page.click('#probe-save')]);
   assert.equal(download.suggestedFilename(), `probe_${FLOOR[0]}_${FLOOR[1]}_frame_2.json`);
@@ -245,9 +245,9 @@ test('what is shown can be saved', () => withPage(async (page) => {
   assert.ok(Array.isArray(trace));
 }));
 
-test('a phone: a tap chooses, and nothing is wider than the window', () => withPage(async (page) => {
+test('on a phone a tap chooses, and nothing is wider than the window', () => withPage(async (page) => {
   const [x, y] = await placeOf(page, FLOOR);
-  await page.evaluate(([cx, cy]) => { // a finger: pointer events of touch, then the click that follows a tap
+  await page.evaluate(([cx, cy]) => { // a finger: touch pointer events, then the click that follows a tap
     const target = document.elementFromPoint(cx, cy);
     for (const type of ['pointerdown', 'pointerup'])
       target.dispatchEvent(new PointerEvent(type, { bubbles: true, pointerType: 'touch', clientX: cx, clientY: cy }));
@@ -277,14 +277,14 @@ test('a followed pixel is plotted as the sky moves, and its samples move too', a
       assert.notDeepEqual(answer.light, first.light);
       const same = points.find((p) => p.frame === answer.frame);
       if (same) like(same.rgb, answer.picture, 'the plotted value');
-      assert.match(await page.textContent('#probe-plot-words'), /Over \d+ s its luminance went from|drawn as pictures come/);
+      assert.match(await page.textContent('#probe-plot-words'), /Over \d+ s the luminance went from|grows with each image/);
       const drawn = await page.evaluate(() => {
         const canvas = document.getElementById('probe-plot');
         return canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((v) => v > 0);
       });
       assert.ok(drawn);
       await page.uncheck('#probe-follow');
-      await untilFrames(page, 3); // what was under way has come
+      await untilFrames(page, 3); // everything under way has arrived
       const last = () => page.evaluate(() => window.relight.probe.trace.points.at(-1).frame);
       const end = await last();
       await untilFrames(page, 6);

@@ -1,4 +1,4 @@
-// The pixel probe's pure parts: where directions lie, which pixel is meant, what is said. Without a browser.
+// Pure functions of the pixel probe: positions of directions, the chosen pixel, texts. Without a browser.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { FACES, faceOf, fit, fromCross, fromLatLong, pixelAt, readSample, sightAt, toCross, toLatLong } from '../../clients/web/probe_geometry.js';
@@ -19,16 +19,16 @@ const direction = () => {
   return [Math.sqrt(1 - y * y) * Math.sin(phi), y, Math.sqrt(1 - y * y) * Math.cos(phi)];
 };
 
-test('axes lie where the conventions have them', () => {
+test('axes are at their conventional positions', () => {
   const at = (w) => Object.values(toLatLong(w));
   assert.deepEqual(at([0, 0, 1]), [0.5, 0.5]);
-  assert.deepEqual(at([1, 0, 0]), [0.25, 0.5]); // +X a quarter to the left of the middle
+  assert.deepEqual(at([1, 0, 0]), [0.25, 0.5]); // +X a quarter to the left of the centre
   assert.deepEqual(at([-1, 0, 0]), [0.75, 0.5]);
   near(toLatLong([0, 1, 0]).v, 0);
   near(toLatLong([0, -1, 0]).v, 1);
 });
 
-test('directions come back from both drawings', () => {
+test('both drawings invert their mapping', () => {
   for (let i = 0; i < 500; i++) {
     const w = direction();
     const { u, v } = toLatLong(w);
@@ -40,7 +40,7 @@ test('directions come back from both drawings', () => {
   assert.equal(fromCross(3.5, 2.5), null);
 });
 
-// Faces that touch on the cross touch on the cube too: a step across the border is a small turn.
+// Faces adjacent on the cross are adjacent on the cube: a step across the border is a small turn.
 test('the faces of the cross fit together', () => {
   const e = 1e-4;
   const borders = [
@@ -55,7 +55,7 @@ test('the faces of the cross fit together', () => {
   assert.equal(faceOf([0.1, -0.9, 0.3]).name, '-Y');
 });
 
-test('a click means the pixel under it, whatever bars are beside the picture', () => {
+test('a click selects the pixel under it, whatever bars surround the image', () => {
   const wide = { left: 10, top: 20, width: 1000, height: 400 }; // bars at the sides of 640 x 360
   const { scale, left } = fit(wide, 640, 360);
   assert.equal(pixelAt(wide, 640, 360, 15, 100), null);
@@ -67,7 +67,7 @@ test('a click means the pixel under it, whatever bars are beside the picture', (
   assert.equal(pixelAt(tall, 640, 360, 160, 100), null);
 });
 
-test('samples are read by their state', () => {
+test('samples are decoded by their state', () => {
   assert.deepEqual(readSample([0, 1, 0]), { w: [0, 1, 0], kind: 'generated', beta: 0, mis: 0, rgb: [0, 0, 0] });
   assert.equal(readSample([0, 1, 0, 0, 0.5, 0]).kind, 'chosen');
   assert.equal(readSample([0, 1, 0, 1, 1, 0.9, 1, 2, 3]).kind, 'blocked');
@@ -75,7 +75,7 @@ test('samples are read by their state', () => {
   assert.deepEqual([s.kind, s.beta, s.mis, s.rgb], ['effective', 0.5, 0.9, [1, 2, 3]]);
 });
 
-test('the map of what is visible is read by direction', () => {
+test('the visibility map is read by direction', () => {
   const map = Array.from({ length: 32 }, (_, y) => (y < 16 ? '.' : '-').repeat(64));
   map[3] = '#'.repeat(64);
   assert.equal(sightAt(map, [0, 1, 0]), '.');
@@ -98,34 +98,34 @@ const answer = {
   lobes: [],
 };
 
-test('a probe is summed up in words', () => {
+test('the summary describes a probe', () => {
   assert.deepEqual(countSamples(answer), { generated: 4, chosen: 3, effective: 2, visible: 1 });
-  assert.equal(summary(answer), 'Pixel 3, 4 shows a surface. Of 4 light samples 3 were chosen for it, 2 are effective and 1 arrive.'
-    + ' Shares: +Y\u00a075\u00a0%, +X\u00a025\u00a0%. 50\u00a0% of what is above it is open sky.');
+  assert.equal(summary(answer), 'Pixel 3, 4 shows a surface. Of 4 light samples 3 were chosen for it, 2 are effective and 1 unblocked.'
+    + ' Shares: +Y\u00a075\u00a0%, +X\u00a025\u00a0%. 50\u00a0% of the hemisphere above it is open sky.');
   assert.equal(summary({ ...answer, sees: 'sky', point: null, escape: [0, 1, 0] }),
-    'Pixel 3, 4 shows the sky. No light is gathered there: the sky itself is seen.');
+    'Pixel 3, 4 shows the sky. It sees the sky directly, so no light is gathered.');
   const mirror = { ...answer, sees: 'mirror', point: { ...answer.point, behind: true } };
-  assert.match(summary(mirror), /^Pixel 3, 4 shows a mirror, and in it a place\. /);
+  assert.match(summary(mirror), /^Pixel 3, 4 shows a mirror, and a point seen in it\. /);
 });
 
-test('the table has figures with their units', () => {
+test('the table has numbers with units', () => {
   const table = Object.fromEntries(rows(answer).map(([label, value, remark]) => [label, `${value} | ${remark}`]));
-  assert.match(table['Radiance in the picture'], /^0\.1, 0\.2, 0\.3 \| W/);
-  assert.match(table['By many more'], /^0\.1\u00a0±\u00a00\.001, .* \| W.*8192 samples$/);
+  assert.match(table['Radiance in the image'], /^0\.1, 0\.2, 0\.3 \| W/);
+  assert.match(table.Converged, /^0\.1\u00a0±\u00a00\.001, .* \| W.*8192 samples$/);
   assert.equal(table.Position, '1.00, 2.00, −3.00 m | x, y, z');
   assert.match(table.Material, /^plaster, phong, exponent 20/);
-  assert.match(table['Open sky'], /^50\u00a0% \| of the half space; 25\u00a0% by cosine/);
-  assert.equal(rows({ ...answer, pixel: null, preset: 'fig1' }).find(([l]) => l === 'Material')[2], 'taken as a Phong lobe');
+  assert.match(table['Open sky'], /^50\u00a0% \| of the hemisphere; 25\u00a0% cosine-weighted/);
+  assert.equal(rows({ ...answer, pixel: null, preset: 'fig1' }).find(([l]) => l === 'Material')[2], 'replaced by a Phong lobe');
   assert.ok(rows({ ...answer, point: null }).every(([label]) => label !== 'Normal'));
   assert.equal(materialWords({ name: 'pane', kind: 'glass', ior: 1.5 }), 'pane, glass, index of refraction 1.5');
 });
 
-test('figures have three digits that count', () => {
+test('numbers have three significant digits', () => {
   assert.deepEqual([0, 0.012345, 1.2345, 123.45, 123456, -0.5, 1.5e-7, NaN].map(figure),
     ['0', '0.0123', '1.23', '123', '1.23e+5', '−0.5', '1.50e−7', '–']);
 });
 
-test('a trace keeps three minutes, and the better picture of a frame', () => {
+test('a trace keeps three minutes, and the refined image of a frame', () => {
   const trace = new Trace();
   for (let s = 0; s <= 400; s++) trace.add(1000 * s, [s, s, s], s);
   assert.equal(trace.points[0].t, 220000);
@@ -133,6 +133,6 @@ test('a trace keeps three minutes, and the better picture of a frame', () => {
   trace.add(401000, [2, 2, 2], 400, true);
   const last = trace.points.slice(-2).map((p) => p.rgb[0]);
   assert.deepEqual(last, [400, 2]);
-  assert.match(plotWords(trace.points), /^Over 180 s its luminance went from 221 to 2, between 2 and 400 /);
+  assert.match(plotWords(trace.points), /^Over 180 s the luminance went from 221 to 2, between 2 and 400 /);
   assert.deepEqual([0, 0.013, 1, 1.1, 4.9, 7, 99].map(roundUp), [1, 0.02, 1, 2, 5, 10, 100]);
 });

@@ -1,17 +1,16 @@
-// A line between a page and a server that is slower and longer than loopback: bytes to the page pass a bottleneck of so
-// many a second, and both ways take so many milliseconds. What waits before the bottleneck is bounded, as in a router
-// with a small queue: the rest waits at the server, as TCP has it. As a program: relay.mjs TARGET_PORT BYTES_PER_SECOND
-// DELAY_MS.
+// A connection slower and longer than loopback: bytes to the page pass a bottleneck of so many per second, and both
+// directions have a delay. The queue before the bottleneck is bounded, as in a router with a small queue: the rest
+// waits at the server, by TCP. As a program: relay.mjs TARGET_PORT BYTES_PER_SECOND DELAY_MS.
 import { connect, createServer } from 'node:net';
 import { pathToFileURL } from 'node:url';
 
 const QUEUE_BYTES = 32768;
 const PIECE_BYTES = 1460;
 
-// One direction of a connection. `line` is shared by all of them: {bytesPerSecond, delayMs, frozen: a promise or null}.
+// One direction of a connection. All share `line`: {bytesPerSecond, delayMs, frozen: a promise or null}.
 function pump(from, to, line, limited) {
-  let free = 0; // when the bottleneck has let everything through
-  let waiting = 0; // bytes before it
+  let free = 0; // when the bottleneck is free again
+  let waiting = 0; // bytes queued before it
   let last = Promise.resolve();
   from.on('data', (data) => {
     for (let at = 0; at < data.length; at += PIECE_BYTES) {

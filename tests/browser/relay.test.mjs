@@ -1,5 +1,5 @@
-// The page behind a thin and a long line: what it shows stays new, and it goes on by itself. Times are printed, not
-// asserted, but for bounds that only a queue which grows could break. RELIGHT_PATTERN_SERVER names the server.
+// The page behind slow and long connections: images stay current, and it recovers by itself. Times are printed, not
+// asserted, except for bounds that only a growing queue would break. RELIGHT_PATTERN_SERVER names the server.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { beginTests, startServer, state, untilFrames, untilState } from './lib.mjs';
@@ -9,7 +9,7 @@ const chromium = await beginTests(['RELIGHT_PATTERN_SERVER']);
 const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
 const BUILT_IN = process.env.RELIGHT_H264 === 'ON';
 
-// The page notes of each picture that it draws when, its numbers, and how old it is: both ends are on one clock.
+// The page records time, numbers and age of each drawn image: both ends share one clock.
 const note = () => {
   window.drawn = [];
   window.relight.app.on('picture', ({ header, nowMs, bytes }) => window.drawn.push({
@@ -20,7 +20,7 @@ const note = () => {
 
 async function withRelay(args, line, query, body) {
   const server = await startServer(PATTERN, args);
-  const relay = await startRelay(server.port, {}); // the page itself comes quickly
+  const relay = await startRelay(server.port, {}); // the page itself loads fast
   const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
   const faults = [];
   page.on('pageerror', (error) => faults.push(String(error)));
@@ -28,7 +28,7 @@ async function withRelay(args, line, query, body) {
     await page.goto(`${relay.url}${query}`);
     await untilFrames(page, 5);
     relay.set(line);
-    await page.waitForTimeout(1500); // until what is under way was sent over this line
+    await page.waitForTimeout(1500); // until everything under way was sent over this connection
     await page.evaluate(note);
     await body(page, relay, server);
     assert.deepEqual(faults, []);
@@ -41,7 +41,7 @@ async function withRelay(args, line, query, body) {
 
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
 
-// {count, frameMs between two pictures, ageMs: medians; bytes of one}
+// {count, frameMs between two images, ageMs: medians; bytes of one}
 async function watch(page, ms) {
   await page.waitForTimeout(ms);
   const drawn = await page.evaluate(() => window.drawn.splice(0));
@@ -68,7 +68,7 @@ for (const [bytesPerSecond, delayMs] of [[1e6, 20], [4e5, 100]]) {
       const second = await watch(page, 5000);
       say('at first', first, delayMs);
       say('later', second, delayMs);
-      // A queue that grows is seconds long by now; one more picture, as a busy machine may cost, is not.
+      // A growing queue would be seconds long by now; one more image, as on a busy machine, is not.
       for (const { frameMs, ageMs } of [first, second])
         assert.ok(ageMs < 3 * frameMs + delayMs + 200, `${ageMs} ms old, a picture each ${frameMs} ms`);
       assert.ok(await page.evaluate(() => window.relight.status.skipped) > 0);
@@ -76,7 +76,7 @@ for (const [bytesPerSecond, delayMs] of [[1e6, 20], [4e5, 100]]) {
     }));
 }
 
-test('over a long thin line H.264 comes in an unbroken chain, and more often than JPEG', async (t) => {
+test('over a long slow connection H.264 arrives in an unbroken chain, and more often than JPEG', async (t) => {
   if (!BUILT_IN) {
     t.skip('no H.264 here');
     return;
@@ -102,7 +102,7 @@ for (const query of ['', '?coding=jpeg']) {
     withRelay(['--h264'], { bytesPerSecond: 1e7, delayMs: 10 }, query, async (page, relay) => {
       relay.freeze();
       await untilState(page, 'stalled');
-      assert.match(await page.textContent('#sentence'), /^Nothing has come from the server for \d+ s/);
+      assert.match(await page.textContent('#sentence'), /^Nothing received from the server for \d+ s/);
       relay.thaw();
       await untilState(page, 'live');
       await page.waitForTimeout(1000);
@@ -113,7 +113,7 @@ for (const query of ['', '?coding=jpeg']) {
     }));
 }
 
-test('a line that is cut is taken up again, in the same coding', () =>
+test('a broken connection is resumed in the same coding', () =>
   withRelay(['--h264'], { delayMs: 10 }, '', async (page, relay) => {
     const { format } = await watch(page, 1000);
     for (let i = 0; i < 2; i++) {

@@ -1,6 +1,5 @@
-// What the server lets the page do, and that the page needs no more: each of its parts is used while every violation of
-// the content security policy is listened for, in the window and in the worker.
-// RELIGHT_RELIGHTD names the server.
+// What the content security policy allows, and that the page needs no more: uses every part of the page and listens
+// for violations in window and worker. RELIGHT_RELIGHTD names the server.
 import assert from 'node:assert/strict';
 import { after, test } from 'node:test';
 import { beginTests, startServer, untilFrames, untilState } from './lib.mjs';
@@ -10,7 +9,7 @@ const server = await startServer(RELIGHT_RELIGHTD,
   ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:speed=0.5']);
 after(() => server.stop());
 
-// A page with `page.violations`: of the window by its event, of anything else by what the browser writes about it.
+// A page with `page.violations`: the window's events, and the browser's messages for everything else.
 async function openWatched(url) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 900 } });
   page.violations = [];
@@ -47,7 +46,7 @@ test('every part of the page works within the policy', async () => {
   await page.close();
 });
 
-test('a violation would have been heard, and is stopped', async () => {
+test('a violation would be detected, and is blocked', async () => {
   const page = await openWatched(server.url);
   await untilState(page, 'live');
   const done = await page.evaluate(async () => {
@@ -73,7 +72,7 @@ test('a violation would have been heard, and is stopped', async () => {
   await page.close();
 });
 
-test('what is served says what may be done with it', async () => {
+test('responses have restrictive headers', async () => {
   const page = await browser.newPage();
   const answers = new Map();
   page.on('response', (answer) => answers.set(new URL(answer.url()).pathname, answer.headers()));
@@ -93,14 +92,14 @@ test('what is served says what may be done with it', async () => {
   await page.close();
 });
 
-test('a token in the address stays with the page', async () => {
+test('a token in the address is never sent', async () => {
   const page = await browser.newPage();
   const asked = [];
   page.on('request', (request) => asked.push(`${request.url()} ${JSON.stringify(request.headers())}`));
   await page.goto(`${server.url}#token=a-secret-of-the-test`);
   await untilState(page, 'live');
   assert.ok(asked.length > 3);
-  // the browser's own protocol names the fragment of the page's address, which is not sent
+  // the browser's debugging protocol shows the page's fragment, which is not sent
   assert.deepEqual(asked.filter((line) => line.replace(`${server.url}#token=a-secret-of-the-test`, '').includes('secret')), []);
   assert.doesNotMatch(server.text(), /secret/);
   await page.close();

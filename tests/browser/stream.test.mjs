@@ -1,5 +1,5 @@
-// Any server that prints where it listens, seen in Chromium: are there pictures, do they move, do they look like a lit
-// scene? RELIGHT_STREAM_COMMAND is a JSON array, the program and its arguments; $RELIGHT_TEST_DATA in them is replaced.
+// Any server that prints its address, viewed in Chromium: do images arrive, move and look like a lit scene?
+// RELIGHT_STREAM_COMMAND is a JSON array of program and arguments; $RELIGHT_TEST_DATA in them is replaced.
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
 import {
@@ -20,7 +20,7 @@ after(async () => {
   await server?.stop();
 });
 
-// Mean brightness over rows [from, to) of the picture, 0..255.
+// Mean brightness over rows [from, to) of the image, 0..255.
 function meanOf({ width, height, data }, from, to) {
   let sum = 0;
   let count = 0;
@@ -36,14 +36,14 @@ function moved(a, b) {
   return count / (a.width * a.height);
 }
 
-// How many different brightnesses there are, as a share of 256: a flat or torn picture has few.
+// The number of different brightnesses, as a share of 256: a flat or torn image has few.
 function tones({ data }) {
   const seen = new Set();
   for (let i = 0; i < data.length; i += 4) seen.add(Math.round(brightness(data, i)));
   return seen.size / 256;
 }
 
-test('a lit scene comes, picture after picture, and moves', async () => {
+test('images of a lit scene arrive and move', async () => {
   const page = await openPage(chromium.browser, server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
@@ -65,7 +65,7 @@ test('a lit scene comes, picture after picture, and moves', async () => {
     const share = moved(pictures[0], last);
     console.log(`frames ${pictures[0].header.frame}..${last.header.frame}, ${last.width} x ${last.height}, mean brightness `
       + `${meanOf(last, 0, 1).toFixed(1)}, bands differ by ${range.toFixed(1)}, ${(share * 100).toFixed(1)} % moved`);
-    // numbers rise, or begin again where the sequence does; each picture is another
+    // numbers rise, or restart where the sequence does; each image is another
     assert.equal(new Set(pictures.map((p) => p.header.sequence)).size, pictures.length);
     assert.ok(new Set(pictures.map((p) => p.header.frame)).size >= pictures.length / 2, 'the sky frames do not advance');
     assert.ok(share > 0.01, `only ${(share * 100).toFixed(2)} % of the pixels changed`);
@@ -75,7 +75,7 @@ test('a lit scene comes, picture after picture, and moves', async () => {
   }
 });
 
-test('the page says what it shows and how fast', async () => {
+test('the page describes what it shows, and how fast', async () => {
   const page = await openPage(chromium.browser, server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 2, null, { timeout: 120000 });
@@ -91,7 +91,7 @@ test('the page says what it shows and how fast', async () => {
   }
 });
 
-test('a second viewer changes nothing for the first', async () => {
+test('a second viewer does not affect the first', async () => {
   const first = await openPage(chromium.browser, server.url);
   const second = await openPage(chromium.browser, server.url);
   try {
@@ -106,14 +106,14 @@ test('a second viewer changes nothing for the first', async () => {
   }
 });
 
-test('the page hears of it when the server goes', async () => {
+test('the page notices when the server exits', async () => {
   const page = await openPage(chromium.browser, server.url);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
     const { code, signal } = await server.stop();
     assert.ok(code === 0 && signal === null, `the server ended with ${code ?? signal}:\n${server.text()}`);
     await untilState(page, 'reconnecting');
-    assert.match(await sentence(page), /Trying again$/);
+    assert.match(await sentence(page), /Retrying$/);
   } finally {
     await page.close();
   }

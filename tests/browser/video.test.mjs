@@ -1,5 +1,5 @@
-// What the canvas holds, pixel by pixel, in both codings; and how the page changes from one to the other. pattern_server
-// dumps what it drew and what libjpeg-turbo makes of its own JPEG. RELIGHT_PATTERN_SERVER names that program.
+// The canvas pixel by pixel in both codings, and switching between them. pattern_server dumps what it drew and
+// libjpeg-turbo's decoding of its JPEG. RELIGHT_PATTERN_SERVER names that program.
 import assert from 'node:assert/strict';
 import { mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { tmpdir } from 'node:os';
@@ -11,10 +11,10 @@ import {
 
 const chromium = await beginTests(['RELIGHT_PATTERN_SERVER', 'RELIGHT_RELIGHTD']);
 const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
-const BUILT_IN = process.env.RELIGHT_H264 === 'ON'; // the server makes H.264
+const BUILT_IN = process.env.RELIGHT_H264 === 'ON'; // the server offers H.264
 
 let folder;
-let decodes; // the browser's own word
+let decodes; // the browser's own answer
 before(async () => {
   folder = mkdtempSync(join(tmpdir(), 'relight-video-'));
   const server = await startServer(PATTERN, []);
@@ -49,7 +49,7 @@ async function withPage(args, query, body, script) {
   }
 }
 
-// Stops the pictures, and gives the last one as the page shows it, as it was drawn and as libjpeg-turbo decodes it.
+// Stops the images, and returns the last one as displayed, as drawn and as decoded by libjpeg-turbo.
 let dumps = 0;
 async function lastPicture(page, server) {
   server.say('stop');
@@ -113,7 +113,7 @@ test('H.264 shows the same frames in the same colours as JPEG', async (t) => {
       const jpeg = { data: Buffer.alloc(shown.data.length) };
       for (let i = 0, j = 0; j < decoded.length; i += 4, j += 3) decoded.copy(jpeg.data, i, j, j + 3);
       console.log(`${args.join(' ')}: H.264 ${say(video)}; JPEG ${say(difference(jpeg.data, drawn))}`);
-      // Flat ground well inside a quarter, away from bar, edges and grain: the mean is the colour itself.
+      // Flat areas well inside a quarter, away from bar, edges and noise: the mean is the colour itself.
       const { width, height } = shown;
       const bar = (shown.header.frame * 8) % width;
       const near = (x) => [bar, bar - width].some((at) => x > at - 32 && x < at + 32);
@@ -131,13 +131,13 @@ test('H.264 shows the same frames in the same colours as JPEG', async (t) => {
         for (let c = 0; c < 3; c++)
           assert.ok(Math.abs(sums[c] - wants[c]) <= 3, `channel ${c} at ${x0}, ${y0}: ${sums[c].toFixed(1)} for ${wants[c].toFixed(1)}`);
       }
-      // Colour finer than 4:2:0 can hold costs both codings most of what they lose: grain, and edges in odd places.
+      // Colour finer than 4:2:0 is most of what both codings lose: noise, and edges at odd positions.
       assert.ok(video.psnr > (args.includes('--rough') ? 23 : 35), say(video));
     });
   }
 });
 
-test('the page says which coding comes, and ?coding=jpeg holds it to one', async () => {
+test('the page names the coding, and ?coding=jpeg forces one', async () => {
   for (const [query, want] of [['', expected()], ['?coding=jpeg', 'jpeg']]) {
     await withPage(BUILT_IN ? ['--h264'] : [], query, async (page) => {
       await untilState(page, 'live');
@@ -149,13 +149,13 @@ test('the page says which coding comes, and ?coding=jpeg holds it to one', async
   }
 });
 
-test('from a server that makes no H.264 comes JPEG', () =>
+test('a server without H.264 sends JPEG', () =>
   withPage([], '', async (page) => {
     await untilFrames(page, 3);
     assert.equal(await coding(page), 'jpeg');
   }));
 
-// What may be wrong with a browser. Without workers the page decodes by itself, where a test can reach the decoder.
+// Possible faults of a browser. Without workers the page decodes by itself, so that a test can reach the decoder.
 const inPage = 'delete window.Worker;';
 const broken = {
   'has no WebCodecs': `${inPage} delete window.VideoDecoder;`,
@@ -183,7 +183,7 @@ for (const [name, script] of Object.entries(broken)) {
       await untilFrames(page, 3);
       await page.evaluate(() => {
         window.darkest = 255;
-        window.cleared = 0; // a side that is set clears the canvas, also to what it was
+        window.cleared = 0; // setting a side clears the canvas, even to its old value
         new MutationObserver((changes) => { window.cleared += changes.length; })
           .observe(document.getElementById('picture'), { attributes: true, attributeFilter: ['width', 'height'] });
         window.watching = setInterval(() => {
@@ -206,7 +206,7 @@ for (const [name, script] of Object.entries(broken)) {
     }, script));
 }
 
-// What the page shows in Figures, in bits a second.
+// The bit rate that the Statistics panel shows.
 function shownBits(text) {
   const [, number, unit] = text.replaceAll('\u00a0', ' ').match(/^([\d.]+) ?(k|M|G)?bit\/s$/);
   return Number(number) * { k: 1e3, M: 1e6, G: 1e9 }[unit ?? ''];
@@ -222,15 +222,15 @@ for (const coding of ['h264', 'jpeg']) {
       ['--port', '0', '--size', '320x180', '--samples', '4', '--source', 'sky:speed=0.5', '--reseed', '--h264-mbit', '2']);
     const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
     try {
-      const arrived = []; // what comes over the line, as the browser itself tells it
+      const arrived = []; // received messages, as the browser reports them
       page.on('websocket', (socket) => socket.on('framereceived', ({ payload }) => {
         if (typeof payload !== 'string') arrived.push({ atMs: Date.now(), bits: 8 * payload.length });
       }));
-      await page.addInitScript('delete window.Worker;'); // whose sockets nobody is told of
+      await page.addInitScript('delete window.Worker;'); // the sockets of workers are not reported
       await page.goto(`${server.url}?rate=8&width=200${coding === 'jpeg' ? '&coding=jpeg' : ''}`);
       await untilFrames(page, 3);
       await untilState(page, 'live');
-      await page.waitForTimeout(3000); // what is shown is of the last seconds: the first picture, a key, is no longer in it
+      await page.waitForTimeout(3000); // the first image, a keyframe, is no longer included
       arrived.length = 0;
       const begunMs = Date.now();
       const shown = [];
@@ -247,7 +247,7 @@ for (const coding of ['h264', 'jpeg']) {
       const mean = shown.reduce((a, b) => a + b, 0) / shown.length;
       console.log(`${coding}: ${(bits / seconds / 1e3).toFixed()} kbit/s, shown as ${(mean / 1e3).toFixed()}`);
       assert.ok(Math.abs(mean / (bits / seconds) - 1) < 0.3, `${bits / seconds} shown as ${shown}`);
-      // half the sides and a quarter of the rate: a sixteenth of the two million, and a second's worth in reserve
+      // half the sides and a quarter of the rate: a sixteenth of the two million, with one second of buffer
       if (coding === 'h264') assert.ok(bits <= 1.1 * (2e6 / 16) * (seconds + 1), `${bits} bits`);
     } finally {
       await page.close();
@@ -261,7 +261,7 @@ const setHidden = (page, hidden) => page.evaluate((h) => {
   document.dispatchEvent(new Event('visibilitychange'));
 }, hidden);
 
-test('a tab that slept goes on with video at once, again and again', () =>
+test('a tab that slept resumes video at once, repeatedly', () =>
   withPage(BUILT_IN ? ['--h264'] : [], '', async (page) => {
     await untilFrames(page, 10);
     for (let i = 0; i < 3; i++) {
@@ -281,7 +281,7 @@ test('a tab that slept goes on with video at once, again and again', () =>
     }
   }));
 
-test('a server that was started again is found within seconds, with video', () =>
+test('a restarted server is found within seconds, with video', () =>
   withPage(BUILT_IN ? ['--h264'] : [], '', async (page, server) => {
     await untilFrames(page, 10);
     await server.stop();
@@ -300,9 +300,9 @@ test('a server that was started again is found within seconds, with video', () =
     }
   }));
 
-test('a page opened on a picture that stands still shows it', () =>
+test('a page opened on a still image shows it', () =>
   withPage(BUILT_IN ? ['--h264'] : [], '', async (first, server) => {
-    await untilFrames(first, 30); // more than the server keeps: whoever comes needs a key picture
+    await untilFrames(first, 30); // more than the server keeps: a new viewer needs a keyframe
     server.say('state ended');
     const { shown } = await lastPicture(first, server);
     const second = await openPage(chromium.browser, server.url);
@@ -325,7 +325,7 @@ function rgbOf(rgba) {
   return rgb;
 }
 
-test('a picture of another size goes on in the same coding', () =>
+test('an image of a new size continues in the same coding', () =>
   withPage(BUILT_IN ? ['--h264'] : [], '', async (page, server) => {
     await untilFrames(page, 5);
     for (const [width, height] of [[640, 352], [273, 481], [320, 184]]) {
@@ -338,7 +338,7 @@ test('a picture of another size goes on in the same coding', () =>
     }
   }));
 
-test('a page that draws nothing for a while is at the newest picture soon after, in an unbroken chain', () =>
+test('a page that draws nothing for a while is soon at the newest image, in an unbroken chain', () =>
   withPage(['--fps', '60', ...(BUILT_IN ? ['--h264'] : [])], '', async (page) => {
     await untilFrames(page, 3);
     const before = await page.evaluate(() => {

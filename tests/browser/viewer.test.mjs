@@ -1,5 +1,5 @@
-// The viewer page in Chromium on pictures whose every pixel is known: pattern_server.c says what they show.
-// RELIGHT_PATTERN_SERVER names that program.
+// The page in Chromium on images whose every pixel is known, drawn by pattern_server.c. RELIGHT_PATTERN_SERVER names
+// that program.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import {
@@ -9,7 +9,7 @@ import {
 const chromium = await beginTests(['RELIGHT_PATTERN_SERVER']);
 const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
 
-// Runs `body` with a server and a page on it, and ends both.
+// Runs `body` with a server and a page on it, and closes both.
 async function withPage(args, body, options) {
   const server = await startServer(PATTERN, args);
   const page = await openPage(chromium.browser, server.url, options);
@@ -38,7 +38,7 @@ function compare({ width, height, data, header }) {
   for (let y = 4; y < height - 4; y += 3) {
     for (let x = 4; x < width - 4; x += 3) {
       const want = wanted(header.frame, x, y, width, height);
-      // a block of 8 x 8 that has an edge in it is left out
+      // skip 8 x 8 blocks that contain an edge
       const bx = x & ~7;
       const by = y & ~7;
       const flat = [[bx, by], [bx + 7, by], [bx, by + 7], [bx + 7, by + 7]].every(([cx, cy]) =>
@@ -52,7 +52,7 @@ function compare({ width, height, data, header }) {
   return worst;
 }
 
-test('every pixel is where it belongs and of the right colour, in picture after picture', () =>
+test('every pixel has its position and colour, in image after image', () =>
   withPage(['--size', '320x180', '--fps', '20'], async (page) => {
     await untilState(page, 'live');
     const frames = new Set();
@@ -68,7 +68,7 @@ test('every pixel is where it belongs and of the right colour, in picture after 
     assert.equal(frames.size, 6); // it moved
   }));
 
-test('the canvas follows the size of the picture', () =>
+test('the canvas follows the size of the image', () =>
   withPage(['--size', '320x184'], async (page, server) => {
     await untilState(page, 'live');
     for (const size of ['640x352', '272x480', '320x184']) {
@@ -82,7 +82,7 @@ test('the canvas follows the size of the picture', () =>
     }
   }));
 
-test('each state of the source has its sentence, before the first picture and after', () =>
+test('each state of the source has its sentence, before the first image and after', () =>
   withPage(['--quiet'], async (page, server) => {
     await untilState(page, 'waiting');
     assert.match(await sentence(page), /^Waiting for a sky/);
@@ -96,24 +96,24 @@ test('each state of the source has its sentence, before the first picture and af
     assert.ok(!(await page.isVisible('#veil')));
     server.say('fail sky.0012.exr: byte 4711: torn');
     await untilState(page, 'failed');
-    assert.equal(await sentence(page), 'A sky frame could not be used: sky.0012.exr: byte 4711: torn. The last picture stays.');
+    assert.equal(await sentence(page), 'A sky frame could not be used: sky.0012.exr: byte 4711: torn. The last image stays on screen.');
     assert.ok(await page.isVisible('#notice'));
     await page.waitForFunction(() => document.getElementById('refusal').textContent.includes('sky.0012.exr'));
     server.say('state ended');
     await untilState(page, 'ended');
-    assert.match(await sentence(page), /has ended\. The last picture stays/);
+    assert.match(await sentence(page), /has ended\. The last image stays/);
     server.say('state paused');
     await untilState(page, 'paused');
     assert.match(await sentence(page), /paused/);
     server.say('state live');
     server.say('stop');
     await untilState(page, 'stalled');
-    assert.match(await sentence(page), /no picture has come for \d+ s/);
+    assert.match(await sentence(page), /has sent no image for \d+ s/);
     server.say('go');
     await untilState(page, 'live');
   }));
 
-test('the page says what it shows, with figures that move', () =>
+test('the page describes what it shows, with live statistics', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
     await untilFrames(page, 40);
@@ -131,20 +131,20 @@ test('the page says what it shows, with figures that move', () =>
     const before = Number(await page.textContent('#frame'));
     await untilFrames(page, 10);
     await page.waitForFunction((n) => Number(document.getElementById('frame').textContent) > n, before);
-    // capture to display cannot be negative nor absurd on one machine
+    // capture to display cannot be negative or absurd on one machine
     const latency = await page.evaluate(() => window.relight.latencyMs);
     assert.ok(latency >= 0 && latency < 5000, `${latency} ms`);
   }));
 
-test('a server that comes back is found again, with its new session', () =>
+test('a restarted server is found again, with its new session', () =>
   withPage(['--fps', '20'], async (page, server) => {
     await untilState(page, 'live');
     await untilFrames(page, 10);
     await server.stop();
     await untilState(page, 'reconnecting');
-    assert.match(await sentence(page), /The last picture stays\. Trying again$/);
+    assert.match(await sentence(page), /The last image stays on screen\. Retrying$/);
     assert.ok(await page.isVisible('#notice button'));
-    assert.ok(compare(await readback(page)) <= 4); // it does stay
+    assert.ok(compare(await readback(page)) <= 4); // the image stays
     const again = await startServer(PATTERN, ['--port', server.port, '--fps', '20']);
     try {
       await untilState(page, 'live');
@@ -156,7 +156,7 @@ test('a server that comes back is found again, with its new session', () =>
     }
   }));
 
-test('a server that freezes is noticed', () =>
+test('a frozen server is noticed', () =>
   withPage([], async (page, server) => {
     await untilState(page, 'live');
     server.kill('SIGSTOP');
@@ -167,33 +167,33 @@ test('a server that freezes is noticed', () =>
     await untilFrames(page, 3);
   }));
 
-// Headless Chromium has no hidden tabs; the page is told that it is one.
+// Headless Chromium has no hidden tabs; the page is made to believe that it is one.
 const setHidden = (page, hidden) => page.evaluate((h) => {
   Object.defineProperty(document, 'visibilityState', { value: h ? 'hidden' : 'visible', configurable: true });
   document.dispatchEvent(new Event('visibilitychange'));
 }, hidden);
 
-test('a hidden page takes no pictures and a seen one goes on at once', () =>
+test('a hidden page receives no images and a visible one resumes at once', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
     await untilFrames(page, 3);
     await setHidden(page, true);
     await untilState(page, 'paused');
     assert.match(await sentence(page), /hidden/);
-    await page.waitForTimeout(500); // what was under way has arrived
+    await page.waitForTimeout(500); // everything under way has arrived
     const frames = await page.evaluate(() => window.relight.frames);
     await page.waitForTimeout(1500);
     assert.equal(await page.evaluate(() => window.relight.frames), frames);
     await setHidden(page, false);
     await untilState(page, 'live');
     await untilFrames(page, 3);
-    // late, repeated and crossing events end where the last one says
+    // late, repeated and crossing events end in the last one's state
     for (const hidden of [true, false, true, true, false]) await setHidden(page, hidden);
     await untilState(page, 'live');
     await untilFrames(page, 3);
   }));
 
-test('a page that draws nothing holds two pictures and no more, and then gets the newest', () =>
+test('a page that draws nothing holds two images and no more, and then gets the newest', () =>
   withPage(['--fps', '60'], async (page) => {
     await untilFrames(page, 3);
     const before = await page.evaluate(() => {
@@ -207,30 +207,30 @@ test('a page that draws nothing holds two pictures and no more, and then gets th
       window.held?.();
       return window.relight.lastHeader.sequence;
     });
-    assert.ok(after - before <= 4, `${after - before}`); // what was under way, not the two seconds
+    assert.ok(after - before <= 4, `${after - before}`); // images under way, not those of two seconds
     await page.waitForFunction((n) => window.relight.lastHeader.sequence > n + 60, before);
     await untilState(page, 'live');
   }));
 
-test('keys and buttons do what they say', () =>
+test('keys and buttons work', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
-    // by keyboard alone: every button is reached in turn and shows that it is
+    // by keyboard alone: every button is reached in order and shows its focus
     const names = [];
     for (let i = 0; i < 7; i++) {
       await page.keyboard.press('Tab');
       names.push(await page.evaluate(() => document.activeElement.getAttribute('aria-label')));
       assert.notEqual(await page.evaluate(() => getComputedStyle(document.activeElement).outlineStyle), 'none');
     }
-    assert.deepEqual(names, ['Save the picture as PNG', 'Save the numbers as EXR', 'Keep this picture and compare',
-      'Panels', 'Dark or light', 'Keys and help', 'Full screen']);
+    assert.deepEqual(names, ['Save the image as PNG', 'Save the linear image as EXR', 'Keep this image and compare',
+      'Panels', 'Dark or light page', 'Help and keys', 'Full screen']);
     assert.ok(await page.isVisible('#fps'));
     await page.keyboard.press('i');
     assert.ok(!(await page.isVisible('#panels')));
     assert.equal(await page.getAttribute('#panels-button', 'aria-pressed'), 'false');
     await page.click('#panels-button');
     assert.ok(await page.isVisible('#fps'));
-    await page.click('#figures summary'); // each panel folds by itself, and stays so
+    await page.click('#figures summary'); // each panel folds separately, and stays so
     assert.ok(!(await page.isVisible('#fps')));
     await page.waitForFunction(() => Object.values(JSON.parse(localStorage.getItem('relight.folded') ?? '{}')).includes(false));
     await page.reload();
@@ -251,14 +251,14 @@ test('keys and buttons do what they say', () =>
     await page.waitForFunction(() => !document.fullscreenElement);
   }));
 
-test('help lists every key, and one may look without acting', () =>
+test('help lists every key, and blocks the page behind it', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
     await page.keyboard.press('?');
     const rows = await page.$$eval('#help tr', (all) => all.map((row) => row.textContent));
     assert.equal(rows.length, await page.evaluate(() => window.relight.app.rows));
     assert.ok(rows.some((row) => row.startsWith('F') && /full screen/i.test(row)), rows.join('; '));
-    await page.keyboard.press('i'); // behind the overlay nothing happens
+    await page.keyboard.press('i'); // nothing happens behind the overlay
     assert.ok(!(await page.evaluate(() => document.body.classList.contains('plain'))));
     await page.keyboard.press('?');
     assert.ok(!(await page.isVisible('#help')));
@@ -267,7 +267,7 @@ test('help lists every key, and one may look without acting', () =>
     assert.ok(!(await page.isVisible('#help')));
   }));
 
-test('dark and light are those of the system until a person says otherwise', async () => {
+test('the theme is the system’s until the user chooses', async () => {
   const server = await startServer(PATTERN, []);
   const ground = (page) => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
   const page = await chromium.browser.newPage({ colorScheme: 'light' });
@@ -292,7 +292,7 @@ test('dark and light are those of the system until a person says otherwise', asy
   }
 });
 
-test('nothing sticks out at any width, in any state', async () => {
+test('nothing overflows at any width, in any state', async () => {
   for (const [width, height] of [[320, 640], [390, 844], [844, 390], [1280, 720], [1920, 1080]]) {
     await withPage(['--quiet'], async (page, server) => {
       const fits = () => page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth);
@@ -312,7 +312,7 @@ test('nothing sticks out at any width, in any state', async () => {
   }
 });
 
-test('on a phone held upright the button brings the panels in, and then hides them; the picture stays in sight', () =>
+test('on an upright phone the button scrolls to the panels, then hides them; the image stays in sight', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
     await untilFrames(page, 1);
@@ -326,7 +326,7 @@ test('on a phone held upright the button brings the panels in, and then hides th
     assert.ok(!(await page.isVisible('#panels')));
   }, { width: 390, height: 844 }));
 
-test('what the keyboard comes to is not behind the picture that stays at the top', () =>
+test('keyboard focus is never behind the image at the top', () =>
   withPage([], async (page) => {
     await untilState(page, 'live');
     await untilFrames(page, 1);
@@ -345,7 +345,7 @@ test('what the keyboard comes to is not behind the picture that stays at the top
     assert.ok(below > 40, `${below} looked at`);
   }, { width: 390, height: 844 }));
 
-test('a slow round trip keeps within its tile', async () => {
+test('a slow round trip fits its tile', async () => {
   for (const [width, height] of [[320, 640], [390, 844], [640, 900]]) {
     await withPage([], async (page) => {
       await untilState(page, 'live');
@@ -362,7 +362,7 @@ test('a slow round trip keeps within its tile', async () => {
 });
 
 // Relative luminance and contrast as WCAG 2 defines them.
-test('all text is told from its ground by at least 4.5 to 1', () =>
+test('all text has a contrast of at least 4.5 to 1', () =>
   withPage([], async (page, server) => {
     await untilState(page, 'live');
     server.say('fail torn');
@@ -389,12 +389,12 @@ test('all text is told from its ground by at least 4.5 to 1', () =>
       return found;
     });
     assert.deepEqual(poor, []);
-    // and those who do not see are told
+    // and screen readers get a description
     assert.equal(await page.getAttribute('#sentence', 'aria-live'), 'polite');
     assert.match(await page.getAttribute('#picture', 'aria-label'), /^A test pattern under/);
   }));
 
-test('without workers the page itself does their work', async () => {
+test('without workers the page itself decodes', async () => {
   const server = await startServer(PATTERN, ['--fps', '20']);
   const page = await chromium.browser.newPage();
   try {

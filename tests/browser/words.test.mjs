@@ -1,4 +1,4 @@
-// The page's words and figures: pure functions, no browser.
+// The page's texts and numbers: pure functions, no browser.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
@@ -8,7 +8,7 @@ import {
 
 const STATES = ['connecting', 'waiting', 'live', 'paused', 'ended', 'failed', 'stalled', 'reconnecting', 'refused'];
 
-test('one sentence says what is seen', () => {
+test('one sentence describes what is shown', () => {
   const status = {
     scene: 'the built-in scene', sky: 'a computed sky', method: 'mis', samples: 64, width: 640, height: 360,
   };
@@ -22,7 +22,7 @@ test('one sentence says what is seen', () => {
   assert.equal(describe(null), '');
 });
 
-test('every state has a word and a sentence, with a picture and without', () => {
+test('every state has a word and a sentence, with an image and without', () => {
   for (const name of STATES)
     for (const seen of [false, true]) {
       const said = stateSentence({ name, detail: 'Because.', seconds: 3 }, seen);
@@ -32,50 +32,50 @@ test('every state has a word and a sentence, with a picture and without', () => 
     }
 });
 
-test('a stall says whether anything is heard at all', () => {
-  assert.match(stateSentence({ name: 'stalled', silent: false, seconds: 4 }, true), /^The server answers, but no picture .* 4 s/);
-  assert.match(stateSentence({ name: 'stalled', silent: true, seconds: 4 }, true), /^Nothing has come from the server for 4 s/);
+test('a stall tells silence from missing images', () => {
+  assert.match(stateSentence({ name: 'stalled', silent: false, seconds: 4 }, true), /^The server answers, but has sent no image for 4 s/);
+  assert.match(stateSentence({ name: 'stalled', silent: true, seconds: 4 }, true), /^Nothing received from the server for 4 s/);
 });
 
-test('a sky that stands still is told from one that has ended, and its picture from one that is done', () => {
+test('a still sky differs from one that has ended, and a refining image from a converged one', () => {
   const told = [
-    [{ name: 'ended', made: true }, false, 'The sky stands still. Its picture is on its way.'],
-    [{ name: 'ended', made: false }, false, 'The sky sequence has ended before a picture was made.'],
-    [{ name: 'ended', made: true }, true, 'The sky sequence has ended. The last picture stays.'],
-    [{ name: 'ended', made: true, still: 'better' }, true, 'The sky stands still, and its picture is getting better.'],
-    [{ name: 'ended', made: true, still: 'done' }, true, 'The sky stands still, and its picture is done.'],
-    [{ name: 'ended', made: true, still: 'better' }, false, 'The sky stands still. Its picture is on its way.'],
-    [{ name: 'paused', made: true }, false, 'The sky is paused. Its picture is on its way.'],
-    [{ name: 'paused', made: true }, true, 'The sky is paused. The last picture stays.'],
-    [{ name: 'paused', made: true, still: 'better' }, true, 'The sky is paused, and its picture is getting better.'],
-    [{ name: 'paused', made: true, still: 'done' }, true, 'The sky is paused, and its picture is done.'],
+    [{ name: 'ended', made: true }, false, 'The sky stands still. Waiting for its image.'],
+    [{ name: 'ended', made: false }, false, 'The sky sequence ended before an image was made.'],
+    [{ name: 'ended', made: true }, true, 'The sky sequence has ended. The last image stays on screen.'],
+    [{ name: 'ended', made: true, still: 'better' }, true, 'The sky stands still, and its image is being refined.'],
+    [{ name: 'ended', made: true, still: 'done' }, true, 'The sky stands still, and its image has converged.'],
+    [{ name: 'ended', made: true, still: 'better' }, false, 'The sky stands still. Waiting for its image.'],
+    [{ name: 'paused', made: true }, false, 'The sky is paused. Waiting for its image.'],
+    [{ name: 'paused', made: true }, true, 'The sky is paused. The last image stays on screen.'],
+    [{ name: 'paused', made: true, still: 'better' }, true, 'The sky is paused, and its image is being refined.'],
+    [{ name: 'paused', made: true, still: 'done' }, true, 'The sky is paused, and its image has converged.'],
     [{ name: 'paused', detail: 'hidden' }, true, 'Paused while this page is hidden.'],
-    [{ name: 'live', still: 'better' }, true, 'Live. The sky stands still, and its picture is getting better.'],
-    [{ name: 'live', still: 'idle' }, true, 'Live. No new sky has come for a while.'],
-    [{ name: 'live' }, false, 'The first picture is on its way.'],
-    [{ name: 'connecting', detail: 'picture' }, false, 'Connected. The first picture is on its way.'],
+    [{ name: 'live', still: 'better' }, true, 'Live. The sky stands still, and its image is being refined.'],
+    [{ name: 'live', still: 'idle' }, true, 'Live. No new sky for a while.'],
+    [{ name: 'live' }, false, 'Waiting for the first image.'],
+    [{ name: 'connecting', detail: 'picture' }, false, 'Connected. Waiting for the first image.'],
   ];
   for (const [state, seen, want] of told) assert.equal(stateSentence(state, seen), want);
   assert.equal(stateWord({ name: 'ended' }), 'Ended');
-  assert.equal(stateWord({ name: 'ended', still: 'better' }), 'Getting better');
-  assert.equal(stateWord({ name: 'ended', still: 'done' }), 'Done');
+  assert.equal(stateWord({ name: 'ended', still: 'better' }), 'Refining');
+  assert.equal(stateWord({ name: 'ended', still: 'done' }), 'Converged');
 });
 
-test('a coding has a name', () => {
+test('codings have display names', () => {
   assert.deepEqual(['jpeg', 'h264', undefined].map(codingName), ['JPEG', 'H.264', '']);
 });
 
-test('a reason is passed on', () => {
+test('sentences include the reason', () => {
   assert.equal(stateSentence({ name: 'failed', detail: 'a.exr: byte 3: torn' }, true),
-    'A sky frame could not be used: a.exr: byte 3: torn. The last picture stays.');
+    'A sky frame could not be used: a.exr: byte 3: torn. The last image stays on screen.');
   assert.match(stateSentence({ name: 'waiting', detail: 'no file matches sky/*.exr' }, false), /no file matches/);
 });
 
-test('the folders of a server are not shown', () => {
+test('folders of the server are not shown', () => {
   const told = [
     ['/srv/sky data/sky.0012.exr: byte 3: torn', 'sky.0012.exr: byte 3: torn'],
     ['skies/a.exr: Input/output error', 'a.exr: Input/output error'],
-    ['watch:/srv/skies: the folder is gone', 'watch:skies: the folder is gone'],
+    ['watch:/srv/skies: the folder was removed', 'watch:skies: the folder was removed'],
     ["cannot open '/srv/a/b.exr' for (../c/d.hdr)", "cannot open 'b.exr' for (d.hdr)"],
     ['a half/float mix at http://host/path', 'a half/float mix at http://host/path'],
     ['sky.0012.exr: torn', 'sky.0012.exr: torn'],
@@ -87,21 +87,21 @@ test('the folders of a server are not shown', () => {
   assert.match(stateSentence({ name: 'waiting', detail: '/srv/a.exr: torn' }, true), /sky: a\.exr: torn/);
 });
 
-test('the sun stands where it is said to stand', () => {
+test('the sun sentence gives time, elevation and direction', () => {
   assert.equal(sunSentence({ time: '14:35', sun: { elevation: 31.6, azimuth: 225 } }), '14:35 solar time, sun 32° high in the south-west');
   assert.equal(sunSentence({ sun: null, time: '14:35' }), '14:35 solar time');
   assert.equal(sunSentence({ sun: { elevation: -4, azimuth: -10 } }), 'sun 4° below the horizon in the north');
   assert.equal(sunSentence({ sun: null, time: '' }), '');
 });
 
-test('the light in the picture is named with its noise and with what is left out', () => {
+test('the light sentence gives noise, progress and what was left out', () => {
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0004 }), 'Light: direct light. Noise about 2.0 %.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, computed: 0.439 }),
-    'Light: direct light. Light transport: 43 % computed.');
+    'Light: direct light. Light-transport cache: 43 % computed.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: false }),
-    'Light: direct light. Noise about 1.0 %. Standing still: 120 passes, getting better.');
+    'Light: direct light. Noise about 1.0 %. Still sky: 120 passes, refining.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: true }),
-    'Light: direct light. Noise about 1.0 %. Standing still: 120 passes, done.');
+    'Light: direct light. Noise about 1.0 %. Still sky: 120 passes, converged.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, passes: null, converged: null }), 'Light: direct light.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: 'caustics: not asked for', error: null }),
     'Light: direct light. Left out: caustics: not asked for.');
@@ -110,7 +110,7 @@ test('the light in the picture is named with its noise and with what is left out
   assert.equal(lightSentence(undefined), '');
 });
 
-test('figures are written so that they can be read', () => {
+test('numbers are readable', () => {
   assert.equal(milliseconds(1.234), '1.2 ms');
   assert.equal(milliseconds(9.97), '10 ms');
   assert.equal(milliseconds(2044), '2.0 s');
@@ -119,7 +119,7 @@ test('figures are written so that they can be read', () => {
   assert.equal(bitsPerSecond(0), '–');
 });
 
-test('a rate is that of the last seconds and falls when nothing comes', () => {
+test('a rate covers the last seconds and falls in silence', () => {
   const rate = new Rate(2000);
   assert.equal(rate.perSecond(0), 0);
   for (let t = 0; t <= 5000; t += 40) rate.add(t, 1000);
@@ -129,22 +129,22 @@ test('a rate is that of the last seconds and falls when nothing comes', () => {
   assert.equal(rate.perSecond(9000), 0);
 });
 
-test('a median is of the last values only', () => {
+test('a median covers the last values only', () => {
   const recent = new Recent(3);
   assert.ok(Number.isNaN(recent.median()));
   for (const value of [100, 100, 1, 3, 2]) recent.add(value);
   assert.equal(recent.median(), 2);
 });
 
-test('the clock of the shortest trip is believed, and its error is bounded', () => {
+test('the clock uses the shortest trip and bounds its error', () => {
   const clock = new ServerClock(20);
   const ahead = 1_000_000; // the server's clock is a second ahead
-  // there and back in lopsided, varying times
+  // asymmetric, varying trip times
   for (const [there, back] of [[5000, 90000], [400, 600], [70000, 1000], [3000, 3000]])
     clock.add(0, there + ahead, there + back);
   assert.equal(clock.rttUs, 6000);
   assert.ok(Math.abs(clock.offsetUs - ahead) <= clock.uncertaintyUs);
   assert.equal(clock.uncertaintyUs, 500);
-  clock.add(10, 5, 0); // a clock that stepped back says nothing
+  clock.add(10, 5, 0); // a clock that stepped back is ignored
   assert.equal(clock.rttUs, 6000);
 });

@@ -1,6 +1,6 @@
 #!/bin/bash
-# style.sh and references.sh are trusted because they were seen to fail: each planted fault must be named, and a clean
-# tree must pass.
+# style.sh, prototypes.py, rooms.sh and references.sh are trusted because they were seen to fail: each planted fault must be
+# named, and a clean tree must pass.
 set -euo pipefail
 style="$(dirname "$(readlink -f "$0")")/style.sh"
 tree="$(mktemp -d)"
@@ -8,11 +8,11 @@ trap 'rm -rf "$tree"' EXIT
 
 plant() { # FILE, text: a file of that content in an otherwise clean tree
     rm -rf "${tree:?}"/*
-    mkdir -p "$tree/server/base" "$tree/server/env" "$tree/server/shade" "$tree/server/stream" "$tree/clients"
+    mkdir -p "$tree/server/base" "$tree/server/env" "$tree/server/estimators" "$tree/server/stream" "$tree/clients"
     echo '/* base */' >"$tree/server/base/vec.h"
     echo '/* env */' >"$tree/server/env/cube.h"
     echo '/* stream */' >"$tree/server/stream/viewer.h"
-    printf '#include "cube.h"\n\n#include "vec.h"\n' >"$tree/server/shade/direct.c"
+    printf '#include "env/cube.h"\n\n#include "base/vec.h"\n' >"$tree/server/estimators/direct.c"
     mkdir -p "$(dirname "$tree/$1")"
     printf '%s\n' "$2" >"$tree/$1"
 }
@@ -52,24 +52,62 @@ plant server/base/a.h 'typedef struct a { int b; } a;'
 expect 'server/base/a.h:1: typedef'
 plant server/base/a.c '/* TO''DO later */'
 expect 'unfinished'
-plant server/shade/a.c '#include <embree3/rtcore.h>'
-expect 'server/shade/a.c:1: Embree outside'
+plant server/estimators/a.c '#include <embree3/rtcore.h>'
+expect 'server/estimators/a.c:1: Embree outside'
 plant server/film/a.c '#include <libwebsockets.h>'
 expect 'libwebsockets outside'
 plant clients/feed/a.c '#include <libwebsockets.h>'
 expect 'clients/feed/a.c:1: libwebsockets outside'
-plant server/shade/a.c '#include <time.h>'
-expect 'shade knows no socket, file or clock'
-plant server/shade/a.c '#include "viewer.h"'
-expect 'server/shade/a.c:1: shade may not include "viewer.h" of  stream'
-plant server/env/a.c '#include "nowhere.h"'
-expect 'of nobody'
+plant server/estimators/a.c '#include <time.h>'
+expect 'the mathematics knows no socket, file or clock'
 plant docs/a.md "see /ho""me/someone/notes"
 expect 'docs/a.md:1: path of one machine'
 plant package-lock.json '"resolved": "https://registry.example.org/a.tgz"'
 expect 'host of a package registry'
+plant server/base/a.c '/* Told by whom it is held. */'
+expect 'server/base/a.c:1: "by whom" is not plain English'
+plant docs/a.md 'Who needs that gives `--samples`.'
+expect 'docs/a.md:1: "Who needs" is not plain English'
 
-style="$(dirname "$style")/references.sh"
+checks="$(dirname "$style")"
+prototypes() { # TREE
+    /usr/bin/python3 -B "$checks/prototypes.py" "$1"
+}
+style=prototypes
+plant server/base/a.h "$(printf '/* Thread: any. */\n\n/* Adds. */\nint a(int b);\nvoid c(int d,\n       int e); /* beside */\n')"
+"$style" "$tree"
+plant server/base/a.h "$(printf '/* Thread: any. */\n\n/* Adds. */\nint a(int b);\n\nvoid c(int d,\n       int e);\n')"
+expect 'server/base/a.h:6: c has no comment'
+plant server/base/a.h "$(printf '/* Adds. */\nint a(int b);\n')"
+expect 'server/base/a.h:1: does not say which threads'
+style="$checks/rooms.sh"
+rooms_tree() { # FILE, text: the same, with a table of its rooms
+    plant "$1" "$2"
+    printf 'base | - | all\nenv | base | skies\nestimators | base env | light\nstream | base | network\n' >"$tree/server/rooms.txt"
+    for room in base env estimators stream; do
+        echo "# $room" >"$tree/server/$room/README.md"
+    done
+    mkdir -p "$tree/docs"
+    printf '<!-- rooms -->\n<!-- end -->\n' >"$tree/docs/rooms.md"
+    "$checks/rooms.sh" "$tree" --write
+}
+rooms_tree README.md 'clean'
+"$style" "$tree"
+rooms_tree server/estimators/a.c '#include "stream/viewer.h"'
+expect 'server/estimators/a.c:1: estimators may not include "stream/viewer.h"'
+rooms_tree server/env/a.c '#include "base/nowhere.h"'
+expect 'names no room and header'
+rooms_tree server/env/a.c '#include "cube.h"'
+expect 'server/env/a.c:1: "cube.h" names no room and header'
+rooms_tree server/cellar/a.c 'int a;'
+expect 'server/cellar: is not in server/rooms.txt'
+rooms_tree server/env/a.c "$(lines 7001)"
+expect 'lines, at most 7000'
+rooms_tree README.md 'clean'
+sed -i 's/| skies |/| clouds |/' "$tree/docs/rooms.md"
+expect 'docs/rooms.md: does not show'
+
+style="$checks/references.sh"
 plant docs/REFERENCES.md '- [Known 1999] A. Known, "A Title", 1999.'
 mkdir -p "$tree/protocol"
 echo '/* [Known 1999, Eq. 1] and a [link](a.md) */ int a[LENGTH + 2000];' >"$tree/server/base/a.c"

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""What the systemd unit forbids, held to what relightd does: its system calls, kinds of sockets and kinds of memory, as
-strace(1) sees them, are among those that are left."""
+"""The systemd unit's restrictions against relightd's behaviour: its system calls, socket families and memory
+mappings, as observed by strace(1), are all allowed."""
 
 import asyncio
 import re
@@ -20,7 +20,7 @@ def settings(name):
 
 
 def groups():
-    """systemd's sets of system calls by name, sets within sets resolved."""
+    """systemd's named sets of system calls, with nested sets resolved."""
     if not shutil.which("systemd-analyze"):
         skip("no systemd-analyze here")
     sets, name = {}, None
@@ -36,7 +36,7 @@ def groups():
 
 
 async def trace(folder, until, *arguments):
-    """The lines of strace over a start, what `until` does with its address or waits for in its log, and an end."""
+    """The lines of strace over a start, `until` (a function of its address, or a text in its log), and a shutdown."""
     if not shutil.which("strace"):
         skip("no strace here")
     process = await asyncio.create_subprocess_exec(
@@ -61,11 +61,11 @@ async def trace(folder, until, *arguments):
 
 
 def hold(lines):
-    """To what the unit allows."""
+    """Checks that the unit allows them."""
     sets = groups()
     filters = settings("SystemCallFilter")
-    check(filters == ["@system-service", "~@privileged"], f"another filter than is known here: {filters}")
-    allowed = (sets["@system-service"] | sets["@default"]) - sets["@privileged"]
+    check(filters == ["@system-service seccomp", "~@privileged"], f"another filter than is known here: {filters}")
+    allowed = (sets["@system-service"] | sets["@default"] | {"seccomp"}) - sets["@privileged"]
     made = {m.group(1) for line in lines if (m := re.match(r"\d+ +([a-z_0-9]+)\(", line))}
     check({"socket", "listen", "futex"} <= made, f"what was traced? {made}")
     check(made <= allowed, f"forbidden, and made: {made - allowed}")

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The package on a machine that has nothing but Debian: a system made by debootstrap in a folder, into which apt installs the
-# package with what it depends on, and where relightd serves a picture. Wants to be root and a mirror of Debian's packages, the
-# one that this machine itself uses. RELIGHT_CHROOT keeps the bare system from run to run.
+# The package on a bare Debian: a debootstrap system in a folder, into which apt installs the package with its
+# dependencies, and where relightd serves an image. Needs root and the machine's own Debian mirror. RELIGHT_CHROOT
+# keeps the bare system between runs.
 . "$(dirname "$0")/../integration/lib.sh"
 packed=${RELIGHT_PACKED:?the folder of the package}
 tools=${RELIGHT_TOOLS:-/nonexistent}
@@ -32,7 +32,7 @@ make_base() {
     touch "$base/.made"
 }
 
-# Each of these programs becomes the next, so that a signal to the first reaches the last.
+# Each of these programs replaces itself by the next, so that a signal reaches the last.
 within=(env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root DEBIAN_FRONTEND=noninteractive ${http_proxy:+http_proxy=$http_proxy}
     chroot "$root")
 inside() {
@@ -54,7 +54,7 @@ it_installs_and_serves_in_a_clean_system() {
     [ ! -s "$work/log" ] || { cat "$work/log"; fail "dpkg --audit"; }
     inside relightd --check-config --config /etc/relightd/relightd.json || fail "the example configuration"
 
-    # As the unit does: nobody in particular, with a folder of its own.
+    # Like the unit: an unprivileged user with its own folder.
     inside install -d -o nobody -m 700 /var/lib/relightd
     : >"$work/daemon"
     "${within[@]}" setpriv --reuid nobody --regid nogroup --clear-groups --no-new-privs env XDG_CACHE_HOME=/var/lib/relightd \
@@ -75,7 +75,7 @@ it_installs_and_serves_in_a_clean_system() {
     wait "$pid" || code=$?
     [ "$code" = 0 ] || { cat "$work/daemon"; fail "exit code $code"; }
 
-    # The tools, too: every library of every program is there.
+    # The tools, too: every library of every program is present.
     inside relight-render --size 32x18 --samples 1 --frames 0-0 --out /tmp/x.exr || fail "relight-render"
     local program
     for program in relight-bench relight-chart relight-diff relight-feed relight-record; do

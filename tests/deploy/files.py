@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The files of deploy/ that no program of ours reads, held to what they speak of: the container's commands to the tree and
-the package list, the monitoring's names to what /metrics says, the example configuration to relightd."""
+"""The files of deploy/ that our programs do not read: the container's commands against the tree and the package list,
+metric names of the monitoring against /metrics, the example configuration against relightd."""
 
 import asyncio
 import json
@@ -19,7 +19,7 @@ DEPLOY = ROOT / "deploy"
 
 
 def instructions():
-    """Of the container file: (name, words), comments and continued lines resolved."""
+    """Instructions of the container file: (name, words), without comments, with continued lines joined."""
     text = re.sub(r"^#.*\n", "", (DEPLOY / "Containerfile").read_text(), flags=re.M).replace("\\\n", " ")
     return [line.split(maxsplit=1) for line in text.splitlines() if line.strip()]
 
@@ -67,14 +67,14 @@ async def the_health_check_sees_health_and_its_end(folder):
 
 
 async def what_is_watched_is_what_is_told(folder):
-    """Every name of a metric and of its labels in rules and dashboard is one of /metrics."""
+    """Every metric and label name in rules and dashboard exists in /metrics."""
     async with Daemon("--samples", "1") as daemon:
         url = daemon.url.replace("ws:", "http:").removesuffix("ws")
         with urllib.request.urlopen(url + "metrics", timeout=20) as answer:
             told = answer.read().decode()
     names = set(re.findall(r"^# TYPE (\S+)", told, re.M))
     names |= {f"{name}_bucket" for name in re.findall(r"^# TYPE (\S+) histogram", told, re.M)}
-    names.add("relightd_tls_certificate_expires_seconds")  # where it speaks TLS: tests/integration/tls.py
+    names.add("relightd_tls_certificate_expires_seconds")  # only with TLS: tests/integration/tls.py
     text = (DEPLOY / "relightd.rules.yml").read_text() + (DEPLOY / "grafana.json").read_text().replace('\\"', '"')
     used = set(re.findall(r"\b(?:relightd|process)_[a-z_]+\b", text))
     check(len(used) > 15 and used <= names, f"nobody tells {used - names}")

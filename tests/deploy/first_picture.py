@@ -1,4 +1,4 @@
-"""Waits for the first picture of the relightd at that address, and for its page. Exit code 0: both came."""
+"""Waits for the first picture of the relightd at that address, and for its page. Exit code 0: both arrived."""
 
 import asyncio
 import json
@@ -17,7 +17,7 @@ async def main(url):
         await link.send(json.dumps({"op": "subscribe", "format": "jpeg"}))
         while not isinstance(message := await link.recv(), bytes):
             pass
-        assert b"\xff\xd8\xff" in message  # a JPEG file's beginning
+        assert b"\xff\xd8\xff" in message  # start of a JPEG file
 
 
 asyncio.run(asyncio.wait_for(main(sys.argv[1]), 120))

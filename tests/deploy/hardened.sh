@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The programs as they were linked: position-independent, with a stack that does not execute, relocations that are read-only
-# before main, a stack protector and fortified calls; of control-flow protection what our own objects carry.
+# The linked programs: position-independent, non-executable stack, read-only relocations before main, stack protector
+# and fortified calls; control-flow protection in our own objects.
 #   hardened.sh PROGRAM...
 set -euo pipefail
 
@@ -27,7 +27,7 @@ for program; do
     [[ $symbols =~ __stack_chk_fail ]] || fail "$name: no stack protector"
     [[ $symbols =~ __[a-z]+_chk@ ]] || fail "$name: no fortified call"
     if [ "$(uname -m)" = x86_64 ]; then
-        # Debian's start-up objects carry no mark of it, so that the whole cannot either: endbr64 is looked for instead
+        # Debian's start-up objects are not marked, so the whole binary is not either: look for endbr64 instead
         pads=$(LC_ALL=C grep -aoP '\xf3\x0f\x1e\xfa' "$program" | wc -l)
         [ "$pads" -ge 20 ] || fail "$name: no control-flow protection ($pads landing pads)"
     fi

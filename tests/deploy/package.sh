@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The Debian package: what is in it, that nothing is missing, and that what it holds works where it is unpacked.
+# The Debian package: its contents, their completeness, and that they work when unpacked.
 . "$(dirname "$0")/../integration/lib.sh"
 here=$(cd "$(dirname "$0")" && pwd)
 source=$(dirname "$(dirname "$here")")
@@ -43,15 +43,18 @@ it_holds_what_is_to_be_installed() {
     grep -qx /etc/relightd/relightd.json "$packed/control/conffiles" || fail "an upgrade would overwrite the configuration"
 }
 
-# Every library that a program names is of a package that the package depends on, or of one of several that stand for it
-# (libopenblas0-pthread for libopenblas0).
+# Every library of a program belongs to a package in Depends, or to an alternative of one (libopenblas0-pthread for
+# libopenblas0).
 it_depends_on_what_it_is_linked_with() {
     local program library package depends triple
+    local -A owner=()
     triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
     depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g')
     for program in $programs ../lib/relightd/relight-decoder; do
         while read -r library; do
-            package=$(dpkg -S "*/$triple/*$library" | sed -n "s|^\([^:]*\).*/$library\$|\1|p" | sort -u)
+            [ -n "${owner[$library]:-}" ] ||
+                owner[$library]=$(dpkg -S "*/$triple/*$library" | sed -n "s|^\([^:]*\).*/$library\$|\1|p" | sort -u)
+            package=${owner[$library]}
             [ -n "$package" ] || fail "nobody owns $library"
             [[ ",$depends," == *",$package,"* || ",$depends," == *",${package%-*},"* ]] ||
                 fail "$program needs $library of $package, which is not in: $depends"
@@ -59,7 +62,7 @@ it_depends_on_what_it_is_linked_with() {
     done
 }
 
-# Where it was built nobody needs to know, and one build tree's page must not be served on another machine.
+# No paths of the build machine, and no page of the build tree in the binaries.
 no_folder_of_the_building_machine_is_in_it() {
     if grep -rlaF "$source" "$root" "$packed/control"; then fail "they name $source"; fi
     if grep -rlaF "$RELIGHT_BUILD" "$root" "$packed/control"; then fail "they name $RELIGHT_BUILD"; fi
@@ -77,7 +80,7 @@ its_files_have_decent_owners_and_modes() {
     done
 }
 
-# A binary that is bound by the GPL says so in the package, and one that is not does not.
+# The package states the GPL exactly if the binary is bound by it.
 its_licence_is_that_of_what_it_is_linked_with() {
     local linked=no said=no
     objdump -p "$root/usr/bin/relightd" >"$work/headers"
@@ -92,14 +95,14 @@ its_licence_is_that_of_what_it_is_linked_with() {
     grep -qx "Version: $("$bin/relightd" --version | cut -d' ' -f2)" "$work/changelog" || fail "changelog: $(cat "$work/changelog")"
 }
 
-# The manual says each flag that --help says, with the same words.
+# The manual contains each flag of --help, with the same words.
 the_manual_pages_say_what_help_says() {
     need man
     local program
     for program in $programs; do
         man -l --warnings=w "$root/usr/share/man/man1/$program.1.gz" >"$work/page" 2>"$work/warnings"
         [ ! -s "$work/warnings" ] || { cat "$work/warnings"; fail "roff has something to say of $program"; }
-        # Neither the breaks of lines nor the headings' capitals are words.
+        # Ignore line breaks and capitalised headings.
         MANWIDTH=2000 man -l "$root/usr/share/man/man1/$program.1.gz" | tr -s ' \n' ' ' >"$work/page"
         local flag words
         while read -r flag words; do
@@ -111,7 +114,7 @@ the_manual_pages_say_what_help_says() {
     done
 }
 
-# completed WORD...: what bash offers for the last of these words; the first is the program.
+# completed WORD...: bash's completions of the last word; the first is the program.
 completed() {
     bash --norc -c '. "$1"; shift
         compopt() { :; }
@@ -136,7 +139,7 @@ bash_completes_flags_and_files_of_every_program() {
     [ -z "$(completed relightd --port 80)" ] || fail "something for --port"
 }
 
-# systemd-analyze looks for programs and manual pages where they will be; here they are below $root.
+# systemd-analyze looks for programs and manual pages at their installed paths; here they are below $root.
 the_unit_is_well_formed_and_lets_little_through() {
     need systemd-analyze
     sed "s|=/usr/bin/relightd|=$root/usr/bin/relightd|" "$root/usr/lib/systemd/system/relightd.service" >"$work/relightd.service"
@@ -153,7 +156,7 @@ the_unit_is_well_formed_and_lets_little_through() {
     done
 }
 
-# The program finds its page beside itself, whatever folder that is, and nothing else of the build tree.
+# The program finds its page relative to itself, in any folder, and uses nothing of the build tree.
 what_is_unpacked_serves_its_page() {
     : >"$work/log"
     (cd / && exec "$root/usr/bin/relightd" --port 0 --size 64x36 --samples 4) 2>"$work/log" &
@@ -174,7 +177,7 @@ PY
     wait "$pid" || fail "exit code $?"
 }
 
-# `cmake --install` below another prefix keeps everything in it, and the unit names that prefix.
+# `cmake --install` with another prefix puts everything below it, and the unit names that prefix.
 another_prefix_keeps_all_to_itself() {
     cmake --install "$RELIGHT_BUILD" --prefix "$work/opt" >"$work/log" 2>&1 || { cat "$work/log"; fail "cmake --install"; }
     [ -x "$work/opt/bin/relightd" ] && [ -s "$work/opt/etc/relightd/relightd.json" ] || fail "not in the prefix"

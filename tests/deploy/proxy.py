@@ -1,5 +1,5 @@
-"""nginx before relightd, with the settings of deploy/nginx.conf and a certificate of its own: shared by the tests of this
-folder. nginx is the one on the path, or the one that RELIGHT_TOOLS holds unpacked."""
+"""nginx in front of relightd, with the settings of deploy/nginx.conf and a test certificate; shared by the tests of
+this folder. Uses nginx on the path, or the unpacked one in RELIGHT_TOOLS."""
 
 import asyncio
 import os
@@ -30,7 +30,7 @@ def free_port():
 
 
 class Proxy:
-    """relightd with these arguments, and nginx before it: .port speaks TLS, .plain does not."""
+    """relightd with these arguments behind nginx: .port speaks TLS, .plain does not."""
 
     def __init__(self, folder, *arguments):
         self.folder = folder
@@ -45,7 +45,7 @@ class Proxy:
                        check=True, capture_output=True)
 
     def site(self):
-        """The file that is shipped, with another certificate and other ports, and in every other respect as it is."""
+        """The shipped file with a different certificate and ports, otherwise unchanged."""
         text, count = re.subn(f"/etc/ssl/{NAME}/", f"{self.folder}/", SITE.read_text())
         check(count == 2, "two names of files in the site")
         for old, new in ((r"127\.0\.0\.1:8080", f"127.0.0.1:{self.inner}"), (r"listen 443 ssl", f"listen 127.0.0.1:{self.port} ssl"),
@@ -62,7 +62,7 @@ class Proxy:
     async def __aenter__(self):
         nginx = find("nginx")
         self.make_certificate()
-        os.chmod(self.folder, 0o755)  # nginx's workers are others than its master
+        os.chmod(self.folder, 0o755)  # nginx's workers run as another user
         temporary = "".join(f"{kind}_temp_path {self.folder}/{kind};\n"
                             for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi"))
         (self.folder / "nginx.conf").write_text(
@@ -103,7 +103,7 @@ class Proxy:
         return ssl.create_default_context(cafile=str(self.folder / "fullchain.pem"))
 
     def request(self, path, name=NAME, plain=False):
-        """Status and whole answer of one GET."""
+        """Status and whole response of one GET."""
         with socket.create_connection(("127.0.0.1", self.plain if plain else self.port), WAIT_S) as s:
             s = s if plain else self.trust().wrap_socket(s, server_hostname=NAME)
             s.sendall(f"GET {path} HTTP/1.1\r\nHost: {name}:{self.port}\r\nConnection: close\r\n\r\n".encode())

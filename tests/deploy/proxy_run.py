@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""relightd behind nginx for a test in another language: prints the address, and ends them both when its input ends."""
+"""relightd behind nginx for tests in other languages: prints the address, and stops both at the end of input."""
 
 import asyncio
 import sys

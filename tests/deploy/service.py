@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""relightd under a service manager, played by a datagram socket: sd_notify(3)'s words, and when they come."""
+"""relightd under a fake service manager, a datagram socket: the messages of sd_notify(3), and their times."""
 
 import asyncio
 import ctypes
@@ -17,7 +17,7 @@ from peer import BIN, WAIT_S, check, main, skip  # noqa: E402
 
 
 class Manager:
-    """Starts relightd as systemd does; .words are the words that came, (name, value), in order."""
+    """Starts relightd as systemd does; .words are the received messages, (name, value), in order."""
 
     def __init__(self, folder, *arguments, abstract=False, watchdog_us=None):
         self.arguments = arguments
@@ -30,7 +30,7 @@ class Manager:
         self.words = []
 
     async def __aenter__(self):
-        # Not asyncio's: its watch over children would be told of threads that are held.
+        # Not asyncio's: its child watcher would be notified of stopped threads.
         self.file = tempfile.TemporaryFile("w+")
         self.process = subprocess.Popen(
             [str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "4", *self.arguments],
@@ -44,11 +44,11 @@ class Manager:
         self.socket.close()
 
     def log(self):
-        self.file.seek(0)
-        return self.file.read()
+        # the program writes at the same file offset, which a seek here would move
+        return os.pread(self.file.fileno(), os.fstat(self.file.fileno()).st_size, 0).decode()
 
     async def ended(self):
-        """Its exit code."""
+        """The exit code."""
         for _ in range(WAIT_S * 20):
             if self.process.poll() is not None:
                 return self.process.returncode
@@ -123,7 +123,7 @@ async def sentences_come_now_and_then_only(folder):
 
 
 class Frozen:
-    """One thread held by ptrace(2), which needs no more than to be its parent: the others run on."""
+    """Stops one thread with ptrace(2), which only needs to be its parent: the others keep running."""
 
     SEIZE, INTERRUPT, DETACH = 0x4206, 0x4207, 17
 
@@ -147,7 +147,7 @@ class Frozen:
 
 
 def network_thread(pid):
-    """The one that waits in poll(2); None: not to be found."""
+    """The thread waiting in poll(2); None: not found."""
     polling = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         if (task / "wchan").read_text().startswith(("do_sys_poll", "poll_schedule", "do_poll")) or \
@@ -157,7 +157,7 @@ def network_thread(pid):
 
 
 async def silent_while_frozen(m, thread):
-    """WATCHDOG=1 ends at most SERVER_BEAT_MS and a look after the thread is held, and comes again when it is let go."""
+    """WATCHDOG=1 stops at most SERVER_BEAT_MS and one check after the thread stops, and resumes with it."""
     with Frozen(thread):
         await asyncio.sleep(3.5)
         m.listen()

@@ -1,5 +1,5 @@
-// The page in Chromium through nginx and TLS, as somebody at home sees it: pictures come, over wss:, and by the coding
-// that is for secure pages only where there is one.
+// The page in Chromium through nginx and TLS, as for a remote user: images arrive over wss:, with H.264 if available,
+// which requires a secure page.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { createInterface } from 'node:readline';
@@ -33,7 +33,7 @@ after(async () => {
   await ended;
 });
 
-test('pictures come through TLS', async () => {
+test('images arrive through TLS', async () => {
   const context = await browser.newContext({ ignoreHTTPSErrors: true });
   const page = await context.newPage();
   const faults = [];

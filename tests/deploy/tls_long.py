@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The stream through nginx and TLS: what comes, what does not, and that a viewer who was slow is not shown the past."""
+"""The stream through nginx and TLS: what passes, what is refused, and that a slow viewer never sees old images."""
 
 import asyncio
 import json
@@ -14,18 +14,18 @@ from still import frame
 
 ARGUMENTS = ("--size", "320x180", "--samples", "1", "--quality", "95", "--method", "light", "--reseed", "--fps", "20",
              "--rate", "20")
-CREDIT = 2  # pictures that may be under way to a viewer
+CREDIT = 2  # unacknowledged pictures per viewer
 
 
 def skies(folder):
-    """Two skies that take next to no time to read, one after the other for ever."""
+    """Two skies that read quickly, alternating for ever."""
     for number in range(2):
         (folder / f"sky.{number}.hdr").write_bytes(radiance(100 + number))
     return "--source", str(folder / "sky.%d.hdr")
 
 
 async def connect(proxy, receive=None, origin=None):
-    """A viewer's link; `receive`: bytes that its kernel may hold."""
+    """A viewer's connection; `receive`: size of its kernel buffer."""
     s = socket.socket()
     if receive:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive)
@@ -38,7 +38,7 @@ async def connect(proxy, receive=None, origin=None):
 class Viewer:
     def __init__(self, link):
         self.link = link
-        self.pictures = []  # when each was published, microseconds of the calendar, and its size
+        self.pictures = []  # time of publication of each (wall clock, microseconds), and its size
 
     @classmethod
     async def come(cls, proxy, token=None, **how):
@@ -79,8 +79,8 @@ async def the_page_and_its_pictures_come_through_tls(folder):
 
 
 async def a_viewer_that_stalls_is_shown_the_present_again(folder):
-    """While it takes nothing forty pictures pass; of those it may get what was under way only. Another viewer beside it
-    goes on meanwhile."""
+    """While it reads nothing forty pictures pass; it may get only those already under way. Another viewer continues
+    meanwhile."""
     async with Proxy(folder, *ARGUMENTS, *skies(folder)) as proxy:
         slow = await Viewer.come(proxy, receive=16384)
         quick = await Viewer.come(proxy)
@@ -104,7 +104,7 @@ async def a_producer_sends_through_tls(folder):
         check(len(payload) > 1 << 18, f"{len(payload)} bytes")
         await link.send(frame(1, payload))
         await viewer.take(lambda: viewer.pictures)
-        link.transport.abort()  # a polite end would have to read all that has come since
+        link.transport.abort()  # a clean close would have to read everything received since
 
 
 async def the_site_bounds_what_it_holds_back(folder):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Faults of the handshake and of HTTP (research: group A): what comes before a client is one."""
+"""Faults of the handshake and of HTTP (group A): before a connection becomes a client."""
 
 import asyncio
 
@@ -7,7 +7,7 @@ from faults import TEXT, Raw, Relightd, Viewer, check, hello, main, row
 
 
 async def answers(stage, data, most_s=10):
-    """All that comes back for these bytes, until the server closes."""
+    """The whole response to these bytes, until the server closes."""
     raw = await stage.raw()
     raw.send(data)
     try:
@@ -26,7 +26,7 @@ def status(answer):
 
 
 async def refused(stage, wanted, **other):
-    """A handshake with these headers gets that answer (0: none) and loses its connection."""
+    """A handshake with these headers gets that status (0: none) and loses its connection."""
     raw = await stage.raw()
     got = await raw.upgrade(**other)
     check(got == wanted, f"{other}: answered {got} instead of {wanted}")
@@ -139,7 +139,7 @@ async def A10_wrong_tokens(folder):
             check(got == 4006, f"token {token!r}: closed with {got}")
             raw.shut()
         raw = await Raw.open(server.port)
-        got = await raw.upgrade(path="/ws?token=alpha-token")  # not where it belongs: it would stand in logs
+        got = await raw.upgrade(path="/ws?token=alpha-token")  # not the place for a token: it would appear in logs
         if got == 101:
             raw.send(hello())
             got = await raw.closed()

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Faults of WebSocket frames (research: group B): a client past the handshake that breaks RFC 6455 or wears it out."""
+"""Faults of WebSocket frames (group B): a client past the handshake that violates RFC 6455 or abuses it."""
 
 import asyncio
 import json
@@ -12,7 +12,7 @@ ASK = json.dumps({"op": "ping", "id": 7}).encode()
 
 
 async def cut(stage, data, codes=(1002, None), most_s=10, role="viewer"):
-    """The connection ends with one of these codes (None: without one); which."""
+    """The connection closes with one of these codes (None: without one); returns it."""
     raw = await stage.client(role)
     raw.send(data)
     got = await raw.closed(most_s)
@@ -23,8 +23,8 @@ async def cut(stage, data, codes=(1002, None), most_s=10, role="viewer"):
 
 @row()
 async def B21_unmasked_frames(stage):
-    """RFC 6455 5.1 wants the connection closed; lws 4.1.6 takes them, and does not tell us the bit. So what is held is
-    that nothing breaks."""
+    """RFC 6455 5.1 requires closing the connection; lws 4.1.6 accepts them without reporting the bit. So the test
+    requires only that nothing else happens."""
     raw = await stage.client()
     raw.send(frame(TEXT, ASK, mask=False))
     await raw.pong(9)
@@ -34,7 +34,7 @@ async def B21_unmasked_frames(stage):
 
 @row(patient=True)
 async def B22_reserved_bits(stage):
-    """lws 4.1.6 does not read on, and cuts the connection five seconds later, without a code."""
+    """lws 4.1.6 stops reading, and closes the connection five seconds later, without a code."""
     begun = time.monotonic()
     codes = await asyncio.gather(*(cut(stage, frame(op, ASK, reserved=bits), most_s=15)
                                    for bits in (1, 2, 4, 7) for op in (TEXT, PING)))
@@ -80,7 +80,7 @@ async def B26_lengths_that_lie(stage):
 
 @row()
 async def B27_lengths_longer_than_need_be(stage):
-    """RFC 6455 5.2: the minimal number of bytes must be used. lws takes others."""
+    """RFC 6455 5.2: the minimal number of bytes must be used. lws accepts others."""
     raw = await stage.client()
     raw.send(frame(TEXT, ASK, wide=2))
     raw.send(frame(TEXT, ASK, wide=8))
@@ -120,7 +120,7 @@ async def B30_ping_and_pong_floods(stage):
     raw.send(frame(CLOSE, struct.pack(">H", 1000)))
     await heard
     raw.shut()
-    deaf = await stage.client()  # one who never reads what answers its pings
+    deaf = await stage.client()  # a client that never reads the answers to its pings
     for _ in range(40):
         deaf.send(frame(PING, b"y" * 125) * 1000)
         if not await deaf.flush(2):
@@ -133,7 +133,7 @@ async def B30_ping_and_pong_floods(stage):
 async def B31_text_that_is_not_utf8(stage):
     for bad in (b"\xff", b"\xc3\x28", b"\xed\xa0\x80", b"\xf4\x90\x80\x80", b"\xc0\xaf", b"\xe2\x82"):
         await stage.offends(frame(TEXT, b'{"op":"' + bad + b'"}'), 1007)
-    raw = await stage.client()  # cut within a letter is not bad
+    raw = await stage.client()  # a fragment border inside a character is valid
     text = '{"op":"ping","id":7,"ü":"€𝄞"}'.encode()
     for i, byte in enumerate(text):
         raw.send(frame(TEXT if i == 0 else MORE, bytes([byte]), fin=i + 1 == len(text)))
@@ -216,7 +216,7 @@ async def B38_compression_offered(stage):
     check(b"extensions" not in head.lower(), "an extension is agreed to")
     raw.send(hello())
     await raw.until("welcome")
-    raw.send(frame(TEXT, b"\xaa\x56\x2a", reserved=4))  # compressed all the same
+    raw.send(frame(TEXT, b"\xaa\x56\x2a", reserved=4))  # compressed nevertheless
     check(await raw.closed() in (1002, None), "a compressed frame is taken")
     raw.shut()
     return "not taken; a compressed frame is 1002"

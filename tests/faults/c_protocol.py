@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Faults of the protocol (research: group C): well-formed WebSocket messages that PROTOCOL.md does not allow."""
+"""Faults of the protocol (group C): well-formed WebSocket messages that PROTOCOL.md forbids."""
 
 import json
 import struct
@@ -8,7 +8,7 @@ from faults import (BINARY, TEXT, Raw, Relightd, Viewer, check, environment, fra
 
 
 async def stays(stage, message, code, role="viewer"):
-    """An error with that code, after which the connection goes on."""
+    """Expects an error with that code, after which the connection continues."""
     raw = await stage.client(role)
     raw.send(message if isinstance(message, bytes) else say(**message))
     error = await raw.until("error")
@@ -31,7 +31,7 @@ async def C40_messages_before_hello(stage):
 async def C41_hello_twice(stage):
     for role in ("viewer", "controller"):
         await stage.offends(hello(role), 4003, "bad_order", role=role)
-    await stage.offends(hello("controller"), 4003, "bad_order", role="viewer")  # no way to become more than one was
+    await stage.offends(hello("controller"), 4003, "bad_order", role="viewer")  # a role cannot be raised later
     return "4003 bad_order"
 
 
@@ -89,7 +89,7 @@ async def C44_hostile_json(stage):
 
 @row(counts="error", most_s=40)
 async def C45_numbers_out_of_their_range(stage):
-    """The camera is chosen by name here; what a controller sends as a number is this."""
+    """Cameras are chosen by name; these are the numbers that a controller sends."""
     bad = [{"rotate_degrees": v} for v in (3601, -3601, "1", None)] + [{"scale_stops": 61}, {"samples": 0}, {"samples": 1.5},
            {"samples": 1 << 40}, {"exposure_stops": 61}, {"bias_stops": -21}, {"fps": 0}, {"fps": -1}, {"fps": 1001},
            {"error": 0}, {"error": 11}, {"hour": 25}, {"hour": -1}, {"seek": -1}, {"step": 1001}, {"camera": ""},
@@ -162,7 +162,7 @@ async def C47_acks_that_lie(stage):
         raw.send(say(op="ack", sequence=sequence))
     await raw.pong()
     raw.shut()
-    never = await stage.client()  # never acknowledges: two pictures, and words from then on
+    never = await stage.client()  # never acknowledges: gets two pictures, then only texts
     never.send(say(op="subscribe", format="jpeg"))
     for _ in range(3):
         await never.until("status")
@@ -219,7 +219,7 @@ async def C50_a_second_producer(stage):
 
 @row()
 async def C51_what_another_session_knew(stage):
-    """A recorder of a sequence that nobody makes, names out of another session, more names than are remembered."""
+    """A recorder of a sequence without producer, names of another session, more names than are remembered."""
     raw = await stage.client(recorder="of-another-session")
     welcome = raw.said[0] if raw.said[0]["op"] == "welcome" else [m for m in raw.said if m["op"] == "welcome"][0]
     check(welcome["recorder"]["stored_after"] is None, f"{welcome}")

@@ -1,7 +1,7 @@
-/* Many viewers of one server, as cheap as they can be: crowd PORT VIEWERS RATE SECONDS [PATH]. Without PATH they speak
- * relight.v1: each subscribes to JPEG, reads and acknowledges. With PATH they ask by HTTP for that file, each RATE
- * times a second on a connection that stays. Prints what came: {"viewers":..,"messages":..,"bytes":..,"seconds":..};
- * the server's own cost is for crowd.py to look at. */
+/* Many cheap viewers of one server: crowd PORT VIEWERS RATE SECONDS [PATH]. Without PATH they speak relight.v1: each
+ * subscribes to JPEG, reads and acknowledges. With PATH they request that file by HTTP, each RATE times a second on a
+ * persistent connection. Prints {"viewers":..,"messages":..,"bytes":..,"seconds":..}; crowd.py measures the server's
+ * cost. */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <errno.h>
@@ -22,9 +22,9 @@ enum { VIEWERS_MAX = 1024, HEAD = 4096 };
 
 struct viewer {
     int fd;
-    uint8_t head[HEAD]; /* of the message that comes in; what is behind is counted only */
+    uint8_t head[HEAD]; /* of the incoming message; the rest is only counted */
     size_t have;
-    uint64_t skip; /* bytes still to come of it */
+    uint64_t skip; /* remaining bytes of it */
     bool upgraded;
     double due_s;
 };
@@ -90,8 +90,8 @@ static void begin(struct viewer *v, uint16_t port)
     fcntl(v->fd, F_SETFL, O_NONBLOCK);
 }
 
-/* The whole head of a message is there: of HTTP up to its empty line, of a frame with 16 bytes of a picture. How long
- * it is, and how much follows; 0: not yet. */
+/* Parses a complete message head: for HTTP up to its empty line, for a frame including 16 bytes of a picture. Returns
+ * its length and the length of the rest; 0: incomplete. */
 static size_t http_head(const struct viewer *v, uint64_t *follows)
 {
     const uint8_t *end = memmem(v->head, v->have, "\r\n\r\n", 4);

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""What a viewer costs: crowd.py [VIEWERS=200] [SECONDS=10]. relightd sends pictures at 30 a second to so many viewers on
-this machine, then to one: by how much more its network thread computes is their price, since a picture is made and encoded once
-for all. Then nginx serves a file as large as a picture as often to as many. One line of JSON each; nothing is
-asserted, times depend on the machine. RELIGHT_NGINX names another nginx than the one in the path."""
+"""Cost of a viewer: crowd.py [VIEWERS=200] [SECONDS=10]. relightd sends 30 pictures per second to so many viewers on this machine,
+then to one: the difference in CPU time of its network thread is their cost, since a picture is made and encoded once for all. Then nginx
+serves a file of that size equally often to as many. One line of JSON each; nothing is asserted, times depend on the machine. RELIGHT_NGINX
+names an nginx that is not on the path."""
 
 import asyncio
 import json

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Faults of frames (research: group D): what an honest producer's connection brings, once it has been broken on the way
-or by whoever wrote it. Each frame has one fate, the connection stays, and the next good frame is used."""
+"""Faults of frames (group D): damaged or hostile content from an accepted producer. Each frame has one fate, the
+connection stays, and the next good frame is used."""
 
 import asyncio
 import os
@@ -36,7 +36,7 @@ def header(channels, window, compression=NONE, version=2, display=None, more=b""
 
 
 def deflated(raw):
-    """A block as ZIP and ZIPS hold it: bytes apart, differences, deflate."""
+    """A block as in ZIP and ZIPS: bytes reordered, differences, deflate."""
     half = (len(raw) + 1) // 2
     apart = bytearray(len(raw))
     apart[:half], apart[half:] = raw[0::2], raw[1::2]
@@ -46,7 +46,7 @@ def deflated(raw):
 
 
 def exr(width=8, height=4, *, names=(b"B", b"G", b"R"), value=0.5, at=(0, 0), compression=NONE, display=None, **how):
-    """A whole file of scanlines of floats."""
+    """A complete scanline file of floats."""
     window = (*at, at[0] + width - 1, at[1] + height - 1)
     head = header([channel(n) for n in names], window, compression, display=display, **how)
     lines = 16 if compression == ZIP else 1
@@ -66,7 +66,7 @@ def exr(width=8, height=4, *, names=(b"B", b"G", b"R"), value=0.5, at=(0, 0), co
 
 
 async def fate(stage, payload, wanted, encoding=1, **how):
-    """What became of the frame; then of a good one."""
+    """The fate of the frame; then sends a good one."""
     got = await stage.producer.fate(payload, encoding=encoding, **how)
     check(got["fate"] in wanted, f"{got} instead of {wanted}")
     if got["fate"] == "refused":
@@ -75,7 +75,7 @@ async def fate(stage, payload, wanted, encoding=1, **how):
 
 
 async def fates(stage, payloads, wanted=("refused",), encoding=1, **how):
-    """Of many: how often each, and that one connection saw them all."""
+    """Counts of fates for many frames, all over one connection."""
     parted, count = len(stage.producer.parted), {}
     for payload in payloads:
         got = await fate(stage, payload, wanted, encoding, **how)
@@ -85,7 +85,7 @@ async def fates(stage, payloads, wanted=("refused",), encoding=1, **how):
     return ", ".join(f"{n} {what}" for what, n in sorted(count.items()))
 
 
-@row(most_s=60, counts="refused", memory_kib=65536)  # some of them are sound enough to be decoded, up to a few MB
+@row(most_s=60, counts="refused", memory_kib=65536)  # some are sound enough to be decoded, up to a few MB
 async def D52_damaged_exr_files(stage):
     files = sorted((HERE.parent / "fuzz/corpus/exr").iterdir())
     data = os.environ.get("RELIGHT_TEST_DATA")
@@ -129,7 +129,7 @@ async def D56_offsets_that_lie(stage):
     bad = []
     for offset in (0, 1, table, len(whole), len(whole) - 1, 1 << 31, (1 << 63) - 1, 1 << 63, (1 << 64) - 1):
         bad.append(whole[:table + 8] + struct.pack("<Q", offset) + whole[table + 16:])
-    bad.append(whole[:table] + whole[table + 8:table + 16] * 4 + whole[table + 32:])  # all lines one and the same
+    bad.append(whole[:table] + whole[table + 8:table + 16] * 4 + whole[table + 32:])  # all lines identical
     return await fates(stage, bad, ("refused", "used"))
 
 
@@ -189,7 +189,7 @@ async def D62_black_frames_and_hot_texels(stage):
     return await fates(stage, raw, ("used",), encoding=4)
 
 
-@row(memory_kib=131072)  # tables for each layout and size that was seen last
+@row(memory_kib=131072)  # tables for each recent layout and size
 async def D63_another_size_each_time(stage):
     said = []
     for size in ((8, 4), (512, 256), (2, 1), (6, 36), (1024, 512), (4, 3), (3, 4), (8, 4)):  # lat-long, cube, crosses
@@ -213,7 +213,7 @@ async def D64_the_smallest_frames(stage):
 
 @row(memory_kib=131072, most_s=60)
 async def D65_frames_faster_than_they_are_decoded(stage):
-    """As many as there is credit for; the newest wins, and memory stays what a few frames take."""
+    """As many as credit allows; the newest wins, and memory stays at a few frames."""
     producer = stage.producer
     payload = struct.pack("<f", 0.25) * (1024 * 512 * 3)
     producer.pause_s, before, peak = 0.0, stage.server.memory_kib(), 0
@@ -236,8 +236,8 @@ async def D65_frames_faster_than_they_are_decoded(stage):
 
 @row(memory_kib=96 << 10, most_s=60)
 async def D67_a_bomb_of_zeros(stage):
-    """ZIP makes of 400 MB of zeros a few hundred KB: as large a sky is allowed, and its memory goes back as soon as some
-    smaller ones have come; 64 MB are kept that are shared with the decoder."""
+    """ZIP reduces 400 MB of zeros to a few hundred KB: an environment map that large is allowed, and its memory is
+    released after some smaller ones; 64 MB shared with the decoder are kept."""
     before, peak = stage.server.memory_kib(), [0]
     rgb = [channel(n) for n in (b"B", b"G", b"R")]
     width, height = 8192, 4096
@@ -264,7 +264,7 @@ async def D67_a_bomb_of_zeros(stage):
         watching.cancel()
     check(peak[0] > 400 << 10 or got["fate"] != "used", f"at most {peak[0]} KiB more: its picture was not held")
     larger = await stage.producer.fate(zeros(2 * width, 2 * height), encoding=1)
-    check(larger["fate"] == "refused" and "at most 8192 a side" in larger["message"], f"{larger}")
+    check(larger["fate"] == "refused" and "the limit is 8192 per side" in larger["message"], f"{larger}")
     begun = time.monotonic()
     while stage.server.memory_kib() - before > KEPT * 96 << 10:
         grown = stage.server.memory_kib() - before

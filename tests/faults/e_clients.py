@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Faults of clients and the line (research: group E): who reads slowly, sleeps, storms, vanishes and comes back. Pictures
-are larger here than in the other suites, so that who does not read is felt."""
+"""Faults of clients and connections (group E): slow readers, sleepers, storms, clients that vanish and return.
+Pictures are larger here than in the other suites, so that a client that does not read matters."""
 
 import asyncio
 import contextlib
@@ -24,7 +24,7 @@ async def watching(stage, format="jpeg", buffer=None, **wish):
 
 
 async def picture(raw):
-    """Sequence and flags of the next one, acknowledged."""
+    """Sequence and flags of the next picture; acknowledges it."""
     while True:
         kind, payload = await raw.receive()
         check(kind is not None, "the connection ended")
@@ -37,8 +37,8 @@ async def picture(raw):
 
 
 async def end_of(stage, raw, most_s):
-    """How long the server keeps a connection that reads nothing. What waits before its FIN hides that from this end, so
-    the kernel is asked about the other one: a socket that nobody holds any more has no inode."""
+    """How long the server keeps a connection that reads nothing. Unread data hides its FIN from this end, so the
+    kernel is asked about the other one: a socket without owner has no inode."""
     raw.writer.transport.pause_reading()
     ends = f":{stage.server.port:04X}", f":{raw.writer.get_extra_info('sockname')[1]:04X}"
     begun = time.monotonic()
@@ -60,7 +60,7 @@ async def E68_a_viewer_that_stops_reading(stage):
 
 @row(patient=True, most_s=60, memory_kib=65536)
 async def E69_a_viewer_at_10_kilobytes_a_second(stage):
-    """64 KiB in ten seconds is what a line must take: it is near the limit, and is kept while it takes that much."""
+    """A client must read 64 KiB in ten seconds: one near the limit is kept."""
     raw = await watching(stage, "jpeg", buffer=4096)
     raw.writer.transport.pause_reading()
     plain, got = raw.writer.get_extra_info("socket"), 0
@@ -106,7 +106,7 @@ async def E70_a_hidden_tab_comes_back(stage):
 
 @row(patient=True, most_s=60, memory_kib=65536)
 async def E71_a_laptop_that_sleeps(stage):
-    """Nothing is read and nothing is closed; pings stay unanswered."""
+    """Reads nothing and closes nothing; pings stay unanswered."""
     raw = await stage.client()
     raw.writer.transport.pause_reading()
     took = await end_of(stage, raw, 45)
@@ -134,7 +134,7 @@ async def E72_a_viewer_joins_in_mid_chain(stage):
 
 @row(memory_kib=65536, most_s=40)
 async def E73_a_storm_of_connections(stage):
-    """1000 in all, as fast as they can be made."""
+    """1000 in total, as fast as possible."""
     begun = time.monotonic()
     ended = {}
 
@@ -161,7 +161,7 @@ async def E73_a_storm_of_connections(stage):
 @row(alone=True, most_s=60)
 async def E74_no_descriptors_left(folder):
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (64, before[1]))  # inherited; taken back for ourselves
+    resource.setrlimit(resource.RLIMIT_NOFILE, (64, before[1]))  # inherited; restored for ourselves
     try:
         server = Relightd("--rate", "5", source="sky:speed=60")
         await server.start()
@@ -302,7 +302,7 @@ async def E78_all_come_back_after_a_restart(folder):
 
 @row(memory_kib=16384)
 async def E79_a_relay_between(stage):
-    """Bytes in pieces of seven and in lumps, as a relay may have them; then it breaks in the middle."""
+    """Bytes in pieces of seven and in bursts, as a relay may forward them; then it breaks midway."""
     async def pass_on(reader, writer, piece):
         with contextlib.suppress(ConnectionError):
             while data := await reader.read(4096):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Faults of the machine around (research: group F): threads, encoders, devices, signals, clocks, locales, ports."""
+"""Faults of the host (group F): threads, encoders, devices, signals, clocks, locales, ports."""
 
 import asyncio
 import json
@@ -28,8 +28,8 @@ def preloaded(**what):
 
 @row(alone=True, most_s=120)
 async def F82_no_thread_can_be_had(folder):
-    """Each of the first threads in turn: the server says so and ends with 1, or does without. OpenBLAS makes its own
-    before main and raises SIGINT where it cannot; Embree's TBB aborts."""
+    """Each of the first threads fails in turn: the server reports it and exits with 1, or continues without. OpenBLAS
+    starts its own threads before main and raises SIGINT if it cannot; Embree's TBB aborts."""
     said = {}
     for n in range(1, 13):
         server = Relightd(source=SKY, env=preloaded(FAIL_THREAD=n, CLOCK_FILE="/nonexistent"))
@@ -135,7 +135,7 @@ async def F88_signals_at_random_times(folder):
 
 @row(alone=True, most_s=60)
 async def F89_the_clock_steps(folder):
-    """An hour on and back while a viewer watches: pictures go on, words go on, nobody is cut."""
+    """An hour forward and back while a viewer watches: pictures and texts continue, no connection is closed."""
     step = folder / "ahead"
     step.write_text("0", encoding="ascii")
     async with Relightd(source=SKY, env=preloaded(CLOCK_FILE=step)) as server, Viewer(server) as viewer:
@@ -210,7 +210,7 @@ async def F92_connections_that_come_and_go(folder):
             for i in range(0, n, 20):
                 await asyncio.gather(*(cycle(i + k) for k in range(20)))
 
-        await some(count // 4)  # what is kept for the next is there
+        await some(count // 4)  # buffers for reuse are allocated
         await asyncio.sleep(0.5)
         descriptors, memory, begun = server.descriptors(), server.memory_kib(), time.monotonic()
         await some(count)
@@ -228,7 +228,7 @@ async def F92_connections_that_come_and_go(folder):
 
 @row(alone=True, most_s=60)
 async def F95_what_cannot_be_begun_with(folder):
-    """One line, an exit code, and no picture of it."""
+    """One line, an exit code, and no picture."""
     (folder / "bad.json").write_text("{", encoding="ascii")
     (folder / "empty.json").write_text("{}", encoding="ascii")
     (folder / "odd.json").write_text(json.dumps({"models": [{"file": "nowhere.obj"}]}), encoding="ascii")
@@ -257,7 +257,7 @@ async def F96_two_servers_on_one_port(folder):
 
 @row(alone=True, most_s=60)
 async def F98_starved_of_processors(folder):
-    """On one processor beside three others that want it as well: pictures come, and words are answered meanwhile."""
+    """On one processor shared with three busy programs: pictures arrive, and texts are answered meanwhile."""
     core = str(min(os.sched_getaffinity(0)))
     burners = [subprocess.Popen(["taskset", "-c", core, "sh", "-c", "while :; do :; done"]) for _ in range(3)]
     try:
@@ -287,7 +287,7 @@ async def F98_starved_of_processors(folder):
 
 @row(alone=True, most_s=60)
 async def F100_other_minor_versions(folder):
-    """An older client leaves out what it does not know; a newer one says more than we know."""
+    """An older client omits fields that it does not know; a newer one sends fields that we do not know."""
     async with Relightd(source="push:") as server, Viewer(server) as viewer:
         for role in ("viewer", "controller", "producer"):
             for version in ({"major": 1}, {"major": 1, "minor": 0}, {"major": 1, "minor": 99, "patch": 3}):

@@ -1,11 +1,11 @@
-"""What the fault suites share: one relightd with an honest viewer and an honest producer, clients that misbehave byte by
-byte, and what is held after each fault. A row of docs/reliability.md is one function NUMBER_name(stage) that throws one
-fault and returns the figure that it saw; around it the stage holds that
-  - the server lives, the honest viewer stays connected and gets further pictures,
-  - the descriptors are no more than before once the fault is over, and memory has not grown by more than the row allows,
-  - all of it takes no longer than the row allows,
-  - what the row says is counted has been counted, as /metrics tells.
-Rows that wait for the server's patience (@patient) begin first and run beside the others."""
+"""Shared by the fault suites: one relightd with a well-behaved viewer and producer, clients that misbehave byte by byte, and the
+checks after each fault. A row of docs/reliability.md is one function NUMBER_name(stage) that plays one fault and returns its
+result; the stage checks that
+  - the server is alive, and the well-behaved viewer stays connected and gets further pictures,
+  - no descriptor has leaked once the fault is over, and memory has not grown by more than the row allows,
+  - it takes no longer than the row allows,
+  - /metrics has counted what the row names.
+Rows that wait for server timeouts (@patient) begin first and run beside the others."""
 
 import asyncio
 import base64
@@ -28,10 +28,10 @@ import websockets  # noqa: E402
 
 from peer import BIN, PICTURE, Failed, Skipped, check, skip  # noqa: E402, F401
 
-WAIT_S = 30  # until something that must come has come; machines may be slow, sanitized programs are
+WAIT_S = 30  # maximum wait for a required event; machines may be slow, sanitized programs are
 SANITIZED = "RELIGHT_SANITIZED" in os.environ
-KEPT = 16 if SANITIZED else 1  # memory is held to so many times what a row allows: sanitizers keep what is freed
-SLOW = float(os.environ.get("RELIGHT_SLOWER", "1"))  # what is held to a number of seconds is held to so many times that
+KEPT = 16 if SANITIZED else 1  # factor on allowed memory: sanitizers keep freed memory
+SLOW = float(os.environ.get("RELIGHT_SLOWER", "1"))  # factor on allowed seconds
 
 TEXT, BINARY, CLOSE, PING, PONG, MORE = 1, 2, 8, 9, 10, 0
 
@@ -116,7 +116,7 @@ class Relightd:
         return int(head.split()[1]) if head.startswith(b"HTTP/") else 0, body
 
     async def counters(self):
-        """What /metrics says: {'name{labels}': value}; {} where it is not there."""
+        """The values of /metrics: {'name{labels}': value}; {} if unavailable."""
         status, body = await self.get("/metrics")
         if status != 200:
             return {}
@@ -132,7 +132,7 @@ def masked(payload, key):
 
 
 def frame(op, payload=b"", *, fin=True, mask=True, reserved=0, length=None, wide=0):
-    """One WebSocket frame. length: what it says instead of what it has; wide: 2 or 8 bytes for that, whatever it is."""
+    """One WebSocket frame. length: declared instead of actual; wide: encode it in 2 or 8 bytes, whatever it is."""
     size = len(payload) if length is None else length
     first = (0x80 if fin else 0) | reserved << 4 | op
     bit = 0x80 if mask else 0
@@ -157,7 +157,7 @@ def hello(role="viewer", **more):
 
 
 class Raw:
-    """A TCP connection whose every byte is the test's choice."""
+    """A TCP connection on which the test controls every byte."""
 
     @classmethod
     async def open(cls, port, host="127.0.0.1", buffer=None):
@@ -173,7 +173,7 @@ class Raw:
             self.reader, self.writer = await asyncio.wait_for(asyncio.open_connection(host, port, limit=1 << 22), WAIT_S)
         self.port = port
         self.started = time.monotonic()
-        self.said = []  # texts that came
+        self.said = []  # received texts
         self.binary = 0
         return self
 
@@ -182,7 +182,8 @@ class Raw:
             self.writer.write(data)
 
     async def flush(self, most_s=10):
-        """Until the kernel has taken all but 64 KiB; whether it did. The server may have gone meanwhile."""
+        """Waits until the kernel has sent all but 64 KiB; returns whether it did. The server may have closed
+        meanwhile."""
         try:
             await asyncio.wait_for(self.writer.drain(), most_s * SLOW)
             return True
@@ -193,14 +194,14 @@ class Raw:
         self.writer.close()
 
     def reset(self):
-        """The connection ends with RST."""
+        """Closes the connection with RST."""
         import socket
         plain = self.writer.get_extra_info("socket")
         plain.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.writer.transport.abort()
 
     async def rest(self, most_s=10):
-        """All that comes until the end."""
+        """Everything received until the end."""
         parts = []
         try:
             async with Deadline(most_s):
@@ -211,18 +212,18 @@ class Raw:
         return b"".join(parts)
 
     async def rest_until(self, frames):
-        """So many frames, if they come."""
+        """The next frames, up to this number."""
         for _ in range(frames):
             if (await self.receive())[0] is None:
                 return
 
     async def ends(self, most_s):
-        """Until the server closes, whatever comes before; after how many seconds of the connection's life."""
+        """Waits until the server closes, whatever arrives before; returns the connection's age in seconds."""
         await self.rest(most_s)
         return time.monotonic() - self.started
 
     async def answer(self, most_s=10):
-        """Status of an HTTP answer and its head; 0 for an end without one."""
+        """Status and head of an HTTP response; 0 for none."""
         try:
             async with Deadline(most_s):
                 head = await self.reader.readuntil(b"\r\n\r\n")
@@ -231,7 +232,7 @@ class Raw:
         return int(head.split()[1]), head
 
     def handshake(self, **other):
-        """Its text; header names with _ for -, None leaves one out, path and method as such."""
+        """The request text; header names with _ for -, None omits one, path and method likewise."""
         lines = {"Host": f"127.0.0.1:{self.port}", "Upgrade": "websocket", "Connection": "Upgrade",
                  "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": base64.b64encode(b"sixteen bytes !!").decode(),
                  "Sec-WebSocket-Protocol": "relight.v1"}
@@ -265,7 +266,7 @@ class Raw:
         return first & 15, payload
 
     async def until(self, op, most_s=WAIT_S):
-        """The next text of that op."""
+        """The next text with that op."""
         end = time.monotonic() + most_s * SLOW
         while True:
             kind, payload = await self.receive(max(0.01, (end - time.monotonic()) / SLOW))
@@ -274,7 +275,7 @@ class Raw:
                 return self.said[-1]
 
     async def closed(self, most_s=10):
-        """The close code that came before the end; None for an end without."""
+        """The received close code; None if the connection ended without one."""
         code = None
         end = time.monotonic() + most_s * SLOW
         while True:
@@ -287,14 +288,14 @@ class Raw:
                 self.send(frame(CLOSE, payload[:2]))
 
     async def pong(self, number=7, most_s=WAIT_S):
-        """That a message goes through and is answered, by text."""
+        """Checks that a message is answered by a text."""
         self.send(say(op="ping", id=number))
         while (await self.until("pong", most_s))["id"] != number:
             pass
 
 
 class Deadline:
-    """asyncio.timeout of Python 3.11, in a word: Failed after so many seconds."""
+    """Like asyncio.timeout of Python 3.11: Failed after so many seconds."""
 
     def __init__(self, most_s):
         self.most_s = most_s
@@ -317,7 +318,7 @@ def connect(url):
 
 
 class Honest:
-    """Lives beside what is thrown at the server, by its own live(), from `async with` to its end."""
+    """Runs its own live() beside the faults, from `async with` to its end."""
 
     async def __aenter__(self):
         self.task = asyncio.ensure_future(self.live())
@@ -334,14 +335,14 @@ class Honest:
 
 
 class Viewer(Honest):
-    """Watches, acknowledges each picture, and comes back when told to; `parted` holds the codes that it was closed with."""
+    """Watches, acknowledges each picture, and reconnects when told to; `parted` collects its close codes."""
 
     def __init__(self, server, format="jpeg", token=None):
         self.server = server
         self.format = format
         self.token = {"token": token} if token else {}
         self.pictures = 0
-        self.frames = []  # the newest ones, by number
+        self.frames = []  # the newest, by number
         self.parted = []
         self.gap_s = 0.0  # the longest wait for a picture
         self.last_s = None
@@ -375,7 +376,7 @@ class Viewer(Honest):
                 self.status = said
 
     async def sees(self, count=2, most_s=10):
-        """That so many further pictures come."""
+        """Waits for so many further pictures."""
         want = self.pictures + count
         async with Deadline(most_s):
             while self.pictures < want:
@@ -441,18 +442,18 @@ class Producer(Honest):
         return self.number
 
     async def back(self, most_s=WAIT_S):
-        """Until it has been welcomed."""
+        """Waits for welcome."""
         async with Deadline(most_s):
             while not self.welcomed:
                 await asyncio.sleep(0.01)
 
     async def fate(self, payload, most_s=WAIT_S, **how):
-        """Sends one frame between the others: what became of it. A newer one may have superseded it: then again."""
+        """Sends one frame between the others and returns its fate. Repeats if a newer one superseded it."""
         self.held = True
         try:
             async with Deadline(most_s):
                 while True:
-                    while self.credit < 2:  # all that was sent before has been taken
+                    while self.credit < 2:  # all earlier ones have their fate
                         await asyncio.sleep(0.005)
                     number = await self.push(self.link, payload, **how)
                     while number not in self.fates:
@@ -465,7 +466,7 @@ class Producer(Honest):
 
 def environment(number, payload=None, *, encoding=None, size=(8, 4), channels=3, layout=0, flags=0, header=48, length=None,
                 magic=b"RLE1", reserved=0, capture_us=0):
-    """An environment message; without payload a grey of raw floats whose brightness goes up and down."""
+    """An environment message; without payload a grey of raw floats of varying brightness."""
     if payload is None:
         encoding = 4
         payload = struct.pack("<f", 0.5 + number % 32 / 32) * (size[0] * size[1] * channels)
@@ -481,8 +482,8 @@ ROWS = {}
 
 
 def row(memory_kib=4096, most_s=20, patient=False, counts=None, alone=False):
-    """Declares what a row may take. counts: the part of a metric's name that must have risen; alone: it starts what it
-    needs itself."""
+    """Declares the limits of a row. counts: part of the name of a metric that must increase; alone: the row starts
+    its own server."""
     def declare(function):
         function.limits = {"memory_kib": memory_kib, "most_s": most_s, "patient": patient, "counts": counts,
                            "alone": alone}
@@ -503,7 +504,7 @@ class Stage:
         self.viewer = await Viewer(self.server).__aenter__()
         self.producer = await Producer(self.server).__aenter__()
         await self.viewer.sees(30, WAIT_S)
-        for _ in range(20):  # every way that a connection takes has been taken once, so that memory is what it is
+        for _ in range(20):  # warms up every code path of a connection, so that memory is stable
             raw = await self.client()
             raw.send(b"".join(frame(TEXT, b" " * 16000 + b'{"op":"ping","id":1}') for _ in range(2)))
             await raw.pong()
@@ -519,7 +520,7 @@ class Stage:
 
     @contextlib.asynccontextmanager
     async def without_producer(self):
-        """The honest producer leaves its place to another."""
+        """Disconnects the well-behaved producer, to free its place."""
         self.producer.away = True
         await self.producer.back()
         await self.producer.link.close()
@@ -541,7 +542,7 @@ class Stage:
         return await Raw.open(self.server.port, **how)
 
     async def client(self, role="viewer", **more):
-        """Past the handshake and welcomed; role None: not yet greeted."""
+        """A welcomed connection; role None: before hello."""
         raw = await self.raw()
         check(await raw.upgrade() == 101, "no handshake")
         if role:
@@ -550,7 +551,7 @@ class Stage:
         return raw
 
     async def offends(self, data, code, error=None, role="viewer", most_s=10):
-        """A client that sends this is closed with that code, and told that error before."""
+        """A client that sends this gets that error and is closed with that code."""
         raw = await self.client(role)
         raw.send(data)
         got = await raw.closed(most_s)
@@ -563,7 +564,7 @@ class Stage:
         return got
 
     async def holds(self, function):
-        """Throws the fault and holds all that is held; the figure."""
+        """Plays the fault and checks all limits; returns the result."""
         limits, server, viewer = function.limits, self.server, self.viewer
         descriptors, memory = server.descriptors(), server.memory_kib()
         counters = await server.counters()
@@ -580,7 +581,7 @@ class Stage:
         left = await self.settled(descriptors)
         check(left <= descriptors or limits["patient"], f"{left} descriptors, {descriptors} before")
         grown = server.memory_kib() - memory
-        most = limits["memory_kib"] + (8192 if limits["patient"] else 0)  # those beside it have their share
+        most = limits["memory_kib"] + (8192 if limits["patient"] else 0)  # concurrent rows need their share
         check(grown <= most * KEPT, f"{grown} KiB more memory")
         if limits["counts"] and counters:
             after = await server.counters()
@@ -597,12 +598,12 @@ async def judged(work):
         return {"state": "passed", "figure": await work or ""}
     except Skipped as why:
         return {"state": "skipped", "figure": str(why)}
-    except (Failed, Exception) as fault:  # a test that breaks has failed
+    except (Failed, Exception) as fault:  # a test that raises has failed
         return {"state": "failed", "figure": str(fault) if isinstance(fault, Failed) else repr(fault)}
 
 
 async def by_itself(function):
-    """A row that starts what it needs."""
+    """A row that starts its own server."""
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         async with Deadline(function.limits["most_s"]):
@@ -611,7 +612,7 @@ async def by_itself(function):
 
 
 async def play(names, arguments):
-    """The rows of these names; each one's result. Those that start what they need themselves come while patient ones wait."""
+    """Runs the named rows; returns each one's result. Rows with their own server run while patient ones wait."""
     results = {}
     alone = [n for n in names if ROWS[n].limits["alone"]]
     shared = [n for n in names if n not in alone]
@@ -637,7 +638,7 @@ async def play(names, arguments):
                     results[n] = await task
                 left = await stage.settled(baseline)
                 check(left <= baseline, f"{left} descriptors at the end, {baseline} at the start")
-        except Failed as fault:  # of the stage itself: all of its rows are in doubt
+        except Failed as fault:  # a failure of the stage itself makes all of its rows doubtful
             for n in shared:
                 if results.get(n, {}).get("state") != "failed":
                     results[n] = {"state": "failed", "figure": f"the stage: {fault}"}
@@ -646,17 +647,19 @@ async def play(names, arguments):
 
 
 def main(*arguments):
-    """SUITE.py --all RESULTS: plays all rows and writes what came of each, for tell.py; SUITE.py ROW...: plays those.
-    `arguments` are relightd's."""
+    """SUITE.py --all RESULTS runs all rows and writes their results, for figures.py; SUITE.py --stage RESULTS runs
+    those that share a server, for tell.py; SUITE.py ROW... runs those rows. `arguments` are relightd's."""
     given = sys.argv[1:]
-    if given[:1] == ["--all"]:
+    if given[:1] in (["--all"], ["--stage"]):
         Path(given[1]).unlink(missing_ok=True)
-        results = asyncio.run(play(list(ROWS), arguments))
+        names = [n for n in ROWS if given[0] == "--all" or not ROWS[n].limits["alone"]]
+        results = asyncio.run(play(names, arguments))
         Path(given[1]).write_text(json.dumps(results, indent=1), encoding="utf-8")
         for name, result in results.items():
             print(f"{name}: {result['state']}: {result['figure']}")
-        return  # the rows tell what failed
+        return  # the rows report failures
     results = asyncio.run(play(given or list(ROWS), arguments))
     for name, result in results.items():
         print(f"{name}: {result['state']}: {result['figure']}")
-    sys.exit(any(result["state"] == "failed" for result in results.values()))
+    states = {result["state"] for result in results.values()}
+    sys.exit(1 if "failed" in states else 77 if states == {"skipped"} else 0)

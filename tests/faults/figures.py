@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""figures.py RESULTS.json...: puts the figures that the suites have written into the last column of docs/reliability.md."""
+"""figures.py RESULTS.json...: writes the suites' results into the last column of docs/reliability.md."""
 
 import json
 import re

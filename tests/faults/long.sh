@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# What `./test --long` adds: minutes to hours. RELIGHT_SOURCE and RELIGHT_BUILD name the folders; each sanitizer has a build
-# of its own below the latter, which stays for the next run.
+# The tests of `./test --long`: minutes to hours. RELIGHT_SOURCE and RELIGHT_BUILD name the folders; each sanitizer
+# has its own build below the latter, kept for the next run.
 . "$(dirname "$0")/../integration/lib.sh"
 here="$(dirname "$(readlink -f "$0")")"
 source=${RELIGHT_SOURCE:?} build=${RELIGHT_BUILD:?}
@@ -16,7 +16,7 @@ sanitized() { # sanitized NAME CMAKE-ARGUMENTS...: configured and built in $buil
 no_sanitizer_of_addresses_speaks() {
     sanitized addresses -DRELIGHT_SANITIZE=ON -DCMAKE_C_FLAGS_DEBUG="-O1 -g1"
     cmake --build "$build/addresses" >"$work/log" || { tail -n 40 "$work/log"; fail "it does not build"; }
-    ctest --test-dir "$build/addresses" -j2 -LE long -E '^(checks|fuzz\.five|package|bench|chart|references|browser)' \
+    ctest --test-dir "$build/addresses" -j2 -LE long -E '^(checks|package|bench|chart|references|browser)' \
         --timeout 3000 --output-on-failure | tail -n 60
 }
 
@@ -25,7 +25,7 @@ no_race_is_found_under_load() {
     sanitized threads -DCMAKE_C_COMPILER=clang-14 -DRELIGHT_SANITIZE=thread -DCMAKE_C_FLAGS_DEBUG="-O1 -g1"
     cmake --build "$build/threads" --target relightd load >"$work/log" || { tail -n 40 "$work/log"; fail "it does not build"; }
     cp -f "$build/bin/relight-decoder" "$build/threads/bin/" # it has one thread, and its filter lets no sanitizer work
-    # Archer tells ThreadSanitizer of OpenMP's barriers.
+    # Archer informs ThreadSanitizer of OpenMP's barriers.
     local archer
     archer=$(find /usr/lib/llvm-14/lib -name 'libarcher.so' | head -n 1)
     [ -n "$archer" ] || { echo "skipped: libomp-14-dev has no Archer here"; exit 77; }

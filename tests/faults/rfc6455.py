@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""RFC 6455 case by case: an honest client of a library by others (python3-websockets) for what is allowed, bytes for what
-that library refuses to say. A case is what is sent after the handshake and what must come: the answer to a ping of the
-protocol (so a message arrived whole), a pong of WebSocket, or one of some close codes (None: the connection ends without)."""
+"""RFC 6455 case by case: an independent client library (python3-websockets) for what is allowed, raw bytes for what that library refuses
+to send. A case is the bytes sent after the handshake and the expected answer: to a protocol ping (so a message arrived completely), a
+WebSocket pong, or one of some close codes (None: the connection ends without)."""
 
 import asyncio
 import itertools
@@ -26,7 +26,7 @@ def cut(data, *sizes):
 
 
 def ask(text):
-    """A ping of the protocol with that text in it."""
+    """A protocol ping containing that text."""
     return b'{"op":"ping","id":7,"x":"' + text + b'"}'
 
 
@@ -36,7 +36,7 @@ async def case(server, name, data, wanted, pieces=None):
         check(await raw.upgrade() == 101, "no handshake")
         raw.send(hello())
         await raw.until("welcome")
-        if pieces:  # as TCP may cut it
+        if pieces:  # as TCP may split it
             for i in range(0, len(data), pieces):
                 raw.send(data[i:i + pieces])
                 await raw.flush()
@@ -63,7 +63,7 @@ async def case(server, name, data, wanted, pieces=None):
 
 
 async def all_of(cases):
-    """Each on a connection of its own, eight at a time; all that fail are told."""
+    """Each on its own connection, eight at a time; reports all failures."""
     async with Relightd("--max-connections", "200", source="sky:speed=60") as server:
         gate = asyncio.Semaphore(8)
 
@@ -77,7 +77,7 @@ async def all_of(cases):
 
 
 async def framing_5_2_of_every_length(folder):
-    """Payloads around each way that a length is written, sent whole and in pieces of TCP."""
+    """Payloads around each encoding of lengths, sent whole and split by TCP."""
     cases = []
     for size in (len(ASK), 124, 125, 126, 127, 128, 129, 254, 255, 256, 1000, 4095, 4096, 8192, 16383, 16384):
         data = frame(TEXT, ASK.ljust(size))
@@ -146,7 +146,8 @@ async def closing_7_4_with_every_code(folder):
 
 
 async def a_library_by_others_finds_nothing_amiss(folder):
-    """Messages of random sizes, in fragments and not, with pings between, until six hundred are answered; then it closes."""
+    """Messages of random sizes, fragmented or not, with pings in between, until six hundred are answered; then
+    closes."""
     draw = random.Random(6455)
     async with Relightd(source="sky:speed=60") as server, connect(server.url) as link:
         check(link.subprotocol == "relight.v1" and not link.extensions, "another subprotocol, or an extension")
@@ -164,7 +165,7 @@ async def a_library_by_others_finds_nothing_amiss(folder):
 
         for turn in range(100):
             asked = hear(6 * (turn + 1))
-            for _ in range(6):  # eight may wait for their answer (4.7.2)
+            for _ in range(6):  # eight may be unanswered (4.7.2)
                 text = json.dumps({"op": "ping", "id": next(numbers)}).ljust(draw.randrange(20, 16384))
                 if draw.random() < 0.5:
                     at = sorted(draw.randrange(len(text)) for _ in range(draw.randrange(1, 6)))

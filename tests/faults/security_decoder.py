@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Row 66: the process that decodes producers' files crashes, hangs, eats memory, asks the system for more than its due.
-The frame is refused with its reason and counted, and the next one lights the scene; in lockstep as well as live."""
+"""Row 66: the decoder process crashes, hangs, exhausts memory, makes forbidden system calls. The frame is refused
+with its reason and counted, and the next one is used, live and in lockstep."""
 
 import asyncio
 import json
@@ -14,12 +14,12 @@ from peer import BIN, main, radiance
 
 MISBEHAVING = BIN / "misbehaving_decoder"
 HEADER = struct.Struct("<4sHBBBBHIIIQqQ")
-DEEDS = (("crash", r"signal 11"), ("hang", r"within 1 s"), ("eat", r"."), ("ask open", r"ask the system"),
-         ("answer wide", r"nonsense"), ("exit", r"exit code 3"))  # and what the producer is told of each
+DEEDS = (("crash", r"signal 11"), ("hang", r"timed out after 1 s"), ("eat", r"."), ("ask open", r"forbidden system call"),
+         ("answer wide", r"invalid answer"), ("exit", r"exit code 3"))  # and what the producer is told of each
 
 
 class Party:
-    """One end of a connection: what became of frames, and which frames the pictures are of."""
+    """A connection's fates of frames, and the frames of its pictures."""
 
     def __init__(self, link):
         self.link = link
@@ -55,7 +55,7 @@ class Party:
         await asyncio.wait_for(hear(), most_s)
 
     async def send(self, number, payload):
-        """Its fate, which comes before that of any later frame."""
+        """The frame's fate, which precedes that of any later frame."""
         await self.until(lambda: self.credit > 0)
         self.credit -= 1
         count = len(self.fates)
@@ -66,7 +66,7 @@ class Party:
 
 
 async def play(producer):
-    """Each bad frame stands between two good ones. The numbers of the good ones."""
+    """Sends each bad frame between two good ones; returns the numbers of the good ones."""
     if SANITIZED:
         skip("a sanitizer's words about a crash are more than the decoder may ask of the system")
     good = []
@@ -85,7 +85,7 @@ async def counted(server):
     if counters.get("relightd_decoder_confined") != 1:
         skip("this kernel grants no seccomp")
     failures = {k: v for k, v in counters.items() if k.startswith("relightd_decoder_failures_total")}
-    # memory that runs out is the decoder's own refusal, or its death
+    # when memory runs out the decoder refuses or dies
     check(len(DEEDS) - 1 <= sum(failures.values()) <= len(DEEDS), f"not counted: {failures}")
     check(counters["relightd_decoder_starts_total"] == 1 + sum(failures.values()), "not started anew once for each")
     check(counters['relightd_frames_total{fate="refused",reason="unreadable"}'] == len(DEEDS), f"{counters}")

@@ -1,7 +1,6 @@
 #!/usr/bin/python3
-"""Frames by the hundred thousand: soak.py [FRAMES]. A producer of frames of 2x1 texels and a viewer of pictures of 32x18
-go as fast as relightd takes and gives them; once in a while it is asked how much memory and how many descriptors it has.
-What is held is the slope over the second half: the first fills what is kept for reuse."""
+"""Hundreds of thousands of frames: soak.py [FRAMES]. A producer of 2x1 texels and a viewer of 32x18 pictures run as fast as relightd
+allows; memory and descriptors are sampled regularly. The limit is on the slope over the second half: the first fills reused buffers."""
 
 import asyncio
 import json
@@ -36,7 +35,7 @@ async def watch(raw, seen):
 async def feed(raw, frames, done):
     credit, number = (await raw.until("welcome"))["producer"]["credit"], 0
     messages = [frame(BINARY, environment(i, size=(2, 1))) for i in range(32)]
-    key = b"\x5a\x17\xc3\x88"  # the number stands at byte 24 of the message, masked as the rest
+    key = b"\x5a\x17\xc3\x88"  # the number is at byte 24 of the message, masked like the rest
     while done[0] < frames:
         while credit > 0 and number < frames + 16:
             number += 1

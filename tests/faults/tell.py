@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""tell.py RESULTS ROW: ends as ctest wants it for what a suite has written of one of its rows (faults.py --all)."""
+"""tell.py RESULTS ROW: exits as ctest expects for the result of one row (faults.py --all)."""
 
 import json
 import sys

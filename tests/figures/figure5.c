@@ -5,11 +5,11 @@
  * the relMSE that the estimator has by definition. Where a technique meets the sun by accident the two differ: few
  * pictures have nearly all of the error, in single pixels of enormous value. Error x time is the figure that does not
  * depend on the time taken, as long as error falls with its inverse: for the means. */
-#include "shade/seen_caustics.h"
+#include "estimators/seen_caustics.h"
 
-#include "facts.h"
-#include "log.h"
-#include "options.h"
+#include "light/facts.h"
+#include "base/log.h"
+#include "base/options.h"
 
 #include <inttypes.h>
 #include <omp.h>

@@ -1,5 +1,5 @@
 /* tests/fuzz/as_file.h */
-/* For parsers that want a path: the input as a file in memory, which goes when the process ends in order. */
+/* For parsers that need a path: the input as a file in memory, removed at normal exit. */
 #ifndef TESTS_FUZZ_AS_FILE_H
 #define TESTS_FUZZ_AS_FILE_H
 

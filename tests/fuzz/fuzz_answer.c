@@ -1,9 +1,9 @@
-/* What a server sends, as the command-line clients read it: a picture's header, or a text message with its fields. The
- * first byte says which. */
+/* Server messages as the command-line clients parse them: a picture header, or a text message with its fields. The
+ * first byte selects which. */
 #include "harness.h"
 
-#include "message.h"
-#include "relight_protocol.h"
+#include "clients/common/message.h"
+#include "protocol/relight_protocol.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -27,7 +27,7 @@ static void read_picture(const uint8_t *bytes, size_t size)
     require(p.sequence >= 1 && p.sequence <= PROTOCOL_NUMBER_MAX && p.frame <= PROTOCOL_NUMBER_MAX, "numbers");
     require(isfinite(p.gain) && p.gain >= 0.0f, "gain");
     require(p.format >= PROTOCOL_JPEG && p.format <= PROTOCOL_H264, "format");
-    protocol_picture_encode(&p, again); /* but for what a later version may have put behind it, the same bytes */
+    protocol_picture_encode(&p, again); /* the same bytes, except fields of later versions */
     require(memcmp(again + 8, bytes + 8, 68) == 0, "what was read is what was written");
 }
 
@@ -61,7 +61,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
     if (size == 0)
         return 0;
-    /* alone in memory, so that a step beyond either end is seen */
+    /* a separate allocation, so that sanitizers detect overruns */
     uint8_t *copy = malloc(size > 1 ? size - 1 : 1);
     if (!copy)
         return 0;

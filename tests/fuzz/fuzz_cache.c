@@ -1,9 +1,8 @@
-/* A file of tables that another run has left, or somebody in its place: what is read of a section is no more than it
- * says it holds, and what is damaged is told. */
+/* A cache file, possibly forged: reading a section stays within its declared size, and damage is reported. */
 #include "as_file.h"
 #include "harness.h"
 
-#include "cache_file.h"
+#include "cache/cache_file.h"
 
 #include <string.h>
 

@@ -1,8 +1,8 @@
-/* A configuration file: it is read, or refused by file and line; its keys stand where it says, and what a flag is given
- * by it is what readers of flags take for a number, or say what is wrong with. */
+/* A configuration file is parsed, or refused with file and line; its keys are at the reported lines, and readers of
+ * flags accept the values, or say what is wrong. */
 #include "harness.h"
 
-#include "config.h"
+#include "base/config.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -25,7 +25,7 @@ static void begin_rows(void)
     memcpy(rows, table, sizeof(table));
 }
 
-/* "f.json:3: ..." with a line that is there. */
+/* Checks that "f.json:3: ..." names an existing line. */
 static void check_reason(const struct reason *why, unsigned lines)
 {
     char *end;
@@ -35,7 +35,7 @@ static void check_reason(const struct reason *why, unsigned lines)
     require(line >= 1 && line <= lines && end[0] == ':' && end[1] == ' ' && end[2], "and with a line of it");
 }
 
-/* Whoever reads the flag afterwards gets what lies within the limits that he sets, or a reason. */
+/* Reading the flag gives a value within the limits, or a reason. */
 static void read_flags(void)
 {
     struct reason why = { "" };
@@ -55,7 +55,7 @@ static void read_flags(void)
     (void)options_on(&options, "fast");
 }
 
-/* A flag that was taken has what the file gives it, to the last bit of a number. */
+/* An accepted flag has exactly the file's value, to the last bit of a number. */
 static void check_value(const struct option_row *row, const json_t *value)
 {
     if (!row->value)
@@ -85,7 +85,7 @@ static void check_entry(const struct config *c, size_t index, const json_t *root
         check_value(row, json_object_get(root, key));
     read_flags();
     snprintf(why.text, sizeof(why.text), "--%.64s is wrong", key);
-    require(config_blame(c, index, ERR_USAGE, &why) == ERR_USAGE, "the error that was blamed");
+    require(config_add_location(c, index, ERR_USAGE, &why) == ERR_USAGE, "the error that was blamed");
     check_reason(&why, lines);
 }
 
@@ -101,7 +101,7 @@ static const char *line_at(const char *text, size_t size, unsigned line, size_t 
     return text;
 }
 
-/* Where nothing is escaped, a key stands in quotes on the line that is said of it. */
+/* Without escapes, the quoted key is on the reported line. */
 static void check_lines(const struct config *c, const char *text, size_t size, unsigned lines)
 {
     const bool plain = !memchr(text, '\\', size);

@@ -1,8 +1,8 @@
-/* A producer's message in pieces: the first byte says how large they are, the second whether each is a fragment of its
- * own, the rest is the message. Put together it must be taken exactly when it is sound as a whole. */
+/* A producer's message in pieces: the first byte sets their size, the second whether each is a separate fragment, the
+ * rest is the message. It must be accepted exactly if it is valid as a whole. */
 #include "harness.h"
 
-#include "assembly.h"
+#include "stream/assembly.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,7 +39,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     const size_t length = size - 2;
     const int sound =
         length <= LIMIT && protocol_environment_decode(message, length, length, &e, &offset) == PROTOCOL_OK;
-    for (int turn = 0; turn < 2; turn++) { /* the second on what the first has left */
+    for (int turn = 0; turn < 2; turn++) { /* the second reuses the first one's state */
         const enum fault_code code = feed(&a, message, length, (size_t)bytes[0] + 1, bytes[1] & 1, &fault);
         require((code == FAULT_NONE) == sound, "taken when it is sound, and only then");
         require(!a.under_way, "over after its last byte");

@@ -1,9 +1,9 @@
-/* The list of what was recorded, as a recorder finds it that goes on where another was killed: whole lines stay, half a
- * line is cut off, and one more line can be added behind them. */
+/* The index of a recorder that was killed: complete lines stay, a partial line is removed, and another line can be
+ * appended. */
 #include "as_file.h"
 #include "harness.h"
 
-#include "journal.h"
+#include "clients/record/journal.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
@@ -12,7 +12,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     struct reason why = { "" };
     const char *path = as_file(".jsonl", bytes, size);
 
-    for (int turn = 0; turn < 2; turn++) { /* the second finds what the first has left */
+    for (int turn = 0; turn < 2; turn++) { /* the second finds the first one's result */
         if (journal_open(&j, path, &why)) {
             require(why.text[0] != 0, "a refusal has a reason");
             require(turn == 0, "what was written can be read");

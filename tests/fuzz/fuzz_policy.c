@@ -1,8 +1,8 @@
-/* The header of an EXR file from a network: what is let through is what the decoder, too, finds to be of one part, in
- * scanlines and of an allowed compression. */
+/* The header of an EXR file from the network: the decoder agrees that every accepted file has one part, scanlines and
+ * an allowed compression. */
 #include "harness.h"
 
-#include "exr_policy.h"
+#include "codec/exr_policy.h"
 
 #include <openexr.h>
 #include <stdio.h>
@@ -42,7 +42,7 @@ static void hear(exr_const_context_t ctx, exr_result_t code, const char *text)
     (void)text;
 }
 
-/* What the library makes of a header that was let through. */
+/* The library's view of an accepted header. */
 static void check_library(const uint8_t *bytes, size_t size)
 {
     struct file f = { bytes, size };

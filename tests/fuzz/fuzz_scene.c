@@ -1,9 +1,9 @@
-/* A scene's description: it is read, or refused by name; what it says lies within limits. The models that it names are
- * not there, but for none at all. */
+/* A scene description is parsed, or refused with a reason; its values are within limits. The models that it names do
+ * not exist. */
 #include "as_file.h"
 #include "harness.h"
 
-#include "scene.h"
+#include "scene/scene.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {

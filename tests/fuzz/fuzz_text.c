@@ -1,9 +1,9 @@
-/* A client's text message: either what it says lies within its limits, or a fault names clause and reason. */
+/* A client's text message: its values are within limits, or a fault names clause and reason. */
 #include "harness.h"
 
-#include "message.h"
+#include "settings/settings.h"
+#include "stream/message.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,10 +22,20 @@ static void check_fault(const struct fault *f)
 
 static void check_control(const struct server_control *c)
 {
-    require(!c->has_rotate || fabs(c->rotate_degrees) <= 3600, "rotation");
-    require(!c->has_scale || fabs(c->scale_stops) <= 60, "scale");
-    require(!c->has_samples || (c->samples >= 1 && c->samples <= 1 << 20), "samples");
-    require(memchr(c->method, 0, sizeof(c->method)) && memchr(c->tone, 0, sizeof(c->tone)), "words end");
+    struct settings s;
+
+    memcpy(&s, c->values, sizeof(s));
+    for (uint32_t k = 0; settings_table[k].key; k++) {
+        const struct setting *row = &settings_table[k];
+        if (!(c->asked >> k & 1) || setting_is_null(row, &s))
+            continue;
+        const bool real = row->type == SETTING_REAL, whole = row->type == SETTING_WHOLE;
+        const double v = real ? setting_real(row, &s) : whole ? (double)setting_whole(row, &s) : 0.0;
+        require(!(real || whole) || (v >= row->least && v <= row->most), row->key);
+        if (row->type == SETTING_CHOICE)
+            require(choice_name(row->choices, (int)setting_whole(row, &s))[0] != 0, row->key);
+    }
+    require(memchr(s.camera, 0, sizeof(s.camera)) != NULL, "words end");
     require(c->request <= PROTOCOL_NUMBER_MAX, "request");
 }
 
@@ -62,7 +72,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
     struct message m;
     struct fault fault;
-    const enum fault_code code = message_parse((const char *)bytes, size, &m, &fault);
+    const enum fault_code code = message_parse((const char *)bytes, size, settings_table, &m, &fault);
 
     require(code == fault.code && code < FAULT_CODES, "one fault");
     if (code)

@@ -1,6 +1,6 @@
 /* tests/fuzz/harness.h */
-/* One harness per parser: feeds it any bytes and aborts when it breaks what its header promises. libFuzzer calls it
- * with what it invents, replay with the files of the corpus. */
+/* One harness per parser: feeds it any bytes and aborts if it violates its header. Called by libFuzzer with generated
+ * inputs and by replay with the corpus. */
 #ifndef TESTS_FUZZ_HARNESS_H
 #define TESTS_FUZZ_HARNESS_H
 
@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-/* libFuzzer's name for it. Always 0: the input is of interest whatever came of it. */
+/* libFuzzer's entry point. Always 0: keeps every input in the corpus. */
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 
 static inline void require(int holds, const char *what)

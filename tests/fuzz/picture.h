@@ -1,9 +1,9 @@
 /* tests/fuzz/picture.h */
-/* What must hold after a decoder was given anything at all. */
+/* Invariants after decoding arbitrary input. */
 #ifndef TESTS_FUZZ_PICTURE_H
 #define TESTS_FUZZ_PICTURE_H
 
-#include "decode.h"
+#include "codec/decode.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,7 +19,7 @@ static inline void picture_require(int holds, const char *what)
     abort();
 }
 
-/* Decoded: every texel is there, finite and not negative. Refused: in one line that begins with the name. */
+/* Decoded: every texel exists, finite and not negative. Refused: with one line that begins with the name. */
 static inline void picture_check(enum err e, const struct image *im, const struct reason *why)
 {
     if (e) {
@@ -36,7 +36,7 @@ static inline void picture_check(enum err e, const struct image *im, const struc
         picture_require(im->rgb[i] >= 0.0f && im->rgb[i] <= IMAGE_MAX, "a value lies in 0..IMAGE_MAX");
 }
 
-/* The same bytes again, into memory that the first time has left: the same end, the same values. */
+/* Decodes the same bytes again into the used memory: the same result and values. */
 static inline void picture_check_again(enum err (*decode)(const uint8_t *, size_t, const char *, struct image *,
                                                           struct reason *),
                                        const uint8_t *bytes, size_t size, enum err e, struct image *im)

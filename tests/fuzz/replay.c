@@ -1,4 +1,4 @@
-/* Runs the harness that it is linked with over every file of the folders given, without a fuzzer. */
+/* Runs the linked harness on every file of the given folders, without a fuzzer. */
 #include "harness.h"
 
 #include <dirent.h>
@@ -18,7 +18,7 @@ static int replay_file(const char *path, uint8_t *bytes)
     const size_t size = fread(bytes, 1, FILE_MOST, f);
     const int failed = ferror(f) != 0;
     fclose(f);
-    /* alone in memory, so that a sanitizer sees a step beyond its end */
+    /* a separate allocation, so that a sanitizer detects overruns */
     uint8_t *alone = malloc(size ? size : 1);
     if (failed || !alone) {
         fprintf(stderr, "%s: cannot be read\n", path);
@@ -28,7 +28,7 @@ static int replay_file(const char *path, uint8_t *bytes)
     for (size_t i = 0; i < size; i++)
         alone[i] = bytes[i];
     printf("%s\n", path);
-    fflush(stdout); /* the last line names the culprit */
+    fflush(stdout); /* the last line names the failing file */
     LLVMFuzzerTestOneInput(alone, size);
     free(alone);
     return 0;

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Builds the fuzzers with clang and lets each look for SECONDS: tests/fuzz/run.sh [SECONDS=60] [BUILD FOLDER=build/fuzz]
-# What one finds is left in BUILD FOLDER/found, named, and the exit code is 1.
+# Builds the fuzzers with clang and runs each for SECONDS: tests/fuzz/run.sh [SECONDS=60] [BUILD FOLDER=build/fuzz]
+# Findings are stored in BUILD FOLDER/found, and the exit code is 1.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 root="$(dirname "$(dirname "$here")")"

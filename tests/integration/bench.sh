@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# relight-bench: that it measures what it says, not how fast anything is. usage: bench.sh CLAIM
+# relight-bench: checks what it measures, not speeds. usage: bench.sh CLAIM
 . "$(dirname "$0")/lib.sh"
 
 quick=(--size 32x18 --samples 2 --rounds 3 --particles 2048 --viewers 3 --source sky:size=128x64)
@@ -64,7 +64,7 @@ the_table_has_a_line_for_each_row() {
     grep -q ' holds$\| does not hold$' "$work/table" || fail "no verdicts"
 }
 
-# A scene and a sky of the user's own: the file's own bytes are decoded.
+# The user's own scene and sky: decodes the file's own bytes.
 files_are_measured_as_they_are() {
     box_scene "$work"
     "$bin/relight-render" --scene "$work/box.json" --source sky:size=64x32 --size 64x32 --samples 1 --out "$work/sky.exr"
@@ -83,8 +83,8 @@ cached: bias floor, delta E
 cached: seams
 cached: temporal'
 
-# With a sun and without one, which decides what is wished for. The errors, other than times, are those of any machine: at
-# this size the tables must be right, not good.
+# With and without a sun, which selects the targets. Errors, unlike times, do not depend on the machine; at this size
+# they need not be small.
 rows_of_the_cache_come_when_asked_for() {
     local sky
     box_scene "$work"
@@ -118,7 +118,7 @@ assert 0 <= rows["cached: seams"]["ours"] <= 100 and 0 <= rows["cached: temporal
 }
 
 what_it_cannot_measure_is_refused() {
-    expect 2 'reference' "$bin/relight-bench" --method path
+    expect 2 "'path' is not available here" "$bin/relight-bench" --method path
     expect 2 'rounds' "$bin/relight-bench" --rounds 2
     expect 2 'viewers' "$bin/relight-bench" --viewers 65
     expect 1 'nowhere.json' "$bin/relight-bench" --scene "$work/nowhere.json"

@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
-# relight-chart as a script uses it: what comes out, what is kept, bad input.
+# relight-chart from scripts: output, cache, bad input.
 . "$(dirname "$0")/lib.sh"
 export XDG_CACHE_HOME="$work/cache"
 
-# chart OUT FLAGS...: as small as a chart can be.
+# chart OUT FLAGS...: the smallest possible chart.
 chart() {
     local out=$1
     shift
-    "$bin/relight-chart" --quick --size 32x18 --seeds 4 --budgets 4,16 --reference 64 --no-video --out "$out" "$@" 2>"$work/log" ||
+    "$bin/relight-chart" --quick --size 24x14 --seeds 4 --budgets 4,16 --reference 64 --out "$out" "$@" 2>"$work/log" ||
         { cat "$work/log"; fail "relight-chart $*"; }
 }
 
-# The page stands alone and is well-formed: tags nest, names are unique, nothing is fetched, pictures are JPEG files.
+# The page is self-contained and well-formed: tags nest, names are unique, nothing is fetched, images are JPEG files.
 check_page() {
     /usr/bin/python3 -B - "$1" <<'PY'
 import base64, html.parser, re, sys
@@ -29,7 +29,7 @@ class Page(html.parser.HTMLParser):
             self.ids.add(named["id"])
         for key in ("src", "href", "xlink:href"):
             value = named.get(key, "")
-            assert re.match(r"(data:|#|(chart|runs|video)\.csv$|$)", value), f"{key}={value[:60]}"
+            assert re.match(r"(data:|#|(chart|runs)\.csv$|$)", value), f"{key}={value[:60]}"
         if tag == "img":
             head, data = named["src"].split(",")
             assert head == "data:image/jpeg;base64" and base64.b64decode(data, validate=True)[:3] == b"\xff\xd8\xff"
@@ -87,32 +87,7 @@ a_small_chart_has_all_its_files() {
     [ -z "$(find "$work/out" -name '*.gp' -o -name '*.part')" ] || fail "something is left over"
 }
 
-# What is true of moving pictures at any size and load: noise that is new in each frame flickers more than noise that
-# stands still, though each frame is as wrong, and its differences are far off; nothing is remembered after a step.
-moving_pictures_are_judged() {
-    "$bin/relight-chart" --quick --size 24x14 --seeds 4 --budgets 4,16 --reference 64 --techniques mis \
-        --sources 'noon=sky:hour=12' --out "$work/out" 2>"$work/log" || { cat "$work/log"; fail "relight-chart"; }
-    check_page "$work/out/index.html" || fail "index.html"
-    [ "$(find "$work/out" -name 'video-*.svg' | wc -l)" = 4 ] || fail "not four charts of moving pictures"
-    grep -q 'In motion' "$work/out/index.html" || fail "no section of moving pictures"
-    /usr/bin/python3 -B - "$work/out/video.csv" <<'PY' || fail "video.csv"
-import csv, sys
-rows = list(csv.DictReader(open(sys.argv[1], newline="")))
-got = {(r["sequence"], r["way"], r["budget"] or r["frame"], r["quantity"]): float(r["median"]) for r in rows}
-assert len(rows) == len(got) == 2 * 3 * 4 + 2 * 2 * 35 + 35, len(rows)
-for budget in ("4", "8", "16"):
-    of = lambda way, quantity: got["noon", way, budget, quantity]
-    assert of("mis, reseeded", "flicker") > 2 * of("mis", "flicker")
-    assert of("mis, reseeded", "change") > 5 * of("mis", "change")
-    assert of("mis, reseeded", "rel_mse") < 3 * of("mis", "rel_mse") < 9 * of("mis, reseeded", "rel_mse")
-still = [got["step", "mis", str(k), "rel_mse"] for k in range(-5, 30)]
-assert len(set(still[:5])) == len(set(still[5:])) == 1, still
-shown = [got["step", "exposure alone", str(k), "delta_e_shown"] for k in range(-5, 30)]
-assert max(shown[:5]) < 0.01 and shown[5] > 3 and shown[34] < 0.3 and sorted(shown[5:], reverse=True) == shown[5:], shown
-PY
-}
-
-# The cache of light transport, of direct light and of all: its own seconds are told beside those of a frame.
+# The light-transport cache, for direct and for all light: its computation is reported separately from frame times.
 what_is_computed_beforehand_is_told_apart() {
     chart "$work/a" --techniques cached,mis,mis/eye --sources 'sky:hour=12,size=64x32'
     /usr/bin/python3 -B - "$work/a/chart.csv" <<'PY' || fail "chart.csv"
@@ -140,7 +115,7 @@ references_are_kept_and_used_again() {
     cmp "$work/before" "$work/after" || fail "references have changed"
     check_page "$work/b/index.html" || fail "a title with marks of HTML"
     check_table "$work/b/chart.csv" 4 || fail "a title with marks of CSV"
-    # The same seeds and references: the same errors, whatever else is charted.
+    # The same seeds and references give the same errors, whatever else is charted.
     /usr/bin/python3 -B - "$work/a/runs.csv" "$work/b/runs.csv" <<'PY' || fail "errors differ"
 import csv, sys
 def errors(name):
@@ -167,8 +142,8 @@ bad_input_ends_with_its_code() {
     expect 1 'nowhere.json' "${program[@]}" --out "$work/o" --scenes "$work/nowhere.json"
     expect 1 'nowhere.exr' "${program[@]}" --out "$work/o" --sources "$work/nowhere.exr"
     : >"$work/file"
-    expect 1 "$work/file.*is no folder" "${program[@]}" --out "$work/file"
-    expect 1 "$work/file.*is no folder" "${program[@]}" --out "$work/o" --cache "$work/file"
+    expect 1 "$work/file.*is not a folder" "${program[@]}" --out "$work/file"
+    expect 1 "$work/file.*is not a folder" "${program[@]}" --out "$work/o" --cache "$work/file"
     expect 2 'neither XDG_CACHE_HOME nor HOME' env -u XDG_CACHE_HOME -u HOME "${program[@]}" --out "$work/o"
 }
 

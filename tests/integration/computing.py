@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""A viewer of a server that computes light transport beside the pictures, played by a library of other people:
-PROTOCOL.md 4.8.8."""
+"""A viewer while the server computes the light-transport cache (PROTOCOL.md 4.8.8), with an independent WebSocket
+library."""
 
 import asyncio
 import json
@@ -12,7 +12,7 @@ from peer import BIN, WAIT_S, check, main
 
 
 async def shares_and_pictures(url):
-    """The shares that were told until none was any more, and how many pictures came between the first and the last."""
+    """The reported shares until the last one, and the number of images in between."""
     shares, pictures = [], 0
 
     async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None) as link:
@@ -37,7 +37,7 @@ async def shares_and_pictures(url):
 
 async def a_viewer_is_told_how_much_is_computed(folder):
     server = await asyncio.create_subprocess_exec(
-        str(BIN / "relightd"), "--port", "0", "--size", "192x108", "--method", "cached", "--cache-file", "off",
+        str(BIN / "relightd"), "--port", "0", "--size", "128x72", "--rate", "5", "--method", "cached", "--cache-file", "off",
         stderr=asyncio.subprocess.PIPE)
     try:
         line = ""

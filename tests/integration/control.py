@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""A controller of the real program, and a second connection that sees what it does: PROTOCOL.md 4.13 and 4.8.10 on."""
+"""A controller of the real program, and a second connection that observes its effects: PROTOCOL.md 4.13 and 4.8.10
+on."""
 
 import asyncio
 import json
@@ -12,7 +13,7 @@ from still import Daemon, connect
 
 
 class Party:
-    """A connection that remembers the last status and control, and each picture's frame, gain and light's end."""
+    """A connection that remembers the last status and control, and each picture's frame, gain and light."""
 
     def __init__(self, link):
         self.link = link
@@ -45,7 +46,7 @@ class Party:
         await asyncio.wait_for(hear(), WAIT_S)
 
     async def ask(self, **wish):
-        """Until it is answered; gives the error, if it was one."""
+        """Waits for the answer; returns the error, if any."""
         self.requests += 1
         self.last.pop("error", None)
         await self.say(op="control", request=self.requests, **wish)
@@ -61,7 +62,7 @@ class Party:
 
 
 def skies(folder, count):
-    """Radiance files of one grey each, the next twice as bright."""
+    """Grey Radiance files, each twice as bright as the previous one."""
     for i in range(count):
         texel = bytes([128, 128, 128, 129 + i])
         (folder / f"sky.{10 * i + 5}.hdr").write_bytes(
@@ -81,7 +82,7 @@ async def a_paused_source_steps_and_goes_to_any_place(folder):
         check(await one.ask(seek=1) is None, "no seek")
         await two.until_place(1)
         check(two.last["status"]["frame"] == 15, two.last["status"])
-        for step, place in ((1, 2), (1, 3), (-1, 2), (2, 4), (1, 0), (-1, 4)):  # round the end, as the source does
+        for step, place in ((1, 2), (1, 3), (-1, 2), (2, 4), (1, 0), (-1, 4)):  # wraps around, like the source
             check(await one.ask(step=step) is None, f"no step from {place - step}")
             await two.until_place(place)
         check(two.last["status"]["source"]["state"] == "paused", two.last["status"])
@@ -122,13 +123,13 @@ async def a_computed_sky_has_hours(folder):
 
 
 async def cameras_change_while_the_old_picture_stays(folder):
-    """--converge off and a held source: every picture that comes was made for the change."""
+    """With --converge off and a paused source every new picture results from the change."""
     async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
         one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         check(one.last["status"]["offers"]["cameras"] == ["main", "sundial", "gallery"], one.last["status"]["offers"])
         await one.ask(paused=True)
         await two.until(lambda: two.last["status"]["source"]["state"] == "paused")
-        for camera in ("gallery", "sundial", "main", "gallery"):  # main is the one that was there first
+        for camera in ("gallery", "sundial", "main", "gallery"):  # main is the initial camera
             before = len(two.gains)
             check(await one.ask(camera=camera) is None, camera)
             await two.until(lambda: two.last["control"]["camera"] == camera and two.last["status"]["camera"] == camera
@@ -137,7 +138,7 @@ async def cameras_change_while_the_old_picture_stays(folder):
         check(error and error["clause"] == "4.13.15" and "nobody" in error["message"], f"{error}")
         await one.until(lambda: one.last["control"]["request"] == one.requests)
         check(one.last["control"]["method"] == "auto", "half of what could not be done was done")
-        for _ in range(3):  # faster than views are made: the last word counts
+        for _ in range(3):  # faster than views are computed: the last change wins
             for camera in ("main", "sundial", "gallery", "sundial"):
                 await one.say(op="control", camera=camera)
         await two.until(lambda: two.last["status"]["camera"] == "sundial" and two.last["status"]["preparing"] is None
@@ -145,7 +146,7 @@ async def cameras_change_while_the_old_picture_stays(folder):
 
 
 async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
-    """--converge off and a held source: no picture comes but for what is asked."""
+    """With --converge off and a paused source pictures come only on request."""
     async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
         one = await Party.come(daemon.url, "controller")
         check(one.last["control"]["exposure_stops"] is None, one.last["control"])

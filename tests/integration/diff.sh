@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# relight-diff as a script uses it: numbers that can be worked out by hand, bounds, maps, bad input.
+# relight-diff from scripts: numbers with closed forms, bounds, maps, bad input.
 . "$(dirname "$0")/lib.sh"
 
-# flat FILE WIDTH HEIGHT MANTISSA: a Radiance file whose every texel is grey, of MANTISSA / 128.
+# flat FILE WIDTH HEIGHT MANTISSA: a grey Radiance file of MANTISSA / 128.
 flat() {
     local texel
     texel=$(printf '\\x%02x\\x%02x\\x%02x\\x81' "$4" "$4" "$4")
@@ -10,7 +10,7 @@ flat() {
     { printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n' "$3" "$2"; printf "$texel%.0s" $(seq $(($2 * $3))); } >"$1"
 }
 
-# value KEY: what the JSON object in $work/json says.
+# value KEY: that value of the JSON object in $work/json.
 value() {
     grep -oE "\"$1\": [^,}]*" "$work/json" | cut -d' ' -f2
 }
@@ -40,7 +40,7 @@ a_picture_equals_itself() {
     [ "$(value rel_mse)" = 0.0 ] || fail "relMSE $(value rel_mse)"
 }
 
-# Of greys delta E is the difference of L*, and FLIP 0.95 of its power of 0.7 over 0.4 c_max = 16.5105.
+# For greys delta E is the difference of L*, and FLIP 0.95 of its power of 0.7 over 0.4 c_max = 16.5105.
 flip_of_greys_follows_from_delta_e() {
     flat "$work/a.hdr" 20 10 160
     flat "$work/b.hdr" 20 10 128
@@ -81,7 +81,7 @@ maps_are_written_as_png_and_exr() {
 masked_pixels_are_left_out() {
     flat "$work/a.hdr" 2 1 160
     flat "$work/b.hdr" 2 1 128
-    # the second texel differs by far, and is black in the mask
+    # the second texel differs strongly, and is black in the mask
     printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\xa0\xa0\xa0\x81\x80\x80\x80\x90' >"$work/a.hdr"
     printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\x0a\x80\x80\x80\x81\x00\x00\x00\x00' >"$work/mask.hdr"
     "$bin/relight-diff" "$work/a.hdr" "$work/b.hdr" --mask "$work/mask.hdr" --json >"$work/json"
@@ -109,7 +109,7 @@ bad_files_are_named() {
 wrong_usage_ends_with_2_and_says_why() {
     expect 2 'two pictures' "$bin/relight-diff"
     expect 2 'two pictures' "$bin/relight-diff" a.exr
-    expect 2 'one argument too many' "$bin/relight-diff" a.exr b.exr c.exr
+    expect 2 'unexpected argument' "$bin/relight-diff" a.exr b.exr c.exr
     expect 2 '--trim' "$bin/relight-diff" a.exr b.exr --trim 1.5
     expect 2 '--max-mean' "$bin/relight-diff" a.exr b.exr --max-mean none
     expect 2 "neither in .png nor in .exr" "$bin/relight-diff" a.exr b.exr --map map.tiff

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""relight-feed against a scripted server: what it sends, when, and what it makes of every answer."""
+"""relight-feed against a scripted server: what it sends, when, and how it handles each answer."""
 
 import asyncio
 import random
@@ -15,7 +15,7 @@ async def feed(server, *arguments):
 
 
 async def obliging(link, frames=None, credit=2, after=None):
-    """A server that uses every frame; the frames go into the list."""
+    """A server that uses every frame and collects the frames in the list."""
     await link.welcome_producer(after=after, credit=credit)
     while True:
         message = await link.read()
@@ -102,8 +102,8 @@ async def files_become_texels_when_asked(folder):
 
 
 async def files_barred_from_the_network_are_decoded_here(folder):
-    """One part of scanlines with no, RLE, ZIPS or ZIP compression goes out as it is; the rest as texels, which is said
-    once. What is damaged goes out too, so that the server's counters show it."""
+    """Single-part scanline files with no, RLE, ZIPS or ZIP compression are sent as they are; others as texels, with
+    one message. Damaged files are sent too, so that the server counts them."""
     frames = []
     corpus = Path(__file__).parent.parent / "fuzz" / "corpus" / "exr"
 
@@ -142,7 +142,7 @@ async def credit_is_never_exceeded(folder):
         await link.nothing()
         await link.credit(1)
         check((await link.frame()).number == 3, "not frame 3")
-        await link.nothing()  # no end before all have their fate
+        await link.nothing()  # no end before all fates are known
         await link.fate(2, "superseded")
         await link.fate(3)
         check((await link.read())["op"] == "end", "no end")
@@ -169,7 +169,7 @@ async def a_rate_spaces_the_frames(folder):
 
     async with Server(script) as server:
         expect(await feed(server, "--rate", "20", pattern), 0)
-    # late frames may be late on a busy machine, but eleven can never come in less than ten intervals
+    # frames may be late on a busy machine, but eleven can never come in less than ten intervals
     check(times[-1] - times[0] > 0.45, f"eleven frames at 20/s took {times[-1] - times[0]:.3f} s")
 
 
@@ -210,7 +210,7 @@ async def too_large_a_frame_is_not_tried(folder):
         await link.parted()
 
     async with Server(script) as server:
-        expect(await feed(server, pattern), 1, "the server takes 1000")
+        expect(await feed(server, pattern), 1, "the server's limit is 1000")
 
 
 async def fatal_close_codes_end_it_at_once(folder):
@@ -235,7 +235,7 @@ async def a_server_without_producers_is_told(folder):
         check(await link.parted() == 1000, "no clean close")
 
     async with Server(script) as server:
-        expect(await feed(server, sky_files(folder, 1)), 3, "takes no frames")
+        expect(await feed(server, sky_files(folder, 1)), 3, "does not accept frames")
 
 
 async def another_version_is_refused(folder):
@@ -318,8 +318,8 @@ async def what_is_no_relight_server_is_told(folder):
 
 
 async def live_goes_on_with_the_next_frame(folder):
-    """Cut while a large frame is under way: a frame that was not sent whole is sent again, one whose fate went with the
-    connection is counted as lost, and no other is missing or doubled."""
+    """The connection breaks during a large frame: a partly sent frame is sent again, one whose fate was lost is
+    counted as lost, and no other is missing or duplicated."""
     pattern = sky_files(folder, 6, pad=3000000)
     got = []
 
@@ -354,12 +354,12 @@ async def live_goes_on_with_the_next_frame(folder):
 # ---- Lockstep ----
 
 class Lockstep:
-    """The server's memory of one lockstep sequence, over connections and feeders."""
+    """The server's state of one lockstep sequence, across connections and feeders."""
 
     def __init__(self, last, misfortune=lambda number, step: False):
         self.accepted = []
         self.last = last
-        self.misfortune = misfortune  # whether to cut at this frame, at step 0..4
+        self.misfortune = misfortune  # whether to disconnect at this frame, at step 0..4
         self.ended = 0
 
     def after(self):
@@ -397,7 +397,7 @@ class Lockstep:
 
 
 async def lockstep_loses_and_doubles_nothing(folder):
-    """The connection breaks at each step in turn: before a frame is accepted, and once thereafter."""
+    """The connection breaks at each step in turn: before a frame is accepted, and at each later step."""
     pattern = sky_files(folder, 6, pad=300000)
     pending = {(number, 0) for number in range(6)} | {(number, 1 + number % 3) for number in range(6)} | {(5, 4)}
 
@@ -432,12 +432,12 @@ async def a_killed_feeder_goes_on_where_it_was(folder):
         check(state.accepted == list(range(40)), f"{state.accepted}")
         check(program.summary()["resumed_after"] is not None, "the killed ones did nothing: " + program.out)
         program = await run("relight-feed", *arguments)
-        expect(program, 0, "another --sequence begins anew")
+        expect(program, 0, "use another --sequence")
     check(state.accepted == list(range(40)), f"{state.accepted}")
 
 
 async def a_fate_that_comes_late_is_heard(folder):
-    """The frame was accepted, the connection broke, and only then was it refused: told to whoever produces by then."""
+    """The frame was accepted, the connection broke, and then it was refused: the current producer gets the fate."""
     pattern = sky_files(folder, 3)
 
     async def first(link):
@@ -455,7 +455,7 @@ async def a_fate_that_comes_late_is_heard(folder):
         await link.credit()
         await link.parted()
 
-    for scripts in ((first, second), (second,)):  # the same feeder, and one that came anew
+    for scripts in ((first, second), (second,)):  # the same feeder, and a restarted one
         async with Server(*scripts) as server:
             program = await feed(server, "--lockstep", pattern)
             expect(program, 1, "frame 0 refused as bad_frame: of no use")
@@ -484,7 +484,7 @@ async def a_server_that_forgot_gets_all_again(folder):
         await link.parted()
 
     async with Server(first, second) as server:
-        expect(await feed(server, "--lockstep", pattern), 0, "forgotten")
+        expect(await feed(server, "--lockstep", pattern), 0, "has lost frames")
     check(got == [0, 1, 2, 0, 1, 2, 3, 4], f"{got}")
 
 
@@ -578,11 +578,12 @@ async def wrong_usage_ends_with_2(folder):
     pattern = sky_files(folder, 1)
     for arguments, text in (
             ((), "SOURCE is missing"), (("--to", "host", pattern), "ws://HOST:PORT"),
-            (("--to", "wss://host", pattern), "encrypted"), (("--lockstep", "--loop", pattern), "exclude"),
+            (("--to", "wss:host", pattern), "wss://HOST:PORT"), (("--ca", "some.pem", pattern), "--ca is of TLS"),
+            (("--lockstep", "--loop", pattern), "exclude"),
             (("--lockstep", "--rate", "5", pattern), "exclude"), (("--sequence", "a/b", pattern), "--sequence 'a/b'"),
             (("--layout", "flat", pattern), "--layout 'flat'"), (("--raw", "double", pattern), "--raw 'double'"),
             (("--rate", "-1", pattern), "--rate"), (("--frames", "5-3", pattern), "--frames"),
-            (("push:",), "push:"), ((pattern, pattern), "too many")):
+            (("push:",), "push:"), ((pattern, pattern), "unexpected argument")):
         expect(await run("relight-feed", *arguments), 2, text)
     expect(await run("relight-feed", folder / "nowhere.hdr"), 1, "nowhere.hdr")
     program = await run("relight-feed", "--help")

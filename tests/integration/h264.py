@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""H.264 as relightd gives it to viewers, played by a library of other people: PROTOCOL.md 4.3.1 and 5.11."""
+"""H.264 from relightd to viewers (PROTOCOL.md 4.3.1 and 5.11), with an independent WebSocket library."""
 
 import asyncio
 import json
@@ -32,7 +32,7 @@ class Viewer:
         return await self.hear(answer)
 
     async def picture(self):
-        """Format, flags, sequence, frame and payload of the next picture, which is acknowledged."""
+        """Format, flags, sequence, frame and payload of the next picture; acknowledges it."""
         while True:
             message = await self.read()
             if isinstance(message, bytes):
@@ -41,7 +41,7 @@ class Viewer:
                 return message[6], message[7], sequence, frame, message[80:]
 
     async def has_none(self, seconds):
-        """Words may come meanwhile."""
+        """Skips text messages in between."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:
@@ -51,7 +51,7 @@ class Viewer:
 
 
 async def viewers(url, count, body):
-    """So many viewers, welcomed, into body."""
+    """Runs body with so many welcomed viewers."""
     links = [await websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None)
              for _ in range(count)]
     try:
@@ -152,7 +152,7 @@ async def key_pictures_are_not_made_at_anybodys_will(folder):
 
 
 async def gather(v, seconds):
-    """Flags, sequence, width, height and bytes of what comes in so long; all acknowledged."""
+    """Flags, sequence, width, height and bytes of all pictures within that time; acknowledges each."""
     got = []
     end = asyncio.get_running_loop().time() + seconds
     while (left := end - asyncio.get_running_loop().time()) > 0:
@@ -193,7 +193,7 @@ async def until_frame(v, number):
 async def the_last_picture_comes_to_the_slow_and_the_small_too(folder):
     async def body(first, slow, small, jpeg):
         await slow.subscribe("h264", max_rate=1)
-        await asyncio.wait_for(until_frame(slow, 12), WAIT_S)  # the last of them, in its own time
+        await asyncio.wait_for(until_frame(slow, 12), WAIT_S)  # the last of them, at its own rate
         await slow.has_none(1.5)
         await first.subscribe("jpeg")
         check((await first.picture())[3] == 12, "not the last one")

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Layouts of the environment as a user meets them: one sky, written by make_sky in each, renders as one picture.
+# Environment layouts for users: one sky, written by make_sky in each layout, always renders the same image.
 . "$(dirname "$0")/lib.sh"
 
-# render_sky LAYOUT WIDTH HEIGHT [FLAGS...]: $work/LAYOUT.exr, the box under the sky in that layout.
+# render_sky LAYOUT WIDTH HEIGHT [FLAGS...]: renders the box under the sky in that layout to $work/LAYOUT.exr.
 render_sky() {
     local layout=$1
     "$bin/make_sky" "$layout" "$2" "$3" >"$work/$layout.hdr"
@@ -11,7 +11,7 @@ render_sky() {
         --size 160x90 --samples 256 --out "$work/$layout.exr"
 }
 
-# Without the worst 2 % of pixels, which the border of a shadow may cross; turned by a quarter the relMSE is 5e-2.
+# Without the worst 2 % of pixels, which a shadow's border may cross; rotated by a quarter the relMSE is 5e-2.
 every_layout_renders_the_same_picture() {
     box_scene "$work"
     local turn shape
@@ -27,7 +27,7 @@ every_layout_renders_the_same_picture() {
     done
 }
 
-# The measure is one that can fail: the same sky, turned.
+# The measure can fail: the same sky, rotated.
 a_turned_sky_is_another_picture() {
     box_scene "$work"
     render_sky latlong 512 256
@@ -41,8 +41,8 @@ unknown_shapes_ask_for_their_layout() {
     local render=("$bin/relight-render" --size 16x9 --samples 1 --out "$work/x.exr")
     expect 1 'square.hdr: 64x64 .*--layout ball or fisheye' "${render[@]}" --source "$work/square.hdr"
     expect 1 'cross.hdr: 48x64 .*--layout vcross' "${render[@]}" --source "$work/cross.hdr"
-    expect 1 '48x64 cannot be the layout hcross' "${render[@]}" --source "$work/cross.hdr" --layout hcross
-    expect 2 "'mercator' is no layout" "${render[@]}" --source "$work/cross.hdr" --layout mercator
+    expect 1 '48x64 does not fit the layout hcross' "${render[@]}" --source "$work/cross.hdr" --layout hcross
+    expect 2 "'mercator' is unknown" "${render[@]}" --source "$work/cross.hdr" --layout mercator
     "${render[@]}" --source "$work/cross.hdr" --layout vcross
 }
 

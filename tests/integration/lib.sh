@@ -1,4 +1,4 @@
-# What the integration tests share. Sourced by the scripts beside it; $bin is the folder of the programs.
+# Shared by the integration scripts, which source it; $bin is the folder of the programs.
 set -euo pipefail
 bin=${RELIGHT_BIN:?the folder of the programs}
 work=$(mktemp -d)
@@ -10,7 +10,12 @@ fail() {
     exit 1
 }
 
-# Ends the test as skipped when the outside data is not there; $data is its folder then.
+# count FEW ALL: a number of samples or a bound, for each commit and for `./test --long`.
+count() {
+    if [ -n "${RELIGHT_LONG:-}" ]; then echo "$2"; else echo "$1"; fi
+}
+
+# Skips the test without external data; sets $data to its folder.
 need_data() {
     if [ -z "${RELIGHT_TEST_DATA:-}" ]; then
         echo "skipped: RELIGHT_TEST_DATA is not set"
@@ -21,7 +26,7 @@ need_data() {
     reference=$RELIGHT_TEST_DATA/../reference
 }
 
-# expect CODE 'PATTERN' COMMAND...: the command ends with that code and its standard error holds the pattern, in one line.
+# expect CODE 'PATTERN' COMMAND...: the command exits with that code, and a line of its standard error matches.
 expect() {
     local want=$1 pattern=$2 got=0
     shift 2
@@ -30,12 +35,12 @@ expect() {
     grep -Eq -- "$pattern" "$work/stderr" || { cat "$work/stderr"; fail "no '$pattern' on standard error: $*"; }
 }
 
-# A flat Radiance file of 2x1 texels, all of radiance 1: mantissa 128 of 256, exponent 129.
+# A flat Radiance file of 2x1 texels of radiance 1: mantissa 128 of 256, exponent 129.
 constant_sky() {
     printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81' >"$1"
 }
 
-# A small scene of its own: a box on a floor.
+# A small generated scene: a box on a floor.
 box_scene() {
     cat >"$1/box.obj" <<'OBJ'
 v -5 0 -5

@@ -1,9 +1,9 @@
-/* relightd under load: one producer at up to 30 frames a second and 50 viewers, ten of which read a tenth of what
- * comes. A program of its own plays all of them on one thread, over plain sockets, and looks at relightd from outside.
- * Nothing here asserts a time: the next frame is sent when the last has been seen by all who keep up, not before a
- * thirtieth of a second has passed. usage: load (RELIGHT_BIN names the folder of relightd) */
+/* relightd under load: one producer at up to 30 frames per second and 50 viewers, ten of which read a tenth of the
+ * pictures. One single-threaded program plays all of them over plain sockets, and observes relightd from outside. No
+ * times are asserted: the next frame is sent when all viewers that keep up have received the last, and not before a
+ * thirtieth of a second. usage: load (RELIGHT_BIN names the folder of relightd) */
 #define CLIENT_MESSAGE_MAX ((size_t)1 << 20)
-#include "../unit/stream/client.h"
+#include "stream/client.h"
 
 #include <signal.h>
 #include <sys/prctl.h>
@@ -12,12 +12,12 @@
 enum {
     VIEWERS = 50,
     SLOW = 10,  /* of these */
-    TENTH = 10, /* of the pictures, that is what a slow one takes */
+    TENTH = 10, /* share of the pictures that a slow viewer reads */
     WARM = 30,  /* frames: the first second */
     FRAMES = 180,
     GROWTH_KIB = 6144, /* allowed to relightd after the first second; its pictures alone would be more */
-    SLOT_KIB = 1024,   /* more than this at once: a place of the pipeline is used for the first time, */
-    SLOTS = 4,         /* which happens when a frame comes while another is shaded, and no more often than this */
+    SLOT_KIB = 1024,   /* more than this at once: a pipeline slot is used for the first time, */
+    SLOTS = 4,         /* which happens when a frame arrives while another is shaded, and no more often than this */
     WIDTH = 64,
     HEIGHT = 32,
 };
@@ -48,7 +48,7 @@ static void daemon_start(struct daemon *d)
     d->pid = fork();
     assert_true(d->pid >= 0);
     if (d->pid == 0) {
-        prctl(PR_SET_PDEATHSIG, SIGKILL); /* a test that fails leaves nothing running */
+        prctl(PR_SET_PDEATHSIG, SIGKILL); /* a failing test leaves no process behind */
         dup2(ends[1], STDERR_FILENO);
         close(ends[0]);
         close(ends[1]);
@@ -95,7 +95,7 @@ static long daemon_kib(const struct daemon *d)
     return kib;
 }
 
-/* How many pictures relightd has encoded and published. */
+/* The number of pictures that relightd has encoded and published. */
 static uint64_t daemon_pictures(const struct daemon *d)
 {
     struct client c;
@@ -136,7 +136,7 @@ static void send_frame(struct client *c, uint64_t number)
     };
 
     protocol_environment_encode(&e, bytes);
-    for (size_t i = 0; i < e.payload; i += 2) { /* halves from 0.5 to 2, another pattern in each frame */
+    for (size_t i = 0; i < e.payload; i += 2) { /* halves from 0.5 to 2, a different pattern in each frame */
         bytes[PROTOCOL_ENVIRONMENT_BYTES + i] = (uint8_t)(i * 13 + number * 31);
         bytes[PROTOCOL_ENVIRONMENT_BYTES + i + 1] = (uint8_t)(0x38 + (i / 6 + number) % 8);
     }
@@ -162,7 +162,7 @@ static void watch_until(struct watcher *w, uint64_t frame)
     }
 }
 
-/* The producer's messages of one frame: until its fate is known and there is credit for the next. */
+/* The producer's messages for one frame: until its fate is known and there is credit for the next. */
 static void await_used(struct client *producer, uint64_t number)
 {
     json_t *m = client_await(producer, "frame");
@@ -211,7 +211,7 @@ static void play(struct daemon *d, struct client *producer, struct watcher *watc
     }
     printf("%d frames in %.1f s; relightd holds %ld KiB, %+ld since the first second and %ld times a new place\n",
            FRAMES, seconds() - begun, held, growth, slots);
-#ifndef __SANITIZE_ADDRESS__ /* which keeps freed memory on purpose */
+#ifndef __SANITIZE_ADDRESS__ /* AddressSanitizer keeps freed memory */
     assert_true(growth < GROWTH_KIB);
     assert_true(slots <= SLOTS);
 #endif
@@ -242,7 +242,7 @@ static void fifty_viewers_get_every_picture_though_ten_of_them_are_slow(void **s
     }
     const uint64_t pictures = daemon_pictures(&d);
     printf("%d viewers, %d of them slow; %llu pictures encoded\n", VIEWERS, SLOW, (unsigned long long)pictures);
-    assert_int_equal(pictures, FRAMES); /* each once, however many watch */
+    assert_int_equal(pictures, FRAMES); /* each once, however many viewers */
     client_shut(&producer);
     daemon_stop(&d);
 }

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""A sequence of frames through relight-feed, relightd and relight-record, held to what relight-render writes: the same
-bits, also when any of them is killed on the way."""
+"""A sequence through relight-feed, relightd and relight-record equals relight-render's output bit for bit, even if
+any of them is killed meanwhile."""
 
 import asyncio
 import os
@@ -16,7 +16,7 @@ SKY = "sky:size=128x64,speed=40,hour=5"
 
 
 class Relightd:
-    """A server that takes frames; on the same port again after restart()."""
+    """A server that accepts frames; restart() uses the same port."""
 
     def __init__(self, *arguments):
         self.arguments = arguments
@@ -64,7 +64,7 @@ def record(server, folder, *more):
 
 
 async def rendered(folder, count, *source):
-    """What relight-render makes of it: the names."""
+    """Renders the sequence with relight-render; returns the file names."""
     folder.mkdir()
     program = await run("relight-render", *RENDER, "--out", folder / "p.%04d.exr", *source)
     expect(program, 0)
@@ -82,7 +82,7 @@ def compare(want, got, names):
 
 
 def varied_skies(folder, count):
-    """Radiance files of 32x16 texels: noise, and a bright texel that moves."""
+    """Radiance files of 32x16 texels: noise, and a moving bright texel."""
     dice = random.Random(11)
     for i in range(count):
         texels = bytearray(b"".join(bytes([dice.randrange(20, 250), dice.randrange(20, 250), dice.randrange(20, 250),
@@ -94,7 +94,7 @@ def varied_skies(folder, count):
 
 
 def a_day(folder, count):
-    """The frames of a day: those of the outside data where they are, else some of our own; pattern and count."""
+    """Frames of a day, from the external data if available, else generated; returns pattern and count."""
     if data := os.environ.get("RELIGHT_TEST_DATA"):
         return str(Path(data) / "sky" / "sky.%04d.exr"), 67
     (folder / "sky").mkdir()
@@ -129,7 +129,7 @@ async def computed_skies_travel_without_a_bit_lost(folder):
 
 
 async def a_sequence_waits_for_light_transport(folder):
-    """What a live picture does without for a while, the pictures of a sequence have from the first on."""
+    """Features that live images lack at first are in a sequence's images from the start."""
     (folder / "got").mkdir()
     cached = ("--method", "cached", "--cache-file", "off", "--paths", "direct")
     async with Relightd(*cached) as server:
@@ -143,7 +143,7 @@ async def a_sequence_waits_for_light_transport(folder):
 
 
 class Kept:
-    """A program that is killed and started again, until it ends by itself."""
+    """A program that is killed and restarted until it ends by itself."""
 
     def __init__(self, make):
         self.make = make
@@ -158,7 +158,7 @@ class Kept:
                 return self.program
 
     async def kill(self, task):
-        while self.lives == self.kills:  # between two lives
+        while self.lives == self.kills:  # between two runs
             check(not task.done(), "it was over before all were killed")
             await asyncio.sleep(0.001)
         if self.program.process.returncode is None:
@@ -167,7 +167,7 @@ class Kept:
 
 
 async def killed_at_random_it_is_still_the_same(folder):
-    """Feeder and recorder are each killed ten times, spread over the first two thirds of the sequence."""
+    """Kills feeder and recorder ten times each, spread over the first two thirds of the sequence."""
     (folder / "got").mkdir()
     source, count = a_day(folder, 60)
     dice = random.Random(int(os.environ.get("RELIGHT_TEST_SEED", "7")))
@@ -194,7 +194,7 @@ async def killed_at_random_it_is_still_the_same(folder):
 
 
 async def a_restarted_server_gets_all_again(folder):
-    """It knows nothing of the sequence any more: the feeder begins anew, and the pictures are the same."""
+    """The restarted server has lost the sequence: the feeder starts again, and the images are the same."""
     (folder / "got").mkdir()
     (folder / "sky").mkdir()
     source = varied_skies(folder / "sky", 30)
@@ -205,13 +205,13 @@ async def a_restarted_server_gets_all_again(folder):
         while len(os.listdir(folder / "got")) < 10:
             await asyncio.sleep(0.005)
         await server.restart()
-        expect(await feeder.end(), 0, "forgotten")
+        expect(await feeder.end(), 0, "has lost frames")
         expect(await recorder.end(), 0)
     compare(folder / "want", folder / "got", names)
 
 
 async def live_frames_give_pictures_with_their_numbers(folder):
-    """A slow producer, so that each frame is seen; the recorder knows when the light was captured."""
+    """A slow producer, so that every frame is rendered; the recorder gets the capture times."""
     (folder / "sky").mkdir()
     source = varied_skies(folder / "sky", 8)
     async with Relightd("--fps", "100") as server:

@@ -1,8 +1,8 @@
-/* One sky as a flat Radiance picture of any layout, for the test that all of them light a scene alike:
+/* Writes one sky as a flat Radiance image of any layout, for the test that all layouts light a scene alike:
  *     make_sky LAYOUT WIDTH HEIGHT > FILE.hdr
- * A sky of different colours all around with a soft sun, bright and off every axis; below the horizon it is the mean of
- * what is above, because that is what a fisheye makes of it. */
-#include "layouts.h"
+ * The sky has different colours all around and a soft, bright sun off every axis; below the horizon it is the mean of
+ * the upper half, as for a fisheye. */
+#include "support/layouts.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +25,7 @@ static void mean_above(double mean[3])
 
     mean[0] = mean[1] = mean[2] = 0.0;
     for (int i = 0; i < rows * columns; i++) {
-        const double y = (i / columns + 0.5) / rows, s = sqrt(1.0 - y * y); /* even heights are even solid angles */
+        const double y = (i / columns + 0.5) / rows, s = sqrt(1.0 - y * y); /* uniform in solid angle */
         const double phi = 6.283185307179586 * (i % columns) / columns, w[3] = { s * cos(phi), y, s * sin(phi) };
         double rgb[3];
         sky_above(w, rgb);
@@ -34,7 +34,7 @@ static void mean_above(double mean[3])
     }
 }
 
-/* Shared exponent: the largest component decides, the mantissas are rounded. */
+/* Shared exponent from the largest component; mantissas are rounded. */
 static void put_rgbe(const double rgb[3])
 {
     const double largest = fmax(rgb[0], fmax(rgb[1], rgb[2]));

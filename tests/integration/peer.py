@@ -1,5 +1,5 @@
-"""The other end of relight.v1 for tests of the command-line clients: a scripted server on Debian's python3-websockets,
-a client library written by other people. What is sent and expected follows protocol/PROTOCOL.md."""
+"""The other end of relight.v1 for tests of the command-line clients: a scripted server on Debian's
+python3-websockets, an independent library. Messages follow protocol/PROTOCOL.md."""
 
 import asyncio
 import json
@@ -19,7 +19,7 @@ except ImportError:
 SKIPPED = 77
 
 BIN = Path(os.environ["RELIGHT_BIN"])
-WAIT_S = 60  # until something that must come has come; machines may be slow
+WAIT_S = 120  # maximum wait for a required event; machines may be slow
 
 
 class Failed(Exception):
@@ -46,7 +46,7 @@ PICTURE = struct.Struct("<4sHBBQQqqIIIIIIfIII")
 
 
 class Frame:
-    """An environment frame as it came in (clause 7)."""
+    """A received environment frame (clause 7)."""
 
     def __init__(self, message):
         (magic, header, self.encoding, self.layout, self.flags, self.channels, zero, self.width, self.height, payload,
@@ -70,7 +70,7 @@ class Link:
         self.server = server
 
     async def read(self):
-        """The next message but pings, which are answered."""
+        """The next message other than pings, which it answers."""
         while True:
             message = await asyncio.wait_for(self.socket.recv(), WAIT_S)
             if isinstance(message, bytes):
@@ -84,7 +84,7 @@ class Link:
         await self.socket.send(json.dumps(fields))
 
     async def welcome(self, role, **more):
-        """Hears hello, of that role, and answers."""
+        """Receives hello with that role, and answers."""
         hello = await self.read()
         check(hello["op"] == "hello" and hello["role"] == role, f"not a {role}'s hello: {hello}")
         check(hello["version"] == {"major": 1, "minor": 1}, f"another version: {hello}")
@@ -109,7 +109,7 @@ class Link:
         await self.say(op="credit", frames=frames)
 
     async def nothing(self, seconds=0.4):
-        """That nothing but pings comes."""
+        """Checks that only pings arrive."""
         try:
             message = await asyncio.wait_for(self.read(), seconds)
         except asyncio.TimeoutError:
@@ -117,7 +117,7 @@ class Link:
         raise Failed(f"came unexpectedly: {message[:80]}")
 
     async def parted(self):
-        """The close code with which the client goes; texts before it are passed over."""
+        """The client's close code; skips earlier texts."""
         try:
             while True:
                 await self.read()
@@ -125,15 +125,16 @@ class Link:
             return self.socket.close_code
 
     def cut(self):
-        """The connection breaks, without a close frame."""
+        """Breaks the connection without a close frame."""
         self.socket.transport.abort()
 
 
 class Server:
-    """Runs one script per connection: the n-th connection gets the n-th, the last one serves all that follow."""
+    """Runs one script per connection: the n-th connection gets the n-th, the last one serves all further ones."""
 
-    def __init__(self, *scripts):
+    def __init__(self, *scripts, tls=None, port=0):
         self.scripts = scripts
+        self.tls, self.port = tls, port  # an ssl.SSLContext
         self.session = "one"
         self.connections = 0
         self.faults = []
@@ -145,10 +146,10 @@ class Server:
         return time.time_ns() // 1000 + self.ahead_us
 
     async def __aenter__(self):
-        self.server = await websockets.serve(self.serve, "127.0.0.1", 0, subprotocols=["relight.v1"], max_size=None,
+        self.server = await websockets.serve(self.serve, "127.0.0.1", self.port, ssl=self.tls, subprotocols=["relight.v1"], max_size=None,
                                              ping_interval=None, compression=None)
         self.port = self.server.sockets[0].getsockname()[1]
-        self.url = f"ws://127.0.0.1:{self.port}"
+        self.url = f"{'wss' if self.tls else 'ws'}://127.0.0.1:{self.port}"
         return self
 
     async def __aexit__(self, kind, *_):
@@ -168,7 +169,7 @@ class Server:
             await script(Link(socket, self))
         except websockets.ConnectionClosed:
             pass
-        except Exception as fault:  # told by the test; 4003 is never tried again, so that it need not wait
+        except Exception as fault:  # reported by the test; 4003 is never retried, so the test need not wait
             self.faults.append(fault if isinstance(fault, Failed) else Failed(repr(fault)))
             await socket.close(4003)
 
@@ -216,26 +217,26 @@ def expect(program, code, text=""):
 # ---- Frames to send ----
 
 def radiance(value=128, size=(2, 1), pad=0):
-    """A flat Radiance file whose texels all have this mantissa, with `pad` bytes of comment to make it large."""
+    """A flat Radiance file with this mantissa in every texel, and `pad` bytes of comment to make it large."""
     head = b"#?RADIANCE\n" + (b"# " + b"x" * pad + b"\n" if pad else b"") + b"FORMAT=32-bit_rle_rgbe\n\n"
     return head + b"-Y %d +X %d\n" % (size[1], size[0]) + bytes([value, value, value, 129]) * (size[0] * size[1])
 
 
 def sky_files(folder, count, pad=0):
-    """folder/sky.%04d.hdr, each another brightness; the pattern."""
+    """Writes folder/sky.%04d.hdr with different brightnesses; returns the pattern."""
     for i in range(count):
         (Path(folder) / f"sky.{i:04d}.hdr").write_bytes(radiance(64 + i, pad=pad))
     return str(Path(folder) / "sky.%04d.hdr")
 
 
 def main(claims):
-    """Runs the claim that the command line names."""
+    """Runs the test named on the command line."""
     claim = claims[sys.argv[1]]
     async def claimed(folder):
         try:
             await claim(Path(folder))
         finally:
-            for process in Program.started:  # a client comes back for ever, also when its test is over
+            for process in Program.started:  # clients reconnect for ever, even after their test has ended
                 if process.returncode is None:
                     process.kill()
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Questions about pixels, asked of the whole program by a library of other people: PROTOCOL.md 4.15 to 4.17."""
+"""Pixel probes of the whole program (PROTOCOL.md 4.15 to 4.17), with an independent WebSocket library."""
 
 import asyncio
 import base64
@@ -14,7 +14,7 @@ WAY = ["--method", "mis", "--samples", "40", "--paths", "direct", "--size", "96x
 
 
 class Asking:
-    """A viewer that asks: pictures and followed values are kept as they come."""
+    """A viewer that sends probes and keeps pictures and followed values in order of arrival."""
 
     def __init__(self, link):
         self.link = link
@@ -66,7 +66,7 @@ async def rendered(*arguments):
 
 
 async def answers_are_those_of_relight_render(folder):
-    """Every field of them, of a surface, of the sky and of the preset."""
+    """Compares every field, for a surface, the sky and the preset."""
     async with Daemon(*SKY, *WAY, "--converge", "off") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("jpeg")
@@ -86,7 +86,8 @@ async def answers_are_those_of_relight_render(folder):
 
 
 async def a_largest_answer_fits(folder):
-    """The most samples, with the sun apart: below what clause 4.16 says, and the sky with it."""
+    """The maximum number of samples with a separate sun: the answer stays below the size of clause 4.16, including
+    the sky."""
     async with Daemon(*SKY, "--method", "auto", "--samples", "256", "--size", "96x54") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("jpeg")
@@ -98,7 +99,7 @@ async def a_largest_answer_fits(folder):
 
 
 async def pictures(folder, questions):
-    """The pictures of ten frames, each with noise of its own, by number, while so many questions are asked."""
+    """The pictures of ten frames with independent noise, by number, while so many probes are sent."""
     async with Daemon("--source", "sky:hour=9,speed=60", "--rate", "6", *WAY, "--reseed") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("exr_float")
@@ -113,7 +114,7 @@ async def pictures(folder, questions):
 
 
 async def no_picture_is_changed_by_a_question(folder):
-    """Bit for bit, by the frames' numbers; that frames differ from each other is seen too."""
+    """Bit for bit, by frame number; also checks that frames differ from each other."""
     plain, asked = await pictures(folder, 0), await pictures(folder, 12)
     both = plain.keys() & asked.keys()
     check(len(both) >= 5, f"only frames {sorted(both)} are in both")
@@ -122,7 +123,7 @@ async def no_picture_is_changed_by_a_question(folder):
 
 
 async def a_followed_pixel_comes_with_each_picture(folder):
-    """As many values as pictures, each that of the picture's own frame: the last is what `probed` calls the picture's."""
+    """One value per picture, of that picture's frame: the last equals `picture` in `probed`."""
     async with Daemon("--source", "sky:hour=9,speed=60", "--rate", "8", "--frames", "0-11", "--once", *WAY,
                       "--converge", "off") as daemon, connect(daemon.url) as link:
         asking = Asking(link)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The producer of docs/recipes.md: short, as it says, and run against both a scripted server and relightd."""
+"""The producer of docs/recipes.md: its length, and runs against a scripted server and relightd."""
 
 import asyncio
 import struct

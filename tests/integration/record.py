@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""relight-record against a scripted server: what it asks for, what it stores, and when it says that it has."""
+"""relight-record against a scripted server: what it requests, what it stores, and when it acknowledges."""
 
 import asyncio
 import base64
@@ -27,7 +27,7 @@ def payload(frame, size=5000):
 
 
 async def subscribed(link, recorder=None, stored_after=None, form="exr_float", **more):
-    """Up to the subscription, which is returned."""
+    """Plays the handshake up to the subscription, which it returns."""
     named = {"recorder": {"stored_after": stored_after}} if recorder else {}
     hello = await link.welcome("viewer", **named)
     check(hello.get("recorder") == recorder, f"{hello}")
@@ -108,7 +108,7 @@ async def a_picture_in_many_fragments_is_whole(folder):
 
 
 async def the_last_picture_is_not_stored_twice(folder):
-    """A viewer that comes back gets the last picture again; in another session its number is a new one."""
+    """A reconnecting viewer gets the last picture again; in another session its number is new."""
     async def first(link):
         await subscribed(link)
         await link.socket.send(picture(1, 10, payload(10)))
@@ -145,7 +145,7 @@ async def latency_is_measured_on_the_servers_clock(folder):
         for i in (1, 2):  # captured a second ago
             await link.socket.send(picture(i, i, b"x", capture_us=link.server.clock_us() - 1_000_000))
             await acked(link, i)
-        await link.socket.send(picture(3, 3, b"x"))  # nobody knows when
+        await link.socket.send(picture(3, 3, b"x"))  # unknown capture time
         await acked(link, 3)
         await link.parted()
 
@@ -194,7 +194,7 @@ async def a_full_disk_is_told_and_nothing_half_is_left(folder):
 
     async with Server(script) as server:
         program = Program("relight-record", "--from", server.url, "--out", folder / "%d.exr", "--json")
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)  # a size limit stands for a disk that fills up
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)  # a file size limit simulates a full disk
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
         try:
             await program.start()
@@ -221,7 +221,7 @@ async def pictures_that_lie_are_not_stored(folder):
 
 
 async def a_size_beyond_all_bounds_is_not_waited_for(folder):
-    """A WebSocket frame that announces a tebibyte, as binary and as text: given up when the first 64 KiB are there."""
+    """A WebSocket frame that announces a tebibyte, as binary and as text: rejected after the first 64 KiB."""
     for opcode, kind in ((0x82, "binary"), (0x81, "text")):
 
         async def serve(reader, writer):
@@ -257,14 +257,14 @@ async def a_server_that_does_not_want_us_is_told(folder):
         await link.parted()
 
     async with Server(no_lockstep) as server:
-        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 3, "offers no lockstep")
+        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 3, "does not offer lockstep")
 
     async def busy(link):
         await link.read()
         await link.say(op="error", code="busy", clause="4.1", message="there is another", fatal=True)
         await link.socket.close(4012, "busy")
 
-    async with Server(busy) as server:  # later: not before ten seconds, which is longer than we wait
+    async with Server(busy) as server:  # "later" means not before ten seconds, which is longer than we wait
         expect(await record(server, "--give-up-after", "5", "--lockstep", "--out", folder / "%d.exr"), 3, "another")
         check(server.connections == 1, "came back too soon")
 
@@ -272,7 +272,7 @@ async def a_server_that_does_not_want_us_is_told(folder):
 # ---- Lockstep ----
 
 class Sequence:
-    """The server's side of a lockstep sequence: each picture again and again until it is acknowledged as stored."""
+    """The server's side of a lockstep sequence: sends each picture until it is acknowledged as stored."""
 
     def __init__(self, folder, count, size=5000):
         self.folder = folder
@@ -338,7 +338,7 @@ async def only_the_own_sequence_is_stored(folder):
     async with Server(script) as server:
         expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 0)
     async with Server(of_none) as server:
-        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 1, "of no sequence")
+        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 1, "belong to a sequence")
     check(names(folder) == ["2.exr"], f"{names(folder)}")
 
 
@@ -353,7 +353,7 @@ async def another_format_under_way_is_told(folder):
 
 
 async def a_picture_sent_again_is_acknowledged_again(folder):
-    """The acknowledgement is lost with the connection: the file is there, and is not written anew."""
+    """The acknowledgement is lost with the connection: the file exists and is not written again."""
     state = Sequence(folder, 2)
 
     async def first(link):
@@ -382,8 +382,8 @@ async def a_picture_sent_again_is_acknowledged_again(folder):
 
 
 async def a_killed_recorder_loses_nothing(folder):
-    """Killed at random moments, among them while a file is being written: what has a name is whole, what was
-    acknowledged is there, what was not comes again."""
+    """Killed at random moments, also while writing a file: named files are complete, acknowledged ones exist, others
+    are sent again."""
     (folder / "out").mkdir()
     state = Sequence(folder / "out", 30, size=3000000)
     dice = random.Random(5)
@@ -421,7 +421,7 @@ async def an_ended_sequence_is_told_apart(folder):
         await link.parted()
 
     async with Server(script) as server:
-        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 0, "had ended before")
+        expect(await record(server, "--lockstep", "--out", folder / "%d.exr"), 0, "already ended")
 
 
 # ---- Being asked to stop, and usage ----
@@ -453,13 +453,13 @@ async def wrong_usage_ends_with_2(folder):
     for arguments, text in (
             ((), "--out is missing"), (("--out", folder / "a.jpg"), "names one file"),
             (("--out", folder / "%d.png"), "--format is missing"), (("--out", folder / "%s.jpg"), "other '%'"),
-            (("--out", jpg, "--format", "exr-half"), "does not go with"),
-            (("--out", jpg, "--format", "png"), "not known"), (("--out", jpg, "--quality", "0"), "--quality"),
-            (("--out", folder / "%d.exr", "--quality", "50"), "of JPEG only"),
+            (("--out", jpg, "--format", "exr-half"), "does not match"),
+            (("--out", jpg, "--format", "png"), "unknown --format"), (("--out", jpg, "--quality", "0"), "--quality"),
+            (("--out", folder / "%d.exr", "--quality", "50"), "only to JPEG"),
             (("--out", jpg, "--lockstep", "--once"), "--once"), (("--out", jpg, "--recorder", "a b"), "'a b'"),
             (("--out", jpg, "--lockstep", "--max-rate", "3"), "--max-rate"),
             (("--out", jpg, "--frames", "0"), "--frames"),
-            (("--out", jpg, "--from", "here"), "ws://HOST:PORT"), (("--out", jpg, "more"), "too many")):
+            (("--out", jpg, "--from", "here"), "ws://HOST:PORT"), (("--out", jpg, "more"), "unexpected argument")):
         expect(await run("relight-record", *arguments), 2, text)
     expect(await run("relight-record", "--out", folder / "nowhere" / "%d.jpg"), 1, "No such file")
     program = await run("relight-record", "--help")

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# relightd as an operator meets it: how it starts, what it says, how it stops.
+# relightd for its operator: start, messages, shutdown.
 . "$(dirname "$0")/lib.sh"
 
-# A server that outlived a failed claim would hold ctest's pipe, and ctest would wait for it.
+# A server that outlives a failed test would hold ctest's pipe, and ctest would wait for it.
 pid=
 trap '[ -z "$pid" ] || kill "$pid" 2>/dev/null || true; rm -rf "$work"' EXIT
 
-# start ARGUMENTS...: a small server on a free port; $url, $port and $pid are set once it listens.
+# start ARGUMENTS...: starts a small server on a free port; sets $url, $port and $pid once it listens.
 start() {
     : >"$work/log"
     "$bin/relightd" --port 0 --size 64x36 --samples 4 "$@" 2>"$work/log" &
@@ -23,7 +23,7 @@ start() {
     port=${port%/}
 }
 
-# stop: SIGTERM, and the exit code into $code.
+# stop: sends SIGTERM; $code is the exit code.
 stop() {
     kill -TERM "$pid"
     code=0
@@ -52,7 +52,7 @@ the_page_and_its_health_are_served() {
     [ "$code" = 0 ] || { cat "$work/log"; fail "exit code $code"; }
 }
 
-# Whatever it is doing, a polite signal ends it with code 0.
+# SIGTERM ends it with code 0, whatever it is doing.
 sigterm_ends_it_with_code_0() {
     local i
     for i in 0 0.3 1.1; do
@@ -77,7 +77,7 @@ an_address_of_the_world_is_refused() {
 bad_usage_and_input_end_it_with_one_line() {
     expect 2 "unknown flag" "$bin/relightd" --prot 3
     expect 2 "'0'" "$bin/relightd" --fps 0
-    expect 2 "--method mlt is a reference" "$bin/relightd" --method mlt
+    expect 2 "--method .mlt. is not available here" "$bin/relightd" --method mlt
     expect 2 "'mist'" "$bin/relightd" --method mist
     expect 1 'nowhere' "$bin/relightd" --port 0 --size 16x9 --source "$work/nowhere/%d.exr"
     expect 1 'nowhere.json' "$bin/relightd" --port 0 --size 16x9 --scene "$work/nowhere.json"
@@ -101,7 +101,7 @@ a_bad_frame_is_reported_and_the_server_goes_on() {
     [ "$code" = 0 ] || fail "exit code $code"
 }
 
-# says PATTERN: waits until the log has a line of it.
+# says PATTERN: waits for a matching line in the log.
 says() {
     local i
     for ((i = 0; i < 600; i++)); do
@@ -128,7 +128,7 @@ light_transport_is_computed_beside_the_pictures_and_kept() {
     if grep -q 'computing light' "$work/log"; then fail "computed again"; fi
 }
 
-# The second signal would end it hard; the first is enough, whatever is under way, and half a cache is not kept.
+# A second signal would kill it; one suffices, whatever is under way, and a partial cache is not stored.
 a_signal_ends_it_while_light_transport_is_computed() {
     local i
     for i in 0 0.7; do

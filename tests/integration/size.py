@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""A viewer that takes no large pictures, played by a library of other people: PROTOCOL.md 4.3.7."""
+"""A viewer that limits the picture size (PROTOCOL.md 4.3.7), with an independent WebSocket library."""
 
 import asyncio
 import json
@@ -11,7 +11,7 @@ from peer import BIN, WAIT_S, check, main
 
 
 async def picture_sizes(url, wishes):
-    """Width, height and flags of the first picture of each subscription, and of the JPEG itself."""
+    """Width, height and flags of the first picture of each subscription, and the JPEG's own size."""
     found = []
 
     async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None) as link:

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""A viewer of a sky that stands still, played by a library of other people: PROTOCOL.md 4.8.9 and flag 32 of 6."""
+"""A viewer of a still sky (PROTOCOL.md 4.8.9 and flag 32 of 6), with an independent WebSocket library."""
 
 import asyncio
 import json
@@ -12,13 +12,13 @@ from peer import BIN, PICTURE, WAIT_S, check, main, radiance
 
 FINER = 32
 SAMPLES = 8
-# A pass is a share of the processors: beside two programs of a higher priority one run took three minutes instead of ten
-# seconds, and came to the same end.
+# Passes use the remaining CPU time: beside two programs of a higher priority one run took three minutes instead of
+# ten seconds, with the same result.
 START_S = 3 * WAIT_S
 
 
 class Watch:
-    """What a viewer has seen: of each picture its frame, its flags and its samples; of each status its light."""
+    """What a viewer has received: frame, flags and samples of each picture; light of each status."""
 
     def __init__(self, link):
         self.link = link
@@ -42,7 +42,7 @@ class Watch:
         return self.lights[-1] if self.lights else {}
 
     async def silence(self, seconds):
-        """How many pictures come in so long."""
+        """The number of pictures within that time."""
         before = len(self.pictures)
         try:
             await asyncio.wait_for(self.until(lambda: False), seconds)
@@ -58,7 +58,7 @@ class Daemon:
     async def __aenter__(self):
         self.process = await asyncio.create_subprocess_exec(
             str(BIN / "relightd"), "--port", "0", "--size", "96x54", *self.arguments, stderr=asyncio.subprocess.PIPE)
-        line = self.before = ""  # what it says until it listens
+        line = self.before = ""  # its output until it listens
         while "listening on " not in line:
             line = (await asyncio.wait_for(self.process.stderr.readline(), START_S)).decode()
             check(line, "relightd ended: " + self.before)
@@ -88,11 +88,11 @@ def connect(url):
 
 
 async def converges(daemon, error):
-    """Until it says so; then nothing more is made or computed."""
+    """Waits for convergence; then nothing more is rendered or computed."""
     async with connect(daemon.url) as link:
         watch = await watching(link)
         await watch.until(lambda: watch.light().get("converged"))
-        # The word goes ahead of its picture, which is encoded first: by how much, is the machine's affair.
+        # The status precedes its picture, which must be encoded first; by how much depends on the machine.
         await watch.until(lambda: watch.pictures[-1][1] & FINER
                           and watch.pictures[-1][2] >= watch.light()["passes"] * SAMPLES)
         finer = [p for p in watch.pictures if p[1] & FINER]

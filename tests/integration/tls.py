@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""relightd's own TLS: the page and the stream by HTTPS and WSS, certificates that will not do, and those who speak
-plainly or slowly to it. The other ends are Python's ssl and python3-websockets; certificates are made by openssl."""
+"""relightd's own TLS: the page and the stream over HTTPS and WSS, unusable certificates, and clients without or with
+slow TLS. The clients are Python's ssl and python3-websockets; openssl makes the certificates."""
 
 import asyncio
 import json
@@ -39,17 +39,17 @@ def openssl(*arguments):
     subprocess.run(["openssl", *map(str, arguments)], check=True, capture_output=True)
 
 
-def certificate(folder, name, kind=CURVE, days=30):
+def certificate(folder, name, kind=CURVE, days=30, names="DNS:localhost,IP:127.0.0.1"):
     if not shutil.which("openssl"):
         skip("openssl is not installed")
     cert, key = folder / f"{name}.pem", folder / f"{name}.key"
     openssl("req", "-x509", "-newkey", *kind, *NAME, "-days", days, "-addext",
-            "subjectAltName=DNS:localhost,IP:127.0.0.1", "-keyout", key, "-out", cert)
+            f"subjectAltName={names}", "-keyout", key, "-out", cert)
     return cert, key
 
 
 def expired(folder):
-    """Of 2020, which only an authority may write."""
+    """Backdated to 2020, which only an authority can do."""
     cert, key, request, rules = (folder / f"old.{end}" for end in ("pem", "key", "csr", "conf"))
     rules.write_text(AUTHORITY.format(folder))
     (folder / "index").touch()
@@ -61,16 +61,16 @@ def expired(folder):
 
 
 def text_of(cert, *what):
-    """As openssl says it: -serial, -enddate."""
+    """openssl's output for -serial, -enddate."""
     said = subprocess.run(["openssl", "x509", "-in", str(cert), "-noout", *what], check=True, capture_output=True)
     return said.stdout.decode().split("=", 1)[1].strip()
 
 
 def shown(port, kinds="DEFAULT"):
-    """The serial number of the certificate that a new connection sees, whoever signed it."""
+    """The serial number of the certificate that a new connection gets, whoever signed it."""
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    context.maximum_version = ssl.TLSVersion.TLSv1_2  # where the client's list of ciphers says which kind of key it takes
+    context.maximum_version = ssl.TLSVersion.TLSv1_2  # in TLS 1.2 the client's cipher list determines the type of key
     context.set_ciphers(kinds)
     with socket.create_connection(("127.0.0.1", port), WAIT_S) as plain, context.wrap_socket(plain) as link:
         der = link.getpeercert(binary_form=True)
@@ -80,7 +80,7 @@ def shown(port, kinds="DEFAULT"):
 
 
 async def renew(daemon, words):
-    """SIGHUP, and then what the log says, up to those words."""
+    """Sends SIGHUP; returns the log up to these words."""
     daemon.process.send_signal(signal.SIGHUP)
     said = ""
     while words not in said:
@@ -142,7 +142,7 @@ async def certificates_that_will_not_do_are_named(folder):
     for arguments, words in ((("--tls-cert", cert), "need each other"),
                              (("--tls-cert", folder / "none.pem", "--tls-key", key), "none.pem: cannot be read"),
                              (("--tls-cert", cert, "--tls-key", folder / "none.key"), "none.key: cannot be read"),
-                             (("--tls-cert", text, "--tls-key", key), "text.pem: is no certificate"),
+                             (("--tls-cert", text, "--tls-key", key), "text.pem: is not a PEM certificate"),
                              (("--tls-cert", cert, "--tls-key", text), "text.pem: is no private key"),
                              (("--tls-cert", cert, "--tls-key", other), "other.key: is not the key of that"),
                              (("--tls-cert", old, "--tls-key", old_key), "old.pem: has expired")):
@@ -153,8 +153,8 @@ async def certificates_that_will_not_do_are_named(folder):
 
 
 async def a_renewed_certificate_is_shown_to_those_who_come(folder):
-    """Another of the same kind, and one of another kind of key, beside which the old one is shown to nobody any more;
-    whoever is in stays."""
+    """A renewed certificate of the same type of key, and one of another type, after which the old one is never used
+    again; existing connections stay."""
     cert, key = certificate(folder, "good")
     async with Daemon(*SKY, "--tls-cert", str(cert), "--tls-key", str(key)) as daemon:
         port = port_of(daemon.url)
@@ -226,7 +226,7 @@ async def a_bad_certificate_on_reload_changes_nothing(folder):
         port, context, serial = port_of(daemon.url), trust(cert), text_of(cert, "-serial")
         _, other_key = certificate(folder, "other")
         old, old_key = expired(folder)
-        for files, words in (((b"no certificate\n", good_key), f"{cert}: is no certificate"),
+        for files, words in (((b"no certificate\n", good_key), f"{cert}: is not a PEM certificate"),
                              ((good, other_key.read_bytes()), f"{key}: is not the key of that certificate"),
                              ((old.read_bytes(), old_key.read_bytes()), f"{cert}: has expired")):
             cert.write_bytes(files[0])
@@ -242,7 +242,7 @@ async def a_bad_certificate_on_reload_changes_nothing(folder):
 
 
 async def plain_and_slow_ones_are_cut_off(folder):
-    """Neither is answered in the clear nor kept for ever, and others go on."""
+    """Neither gets a plain answer nor stays connected for ever, and others continue."""
     cert, key = certificate(folder, "good")
     async with Daemon(*SKY, "--tls-cert", str(cert), "--tls-key", str(key)) as daemon:
         port = port_of(daemon.url)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tokens: nothing that a program writes, sends or answers holds one, whatever is done with it, right or wrong."""
+"""Tokens: nothing that a program writes, sends or answers contains a token, right or wrong."""
 
 import asyncio
 import json
@@ -45,7 +45,8 @@ def holds_none(text, what):
 
 
 async def hello(url, heard, **fields):
-    """What the server says to this hello within a second goes into `heard`; the close code, or None while it stays open."""
+    """The server's answers to this hello within a second go into `heard`; returns the close code, or None if still
+    open."""
     link = await websockets.connect(url.replace("http", "ws", 1) + "ws", subprotocols=["relight.v1"], max_size=None)
     await link.send(json.dumps({"op": "hello", "version": {"major": 1, "minor": 1}, **fields}))
 

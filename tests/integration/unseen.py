@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""A computed sky with a rate of its own while nobody looks: it is made once a second, its time goes on, and whoever comes
-sees the present at once. What is counted is told by /metrics, so that the looking itself is not seen."""
+"""A computed sky with its own rate without viewers: one frame per second, while its time goes on, and a new viewer
+sees the present at once. Counters come from /metrics, so that the measurement does not count as a viewer."""
 
 import asyncio
 import json
@@ -26,7 +26,7 @@ def received(daemon):
 
 
 async def made(daemon, more):
-    """Until so many more have been; how many there are."""
+    """Waits until there are so many more; returns their number."""
     want, end = received(daemon) + more, time.monotonic() + WAIT_S
     while (count := received(daemon)) < want:
         check(time.monotonic() < end, "no frame is made")
@@ -40,7 +40,7 @@ async def come(link):
 
 
 async def picture(link):
-    """The number of the frame of the next one."""
+    """The frame number of the next picture."""
     while True:
         message = await asyncio.wait_for(link.recv(), WAIT_S)
         if isinstance(message, bytes):
@@ -50,7 +50,7 @@ async def picture(link):
 
 
 async def unwatched(daemon):
-    """Once it is at its slower pace."""
+    """Waits until it runs at the slower pace."""
     await made(daemon, 2)
     return received(daemon), time.monotonic()
 
@@ -76,7 +76,7 @@ async def a_sky_that_nobody_sees_is_made_once_a_second(folder):
 
 
 async def its_time_goes_on_meanwhile(folder):
-    """At the rate that was said, but for the second that may pass between two looks."""
+    """At the given rate, except for the second between two checks."""
     async with Daemon(*SKY) as daemon:
         await unwatched(daemon)
         first, begun = counted(daemon, "relightd_frame_number"), time.monotonic()
@@ -87,16 +87,16 @@ async def its_time_goes_on_meanwhile(folder):
 
 
 async def whoever_comes_sees_the_present_at_once(folder):
-    """Comes just when a frame has been made, the next of which nobody would have seen for a second."""
+    """A viewer comes just after a frame was made, when the next would be a second later."""
     async with Daemon(*SKY) as daemon:
         waits = []
         for _ in range(5):
-            await asyncio.sleep(1.5)  # it has noticed that nobody is there
+            await asyncio.sleep(1.5)  # it has noticed that there is no viewer
             await made(daemon, 1)
             async with connect(daemon.url) as link:
                 begun = time.monotonic()
                 await come(link)
-                frames = set()  # three may be there: the last that was encoded, that which stands, and the next of them
+                frames = set()  # up to three: the last encoded one, the current one, and the next
                 while len(frames) < 4:
                     frames.add(await picture(link))
                 waits.append(time.monotonic() - begun)

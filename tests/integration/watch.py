@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""relightd as who watches over it sees it: /metrics, /healthz, /readyz, its log, its end, and what comes back."""
+"""relightd for its operator: /metrics, /healthz, /readyz, its log, its shutdown, and restored state."""
 
 import asyncio
 import json
@@ -19,7 +19,7 @@ from still import Daemon, connect
 
 try:
     from prometheus_client.parser import text_string_to_metric_families
-except ImportError:  # then the parser below must do
+except ImportError:  # the parser below suffices
     text_string_to_metric_families = None
 
 NAME = re.compile(r"[a-zA-Z_:][a-zA-Z0-9_:]*")
@@ -47,7 +47,7 @@ def samples_of(line, number):
 
 
 def parse(text):
-    """Prometheus' exposition format 0.0.4, read as strictly as it is written; {(name, labels): value}, {name: type}."""
+    """A strict parser of Prometheus' text format 0.0.4: {(name, labels): value}, {name: type}."""
     check(text.endswith("\n"), "the last line has no end")
     values, types, helped, family = {}, {}, set(), None
     for number, line in enumerate(text.splitlines(), 1):
@@ -209,13 +209,13 @@ async def settings_come_back_after_kill_9(folder):
         one = await Party.come(daemon.url, "viewer")
         check(in_force(one) == before, f"{in_force(one)} instead of {before}")
         check(one.last["control"]["samples"] == 8 and not one.last["control"]["paused"], one.last["control"])
-    async with Daemon("--state", str(state), "--samples", "5") as daemon:  # who changes the command line wants that
+    async with Daemon("--state", str(state), "--samples", "5") as daemon:  # a changed command line takes precedence
         one = await Party.come(daemon.url, "viewer")
         check(one.last["control"]["method"] == "auto" and one.last["control"]["samples"] == 5, one.last["control"])
 
 
 async def a_state_that_is_none_is_refused(folder):
-    """What is broken, of another version, or out of range changes nothing, and is named."""
+    """Broken state, state of another version or out of range changes nothing, and is reported."""
     good = {"op": "control", "state": 1, "said": {}, "tone": "linear"}
     async with Daemon("--state", str(folder), "--samples", "4") as daemon:
         one = await Party.come(daemon.url, "controller")
@@ -282,7 +282,7 @@ async def many_lines_of_a_kind_are_summed_up(folder):
         link = await connect(daemon.url)
         await link.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 0}}))
         credit, fates, number = 0, 0, 0
-        while fates < 40:  # refused; those that a newer one overtakes do not count
+        while fates < 40:  # refused ones; superseded ones do not count
             message = json.loads(await asyncio.wait_for(link.recv(), WAIT_S))
             if message["op"] == "welcome":
                 credit = message["producer"]["credit"]
@@ -330,7 +330,7 @@ async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
 # ---- The end ----
 
 async def watch_until_parted(url, stuck):
-    """A viewer; its close code. A stuck one never reads, until the server has gone: -1."""
+    """A viewer's close code. A stuck one never reads until the server has exited: -1."""
     link = await websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, max_queue=1,
                                     ping_interval=None, close_timeout=1)
     await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 0}}))
@@ -348,7 +348,7 @@ async def watch_until_parted(url, stuck):
 
 
 async def everybody_is_told_when_it_ends(folder):
-    """Forty viewers, one of them stuck in the middle of a large picture, while it shades at full speed."""
+    """Forty viewers, one stuck in the middle of a large picture, while it renders at full speed."""
     async with Daemon("--size", "640x360", "--samples", "64", "--source", "sky:speed=60") as daemon:
         await until_ready(daemon)
         stuck = await watch_until_parted(daemon.url, True)
@@ -366,11 +366,11 @@ async def everybody_is_told_when_it_ends(folder):
         stuck.transport.abort()
     print(f"gone {took:.2f} s after SIGTERM")
     check(code == 0 and set(codes) == {1001}, f"exit code {code}, close codes {codes}")
-    check(took < 8, f"it took {took:.1f} s")  # five, and what a busy machine adds
+    check(took < 8, f"it took {took:.1f} s")  # five, plus the delay of a busy machine
 
 
 async def a_signal_while_a_scene_is_prepared_is_obeyed(folder):
-    """What cannot be stopped half way is left: nobody waits longer than the five seconds."""
+    """Work that cannot be interrupted is abandoned: shutdown takes at most five seconds."""
     process = await asyncio.create_subprocess_exec(str(BIN / "relightd"), "--port", "0", "--size", "4096x4096",
                                                    "--edge-rays", "16", stderr=asyncio.subprocess.PIPE)
     await asyncio.sleep(1)
@@ -397,9 +397,9 @@ async def the_last_sky_of_a_producer_stays_and_since_when_is_said(folder):
         producer.transport.abort()
         await viewer.until(lambda: viewer.last["status"]["source"]["state"] == "waiting")
         source = viewer.last["status"]["source"]
-        check(re.fullmatch(r"the producer is gone since \d\d:\d\d:\d\d UTC, its last sky stays", source["detail"]), source)
+        check(re.fullmatch(r"the producer disconnected at \d\d:\d\d:\d\d UTC; its last sky stays", source["detail"]), source)
         check(-1e6 < source["since_us"] - left_us < WAIT_S * 1e6, f"{source} after {left_us}")
-        late = await Party.come(daemon.url, "viewer")  # who comes now gets the last picture
+        late = await Party.come(daemon.url, "viewer")  # a late viewer gets the last picture
         await late.until(lambda: late.gains)
         values = await metrics(daemon)
         check(value(values, "relightd_source_state", state="waiting") == 1, "another state in the metrics")

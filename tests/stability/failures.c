@@ -1,18 +1,18 @@
-/* Where a method must fail: how large the failure is, how it shows before anybody compares with a reference, and what
- * auto does instead. Errors are those of one picture at the samples that a moving picture has, as the standard
- * deviation over seeds, relative to the value, root mean square over points; costs are counted in rays. Bounds are half
- * or less of what was measured for failures, twice or more for what holds, so that other random numbers pass too. */
+/* Cases where a method must fail: the size of the failure, its detection without a reference, and auto's alternative.
+ * Errors are those of one image at live sample counts, as the standard deviation over seeds, relative to the value,
+ * root mean square over points; costs are counted in rays. Bounds are half or less of the measured failures, twice or
+ * more of what must hold, so that other random numbers pass too. */
 #include "stability.h"
 
-#include "sky_table.h"
+#include "env/sky_table.h"
 
 enum { SAMPLES = 64, PACKETS = 2, POINTS = PACKETS * PACKET };
 
-/* How far one picture of some points is from the truth. */
+/* The error of one image of some points. */
 struct failing {
     double error; /* root mean square, relative */
-    double noise; /* of that, what changes from seed to seed */
-    double told;  /* what two pictures say of it, half of their mean squared difference: the median, relative */
+    double noise; /* the part that changes from seed to seed */
+    double told;  /* estimated from two images, half of their mean squared difference: the median, relative */
     double lit;   /* effective over chosen light samples */
 };
 
@@ -22,7 +22,7 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* want: what all points should be; 0: their mean is taken to be right. */
+/* want: the value of all points; 0: their mean is taken as correct. */
 static struct failing measure(const struct gbuffer *g, const struct environment *e, const struct variant *v,
                               double want)
 {
@@ -83,7 +83,7 @@ static void best_of(struct worst *w, double value, const char *name)
     }
 }
 
-/* Points that look up a little aside and are seen at 45 degrees, all alike. */
+/* Identical points that face slightly aside, seen at 45 degrees. */
 static struct gbuffer alike(enum lobe_kind kind, float diffuse, float specular, float gloss)
 {
     struct gbuffer g = points_with_sets(PACKETS, kind, diffuse, specular, gloss);
@@ -102,7 +102,7 @@ static struct gbuffer alike(enum lobe_kind kind, float diffuse, float specular, 
     return g;
 }
 
-/* The sharper the lobe, the fewer of the sky's samples it sees: of an even sky one in n / 2 at an exponent n. */
+/* The sharper the lobe, the fewer sky samples it sees: of an even sky one in n / 2 at an exponent n. */
 static void light_sampling_fails_on_a_near_mirror(void **state)
 {
     static const struct {
@@ -142,7 +142,7 @@ static void light_sampling_fails_on_a_near_mirror(void **state)
     verdict();
 }
 
-/* A sun of half a degree is in 1.5e-5 of all directions, and brings ten times the sky's light. */
+/* A sun of half a degree covers 1.5e-5 of all directions, with ten times the sky's light. */
 static void sampling_without_the_light_fails_under_a_small_sun(void **state)
 {
     static const char *const blind[] = { "uniform", "brdf" };
@@ -183,7 +183,7 @@ static void sampling_without_the_light_fails_under_a_small_sun(void **state)
     verdict();
 }
 
-/* It has set by two degrees: its face still rises above the horizon, and draws nearly all samples. */
+/* Set by two degrees: its face is still partly above the horizon, and draws nearly all samples. */
 static void light_sampling_fails_where_the_sun_is_down_and_its_face_is_not(void **state)
 {
     static const char *const deceived[] = { "light", "faces", "latlong", "latlong-rows" };
@@ -220,8 +220,8 @@ enum { WIDTH = 16, HEIGHT = 12, PIXELS = WIDTH * HEIGHT };
 
 enum yard_view { FROM_ABOVE, IN_A_MIRROR, THROUGH_THE_LOOKING_GLASS };
 
-/* A floor, a mirror that throws the sun on it, and another that stands across and shows it; or in that one's place the
- * eye's own image behind it. From above no mirror is seen. */
+/* A floor, a mirror that reflects the sun onto it, and a second one across that shows it; or instead of the second
+ * the eye's mirror image behind it. From above no mirror is visible. */
 static struct set *yard(enum yard_view view)
 {
     static const struct camera cameras[] = {
@@ -239,7 +239,7 @@ static struct set *yard(enum yard_view view)
     return set_of(s, &cameras[view], WIDTH, HEIGHT, 1);
 }
 
-/* A sun of 0.7 degrees at 45 degrees of height, from +X and a little from behind the second mirror. */
+/* A sun of 0.7 degrees at 45 degrees of height, from +X and slightly behind the second mirror. */
 static struct environment *sun_and_sky(float sun, float sky)
 {
     struct frame f = sky_constant(512, 256, sky);
@@ -248,11 +248,11 @@ static struct environment *sun_and_sky(float sun, float sky)
     return sky_environment(f, 128, 0.0);
 }
 
-/* Pictures of caustics alone. */
+/* Images of caustics alone. */
 struct gathered {
     struct tally pixel[PIXELS], whole; /* luminance */
     double rays;                       /* a picture */
-    uint64_t dark, lit;                /* pixels that got less than half, of those that have light */
+    uint64_t dark, lit;                /* pixels with less than half of their light, pixels with light */
     struct plan plan;
 };
 
@@ -284,7 +284,7 @@ static void gather(struct set *set, const struct environment *e, const struct re
     relighter_destroy(r);
 }
 
-/* relMSE of one picture against another's mean, over pixels where that has light; counts those that stay dark. */
+/* relMSE of one image against another's mean, over pixels with light there; counts those that stay dark. */
 static double error_of(struct gathered *a, const struct gathered *truth)
 {
     double sum = 0.0, count = 0.0, mean = 0.0;
@@ -305,8 +305,8 @@ static double error_of(struct gathered *a, const struct gathered *truth)
     return sum / count;
 }
 
-/* Paths from the eye meet a sun behind a mirror by accident; light paths meet the eye at every event. Errors of one
- * picture, at as many rays; the truth is the light tracer's with a hundred times as many. */
+/* Eye paths reach a sun behind a mirror by chance; light paths connect to the eye at every event. Errors of one
+ * image, at as many rays; the reference is the light tracer with a hundred times as many. */
 static void eye_paths_fail_on_a_suns_caustic(void **state)
 {
     static struct gathered truth, eye, light, chosen;
@@ -337,8 +337,8 @@ static void eye_paths_fail_on_a_suns_caustic(void **state)
     verdict();
 }
 
-/* The same yard under an even sky: the light tracer's paths bring all the same little, and the eye's find sky wherever
- * they look. */
+/* The same yard under an even sky: all light paths contribute equally little, and eye paths find sky in every
+ * direction. */
 static void the_light_tracer_is_wasted_on_an_even_sky(void **state)
 {
     static struct gathered truth, eye, light, chosen;
@@ -364,9 +364,8 @@ static void the_light_tracer_is_wasted_on_an_even_sky(void **state)
     verdict();
 }
 
-/* A delta on either side of the one rough surface: no path from the light can be joined to the eye, and one from the
- * eye finds the sun by accident. What should be seen is known from the eye's image behind the mirror, to which light
- * paths can be joined. */
+/* A delta on both sides of the one rough surface: light paths cannot be connected to the eye, and eye paths find the
+ * sun by chance. The expected value comes from the eye's mirror image, to which light paths can be connected. */
 static void everything_fails_on_a_caustic_seen_in_a_mirror(void **state)
 {
     static struct gathered truth, by[4];

@@ -1,10 +1,10 @@
-/* Scenes that are not as they should be: a ground a thousand times the object, triangles that are none, shading normals
- * that face away, lights and casters without area. Means over seeds are compared in standard errors; fixed seeds. */
+/* Difficult geometry: a ground a thousand times the object, degenerate triangles, shading normals that face away,
+ * flat lights and casters. Means over seeds are compared in standard errors; fixed seeds. */
 #include "stability.h"
 
 enum { WIDTH = 16, HEIGHT = 12, PIXELS = WIDTH * HEIGHT, VALUES = 3 * PIXELS };
 
-/* A block and a mirror on a floor that reaches `half` metres each way. */
+/* A block and a mirror on a floor that extends `half` metres each way. */
 static struct set *yard(float half, bool mirror)
 {
     static const struct camera aside = { "aside", { 0.6f, 2.6f, 2.2f }, { -0.3f, 0, 0 }, { 0, 1, 0 }, 0.5f };
@@ -17,7 +17,7 @@ static struct set *yard(float half, bool mirror)
     if (mirror)
         add_wall(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.9f, 0.9f, 0.0f), 0, -1.0f, (const float[2]){ 0, -0.8f },
                  (const float[2]){ 0.8f, 0.8f });
-    return set_of(s, mirror ? &above : &aside, WIDTH, HEIGHT, 1); /* from above the mirror is not seen */
+    return set_of(s, mirror ? &above : &aside, WIDTH, HEIGHT, 1); /* from above the mirror is not visible */
 }
 
 static struct environment *sunny(void)
@@ -28,10 +28,10 @@ static struct environment *sunny(void)
     return sky_environment(f, 64, 0.0);
 }
 
-/* Means over seeds of a picture's pixels, and of the whole. */
+/* Means over seeds of an image's pixels, and of the whole. */
 struct means {
     struct tally pixel[PIXELS], whole;
-    double hit; /* of the light tracer's starts, whose first surface counts */
+    double hit; /* share of the light tracer's starts that hit a target first */
 };
 
 static void average(struct set *set, const struct environment *e, const struct relight_desc *desc, uint32_t seeds,
@@ -59,7 +59,7 @@ static void average(struct set *set, const struct environment *e, const struct r
     relighter_destroy(r);
 }
 
-/* Mean variance of a picture's pixels over their squared mean. */
+/* Mean variance of an image's pixels over their squared mean. */
 static double noise(const struct means *m)
 {
     double variance = 0.0, square = 0.0;
@@ -71,14 +71,14 @@ static double noise(const struct means *m)
     return variance / square;
 }
 
-/* Shadows, contacts and open ground are as on a small floor: the same shade points, but for the rounding of larger
- * triangles. */
+/* Shadows, contacts and open ground equal those on a small floor: the same shade points, except for the rounding of
+ * larger triangles. */
 static void a_ground_of_a_thousand_times_the_object_takes_no_direct_light(void **state)
 {
     static float a[VALUES], b[VALUES];
     struct worst off = { 0.0, "" };
     (void)state;
-    omp_set_num_threads(1); /* the work is in small pieces, and the cores may be busy */
+    omp_set_num_threads(1); /* small work items; the cores may be busy */
     struct set *small = yard(3.0f, true), *large = yard(3000.0f, true);
     struct environment *e = sunny();
     struct relighter *r = relighter_create(small, best_kernels()), *q = relighter_create(large, best_kernels());
@@ -101,8 +101,8 @@ static void a_ground_of_a_thousand_times_the_object_takes_no_direct_light(void *
     verdict();
 }
 
-/* Particles are aimed at the casters: the ground, large as it is, eats none. For interreflection they must go
- * everywhere, and one in a million meets what is seen; eye paths begin there. */
+/* Particles are aimed at the casters: a large ground absorbs none. For indirect light they must go everywhere, and
+ * one in a million reaches the visible part, where eye paths start. */
 static void a_ground_of_a_thousand_times_the_object_takes_no_caustics(void **state)
 {
     static struct means small, large, lit, eye;
@@ -143,8 +143,8 @@ static const char scene_text[] =
     "\"models\":[{\"file\":\"model.obj\"}],\"materials\":{\"grey\":{\"type\":\"lambert\",\"albedo\":[0.6,0.5,0.4]},"
     "\"shine\":{\"type\":\"mirror\",\"reflectance\":[0.9,0.9,0.9]}}}";
 
-/* A floor, a slanted card and a mirror; spoilt by triangles that are none: twice the same corner, all in a line, no
- * number, beyond all reason, too thin to have a normal, and lines and points. */
+/* A floor, a slanted card and a mirror, with degenerate triangles: repeated corners, collinear, NaN, out of range,
+ * too thin for a normal, and lines and points. */
 static struct set *card(bool spoilt)
 {
     static const char good[] =
@@ -219,8 +219,8 @@ static void triangles_that_are_none_change_no_bit(void **state)
     verdict();
 }
 
-/* A floor whose normals lean by 70 degrees, a wall whose normals point behind it, a coarse ball whose normals are
- * turned inside out, and a mirror that leans. */
+/* A floor whose normals lean by 70 degrees, a wall whose normals point behind it, a coarse ball with inverted
+ * normals, and a leaning mirror. */
 static struct set *leaning(void)
 {
     static const struct camera camera = { "leaning", { 0.6f, 1.8f, 2.8f }, { 0, 0.2f, 0 }, { 0, 1, 0 }, 0.8f };
@@ -247,9 +247,9 @@ static struct set *leaning(void)
     return set_of(s, &camera, WIDTH, HEIGHT, 16);
 }
 
-/* Every method counts the same light: where the light is above both normals, and nowhere else. Against the reference,
- * which has its own camera rays: those of the G-buffer are 16 x 16 at edges, good to 2e-3 of the mean. 15 + 2
- * comparisons; standard errors below 4 %, mostly 1 %: a bias of 20 % is caught everywhere, one of 5 % mostly. */
+/* All methods count the same light: light above both normals, and no other. Against the reference, which has its own
+ * camera rays: those of the G-buffer are 16 x 16 at edges, good to 2e-3 of the mean. 15 + 2 comparisons; standard
+ * errors below 4 %, mostly 1 %: a bias of 20 % is always detected, one of 5 % mostly. */
 static void shading_normals_that_face_away_count_the_same_by_every_method(void **state)
 {
     static struct means want, got;
@@ -296,7 +296,7 @@ static void shading_normals_that_face_away_count_the_same_by_every_method(void *
     verdict();
 }
 
-/* Light that is above both normals, as quadrature has it. */
+/* Light above both normals, by quadrature. */
 struct both_normals {
     double shading[3], geometric[3], sum[PACKET];
     uint32_t lane;
@@ -312,8 +312,8 @@ static void add_above_both(void *user, const double w[3], double solid_angle, co
         b->sum[b->lane] += s * solid_angle * rgb_luminance(rgb[0], rgb[1], rgb[2]) / PI;
 }
 
-/* 16 points whose shading normal leans by 0 to 165 degrees from the geometric one, with nothing in the way that would
- * hide light from below: 15 methods, standard errors at most 1 %; a bias of 5 % is caught everywhere. */
+/* 16 points whose shading normal leans by 0 to 165 degrees from the geometric one, with nothing that would hide light
+ * from below: 15 methods, standard errors at most 1 %; a bias of 5 % is always detected. */
 static void light_counts_only_above_both_normals(void **state)
 {
     struct worst z = { 0.0, "" }, error = { 0.0, "" };
@@ -357,7 +357,7 @@ static void light_counts_only_above_both_normals(void **state)
     verdict();
 }
 
-/* The smallest light there may be: a texel of 6e-8 sr at the pole of a map of 16384 rows, as bright as may be. */
+/* The smallest possible light: a texel of 6e-8 sr at the pole of a map of 16384 rows, at maximum brightness. */
 static void a_light_of_hardly_any_area_lights_as_quadrature(void **state)
 {
     const double up[3] = { 0, 1, 0 };
@@ -392,8 +392,8 @@ static void a_light_of_hardly_any_area_lights_as_quadrature(void **state)
     verdict();
 }
 
-/* Casters that are flat, under a sun that stands in their plane: seen from it they have no area. And a scene whose
- * every caster was no triangle. */
+/* Flat casters with the sun in their plane: they have no projected area. And a scene whose casters are all
+ * degenerate. */
 static void a_caster_without_area_casts_nothing(void **state)
 {
     static float rgb[VALUES];

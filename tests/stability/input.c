@@ -1,10 +1,10 @@
-/* Frames that are not as they should be: values that are no radiance, light that was cut off, a lookup that is not the
- * function which was sampled, sequences that change in mid-stream, maps as wide as the program takes. */
+/* Difficult frames: invalid values, clipped light, a lookup that differs from the sampled function, sequences that
+ * change midway, maps of the maximum width. */
 #include "stability.h"
 
-#include "image.h"
-#include "layout.h"
-#include "sky_table.h"
+#include "codec/image.h"
+#include "env/layout.h"
+#include "env/sky_table.h"
 
 enum { WIDTH = 16, HEIGHT = 12, VALUES = WIDTH * HEIGHT * 3 };
 
@@ -15,12 +15,12 @@ static struct set *court(void)
     struct set *set = NULL;
     struct reason why;
 
-    omp_set_num_threads(1); /* the work is in small pieces, and the cores may be busy */
+    omp_set_num_threads(1); /* small work items; the cores may be busy */
     assert_int_equal(set_create(&desc, &set, &why), ERR_OK);
     return set;
 }
 
-/* Every way to light a picture: the variants of direct light, then whole pictures, then light and eye paths. */
+/* Every way to light an image: the variants of direct light, whole images, light and eye paths. */
 static const struct relight_desc others[] = {
     { .direct = { .method = METHOD_PATH }, .classes = PATH_ALL },
     { .direct = { .method = METHOD_MLT }, .classes = PATH_ALL },
@@ -42,7 +42,7 @@ static struct relight_desc way(int k)
     return d;
 }
 
-/* Is every value a radiance? */
+/* Whether every value is a valid radiance. */
 static bool is_radiance(const float *rgb)
 {
     bool good = true;
@@ -52,8 +52,8 @@ static bool is_radiance(const float *rgb)
     return good;
 }
 
-/* A sky in which every thirtieth value is one of all that a float can hold and light cannot; and the same with what
- * image.h makes of each. */
+/* A sky in which every thirtieth value is an invalid float, covering all kinds; and the same after the repairs of
+ * image.h. */
 static struct frame spoilt(bool put_right)
 {
     static const float odd[] = { NAN, -NAN, INFINITY, -INFINITY, -1.0f, -1e30f, 1e30f, 3.4e38f, -0.0f, 1e-42f };
@@ -95,8 +95,7 @@ static void values_that_are_no_radiance_are_as_if_they_were_put_right(void **sta
     verdict();
 }
 
-/* A half float ends at 65504: a sun of 10^6 that went through one has lost nearly all its light, and nothing can bring
- * it back. */
+/* A half float ends at 65504: a sun of 10^6 stored as one has lost nearly all its light, irrecoverably. */
 static void half_floats_clip_the_sun_and_it_is_said(void **state)
 {
     const double up[3] = { 0, 1, 0 };
@@ -126,7 +125,7 @@ static void half_floats_clip_the_sun_and_it_is_said(void **state)
     verdict();
 }
 
-/* Directions all over the sphere, and about the lit texel. */
+/* Directions over the whole sphere, and around the lit texel. */
 static void random_near(struct rng *r, const double centre[3], double spread, float w[3])
 {
     const double y = 2.0 * rng_next(r) - 1.0, phi = 2.0 * PI * rng_next(r), s = sqrt(1.0 - y * y);
@@ -137,9 +136,9 @@ static void random_near(struct rng *r, const double centre[3], double spread, fl
         w[c] = (float)d[c];
 }
 
-/* Of a single lit texel a bilinear lookup sees a tent four times as large, 7/16 of which lies on its neighbours, where
- * the density of the nearest texel is 0: never sampled [Scotty3D]. Here what is evaluated is what is sampled: wherever
- * there is light there is density, in every table. */
+/* A bilinear lookup of a single lit texel gives a tent four times as large, 7/16 of which is on its neighbours, where
+ * the nearest texel's density is 0: never sampled [Scotty3D]. Here the sampled function is the evaluated one: in
+ * every table, density is positive wherever there is light. */
 static void light_has_density_wherever_it_is_evaluated(void **state)
 {
     enum { DIRECTIONS = 200000 };
@@ -163,7 +162,7 @@ static void light_has_density_wherever_it_is_evaluated(void **state)
         float w[3], rgb[3], pdf[8], sun[2];
         random_near(&r, centre, k % 2 ? 0.2 : 1e6, w);
         (void)environment_evaluate(e, w, rgb, &pdf[0]);
-        pdf[1] = samples_whole_density(e, w, rgb);
+        pdf[1] = environment_sample_density(e, w, rgb);
         for (int t = 0; t < 4; t++) {
             (void)sky_table_evaluate(&tables[t], w, rgb, &pdf[2 + t], &sun[0]);
             pdf[2 + t] += sun[0];
@@ -179,8 +178,8 @@ static void light_has_density_wherever_it_is_evaluated(void **state)
             found += pdf[t] > 0.0f && isfinite(pdf[t]);
         }
         if (k % 2)
-            continue; /* the sphere evenly but for the lit texel's own size: each direction stands for as much */
-        environment_look(e, vec3_make(w[0], w[1], w[2]), rgb);
+            continue; /* uniform over the sphere except for the lit texel's size: equal weights */
+        environment_lookup(e, vec3_make(w[0], w[1], w[2]), rgb);
         seen += rgb[0];
         missed += pdf[6] > 0.0f ? 0.0 : rgb[0];
     }
@@ -194,15 +193,15 @@ static void light_has_density_wherever_it_is_evaluated(void **state)
     verdict();
 }
 
-/* What comes one after another in one sequence: sizes and layouts as a producer may send them. */
+/* A sequence of sizes and layouts that a producer may send. */
 static const struct {
     const char *layout;
     uint32_t width, height;
 } pictures[] = {
     { "latlong", 64, 32 },        { "latlong", 1, 1 },  { "latlong", 128, 64 },
     { "cube", 16, 96 },           { "hcross", 64, 48 }, { "latlong", 64, 32 },
-    { "latlong-bottom", 64, 32 },                                              /* the same shape, another layout */
-    { "vcross", 48, 64 },         { "ball", 40, 40 },   { "fisheye", 40, 40 }, /* likewise */
+    { "latlong-bottom", 64, 32 },                                              /* the same shape, different layout */
+    { "vcross", 48, 64 },         { "ball", 40, 40 },   { "fisheye", 40, 40 }, /* the same */
     { "latlong", 7, 5 },          { "latlong", 2, 1 },  { "", 64, 32 },
     { "latlong", 300, 20 },
 };
@@ -219,7 +218,7 @@ static struct frame noise_of(int k)
     return f;
 }
 
-/* Tables, samples and pictures are made in memory that other sizes left behind: to the bit as in memory of their own.
+/* Tables, samples and images built in reused memory of other sizes equal those in fresh memory, bit for bit.
  */
 static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(void **state)
 {
@@ -241,11 +240,11 @@ static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(voi
         for (int q = 0; q < WAYS; q++) {
             const struct relight_desc by = way(q);
             if (!latlong && q < VARIANTS && variants[q].claims & OWN_SOURCE) {
-                struct relight_stats stats; /* refused, and what comes after is none the worse */
+                struct relight_stats stats; /* refused, without effect on what follows */
                 assert_int_equal(relighter_run(worn, used, &by, got, &stats), ERR_UNSUPPORTED);
                 continue;
             }
-            if (q >= VARIANTS && q < VARIANTS + 4 && k % 4) /* references keep nothing between pictures */
+            if (q >= VARIANTS && q < VARIANTS + 4 && k % 4) /* references keep nothing between images */
                 continue;
             picture_of(worn, used, &by, got);
             picture_of(new, fresh, &by, want);
@@ -264,8 +263,8 @@ static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(voi
     verdict();
 }
 
-/* The widest map there may be, with one lit texel at the horizon's height where no texel is smaller against the whole;
- * in the short form it is a band of few rows. 13 methods, |z| < 5; standard errors below 3 %. */
+/* The widest possible map, with one lit texel at the horizon, where texels are smallest relative to the whole; in the
+ * short form a band of few rows. 13 methods, |z| < 5; standard errors below 3 %. */
 static void a_map_as_wide_as_may_be_lights_as_quadrature(void **state)
 {
     const uint32_t height = full() ? 8192 : 24;
@@ -284,7 +283,7 @@ static void a_map_as_wide_as_may_be_lights_as_quadrature(void **state)
     sky_paint(&f, 12345, height / 3, sun, sun, sun);
     struct environment *e = sky_environment(f, 64, 0.0);
     struct gbuffer g = points_with_sets(1, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
-    /* In closed form, texel by texel: a quadrature of 10^8 of them would take longer than all else. */
+    /* In closed form, texel by texel: a quadrature of 10^8 of them would dominate the run time. */
     const double a = PI * (height / 3) / height, b = PI * (height / 3 + 1) / height;
     const double of_sun = (sun - 0.5) * 2.0 * PI / f.width * 0.5 * (sin(b) * sin(b) - sin(a) * sin(a));
     const double source = (0.5 * PI + of_sun) / PI, cube = irradiance(e, up, false) / PI;

@@ -1,8 +1,8 @@
-/* Skies that samplers and estimators are known to fail on: a sun at all the awkward places, black frames, one sample,
- * more strata than samples, day and night in two frames.
+/* Skies that samplers and estimators are known to fail on: a sun at all difficult positions, black frames, one sample,
+ * more strata than samples, day and night in successive frames.
  *
- * Statistical cases compare the mean over seeds with quadrature of the very function that the method evaluates, in
- * standard errors; the limit is for the number of comparisons that the case makes. */
+ * Statistical cases compare the mean over seeds with quadrature of the same function that the method evaluates, in
+ * standard errors; the limit accounts for the number of comparisons of the case. */
 #include "stability.h"
 
 #define Z_LIMIT 5.0 /* two-sided 5.7e-7: passed by chance once in 5000 runs of 350 comparisons */
@@ -12,7 +12,7 @@ struct place {
     double w[3];
 };
 
-/* Seen by a plane that looks up. */
+/* Seen by a plane that faces up. */
 static const struct place seen[] = {
     { "face centre", { 0, 0.35, 1 } },   { "cube edge", { 1, 0.6, 1 } },
     { "upper edge", { 0.3, 1, 1 } },     { "cube corner", { 1, 1, 1 } },
@@ -23,8 +23,8 @@ static const struct place seen[] = {
 enum { SEEN = sizeof(seen) / sizeof(seen[0]) };
 
 /* A sun of 20000 times the sky over 1.5 degrees, high up 20 times as much light as the rest. 130 comparisons. Power:
- * standard errors are at most 5 % (second line; half set, where it is mostly sky that lights and mostly sun that is
- * sampled), elsewhere 0.2 %, so that a bias of 25 % is caught everywhere and one of 1 % mostly. */
+ * standard errors are at most 5 % (second line; half set, where mostly the sky lights and mostly the sun is sampled),
+ * elsewhere 0.2 %, so a bias of 25 % is always detected and one of 1 % mostly. */
 static void a_sun_at_every_awkward_place_lights_as_quadrature(void **state)
 {
     struct worst z = { 0.0, "" }, error = { 0.0, "" };
@@ -57,7 +57,7 @@ static void a_sun_at_every_awkward_place_lights_as_quadrature(void **state)
     verdict();
 }
 
-/* A floor, and a mirror at x = -1 that throws the sun on it; from above, where the mirror is not seen. */
+/* A floor, and a mirror at x = -1 that reflects the sun onto it; from above, where the mirror is not visible. */
 static struct set *mirror_yard(void)
 {
     static const struct camera above = { "above", { -0.3f, 3.0f, 0 }, { -0.3f, 0, 0 }, { 0, 0, -1 }, 0.3f };
@@ -69,8 +69,8 @@ static struct set *mirror_yard(void)
     return set_of(s, &above, 16, 12, 1);
 }
 
-/* Mean luminance of the picture that the mirror throws on the floor, by quadrature over places and directions: light
- * from w arrives as if it came from its mirror image, as far as that is seen through the mirror's frame. */
+/* Mean luminance of the mirror's reflection on the floor, by quadrature over positions and directions: light from w
+ * arrives as from its mirror image, as far as visible through the mirror's frame. */
 struct thrown {
     double at[2048][2]; /* x and z of the floor */
     uint32_t count;
@@ -107,9 +107,9 @@ static double thrown_light(const struct set *set, const struct environment *e)
     return 0.9 * 0.7 / PI * t.sum;
 }
 
-/* Light paths begin at the sun wherever it stands, by each of the three ways to start: 18 comparisons, for which 1 % of
- * the mean is allowed to the quadrature, of which a caustic's border may fall between two places. Standard errors are
- * at most 8 %, of a sun that is half set, and mostly 1 %: a bias of 40 % is caught everywhere, one of 7 % mostly. */
+/* Light paths start at the sun wherever it is, in each of the three ways: 18 comparisons, with 1 % of the mean
+ * allowed for the quadrature, between whose positions a caustic's border may fall. Standard errors are at most 8 %,
+ * for a half-set sun, and mostly 1 %: a bias of 40 % is always detected, one of 7 % mostly. */
 static void a_sun_at_every_awkward_place_is_where_light_paths_begin(void **state)
 {
     static const int places[] = { 1, 2, 3, 7, 8, 9 };
@@ -161,9 +161,9 @@ static const struct place unseen[] = {
 };
 enum { UNSEEN = sizeof(unseen) / sizeof(unseen[0]) };
 
-/* Alone in a black sky it lights nothing, to the bit. With an overcast sky those that keep the sun apart, or sample
- * the lobes as well, lose nothing by it: 30 comparisons, of standard errors at most 2 %. How much the others lose is
- * among the failures. */
+/* Alone in a black sky it lights nothing, bit for bit. With an overcast sky methods that separate the sun, or also
+ * sample lobes, lose nothing: 30 comparisons, of standard errors at most 2 %. failures.c measures how much the others
+ * lose. */
 static void a_sun_that_is_down_does_no_harm(void **state)
 {
     struct worst z = { 0.0, "" }, error = { 0.0, "" };
@@ -206,7 +206,7 @@ static void a_sun_that_is_down_does_no_harm(void **state)
     verdict();
 }
 
-/* Mean over points of what the sky sends them, by quadrature. */
+/* Mean over points of the light from the sky, by quadrature. */
 static double mean_irradiance(const struct environment *e, const struct gbuffer *g, bool source)
 {
     double sum = 0.0;
@@ -220,9 +220,9 @@ static double mean_irradiance(const struct environment *e, const struct gbuffer 
     return sum;
 }
 
-/* One sample a point, and up to 385 strata for up to five: most counts are 0 or broken, and the mean is right all the
- * same. 15 + 13 methods at 1 and 5 samples: 56 comparisons. Standard errors are at most 3 %, mostly 1 %: a bias
- * of 15 % is caught everywhere, one of 5 % mostly, and one of 1 % in the long form. */
+/* One sample per point, and up to 385 strata for up to five: most counts are 0 or fractional, and the mean is correct
+ * nevertheless. 15 + 13 methods at 1 and 5 samples: 56 comparisons. Standard errors are at most 3 %, mostly 1 %: a
+ * bias of 15 % is always detected, one of 5 % mostly, and one of 1 % in the long form. */
 static void fewer_samples_than_strata_do_not_bias(void **state)
 {
     static const char *const names[2] = { "overcast", "sun" };
@@ -255,7 +255,7 @@ static void fewer_samples_than_strata_do_not_bias(void **state)
     verdict();
 }
 
-/* Every way to make a picture, references and light paths included, gives exactly black. */
+/* Every way to render, including references and light paths, gives exactly black. */
 static void a_black_frame_is_black_by_every_method(void **state)
 {
     enum { W = 16, H = 12 };
@@ -294,8 +294,8 @@ static void a_black_frame_is_black_by_every_method(void **state)
     verdict();
 }
 
-/* Noon, then night in the next frame, and back: gains come nearer to their goal with each frame, never pass it, and are
- * never further from it than a stop once the picture is there, so that nobody looks at black or white. */
+/* Noon, then night in the next frame, and back: gains approach their target with each frame, never overshoot, and are
+ * never more than a stop off once the image is displayed, so that no image is black or white. */
 static void day_to_night_in_a_frame_neither_oscillates_nor_blinds(void **state)
 {
     enum { W = 48, H = 32, FRAMES = 40 };

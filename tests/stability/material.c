@@ -1,10 +1,10 @@
-/* Rough lobes from matte to all but a mirror: what they give back of a white sky, and of one with contrasts, against
- * quadrature in double precision, for every method that claims it. Each comparison is of one lobe seen from one
+/* Rough lobes from matte to almost a mirror: their response to a white sky, and to one with contrasts, against
+ * quadrature in double precision, for every method that supports them. Each comparison is of one lobe seen from one
  * direction, by its mean over seeds in standard errors. */
 #include "stability.h"
 
-#include "latlong.h"
-#include "lobe.h"
+#include "env/latlong.h"
+#include "brdf/lobe.h"
 
 #include "env/sampling.h"
 
@@ -53,8 +53,8 @@ static struct gbuffer lobes_make(enum lobe_kind kind, float diffuse, float specu
     return g;
 }
 
-/* Light towards wo, of the cube map or of the source, by midpoints about the mirror direction, which lie the denser the
- * nearer: 6e-4 of the sphere's polar range at the middle of the sharpest lobe here. */
+/* Light towards wo, of the cube map or of the source, by midpoints about the mirror direction, denser near it: 6e-4
+ * of the sphere's polar range at the centre of the sharpest lobe here. */
 static double lobe_light(const struct environment *e, const struct latlong *source, const struct lobe *x,
                          struct vec3 wo)
 {
@@ -91,8 +91,8 @@ static double lobe_light(const struct environment *e, const struct latlong *sour
     return sum;
 }
 
-/* The worst deviation of the lobes first .. last by a variant, in standard errors (which rounding of the quadrature is
- * added to, `slack` of the value), and the largest standard error, relative. */
+/* The worst deviation of the lobes first .. last by a variant, in standard errors (plus the quadrature's rounding,
+ * `slack` of the value), and the largest standard error, relative. */
 static void compare(const struct environment *e, const struct gbuffer *g, const double *want, uint32_t first,
                     uint32_t last, const struct variant *v, uint32_t samples, double slack, struct worst *z,
                     struct worst *error)
@@ -125,7 +125,7 @@ struct lobe_set {
     const char *name;
     enum lobe_kind kind;
     float diffuse, specular;
-    uint32_t rough_first, rough_last; /* lobes that light samples alone are enough for */
+    uint32_t rough_first, rough_last; /* lobes for which light samples alone suffice */
 };
 
 static const struct lobe_set lobe_sets[] = {
@@ -178,7 +178,7 @@ static void under(const char *name, const struct environment *e, uint32_t sample
 }
 
 /* 99 lobes by 6 methods, the rougher half of them by 9 more: about 1000 comparisons. Standard errors: the second line
- * of each; a bias of ten times that is caught everywhere. */
+ * of each; a bias of ten times that is always detected. */
 static void albedo_is_that_of_quadrature_at_every_roughness(void **state)
 {
     (void)state;
@@ -188,7 +188,7 @@ static void albedo_is_that_of_quadrature_at_every_roughness(void **state)
     verdict();
 }
 
-/* A coarse sky, of texels between 1/8 and 8, so that a sharp lobe sees a border or none. */
+/* A coarse sky, of texels between 1/8 and 8, so that a sharp lobe sees one border or none. */
 static void lobes_of_every_sharpness_see_the_sky_that_is_there(void **state)
 {
     (void)state;

@@ -1,15 +1,15 @@
-/* Popping: one map, turned by a hundredth of a texel a frame for 300 frames, while its sun crosses texels and an edge
- * of the cube; and normals that turn across a face's border. The same random numbers in every frame: what is left of
- * unsteadiness is the estimators' own. The second difference of each point from frame to frame is counted in samples:
- * N_s times it, over what the point has when nothing is in the way. One sample that comes or goes is about 1.
+/* Popping: one map, rotated by a hundredth of a texel per frame for 300 frames, while its sun crosses texels and an
+ * edge of the cube; and normals that turn across a face's border. Random numbers are the same in every frame: remaining
+ * changes are the estimators' own. The second difference of each point from frame to frame is counted in samples: N_s
+ * times it, over the point's unoccluded value. One sample that comes or goes is about 1.
  *
- * No statistics here: seeds are fixed, and bounds leave half as much again as was measured. */
+ * No statistics: seeds are fixed, and bounds are one and a half times the measured values. */
 #include "stability.h"
 
 enum { FRAMES = 300, WIDTH = 16, HEIGHT = 12, SAMPLES = 32, LANES_MAX = 24 * PACKET };
 #define TEXEL_DEGREES (360.0 / 96.0)
 
-/* The sky of frame k: overcast or black, with a sun in the middle of its way over the edge between +X and +Z. */
+/* The sky of frame k: overcast or black, with a sun halfway over the edge between +X and +Z. */
 static void turned_sky(struct environment *e, int k, bool black)
 {
     struct frame f = black ? sky_constant(96, 48, 0.0f) : sky_overcast(96, 48);
@@ -18,8 +18,9 @@ static void turned_sky(struct environment *e, int k, bool black)
 
     unit3(w);
     sky_disc(&f, w, 2.2, 1000.0f, 900.0f, 700.0f);
-    environment_set(e, &(struct environment_desc){ .layout = LAYOUT_LATLONG,
-                                                   .rotation_degrees = TEXEL_DEGREES * (k - FRAMES / 2) / 100.0 });
+    environment_configure(e,
+                          &(struct environment_desc){ .layout = LAYOUT_LATLONG,
+                                                      .rotation_degrees = TEXEL_DEGREES * (k - FRAMES / 2) / 100.0 });
     assert_int_equal(environment_update(e, &f, &why), ERR_OK);
     frame_finish(&f);
 }
@@ -32,7 +33,7 @@ static struct environment *small_environment(void)
     return e;
 }
 
-/* A floor, a wall, and a block that throws its shadow over both. */
+/* A floor, a wall, and a block that casts its shadow on both. */
 static struct set *yard(void)
 {
     static const struct camera camera = { "yard", { 1.5f, 4.0f, 4.5f }, { 0, 0.4f, 0 }, { 0, 1, 0 }, 0.7f };
@@ -45,7 +46,7 @@ static struct set *yard(void)
     return set_of(s, &camera, WIDTH, HEIGHT, 1);
 }
 
-/* The luminance of each lane in the last three frames of a method, and what it is measured by. */
+/* The luminance of each lane in the last three frames of a method, and its reference. */
 struct series {
     double lo[3][LANES_MAX], unit[LANES_MAX];
     double squares, count; /* of the second differences */
@@ -76,8 +77,8 @@ static void difference(struct series *m, uint32_t lanes, int k, const char *name
     }
 }
 
-/* The estimator of Eq. 4 of [LPG13] once more, for matte points that see all of the sky, from the samples that the
- * method drew: N_f with the last sample's beta of Eq. 5, or N_f rounded to a whole number of samples. */
+/* The estimator of Eq. 4 of [LPG13] again, for matte points that see the whole sky, from the method's own samples:
+ * N_f with the last sample's beta of Eq. 5, or N_f rounded to an integer. */
 static double again(const struct shade_packet *p, uint32_t l, const struct light_samples *s, bool rounded)
 {
     double share[CUBE_FACES], total = 0.0, sum = 0.0;
@@ -144,7 +145,7 @@ static void say_rewritten(const char *name, const struct rewritten *r, double ke
                 ratio, "");
 }
 
-/* By light alone, with lobes too, and with cells, whose counts are drawn whole, without beta. */
+/* By light alone, with lobes too, and with cells, whose counts are integers, without beta. */
 enum group { BY_LIGHT, BY_BOTH, BY_CELLS, GROUPS };
 static const char *const group_names[GROUPS] = { "by light (6)", "mis, auto (4)", "with cells (3)" };
 
@@ -160,7 +161,7 @@ static bool is_plain_faces(const struct variant *v)
     return v->desc.method == METHOD_FACES && !v->desc.sun && !v->desc.cells;
 }
 
-/* One frame of a method with nothing in the way, and in the yard where `shadowed` is given. */
+/* One frame of a method without occlusion, and in the yard if `shadowed` is given. */
 struct turning {
     struct set *set;
     struct direct *d;
@@ -212,8 +213,8 @@ static void say_turning(const struct turning *t)
 }
 
 /* Under the overcast sky samples move to other rows now and then, which is about as large as a sample that comes or
- * goes. Of a sun alone all are alike, and only counts are left to pop. (Of even shares only 5 of 32 samples are in the
- * sun's face, so that each counts six times.) */
+ * goes. For a sun alone all are alike, and only counts can pop. (With even shares only 5 of 32 samples are in the
+ * sun's face, so each counts six times.) */
 static void a_map_that_turns_by_a_hundredth_of_a_texel_does_not_pop(void **state)
 {
     static struct turning sky, alone;
@@ -241,8 +242,8 @@ static void a_map_that_turns_by_a_hundredth_of_a_texel_does_not_pop(void **state
     verdict();
 }
 
-/* The sky stands still and normals turn, by as little, over the border between +X and +Z at 16 heights: shares and
- * counts change, samples do not. */
+/* The sky is still and normals turn, in equally small steps, over the border between +X and +Z at 16 heights: shares
+ * and counts change, samples do not. */
 static void normals_that_turn_across_a_face_border_do_not_pop(void **state)
 {
     static struct series all[VARIANTS];

@@ -1,7 +1,7 @@
-/* Seven orders of magnitude in one map: what is drawn beside its sun, and what is lit by the rest. */
+/* Seven orders of magnitude in one map: samples beside its sun, and points lit by the rest. */
 #include "stability.h"
 
-#include "sky_table.h"
+#include "env/sky_table.h"
 
 #include "env/sampling.h"
 
@@ -20,7 +20,7 @@ enum { DRAWN_BY_ALL, DRAWN_BY_FACE, DRAWN_BY_CELL, DRAWN_COMPENSATED, DRAWN_LATL
 static const char *const drawn_names[DRAWN] = { "light",       "faces",   "faces, 4 x 4 cells",
                                                 "compensated", "latlong", "latlong-rows" };
 
-/* A sampler's weights over the texels (of cube map or source) of the stratum with the sun, and where it lies. */
+/* A sampler's weights over the texels (of cube map or source) of the stratum with the sun, and its position. */
 struct drawn {
     int kind;
     const struct environment *e;
@@ -69,7 +69,7 @@ static uint32_t drawn_texel(const struct drawn *s, const double x[2])
     float d[3], rgb[3], pdf, u, v;
 
     switch (s->kind) {
-    case DRAWN_BY_ALL: (void)samples_whole(s->e, x, d, rgb, &pdf); break;
+    case DRAWN_BY_ALL: (void)environment_sample(s->e, x, d, rgb, &pdf); break;
     case DRAWN_BY_FACE: samples_invert_face(s->e, s->face, x, d); break;
     case DRAWN_LATLONG: latlong_sample(&s->latlong, x, d, rgb, &pdf); break;
     case DRAWN_ROWS: latlong_sample_rows(&s->latlong, x, d, rgb, &pdf); break;
@@ -82,8 +82,8 @@ static uint32_t drawn_texel(const struct drawn *s, const double x[2])
     return (uint32_t)fmin(row, s->e->image.height - 1.0) * w + (uint32_t)column % w;
 }
 
-/* The tail probability of chi-square over the texels that hold less than a thousandth of the brightest, by as many
- * samples as fell there; *share: how far their number is from what it should be, in standard deviations. */
+/* The tail probability of chi-square over the texels that hold less than a thousandth of the brightest, with as many
+ * samples as fell there; *share: deviation of their number from its expectation, in standard deviations. */
 static double dim_tail(const double *weight, uint32_t texels, const uint32_t *got, double count, double *share)
 {
     struct chi_square c = { 0 };
@@ -104,8 +104,8 @@ static double dim_tail(const double *weight, uint32_t texels, const uint32_t *go
     return chi_square_tail(c.sum, c.degrees);
 }
 
-/* The same map's samples by one running sum in float, as a program may have it: where the sums stand at 10^7 the dim
- * texels behind the sun count in whole units. */
+/* The same map's samples with one running sum in float: beyond 10^7 the dim texels behind the sun count in whole
+ * units. */
 static double dim_tail_in_float(const struct drawn *s, uint32_t count, double *share)
 {
     float *sums = mem_alloc(s->texels, sizeof(float)), sum = 0.0f;
@@ -132,7 +132,7 @@ static double dim_tail_in_float(const struct drawn *s, uint32_t count, double *s
     return tail;
 }
 
-/* The smallest number that a column of at least `column` answers to, by bisection: the samplers' columns rise with it.
+/* The smallest number that gives at least `column`, by bisection: the samplers' columns increase with it.
  */
 static double first_of_column(const struct drawn *s, uint32_t across, uint32_t column)
 {
@@ -148,12 +148,12 @@ static double first_of_column(const struct drawn *s, uint32_t across, uint32_t c
     return high;
 }
 
-/* The tail of chi-square over the dim texels in the brightest one's own row, where running sums have the most to carry:
- * numbers are drawn only from what is left of the unit beside the sun, some 1e-5 of it. */
+/* The tail of chi-square over the dim texels in the brightest one's own row, the hardest case for running sums:
+ * numbers are drawn only from the part of the unit interval beside the sun, some 1e-5 of it. */
 static double sun_row_tail(const struct drawn *s, uint32_t count)
 {
     const uint32_t across = s->kind >= DRAWN_LATLONG ? s->e->image.width : s->e->n;
-    const uint32_t row = drawn_texel(s, (const double[2]){ 0.5, 0.5 }) / across; /* the sun has nearly all of it */
+    const uint32_t row = drawn_texel(s, (const double[2]){ 0.5, 0.5 }) / across; /* nearly all of it is the sun */
     const double *weight = s->weight + (size_t)row * across;
     uint32_t *got = mem_alloc(across, sizeof(*got)), bright[2] = { across, 0 };
     struct chi_square c = { 0 };
@@ -182,9 +182,9 @@ static double sun_row_tail(const struct drawn *s, uint32_t count)
     return chi_square_tail(c.sum, c.degrees);
 }
 
-/* What falls beside the sun, one sample in some hundred, follows the dim texels: chi-square over all of them, and
- * apart over the sun's own row: 17 comparisons; a tail of 1e-6 is met by chance once in 10^5 runs. Power: running sums
- * in float are told apart. */
+/* Samples beside the sun, about one in a hundred, follow the dim texels: chi-square over all of them, and separately
+ * over the sun's own row: 17 comparisons; a tail of 1e-6 occurs by chance once in 10^5 runs. Power: running sums in
+ * float are detected. */
 static void seven_orders_of_magnitude_leave_the_dim_part_right(void **state)
 {
     const uint32_t count = full() ? 1u << 24 : 1u << 21;
@@ -204,7 +204,7 @@ static void seven_orders_of_magnitude_leave_the_dim_part_right(void **state)
         const double p = dim_tail(s.weight, s.texels, got, count, &off);
         worst_of(&tail, -log10(p + 1e-300), drawn_names[kind], "");
         worst_of(&share, off, drawn_names[kind], "");
-        if (kind != DRAWN_ROWS) /* where one number decides row and column */
+        if (kind != DRAWN_ROWS) /* one number decides row and column */
             worst_of(&row, -log10(sun_row_tail(&s, count / 16) + 1e-300), drawn_names[kind], "");
         if (kind == DRAWN_ROWS) {
             const double planted = dim_tail_in_float(&s, 4 * count, &off);
@@ -226,8 +226,8 @@ static void seven_orders_of_magnitude_leave_the_dim_part_right(void **state)
     verdict();
 }
 
-/* Points that look away from the sun see only what is 10^7 times dimmer: still as quadrature says. Not claimed by those
- * who draw all but one of a hundred samples in the sun. 9 comparisons of standard errors below 4 %. */
+/* Points that face away from the sun see only light 10^7 times dimmer: still as by quadrature. Not claimed by methods
+ * that draw all but one of a hundred samples in the sun. 9 comparisons of standard errors below 4 %. */
 static void seven_orders_of_magnitude_leave_the_shadow_right(void **state)
 {
     struct worst z = { 0.0, "" }, error = { 0.0, "" };

@@ -42,7 +42,7 @@ trap 'rm -f "$rows" "$log"' EXIT
 failed=()
 for name in "${programs[@]}"; do
     [[ -t 2 ]] && printf '\rrunning %-12s' "$name" >&2
-    # A claim that fails must not hide those behind it: each is run by itself.
+    # Each claim runs separately, so that a failing one hides no other.
     while read -r claim; do
         "$build/bin/stability_$name" "$claim" >"$log" 2>&1 || { failed+=("$name.$claim") && cat "$log" >&2; }
         awk -F ' [|] ' 'NF == 5' "$log" >>"$rows"

@@ -1,6 +1,5 @@
 #!/bin/bash
-# run.sh itself, on programs that only print: its table is aligned, and a case that is broken or a program that fails ends
-# in exit code 1.
+# Tests run.sh with programs that only print: its table is aligned, and a failed case or program gives exit code 1.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 work="$(mktemp -d)"

@@ -1,17 +1,17 @@
 /* tests/stability/stability.h */
-/* What the suite shares: the line that each case prints, the methods of direct light with what each claims, scenes made
- * by hand with all that lights them, and sums over seeds. */
+/* Shared by the suite: the line that each case prints, the methods of direct light with their claims, generated
+ * scenes with everything that lights them, and sums over seeds. */
 #ifndef TESTS_STABILITY_H
 #define TESTS_STABILITY_H
 
-#include "points.h"
-#include "tracing.h"
+#include "estimators/points.h"
+#include "estimators/tracing.h"
 
-#include "facts.h"
-#include "metrics.h"
-#include "film.h"
-#include "relight.h"
-#include "resolve.h"
+#include "light/facts.h"
+#include "compare/metrics.h"
+#include "film/film.h"
+#include "light/relight.h"
+#include "light/resolve.h"
 
 #include <omp.h>
 
@@ -22,7 +22,7 @@ static inline bool full(void)
     return said && said[0];
 }
 
-static int broken; /* cases of the claim that runs */
+static int broken; /* failed cases of the running claim */
 
 /* One line: case | methods | measured | bound | verdict. */
 static inline void say(const char *name, const char *methods, const char *measured, const char *bound,
@@ -33,7 +33,7 @@ static inline void say(const char *name, const char *methods, const char *measur
     broken += !good;
 }
 
-/* A case of one number: `sign` is how it must stand to its bound, `yes` whether it does. */
+/* A case of one number: `sign` is its required relation to the bound, `yes` whether it holds. */
 static inline void say_bounded(const char *name, const char *methods, const char *what, double value, const char *sign,
                                double bound, bool yes, const char *where, const char *verdict)
 {
@@ -45,7 +45,7 @@ static inline void say_bounded(const char *name, const char *methods, const char
     say(name, methods, measured, limit, verdict, yes);
 }
 
-/* The case holds while `value` is at most `bound`; `what` says what is counted, `where` (may be "") at what. NaN does
+/* The case holds while `value` is at most `bound`; `what` names the value, `where` (may be "") its place. NaN does
  * not hold. */
 static inline void holds_below(const char *name, const char *methods, const char *what, double value, double bound,
                                const char *where)
@@ -53,21 +53,21 @@ static inline void holds_below(const char *name, const char *methods, const char
     say_bounded(name, methods, what, value, "<=", bound, value <= bound, where, "holds");
 }
 
-/* A method that must fail: the case states by how much at least. */
+/* A method that must fail: the case states the minimum failure. */
 static inline void fails_above(const char *name, const char *methods, const char *what, double value, double bound,
                                const char *where)
 {
     say_bounded(name, methods, what, value, ">=", bound, value >= bound, where, "fails as stated");
 }
 
-/* What tells of a failure before anybody has a reference. */
+/* Indicators of a failure without a reference. */
 static inline void shows_above(const char *name, const char *methods, const char *what, double value, double bound,
                                const char *where)
 {
     say_bounded(name, methods, what, value, ">=", bound, value >= bound, where, "shows");
 }
 
-/* A yes that is counted: `count` things of `total` were as they must be. */
+/* A counted case: `count` of `total` were correct. */
 static inline void holds_all(const char *name, const char *methods, const char *what, uint64_t count, uint64_t total)
 {
     char measured[256], limit[64];
@@ -78,7 +78,7 @@ static inline void holds_all(const char *name, const char *methods, const char *
     say(name, methods, measured, limit, "holds", count == total && total > 0);
 }
 
-/* Ends a claim: all its lines are printed before one that is broken makes it fail. */
+/* Ends a claim: all its lines are printed before a failed one makes it fail. */
 static inline void verdict(void)
 {
     const int count = broken;
@@ -87,13 +87,13 @@ static inline void verdict(void)
     assert_int_equal(count, 0);
 }
 
-/* What a method of direct light claims: an error that stays small, at some tens of samples, ... */
+/* Claims of a method of direct light: an error that stays small, at some tens of samples, ... */
 enum claim {
-    ANY_SKY = 1,     /* under a sky that is even */
+    ANY_SKY = 1,     /* under a uniform sky */
     SMALL_SUN = 2,   /* however small the light is */
     SHARP_LOBE = 4,  /* however sharp the lobe is */
     OWN_SOURCE = 8,  /* evaluates the lat-long source, not the cube map */
-    HIDDEN_SUN = 16, /* where the sun is down and its face is not */
+    HIDDEN_SUN = 16, /* with the sun down and its face partly up */
 };
 
 struct variant {
@@ -125,7 +125,7 @@ static const struct variant variants[] = {
 };
 enum { VARIANTS = sizeof(variants) / sizeof(variants[0]) };
 
-/* How those are called in the table that make a claim. */
+/* Their names in the table. */
 static inline const char *claimants(unsigned claim)
 {
     static char text[64];
@@ -142,7 +142,7 @@ static inline const char *claimants(unsigned claim)
     return text;
 }
 
-/* The best of a value, and where it was found. */
+/* The best of a value, and its place. */
 struct worst {
     double value;
     char where[160];
@@ -156,7 +156,7 @@ static inline void worst_of(struct worst *w, double value, const char *a, const 
     }
 }
 
-/* Shades by a variant: points without visibility where rays is NULL. */
+/* Shades by a variant: without visibility if rays is NULL. */
 static inline struct direct_stats shade_by(struct direct *d, const struct gbuffer *g, const struct rays *rays,
                                            const struct environment *e, const struct variant *v, uint32_t samples,
                                            uint64_t seed, float *lo)
@@ -171,7 +171,7 @@ static inline struct direct_stats shade_by(struct direct *d, const struct gbuffe
     return stats;
 }
 
-/* Mean luminance over the points that are lit. */
+/* Mean luminance over the lit points. */
 static inline double mean_of(const struct gbuffer *g, const float *lo)
 {
     double sum = 0.0;
@@ -192,7 +192,7 @@ static inline struct tally tally_by(const struct gbuffer *g, const struct enviro
     struct direct *d = direct_create(best_kernels());
     struct tally t = { 0 };
 
-    omp_set_num_threads(1); /* the work is in small pieces, and the cores may be busy */
+    omp_set_num_threads(1); /* small work items; the cores may be busy */
     for (uint32_t k = 0; k < seeds; k++) {
         shade_by(d, g, NULL, e, v, samples, rng_mix(k, 7 * samples + (uint64_t)(v - variants)), lo);
         tally_add(&t, mean_of(g, lo));
@@ -202,7 +202,7 @@ static inline struct tally tally_by(const struct gbuffer *g, const struct enviro
     return t;
 }
 
-/* Standard errors between a mean and what it should be; sums of floats are good to 2e-6. */
+/* Standard errors between a mean and its expectation; sums of floats are good to 2e-6. */
 static inline double z_of(const struct tally *t, double want)
 {
     return fabs(tally_mean(t) - want) / (tally_error(t) + 2e-6 * fabs(want));
@@ -216,11 +216,11 @@ static inline struct gbuffer points_with_sets(uint32_t packets, enum lobe_kind k
 
     g.interleave = 2;
     for (uint32_t i = 0; i < packets; i++)
-        g.packets[i].set = i % 4;
+        g.packets[i].sample_set = i % 4;
     return g;
 }
 
-/* Directions of a cube map's texel or of a lat-long texel, `sub` x `sub` of them, weighed by solid angle. */
+/* Directions of a cube map's texel or of a lat-long texel, `sub` x `sub` of them, weighted by solid angle. */
 typedef void (*for_direction)(void *user, const double w[3], double solid_angle, const float rgb[3]);
 
 static inline void each_cube_direction(const struct environment *e, for_direction call, void *user)
@@ -243,7 +243,7 @@ static inline void each_cube_direction(const struct environment *e, for_directio
     }
 }
 
-/* The same of a lat-long source with the top row first, which is not turned. */
+/* The same for a lat-long source with the top row first, not rotated. */
 static inline void each_source_direction(const struct environment *e, for_direction call, void *user)
 {
     const uint32_t width = e->image.width, height = e->image.height;
@@ -262,7 +262,7 @@ static inline void each_source_direction(const struct environment *e, for_direct
     }
 }
 
-/* Light on a plane: its normal and the luminance that falls on it. */
+/* Light on a plane: its normal and the incident luminance. */
 struct plane_light {
     double n[3], sum;
 };
@@ -276,7 +276,7 @@ static inline void add_plane_light(void *user, const double w[3], double solid_a
         p->sum += cosine * solid_angle * rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* Irradiance of luminance on a plane, by quadrature of the very function that the variant evaluates. */
+/* Irradiance of luminance on a plane, by quadrature of the same function that the variant evaluates. */
 static inline double irradiance(const struct environment *e, const double n[3], bool source)
 {
     struct plane_light p = { { n[0], n[1], n[2] }, 0.0 };
@@ -288,7 +288,7 @@ static inline double irradiance(const struct environment *e, const double n[3], 
     return p.sum;
 }
 
-/* Lights the texels whose middle is within `radius` degrees of w, and at least the nearest. */
+/* Lights the texels whose centre is within `radius` degrees of w, at least the nearest. */
 static inline void sky_disc(struct frame *f, const double w[3], double radius_degrees, float r, float g, float b)
 {
     double nearest = -2.0;
@@ -316,7 +316,7 @@ static inline void unit3(double w[3])
         w[c] /= l;
 }
 
-/* A scene made by hand with all that relighting takes; takes the scene. Free with set_destroy. */
+/* A generated scene with everything that relighting needs; takes ownership of the scene. Free with set_destroy. */
 static inline struct set *set_of(struct scene *s, const struct camera *camera, uint32_t width, uint32_t height,
                                  uint32_t edge_rays)
 {

@@ -1,13 +1,13 @@
 /* Pseudo-terminals are X/Open's, beyond POSIX. */
 #define _XOPEN_SOURCE 700
 
-#include "unit.h"
+#include "support/unit.h"
 
-#include "err.h"
-#include "handoff.h"
-#include "mem.h"
-#include "progress.h"
-#include "recent.h"
+#include "base/err.h"
+#include "base/handoff.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "base/recent.h"
 
 #include <fcntl.h>
 #include <unistd.h>

@@ -1,6 +1,6 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "config.h"
+#include "base/config.h"
 
 static struct option_row rows[8];
 static struct options options = { .program = "relight-test", .rows = rows };
@@ -74,13 +74,13 @@ static void what_no_flag_takes_is_refused_with_file_line_and_key(void **state)
         { "\"sise\": 3", "f:2: sise: relight-test has no such flag" },
         { "\"\": 3", "f:2: : relight-test has no such flag" }, /* nor the heading's empty name */
         { "\"--size\": \"3x3\"", "f:2: --size: relight-test has no such flag" },
-        { "\"fast\": 1", "f:2: fast: it is a switch, true or false" },
-        { "\"fast\": \"true\"", "f:2: fast: it is a switch, true or false" },
-        { "\"fast\": null", "f:2: fast: it is a switch, true or false" },
-        { "\"samples\": true", "f:2: samples: a string or a number is wanted: N" },
-        { "\"samples\": null", "f:2: samples: a string or a number is wanted: N" },
-        { "\"samples\": [3]", "f:2: samples: a string or a number is wanted: N" },
-        { "\"samples\": {\"n\": 3}", "f:2: samples: a string or a number is wanted: N" },
+        { "\"fast\": 1", "f:2: fast: is a switch; expected true or false" },
+        { "\"fast\": \"true\"", "f:2: fast: is a switch; expected true or false" },
+        { "\"fast\": null", "f:2: fast: is a switch; expected true or false" },
+        { "\"samples\": true", "f:2: samples: expected a string or a number: N" },
+        { "\"samples\": null", "f:2: samples: expected a string or a number: N" },
+        { "\"samples\": [3]", "f:2: samples: expected a string or a number: N" },
+        { "\"samples\": {\"n\": 3}", "f:2: samples: expected a string or a number: N" },
     };
     struct config *c;
     struct reason why;
@@ -103,7 +103,7 @@ static void what_is_no_json_object_is_refused_with_its_line(void **state)
         const char *text, *says;
     } bad[] = {
         { "", "f:1: " },
-        { "[1]", "f:1: a JSON object" },
+        { "[1]", "f:1: not a JSON object" },
         { "{\"a\": 1,\n\"a\": 2}", "f:2: duplicate object key" },
         { "{\"a\": 1,\n\n\"b\" 2}", "f:3: " },
         { "{\"a\": 1,\n}", "f:2: " },
@@ -158,13 +158,13 @@ static void blame_says_the_key_once(void **state)
     assert_int_equal(parse("{\"samples\": 0}", &c, &why), ERR_OK);
     assert_int_equal(config_apply(c, 0, &options, &why), ERR_OK);
     const enum err e = options_u64(&options, "samples", 1, 9, &n, &why);
-    assert_int_equal(config_blame(c, 0, e, &why), ERR_USAGE);
+    assert_int_equal(config_add_location(c, 0, e, &why), ERR_USAGE);
     assert_string_equal(why.text, "f:1: samples: '0' is not a whole number from 1 to 9");
     err_say(&why, ERR_USAGE, "--samples-file x");
-    assert_int_equal(config_blame(c, 0, ERR_USAGE, &why), ERR_USAGE);
+    assert_int_equal(config_add_location(c, 0, ERR_USAGE, &why), ERR_USAGE);
     assert_string_equal(why.text, "f:1: samples: --samples-file x");
     why.text[0] = '\0';
-    assert_int_equal(config_blame(c, 0, ERR_NOMEM, &why), ERR_NOMEM);
+    assert_int_equal(config_add_location(c, 0, ERR_NOMEM, &why), ERR_NOMEM);
     assert_string_equal(why.text, "f:1: samples: out of memory");
     config_destroy(c);
 }
@@ -177,7 +177,7 @@ static void a_file_that_cannot_be_read_is_named(void **state)
     (void)state;
     assert_int_equal(config_read("/nonexistent/x.json", &c, &why), ERR_IO);
     assert_null(c);
-    assert_non_null(strstr(why.text, "/nonexistent/x.json: cannot be read: No such"));
+    assert_non_null(strstr(why.text, "/nonexistent/x.json: cannot read the file: No such"));
     assert_int_equal(config_read("/", &c, &why), ERR_IO);
     assert_int_equal(config_read("/dev/zero", &c, &why), ERR_RANGE);
     assert_non_null(strstr(why.text, "larger than 1048576 bytes"));

@@ -1,7 +1,7 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "file_pattern.h"
-#include "file_store.h"
+#include "base/file_pattern.h"
+#include "base/file_store.h"
 
 #include <dirent.h>
 #include <fcntl.h>

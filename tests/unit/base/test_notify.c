@@ -1,6 +1,6 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "notify.h"
+#include "base/notify.h"
 
 #include <stddef.h>
 #include <sys/socket.h>
@@ -44,8 +44,8 @@ static void words_arrive_by_path_and_by_name_without_file(void **state)
     snprintf(name, sizeof(name), "@relight-notify-%ld", (long)getpid());
     for (int k = 0; k < 2; k++) {
         const int fd = manager(k ? name : path);
-        assert_true(notify_wanted());
-        assert_true(notify_say("READY=1\nSTATUS=%s %d.", "frame", 7));
+        assert_true(notify_enabled());
+        assert_true(notify_send("READY=1\nSTATUS=%s %d.", "frame", 7));
         assert_heard(fd, "READY=1\nSTATUS=frame 7.");
         close(fd);
     }
@@ -60,18 +60,18 @@ static void without_a_manager_nothing_is_said(void **state)
 
     (void)state;
     unsetenv("NOTIFY_SOCKET");
-    assert_false(notify_wanted());
-    assert_false(notify_say("READY=1"));
+    assert_false(notify_enabled());
+    assert_false(notify_send("READY=1"));
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         setenv("NOTIFY_SOCKET", bad[i], 1);
-        assert_int_equal(notify_wanted(), bad[i][0] == '/' && bad[i][1]);
-        assert_false(notify_say("READY=1"));
+        assert_int_equal(notify_enabled(), bad[i][0] == '/' && bad[i][1]);
+        assert_false(notify_send("READY=1"));
     }
     memset(long_name, 'x', sizeof(long_name));
     long_name[0] = '/';
     long_name[sizeof(long_name) - 1] = '\0';
     setenv("NOTIFY_SOCKET", long_name, 1);
-    assert_false(notify_wanted());
+    assert_false(notify_enabled());
 }
 
 /* A manager that does not read must not hold up the server. */
@@ -83,7 +83,7 @@ static void a_full_socket_is_not_waited_for(void **state)
     (void)state;
     snprintf(name, sizeof(name), "@relight-notify-full-%ld", (long)getpid());
     const int fd = manager(name);
-    while (said < 100000 && notify_say("STATUS=%d", said))
+    while (said < 100000 && notify_send("STATUS=%d", said))
         said++;
     assert_true(said > 0 && said < 100000);
     close(fd);

@@ -1,6 +1,6 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "options.h"
+#include "base/options.h"
 
 #include <unistd.h>
 
@@ -96,9 +96,9 @@ static void bad_command_lines_are_named(void **state)
     assert_int_equal(GIVE(&g, 0, "--fast=1"), ERR_USAGE);
     assert_string_equal(g.why.text, "--fast takes no value");
     assert_int_equal(GIVE(&g, 0, "--samples"), ERR_USAGE);
-    assert_string_equal(g.why.text, "--samples wants a value: N");
+    assert_string_equal(g.why.text, "--samples needs a value: N");
     assert_int_equal(GIVE(&g, 0, "stray"), ERR_USAGE);
-    assert_string_equal(g.why.text, "'stray' is one argument too many (see relight-test --help)");
+    assert_string_equal(g.why.text, "unexpected argument 'stray' (see relight-test --help)");
     assert_int_equal(GIVE(&g, 1, "one", "two"), ERR_USAGE);
     assert_non_null(strstr(g.why.text, "'two'"));
 }

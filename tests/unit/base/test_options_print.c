@@ -1,6 +1,6 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "options.h"
+#include "base/options.h"
 
 #include <unistd.h>
 

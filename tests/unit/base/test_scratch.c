@@ -1,7 +1,7 @@
 /* What decoders keep from one file to the next: where its pieces lie, and that nothing of the last file is in them. */
-#include "scratch.h"
+#include "base/scratch.h"
 
-#include "unit.h"
+#include "support/unit.h"
 
 #include <stdbool.h>
 
@@ -14,7 +14,7 @@ static bool is_one_stretch(struct scratch *s, const size_t *sizes, size_t n)
 
     scratch_begin(s);
     for (size_t i = 0; i < n; i++) {
-        p[i] = scratch_take(s, sizes[i]);
+        p[i] = scratch_alloc(s, sizes[i]);
         assert_non_null(p[i]);
         assert_int_equal((uintptr_t)p[i] % 64, 0);
         for (size_t k = 0; k < sizes[i]; k++)
@@ -27,7 +27,7 @@ static bool is_one_stretch(struct scratch *s, const size_t *sizes, size_t n)
     for (size_t i = 0; i < n; i++) { /* nobody wrote into another's */
         for (size_t k = 0; k < sizes[i]; k++)
             assert_int_equal(p[i][k], 0x55);
-        scratch_give(s, p[i]);
+        scratch_free(s, p[i]);
     }
     return high - low <= sum;
 }
@@ -67,19 +67,19 @@ static void what_is_given_back_last_is_taken_again(void **state)
 
     for (int file = 0; file < 2; file++) {
         scratch_begin(s);
-        uint8_t *first = scratch_take(s, 1000);
-        uint8_t *a = scratch_take(s, 5000), *b = scratch_take(s, 6000);
-        scratch_give(s, a); /* b stands behind it: not yet */
-        uint8_t *c = scratch_take(s, 100);
+        uint8_t *first = scratch_alloc(s, 1000);
+        uint8_t *a = scratch_alloc(s, 5000), *b = scratch_alloc(s, 6000);
+        scratch_free(s, a); /* b stands behind it: not yet */
+        uint8_t *c = scratch_alloc(s, 100);
         if (file == 1)
             assert_true(c > b);
-        scratch_give(s, c);
-        scratch_give(s, b);
-        uint8_t *again = scratch_take(s, 12000);
+        scratch_free(s, c);
+        scratch_free(s, b);
+        uint8_t *again = scratch_alloc(s, 12000);
         if (file == 1)
             assert_ptr_equal(again, a);
-        scratch_give(s, again);
-        scratch_give(s, first);
+        scratch_free(s, again);
+        scratch_free(s, first);
     }
     scratch_destroy(s);
 }
@@ -92,12 +92,12 @@ static void what_is_kept_has_a_bound(void **state)
 
     for (int file = 0; file < 3; file++) {
         scratch_begin(s);
-        void *large = scratch_take(s, SCRATCH_MOST + 1), *half = scratch_take(s, SCRATCH_MOST / 2 + 1),
-             *more = scratch_take(s, SCRATCH_MOST / 2 + 1);
+        void *large = scratch_alloc(s, SCRATCH_MAX + 1), *half = scratch_alloc(s, SCRATCH_MAX / 2 + 1),
+             *more = scratch_alloc(s, SCRATCH_MAX / 2 + 1);
         assert_true(large && half && more);
-        scratch_give(s, half);
-        scratch_give(s, more);
-        scratch_give(s, large);
+        scratch_free(s, half);
+        scratch_free(s, more);
+        scratch_free(s, large);
     }
     scratch_destroy(s);
 }

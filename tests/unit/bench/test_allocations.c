@@ -1,14 +1,15 @@
 /* That a stream which runs takes no memory from the system any more: calls of the C library's allocator, by whichever
  * library on whichever thread, in frames after the tenth. Delivery is not among them. Each case says how the sky comes
  * or how it lights. Skipped in builds with sanitizers, whose allocator cannot be counted. */
-#include "unit.h"
+#include "support/unit.h"
 
-#include "bench_parts.h"
-#include "environment.h"
-#include "kernels.h"
-#include "make_exr.h"
-#include "make_hdr.h"
-#include "relight.h"
+#include "bench/bench_parts.h"
+#include "env/environment.h"
+#include "estimators/kernels.h"
+#include "codec/make_exr.h"
+#include "codec/make_hdr.h"
+#include "light/relight.h"
+#include "support/sets.h"
 
 #include <math.h>
 
@@ -149,7 +150,7 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
     if (!allocations_count(at))
         skip();
     assert_int_equal(kernels_select(NULL, &b.kernels, &why), ERR_OK);
-    assert_int_equal(set_create(&desc, &set, &why), ERR_OK);
+    set = set_of(&desc);
     for (size_t l = 0; l < sizeof(lights) / sizeof(lights[0]); l++) {
         struct environment *e = environment_create(&(struct environment_desc){ .n = 64 });
         struct picture_maker m;

@@ -1,8 +1,8 @@
-#include "bench_parts.h"
+#include "bench/bench_parts.h"
 
-#include "mem.h"
-#include "scene.h"
-#include "unit.h"
+#include "base/mem.h"
+#include "scene/scene.h"
+#include "support/unit.h"
 
 #include <math.h>
 

@@ -1,10 +1,10 @@
 /* Errors against a truth that is known only through two noisy references. Here the truth is known: a picture of 40 x 30
  * pixels with values of 0.2 to 1.2; noise is even, of a stated standard deviation, independent in every channel. */
-#include "errors.h"
-#include "judge.h"
+#include "chart/errors.h"
+#include "chart/judge.h"
 
-#include "rng.h"
-#include "unit.h"
+#include "base/rng.h"
+#include "support/unit.h"
 
 #include <math.h>
 

@@ -1,11 +1,12 @@
 /* The order of methods that [LPG13, section 4] claims, on the built-in scene under a clear noon: balancing by faces
  * needs fewer samples than as many from each, and with the material's lobes fewer still. A statement about errors at
  * equal samples, not about time. */
-#include "panel.h"
+#include "chart/panel.h"
 
-#include "kernels.h"
-#include "source.h"
-#include "unit.h"
+#include "estimators/kernels.h"
+#include "source/source.h"
+#include "support/unit.h"
+#include "support/sets.h"
 
 #include <math.h>
 
@@ -32,7 +33,7 @@ static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t 
     struct set *set;
     struct panel *p = NULL;
 
-    assert_int_equal(set_create(&stage, &set, &why), ERR_OK);
+    set = set_of(&stage);
     assert_int_equal(kernels_select(NULL, &d.kernels, &why), ERR_OK);
     assert_int_equal(source_open(&from, &source, &why), ERR_OK);
     assert_int_equal(source_next(source, &frame, &why), ERR_OK);

@@ -1,7 +1,7 @@
-#include "series.h"
+#include "chart/series.h"
 
-#include "rng.h"
-#include "unit.h"
+#include "base/rng.h"
+#include "support/unit.h"
 
 #include <math.h>
 

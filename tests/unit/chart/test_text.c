@@ -1,9 +1,9 @@
-#include "text.h"
+#include "chart/text.h"
 
-#include "chart.h"
-#include "panel.h"
-#include "technique.h"
-#include "unit.h"
+#include "chart/chart.h"
+#include "chart/panel.h"
+#include "chart/technique.h"
+#include "support/unit.h"
 
 static void escapes_leave_no_mark_of_html(void **state)
 {

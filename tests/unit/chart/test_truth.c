@@ -1,10 +1,11 @@
 /* References and their cache, on the built-in scene at 16 x 9 pixels. */
-#include "truth.h"
+#include "chart/truth.h"
 
-#include "rng.h"
-#include "source.h"
-#include "truth_file.h"
-#include "unit.h"
+#include "base/rng.h"
+#include "source/source.h"
+#include "chart/truth_file.h"
+#include "support/unit.h"
+#include "support/sets.h"
 
 #include <math.h>
 #include <sys/stat.h>
@@ -29,7 +30,7 @@ static void stage_begin(struct stage *s, const char *sky)
     memset(s, 0, sizeof(*s));
     strcpy(s->cache, "/tmp/relight-truth-XXXXXX");
     assert_non_null(mkdtemp(s->cache));
-    assert_int_equal(set_create(&d, &s->set, &why), ERR_OK);
+    s->set = set_of(&d);
     assert_int_equal(source_open(&from, &source, &why), ERR_OK);
     assert_int_equal(source_next(source, &s->frame, &why), ERR_OK);
     source_close(source);

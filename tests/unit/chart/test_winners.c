@@ -1,7 +1,7 @@
 /* Who wins, on made-up panels: whoever computes beforehand stands beside the others. */
-#include "winners.h"
+#include "chart/winners.h"
 
-#include "unit.h"
+#include "support/unit.h"
 
 enum { MIS, CACHED, PATH, CURVES, BUDGETS = 2, SEEDS = 2 };
 

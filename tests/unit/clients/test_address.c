@@ -1,19 +1,22 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "address.h"
+#include "clients/common/address.h"
 
 static void host_port_and_path_are_found(void **state)
 {
     static const struct {
         const char *text, *host, *named, *path;
         int port;
+        bool tls;
     } good[] = {
-        { "ws://localhost:9000", "localhost", "localhost:9000", "/ws", 9000 },
-        { "ws://localhost:9000/", "localhost", "localhost:9000", "/ws", 9000 },
-        { "http://127.0.0.1:8123/", "127.0.0.1", "127.0.0.1:8123", "/ws", 8123 },
-        { "ws://example.org", "example.org", "example.org:8080", "/ws", 8080 },
-        { "ws://[::1]:81/behind/proxy", "::1", "[::1]:81", "/behind/proxy", 81 },
-        { "ws://[fe80::1]", "fe80::1", "[fe80::1]:8080", "/ws", 8080 },
+        { "ws://localhost:9000", "localhost", "localhost:9000", "/ws", 9000, false },
+        { "ws://localhost:9000/", "localhost", "localhost:9000", "/ws", 9000, false },
+        { "http://127.0.0.1:8123/", "127.0.0.1", "127.0.0.1:8123", "/ws", 8123, false },
+        { "ws://example.org", "example.org", "example.org:8080", "/ws", 8080, false },
+        { "ws://[::1]:81/behind/proxy", "::1", "[::1]:81", "/behind/proxy", 81, false },
+        { "ws://[fe80::1]", "fe80::1", "[fe80::1]:8080", "/ws", 8080, false },
+        { "wss://example.org", "example.org", "example.org:443", "/ws", 443, true },
+        { "https://[::1]:443/a", "::1", "[::1]:443", "/a", 443, true },
     };
 
     (void)state;
@@ -25,6 +28,7 @@ static void host_port_and_path_are_found(void **state)
         assert_string_equal(a.named, good[i].named);
         assert_string_equal(a.path, good[i].path);
         assert_int_equal(a.port, good[i].port);
+        assert_int_equal(a.tls, good[i].tls);
     }
 }
 
@@ -42,8 +46,10 @@ static void nonsense_is_refused_by_name(void **state)
         "ws://h:8o",
         "ws://a b",
         "ws://u@h",
-        "wss://h",
-        "https://h",
+        "wss://",
+        "wss:h",
+        "https://h:8o",
+        "[::1]:80",
         "ws://[::1",
         "ws://[]:1",
         "ws://[::1]x:80",

@@ -1,6 +1,6 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "message.h"
+#include "clients/common/message.h"
 
 static json_t *read_text(const char *text, const char **op)
 {

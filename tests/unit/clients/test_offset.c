@@ -1,6 +1,6 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "offset.h"
+#include "clients/common/offset.h"
 
 static void no_ping_is_no_estimate(void **state)
 {

@@ -1,9 +1,9 @@
 /* Files of strangers: decoded as if nothing were between, and whatever they do to the process that decodes them, no
  * more than their own frame is lost. MISBEHAVE is that process with faults on demand (misbehave.c). */
 #define _GNU_SOURCE
-#include "unit.h"
+#include "support/unit.h"
 
-#include "decoder.h"
+#include "decoder/decoder.h"
 
 #include <ctype.h>
 #include <dirent.h>
@@ -24,7 +24,7 @@ static struct decoder *begin(const struct decoder_desc *given)
 
 static struct decoder *begin_bad(void)
 {
-    return begin(&(struct decoder_desc){ .program = MISBEHAVE, .patience_ms = 700, .memory_bytes = (size_t)64 << 20 });
+    return begin(&(struct decoder_desc){ .program = MISBEHAVE, .timeout_ms = 700, .memory_bytes = (size_t)64 << 20 });
 }
 
 /* Skips where memory has no limit and faults are reported instead of died of, and where the kernel has no seccomp. */
@@ -146,13 +146,13 @@ static void a_picture_above_its_limit_is_refused_by_the_process_too(void **state
 {
     (void)state;
     struct decoder *d = begin(NULL);
-    struct image near = { .most_side = 1 }, far = { .most_side = 1 };
+    struct image near = { .max_side = 1 }, far = { .max_side = 1 };
     struct reason why = { "" };
 
     assert_int_equal(decode(d, good, sizeof(good) - 1, &far, &why), ERR_RANGE);
-    assert_non_null(strstr(why.text, "a picture of 2x1 texels is too large, at most 1 a side"));
+    assert_non_null(strstr(why.text, "an image of 2x1 texels is too large; the limit is 1 per side"));
     compare(d, (const uint8_t *)good, sizeof(good) - 1, &near, &far);
-    near.most_side = far.most_side = 2;
+    near.max_side = far.max_side = 2;
     assert_int_equal(decode(d, good, sizeof(good) - 1, &far, &why), ERR_OK);
     compare(d, (const uint8_t *)good, sizeof(good) - 1, &near, &far);
     image_finish(&near);
@@ -209,12 +209,12 @@ static void a_decoder_that_dies_costs_its_frame_only(void **state)
     need_confinement(d);
     refused(d, "crash", "signal 11");
     taken(d);
-    refused(d, "abort", "ask the system"); /* raise() would be able to signal others, and is not allowed either */
+    refused(d, "abort", "forbidden system call"); /* raise() could signal others: not allowed either */
     taken(d);
     refused(d, "exit", "exit code 3");
     taken(d);
     decoder_counts(d, &counts);
-    assert_int_equal(counts.died, 3);
+    assert_int_equal(counts.crashed, 3);
     assert_int_equal(counts.starts, 4);
     assert_int_equal(counts.files, 6);
     decoder_destroy(d);
@@ -226,11 +226,11 @@ static void a_decoder_that_hangs_is_ended(void **state)
     struct decoder *d = begin_bad();
     struct decoder_counts counts;
 
-    refused(d, "hang", "within 0.7 s");
+    refused(d, "hang", "timed out after 0.7 s");
     taken(d);
     decoder_counts(d, &counts);
-    assert_int_equal(counts.hung, 1);
-    assert_int_equal(counts.died, 0);
+    assert_int_equal(counts.timed_out, 1);
+    assert_int_equal(counts.crashed, 0);
     decoder_destroy(d);
 }
 
@@ -238,32 +238,33 @@ static void a_decoder_cannot_eat_the_memory(void **state)
 {
     (void)state;
     struct decoder *d =
-        begin(&(struct decoder_desc){ .program = MISBEHAVE, .patience_ms = 20000, .memory_bytes = (size_t)64 << 20 });
+        begin(&(struct decoder_desc){ .program = MISBEHAVE, .timeout_ms = 20000, .memory_bytes = (size_t)64 << 20 });
     struct decoder_counts counts;
 
     need_confinement(d);
     refused(d, "eat", "frame 7");
     taken(d);
     decoder_counts(d, &counts);
-    assert_int_equal(counts.died, 1); /* it asked for a GiB where 64 MiB beside the program are its due */
+    assert_int_equal(counts.crashed, 1); /* it asked for a GiB where 64 MiB beside the program are its due */
     decoder_destroy(d);
 }
 
 static void a_decoder_that_asks_for_more_than_its_due_dies_of_it(void **state)
 {
     (void)state;
-    static const char *const asks[] = { "ask open",   "ask socket", "ask fork",       "ask exec",     "ask kill",
-                                        "ask ptrace", "ask code",   "ask write-code", "ask map-file", "ask limits" };
+    static const char *const asks[] = { "ask open",     "ask socket", "ask fork",       "ask exec",
+                                        "ask kill",     "ask ptrace", "ask code",       "ask write-code",
+                                        "ask map-file", "ask limits", "ask other-table" };
     struct decoder *d = begin_bad();
     struct decoder_counts counts;
 
     need_confinement(d);
     for (size_t i = 0; i < sizeof(asks) / sizeof(asks[0]); i++) {
-        refused(d, asks[i], "ask the system");
+        refused(d, asks[i], "forbidden system call");
         taken(d);
     }
     decoder_counts(d, &counts);
-    assert_int_equal(counts.died, sizeof(asks) / sizeof(asks[0]));
+    assert_int_equal(counts.crashed, sizeof(asks) / sizeof(asks[0]));
     decoder_destroy(d);
 }
 
@@ -277,7 +278,7 @@ static void what_a_decoder_says_is_not_believed(void **state)
     struct reason why = { "" };
 
     for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {
-        refused(d, lies[i], "nonsense");
+        refused(d, lies[i], "invalid answer");
         taken(d); /* by another process: that one is gone */
     }
     refused(d, "answer short", "frame 7");
@@ -287,7 +288,7 @@ static void what_a_decoder_says_is_not_believed(void **state)
         assert_true(*p >= ' ' && *p < 127);
     assert_true(strlen(why.text) > 100);
     decoder_counts(d, &counts);
-    assert_int_equal(counts.lied, 4);
+    assert_int_equal(counts.invalid, 4);
     decoder_destroy(d);
     image_finish(&im);
 }
@@ -323,7 +324,7 @@ static void deaths_in_a_row_make_it_wait_and_a_good_file_ends_that(void **state)
         refused(d, "exit", "in a row");
     decoder_counts(d, &counts);
     assert_int_equal(counts.starts, 3);
-    assert_int_equal(counts.waited, 50);
+    assert_int_equal(counts.refused, 50);
     sleep_ms(300);
     taken(d);
     refused(d, "exit", "exit code 3"); /* the row has begun anew */
@@ -364,7 +365,7 @@ static void what_cannot_be_started_is_said_at_once(void **state)
     assert_int_equal(decoder_create(&(struct decoder_desc){ .program = "/nonexistent/decoder" }, &d, &why), ERR_IO);
     assert_non_null(strstr(why.text, "/nonexistent/decoder"));
     assert_null(d);
-    assert_int_equal(decoder_create(&(struct decoder_desc){ .program = "/bin/true", .patience_ms = 2000 }, &d, &why),
+    assert_int_equal(decoder_create(&(struct decoder_desc){ .program = "/bin/true", .timeout_ms = 2000 }, &d, &why),
                      ERR_IO);
     assert_non_null(strstr(why.text, "/bin/true"));
     assert_null(d);
@@ -374,7 +375,7 @@ static void whoever_waits_for_a_file_can_be_called_away(void **state)
 {
     (void)state;
     static atomic_bool stop;
-    struct decoder *d = begin(&(struct decoder_desc){ .program = MISBEHAVE, .patience_ms = 60000, .stop = &stop });
+    struct decoder *d = begin(&(struct decoder_desc){ .program = MISBEHAVE, .timeout_ms = 60000, .stop = &stop });
     struct image im = { 0 };
     struct reason why = { "" };
 

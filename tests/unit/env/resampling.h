@@ -3,13 +3,13 @@
 #ifndef TESTS_RESAMPLING_H
 #define TESTS_RESAMPLING_H
 
-#include "cube.h"
-#include "mem.h"
-#include "resample.h"
+#include "env/cube.h"
+#include "base/mem.h"
+#include "env/resample.h"
 
 #include <string.h>
 
-#include "unit.h"
+#include "support/unit.h"
 
 static inline struct resampler *resampling_make(enum layout layout, uint32_t width, uint32_t height, uint32_t n,
                                                 double rotation)
@@ -48,9 +48,9 @@ static inline void resampling_walk(const struct resample_table *t,
                                    void (*each)(void *context, const struct resampling_term *term), void *context)
 {
     const uint32_t tiles = t->across * t->across;
-    for (uint32_t at = 0; at < 6 * tiles * EIGHTS * 8; at++) {
-        const struct eight *e = &t->eights[at / 8];
-        const uint32_t tile = at / 8 / EIGHTS, texel = e->texel[at % 8];
+    for (uint32_t at = 0; at < 6 * tiles * OCTETS * 8; at++) {
+        const struct octet *e = &t->octets[at / 8];
+        const uint32_t tile = at / 8 / OCTETS, texel = e->texel[at % 8];
         struct resampling_term term = { .face = tile / tiles,
                                         .row = tile / t->across % t->across * TILE + texel / TILE,
                                         .column = tile % t->across * TILE + texel % TILE };

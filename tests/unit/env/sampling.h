@@ -3,7 +3,7 @@
 #ifndef TESTS_SAMPLING_H
 #define TESTS_SAMPLING_H
 
-#include "skies.h"
+#include "support/skies.h"
 
 /* Probability that a chi-square variable with k degrees of freedom exceeds x [Wilson and Hilferty 1931]: good to a few
  * per cent for k > 10, which is enough to tell 0.5 from 1e-6. */

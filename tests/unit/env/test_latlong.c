@@ -1,8 +1,8 @@
 /* Sampling on the texels of a lat-long source: Jacobian, orientation, gain, and what is refused. That its densities
  * integrate to 1 and its samples follow them is in test_sampler_pdfs.c. */
-#include "latlong.h"
+#include "env/latlong.h"
 
-#include "sampling.h"
+#include "env/sampling.h"
 
 static struct environment *make(struct frame f, const struct environment_desc *desc, struct latlong *t)
 {

@@ -1,9 +1,9 @@
 /* Layouts: what each keeps, which way each looks, and that all show the same sky. */
-#include "layout.h"
+#include "env/layout.h"
 
-#include "layouts.h"
-#include "resampling.h"
-#include "skies.h"
+#include "support/layouts.h"
+#include "env/resampling.h"
+#include "support/skies.h"
 
 static const struct {
     enum layout layout;
@@ -124,7 +124,7 @@ static void check_direction(const struct environment *e, size_t q, double degree
     const bool below = pictures[q].layout == LAYOUT_FISHEYE && own[1] < 0.0;
     for (int c = 0; c < 3; c++)
         want[c] = below ? (c == 1 ? 2.5 : 2.0) : 2.0 + own[c];
-    environment_look(e, vec3_make(w[0], w[1], w[2]), seen);
+    environment_lookup(e, vec3_make(w[0], w[1], w[2]), seen);
     environment_evaluate(e, w, lit, &pdf);
     for (int c = 0; c < 3; c++) {
         assert_true(fabs(seen[c] - want[c]) < pictures[q].seen);
@@ -247,7 +247,7 @@ static void six_files_are_the_cells_of_a_horizontal_cross(void **state)
         const double z = 2.0 * rng_next(&random) - 1.0, phi = 2.0 * PI * rng_next(&random), s = sqrt(1.0 - z * z);
         const float w[3] = { (float)(s * cos(phi)), (float)(s * sin(phi)), (float)z };
         float rgb[3];
-        environment_look(e, vec3_make(w[0], w[1], w[2]), rgb);
+        environment_lookup(e, vec3_make(w[0], w[1], w[2]), rgb);
         for (int c = 0; c < 3; c++)
             assert_true(fabsf(rgb[c] - 2.0f - w[c]) < 0.04f);
     }
@@ -312,17 +312,17 @@ static void unknown_shapes_ask_for_the_layouts_that_fit(void **state)
 {
     (void)state;
     check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 512, 512,
-                 "512x512 is not 2:1, so its layout is unknown: say --layout ball or");
-    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 10, 60, "--layout cube ");
-    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 40, 30, "--layout hcross ");
-    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 30, 40, "--layout vcross ");
-    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 50, 20, "--layout latlong, or");
+                 "512x512 is not 2:1, so the layout is ambiguous: specify --layout ball or");
+    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 10, 60, "--layout cube");
+    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 40, 30, "--layout hcross");
+    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 30, 40, "--layout vcross");
+    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 50, 20, "--layout latlong, ball");
 }
 
 static void shapes_that_cannot_be_the_layout_are_refused_by_name(void **state)
 {
     (void)state;
-    check_choice(LAYOUT_CUBE, LAYOUT_AUTO, 40, 20, "40x20 cannot be the layout cube");
+    check_choice(LAYOUT_CUBE, LAYOUT_AUTO, 40, 20, "40x20 does not fit the layout cube");
     check_choice(LAYOUT_AUTO, LAYOUT_CUBE, 40, 20, "layout cube");
     check_choice(LAYOUT_HCROSS, LAYOUT_AUTO, 30, 40, "layout hcross");
     check_choice(LAYOUT_HCROSS, LAYOUT_AUTO, 41, 30, "layout hcross");

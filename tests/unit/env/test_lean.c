@@ -1,8 +1,8 @@
 /* A lean rebuild leaves some tables for later: what it makes, and what completes it, has the bits of a whole one. */
-#include "skies.h"
+#include "support/skies.h"
 
-#include "pyramid.h"
-#include "samples.h"
+#include "env/pyramid.h"
+#include "env/samples.h"
 
 #include <omp.h>
 
@@ -90,7 +90,7 @@ static void leanness_may_change_from_frame_to_frame(void **state)
     (void)state;
 
     for (int frame = 0; frame < 4; frame++) {
-        environment_set(e, &(struct environment_desc){ .lean = frame % 2 == 0 });
+        environment_configure(e, &(struct environment_desc){ .lean = frame % 2 == 0 });
         update(whole, 5.0f + (float)frame);
         update(e, 5.0f + (float)frame);
         assert_int_equal(environment_is_complete(e), frame % 2);

@@ -1,13 +1,13 @@
 /* Memory runs out while a frame is decoded, resampled and tabulated. */
-#include "nomem.h"
+#include "support/nomem.h"
 
-#include "decode.h"
-#include "environment.h"
-#include "make_exr.h"
-#include "make_hdr.h"
-#include "resample_table.h"
-#include "samples.h"
-#include "sky_table.h"
+#include "codec/decode.h"
+#include "env/environment.h"
+#include "codec/make_exr.h"
+#include "codec/make_hdr.h"
+#include "env/resample_table.h"
+#include "env/samples.h"
+#include "env/sky_table.h"
 
 /* A frame to two environments that share a table, and to the first once more, as a server does it. */
 struct sight {
@@ -27,7 +27,7 @@ static enum err see(void *context, struct reason *why)
     if (!e)
         e = environment_update(two, &s->f, why);
     if (!e) {
-        environment_set(one, &(struct environment_desc){ .layout = s->layout, .rotation_degrees = 30.0 });
+        environment_configure(one, &(struct environment_desc){ .layout = s->layout, .rotation_degrees = 30.0 });
         e = environment_rebuild(one, why);
     }
     if (e == ERR_NOMEM && two) { /* what has failed once can be used again */

@@ -1,7 +1,7 @@
 /* What is looked at with a wide eye. */
-#include "skies.h"
+#include "support/skies.h"
 
-#include "pyramid.h"
+#include "env/pyramid.h"
 
 static const float widths[] = { 0.0f, 1e-4f, 0.01f, 0.03f, 0.1f, 0.2f, 0.5f, 1.0f, 2.0f, 4.0f, 6.3f, 100.0f, INFINITY };
 #define WIDTHS (sizeof(widths) / sizeof(widths[0]))
@@ -42,7 +42,7 @@ static void constant_sky_is_constant_at_all_widths(void **state)
             for (uint32_t k = 0; k < 300; k++)
                 for (size_t w = 0; w < WIDTHS; w++) {
                     float rgb[3];
-                    environment_look_wide(e, on_sphere(k, 300), widths[w], rgb);
+                    environment_lookup_wide(e, on_sphere(k, 300), widths[w], rgb);
                     for (int c = 0; c < 3; c++)
                         assert_true(fabsf(rgb[c] - 3.0f) < 3e-5f);
                 }
@@ -57,9 +57,9 @@ static void narrow_lookup_is_the_plain_one(void **state)
     (void)state;
     for (uint32_t k = 0; k < 5000; k++) {
         float plain[3], narrow[3], not_a_number[3];
-        environment_look(e, on_sphere(k, 5000), plain);
-        environment_look_wide(e, on_sphere(k, 5000), 1e-3f, narrow);
-        environment_look_wide(e, on_sphere(k, 5000), NAN, not_a_number);
+        environment_lookup(e, on_sphere(k, 5000), plain);
+        environment_lookup_wide(e, on_sphere(k, 5000), 1e-3f, narrow);
+        environment_lookup_wide(e, on_sphere(k, 5000), NAN, not_a_number);
         assert_memory_equal(plain, narrow, sizeof(plain));
         assert_memory_equal(plain, not_a_number, sizeof(plain));
     }
@@ -74,7 +74,7 @@ static double mean_at(const struct environment *e, float width, uint32_t points)
 #pragma omp parallel for reduction(+ : sum)
     for (uint32_t k = 0; k < points; k++) {
         float rgb[3];
-        environment_look_wide(e, on_sphere(k, points), width, rgb);
+        environment_lookup_wide(e, on_sphere(k, points), width, rgb);
         sum += (double)rgb[0];
     }
     return sum / points;
@@ -131,10 +131,10 @@ static double brute_force(const struct environment *e, struct vec3 w, double wid
     for (uint32_t k = 0; k < n; k++) {
         const double c = 1.0 + (least - 1.0) * (k + 0.5) / n, s = sqrt(1.0 - c * c), phi = 2.3999632297286533 * k;
         float rgb[3];
-        environment_look(e,
-                         vec3_add(vec3_scale(w, (float)c),
-                                  vec3_add(vec3_scale(a, (float)(s * sin(phi))), vec3_scale(b, (float)(s * cos(phi))))),
-                         rgb);
+        environment_lookup(e,
+                           vec3_add(vec3_scale(w, (float)c), vec3_add(vec3_scale(a, (float)(s * sin(phi))),
+                                                                      vec3_scale(b, (float)(s * cos(phi))))),
+                           rgb);
         sum += (double)rgb[0];
     }
     return sum / n;
@@ -150,8 +150,8 @@ static void compare_with_cones(const struct environment *e, double width, double
         const struct vec3 to = on_sphere(k, n);
         float a[3], b[3];
         const double want = brute_force(e, to, width);
-        environment_look_wide(e, to, (float)width, a);
-        environment_look(e, to, b);
+        environment_lookup_wide(e, to, (float)width, a);
+        environment_lookup(e, to, b);
         *wide += ((double)a[0] - want) * ((double)a[0] - want) / n;
         *plain += ((double)b[0] - want) * ((double)b[0] - want) / n;
     }
@@ -199,7 +199,7 @@ static void gap_below_the_cube_map_is_filled(void **state)
             double sum = 0.0, sum2 = 0.0, truth = 0.0, truth2 = 0.0;
             for (uint32_t k = 0; k < 300; k++) {
                 float rgb[3];
-                environment_look_wide(e, on_sphere(k, 300), (float)width, rgb);
+                environment_lookup_wide(e, on_sphere(k, 300), (float)width, rgb);
                 const double want = brute_force(e, on_sphere(k, 300), width);
                 sum += (double)rgb[0] / 300;
                 sum2 += (double)rgb[0] * (double)rgb[0] / 300;
@@ -235,9 +235,9 @@ static float steepest(const struct environment *e, int level, float width, uint3
             const struct vec3 w = vec3_add(vec3_scale(a, (float)cos(t)), vec3_scale(b, (float)sin(t)));
             float rgb[3];
             if (level >= 0)
-                pyramid_look(e->pyramid, (uint32_t)level, (const float[3]){ w.x, w.y, w.z }, rgb);
+                pyramid_lookup(e->pyramid, (uint32_t)level, (const float[3]){ w.x, w.y, w.z }, rgb);
             else
-                environment_look_wide(e, w, width, rgb);
+                environment_lookup_wide(e, w, width, rgb);
             if (k > 0)
                 most = fmaxf(most, fabsf(rgb[0] - before));
             before = rgb[0];
@@ -273,7 +273,7 @@ static void lookup_is_continuous_in_width(void **state)
         float before[3] = { 0.0f };
         for (float width = 1e-3f; width < 5.0f; width *= 1.0005f) {
             float rgb[3];
-            environment_look_wide(e, on_sphere(k, 100), width, rgb);
+            environment_lookup_wide(e, on_sphere(k, 100), width, rgb);
             if (width > 1e-3f)
                 assert_true(fabsf(rgb[0] - before[0]) < 5e-3f);
             before[0] = rgb[0];

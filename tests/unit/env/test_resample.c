@@ -1,7 +1,7 @@
 /* Resampling and the cube map: constant and energy kept, orientation, solid angles. */
-#include "cube.h"
-#include "resampling.h"
-#include "skies.h"
+#include "env/cube.h"
+#include "env/resampling.h"
+#include "support/skies.h"
 
 static const struct {
     uint32_t width, height, n;
@@ -129,7 +129,7 @@ static void check_axes(double rotation_degrees, const float want[6])
         float rgb[3], pdf;
         environment_evaluate(e, w, rgb, &pdf);
         assert_true(fabsf(rgb[0] - want[k]) < 1e-3f);
-        environment_look(e, unit, rgb);
+        environment_lookup(e, unit, rgb);
         assert_true(fabsf(rgb[0] - want[k]) < 1e-3f);
     }
     environment_destroy(e);

@@ -4,12 +4,12 @@
  *
  * A sampler here is a set of strata, each with a density over the sphere. What a stratum should do with a texel is
  * worked out anew from radiance and solid angle, not read from tables. */
-#include "latlong.h"
-#include "resample.h"
-#include "samples.h"
-#include "sky_table.h"
+#include "env/latlong.h"
+#include "env/resample.h"
+#include "env/samples.h"
+#include "env/sky_table.h"
 
-#include "sampling.h"
+#include "env/sampling.h"
 
 enum sampler_kind { SPHERE, WHOLE, FACES, LATLONG_ROWS, LATLONG, TABLE };
 
@@ -96,7 +96,7 @@ static float density(const struct sampler *s, const float w[3], float rgb[3], ui
         (void)environment_evaluate(s->e, w, rgb, sun);
         *sun = 0.0f;
         break;
-    case WHOLE: return samples_whole_density(s->e, w, rgb);
+    case WHOLE: return environment_sample_density(s->e, w, rgb);
     case FACES: *stratum = environment_evaluate(s->e, w, rgb, &pdf); break;
     case LATLONG_ROWS: latlong_evaluate_rows(&s->latlong, w, rgb, &pdf); break;
     case LATLONG: latlong_evaluate(&s->latlong, w, rgb, &pdf); break;
@@ -120,7 +120,7 @@ static void draw(const struct sampler *s, uint32_t stratum, const double x[2], f
         assert_true(drawn.pdf[0] == (float)(0.25 / PI));
         samples_finish(&drawn);
     } else if (s->kind == WHOLE) {
-        assert_true(samples_whole(s->e, x, w, rgb, &pdf));
+        assert_true(environment_sample(s->e, x, w, rgb, &pdf));
     } else if (s->kind == FACES) {
         samples_invert_face(s->e, stratum, x, w);
     } else if (s->kind == LATLONG_ROWS) {

@@ -1,7 +1,7 @@
 /* Light samples: densities integrate to 1, samples follow them, and no light is left without density. */
-#include "samples.h"
+#include "env/samples.h"
 
-#include "sampling.h"
+#include "env/sampling.h"
 
 /* Midpoint rule on a grid much finer than the texels. */
 static void densities_integrate_to_one(void **state)
@@ -161,21 +161,21 @@ static void black_faces_get_no_samples(void **state)
 static void importances_have_names_that_parse(void **state)
 {
     static const char *const names[] = { "luminance", "mean", "max" };
-    enum importance got = IMPORTANCE_MAX;
+    int got = IMPORTANCE_MAX;
     struct reason why;
     (void)state;
 
     for (int k = 0; k < 3; k++) {
-        assert_int_equal(importance_parse(names[k], &got, &why), ERR_OK);
+        assert_int_equal(choice_parse(importance_choices, 0, "importance", names[k], &got, &why), ERR_OK);
         assert_int_equal(got, k);
-        assert_string_equal(importance_name(got), names[k]);
+        assert_string_equal(choice_name(importance_choices, got), names[k]);
     }
-    assert_int_equal(importance_parse("average", &got, &why), ERR_USAGE);
-    assert_int_equal(got, IMPORTANCE_LUMINANCE);
+    assert_int_equal(choice_parse(importance_choices, 0, "importance", "average", &got, &why), ERR_USAGE);
+    assert_int_equal(got, IMPORTANCE_MAX);
     assert_non_null(strstr(why.text, "'average'"));
     for (int k = 0; k < 3; k++)
         assert_non_null(strstr(why.text, names[k]));
-    assert_int_equal(importance_parse("", &got, NULL), ERR_USAGE);
+    assert_int_equal(choice_parse(importance_choices, 0, "importance", "", &got, NULL), ERR_USAGE);
 }
 
 /* A sky of one colour: what the three make of it is known. A description of zeros means luminance. */
@@ -194,7 +194,7 @@ static void importance_weighs_the_colours_as_it_says(void **state)
         assert_int_equal(environment_update(e, &f, &why), ERR_OK);
         assert_true(fabs(e->total_energy / (4.0 * PI) - want[k % 3]) < 1e-6);
         desc.importance = IMPORTANCE_MAX; /* from the next update on */
-        environment_set(e, &desc);
+        environment_configure(e, &desc);
         assert_true(fabs(e->total_energy / (4.0 * PI) - want[k % 3]) < 1e-6);
         assert_int_equal(environment_update(e, &f, &why), ERR_OK);
         assert_true(fabs(e->total_energy / (4.0 * PI) - want[2]) < 1e-6);

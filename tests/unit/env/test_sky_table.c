@@ -1,10 +1,10 @@
 /* The table for balanced sampling: its cells, its sun, its mean, and what it is on real skies. That each of its
  * densities integrates to 1, is followed and covers the light is in test_sampler_pdfs.c. */
-#include "samples.h"
-#include "sky_table.h"
-#include "source.h"
+#include "env/samples.h"
+#include "env/sky_table.h"
+#include "source/source.h"
 
-#include "sampling.h"
+#include "env/sampling.h"
 
 #include <omp.h>
 
@@ -95,7 +95,7 @@ static void strata_share_out_the_whole_importance(void **state)
             float w[3], rgb[3], pdf, sun;
             grid_direction(n, at / (n * n), at / n % n, at % n, w);
             const uint32_t s = sky_table_evaluate(&t, w, rgb, &pdf, &sun);
-            const double whole = samples_whole_density(e, w, rgb) * e->total_energy;
+            const double whole = environment_sample_density(e, w, rgb) * e->total_energy;
             assert_true(fabs(pdf * t.energy[s] + sun * t.sun_energy - whole) <= 1e-6 * whole);
         }
         environment_destroy(e);

@@ -1,10 +1,10 @@
 /* Resampling tables that several environments share: one of a key, freed with its last user. */
-#include "resample_table.h"
+#include "env/resample_table.h"
 
 #include <omp.h>
 
-#include "resampling.h"
-#include "skies.h"
+#include "env/resampling.h"
+#include "support/skies.h"
 
 static struct environment *environment_at(struct resample_tables *tables, double rotation_degrees)
 {
@@ -21,7 +21,7 @@ static struct environment *environment_at(struct resample_tables *tables, double
 static void turn(struct environment *e, double rotation_degrees)
 {
     struct reason why;
-    environment_set(e, &(struct environment_desc){ .rotation_degrees = rotation_degrees });
+    environment_configure(e, &(struct environment_desc){ .rotation_degrees = rotation_degrees });
     assert_int_equal(environment_rebuild(e, &why), ERR_OK);
 }
 
@@ -111,7 +111,7 @@ static void threads_find_each_others_tables(void **state)
         wrong += resample_table_take(tables, &key, &t) || !resample_key_equal(&t->key, &key);
         wrong += resample_table_take(tables, &key, &same) || same != t;
         resample_table_release(tables, t);
-        wrong += same->eights[0].first != 0; /* still there */
+        wrong += same->octets[0].first != 0; /* still there */
         resample_table_release(tables, same);
     }
     assert_int_equal(wrong, 0);

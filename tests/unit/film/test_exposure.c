@@ -1,8 +1,8 @@
-#include "film.h"
+#include "film/film.h"
 
-#include "near.h"
-#include "rng.h"
-#include "unit.h"
+#include "light/near.h"
+#include "base/rng.h"
+#include "support/unit.h"
 
 #include <float.h>
 #include <math.h>

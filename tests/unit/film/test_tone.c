@@ -1,9 +1,9 @@
-#include "film.h"
+#include "film/film.h"
 
-#include "near.h"
-#include "rng.h"
-#include "unit.h"
-#include "vec.h"
+#include "light/near.h"
+#include "base/rng.h"
+#include "support/unit.h"
+#include "base/vec.h"
 
 #include <float.h>
 #include <math.h>
@@ -236,15 +236,15 @@ static void picture_has_the_same_bytes_at_any_thread_count(void **state)
 
 static void names_are_parsed_and_others_refused(void **state)
 {
-    enum tone_curve c;
+    int c;
     struct reason why = { "" };
     (void)state;
 
     for (int i = 0; i < CURVES; i++) {
-        assert_int_equal(tone_parse(tone_name(curves[i]), &c, &why), ERR_OK);
+        assert_int_equal(choice_parse(tone_choices, 0, "tone", tone_name(curves[i]), &c, &why), ERR_OK);
         assert_int_equal(c, curves[i]);
     }
-    assert_int_equal(tone_parse("aces", &c, &why), ERR_USAGE);
+    assert_int_equal(choice_parse(tone_choices, 0, "tone", "aces", &c, &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "'aces'"));
 }
 

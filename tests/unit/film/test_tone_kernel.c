@@ -1,9 +1,9 @@
 /* Each CPU level's tone kernel against the scalar reference, bit for bit, and the reference against the exact formula
  * at every input that it tells apart. The seed is printed and may be given as RELIGHT_TEST_SEED. */
-#include "tone_kernel.h"
+#include "film/tone_kernel.h"
 
-#include "rng.h"
-#include "unit.h"
+#include "base/rng.h"
+#include "support/unit.h"
 
 #include <float.h>
 #include <math.h>

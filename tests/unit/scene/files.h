@@ -3,11 +3,11 @@
 #ifndef TESTS_SCENE_FILES_H
 #define TESTS_SCENE_FILES_H
 
-#include "unit.h"
+#include "support/unit.h"
 
-#include "mem.h"
-#include "scene.h"
-#include "scene_build.h"
+#include "base/mem.h"
+#include "scene/scene.h"
+#include "scene/scene_build.h"
 
 #include <math.h>
 #include <unistd.h>

@@ -1,6 +1,6 @@
-#include "files.h"
+#include "scene/files.h"
 
-#include "rays.h"
+#include "scene/rays.h"
 
 #include <math.h>
 

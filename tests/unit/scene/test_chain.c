@@ -1,7 +1,7 @@
 /* Camera rays through mirrors and glass, against closed forms. */
-#include "files.h"
+#include "scene/files.h"
 
-#include "gbuffer.h"
+#include "scene/gbuffer.h"
 
 #include <math.h>
 

@@ -1,6 +1,7 @@
-#include "files.h"
+#include "scene/files.h"
+#include "support/gbuffers.h"
 
-#include "gbuffer.h"
+#include "scene/gbuffer.h"
 
 #include <math.h>
 #include <omp.h>
@@ -15,16 +16,6 @@ struct view {
     struct gbuffer *g;
 };
 
-static struct gbuffer *make(struct scene *s, struct rays *r, const struct gbuffer_desc *d)
-{
-    struct reason why = { "" };
-    struct gbuffer *g = NULL;
-
-    if (gbuffer_create(s, r, d, &g, &why))
-        fail_msg("%s", why.text);
-    return g;
-}
-
 /* A scene of one grey mesh of quads, seen from the front. */
 static struct view view_quads(const float (*corners)[3], uint32_t quads, uint32_t edge_rays)
 {
@@ -34,7 +25,7 @@ static struct view view_quads(const float (*corners)[3], uint32_t quads, uint32_
     add_quads(v.scene, add_lambert(v.scene, 0.5f), corners, quads);
     assert_int_equal(scene_finish(v.scene, "quads", NULL), ERR_OK);
     v.rays = rays_create(v.scene);
-    v.g = make(v.scene, v.rays, &d);
+    v.g = gbuffer_of(v.scene, v.rays, &d);
     return v;
 }
 
@@ -116,7 +107,7 @@ static void weights_sum_to_one_everywhere(void **state)
     struct scene *s = scene_create_builtin();
     struct rays *r = rays_create(s);
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
-    struct gbuffer *g = make(s, r, &d);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
 
     (void)state;
     for (size_t i = 0; i < 160 * 90; i++) {
@@ -196,7 +187,7 @@ static uint32_t points_on_ridge(float fall, const float left[3], const float rig
         memcpy(n + 3 * i, i < 4 ? left : right, 3 * sizeof(*n));
     s->meshes[0].normals = n;
     struct rays *r = rays_create(s);
-    struct gbuffer *g = make(s, r, &d);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
     const size_t i = (size_t)20 * 64 + 32;
     const uint32_t points = g->entry_first[i + 1] - g->entry_first[i];
     gbuffer_destroy(g);
@@ -243,10 +234,10 @@ static void same_bits_at_any_number_of_threads(void **state)
     struct rays *r = rays_create(s);
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 200, .height = 112 };
     omp_set_num_threads(1);
-    struct gbuffer *one = make(s, r, &d);
+    struct gbuffer *one = gbuffer_of(s, r, &d);
     for (int threads = 2; threads <= 7; threads += 5) {
         omp_set_num_threads(threads);
-        struct gbuffer *many = make(s, r, &d);
+        struct gbuffer *many = gbuffer_of(s, r, &d);
         assert_true(same_gbuffer(one, many));
         gbuffer_destroy(many);
     }
@@ -262,7 +253,7 @@ static void packets_are_whole(void **state)
     struct scene *s = scene_create_builtin();
     struct rays *r = rays_create(s);
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
-    struct gbuffer *g = make(s, r, &d);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
     uint8_t *used = mem_alloc((size_t)g->packet_count * PACKET, 1);
     uint64_t points = 0, kinds[3] = { 0 };
 
@@ -355,7 +346,7 @@ static void textures_are_averaged_over_the_pixel(void **state)
     s->meshes[0].uvs = mem_alloc(8, sizeof(float));
     memcpy(s->meshes[0].uvs, uv, sizeof(uv));
     struct rays *r = rays_create(s);
-    struct gbuffer *g = make(s, r, &d);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
     assert_int_equal(g->point_count, 16); /* one point each: colours do not part a pixel */
     for (int i = 0; i < 16; i++) {
         assert_float_equal(g->packets[0].diffuse[0][i], 0.5f, 0.08f);
@@ -384,7 +375,7 @@ static void ggx_carries_its_parameters(void **state)
     assert_int_equal(scene_add_material(s, &m, NULL), ERR_OK);
     add_quads(s, 0, wall, 1);
     struct rays *r = rays_create(s);
-    struct gbuffer *g = make(s, r, &d);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
     assert_int_equal(g->packet_count, 1);
     assert_int_equal(g->packets[0].kind, LOBE_GGX);
     assert_float_equal(g->packets[0].diffuse[0][3], 0.6f, 1e-6f);
@@ -473,7 +464,7 @@ static void every_pixel_can_be_taken_as_an_edge(void **state)
     struct view v = view_quads(wall, 1, 1);
 
     (void)state;
-    struct gbuffer *g = make(v.scene, v.rays, &d);
+    struct gbuffer *g = gbuffer_of(v.scene, v.rays, &d);
     assert_int_equal(g->edge_pixels, 64 * 64);
     assert_true(g->camera_rays >= 64 * 64 * 9);
     assert_int_equal(g->point_count, 64 * 64); /* and still one point each on a plane */
@@ -487,7 +478,7 @@ static void shared_plaza_has_a_shade_point_where_it_should(void **state)
     struct scene *s = load_or_fail(unit_data("../scenes/plaza.json"));
     struct rays *r = rays_create(s);
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
-    struct gbuffer *g = make(s, r, &d);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
 
     (void)state;
     /* top left is sky, the bottom row is ground, the middle is the dragon */

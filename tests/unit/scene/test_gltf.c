@@ -1,4 +1,4 @@
-#include "files.h"
+#include "scene/files.h"
 
 #include <math.h>
 #include <turbojpeg.h>
@@ -103,9 +103,9 @@ static void what_is_not_modelled_is_named_once(void **state)
     log_begin();
     struct scene *s = load_or_fail(path);
     const char *said = log_end();
-    assert_int_equal(count_of(said, "not modelled"), 2);
-    assert_int_equal(count_of(said, "a.gltf: not modelled: alpha masks and blending"), 1);
-    assert_int_equal(count_of(said, "a.gltf: not modelled: emission"), 1);
+    assert_int_equal(count_of(said, "not supported"), 2);
+    assert_int_equal(count_of(said, "a.gltf: not supported: alpha masks and blending"), 1);
+    assert_int_equal(count_of(said, "a.gltf: not supported: emission"), 1);
     assert_int_equal(s->unmodelled, 1u << FEATURE_ALPHA | 1u << FEATURE_EMISSION);
     scene_destroy(s);
     folder_remove(&f);

@@ -1,8 +1,9 @@
 /* Interleaved light samples: the points of a packet belong to pixels of one place in the K x K pattern. */
-#include "unit.h"
+#include "support/unit.h"
+#include "support/gbuffers.h"
 
-#include "gbuffer.h"
-#include "mem.h"
+#include "scene/gbuffer.h"
+#include "base/mem.h"
 
 static struct gbuffer *make(const struct scene *s, const struct rays *r, uint32_t interleave)
 {
@@ -12,12 +13,8 @@ static struct gbuffer *make(const struct scene *s, const struct rays *r, uint32_
         .height = 91,
         .interleave = interleave,
     };
-    struct reason why = { "" };
-    struct gbuffer *g = NULL;
 
-    if (gbuffer_create(s, r, &d, &g, &why))
-        fail_msg("%s", why.text);
-    return g;
+    return gbuffer_of(s, r, &d);
 }
 
 static void packets_hold_the_pixels_of_one_set(void **state)
@@ -29,7 +26,7 @@ static void packets_hold_the_pixels_of_one_set(void **state)
 
     assert_int_equal(plain->interleave, 1);
     for (uint32_t i = 0; i < plain->packet_count; i++)
-        assert_int_equal(plain->packets[i].set, 0);
+        assert_int_equal(plain->packets[i].sample_set, 0);
     for (uint32_t k = 2; k <= 4; k *= 2) {
         struct gbuffer *g = make(s, r, k);
         uint8_t *used = mem_alloc((size_t)g->packet_count * PACKET, 1);
@@ -41,7 +38,7 @@ static void packets_hold_the_pixels_of_one_set(void **state)
             const uint32_t x = pixel % g->width, y = pixel / g->width;
             for (uint32_t e = g->entry_first[pixel]; e < g->entry_first[pixel + 1]; e++) {
                 const uint32_t point = g->entries[e].point;
-                assert_int_equal(g->packets[point / PACKET].set, y % k * k + x % k);
+                assert_int_equal(g->packets[point / PACKET].sample_set, y % k * k + x % k);
                 assert_true(g->packets[point / PACKET].valid[point % PACKET]);
                 assert_int_equal(used[point]++, 0);
             }

@@ -1,4 +1,4 @@
-#include "files.h"
+#include "scene/files.h"
 
 #include <math.h>
 
@@ -186,7 +186,7 @@ static void what_is_no_triangle_is_left_out_with_one_warning(void **state)
     assert_int_equal(e, ERR_OK);
     assert_int_equal(s->triangle_count, 1);
     assert_float_equal(s->high.x, 1.0f, 0.0f); /* what was left out does not stretch the box */
-    assert_int_equal(count_of(said, "left out"), 1);
+    assert_int_equal(count_of(said, "dropped"), 1);
     assert_int_equal(count_of(said, "quad.obj"), 1);
     scene_destroy(s);
     folder_remove(&f);
@@ -273,10 +273,10 @@ static const struct {
     { MODELS("[{\"file\":\"empty.obj\"}]"), ERR_FORMAT, "empty.obj", "" },
     { MODELS("[{\"file\":\"lines.obj\"}]"), ERR_FORMAT, "lines.obj", "no triangles" },
     { MODELS("[{\"file\":\"broken.ply\"}]"), ERR_FORMAT, "broken.ply", "" },
-    { MODELS("[{\"file\":\"ended.ply\"}]"), ERR_FORMAT, "ended.ply: line 9", "none of a PLY header" },
-    { MODELS("[{\"file\":\"far.ply\",\"material\":\"grey\"}]"), ERR_FORMAT, "far.ply", "names vertex 7 of 3" },
+    { MODELS("[{\"file\":\"ended.ply\"}]"), ERR_FORMAT, "ended.ply: line 9", "not part of a PLY header" },
+    { MODELS("[{\"file\":\"far.ply\",\"material\":\"grey\"}]"), ERR_FORMAT, "far.ply", "refers to vertex 7 of 3" },
     { MODELS("[{\"file\":\"none.ply\",\"material\":\"grey\"}]"), ERR_FORMAT, "none.ply", "has no vertices" },
-    { MODELS("[{\"file\":\"model.stl\"}]"), ERR_UNSUPPORTED, "models[0]", "model.stl: a model is" },
+    { MODELS("[{\"file\":\"model.stl\"}]"), ERR_UNSUPPORTED, "models[0]", "model.stl: unknown model format" },
     { MODELS("[{\"file\":\"quad.obj\",\"smooth\":1}]"), ERR_FORMAT, "models[0]", "'smooth'" },
     { MODELS("[{\"file\":\"quad.obj\",\"transform\":[1,2]}]"), ERR_FORMAT, "models[0]", "16 numbers" },
     { MODELS("[{\"file\":\"quad.obj\",\"transform\":[1,0,0,1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}]"), ERR_RANGE, "models[0]",
@@ -301,7 +301,7 @@ static const struct {
       "fov_y_degrees is 0" },
     { SEEN_FROM("\"position\":[0,0,1],\"look_at\":[0,0,0],\"fov_y_degrees\":180"), ERR_RANGE, "camera",
       "fov_y_degrees is 180" },
-    { SEEN_FROM("\"position\":[0,0,1],\"look_at\":[0,0,1],\"fov_y_degrees\":40"), ERR_RANGE, "camera", "same point" },
+    { SEEN_FROM("\"position\":[0,0,1],\"look_at\":[0,0,1],\"fov_y_degrees\":40"), ERR_RANGE, "camera", "are equal" },
     { SEEN_FROM("\"position\":[0,2,0],\"look_at\":[0,0,0],\"fov_y_degrees\":40"), ERR_RANGE, "camera", "parallel" },
     { SEEN_FROM("\"position\":[0,0,1e300],\"look_at\":[0,0,0],\"fov_y_degrees\":40"), ERR_RANGE, "camera",
       "'position' holds" },

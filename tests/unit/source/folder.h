@@ -3,7 +3,7 @@
 #ifndef TESTS_SOURCE_FOLDER_H
 #define TESTS_SOURCE_FOLDER_H
 
-#include "unit.h"
+#include "support/unit.h"
 
 #include <dirent.h>
 #include <fcntl.h>

@@ -3,11 +3,11 @@
 #ifndef TESTS_SOURCE_SKY_PICTURES_H
 #define TESTS_SOURCE_SKY_PICTURES_H
 
-#include "unit.h"
+#include "support/unit.h"
 
-#include "sky.h"
-#include "sky_model.h"
-#include "vec.h"
+#include "source/sky.h"
+#include "source/sky_model.h"
+#include "base/vec.h"
 
 #include <math.h>
 #include <omp.h>

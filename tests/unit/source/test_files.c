@@ -1,8 +1,8 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "files.h"
-#include "folder.h"
-#include "source.h"
+#include "source/files.h"
+#include "source/folder.h"
+#include "source/source.h"
 
 #include <inttypes.h>
 
@@ -256,7 +256,7 @@ static void nothing_there_is_said_when_it_is_opened(void **state)
     struct source *s = NULL;
     const struct source_desc d = { .spec = folder_path(&f, "none/s.%04d.exr") };
     assert_int_equal(source_open(&d, &s, &why), ERR_IO);
-    assert_non_null(strstr(why.text, "/none/: cannot be opened as a folder"));
+    assert_non_null(strstr(why.text, "/none/: cannot open as a folder"));
     assert_int_equal(refuse("", &why), ERR_USAGE);
     assert_int_equal(refuse("push:", &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "relightd"));

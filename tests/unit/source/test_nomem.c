@@ -1,9 +1,9 @@
 /* Memory runs out while a source is opened and gives its frames. */
-#include "nomem.h"
+#include "support/nomem.h"
 
-#include "folder.h"
-#include "frame.h"
-#include "source.h"
+#include "source/folder.h"
+#include "codec/frame.h"
+#include "source/source.h"
 
 static enum err play(void *context, struct reason *why)
 {

@@ -1,9 +1,9 @@
 /* Going to another place of a source: seek, step, and the hours of a computed sky. */
-#include "unit.h"
+#include "support/unit.h"
 
-#include "folder.h"
-#include "sky.h"
-#include "source.h"
+#include "source/folder.h"
+#include "source/sky.h"
+#include "source/source.h"
 
 #include <math.h>
 

@@ -1,4 +1,4 @@
-#include "sky_pictures.h"
+#include "source/sky_pictures.h"
 
 /* ---- Every 0.1 degree of elevation ---- */
 

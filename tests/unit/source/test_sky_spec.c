@@ -1,6 +1,6 @@
-#include "sky_pictures.h"
+#include "source/sky_pictures.h"
 
-#include "source.h"
+#include "source/source.h"
 
 /* ---- Where the sun stands ---- */
 

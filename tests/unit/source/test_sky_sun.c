@@ -1,4 +1,4 @@
-#include "sky_pictures.h"
+#include "source/sky_pictures.h"
 
 /* ---- The picture ---- */
 

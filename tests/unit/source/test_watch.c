@@ -1,7 +1,7 @@
-#include "unit.h"
+#include "support/unit.h"
 
-#include "folder.h"
-#include "source.h"
+#include "source/folder.h"
+#include "source/source.h"
 
 static struct source *watch(struct folder *f, const struct source_desc *more)
 {
@@ -214,7 +214,7 @@ static void first_of_an_empty_folder_is_an_error_and_no_wait(void **state)
     folder_make(&f);
     snprintf(spec, sizeof(spec), "watch:%s", f.path);
     assert_int_equal(source_first(&(struct source_desc){ .spec = spec }, &frame, &why), ERR_IO);
-    assert_non_null(strstr(why.text, "has no frame"));
+    assert_non_null(strstr(why.text, "contains no frame"));
     assert_int_equal(source_first(&(struct source_desc){ .spec = "sky:size=16x8" }, &frame, &why), ERR_OK);
     assert_int_equal(frame.kind == FRAME_NONE, false);
     frame_finish(&frame);

@@ -4,9 +4,9 @@
 #ifndef TESTS_STREAM_CLIENT_H
 #define TESTS_STREAM_CLIENT_H
 
-#include "unit.h"
+#include "support/unit.h"
 
-#include "server.h"
+#include "stream/server.h"
 
 #include <arpa/inet.h>
 #include <ctype.h>

@@ -3,7 +3,7 @@
 #ifndef TESTS_STREAM_PRODUCING_H
 #define TESTS_STREAM_PRODUCING_H
 
-#include "client.h"
+#include "stream/client.h"
 
 static inline struct server *push_server(void)
 {

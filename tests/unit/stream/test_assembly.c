@@ -1,9 +1,9 @@
 /* PROTOCOL.md section 7, without a network: frames from pieces of every size, and cut at every byte. */
-#include "unit.h"
+#include "support/unit.h"
 
-#include "assembly.h"
-#include "mem.h"
-#include "texels.h"
+#include "stream/assembly.h"
+#include "base/mem.h"
+#include "stream/texels.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 /* PROTOCOL.md 5.11: pictures of H.264, of which each but a key picture needs the one before. What is inside them no
  * server looks at. */
-#include "client.h"
+#include "stream/client.h"
 
 static struct server *start(void)
 {
@@ -325,7 +325,7 @@ static uint32_t watched(struct server *s)
 
 static void tell_size(struct server *s, uint32_t width, uint32_t height)
 {
-    server_set_status(s, &(struct server_status){ .source = SERVER_LIVE, .width = width, .height = height });
+    server_set_figures(s, &(struct server_figures){ .source = SERVER_LIVE, .width = width, .height = height });
 }
 
 static void a_wish_for_rate_and_size_comes_to_a_track(void **state)

@@ -1,22 +1,78 @@
 /* PROTOCOL.md 4.13: controllers, and who is told what. */
-#include "producing.h"
+#include "stream/producing.h"
+
+#include "settings/settings.h"
+
+#include <math.h>
 
 static void control_in(struct client *c, const struct server *s)
 {
     json_decref(hello(c, s, "\"role\":\"controller\""));
 }
 
-static struct server_control taken(struct server *s)
+/* What a controller asked for, by name. */
+struct asked {
+    struct server_control control;
+    struct settings settings;
+};
+
+static struct server *control_server(void)
 {
-    struct server_control c = { 0 };
+    const struct server_desc desc = { .controls = settings_table };
+    return server_start(&desc);
+}
+
+static bool take_asked(struct server *s, struct asked *a)
+{
+    const bool any = server_take_control(s, &a->control);
+    memcpy(&a->settings, a->control.values, sizeof(a->settings));
+    return any;
+}
+
+static struct asked taken(struct server *s)
+{
+    struct asked a;
 
     for (int i = 0; i < 400; i++) {
-        if (server_take_control(s, &c))
-            return c;
+        if (take_asked(s, &a))
+            return a;
         sleep_ms(20);
     }
     fail_msg("nothing was asked for");
-    return c;
+    return a;
+}
+
+static bool has(const struct asked *a, const char *key)
+{
+    uint32_t k = 0;
+
+    while (settings_table[k].key && strcmp(settings_table[k].key, key) != 0)
+        k++;
+    assert_non_null(settings_table[k].key);
+    return a->control.asked >> k & 1;
+}
+
+/* All of the keys, parted by blanks. */
+static bool has_all(const struct asked *a, const char *keys)
+{
+    char copy[200];
+
+    snprintf(copy, sizeof(copy), "%s", keys);
+    for (char *key = strtok(copy, " "); key; key = strtok(NULL, " "))
+        if (!has(a, key))
+            return false;
+    return true;
+}
+
+static bool has_any(const struct asked *a, const char *keys)
+{
+    char copy[200];
+
+    snprintf(copy, sizeof(copy), "%s", keys);
+    for (char *key = strtok(copy, " "); key; key = strtok(NULL, " "))
+        if (has(a, key))
+            return true;
+    return false;
 }
 
 static void expect_control(struct client *c, uint64_t by, int request, const char *words)
@@ -33,37 +89,33 @@ static void expect_control(struct client *c, uint64_t by, int request, const cha
     json_decref(m);
 }
 
-static const struct server_control in_force = {
-    .has_rotate = true,
-    .has_scale = true,
-    .has_method = true,
-    .has_samples = true,
-    .has_tone = true,
-    .has_paused = true,
-    .rotate_degrees = 12.5,
-    .method = "mis",
-    .tone = "filmic",
+static const struct settings in_force = {
+    .rotation_degrees = 12.5,
+    .method = METHOD_MIS,
+    .tone = TONE_FILMIC,
     .samples = 64,
+    .classes = PATH_ALL,
 };
 
 static void all_that_can_be_asked_for_arrives(void **state)
 {
     (void)state;
-    struct server *s = push_server();
+    struct server *s = control_server();
     struct client c;
 
     control_in(&c, s);
     client_say(&c, "{\"op\":\"control\",\"request\":3,\"rotate_degrees\":-90.5,\"scale_stops\":2,\"method\":\"mis\","
                    "\"samples\":128,\"tone\":\"linear\",\"paused\":true}");
-    const struct server_control a = taken(s);
-    assert_true(a.has_rotate && a.has_scale && a.has_method && a.has_samples && a.has_tone && a.has_paused);
-    assert_true(a.rotate_degrees == -90.5 && a.scale_stops == 2.0 && a.samples == 128 && a.paused);
-    assert_string_equal(a.method, "mis");
-    assert_string_equal(a.tone, "linear");
-    assert_int_equal(a.request, 3);
+    const struct asked a = taken(s);
+    assert_true(has_all(&a, "rotate_degrees scale_stops method samples tone paused"));
+    assert_true(a.settings.rotation_degrees == -90.5 && a.settings.scale_stops == 2.0);
+    assert_true(a.settings.samples == 128 && a.settings.paused);
+    assert_int_equal(a.settings.method, METHOD_MIS);
+    assert_int_equal(a.settings.tone, TONE_LINEAR);
+    assert_int_equal(a.control.request, 3);
     client_say(&c, "{\"op\":\"control\",\"samples\":7}");
-    const struct server_control b = taken(s);
-    assert_true(!b.has_rotate && !b.has_scale && !b.has_method && b.has_samples && !b.has_tone && !b.has_paused);
+    const struct asked b = taken(s);
+    assert_true(has(&b, "samples") && !has_any(&b, "rotate_degrees scale_stops method tone paused"));
     client_shut(&c);
     server_destroy(s);
 }
@@ -71,23 +123,25 @@ static void all_that_can_be_asked_for_arrives(void **state)
 static void all_of_minor_1_arrives(void **state)
 {
     (void)state;
-    struct server *s = push_server();
+    struct server *s = control_server();
     struct client c;
 
     control_in(&c, s);
     client_say(&c,
                "{\"op\":\"control\",\"request\":4,\"exposure_stops\":-2.5,\"bias_stops\":1,\"error\":0.01,\"fps\":12,"
                "\"paths\":\"all\",\"camera\":\"roof\",\"step\":-3,\"seek\":17}");
-    const struct server_control a = taken(s);
-    assert_true(a.has_exposure && !a.exposure_auto && a.exposure_stops == -2.5);
-    assert_true(a.has_bias && a.bias_stops == 1.0 && a.has_error && a.error == 0.01 && a.has_fps && a.fps == 12.0);
-    assert_true(a.has_step && a.step == -3 && a.has_seek && a.seek == 17 && !a.has_hour && !a.has_samples);
-    assert_string_equal(a.paths, "all");
-    assert_string_equal(a.camera, "roof");
+    const struct asked a = taken(s);
+    assert_true(has_all(&a, "exposure_stops bias_stops error fps paths camera step seek"));
+    assert_false(has_any(&a, "hour samples"));
+    assert_true(a.settings.exposure_stops == -2.5 && a.settings.bias_stops == 1.0 && a.settings.error == 0.01);
+    assert_true(a.settings.fps == 12.0 && a.settings.step == -3 && a.settings.seek == 17);
+    assert_int_equal(a.settings.classes, PATH_ALL);
+    assert_string_equal(a.settings.camera, "roof");
     client_say(&c, "{\"op\":\"control\",\"exposure_stops\":null,\"error\":null,\"samples\":null,\"hour\":24}");
-    const struct server_control b = taken(s);
-    assert_true(b.has_exposure && b.exposure_auto && b.has_error && b.error == 0.0);
-    assert_true(b.has_samples && b.samples == 0 && b.has_hour && b.hour == 24.0 && !b.has_bias && !b.has_seek);
+    const struct asked b = taken(s);
+    assert_true(has_all(&b, "exposure_stops error samples hour") && !has_any(&b, "bias_stops seek"));
+    assert_true(isnan(b.settings.exposure_stops) && b.settings.error == 0.0);
+    assert_true(b.settings.samples == 0 && b.settings.hour == 24.0);
     client_shut(&c);
     server_destroy(s);
 }
@@ -96,8 +150,8 @@ static void all_of_minor_1_arrives(void **state)
 static void what_is_joined_is_what_was_said_in_turn(void **state)
 {
     (void)state;
-    struct server *s = push_server();
-    struct server_control a;
+    struct server *s = control_server();
+    struct asked a;
     struct client c;
 
     control_in(&c, s);
@@ -113,17 +167,18 @@ static void what_is_joined_is_what_was_said_in_turn(void **state)
     client_say(&c, "{\"op\":\"ping\",\"id\":1}");
     client_expect(&c, "pong");
     a = taken(s);
-    assert_int_equal(a.request, 5);
-    assert_true(a.has_seek && a.seek == 5 && a.has_step && a.step == -3); /* the steps before the place are void */
-    assert_true(a.has_error && a.error == 0.5 && !a.has_samples);         /* the last of two wishes for one thing */
-    assert_true(a.has_exposure && a.exposure_auto);
+    assert_int_equal(a.control.request, 5);
+    assert_true(has_all(&a, "seek step error exposure_stops") && !has(&a, "samples"));
+    assert_true(a.settings.seek == 5 && a.settings.step == -3); /* the steps before the place are void */
+    assert_true(a.settings.error == 0.5);                       /* the last of two wishes for one thing */
+    assert_true(isnan(a.settings.exposure_stops));
     client_say(&c, "{\"op\":\"control\",\"error\":0.5,\"hour\":3,\"step\":1}");
     client_say(&c, "{\"op\":\"control\",\"samples\":8,\"seek\":2}");
     client_say(&c, "{\"op\":\"ping\",\"id\":1}");
     client_expect(&c, "pong");
     a = taken(s);
-    assert_true(a.has_samples && a.samples == 8 && !a.has_error);
-    assert_true(a.has_seek && a.seek == 2 && !a.has_hour && !a.has_step);
+    assert_true(has_all(&a, "samples seek") && !has_any(&a, "error hour step"));
+    assert_true(a.settings.samples == 8 && a.settings.seek == 2);
     client_shut(&c);
     server_destroy(s);
 }
@@ -131,14 +186,14 @@ static void what_is_joined_is_what_was_said_in_turn(void **state)
 static void who_cannot_do_it_says_by_which_clause(void **state)
 {
     (void)state;
-    struct server *s = push_server();
+    struct server *s = control_server();
     struct client c;
 
     control_in(&c, s);
     client_say(&c, "{\"op\":\"control\",\"request\":2,\"camera\":\"moon\"}");
-    struct server_control a = taken(s);
-    a.clause = "4.13.15";
-    server_set_control(s, &in_force, &a, "there is no camera 'moon'");
+    struct asked a = taken(s);
+    a.control.clause = "4.13.15";
+    server_set_control(s, &in_force, &a.control, "there is no camera 'moon'");
     json_t *error = client_await(&c, "error");
     assert_non_null(error);
     assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.13.15");
@@ -150,8 +205,9 @@ static void who_cannot_do_it_says_by_which_clause(void **state)
 static void the_last_word_wins_and_all_are_told(void **state)
 {
     (void)state;
-    struct server *s = push_server();
-    struct server_control now = in_force, a;
+    struct server *s = control_server();
+    struct settings now = in_force;
+    struct asked a;
     struct client one, two, viewer, late;
 
     client_greet(&viewer, s);
@@ -159,21 +215,21 @@ static void the_last_word_wins_and_all_are_told(void **state)
     control_in(&two, s);
     client_say(&one, "{\"op\":\"control\",\"request\":1,\"rotate_degrees\":10}");
     a = taken(s);
-    const uint64_t first = a.by;
-    now.rotate_degrees = 10;
-    server_set_control(s, &now, &a, NULL);
+    const uint64_t first = a.control.by;
+    now.rotation_degrees = 10;
+    server_set_control(s, &now, &a.control, NULL);
     expect_control(&one, first, 1, "\"rotate_degrees\":10.0");
     expect_control(&two, first, 1, "\"rotate_degrees\":10.0");
     expect_control(&viewer, first, 1, "\"samples\":64");
     client_say(&two, "{\"op\":\"control\",\"request\":9,\"rotate_degrees\":20}");
     a = taken(s);
-    assert_true(a.by != first);
-    now.rotate_degrees = 20;
-    server_set_control(s, &now, &a, NULL);
-    expect_control(&one, a.by, 9, "\"rotate_degrees\":20.0");
-    expect_control(&two, a.by, 9, "\"rotate_degrees\":20.0");
+    assert_true(a.control.by != first);
+    now.rotation_degrees = 20;
+    server_set_control(s, &now, &a.control, NULL);
+    expect_control(&one, a.control.by, 9, "\"rotate_degrees\":20.0");
+    expect_control(&two, a.control.by, 9, "\"rotate_degrees\":20.0");
     client_greet(&late, s); /* and who comes later */
-    expect_control(&late, a.by, 9, "\"rotate_degrees\":20.0");
+    expect_control(&late, a.control.by, 9, "\"rotate_degrees\":20.0");
     client_shut(&one);
     client_shut(&two);
     client_shut(&viewer);
@@ -184,8 +240,8 @@ static void the_last_word_wins_and_all_are_told(void **state)
 static void words_in_a_row_are_one_change_and_between_two_the_order_stands(void **state)
 {
     (void)state;
-    struct server *s = push_server();
-    struct server_control a;
+    struct server *s = control_server();
+    struct asked a;
     struct client one, two;
 
     control_in(&one, s);
@@ -201,13 +257,14 @@ static void words_in_a_row_are_one_change_and_between_two_the_order_stands(void 
     client_say(&one, "{\"op\":\"ping\",\"id\":1}");
     client_expect(&one, "pong");
     a = taken(s);
-    assert_true(a.request == 2 && a.rotate_degrees == 2.0 && a.samples == 5 && a.has_tone);
-    assert_string_equal(a.tone, "linear");
+    assert_true(a.control.request == 2 && a.settings.rotation_degrees == 2.0 && a.settings.samples == 5 &&
+                has(&a, "tone"));
+    assert_int_equal(a.settings.tone, TONE_LINEAR);
     a = taken(s);
-    assert_true(a.request == 8 && a.rotate_degrees == 8.0 && !a.has_tone);
+    assert_true(a.control.request == 8 && a.settings.rotation_degrees == 8.0 && !has(&a, "tone"));
     a = taken(s);
-    assert_true(a.request == 3 && a.rotate_degrees == 3.0 && !a.has_samples);
-    assert_false(server_take_control(s, &a));
+    assert_true(a.control.request == 3 && a.settings.rotation_degrees == 3.0 && !has(&a, "samples"));
+    assert_false(take_asked(s, &a));
     client_shut(&one);
     client_shut(&two);
     server_destroy(s);
@@ -216,8 +273,8 @@ static void words_in_a_row_are_one_change_and_between_two_the_order_stands(void 
 static void an_answer_does_not_hide_what_another_has_said_since(void **state)
 {
     (void)state;
-    struct server *s = push_server();
-    struct server_control a, b;
+    struct server *s = control_server();
+    struct asked a, b;
     struct client one, two;
     char text[80];
 
@@ -229,10 +286,10 @@ static void an_answer_does_not_hide_what_another_has_said_since(void **state)
         a = taken(s);
         client_say(&two, text);
         b = taken(s);
-        server_set_control(s, &in_force, &a, NULL);
-        server_set_control(s, &in_force, &b, NULL); /* most likely before the first was told */
-        expect_control(&one, a.by, i, "\"samples\":64");
-        expect_control(&one, b.by, i, "\"samples\":64");
+        server_set_control(s, &in_force, &a.control, NULL);
+        server_set_control(s, &in_force, &b.control, NULL); /* most likely before the first was told */
+        expect_control(&one, a.control.by, i, "\"samples\":64");
+        expect_control(&one, b.control.by, i, "\"samples\":64");
     }
     client_shut(&one);
     client_shut(&two);
@@ -250,6 +307,7 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
         { "\"scale_stops\":61", "4.13.3" },
         { "\"method\":\"\"", "4.13.4" },
         { "\"method\":5", "4.13.4" },
+        { "\"method\":\"path\"", "4.13.4" }, /* a reference */
         { "\"samples\":0", "4.13.5" },
         { "\"samples\":1.5", "4.13.5" },
         { "\"tone\":\"a word much too long for a curve\"", "4.13.6" },
@@ -261,6 +319,7 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
         { "\"error\":0.1,\"samples\":4", "4.13.12" },
         { "\"fps\":0", "4.13.13" },
         { "\"paths\":[]", "4.13.14" },
+        { "\"paths\":\"most\"", "4.13.14" },
         { "\"camera\":\"\"", "4.13.15" },
         { "\"step\":1001", "4.13.16" },
         { "\"step\":0.5", "4.13.16" },
@@ -268,8 +327,8 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
         { "\"hour\":24.5", "4.13.18" },
         { "\"hour\":2,\"seek\":1", "4.13.18" },
     };
-    struct server *s = push_server();
-    struct server_control a;
+    struct server *s = control_server();
+    struct asked a;
     struct client c, viewer;
     char text[200];
 
@@ -285,17 +344,17 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
         assert_int_equal(json_integer_value(json_object_get(error, "request")), i + 1);
         json_decref(error);
     }
-    assert_false(server_take_control(s, &a));
-    client_say(&c, "{\"op\":\"control\",\"request\":40,\"method\":\"magic\"}");
+    assert_false(take_asked(s, &a));
+    client_say(&c, "{\"op\":\"control\",\"request\":40,\"camera\":\"magic\"}");
     a = taken(s);
-    server_set_control(s, &in_force, &a, "there is no method 'magic'");
+    server_set_control(s, &in_force, &a.control, "there is no camera 'magic'");
     json_t *error = client_await(&c, "error");
     assert_non_null(error);
     assert_non_null(strstr(json_string_value(json_object_get(error, "message")), "magic"));
     assert_int_equal(json_integer_value(json_object_get(error, "request")), 40);
     assert_true(json_is_false(json_object_get(error, "fatal")));
     json_decref(error);
-    expect_control(&c, a.by, 40, "\"method\":\"mis\""); /* and what is in force instead */
+    expect_control(&c, a.control.by, 40, "\"method\":\"mis\""); /* and what is in force instead */
     client_greet(&viewer, s);
     client_say(&viewer, "{\"op\":\"control\",\"samples\":4}");
     assert_int_equal(client_close_code(&viewer), 4004);
@@ -307,8 +366,8 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
 static void a_slider_does_not_cost_slow_viewers_their_connection(void **state)
 {
     (void)state;
-    struct server *s = push_server();
-    struct server_control now = in_force;
+    struct server *s = control_server();
+    struct settings now = in_force;
     struct protocol_picture h;
     struct client stuck;
 

@@ -1,5 +1,5 @@
 /* Slow viewers, many threads and much traffic: what one viewer does must not reach another, nor fill the memory. */
-#include "client.h"
+#include "stream/client.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -85,11 +85,12 @@ struct many {
 static void *publish_many(void *arg)
 {
     struct many *m = arg;
-    const struct server_status status = { .scene = "s", .source = SERVER_LIVE, .detail = m->id % 2 ? "odd" : "even" };
+    struct server_figures figures = { .scene = "s", .source = SERVER_LIVE };
 
+    snprintf(figures.detail, sizeof(figures.detail), "%s", m->id % 2 ? "odd" : "even");
     for (int i = 0; i < 300; i++) {
         publish(m->s, (uint64_t)i, 20000);
-        server_set_status(m->s, &status);
+        server_set_figures(m->s, &figures);
         sleep_ms(1);
     }
     return NULL;

@@ -1,5 +1,6 @@
 /* PROTOCOL.md sections 2 and 3: who is let in, and what happens to those who speak wrongly. */
-#include "client.h"
+#include "settings/settings.h"
+#include "stream/client.h"
 
 static void handshakes_that_break_section_2_are_turned_away(void **state)
 {
@@ -144,7 +145,8 @@ static void offences_are_answered_with_their_clause_and_close_code(void **state)
 static void the_rest_is_let_pass(void **state)
 {
     (void)state;
-    struct server *s = server_start(NULL);
+    const struct server_desc desc = { .controls = settings_table };
+    struct server *s = server_start(&desc);
     struct client c;
 
     client_greet(&c, s);

@@ -1,5 +1,5 @@
 /* What the server answers to plain HTTP, and how it starts and ends. */
-#include "client.h"
+#include "stream/client.h"
 
 #include <sys/stat.h>
 

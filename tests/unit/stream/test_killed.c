@@ -1,5 +1,5 @@
 /* PROTOCOL.md 5.10: a lockstep sequence whose producer and recorder are both killed at random, again and again. */
-#include "producing.h"
+#include "stream/producing.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

@@ -1,5 +1,5 @@
 /* What one client may take from the others, by their number, by their speed and by their slowness: nothing. */
-#include "producing.h"
+#include "stream/producing.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

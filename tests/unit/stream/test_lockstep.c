@@ -1,5 +1,5 @@
 /* PROTOCOL.md 5.8 to 5.10: each frame of a lockstep sequence yields one picture, whoever is killed and when. */
-#include "producing.h"
+#include "stream/producing.h"
 
 static void a_producer_has_no_credit_before_a_recorder_has_come(void **state)
 {

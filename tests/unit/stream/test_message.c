@@ -1,7 +1,7 @@
 /* The text messages: PROTOCOL.md sections 3 and 4, each fault by its clause. */
-#include "unit.h"
+#include "support/unit.h"
 
-#include "message.h"
+#include "stream/message.h"
 
 struct row {
     const char *text;
@@ -69,7 +69,7 @@ static void parse_names_the_clause_that_was_broken(void **state)
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         struct message m;
         struct fault fault;
-        const enum fault_code code = message_parse(rows[i].text, strlen(rows[i].text), &m, &fault);
+        const enum fault_code code = message_parse(rows[i].text, strlen(rows[i].text), NULL, &m, &fault);
         if (code != rows[i].code || fault.code != code || strcmp(fault.clause, rows[i].clause) != 0)
             fail_msg("%s: %s (%s) instead of %s (%s)", rows[i].text, fault_name(code), fault.clause,
                      fault_name(rows[i].code), rows[i].clause);
@@ -89,10 +89,10 @@ static void parse_refuses_what_is_cut_at_any_byte(void **state)
     for (size_t length = 0; length < strlen(text); length++) {
         char *exact = malloc(length ? length : 1);
         memcpy(exact, text, length);
-        assert_int_equal(message_parse(exact, length, &m, &fault), FAULT_BAD_JSON);
+        assert_int_equal(message_parse(exact, length, NULL, &m, &fault), FAULT_BAD_JSON);
         free(exact);
     }
-    assert_int_equal(message_parse(text, strlen(text), &m, &fault), FAULT_NONE);
+    assert_int_equal(message_parse(text, strlen(text), NULL, &m, &fault), FAULT_NONE);
     assert_int_equal(m.op, MESSAGE_SUBSCRIBE);
     assert_int_equal(m.subscribe.request, 7);
     assert_int_equal(m.subscribe.format, PROTOCOL_JPEG);
@@ -109,10 +109,10 @@ static void parse_survives_deep_nesting(void **state)
     struct fault fault;
 
     memset(text, '[', sizeof(text));
-    assert_int_equal(message_parse(text, sizeof(text), &m, &fault), FAULT_BAD_JSON);
+    assert_int_equal(message_parse(text, sizeof(text), NULL, &m, &fault), FAULT_BAD_JSON);
     for (size_t i = 0; i + 5 <= sizeof(text); i += 5)
         memcpy(text + i, "{\"a\":", 5);
-    assert_int_equal(message_parse(text, sizeof(text), &m, &fault), FAULT_BAD_JSON);
+    assert_int_equal(message_parse(text, sizeof(text), NULL, &m, &fault), FAULT_BAD_JSON);
 }
 
 static void parse_refuses_a_token_too_long(void **state)
@@ -125,15 +125,16 @@ static void parse_refuses_a_token_too_long(void **state)
     for (int length = 255; length <= 256; length++) {
         snprintf(text, sizeof(text),
                  "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1},\"token\":\"%0*d\"}", length, 7);
-        assert_int_equal(message_parse(text, strlen(text), &m, &fault), length == 255 ? FAULT_NONE : FAULT_BAD_FIELD);
+        assert_int_equal(message_parse(text, strlen(text), NULL, &m, &fault),
+                         length == 255 ? FAULT_NONE : FAULT_BAD_FIELD);
     }
 }
 
 static void status_survives_words_that_are_not_utf8(void **state)
 {
     (void)state;
-    const struct server_status status = { .scene = "a \xff scene", .last_refusal = "\xc3", .fps = 1.0 / 0.0 };
-    char *shared = message_status_shared(&status);
+    const struct server_figures status = { .scene = "a \xff scene", .last_refusal = "\xc3", .fps = 1.0 / 0.0 };
+    char *shared = message_status_shared(&status, NULL);
 
     assert_non_null(shared);
     assert_non_null(strstr(shared, "(not UTF-8)"));

@@ -1,29 +1,34 @@
 /* Memory runs out in messages, pictures, frames of producers and metrics, and while connections are served. */
-#include "nomem.h"
+#include "support/nomem.h"
 
-#include "internal.h"
+#include "stream/internal.h"
 
-#include "mem.h"
-#include "producing.h"
+#include "base/mem.h"
+#include "settings/settings.h"
+#include "stream/producing.h"
 
 static enum err texts(void *context, struct reason *why)
 {
     static const char hello[] = "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1,\"minor\":0}}";
-    const struct server_status status = { .scene = "a scene", .methods = "mis\nauto", .cameras = "one" };
-    const struct server_control control = { .has_method = true, .method = "mis", .has_tone = true, .tone = "filmic" };
+    static const char *const cameras[] = { "one", "two", NULL };
+    const struct server_figures status = { .scene = "a scene", .cameras = cameras };
+    static const char control[] = "{\"op\":\"control\",\"method\":\"mis\",\"camera\":\"one\",\"fps\":5}";
+    const struct settings settings = { .method = METHOD_MIS, .classes = PATH_ALL };
     struct message m;
     struct fault fault = { .code = FAULT_NONE };
     (void)context;
     (void)why;
 
-    const bool parsed = message_parse(hello, strlen(hello), &m, &fault) == FAULT_NONE;
-    char *made[] = { message_status_shared(&status),
-                     message_control_shared(&control),
+    const bool parsed = message_parse(hello, strlen(hello), NULL, &m, &fault) == FAULT_NONE &&
+                        message_parse(control, strlen(control), settings_table, &m, &fault) == FAULT_NONE;
+    char *made[] = { message_status_shared(&status, settings_table),
+                     message_control_shared(settings_table, &settings),
                      message_pong(1, 2),
                      message_credit(3),
                      message_fate(4, SERVER_USED, 5, NULL),
                      message_sequence("day", 6),
-                     message_welcome(&(struct welcome){ .session = "s", .producer = true, .recorder = true }) };
+                     message_welcome(&(struct welcome){
+                         .session = "s", .controls = settings_table, .producer = true, .recorder = true }) };
     bool all = parsed;
     for (size_t k = 0; k < sizeof(made) / sizeof(made[0]); k++) {
         all = all && made[k];

@@ -1,5 +1,5 @@
 /* PROTOCOL.md 4.15 to 4.17: questions about a pixel, and pixels that are followed. */
-#include "producing.h"
+#include "stream/producing.h"
 
 static struct server_probe asked(struct server *s)
 {
@@ -31,9 +31,9 @@ static void expect_error(struct client *c, const char *code, const char *clause,
 static struct server *server_with_picture(void)
 {
     struct server *s = push_server();
-    const struct server_status status = { .width = 320, .height = 180, .source = SERVER_LIVE };
+    const struct server_figures status = { .width = 320, .height = 180, .source = SERVER_LIVE };
 
-    server_set_status(s, &status);
+    server_set_figures(s, &status);
     publish(s, 1, 1000);
     return s;
 }
@@ -302,7 +302,7 @@ static void a_followed_pixel_is_told(void **state)
     client_expect(&c, "probed");
     assert_int_equal(server_followed(s, f), 1);
     assert_true(f[0].x == 5 && f[0].y == 6 && f[0].by == q.by);
-    server_tell_radiance(s, &f[0], &r);
+    server_send_radiance(s, &f[0], &r);
     json_t *m = client_await(&c, "radiance");
     assert_non_null(m);
     assert_int_equal(json_integer_value(json_object_get(m, "x")), 5);
@@ -312,7 +312,7 @@ static void a_followed_pixel_is_told(void **state)
     json_decref(m);
     client_say(&c, "{\"op\":\"probe\",\"x\":8,\"y\":6,\"follow\":true}");
     q = asked(s);
-    server_tell_radiance(s, &f[0], &r); /* of the pixel before: not told */
+    server_send_radiance(s, &f[0], &r); /* of the pixel before: not told */
     assert_int_equal(server_followed(s, f), 1);
     assert_int_equal(f[0].x, 8);
     server_answer_probe(s, &q, "{\"a\":1}", NULL);

@@ -1,5 +1,5 @@
 /* PROTOCOL.md sections 4.1, 5.7 and 7: live producers, and what they can do wrong. */
-#include "producing.h"
+#include "stream/producing.h"
 
 #include <math.h>
 

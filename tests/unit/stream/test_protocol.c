@@ -1,7 +1,7 @@
 /* The C codec against the golden bytes of protocol/vectors: PROTOCOL.md sections 6, 7 and 10. */
-#include "unit.h"
+#include "support/unit.h"
 
-#include "relight_protocol.h"
+#include "protocol/relight_protocol.h"
 
 #include <dirent.h>
 #include <jansson.h>

@@ -1,5 +1,5 @@
 /* PROTOCOL.md section 5: which pictures a viewer gets, and when. */
-#include "client.h"
+#include "stream/client.h"
 
 static void a_picture_arrives_bit_for_bit(void **state)
 {
@@ -264,9 +264,8 @@ static void who_has_not_subscribed_gets_words_only(void **state)
 static void status_carries_what_it_was_given(void **state)
 {
     (void)state;
-    char scene[32] = "a scene of \"words\"";
-    const struct server_status status = {
-        .scene = scene,
+    struct server_figures status = {
+        .scene = "a scene of \"words\"",
         .sky = "a sky",
         .method = "mis",
         .samples = 64,
@@ -292,8 +291,8 @@ static void status_carries_what_it_was_given(void **state)
     struct client c;
 
     client_greet(&c, s);
-    server_set_status(s, &status);
-    memset(scene, 'x', sizeof(scene)); /* it was copied */
+    server_set_figures(s, &status);
+    memset(status.scene, 'x', sizeof(status.scene)); /* it was copied */
     json_t *got = NULL, *source = NULL;
     for (int i = 0; i < 10 && !source; i++) {
         json_decref(got);
@@ -322,7 +321,7 @@ static void a_new_state_is_told_without_waiting_for_the_next_turn(void **state)
     (void)state;
     struct server *s = server_start(NULL);
     struct client c;
-    struct server_status status = { .source = SERVER_LIVE };
+    struct server_figures status = { .source = SERVER_LIVE };
     int at_once = 0;
 
     client_greet(&c, s);
@@ -331,7 +330,7 @@ static void a_new_state_is_told_without_waiting_for_the_next_turn(void **state)
         const char *want = i % 2 ? "\"paused\"" : "\"live\"";
         bool told = false;
         status.source = i % 2 ? SERVER_PAUSED : SERVER_LIVE;
-        server_set_status(s, &status);
+        server_set_figures(s, &status);
         /* Three round trips take much less than the half second between two turns. */
         for (int pings = 0; pings < 3;) {
             client_say(&c, "{\"op\":\"ping\",\"id\":1}");

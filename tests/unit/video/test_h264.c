@@ -1,7 +1,7 @@
 /* What the encoder writes is read by libavcodec's own decoder. */
-#include "h264.h"
+#include "video/h264.h"
 
-#include "unit.h"
+#include "support/unit.h"
 
 #include <libavcodec/avcodec.h>
 
@@ -220,7 +220,7 @@ static double grainy_bits(struct h264_encoder *h, int count, int64_t step_us, do
         const struct h264_desc desc = { .width = WIDTH,
                                         .height = HEIGHT,
                                         .quality = 90,
-                                        .bits_a_second = cap,
+                                        .bits_per_second = cap,
                                         .time_us = *time_us,
                                         .key = i % 40 == 9 };
         struct h264_output out;

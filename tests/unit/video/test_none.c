@@ -1,6 +1,6 @@
-#include "h264.h"
+#include "video/h264.h"
 
-#include "unit.h"
+#include "support/unit.h"
 
 static void without_an_encoder_nothing_is_offered_and_nothing_encoded(void **state)
 {

@@ -1,6 +1,6 @@
-#include "yuv.h"
+#include "video/yuv.h"
 
-#include "unit.h"
+#include "support/unit.h"
 
 #include <math.h>
 #include <stdbool.h>

@@ -1,0 +1,15 @@
+/* server/base/cancel.h */
+/* Cancelling long work: its owner sets a flag from any thread, the work asks for it now and then. */
+#ifndef BASE_CANCEL_H
+#define BASE_CANCEL_H
+
+#include <stdatomic.h>
+#include <stdbool.h>
+
+/* False for NULL: such work cannot be cancelled. Relaxed: nothing else is published by the flag. Any thread. */
+static inline bool is_cancelled(const atomic_bool *cancel)
+{
+    return cancel && atomic_load_explicit(cancel, memory_order_relaxed);
+}
+
+#endif

@@ -1,0 +1,148 @@
+/* server/base/setting.h */
+/* Settings as rows of a table: from one row follow the flag, the key of the configuration file, --help, the manual, the
+ * field of control messages, its range and its clause of PROTOCOL.md, and where the value is stored. Rows are constant
+ * and shared; values are plain structs of the caller's. Functions of their arguments, any thread, but for those that
+ * take a struct command: main thread. */
+#ifndef BASE_SETTING_H
+#define BASE_SETTING_H
+
+#include "base/choice.h"
+#include "base/options.h"
+
+struct json_t;
+
+enum setting_type {
+    SETTING_SWITCH,     /* bool: true when the flag is given */
+    SETTING_SWITCH_OFF, /* bool: false when it is given, else true */
+    SETTING_WHOLE,      /* a whole number of 1, 2, 4 or 8 bytes; may be negative in control messages only */
+    SETTING_POWER,      /* likewise, a power of two */
+    SETTING_REAL,       /* double */
+    SETTING_CHOICE,     /* enum or integer of 4 bytes: the value of a choice */
+    SETTING_NAME,       /* char[size]: copied */
+    SETTING_TEXT,       /* const char *: points to the argument; for flags alone */
+    SETTING_SIZE,       /* uint32_t[2]: WxH in pixels */
+    SETTING_FRAMES,     /* struct setting_frames: A-B */
+};
+
+struct setting_frames {
+    bool given;
+    uint64_t first, last;
+};
+
+enum setting_use {                    /* of a row with a key: bits */
+                   SETTING_ASKED = 1, /* controllers may ask for it */
+                   SETTING_TOLD = 2,  /* it is part of the state that everyone is sent */
+                   SETTING_KEPT = 4,  /* and of the state file */
+                   SETTING_ADDS = 8,  /* several in a row add up */
+                   SETTING_STATE = SETTING_ASKED | SETTING_TOLD | SETTING_KEPT,
+};
+
+enum setting_reload {                  /* what changes when a configuration file is read again */
+                      RELOAD_NEVER,    /* nothing until the next start */
+                      RELOAD_SETTINGS, /* as if a controller had asked for it */
+                      RELOAD_QUALITY,
+                      RELOAD_SERVER, /* tokens, hosts and limits */
+};
+
+struct setting {
+    const char *name;    /* flag and key of the configuration; NULL: neither */
+    const char *unit;    /* placeholder of the value in --help, such as "WxH"; NULL: a switch */
+    const char *help;    /* one sentence; the names of choices are added */
+    const char *initial; /* the default as text; NULL: none */
+    const char *section; /* heading in --help */
+    unsigned programs;   /* FOR_*; 0: all */
+
+    enum setting_type type;
+    uint32_t offset, size;                /* of the field in the struct of values; size 0: the value is not stored */
+    double least, most;                   /* WHOLE, POWER, REAL: its range; 0, 0 in a POWER or WHOLE without: any */
+    double scale;                         /* WHOLE, REAL: what is stored is the value times this; 0: 1 */
+    const struct setting_choice *choices; /* CHOICE */
+    const char *off;                      /* REAL: this word is taken too, and stored as 0 */
+    enum setting_reload reload;
+
+    /* What follows is for control messages (PROTOCOL.md 4.13). */
+    const char *key;    /* of the JSON object; NULL: not in control messages */
+    const char *clause; /* that a bad value breaks */
+    const char *offers; /* key of the choices in a status's `offers`; NULL: not there */
+    unsigned use;       /* SETTING_* bits */
+    bool has_null;      /* JSON null is a value, */
+    double null;        /* stored as this */
+    unsigned group;     /* of one group (not 0) the last one asked for counts, and a message may have one alone */
+};
+
+/* Rows of one table with the struct that its offsets are of. A table ends with a row that has neither name nor key. */
+struct setting_list {
+    const struct setting *rows;
+    void *values;
+};
+
+/* ---- One row ---- */
+
+bool setting_ends(const struct setting *row); /* the row that ends a table */
+
+/* Whether the field has the same value in both structs; copies the field from one struct to the other. */
+bool setting_equal(const struct setting *row, const void *a, const void *b);
+void setting_copy(const struct setting *row, void *to, const void *from);
+bool setting_is_null(const struct setting *row, const void *values); /* JSON null stands for the value */
+
+/* The field as a number, for the types that are one; storing into a field of size 0 does nothing. */
+int64_t setting_whole(const struct setting *row, const void *values);
+double setting_real(const struct setting *row, const void *values);
+void setting_store_whole(const struct setting *row, void *values, uint64_t v);
+void setting_store_real(const struct setting *row, void *values, double v);
+
+/* ---- Flags ---- */
+
+#define COMMAND_LISTS 2
+#define COMMAND_ROWS 96
+#define COMMAND_TEXT 3072
+
+/* The command line of one program. */
+struct command {
+    struct options options;                   /* the caller sets program, synopsis, about, epilogue and operand_max */
+    unsigned program;                         /* FOR_* bit */
+    struct setting_list lists[COMMAND_LISTS]; /* rows NULL: none */
+
+    struct option_row rows[COMMAND_ROWS];        /* filled by command_begin, with */
+    const char *initial[COMMAND_ROWS];           /* their defaults */
+    const struct setting *setting[COMMAND_ROWS]; /* NULL: a heading */
+    char text[COMMAND_TEXT];                     /* and help texts */
+};
+
+/* Puts all flags at their defaults. c must not be moved afterwards. */
+void command_begin(struct command *c);
+
+/* Another default of a flag, static, for this program. Between command_begin and command_parse. */
+void command_default(struct command *c, const char *name, const char *initial);
+
+/* As options_parse. `--FLAG help` of an enumerated flag prints its choices and sets *done. */
+MUST_CHECK enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why);
+
+/* Stores the values of all flags that have one into the lists' structs; others are left as they are. ERR_USAGE names
+ * the flag. */
+MUST_CHECK enum err command_read(const struct command *c, struct reason *why);
+
+/* Whether the flag, which the program has, was given, be it its default. */
+bool command_given(const struct command *c, const char *name);
+
+/* ---- Control messages ---- */
+
+/* At most 32 rows have a key, and come first in their table: bit k of a mask stands for row k. */
+#define SETTING_KEYS_MAX 32
+
+/* Reads what controllers may ask for out of a JSON object into *values; *asked has a bit for each that it names.
+ * ERR_USAGE: *clause is the one that is broken. Fields that no row names are ignored. */
+MUST_CHECK enum err settings_from_json(const struct setting *rows, unsigned program, const struct json_t *object,
+                                       uint32_t *asked, void *values, const char **clause, struct reason *why);
+
+/* The fields of rows that have all bits of `use`, as a new JSON object; NULL when out of memory. */
+struct json_t *settings_to_json(const struct setting *rows, unsigned use, const void *values);
+
+/* What may be asked for, as a new JSON object: each row's range, or its choices with their meaning. NULL when out of
+ * memory. */
+struct json_t *settings_ranges(const struct setting *rows, unsigned program);
+
+/* One more request of the same controller: as if the first had been obeyed before the second. */
+void settings_join(const struct setting *rows, uint32_t *asked, void *values, uint32_t then, const void *then_values);
+
+#endif

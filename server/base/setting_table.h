@@ -1,0 +1,20 @@
+/* server/base/setting_table.h */
+/* Short words for the rows of a table of settings; for the file that defines one, after all other headers. */
+#ifndef BASE_SETTING_TABLE_H
+#define BASE_SETTING_TABLE_H
+
+#include "base/setting.h"
+
+/* .offset and .size of a field. */
+#define SETTING_AT(type, field) .offset = offsetof(struct type, field), .size = sizeof(((struct type *)0)->field)
+
+/* Types with their ranges. */
+#define SWITCH .type = SETTING_SWITCH
+#define SWITCH_OFF .type = SETTING_SWITCH_OFF
+#define WHOLE(from, to) .type = SETTING_WHOLE, .least = from, .most = to
+#define POWER(to) .type = SETTING_POWER, .least = 1, .most = to
+#define REAL(from, to) .type = SETTING_REAL, .least = from, .most = to
+#define CHOICE(list) .type = SETTING_CHOICE, .choices = list
+#define TEXT .type = SETTING_TEXT
+
+#endif

@@ -1,0 +1,166 @@
+/* The steps in which the cache of interreflection is made. */
+#include "bounce/parts.h"
+
+#include "base/cancel.h"
+#include "base/mem.h"
+#include "base/progress.h"
+
+#include <math.h>
+
+#define GATHER 64u
+#define GATHER_MOST 4096u
+#define SIDE 4u /* of a cell's directions: sixteen, one for each of a record's places */
+
+uint64_t bounce_steps(const struct gbuffer *g)
+{
+    return g->packet_count;
+}
+
+/* Lobes that fall to a half within a degree and a half: records, which are even over a voxel, would show in them. */
+static bool is_sharp(const struct shade_packet *p, uint32_t l)
+{
+    return p->kind == LOBE_PHONG ? p->gloss[l] > 2000.0f
+                                 : p->kind == LOBE_GGX && p->gloss[l] > 0.0f && p->gloss[l] < 0.02f;
+}
+
+static bool has_sharp(const struct gbuffer *g, const struct transport_block *b)
+{
+    for (uint32_t k = 0; k < b->packets; k++)
+        for (uint32_t l = 0; l < g->packets[b->first + k].count; l++)
+            if (is_sharp(&g->packets[b->first + k], l))
+                return true;
+    return false;
+}
+
+/* The blocks of the direct transport, narrow lobes with all of their rows. */
+static enum err take_blocks(struct bounce *b, const struct transport *t)
+{
+    b->blocks = mem_alloc(t->block_count, sizeof(*b->blocks));
+    b->left_index = mem_alloc(t->narrow.count, sizeof(*b->left_index));
+    if (!b->blocks || !b->left_index)
+        return ERR_NOMEM;
+    for (uint32_t k = 0; k < t->block_count; k++) {
+        const struct transport_block *from = &t->blocks[k];
+        const uint32_t all = t->gbuffer->packets[from->first].kind == LOBE_GGX ? 3 : 2;
+        if (!from->narrow || !has_sharp(t->gbuffer, from))
+            b->blocks[b->block_count++] = (struct bounce_block){ .first = from->first,
+                                                                 .packets = from->packets,
+                                                                 .rows = from->narrow ? all : from->rows };
+        for (uint32_t i = 0; from->narrow && has_sharp(t->gbuffer, from) && i < from->packets; i++)
+            b->left_index[b->left.count++] = from->first + i;
+    }
+    b->left.index = b->left_index;
+    b->stats.bytes = sizeof(*b) + b->block_count * (sizeof(*b->blocks) + sizeof(*b->groups) / BOUNCE_GROUP) +
+                     t->narrow.count * sizeof(*b->left_index);
+    return ERR_OK;
+}
+
+struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *kernels)
+{
+    struct bounce *b = mem_alloc(1, sizeof(*b));
+
+    if (!b)
+        return NULL;
+    b->gbuffer = d->gbuffer;
+    b->kernels = kernels;
+    if (take_blocks(b, d->direct)) {
+        bounce_destroy(b);
+        return NULL;
+    }
+    return b;
+}
+
+enum err bounce_close(struct bounce *b)
+{
+    struct bounce_stats *s = &b->stats;
+
+    s->basis = b->basis.count;
+    s->basis_rest = b->basis.rest;
+    s->bytes += (uint64_t)b->basis.count * SKY_CELLS * sizeof(float);
+    for (uint32_t k = 0; k < b->group_count; k++) {
+        const struct bounce_group *g = &b->groups[k];
+        for (uint32_t r = 0; r < g->rows; r++) {
+            s->bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+            for (uint32_t i = g->first; i < g->first + g->count; i++)
+                s->rank += b->blocks[i].rank[r];
+            s->pieces += g->count;
+            s->shared += (double)g->pieces[r].rank * g->count;
+        }
+    }
+    s->rank /= fmax(s->pieces, 1.0);
+    s->shared /= fmax(s->pieces, 1.0);
+    return bounce_lay_out(b);
+}
+
+enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why)
+{
+    return err_say(why, ERR_RANGE,
+                   "the cache of interreflection takes more than what --cache-memory leaves to it, %.0f MB",
+                   ceil(1e-6 * (double)max_bytes));
+}
+
+static enum err begin(struct bounce_build *b)
+{
+    const struct bounce_desc *d = b->desc;
+    enum err e = ERR_OK;
+
+    b->gather = d->gather ? d->gather : GATHER;
+    if (b->gather > GATHER_MOST)
+        b->gather = GATHER_MOST;
+    const uint32_t most = b->gather > BOUNCE_BASIS_RAYS ? b->gather : BOUNCE_BASIS_RAYS;
+    for (int k = 0; k < 2 && !e; k++) {
+        b->numbers[k] = mem_alloc(most, sizeof(*b->numbers[k]));
+        if (!b->numbers[k])
+            e = ERR_NOMEM;
+        for (uint32_t i = 0; i < most && !e; i++)
+            rng_sobol2(rng_mix(d->seed, 10 + (uint64_t)k), i, b->numbers[k][i]);
+    }
+    if (e)
+        return e;
+    transport_compress_begin();
+    return transport_directions_init(&b->directions, SIDE, 1, rng_mix(d->seed, 12));
+}
+
+static enum err run_steps(struct bounce_build *b)
+{
+    enum err (*const steps[])(struct bounce_build *) = {
+        begin, bounce_find_records, bounce_light_records, bounce_make_basis, bounce_solve, bounce_gather_blocks
+    };
+    enum err e = ERR_OK;
+
+    for (size_t k = 0; k < sizeof(steps) / sizeof(steps[0]) && !e && !is_cancelled(b->desc->cancel); k++)
+        e = steps[k](b);
+    return e;
+}
+
+enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
+                       struct reason *why)
+{
+    struct bounce *t = bounce_begin(desc, kernels);
+    struct bounce_build b = { .b = t, .desc = desc, .widen = transport_kernels_of(kernels)->widen };
+
+    *out = NULL;
+    if (!t)
+        return err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
+    enum err e = run_steps(&b);
+    t->stats.rays = b.rays;
+    if (!e && !is_cancelled(b.desc->cancel))
+        e = bounce_close(t);
+    if (e == ERR_RANGE)
+        e = bounce_say_too_large(desc->max_bytes, why);
+    else if (e)
+        err_say(why, e, "no memory for the cache of interreflection");
+    else if (!is_cancelled(b.desc->cancel)) {
+        *out = t;
+        t = NULL;
+    }
+    bounce_destroy(t);
+    bounce_records_finish(&b.records);
+    transport_directions_finish(&b.directions);
+    mem_free(b.light);
+    mem_free(b.sources);
+    mem_free(b.even);
+    mem_free(b.numbers[0]);
+    mem_free(b.numbers[1]);
+    return e;
+}

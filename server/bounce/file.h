@@ -1,0 +1,22 @@
+/* The cache of indirect light in a file (cache/cache_file.h), beside that of direct light. What is loaded has the same
+ * bits as what was saved. One thread per reader and writer. */
+#ifndef BOUNCE_FILE_H
+#define BOUNCE_FILE_H
+
+#include "bounce/bounce.h"
+#include "cache/cache_file.h"
+#include "base/digest.h"
+
+/* The digest of everything that determines the cache: `direct`, the key of transport_key, the materials, and desc
+ * except max_bytes, progress and cancel. */
+struct digest bounce_key(const struct digest *direct, const struct bounce_desc *desc);
+
+/* Adds the sections of b to w, which borrows them: b must outlive w. */
+void bounce_save(const struct bounce *b, const struct digest *key, struct cache_writer *w);
+
+/* Reads what bounce_create would compute. The caller frees *out with bounce_destroy. Errors are those of
+ * transport_load. */
+MUST_CHECK enum err bounce_load(struct cache_reader *r, const struct digest *key, const struct bounce_desc *desc,
+                                const struct kernels *kernels, struct bounce **out, struct reason *why);
+
+#endif

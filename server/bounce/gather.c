@@ -1,0 +1,414 @@
+/* What the shade points gather from the records: for the basis, by cells; for the blocks, by the basis. */
+#include "bounce/compress.h"
+
+#include "base/cancel.h"
+#include "bounce/smooth.h"
+#include "estimators/denormals.h"
+#include "base/mem.h"
+#include "cache/memory.h"
+
+#include <cblas.h>
+#include <omp.h>
+
+#include <math.h>
+#include <string.h>
+
+#define BASIS_POINTS 1536u
+#define BASIS_RECORDS 512u
+#define TOLERANCE 0.035
+#define FLOOR 0.03f /* of a block's mean light: darker points count as if they had that */
+#define BATCH 32u   /* groups */
+
+/* A shade point, and the parts of its BRDF as rows (transport/parts.h). */
+struct point {
+    struct vec3 at, wo;
+    struct lobe own;
+    uint32_t rows;
+};
+
+static struct point point_of(const struct shade_packet *p, uint32_t l, uint32_t rows)
+{
+    return (struct point){
+        .at = { p->x[l], p->y[l], p->z[l] },
+        .wo = { p->wo_x[l], p->wo_y[l], p->wo_z[l] },
+        .own = { .kind = (enum lobe_kind)p->kind,
+                 .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
+                 .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
+                 .specular = { 1.0f, 1.0f, 1.0f },
+                 .gloss = (double)p->gloss[l] },
+        .rows = rows,
+    };
+}
+
+/* BRDF times cosine by rows, for light from w: as the kernel of transport does it, by colours that tell them apart. */
+static bool rows_at(const struct point *p, struct vec3 w, double row[TRANSPORT_ROWS])
+{
+    const double cosine = (double)vec3_dot(p->own.shading, w);
+    struct lobe l = p->own;
+    double brdf[3];
+
+    l.diffuse = vec3_make(0.0f, 0.0f, 1.0f);
+    l.specular = vec3_make(0.0f, 1.0f, 0.0f);
+    lobe_evaluate(&l, p->wo, w, brdf);
+    row[0] = fmax(0.0, brdf[2] - brdf[0]) * cosine;
+    row[1] = fmax(0.0, brdf[1] - brdf[0]) * cosine;
+    row[2] = brdf[0] * cosine;
+    return brdf[0] + brdf[1] + brdf[2] > 0.0;
+}
+
+/* What one thread gathers with. */
+struct gatherer {
+    const struct bounce_build *build;
+    struct bounce_world world;
+    struct bounce_ends ends;
+};
+
+static void add_light(const struct gatherer *g, uint32_t record, float weight, float *to)
+{
+    _Alignas(64) float light[SKY_CELLS];
+
+    g->build->widen(g->build->light + (size_t)record * SKY_CELLS, light, SKY_CELLS);
+    for (uint32_t i = 0; i < SKY_CELLS; i++)
+        to[i] += weight * light[i];
+}
+
+/* Takes the ends of one ray: rows[r] += weight[r] ends. */
+static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_ROWS], uint32_t rows, size_t stride,
+                      float *out, bool cells)
+{
+    const struct bounce_build *b = g->build;
+    const uint32_t k = b->b->basis.count, records = b->records.count;
+
+    for (uint32_t i = 0; i < g->ends.count; i++) {
+        const struct bounce_end *e = &g->ends.at[i];
+        for (uint32_t r = 0; r < rows; r++) {
+            const float w[3] = { (float)(weight[r] * (double)e->weight[0]), (float)(weight[r] * (double)e->weight[1]),
+                                 (float)(weight[r] * (double)e->weight[2]) };
+            float *to = out + r * stride;
+            if (!cells)
+                bounce_kernels_of(b->b->kernels)->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
+            else if (e->source >= records)
+                to[e->source - records] += rgb_luminance(w[0], w[1], w[2]);
+            else
+                add_light(g, e->source, rgb_luminance(w[0], w[1], w[2]), to);
+        }
+    }
+}
+
+/* All rays of a point, half by the matte part and, where there is a lobe, as many by that, under the balance heuristic.
+ * Adds to `rows` rows, stride floats apart, and to open[row] what the point has at once of an even sky of 1. Returns
+ * the harmonic mean of distances. */
+static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, uint32_t rays, float *out,
+                           size_t stride, bool cells, float open[TRANSPORT_ROWS])
+{
+    const struct bounce_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
+    const uint64_t shift[2] = { rng_mix(seed, 0), rng_mix(seed, 1) };
+    const uint32_t all = p->rows > 1 ? 2 * rays : rays;
+    struct rng rng = { rng_mix(seed, 2) };
+    double near = 0.0;
+
+    for (uint32_t i = 0; i < all; i++) {
+        double x[3] = { 0.0 }, row[TRANSPORT_ROWS];
+        struct vec3 w;
+        float unused;
+        for (int c = 0; c < 2; c++)
+            x[1 + c] = rng_unit((uint64_t)(g->build->numbers[i >= rays][i % rays][c] * 0x1p53) << 11 ^ shift[c]);
+        if (i < rays)
+            bounce_leave(&spot, x + 1, &w, &unused);
+        else
+            w = lobe_sample(&p->own, p->wo, x);
+        if (!rows_at(p, w, row))
+            continue;
+        double density = rays * fmax(0.0, (double)vec3_dot(p->own.shading, w)) / PI;
+        if (p->rows > 1)
+            density += rays * lobe_density(&p->own, p->wo, w);
+        if (!(density > 0.0))
+            continue;
+        for (int r = 0; r < TRANSPORT_ROWS; r++)
+            row[r] /= density;
+        g->ends.count = 0;
+        const float t = bounce_walk(&g->world, p->at, w, &rng, &g->ends);
+        near += i < rays ? 1.0 / fmax((double)t, 1e-6) : 0.0;
+        for (int r = 0; r < TRANSPORT_ROWS; r++)
+            open[r] += isinf(t) ? (float)row[r] : 0.0f;
+        take_ends(g, row, p->rows, stride, out, cells);
+    }
+    return rays / fmax(near, 1e-12);
+}
+
+static void gatherer_init(struct gatherer *g, const struct bounce_build *b)
+{
+    *g = (struct gatherer){ .build = b, .world = { b->desc->scene, b->desc->rays, &b->records, NULL } };
+}
+
+/* ---- The basis ---- */
+
+static uint32_t rows_of_block(const struct bounce_build *b, uint32_t k)
+{
+    return b->b->blocks[k].rows;
+}
+
+/* The i-th of BASIS_POINTS points, evenly over the blocks, and of BASIS_RECORDS records. */
+static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *out)
+{
+    const struct bounce *t = b->b;
+
+    if (i < BASIS_POINTS) {
+        if (t->block_count == 0)
+            return false;
+        const uint64_t slots = (uint64_t)t->block_count * TRANSPORT_POINTS;
+        const uint64_t slot =
+            (uint64_t)i * slots / BASIS_POINTS + rng_mix(b->desc->seed, i) % (slots / BASIS_POINTS + 1);
+        const uint32_t k = (uint32_t)(slot / TRANSPORT_POINTS) % t->block_count;
+        const struct bounce_block *block = &t->blocks[k];
+        const struct shade_packet *p =
+            &t->gbuffer->packets[block->first + slot % TRANSPORT_POINTS / PACKET % block->packets];
+        *out = point_of(p, (uint32_t)(slot % PACKET) % p->count, rows_of_block(b, k));
+        return true;
+    }
+    if (b->records.count == 0)
+        return false;
+    const uint32_t r = (uint32_t)((uint64_t)(i - BASIS_POINTS) * b->records.count / BASIS_RECORDS);
+    const struct bounce_spot *s = &b->records.spots[(size_t)r * BOUNCE_SPOTS];
+    *out = (struct point){ .at = s->at,
+                           .wo = s->shading,
+                           .own = { .kind = LOBE_LAMBERT, .geometric = s->geometric, .shading = s->shading },
+                           .rows = 1 };
+    return true;
+}
+
+enum err bounce_make_basis(struct bounce_build *b)
+{
+    const uint32_t rows = BASIS_POINTS + BASIS_RECORDS;
+    float *m = mem_alloc((size_t)rows * SKY_CELLS, sizeof(*m));
+    enum err e = m ? ERR_OK : ERR_NOMEM;
+    uint64_t rays = 0;
+    int failed = 0;
+
+    if (e)
+        return e;
+#pragma omp parallel reduction(+ : rays, failed)
+    {
+        struct gatherer g;
+        gatherer_init(&g, b);
+#pragma omp for schedule(dynamic, 8)
+        for (uint32_t i = 0; i < rows; i++) {
+            struct point p;
+            float unused[TRANSPORT_ROWS] = { 0.0f };
+            if (!is_cancelled(b->desc->cancel) &&
+                basis_point(b, i, &p)) /* all rows of a point's BRDF in one of the matrix */
+                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), BOUNCE_BASIS_RAYS,
+                             m + (size_t)i * SKY_CELLS, 0, true, unused);
+        }
+        rays += g.ends.rays;
+        failed += g.ends.failed;
+        mem_free(g.ends.at);
+    }
+    b->rays += rays;
+    if (failed)
+        e = ERR_NOMEM;
+    if (!e && !is_cancelled(b->desc->cancel))
+        e = bounce_basis_init(&b->b->basis, m, rows);
+    mem_free(m);
+    return e;
+}
+
+/* ---- Blocks ---- */
+
+struct bench { /* what one thread works in */
+    struct gatherer gatherer;
+    float *matrix;                                   /* [TRANSPORT_ROWS][BOUNCE_GROUP_POINTS][3 K] */
+    float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row with less noise */
+    float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* what the points have of an even sky at once */
+    struct bounce_smoother *smoother;
+    struct bounce_workspace *workspace;
+};
+
+/* Means of a row's colours. */
+static float mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
+{
+    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
+            transport_row_colour(p, row, 2, l)) /
+           3.0f;
+}
+
+/* A row of a block as it is kept: [points][3 K]. */
+static float *row_of(const struct bounce_build *b, const struct bench *w, uint32_t slot, uint32_t row)
+{
+    const size_t wide = 3 * (size_t)b->b->basis.count, first = (size_t)slot * TRANSPORT_POINTS;
+
+    return row == 0 && !b->desc->no_smoothing ? w->smooth + first * wide
+                                              : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
+}
+
+/* What a point's error in row r counts: it is seen times the row's colour, beside all light that the point has of an
+ * even sky of 1. */
+static void fill_scales(const struct bounce_build *b, const struct bench *w, const struct bounce_block *block,
+                        uint32_t slot, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
+{
+    const uint32_t points = block->packets * PACKET, k = b->b->basis.count;
+    float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f;
+
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++) {
+            const float *row = row_of(b, w, slot, r) + (size_t)p * 3 * k;
+            float light = w->open[slot * TRANSPORT_POINTS + p][r];
+            for (uint32_t i = 0; i < 3 * k; i++)
+                light += row[i] * b->even[i % k] / 3.0f;
+            scale[r][p] = mean_colour(&b->b->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            whole[p] += scale[r][p] * light;
+        }
+    for (uint32_t p = 0; p < points; p++)
+        mean += fmaxf(whole[p], 0.0f) / (float)points;
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++)
+            scale[r][p] = mean > 0.0f ? fmaxf(scale[r][p] / fmaxf(whole[p], FLOOR * mean), 1e-3f) : 1.0f;
+}
+
+static void gather_block(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t slot)
+{
+    const uint32_t k = b->b->basis.count, first = slot * TRANSPORT_POINTS;
+    const size_t stride = (size_t)BOUNCE_GROUP_POINTS * 3 * k;
+    struct bounce_smoother *s = w->smoother;
+
+    for (uint32_t i = 0; i < TRANSPORT_POINTS; i++) {
+        const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i / PACKET];
+        const uint32_t l = i % PACKET, at = first + i;
+        s->used[at] = i < block->packets * PACKET && l < p->count;
+        for (uint32_t r = 0; r < block->rows; r++)
+            memset(w->matrix + r * stride + (size_t)at * 3 * k, 0, 3 * k * sizeof(float));
+        memset(w->open[at], 0, sizeof(w->open[at]));
+        if (!s->used[at])
+            continue;
+        const struct point point = point_of(p, l, block->rows);
+        const float place[3] = { p->x[l], p->y[l], p->z[l] }, normal[3] = { p->ns_x[l], p->ns_y[l], p->ns_z[l] };
+        for (int c = 0; c < 3; c++) {
+            s->at[c][at] = place[c];
+            s->normal[c][at] = normal[c];
+        }
+        s->near[at] =
+            (float)gather_point(&w->gatherer, &point,
+                                rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)(block->first + i / PACKET) * PACKET + l),
+                                b->gather, w->matrix + (size_t)at * 3 * k, stride, false, w->open[at]);
+    }
+}
+
+static enum err gather_group(const struct bounce_build *b, struct bench *w, struct bounce_group *g)
+{
+    const double tolerance = b->desc->tolerance > 0.0f ? (double)b->desc->tolerance : TOLERANCE;
+    const double least = tolerance * tolerance / (SKY_CELLS * g->rows);
+    struct bounce_block *blocks = b->b->blocks + g->first;
+    float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 0; k < g->count; k++)
+        gather_block(b, w, &blocks[k], k);
+    if (w->gatherer.ends.failed)
+        return ERR_NOMEM;
+    if (!b->desc->no_smoothing)
+        bounce_smooth(w->smoother, g->count, 3 * b->b->basis.count, w->matrix, w->smooth);
+    bounce_compress_begin(w->workspace);
+    for (uint32_t k = 0; k < g->count; k++) {
+        const uint32_t points = blocks[k].packets * PACKET;
+        fill_scales(b, w, &blocks[k], k, scale);
+        for (uint32_t r = 0; r < g->rows; r++)
+            bounce_compress_block(w->workspace, k, r, points, row_of(b, w, k, r), scale[r], least);
+    }
+    for (uint32_t r = 0; r < g->rows && !e; r++)
+        e = bounce_compress_end(w->workspace, g, blocks, r, least);
+    return e;
+}
+
+static bool bench_init(struct bench *w, const struct bounce_build *b)
+{
+    const size_t matrix = (size_t)BOUNCE_GROUP_POINTS * 3 * b->b->basis.count;
+
+    gatherer_init(&w->gatherer, b);
+    w->matrix = mem_alloc(TRANSPORT_ROWS * matrix, sizeof(float));
+    w->smooth = mem_alloc(matrix, sizeof(float));
+    w->workspace = bounce_workspace_create(b->b->basis.count);
+    w->smoother = bounce_smoother_create();
+    return w->matrix && w->smooth && w->workspace && w->smoother;
+}
+
+static void bench_finish(struct bench *w)
+{
+    mem_free(w->matrix);
+    mem_free(w->smooth);
+    mem_free(w->gatherer.ends.at);
+    bounce_smoother_destroy(w->smoother);
+    bounce_workspace_destroy(w->workspace);
+}
+
+/* One batch of groups; what they take is added up behind it, so that a limit is met at the same place always. */
+static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint32_t first, uint32_t until)
+{
+    int failed = 0;
+
+#pragma omp parallel reduction(+ : failed)
+    {
+        struct bench *w = &benches[omp_get_thread_num()];
+        const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 1)
+        for (uint32_t k = first; k < until; k++) {
+            if (is_cancelled(b->desc->cancel))
+                continue;
+            struct bounce_group *g = &b->b->groups[k];
+            failed += gather_group(b, w, g) != ERR_OK;
+            for (uint32_t i = g->first; i < g->first + g->count; i++)
+                progress_step(b->desc->progress, b->b->blocks[i].packets);
+        }
+        denormals_restore(before);
+    }
+    return failed ? ERR_NOMEM : ERR_OK;
+}
+
+static uint64_t group_bytes(const struct bounce *b, const struct bounce_group *g)
+{
+    uint64_t bytes = 0;
+
+    for (uint32_t r = 0; r < g->rows; r++)
+        bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+    return bytes;
+}
+
+/* The coefficients of an even sky of 1. */
+static enum err make_even(struct bounce_build *b)
+{
+    const struct bounce_basis *basis = &b->b->basis;
+
+    b->even = mem_alloc(basis->count, sizeof(*b->even));
+    for (uint32_t k = 0; b->even && k < basis->count; k++)
+        for (uint32_t i = 0; i < SKY_CELLS; i++)
+            b->even[k] += basis->rows[(size_t)k * SKY_CELLS + i];
+    return b->even ? ERR_OK : ERR_NOMEM;
+}
+
+enum err bounce_gather_blocks(struct bounce_build *b)
+{
+    uint64_t bytes = b->b->stats.bytes;
+    const uint32_t threads = (uint32_t)omp_get_max_threads();
+    struct bench *benches = mem_alloc(threads, sizeof(*benches));
+    enum err e = benches ? bounce_group(b->b, b->desc) : ERR_NOMEM;
+
+    if (!e)
+        e = make_even(b);
+    const uint32_t count = b->b->group_count;
+
+    for (uint32_t i = 0; i < threads && !e; i++)
+        e = bench_init(&benches[i], b) ? ERR_OK : ERR_NOMEM;
+    for (uint32_t first = 0; first < count && !e && !is_cancelled(b->desc->cancel); first += BATCH) {
+        const uint32_t until = first + BATCH < count ? first + BATCH : count;
+        e = gather_batch(b, benches, first, until);
+        for (uint32_t k = first; k < until; k++)
+            bytes += group_bytes(b->b, &b->b->groups[k]);
+        if (!e && !cache_memory_suffices(b->desc->max_bytes, bytes))
+            e = ERR_RANGE;
+    }
+    for (uint32_t i = 0; benches && i < threads; i++) {
+        b->rays += benches[i].gatherer.ends.rays;
+        bench_finish(&benches[i]);
+    }
+    mem_free(benches);
+    return e;
+}

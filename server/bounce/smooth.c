@@ -1,0 +1,118 @@
+/* Light that a group's points have gathered, as a mean over points that are alike: their rays are independent. */
+#include "bounce/smooth.h"
+
+#include "base/mem.h"
+
+#include <cblas.h>
+
+#include <math.h>
+#include <string.h>
+
+#define LIKENESS 0.3f /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988] */
+#define FLAT 1e-3     /* of the mean square of distances: in directions in which points lie closer there is no slope */
+
+struct bounce_smoother *bounce_smoother_create(void)
+{
+    return mem_alloc(1, sizeof(struct bounce_smoother));
+}
+
+void bounce_smoother_destroy(struct bounce_smoother *s)
+{
+    mem_free(s);
+}
+
+/* How much of q's light p takes: none where distance over the mean distance of what is around, or normals, differ too
+ * much. */
+static void fill_likeness(const struct bounce_smoother *s, uint32_t p, uint32_t count, float *out)
+{
+    for (uint32_t q = 0; q < count; q++) {
+        const float x = s->at[0][q] - s->at[0][p], y = s->at[1][q] - s->at[1][p], z = s->at[2][q] - s->at[2][p];
+        const float same =
+            s->normal[0][q] * s->normal[0][p] + s->normal[1][q] * s->normal[1][p] + s->normal[2][q] * s->normal[2][p];
+        const float near = s->near[q] < s->near[p] ? s->near[q] : s->near[p];
+        const float turned = same < 1.0f ? 1.0f - same : 0.0f;
+        const float unlike = sqrtf(x * x + y * y + z * z) / near + sqrtf(turned);
+        out[q] = s->used[q] && unlike < LIKENESS ? 1.0f - unlike / LIKENESS : 0.0f;
+    }
+}
+
+/* x of A x = b, A symmetric and positive. */
+static void solve3(const double a[3][3], const double b[3], double x[3])
+{
+    const double c0 = a[1][1] * a[2][2] - a[1][2] * a[1][2], c1 = a[0][2] * a[1][2] - a[0][1] * a[2][2],
+                 c2 = a[0][1] * a[1][2] - a[0][2] * a[1][1];
+    const double d1 = a[0][0] * a[2][2] - a[0][2] * a[0][2], d2 = a[0][1] * a[0][2] - a[0][0] * a[1][2],
+                 e2 = a[0][0] * a[1][1] - a[0][1] * a[0][1];
+    const double determinant = a[0][0] * c0 + a[0][1] * c1 + a[0][2] * c2;
+
+    x[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant;
+    x[1] = (c1 * b[0] + d1 * b[1] + d2 * b[2]) / determinant;
+    x[2] = (c2 * b[0] + d2 * b[1] + e2 * b[2]) / determinant;
+}
+
+/* Likeness to weights whose sum is 1 and whose centre is p itself: the value at p of the plane through the light of the
+ * others, so that where they lie all to one side, as at a group's border, a slope is no error [Cleveland 1979]. */
+static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t count, float *w)
+{
+    double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];
+
+    for (uint32_t q = 0; q < count; q++) {
+        sum += (double)w[q];
+        for (int c = 0; c < 3; c++)
+            mean[c] += (double)w[q] * (double)s->at[c][q];
+    }
+    for (int c = 0; c < 3; c++) {
+        mean[c] /= sum;
+        off[c] = (double)s->at[c][p] - mean[c];
+    }
+    for (uint32_t q = 0; q < count; q++) {
+        if (w[q] == 0.0f)
+            continue;
+        const double d[3] = { (double)s->at[0][q] - mean[0], (double)s->at[1][q] - mean[1],
+                              (double)s->at[2][q] - mean[2] };
+        for (int i = 0; i < 3; i++)
+            for (int j = i; j < 3; j++)
+                spread[i][j] += (double)w[q] / sum * d[i] * d[j];
+    }
+    const double flat = FLAT * (spread[0][0] + spread[1][1] + spread[2][2]) + 1e-30;
+    for (int i = 0; i < 3; i++) {
+        spread[i][i] += flat;
+        for (int j = 0; j < i; j++)
+            spread[i][j] = spread[j][i];
+    }
+    solve3((const double(*)[3])spread, off, slope);
+    for (uint32_t q = 0; q < count; q++) {
+        const double on = ((double)s->at[0][q] - mean[0]) * slope[0] + ((double)s->at[1][q] - mean[1]) * slope[1] +
+                          ((double)s->at[2][q] - mean[2]) * slope[2];
+        w[q] = (float)((double)w[q] / sum * (1.0 + on));
+    }
+}
+
+static bool is_zero(const float *w, uint32_t stride, uint32_t first)
+{
+    for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+        for (uint32_t q = 0; q < TRANSPORT_POINTS; q++)
+            if (w[p * stride + first + q] != 0.0f)
+                return false;
+    return true;
+}
+
+void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t wide, const float *from, float *to)
+{
+    const uint32_t count = blocks * TRANSPORT_POINTS, side = TRANSPORT_POINTS;
+
+    for (uint32_t b = 0; b < blocks; b++) {
+        memset(s->weights, 0, sizeof(s->weights));
+        for (uint32_t p = 0; p < side; p++)
+            if (s->used[b * side + p]) {
+                fill_likeness(s, b * side + p, count, s->weights[p]);
+                centre(s, b * side + p, count, s->weights[p]);
+            }
+        memset(to + (size_t)b * side * wide, 0, (size_t)side * wide * sizeof(*to));
+        for (uint32_t k = 0; k < blocks; k++)
+            if (!is_zero(s->weights[0], BOUNCE_GROUP * side, k * side))
+                cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)side, (int)wide, (int)side, 1.0f,
+                            s->weights[0] + k * side, (int)(BOUNCE_GROUP * side), from + (size_t)k * side * wide,
+                            (int)wide, 1.0f, to + (size_t)b * side * wide, (int)wide);
+    }
+}

@@ -1,0 +1,23 @@
+/* Inside the cache of indirect light: smooths the noise of the gather over a group of blocks. One smoother per thread.
+ */
+#ifndef BOUNCE_SMOOTH_H
+#define BOUNCE_SMOOTH_H
+
+#include "bounce/parts.h"
+
+#define BOUNCE_GROUP_POINTS (BOUNCE_GROUP * TRANSPORT_POINTS)
+
+struct bounce_smoother { /* a group's points, 64 to a block */
+    float at[3][BOUNCE_GROUP_POINTS], normal[3][BOUNCE_GROUP_POINTS];
+    float near[BOUNCE_GROUP_POINTS]; /* harmonic mean distance to surrounding surfaces, m, above 0 */
+    bool used[BOUNCE_GROUP_POINTS];
+    float weights[TRANSPORT_POINTS][BOUNCE_GROUP_POINTS];
+};
+
+struct bounce_smoother *bounce_smoother_create(void); /* NULL when out of memory */
+void bounce_smoother_destroy(struct bounce_smoother *s);
+
+/* from, to: float[64 blocks][wide], no overlap; unused points neither give nor receive. */
+void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t wide, const float *from, float *to);
+
+#endif

@@ -1,0 +1,33 @@
+/* server/brdf/lobe.h */
+/* The BRDF (D lobe) of one surface point, one direction at a time, in double precision: the same models as lobes.h, for
+ * estimators that trace paths. wo points to the eye's side, wi to the light's side; both are unit and point away from
+ * the surface. Thread: any. */
+#ifndef BRDF_LOBE_H
+#define BRDF_LOBE_H
+
+#include "scene/scatter.h"
+#include "base/vec.h"
+
+#include <stdbool.h>
+
+struct lobe { /* the parameters of a BRDF, ready to evaluate */
+    enum lobe_kind kind;
+    struct vec3 geometric, shading;
+    struct vec3 diffuse, specular;
+    double gloss;
+};
+
+struct lobe lobe_of(const struct scatter *s); /* the rough lobe of s */
+
+/* The BRDF, sr^-1, without a cosine. 0 if wi is below the geometric or the shading surface. */
+void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double brdf[3]);
+
+/* Samples a direction wi given wo, from three random numbers in [0, 1). It may lie below the surface, where the BRDF is
+ * 0. */
+struct vec3 lobe_sample(const struct lobe *l, struct vec3 wo, const double x[3]);
+double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi); /* probability density of wi, sr^-1 */
+
+/* Two unit vectors that complete n (unit) to a right-handed orthonormal frame. */
+void frame_about(struct vec3 n, struct vec3 *t, struct vec3 *u);
+
+#endif

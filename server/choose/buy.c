@@ -1,0 +1,72 @@
+#include "choose/buy.h"
+
+static double bias_of(const struct buy_facts *f)
+{
+    return f->indirect ? BUY_BIAS_INDIRECT : BUY_BIAS;
+}
+
+/* In light samples a point. */
+static double build_of(const struct buy_facts *f)
+{
+    return (BUY_SAMPLES + (f->indirect ? BUY_SAMPLES_INDIRECT : 0.0)) * (f->kept ? BUY_LOAD_SHARE : 1.0);
+}
+
+static void answer(struct buy *out, bool yes, const char *why)
+{
+    out->yes = yes;
+    out->why = why;
+}
+
+/* Frames, were each to have as many samples. 0: it never pays. */
+static double break_even_of(const struct buy_facts *f, double samples)
+{
+    const double saved = (f->indirect ? 2.0 : 1.0) * samples - BUY_FRAME_SAMPLES;
+
+    return saved > 0.0 ? build_of(f) / saved : 0.0;
+}
+
+void buy_by_counts(const struct buy_facts *f, struct buy *out)
+{
+    *out = (struct buy){ .break_even = break_even_of(f, f->samples) };
+    if (f->frames == 0)
+        answer(out, false, "how many frames will come is not known");
+    else if (f->frames == 1)
+        answer(out, false, "it is a single frame");
+    else if ((f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f))
+        answer(out, false, "so many samples are to be better than its bias");
+    else if (out->break_even <= 0.0)
+        answer(out, false, "a frame by it takes no less");
+    else if ((double)f->frames <= out->break_even)
+        answer(out, false, "there are too few frames");
+    else
+        answer(out, true, "there are more frames than that");
+}
+
+void buy_by_clock(const struct buy_facts *f, struct buy *out)
+{
+    const double point_s = f->sample_s * (double)f->points, saved_s = f->frame_s - BUY_FRAME_SAMPLES * point_s;
+    const bool many = f->frames == 0 && (double)f->made > break_even_of(f, BUY_GOOD_SAMPLES);
+
+    *out = (struct buy){ .build_s = build_of(f) * point_s };
+    out->break_even = many ? break_even_of(f, BUY_GOOD_SAMPLES) : saved_s > 0.0 ? out->build_s / saved_s : 0.0;
+    if (f->made < (f->kept ? 1 : BUY_MADE) || f->sample_s <= 0.0)
+        answer(out, false, "too little was measured yet");
+    else if (f->error <= 0.0)
+        answer(out, false, "the error is not known yet");
+    else if (f->error < bias_of(f))
+        answer(out, false, "the picture is to be better than its bias");
+    else if (f->frames == 0 && f->kept)
+        answer(out, true, "it is there");
+    else if (many)
+        answer(out, true, "so many frames of 64 samples would have taken as long");
+    else if (saved_s <= 0.0)
+        answer(out, false, "a frame by it takes no less");
+    else if (f->frames > 0 && (double)f->frames > out->break_even)
+        answer(out, true, "more frames are to come");
+    else if (f->frames > 0)
+        answer(out, false, "there are too few frames");
+    else if (f->spent_s >= out->build_s)
+        answer(out, true, "as much time has gone into frames");
+    else
+        answer(out, false, "less time has gone into frames");
+}

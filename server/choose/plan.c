@@ -1,0 +1,90 @@
+#include "choose/plan.h"
+
+#include <math.h>
+#include <string.h>
+
+/* One bounce between surfaces of this albedo changes a pixel by at most as much of its direct light: below 4 % it is
+ * hard to see. */
+#define ALBEDO_LEAST 0.04
+/* Above it lobe rays find the light that mirrors and glass gather too seldom. In equal time eye paths have 0.4 to 0.6
+ * of the light tracer's relMSE under even cloud (2.8), as much as it at 3.8, twice as much at 6.8 and 1.7 to 9 times
+ * from 7.3 to 8.7, where caustics bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun that
+ * casts shadows is far above: docs/mathematics.md has the figures of more skies. */
+#define PEAKED 5.0
+
+static void leave_out(struct plan *p, const char *why)
+{
+    if (p->left_out_count < PLAN_LEFT_OUT_MAX)
+        p->left_out[p->left_out_count++] = why;
+}
+
+static void choose_caustics(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
+{
+    p->caustics = PLAN_NONE;
+    if (!w->caustics) {
+        leave_out(p, "caustics: not asked for");
+    } else if (w->caustics_by == PLAN_NONE) {
+        leave_out(p, "caustics: switched off");
+    } else if (f->casters == 0) {
+        leave_out(p, "caustics: the scene has no mirror and no glass");
+    } else {
+        const enum plan_estimator by_sky = f->peakedness >= PEAKED ? PLAN_LIGHT : PLAN_EYE;
+        p->caustics = w->caustics_by != PLAN_AUTO ? w->caustics_by : w->stored ? PLAN_STORED : by_sky;
+        p->behind_caustics = f->behind > 0;
+    }
+}
+
+static void choose_indirect(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
+{
+    p->indirect = PLAN_NONE;
+    if (!w->indirect) {
+        leave_out(p, "interreflection: not asked for");
+    } else if (w->indirect_by == PLAN_NONE) {
+        leave_out(p, "interreflection: switched off");
+    } else if (w->indirect_by == PLAN_AUTO && f->albedo < ALBEDO_LEAST) {
+        leave_out(p, "interreflection: the surfaces are too dark for it to be seen");
+    } else {
+        p->indirect = w->indirect_by == PLAN_AUTO ? PLAN_EYE : w->indirect_by;
+        p->behind_indirect = f->behind > 0;
+    }
+    /* What a mirror or glass has gathered comes by the particles that are aimed at them, if there are any. */
+    const bool aimed = p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED;
+    p->indirect_caustics = f->casters > 0 && aimed && p->indirect != PLAN_NONE ? p->caustics : p->indirect;
+}
+
+void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct plan *p)
+{
+    *p = (struct plan){ .caustics = PLAN_NONE };
+    choose_caustics(f, w, p);
+    choose_indirect(f, w, p);
+    /* Two rays or so for each eye path, three for each particle: for every eight samples one of them costs about as
+     * much as direct light does, by the measurements of docs/mathematics.md. */
+    const uint32_t per_point = w->samples / 8 ? w->samples / 8 : 1;
+    if (p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED || p->indirect == PLAN_LIGHT)
+        p->particles = w->particles ? w->particles : f->pixels * per_point;
+    if (p->caustics == PLAN_EYE || p->indirect == PLAN_EYE || p->behind_caustics || p->behind_indirect)
+        p->eye_paths = w->eye_paths ? w->eye_paths : per_point;
+}
+
+const char *plan_estimator_name(enum plan_estimator e)
+{
+    static const char *const names[] = { "auto", "none", "light tracer", "eye paths", "stored light paths", "cache" };
+    return names[e];
+}
+
+const struct setting_choice caustics_choices[] = {
+    { "auto", PLAN_AUTO, "chosen for scene and environment", 0 },
+    { "none", PLAN_NONE, "left out", 0 },
+    { "light", PLAN_LIGHT, "light tracer", 0 },
+    { "eye", PLAN_EYE, "eye paths", 0 },
+    { "stored", PLAN_STORED, "light paths that are kept and lit again in each frame; --method cached has them", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+const struct setting_choice indirect_choices[] = {
+    { "auto", PLAN_AUTO, "chosen for scene and environment", 0 },
+    { "none", PLAN_NONE, "left out", 0 },
+    { "light", PLAN_LIGHT, "light tracer", 0 },
+    { "eye", PLAN_EYE, "eye paths", 0 },
+    { NULL, 0, NULL, 0 },
+};

@@ -1,0 +1,37 @@
+/* server/codec/exr_write.h */
+/* Writes linear images as OpenEXR through OpenEXRCore: R, G, B as float or half, ZIP, a single part of scan lines, with
+ * Rec.709 chromaticities. Thread: any. The caller owns pixels and attributes. */
+#ifndef CODEC_EXR_WRITE_H
+#define CODEC_EXR_WRITE_H
+
+#include "base/err.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum exr_depth {
+    EXR_FLOAT,
+    EXR_HALF, /* values above 65504 are clamped */
+};
+
+struct exr_attribute { /* written as a string attribute */
+    const char *name, *value;
+};
+
+struct exr_desc {
+    const float *rgb; /* [height][width][3] */
+    uint32_t width, height;
+    enum exr_depth depth;
+    const struct exr_attribute *attributes;
+    size_t attribute_count;
+};
+
+/* Encodes to memory; the caller frees *bytes with mem_free. The output is deterministic. ERR_RANGE: the size.
+ * ERR_NOMEM. */
+MUST_CHECK enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t *size, struct reason *why);
+
+/* Encodes to a file, written atomically (base/file_store.h). Errors of exr_encode, and ERR_IO, which names path and
+ * cause. */
+MUST_CHECK enum err exr_write(const struct exr_desc *d, const char *path, struct reason *why);
+
+#endif

@@ -1,0 +1,107 @@
+#include "codec/exr_zip.h"
+
+#include <libdeflate.h>
+#include <stdbool.h>
+#include <string.h>
+
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
+
+const char exr_zip_no_memory[] = "out of memory";
+
+void exr_inflater_destroy(struct libdeflate_decompressor *inflater)
+{
+    libdeflate_free_decompressor(inflater);
+}
+
+void exr_zip_finish(struct exr_zip *z)
+{
+    scratch_free(z->scratch, z->bytes);
+    z->bytes = NULL;
+    z->room = 0;
+}
+
+static bool make_ready(struct exr_zip *z, size_t size)
+{
+    if (!*z->inflater)
+        *z->inflater = libdeflate_alloc_decompressor();
+    if (size > z->room) {
+        scratch_free(z->scratch, z->bytes);
+        z->bytes = scratch_alloc(z->scratch, size);
+        z->room = z->bytes ? size : 0;
+    }
+    return *z->inflater && z->bytes;
+}
+
+void exr_zip_sum_ref(uint8_t *b, size_t n)
+{
+    for (size_t i = 1; i < n; i++)
+        b[i] = (uint8_t)(b[i - 1] + b[i] - 128);
+}
+
+#ifdef __SSE2__
+
+/* Prefix sums of sixteen bytes in four steps, each adding the byte 1, 2, 4 and 8 places before; then the previous
+ * block's last sum is added, so only that addition is serial. */
+void exr_zip_sum(uint8_t *b, size_t n)
+{
+    const __m128i middle = _mm_set1_epi8((char)0x80);
+    __m128i last = middle; /* so that the first byte keeps its value */
+    size_t i = 0;
+
+    for (; i + 16 <= n; i += 16) {
+        __m128i v = _mm_xor_si128(_mm_loadu_si128((const __m128i *)(b + i)), middle); /* - 128 */
+        v = _mm_add_epi8(v, _mm_slli_si128(v, 1));
+        v = _mm_add_epi8(v, _mm_slli_si128(v, 2));
+        v = _mm_add_epi8(v, _mm_slli_si128(v, 4));
+        v = _mm_add_epi8(_mm_add_epi8(v, _mm_slli_si128(v, 8)), last);
+        _mm_storeu_si128((__m128i *)(b + i), v);
+        last = _mm_srli_si128(v, 15);
+        last = _mm_unpacklo_epi8(last, last);
+        last = _mm_shufflelo_epi16(last, 0);
+        last = _mm_unpacklo_epi64(last, last);
+    }
+    if (i > 0)
+        exr_zip_sum_ref(b + i - 1, n - i + 1); /* the tail, starting at the last finished byte */
+    else
+        exr_zip_sum_ref(b, n);
+}
+
+#else
+
+void exr_zip_sum(uint8_t *b, size_t n)
+{
+    exr_zip_sum_ref(b, n);
+}
+
+#endif
+
+/* Interleaves the two halves of the buffer: the first half to even positions, the second to odd ones. With an odd size
+ * the first half has one byte more. */
+static void weave(const uint8_t *restrict from, size_t size, uint8_t *restrict to)
+{
+    const uint8_t *restrict second = from + (size + 1) / 2;
+
+    for (size_t i = 0; i < size / 2; i++) {
+        to[2 * i] = from[i];
+        to[2 * i + 1] = second[i];
+    }
+    if (size % 2)
+        to[size - 1] = from[size / 2];
+}
+
+const char *exr_zip_unpack(struct exr_zip *z, const uint8_t *packed, size_t packed_size, uint8_t *out, size_t size)
+{
+    if (!make_ready(z, size))
+        return exr_zip_no_memory;
+    const enum libdeflate_result got =
+        libdeflate_zlib_decompress(*z->inflater, packed, packed_size, z->bytes, size, NULL);
+    if (got == LIBDEFLATE_SHORT_OUTPUT)
+        return "too few bytes";
+    if (got != LIBDEFLATE_SUCCESS)
+        return "cannot inflate";
+    exr_zip_sum(z->bytes, size);
+    weave(z->bytes, size, out);
+    return NULL;
+}

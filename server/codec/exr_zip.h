@@ -1,0 +1,37 @@
+/* server/codec/exr_zip.h */
+/* Decodes ZIP and ZIPS chunks of OpenEXR files: deflated byte differences, the low bytes of all values before the high
+ * ones. OpenEXRCore can decode them too, but with zlib, which is less than half as fast as libdeflate and allocates
+ * memory for each chunk; this inflater is reused from image to image. Private to this room. Thread: one per unpacker.
+ */
+#ifndef CODEC_EXR_ZIP_H
+#define CODEC_EXR_ZIP_H
+
+#include "base/scratch.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct libdeflate_decompressor;
+
+struct exr_zip {             /* valid when zeroed except for the first two */
+    struct scratch *scratch; /* borrowed; NULL: none */
+    struct libdeflate_decompressor *
+        *inflater;  /* owned by the caller; created if NULL; free with exr_inflater_destroy */
+    uint8_t *bytes; /* inflated data */
+    size_t room;
+};
+
+void exr_zip_finish(struct exr_zip *z);                              /* frees the buffer, not the inflater */
+void exr_inflater_destroy(struct libdeflate_decompressor *inflater); /* NULL is allowed */
+
+/* Unpacks one chunk to exactly `size` bytes. Returns NULL, a short description of what is wrong with the data, or
+ * exr_zip_no_memory. */
+const char *exr_zip_unpack(struct exr_zip *z, const uint8_t *packed, size_t packed_size, uint8_t *out, size_t size);
+
+extern const char exr_zip_no_memory[];
+
+/* Undoes the differences in place: b[i] = b[i - 1] + b[i] - 128 modulo 256. */
+void exr_zip_sum(uint8_t *b, size_t n);
+void exr_zip_sum_ref(uint8_t *b, size_t n); /* the scalar reference; same result */
+
+#endif

@@ -1,0 +1,16 @@
+/* server/compare/error_map.h */
+/* A picture of where the errors are: relative error, logarithmic from 0.1 % (black) over violet, red and orange to
+ * 100 % (pale yellow), lightness growing evenly, with a scale below. Any thread. */
+#ifndef COMPARE_ERROR_MAP_H
+#define COMPARE_ERROR_MAP_H
+
+#include "base/err.h"
+
+#include <stdint.h>
+
+/* Writes a PNG. squared: float[height][width], each pixel's relative squared error as metrics_compare gives it.
+ * mask: uint8_t[height][width], where 0 the pixel is plain grey; NULL: none is. ERR_IO names path and cause. */
+MUST_CHECK enum err error_map_write(const float *squared, const uint8_t *mask, uint32_t width, uint32_t height,
+                                    const char *path, struct reason *why);
+
+#endif

@@ -1,0 +1,25 @@
+/* server/compare/metrics.h */
+/* How far a picture is from a reference (docs/how-it-works.md, Conventions). Both are linear,
+ * float[height][width][3]. */
+#ifndef COMPARE_METRICS_H
+#define COMPARE_METRICS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct metrics {
+    double mean_ratio;      /* mean luminance of the picture over that of the reference */
+    double rel_mse;         /* mean((x - r)^2 / (r^2 + 1e-2 mean(r)^2)), over channels and the pixels counted */
+    double rel_mse_trimmed; /* the same without the worst `trim` share of pixels */
+    double delta_e;         /* mean CIE76 delta E*ab after one fixed tone map on both (gain from the reference) */
+    uint64_t pixels;        /* counted */
+};
+
+/* mask: uint8_t[height][width], 0 = leave the pixel out; NULL counts all. trim: 0..1, as 0.02.
+ * error_map, when not NULL: float[height][width], each pixel's own relative squared error (0 where left out).
+ * False when memory is out or no pixel is counted. */
+bool metrics_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height, double trim,
+                     float *error_map, struct metrics *out);
+
+#endif

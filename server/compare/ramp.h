@@ -1,0 +1,12 @@
+/* server/compare/ramp.h */
+/* The colours of an error map: black over violet, red and orange to pale yellow, lightness growing evenly, so that
+ * equal steps look equal and the map survives a grey printer. Any thread. */
+#ifndef COMPARE_RAMP_H
+#define COMPARE_RAMP_H
+
+#include <stdint.h>
+
+/* sRGB at t; what is outside 0..1 takes the nearer end. */
+void ramp_colour(double t, uint8_t rgb[3]);
+
+#endif

@@ -1,0 +1,140 @@
+/* Changes to another camera of the scene. A thread of its own computes the new view (its G-buffer) while pictures of
+ * the old one go on; then the shade thread switches. The command line's view is kept: it owns scene and rays, lockstep
+ * sequences use it, and returning to it costs nothing. */
+#include "daemon/shade_parts.h"
+
+#include "base/log.h"
+
+#include <string.h>
+
+/* The building thread. */
+static void *build(void *arg)
+{
+    struct shade_thread *t = arg;
+    struct camera_build *b = &t->camera;
+    struct set_desc desc = t->shared->config.set_desc;
+
+    desc.camera = b->name;
+    progress_begin(&b->line, "computing the view", desc.height, NULL);
+    if (set_create_view(t->first_set, &desc, &b->line, &b->set, &b->why))
+        b->set = NULL;
+    progress_end(&b->line);
+    atomic_store(&b->done, true);
+    atomic_store(t->shared->new_work, true);
+    return NULL;
+}
+
+/* The change failed: the present camera stays in the settings. */
+static void give_up(struct shade_thread *t, const char *why)
+{
+    log_warning("camera '%s': %s", t->camera.name, why);
+    status_camera_progress(&t->shared->status, t->set->camera, 1.0);
+    settings_set_camera(&t->shared->settings, t->set->camera);
+}
+
+static void start_build(struct shade_thread *t, const char *name)
+{
+    struct camera_build *b = &t->camera;
+
+    memcpy(b->name, name, sizeof(b->name));
+    b->set = NULL;
+    atomic_store(&b->done, false);
+    atomic_store(&b->line.done, 0);
+    b->running = pthread_create(&b->thread, NULL, build, t) == 0;
+    if (b->running)
+        status_camera_progress(&t->shared->status, b->name, 0.0);
+    else
+        give_up(t, "a thread could not be started");
+}
+
+/* Frees what only the old view needed. The first view keeps its G-buffer, and its relighter where a lockstep sequence
+ * may come. */
+static void leave_view(struct shade_thread *t)
+{
+    refine_forget(t);
+    still_destroy(t->refine.still);
+    decider_finish(&t->decider);
+    prober_destroy(t->prober);
+    t->refine.still = NULL;
+    t->prober = NULL;
+    if (t->set != t->first_set) {
+        relighter_destroy(t->relighter);
+        set_destroy(t->set);
+    } else if (!t->shared->config.push) {
+        relighter_destroy(t->relighter);
+        t->first_relighter = NULL;
+    }
+}
+
+/* Switches to a view and takes it over. False: out of memory, and the old view stays. */
+static bool switch_to(struct shade_thread *t, struct set *set)
+{
+    struct relighter *r = set == t->first_set ? t->first_relighter : NULL;
+
+    if (!r)
+        r = relighter_create(set, t->shared->config.kernels);
+    if (!r) {
+        if (set != t->first_set)
+            set_destroy(set);
+        give_up(t, "no memory for its view");
+        return false;
+    }
+    leave_view(t);
+    t->set = set;
+    t->relighter = r;
+    if (set == t->first_set)
+        t->first_relighter = r;
+    status_camera_progress(&t->shared->status, set->camera, 1.0);
+    return true;
+}
+
+static bool finish_build(struct shade_thread *t)
+{
+    struct camera_build *b = &t->camera;
+
+    pthread_join(b->thread, NULL);
+    b->running = false;
+    if (!b->set) {
+        give_up(t, b->why.text);
+        return false;
+    }
+    if (strcmp(settings_now(&t->shared->settings).camera, b->name) == 0)
+        return switch_to(t, b->set);
+    set_destroy(b->set); /* the settings name another one by now */
+    status_camera_progress(&t->shared->status, t->set->camera, 1.0);
+    return false;
+}
+
+bool camera_follow_settings(struct shade_thread *t)
+{
+    struct camera_build *b = &t->camera;
+    const struct settings now = settings_now(&t->shared->settings);
+
+    if (b->running && atomic_load(&b->done))
+        return finish_build(t);
+    if (b->running) {
+        status_camera_progress(&t->shared->status, b->name,
+                               (double)atomic_load(&b->line.done) / (double)(t->shared->config.set_desc.height + 1));
+        return false;
+    }
+    if (strcmp(now.camera, t->set->camera) == 0)
+        return false;
+    if (strcmp(now.camera, t->first_set->camera) == 0)
+        return switch_to(t, t->first_set);
+    start_build(t, now.camera);
+    return false;
+}
+
+void camera_finish(struct shade_thread *t)
+{
+    if (t->camera.running) {
+        pthread_join(t->camera.thread, NULL);
+        set_destroy(t->camera.set);
+    }
+    if (t->relighter != t->first_relighter)
+        relighter_destroy(t->relighter);
+    relighter_destroy(t->first_relighter);
+    if (t->set != t->first_set)
+        set_destroy(t->set);
+    set_destroy(t->first_set);
+}

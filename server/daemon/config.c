@@ -1,0 +1,379 @@
+/* server/daemon/config.c */
+#include "daemon/config.h"
+
+#include "base/config.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/notify.h"
+#include "daemon/options.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <omp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#define TOKEN_BYTES 256
+
+static const char *const token_flags[] = { "token-viewer", "token-controller", "token-producer", "token-metrics" };
+#define TOKENS (sizeof(token_flags) / sizeof(token_flags[0]))
+
+/* One reading of everything. */
+struct config_reading {
+    struct daemon_flags flags;
+    struct config *config; /* NULL: no file was named */
+    char tokens[TOKENS][TOKEN_BYTES];
+    int argc;
+    char **argv;
+};
+
+static void config_reading_destroy(struct config_reading *s)
+{
+    if (!s)
+        return;
+    config_destroy(s->config);
+    mem_free(s);
+}
+
+/* ---- Tokens in files ---- */
+
+/* The first line of the file. A service manager's own copy of a secret is not ours to complain about. */
+static enum err read_token(const char *path, bool complain, char out[TOKEN_BYTES], struct reason *why)
+{
+    struct stat st;
+    FILE *f = fopen(path, "r");
+
+    if (!f)
+        return err_say(why, ERR_USAGE, "%s: cannot be read: %s", path, strerror(errno));
+    const size_t size = fread(out, 1, TOKEN_BYTES - 1, f);
+    const bool more = size == TOKEN_BYTES - 1 && fgetc(f) != EOF;
+    if (complain && fstat(fileno(f), &st) == 0 && (st.st_mode & 077))
+        log_warning("%s holds a token, and others than its owner may use it (mode %03o): chmod 600", path,
+                    (unsigned)st.st_mode & 0777);
+    fclose(f);
+    out[size] = '\0';
+    if (memchr(out, '\0', size))
+        return err_say(why, ERR_USAGE, "%s: holds a byte that no token has", path);
+    out[strcspn(out, "\r\n")] = '\0';
+    if (more || !out[0])
+        return err_say(why, ERR_USAGE, "%s: its first line is no token of 1 to %d bytes", path, TOKEN_BYTES - 2);
+    return ERR_OK;
+}
+
+/* Each token that was not said from the file that was; or, where neither was, from what the service manager keeps for
+ * us (LoadCredential= of systemd). */
+static enum err take_tokens(struct config_reading *s, struct reason *why)
+{
+    const char *folder = getenv("CREDENTIALS_DIRECTORY");
+    enum err e = ERR_OK;
+
+    for (size_t i = 0; i < TOKENS && !e; i++) {
+        struct option_row *row = options_row(&s->flags.command.options, token_flags[i]);
+        char flag[64], path[4096];
+        snprintf(flag, sizeof(flag), "%s-file", token_flags[i]);
+        const char *file = options_get(&s->flags.command.options, flag);
+        if (file && row->given)
+            return err_say(why, ERR_USAGE, "--%s and --%s exclude each other", token_flags[i], flag);
+        if (!file && !row->given && folder &&
+            snprintf(path, sizeof(path), "%s/%s", folder, token_flags[i]) < (int)sizeof(path) &&
+            access(path, R_OK) == 0)
+            e = read_token(path, false, s->tokens[i], why);
+        else if (file)
+            e = read_token(file, true, s->tokens[i], why);
+        else
+            continue;
+        row->given = s->tokens[i];
+    }
+    return e;
+}
+
+/* ---- Reading it all ---- */
+
+/* Checks flags without using them. */
+static enum err try_out(struct daemon_flags *f, struct reason *why)
+{
+    struct daemon_config c = { 0 };
+
+    return daemon_config_from_flags(f, &c, why);
+}
+
+/* That key of the file alone, everything else being at its default: so each fault is found, and not the first only. */
+static enum err try_key(const struct config *c, size_t index, struct reason *why)
+{
+    struct config_reading *s = mem_alloc(1, sizeof(*s));
+    enum err e;
+
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    daemon_flags_init(&s->flags);
+    why->text[0] = '\0';
+    if (strcmp(config_key(c, index), "config") == 0 || strcmp(config_key(c, index), "check-config") == 0) {
+        e = config_add_location(c, index, err_say(why, ERR_USAGE, "it belongs on a command line"), why);
+        goto done;
+    }
+    e = config_apply(c, index, &s->flags.command.options, why);
+    if (e)
+        goto done; /* it names the place already */
+    const char *key = config_key(c, index);
+    if (strncmp(key, "token-", 6) == 0 && strcmp(key + strlen(key) - 5, "-file") == 0)
+        e = access(options_get(&s->flags.command.options, key), R_OK) == 0
+                ? ERR_OK
+                : err_say(why, ERR_USAGE, "%s: cannot be read: %s", options_get(&s->flags.command.options, key),
+                          strerror(errno));
+    else
+        e = try_out(&s->flags, why);
+    if (e)
+        e = config_add_location(c, index, e, why);
+done:
+    mem_free(s);
+    return e;
+}
+
+/* Several faults are told one a line in the log, and *why counts them. */
+static enum err try_keys(const struct config *c, struct reason *why)
+{
+    struct reason each, first = { "" };
+    enum err e = ERR_OK;
+    unsigned count = 0;
+
+    for (size_t i = 0; i < config_count(c); i++) {
+        const enum err now = try_key(c, i, &each);
+        if (!now)
+            continue;
+        if (count == 1)
+            log_error("%s", first.text);
+        if (count >= 1)
+            log_error("%s", each.text);
+        else
+            first = each;
+        count++;
+        e = e ? e : now;
+    }
+    if (count == 1)
+        *why = first;
+    else if (count > 1)
+        err_say(why, e, "%s: %u faults", config_name(c), count);
+    return e;
+}
+
+static enum err take_file(struct config_reading *s, const char *path, struct reason *why)
+{
+    bool secret = false, done;
+    enum err e = config_read(path, &s->config, why);
+
+    if (!e)
+        e = try_keys(s->config, why);
+    if (e) /* whatever is wrong with it, it is the wrong thing to be told */
+        return e == ERR_NOMEM ? e : ERR_USAGE;
+    daemon_flags_init(&s->flags);
+    for (size_t i = 0; i < config_count(s->config) && !e; i++) {
+        const char *key = config_key(s->config, i);
+        secret |= strncmp(key, "token-", 6) == 0 && strcmp(key + strlen(key) - 5, "-file") != 0;
+        e = config_apply(s->config, i, &s->flags.command.options, why);
+    }
+    if (secret && config_is_readable_by_others(s->config))
+        log_warning("%s holds tokens, and others than its owner may read it: chmod 600, or token-...-file", path);
+    return e ? e : command_parse(&s->flags.command, s->argc, s->argv, &done, why);
+}
+
+static enum err config_reading_create(int argc, char **argv, struct config_reading **out, bool *done,
+                                      struct reason *why)
+{
+    struct config_reading *s = mem_alloc(1, sizeof(*s));
+    enum err e;
+
+    *out = NULL;
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    s->argc = argc;
+    s->argv = argv;
+    daemon_flags_init(&s->flags);
+    e = command_parse(&s->flags.command, argc, argv, done, why);
+    if (e || *done)
+        goto failed;
+    const char *path = options_get(&s->flags.command.options, "config");
+    if (path)
+        e = take_file(s, path, why);
+    if (!e)
+        e = take_tokens(s, why);
+    if (e)
+        goto failed;
+    *out = s;
+    return ERR_OK;
+failed:
+    config_reading_destroy(s);
+    return e;
+}
+
+/* What all of it means for d. Where each key alone made sense, and the command line alone does, the two together do
+ * not. */
+static enum err understand(struct config_reading *s, struct daemon_config *d, struct reason *why)
+{
+    const enum err e = daemon_config_from_flags(&s->flags, d, why);
+    struct reason alone;
+    bool done;
+
+    if (!e || !s->config)
+        return e;
+    struct config_reading *line = mem_alloc(1, sizeof(*line));
+    if (line) {
+        daemon_flags_init(&line->flags);
+        if (!command_parse(&line->flags.command, s->argc, s->argv, &done, &alone) && !try_out(&line->flags, &alone)) {
+            alone = *why;
+            err_say(why, e, "%s: %s", config_name(s->config), alone.text);
+        }
+    }
+    mem_free(line);
+    return e;
+}
+
+/* What can be found out without starting: files that are not there, a source that gives nothing, an address that wants
+ * tokens. Each fault is a line in the log. */
+static enum err check(const struct config_reading *s, const struct daemon_config *d, struct reason *why)
+{
+    const char *name = s->config ? config_name(s->config) : "the command line";
+    struct source *source = NULL;
+    unsigned count = 0;
+
+    if (d->set_desc.scene && access(d->set_desc.scene, R_OK) != 0 && ++count)
+        log_error("scene: %s: cannot be read: %s", d->set_desc.scene, strerror(errno));
+    if (!d->push && source_open(&d->source_desc, &source, why) && ++count)
+        log_error("source: %s", why->text);
+    source_close(source);
+    if (server_check(&d->server_desc, why) && ++count)
+        log_error("%s", why->text);
+    if (count)
+        return err_say(why, ERR_USAGE, "%s: %u fault%s", name, count, count == 1 ? "" : "s");
+    printf("relightd: %s: ok\n", name);
+    return ERR_OK;
+}
+
+enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, int argc, char **argv, bool *done,
+                            struct reason *why)
+{
+    struct config_reading *s = NULL;
+    enum err e = config_reading_create(argc, argv, &s, done, why);
+
+    if (e || *done)
+        return e;
+    r->first = r->latest = s;
+    e = understand(s, c, why);
+    if (e)
+        return e;
+    if (options_on(&s->flags.command.options, "check-config")) {
+        *done = true;
+        return check(s, c, why);
+    }
+    if (c->threads)
+        omp_set_num_threads((int)c->threads);
+    return ERR_OK;
+}
+
+void config_readings_finish(struct config_readings *r)
+{
+    if (r->latest != r->first)
+        config_reading_destroy(r->latest);
+    config_reading_destroy(r->first);
+    *r = (struct config_readings){ 0 };
+}
+
+/* ---- Once more, while it runs ---- */
+
+static bool same(const char *a, const char *b)
+{
+    return a == b || (a && b && strcmp(a, b) == 0);
+}
+
+/* Which kinds of what can change have changed, as bits 1 << enum setting_reload; the rest is logged as needing a
+ * restart. Tokens are named and not shown. TLS neither begins nor ends while it runs, but its files may change. */
+static unsigned compare(const struct config_reading *before, const struct config_reading *after)
+{
+    const struct command *c = &after->flags.command;
+    unsigned changed = 0;
+
+    for (size_t k = 0; c->rows[k].name; k++) {
+        const char *name = c->rows[k].name, *now = c->rows[k].given, *old = before->flags.command.rows[k].given;
+        if (!name[0] || same(old, now))
+            continue;
+        const bool certificate = strncmp(name, "tls-", 4) == 0 && old && now;
+        const enum setting_reload reload = certificate ? RELOAD_SERVER : c->setting[k]->reload;
+        changed |= 1u << reload;
+        if (strncmp(name, "token-", 6) == 0)
+            log_info("reload: %s has changed", name);
+        else if (reload == RELOAD_NEVER)
+            log_warning("reload: %s stays %s until the next start (now %s)", name, old ? old : "unset",
+                        now ? now : "unset");
+        else
+            log_info("reload: %s is %s (was %s)", name, now ? now : "unset", old ? old : "unset");
+    }
+    return changed;
+}
+
+/* The settings that the file speaks of, and of these the changed ones only: what controllers have set beside stays. */
+static void change_settings(struct settings_store *settings, const struct daemon_config *to,
+                            const struct config_reading *before, const struct config_reading *after)
+{
+    struct settings s = settings_now(settings);
+    const struct settings *n = &to->initial;
+    const struct command *c = &after->flags.command;
+    bool effort = false;
+
+    for (size_t k = 0; c->rows[k].name; k++) {
+        const struct setting *row = c->setting[k];
+        if (!row || row->reload != RELOAD_SETTINGS || same(before->flags.command.rows[k].given, c->rows[k].given))
+            continue;
+        setting_copy(row, &s, n);
+        effort |= row->group > 0 || strcmp(row->name, "method") == 0;
+    }
+    if (effort) { /* which of them counts depends on the others */
+        s.method = n->method;
+        s.samples = n->samples;
+        s.counted = n->counted;
+        s.error = n->error;
+    }
+    settings_replace(settings, &s);
+}
+
+static enum err reload(struct config_readings *r, struct settings_store *settings, struct server *server,
+                       struct reason *why)
+{
+    struct daemon_config to = { 0 };
+    struct config_reading *s = NULL;
+    bool done;
+    enum err e = config_reading_create(r->first->argc, r->first->argv, &s, &done, why);
+
+    if (!e)
+        e = understand(s, &to, why);
+    if (!e)
+        e = server_change(server, &to.server_desc, why);
+    if (e) {
+        config_reading_destroy(s);
+        return e;
+    }
+    const unsigned changed = compare(r->latest, s);
+    if (changed >> RELOAD_SETTINGS & 1)
+        change_settings(settings, &to, r->latest, s);
+    atomic_store(&settings->jpeg_quality, to.jpeg_quality);
+    if (r->latest != r->first) /* whose strings are in use until the end */
+        config_reading_destroy(r->latest);
+    r->latest = s;
+    return ERR_OK;
+}
+
+void daemon_config_reload(struct config_readings *r, struct settings_store *settings, struct server *server)
+{
+    struct reason why = { "" };
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    notify_send("RELOADING=1\nMONOTONIC_USEC=%" PRIu64, (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000);
+    if (reload(r, settings, server, &why))
+        log_error("reload: %s; all stays as it was", why.text);
+    else
+        log_info("reload: done");
+    notify_send("READY=1");
+}

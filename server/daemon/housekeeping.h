@@ -1,0 +1,27 @@
+/* The housekeeping thread: the status line on a terminal, log lines that were held back, and the file that keeps the
+ * settings. */
+#ifndef DAEMON_HOUSEKEEPING_H
+#define DAEMON_HOUSEKEEPING_H
+
+#include "base/err.h"
+
+#include <pthread.h>
+#include <stdbool.h>
+
+struct shared;
+struct state_file;
+
+/* Zeroed at first. */
+struct housekeeping_thread {
+    struct shared *shared;
+    struct state_file *state;
+    pthread_t thread;
+    bool running;
+};
+
+/* shared and state must outlive the thread, which ends when shared_is_stopping. ERR_NOMEM: no thread. Main thread. */
+MUST_CHECK enum err housekeeping_start(struct housekeeping_thread *t, struct shared *shared, struct state_file *state,
+                                       struct reason *why);
+void housekeeping_join(struct housekeeping_thread *t);
+
+#endif

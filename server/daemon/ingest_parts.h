@@ -1,0 +1,35 @@
+/* The ingest thread's own data. Only ingest*.c include this. */
+#ifndef DAEMON_INGEST_PARTS_H
+#define DAEMON_INGEST_PARTS_H
+
+#include "daemon/ingest.h"
+#include "daemon/shared.h"
+
+#include <pthread.h>
+
+struct ingest_thread {
+    struct shared *shared;
+    struct source *source;   /* NULL: producers send the frames */
+    struct decoder *decoder; /* NULL: files are decoded in this process */
+    bool warned_clipped;
+    pthread_t thread;
+    bool running;
+};
+
+/* Ingest thread, all of what follows. */
+
+/* Decodes f into a free slot and publishes it to the shade thread. Errors are those of environment_update. */
+MUST_CHECK enum err ingest_frame(struct ingest_thread *t, const struct frame *f, const struct server_ticket *ticket,
+                                 struct reason *why);
+
+/* If settings of the light changed since *seen, publishes the current frame once more with the new ones. */
+void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t version, uint64_t *seen,
+                    struct reason *why);
+
+void ingest_sleep_ms(int64_t ms);
+
+/* Reads until the program stops: from t->source, or from producers. */
+void ingest_from_source(struct ingest_thread *t, struct reason *why);
+void ingest_from_producers(struct ingest_thread *t, struct reason *why);
+
+#endif

@@ -1,0 +1,61 @@
+#include "daemon/ingest_parts.h"
+
+#define TAKE_MS 100
+#define PAUSE_MS 30
+
+/* Without a frame to take: reports that the producer ended its stream or left. Returns the state now reported. */
+static enum server_source report_idle(struct ingest_thread *t, enum server_source reported)
+{
+    struct server_demand demand;
+
+    server_demand(t->shared->server, &demand);
+    if (reported != SERVER_LIVE || (demand.producer && !demand.ended))
+        return reported;
+    if (demand.ended)
+        status_set_source(&t->shared->status, SERVER_ENDED, "the producer has sent all its frames");
+    else
+        status_producer_left(&t->shared->status);
+    return demand.ended ? SERVER_ENDED : SERVER_WAITING;
+}
+
+/* Each frame's producer is sent its fate. Returns the source's state after it. */
+static enum server_source take(struct ingest_thread *t, const struct frame *f, const struct server_ticket *ticket,
+                               enum server_source reported, struct reason *why)
+{
+    struct shared *shared = t->shared;
+
+    if (ingest_frame(t, f, ticket, why)) {
+        server_frame_fate(shared->server, ticket, SERVER_REFUSED, why->text);
+        status_frame_unreadable(&shared->status, why->text, true);
+        return SERVER_FAILED;
+    }
+    if (reported != SERVER_LIVE)
+        status_set_source(&shared->status, SERVER_LIVE, "");
+    return SERVER_LIVE;
+}
+
+void ingest_from_producers(struct ingest_thread *t, struct reason *why)
+{
+    struct shared *shared = t->shared;
+    struct frame f = { 0 };
+    struct server_ticket ticket = { 0 };
+    enum server_source reported = SERVER_WAITING;
+    uint64_t version = 0;
+
+    while (!shared_is_stopping(shared)) {
+        const struct settings now = settings_now(&shared->settings);
+        if (!ticket.lockstep)
+            ingest_relight(t, &f, now.light_version, &version, why);
+        if (now.paused) {
+            ingest_sleep_ms(PAUSE_MS);
+            continue;
+        }
+        if (!server_take_frame(shared->server, &f, &ticket, TAKE_MS)) {
+            reported = report_idle(t, reported);
+            continue;
+        }
+        version = now.light_version;
+        reported = take(t, &f, &ticket, reported, why);
+    }
+    frame_finish(&f);
+}

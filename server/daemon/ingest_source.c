@@ -1,0 +1,203 @@
+#include "daemon/ingest_parts.h"
+
+#include "base/clock.h"
+
+#define MARGIN_MS 2          /* a frame is ready this long before it is wanted */
+#define UNWATCHED_MS 1000    /* between frames of a computed sky that nobody watches */
+#define WATCH_POLL_MS 20     /* how soon a new viewer is noticed meanwhile */
+#define PAUSE_POLL_MS 30     /* how soon a request is noticed while no frame is due */
+#define NAP_MS 50            /* likewise while waiting for the next frame */
+#define FAILURE_FIRST_MS 100 /* wait after a bad frame; doubles up to FAILURE_MOST_MS */
+#define FAILURE_MOST_MS 1000
+
+/* The position in the source and its pace. */
+struct pull {
+    struct ingest_thread *t;
+    struct shared *shared;
+    struct reason *why;
+    struct frame frame;  /* the current one; kind FRAME_NONE before the first */
+    struct frame coming; /* buffer for the next */
+    uint64_t count;      /* frames requested */
+    uint64_t version;    /* light_version with which the current frame was read */
+    int64_t next_ms;     /* when the next frame is due, if the source has a rate */
+    int64_t failure_ms;  /* how long to wait after a bad frame */
+    bool failed, ended, reported_end, paused;
+    bool moved; /* the next frame was requested by step or seek: read it although paused */
+};
+
+static void relight(struct pull *p)
+{
+    ingest_relight(p->t, &p->frame, settings_now(&p->shared->settings).light_version, &p->version, p->why);
+}
+
+/* Steps and seeks as controllers asked since the last call. */
+static void apply_source_request(struct pull *p)
+{
+    const struct source_request r = settings_take_source_request(&p->shared->settings);
+    struct source *source = p->t->source;
+
+    if (r.has_hour && source_sky(source))
+        p->moved |= source_set_hour(source, r.hour + source_sky(source)->speed_hours * (double)r.step);
+    else if (r.has_seek)
+        p->moved |= source_seek(source, r.seek);
+    else if (r.step != 0)
+        p->moved |= source_step(source, r.step);
+}
+
+/* Handles pause, requests and the end of the source. True when a next frame should be read; else relights the current
+ * frame if the settings changed, and sleeps a little. */
+static bool wants_frame(struct pull *p)
+{
+    struct status_board *status = &p->shared->status;
+    const bool paused = settings_now(&p->shared->settings).paused;
+
+    apply_source_request(p);
+    if (!p->ended && paused != p->paused && p->count > 0)
+        status_set_source(status, paused ? SERVER_PAUSED : SERVER_LIVE, "");
+    p->paused = paused;
+    if (p->moved || (!p->ended && !paused))
+        return true;
+    relight(p);
+    if (p->ended && !p->reported_end && !p->failed && status_all_frames_done(status)) {
+        status_set_source(status, SERVER_ENDED, p->count == 1 ? "it is one picture" : "the last frame was shown");
+        p->reported_end = true;
+    }
+    ingest_sleep_ms(PAUSE_POLL_MS);
+    return false;
+}
+
+/* Whether to end the wait for the next frame early. */
+static bool is_interrupted(struct pull *p)
+{
+    return shared_is_stopping(p->shared) || settings_has_source_request(&p->shared->settings) ||
+           settings_now(&p->shared->settings).paused;
+}
+
+/* Sleeps in short naps, so that requests are answered at once. */
+static void sleep_until_ms(struct pull *p, int64_t when_ms)
+{
+    for (int64_t left = when_ms - clock_ms(); left > 0 && !is_interrupted(p); left = when_ms - clock_ms()) {
+        ingest_sleep_ms(left < NAP_MS ? left : NAP_MS);
+        if (p->shared->config.rate > 0.0 && !p->failed)
+            relight(p);
+    }
+}
+
+/* Without a rate, the next frame is read just before shading of this one ends: earlier, it would only grow old. */
+static void wait_until_wanted(struct pull *p)
+{
+    while (!handoff_wait_taken(&p->shared->frames.handoff, 100) && !is_interrupted(p))
+        continue;
+    sleep_until_ms(p, clock_ms() + (int64_t)status_shading_excess_ms(&p->shared->status) - MARGIN_MS);
+}
+
+static bool is_watched(struct pull *p)
+{
+    struct server_demand demand;
+
+    server_demand(p->shared->server, &demand);
+    return demand.viewers > 0 || demand.recorder;
+}
+
+/* Skips frames of a computed sky while nobody watches: after a second, or when a viewer comes, the next frame is the
+ * one of that moment. Files are all read, because their frames are counted. */
+static void pause_while_unwatched(struct pull *p)
+{
+    const int64_t each_ms = (int64_t)(1e3 / p->shared->config.rate), until_ms = p->next_ms + UNWATCHED_MS - each_ms;
+
+    if (source_kind(p->t->source) != SOURCE_SKY || source_count(p->t->source) > 0 || is_watched(p))
+        return;
+    while (clock_ms() < until_ms && !is_watched(p) && !is_interrupted(p))
+        sleep_until_ms(p, clock_ms() + WATCH_POLL_MS);
+    const int64_t passed = (clock_ms() - p->next_ms) / each_ms;
+    if (passed > 0 && !is_interrupted(p) && source_step(p->t->source, 1 + passed))
+        p->next_ms += passed * each_ms;
+}
+
+/* A source without a good frame must not spin. */
+static void wait_after_failure(struct pull *p)
+{
+    const double rate = p->shared->config.rate;
+
+    p->failure_ms = p->failure_ms ? 2 * p->failure_ms : FAILURE_FIRST_MS;
+    p->failure_ms = p->failure_ms < FAILURE_MOST_MS ? p->failure_ms : FAILURE_MOST_MS;
+    sleep_until_ms(p, clock_ms() + (rate > 0.0 ? (int64_t)(1e3 / rate) : p->failure_ms));
+}
+
+static void pace(struct pull *p)
+{
+    const int64_t now = clock_ms();
+
+    if (p->failed) {
+        wait_after_failure(p);
+        return;
+    }
+    p->failure_ms = 0;
+    if (p->shared->config.rate > 0.0) {
+        p->next_ms += (int64_t)(1e3 / p->shared->config.rate);
+        p->next_ms = p->next_ms > now ? p->next_ms : now;
+        sleep_until_ms(p, p->next_ms);
+        pause_while_unwatched(p);
+    } else {
+        wait_until_wanted(p);
+    }
+}
+
+static void swap_frames(struct pull *p)
+{
+    const struct frame before = p->frame;
+
+    p->frame = p->coming;
+    p->coming = before;
+}
+
+/* Publishes the frame that was read, or reports why there is none. */
+static void take_frame(struct pull *p, enum err read)
+{
+    static const struct server_ticket none = { 0 };
+    struct status_board *status = &p->shared->status;
+    const uint64_t length = source_count(p->t->source), version = settings_now(&p->shared->settings).light_version;
+    enum err e = read;
+
+    if (!e) {
+        swap_frames(p);
+        e = ingest_frame(p->t, &p->frame, &none, p->why);
+    }
+    p->count++;
+    if (e) /* log each bad file in the first pass only */
+        status_frame_unreadable(status, p->why->text, length == 0 || p->count <= length);
+    else if (p->failed || p->count == 1 || p->reported_end)
+        status_set_source(status, p->paused ? SERVER_PAUSED : SERVER_LIVE, "");
+    p->failed = e != ERR_OK;
+    p->ended = !e && length == 1 && !p->shared->config.reseed; /* a single picture need not be read again */
+    p->reported_end = false;
+    p->version = version;
+}
+
+void ingest_from_source(struct ingest_thread *t, struct reason *why)
+{
+    struct shared *shared = t->shared;
+    struct pull p = { .t = t, .shared = shared, .why = why, .next_ms = clock_ms() };
+
+    p.version = settings_now(&shared->settings).light_version;
+    while (!shared_is_stopping(shared)) {
+        if (!wants_frame(&p))
+            continue;
+        const enum err e = source_next(t->source, &p.coming, why);
+        const bool moved = p.moved;
+        p.moved = false;
+        if (e == ERR_END) {
+            p.ended = true;
+            continue;
+        }
+        if (!e && p.coming.kind == FRAME_NONE) { /* nothing new in a watched folder */
+            relight(&p);
+            continue;
+        }
+        take_frame(&p, e);
+        if (!p.ended && !(moved && p.paused))
+            pace(&p);
+    }
+    frame_finish(&p.frame);
+    frame_finish(&p.coming);
+}

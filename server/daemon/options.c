@@ -1,0 +1,150 @@
+#include "daemon/options.h"
+
+#include "base/setting_table.h"
+#include "video/h264.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define MIB_MOST 2047 /* of --max-frame-mib */
+#define LOG_BURST 20  /* lines of a kind within */
+#define LOG_WINDOW_MS 10000
+
+#define SCENE .section = "Scene and environment"
+#define RENDERING .section = "Rendering"
+#define NETWORK .section = "Network"
+#define ACCESS .section = "Access and limits"
+#define LOGS .section = "Log and state"
+#define FILES .section = "Configuration"
+#define AT(field) SETTING_AT(daemon_config, field)
+
+/* The flags that relightd alone has. */
+static const struct setting table[] = {
+    { "rate", "N", "frames per second from the source; 0: as fast as they are shown", "0", SCENE, REAL(0.0, 1000.0),
+      AT(rate) },
+    { "converge", "E", "refine a still image until its relMSE is E; off: no refinement", "3e-5", RENDERING,
+      REAL(1e-9, 10.0), .off = "off", AT(converge.error) },
+    { "converge-passes", "N", "or until it has this many passes of --samples samples", "4096", RENDERING,
+      WHOLE(2, 1u << 20), AT(converge.passes) },
+    { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1", NETWORK, TEXT,
+      AT(server_desc.address) },
+    { "port", "P", "port to listen on; 0: any free one", "8080", NETWORK, WHOLE(0, 65535), AT(server_desc.port) },
+    { "tls-cert", "FILE",
+      "PEM certificate, followed by its intermediate certificates (full chain); with --tls-key: HTTPS only", NULL,
+      NETWORK, TEXT, AT(server_desc.tls_cert) },
+    { "tls-key", "FILE", "its private key in PEM, without a password", NULL, NETWORK, TEXT, AT(server_desc.tls_key) },
+    { "web", "DIR", "folder of the viewer page; default: the one installed with the program", NULL, NETWORK, TEXT,
+      AT(server_desc.web_dir) },
+    { "h264-mbit", "N", "maximum bit rate of H.264, in Mbit/s; 0: half a bit per pixel of each frame", "0", NETWORK,
+      REAL(0.0, 1000.0), .scale = 1e6, AT(h264_bits) },
+    { "no-h264", NULL, "do not offer H.264 to viewers", NULL, NETWORK, SWITCH_OFF, AT(server_desc.h264) },
+    { "token-viewer", "T", "token required from viewers", NULL, ACCESS, TEXT, AT(server_desc.tokens[SERVER_VIEWER]),
+      .reload = RELOAD_SERVER },
+    { "token-controller", "T", "token required from controllers", NULL, ACCESS, TEXT,
+      AT(server_desc.tokens[SERVER_CONTROLLER]), .reload = RELOAD_SERVER },
+    { "token-producer", "T", "token required from producers", NULL, ACCESS, TEXT,
+      AT(server_desc.tokens[SERVER_PRODUCER]), .reload = RELOAD_SERVER },
+    { "token-metrics", "T", "token required to read /metrics; default: none on loopback, else the viewers' token", NULL,
+      ACCESS, TEXT, AT(server_desc.token_metrics), .reload = RELOAD_SERVER },
+    { "token-viewer-file", "FILE", "file with that token, which then appears in no list of processes", NULL, ACCESS,
+      TEXT, .reload = RELOAD_SERVER },
+    { "token-controller-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
+    { "token-producer-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
+    { "token-metrics-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
+    { "host", "NAMES", "host names to answer to besides this machine's own, separated by commas: a proxy's", NULL,
+      ACCESS, TEXT, AT(server_desc.hosts), .reload = RELOAD_SERVER },
+    { "behind-proxy", NULL, "trust X-Forwarded-For from a proxy on this machine, whose limits then count", NULL, ACCESS,
+      SWITCH, AT(server_desc.behind_proxy), .reload = RELOAD_SERVER },
+    { "max-connections", "N", "maximum number of WebSockets", "128", ACCESS, WHOLE(1, 4096),
+      AT(server_desc.max_connections) },
+    { "max-per-address", "N", "of these from one address; default: 32, and no limit for this machine", NULL, ACCESS,
+      WHOLE(1, 4096), AT(server_desc.max_per_address), .reload = RELOAD_SERVER },
+    { "max-frame-mib", "N", "largest environment frame accepted over the network, in MiB", "256", ACCESS,
+      WHOLE(1, MIB_MOST), .scale = 1 << 20, AT(server_desc.max_frame_bytes), .reload = RELOAD_SERVER },
+    { "max-frame-side", "N", "longest side of such a frame in texels, up to 16384; memory grows with its square",
+      "8192", ACCESS, WHOLE(1, IMAGE_MAX_SIDE), AT(max_side) },
+    { "decoder", "PROGRAM", "decodes what producers send; default: the relight-decoder installed with the program",
+      NULL, ACCESS, TEXT, AT(decoder_desc.program) },
+    { "decode-seconds", "N", "time limit for decoding one file", "10", ACCESS, REAL(0.1, 3600.0), AT(decode_seconds) },
+    { "no-sandbox", NULL, "decode what producers send in this process, where a bad file can do harm", NULL, ACCESS,
+      SWITCH, AT(no_sandbox) },
+    { "log", "FORM", "form of the log on standard error", "plain", LOGS, CHOICE(log_forms), AT(log.form) },
+    { "log-level", "LEVEL", "least important messages to log", "info", LOGS, CHOICE(log_levels), AT(log.level) },
+    { "state", "DIR", "keep what controllers set in DIR/state.json across restarts", NULL, LOGS, TEXT, AT(state_dir) },
+    { "config", "FILE", "JSON object whose keys are these flags without dashes; command-line flags override the file",
+      NULL, FILES, TEXT },
+    { "check-config", NULL, "check flags and configuration, report all faults and exit", NULL, FILES, SWITCH },
+    { .name = NULL },
+};
+
+void daemon_flags_init(struct daemon_flags *f)
+{
+    f->command = (struct command){
+        .options = {
+            .program = "relightd",
+            .synopsis = "[--scene FILE] [--source S] [flags]",
+            .about = "Lights a scene by a live stream of environment frames and shows it in a browser.\n"
+                     "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
+            .epilogue_title = "keys of sky:, with their defaults",
+            .epilogue = sky_help,
+        },
+        .program = FOR_RELIGHTD,
+        .lists = { { settings_table, NULL }, { table, NULL } },
+    };
+    command_begin(&f->command);
+    command_default(&f->command, "samples", "16");
+    command_default(&f->command, "paths", "direct");
+}
+
+static enum err take_setup(struct daemon_config *d, const struct setup *s, bool counted, struct reason *why)
+{
+    d->initial = s->initial;
+    d->initial.counted = counted;
+    if (d->initial.error > 0.0 && (counted || d->initial.method != METHOD_AUTO))
+        return err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
+    d->light = s->light;
+    d->source_desc = s->source_desc;
+    d->set_desc = s->set_desc;
+    d->set_desc.camera = d->initial.camera[0] ? d->initial.camera : NULL;
+    d->set_desc.progress = true;
+    d->importance = s->environment.importance;
+    d->layout = s->environment.layout;
+    d->reseed = s->reseed;
+    d->kernels = s->kernels;
+    d->threads = s->threads;
+    d->jpeg_quality = (int)s->quality;
+    return ERR_OK;
+}
+
+enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *d, struct reason *why)
+{
+    struct command *c = &f->command;
+    struct server_desc *server = &d->server_desc;
+    struct setup setup = { .threads = 0 };
+
+    c->lists[0].values = &setup;
+    c->lists[1].values = d;
+    enum err e = command_read(c, why);
+    if (!e)
+        e = setup_complete(&setup, why);
+    if (!e)
+        e = take_setup(d, &setup, command_given(c, "samples"), why);
+    if (e)
+        return e;
+    d->push = strcmp(d->source_desc.spec, "push:") == 0;
+    d->computed_sky = strncmp(d->source_desc.spec, "sky:", 4) == 0;
+    if (d->computed_sky)
+        e = sky_parse(d->source_desc.spec + 4, &d->sky, why);
+    server->push = d->push;
+    server->h264 &= h264_available();
+    server->controls = settings_table;
+    /* With a token for every role any address is allowed. */
+    server->allow_remote =
+        server->tokens[SERVER_VIEWER] && server->tokens[SERVER_CONTROLLER] && server->tokens[SERVER_PRODUCER];
+    d->max_side = d->push ? d->max_side : 0;
+    d->decoder_desc.timeout_ms = (uint32_t)(1e3 * d->decode_seconds);
+    d->decoder_desc.file_bytes = (size_t)MIB_MOST << 20; /* address space: --max-frame-mib may change */
+    d->log.burst = LOG_BURST;
+    d->log.window_ms = LOG_WINDOW_MS;
+    return e;
+}

@@ -1,0 +1,194 @@
+/* The server, from top to bottom: a sky comes in, pictures go out. Three threads pass work on to the next:
+ *     ingest   source or producer -> decode -> cube map and sampling tables       ingest.h
+ *     shade    (main) light at the shade points -> linear picture; refines it     shade.h
+ *     encode   exposure -> tone curve -> JPEG, H.264 or EXR                       encode.h
+ * Between two of them is a handoff of three slots (slots.h): the newest wins, and nobody waits for a copy. The network
+ * thread belongs to stream/server.h; housekeeping.h and service_manager.h look after the process. */
+#include "daemon/encode.h"
+#include "daemon/housekeeping.h"
+#include "daemon/ingest.h"
+#include "daemon/service_manager.h"
+#include "daemon/shade.h"
+#include "daemon/shared.h"
+#include "daemon/state.h"
+
+#include "base/log.h"
+#include "base/progress.h"
+#include "base/threads.h"
+
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <unistd.h>
+
+#define STOP_S 5 /* from the signal to the end, whatever is under way */
+
+/* Signal handlers can reach nothing else; struct shared points to them. */
+static atomic_bool stop_asked;
+static atomic_bool reload_asked;
+static atomic_bool new_work;
+
+struct daemon {
+    struct shared shared;
+    struct ingest_thread *ingest;
+    struct shade_thread *shade;
+    struct encode_thread *encode;
+    struct housekeeping_thread housekeeping;
+    struct service_thread service;
+    struct state_file state;
+};
+
+/* ---- Signals ---- */
+
+static void on_stop(int signal_number)
+{
+    (void)signal_number;
+    atomic_store(&stop_asked, true); /* lock-free, so a handler may */
+    atomic_store(&new_work, true);
+    alarm(STOP_S);
+}
+
+/* Loading a scene or a large frame cannot be interrupted. Leaving it loses nothing: files are renamed when they are
+ * complete, and the network thread has told every client. */
+static void on_alarm(int signal_number)
+{
+    static const char words[] = "relightd: warning: stopped in the middle of work that did not end\n";
+
+    (void)signal_number;
+    if (write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
+        _exit(1);
+    _exit(0);
+}
+
+static void on_reload(int signal_number)
+{
+    (void)signal_number;
+    atomic_store(&reload_asked, true);
+    atomic_store(&new_work, true);
+}
+
+static void handle_signals(void)
+{
+    /* A second signal of the same kind ends the program at once. */
+    sigaction(SIGINT, &(struct sigaction){ .sa_handler = on_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
+    sigaction(SIGTERM, &(struct sigaction){ .sa_handler = on_stop, .sa_flags = (int)SA_RESETHAND }, NULL);
+    sigaction(SIGALRM, &(struct sigaction){ .sa_handler = on_alarm }, NULL);
+    sigaction(SIGHUP, &(struct sigaction){ .sa_handler = on_reload }, NULL);
+    sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
+}
+
+/* ---- Begin, run, end ---- */
+
+/* Opens the port and the source first: if one fails, say so before the long work. */
+static enum err open_outside(struct daemon *d, struct reason *why)
+{
+    struct shared *s = &d->shared;
+    enum err e = server_create(&s->config.server_desc, &s->server, why);
+
+    s->settings.server = s->server;
+    if (!e)
+        e = ingest_thread_create(s, &d->ingest, why);
+    if (e)
+        return e;
+    status_begin(&s->status, s);
+    status_set_source(&s->status, SERVER_WAITING, "the scene is being prepared");
+    return service_manager_start(&d->service, s, why);
+}
+
+/* Loads the scene, computes what the method needs and restores the settings of the last run. */
+static enum err load_scene(struct daemon *d, struct reason *why)
+{
+    struct shared *s = &d->shared;
+    enum err e = shade_thread_create(s, &d->shade, why);
+
+    if (!e)
+        e = encode_thread_create(s, &d->encode, why);
+    if (!e)
+        e = shade_thread_prepare(d->shade, why);
+    if (e)
+        return e;
+    const char *camera = shade_thread_camera(d->shade);
+    s->settings.scene = shade_thread_scene(d->shade);
+    status_set_cameras(&s->status, s->settings.scene, camera);
+    settings_set_camera(&s->settings, camera);
+    state_open(&d->state, &s->config, &s->settings, camera);
+    settings_send(&s->settings);
+    status_set_source(&s->status, SERVER_WAITING,
+                      s->config.push ? "no producer has sent a frame yet" : "the first frame of the sky is being read");
+    return ERR_OK;
+}
+
+static enum err run(struct daemon *d, struct reason *why)
+{
+    enum err e = ingest_thread_start(d->ingest, why);
+
+    if (!e)
+        e = encode_thread_start(d->encode, why);
+    if (!e)
+        e = housekeeping_start(&d->housekeeping, &d->shared, &d->state, why);
+    if (e)
+        return e;
+    log_info("listening on %s", server_url(d->shared.server));
+    return shade_thread_run(d->shade, why);
+}
+
+static void tear_down(struct daemon *d)
+{
+    struct shared *s = &d->shared;
+
+    if (s->server)
+        server_drain(s->server);
+    shared_close(s);
+    ingest_thread_destroy(d->ingest);
+    encode_thread_destroy(d->encode);
+    service_manager_stop(&d->service);
+    housekeeping_join(&d->housekeeping);
+    state_close(&d->state);
+    progress_show(stderr, "");
+    server_destroy(s->server);
+    shade_thread_destroy(d->shade);
+    shared_finish(s);
+}
+
+static enum err serve(struct daemon *d, struct reason *why)
+{
+    enum err e = shared_init(&d->shared, why);
+
+    if (!e)
+        e = open_outside(d, why);
+    if (!e)
+        e = load_scene(d, why);
+    if (!e)
+        e = run(d, why);
+    tear_down(d);
+    return e;
+}
+
+int main(int argc, char **argv)
+{
+    static struct daemon d; /* zeroed, and too large for a stack */
+    struct shared *s = &d.shared;
+    struct reason why = { "" };
+    bool done = false;
+
+    threads_wait_passively(argv);
+    log_init("relightd", LOG_INFO);
+    handle_signals();
+    s->stop = &stop_asked;
+    s->reload = &reload_asked;
+    s->new_work = &new_work;
+    enum err e = daemon_config_read(&s->config, &s->readings, argc, argv, &done, &why);
+    s->config.server_desc.new_work = &new_work;
+    s->config.server_desc.leave = &stop_asked;
+    if (!e && !done) {
+        log_configure(&s->config.log);
+        e = serve(&d, &why);
+    }
+    config_readings_finish(&s->readings);
+    if (e)
+        log_error("%s", why.text[0] ? why.text : err_text(e));
+    else if (!done)
+        log_info("stopped");
+    log_flush(true);
+    return err_exit_code(e);
+}

@@ -1,0 +1,71 @@
+/* The settings that controllers may change while relightd runs, and their requests to move within the source. Any
+ * thread; the store locks. */
+#ifndef DAEMON_SETTINGS_H
+#define DAEMON_SETTINGS_H
+
+#include "base/err.h"
+#include "settings/settings.h"
+#include "source/source.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+struct daemon_config;
+struct scene;
+struct server;
+struct server_control;
+
+/* A request to move within the source. */
+struct source_request {
+    bool has_seek, has_hour;
+    uint64_t seek; /* position */
+    double hour;   /* solar time, 0..24 */
+    int64_t step;  /* frames from there, or from the current one */
+};
+
+struct settings_store {
+    /* Set before other threads start, then constant. */
+    const struct daemon_config *config;
+    struct server *server;
+    const struct scene *scene; /* whose cameras may be asked for */
+    enum source_kind source_kind;
+    uint64_t source_length; /* frames in a pass; 0: unknown or endless */
+
+    pthread_mutex_t lock;
+    struct settings now;           /* {lock} */
+    struct source_request request; /* {lock} */
+    atomic_bool request_waiting;
+    atomic_int jpeg_quality; /* 1..100, for viewers that do not ask for one */
+};
+
+/* config must outlive the store. The initial settings take effect. */
+void settings_init(struct settings_store *store, const struct daemon_config *config);
+void settings_finish(struct settings_store *store);
+
+/* A copy of the current settings. */
+struct settings settings_now(struct settings_store *store);
+
+/* Applies all requests from controllers since the last call and sends everyone the result, or the requester the
+ * error. */
+void settings_take_control(struct settings_store *store);
+
+/* The camera in use is this one: at the start, or when a change of camera failed. Sends everyone the settings. */
+void settings_set_camera(struct settings_store *store, const char *camera);
+
+/* Sends everyone the current settings. */
+void settings_send(struct settings_store *store);
+
+/* Replaces all settings, raises both versions and sends everyone the result. */
+void settings_replace(struct settings_store *store, const struct settings *to);
+
+/* The pending request to move within the source, once. */
+struct source_request settings_take_source_request(struct settings_store *store);
+bool settings_has_source_request(struct settings_store *store);
+
+/* Applies one control message and sends nothing. ERR_USAGE: *why says what is wrong; the settings are unchanged. */
+MUST_CHECK enum err settings_apply(struct settings_store *store, const struct server_control *asked,
+                                   struct reason *why);
+
+#endif

@@ -1,0 +1,279 @@
+#include "daemon/shade_parts.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+
+#include <time.h>
+
+#define PICTURE_SHARE 0.9 /* of the time between two pictures that a measured picture may use, */
+#define CACHE_SHARE 0.75  /* and while a cache is computed beside: it costs quality, not rate */
+#define POLL_MS 30        /* how soon controls are noticed while no frame comes */
+#define PACE_MS 2         /* likewise while a picture is not due yet */
+
+static bool is_stopping(const struct shade_thread *t)
+{
+    return atomic_load(t->shared->stop);
+}
+
+/* ---- One picture ---- */
+
+/* Combines the configuration with the settings. */
+static struct relight_desc describe_light(struct shade_thread *t, const struct ingested *in, const struct settings *now,
+                                          struct reason *why)
+{
+    const struct daemon_config *c = &t->shared->config;
+    struct relight_desc desc = c->light;
+
+    desc.classes = now->classes;
+    desc.direct.method = now->method;
+    desc.direct.samples = now->samples;
+    desc.direct.pass = c->reseed ? in->environment->number : 0;
+    desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures++; /* dropped frames do not count */
+    desc.direct.cancel = t->shared->stop;
+    desc.direct.why = why;
+    desc.cache_background = desc.cache_background && !in->ticket.lockstep;
+    return desc;
+}
+
+static struct protocol_picture make_header(const struct daemon_config *c, const struct ingested *in, double queued_ms,
+                                           const struct relight_stats *stats, uint32_t samples)
+{
+    return (struct protocol_picture){
+        .frame = in->environment->number,
+        .capture_us = in->environment->capture_us,
+        .queued_us = (uint32_t)(1e3 * queued_ms),
+        .decoded_us = (uint32_t)(1e3 * in->decode_ms),
+        .shaded_us = (uint32_t)(1e3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->resolve_ms)),
+        .width = c->set_desc.width,
+        .height = c->set_desc.height,
+        .samples = samples,
+    };
+}
+
+/* What lighting one frame used and measured. */
+struct lighting {
+    struct settings settings;
+    struct relight_desc asked; /* what the settings ask for */
+    struct frame_request request;
+    struct decision decision;
+    struct relight_stats stats;
+    struct pilot_stats pilot; /* zeroed unless the decision was measured */
+};
+
+/* Lockstep renders must be reproducible, so they always use the sample counts from the command line. Otherwise auto
+ * gets a share of the interval, which leaves room for encoding and reading: they run on other threads and slow this one
+ * down. */
+static struct frame_request make_request(struct shade_thread *t, const struct ingested *in, const struct lighting *l)
+{
+    struct frame_request q = { .light = &l->asked, .background = true };
+
+    if (l->settings.method != METHOD_AUTO || l->settings.counted || in->ticket.lockstep)
+        return q;
+    q.target.seconds =
+        (decider_is_computing(&t->decider, t->relighter) ? CACHE_SHARE : PICTURE_SHARE) / l->settings.fps;
+    q.target.error = l->settings.error;
+    return q;
+}
+
+/* Lights the frame into rgb. Lockstep frames use the initial settings and the first camera. */
+static enum err light_frame(struct shade_thread *t, const struct ingested *in, float *rgb, struct lighting *l,
+                            struct reason *why)
+{
+    struct shared *shared = t->shared;
+    struct relighter *r = in->ticket.lockstep ? t->first_relighter : t->relighter;
+
+    l->settings = in->ticket.lockstep ? shared->config.initial : settings_now(&shared->settings);
+    l->asked = describe_light(t, in, &l->settings, why);
+    l->request = make_request(t, in, l);
+    decide(&t->decider, &l->request, &l->decision);
+    return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
+}
+
+static void publish(struct shade_thread *t, int slot, const struct ingested *in, struct lighting *l, double queued_ms,
+                    bool new_view)
+{
+    struct shared *shared = t->shared;
+    struct shaded *out = &shared->pictures.slot[slot];
+    const struct relight_desc *light = &l->decision.light;
+    const bool measured = l->decision.by == DECIDED_BY_MEASURES;
+    const struct protocol_picture header =
+        make_header(&shared->config, in, queued_ms, &l->stats, measured ? l->pilot.samples : light->direct.samples);
+
+    out->header = header;
+    out->ticket = in->ticket;
+    out->new_view = new_view;
+    probe_report_picture(t, out);
+    picture_slots_publish(&shared->pictures, slot, shared->server); /* from here on the slot is the encode thread's */
+    const double now_s = clock_seconds();
+    status_picture_shaded(&shared->status,
+                          &(struct picture_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
+                                                    t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0 });
+    decider_learn(&t->decider, t->relighter, &l->request, &l->decision, &l->stats, &l->pilot);
+    refine_open(t, &(struct shown_picture){ in, out, *light, header, now_s, now_s - t->shaded_s });
+    t->shaded_s = now_s;
+}
+
+static enum err shade_frame(struct shade_thread *t, const struct ingested *in, bool new_view, struct reason *why)
+{
+    struct shared *shared = t->shared;
+    const int slot = handoff_begin(&shared->pictures.handoff);
+    const double queued_ms = (double)(clock_ms() - in->ready_ms);
+    struct lighting l = { 0 };
+
+    t->last = NULL; /* this may be its slot, and its frame is gone */
+    const enum err e = light_frame(t, in, shared->pictures.slot[slot].rgb, &l, why);
+    t->display_version = l.settings.display_version;
+    if (e == ERR_UNSUPPORTED || e == ERR_RANGE) { /* this layout or this size: the picture before stays */
+        server_frame_fate(shared->server, &in->ticket, SERVER_REFUSED, why->text);
+        status_frame_unusable(&shared->status, why->text);
+        return ERR_OK;
+    }
+    if (e)
+        return err_say(why, e, "%s: no memory for the light samples", in->environment->name);
+    if (!is_stopping(t)) /* else the picture is incomplete */
+        publish(t, slot, in, &l, queued_ms, new_view);
+    return ERR_OK;
+}
+
+/* ---- The loop ---- */
+
+/* Seconds between pictures. Without viewers, one a second keeps the last one fresh; a recorder waits for every frame,
+ * so its frames are made as fast as possible. */
+static double interval_s(struct shade_thread *t)
+{
+    struct server_demand demand;
+
+    server_demand(t->shared->server, &demand);
+    if (demand.recorder)
+        return 0.0;
+    return demand.viewers ? 1.0 / settings_now(&t->shared->settings).fps : 1.0;
+}
+
+/* Applies what controllers and signals asked for. After a change of camera the current frame is lit again, unless it
+ * belongs to a lockstep sequence. */
+static enum err apply_controls(struct shade_thread *t, struct reason *why)
+{
+    struct shared *shared = t->shared;
+
+    if (atomic_exchange(shared->reload, false))
+        daemon_config_reload(&shared->readings, &shared->settings, shared->server);
+    settings_take_control(&shared->settings);
+    if (camera_follow_settings(t) && t->held != HANDOFF_NONE) {
+        const struct ingested *in = &shared->frames.slot[t->held];
+        const enum err e = in->ticket.lockstep ? ERR_OK : shade_frame(t, in, true, why);
+        if (e)
+            return e;
+    }
+    if (atomic_exchange(&shared->repeat_requested, false) ||
+        settings_now(&shared->settings).display_version != t->display_version)
+        refine_republish(t);
+    return ERR_OK;
+}
+
+/* Takes the newest frame, lets go of the one before and lights it. due_s: when this picture was due. */
+static enum err shade_next(struct shade_thread *t, double due_s, double now_s, struct reason *why)
+{
+    struct frame_slots *frames = &t->shared->frames;
+
+    refine_close(t);
+    if (t->held != HANDOFF_NONE)
+        handoff_release(&frames->handoff, t->held);
+    t->held = handoff_take(&frames->handoff, 0);
+    if (t->held == HANDOFF_NONE) /* closed */
+        return ERR_OK;
+    /* Keep to the grid of the requested rate, unless it was missed by more than one picture. */
+    t->begun_s = now_s - due_s < interval_s(t) ? due_s : now_s;
+    return shade_frame(t, &frames->slot[t->held], false, why);
+}
+
+enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
+{
+    struct shared *shared = t->shared;
+
+    server_beat(shared->server);
+    atomic_store(shared->new_work, false); /* what came before is handled below; what comes later ends a pass */
+    const enum err e = apply_controls(t, why);
+    if (e)
+        return e;
+    probe_result(t);
+    const double due_s = t->begun_s + interval_s(t), now_s = clock_seconds();
+    if (now_s < due_s) {
+        nanosleep(&(struct timespec){ .tv_nsec = PACE_MS * 1000000L }, NULL);
+        return ERR_OK;
+    }
+    const bool refine = refine_is_due(t);
+    if (handoff_wait_newer(&shared->frames.handoff, refine ? 0 : POLL_MS))
+        return shade_next(t, due_s, now_s, why);
+    return refine && !is_stopping(t) ? refine_pass(t, why) : ERR_OK;
+}
+
+enum err shade_thread_run(struct shade_thread *t, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    while (!e && !is_stopping(t))
+        e = shade_thread_turn(t, why);
+    return e;
+}
+
+/* ---- Begin and end ---- */
+
+enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why)
+{
+    const struct daemon_config *c = &shared->config;
+    struct shade_thread *t = mem_alloc(1, sizeof(*t));
+
+    *out = NULL;
+    if (!t)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    t->shared = shared;
+    t->held = HANDOFF_NONE;
+    enum err e = set_create(&c->set_desc, &t->first_set, why);
+    if (e)
+        goto failed;
+    t->set = t->first_set;
+    t->first_relighter = t->relighter = relighter_create(t->set, c->kernels);
+    if (!t->relighter) {
+        e = err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", c->set_desc.width, c->set_desc.height);
+        goto failed;
+    }
+    *out = t;
+    return ERR_OK;
+failed:
+    shade_thread_destroy(t);
+    return e;
+}
+
+const struct scene *shade_thread_scene(const struct shade_thread *t)
+{
+    return t->first_set->scene;
+}
+
+const char *shade_thread_camera(const struct shade_thread *t)
+{
+    return t->set->camera;
+}
+
+enum err shade_thread_prepare(struct shade_thread *t, struct reason *why)
+{
+    struct relight_desc light = t->shared->config.light;
+    double ms;
+
+    if ((light.direct.method == METHOD_CACHED && !light.cache_background) || light.caustics == PLAN_STORED)
+        status_set_source(&t->shared->status, SERVER_WAITING, "light transport is being computed");
+    light.direct.cancel = t->shared->stop;
+    light.direct.why = why;
+    return relighter_prepare(t->relighter, &light, t->shared->config.set_desc.progress, &ms);
+}
+
+void shade_thread_destroy(struct shade_thread *t)
+{
+    if (!t)
+        return;
+    decider_finish(&t->decider);
+    still_destroy(t->refine.still);
+    probe_finish(t);
+    camera_finish(t);
+    mem_free(t);
+}

@@ -1,0 +1,53 @@
+/* What the threads hand on: frames from ingest to shade, pictures from shade to encode. Three slots each
+ * (base/handoff.h): the newest wins, and a slot is written or read by one thread at a time. */
+#ifndef DAEMON_SLOTS_H
+#define DAEMON_SLOTS_H
+
+#include "base/err.h"
+#include "base/handoff.h"
+#include "env/environment.h"
+#include "source/sky.h"
+#include "stream/server.h"
+
+struct daemon_config;
+
+/* An environment frame, ready to light the scene. */
+struct ingested {
+    struct environment *environment;
+    struct server_ticket ticket; /* id 0: not from a producer */
+    double decode_ms;
+    int64_t ready_ms;    /* clock_ms when it was published */
+    uint64_t position;   /* in the source */
+    bool has_sky;        /* the frame was computed */
+    struct sky_desc sky; /* from this, where has_sky */
+};
+
+/* A linear picture, float[height][width][3], ready to encode. */
+struct shaded {
+    float *rgb;
+    struct protocol_picture header;
+    struct server_ticket ticket;
+    bool new_view; /* first picture of another camera: automatic exposure starts afresh */
+};
+
+struct frame_slots {
+    struct handoff handoff;
+    struct ingested slot[HANDOFF_SLOTS];
+    struct resample_tables *tables; /* shared by the three environments */
+};
+
+struct picture_slots {
+    struct handoff handoff;
+    struct shaded slot[HANDOFF_SLOTS];
+};
+
+/* Main thread, before the others start. ERR_NOMEM. Call finish in either case; it accepts zeroed memory. */
+MUST_CHECK enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config);
+void frame_slots_finish(struct frame_slots *s);
+MUST_CHECK enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t height);
+void picture_slots_finish(struct picture_slots *s);
+
+/* Shade thread: hands the slot to the encode thread. A picture that this replaces is reported as superseded. */
+void picture_slots_publish(struct picture_slots *s, int slot, struct server *server);
+
+#endif

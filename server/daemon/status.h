@@ -1,0 +1,85 @@
+/* What relightd reports about itself: to viewers (status), to /metrics (figures), to the terminal and to the service
+ * manager. Each thread reports its events here; the board adds them up and passes them to the server. Any thread; the
+ * board locks. */
+#ifndef DAEMON_STATUS_H
+#define DAEMON_STATUS_H
+
+#include "base/err.h"
+#include "stream/server.h"
+
+#include <pthread.h>
+#include <stdbool.h>
+
+struct decoder_counts;
+struct handoff;
+struct image_faults;
+struct ingested;
+struct pilot_stats;
+struct relight_desc;
+struct relight_stats;
+struct scene;
+struct shared;
+struct still_stats;
+
+struct status_board {
+    struct server *server; /* constant */
+    struct handoff *frames, *pictures;
+
+    pthread_mutex_t lock;
+    struct server_figures figures; /* {lock} */
+    uint64_t cache_rays;           /* {lock} traced for the present cache */
+    const char **cameras;          /* {lock} of the scene, ended by NULL */
+};
+
+/* shared must outlive the board. */
+void status_init(struct status_board *b, struct shared *shared);
+void status_finish(struct status_board *b);
+
+/* The server runs and the source is open: fills in what the configuration says. */
+void status_begin(struct status_board *b, const struct shared *shared);
+/* The scene is loaded: which cameras there are, and which is shown. */
+void status_set_cameras(struct status_board *b, const struct scene *scene, const char *shown);
+
+/* The source's state. detail: a phrase for viewers, "" for none. */
+void status_set_source(struct status_board *b, enum server_source source, const char *detail);
+/* The producer disconnected without ending its stream. */
+void status_producer_left(struct status_board *b);
+
+/* A frame arrived and could not be read; log: also log why. */
+void status_frame_unreadable(struct status_board *b, const char *why, bool log);
+/* A frame arrived and was read; replaced: an earlier one was dropped for it. */
+void status_frame_received(struct status_board *b, const struct image_faults *faults, bool replaced);
+/* A frame was read, but the method in force cannot use it. */
+void status_frame_unusable(struct status_board *b, const char *why);
+
+/* A picture of a frame: what it was made from, how and how long after the one before. */
+struct picture_report {
+    const struct ingested *in;
+    struct protocol_picture header;
+    const struct relight_desc *light;
+    const struct relight_stats *stats;
+    const struct pilot_stats *pilot; /* NULL: the pilot did not choose */
+    double interval_s;               /* 0: it is the first */
+};
+void status_picture_shaded(struct status_board *b, const struct picture_report *report);
+/* The next picture is a refinement of the same frame. */
+void status_picture_refined(struct status_board *b, const struct still_stats *stats);
+void status_picture_encoded(struct status_board *b, double ms);
+
+/* Decoding of producers' files; confined: the kernel limits the decoder's system calls. */
+void status_decoder(struct status_board *b, const struct decoder_counts *counts, bool confined);
+
+/* This share, 0..1, of the camera's view is computed; 1: it is shown now. */
+void status_camera_progress(struct status_board *b, const char *camera, double share);
+
+/* Whether every received frame was shaded, dropped or refused. */
+bool status_all_frames_done(struct status_board *b);
+/* By how much shading takes longer than reading a frame, recently, in milliseconds; 0 when it does not. */
+double status_shading_excess_ms(struct status_board *b);
+
+/* For the terminal: "29.8 pictures/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
+void status_line(struct status_board *b, uint32_t viewers, char *text, size_t size);
+/* For the service manager: one sentence without line ends. */
+void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_t size);
+
+#endif

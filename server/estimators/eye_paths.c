@@ -1,0 +1,334 @@
+#include "estimators/eye_paths.h"
+
+#include "base/cancel.h"
+#include "estimators/denormals.h"
+#include "brdf/lobe.h"
+#include "base/rng.h"
+#include "env/samples.h"
+#include "scene/scatter.h"
+#include "base/vec.h"
+
+#include <assert.h>
+#include <math.h>
+
+/* Numbers taken from a low-discrepancy sequence; later events use a stream of the path's own. */
+enum number { NUMBER_LOBE, NUMBER_POLAR, NUMBER_AZIMUTH, NUMBER_SKY_X, NUMBER_SKY_Y, NUMBER_COUNT };
+
+struct frame_paths { /* shared by all points; borrowed */
+    const struct scene *scene;
+    const struct rays *rays;
+    const struct environment *environment;
+    uint64_t (*numbers)[NUMBER_COUNT]; /* [paths], in units of 2^-64 */
+    uint32_t paths;
+    uint64_t point_seed, path_seed;
+};
+
+/* A path being traced from a shading point. */
+struct walk {
+    const struct frame_paths *frame;
+    uint32_t classes;
+    struct vec3 origin, dir; /* of the next ray */
+    double weight[3];        /* product of BRDF x cosine / probability so far, and of n^2 */
+    double density;          /* sr^-1: probability of continuing along dir from the last rough surface */
+    bool met_rough;          /* scattered by a rough lobe since the shading point */
+    bool specular;           /* scattered by a delta lobe since the last rough one */
+    uint32_t events;
+    double sky[2]; /* numbers of the first light sample */
+    bool sky_used;
+    struct rng rng;
+    double sum[3]; /* contribution so far */
+    uint64_t rays;
+};
+
+static void add(struct walk *w, const double brdf[3], double scale, const float rgb[3])
+{
+    for (int c = 0; c < 3; c++)
+        w->sum[c] += w->weight[c] * (brdf ? brdf[c] : 1.0) * scale * rgb[c];
+}
+
+/* The ray left the scene. */
+static void escape(struct walk *w)
+{
+    const uint32_t class = w->met_rough  ? (w->specular ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT)
+                           : w->specular ? PATH_CAUSTICS
+                                         : PATH_DIRECT;
+    const float dir[3] = { w->dir.x, w->dir.y, w->dir.z };
+    float rgb[3];
+
+    if (!(w->classes & class))
+        return;
+    const double light = environment_sample_density(w->frame->environment, dir, rgb);
+    add(w, NULL, w->specular ? 1.0 : w->density / (w->density + light), rgb);
+}
+
+/* Next event estimation at a rough surface that continues along its lobe with probability `keep`. The density of the
+ * light sample appears in the sum of the balance heuristic and cancels. */
+static void sample_sky(struct walk *w, const struct lobe *lobe, struct vec3 start, double keep)
+{
+    const struct vec3 wo = vec3_scale(w->dir, -1.0f);
+    double x[2] = { w->sky[0], w->sky[1] }, brdf[3];
+    float d[3], rgb[3], light;
+
+    if (w->sky_used) {
+        x[0] = rng_next(&w->rng);
+        x[1] = rng_next(&w->rng);
+    }
+    w->sky_used = true;
+    if (!environment_sample(w->frame->environment, x, d, rgb, &light) || !(light > 0.0f))
+        return;
+    const struct vec3 wi = vec3_make(d[0], d[1], d[2]);
+    lobe_evaluate(lobe, wo, wi, brdf);
+    if (!(brdf[0] + brdf[1] + brdf[2] > 0.0))
+        return;
+    w->rays++;
+    if (rays_blocked(w->frame->rays, start, wi, 0.0f, INFINITY))
+        return;
+    add(w, brdf, vec3_dot_double(lobe->shading, wi) / ((double)light + keep * lobe_density(lobe, wo, wi)), rgb);
+}
+
+/* Continues along the lobe, which happens with probability `keep`. False: no contribution is possible. */
+static bool follow_lobe(struct walk *w, const struct lobe *lobe, struct vec3 wo, struct vec3 start, const double x[3],
+                        double keep)
+{
+    double brdf[3];
+
+    w->dir = lobe_sample(lobe, wo, x);
+    w->origin = start;
+    w->specular = false;
+    w->density = keep * lobe_density(lobe, wo, w->dir);
+    lobe_evaluate(lobe, wo, w->dir, brdf);
+    if (!(w->density > 0.0 && brdf[0] + brdf[1] + brdf[2] > 0.0))
+        return false;
+    const double scale = vec3_dot_double(lobe->shading, w->dir) / w->density;
+    for (int c = 0; c < 3; c++)
+        w->weight[c] *= brdf[c] * scale;
+    return true;
+}
+
+static void follow_delta(struct walk *w, const struct delta_ray *ray, double keep)
+{
+    w->origin = ray->origin;
+    w->dir = ray->dir;
+    w->specular = true;
+    for (int c = 0; c < 3; c++)
+        w->weight[c] *= ray->weight[c] * ray->radiance_scale / keep;
+}
+
+/* Approximate albedo of a rough lobe: 0..1, > 0 wherever it reflects anything. */
+static double albedo(const struct lobe *l, struct vec3 wo)
+{
+    const struct vec3 d = l->diffuse, s = l->specular;
+    const double f0 = fmax(s.x, fmax(s.y, s.z)), both = fmax(d.x + s.x, fmax(d.y + s.y, d.z + s.z));
+    const double c = 1.0 - fmin(1.0, fmax(0.0, vec3_dot_double(l->shading, wo)));
+
+    return fmin(1.0, l->kind == LOBE_GGX ? fmax(both, f0 + (1.0 - f0) * c * c * c * c * c) : both);
+}
+
+static double mean3(const float w[3])
+{
+    return (w[0] + w[1] + w[2]) / 3.0;
+}
+
+/* Handles a hit: collects its light and continues by one lobe. False: the path ends. */
+static bool meet(struct walk *w, const struct hit *h)
+{
+    struct scatter at;
+    struct delta_ray rays[2];
+    double share[3] = { 0.0, 0.0, 0.0 }; /* of the rough lobe and of the delta rays */
+
+    scatter_at(w->frame->scene, w->frame->rays, h, w->dir, &at);
+    const uint32_t count = scatter_eye(&at, w->dir, rays);
+    const struct lobe lobe = lobe_of(&at);
+    const struct vec3 wo = vec3_scale(w->dir, -1.0f), start = surface_start(&at.surface, 1.0f);
+    const bool rough = at.rough && (w->classes & PATH_INDIRECT);
+    if (rough)
+        share[0] = albedo(&lobe, wo);
+    for (uint32_t i = 0; i < count; i++)
+        share[1 + i] = mean3(rays[i].weight);
+    const double total = share[0] + share[1] + share[2];
+    if (!(total > 0.0))
+        return false;
+    /* Each continuation is selected with its share of the throughput; what is missing to 1 is Russian roulette. There
+     * is no further roulette: paths without loss, between mirrors or in glass, are rare, and thinning them would add
+     * noise. */
+    const double scale = fmin(1.0, 1.0 / total);
+    if (rough && (w->classes & PATH_INDIRECT_LIT))
+        sample_sky(w, &lobe, start, share[0] * scale);
+    const double pick = rng_next(&w->rng) / scale;
+    if (pick < share[0]) {
+        double x[3];
+        for (int k = 0; k < 3; k++)
+            x[k] = rng_next(&w->rng);
+        w->met_rough = true;
+        return follow_lobe(w, &lobe, wo, start, x, share[0] * scale);
+    }
+    for (uint32_t i = 0; i < count; i++)
+        if (pick < share[0] + share[1] + (i ? share[2] : 0.0)) {
+            follow_delta(w, &rays[i], share[1 + i] * scale);
+            return true;
+        }
+    return false;
+}
+
+/* Traces the path from its first ray, whose direction is set. */
+static void walk_on(struct walk *w)
+{
+    for (;;) {
+        struct hit h;
+        w->rays++;
+        if (!rays_intersect(w->frame->rays, w->origin, w->dir, 0.0f, &h)) {
+            escape(w);
+            return;
+        }
+        if (++w->events >= PATH_EVENTS_MAX || !meet(w, &h))
+            return;
+    }
+}
+
+static struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l)
+{
+    return (struct lobe){
+        .kind = (enum lobe_kind)p->kind,
+        .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
+        .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
+        .diffuse = { p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l] },
+        .specular = { p->specular[0][l], p->specular[1][l], p->specular[2][l] },
+        .gloss = p->gloss[l],
+    };
+}
+
+/* All paths of one point. The sequence's numbers get a digital shift per point, which keeps each uniform and the set a
+ * net. */
+static uint64_t shade_point(const struct frame_paths *f, const struct shade_packet *p, uint32_t l, uint64_t point,
+                            uint32_t paths, uint32_t classes, float *lo)
+{
+    const struct lobe lobe = lobe_of_lane(p, l);
+    const struct vec3 wo = vec3_make(p->wo_x[l], p->wo_y[l], p->wo_z[l]), at = vec3_make(p->x[l], p->y[l], p->z[l]);
+    uint64_t shift[NUMBER_COUNT];
+    struct walk w = { .frame = f, .classes = classes };
+
+    for (uint64_t k = 0; k < NUMBER_COUNT; k++)
+        shift[k] = rng_mix(f->point_seed, point * NUMBER_COUNT + k);
+    for (uint32_t i = 0; i < paths; i++) {
+        double x[NUMBER_COUNT];
+        for (int k = 0; k < NUMBER_COUNT; k++)
+            x[k] = rng_unit(f->numbers[i][k] ^ shift[k]);
+        w.weight[0] = w.weight[1] = w.weight[2] = 1.0;
+        w.met_rough = w.sky_used = false;
+        w.events = 0;
+        w.sky[0] = x[NUMBER_SKY_X];
+        w.sky[1] = x[NUMBER_SKY_Y];
+        w.rng.state = rng_mix(f->path_seed, point * f->paths + i);
+        if (follow_lobe(&w, &lobe, wo, at, (const double[]){ x[NUMBER_LOBE], x[NUMBER_POLAR], x[NUMBER_AZIMUTH] }, 1.0))
+            walk_on(&w);
+    }
+    for (int c = 0; c < 3; c++)
+        lo[c * PACKET + l] += (float)(w.sum[c] / paths);
+    return w.rays;
+}
+
+static uint32_t reversed(uint32_t x)
+{
+    uint32_t r = 0;
+    for (int bit = 0; bit < 32; bit++, x >>= 1)
+        r = r << 1 | (x & 1);
+    return r;
+}
+
+/* A shuffled order of the sequence in which every aligned block of 2^k points remains a block, so that the pairs of
+ * numbers a path takes from two sequences are independent, and each sequence remains progressive [Burley 2020]. */
+static uint32_t shuffled(uint64_t seed, uint32_t index)
+{
+    double x[2];
+    rng_sobol2(seed, reversed(index), x);
+    return (uint32_t)(x[0] * 0x1p32);
+}
+
+static void fill_numbers(uint64_t seed, uint32_t first, uint32_t paths, uint64_t (*out)[NUMBER_COUNT])
+{
+    for (uint32_t i = 0; i < paths; i++) {
+        double pick[2], lobe[2], sky[2];
+        rng_sobol2(rng_mix(seed, 0), first + i, lobe);
+        rng_sobol2(rng_mix(seed, 1), shuffled(rng_mix(seed, 2), first + i), sky);
+        rng_sobol2(rng_mix(seed, 3), shuffled(rng_mix(seed, 4), first + i), pick);
+        const double x[NUMBER_COUNT] = { pick[0], lobe[0], lobe[1], sky[0], sky[1] };
+        for (int k = 0; k < NUMBER_COUNT; k++)
+            out[i][k] = (uint64_t)(x[k] * 0x1p53) << 11;
+    }
+}
+
+/* Restricts classes to what exists: no caustics without a mirror or glass. */
+static uint32_t classes_in(const struct scene *scene)
+{
+    uint32_t classes = PATH_INDIRECT_LIT;
+    for (size_t i = 0; i < scene->material_count; i++)
+        if (material_is_delta(&scene->materials[i]))
+            classes |= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
+    return classes;
+}
+
+bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *desc)
+{
+    return ((desc->classes | desc->behind_classes) & classes_in(scene)) != 0;
+}
+
+static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, const struct eye_paths_desc *desc,
+                          const uint32_t classes[2], float *lo, struct eye_paths_stats *stats)
+{
+    const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
+    uint64_t rays = 0, paths = 0;
+
+#pragma omp parallel reduction(+ : rays, paths)
+    {
+        const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < packets; k++) {
+            const uint32_t i = desc->only ? desc->only->index[k] : k;
+            const struct shade_packet *p = &g->packets[i];
+            const uint32_t own = desc->counts ? desc->counts[i] : desc->paths;
+            if (is_cancelled(desc->cancel))
+                continue;
+            for (uint32_t l = 0; l < p->count; l++) {
+                const uint32_t wanted = classes[p->behind[l] != 0];
+                if (!wanted)
+                    continue;
+                rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, own, wanted, lo + (size_t)i * 3 * PACKET);
+                paths += own;
+            }
+        }
+        denormals_restore(before);
+    }
+    stats->rays = rays;
+    stats->paths = paths;
+}
+
+enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
+                         const struct environment *e, const struct eye_paths_desc *desc, float *lo,
+                         struct eye_paths_stats *stats)
+{
+    struct frame_paths f = {
+        .scene = scene,
+        .rays = rays,
+        .environment = e,
+        .paths = desc->paths,
+        .point_seed = rng_mix(desc->seed, 0),
+        .path_seed = rng_mix(rng_mix(desc->seed, 1), desc->pass),
+    };
+
+    const uint32_t found = classes_in(scene), classes[2] = { desc->classes & found, desc->behind_classes & found };
+
+    assert(e->ready && desc->paths >= 1);
+    *stats = (struct eye_paths_stats){ 0 };
+    /* A black sky gives no light; visiting all points for nothing would take a millisecond. */
+    if (!(e->total_energy > 0.0) || !(classes[0] | classes[1]))
+        return ERR_OK;
+    environment_complete(e);
+    scratch_begin(desc->scratch);
+    f.numbers = scratch_alloc(desc->scratch, desc->paths * sizeof(*f.numbers));
+    if (!f.numbers)
+        return ERR_NOMEM;
+    fill_numbers(rng_mix(desc->seed, 2), (uint32_t)(desc->pass * desc->paths), desc->paths, f.numbers);
+    shade_packets(&f, g, desc, classes, lo, stats);
+    scratch_free(desc->scratch, f.numbers);
+    return ERR_OK;
+}

@@ -1,0 +1,57 @@
+/* server/estimators/eye_paths.h */
+/* Indirect light at the shading points of a G-buffer by path tracing: caustics and interreflection (paths.h), at points
+ * seen directly and at those seen in mirrors and through glass, which paths from the light cannot reach. At each point,
+ *     Lo = integral of f(wo, w) max(0, n.w) L(w) dw,
+ * where w is sampled from the rough lobe and L(w) is what a path along w finds:
+ *  - the sky, directly: direct light, which is direct.h's and counts 0 here;
+ *  - the sky after delta events alone: caustics;
+ *  - a rough surface y, possibly after delta events: interreflection. At y, and at every further rough surface, the sky
+ *    is sampled as one table (environment_sample) and by the continuing BRDF ray, with the balance heuristic
+ *    [Veach 1997, Eq. 9.8]. Light samples cannot pass delta events between a BRDF ray and the sky: there the BRDF ray
+ *    counts with weight 1.
+ * One ray continues from each event, selected in proportion to throughput; Russian roulette ends paths without bias
+ * [Veach 1997, section 10.4]. Paths of more than PATH_EVENTS_MAX events are omitted.
+ * Radiance in glass is n^2 times that outside; contributions are scaled accordingly.
+ * Thread: one at a time per scratch; runs on all OpenMP threads. */
+#ifndef ESTIMATORS_EYE_PATHS_H
+#define ESTIMATORS_EYE_PATHS_H
+
+#include "env/environment.h"
+#include "base/err.h"
+#include "scene/gbuffer.h"
+#include "estimators/paths.h"
+#include "scene/rays.h"
+#include "scene/scene.h"
+#include "base/scratch.h"
+
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+struct eye_paths_desc {
+    uint32_t classes;               /* PATH_CAUSTICS | PATH_INDIRECT or a part of them, at points seen directly */
+    uint32_t behind_classes;        /* likewise at points seen in mirrors or through glass (shade_packet.behind) */
+    uint32_t paths;                 /* per shading point, >= 1 */
+    const uint32_t *counts;         /* [packet_count]: per packet, 1..paths; NULL: `paths` for all. See direct.h. */
+    const struct packet_list *only; /* the packets to shade; NULL: all */
+    uint64_t seed, pass; /* determine all random numbers; the passes of a seed continue one low-discrepancy sequence, so
+                            that their mean converges faster */
+    const atomic_bool *cancel; /* once true, remaining packets are not shaded; may be NULL */
+    struct scratch *scratch;   /* memory reused from call to call, exclusive to this caller; NULL: from the system */
+};
+
+struct eye_paths_stats {
+    uint64_t paths; /* started */
+    uint64_t rays;  /* traced, including shadow rays */
+};
+
+/* Whether the scene can contain any of the requested light at all. */
+bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *desc);
+
+/* Adds to lo, float[packet_count][3][16], the radiance towards the viewer. The result does not depend on the number of
+ * threads. ERR_NOMEM: nothing was added. */
+MUST_CHECK enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
+                                    const struct environment *e, const struct eye_paths_desc *desc, float *lo,
+                                    struct eye_paths_stats *stats);
+
+#endif

@@ -1,0 +1,70 @@
+/* server/estimators/particles.h */
+/* Particles from the sky and their splats: shared by light_tracer.h and caustic_store.h. Private to this room.
+ *
+ * A particle starts with flux L / (p_w p_y) / N on a line of direction -w, is traced through the scene, and leaves a
+ * splat wherever the camera sees it on a rough surface; light_tracer.h has the equations. The run determines which
+ * directions are sampled, and with what L. Thread: one at a time per struct particles. */
+#ifndef ESTIMATORS_PARTICLES_H
+#define ESTIMATORS_PARTICLES_H
+
+#include "estimators/light_tracer.h"
+#include "env/sky_split.h"
+
+#define PARTICLE_ROUND 128u /* batches between two calls of `take` for each of them */
+
+/* Packed directions: 3 bits of face, 14 of row and 14 of column of a cube map with 2^14 texels per edge. On any cube
+ * map whose edge divides that, the texel is the one of cube_texel. */
+#define DIRECTION_BITS 14
+
+struct particle_splat {
+    uint32_t pixel, from; /* from: the packed direction w that the particle came from */
+    float rgb[3];
+};
+
+struct particle_batch { /* results of one thread, in the order of its particles */
+    struct particle_splat *splats;
+    size_t count, capacity;
+    struct light_tracer_stats stats;
+    bool out_of_memory;
+};
+
+struct particles {
+    const struct scene *scene;
+    const struct rays *rays;
+    struct view view;
+    struct box bounds;
+    struct box *casters; /* at most START_BOXES_MAX */
+    uint32_t caster_count;
+    struct particle_batch batches[PARTICLE_ROUND];
+};
+
+struct particle_run { /* common to all particles of a run */
+    const struct particles *world;
+    /* Directions are sampled from the whole sky, or from its bright part with that part's radiance; both NULL: uniform
+     * over the sphere, with radiance 1. */
+    const struct environment *environment;
+    const struct sky_split *bright;
+    const struct box *boxes;
+    uint32_t box_count;
+    enum start_kind start;
+    uint32_t classes, starts; /* starts per direction */
+    uint64_t particles, first_direction, seed;
+    double per_particle; /* N: every flux is divided by it */
+    const atomic_bool *cancel;
+};
+
+/* Initialises *p; scene and rays must outlive it. False: out of memory; call particles_finish even then. */
+MUST_CHECK bool particles_init(struct particles *p, const struct scene *scene, const struct rays *rays,
+                               const struct view *view);
+void particles_finish(struct particles *p); /* frees the memory */
+
+/* Sets world, boxes and starts per direction (0: the default): `aimed` at the casters, else at the scene. */
+void particles_aim(const struct particles *p, bool aimed, uint32_t starts_per_direction, struct particle_run *run);
+
+/* Traces the run on all OpenMP threads. `take` receives the splats in an order that does not depend on the threads; an
+ * error that it returns ends the run. Adds to *stats. Cancelled: ERR_OK, with some of the splats taken. ERR_NOMEM. */
+MUST_CHECK enum err particles_trace(struct particles *p, const struct particle_run *run,
+                                    enum err (*take)(void *user, const struct particle_splat *splats, size_t count),
+                                    void *user, struct light_tracer_stats *stats);
+
+#endif

@@ -1,0 +1,205 @@
+#include "light/decide.h"
+
+#include "base/log.h"
+
+#include <inttypes.h>
+#include <math.h>
+
+#define SMOOTH 0.2
+#define SAMPLES 64 /* N_s of the cache's frames, for what is traced of the sun */
+
+void decider_finish(struct decider *d)
+{
+    pilot_destroy(d->pilot);
+    *d = (struct decider){ .pilot = NULL };
+}
+
+/* Direct light by METHOD_AUTO, with shadows, and no word on how it is to be sampled. */
+static bool cache_may_serve(const struct relight_desc *light)
+{
+    const struct direct_desc *d = &light->direct;
+
+    return d->method == METHOD_AUTO && (light->classes & PATH_DIRECT || light->classes == 0) && d->cells <= 1 &&
+           !d->sun && d->compensate == COMPENSATE_OFF && d->interleave <= 1 && !d->no_visibility;
+}
+
+/* What auto computes unasked is kept in no file but one that was named. */
+static struct relight_desc by_cache(const struct relight_desc *light)
+{
+    struct relight_desc d = *light;
+
+    d.direct.method = METHOD_CACHED;
+    d.direct.samples = SAMPLES;
+    d.cache_read_only = d.cache_file && !d.cache_file[0];
+    return d;
+}
+
+void decide(const struct decider *d, const struct frame_request *request, struct decision *out)
+{
+    *out = (struct decision){ .light = *request->light };
+    if (request->light->direct.method != METHOD_AUTO) {
+        out->by = d->cache.ready ? DECIDED_BY_CACHE : DECIDED_BY_REQUEST; /* decider_prepare has named it */
+        out->why = d->cache.ready ? d->cache.last.why : "the method was named";
+    } else if (!(request->target.seconds > 0.0) && !(request->target.error > 0.0)) {
+        out->by = DECIDED_BY_RULE;
+        out->why = "counts of samples were given";
+    } else if (d->cache.ready && cache_may_serve(request->light)) {
+        out->by = DECIDED_BY_CACHE;
+        out->why = d->cache.last.why;
+        out->light = by_cache(request->light);
+        out->light.cache_background |= request->background;
+    } else {
+        out->by = DECIDED_BY_MEASURES;
+        out->why = "a time or an error was given";
+    }
+}
+
+enum err decider_run(struct decider *d, struct relighter *r, const struct environment *e,
+                     const struct frame_request *request, const struct decision *decision, float *rgb,
+                     struct relight_stats *stats, struct pilot_stats *measured)
+{
+    *measured = (struct pilot_stats){ 0 };
+    if (decision->by != DECIDED_BY_MEASURES)
+        return relighter_run(r, e, &decision->light, rgb, stats);
+    if (!d->pilot)
+        d->pilot = pilot_create(r, NULL);
+    return d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
+}
+
+static struct buy_facts facts_of(const struct relighter *r, const struct relight_desc *light)
+{
+    return (struct buy_facts){
+        .indirect = light->classes & PATH_INDIRECT_LIT && light->indirect == PLAN_AUTO,
+        .samples = light->direct.samples,
+        .points = relighter_set(r)->gbuffer->point_count,
+    };
+}
+
+enum err decider_prepare(struct decider *d, struct relighter *r, uint64_t frames, bool progress,
+                         struct relight_desc *light, double *ms)
+{
+    struct buy_facts f = facts_of(r, light);
+    struct relight_desc cached = by_cache(light);
+    struct buy *answer = &d->cache.last;
+    struct reason why = { "" };
+
+    f.frames = frames;
+    if (cache_may_serve(light))
+        buy_by_counts(&f, answer);
+    if (!answer->yes)
+        return relighter_prepare(r, light, progress, ms);
+    log_info("auto: %" PRIu64 " frames by the cache of light transport, which pays after %.0f", frames,
+             ceil(answer->break_even));
+    cached.direct.samples = light->direct.samples;
+    cached.direct.why = &why;
+    const enum err e = relighter_prepare(r, &cached, progress, ms);
+    cached.direct.why = light->direct.why;
+    if (e == ERR_RANGE) {
+        log_info("auto: without it: %s", why.text);
+        answer->yes = false;
+        answer->why = "it would take too much memory";
+        return relighter_prepare(r, light, progress, ms);
+    }
+    *light = cached;
+    d->cache.begun = d->cache.ready = !e;
+    return e ? err_say(light->direct.why, e, "%s", why.text[0] ? why.text : err_text(e)) : ERR_OK;
+}
+
+bool decider_is_computing(const struct decider *d, struct relighter *r)
+{
+    return d->cache.begun && relighter_follow(r) < 1.0;
+}
+
+/* Black skies and cancelled frames trace nothing, and teach nothing. */
+static void note_frame(struct decider *d, const struct relight_stats *stats, const struct pilot_stats *measured)
+{
+    if (stats->direct.rays > 0) {
+        const double frame_s = measured->seconds - measured->pilot_seconds,
+                     step = d->cache.measured_frames ? SMOOTH : 1.0;
+        const double sample_s = 1e-3 * stats->shade_ms / (double)stats->direct.rays;
+        d->cache.sample_s += step * (sample_s - d->cache.sample_s);
+        d->cache.frame_s += step * (frame_s - d->cache.frame_s);
+        d->cache.measured_frames++;
+    }
+    d->cache.spent_s += measured->seconds;
+}
+
+/* Has the relighter load the cache, if_kept, or compute it. */
+static void get_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool if_kept)
+{
+    struct relight_desc cached = by_cache(request->light);
+    struct reason why = { "" };
+    double ms;
+
+    cached.cache_if_kept = if_kept;
+    cached.cache_background = request->background;
+    cached.direct.why = &why;
+    const enum err e = relighter_prepare(r, &cached, true, &ms);
+    const double share = relighter_follow(r);
+    if (e)
+        log_warning("%s; auto goes on without it", why.text[0] ? why.text : err_text(e));
+    d->cache.refused = e || (!if_kept && share == 0.0 && !request->background);
+    d->cache.begun = !d->cache.refused && (share > 0.0 || !if_kept);
+    d->cache.ready = share >= 1.0;
+}
+
+static void follow_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
+{
+    const struct relight_desc *light = request->light;
+    const atomic_bool *cancel = light->direct.cancel;
+    const bool coarsely = request->background && !(light->classes & PATH_INDIRECT) && d->cache.error > BUY_BIAS_COARSE;
+    const double share = relighter_follow(r);
+
+    d->cache.ready = share >= (coarsely ? RELIGHT_COARSE : 1.0) && !(cancel && atomic_load(cancel));
+    if (d->cache.ready)
+        log_info("auto: frames are made by the cache of light transport from here on");
+}
+
+/* By the clock: whether the cache pays, computed or from a file. */
+static void ask_for_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
+{
+    struct buy_facts f = facts_of(r, request->light);
+    struct buy kept;
+
+    f.frames = request->frames_left;
+    f.error = d->cache.error;
+    f.sample_s = d->cache.sample_s;
+    f.frame_s = d->cache.frame_s;
+    f.spent_s = d->cache.spent_s;
+    f.made = d->cache.measured_frames;
+    buy_by_clock(&f, &d->cache.last);
+    f.kept = true;
+    buy_by_clock(&f, &kept);
+    if (kept.yes && !d->cache.looked_for) {
+        d->cache.looked_for = true;
+        get_cache(d, r, request, true);
+        if (d->cache.begun) {
+            log_info("auto: the cache of light transport is taken from its file");
+            d->cache.last = kept;
+        }
+    }
+    if (d->cache.begun || d->cache.refused || !d->cache.last.yes)
+        return;
+    log_info("auto: computing the cache of light transport: %s; some %.0f s, which pay after %.0f frames",
+             d->cache.last.why, d->cache.last.build_s, ceil(d->cache.last.break_even));
+    get_cache(d, r, request, false);
+}
+
+void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
+                   const struct decision *decision, const struct relight_stats *stats,
+                   const struct pilot_stats *measured)
+{
+    if (decision->by == DECIDED_BY_CACHE && stats->cache_refused) {
+        d->cache.ready = d->cache.begun = false;
+        d->cache.refused = true;
+    }
+    if (decision->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->light))
+        return;
+    d->cache.error = request->target.error > 0.0 ? request->target.error : measured->error;
+    if (d->cache.begun) {
+        follow_cache(d, r, request);
+    } else if (!d->cache.refused) {
+        note_frame(d, stats, measured);
+        ask_for_cache(d, r, request);
+    }
+}

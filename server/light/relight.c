@@ -1,0 +1,428 @@
+#include "light/relight.h"
+
+#include "base/clock.h"
+#include "light/facts.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "light/reference.h"
+#include "light/relight_cache.h"
+#include "light/relight_caustics.h"
+#include "light/relight_passes.h"
+#include "light/resolve.h"
+#include "base/rng.h"
+
+#include <stdio.h>
+#include <string.h>
+
+struct relighter {
+    const struct set *set;
+    const struct kernels *kernels;
+    struct passes passes;
+    struct relight_cache cache;
+    struct relight_caustics caustics;
+    const float *points; /* the picture's shade points */
+};
+
+static enum err load_scene(struct set *s, const struct set_desc *desc, struct reason *why)
+{
+    struct progress line;
+    enum err e = ERR_OK;
+
+    snprintf(s->name, sizeof(s->name), "%s", desc->scene ? desc->scene : "the built-in scene");
+    if (desc->scene && strlen(desc->scene) < sizeof(s->file))
+        strcpy(s->file, desc->scene);
+    progress_begin(&line, "loading the scene", 0, desc->progress ? stderr : NULL);
+    const double start = clock_seconds();
+    if (desc->scene) {
+        e = scene_load(desc->scene, &s->scene, &line, why);
+    } else {
+        s->scene = scene_create_builtin();
+        if (!s->scene)
+            e = err_say(why, ERR_NOMEM, "no memory for the built-in scene");
+    }
+    s->load_ms = 1e3 * (clock_seconds() - start);
+    progress_end(&line);
+    return e;
+}
+
+static enum err build_bvh(struct set *s, const struct set_desc *desc, struct reason *why)
+{
+    struct progress line;
+
+    progress_begin(&line, "building the BVH", 0, desc->progress ? stderr : NULL);
+    const double start = clock_seconds();
+    s->rays = rays_create_for(s->scene, desc->kernels ? desc->kernels->cpu : cpu_best());
+    s->bvh_ms = 1e3 * (clock_seconds() - start);
+    progress_end(&line);
+    return s->rays ? ERR_OK : err_say(why, ERR_NOMEM, "%s: the ray structure could not be built", s->name);
+}
+
+static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
+{
+    const struct camera *camera = scene_camera(s->scene, desc->camera);
+
+    if (!camera)
+        return err_say(why, ERR_USAGE, "%s: there is no camera '%s'", s->name, desc->camera);
+    const double start = clock_seconds();
+    const struct gbuffer_desc g = {
+        .camera = camera,
+        .width = desc->width,
+        .height = desc->height,
+        .edge_rays = desc->edge_rays,
+        .every_pixel = desc->every_pixel,
+        .interleave = desc->interleave,
+        .progress = line,
+    };
+    const enum err e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
+    s->gbuffer_ms = 1e3 * (clock_seconds() - start);
+    snprintf(s->camera, sizeof(s->camera), "%s", camera->name);
+    view_init(&s->view, camera, desc->width, desc->height);
+    if (!e)
+        facts_of_set(s->scene, s->gbuffer, &s->facts);
+    return e;
+}
+
+static enum err build_view(struct set *s, const struct set_desc *desc, struct reason *why)
+{
+    struct progress line;
+
+    progress_begin(&line, "building the G-buffer", desc->height, desc->progress ? stderr : NULL);
+    const enum err e = build_gbuffer(s, desc, &line, why);
+    progress_end(&line);
+    return e;
+}
+
+enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why)
+{
+    *out = NULL;
+    struct set *s = mem_alloc(1, sizeof(*s));
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    enum err e = load_scene(s, desc, why);
+    if (!e)
+        e = build_bvh(s, desc, why);
+    if (!e)
+        e = build_view(s, desc, why);
+    if (e) {
+        set_destroy(s);
+        return e;
+    }
+    *out = s;
+    return ERR_OK;
+}
+
+enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
+                         struct reason *why)
+{
+    *out = NULL;
+    struct set *s = mem_alloc(1, sizeof(*s));
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    memcpy(s->name, of->name, sizeof(s->name));
+    memcpy(s->file, of->file, sizeof(s->file));
+    s->scene = of->scene;
+    s->rays = of->rays;
+    s->borrowed = true;
+    const enum err e = build_gbuffer(s, desc, line, why);
+    if (e) {
+        set_destroy(s);
+        return e;
+    }
+    *out = s;
+    return ERR_OK;
+}
+
+void set_destroy(struct set *s)
+{
+    if (!s)
+        return;
+    gbuffer_destroy(s->gbuffer);
+    if (!s->borrowed) {
+        rays_destroy(s->rays);
+        scene_destroy(s->scene);
+    }
+    mem_free(s);
+}
+
+struct relighter *relighter_create(const struct set *set, const struct kernels *kernels)
+{
+    struct relighter *r = mem_alloc(1, sizeof(*r));
+    if (!r)
+        return NULL;
+    r->set = set;
+    r->kernels = kernels;
+    const bool all = passes_init(&r->passes, set, kernels);
+    r->points = r->passes.lo;
+    if (!all) {
+        relighter_destroy(r);
+        return NULL;
+    }
+    return r;
+}
+
+void relighter_destroy(struct relighter *r)
+{
+    if (!r)
+        return;
+    relight_cache_finish(&r->cache);
+    relight_caustics_finish(&r->caustics);
+    passes_finish(&r->passes);
+    mem_free(r);
+}
+
+const struct set *relighter_set(const struct relighter *r)
+{
+    return r->set;
+}
+
+static bool has_bounce(const struct relighter *r, const struct relight_desc *desc)
+{
+    return r->cache.bounce.bounce && relight_bounce_wanted(r->set, desc);
+}
+
+/* e may be NULL: what it decides, who finds caustics where nothing is stored, is then left open. */
+static void make_plan(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                      struct plan *out)
+{
+    const struct plan_wish wish = {
+        .caustics = desc->classes & PATH_CAUSTICS,
+        .indirect = desc->classes & PATH_INDIRECT,
+        .caustics_by = desc->caustics,
+        .indirect_by = desc->indirect,
+        .particles = desc->particles,
+        .eye_paths = desc->eye_paths,
+        .samples = desc->direct.samples,
+        .stored = desc->direct.method == METHOD_CACHED,
+    };
+    struct plan_facts facts = r->set->facts;
+
+    if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0 && e)
+        facts.peakedness = facts_peakedness(e);
+    plan_make(&facts, &wish, out);
+    if (has_bounce(r, desc))
+        out->indirect = PLAN_CACHE;
+}
+
+static bool is_cached(const struct relight_desc *desc)
+{
+    return desc->direct.method == METHOD_CACHED && (desc->classes & PATH_DIRECT || desc->classes == 0);
+}
+
+static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
+{
+    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT_LIT : 0) |
+           (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
+}
+
+/* Packets of which the cache leaves interreflection to eye paths. */
+static const struct packet_list *left_by_cache(const struct relighter *r, const struct plan *p)
+{
+    const struct packet_list *left =
+        p->indirect == PLAN_CACHE && r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+
+    return left && left->count > 0 ? left : NULL;
+}
+
+static void add_eye_paths(const struct relighter *r, const struct relight_desc *desc, const struct plan *p,
+                          struct picture_passes *out)
+{
+    const uint32_t behind = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
+    const struct packet_list *left = left_by_cache(r, p);
+    struct eye_paths_desc eye = {
+        .classes = classes_by(p, PLAN_EYE),
+        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? behind : 0),
+        .paths = p->eye_paths,
+        .seed = rng_mix(desc->direct.seed, 0x657965),
+        .pass = desc->direct.pass,
+        .cancel = desc->direct.cancel,
+        .scratch = r->passes.scratch,
+    };
+
+    if (p->eye_paths == 0 || !(eye_paths_can_find(r->set->scene, &eye) || left))
+        return;
+    out->eye[0] = eye;
+    if (!left)
+        return;
+    eye.classes = eye.behind_classes = PATH_INDIRECT_LIT;
+    eye.only = left;
+    out->eye[1] = eye;
+}
+
+/* Particles that are aimed at the casters apart from those for the whole scene: each run has as many as the plan says.
+ */
+static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
+{
+    const uint32_t all = classes_by(p, PLAN_LIGHT);
+    const uint32_t runs[2] = { all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC), all & PATH_INDIRECT_LIT };
+
+    for (int k = 0; k < 2; k++)
+        out->light[k] = (struct light_tracer_desc){
+            .classes = runs[k],
+            .particles = runs[k] ? p->particles : 0,
+            .seed = rng_mix(desc->direct.seed, 0x6c6967),
+            .pass = desc->direct.pass,
+            .start = desc->start,
+            .cancel = desc->direct.cancel,
+        };
+}
+
+/* The passes of a picture by the plan's rules and the counts that were asked for. */
+static void passes_by_plan(const struct relighter *r, const struct relight_desc *desc, const struct plan *p,
+                           struct picture_passes *out)
+{
+    *out = (struct picture_passes){ .background = desc->classes & PATH_BACKGROUND || desc->classes == 0 };
+    if (is_cached(desc))
+        out->cached = desc;
+    else if (desc->classes & PATH_DIRECT || desc->classes == 0)
+        out->direct = desc->direct;
+    if (classes_by(p, PLAN_STORED))
+        out->stored = desc;
+    add_eye_paths(r, desc, p, out);
+    add_light_tracer(desc, p, out);
+}
+
+/* Direct light, or darkness where it was not asked for; with interreflection, where the cache has that. */
+static enum err run_direct(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+                           struct relight_stats *stats)
+{
+    struct passes *s = &r->passes;
+    double seconds;
+
+    r->points = s->lo;
+    if (p->cached)
+        return relight_cache_shade(&r->cache, s->direct[PASS_PICTURE], r->set, e, p->cached, s->lo, stats);
+    if (p->direct.samples > 0)
+        return passes_direct(s, PASS_PICTURE, e, &p->direct, s->lo, &stats->direct, &seconds);
+    memset(s->lo, 0, (size_t)r->set->gbuffer->packet_count * 3 * PACKET * sizeof(float));
+    return ERR_OK;
+}
+
+enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms)
+{
+    struct plan plan;
+
+    *ms = 0.0;
+    make_plan(r, NULL, desc, &plan);
+    const uint32_t stored = classes_by(&plan, PLAN_STORED);
+    enum err e = is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
+    if (!e && is_cached(desc) && !r->cache.building)
+        e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, &r->cache.keep,
+                                progress, ms);
+    if (!e && stored)
+        e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
+    return e;
+}
+
+double relighter_follow(struct relighter *r)
+{
+    return relight_cache_follow(&r->cache);
+}
+
+static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+                              struct relight_stats *stats)
+{
+    enum err result = ERR_OK;
+
+    for (int k = 0; k < 2 && !result; k++) {
+        struct eye_paths_stats one = { 0 };
+        if (p->eye[k].paths > 0)
+            result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &p->eye[k], r->passes.lo, &one);
+        stats->eye.paths += one.paths;
+        stats->eye.rays += one.rays;
+    }
+    return result;
+}
+
+/* One run, or two halves, whose mean is added to the picture. */
+static enum err run_particles(struct relighter *r, const struct environment *e, const struct picture_passes *p, int k,
+                              float *rgb, struct light_tracer_stats *stats, struct pass_costs *costs)
+{
+    const size_t values = 3 * (size_t)r->set->gbuffer->width * r->set->gbuffer->height;
+    struct passes *s = &r->passes;
+
+    if (!p->halves)
+        return light_tracer_run(s->light, e, &p->light[k], rgb, stats);
+    const enum err result = passes_halves(s, e, &p->light[k], s->half[k], stats, &costs->light_s[k]);
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < values; i++)
+        rgb[i] += 0.5f * (s->half[k][0][i] + s->half[k][1][i]);
+    return result;
+}
+
+static enum err run_light_tracer(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+                                 float *rgb, struct relight_stats *stats, struct pass_costs *costs)
+{
+    enum err result = ERR_OK;
+
+    if (p->stored)
+        result = relight_caustics_run(&r->caustics, r->passes.light, e, p->stored, rgb, stats);
+    for (int k = 0; k < 2 && !result; k++) {
+        struct light_tracer_stats one = { 0 };
+        if (p->light[k].particles > 0)
+            result = run_particles(r, e, p, k, rgb, &one, costs);
+        costs->light_rays[k] = one.rays;
+        stats->light.particles += one.particles;
+        stats->light.starts_hit += one.starts_hit;
+        stats->light.rays += one.rays;
+        stats->light.splats += one.splats;
+    }
+    return result;
+}
+
+enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+                              float *rgb, struct relight_stats *stats, struct pass_costs *costs)
+{
+    double at[5] = { clock_seconds() };
+
+    *costs = (struct pass_costs){ .eye_s = 0.0 };
+    enum err result = run_direct(r, e, passes, stats);
+    at[1] = clock_seconds();
+    if (!result)
+        result = run_eye_paths(r, e, passes, stats);
+    at[2] = clock_seconds();
+    if (result)
+        return result;
+    resolver_pixels(r->passes.resolver, r->points, passes->background ? e : NULL, rgb);
+    at[3] = clock_seconds();
+    result = run_light_tracer(r, e, passes, rgb, stats, costs);
+    at[4] = clock_seconds();
+    stats->shade_ms = 1e3 * (at[1] - at[0]);
+    stats->eye_ms = 1e3 * (at[2] - at[1]);
+    stats->resolve_ms = 1e3 * (at[3] - at[2]);
+    stats->light_ms = 1e3 * (at[4] - at[3]);
+    costs->direct_s = at[1] - at[0];
+    costs->eye_s = at[2] - at[1];
+    costs->pixels_s = at[3] - at[2];
+    return result;
+}
+
+enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,
+                       struct relight_stats *stats)
+{
+    struct picture_passes passes;
+    struct pass_costs costs;
+
+    *stats = (struct relight_stats){ 0 };
+    if (method_is_reference(desc->direct.method)) {
+        const double start = clock_seconds();
+        const enum err failed = reference_run(r->set, e, desc, rgb, stats);
+        stats->shade_ms = 1e3 * (clock_seconds() - start);
+        return failed;
+    }
+    const enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
+    if (result)
+        return result;
+    make_plan(r, e, desc, &stats->plan);
+    passes_by_plan(r, desc, &stats->plan, &passes);
+    return relighter_run_passes(r, e, &passes, rgb, stats, &costs);
+}
+
+struct passes *relighter_passes(struct relighter *r)
+{
+    return passes_measure(&r->passes) ? NULL : &r->passes;
+}
+
+const float *relighter_points(const struct relighter *r)
+{
+    return r->points;
+}

@@ -1,0 +1,97 @@
+#include "light/relight_bounce.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/progress.h"
+#include "base/rng.h"
+#include "cache/memory.h"
+
+#include <stdio.h>
+
+void relight_bounce_finish(struct relight_bounce *b)
+{
+    bounce_destroy(b->bounce);
+    *b = (struct relight_bounce){ .bounce = NULL };
+}
+
+bool relight_bounce_wanted(const struct set *set, const struct relight_desc *desc)
+{
+    const struct plan_wish wish = { .indirect = desc->classes & PATH_INDIRECT,
+                                    .indirect_by = desc->indirect,
+                                    .samples = desc->direct.samples };
+    struct plan plan;
+
+    if (desc->direct.method != METHOD_CACHED || !(desc->classes & PATH_DIRECT) ||
+        !(desc->classes & PATH_INDIRECT_LIT) || desc->indirect != PLAN_AUTO)
+        return false;
+    plan_make(&set->facts, &wish, &plan);
+    return plan.indirect == PLAN_EYE;
+}
+
+static void say(const struct relight_bounce *b, double ms)
+{
+    const struct bounce_stats *s = bounce_stats(b->bounce);
+
+    log_info("interreflection: %s%.1f s, %.0f MB; %u records, %u coefficients, %u bounces",
+             b->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+}
+
+static enum err compute(const struct bounce_desc *desc, const struct kernels *kernels, bool progress,
+                        struct bounce **out, struct reason *why)
+{
+    struct bounce_desc d = *desc;
+    struct progress line;
+
+    progress_begin(&line, "computing interreflection", bounce_steps(desc->gbuffer), progress ? stderr : NULL);
+    d.progress = &line;
+    const enum err e = bounce_create(&d, kernels, out, why);
+    progress_end(&line);
+    return e;
+}
+
+enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
+                             const struct kernels *kernels, const struct relight_desc *desc,
+                             const struct relight_keep *keep, bool progress, double *ms)
+{
+    struct reason why;
+
+    if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc))
+        return ERR_OK;
+    const struct bounce_desc d = {
+        .scene = set->scene,
+        .rays = set->rays,
+        .gbuffer = set->gbuffer,
+        .direct = direct,
+        .eye = { (float)set->view.origin[0], (float)set->view.origin[1], (float)set->view.origin[2] },
+        .max_bytes = cache_memory_rest(desc->cache_bytes, transport_stats(direct)->bytes),
+        .seed = rng_mix(desc->direct.seed, 0x626f756e6365u),
+        .cancel = desc->direct.cancel,
+    };
+    const double start = clock_seconds();
+    enum err e = relight_keep_load_bounce(keep, kernels, &d, &b->bounce, &why);
+    b->loaded = b->bounce != NULL;
+    if (!e && !b->bounce)
+        e = compute(&d, kernels, progress, &b->bounce, &why);
+    *ms += 1e3 * (clock_seconds() - start);
+    b->refused = e == ERR_RANGE;
+    if (b->refused)
+        log_warning("%s: %s; eye paths are traced for it in every frame", set->name, why.text);
+    if (b->bounce)
+        say(b, 1e3 * (clock_seconds() - start));
+    if (b->bounce && !b->loaded)
+        relight_keep_save(keep, direct, b->bounce, &d);
+    return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
+}
+
+const struct transport_indirect *relight_bounce_take(struct relight_bounce *b, const struct environment *e,
+                                                  const struct relight_desc *desc, float *lo,
+                                                  struct relight_stats *stats)
+{
+    if (lo)
+        bounce_shade(b->bounce, e, desc->direct.cancel, lo);
+    stats->bounce = *bounce_stats(b->bounce);
+    stats->bounce_loaded = b->loaded;
+    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; interreflection by records "
+                  "that are even within, of a sky of 1536 overlapping cells with its sun";
+    return lo ? NULL : bounce_indirect(b->bounce);
+}

@@ -1,0 +1,262 @@
+#include "light/relight_cache.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/progress.h"
+#include "light/relight_builder.h"
+#include "base/rng.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#define UNBUILT_SAMPLES                                                                                                \
+    4 /* at most, of points that are lit by other means for some seconds: the frames take time from                    \
+       * what ends that */
+
+void relight_cache_finish(struct relight_cache *c)
+{
+    const bool lives = c->builder && relight_builder_live(c->builder); /* then the transport goes with it */
+
+    relight_bounce_finish(&c->bounce);
+    relight_builder_destroy(c->builder);
+    if (!lives)
+        transport_destroy(c->transport);
+    *c = (struct relight_cache){ .transport = NULL };
+}
+
+static bool is_for(const struct relight_cache *c, const struct relight_desc *desc)
+{
+    return (c->transport || c->refused) && c->no_visibility == desc->direct.no_visibility &&
+           c->max_bytes == desc->cache_bytes;
+}
+
+static struct transport_desc transport_of(const struct relight_desc *desc)
+{
+    return (struct transport_desc){ .max_bytes = desc->cache_bytes,
+                                    .seed = rng_mix(desc->direct.seed, 0x6361636865u),
+                                    .no_visibility = desc->direct.no_visibility,
+                                    .cancel = desc->direct.cancel };
+}
+
+/* What there is none of, and why; whoever asked for it is told so once more each time. */
+static enum err refuse(struct relight_cache *c, enum err e, const struct reason *why)
+{
+    const bool no_visibility = c->no_visibility;
+    const uint64_t max_bytes = c->max_bytes;
+    const struct reason kept = *why;
+
+    relight_cache_finish(c);
+    c->no_visibility = no_visibility;
+    c->max_bytes = max_bytes;
+    c->why = kept;
+    c->refused = e == ERR_RANGE;
+    return e;
+}
+
+/* ---- Made while somebody waits ---- */
+
+static enum err compute(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                        struct transport_desc *desc, bool progress, struct reason *why)
+{
+    struct progress line;
+
+    log_info("%s: computing light transport for --method cached; the first frame waits for it", set->name);
+    progress_begin(&line, "computing light transport", transport_steps(set->gbuffer), progress ? stderr : NULL);
+    desc->progress = &line;
+    const enum err e = transport_create(set->gbuffer, set->rays, kernels, desc, &c->transport, why);
+    progress_end(&line);
+    return e;
+}
+
+static void tell(const struct relight_cache *c, double ms)
+{
+    const struct transport_stats *s = transport_stats(c->transport);
+
+    log_info("light transport: %s%.1f s, %.0f MB; %u of %u packets have lobes narrower than its cells",
+             c->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->narrow, s->packets);
+}
+
+/* ---- Made in the background ---- */
+
+/* What the builder has come to by the time of this frame. */
+static enum err follow(struct relight_cache *c, bool at_once, struct reason *why)
+{
+    struct transport_live *live = relight_builder_live(c->builder);
+    enum err e = ERR_OK;
+
+    if (c->building && relight_builder_is_done(c->builder, &e, &c->bounce, why))
+        c->building = false;
+    if (e) {
+        e = refuse(c, e, why);
+        c->refused = true; /* for want of memory as well */
+        return e;
+    }
+    if (live && at_once)
+        transport_live_settle(live);
+    else if (live)
+        transport_live_advance(live);
+    return ERR_OK;
+}
+
+/* Somebody must have what stays: until it is there, or the program is to end. */
+static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *cancel, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    while (!e && c->building && !(cancel && atomic_load(cancel))) {
+        nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+        e = follow(c, true, why);
+    }
+    return e;
+}
+
+/* Direct light, where it was not loaded, and interreflection, where it is wanted. */
+static enum err begin(struct relight_cache *c, const struct relight_builder_desc *desc, struct reason *why)
+{
+    const enum err e = relight_builder_create(desc, &c->builder, why);
+
+    if (e)
+        return e;
+    if (!c->transport)
+        c->transport = transport_live_cache(relight_builder_live(c->builder));
+    c->building = true;
+    return ERR_OK;
+}
+
+/* ---- */
+
+static enum err load_or_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                             const struct relight_desc *desc, bool progress, double *ms, struct reason *why)
+{
+    struct transport_desc t = transport_of(desc);
+
+    c->no_visibility = desc->direct.no_visibility;
+    c->max_bytes = desc->cache_bytes;
+    const double start = clock_seconds();
+    relight_keep_init(&c->keep, set, desc, &t);
+    enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
+    c->loaded = c->transport != NULL;
+    if (!e && !c->transport && desc->cache_if_kept)
+        return ERR_OK;
+    if (!e && !c->transport && !desc->cache_background)
+        e = compute(c, set, kernels, &t, progress, why);
+    *ms = c->transport ? 1e3 * (clock_seconds() - start) : 0.0;
+    if (!e && c->transport) {
+        tell(c, *ms);
+        if (!c->loaded)
+            relight_keep_save(&c->keep, c->transport, NULL, NULL);
+    }
+    const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
+    if (!e && desc->cache_background && (!c->transport || relight_bounce_wanted(set, desc)))
+        e = begin(c, &rest, why);
+    return e;
+}
+
+enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                            const struct relight_desc *desc, bool progress, double *ms)
+{
+    struct reason why = { "" };
+    enum err e = ERR_OK;
+
+    *ms = 0.0;
+    if (is_for(c, desc) && !c->refused) {
+        const double start = clock_seconds();
+        if (desc->cache_background || !c->builder)
+            return ERR_OK;
+        e = wait_for_builder(c, desc->direct.cancel, &why);
+        *ms = 1e3 * (clock_seconds() - start);
+    } else if (!is_for(c, desc)) {
+        relight_cache_finish(c);
+        e = load_or_make(c, set, kernels, desc, progress, ms, &why);
+        if (e)
+            e = refuse(c, e, &why);
+    }
+    if (!e && !c->refused)
+        return ERR_OK;
+    if (e == ERR_RANGE && desc->cache_background)
+        log_warning("%s; light is sampled by auto instead", c->why.text);
+    if (c->refused && desc->cache_background)
+        return ERR_OK;
+    return err_say(desc->direct.why, e ? e : ERR_RANGE, "%s", c->why.text);
+}
+
+double relight_cache_follow(struct relight_cache *c)
+{
+    struct reason why;
+
+    if (c->builder && follow(c, false, &why))
+        log_warning("%s; light is sampled by auto instead", c->why.text);
+    if (c->refused || !c->transport)
+        return 0.0;
+    return c->building ? relight_builder_share(c->builder) : 1.0;
+}
+
+/* ---- A frame ---- */
+
+/* Packets that the cache has not, by what auto stands for. */
+static enum err sample(struct direct *direct, const struct set *set, const struct environment *e,
+                       const struct relight_desc *desc, const struct packet_list *only, uint32_t samples, float *lo,
+                       struct relight_stats *stats)
+{
+    struct direct_desc d = desc->direct;
+    struct direct_stats one;
+
+    d.method = METHOD_AUTO;
+    d.only = only;
+    d.samples = samples;
+    const enum err result = direct_shade(direct, set->gbuffer, set->rays, e, &d, lo, &one);
+    one.rays += stats->direct.rays;
+    one.generated += stats->direct.generated;
+    one.chosen += stats->direct.chosen;
+    one.effective += stats->direct.effective;
+    one.lobes += stats->direct.lobes;
+    stats->direct = one;
+    return result;
+}
+
+enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
+                             const struct environment *e, const struct relight_desc *desc, float *lo,
+                             struct relight_stats *stats)
+{
+    struct transport_frame frame = { desc->direct.samples,
+                                     desc->direct.seed,
+                                     desc->direct.pass,
+                                     desc->direct.cancel,
+                                     desc->unsplit,
+                                     NULL };
+    const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
+    const uint32_t samples = desc->direct.samples;
+    struct reason why;
+
+    if (c->builder && follow(c, !desc->cache_background, &why))
+        log_warning("%s; light is sampled by auto instead", c->why.text);
+    stats->cache_refused = c->refused;
+    if (c->refused)
+        return sample(direct, set, e, desc, NULL, samples, lo, stats);
+    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss"; /* or what bounces say */
+    if (!c->transport) {                                                                   /* cancelled */
+        memset(lo, 0, floats * sizeof(float));
+        return ERR_OK;
+    }
+    if (!c->building)
+        transport_gather(c->transport);
+    const struct packet_list *unbuilt = transport_unbuilt(c->transport);
+    enum err result = ERR_OK;
+    if (unbuilt->count > 0)
+        result =
+            sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
+    const bool bounces = stats->plan.indirect == PLAN_CACHE && c->bounce.bounce;
+    const bool apart = !transport_is_settled(c->transport);
+    if (!result && bounces && !apart)
+        frame.indirect = relight_bounce_take(&c->bounce, e, desc, NULL, stats);
+    if (!result)
+        result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
+    if (!result && bounces && apart)
+        relight_bounce_take(&c->bounce, e, desc, lo, stats);
+    stats->cache = *transport_stats(c->transport);
+    stats->cache_loaded = c->loaded;
+    stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
+    stats->direct.rays += stats->cache_frame.rays;
+    return result;
+}

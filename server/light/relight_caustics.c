@@ -1,0 +1,112 @@
+#include "light/relight_caustics.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/progress.h"
+#include "base/rng.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define PATHS_PER_PIXEL 64 /* kept, unless it is said */
+#define PARTS_STILL 64     /* where no part is drawn anew, for nothing but the progress line */
+
+void relight_caustics_finish(struct relight_caustics *c)
+{
+    caustic_store_destroy(c->store);
+    sky_split_finish(&c->sky);
+    *c = (struct relight_caustics){ .store = NULL };
+}
+
+static bool is_for(const struct relight_caustics *c, const struct caustic_store_desc *wish)
+{
+    const struct caustic_store_desc *m = &c->made;
+
+    return c->store && m->classes == wish->classes && m->paths == wish->paths && m->parts == wish->parts &&
+           m->start == wish->start && m->seed == wish->seed && m->max_bytes == wish->max_bytes;
+}
+
+static MUST_CHECK enum err create(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
+                                  const struct caustic_store_desc *wish)
+{
+    struct reason why;
+
+    relight_caustics_finish(c);
+    const enum err e = caustic_store_create(set->scene, set->rays, &set->view, wish, &c->store, &why);
+    if (e)
+        return err_say(desc->direct.why, e, "%s%s", why.text, e == ERR_RANGE ? "; --cache-memory allows less" : "");
+    c->made = *wish;
+    return ERR_OK;
+}
+
+static uint64_t turn_of(const struct relight_desc *desc)
+{
+    return desc->renew ? desc->turn : 0;
+}
+
+enum err relight_caustics_make(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
+                               uint32_t classes, bool progress, double *ms)
+{
+    const uint64_t pixels = (uint64_t)set->view.width * set->view.height;
+    const struct caustic_store_desc wish = {
+        .classes = classes,
+        .paths = desc->stored_paths ? desc->stored_paths : pixels * PATHS_PER_PIXEL,
+        .parts = desc->renew ? desc->renew : PARTS_STILL,
+        .start = desc->start,
+        .seed = rng_mix(desc->direct.seed, 0x73746f7265),
+        .max_bytes = desc->cache_bytes,
+    };
+
+    if (is_for(c, &wish) && caustic_store_is_complete(c->store))
+        return ERR_OK;
+    struct progress line;
+    const bool first = !c->store; /* a chart has one for each of its runs */
+    const double start = clock_seconds();
+    enum err e = is_for(c, &wish) ? ERR_OK : create(c, set, desc, &wish);
+    if (e)
+        return e;
+    progress_begin(&line, "tracing the store of caustics", wish.parts, progress ? stderr : NULL);
+    e = caustic_store_turn(c->store, turn_of(desc), &line, desc->direct.cancel);
+    progress_end(&line);
+    *ms += 1e3 * (clock_seconds() - start);
+    const struct caustic_store_stats *s = caustic_store_stats(c->store);
+    if (!e && first && caustic_store_is_complete(c->store))
+        log_info("store of caustics: %.1f s, %.1f million paths, %.1f million splats, %.0f MB", clock_seconds() - start,
+                 1e-6 * (double)s->paths, 1e-6 * (double)s->splats, 1e-6 * (double)s->bytes);
+    return e;
+}
+
+/* The part of plan->particles that the bright part has for its own: as many as would go to it of all that are drawn by
+ * the whole sky. */
+static uint64_t bright_particles(const struct relight_caustics *c, const struct environment *e, uint64_t particles)
+{
+    return c->sky.bright_count ? (uint64_t)ceil((double)particles * fmin(1.0, c->sky.bright_energy / e->total_energy))
+                               : 0;
+}
+
+enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light, const struct environment *e,
+                              const struct relight_desc *desc, float *rgb, struct relight_stats *stats)
+{
+    enum err result = caustic_store_turn(c->store, turn_of(desc), NULL, desc->direct.cancel);
+
+    stats->stored = *caustic_store_stats(c->store);
+    if (result || !caustic_store_is_complete(c->store)) /* cancelled */
+        return result;
+    c->sky.unsplit = desc->unsplit;
+    result = sky_split_take(&c->sky, e);
+    if (!result)
+        result = caustic_store_light(c->store, e, c->sky.level, rgb);
+    const struct light_tracer_desc bright = {
+        .classes = c->made.classes,
+        .particles = bright_particles(c, e, stats->plan.particles),
+        .seed = rng_mix(desc->direct.seed, 0x627269676874),
+        .pass = desc->direct.pass,
+        .start = desc->start,
+        .bright = &c->sky,
+        .cancel = desc->direct.cancel,
+    };
+    if (!result)
+        result = light_tracer_run(light, e, &bright, rgb, &stats->light);
+    return result;
+}

@@ -1,0 +1,70 @@
+/* server/light/relight_passes.h */
+/* The passes that make a picture: direct light and eye paths at the shade points, from points to pixels, particles from
+ * the light. What they compute comes as data: relighter_run fills it by rule, the pilot by what it measured; one
+ * function runs it (relight.c). A struct passes holds what they work with; one thread of control. */
+#ifndef LIGHT_RELIGHT_PASSES_H
+#define LIGHT_RELIGHT_PASSES_H
+
+#include "light/relight.h"
+
+struct resolver;
+
+enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: the picture's, and measurements' */
+
+struct picture_passes {
+    const struct relight_desc *cached; /* direct light by its cache instead of `direct`; NULL: by `direct` */
+    const struct relight_desc *stored; /* the store of light paths adds its caustics; NULL: it does not */
+    struct direct_desc direct;         /* samples 0: it is dark */
+    struct eye_paths_desc eye[2];      /* paths 0: left out */
+    struct light_tracer_desc light[2]; /* particles 0: left out */
+    bool halves; /* each of light[] runs in two halves with seeds of their own, which passes.half keeps; their mean is
+                  * added to the picture. relighter_passes was called */
+    bool background; /* the sky where the camera sees it */
+};
+
+struct pass_costs { /* seconds by the clock; of particles, without what adds their halves to the picture */
+    double direct_s, eye_s, pixels_s, light_s[2];
+    uint64_t light_rays[2];
+};
+
+struct passes {
+    const struct set *set;
+    const struct kernels *kernels;
+    struct direct *direct[PASS_TABLES]; /* the second NULL until passes_measure */
+    struct light_tracer *light;
+    struct resolver *resolver;
+    struct scratch *scratch; /* of the eye paths */
+    float *lo;               /* [packet_count][3][16]: the sum of the passes over shade points */
+    float *half[2][2];       /* [height][width][3]: of light[0], of light[1]; NULL until passes_measure */
+};
+
+/* False when out of memory; finish all the same. The set and kernels must outlive it. */
+bool passes_init(struct passes *s, const struct set *set, const struct kernels *kernels);
+void passes_finish(struct passes *s); /* zeroed memory is allowed */
+
+/* Makes room for measurements and halves, once. ERR_NOMEM: what there is stays as it is. */
+MUST_CHECK enum err passes_measure(struct passes *s);
+
+/* direct_shade by one of the sets of tables, and the seconds it took. Errors are those of direct_shade. */
+MUST_CHECK enum err passes_direct(struct passes *s, int tables, const struct environment *e,
+                                  const struct direct_desc *desc, float *lo, struct direct_stats *stats,
+                                  double *seconds);
+
+/* Eye paths by themselves: the packets of desc->only are written, not added to. ERR_NOMEM. */
+MUST_CHECK enum err passes_eye(struct passes *s, const struct environment *e, const struct eye_paths_desc *desc,
+                               float *lo, struct eye_paths_stats *stats, double *seconds);
+
+/* desc->particles in two halves, into half[0] and half[1]: float[height][width][3], written. ERR_NOMEM. */
+MUST_CHECK enum err passes_halves(struct passes *s, const struct environment *e, const struct light_tracer_desc *desc,
+                                  float *const half[2], struct light_tracer_stats *stats, double *seconds);
+
+/* The one function that runs a picture's passes: as relighter_run, by passes that the caller chose. *stats is added to
+ * and has its times set; *costs is written. Errors are those of relighter_run. */
+MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct environment *e,
+                                         const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
+                                         struct pass_costs *costs);
+
+/* The relighter's own, after passes_measure: for the pilot. NULL when out of memory. */
+struct passes *relighter_passes(struct relighter *r);
+
+#endif

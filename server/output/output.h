@@ -1,0 +1,39 @@
+/* server/output/output.h */
+/* Where images go: a file per frame, whose extension picks the format. A new kind of output is one row of the table in
+ * output.c. One thread. */
+#ifndef OUTPUT_OUTPUT_H
+#define OUTPUT_OUTPUT_H
+
+#include "base/err.h"
+#include "film/film.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct output_desc {
+    const char *pattern;  /* a file name, with %d or %04d for the frame number; borrowed */
+    bool half;            /* EXR: 16-bit floats instead of 32-bit */
+    enum tone_curve tone; /* JPEG */
+    int quality;          /* JPEG: 1 to 100 */
+    const char *level;    /* CPU level of the tone curve, as kernels_select takes it; NULL: the best */
+};
+
+struct output;
+
+/* ERR_USAGE: no such pattern, or an extension that no format has; the reason lists those there are. ERR_IO: the folder
+ * cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
+MUST_CHECK enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
+                                  struct reason *why);
+void output_destroy(struct output *o); /* NULL is allowed */
+
+/* ERR_USAGE unless pattern is one that output_create takes; needs no image size. Touches no file. */
+MUST_CHECK enum err output_check(const char *pattern, struct reason *why);
+
+/* Whether the pattern has a place for the frame number; without, all frames have one name. */
+bool output_is_numbered(const struct output *o);
+
+/* Writes the image of a frame, float rgb[height][width][3], linear, whole or not at all. Exposure adapts from frame to
+ * frame. ERR_IO, ERR_NOMEM; ERR_RANGE: the name becomes too long. */
+MUST_CHECK enum err output_write(struct output *o, const float *rgb, uint64_t frame, struct reason *why);
+
+#endif

@@ -1,0 +1,193 @@
+#include "render/render_parts.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/progress.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+/* What would fail after the work is found out before it. */
+static enum err open_outputs(struct render *r, struct reason *why)
+{
+    const struct render_desc *d = &r->desc;
+    enum err e = ERR_OK;
+
+    if (d->output.pattern)
+        e = output_create(&d->output, d->set.width, d->set.height, &r->output, why);
+    if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
+        e = err_say(why, ERR_USAGE,
+                    "--out '%s' names one file, but the source has %" PRIu64
+                    " frames: put %%04d into it, or choose one by --frames",
+                    d->output.pattern, source_count(r->source));
+    if (e || !d->stats_path)
+        return e;
+    r->stats = strcmp(d->stats_path, "-") == 0 ? stdout : fopen(d->stats_path, "w");
+    if (!r->stats)
+        return err_say(why, ERR_IO, "%s: %s", d->stats_path, strerror(errno));
+    fputs("[", r->stats);
+    return ERR_OK;
+}
+
+static enum err open_source(struct render *r, struct reason *why)
+{
+    struct source_desc one = r->desc.source;
+    enum err e = source_open(&one, &r->source, why);
+
+    if (!e && source_count(r->source) == 0 && !one.has_range) { /* a sky has no last frame: take its first */
+        source_close(r->source);
+        one.has_range = true;
+        e = source_open(&one, &r->source, why);
+    }
+    return e;
+}
+
+static enum err set_up(struct render *r, struct reason *why)
+{
+    struct render_desc *d = &r->desc;
+    enum err e = open_source(r, why);
+
+    if (!e)
+        e = open_outputs(r, why);
+    if (!e)
+        e = set_create(&d->set, &r->set, why);
+    if (e)
+        return e;
+    r->relighter = relighter_create(r->set, d->kernels);
+    d->environment.lean = d->light.direct.method == METHOD_CACHED;
+    r->environment = environment_create(&d->environment);
+    r->prober = d->probe ? prober_create(r->set, d->kernels) : NULL;
+    r->rgb = mem_alloc((size_t)d->set.width * d->set.height, 3 * sizeof(float));
+    if (!r->relighter || !r->environment || !r->rgb || (d->probe && !r->prober))
+        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->set.width, d->set.height);
+    d->light.direct.why = why;
+    if (d->target.seconds > 0.0 || d->target.error > 0.0)
+        return ERR_OK;
+    return decider_prepare(&r->decider, r->relighter, source_count(r->source), d->set.progress, &d->light,
+                           &r->cache_ms);
+}
+
+/* The time for light is what reading and writing leave of the frame's. */
+static struct frame_request request_of(const struct render *r)
+{
+    const uint64_t done = r->rendered + r->refused + 1, all = source_count(r->source);
+    struct frame_request q = {
+        .light = &r->desc.light,
+        .target = r->desc.target,
+        .frames_left = all > done ? all - done : 0,
+        .no_cache = all <= done,
+    };
+
+    if (q.target.seconds > 0.0)
+        q.target.seconds = fmax(0.2 * q.target.seconds, q.target.seconds - r->beside_s);
+    return q;
+}
+
+/* One frame that was read: refused frames are reported and passed over, the sequence goes on. */
+static enum err render_frame(struct render *r, struct reason *why)
+{
+    struct relight_stats stats;
+    struct pilot_stats pilot = { 0 };
+    double ms[3];
+
+    double start = clock_seconds();
+    enum err e = environment_decode(r->environment, &r->frame, why);
+    ms[0] = 1e3 * (clock_seconds() - start);
+    start = clock_seconds();
+    if (!e)
+        e = environment_rebuild(r->environment, why);
+    ms[1] = 1e3 * (clock_seconds() - start);
+    if (e) {
+        log_error("%s", why->text);
+        r->refused++;
+        return e == ERR_NOMEM ? e : ERR_OK;
+    }
+    environment_warn_clipped(r->environment, &r->warned_clipped);
+    r->desc.light.direct.why = why;
+    r->desc.light.direct.pass = r->desc.reseed ? r->frame.number : 0;
+    r->desc.light.turn = r->frame.number;
+    const struct frame_request request = request_of(r);
+    decide(&r->decider, &request, &r->decision);
+    e = decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);
+    if (e)
+        return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
+    start = clock_seconds();
+    if (r->output)
+        e = output_write(r->output, r->rgb, r->frame.number, why);
+    ms[2] = 1e3 * (clock_seconds() - start);
+    const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
+    if (r->rendered > 0) /* the first makes tables that stay */
+        r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
+    if (!e && r->prober)
+        e = prober_print(r->prober, r->environment, &r->decision.light, r->desc.probe, r->rgb, why);
+    if (!e && r->stats)
+        render_write_stats(r, &stats, &pilot, ms);
+    if (!e)
+        decider_learn(&r->decider, r->relighter, &request, &r->decision, &stats, &pilot);
+    r->rendered += !e;
+    return e;
+}
+
+static enum err render_all(struct render *r, struct reason *why)
+{
+    struct progress line;
+    enum err e = ERR_OK;
+
+    progress_begin(&line, "rendering", source_count(r->source), stderr);
+    while (!e) {
+        e = source_next(r->source, &r->frame, why);
+        if (e == ERR_END)
+            break;
+        if (e) {
+            log_error("%s", why->text);
+            r->refused++;
+            e = ERR_OK;
+        } else if (r->frame.kind == FRAME_NONE) {
+            continue; /* a watched folder that is quiet */
+        } else {
+            e = render_frame(r, why);
+        }
+        progress_step(&line, 1);
+    }
+    progress_end(&line);
+    return e == ERR_END ? ERR_OK : e;
+}
+
+static enum err finish(struct render *r, enum err e, struct reason *why)
+{
+    if (r->stats) {
+        fputs("\n]\n", r->stats);
+        const bool failed = fflush(r->stats) != 0 || ferror(r->stats);
+        if (r->stats != stdout)
+            fclose(r->stats);
+        if (failed && !e)
+            e = err_say(why, ERR_IO, "%s: cannot be written", r->desc.stats_path);
+    }
+    if (!e && r->refused) {
+        e = err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", r->refused,
+                    r->refused + r->rendered);
+    }
+    frame_finish(&r->frame);
+    mem_free(r->rgb);
+    output_destroy(r->output);
+    environment_destroy(r->environment);
+    prober_destroy(r->prober);
+    decider_finish(&r->decider);
+    relighter_destroy(r->relighter);
+    set_destroy(r->set);
+    source_close(r->source);
+    return e;
+}
+
+enum err render_sequence(const struct render_desc *desc, struct reason *why)
+{
+    struct render r = { .desc = *desc };
+    enum err e = set_up(&r, why);
+
+    if (!e)
+        e = render_all(&r, why);
+    return finish(&r, e, why);
+}

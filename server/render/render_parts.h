@@ -1,0 +1,33 @@
+/* Inside a rendering: what render.c and statistics.c share. */
+#ifndef RENDER_RENDER_PARTS_H
+#define RENDER_RENDER_PARTS_H
+
+#include "render/render.h"
+
+#include <stdio.h>
+
+struct render {
+    struct render_desc desc;
+    struct source *source;
+    struct set *set;
+    struct relighter *relighter;
+    struct decider decider;
+    struct decision decision; /* of the frame */
+    double cache_ms;          /* of computing or loading what --method cached needs, once */
+    double beside_s;          /* of a frame, what is not light: reading and writing it, smoothed */
+    struct environment *environment;
+    struct output *output; /* NULL: no images */
+    struct prober *prober; /* NULL: no pixel is asked about */
+    float *rgb;            /* [height][width][3] */
+    FILE *stats;           /* NULL: none */
+    struct frame frame;
+    uint64_t rendered, refused;
+    bool warned_clipped;
+};
+
+/* Appends the JSON object of the last frame to r->stats. ms: decoding, rebuilding the tables, writing. Thread: the
+ * caller's; errors show when the file is closed. */
+void render_write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
+                        const double ms[3]);
+
+#endif

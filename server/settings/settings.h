@@ -1,0 +1,63 @@
+/* server/settings/settings.h */
+/* The one table of what can be set about light, scene and picture: flags of relightd, relight-render, relight-bench and
+ * relight-chart, the configuration file, control messages and the state file all follow from it (base/setting.h). Flags
+ * that one program alone has stand in a table beside that program's main. */
+#ifndef SETTINGS_SETTINGS_H
+#define SETTINGS_SETTINGS_H
+
+#include "base/setting.h"
+#include "film/film.h"
+#include "light/relight.h"
+#include "source/source.h"
+
+/* What controllers may change while relightd runs, and what it is at the start. */
+struct settings {
+    enum method method;
+    uint32_t samples; /* per shading point; asked for as 0: as many as there is time for */
+    bool counted;     /* someone fixed the sample count: no pilot */
+    double error;     /* the pilot stops at this relMSE; 0: it uses all the time there is */
+    uint32_t classes; /* PATH_* of paths.h */
+    double fps;       /* maximum frames per second; also the pilot's time limit */
+    double rotation_degrees, scale_stops;
+    char camera[64]; /* its name; "": the first of the scene */
+    enum tone_curve tone;
+    double exposure_stops; /* the gain is 2^this; NAN: exposure follows the picture, */
+    double bias_stops;     /* with this added */
+    bool paused;           /* the source is paused */
+
+    /* Requests to move within the source: in control messages only. */
+    int64_t step;
+    uint64_t seek;
+    double hour;
+
+    /* Not settings: how often they have changed. */
+    uint64_t light_version;   /* the current frame must be lit again */
+    uint64_t display_version; /* only exposure or tone curve changed */
+};
+
+/* All values of the table. Zeroed memory, then settings_table's flags by command_read, then setup_complete. */
+struct setup {
+    struct settings initial;
+    struct set_desc set_desc;
+    struct source_desc source_desc;
+    struct relight_desc light;           /* method, samples and classes too */
+    struct environment_desc environment; /* rotation and scale too */
+    const struct kernels *kernels;
+    bool reseed;      /* new random numbers in each frame */
+    uint32_t threads; /* 0: one per processor */
+    uint32_t quality; /* of JPEG, 1..100 */
+
+    /* As flags have them; setup_complete puts them where they belong. */
+    uint32_t size[2];
+    struct setting_frames frames;
+    const char *cpu;
+};
+
+/* Rows of struct setup. Those with a key come first; their fields are in `initial`, its first member, so that they are
+ * rows of struct settings, too. */
+extern const struct setting settings_table[];
+
+/* After command_read: what follows from several flags, or from what this machine is. ERR_USAGE names the flag. */
+MUST_CHECK enum err setup_complete(struct setup *s, struct reason *why);
+
+#endif

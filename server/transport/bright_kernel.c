@@ -1,0 +1,183 @@
+/* The loops by which the bright part of a frame's sky is traced (transport/parts.h): compiled once per CPU level, see
+ * CMakeLists.txt. */
+#include "brdf/lobes.h"
+#include "transport/parts.h"
+
+#include <math.h>
+#include <string.h>
+
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+
+/* A packet whose lobes balance with their gazes: by themselves, without the matte part. */
+struct glints {
+    struct shade_packet points;
+    struct lobes lobes;
+};
+
+static void set_up_glints(const struct shade_packet *p, struct glints *s)
+{
+    s->points = *p;
+    memset(s->points.diffuse, 0, sizeof(s->points.diffuse));
+    lobes_set_up(p, &s->lobes);
+    LANES(l) s->lobes.diffuse_part.v[l] = 0.0f;
+}
+
+/* Of the lobes' light along d only the share that such samples have beside the gazes. */
+static void balance_glints(const struct glints *s, const struct transport_bright *b, const int32_t at[PACKET],
+                           const struct lanes d[3], const struct lanes *cosine, struct lanes brdf[3])
+{
+    struct lanes lobe[3], pdf;
+
+    lobes_evaluate(&s->lobes, &s->points, d, cosine, lobe, &pdf);
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            const float own = b->density[at[l]], theirs = TRANSPORT_GAZES * pdf.v[l];
+            brdf[c].v[l] -= lobe[c].v[l] * (theirs > 0.0f ? theirs / (own + theirs) : 0.0f);
+        }
+}
+
+/* A packet on its way. */
+struct shining {
+    const struct rays *rays; /* NULL: everything is visible */
+    const struct transport_bright *bright;
+    const struct shade_packet *points;
+    const struct glints *glints; /* NULL: there are no gazes */
+    struct lobes lobes;
+    struct ray16 ray;
+    float (*sum)[PACKET];
+    struct transport_view *view;
+};
+
+/* One sample for each lane, each its own. Returns rays traced. */
+static uint64_t shine(struct shining *s, const int32_t at[PACKET])
+{
+    _Alignas(64) int32_t valid[PACKET];
+    const struct transport_bright *b = s->bright;
+    const struct shade_packet *p = s->points;
+    struct lanes d[3], cosine, brdf[3], pdf;
+    int32_t count = 0;
+    uint32_t lit = 0, dark = 0;
+
+    LANES(l)
+    {
+        d[0].v[l] = b->x[at[l]];
+        d[1].v[l] = b->y[at[l]];
+        d[2].v[l] = b->z[at[l]];
+    }
+    if (!lobes_see(p, d, &cosine))
+        return 0;
+    LANES(l)
+    {
+        valid[l] = cosine.v[l] > 0.0f ? p->valid[l] : 0;
+        count -= valid[l];
+    }
+    if (count == 0)
+        return 0;
+    LANES(l)
+    {
+        s->ray.dir_x[l] = d[0].v[l];
+        s->ray.dir_y[l] = d[1].v[l];
+        s->ray.dir_z[l] = d[2].v[l];
+        s->ray.tfar[l] = INFINITY;
+    }
+    if (s->rays)
+        rays_occluded16(s->rays, RAYS_TOGETHER, valid, &s->ray);
+    LANES(l)
+    {
+        const int32_t sees = s->ray.tfar[l] > 0.0f ? valid[l] : 0;
+        lit |= (uint32_t)(sees & 1) << l;
+        dark |= (uint32_t)(valid[l] & ~sees & 1) << l;
+        valid[l] = sees;
+    }
+    s->view->lit |= lit;
+    s->view->dark |= dark;
+    if (lit) {
+        lobes_evaluate(&s->lobes, p, d, &cosine, brdf, &pdf);
+        if (s->glints)
+            balance_glints(s->glints, b, at, d, &cosine, brdf);
+        LANES(l)
+        {
+            s->sum[0][l] += valid[l] ? brdf[0].v[l] * b->r[at[l]] : 0.0f;
+            s->sum[1][l] += valid[l] ? brdf[1].v[l] * b->g[at[l]] : 0.0f;
+            s->sum[2][l] += valid[l] ? brdf[2].v[l] * b->b[at[l]] : 0.0f;
+        }
+    }
+    return s->rays ? (uint64_t)count : 0;
+}
+
+/* In which order the strata of a group are taken: the second stands opposite of the first. */
+static const uint32_t turns[TRANSPORT_MORE] = { 0, 2, 1, 3 };
+
+static uint64_t light(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
+                      bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
+                      float sum[3][PACKET], struct transport_view *view)
+{
+    struct shining s = { .rays = rays, .bright = b, .points = p, .sum = sum, .view = view };
+    struct glints glints;
+    uint64_t traced = 0;
+
+    lobes_set_up(p, &s.lobes);
+    if (narrow) {
+        set_up_glints(p, &glints);
+        s.glints = &glints;
+    }
+    LANES(l)
+    {
+        s.ray.org_x[l] = p->x[l];
+        s.ray.org_y[l] = p->y[l];
+        s.ray.org_z[l] = p->z[l];
+        s.ray.mask[l] = UINT32_MAX;
+    }
+    for (uint32_t i = round->groups[0]; i < round->groups[1]; i++)
+        for (uint32_t j = round->turns[0]; j < round->turns[1]; j++) {
+            int32_t at[PACKET];
+            LANES(l)
+            {
+                const uint32_t stratum = TRANSPORT_MORE * i + (variant[l] + i + turns[j]) % TRANSPORT_MORE;
+                at[l] = (int32_t)(stratum * TRANSPORT_VARIANTS + variant[l]);
+            }
+            traced += shine(&s, at);
+        }
+    return traced;
+}
+
+/* Sixteen points that stand for a block's: every fourth of each packet, or of fewer packets more. */
+static uint64_t probe(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
+                      uint32_t count, const uint32_t variant[PACKET], struct transport_view *view)
+{
+    _Alignas(64) int32_t valid[PACKET];
+    struct ray16 ray = { .org_x = { 0 } };
+    int32_t faced = 0;
+
+    for (uint32_t l = 0; l < PACKET; l++) {
+        const struct shade_packet *p = &packets[l % count];
+        const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other places in each */
+        const uint32_t at = (l * b->strata / PACKET) * TRANSPORT_VARIANTS + variant[l];
+        const float x = b->x[at], y = b->y[at], z = b->z[at];
+        const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
+                           p->ng_x[k] * x + p->ng_y[k] * y + p->ng_z[k] * z > 0.0f;
+        valid[l] = faces ? p->valid[k] : 0;
+        faced -= valid[l];
+        ray.org_x[l] = p->x[k];
+        ray.org_y[l] = p->y[k];
+        ray.org_z[l] = p->z[k];
+        ray.dir_x[l] = x;
+        ray.dir_y[l] = y;
+        ray.dir_z[l] = z;
+        ray.tfar[l] = INFINITY;
+        ray.mask[l] = UINT32_MAX;
+    }
+    if (faced == 0)
+        return 0;
+    rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
+    for (uint32_t l = 0; l < PACKET; l++) {
+        view->lit |= (uint32_t)(valid[l] && ray.tfar[l] > 0.0f) << l;
+        view->dark |= (uint32_t)(valid[l] && !(ray.tfar[l] > 0.0f)) << l;
+    }
+    return (uint64_t)faced;
+}
+
+extern const struct bright_kernels JOIN(bright_kernels_, KERNEL_LEVEL);
+const struct bright_kernels JOIN(bright_kernels_, KERNEL_LEVEL) = { light, probe };

@@ -1,0 +1,314 @@
+#include "estimators/denormals.h"
+
+#include "base/cancel.h"
+#include "base/mem.h"
+#include "cache/memory.h"
+#include "base/progress.h"
+#include "base/rng.h"
+#include "transport/parts.h"
+
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+#define FLOOR 0.03f
+#define BATCH 64     /* blocks between two looks at the memory */
+#define COARSER 2.5f /* tolerances of what is only there for a while */
+
+/* What building needs and what stays is made of. */
+struct build {
+    struct transport *t;
+    struct transport_desc desc; /* defaults filled in */
+    struct transport_world world;
+    struct transport_directions directions;
+    float (*lobe_numbers)[2], (*gaze_numbers)[2];
+    const struct transport_publisher *to; /* NULL: nobody waits for blocks */
+    bool coarse;
+    uint64_t bytes; /* of coarse pieces */
+    uint32_t done;  /* blocks */
+    bool stopped;   /* out of memory, over the limit, or cancelled */
+    enum err error;
+};
+
+/* ---- Building ---- */
+
+/* What one thread works in. */
+struct bench {
+    struct transport_matrix *matrices; /* [TRANSPORT_ROWS] */
+    struct transport_workspace *workspace;
+};
+
+static enum err bench_init(struct bench *b)
+{
+    b->matrices = mem_alloc(TRANSPORT_ROWS, sizeof(*b->matrices));
+    b->workspace = transport_workspace_create();
+    return b->matrices && b->workspace ? ERR_OK : ERR_NOMEM;
+}
+
+static void bench_finish(struct bench *b)
+{
+    mem_free(b->matrices);
+    transport_workspace_destroy(b->workspace);
+}
+
+/* Means of a row's colours. */
+static float mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
+{
+    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
+            transport_row_colour(p, row, 2, l)) /
+           3.0f;
+}
+
+/* What an error in row r counts at a point: it is seen times the row's colour, beside what the point has of an even sky
+ * (but for the darkest ones, which may count as those of FLOOR of the block's mean). Within a thousandth of the
+ * largest, so that no half float overflows. */
+static void fill_scales(const struct build *b, const struct transport_block *block,
+                        const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
+{
+    const uint32_t points = block->packets * PACKET;
+    float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f, most = 0.0f;
+
+    for (uint32_t r = 0; r < block->rows; r++) {
+        float sum[TRANSPORT_POINTS] = { 0.0f };
+        for (uint32_t c = 0; c < SKY_CELLS; c++)
+            for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+                sum[p] += matrices[r].at[c][p];
+        for (uint32_t p = 0; p < points; p++) {
+            scale[r][p] = mean_colour(&b->t->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            whole[p] += scale[r][p] * sum[p];
+            mean += scale[r][p] * sum[p] / (float)points;
+        }
+    }
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++) {
+            scale[r][p] = mean > 0.0f ? scale[r][p] / fmaxf(whole[p], FLOOR * mean) : 1.0f;
+            most = fmaxf(most, scale[r][p]);
+        }
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++)
+            scale[r][p] = most > 0.0f ? fmaxf(scale[r][p] / most, 1e-3f) : 1.0f;
+}
+
+/* What each row may leave out: an even share of what the block may. A row that is dark beside the others may be left
+ * out as a whole. */
+static void share_tolerance(const struct build *b, const struct transport_block *block,
+                            const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS],
+                            double allowed[TRANSPORT_ROWS])
+{
+    const double tolerance = (double)(block->rows > 1 ? b->desc.tolerance_glossy : b->desc.tolerance);
+    double whole = 0.0;
+
+    fill_scales(b, block, matrices, scale);
+    for (uint32_t r = 0; r < block->rows; r++)
+        whole += transport_weigh(&matrices[r], block->packets * PACKET, scale[r]);
+    for (uint32_t r = 0; r < block->rows; r++)
+        allowed[r] = tolerance < 0.0 ? -1.0 : tolerance * tolerance * whole / block->rows;
+}
+
+static enum err build_block(const struct build *b, struct bench *bench, struct transport_block *block, uint64_t *rays)
+{
+    const struct transport *t = b->t;
+    float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
+    double allowed[TRANSPORT_ROWS];
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 0; k < block->packets; k++)
+        *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, bench->matrices,
+                                   k * PACKET, &block->sight);
+    if (block->narrow) {
+        block->gazes = mem_alloc_raw((size_t)block->packets * TRANSPORT_GAZES, sizeof(*block->gazes));
+        if (!block->gazes)
+            return ERR_NOMEM;
+        for (uint32_t k = 0; k < block->packets; k++)
+            *rays += t->kernels->aim(&b->world, &t->gbuffer->packets[block->first + k],
+                                     block->gazes + (size_t)k * TRANSPORT_GAZES);
+    }
+    share_tolerance(b, block, bench->matrices, scale, allowed);
+    for (uint32_t r = 0; r < block->rows && !e; r++)
+        e = transport_compress(bench->workspace, &bench->matrices[r], block->packets * PACKET, scale[r], allowed[r],
+                               &block->pieces[r]);
+    return e;
+}
+
+/* A coarse block has gone to whoever waits for it, and stays as it was in t. */
+static enum err make_block(struct build *b, struct bench *bench, uint32_t index, uint64_t *rays)
+{
+    struct transport_block made = b->t->blocks[index];
+
+    enum err e = build_block(b, bench, &made, rays);
+    const uint64_t bytes = transport_block_bytes(&made);
+    if (!e && b->to)
+        e = b->to->publish(b->to->self, index, &made, !b->coarse);
+    if (e) {
+        transport_block_finish(&made);
+        return e;
+    }
+    if (b->coarse) {
+#pragma omp atomic
+        b->bytes += bytes;
+    } else {
+        b->t->blocks[index] = made;
+    }
+    return ERR_OK;
+}
+
+/* Blocks are built in an order that goes over the whole picture again and again, so that those at hand stand for all:
+ * the k-th is k times this step, which has no factor in common with their number. */
+static uint32_t step_of(uint32_t count)
+{
+    uint32_t step = (uint32_t)(0.6180339887 * count) | 1u;
+
+    for (uint32_t a = step, b = count; b > 1;) {
+        const uint32_t rest = a % b;
+        a = b;
+        b = rest;
+        if (b == 0) { /* a > 1 divides both */
+            step += 2;
+            a = step;
+            b = count;
+        }
+    }
+    return step;
+}
+
+static uint32_t place_of(const struct build *b, uint32_t k, uint32_t step)
+{
+    return (uint32_t)((uint64_t)k * step % b->t->block_count);
+}
+
+/* More than may be; or with the coarse blocks that are still there, and so it will be without them. */
+static bool is_too_large(const struct build *b)
+{
+    const struct transport *t = b->t;
+    const uint64_t most = b->desc.max_bytes;
+
+    if (!cache_memory_suffices(most, t->stats.bytes + b->bytes))
+        return true;
+    return b->to && !cache_memory_suffices(most, b->to->bytes(b->to->self)) &&
+           (double)t->stats.bytes * t->block_count / b->done > (double)most;
+}
+
+/* After a batch: what it takes, and whether to go on. The batches are the same at any number of threads, so that the
+ * limit is met at the same place. */
+static void close_batch(struct build *b, uint32_t until, uint32_t step, bool failed)
+{
+    struct transport *t = b->t;
+    const bool cancelled = is_cancelled(b->desc.cancel);
+
+    for (; b->done < until && !failed && !cancelled; b->done++)
+        if (!b->coarse)
+            transport_count_block(t, &t->blocks[place_of(b, b->done, step)]);
+    if (failed)
+        b->error = ERR_NOMEM;
+    else if (!cancelled && is_too_large(b))
+        b->error = ERR_RANGE;
+    b->stopped = cancelled || b->error != ERR_OK;
+}
+
+static void build_all(struct build *b, uint32_t threads)
+{
+    struct transport *t = b->t;
+    const uint32_t step = step_of(t->block_count);
+    uint64_t rays = 0;
+    int failed = 0;
+
+#pragma omp parallel num_threads(threads) reduction(+ : rays)
+    {
+        const unsigned before = denormals_flush();
+        struct bench bench;
+        const enum err e = bench_init(&bench);
+        for (uint32_t first = 0; first < t->block_count && !b->stopped; first += BATCH) {
+            const uint32_t until = first + BATCH < t->block_count ? first + BATCH : t->block_count;
+#pragma omp for schedule(dynamic, 1)
+            for (uint32_t k = first; k < until; k++) {
+                const uint32_t index = place_of(b, k, step);
+                if (is_cancelled(b->desc.cancel))
+                    continue;
+                if (e || make_block(b, &bench, index, &rays)) {
+#pragma omp atomic
+                    failed++;
+                }
+                progress_step(b->desc.progress, t->blocks[index].packets);
+            }
+#pragma omp single
+            close_batch(b, until, step, failed != 0);
+        }
+        bench_finish(&bench);
+        denormals_restore(before);
+    }
+    t->stats.rays = b->coarse ? 0 : rays;
+}
+
+static float (*make_numbers(uint32_t count, uint64_t seed))[2]
+{
+    float(*out)[2] = mem_alloc(count, sizeof(*out));
+
+    for (uint32_t i = 0; out && i < count; i++) {
+        double x[2];
+        rng_sobol2(seed, i, x);
+        for (int k = 0; k < 2; k++)
+            out[i][k] = fminf((float)x[k], 1.0f - 0x1p-24f);
+    }
+    return out;
+}
+
+static enum err begin_build(struct build *b)
+{
+    struct transport_desc *d = &b->desc;
+
+    if (b->coarse) {
+        d->lobe_samples = (d->lobe_samples + 3) / 4;
+        d->tolerance *= COARSER;
+        d->tolerance_glossy *= COARSER;
+    }
+    const uint32_t samples = d->lobe_samples, side = b->coarse ? 1 : d->per_cell;
+    enum err e = transport_directions_init(&b->directions, side, b->coarse ? 2 : 1, rng_mix(d->seed, 0));
+    b->lobe_numbers = make_numbers(samples, rng_mix(d->seed, 1));
+    b->gaze_numbers = make_numbers(TRANSPORT_GAZES, rng_mix(d->seed, 2));
+    if (e || !b->lobe_numbers || !b->gaze_numbers)
+        return ERR_NOMEM;
+    b->world = (struct transport_world){ .rays = b->t->rays,
+                                         .directions = &b->directions,
+                                         .lobe_numbers = (const float(*)[2])b->lobe_numbers,
+                                         .lobe_samples = samples,
+                                         .gaze_numbers = (const float(*)[2])b->gaze_numbers };
+    transport_compress_begin();
+    return ERR_OK;
+}
+
+enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse, uint32_t threads,
+                         const struct transport_publisher *to, bool *all, struct reason *why)
+{
+    struct build b = { .t = t, .desc = *desc, .to = to, .coarse = coarse };
+
+    b.error = begin_build(&b);
+    if (!b.error)
+        build_all(&b, threads ? threads : (uint32_t)omp_get_max_threads());
+    transport_directions_finish(&b.directions);
+    mem_free(b.lobe_numbers);
+    mem_free(b.gaze_numbers);
+    *all = !b.stopped && !b.error;
+    if (*all && !coarse)
+        transport_close_stats(t);
+    if (b.error == ERR_RANGE)
+        return transport_say_too_large(t, t->stats.bytes + b.bytes, b.done, b.desc.max_bytes, why);
+    return b.error ? err_say(why, b.error, "no memory for the cache of light transport") : ERR_OK;
+}
+
+enum err transport_create(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
+                          const struct transport_desc *desc, struct transport **out, struct reason *why)
+{
+    const struct transport_desc whole = transport_resolve(desc);
+    struct transport *t = transport_begin(g, rays, kernels, desc);
+    bool all = false;
+
+    *out = NULL;
+    if (!t)
+        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+    const enum err e = transport_build(t, &whole, false, 0, NULL, &all, why);
+    if (all)
+        *out = t;
+    else
+        transport_destroy(t);
+    return e;
+}

@@ -1,0 +1,299 @@
+/* Tracing what stands still for the cache of light transport (transport/parts.h). Included by its kernels only. */
+#ifndef TRANSPORT_TRACE_H
+#define TRANSPORT_TRACE_H
+
+#include "brdf/lobes.h"
+#include "transport/parts.h"
+
+#include <math.h>
+
+struct tracer {
+    const struct transport_world *world;
+    const struct shade_packet *points;
+    struct shade_packet basis; /* the same points, with colours that tell the rows apart */
+    struct lobes lobes;
+    struct ray16 rays;
+    uint32_t rows;
+    uint64_t traced;
+    bool seen, hidden; /* by some lane of those that faced a direction, since they were last reset */
+};
+
+/* Colours of the three channels by which lobes_evaluate gives, in this order: the lobe where it is not multiplied, the
+ * lobe where the specular colour is 1, the matte part beside the first. */
+static void set_up_tracer(struct tracer *t)
+{
+    static const float diffuse[3] = { 0.0f, 0.0f, 1.0f }, specular[3] = { 0.0f, 1.0f, 0.0f };
+    const struct shade_packet *p = t->points;
+
+    t->basis = *p;
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            t->basis.diffuse[c][l] = diffuse[c];
+            t->basis.specular[c][l] = specular[c];
+        }
+    lobes_set_up(p, &t->lobes);
+    LANES(l)
+    {
+        t->lobes.diffuse_part.v[l] = 0.0f; /* the matte part has the cells' directions, which are enough for it */
+        t->rays.org_x[l] = p->x[l];
+        t->rays.org_y[l] = p->y[l];
+        t->rays.org_z[l] = p->z[l];
+        t->rays.tnear[l] = 0.0f;
+        t->rays.time[l] = 0.0f;
+        t->rays.mask[l] = UINT32_MAX;
+        t->rays.id[l] = 0;
+        t->rays.flags[l] = 0;
+    }
+}
+
+/* Which lanes face d, and by which cosine; false: none. */
+static bool face(const struct tracer *t, const struct lanes d[3], struct lanes *cosine, int32_t valid[PACKET])
+{
+    int32_t some = 0;
+
+    if (!lobes_see(t->points, d, cosine))
+        return false;
+    LANES(l)
+    {
+        valid[l] = cosine->v[l] > 0.0f ? t->points->valid[l] : 0;
+        some |= valid[l];
+    }
+    return some != 0;
+}
+
+/* Leaves tfar above 0 in the lanes that see the sky along d. */
+static void ask(struct tracer *t, enum ray_spread spread, const struct lanes d[3], const int32_t valid[PACKET])
+{
+    int32_t count = 0;
+
+    LANES(l)
+    {
+        t->rays.dir_x[l] = d[0].v[l];
+        t->rays.dir_y[l] = d[1].v[l];
+        t->rays.dir_z[l] = d[2].v[l];
+        t->rays.tfar[l] = INFINITY;
+        count -= valid[l];
+    }
+    if (t->world->rays) {
+        rays_occluded16(t->world->rays, spread, valid, &t->rays);
+        t->traced += (uint64_t)count;
+    }
+}
+
+/* The lanes' BRDF times cosine by rows, where the sky is seen along d; 0 elsewhere. False: nowhere. pdf: of the
+ * specular lobe. known: bits of the lanes that see it, and no rays are needed; NULL: not known. */
+static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lanes d[3], const uint32_t *known,
+                     struct lanes row[TRANSPORT_ROWS], struct lanes *pdf)
+{
+    _Alignas(64) int32_t valid[PACKET], faced[PACKET];
+    struct lanes cosine, brdf[3];
+    int32_t seen = 0, hidden = 0;
+
+    if (!face(t, d, &cosine, valid))
+        return false;
+    if (known) {
+        LANES(l) t->rays.tfar[l] = *known >> l & 1u ? INFINITY : -INFINITY;
+    } else {
+        ask(t, spread, d, valid);
+    }
+    memcpy(faced, valid, sizeof(faced));
+    LANES(l)
+    {
+        valid[l] = t->rays.tfar[l] > 0.0f ? valid[l] : 0;
+        cosine.v[l] = valid[l] ? cosine.v[l] : 0.0f;
+        seen |= valid[l];
+        hidden |= faced[l] & ~valid[l];
+    }
+    t->seen |= seen != 0;
+    t->hidden |= hidden != 0;
+    if (!seen)
+        return false;
+    lobes_evaluate(&t->lobes, &t->basis, d, &cosine, brdf, pdf);
+    LANES(l)
+    {
+        const float both = brdf[1].v[l] - brdf[0].v[l], matte = brdf[2].v[l] - brdf[0].v[l];
+        row[0].v[l] = matte > 0.0f ? matte : 0.0f;
+        row[1].v[l] = both > 0.0f ? both : 0.0f;
+        row[2].v[l] = brdf[0].v[l];
+    }
+    return true;
+}
+
+/* A lobe's rows are lit by the cells' directions and the lobe's own, under the balance heuristic; `weight` is 1 /
+ * density of the former. */
+static inline float balanced(float weight, float lobe_samples, float pdf)
+{
+    return weight / (1.0f + weight * lobe_samples * pdf);
+}
+
+static void set_direction(const struct transport_directions *dirs, uint32_t k, struct lanes d[3])
+{
+    const float x = dirs->x[k], y = dirs->y[k], z = dirs->z[k];
+
+    LANES(l)
+    {
+        d[0].v[l] = x;
+        d[1].v[l] = y;
+        d[2].v[l] = z;
+    }
+}
+
+/* What is known of the directions of each unit (transport_directions) before they are traced. */
+struct outlook {
+    uint32_t first[SKY_CELLS]; /* lanes that see the unit's first one */
+    uint8_t sides[SKY_CELLS];  /* bit 0: some lane that faces that one sees it; 1: some does not */
+};
+
+/* One direction of each unit. */
+static void look_out(struct tracer *t, struct outlook *o)
+{
+    const struct transport_directions *dirs = t->world->directions;
+
+    for (uint32_t u = 0; u < dirs->units; u++) {
+        _Alignas(64) int32_t valid[PACKET];
+        struct lanes d[3], cosine;
+        uint32_t seen = 0, faced = 0;
+        set_direction(dirs, u * TRANSPORT_UNIT, d);
+        o->sides[u] = 0;
+        o->first[u] = 0;
+        if (!face(t, d, &cosine, valid))
+            continue;
+        ask(t, RAYS_TOGETHER, d, valid);
+        for (uint32_t l = 0; l < PACKET; l++) {
+            faced |= (uint32_t)(valid[l] != 0) << l;
+            seen |= (uint32_t)(valid[l] && t->rays.tfar[l] > 0.0f) << l;
+        }
+        o->first[u] = seen;
+        o->sides[u] = (uint8_t)((seen != 0) | (faced != seen) << 1);
+    }
+}
+
+/* Where all lanes' first directions of a unit and of the eight about it have seen the sky, or none has, so it is by the
+ * others. */
+static const uint32_t *known_of(const struct transport_directions *dirs, const struct outlook *o, uint32_t k)
+{
+    static const uint32_t all = UINT32_MAX, none = 0;
+    const uint32_t u = k / TRANSPORT_UNIT;
+
+    if (!dirs->units)
+        return NULL;
+    if (k % TRANSPORT_UNIT == 0)
+        return &o->first[u];
+    uint32_t sides = o->sides[u];
+    for (int i = 0; i < 8; i++)
+        sides |= o->sides[dirs->around[u][i]];
+    return sides == 1 ? &all : sides == 2 ? &none : NULL;
+}
+
+static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t first, struct transport_sight *sight)
+{
+    const struct transport_directions *dirs = t->world->directions;
+    const float lobes = t->rows > 1 ? (float)t->world->lobe_samples : 0.0f;
+    const float part = 1.0f / (float)dirs->group;
+    struct outlook outlook;
+
+    look_out(t, &outlook);
+    for (uint32_t cell = 0, k = 0; cell < SKY_CELLS; cell += dirs->group) {
+        struct lanes sum[TRANSPORT_ROWS] = { { { 0 } } };
+        t->seen = t->hidden = false;
+        for (const uint32_t end = k + dirs->per_group; k < end; k++) {
+            const float weight = dirs->weight[k];
+            struct lanes d[3], row[TRANSPORT_ROWS], pdf;
+            set_direction(dirs, k, d);
+            if (!see_rows(t, RAYS_TOGETHER, d, known_of(dirs, &outlook, k), row, &pdf))
+                continue;
+            LANES(l)
+            {
+                const float w = balanced(weight, lobes, pdf.v[l]);
+                sum[0].v[l] += weight * row[0].v[l];
+                sum[1].v[l] += w * row[1].v[l];
+                sum[2].v[l] += w * row[2].v[l];
+            }
+        }
+        for (uint32_t c = cell; c < cell + dirs->group; c++) {
+            sight->seen[c / 64] |= (uint64_t)t->seen << c % 64;
+            sight->hidden[c / 64] |= (uint64_t)t->hidden << c % 64;
+        }
+        for (uint32_t r = 0; r < t->rows; r++) {
+            LANES(l) sum[r].v[l] *= part;
+            for (uint32_t c = cell; c < cell + dirs->group; c++)
+                memcpy(&out[r].at[c][first], sum[r].v, sizeof(sum[r]));
+        }
+    }
+}
+
+/* The lobe's own samples, the same numbers for all points, so that neighbours see alike and compress well. */
+static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t first)
+{
+    const struct transport_directions *dirs = t->world->directions;
+    const float per_uv = (float)dirs->per_group / (float)dirs->group * (0.25f * SKY_EDGE * SKY_EDGE);
+    const float half = 0.5f * SKY_EDGE, samples = (float)t->world->lobe_samples;
+
+    for (uint32_t i = 0; i < t->world->lobe_samples; i++) {
+        const float *x = t->world->lobe_numbers[i];
+        struct lanes square[2], d[3], row[TRANSPORT_ROWS], pdf;
+        LANES(l)
+        {
+            square[0].v[l] = x[0];
+            square[1].v[l] = x[1];
+        }
+        lobes_sample(&t->lobes, t->points, square, d);
+        if (!see_rows(t, RAYS_APART, d, NULL, row, &pdf))
+            continue;
+        for (uint32_t l = 0; l < PACKET; l++) {
+            const float w[3] = { d[0].v[l], d[1].v[l], d[2].v[l] };
+            float u, v;
+            const uint32_t face = cube_locate(w, &u, &v), edge = SKY_EDGE - 1;
+            const uint32_t q = (uint32_t)((v + 1.0f) * half), c = (uint32_t)((u + 1.0f) * half);
+            const uint32_t cell = sky_cell(face, q < edge ? q : edge, c < edge ? c : edge);
+            const float density = per_uv * cube_jacobian(u, v) + samples * pdf.v[l];
+            for (uint32_t r = 1; r < t->rows; r++)
+                out[r].at[cell][first + l] += row[r].v[l] / density;
+        }
+    }
+}
+
+static inline uint64_t trace(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
+                             struct transport_matrix *out, uint32_t first, struct transport_sight *sight)
+{
+    struct tracer t = { .world = w, .points = p, .rows = rows };
+
+    set_up_tracer(&t);
+    trace_cells(&t, out, first, sight);
+    if (rows > 1)
+        trace_lobes(&t, out, first);
+    return t.traced;
+}
+
+static inline uint64_t aim(const struct transport_world *w, const struct shade_packet *p, struct transport_gaze *out)
+{
+    struct tracer t = { .world = w, .points = p, .rows = TRANSPORT_ROWS };
+
+    set_up_tracer(&t);
+    memset(out, 0, TRANSPORT_GAZES * sizeof(*out));
+    for (uint32_t i = 0; i < TRANSPORT_GAZES; i++, out++) {
+        struct lanes square[2], d[3], row[TRANSPORT_ROWS], pdf;
+        LANES(l)
+        {
+            square[0].v[l] = w->gaze_numbers[i][0];
+            square[1].v[l] = w->gaze_numbers[i][1];
+        }
+        lobes_sample(&t.lobes, p, square, d);
+        const bool some = see_rows(&t, RAYS_APART, d, NULL, row, &pdf);
+        LANES(l)
+        {
+            const float density = some ? TRANSPORT_GAZES * pdf.v[l] : 0.0f;
+            const float scale = density > 0.0f ? 1.0f / density : 0.0f;
+            out->x[l] = d[0].v[l];
+            out->y[l] = d[1].v[l];
+            out->z[l] = d[2].v[l];
+            out->by_specular[l] = scale > 0.0f ? scale * row[1].v[l] : 0.0f;
+            out->by_one[l] = scale > 0.0f ? scale * row[2].v[l] : 0.0f;
+            out->density[l] = density;
+        }
+    }
+    return t.traced;
+}
+
+#endif

@@ -1,0 +1,221 @@
+#include "transport/transport.h"
+
+#include "base/cancel.h"
+#include "estimators/denormals.h"
+#include "base/mem.h"
+#include "base/rng.h"
+#include "transport/parts.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+void transport_destroy(struct transport *t)
+{
+    if (!t)
+        return;
+    for (uint32_t k = 0; t->blocks && k < t->block_count; k++) {
+        for (uint32_t r = 0; t->bytes && r < TRANSPORT_ROWS; r++)
+            t->blocks[k].pieces[r].bytes = NULL; /* which are not its own */
+        transport_block_finish(&t->blocks[k]);
+    }
+    mem_free(t->bytes);
+    mem_free(t->blocks);
+    mem_free(t->fades);
+    mem_free(t->unbuilt_index);
+    mem_free(t->narrow_index);
+    mem_free(t->bright_values);
+    sky_split_finish(&t->sky);
+    mem_free(t);
+}
+
+uint64_t transport_steps(const struct gbuffer *g)
+{
+    return g->packet_count;
+}
+
+/* Bytes that a piece takes among others, in whole cache lines. */
+static size_t place_of(const struct transport_piece *q, const struct transport_block *b)
+{
+    const size_t bytes = (size_t)transport_piece_bytes(q, b->packets * PACKET);
+
+    return (bytes + MEM_ALIGN - 1) / MEM_ALIGN * MEM_ALIGN;
+}
+
+/* Blocks are built in no order, by several threads. A frame that reads them one after the other takes two thirds of the
+ * time. */
+void transport_gather(struct transport *t)
+{
+    size_t count = 0;
+
+    if (t->fades || t->bytes)
+        return;
+    for (uint32_t k = 0; k < t->block_count; k++)
+        for (uint32_t r = 0; r < t->blocks[k].rows; r++)
+            count += place_of(&t->blocks[k].pieces[r], &t->blocks[k]);
+    t->bytes = mem_alloc_raw(count, 1);
+    if (!t->bytes)
+        return;
+    uint8_t *to = t->bytes;
+    for (uint32_t k = 0; k < t->block_count; k++)
+        for (uint32_t r = 0; r < t->blocks[k].rows; r++) {
+            struct transport_piece *q = &t->blocks[k].pieces[r];
+            if (!q->bytes)
+                continue;
+            memcpy(to, q->bytes, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
+            mem_free(q->bytes);
+            q->bytes = to;
+            to += place_of(q, &t->blocks[k]);
+        }
+}
+
+const struct transport_stats *transport_stats(const struct transport *t)
+{
+    return &t->stats;
+}
+
+const struct packet_list *transport_unbuilt(const struct transport *t)
+{
+    return &t->unbuilt;
+}
+
+bool transport_is_settled(const struct transport *t)
+{
+    return !t->fades;
+}
+
+/* ---- A frame ---- */
+
+/* What traces and looks, apart from the cells. Returns packets in a penumbra. */
+static uint32_t add_rest(const struct transport *t, const struct transport_look *look, const struct transport_block *b,
+                         float *lo, uint64_t *rays)
+{
+    for (uint32_t k = 0; b->narrow && k < b->packets; k++)
+        t->kernels->gaze(look, &t->gbuffer->packets[b->first + k], b->gazes + (size_t)k * TRANSPORT_GAZES,
+                         lo + (size_t)k * 3 * PACKET);
+    return t->bright.strata ? transport_bright_add(t, b, lo, rays) : 0;
+}
+
+static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)
+{
+    for (uint32_t k = 0; k < b->packets; k++)
+        for (uint32_t l = t->gbuffer->packets[b->first + k].count; l < PACKET; l++)
+            for (uint32_t c = 0; c < 3; c++)
+                lo[(k * 3 + c) * PACKET + l] = 0.0f;
+}
+
+static void mix(const struct transport_block *b, const float *old, float weight, float *lo)
+{
+    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
+        lo[i] = old[i] + weight * (lo[i] - old[i]);
+}
+
+/* A block that takes over bit by bit, from its former self or from what stands in lo. */
+static uint32_t shade_fading(const struct transport *t, const struct transport_look *look, uint32_t k, float *lo,
+                             uint64_t *rays)
+{
+    const struct transport_block *b = &t->blocks[k];
+    const struct transport_fade *f = &t->fades[k];
+    const struct shade_packet *packets = &t->gbuffer->packets[b->first];
+    const float weight = (float)f->weight / TRANSPORT_FADE;
+    _Alignas(64) float old[TRANSPORT_PACKETS * 3 * PACKET];
+
+    if (f->weight == 0)
+        return 0;
+    if (f->from_cells)
+        t->kernels->cells(&f->old, packets, &t->sky, NULL, old);
+    else
+        memcpy(old, lo, (size_t)b->packets * 3 * PACKET * sizeof(float));
+    t->kernels->cells(b, packets, &t->sky, NULL, lo);
+    if (f->from_cells)
+        mix(b, old, weight, lo);
+    const uint32_t penumbra = add_rest(t, look, b, lo, rays);
+    clear_padding(t, b, lo);
+    if (!f->from_cells)
+        mix(b, old, weight, lo);
+    return penumbra;
+}
+
+/* Computes the cells' means and what indirect light needs of the map side by side: waking the threads twice would cost
+ * a measurable part of the frame. */
+static enum err take_cells(struct sky_split *s, const struct environment *e, const struct transport_indirect *indirect)
+{
+    const enum err result = sky_split_begin(s, e);
+    const uint32_t parts = indirect ? indirect->take_parts : 0;
+
+    if (result)
+        return result;
+    if (indirect)
+        environment_complete_pyramid(e);
+#pragma omp parallel
+    {
+#pragma omp for schedule(dynamic, 1) nowait
+        for (uint32_t k = 0; k < parts; k++)
+            indirect->take(indirect->self, e, k);
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < SKY_SPLIT_PARTS; k++)
+            sky_split_part(s, e, k);
+    }
+    if (indirect)
+        indirect->taken(indirect->self);
+    return ERR_OK;
+}
+
+/* Splits the frame's sky and draws samples of its bright part. */
+static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame)
+{
+    assert(frame->samples >= 1 && !(frame->indirect && t->fades));
+    t->sky.unsplit = frame->unsplit;
+    const enum err result = take_cells(&t->sky, e, frame->indirect);
+    return result ? result : transport_bright_draw(t, e, frame);
+}
+
+enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
+                         float *lo, struct transport_frame_stats *stats)
+{
+    uint64_t rays = 0;
+    uint32_t penumbra = 0;
+
+    *stats = (struct transport_frame_stats){ 0 };
+    const enum err result = take_sky(t, e, frame);
+    if (result)
+        return result;
+    if (t->stats.narrow > 0)
+        environment_complete_pyramid(e);
+    const struct transport_look look = {
+        .environment = e,
+        .level = t->sky.level,
+        .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
+    };
+    const uint32_t parts = frame->indirect ? frame->indirect->parts : 0;
+#pragma omp parallel reduction(+ : rays, penumbra)
+    {
+        const unsigned before = denormals_flush();
+        struct transport_rows more;
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < parts; k++)
+            frame->indirect->prepare(frame->indirect->self, k);
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < t->block_count; k++) {
+            const struct transport_block *b = &t->blocks[k];
+            float *out = lo + (size_t)b->first * 3 * PACKET;
+            if (is_cancelled(frame->cancel))
+                continue;
+            if (t->fades && t->fades[k].weight < TRANSPORT_FADE) {
+                penumbra += shade_fading(t, &look, k, out, &rays);
+                continue;
+            }
+            if (frame->indirect)
+                frame->indirect->rows(frame->indirect->self, b->first, &more);
+            t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, frame->indirect ? &more : NULL, out);
+            penumbra += add_rest(t, &look, b, out, &rays);
+            clear_padding(t, b, out);
+        }
+        denormals_restore(before);
+    }
+    stats->rays = rays;
+    stats->penumbra = penumbra;
+    stats->bright = t->sky.bright_count;
+    stats->share = e->total_energy > 0.0 ? t->sky.bright_energy / e->total_energy : 0.0;
+    return ERR_OK;
+}

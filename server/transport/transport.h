@@ -1,0 +1,112 @@
+/* The cache of direct light (precomputed radiance transport). While camera, geometry and materials stay the same, the
+ * radiance of a shade point is linear in the environment map:
+ *     Lo(p) = sum over cells c of T(p, c) L(c),      T(p, c) = integral over c of f(o, w) max(0, n.w) V(p, w) dw,
+ * where L(c) is the map's mean radiance over cell c of 6 x 16 x 16. T is traced once and stored without colours, one
+ * row for each part of the BRDF (transport/parts.h); a frame multiplies the rows by the point's colours.
+ *
+ * A mean over 5.6 degrees would blur the shadows of the sun. So env/sky_split.h splits the map: the lower part goes
+ * through T, and the bright part is traced in every frame, with few rays where neighbours agree on what they see of it
+ * and up to eight times as many where they do not. Lobes narrower than a cell use directions of their own, whose
+ * visibility is stored: there the map is looked up texel by texel.
+ *
+ * The result is biased: a cell has one radiance, T is a quadrature and is compressed within a tolerance, and the few
+ * rays miss thin penumbrae. docs/transport-cache.md has figures.
+ *
+ * One struct transport per thread of control. transport_create and transport_shade run on all OpenMP threads and give
+ * the same bits at any number of them. LAPACK compresses; its rounding may differ between types of processors. */
+#ifndef TRANSPORT_TRANSPORT_H
+#define TRANSPORT_TRANSPORT_H
+
+#include "env/environment.h"
+#include "base/err.h"
+#include "scene/gbuffer.h"
+#include "estimators/kernels.h"
+#include "scene/rays.h"
+
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+/* A lobe is narrow if it falls to a half within less than a cell's 5.6 degrees: above this Phong exponent, or below
+ * this alpha of ggx. cos^150 falls to a half at 5.5 degrees; D of ggx at 1.29 alpha, about a half vector that turns
+ * half as fast. */
+#define TRANSPORT_EXPONENT 150.0f
+#define TRANSPORT_ALPHA 0.075f
+
+struct transport;
+struct transport_indirect;
+struct progress;
+
+struct transport_desc {
+    uint32_t per_cell;     /* directions along a cell's edge, 1..8: 2 means 4 a cell; 0: 2 */
+    uint32_t lobe_samples; /* further directions for a glossy point's lobe, at most 4096; 0: 64 */
+    /* Compression: the Frobenius norm of what a block of 64 points may lose, relative to that of its transport, colours
+     * included. 0: 0.015 for matte and 0.01 for glossy blocks; below 0: no compression. */
+    float tolerance, tolerance_glossy;
+    uint64_t max_bytes; /* limit of what is kept (cache/memory.h); building takes some 2 MB a thread more */
+    uint64_t seed;
+    bool no_visibility;        /* V = 1 */
+    struct progress *progress; /* NULL, or stepped transport_steps times in all */
+    const atomic_bool *cancel; /* NULL, or a flag that ends the building (base/cancel.h) */
+};
+
+struct transport_stats {
+    uint64_t bytes; /* held */
+    uint64_t dense; /* bytes of all entries as half floats, uncompressed */
+    uint64_t rays;  /* traced to build it */
+    uint32_t packets;
+    uint32_t narrow;              /* packets with lobes narrower than a cell */
+    uint32_t blocks, pieces, raw; /* a piece is one row of a block; raw: uncompressed pieces */
+    uint32_t halves;              /* pieces compressed to half floats, where bytes were too coarse */
+    double rank;                  /* mean rank of compressed pieces */
+};
+
+struct transport_frame {
+    uint32_t samples;          /* N >= 1; N / 64 to N / 8 rays a point go to the bright part */
+    uint64_t seed, pass;       /* choose the samples of the bright part */
+    const atomic_bool *cancel; /* NULL, or a flag that ends the frame early */
+    bool unsplit;              /* no bright part: cells alone, linear in the map up to rounding */
+    /* Indirect light of the same cache (bounce_indirect), added before colours multiply; NULL: none. Only once
+     * transport_is_settled. */
+    const struct transport_indirect *indirect;
+};
+
+struct transport_frame_stats {
+    uint64_t rays;     /* traced to the bright part */
+    uint32_t bright;   /* texels of the bright part */
+    uint32_t penumbra; /* packets in penumbrae, which got more rays */
+    double share;      /* of the map's energy that is bright, 0..1 */
+};
+
+/* Steps of a progress line that building takes. */
+uint64_t transport_steps(const struct gbuffer *g);
+
+/* Traces and compresses. g, rays and kernels are borrowed and must outlive *out, which the caller frees with
+ * transport_destroy. rays: NULL means that everything is visible. ERR_RANGE: max_bytes is too small; *why says what
+ * would do. ERR_NOMEM. On an error *out is NULL; when cancelled it is NULL too, and the result ERR_OK. */
+MUST_CHECK enum err transport_create(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
+                                     const struct transport_desc *desc, struct transport **out, struct reason *why);
+void transport_destroy(struct transport *t); /* NULL is allowed */
+
+/* Moves the pieces together in memory, in the order in which frames read them. Call it on the frame's thread, between
+ * frames. Does nothing while a background build runs, when the pieces are together already, or when memory is out. */
+void transport_gather(struct transport *t);
+
+/* Lights the shade points under the map e. lo: float[packet_count][3][16], radiance, linear Rec.709; every lane is
+ * written, padding with 0. While a background build runs, lo must hold the light of the packets in transport_unbuilt on
+ * entry. *stats is filled. ERR_NOMEM. */
+MUST_CHECK enum err transport_shade(struct transport *t, const struct environment *e,
+                                    const struct transport_frame *frame, float *lo,
+                                    struct transport_frame_stats *stats);
+
+/* Valid as long as t. */
+const struct transport_stats *transport_stats(const struct transport *t);
+
+/* True once all blocks are built and faded in. */
+bool transport_is_settled(const struct transport *t);
+
+/* Packets whose block is missing or still fading in, of a cache that is being built (transport/live.h); empty
+ * otherwise. Valid until the next transport_live_advance. */
+const struct packet_list *transport_unbuilt(const struct transport *t);
+
+#endif

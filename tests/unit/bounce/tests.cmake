@@ -1,0 +1,2 @@
+unit_test(bounce test_bounce_file light z)
+unit_test(bounce test_bounce OpenMP::OpenMP_C)

@@ -1,0 +1,1 @@
+unit_test(cache test_cache_file)

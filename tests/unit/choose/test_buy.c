@@ -1,0 +1,156 @@
+/* When auto takes the cache of light transport: by counts, and by what frames have cost. */
+#include "choose/buy.h"
+
+#include "support/unit.h"
+
+#include <math.h>
+
+static struct buy counted(uint64_t frames, uint32_t samples, bool indirect)
+{
+    struct buy b;
+    buy_by_counts(&(struct buy_facts){ .frames = frames, .samples = samples, .indirect = indirect }, &b);
+    return b;
+}
+
+/* 2048 / (64 - 4) = 34.1 frames, as long as 2048 samples a point take. */
+static void it_pays_after_its_break_even(void **state)
+{
+    (void)state;
+    assert_true(fabs(counted(35, 64, false).break_even - 2048.0 / 60.0) < 1e-12);
+    assert_true(counted(35, 64, false).yes);
+    assert_false(counted(34, 64, false).yes);
+    assert_true(counted(171, 16, false).yes);
+    assert_false(counted(170, 16, false).yes);
+    assert_true(counted(27, 64, true).yes); /* 3298 / 124 */
+    assert_false(counted(26, 64, true).yes);
+    assert_false(counted(0, 64, false).yes);
+}
+
+static void never_for_a_single_frame(void **state)
+{
+    struct buy b;
+    (void)state;
+
+    for (uint32_t samples = 1; samples <= 1u << 20; samples *= 2)
+        for (int indirect = 0; indirect < 2; indirect++) {
+            assert_false(counted(1, samples, indirect).yes);
+            buy_by_counts(&(struct buy_facts){ .frames = 1, .samples = samples, .kept = true }, &b);
+            assert_false(b.yes);
+        }
+    const struct buy_facts first = { .kept = true, .points = 1000, .error = 1.0, .sample_s = 1e-8, .frame_s = 1.0 };
+    buy_by_clock(&first, &b);
+    assert_false(b.yes); /* none was made yet: it may be the only one */
+}
+
+/* 512 samples are 5.9e-4 off, where the cache is 4.5e-4; 1024 are 2.9e-4 off. */
+static void not_where_samples_are_better(void **state)
+{
+    (void)state;
+    assert_true(counted(1000, 512, false).yes);
+    assert_false(counted(100000, 1024, false).yes);
+    assert_true(counted(1000, 256, true).yes);
+    assert_false(counted(100000, 512, true).yes);
+    assert_false(counted(100000, 4, false).yes); /* nor where it takes no less */
+}
+
+/* 10000 points of 1e-7 s a sample: 2.048 s to compute, 4 ms a frame. */
+static struct buy clocked(double error, double frame_s, double spent_s, uint64_t left, bool kept)
+{
+    const struct buy_facts f = { .points = 10000,
+                                 .sample_s = 1e-7,
+                                 .error = error,
+                                 .frame_s = frame_s,
+                                 .spent_s = spent_s,
+                                 .made = 10,
+                                 .frames = left,
+                                 .kept = kept };
+    struct buy b;
+    buy_by_clock(&f, &b);
+    return b;
+}
+
+/* So that it costs at most twice what it would have cost to know beforehand how many frames come. */
+static void it_is_computed_when_as_much_has_been_spent(void **state)
+{
+    (void)state;
+    assert_true(fabs(clocked(1e-2, 0.044, 0.0, 0, false).build_s - 2.048) < 1e-9);
+    assert_true(fabs(clocked(1e-2, 0.044, 0.0, 0, false).break_even - 51.2) < 1e-9);
+    assert_false(clocked(1e-2, 0.044, 2.04, 0, false).yes);
+    assert_true(clocked(1e-2, 0.044, 2.05, 0, false).yes);
+    assert_true(clocked(1e-2, 0.044, 0.044, 0, true).yes);
+    assert_false(clocked(1e-2, 0.004, 100.0, 0, false).yes); /* a frame by it takes as long */
+}
+
+/* Frames in haste take no longer than those of the cache, and are worse: 2048 / 60 of them, and (2048 + 1250) / 124. */
+static void haste_does_not_keep_it_away(void **state)
+{
+    struct buy_facts f = { .points = 10000, .sample_s = 1e-7, .error = 1.0, .frame_s = 1e-3, .made = 34 };
+    struct buy b;
+    (void)state;
+
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.kept = true;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+    f.kept = false;
+    f.made = 35;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+    f.frames = 1000; /* known to come: by what they save */
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.frames = 0;
+    f.error = 0.5 * BUY_BIAS;
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.error = 1.0;
+    f.indirect = true;
+    f.made = 26;
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.made = 27;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+}
+
+static void frames_that_are_known_to_come_are_counted(void **state)
+{
+    (void)state;
+    assert_false(clocked(1e-2, 0.044, 100.0, 51, false).yes);
+    assert_true(clocked(1e-2, 0.044, 0.044, 52, false).yes);
+    assert_true(clocked(1e-2, 0.044, 0.044, 1, true).yes); /* 0.5 frames to load it */
+}
+
+static void not_where_a_better_picture_was_asked_for(void **state)
+{
+    struct buy_facts f = {
+        .points = 10000, .sample_s = 1e-7, .error = 1e-3, .frame_s = 1.0, .spent_s = 100.0, .made = 10, .indirect = true
+    };
+    struct buy b;
+    (void)state;
+
+    assert_true(clocked(BUY_BIAS, 1.0, 100.0, 0, false).yes);
+    assert_false(clocked(0.99 * BUY_BIAS, 1.0, 100.0, 0, false).yes);
+    assert_false(clocked(0.99 * BUY_BIAS, 1.0, 100.0, 0, true).yes);
+    assert_false(clocked(0.0, 1.0, 100.0, 0, false).yes); /* not known */
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+    f.error = 1.01 * BUY_BIAS_INDIRECT;
+    buy_by_clock(&f, &b);
+    assert_true(b.yes);
+    f.made = BUY_MADE - 1;
+    buy_by_clock(&f, &b);
+    assert_false(b.yes);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(it_pays_after_its_break_even),
+    cmocka_unit_test(never_for_a_single_frame),
+    cmocka_unit_test(not_where_samples_are_better),
+    cmocka_unit_test(it_is_computed_when_as_much_has_been_spent),
+    cmocka_unit_test(haste_does_not_keep_it_away),
+    cmocka_unit_test(frames_that_are_known_to_come_are_counted),
+    cmocka_unit_test(not_where_a_better_picture_was_asked_for),
+};
+UNIT_MAIN(tests)

@@ -1,0 +1,134 @@
+/* What the pilot knows and how: its groups hold every pixel once, its models stand on readings. */
+#include "choose/pilot_measure.h"
+#include "choose/pilot_model.h"
+#include "light/pilots.h"
+
+#include <math.h>
+
+static bool in_list(const struct packet_list *l, uint32_t packet)
+{
+    for (uint32_t k = 0; k < l->count; k++)
+        if (l->index[k] == packet)
+            return true;
+    return false;
+}
+
+static void each_pixel_is_in_one_group_with_all_its_packets(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = 160, .height = 90 });
+    const struct gbuffer *g = set->gbuffer;
+    static uint8_t seen[160 * 90];
+    struct groups s;
+    (void)state;
+
+    assert_true(groups_init(&s, g));
+    assert_in_range(s.count, 8, GROUPS_MAX);
+    uint32_t least = UINT32_MAX, most = 0;
+    for (uint32_t k = 0; k < s.count; k++) {
+        const struct group *group = &s.group[k];
+        assert_true(group->pixel_count > 0);
+        for (uint32_t i = 0; i < group->pixel_count; i++) {
+            const uint32_t pixel = group->pixels[i];
+            assert_int_equal(seen[pixel]++, 0);
+            for (uint32_t j = g->entry_first[pixel]; j < g->entry_first[pixel + 1]; j += 3)
+                assert_true(in_list(&group->list, g->entries[j].point / PACKET));
+        }
+        least = group->pixel_count < least ? group->pixel_count : least;
+        most = group->pixel_count > most ? group->pixel_count : most;
+    }
+    printf("%u groups of %u to %u pixels\n", s.count, least, most);
+    assert_true(most < 2 * least);
+    for (uint32_t pixel = 0; pixel < 160 * 90; pixel++)
+        assert_int_equal(seen[pixel], g->entry_first[pixel + 1] > g->entry_first[pixel]);
+    assert_int_equal(s.all.list.count, g->packet_count);
+    groups_finish(&s);
+    set_destroy(set);
+}
+
+/* Noise of known variance on both estimates: half of the squared difference is that variance over the yardstick, the
+ * product the square of what they share. 160 x 90 pixels make the mean of squares known to 1.2 %. */
+static void pairs_tell_variance_and_energy(void **state)
+{
+    enum { PIXELS = 160 * 90 };
+    static float a[3 * PIXELS], b[3 * PIXELS], r[3 * PIXELS];
+    static uint8_t mask[PIXELS];
+    struct set *set = set_of(&(struct set_desc){ .width = 160, .height = 90 });
+    struct rng rng = { 3 };
+    struct groups s;
+    struct yardstick y;
+    (void)state;
+
+    assert_true(groups_init(&s, set->gbuffer));
+    for (size_t i = 0; i < 3 * (size_t)PIXELS; i++) {
+        r[i] = 2.0f;
+        a[i] = 0.5f + 0.3f * (float)(rng_next(&rng) - 0.5);
+        b[i] = 0.5f + 0.3f * (float)(rng_next(&rng) - 0.5);
+        mask[i / 3] = 1;
+    }
+    yardstick_init(&y, r, mask, 160, 90);
+    const struct pair pair = pair_of_pictures(&s.all, a, b, &y);
+    const double measure = 4.0 * 1.01;
+    assert_float_equal(pair.error, 0.09 / 12.0 / measure, 0.05 * 0.09 / 12.0 / measure);
+    assert_float_equal(pair.energy, 0.25 / measure, 0.02 * 0.25 / measure);
+    groups_finish(&s);
+    set_destroy(set);
+}
+
+/* Readings at several counts, each off by up to a half: their mean by what one unit leaves. */
+static void a_model_finds_the_variance_behind_noisy_readings(void **state)
+{
+    struct model m = { 0 };
+    struct rng r = { 9 };
+    (void)state;
+
+    model_read(&m, &(struct reading){ 8.0, 0.2, 0.0 });
+    assert_float_equal(model_error(&m, 16.0), 0.1, 1e-12);
+    m = (struct model){ 0 };
+    for (int k = 0; k < 200; k++) {
+        const double n = exp2(1.0 + 8.0 * rng_next(&r));
+        model_read(&m, &(struct reading){ n, 3.0 / n * (0.5 + rng_next(&r)), 0.25 });
+    }
+    assert_float_equal(model_error(&m, 32.0), 3.0 / 32.0, 0.2 * 3.0 / 32.0);
+    assert_float_equal(m.energy, 0.25, 1e-12);
+    model_scale_errors(&m, 0.5);
+    assert_float_equal(model_error(&m, 32.0), 1.5 / 32.0, 0.2 * 1.5 / 32.0);
+}
+
+static void a_whole_picture_corrects_what_a_part_said_of_its_time(void **state)
+{
+    struct model m = { 0 };
+    (void)state;
+
+    model_time(&m, 0.001, 10.0, 0.01, 0.1); /* 0.01 s for 10 on a tenth: 0.01 each for all */
+    assert_float_equal(model_seconds(&m, 20.0), 0.201, 1e-9);
+    model_ran(&m, 20.0, 0.402);
+    assert_float_equal(model_seconds(&m, 20.0), 0.402, 1e-9);
+    model_ran(&m, 20.0, 40.0); /* a hiccup */
+    assert_true(model_seconds(&m, 20.0) < 0.8);
+    for (int k = 0; k < 12; k++)
+        model_ran(&m, 20.0, 0.2);
+    assert_float_equal(model_seconds(&m, 20.0), 0.2, 0.01);
+}
+
+static void an_old_sky_is_forgotten_by_the_first_new_reading(void **state)
+{
+    struct model m = { 0 };
+    (void)state;
+
+    for (int k = 0; k < 40; k++)
+        model_read(&m, &(struct reading){ 4.0, 1.0, 0.0 });
+    model_age(&m);
+    assert_float_equal(model_error(&m, 4.0), 1.0, 1e-9); /* until then it is all there is */
+    model_read(&m, &(struct reading){ 4.0, 0.01, 0.0 });
+    assert_float_equal(model_error(&m, 4.0), 0.01, 1e-9);
+    assert_int_equal(m.fresh, 1);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(each_pixel_is_in_one_group_with_all_its_packets),
+    cmocka_unit_test(pairs_tell_variance_and_energy),
+    cmocka_unit_test(a_model_finds_the_variance_behind_noisy_readings),
+    cmocka_unit_test(a_whole_picture_corrects_what_a_part_said_of_its_time),
+    cmocka_unit_test(an_old_sky_is_forgotten_by_the_first_new_reading),
+};
+UNIT_MAIN(tests)

@@ -1,0 +1,187 @@
+/* The loop that lights frames, driven one turn at a time. */
+#include "daemon/fake_server.h"
+
+#include "base/clock.h"
+
+#include <jansson.h>
+#include <math.h>
+
+#define TURNS 2000
+
+/* The picture of a frame, copied. */
+static struct protocol_picture light(struct rig *r, uint64_t number, bool lockstep, float *rgb)
+{
+    rig_hand_in(r, number, lockstep);
+    for (int i = 0; i < TURNS; i++) {
+        struct shaded *p = rig_picture(r, TURNS);
+        assert_non_null(p);
+        const struct protocol_picture header = p->header;
+        memcpy(rgb, p->rgb, sizeof(float) * 3 * WIDTH * HEIGHT);
+        rig_release(r, p);
+        if (header.frame == number && !(header.flags & PROTOCOL_PICTURE_FINER))
+            return header;
+    }
+    fail_msg("frame %llu became no picture", (unsigned long long)number);
+    return (struct protocol_picture){ 0 };
+}
+
+/* A control message, without its braces. */
+static void ask(const char *fields)
+{
+    const char *clause;
+    struct reason why;
+    char text[200];
+
+    snprintf(text, sizeof(text), "{%s}", fields);
+    json_t *object = json_loads(text, 0, NULL);
+    fake.ask = (struct server_control){ .asked = 0 };
+    assert_int_equal(
+        settings_from_json(settings_table, FOR_RELIGHTD, object, &fake.ask.asked, fake.ask.values, &clause, &why),
+        ERR_OK);
+    json_decref(object);
+    fake.has_ask = true;
+}
+
+static void a_frame_that_is_handed_in_becomes_a_picture(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method", "mis", "--samples", "8", "--converge", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+    double sum = 0.0;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    const struct protocol_picture header = light(&r, 7, false, rgb);
+    assert_int_equal(header.frame, 7);
+    assert_int_equal(header.width, WIDTH);
+    assert_int_equal(header.height, HEIGHT);
+    assert_int_equal(header.samples, 8);
+    for (int i = 0; i < 3 * WIDTH * HEIGHT; i++) {
+        assert_true(isfinite(rgb[i]) && rgb[i] >= 0.0f);
+        sum += (double)rgb[i];
+    }
+    assert_true(sum > 0.1 * WIDTH * HEIGHT);
+    rig_end(&r);
+}
+
+static void settings_take_effect_at_the_next_frame(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method", "mis", "--samples", "8", "--converge", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    assert_int_equal(light(&r, 1, false, rgb).samples, 8);
+    ask("\"samples\": 3");
+    assert_int_equal(light(&r, 2, false, rgb).samples, 3);
+    assert_int_equal(fake.control.samples, 3);
+    assert_string_equal(fake.refusal, "");
+    ask("\"error\": 0.1"); /* which is for method auto: refused */
+    assert_int_equal(light(&r, 3, false, rgb).samples, 3);
+    assert_string_not_equal(fake.refusal, "");
+    assert_true(fake.control.method == METHOD_MIS && fake.control.error == 0.0);
+    rig_end(&r);
+}
+
+static void lockstep_renders_with_the_initial_settings(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--source", "push:",      "--method", "mis", "--samples",
+                                         "8",        "--converge", "off",      NULL };
+    static float before[3 * WIDTH * HEIGHT], after[3 * WIDTH * HEIGHT], live[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, true, before);
+    ask("\"samples\": 2, \"paths\": \"direct\", \"camera\": \"sundial\"");
+    for (int i = 0; i < TURNS && strcmp(fake_figures().camera, "sundial") != 0; i++)
+        rig_turn(&r);
+    assert_string_equal(fake_figures().camera, "sundial");
+    assert_int_equal(light(&r, 2, false, live).samples, 2);
+    assert_int_equal(light(&r, 1, true, after).samples, 8);
+    assert_memory_equal(before, after, sizeof(before));
+    assert_memory_not_equal(before, live, sizeof(before));
+    rig_end(&r);
+}
+
+static void another_camera_lights_the_standing_frame_anew(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method", "mis", "--samples", "2", "--converge", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, false, rgb);
+    ask("\"camera\": \"gallery\"");
+    struct shaded *p = rig_picture(&r, TURNS);
+    assert_non_null(p);
+    assert_true(p->new_view);
+    assert_int_equal(p->header.frame, 1);
+    assert_memory_not_equal(p->rgb, rgb, sizeof(rgb));
+    rig_release(&r, p);
+    rig_end(&r);
+}
+
+static void a_still_image_refines_and_stops(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method",          "mis", "--samples", "2", "--converge", "1e-9",
+                                         "--converge-passes", "6",   NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+    bool converged = false;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, false, rgb);
+    for (int i = 0; i < TURNS && !converged; i++) {
+        struct shaded *p = rig_picture(&r, TURNS);
+        assert_non_null(p);
+        assert_true(p->header.flags & PROTOCOL_PICTURE_FINER);
+        assert_int_equal(p->header.frame, 1);
+        rig_release(&r, p);
+        converged = fake_figures().converged;
+    }
+    assert_true(converged);
+    assert_int_equal(fake_figures().passes, 6);
+    assert_int_equal(fake_figures().all_passes, 6);
+    assert_null(rig_picture(&r, 20)); /* it stops: some 30 ms a turn, longer than the quiet time */
+    assert_int_equal(fake_figures().all_passes, 6);
+    rig_end(&r);
+}
+
+static void nobody_watching_is_no_reason_to_refine(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method", "mis", "--samples", "2", "--converge", "1e-9", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, false, rgb);
+    fake.demand.viewers = 0;
+    for (const double start_s = clock_seconds(); clock_seconds() < start_s + 2.5;) /* longer than any quiet time */
+        rig_turn(&r);
+    assert_int_equal(fake_figures().all_passes, 0);
+    fake.demand.viewers = 1;
+    assert_non_null(rig_picture(&r, TURNS));
+    rig_end(&r);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_frame_that_is_handed_in_becomes_a_picture),
+    cmocka_unit_test(settings_take_effect_at_the_next_frame),
+    cmocka_unit_test(lockstep_renders_with_the_initial_settings),
+    cmocka_unit_test(another_camera_lights_the_standing_frame_anew),
+    cmocka_unit_test(a_still_image_refines_and_stops),
+    cmocka_unit_test(nobody_watching_is_no_reason_to_refine),
+};
+
+UNIT_MAIN(tests)

@@ -1,0 +1,262 @@
+/* auto and the cache of light transport: what the relighter is told to do, and what becomes of the frames. */
+#include "light/decide.h"
+#include "light/cache_place.h"
+#include "estimators/points.h"
+
+#include <time.h>
+#include <unistd.h>
+
+enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
+
+static struct set *set;
+static struct environment *sky;
+static const struct relight_desc sampled = { .direct = { .method = METHOD_AUTO, .samples = 64 }, .cache_file = "" };
+
+static int set_up(void **state)
+{
+    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    struct reason why;
+    (void)state;
+
+    sky = sky_environment(sky_with_sun(64, 32, 2e3f), 64, 0.0);
+    return set_create(&desc, &set, &why) != ERR_OK;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    set_destroy(set);
+    environment_destroy(sky);
+    return 0;
+}
+
+static struct relighter *make(void)
+{
+    struct relighter *r = relighter_create(set, best_kernels());
+    assert_non_null(r);
+    return r;
+}
+
+static void run(struct relighter *r, const struct relight_desc *light, float *rgb, struct relight_stats *stats)
+{
+    assert_int_equal(relighter_run(r, sky, light, rgb, stats), ERR_OK);
+}
+
+/* A folder of its own for files that nobody asked for, of which there are none in the end. */
+static char folder[32];
+
+static void go_home(void)
+{
+    snprintf(folder, sizeof(folder), "/tmp/relight-decide-XXXXXX");
+    assert_non_null(mkdtemp(folder));
+    assert_int_equal(setenv("XDG_CACHE_HOME", folder, 1), 0);
+}
+
+static void leave_home(void)
+{
+    assert_int_equal(rmdir(folder), 0);
+}
+
+static bool is_cached(uint64_t frames, struct relight_desc light)
+{
+    struct relighter *r = make();
+    struct decider d = { .pilot = NULL };
+    double ms;
+
+    assert_int_equal(decider_prepare(&d, r, frames, false, &light, &ms), ERR_OK);
+    assert_true(d.cache.last.yes == (light.direct.method == METHOD_CACHED));
+    relighter_destroy(r);
+    return d.cache.last.yes;
+}
+
+/* And whoever says how auto is to sample means that it does. */
+static void frames_decide_and_wishes_are_kept_to(void **state)
+{
+    struct relight_desc light = sampled;
+    (void)state;
+
+    go_home();
+    assert_true(is_cached(35, light));
+    assert_false(is_cached(34, light));
+    assert_false(is_cached(1, light));
+    light.direct.method = METHOD_MIS;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.direct.cells = 4;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.direct.no_visibility = true;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.classes = PATH_INDIRECT;
+    assert_false(is_cached(1000, light));
+    light = sampled;
+    light.cache_bytes = 1000; /* there is no room for it */
+    assert_false(is_cached(1000, light));
+    leave_home();
+}
+
+/* The picture is that of --method cached, and no file is left behind that nobody asked for. */
+static void its_pictures_are_those_of_the_cache(void **state)
+{
+    static float want[VALUES], got[VALUES];
+    struct relight_desc light = sampled, cached = sampled;
+    struct relighter *one = make(), *other = make();
+    struct decider d = { .pilot = NULL };
+    struct relight_stats stats;
+    double ms;
+    (void)state;
+
+    go_home();
+    assert_int_equal(decider_prepare(&d, one, 100, false, &light, &ms), ERR_OK);
+    run(one, &light, got, &stats);
+    cached.direct.method = METHOD_CACHED;
+    cached.cache_if_kept = true;
+    assert_int_equal(relighter_prepare(other, &cached, false, &ms), ERR_OK);
+    assert_true(relighter_follow(other) == 0.0);
+    cached.cache_if_kept = false;
+    cached.cache_read_only = true;
+    run(other, &cached, want, &stats);
+    assert_memory_equal(got, want, sizeof(want));
+    relighter_destroy(one);
+    relighter_destroy(other);
+    leave_home();
+}
+
+static const struct frame_request in_time = { .light = &sampled, .target.seconds = 0.1 };
+
+/* What is decided for a frame, after another that was measured: its light took a second, of 2000 samples a point. The
+ * cache is to take a little more than one. */
+static struct decision step(struct decider *d, struct relighter *r, double error, const struct frame_request *request)
+{
+    const struct pilot_stats measured = { .seconds = 1.0, .error = error };
+    struct relight_stats stats = { .shade_ms = 1e3 };
+    struct decision decision;
+
+    stats.direct.rays = 2000 * set->gbuffer->point_count;
+    decide(d, request, &decision);
+    decider_learn(d, r, request, &decision, &stats, &measured);
+    decide(d, request, &decision);
+    return decision;
+}
+
+/* Who decides: a named method, counts, a time, and whether the cache is there. */
+static void each_request_has_one_answer(void **state)
+{
+    struct decider d = { .pilot = NULL };
+    struct relight_desc light = sampled;
+    struct frame_request request = { .light = &light };
+    struct decision out;
+    (void)state;
+
+    decide(&d, &request, &out);
+    assert_int_equal(out.by, DECIDED_BY_RULE);
+    request.target.seconds = 0.1;
+    decide(&d, &request, &out);
+    assert_int_equal(out.by, DECIDED_BY_MEASURES);
+    d.cache.ready = true;
+    decide(&d, &request, &out);
+    assert_int_equal(out.by, DECIDED_BY_CACHE);
+    assert_int_equal(out.light.direct.method, METHOD_CACHED);
+    light.direct.no_visibility = true; /* which the cache has not */
+    decide(&d, &request, &out);
+    assert_int_equal(out.by, DECIDED_BY_MEASURES);
+    d.cache.ready = false;
+    light.direct.method = METHOD_MIS;
+    decide(&d, &request, &out);
+    assert_int_equal(out.by, DECIDED_BY_REQUEST);
+    assert_int_equal(out.light.direct.method, METHOD_MIS);
+}
+
+/* Beside the frames, once they have cost as much; then frames are made by it: grainy ones by its coarse blocks. */
+static void gets_it_in_the_background(double error)
+{
+    static float rgb[VALUES];
+    double share = 0.0;
+    struct frame_request request = in_time;
+    struct decision decision;
+    struct relighter *r = make();
+    struct decider d = { .pilot = NULL };
+    struct relight_stats stats;
+    uint32_t steps = 0;
+
+    request.background = true;
+    for (; !d.cache.begun && steps < 100; steps++)
+        decision = step(&d, r, error, &request);
+    assert_int_equal(steps, BUY_MADE); /* a second for the computation, and some frames to believe it */
+    assert_int_equal(decision.by, DECIDED_BY_MEASURES);
+    for (steps = 0; decision.by != DECIDED_BY_CACHE && steps < 150000;
+         steps++) { /* some minutes: a sanitizer may have it slow */
+        nanosleep(&(struct timespec){ .tv_nsec = 2000000 }, NULL);
+        decision = step(&d, r, error, &request);
+    }
+    assert_int_equal(decision.by, DECIDED_BY_CACHE);
+    assert_true(decision.light.cache_background);
+    for (steps = 0; share < 1.0 && steps < 30000; steps++) {
+        run(r, &decision.light, rgb, &stats);
+        share = stats.cache_share;
+        assert_true(share >= RELIGHT_COARSE && stats.cache_ms == 0.0 && stats.cache.bytes > 0);
+        assert_true(steps > 0 || error > BUY_BIAS_COARSE ? true : share == 1.0);
+    }
+    assert_true(share == 1.0);
+    assert_int_equal(step(&d, r, error, &request).by, DECIDED_BY_CACHE);
+    stats.cache_refused = true; /* its memory is gone */
+    decider_learn(&d, r, &request, &decision, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+    assert_int_equal(step(&d, r, error, &request).by, DECIDED_BY_MEASURES);
+    assert_true(d.cache.refused);
+    relighter_destroy(r);
+}
+
+static void a_stream_of_frames_gets_it_in_the_background(void **state)
+{
+    (void)state;
+    go_home();
+    gets_it_in_the_background(1e-2);
+    gets_it_in_the_background(0.9 * BUY_BIAS_COARSE);
+    leave_home();
+}
+
+/* What some earlier run has left is taken after the first frame; a better picture than it can make is not given up. */
+static void a_file_is_taken_after_one_frame(void **state)
+{
+    struct frame_request known = in_time, strict = in_time, last = in_time;
+    struct relight_desc cached = sampled;
+    struct relighter *r = make();
+    struct decider d = { .pilot = NULL };
+    struct cache_places places;
+    double ms;
+    (void)state;
+
+    known.frames_left = 1;
+    strict.frames_left = 1000;
+    strict.target.error = 1e-4;
+    last.no_cache = true;
+    go_home();
+    step(&d, r, 1e-2, &known); /* no file: two frames are no reason to compute it */
+    assert_false(d.cache.ready || d.cache.begun);
+    cached.direct.method = METHOD_CACHED;
+    assert_int_equal(relighter_prepare(r, &cached, false, &ms), ERR_OK);
+    relighter_destroy(r);
+    r = make();
+    d = (struct decider){ .pilot = NULL };
+    step(&d, r, 1e-2, &strict);
+    step(&d, r, 1e-2, &last);
+    assert_false(d.cache.ready || d.cache.looked_for);
+    assert_int_equal(step(&d, r, 1e-2, &known).by, DECIDED_BY_CACHE);
+    relighter_destroy(r);
+    cache_places_find(set, "", &places);
+    char *file = places.path[places.count - 1];
+    assert_int_equal(unlink(file), 0);
+    *strrchr(file, '/') = '\0';
+    assert_int_equal(rmdir(file), 0);
+    leave_home();
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(each_request_has_one_answer),
+    cmocka_unit_test_setup_teardown(frames_decide_and_wishes_are_kept_to, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(its_pictures_are_those_of_the_cache, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
+};
+UNIT_MAIN(tests)

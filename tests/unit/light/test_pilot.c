@@ -1,0 +1,276 @@
+/* What the pilot chooses, by a price list instead of a clock, so that it is the same everywhere: the built-in court,
+ * and a card under a mirror ring where casters are wanted. */
+#include "light/pilots.h"
+
+#include <math.h>
+
+enum { WIDTH = 96, HEIGHT = 54 };
+
+static float rgb[3 * WIDTH * HEIGHT];
+
+static bool says(const struct relight_stats *s, const char *part)
+{
+    for (uint32_t k = 0; k < s->plan.left_out_count; k++)
+        if (strstr(s->plan.left_out[k], part))
+            return true;
+    return false;
+}
+
+static void a_scene_without_mirrors_runs_no_caustics(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct pilot *p = pilot_of(set);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    assert_int_equal(set->facts.casters, 0);
+    for (int k = 0; k < 5; k++) {
+        fly(p, e, &light, (struct pilot_target){ .seconds = 0.1 }, 1, rgb, &stats, &said);
+        assert_int_equal(stats.plan.caustics, PLAN_NONE);
+        assert_false(said.part[PILOT_AIMED].there);
+        assert_true(says(&stats, "the scene has no mirror and no glass"));
+    }
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void an_overcast_sky_gets_no_samples_of_a_sun(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    struct environment *fine = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    const struct pilot_target target = { .seconds = 0.05 };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, dull, &light, target, 6, rgb, &stats, &said);
+    assert_false(stats.direct.sun);
+    assert_true(says(&stats, "samples of the sun: this sky has none"));
+    pilot_end(p);
+    p = pilot_of(set);
+    fly(p, fine, &light, target, 6, rgb, &stats, &said);
+    assert_true(stats.direct.sun);
+    assert_false(says(&stats, "samples of the sun"));
+    pilot_end(p);
+    environment_destroy(dull);
+    environment_destroy(fine);
+    set_destroy(set);
+}
+
+static struct environment *sun_alone(void)
+{
+    struct frame f = sky_constant(64, 32, 0.0f);
+
+    sky_paint(&f, 20, 8, 1e4f, 9e3f, 7e3f);
+    sky_paint(&f, 21, 8, 2e3f, 2e3f, 2e3f);
+    return sky_environment(f, 32, 0.0);
+}
+
+/* Overcast, then from one frame to the next nothing but a sun: within sixteen frames all that is in use has been
+ * measured under it, and lobes alone, which would miss it, are in use in none of them. */
+static void another_sky_is_measured_anew_within_sixteen_frames(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0), *sun = sun_alone();
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    const struct pilot_target target = { .seconds = 0.05 };
+    struct relight_stats stats;
+    struct pilot_stats before, said;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, dull, &light, target, 12, rgb, &stats, &before);
+    assert_true(before.readings > 2);
+    for (uint64_t k = 1; k <= 16; k++) {
+        fly(p, sun, &light, target, 1, rgb, &stats, &said);
+        assert_int_equal(said.frames, k);
+        assert_true(strcmp(said.part[PILOT_DIRECT].name, "lobes alone") != 0);
+        assert_true(said.readings <= 4 * k); /* those of the other sky count no more */
+    }
+    printf("overcast: %s, %.2g; sun: %s, %.2g by %u readings\n", before.part[PILOT_DIRECT].name, before.error,
+           said.part[PILOT_DIRECT].name, said.error, said.readings);
+    assert_true(said.readings >= 2);
+    pilot_end(p);
+    environment_destroy(dull);
+    environment_destroy(sun);
+    set_destroy(set);
+}
+
+/* Counts too: with another count the noise is another. */
+static bool same_choice(const struct pilot_stats *a, const struct pilot_stats *b)
+{
+    for (int k = 0; k < PILOT_PARTS; k++)
+        if (strcmp(a->part[k].name, b->part[k].name) != 0 || a->part[k].n != b->part[k].n)
+            return false;
+    return true;
+}
+
+/* From the tenth of 40 frames on: the time is kept to, measuring takes a twentieth, and ways and counts stand still but
+ * where something better has been found. */
+static void a_sky_that_stands_still_has_a_steady_picture_in_time(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct pilot *p = pilot_of(set);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    struct pilot_target target = { .seconds = 0.1 };
+    struct relight_stats stats;
+    struct pilot_stats said, last;
+    double all = 0.0, own = 0.0;
+    int changes = 0;
+    (void)state;
+
+    fly(p, e, &light, target, 10, rgb, &stats, &last);
+    for (int k = 0; k < 30; k++) {
+        fly(p, e, &light, target, 1, rgb, &stats, &said);
+        all += said.seconds;
+        own += said.pilot_seconds;
+        changes += !same_choice(&said, &last);
+        last = said;
+    }
+    printf("%.1f ms a frame of 100, %.1f %% of it for measuring, %d changes; relMSE %.2g\n", 1e3 / 30.0 * all,
+           100.0 * own / all, changes, said.error);
+    assert_true(all / 30.0 < 1.05 * target.seconds && all / 30.0 > 0.85 * target.seconds);
+    assert_true(own / all < 0.07);
+    assert_true(changes <= 4);
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void an_error_is_met_by_time(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    struct relight_stats stats;
+    struct pilot_stats coarse, fine;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_target){ .error = 1e-2 }, 8, rgb, &stats, &coarse);
+    fly(p, e, &light, (struct pilot_target){ .error = 1e-3 }, 8, rgb, &stats, &fine);
+    printf("relMSE %.2g in %.3f s, %.2g in %.3f s\n", coarse.error, coarse.seconds, fine.error, fine.seconds);
+    assert_true(coarse.met && fine.met);
+    assert_true(coarse.error < 1.15e-2 && fine.error < 1.15e-3 && fine.error > 0.5e-3);
+    assert_true(fine.seconds > 1.5 * coarse.seconds);
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* A time in which nothing else can be done: the bounce is left out, and it is said what it would have bought. */
+static void interreflection_is_left_out_where_the_time_is_short(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    struct relight_stats stats;
+    struct pilot_stats hasty, patient;
+    (void)state;
+
+    struct pilot *p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_target){ .seconds = 0.006 }, 20, rgb, &stats, &hasty);
+    printf("in haste: %.4f s, eye paths %.2g, light tracer %.2g of %.2g\n", hasty.seconds, hasty.part[PILOT_EYE].error,
+           hasty.part[PILOT_WHOLE].error, hasty.error);
+    assert_int_equal(stats.plan.indirect, PLAN_NONE);
+    assert_true(says(&stats, "interreflection by eye paths"));
+    assert_true(hasty.part[PILOT_EYE].n == 0.0 && hasty.part[PILOT_EYE].error > 0.0);
+    pilot_end(p);
+    p = pilot_of(set);
+    fly(p, e, &light, (struct pilot_target){ .seconds = 0.3 }, 6, rgb, &stats, &patient);
+    assert_int_not_equal(stats.plan.indirect, PLAN_NONE);
+    assert_true(patient.error < hasty.error);
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* Lobes alone know nothing of a sun: their readings are small until one is large. They are not taken where one may be,
+ * whatever they promise, in any of these frames. */
+static void what_could_fail_unseen_is_not_taken(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    for (int k = 0; k < 2; k++) {
+        struct environment *e = k ? sun_alone() : sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
+        struct pilot *p = pilot_of(set);
+        for (int frame = 0; frame < 30; frame++) {
+            fly(p, e, &light, (struct pilot_target){ .seconds = frame < 15 ? 0.01 : 0.1 }, 1, rgb, &stats, &said);
+            assert_true(strcmp(said.part[PILOT_DIRECT].name, "lobes alone") != 0);
+        }
+        pilot_end(p);
+        environment_destroy(e);
+    }
+    set_destroy(set);
+}
+
+/* Counts that the user names are kept to. */
+static void named_counts_and_estimators_are_kept_to(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct pilot *p = pilot_of(set);
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL, .indirect = PLAN_EYE, .eye_paths = 3 };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, e, &light, (struct pilot_target){ .seconds = 0.1 }, 4, rgb, &stats, &said);
+    assert_int_equal(stats.plan.eye_paths, 3);
+    assert_int_equal(stats.plan.indirect, PLAN_EYE);
+    assert_int_equal(stats.eye.paths, 3 * set->gbuffer->point_count);
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+static void a_black_sky_is_no_trouble(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct pilot *p = pilot_of(set);
+    struct environment *black = sky_environment(sky_constant(64, 32, 0.0f), 32, 0.0);
+    struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL };
+    const struct pilot_target target = { .seconds = 0.05 };
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, black, &light, target, 3, rgb, &stats, &said);
+    assert_true(said.error == 0.0);
+    for (size_t i = 0; i < sizeof(rgb) / sizeof(rgb[0]); i++)
+        assert_true(rgb[i] == 0.0f);
+    fly(p, dull, &light, target, 6, rgb, &stats, &said);
+    assert_true(said.error > 0.0 && said.error < 0.2);
+    fly(p, black, &light, target, 2, rgb, &stats, &said);
+    assert_true(isfinite(said.error));
+    pilot_end(p);
+    environment_destroy(black);
+    environment_destroy(dull);
+    set_destroy(set);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_scene_without_mirrors_runs_no_caustics),
+    cmocka_unit_test(an_overcast_sky_gets_no_samples_of_a_sun),
+    cmocka_unit_test(another_sky_is_measured_anew_within_sixteen_frames),
+    cmocka_unit_test(a_sky_that_stands_still_has_a_steady_picture_in_time),
+    cmocka_unit_test(an_error_is_met_by_time),
+    cmocka_unit_test(interreflection_is_left_out_where_the_time_is_short),
+    cmocka_unit_test(what_could_fail_unseen_is_not_taken),
+    cmocka_unit_test(named_counts_and_estimators_are_kept_to),
+    cmocka_unit_test(a_black_sky_is_no_trouble),
+};
+UNIT_MAIN(tests)

@@ -1,0 +1,1 @@
+unit_test(radiance test_components compare source)

@@ -1,0 +1,19 @@
+/* A set, or the failure of the test with the reason. */
+#ifndef TESTS_SETS_H
+#define TESTS_SETS_H
+
+#include "light/relight.h"
+#include "support/unit.h"
+
+/* The caller gives it to set_destroy. */
+static inline struct set *set_of(const struct set_desc *desc)
+{
+    struct reason why = { "" };
+    struct set *set = NULL;
+
+    if (set_create(desc, &set, &why))
+        fail_msg("%s", why.text);
+    return set;
+}
+
+#endif

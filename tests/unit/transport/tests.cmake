@@ -1,0 +1,7 @@
+unit_test(transport test_transport_half)
+unit_test(transport test_transport_compress)
+unit_test(transport test_transport light OpenMP::OpenMP_C)
+unit_test(transport test_transport_file light z)
+unit_test(transport test_transport_units light)
+unit_test(transport test_transport_dappled)
+unit_test(transport test_transport_live light Threads::Threads)
