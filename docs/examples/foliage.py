@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Writes a tree of 40 000 leaves, foliage.obj and foliage.json: the scene on which what is computed beforehand does worst,
-since of two neighbouring points each sees another sky.
+"""Writes a tree of 40 000 leaves, foliage.obj and foliage.json: the worst case for the light-transport cache, since
+neighbouring points see different parts of the sky.
 
     python3 foliage.py FOLDER
 """
@@ -20,7 +20,7 @@ def sphere(rng):
 
 
 def leaf(rng):
-    """A rhomb in a crown of three balls, denser towards the outside; its tip hangs down a little."""
+    """A rhombus in a crown of three balls, denser towards the outside; its tip hangs down slightly."""
     cx, cy, cz, radius = rng.choice([(0, 3.2, 0, 1.5), (0.9, 2.6, 0.4, 1.0), (-0.8, 2.7, -0.3, 1.1)])
     x, y, z = (radius * rng.uniform(0.4, 1) * k for k in sphere(rng))
     along = sphere(rng)

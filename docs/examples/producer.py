@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""A producer of relight.v1: a lamp that goes once round the horizon under a blue sky, sent as raw float texels.
+"""A relight.v1 producer: a lamp that moves once around the horizon under a blue sky, sent as raw float texels.
 usage: producer.py ws://127.0.0.1:8080 [FRAMES]        needs websockets (Debian: apt install python3-websockets)"""
 import asyncio, json, struct, sys, time
 import websockets

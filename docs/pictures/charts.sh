@@ -1,8 +1,7 @@
 #!/bin/bash
-# Makes the charts of docs/speed-and-accuracy.md, and of docs/transport-cache.md those where the cache loses, by the program
-# itself, on a machine that does nothing else:
+# Makes the charts of docs/speed-and-accuracy.md and docs/transport-cache.md with relight-chart, on an idle machine:
 #     docs/pictures/charts.sh [FOLDER OF THE PROGRAMS] [FOLDER FOR THE WHOLE PAGES]
-# An hour on two cores. The pages themselves, with tables and pictures, stay in folders of the second.
+# Takes an hour on two cores. The complete pages, with tables and images, are in the second folder.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 bin="${1:-$here/../../build/bin}"
@@ -11,7 +10,7 @@ mkdir -p "$pages"
 
 "$bin/relight-chart" --out "$pages/court" --budgets 4,8,16,32
 /usr/bin/python3 "$here/../examples/foliage.py" "$pages"
-less=(--no-video --seeds 8)
+less=(--seeds 8)
 "$bin/relight-chart" --out "$pages/leaves" "${less[@]}" --scenes "leaves=$pages/foliage.json" --techniques mis,brdf,rules,cached,auto
 "$bin/relight-chart" --out "$pages/ring" "${less[@]}" --scenes "ring=$here/../examples/ring.json" \
     --techniques mis/light,mis/eye,rules,cached,auto,path

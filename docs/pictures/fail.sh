@@ -1,6 +1,6 @@
 #!/bin/bash
-# Makes the pictures of docs/where-methods-fail.md by the program itself: docs/pictures/fail.sh [FOLDER OF THE PROGRAMS]
-# Pairs have the same samples, and their seed is fixed.
+# Renders the images of docs/where-methods-fail.md: docs/pictures/fail.sh [FOLDER OF THE PROGRAMS]
+# Pairs use the same number of samples; seeds are fixed.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 bin="${1:-$here/../../build/bin}"
@@ -36,7 +36,7 @@ scene() { # NAME 'camera position' 'look at' 'models' 'materials'
 TEXT
 }
 
-# Skies as Radiance pictures: even cloud, and the same with suns: high, below the horizon, cut off by a half float.
+# Skies as Radiance files: uniform cloud, and with suns: high, below the horizon, clipped by a half float.
 /usr/bin/python3 - "$work" <<'TEXT'
 import math, struct, sys
 def rgbe(r, g, b):
@@ -53,7 +53,7 @@ def sky(path, width, height, sun, place=0.28):
             up = math.cos(math.pi * (y + 0.5) / height)
             l = (1.0 + 2.0 * up) / 3.0 if up > 0.0 else 0.1
             for x in range(width):
-                # Half a degree of sun in the south-east, 40 degrees up.
+                # A sun of half a degree in the south-east, 40 degrees high.
                 lit = sun if abs(x - 0.68 * width) < 0.75 and abs(y - place * height) < 0.75 else 0.0
                 out.write(rgbe(0.95 * l + lit, l + 0.9 * lit, 1.05 * l + 0.75 * lit))
 sky(sys.argv[1] + "/cloud.hdr", 512, 256, 0.0)

@@ -1,6 +1,6 @@
 #!/usr/bin/env node
-// Takes the picture of the pixel probe that docs/viewer.md shows: a page of a server with these arguments, a pixel
-// probed, the preset of Fig. 1 of Lu, Pacanowski and Granier 2013 on.
+// Takes the screenshot of the pixel probe in docs/viewer.md: the page of a server with these arguments, one pixel probed
+// with the preset of Fig. 1 of Lu, Pacanowski and Granier 2013.
 // usage: probe.mjs BIN OUT.jpg X,Y relightd's arguments ...   (npm ci in tests/browser first)
 import { openBrowser, openPage, startServer } from '../../tests/browser/lib.mjs';
 
