@@ -4,19 +4,16 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "confine/child.h"
 #include "decoder/wire.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
-#include <poll.h>
-#include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
-#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -26,11 +23,10 @@
 #define PICTURE_BYTES                                                                                                  \
     (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space; pages that no image has used take no memory */
 #define KEPT_BYTES ((size_t)64 << 20)      /* shared memory that is kept although the current contents are smaller */
-#define ABOVE 10    /* descriptors passed to the process are first moved above its fixed numbers */
-#define SPARED 2    /* consecutive crashes after which the process is still restarted at once */
+#define SPARED 2                           /* consecutive crashes after which the process is still restarted at once */
 #define LIFE_S 3600 /* processor time after which the process is replaced, before its limit ends it */
 
-enum { PATIENCE_MS = 10000, LOOK_MS = 100, WAIT_MIN_MS = 250, WAIT_MAX_MS = 5000 };
+enum { PATIENCE_MS = 10000, WAIT_MIN_MS = 250, WAIT_MAX_MS = 5000 };
 
 /* Memory mapped by both processes. */
 struct shared {
@@ -47,8 +43,7 @@ struct decoder {
     const atomic_bool *stop;
     struct shared file, picture;
 
-    pid_t pid; /* 0: not running */
-    int socket;
+    struct child child;
     bool confined;
     unsigned crashes_in_row; /* consecutive crashes */
     int64_t restart_ms;      /* earliest restart */
@@ -57,38 +52,10 @@ struct decoder {
 
 /* ---- The process ---- */
 
-/* Looks beside this program and in the package's lib folder. */
-static enum err find_program(struct decoder *d, const char *asked, struct reason *why)
-{
-    static const char *const places[] = { "/" PROGRAM, "/../lib/relightd/" PROGRAM };
-    char self[2048];
-
-    if (asked) {
-        snprintf(d->program, sizeof(d->program), "%s", asked);
-        return access(asked, X_OK) == 0 ? ERR_OK
-                                        : err_say(why, ERR_IO, "%s: cannot execute: %s", asked, strerror(errno));
-    }
-    const ssize_t n = readlink("/proc/self/exe", self, sizeof(self) - 1);
-    self[n > 0 ? n : 0] = 0;
-    char *slash = strrchr(self, '/');
-    if (slash)
-        *slash = 0;
-    for (size_t i = 0; i < sizeof(places) / sizeof(places[0]); i++) {
-        snprintf(d->program, sizeof(d->program), "%s%s", self, places[i]);
-        if (access(d->program, X_OK) == 0)
-            return ERR_OK;
-    }
-    return err_say(why, ERR_IO, PROGRAM " not found in %.200s or in ../lib/relightd from there", self);
-}
-
 /* Creates shared memory as a descriptor and maps it. */
 static enum err share(struct shared *s, const char *name, size_t bytes, int protection, struct reason *why)
 {
-    const int low = memfd_create(name, MFD_CLOEXEC);
-
-    s->fd = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, ABOVE);
-    if (low >= 0)
-        close(low);
+    s->fd = memfd_create(name, MFD_CLOEXEC);
     if (s->fd < 0 || ftruncate(s->fd, (off_t)bytes) != 0)
         return err_say(why, ERR_IO, "cannot share memory with " PROGRAM ": %s", strerror(errno));
     void *at = mmap(NULL, bytes, protection, MAP_SHARED, s->fd, 0);
@@ -118,98 +85,27 @@ static void trim(struct shared *s, size_t bytes)
     s->used = s->used > bytes ? s->used : bytes;
 }
 
-/* Passes these three descriptors, an empty environment and default signal handling. */
-static int spawn(struct decoder *d, int socket)
+static enum child_receipt receive(struct decoder *d, void *message, size_t size)
 {
-    char file[24], picture[24], memory[24];
-    char *const arguments[] = { (char[]){ PROGRAM }, file, picture, memory, NULL }, *const environment[] = { NULL };
-    posix_spawn_file_actions_t files;
-    posix_spawnattr_t how;
-    sigset_t none, all;
-
-    snprintf(file, sizeof(file), "%zu", d->file_bytes);
-    snprintf(picture, sizeof(picture), "%zu", PICTURE_BYTES);
-    snprintf(memory, sizeof(memory), "%zu", d->memory_bytes);
-    posix_spawn_file_actions_init(&files);
-    for (int fd = 0; fd < 3; fd++)
-#ifdef __SANITIZE_ADDRESS__
-        if (fd != STDERR_FILENO) /* for error reports */
-#endif
-            posix_spawn_file_actions_addopen(&files, fd, "/dev/null", O_RDWR, 0);
-    posix_spawn_file_actions_adddup2(&files, socket, WIRE_SOCKET);
-    posix_spawn_file_actions_adddup2(&files, d->file.fd, WIRE_FILE);
-    posix_spawn_file_actions_adddup2(&files, d->picture.fd, WIRE_PICTURE);
-    sigemptyset(&none);
-    sigfillset(&all);
-    posix_spawnattr_init(&how);
-    posix_spawnattr_setsigmask(&how, &none);
-    posix_spawnattr_setsigdefault(&how, &all);
-    posix_spawnattr_setflags(&how, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-    const int failed = posix_spawn(&d->pid, d->program, &files, &how, arguments, environment);
-    posix_spawnattr_destroy(&how);
-    posix_spawn_file_actions_destroy(&files);
-    if (failed)
-        d->pid = 0;
-    return failed;
-}
-
-/* Ends the process if it has not ended yet, and returns its exit status as waitpid does. */
-static int end(struct decoder *d)
-{
-    int status = 0;
-
-    if (d->pid == 0)
-        return 0;
-    close(d->socket);
-    kill(d->pid, SIGKILL);
-    while (waitpid(d->pid, &status, 0) < 0 && errno == EINTR)
-        continue;
-    d->pid = 0;
-    return status;
-}
-
-enum receipt { RECEIVED, RECEIVED_END, RECEIVED_NOTHING, RECEIVED_STOP };
-
-/* Waits for one message of exactly `size` bytes. RECEIVED_END: the process is gone or sent something else. */
-static enum receipt receive(struct decoder *d, void *message, size_t size)
-{
-    const int64_t until = clock_ms() + d->timeout_ms;
-
-    for (;;) {
-        struct pollfd p = { .fd = d->socket, .events = POLLIN };
-        const int64_t left = until - clock_ms();
-        if (left <= 0)
-            return RECEIVED_NOTHING;
-        if (d->stop && atomic_load(d->stop))
-            return RECEIVED_STOP;
-        if (poll(&p, 1, left < LOOK_MS ? (int)left : LOOK_MS) <= 0)
-            continue;
-        const ssize_t got = recv(d->socket, message, size, MSG_TRUNC | MSG_DONTWAIT);
-        return got == (ssize_t)size ? RECEIVED : RECEIVED_END;
-    }
+    return child_receive(&d->child, message, size, clock_ms() + d->timeout_ms, d->stop);
 }
 
 static enum err start(struct decoder *d, struct reason *why)
 {
+    char file[24], picture[24], memory[24];
+    char *const arguments[] = { (char[]){ PROGRAM }, file, picture, memory, NULL };
+    const int descriptors[] = { d->file.fd, d->picture.fd }; /* in the order of wire.h */
     struct wire_hello hello = { 0 };
-    int pair[2];
 
-    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0)
-        return err_say(why, ERR_IO, "cannot create a socket for " PROGRAM ": %s", strerror(errno));
-    const int theirs = fcntl(pair[1], F_DUPFD_CLOEXEC, ABOVE);
-    const int failed = theirs < 0 ? errno : spawn(d, theirs);
-    close(pair[1]);
-    if (theirs >= 0)
-        close(theirs);
-    d->socket = pair[0];
-    if (failed) {
-        close(pair[0]);
-        return err_say(why, ERR_IO, "%.200s: cannot start: %s", d->program, strerror(failed));
-    }
+    snprintf(file, sizeof(file), "%zu", d->file_bytes);
+    snprintf(picture, sizeof(picture), "%zu", PICTURE_BYTES);
+    snprintf(memory, sizeof(memory), "%zu", d->memory_bytes);
+    const enum err e = child_start(&d->child, d->program, arguments, descriptors, 2, why);
+    if (e)
+        return e;
     atomic_fetch_add(&d->starts, 1);
-    const enum receipt receipt = receive(d, &hello, sizeof(hello));
-    if (receipt != RECEIVED || hello.magic != WIRE_MAGIC) {
-        end(d);
+    if (receive(d, &hello, sizeof(hello)) != CHILD_RECEIVED || hello.magic != WIRE_MAGIC) {
+        child_end(&d->child);
         return err_say(why, ERR_IO, "%.200s: is not the " PROGRAM " of this version", d->program);
     }
     d->confined = hello.confined == 1;
@@ -231,28 +127,25 @@ static void count_crash(struct decoder *d)
     d->restart_ms = clock_ms() + (wait < WAIT_MAX_MS ? wait : WAIT_MAX_MS);
 }
 
-static enum err report_crash(struct decoder *d, enum receipt receipt, const char *name, struct reason *why)
+static enum err report_crash(struct decoder *d, enum child_receipt receipt, const char *name, struct reason *why)
 {
-    const int status = end(d);
+    const int status = child_end(&d->child);
+    char death[64];
 
-    if (receipt == RECEIVED_STOP)
+    if (receipt == CHILD_STOPPED)
         return err_say(why, ERR_END, "%s: not decoded, the program is stopping", name);
     count_crash(d);
-    if (receipt == RECEIVED_NOTHING) {
+    if (receipt == CHILD_SILENT) {
         atomic_fetch_add(&d->timed_out, 1);
         return err_say(why, ERR_FORMAT, "%s: decoding timed out after %g s", name, d->timeout_ms / 1e3);
     }
     atomic_fetch_add(&d->crashed, 1);
-    if (WIFSIGNALED(status) && WTERMSIG(status) == SIGSYS)
-        return err_say(why, ERR_FORMAT, "%s: the decoder made a forbidden system call", name);
-    if (WIFSIGNALED(status))
-        return err_say(why, ERR_FORMAT, "%s: the decoder crashed (signal %d)", name, WTERMSIG(status));
-    return err_say(why, ERR_FORMAT, "%s: the decoder crashed (exit code %d)", name, WEXITSTATUS(status));
+    return err_say(why, ERR_FORMAT, "%s: the decoder %s", name, child_death(status, death, sizeof(death)));
 }
 
 static enum err report_invalid_answer(struct decoder *d, const char *name, struct reason *why)
 {
-    end(d);
+    child_end(&d->child);
     count_crash(d);
     atomic_fetch_add(&d->invalid, 1);
     return err_say(why, ERR_FORMAT, "%s: the decoder sent an invalid answer", name);
@@ -302,10 +195,10 @@ static enum err ready(struct decoder *d, const char *name, struct reason *why)
     clockid_t its;
     struct timespec spent;
 
-    if (d->pid != 0 && clock_getcpuclockid(d->pid, &its) == 0 && clock_gettime(its, &spent) == 0 &&
+    if (d->child.pid != 0 && clock_getcpuclockid(d->child.pid, &its) == 0 && clock_gettime(its, &spent) == 0 &&
         spent.tv_sec > LIFE_S)
-        end(d);
-    if (d->pid != 0)
+        child_end(&d->child);
+    if (d->child.pid != 0)
         return ERR_OK;
     if (clock_ms() < d->restart_ms) {
         atomic_fetch_add(&d->refused, 1);
@@ -337,10 +230,10 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
     snprintf(q.name, sizeof(q.name), "%s", name);
     memcpy(d->file.at, bytes, size);
     trim(&d->file, size);
-    enum receipt receipt = RECEIVED_END;
-    if (send(d->socket, &q, sizeof(q), MSG_NOSIGNAL) == (ssize_t)sizeof(q))
+    enum child_receipt receipt = CHILD_GONE;
+    if (send(d->child.socket, &q, sizeof(q), MSG_NOSIGNAL) == (ssize_t)sizeof(q))
         receipt = receive(d, &a, sizeof(a));
-    return receipt == RECEIVED ? take_answer(d, &a, name, im, why) : report_crash(d, receipt, name, why);
+    return receipt == CHILD_RECEIVED ? take_answer(d, &a, name, im, why) : report_crash(d, receipt, name, why);
 }
 
 /* ---- Creation and statistics ---- */
@@ -356,7 +249,7 @@ enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, s
     d->memory_bytes = desc->memory_bytes ? desc->memory_bytes : MEMORY_BYTES;
     d->timeout_ms = desc->timeout_ms ? desc->timeout_ms : PATIENCE_MS;
     d->stop = desc->stop;
-    enum err e = find_program(d, desc->program, why);
+    enum err e = child_find(PROGRAM, desc->program, d->program, sizeof(d->program), why);
     if (!e)
         e = share(&d->file, "relight-file", d->file_bytes, PROT_READ | PROT_WRITE, why);
     if (!e)
@@ -375,7 +268,7 @@ void decoder_destroy(struct decoder *d)
 {
     if (!d)
         return;
-    end(d);
+    child_end(&d->child);
     shared_finish(&d->file);
     shared_finish(&d->picture);
     mem_free(d);

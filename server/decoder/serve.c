@@ -1,7 +1,7 @@
 #define _GNU_SOURCE /* MAP_NORESERVE */
 #include "decoder/serve.h"
 
-#include "decoder/confine.h"
+#include "confine/confine.h"
 #include "decoder/wire.h"
 
 #include <errno.h>
@@ -73,9 +73,14 @@ int decoder_serve(int argc, char **argv, const struct decoder_work *work)
         return 1;
     close(WIRE_FILE);
     close(WIRE_PICTURE);
-    if (confine_limits((size_t)(file_bytes + picture_bytes + memory_bytes) + PROGRAM_BYTES, LIFE_S) != 0)
+    const struct confine_limits limits = {
+        .address_bytes = (size_t)(file_bytes + picture_bytes + memory_bytes) + PROGRAM_BYTES,
+        .seconds = LIFE_S,
+        .descriptors = WIRE_PICTURE + 1, /* the process uses only the first six */
+    };
+    if (confine_limits(&limits) != 0)
         return 1;
-    hello.error = confine_calls();
+    hello.error = confine_calls(false);
     hello.confined = hello.error == 0;
     _exit(say(&hello, sizeof(hello)) ? serve(file, (size_t)file_bytes, picture, work) : 1);
 }

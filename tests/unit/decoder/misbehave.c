@@ -3,7 +3,6 @@
 #define _GNU_SOURCE
 #include "decoder/serve.h"
 
-#include "decoder/confine.h"
 #include "decoder/wire.h"
 
 #include <errno.h>

@@ -1,5 +1,5 @@
 #define _GNU_SOURCE /* close_range */
-#include "decoder/confine.h"
+#include "confine/confine.h"
 
 #include <errno.h>
 #include <seccomp.h>
@@ -16,24 +16,26 @@ static bool limit(int what, rlim_t most)
     return setrlimit((__rlimit_resource_t)what, &r) == 0;
 }
 
-int confine_limits(size_t address_bytes, unsigned seconds)
+int confine_limits(const struct confine_limits *l)
 {
-    close_range(6, ~0u, 0); /* closes descriptors left open by the caller; the process uses only the first six */
+    rlim_t address_bytes = l->address_bytes;
+
+    close_range(l->descriptors, ~0u, 0); /* closes descriptors left open by the caller */
 #ifdef __SANITIZE_ADDRESS__
     address_bytes = RLIM_INFINITY; /* AddressSanitizer's shadow memory exceeds any limit */
 #endif
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0)
         return errno;
-    if (!limit(RLIMIT_AS, address_bytes) || !limit(RLIMIT_CPU, seconds) ||
-        !limit(RLIMIT_NOFILE, 6) /* those that are open */ || !limit(RLIMIT_FSIZE, 0) || !limit(RLIMIT_CORE, 0) ||
-        !limit(RLIMIT_NPROC, 0) || !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
+    if (!limit(RLIMIT_AS, address_bytes) || !limit(RLIMIT_CPU, l->seconds) || !limit(RLIMIT_NOFILE, l->descriptors) ||
+        !limit(RLIMIT_FSIZE, l->file_bytes) || !limit(RLIMIT_CORE, 0) || !limit(RLIMIT_NPROC, 0) ||
+        !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
         return errno;
     return 0;
 }
 
 /* malloc needs getrandom. The masks ignore the upper halves of the int arguments of mmap and mprotect, as the kernel
  * does. */
-static int add_rules(scmp_filter_ctx filter)
+static int add_rules(scmp_filter_ctx filter, bool receives)
 {
     static const int calls[] = {
 #ifdef __SANITIZE_ADDRESS__ /* writes its report */
@@ -58,6 +60,13 @@ static int add_rules(scmp_filter_ctx filter)
         SCMP_SYS(exit),
         SCMP_SYS(exit_group)
     };
+    static const int more[] = {
+        SCMP_SYS(recvmsg), SCMP_SYS(close),
+#ifndef __SANITIZE_ADDRESS__
+        SCMP_SYS(getpid),  SCMP_SYS(gettid), SCMP_SYS(rt_sigprocmask), /* abort */
+#endif
+    };
+    const struct scmp_arg_cmp itself = SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)getpid());
     const struct scmp_arg_cmp not_executed = SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0),
                               not_a_file = SCMP_A3(SCMP_CMP_MASKED_EQ, MAP_ANONYMOUS, MAP_ANONYMOUS);
     int fault = 0;
@@ -68,10 +77,14 @@ static int add_rules(scmp_filter_ctx filter)
         fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, SCMP_SYS(mprotect), 1, not_executed);
     if (!fault)
         fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, SCMP_SYS(mmap), 2, not_executed, not_a_file);
+    for (size_t i = 0; receives && i < sizeof(more) / sizeof(more[0]) && !fault; i++)
+        fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, more[i], 0);
+    if (receives && !fault)
+        fault = seccomp_rule_add_exact(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 1, itself);
     return fault;
 }
 
-int confine_calls(void)
+int confine_calls(bool receives)
 {
     const scmp_filter_ctx filter = seccomp_init(SCMP_ACT_KILL_PROCESS);
 
@@ -81,7 +94,7 @@ int confine_calls(void)
     if (!fault)
         fault = seccomp_attr_set(filter, SCMP_FLTATR_API_SYSRAWRC, 1); /* seccomp_load returns the kernel's errno */
     if (!fault)
-        fault = add_rules(filter);
+        fault = add_rules(filter, receives);
     if (!fault)
         fault = seccomp_load(filter);
     seccomp_release(filter);

@@ -1,0 +1,26 @@
+/* server/confine/confine.h */
+/* The sandbox of a process that reads untrusted data: irrevocably drops everything that reading does not need.
+ * Thread: main, before any other starts. */
+#ifndef CONFINE_CONFINE_H
+#define CONFINE_CONFINE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct confine_limits {
+    size_t address_bytes; /* address space */
+    uint64_t file_bytes;  /* size up to which it may write files that it was given */
+    unsigned seconds;     /* processor time; SIGXCPU ends the process */
+    unsigned descriptors; /* that it may have open, counted from 0; those above are closed */
+};
+
+/* Denies new files, core dumps, processes and privileges, and sets these limits. Returns 0 or errno. */
+int confine_limits(const struct confine_limits *l);
+
+/* Installs a seccomp filter: every system call other than read, write, memory, clocks and exit ends the process
+ * (SIGSYS). `receives`: it may also receive descriptors from its socket, close them, and abort. Returns 0, or errno if
+ * the kernel has no seccomp. */
+int confine_calls(bool receives);
+
+#endif
