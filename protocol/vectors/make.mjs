@@ -30,12 +30,12 @@ function picture(h, payload, { magic = 'RLP1', length = 80, extra = [] } = {}) {
   ]), Buffer.from(payload)]);
 }
 
-function environment(h, payload, { magic = 'RLE1', length = 48, extra = [] } = {}) {
+function environment(h, payload, { magic = 'RLE1', length = 48, extra = [], zeros = [0, 0] } = {}) {
   return Buffer.concat([bytesOf([
     ['bytes', magic], ['u16', length], ['u8', encodings[h.encoding] ?? h.encoding],
     ['u8', typeof h.layout === 'string' ? layouts.indexOf(h.layout) : h.layout], ['u8', h.flags], ['u8', h.channels],
-    ['u16', 0], ['u32', h.width], ['u32', h.height], ['u32', h.payload], ['u64', h.frame], ['i64', h.captureUs],
-    ['u64', 0], ['bytes', extra],
+    ['u16', zeros[0]], ['u32', h.width], ['u32', h.height], ['u32', h.payload], ['u64', h.frame], ['i64', h.captureUs],
+    ['u64', zeros[1]], ['bytes', extra],
   ]), Buffer.from(payload)]);
 }
 
@@ -56,8 +56,10 @@ const full = {
   height: 16383, gain: 0.15625, samples: 4096, payload: 7,
 };
 
+// Bytes that today's writers do not write.
+const unknown = (options) => (options ? { unknown: true } : {});
 const good = (name, about, header, payload, options) =>
-  write(name, about, 'picture', picture(header, payload, options), { header, payload_hex: hex(payload) });
+  write(name, about, 'picture', picture(header, payload, options), { header, payload_hex: hex(payload), ...unknown(options) });
 const bad = (name, about, header, payload, fails, options) =>
   write(name, about, 'picture', picture(header, payload, options), { fails });
 
@@ -90,7 +92,7 @@ const raw = { ...file, encoding: 'raw_half', layout: 'latlong', flags: 1, channe
 const texels = [0, 0x3c, 0, 0x40, 0, 0x42, 0xff, 0x7b, 0, 0, 1, 0];
 
 const goodEnvironment = (name, about, header, payload, options) =>
-  write(name, about, 'environment', environment(header, payload, options), { header, payload_hex: hex(payload) });
+  write(name, about, 'environment', environment(header, payload, options), { header, payload_hex: hex(payload), ...unknown(options) });
 const badEnvironment = (name, about, header, payload, fails, options) =>
   write(name, about, 'environment', environment(header, payload, options), { fails });
 
@@ -101,6 +103,8 @@ goodEnvironment('environment_float', 'one float texel with alpha, on a fisheye, 
     captureUs: -9007199254740991 }, [...texels, 0, 0, 0, 0]);
 goodEnvironment('environment_longer_header', 'a later minor version', { ...file, encoding: 'file_hdr' }, [35, 63, 82, 65],
   { length: 52, extra: [1, 2, 3, 4] });
+goodEnvironment('environment_reserved', 'a later minor version: flags that nobody knows yet, and values in fields that are 0 today',
+  { ...raw, flags: 254 }, texels, { zeros: [65535, 2n ** 64n - 1n] });
 badEnvironment('environment_magic', 'the magic of a picture', file, jpeg, '7.1', { magic: 'RLP1' });
 badEnvironment('environment_header', 'a header length of 1028', file, jpeg, '7.2', { length: 1028 });
 badEnvironment('environment_payload', 'a payload length one too large', { ...file, payload: 5 }, jpeg, '7.3');

@@ -97,12 +97,13 @@ void controls_tell(struct server *s)
         if (answers[i].error[0]) {
             struct fault fault;
             fault_say(&fault, FAULT_BAD_FIELD, answers[i].clause ? answers[i].clause : "4.13", "%s", answers[i].error);
-            fault.stays = true;
+            fault.stays = fault.has_request = true;
             fault.request = answers[i].request;
             viewer_send_error(v, &fault);
+        } else {
+            v->answer_due = true;
+            v->answer = answers[i].request;
         }
-        v->answer_due = true;
-        v->answer = answers[i].request;
     }
 }
 

@@ -96,14 +96,32 @@ unsigned ingest_notes(struct server *s, struct note out[INGEST_NOTES])
     return count;
 }
 
-/* {lock} A frame received before its producer reconnected: its fate is decided already. */
+/* {lock} picture: 0: the frame was refused. */
+static void remember(struct sequence *q, uint64_t number, uint64_t picture)
+{
+    const unsigned i = q->fate_count++ % INGEST_FATES;
+
+    q->fates[i].number = number;
+    q->fates[i].picture = picture;
+}
+
+/* {lock} A frame that is not above the last one received: its fate is decided already, or it comes too late. */
 static void deliver_again(struct ingest *g, const struct pushed *p)
 {
-    const bool refused = p->sequence->refused && p->header.frame == p->sequence->accepted;
-    struct note *n = note(g, p->producer, p->sequence, p->header.frame, refused ? SERVER_REFUSED : SERVER_USED);
+    const struct sequence *q = p->sequence;
+    const unsigned count = q->fate_count < INGEST_FATES ? q->fate_count : INGEST_FATES;
+    unsigned i = 0;
 
     g->repeated++;
-    if (refused)
+    while (i < count && q->fates[i].number != p->header.frame)
+        i++;
+    const uint64_t picture = i < count ? q->fates[i].picture : 0;
+    struct note *n = note(g, p->producer, p->sequence, p->header.frame, picture ? SERVER_USED : SERVER_REFUSED);
+    n->picture = picture;
+    if (i == count)
+        fault_say(&n->fault, FAULT_BAD_FRAME, "5.8", "its number is not above %llu, and no fate of it is remembered",
+                  (unsigned long long)q->accepted);
+    else if (!picture)
         fault_say(&n->fault, FAULT_BAD_FRAME, "7.10", "it was refused before");
 }
 
@@ -113,8 +131,9 @@ static void deliver_refused(struct ingest *g, const struct pushed *p, const stru
     g->refused++;
     note(g, p->producer, p->sequence, p->header.frame, SERVER_REFUSED)->fault = *refusal;
     if (p->sequence) {
-        p->sequence->has_accepted = p->sequence->refused = true;
+        p->sequence->has_accepted = true;
         p->sequence->accepted = p->header.frame;
+        remember(p->sequence, p->header.frame, 0);
         p->sequence->ended = false;
     } else {
         g->returned++;
@@ -145,7 +164,7 @@ static void deliver_lockstep(struct ingest *g, const struct pushed *p)
     q->stage = SEQUENCE_WAITING;
     q->has_accepted = true;
     q->accepted = p->header.frame;
-    q->refused = q->ended = false;
+    q->ended = false;
     g->lockstep = *p;
     g->ended = false;
 }
@@ -360,7 +379,7 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
             why = "no picture was made of it";
         }
         t->sequence->stage = SEQUENCE_IDLE;
-        t->sequence->refused = true;
+        remember(t->sequence, t->number, 0);
         pthread_cond_signal(&g->arrived);
     }
     g->refused += fate == SERVER_REFUSED;
@@ -384,6 +403,7 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
     if (t && (!t->sequence || (unsigned)t->sequence->format == picture_kind(picture))) {
         note(g, t->producer, t->sequence, t->number, SERVER_USED)->picture = header->sequence;
         if (t->sequence) {
+            remember(t->sequence, t->number, header->sequence);
             t->sequence->kept = picture_ref(picture);
             t->sequence->stage = SEQUENCE_KEPT;
             pthread_cond_signal(&g->arrived);

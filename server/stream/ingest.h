@@ -18,6 +18,7 @@
 #define INGEST_SEQUENCES 16 /* sequences remembered */
 #define INGEST_TICKETS 16   /* taken frames with open fate; the oldest live one is dropped */
 #define INGEST_NOTES 32     /* fates not yet sent: more than tickets and one delivery can make */
+#define INGEST_FATES 64     /* fates that a lockstep sequence remembers */
 #define INGEST_CREDIT 2     /* frames in advance for a live producer */
 #define INGEST_FRAME_BYTES ((size_t)256 << 20)
 
@@ -34,15 +35,18 @@ struct sequence {
     char name[PROTOCOL_NAME_MAX + 1]; /* "": free */
     enum sequence_stage stage;
     bool has_accepted, has_stored;
-    uint64_t accepted;           /* number of the last frame received whole */
-    uint64_t stored;             /* number of the last frame whose picture is stored */
-    uint64_t stored_count;       /* pictures */
-    bool refused;                /* the last accepted frame was refused */
-    bool ended;                  /* the producer ended it */
-    struct picture *kept;        /* in SEQUENCE_KEPT */
-    enum protocol_format format; /* of its pictures; 0 before a recorder has subscribed */
-    bool recording;              /* its recorder has subscribed */
-    int64_t touched_us;          /* when a connection last came or went */
+    uint64_t accepted;     /* number of the last frame received whole */
+    uint64_t stored;       /* number of the last frame whose picture is stored */
+    uint64_t stored_count; /* pictures */
+    bool ended;            /* the producer ended it */
+    struct {
+        uint64_t number, picture; /* picture: made of the frame; 0: it was refused */
+    } fates[INGEST_FATES];        /* of the last frames, in a ring */
+    unsigned fate_count;          /* so many frames had a fate */
+    struct picture *kept;         /* in SEQUENCE_KEPT */
+    enum protocol_format format;  /* of its pictures; 0 before a recorder has subscribed */
+    bool recording;               /* its recorder has subscribed */
+    int64_t touched_us;           /* when a connection last came or went */
 
     /* The service thread's own: who is connected. */
     struct viewer *producer, *recorder;

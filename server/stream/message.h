@@ -39,7 +39,8 @@ struct fault {
     enum fault_code code;
     const char *clause; /* of PROTOCOL.md */
     bool stays;         /* does not close the connection, although its code usually does */
-    uint64_t request;   /* number of the faulty message, if any */
+    bool has_request;   /* it answers a control or probe message, whose number is */
+    uint64_t request;
     char text[160];
 };
 
@@ -55,6 +56,7 @@ enum fault_code fault_say(struct fault *f, enum fault_code code, const char *cla
     PRINTF_LIKE(4, 5);
 
 enum message_op {
+    MESSAGE_UNKNOWN, /* no op, or not one of this version */
     MESSAGE_HELLO,
     MESSAGE_SUBSCRIBE,
     MESSAGE_ACK,
@@ -106,7 +108,7 @@ struct message {
 };
 
 /* Parses one text message. controls: the rows that a control message may name, or NULL. On a fault *fault says what is
- * wrong and *m is undefined. */
+ * wrong, and of *m only op is valid. */
 enum fault_code message_parse(const char *text, size_t length, const struct setting *controls, struct message *m,
                               struct fault *fault);
 

@@ -48,7 +48,7 @@ enum fault_code fault_say(struct fault *f, enum fault_code code, const char *cla
 
     f->code = code;
     f->clause = clause;
-    f->stays = false;
+    f->stays = f->has_request = false;
     f->request = 0;
     va_start(args, format);
     vsnprintf(f->text, sizeof(f->text), format, args);
@@ -221,7 +221,7 @@ static enum fault_code parse_control(const json_t *object, const struct setting 
     if (!take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.13.1", fault) &&
         settings_from_json(controls, FOR_RELIGHTD, object, &c->asked, c->values, &clause, &why))
         fault_say(fault, FAULT_BAD_FIELD, clause, "%s", why.text);
-    fault->stays = true;
+    fault->stays = fault->has_request = true;
     c->request = fault->request = (uint64_t)request;
     return fault->code;
 }
@@ -269,7 +269,7 @@ static enum fault_code parse_probe(const json_t *object, struct message *m, stru
     q->figure = preset && !json_is_null(preset);
     return FAULT_NONE;
 failed:
-    fault->stays = true;
+    fault->stays = fault->has_request = true;
     fault->request = (uint64_t)request;
     return fault->code;
 }

@@ -134,7 +134,7 @@ char *message_error(const struct fault *fault)
     json_t *all = json_pack("{s:s s:s s:s s:o s:b}", "op", "error", "code", fault_name(fault->code), "clause",
                             fault->clause, "message", words(fault->text), "fatal", fault_close_code(fault) != 0);
 
-    if (fault->request > 0)
+    if (fault->has_request)
         all = with(all, "request", json_integer((json_int_t)fault->request));
     return dump(all);
 }

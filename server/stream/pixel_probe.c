@@ -114,7 +114,7 @@ void probe_take(struct viewer *v, const struct message *m, struct fault *fault)
     }
     if (!fault->code && m->probe.has_follow && !m->probe.follow)
         unfollow(v->server, v->id);
-    fault->stays = true;
+    fault->stays = fault->has_request = true;
     fault->request = q.request;
 }
 
@@ -220,6 +220,7 @@ void probes_send(struct server *s)
         } else {
             struct fault fault;
             fault_say(&fault, FAULT_NOT_OFFERED, "4.15.7", "%s", answers[i].error);
+            fault.has_request = true;
             fault.request = answers[i].request;
             viewer_send_error(v, &fault);
         }

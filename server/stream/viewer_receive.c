@@ -118,9 +118,10 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
     const uint64_t sequence = m->ack.sequence;
     unsigned kept = 0;
 
-    if (sequence <= v->outdated && (sequence > v->begun || v->current))
+    const bool unsent = sequence > v->begun || (v->current && sequence == v->begun);
+    if (unsent && sequence <= v->outdated) /* of a format watched before */
         return;
-    if (sequence > v->begun || (v->current && sequence == v->begun)) {
+    if (unsent) {
         fault_say(fault, FAULT_BAD_ORDER, "4.5.1", "picture %llu was not sent yet", (unsigned long long)sequence);
         return;
     }
@@ -176,6 +177,27 @@ static bool too_fast(struct viewer *v)
     return false;
 }
 
+/* A well-formed message after hello, or hello. */
+static void take_message(struct viewer *v, struct message *m, struct fault *fault)
+{
+    if (m->op == MESSAGE_HELLO)
+        take_hello(v, m, fault);
+    else if (m->op == MESSAGE_END)
+        take_end(v, fault);
+    else if (m->op == MESSAGE_CONTROL)
+        take_control(v, m, fault);
+    else if (m->op != MESSAGE_PING && v->role == SERVER_PRODUCER)
+        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no pictures");
+    else if (m->op == MESSAGE_SUBSCRIBE)
+        take_subscribe(v, m, fault);
+    else if (m->op == MESSAGE_ACK)
+        take_ack(v, m, fault);
+    else if (m->op == MESSAGE_PROBE)
+        probe_take(v, m, fault);
+    else if (v->outbox_count < STREAM_PONGS) /* no more pongs than this behind a large picture on a slow line */
+        viewer_queue(v, message_pong(m->ping.id, clock_wall_us()));
+}
+
 static void take_text(struct viewer *v)
 {
     struct message m;
@@ -184,25 +206,13 @@ static void take_text(struct viewer *v)
     if (too_fast(v)) {
         atomic_fetch_add(&v->server->counts.too_fast, 1);
         fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %g messages a second", STREAM_RATE);
-    } else if (!message_parse(v->text, v->text_size, v->server->controls, &m, &fault)) {
-        if (!v->greeted && m.op != MESSAGE_HELLO)
+    } else {
+        message_parse(v->text, v->text_size, v->server->controls, &m, &fault);
+        /* Before hello the fields of other messages do not matter, nor whether their op is known. */
+        if (!v->greeted && m.op != MESSAGE_HELLO && (m.op != MESSAGE_UNKNOWN || fault.code == FAULT_UNKNOWN_OP))
             fault_say(&fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
-        else if (m.op == MESSAGE_HELLO)
-            take_hello(v, &m, &fault);
-        else if (m.op == MESSAGE_END)
-            take_end(v, &fault);
-        else if (m.op == MESSAGE_CONTROL)
-            take_control(v, &m, &fault);
-        else if (m.op != MESSAGE_PING && v->role == SERVER_PRODUCER)
-            fault_say(&fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no pictures");
-        else if (m.op == MESSAGE_SUBSCRIBE)
-            take_subscribe(v, &m, &fault);
-        else if (m.op == MESSAGE_ACK)
-            take_ack(v, &m, &fault);
-        else if (m.op == MESSAGE_PROBE)
-            probe_take(v, &m, &fault);
-        else if (v->outbox_count < STREAM_PONGS) /* no more pongs than this behind a large picture on a slow line */
-            viewer_queue(v, message_pong(m.ping.id, clock_wall_us()));
+        else if (!fault.code)
+            take_message(v, &m, &fault);
     }
     if (fault.code)
         viewer_send_error(v, &fault);

@@ -44,7 +44,7 @@ test('messages truncated at any byte are refused', () => {
 });
 
 test('the encoder produces the golden bytes', () => {
-  for (const v of vectors.filter((each) => !each.fails && !each.name.includes('longer_header'))) {
+  for (const v of vectors.filter((each) => !each.fails && !each.unknown)) {
     const bytes = v.kind === 'picture' ? encodePicture(v.header) : encodeEnvironment(v.header);
     assert.deepEqual(bytes, v.data.slice(0, bytes.length), v.name);
   }

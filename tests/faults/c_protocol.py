@@ -235,5 +235,40 @@ async def C51_what_another_session_knew(stage):
     return "nothing is stored; its acks are 4003; names are forgotten"
 
 
+@row(counts="frames")
+async def C140_late_lockstep_frames(stage):
+    """A refused frame sent again after a later one, and a lower number that was never sent."""
+    recorder = await stage.client(recorder="late")
+    recorder.send(say(op="subscribe", format="jpeg"))
+    await recorder.until("subscribed")
+    fates = []
+    async with stage.without_producer():
+        raw = await stage.client("producer", pace="lockstep", sequence="late")
+        granted = 1 - raw.said[-1]["producer"]["credit"]
+        if granted:
+            await raw.until("credit")
+        for number, payload in ((5, b"junk"), (6, None), (5, b"junk"), (4, None), (6, None)):
+            raw.send(frame(BINARY, environment(number, payload, encoding=2 if payload else None)))
+            fate = await raw.until("frame")
+            check(fate["number"] == number, f"{fate}")
+            fates.append(fate)
+            if len(fates) == 2:
+                picture = b""
+                while not picture:
+                    kind, payload = await recorder.receive()
+                    check(kind is not None, "the recorder was closed")
+                    picture = payload if kind == BINARY else b""
+                recorder.send(say(op="ack", sequence=struct.unpack_from("<Q", picture, 8)[0], stored=True))
+            while sum(m["op"] == "credit" for m in raw.said) < granted + len(fates):  # before or after its fate
+                await raw.receive()
+        raw.shut()
+    recorder.shut()
+    got = [(f["number"], f["fate"], f.get("clause")) for f in fates]
+    want = [(5, "refused", "7.10"), (6, "used", None), (5, "refused", "7.10"), (4, "refused", "5.8"), (6, "used", None)]
+    check(got == want, f"{got} instead of {want}")
+    check(fates[1]["sequence"] == fates[4]["sequence"], f"{fates[4]} names another picture than {fates[1]}")
+    return "each is told its own fate; 4, never sent, is refused by clause 5.8"
+
+
 if __name__ == "__main__":
     main()

@@ -11,6 +11,8 @@ static void handshakes_that_break_section_2_are_turned_away(void **state)
         { .protocol = "http" },
         { .path = "/" },
         { .path = "/ws/" },
+        { .path = "/ws/../w" },
+        { .path = "/?path=/ws" },
         { .version = "7" },
         { .version = "" },
         { .host = "evil.example" },
@@ -47,6 +49,9 @@ static void handshakes_that_obey_are_let_in(void **state)
         { .host = "[::1]:80", .origin = "http://[::1]:80" },
         { .host = "LOCALHOST", .origin = "https://localhost" },
         { .protocol = "other.v9, relight.v1" },
+        { .path = "/ws?token=x" },
+        { .path = "/%77s" },
+        { .path = "/x/../ws" },
         { .extra = "Sec-WebSocket-Extensions: permessage-deflate; client_max_window_bits\r\n" },
     };
     struct server *s = server_start(NULL);
@@ -100,6 +105,10 @@ static void offences_are_answered_with_their_clause_and_close_code(void **state)
     static const struct offence offences[] = {
         { "{\"op\":\"ping\",\"id\":1}", false, 4003, "4.1" },
         { "{\"op\":\"subscribe\",\"format\":\"jpeg\"}", false, 4003, "4.1" },
+        { "{\"op\":\"dance\"}", false, 4003, "4.1" },
+        { "{\"op\":\"ping\",\"id\":\"x\"}", false, 4003, "4.1" },
+        { "{\"op\":\"control\",\"samples\":0}", false, 4003, "4.1" },
+        { "{\"op\":7}", false, 4002, "3.2" },
         { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":2}}", false, 4005, "4.1.2" },
         { "{\"op\":\"hello\",\"role\":\"producer\",\"version\":{\"major\":1}}", false, 4004, "4.1.1" },
         { "{\"op\":\"hello\",\"role\":\"controller\",\"version\":{\"major\":1},\"recorder\":\"r\"}", false, 4004,
@@ -161,6 +170,7 @@ static void the_rest_is_let_pass(void **state)
     assert_non_null(error);
     assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.13.5");
     assert_true(json_is_false(json_object_get(error, "fatal")));
+    assert_true(json_is_integer(json_object_get(error, "request"))); /* 0, although the message had none */
     json_decref(error);
     client_say(&c, "{\"op\":\"ping\",\"id\":77,\"new\":{}}");
     json_t *pong = client_await(&c, "pong");

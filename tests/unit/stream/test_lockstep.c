@@ -1,6 +1,8 @@
 /* PROTOCOL.md 5.8 to 5.10: each frame of a lockstep sequence yields one picture, whoever is killed and when. */
 #include "stream/producing.h"
 
+#include "stream/ingest.h"
+
 static void a_producer_has_no_credit_before_a_recorder_has_come(void **state)
 {
     (void)state;
@@ -179,7 +181,11 @@ static void a_producer_goes_on_after_what_was_accepted(void **state)
     store(&r, 1);
     assert_int_equal(credit_comes(&p), 1);
     frame_send(&p, 7); /* a feeder that does not listen */
-    expect_fate(&p, 7, "used");
+    json_t *fate = client_await(&p, "frame");
+    assert_non_null(fate);
+    assert_string_equal(json_string_value(json_object_get(fate, "fate")), "used");
+    assert_int_equal(json_integer_value(json_object_get(fate, "sequence")), 1); /* 4.11.1, here too */
+    json_decref(fate);
     assert_int_equal(credit_comes(&p), 1);
     assert_false(server_take_frame(s, &f, &t, 20));
     COUNTER_BECOMES(s, frames_repeated, 1);
@@ -222,6 +228,69 @@ static void a_refused_frame_returns_its_credit_and_is_remembered(void **state)
     client_shut(&p);
     assert_int_equal(produce_lockstep(&p, s, "a", &after), 1);
     assert_int_equal(after, 3);
+    client_shut(&p);
+    client_shut(&r);
+    frame_finish(&f);
+    server_destroy(s);
+}
+
+/* Refuses frames from `first` to `last`. */
+static void refuse_frames(struct client *p, struct server *s, uint64_t first, uint64_t last)
+{
+    struct server_ticket t;
+    struct frame f = { 0 };
+
+    for (uint64_t number = first; number <= last; number++) {
+        frame_send(p, number);
+        take(s, &f, &t, number);
+        server_frame_fate(s, &t, SERVER_REFUSED, "no sky");
+        expect_fate(p, number, "refused");
+        assert_int_equal(credit_comes(p), 1);
+    }
+    frame_finish(&f);
+}
+
+static void late_frames_are_told_their_own_fate(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client p, r;
+    struct server_ticket t;
+    struct frame f = { 0 };
+    struct protocol_picture h;
+    int64_t after;
+
+    record(&r, s, "a", "jpeg");
+    produce_lockstep(&p, s, "a", &after);
+    refuse_frames(&p, s, 5, 5);
+    for (uint64_t number = 6; number <= 8; number += 2) {
+        frame_send(&p, number);
+        take(s, &f, &t, number);
+        publish_for(s, PROTOCOL_JPEG, number, &t);
+        expect_fate(&p, number, "used");
+        assert_int_equal(client_picture(&r, &h, CLIENT_WAIT_MS), number / 2 - 2);
+        store(&r, number / 2 - 2);
+        assert_int_equal(credit_comes(&p), 1);
+    }
+    for (uint64_t number = 4; number <= 8; number++) { /* 4 and 7 were never sent */
+        frame_send(&p, number);
+        json_t *fate = client_await(&p, "frame");
+        assert_non_null(fate);
+        assert_int_equal(json_integer_value(json_object_get(fate, "number")), number);
+        const char *clause = json_string_value(json_object_get(fate, "clause"));
+        const char *want = number == 5 ? "7.10" : number % 2 == 0 && number > 4 ? "used" : "5.8";
+        assert_string_equal(clause ? clause : json_string_value(json_object_get(fate, "fate")), want);
+        if (!clause)
+            assert_int_equal(json_integer_value(json_object_get(fate, "sequence")), number / 2 - 2);
+        json_decref(fate);
+        assert_int_equal(credit_comes(&p), 1);
+    }
+    refuse_frames(&p, s, 9, 9 + INGEST_FATES - 1); /* after so many, 8 is forgotten */
+    frame_send(&p, 8);
+    json_t *fate = client_await(&p, "frame");
+    assert_non_null(fate);
+    assert_string_equal(json_string_value(json_object_get(fate, "clause")), "5.8");
+    json_decref(fate);
     client_shut(&p);
     client_shut(&r);
     frame_finish(&f);
@@ -467,6 +536,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_picture_comes_again_until_it_is_stored),
     cmocka_unit_test(a_producer_goes_on_after_what_was_accepted),
     cmocka_unit_test(a_refused_frame_returns_its_credit_and_is_remembered),
+    cmocka_unit_test(late_frames_are_told_their_own_fate),
     cmocka_unit_test(whoever_comes_second_with_the_name_takes_over),
     cmocka_unit_test(the_end_is_told_when_all_is_stored),
     cmocka_unit_test(the_format_stands_while_a_frame_is_under_way),

@@ -49,6 +49,8 @@ static const struct row rows[] = {
     { "{\"op\":\"ack\",\"sequence\":1,\"displayed_us\":1.5}", FAULT_BAD_FIELD, "4.5.2" },
     { "{\"op\":\"ping\"}", FAULT_BAD_FIELD, "4.6.1" },
     { "{\"op\":\"ping\",\"id\":-1}", FAULT_BAD_FIELD, "4.6.1" },
+    { "{\"op\":\"ping\",\"id\":1.0}", FAULT_BAD_FIELD, "4.6.1" }, /* clause 1.5 */
+    { "{\"op\":\"ping\",\"id\":1e0}", FAULT_BAD_FIELD, "4.6.1" },
     { "{\"op\":\"probe\"}", FAULT_BAD_FIELD, "4.15.2" },
     { "{\"op\":\"probe\",\"x\":16384,\"y\":0}", FAULT_BAD_FIELD, "4.15.2" },
     { "{\"op\":\"probe\",\"x\":0,\"y\":0,\"samples\":257}", FAULT_BAD_FIELD, "4.15.3" },

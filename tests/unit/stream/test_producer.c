@@ -418,6 +418,27 @@ static void a_second_producer_waits_until_the_first_is_gone(void **state)
     server_destroy(s);
 }
 
+static void a_producer_that_sends_pings_keeps_its_place(void **state)
+{
+    (void)state;
+    struct server *s = push_server();
+    struct client first, second;
+
+    produce_live(&first, s);
+    for (int i = 0; i < 11; i++) {
+        sleep_ms(500);
+        client_say(&first, "{\"op\":\"ping\",\"id\":1}");
+        client_expect(&first, "pong");
+    }
+    client_open(&second, s);
+    assert_int_equal(client_handshake(&second, NULL), 101);
+    client_say(&second, "{\"op\":\"hello\",\"role\":\"producer\",\"version\":{\"major\":1}}");
+    assert_int_equal(client_close_code(&second), 4012);
+    client_shut(&first);
+    client_shut(&second);
+    server_destroy(s);
+}
+
 static void a_silent_producer_gives_way(void **state)
 {
     (void)state;
@@ -425,7 +446,10 @@ static void a_silent_producer_gives_way(void **state)
     struct client first, second;
 
     produce_live(&first, s);
-    sleep_ms(5200);
+    for (int i = 0; i < 26; i++) { /* pings of WebSocket do not count (4.1.7) */
+        sleep_ms(200);
+        client_frame(&first, OP_PING, true, "x", 1);
+    }
     produce_live(&second, s);
     assert_int_equal(client_close_code(&first), 4011);
     frame_send(&second, 1);
@@ -555,6 +579,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(only_producers_push_and_only_where_they_may),
     cmocka_unit_test(a_frame_that_must_not_be_decoded_is_refused_and_the_connection_stays),
     cmocka_unit_test(a_second_producer_waits_until_the_first_is_gone),
+    cmocka_unit_test(a_producer_that_sends_pings_keeps_its_place),
     cmocka_unit_test(a_silent_producer_gives_way),
     cmocka_unit_test(a_producer_that_vanishes_in_the_middle_leaves_nothing_behind),
     cmocka_unit_test(a_frame_that_never_completes_costs_its_connection),

@@ -175,7 +175,8 @@ static void check_encode(const struct vector *v, const char *name)
     const size_t today = v->picture ? PROTOCOL_PICTURE_BYTES : PROTOCOL_ENVIRONMENT_BYTES;
     size_t offset = 0;
 
-    if (json_object_get(v->about, "fails") || strstr(name, "longer_header"))
+    (void)name;
+    if (json_object_get(v->about, "fails") || json_object_get(v->about, "unknown"))
         return;
     assert_int_equal(decode(v, v->size, &p, &e, &offset), PROTOCOL_OK);
     if (v->picture)

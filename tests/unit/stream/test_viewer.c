@@ -99,6 +99,36 @@ static void an_ack_returns_the_credit_of_all_before_it(void **state)
     server_destroy(s);
 }
 
+static void acks_of_a_former_format_are_passed_over(void **state)
+{
+    (void)state;
+    struct server *s = server_start(NULL);
+    struct client c;
+    struct protocol_picture h = { 0 };
+
+    client_watch(&c, s);
+    for (uint64_t i = 1; i <= 3; i++) {
+        publish(s, i, 500);
+        assert_int_equal(client_picture(&c, &h, CLIENT_WAIT_MS), i);
+        if (i < 3)
+            client_ack(&c, i);
+    }
+    client_say(&c, "{\"op\":\"subscribe\",\"format\":\"exr_half\"}");
+    client_expect(&c, "subscribed");
+    client_ack(&c, 3); /* on its way when the format changed */
+    client_ack(&c, 2);
+    client_say(&c, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&c, "pong");
+    client_ack(&c, 4); /* of neither format */
+    json_t *error = client_await(&c, "error");
+    assert_non_null(error);
+    assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.5.1");
+    json_decref(error);
+    assert_int_equal(client_close_code(&c), 4003);
+    client_shut(&c);
+    server_destroy(s);
+}
+
 static void a_paused_viewer_gets_no_picture_until_it_resumes(void **state)
 {
     (void)state;
@@ -376,6 +406,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(who_comes_late_gets_the_last_picture_at_once),
     cmocka_unit_test(no_more_than_two_pictures_are_under_way),
     cmocka_unit_test(an_ack_returns_the_credit_of_all_before_it),
+    cmocka_unit_test(acks_of_a_former_format_are_passed_over),
     cmocka_unit_test(a_paused_viewer_gets_no_picture_until_it_resumes),
     cmocka_unit_test(a_viewer_gets_pictures_at_the_rate_it_asked_for),
     cmocka_unit_test(a_pause_after_watching_counts_as_no_skip),
