@@ -137,6 +137,6 @@ enum child_receipt child_receive(struct child *c, void *message, size_t size, in
         if (poll(&p, 1, left < LOOK_MS ? (int)left : LOOK_MS) <= 0)
             continue;
         const ssize_t got = recv(c->socket, message, size, MSG_TRUNC | MSG_DONTWAIT);
-        return got == (ssize_t)size ? CHILD_RECEIVED : CHILD_GONE;
+        return got == (ssize_t)size ? CHILD_RECEIVED : got <= 0 ? CHILD_GONE : CHILD_GARBLED;
     }
 }

@@ -34,7 +34,8 @@ const char *child_death(int status, char *out, size_t size);
 
 enum child_receipt {
     CHILD_RECEIVED,
-    CHILD_GONE,    /* the process has ended or sent something else */
+    CHILD_GONE,    /* the process has ended */
+    CHILD_GARBLED, /* it sent something else */
     CHILD_SILENT,  /* nothing until the deadline */
     CHILD_STOPPED, /* *stop was set */
 };

@@ -15,6 +15,7 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <time.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #define PROGRAM "relight-decoder"
@@ -127,9 +128,10 @@ static void count_crash(struct decoder *d)
     d->restart_ms = clock_ms() + (wait < WAIT_MAX_MS ? wait : WAIT_MAX_MS);
 }
 
-static enum err report_crash(struct decoder *d, enum child_receipt receipt, const char *name, struct reason *why)
+/* The process has ended with `status`. */
+static enum err report_crash(struct decoder *d, enum child_receipt receipt, int status, const char *name,
+                             struct reason *why)
 {
-    const int status = child_end(&d->child);
     char death[64];
 
     if (receipt == CHILD_STOPPED)
@@ -214,12 +216,27 @@ static enum err ready(struct decoder *d, const char *name, struct reason *why)
     return ERR_OK;
 }
 
+/* Sends the file and waits for the answer. *idle: the process had ended before it had the file, or was killed from
+ * outside: neither is the file's fault. Without an answer the process has ended, and *status is waitpid's. */
+static enum child_receipt ask(struct decoder *d, const struct wire_request *q, struct wire_answer *a, int *status,
+                              bool *idle)
+{
+    const bool sent = send(d->child.socket, q, sizeof(*q), MSG_NOSIGNAL) == (ssize_t)sizeof(*q);
+    const enum child_receipt receipt = sent ? receive(d, a, sizeof(*a)) : CHILD_GONE;
+
+    *status = receipt == CHILD_RECEIVED ? 0 : child_end(&d->child);
+    *idle = receipt == CHILD_GONE && (!sent || (WIFSIGNALED(*status) && WTERMSIG(*status) == SIGKILL));
+    return receipt;
+}
+
 enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const char *name, struct image *im,
                         struct reason *why)
 {
     struct decoder *d = context;
     struct wire_request q = { .magic = WIRE_MAGIC, .max_side = im->max_side, .size = size };
     struct wire_answer a;
+    int status;
+    bool idle;
 
     atomic_fetch_add(&d->files, 1);
     if (size > d->file_bytes)
@@ -230,10 +247,15 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
     snprintf(q.name, sizeof(q.name), "%s", name);
     memcpy(d->file.at, bytes, size);
     trim(&d->file, size);
-    enum child_receipt receipt = CHILD_GONE;
-    if (send(d->child.socket, &q, sizeof(q), MSG_NOSIGNAL) == (ssize_t)sizeof(q))
-        receipt = receive(d, &a, sizeof(a));
-    return receipt == CHILD_RECEIVED ? take_answer(d, &a, name, im, why) : report_crash(d, receipt, name, why);
+    enum child_receipt receipt = ask(d, &q, &a, &status, &idle);
+    if (idle) { /* once more, with a new process */
+        atomic_fetch_add(&d->crashed, 1);
+        e = ready(d, name, why);
+        if (e)
+            return e;
+        receipt = ask(d, &q, &a, &status, &idle);
+    }
+    return receipt == CHILD_RECEIVED ? take_answer(d, &a, name, im, why) : report_crash(d, receipt, status, name, why);
 }
 
 /* ---- Creation and statistics ---- */

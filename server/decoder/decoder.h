@@ -1,7 +1,8 @@
 /* server/decoder/decoder.h */
 /* Decodes untrusted image files in a separate, sandboxed process (relight-decoder) without access to files, the network
  * or new processes, and with limited memory. If a file crashes, hangs or compromises that process, only its frame is
- * lost: it is refused with a reason, and the process is restarted.
+ * lost: it is refused with a reason, and the process is restarted. If the process ended before it had a file, or was killed
+ * from outside, a new one gets the file.
  * The result is untrusted too: sizes are checked, text is made printable, and each texel is sanitised while it is
  * copied out of shared memory, so that it cannot change afterwards. The texels are identical to decode_image's. Thread:
  * one at a time, except decoder_counts. */
@@ -39,7 +40,7 @@ MUST_CHECK enum err decoder_decode(void *context, const uint8_t *bytes, size_t s
 /* Counts since the start. */
 struct decoder_counts {
     uint64_t files;
-    uint64_t crashed;   /* files on which the process crashed */
+    uint64_t crashed;   /* crashes of the process, on a file or while it was idle */
     uint64_t timed_out; /* files that exceeded the timeout */
     uint64_t invalid;   /* files for which it sent an invalid answer */
     uint64_t refused;   /* files refused unread after too many crashes */

@@ -75,6 +75,40 @@ static void taken(struct decoder *d)
     image_finish(&im);
 }
 
+/* The only process that this one has started. */
+static pid_t child(void)
+{
+    char text[64] = "";
+    FILE *f = fopen("/proc/thread-self/children", "r");
+
+    if (!f)
+        skip();
+    if (!fgets(text, sizeof(text), f))
+        text[0] = '\0';
+    fclose(f);
+    return (pid_t)strtol(text, NULL, 10);
+}
+
+static void a_decoder_killed_while_idle_costs_no_frame(void **state)
+{
+    struct decoder_counts counts;
+    struct decoder *d = begin(NULL);
+
+    (void)state;
+    for (int i = 0; i < 5; i++) {
+        taken(d);
+        assert_int_equal(kill(child(), SIGKILL), 0);
+        taken(d); /* at once, while the process may still be dying */
+        assert_int_equal(kill(child(), SIGSEGV), 0);
+        nanosleep(&(struct timespec){ .tv_nsec = 100000000 }, NULL);
+        taken(d); /* dead for a while */
+    }
+    decoder_counts(d, &counts);
+    assert_int_equal(counts.starts, 11);
+    assert_int_equal(counts.crashed, 10);
+    decoder_destroy(d);
+}
+
 static uint8_t *read_file(const char *path, size_t *size)
 {
     uint8_t *bytes = malloc((size_t)1 << 20);
@@ -401,6 +435,7 @@ static void a_file_above_its_limit_is_not_handed_on(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(files_are_decoded_to_the_same_bits),
     cmocka_unit_test(a_decoder_that_dies_costs_its_frame_only),
+    cmocka_unit_test(a_decoder_killed_while_idle_costs_no_frame),
     cmocka_unit_test(a_decoder_that_hangs_is_ended),
     cmocka_unit_test(a_decoder_cannot_eat_the_memory),
     cmocka_unit_test(a_decoder_that_asks_for_more_than_its_due_dies_of_it),
