@@ -31,5 +31,12 @@ double clock_processor(void)
 
 int64_t clock_wall_us(void)
 {
-    return read_ns(CLOCK_REALTIME) / 1000;
+    struct timespec t;
+
+    clock_gettime(CLOCK_REALTIME, &t);
+    if (t.tv_sec >= CLOCK_WALL_MAX_US / 1000000) /* multiplying first could overflow */
+        return CLOCK_WALL_MAX_US;
+    if (t.tv_sec <= -(CLOCK_WALL_MAX_US / 1000000))
+        return -CLOCK_WALL_MAX_US;
+    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
 }

@@ -128,6 +128,8 @@ static void pace(struct pull *p)
 {
     const int64_t now = clock_ms();
 
+    if (p->failed && source_kind(p->t->source) == SOURCE_WATCH)
+        return; /* files end, and then the folder waits for the next: a good one must not wait for bad ones */
     if (p->failed) {
         wait_after_failure(p);
         return;

@@ -1,6 +1,7 @@
 /* server/daemon/settings.c */
 #include "daemon/config.h"
 
+#include "codec/frame.h"
 #include "scene/scene.h"
 #include "stream/server.h"
 
@@ -119,7 +120,7 @@ static void add_source_request(struct settings_store *store, const struct server
         *m = (struct source_request){ .has_seek = seeks, .has_hour = hours, .seek = asked->seek, .hour = asked->hour };
     if (steps && m->has_seek) { /* from there */
         const int64_t to = (int64_t)m->seek + asked->step,
-                      last = store->source_length > 0 ? (int64_t)store->source_length - 1 : INT64_MAX;
+                      last = (int64_t)(store->source_length > 0 ? store->source_length - 1 : FRAME_NUMBER_MAX);
         m->seek = (uint64_t)(to < 0 ? 0 : to > last ? last : to);
     } else if (steps) {
         m->step += asked->step;

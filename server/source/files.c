@@ -399,6 +399,14 @@ static enum err open_file(const char *path, int *fd, struct stat *st, struct rea
     return e;
 }
 
+/* The modification time; 0 if it is beyond what a capture time can be. */
+static int64_t modified_us(const struct stat *st)
+{
+    const int64_t s = st->st_mtim.tv_sec, most_s = FRAME_CAPTURE_MAX_US / 1000000;
+
+    return s < most_s && s > -most_s ? s * 1000000 + st->st_mtim.tv_nsec / 1000 : 0;
+}
+
 /* Reads `count` files one after another. For a cube, substitutes each face's name into the path. */
 static enum err read_all(const struct file_item *item, char *path, size_t count, struct frame *f, struct reason *why)
 {
@@ -423,7 +431,7 @@ static enum err read_all(const struct file_item *item, char *path, size_t count,
             memcpy(path + item->face_at, names[k], item->face_length);
             f->faces[k] = (size_t)st[k].st_size;
         }
-        f->capture_us = (int64_t)st[k].st_mtim.tv_sec * 1000000 + st[k].st_mtim.tv_nsec / 1000;
+        f->capture_us = modified_us(&st[k]);
         e = read_bytes(fd[k], f->bytes + at, (size_t)st[k].st_size, path, why);
     }
     while (opened)

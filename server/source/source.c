@@ -1,6 +1,7 @@
 #include "source/source.h"
 
 #include "base/clock.h"
+#include "base/log.h"
 #include "source/files.h"
 #include "base/mem.h"
 #include "source/sky.h"
@@ -58,6 +59,17 @@ static enum err cut_to_range(struct source *s, const char *spec, struct reason *
                    spec, s->first, s->last, least, most);
 }
 
+/* Files are in ascending order. */
+static enum err check_numbers(const struct source *s, const char *spec, struct reason *why)
+{
+    const struct file_item *last = &s->files.items[s->files.count - 1];
+
+    if (last->number <= FRAME_NUMBER_MAX)
+        return ERR_OK;
+    return err_say(why, ERR_USAGE, "%s: %s: the number is above %" PRIu64 ", the largest of a frame", spec, last->path,
+                   FRAME_NUMBER_MAX);
+}
+
 static enum err open_spec(struct source *s, const char *spec, struct reason *why)
 {
     if (starts_with(spec, "push:"))
@@ -72,10 +84,14 @@ static enum err open_spec(struct source *s, const char *spec, struct reason *why
     if (starts_with(spec, "sky:")) {
         s->kind = SOURCE_SKY;
         s->sky_frame = s->has_range ? s->first : 0;
+        if (s->has_range && s->last > FRAME_NUMBER_MAX)
+            return err_say(why, ERR_USAGE, "%s: no frame can have a number above %" PRIu64, spec, FRAME_NUMBER_MAX);
         return sky_parse(spec + strlen("sky:"), &s->sky, why);
     }
-    const enum err e = files_from_spec(spec, &s->files, why);
-    return e ? e : cut_to_range(s, spec, why);
+    enum err e = files_from_spec(spec, &s->files, why);
+    if (!e)
+        e = cut_to_range(s, spec, why);
+    return e ? e : check_numbers(s, spec, why);
 }
 
 enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why)
@@ -140,9 +156,12 @@ static enum err next_watched(struct source *s, struct frame *f, struct reason *w
     if (e == ERR_END || (item && s->has_range && item->number > s->last))
         return ERR_END;
     forget(f);
-    if (e || !item)
+    if (e || !item || !in_range(s, item->number))
         return e;
-    return in_range(s, item->number) ? files_read(item, f, why) : ERR_OK;
+    const enum err failed = files_read(item, f, why);
+    if (!failed && f->capture_us == 0)
+        log_warning("%s: its modification time is no possible time of a capture; it counts as unknown", f->name);
+    return failed;
 }
 
 static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
@@ -168,7 +187,7 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
     sky_render(&s->sky, &state, f->rgb);
     if (s->has_range && s->sky_frame == s->last)
         s->sky_ended = true;
-    else
+    else if (s->sky_frame < FRAME_NUMBER_MAX) /* else it stands still */
         s->sky_frame++;
     return ERR_OK;
 }
@@ -209,6 +228,8 @@ bool source_seek(struct source *s, uint64_t position)
 
     if (s->kind == SOURCE_WATCH || (length > 0 && position >= length))
         return false;
+    if (position > FRAME_NUMBER_MAX - (s->has_range ? s->first : 0))
+        return false;
     if (s->kind == SOURCE_FILES) {
         s->files.next = (size_t)position;
     } else {
@@ -220,8 +241,11 @@ bool source_seek(struct source *s, uint64_t position)
 
 bool source_step(struct source *s, int64_t by)
 {
-    const int64_t length = (int64_t)source_count(s);
-    int64_t to = (int64_t)s->position + by;
+    const int64_t length = (int64_t)source_count(s), last = (int64_t)FRAME_NUMBER_MAX;
+    int64_t to = (int64_t)s->position; /* at most `last`, as is the sum */
+
+    by = by < -last ? -last : by > last - to ? last - to : by;
+    to += by;
 
     if (s->kind == SOURCE_WATCH)
         return false;

@@ -10,7 +10,8 @@
  *                 (`pier/{face}.hdr`, `sky.%04d.{face}.exr`). No pattern may follow it.
  * `watch:DIR`     The files in DIR, in byte order and assumed complete, then those closed after writing or moved in, as
  *                 they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when done.
- * `sky:key=...`   Computed frames (sky.h); never ends by itself.
+ * `sky:key=...`   Computed frames (sky.h); never ends by itself. From the largest number that a frame can have on
+ *                 (FRAME_NUMBER_MAX), it repeats that frame.
  * A file that exists under exactly the name of the spec takes precedence. `push:` is handled by relightd.
  *
  * Thread: one per source. */
@@ -34,7 +35,7 @@ struct source_desc {
 };
 
 /* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:
- * nothing found or not readable. ERR_USAGE: an invalid spec or range. ERR_NOMEM. */
+ * nothing found or not readable. ERR_USAGE: an invalid spec or range, or a number above FRAME_NUMBER_MAX. ERR_NOMEM. */
 MUST_CHECK enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why);
 void source_close(struct source *s); /* NULL is allowed */
 
@@ -42,7 +43,7 @@ void source_close(struct source *s); /* NULL is allowed */
  * ERR_END: no frame is left; *f is unchanged, so that the caller can keep using it. ERR_IO, ERR_RANGE (a file above
  * 1 GiB), ERR_NOMEM: this frame could not be read (*why says which); f->kind is FRAME_NONE, and the next call continues
  * with the following frame.
- * Capture time: the modification time for `watch:`, the time of computation for a sky, else 0 (unknown), since the
+ * Capture time: the modification time for `watch:` (0 and a line in the log if it is beyond FRAME_CAPTURE_MAX_US), the time of computation for a sky, else 0 (unknown), since the
  * files may be years old. `watch:` blocks for at most 200 ms and then returns ERR_OK with FRAME_NONE, so that the
  * caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
