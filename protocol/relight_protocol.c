@@ -110,6 +110,13 @@ void protocol_picture_encode(const struct protocol_picture *p, uint8_t out[PROTO
     put32(out + 72, p->payload);
 }
 
+uint64_t protocol_picture_sequence(const uint8_t *bytes, size_t length)
+{
+    const int whole = begin_ok(bytes, length, "RLP1", PROTOCOL_PICTURE_BYTES) == PROTOCOL_OK;
+
+    return whole && number_ok(get64(bytes + 8)) ? get64(bytes + 8) : 0;
+}
+
 enum protocol_result protocol_picture_decode(const uint8_t *bytes, size_t length, struct protocol_picture *p,
                                              size_t *offset)
 {

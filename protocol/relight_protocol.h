@@ -118,6 +118,10 @@ void protocol_picture_encode(const struct protocol_picture *p, uint8_t out[PROTO
 enum protocol_result protocol_picture_decode(const uint8_t *bytes, size_t length, struct protocol_picture *p,
                                              size_t *offset);
 
+/* The sequence number of a picture that protocol_picture_decode refused, so that a reader can acknowledge and skip it;
+ * 0 if that cannot be read. */
+uint64_t protocol_picture_sequence(const uint8_t *bytes, size_t length);
+
 /* As protocol_picture_encode, for an environment frame: writes PROTOCOL_ENVIRONMENT_BYTES. */
 void protocol_environment_encode(const struct protocol_environment *e, uint8_t out[PROTOCOL_ENVIRONMENT_BYTES]);
 

@@ -24,6 +24,7 @@
 #define EXIT_REFUSED 3
 #define PICTURE_MAX ((size_t)1 << 30) /* bytes; memory is allocated as they arrive */
 #define GOODBYE_MS 2000
+#define UNREADABLE_MOST 10 /* pictures in a row */
 
 struct span { /* microseconds */
     uint64_t count;
@@ -50,9 +51,11 @@ struct record {
     uint64_t stored, again, bytes;
     struct span latency;
     int64_t uncertain_us;
-    bool ended;         /* the sequence has ended, or all requested pictures are stored */
-    bool failed;        /* a picture could not be stored */
-    int64_t stopped_ms; /* time of an interrupt; 0: none */
+    uint64_t unreadable;     /* pictures that were skipped, */
+    unsigned unreadable_row; /* of these the last ones in a row */
+    bool ended;              /* the sequence has ended, or all requested pictures are stored */
+    bool failed;             /* a picture could not be stored */
+    int64_t stopped_ms;      /* time of an interrupt; 0: none */
     double start_s;
 };
 
@@ -164,6 +167,22 @@ static const char *examine(const struct record *r, const uint8_t *bytes, size_t 
     return NULL;
 }
 
+/* A picture that cannot be stored is skipped, but not many in a row, and none of a sequence, which must be complete. */
+static void skip(struct record *r, const uint8_t *bytes, size_t size, const char *fault)
+{
+    const uint64_t sequence = protocol_picture_sequence(bytes, size);
+
+    if (r->recorder || ++r->unreadable_row > UNREADABLE_MOST) {
+        connection_fail(r->connection, CONNECTION_LOST, "%s sent a picture that cannot be stored: %s",
+                        r->connection_desc.url, fault);
+        return;
+    }
+    log_warning("%s sent a picture that cannot be stored and is skipped: %s", r->connection_desc.url, fault);
+    r->unreadable++;
+    if (sequence > 0)
+        acknowledge(r, &(struct protocol_picture){ .sequence = sequence });
+}
+
 static void on_binary(void *user, const uint8_t *bytes, size_t size)
 {
     struct record *r = user;
@@ -175,10 +194,10 @@ static void on_binary(void *user, const uint8_t *bytes, size_t size)
         return;
     const char *fault = examine(r, bytes, size, &h, &offset);
     if (fault) {
-        connection_fail(r->connection, CONNECTION_LOST, "%s sent a picture that cannot be stored: %s",
-                        r->connection_desc.url, fault);
+        skip(r, bytes, size, fault);
         return;
     }
+    r->unreadable_row = 0;
     const bool again = is_stored(r, &h);
     if (!again && store(r, &h, bytes + offset, &why)) {
         r->failed = true;
@@ -433,11 +452,11 @@ static void print_summary(const struct record *r, enum connection_end end, const
     const struct span *l = &r->latency;
 
     json_t *j = json_pack(
-        "{s:s, s:s, s:I, s:I, s:I, s:s?, s:o, s:o, s:i, s:f, s:o, s:o}", "end", end_name(r, end), "message", message,
-        "stored", (json_int_t)r->stored, "again", (json_int_t)r->again, "bytes", (json_int_t)r->bytes, "recorder",
-        r->recorder, "first_frame", number_or_null(r->stored > 0, r->first), "last_frame",
-        number_or_null(r->stored > 0, r->last), "connections", (int)connection_count(r->connection), "seconds",
-        clock_seconds() - r->start_s, "clock",
+        "{s:s, s:s, s:I, s:I, s:I, s:I, s:s?, s:o, s:o, s:i, s:f, s:o, s:o}", "end", end_name(r, end), "message",
+        message, "stored", (json_int_t)r->stored, "again", (json_int_t)r->again, "unreadable",
+        (json_int_t)r->unreadable, "bytes", (json_int_t)r->bytes, "recorder", r->recorder, "first_frame",
+        number_or_null(r->stored > 0, r->first), "last_frame", number_or_null(r->stored > 0, r->last), "connections",
+        (int)connection_count(r->connection), "seconds", clock_seconds() - r->start_s, "clock",
         clock
             ? json_pack("{s:I, s:I}", "server_ahead_us", (json_int_t)ahead_us, "uncertain_us", (json_int_t)uncertain_us)
             : json_null(),

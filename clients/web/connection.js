@@ -13,6 +13,7 @@ const SILENCE_MS = 12000; // the connection is dead; allows for a large image on
 const STALL_MS = 2000;
 const CLOSE_WRONG_ROLE = 4004;
 const CLOSE_BAD_TOKEN = 4006;
+const UNREADABLE_MOST = 10; // images in a row
 const WAKE_MS = 3000; // from waking to the first image
 
 export function realWorld() {
@@ -47,6 +48,7 @@ export class Connection {
     this.offered = [];
     this.attempt = 0;
     this.request = 0;
+    this.unreadable = 0; // images in a row
     this.pings = new Map();
     this.pingId = 0;
     this.timers = {};
@@ -295,9 +297,10 @@ export class Connection {
   takePicture(data) {
     const picture = decodePicture(data);
     if (!picture.ok) {
-      this.refuse(`The server sent an image that this page cannot read: ${picture.text} (clause ${picture.clause}).`);
+      this.skipPicture(picture);
       return;
     }
+    this.unreadable = 0;
     this.lastSequence = picture.header.sequence;
     this.shownFrame = picture.header.frame;
     this.pictureSession = this.session;
@@ -305,6 +308,17 @@ export class Connection {
     this.wakes = 0;
     this.on.picture(picture.header, picture.payload, this.heardMs);
     this.judge();
+  }
+
+  // An image that cannot be read is skipped: many in a row mean that none can.
+  skipPicture({ text, clause, sequence }) {
+    if (++this.unreadable > UNREADABLE_MOST) {
+      this.refuse(`The server sent images that this page cannot read: ${text} (clause ${clause}).`);
+      return;
+    }
+    this.on.error?.({ code: 'bad_picture', clause, message: `an image was skipped: ${text}`, fatal: false });
+    if (sequence) this.send({ op: 'ack', sequence });
+    if (this.format === 'h264') this.subscribe(); // the chain is broken: it continues at a keyframe
   }
 
   // ---- the state

@@ -61,11 +61,17 @@ const MAGIC_ENVIRONMENT = 0x31454c52; // "RLE1"
 
 const sideOk = (n) => n >= 1 && n <= SIDE_MAX;
 
-// A whole message: {ok: true, header, payload: Uint8Array over the same memory} or {ok: false, result, clause, text}.
+// A whole message: {ok: true, header, payload: Uint8Array over the same memory} or {ok: false, result, clause, text, sequence};
+// sequence, by which a picture can be acknowledged and skipped, is undefined if it cannot be read.
 export function decodePicture(bytes) {
   const view = viewOf(bytes);
   const wrong = beginFault(view, MAGIC_PICTURE, PICTURE_BYTES);
   if (wrong) return fault(wrong, 6);
+  const picture = readPicture(view);
+  return picture.ok ? picture : { ...picture, sequence: number64(view.getBigUint64(8, true)) || undefined };
+}
+
+function readPicture(view) {
   const length = view.getUint16(4, true);
   const header = {
     format: FORMATS[view.getUint8(6)],

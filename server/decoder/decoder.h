@@ -1,11 +1,10 @@
 /* server/decoder/decoder.h */
 /* Decodes untrusted image files in a separate, sandboxed process (relight-decoder) without access to files, the network
  * or new processes, and with limited memory. If a file crashes, hangs or compromises that process, only its frame is
- * lost: it is refused with a reason, and the process is restarted. If the process ended before it had a file, or was killed
- * from outside, a new one gets the file.
- * The result is untrusted too: sizes are checked, text is made printable, and each texel is sanitised while it is
- * copied out of shared memory, so that it cannot change afterwards. The texels are identical to decode_image's. Thread:
- * one at a time, except decoder_counts. */
+ * lost: it is refused with a reason, and the process is restarted. If the process ended before it had a file, or was
+ * killed from outside, a new one gets the file. The result is untrusted too: sizes are checked, text is made printable,
+ * and each texel is sanitised while it is copied out of shared memory, so that it cannot change afterwards. The texels
+ * are identical to decode_image's. Thread: one at a time, except decoder_counts. */
 #ifndef DECODER_DECODER_H
 #define DECODER_DECODER_H
 

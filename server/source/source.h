@@ -43,9 +43,9 @@ void source_close(struct source *s); /* NULL is allowed */
  * ERR_END: no frame is left; *f is unchanged, so that the caller can keep using it. ERR_IO, ERR_RANGE (a file above
  * 1 GiB), ERR_NOMEM: this frame could not be read (*why says which); f->kind is FRAME_NONE, and the next call continues
  * with the following frame.
- * Capture time: the modification time for `watch:` (0 and a line in the log if it is beyond FRAME_CAPTURE_MAX_US), the time of computation for a sky, else 0 (unknown), since the
- * files may be years old. `watch:` blocks for at most 200 ms and then returns ERR_OK with FRAME_NONE, so that the
- * caller can stop. */
+ * Capture time: the modification time for `watch:` (0 and a line in the log if it is beyond FRAME_CAPTURE_MAX_US), the
+ * time of computation for a sky, else 0 (unknown), since the files may be years old. `watch:` blocks for at most 200 ms
+ * and then returns ERR_OK with FRAME_NONE, so that the caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 
 /* Opens a source, reads its first frame and closes it. Errors of source_open and source_next; ERR_IO also if there is

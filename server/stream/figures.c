@@ -74,7 +74,7 @@ const struct figure server_figure_table[] = {
         "Producers' files passed to the decoder process.", decoder_files),
     U64(NULL, "relightd_decoder_starts_total", "Decoder processes started.", decoder_starts),
     U64(NULL, FAILURES "{reason=\"died\"}",
-        "Files that the decoder failed on or refused to try.", decoder_died),
+        "Deaths of the decoder, and files that it failed on or refused to try.", decoder_died),
     U64(NULL, FAILURES "{reason=\"hung\"}", NULL, decoder_hung),
     U64(NULL, FAILURES "{reason=\"nonsense\"}", NULL, decoder_lied),
     U64(NULL, FAILURES "{reason=\"waiting\"}", NULL, decoder_waited),

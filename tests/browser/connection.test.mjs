@@ -427,9 +427,17 @@ test('a hidden page pauses and a visible one resumes', async () => {
   assert.equal(world.sockets.length, 1);
 });
 
-test('a malformed picture is refused with its clause', async () => {
+test('a malformed picture is skipped, and many in a row are refused with the clause', async () => {
   const { world, connection } = await live();
-  world.socket.onmessage({ data: new Uint8Array(100).buffer });
+  const header = { format: 'jpeg', flags: 0, sequence: 9, frame: 9, captureUs: 0, publishedUs: 1, queuedUs: 0, decodedUs: 0,
+    shadedUs: 0, encodedUs: 0, width: 4, height: 4, gain: 1, samples: 1, payload: 1 };
+  const bad = new Uint8Array(81);
+  bad.set(encodePicture(header));
+  new DataView(bad.buffer).setBigUint64(16, 1n << 53n, true); // a frame number beyond clause 1.5
+  world.socket.onmessage({ data: bad.buffer });
+  assert.equal(connection.state.name, 'live');
+  assert.equal(world.said('ack').at(-1).sequence, 9);
+  for (let i = 0; i < 10; i++) world.socket.onmessage({ data: new Uint8Array(100).buffer });
   assert.equal(connection.state.name, 'refused');
   assert.match(connection.state.detail, /clause 6\.1/);
 });

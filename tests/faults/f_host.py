@@ -10,20 +10,10 @@ import subprocess
 import time
 
 from faults import BIN, BINARY, KEPT, TEXT, Failed, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say
-from faults import skip
+from faults import preloaded, skip
 from peer import run
 
-PRELOAD = os.environ.get("RELIGHT_PRELOAD")
 SKY = "sky:speed=60"
-
-
-def preloaded(**what):
-    """The environment in which a call fails (preload.c)."""
-    if not PRELOAD:
-        skip("RELIGHT_PRELOAD names no library")
-    if "asan" in (subprocess.run(["ldd", BIN / "relightd"], capture_output=True, text=True, check=True).stdout):
-        skip("the sanitizer's library must be the first one")
-    return {"LD_PRELOAD": PRELOAD, **{f"RELIGHT_{k}": str(v) for k, v in what.items()}}
 
 
 @row(alone=True, most_s=120)

@@ -16,6 +16,7 @@ import os
 import re
 import signal
 import struct
+import subprocess
 import sys
 import tempfile
 import time
@@ -34,6 +35,17 @@ KEPT = 16 if SANITIZED else 1  # factor on allowed memory: sanitizers keep freed
 SLOW = float(os.environ.get("RELIGHT_SLOWER", "1"))  # factor on allowed seconds
 
 TEXT, BINARY, CLOSE, PING, PONG, MORE = 1, 2, 8, 9, 10, 0
+
+PRELOAD = os.environ.get("RELIGHT_PRELOAD")
+
+
+def preloaded(**what):
+    """The environment in which a call fails (preload.c)."""
+    if not PRELOAD:
+        skip("RELIGHT_PRELOAD names no library")
+    if "asan" in (subprocess.run(["ldd", BIN / "relightd"], capture_output=True, text=True, check=True).stdout):
+        skip("the sanitizer's library must be the first one")
+    return {"LD_PRELOAD": PRELOAD, **{f"RELIGHT_{k}": str(v) for k, v in what.items()}}
 
 
 # ---- The server, seen from outside ----

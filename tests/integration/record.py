@@ -205,19 +205,42 @@ async def a_full_disk_is_told_and_nothing_half_is_left(folder):
     check(program.summary()["end"] == "failed" and program.summary()["stored"] == 1, program.out)
 
 
-async def pictures_that_lie_are_not_stored(folder):
-    good = picture(1, 1, b"x")
-    for bad in (good[:79], good[:-1], good + b"x", b"JUNK" + good[4:], picture(0, 1, b"x"), picture(1, 1, b"x", form=1),
-                picture(1, 1, b""), b""):
+async def pictures_that_lie_are_skipped(folder):
+    """One is skipped, and acknowledged if its number can be read; many in a row end the program."""
+    good = picture(9, 7, b"x")
+    numbered = [picture(3, 1 << 53, b"x"), picture(4, 1, b"x", capture_us=1 << 53)]
+    bads = [good[:79], good[:-1], good + b"x", b"JUNK" + good[4:], picture(0, 1, b"x"), picture(1, 1, b"x", form=1),
+            picture(1, 1, b""), b""]
 
-        async def script(link):
-            await subscribed(link)
+    async def script(link):
+        async def acknowledged(message):
+            await link.socket.send(message)
+            while (said := await link.read())["op"] != "ack":
+                pass
+            return said["sequence"]
+
+        await subscribed(link)
+        for number, bad in zip((3, 4), numbered):
+            check(await acknowledged(bad) == number, "another number")
+        for bad in bads:
             await link.socket.send(bad)
-            check(await link.parted() == 1000, "it was acknowledged")
+        while await acknowledged(good) != 9:
+            pass
+        await link.parted()
 
-        async with Server(script) as server:
-            expect(await record(server, "--once", "--out", folder / "a.exr"), 1, "cannot be stored")
-    check(names(folder) == [], f"{names(folder)}")
+    async with Server(script) as server:
+        expect(await record(server, "--once", "--out", folder / "a.exr"), 0, "is skipped")
+    check(names(folder) == ["a.exr"] and (folder / "a.exr").read_bytes() == b"x", f"{names(folder)}")
+
+    async def flood(link):
+        await subscribed(link)
+        for _ in range(11):
+            await link.socket.send(bads[0])
+        check(await link.parted() == 1000, "it stayed")
+
+    async with Server(flood) as server:
+        expect(await record(server, "--once", "--out", folder / "b.exr"), 1, "cannot be stored")
+    check(names(folder) == ["a.exr"], f"{names(folder)}")
 
 
 async def a_size_beyond_all_bounds_is_not_waited_for(folder):

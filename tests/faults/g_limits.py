@@ -1,0 +1,122 @@
+#!/usr/bin/python3
+"""Rows 120 on: what a setting, a number, a file or the machine's limits can do to relightd."""
+
+import asyncio
+import os
+import time
+
+from faults import WAIT_S, Failed, Raw, Relightd, Viewer, check, hello, main, preloaded, row, say
+from peer import PICTURE, run
+
+MOST = (1 << 53) - 1  # PROTOCOL.md 1.5
+TEXEL = b"\x80\x80\x80\x81"
+
+
+def sky(path, brightness=1):
+    """A Radiance file of 8x4 grey texels."""
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + (TEXEL[:3] + bytes([128 + brightness])) * 32)
+    return path
+
+
+class Controller:
+    """Changes settings, and watches as an exacting viewer: every number must obey PROTOCOL.md 1.5."""
+
+    @classmethod
+    async def come(cls, server):
+        self = cls()
+        self.raw = await Raw.open(server.port)
+        check(await self.raw.upgrade() == 101, "no handshake")
+        self.raw.send(hello("controller") + say(op="subscribe", format="jpeg"))
+        await self.raw.until("control")
+        self.requests = 0
+        return self
+
+    async def ask(self, **wish):
+        """The error that answers, or None."""
+        self.requests += 1
+        self.raw.send(say(op="control", request=self.requests, **wish))
+        while True:
+            await self.raw.receive()
+            said = self.raw.said[-1] if self.raw.said else {}
+            if said.get("op") in ("control", "error") and said.get("request") == self.requests:
+                return said if said["op"] == "error" else None
+
+    async def picture(self, most_s=WAIT_S):
+        """The header of the next one."""
+        while True:
+            kind, payload = await self.raw.receive(most_s)
+            check(kind is not None, "the connection ended")
+            if kind != 2:
+                continue
+            fields = PICTURE.unpack_from(payload)
+            check(all(-MOST <= n <= MOST for n in fields[4:8]), f"numbers beyond 2^53: {fields}")
+            self.raw.send(say(op="ack", sequence=fields[4]))
+            return fields
+
+
+@row(alone=True, most_s=120)
+async def G120_numbers_beyond_the_protocols(folder):
+    """Of frames, by seek, step, file name and --frames; of capture times, by a file's modification time."""
+    async with Relightd("--rate", "50", source="sky:speed=1") as server:
+        controller = await Controller.come(server)
+        check(await controller.ask(seek=MOST) is None, "no seek")
+        while (await controller.picture())[5] < MOST:
+            pass
+        for _ in range(5):
+            check((await controller.picture())[5] == MOST, "another number")
+        check(await controller.ask(paused=True) is None and await controller.ask(seek=MOST, step=1000) is None, "no step")
+        check((await controller.picture())[5] == MOST, "another number")
+        controller.raw.shut()
+    big = sky(folder / f"sky.{MOST + 1}.hdr")
+    for flags in (["--source", folder / "sky.%d.hdr"], ["--source", "sky:", "--frames", f"1-{MOST + 1}"]):
+        program = await run("relightd", "--port", "0", "--size", "16x9", *flags)
+        check(program.code == 2 and str(MOST) in program.err, f"{flags}: ended with {program.code}: {program.err}")
+    watched = folder / "watched"
+    watched.mkdir()
+    os.rename(big, watched / "a.hdr")
+    os.utime(watched / "a.hdr", (9e9, 12e9))  # in the year 2350
+    async with Relightd(source=f"watch:{watched}") as server:
+        controller = await Controller.come(server)
+        check((await controller.picture())[6] == 0, "a capture time that no message can hold")
+        check(any("unknown" in line for line in server.lines), "nothing is said of it")
+        controller.raw.shut()
+    return "sent as they may be, or refused at the start"
+
+
+@row(alone=True, most_s=120)
+async def G121_the_clock_leaps_by_centuries(folder):
+    """Far beyond what a message can hold, into the future and the past."""
+    step = folder / "ahead"
+    step.write_text("0", encoding="ascii")
+    async with Relightd("--rate", "50", source="sky:speed=1", env=preloaded(CLOCK_FILE=step)) as server:
+        controller = await Controller.come(server)
+        for ahead in (3_000_000_000, 6_000_000_000, 8_000_000_000, 40_000_000_000, -40_000_000_000, 1 << 61, -(1 << 61), 0):
+            step.write_text(str(ahead), encoding="ascii")
+            for _ in range(10):
+                last = await controller.picture()
+            controller.raw.send(say(op="ping", id=7))
+            told = (await controller.raw.until("pong"))["server_us"]
+            check(-MOST <= told <= MOST, f"a time of {told}")
+            check(ahead == 0 or abs(ahead) < 8e9 or abs(last[7]) == MOST, f"{ahead} s ahead: published at {last[7]}")
+        controller.raw.shut()
+    return "times stay within 2^53 microseconds"
+
+
+@row(alone=True, most_s=60)
+async def G122_unreadable_files_before_a_good_one(folder):
+    for i in range(20):
+        (folder / f"bad{i:02}.hdr").write_bytes(b"#?RADIANCE\nnothing")
+    async with Relightd(source=f"watch:{folder}") as server, Viewer(server) as viewer:
+        while not any("bad19" in line for line in server.lines):
+            await asyncio.sleep(0.01)
+        for i in range(20, 40):
+            (folder / f"bad{i:02}.hdr").write_bytes(b"#?RADIANCE\nnothing")
+        begun = time.monotonic()
+        sky(folder / "good.part").rename(folder / "good.hdr")
+        await viewer.sees(1, 8)
+        took = time.monotonic() - begun
+    return f"20 are reported, and the good file is shown after {took:.1f} s"
+
+
+if __name__ == "__main__":
+    main()
