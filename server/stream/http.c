@@ -165,8 +165,11 @@ int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *
 static int answer_request(struct server *s, struct lws *wsi, struct http_session *h, const char *path)
 {
     const bool head = lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI) > 0;
+    const struct guest *g = guest_of(wsi);
     char given[64];
 
+    if (!g || g->state == GUEST_LEAVING)
+        return -1;
     if (!http_host_ok(s, wsi))
         return http_refuse(s, wsi, 403, "This server does not answer to that Host name.\n");
     if (!head && lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) == 0)
@@ -227,8 +230,8 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS: /* once, before listening; user is the SSL_CTX */
         tls_show(user, &s->tls);
         return 0;
-    case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return admission_arrive(s, wsi);
-    case LWS_CALLBACK_WSI_DESTROY: admission_leave(wsi); return 0;
+    case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return guest_arrive(s, wsi);
+    case LWS_CALLBACK_WSI_DESTROY: guest_leave(s, wsi); return 0;
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);
     case LWS_CALLBACK_HTTP_WRITEABLE: return send_more(wsi, user);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:

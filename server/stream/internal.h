@@ -5,7 +5,9 @@
 
 #include "stream/assembly.h"
 #include "stream/control.h"
+#include "stream/guests.h"
 #include "stream/ingest.h"
+#include "stream/limits.h"
 #include "stream/message.h"
 #include "stream/prometheus.h"
 #include "stream/pixel_probe.h"
@@ -54,7 +56,7 @@ struct viewer {
     struct lws *wsi;
     uint64_t id; /* 1, 2, ... in the order of arrival */
     char peer[VISITOR_NAME];
-    struct visitor *visitor;     /* its address; NULL: unknown */
+    struct guest *guest;         /* its connection and address; NULL only until it is open */
     int64_t opened_us, heard_us; /* when it connected, and when it last sent bytes */
 
     bool greeted; /* hello was accepted */
@@ -156,6 +158,8 @@ struct server {
     struct viewer *viewers;
     struct viewer *producer; /* NULL: none */
     struct visitors visitors;
+    struct guests guests;
+    struct limit_count limits[LIMITS];
     uint64_t last_id;
     lws_sorted_usec_list_t tick;
     bool leaving; /* all clients were told */
@@ -246,14 +250,10 @@ int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, co
 bool admission_copy(char **out, const char *text);
 enum err admission_copy_token(const char *name, const char *token, char **out, struct reason *why);
 
-/* admission.c, thread: service. A TCP connection opens (-1: refused, too many from its address) and closes. */
-int admission_arrive(struct server *s, struct lws *wsi);
-void admission_leave(struct lws *wsi);
+/* admission.c, thread: service. The address at the other end. NULL: the connection is gone, or there is no free row. */
+struct visitor *admission_peer(struct server *s, struct lws *wsi);
 /* Before the upgrade: behind a proxy, the connection counts for the client in X-Forwarded-For. False: bad header. */
 bool admission_forwarded(struct server *s, struct lws *wsi);
-/* It becomes a WebSocket (false: too many from its address), and stops being one. */
-bool admission_socket(struct viewer *v);
-void admission_socket_leave(struct viewer *v);
 /* Compares a token in constant time. LATER: not compared, because that address sent too many wrong ones. */
 enum admission {
     ADMISSION_RIGHT,
@@ -309,7 +309,8 @@ void probes_send(struct server *s);                                             
 bool probe_due(const struct viewer *v); /* whether v needs the radiance of its pixel */
 char *probe_text(struct viewer *v);     /* that message; NULL: out of memory, or none */
 
-/* viewer.c, thread: service. */
+/* viewer.c, thread: service. Whether v may be a client; if not, it is told so and closed. */
+bool viewer_has_room(struct viewer *v);
 void viewers_wake(struct server *s);   /* new pictures or states: requests writes */
 void viewers_tick(struct server *s);   /* twice a second: statuses and time limits */
 void viewers_leave(struct server *s);  /* tells all clients that the server stops */

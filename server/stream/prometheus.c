@@ -171,6 +171,7 @@ struct snapshot {
     double loop_most_s, loop_late_s;
     /* Connections by role; the last: no hello yet. Subscriptions by kind of picture. */
     uint32_t role[SERVER_ROLES + 1], kind[METRICS_KINDS], paused, recorders, outbox, unacked, sending, max_connections;
+    uint32_t arriving;                 /* connections before hello */
     uint32_t pushed, controls, probes; /* waiting for a thread */
     double processor_s, resident_bytes, virtual_bytes, started_s, threads, open_files, most_files;
 };
@@ -233,6 +234,8 @@ static const struct figure table[] = {
     ROW(CONNECTIONS "{role=\"producer\"}", NULL, U32, role[SERVER_PRODUCER]),
     ROW(CONNECTIONS "{role=\"none\"}", NULL, U32, role[SERVER_ROLES]),
     ROW("relightd_connections_max", "Maximum number of WebSocket connections.", U32, max_connections),
+    ROW("relightd_connections_arriving", "TCP connections before hello, those of browsers that load the page included.",
+        U32, arriving),
     ROW("relightd_viewers_paused", "Paused subscriptions.", U32, paused),
     ROW("relightd_recorders", "Recorders of lockstep sequences.", U32, recorders),
     ROW("relightd_pictures_sending", "Pictures sent in part.", U32, sending),
@@ -292,6 +295,7 @@ static void take_snapshot(struct server *s, struct snapshot *n)
     n->loop_most_s = 1e-6 * (double)atomic_load(&m->loop_most_us);
     n->loop_late_s = 1e-6 * (double)atomic_load(&m->loop_late_us);
     n->max_connections = s->max_connections;
+    n->arriving = s->guests.arriving;
     pthread_mutex_lock(&s->lock);
     count_connections(s, n);
     n->figures = s->figures;
@@ -308,6 +312,10 @@ static void print_kinds(struct metrics_text *t, const struct server *s, const st
     head(t, "relightd_viewers", "Subscriptions that are not paused, by format.");
     for (int k = PROTOCOL_JPEG; k < METRICS_KINDS; k++)
         metrics_print(t, "relightd_viewers{%s} %u\n", kinds[k], n->kind[k]);
+    head(t, "relightd_limits_reached_total", "How often a limit for clients was reached.");
+    for (int k = 0; k < LIMITS; k++)
+        metrics_print(t, "relightd_limits_reached_total{limit=\"%s\"} %llu\n", limit_name((enum limit)k),
+                      (unsigned long long)s->limits[k].reached);
     head(t, "relightd_protocol_errors_total", "Protocol errors of clients, by the error code of PROTOCOL.md 8.");
     for (int f = FAULT_NONE + 1; f < FAULT_CODES; f++)
         metrics_print(t, "relightd_protocol_errors_total{code=\"%s\"} %llu\n", fault_name((enum fault_code)f),

@@ -28,7 +28,7 @@ static void route_log(int level, const char *line)
         log_debug("libwebsockets: %.*s", (int)length, line);
 }
 
-#define OTHER_FDS 64 /* beside WebSockets: for HTTP, listening and waking */
+#define OTHER_FDS 64 /* for listening and waking, and connections that are being closed */
 
 struct address {
     struct sockaddr_storage socket;
@@ -108,8 +108,9 @@ static enum err copy_limits(struct server *s, const struct server_desc *desc, st
     s->silent_s = or_default(desc->silent_s, SILENT_DEFAULT_S);
     if (s->max_connections > CONNECTIONS_MAX)
         return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
-    return visitors_init(&s->visitors, s->max_connections + OTHER_FDS) ? ERR_OK
-                                                                       : err_say(why, ERR_NOMEM, "out of memory");
+    return visitors_init(&s->visitors, s->max_connections + GUESTS_ARRIVING + OTHER_FDS)
+               ? ERR_OK
+               : err_say(why, ERR_NOMEM, "out of memory");
 }
 
 static enum err copy_text(char **out, const char *text, struct reason *why)
@@ -173,6 +174,7 @@ static void tick(lws_sorted_usec_list_t *sul)
         server_drain(s);
     server_take_change(s);
     viewers_tick(s);
+    limits_tick(s, viewer_now_us());
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
 }
 
@@ -198,6 +200,23 @@ static void *serve(void *arg)
     return NULL;
 }
 
+/* How many descriptors connections may use. Where the process may not have as many as wanted, arriving guests and those
+ * that leave keep a quarter each. */
+static uint32_t share_descriptors(struct server *s)
+{
+    const uint32_t wanted = s->max_connections + GUESTS_ARRIVING + OTHER_FDS;
+    const uint32_t allowed = process_connections_allowed(wanted);
+
+    s->guests.most_arriving = GUESTS_ARRIVING;
+    if (allowed < wanted) {
+        const uint32_t quarter = allowed / 4;
+        s->guests.most_arriving = quarter < GUESTS_ARRIVING ? quarter : GUESTS_ARRIVING;
+        const uint32_t left = allowed - s->guests.most_arriving - (quarter < OTHER_FDS ? quarter : OTHER_FDS);
+        s->max_connections = left < s->max_connections ? left : s->max_connections;
+    }
+    return allowed;
+}
+
 /* Describes context and vhost: no extensions (permessage-deflate of 4.1.6 has known faults, and pictures do not
  * compress), bounded tables, short time-outs. */
 static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
@@ -214,6 +233,7 @@ static struct lws_context *context_create(struct server *s, const struct address
     s->validity = (lws_retry_bo_t){ .secs_since_valid_ping = (uint16_t)s->silent_s,
                                     .secs_since_valid_hangup = (uint16_t)(s->silent_s * 5 / 2) };
 
+    const uint32_t descriptors = share_descriptors(s);
     struct lws_context_creation_info info = {
         .port = port,
         .iface = s->address,
@@ -222,8 +242,8 @@ static struct lws_context *context_create(struct server *s, const struct address
         .uid = (uid_t)-1,
         .user = s,
         .options = LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (a->six ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6),
-        .fd_limit_per_thread = process_connections_allowed(s->max_connections + OTHER_FDS),
-        .max_http_header_pool = 32,
+        .fd_limit_per_thread = descriptors,
+        .max_http_header_pool = (unsigned short)descriptors, /* no connection waits for a header buffer */
         .max_http_header_data = 8192,
         .pt_serv_buf_size = STREAM_RECEIVE,
         .timeout_secs = 5,

@@ -22,8 +22,11 @@ static bool key_ok(struct lws *wsi)
 /* Before the upgrade is answered. */
 static int filter(struct server *s, struct lws *wsi)
 {
+    const struct guest *g = guest_of(wsi);
     char path[64], version[8], http[16];
 
+    if (!g || g->state == GUEST_LEAVING)
+        return -1;
     if (atomic_load(&s->stopping))
         return http_refuse(s, wsi, 503, "The server is going away.\n");
     if (!http_host_ok(s, wsi) || !http_origin_ok(wsi))
@@ -39,10 +42,29 @@ static int filter(struct server *s, struct lws *wsi)
     return 0;
 }
 
+bool viewer_has_room(struct viewer *v)
+{
+    struct server *s = v->server;
+    const enum guest_room room = guest_room(s, v->guest);
+    struct fault fault;
+
+    if (room == GUEST_ROOM)
+        return true;
+    if (room == GUEST_FULL)
+        fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken", s->max_connections);
+    else
+        fault_say(&fault, FAULT_FULL, "2.4", "one address has at most %u connections", s->max_per_address);
+    atomic_fetch_add(&s->counts.refused, 1);
+    if (room == GUEST_CROWDED)
+        atomic_fetch_add(&s->counts.crowded, 1);
+    limit_reached(s, room == GUEST_FULL ? LIMIT_CLIENTS : LIMIT_ADDRESS, v->guest->visitor);
+    viewer_send_error(v, &fault);
+    return false;
+}
+
 static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
 {
     const int unsent = STREAM_UNSENT;
-    struct fault fault;
     struct viewer *v = mem_alloc(1, sizeof(*v));
 
     if (!v)
@@ -58,19 +80,14 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     v->next = s->viewers;
     s->viewers = v;
     atomic_fetch_add(&s->counts.connections, 1);
-    const uint64_t open = atomic_fetch_add(&s->counts.open, 1);
-    const bool room = admission_socket(v);
-    if (atomic_load(&s->stopping)) {
+    atomic_fetch_add(&s->counts.open, 1);
+    v->guest = guest_of(wsi);
+    if (s->behind_proxy)
+        visitor_name(v->guest->visitor, v->peer);
+    if (atomic_load(&s->stopping))
         viewer_close(v, 1001, "the server is going away");
-    } else if (open >= s->max_connections) {
-        atomic_fetch_add(&s->counts.refused, 1);
-        fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken", s->max_connections);
-        viewer_send_error(v, &fault);
-    } else if (!room) {
-        atomic_fetch_add(&s->counts.refused, 1);
-        fault_say(&fault, FAULT_FULL, "2.4", "one address has at most %u connections", s->max_per_address);
-        viewer_send_error(v, &fault);
-    }
+    else
+        viewer_has_room(v);
     return 0;
 }
 
@@ -85,7 +102,6 @@ static void close_viewer(struct viewer *v)
     producer_leave(v);
     recorder_leave(v);
     probe_leave(v);
-    admission_socket_leave(v);
     atomic_fetch_sub(&s->counts.open, 1);
     lws_sul_cancel(&v->pace);
     picture_unref(v->current);

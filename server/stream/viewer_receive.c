@@ -23,11 +23,13 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
         .controls = s->controls,
     };
 
+    if (!viewer_has_room(v))
+        return;
     if (m->hello.role == SERVER_PRODUCER)
         producer_hello(v, m, &w, fault);
     else if (m->hello.recorder[0])
         recorder_hello(v, m, &w, fault);
-    if (fault->code)
+    if (fault->code || !guest_admit(v))
         return;
     v->greeted = true;
     v->role = m->hello.role;

@@ -46,8 +46,6 @@ static void refill(struct visitor *v, int64_t now_us)
     v->guesses_us = now_us;
     if (v->guesses > VISITORS_GUESSES)
         v->guesses = VISITORS_GUESSES;
-    if (v->guesses >= 1.0)
-        v->logged = false;
 }
 
 struct visitor *visitors_find(struct visitors *g, const struct sockaddr *address, int64_t now_us)

@@ -18,9 +18,8 @@ struct visitor {
     uint8_t address[16]; /* as IPv6 */
     bool used;           /* else the row is free */
     bool loopback;       /* a local address */
-    bool logged;         /* the log says that its tokens are ignored */
     uint32_t connections;
-    uint32_t sockets; /* of these, WebSockets */
+    uint32_t arriving, clients; /* of these, by guest_state */
     double guesses;   /* left in the bucket at guesses_us */
     int64_t guesses_us;
 };

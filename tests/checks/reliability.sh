@@ -34,7 +34,7 @@ while IFS='|' read -r _ row _ _ test figure _; do
     [[ $test == *'`'* ]] || { echo "$page: row $row names no test"; bad=1; }
 done <"$page"
 
-for name in $(sed -n 's/^async def \([A-F][0-9]*_[a-z0-9_]*\)(.*/\1/p' tests/faults/*.py); do
+for name in $(sed -n 's/^async def \([A-Z][0-9]*_[a-z0-9_]*\)(.*/\1/p' tests/faults/*.py); do
     grep -q "faults\.$name" "$page" || { echo "$page: faults.$name has no row"; bad=1; }
 done
 exit $bad

@@ -188,7 +188,8 @@ async def E74_no_descriptors_left(folder):
             check(busy < idle + 0.4, f"{busy * 100:.0f} % of a processor for connections that cannot be accepted")
             check(not viewer.parted, f"the honest viewer was closed with {viewer.parted}")
             for raw in crowd:
-                raw.reset()
+                with contextlib.suppress(OSError):  # most had to make room
+                    raw.reset()
             begun = time.monotonic()
             async with Deadline(15):
                 while True:

@@ -172,7 +172,8 @@ class Raw:
     """A TCP connection on which the test controls every byte."""
 
     @classmethod
-    async def open(cls, port, host="127.0.0.1", buffer=None):
+    async def open(cls, port, host="127.0.0.1", buffer=None, source=None, tls=None):
+        """source: the local address; tls: an ssl.SSLContext that trusts localhost's certificate."""
         self = cls()
         if buffer:
             import socket
@@ -182,7 +183,9 @@ class Raw:
             await asyncio.get_running_loop().sock_connect(plain, (host, port))
             self.reader, self.writer = await asyncio.open_connection(sock=plain, limit=buffer)
         else:
-            self.reader, self.writer = await asyncio.wait_for(asyncio.open_connection(host, port, limit=1 << 22), WAIT_S)
+            self.reader, self.writer = await asyncio.wait_for(asyncio.open_connection(
+                host, port, limit=1 << 22, local_addr=(source, 0) if source else None, ssl=tls,
+                server_hostname="localhost" if tls else None), WAIT_S)
         self.port = port
         self.started = time.monotonic()
         self.said = []  # received texts

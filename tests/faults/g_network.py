@@ -1,0 +1,145 @@
+#!/usr/bin/python3
+"""Attacks from the network (group G): clients that try to lock others out, or to take what is not theirs. Attackers and newcomers
+come from different addresses of 127.0.0.0/8, which are all this machine's."""
+
+import asyncio
+import contextlib
+import resource
+import ssl
+import time
+
+from faults import BINARY, KEPT, SLOW, TEXT, Deadline, Raw, Relightd, check, hello, main, row, say
+
+SKY = "sky:speed=60"
+
+
+class Crowd:
+    """Keeps so many connections open from these addresses, opening each again when it is closed. `first` is sent on each; by
+    default they are silent."""
+
+    def __init__(self, port, count, addresses, first=b""):
+        self.port, self.count, self.addresses, self.first = port, count, addresses, first
+        self.opened = self.up = 0
+
+    async def __aenter__(self):
+        least = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(least[1], 65536), least[1]))
+        self.tasks = [asyncio.ensure_future(self.keep(self.addresses[i % len(self.addresses)])) for i in range(self.count)]
+        async with Deadline(60):
+            while self.opened < self.count:
+                await asyncio.sleep(0.05)
+        return self
+
+    async def keep(self, address):
+        while True:
+            with contextlib.suppress(OSError):
+                reader, writer = await asyncio.open_connection("127.0.0.1", self.port, local_addr=(address, 0))
+                self.opened += 1
+                self.up += 1
+                try:
+                    writer.write(self.first)
+                    while await reader.read(65536):
+                        pass
+                finally:
+                    self.up -= 1
+                    writer.close()
+            await asyncio.sleep(1)
+
+    async def __aexit__(self, *_):
+        for task in self.tasks:
+            task.cancel()
+        await asyncio.gather(*self.tasks, return_exceptions=True)
+
+
+async def newcomer(port, address, tls=None):
+    """Seconds until someone from that address has the page, and a picture: at once, or they count as locked out."""
+    begun = time.monotonic()
+    raw = await Raw.open(port, source=address, tls=tls)
+    raw.send(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nConnection: close\r\n\r\n".encode())
+    page = await raw.rest(30)
+    raw.shut()
+    check(b" 200 OK" in page[:20] and b"</html>" in page, f"no page within {time.monotonic() - begun:.1f} s: {page[:60]}")
+    page_s = time.monotonic() - begun
+    raw = await Raw.open(port, source=address, tls=tls)
+    got = await raw.upgrade()
+    check(got == 101, f"no handshake within {time.monotonic() - begun:.1f} s: {got}")
+    raw.send(hello() + say(op="subscribe", format="jpeg"))
+    async with Deadline(30):
+        while (await raw.receive())[0] != BINARY:
+            check(not raw.said or raw.said[-1]["op"] != "error", f"refused: {raw.said[-1:]}")
+    raw.shut()
+    return page_s, time.monotonic() - begun
+
+
+async def locked_out(folder, *flags, tls=None):
+    addresses = [f"127.0.1.{i}" for i in range(1, 21)]
+    async with Relightd("--rate", "10", *flags, source=SKY) as server:
+        await newcomer(server.port, "127.0.2.1", tls)
+        before = server.memory_kib()
+        async with Crowd(server.port, 1000, addresses) as crowd:
+            times = [await newcomer(server.port, f"127.0.2.{i}", tls) for i in range(1, 6)]
+            grown = server.memory_kib() - before
+            held = crowd.up
+            async with Deadline(20):
+                while not any("to make room for newcomers" in line for line in server.lines):
+                    await asyncio.sleep(0.1)
+        told = sum("to make room for newcomers" in line for line in server.lines)
+        check(told <= 2, f"told {told} times within a minute")
+        check(grown < 32768 * KEPT, f"{grown} KiB more memory")
+        if not tls:
+            count = (await server.counters())['relightd_limits_reached_total{limit="arrivals"}']
+            check(count > 500, f"counted {count}")
+    return (f"{crowd.opened} connections, {held} open: the page after {max(t[0] for t in times):.2f} s, a picture after "
+            f"{max(t[1] for t in times):.2f} s; {grown:+d} KiB")
+
+
+@row(alone=True, most_s=240)
+async def G101_a_thousand_silent_connections(folder):
+    return await locked_out(folder)
+
+
+@row(alone=True, most_s=240)
+async def G102_a_thousand_silent_connections_to_tls(folder):
+    from tls import certificate
+    cert, key = certificate(folder, "own")
+    trust = ssl.create_default_context(cafile=str(cert))
+    return await locked_out(folder, "--tls-cert", str(cert), "--tls-key", str(key), tls=trust)
+
+
+async def greeted(port, address, code=None):
+    """A client from that address: the connection, or its close code."""
+    raw = await Raw.open(port, source=address)
+    check(await raw.upgrade() == 101, "no handshake")
+    raw.send(hello())
+    kind, _ = await raw.receive()
+    if kind == TEXT and raw.said[-1]["op"] == "welcome":
+        return raw
+    got = await raw.closed()
+    raw.shut()
+    return got
+
+
+@row(alone=True, most_s=120)
+async def G103_all_places_of_clients_taken_by_few(folder):
+    """Four addresses hold all places: a newcomer from another one takes the newest of the address with most."""
+    async with Relightd("--rate", "5", source=SKY) as server:
+        held = {}
+        for i in range(128):
+            address = f"127.0.1.{1 + i % 4}"
+            raw = await greeted(server.port, address)
+            check(isinstance(raw, Raw), f"connection {i}: {raw}")
+            held.setdefault(address, []).append(raw)
+        check(await greeted(server.port, "127.0.1.1") == 4007, "a crowded address got one more")
+        new = await greeted(server.port, "127.0.2.1")
+        check(isinstance(new, Raw), f"the newcomer was closed with {new}")
+        lost = [raws[-1] for raws in held.values()]
+        done, _ = await asyncio.wait([asyncio.ensure_future(raw.closed(30)) for raw in lost], timeout=60 * SLOW,
+                                     return_when=asyncio.FIRST_COMPLETED)
+        check([task.result() for task in done] == [4007], f"gave way: {done}")
+        for raw in [new, *(r for raws in held.values() for r in raws)]:
+            raw.reset()
+    return "the newest of an address with 32 gave way, 4007"
+
+
+if __name__ == "__main__":
+    main()
