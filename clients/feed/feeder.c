@@ -268,7 +268,9 @@ static void resume_lockstep(struct feeder *f, bool has_after, uint64_t after)
         begin_reading(f, has_after, after);
     } else if (f->has_settled && (!has_after || after < f->settled)) {
         log_warning("the server has lost frames up to %" PRIu64 "%s", f->settled,
-                    f->desc.watched ? "; a watched folder cannot be replayed" : ", they are sent again");
+                    f->desc.watched ? "; a watched folder cannot be replayed: pictures may be missing"
+                                    : ", they are sent again");
+        f->report.pictures_lost |= f->desc.watched;
         if (!f->desc.watched) {
             f->report.has_last = false;
             begin_reading(f, has_after, after);

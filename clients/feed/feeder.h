@@ -29,6 +29,7 @@ struct feeder_report {
     uint64_t
         refused;     /* by the server, or because they could not be read or sent; each was reported on standard error */
     uint64_t lost;   /* live: sent, but the connection was lost before the fate arrived */
+    bool pictures_lost; /* lockstep: the server lost frames that cannot be sent again */
     uint64_t passed; /* not sent, because the server already had them */
     uint64_t bytes;
     bool complete; /* all frames have their fate and, in lockstep, their pictures are stored */

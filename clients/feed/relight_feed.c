@@ -148,7 +148,7 @@ static int run(const struct feeder_desc *d, struct feeder *f, bool json, struct 
     if (end == CONNECTION_REFUSED)
         return EXIT_REFUSED;
     const bool whole = !d->lockstep || r.complete;
-    return end == CONNECTION_DONE && whole && r.refused + r.lost == 0 ? 0 : 1;
+    return end == CONNECTION_DONE && whole && r.refused + r.lost == 0 && !r.pictures_lost ? 0 : 1;
 }
 
 int main(int argc, char **argv)
@@ -159,7 +159,8 @@ int main(int argc, char **argv)
         .about =
             "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR, or\n"
             "sky:key=value,... Reconnects and continues when the connection is lost; Ctrl-C ends it cleanly.\n"
-            "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent,\n"
+            "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent, or\n"
+            "in lockstep pictures were lost,\n"
             "2 wrong usage, 3 refused by the server (role, token, version, or already taken).",
         .rows = rows,
         .operand_max = 1,

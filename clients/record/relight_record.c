@@ -55,6 +55,7 @@ struct record {
     unsigned unreadable_row; /* of these the last ones in a row */
     bool ended;              /* the sequence has ended, or all requested pictures are stored */
     bool failed;             /* a picture could not be stored */
+    bool missed;             /* another recorder stored pictures of the sequence */
     int64_t stopped_ms;      /* time of an interrupt; 0: none */
     double start_s;
 };
@@ -218,8 +219,8 @@ static void on_binary(void *user, const uint8_t *bytes, size_t size)
 static json_t *say_hello(void *user)
 {
     const struct record *r = user;
-    json_t *hello = json_pack("{s:s, s:s, s:{s:i, s:i}}", "op", "hello", "role", "viewer", "version", "major",
-                              PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR);
+    json_t *hello = json_pack("{s:s, s:s, s:{s:i, s:i}}", "op", "hello", "role", r->recorder ? "recorder" : "viewer",
+                              "version", "major", PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR);
 
     if (r->recorder)
         json_object_set_new(hello, "recorder", json_string(r->recorder));
@@ -240,6 +241,19 @@ static bool is_offered(const json_t *welcome, const char *format)
     return false;
 }
 
+/* While we were away another recorder may have stored pictures, which are then missing here. */
+static void notice_others(struct record *r, const json_t *welcome)
+{
+    uint64_t after;
+
+    if (!r->recorder || !r->has_stored ||
+        !message_number(json_object_get(welcome, "recorder"), "stored_after", &after) || after <= r->last)
+        return;
+    log_error("another recorder has stored pictures up to frame %" PRIu64 "; here they end with frame %" PRIu64, after,
+              r->last);
+    r->missed = true;
+}
+
 static void on_welcome(void *user, const json_t *welcome)
 {
     struct record *r = user;
@@ -252,6 +266,7 @@ static void on_welcome(void *user, const json_t *welcome)
         r->newest = 0;
         r->has_stored = r->recorder ? false : r->has_stored;
     }
+    notice_others(r, welcome);
     if (r->ended) { /* only acknowledgements were outstanding */
         connection_finish(r->connection);
         return;
@@ -309,7 +324,7 @@ static struct option_row rows[] = {
     { "", NULL, "Source", NULL },
     { "from", "URL", "ws://HOST:PORT, or wss:// with TLS, of a relightd", "ws://127.0.0.1:8080" },
     { "ca", "FILE", "PEM file of the certificate authorities to trust; default: the system's (wss:// only)", NULL },
-    { "token", "T", "access token; default: the variable RELIGHT_TOKEN", NULL },
+    { "token", "T", "access token (of role recorder with --lockstep); default: the variable RELIGHT_TOKEN", NULL },
     { "", NULL, "Output", NULL },
     { "out", "PATTERN", "file name with %d or %04d for the environment frame's number", NULL },
     { "format", "F", "jpeg, exr-half or exr-float; default: jpeg for .jpg, exr-float for .exr", NULL },
@@ -488,7 +503,7 @@ static int run(struct record *r, struct reason *why)
         log_warning("sequence %s has already ended; use another name to start a new one", r->recorder);
     if (end == CONNECTION_REFUSED)
         return EXIT_REFUSED;
-    return end == CONNECTION_DONE && (r->ended || (!r->recorder && !r->wanted)) ? 0 : 1;
+    return end == CONNECTION_DONE && !r->missed && (r->ended || (!r->recorder && !r->wanted)) ? 0 : 1;
 }
 
 int main(int argc, char **argv)

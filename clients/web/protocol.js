@@ -1,7 +1,7 @@
 // relight.v1 (protocol/PROTOCOL.md): binary headers and close codes. Pure functions.
 
 export const PROTOCOL = 'relight.v1';
-export const VERSION = { major: 1, minor: 1 };
+export const VERSION = { major: 1, minor: 2 };
 export const PATH = '/ws';
 export const CREDIT = 2;
 

@@ -90,6 +90,7 @@ void server_take_change(struct server *s)
     s->max_per_address_given = next->max_per_address_given;
     s->max_frame_bytes = next->max_frame_bytes;
     s->controllers = next->controllers;
+    s->recorders = next->recorders;
     s->allow_remote = next->allow_remote;
     if (s->tls && next->tls) {
         struct tls *old = s->tls;

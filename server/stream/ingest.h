@@ -30,6 +30,7 @@ enum sequence_stage {
 };
 
 struct viewer;
+struct visitor;
 
 struct sequence {
     char name[PROTOCOL_NAME_MAX + 1]; /* "": free */
@@ -47,6 +48,8 @@ struct sequence {
     enum protocol_format format;  /* of its pictures; 0 before a recorder has subscribed */
     bool recording;               /* its recorder has subscribed */
     int64_t touched_us;           /* when a connection last came or went */
+    int64_t left_us;    /* when its recorder last left; 0: never */
+    uint8_t owner[16];  /* address of its recorder, or else of who named it first */
 
     /* The service thread's own: who is connected. */
     struct viewer *producer, *recorder;
@@ -101,9 +104,9 @@ void ingest_finish(struct ingest *g);
 
 /* All below take the server's lock themselves. Thread: service. */
 
-/* sequence.c: finds or creates the sequence, in place of one no longer needed. NULL: all are in use. now_us: monotonic.
- */
-struct sequence *ingest_sequence(struct server *s, const char *name, int64_t now_us);
+/* sequence.c: finds or creates the sequence, in place of one no longer needed, or of one that a recorder of an address
+ * with many names waits for. by: the address that asks. NULL: all are in use. now_us: monotonic. */
+struct sequence *ingest_sequence(struct server *s, const char *name, const struct visitor *by, int64_t now_us);
 
 /* A producer connects (sequence NULL: live) or leaves. */
 void ingest_attach(struct server *s, uint64_t producer, struct sequence *sequence);

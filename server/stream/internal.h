@@ -41,6 +41,7 @@ enum {
     STREAM_GOODBYE_US = 2000000, /* for clients to leave when the server stops */
     STREAM_FRAME_MS = 30000,     /* default time limit for receiving a frame */
     STREAM_SILENT_US = 5000000,  /* another producer may replace one silent for this long */
+    STREAM_ABSENT_US = 10000000, /* a recorder that left keeps its name for this long */
     STREAM_GRANT_US = 2000,      /* between two grants of credit, so that small frames cannot flood */
     STREAM_LAG_US = 500000,      /* an H.264 viewer further behind skips to the newest picture */
 };
@@ -135,7 +136,7 @@ struct server {
     char *tokens[SERVER_ROLES];
     char *token_metrics;                  /* required for /metrics; NULL: none */
     bool loopback;                        /* it listens on a loopback address */
-    bool allow_remote, push, controllers; /* the last two: the role is offered */
+    bool allow_remote, push, controllers, recorders; /* the last three: the role is offered */
     bool h264;                            /* the format is offered */
     const struct setting *controls;       /* see server_desc */
     atomic_bool *new_work;                /* set when a request from a controller waits; may be NULL */
@@ -293,9 +294,11 @@ void producers_send(struct server *s); /* sends fates and credit that are due */
 /* recorder.c, thread: service. A recorder is a viewer that gets every picture of one lockstep sequence. */
 void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
 bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault);
-void recorder_ack(struct viewer *v, const struct message *m, struct fault *fault);
+/* received: the picture was sent to v, and not acknowledged before. */
+void recorder_ack(struct viewer *v, const struct message *m, bool received, struct fault *fault);
 void recorder_send_end(struct viewer *v); /* sends the end of its sequence, if over */
 void recorder_leave(struct viewer *v);
+void recorder_displace(struct viewer *v); /* takes the name of its sequence, and closes it */
 
 /* control.c, thread: service. */
 void controls_tell(struct server *s);     /* sends answers */

@@ -117,7 +117,7 @@ struct welcome {
     const char *session;
     uint64_t id; /* of the connection */
     uint32_t max_connections;
-    bool controllers, producers;    /* roles offered */
+    bool controllers, producers, recorders; /* roles offered */
     bool h264;                      /* format offered */
     bool producer, recorder;        /* the client's role */
     const struct setting *controls; /* what controllers may ask for; NULL: not sent */

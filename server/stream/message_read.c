@@ -124,6 +124,10 @@ static enum fault_code parse_pace(const json_t *object, struct message *m, struc
         (json_object_get(object, "pace") && take_word(object, "pace", paces, 2, &pace, "4.1.4", fault)))
         return fault->code;
     m->hello.lockstep = pace == 1;
+    if (m->hello.role == SERVER_VIEWER && m->hello.recorder[0]) /* as minor versions 0 and 1 said it */
+        m->hello.role = SERVER_RECORDER;
+    if (m->hello.role == SERVER_RECORDER && !m->hello.recorder[0])
+        return fault_say(fault, FAULT_BAD_FIELD, "4.1.6", "recorder must name the sequence to record");
     if (m->hello.role == SERVER_PRODUCER && m->hello.lockstep && !m->hello.sequence[0])
         return fault_say(fault, FAULT_BAD_FIELD, "4.1.5", "sequence must name the sequence that is made in lockstep");
     return FAULT_NONE;
@@ -131,7 +135,7 @@ static enum fault_code parse_pace(const json_t *object, struct message *m, struc
 
 static enum fault_code parse_hello(const json_t *object, struct message *m, struct fault *fault)
 {
-    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
+    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer", "recorder" };
     const json_t *version = json_object_get(object, "version");
     const json_t *token = json_object_get(object, "token");
     int64_t major = 0, minor = 0;

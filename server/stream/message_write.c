@@ -78,6 +78,8 @@ char *message_welcome(const struct welcome *w)
         json_array_append_new(roles, json_string("controller"));
     if (w->producers)
         json_array_append_new(roles, json_string("producer"));
+    if (w->recorders)
+        json_array_append_new(roles, json_string("recorder"));
     all = with(all, "roles", roles);
     if (w->producer)
         all = with(all, "producer",

@@ -28,7 +28,7 @@ void producer_hello(struct viewer *v, const struct message *m, struct welcome *w
     struct sequence *q = NULL;
 
     if (m->hello.lockstep) {
-        q = ingest_sequence(s, m->hello.sequence, now);
+        q = ingest_sequence(s, m->hello.sequence, v->guest->visitor, now);
         if (!q) {
             fault_say(fault, FAULT_BUSY, "4.1.5", "all %d sequences are in use", INGEST_SEQUENCES);
             return;

@@ -232,6 +232,7 @@ static const struct figure table[] = {
         role[SERVER_VIEWER]),
     ROW(CONNECTIONS "{role=\"controller\"}", NULL, U32, role[SERVER_CONTROLLER]),
     ROW(CONNECTIONS "{role=\"producer\"}", NULL, U32, role[SERVER_PRODUCER]),
+    ROW(CONNECTIONS "{role=\"recorder\"}", NULL, U32, role[SERVER_RECORDER]),
     ROW(CONNECTIONS "{role=\"none\"}", NULL, U32, role[SERVER_ROLES]),
     ROW("relightd_connections_max", "Maximum number of WebSocket connections.", U32, max_connections),
     ROW("relightd_connections_arriving", "TCP connections before hello, those of browsers that load the page included.",

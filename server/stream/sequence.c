@@ -42,12 +42,47 @@ static struct sequence *choose(struct ingest *g, const char *name, int64_t now_u
     return oldest;
 }
 
-struct sequence *ingest_sequence(struct server *s, const char *name, int64_t now_us)
+static unsigned names_of(const struct ingest *g, const uint8_t address[16])
+{
+    unsigned count = 0;
+
+    for (int i = 0; i < INGEST_SEQUENCES; i++)
+        count += g->sequences[i].name[0] && memcmp(g->sequences[i].owner, address, 16) == 0;
+    return count;
+}
+
+/* Takes the name of a recorder that waits for a first frame, whose address has most names and at least two more than
+ * `by`. */
+static void take_back(struct server *s, const struct visitor *by)
+{
+    struct ingest *g = &s->ingest;
+    unsigned most = names_of(g, by->address) + 1;
+    struct viewer *out = NULL;
+
+    for (int i = 0; i < INGEST_SEQUENCES; i++) {
+        const struct sequence *q = &g->sequences[i];
+        if (q->recorder && !q->producer && !q->has_accepted && names_of(g, q->owner) > most) {
+            most = names_of(g, q->owner);
+            out = q->recorder;
+        }
+    }
+    limit_reached(s, LIMIT_NAMES, out ? out->guest->visitor : by);
+    if (out)
+        recorder_displace(out);
+}
+
+struct sequence *ingest_sequence(struct server *s, const char *name, const struct visitor *by, int64_t now_us)
 {
     struct picture *lost = NULL;
 
     pthread_mutex_lock(&s->lock);
     struct sequence *q = choose(&s->ingest, name, now_us);
+    if (!q) {
+        pthread_mutex_unlock(&s->lock);
+        take_back(s, by);
+        pthread_mutex_lock(&s->lock);
+        q = choose(&s->ingest, name, now_us);
+    }
     if (q && strcmp(q->name, name) != 0) {
         lost = q->kept;
         if (lost)
@@ -55,6 +90,7 @@ struct sequence *ingest_sequence(struct server *s, const char *name, int64_t now
                         (unsigned long long)q->accepted);
         *q = (struct sequence){ .stage = SEQUENCE_IDLE };
         memcpy(q->name, name, strlen(name) + 1);
+        memcpy(q->owner, by->address, sizeof(q->owner));
     }
     if (q)
         q->touched_us = now_us;

@@ -122,7 +122,7 @@ static enum err copy_text(char **out, const char *text, struct reason *why)
 
 static enum err copy_secrets(struct server *s, const struct server_desc *desc, struct reason *why)
 {
-    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer" };
+    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer", "recorder" };
     enum err e = admission_copy_token("metrics", desc->token_metrics, &s->token_metrics, why);
 
     for (int r = 0; r < SERVER_ROLES && !e; r++)
@@ -262,11 +262,14 @@ static struct lws_context *context_create(struct server *s, const struct address
     return lws_create_context(&info);
 }
 
-/* Beyond loopback every role requires a token. Without one for controllers that role is not offered. */
+/* Beyond loopback every role requires a token. Without one for controllers that role is not offered; nor is that of
+ * recorders without one where viewers or producers require theirs. */
 static enum err check_tokens(struct server *s, const struct address *a, struct reason *why)
 {
     s->loopback = a->loopback;
     s->controllers = a->loopback || s->tokens[SERVER_CONTROLLER];
+    const bool open = a->loopback && !s->tokens[SERVER_VIEWER] && !s->tokens[SERVER_PRODUCER];
+    s->recorders = s->push && (open || s->tokens[SERVER_RECORDER]);
     if (!a->loopback && !s->tokens[SERVER_VIEWER])
         return err_say(why, ERR_USAGE, "--bind %s: anyone on the network could watch; --token-viewer is required",
                        s->address);

@@ -21,6 +21,7 @@ enum server_role {
     SERVER_VIEWER,
     SERVER_CONTROLLER,
     SERVER_PRODUCER,
+    SERVER_RECORDER,
     SERVER_ROLES,
 };
 

@@ -7,7 +7,7 @@
 static bool role_offered(const struct server *s, enum server_role role)
 {
     return role == SERVER_VIEWER || (role == SERVER_CONTROLLER && s->controllers) ||
-           (role == SERVER_PRODUCER && s->push);
+           (role == SERVER_PRODUCER && s->push) || (role == SERVER_RECORDER && s->recorders);
 }
 
 static void welcome(struct viewer *v, const struct message *m, struct fault *fault)
@@ -19,6 +19,7 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
         .max_connections = s->max_connections,
         .controllers = s->controllers,
         .producers = s->push,
+        .recorders = s->recorders,
         .h264 = s->h264,
         .controls = s->controls,
     };
@@ -27,7 +28,7 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
         return;
     if (m->hello.role == SERVER_PRODUCER)
         producer_hello(v, m, &w, fault);
-    else if (m->hello.recorder[0])
+    else if (m->hello.role == SERVER_RECORDER)
         recorder_hello(v, m, &w, fault);
     if (fault->code || !guest_admit(v))
         return;
@@ -59,8 +60,8 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
                   m->hello.major);
     else if (!role_offered(s, m->hello.role))
         fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "this server does not offer that role");
-    else if (m->hello.recorder[0] && m->hello.role != SERVER_VIEWER)
-        fault_say(fault, FAULT_WRONG_ROLE, "4.1.6", "a recorder is a viewer");
+    else if (m->hello.recorder[0] && m->hello.role != SERVER_RECORDER)
+        fault_say(fault, FAULT_WRONG_ROLE, "4.1.6", "a recorder has the role recorder");
     else if (take_token(v, s->tokens[m->hello.role], m->hello.token, fault))
         welcome(v, m, fault);
 }
@@ -119,6 +120,7 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
 {
     const uint64_t sequence = m->ack.sequence;
     unsigned kept = 0;
+    bool received = false;
 
     const bool unsent = sequence > v->begun || (v->current && sequence == v->begun);
     if (unsent && sequence <= v->outdated) /* of a format watched before */
@@ -127,6 +129,8 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
         fault_say(fault, FAULT_BAD_ORDER, "4.5.1", "picture %llu was not sent yet", (unsigned long long)sequence);
         return;
     }
+    for (unsigned i = 0; i < v->unacked_count; i++)
+        received |= v->unacked[i].sequence == sequence;
     for (unsigned i = 0; i < v->unacked_count; i++)
         if (v->unacked[i].sequence > sequence)
             v->unacked[kept++] = v->unacked[i];
@@ -138,7 +142,7 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
     v->tokens += v->unacked_count > kept ? 1.0 : 0.0;
     v->unacked_count = kept;
     if (v->recorder)
-        recorder_ack(v, m, fault);
+        recorder_ack(v, m, received, fault);
     if (viewer_may_begin(v))
         viewer_request_write(v);
 }

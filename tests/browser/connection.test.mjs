@@ -116,7 +116,7 @@ test('hello comes first, then subscribe and pings', async () => {
   const { world } = begin();
   assert.equal(world.socket.protocol, 'relight.v1');
   world.open();
-  assert.deepEqual(world.socket.sent, [{ op: 'hello', role: 'viewer', version: { major: 1, minor: 1 } }]);
+  assert.deepEqual(world.socket.sent, [{ op: 'hello', role: 'viewer', version: { major: 1, minor: 2 } }]);
   world.welcome();
   await world.pass(1000);
   assert.equal(world.said('subscribe').length, 1);

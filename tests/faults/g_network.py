@@ -141,5 +141,83 @@ async def G103_all_places_of_clients_taken_by_few(folder):
     return "the newest of an address with 32 gave way, 4007"
 
 
+async def joined(port, address="127.0.0.1", **fields):
+    """A client with this hello: the connection, or its close code."""
+    raw = await Raw.open(port, source=address)
+    check(await raw.upgrade() == 101, "no handshake")
+    raw.send(say(op="hello", version={"major": 1, "minor": 2}, **fields))
+    kind, _ = await raw.receive()
+    if kind == TEXT and raw.said[-1]["op"] == "welcome":
+        return raw
+    got = await raw.closed()
+    raw.shut()
+    return got
+
+
+def recorder(port, name, address="127.0.0.1", role="recorder", **more):
+    return joined(port, address, role=role, recorder=name, **more)
+
+
+@row(alone=True, most_s=120)
+async def G104_a_viewer_as_recorder(folder):
+    """Its token is not enough; without tokens on loopback none is needed; a name stays with its holder."""
+    tokens = {"viewer": "eyes", "controller": "hand", "producer": "rig", "recorder": "film"}
+    flags = [x for role, token in tokens.items() for x in (f"--token-{role}", token)]
+    async with Relightd(*flags[:-2]) as server:
+        for role in ("viewer", "recorder"):
+            got = await recorder(server.port, "day", role=role, token="eyes")
+            check(got == 4004, f"no token for recorders is set: {got}")
+    async with Relightd(*flags) as server:
+        for role in ("viewer", "recorder"):
+            got = await recorder(server.port, "day", role=role, token="eyes")
+            check(got == 4006, f"role {role} with the viewers' token: {got}")
+        holder = await recorder(server.port, "day", token="film")
+        check(isinstance(holder, Raw) and "recorder" in holder.said[-1]["roles"], f"the right token: {holder}")
+        got = await recorder(server.port, "day", token="film")
+        check(got == 4012, f"a second recorder: {got}")
+        await holder.pong()
+        holder.reset()
+        got = await recorder(server.port, "day", "127.0.2.1", token="film")
+        check(got == 4012, f"another address takes the name at once: {got}")
+        back = await recorder(server.port, "day", token="film")
+        check(isinstance(back, Raw), f"the holder does not get its name back: {back}")
+        back.shut()
+        async with Deadline(60):
+            while not isinstance(got := await recorder(server.port, "day", "127.0.2.1", token="film"), Raw):
+                await asyncio.sleep(1)
+        got.shut()
+    async with Relightd() as server:
+        for role in ("viewer", "recorder"):
+            raw = await recorder(server.port, f"day-{role}", role=role)
+            check(isinstance(raw, Raw), f"without tokens: {raw}")
+            raw.shut()
+    return "4006; a second recorder 4012; the name is free for others after 10 s"
+
+
+@row(alone=True, most_s=120)
+async def G105_all_names_of_sequences_taken(folder):
+    async with Relightd() as server:
+        held = [await recorder(server.port, f"x{i}", "127.0.1.1", role="viewer") for i in range(16)]
+        check(all(isinstance(raw, Raw) for raw in held), f"{held}")
+        got = await recorder(server.port, "one-more", "127.0.1.1", role="viewer")
+        check(got == 4012, f"the same address gets another: {got}")
+        new = await recorder(server.port, "honest", "127.0.2.1", role="viewer")
+        check(isinstance(new, Raw), f"another address gets none: {new}")
+        made = await joined(server.port, "127.0.2.2", role="producer", pace="lockstep", sequence="honest-too")
+        check(isinstance(made, Raw), f"a producer gets none: {made}")
+        lost = 0
+        for raw in held:
+            raw.send(say(op="ping", id=1))
+            while (await raw.receive())[0] == TEXT and raw.said[-1]["op"] not in ("pong", "error"):
+                pass
+            lost += raw.said[-1].get("code") == "busy"
+        check(lost == 2, f"{lost} of 16 lost their name")
+        count = (await server.counters())['relightd_limits_reached_total{limit="names"}']
+        check(count == 3, f"counted {count}")
+        for raw in [*held, new, made]:
+            raw.reset()
+    return "a newcomer gets a name that waits for its first frame, from the address with most"
+
+
 if __name__ == "__main__":
     main()

@@ -488,6 +488,30 @@ async def a_server_that_forgot_gets_all_again(folder):
     check(got == [0, 1, 2, 0, 1, 2, 3, 4], f"{got}")
 
 
+async def lost_pictures_of_a_watched_folder_are_an_error(folder):
+    """They cannot be sent again, and the exit code says so."""
+    sky_files(folder, 1)
+    again = asyncio.Event()
+
+    async def first(link):
+        await link.welcome_producer(credit=1)
+        await link.fate((await link.frame()).number)
+        await link.credit()
+        link.cut()
+
+    async def second(link):
+        await link.welcome_producer(credit=1)
+        again.set()
+        await link.parted()
+
+    async with Server(first, second) as server:
+        program = await Program("relight-feed", "--to", server.url, "--lockstep", f"watch:{folder}").start()
+        await asyncio.wait_for(again.wait(), 60)
+        await asyncio.sleep(0.5)
+        await program.kill(signal.SIGINT)
+        expect(program, 1, "pictures may be missing")
+
+
 async def end_waits_for_the_last_picture_to_be_stored(folder):
     async def script(link):
         await link.welcome_producer(credit=1)

@@ -87,7 +87,7 @@ class Link:
         """Receives hello with that role, and answers."""
         hello = await self.read()
         check(hello["op"] == "hello" and hello["role"] == role, f"not a {role}'s hello: {hello}")
-        check(hello["version"] == {"major": 1, "minor": 1}, f"another version: {hello}")
+        check(hello["version"] == {"major": 1, "minor": 2}, f"another version: {hello}")
         await self.say(op="welcome", version={"major": 1, "minor": 0}, server="a test", session=self.server.session,
                        roles=["viewer", "producer"], formats=["jpeg", "exr_half", "exr_float"],
                        limits={"text_bytes": 16384, "credit": 2, "connections": 9}, something_new=[1, 2], **more)

@@ -29,7 +29,7 @@ def payload(frame, size=5000):
 async def subscribed(link, recorder=None, stored_after=None, form="exr_float", **more):
     """Plays the handshake up to the subscription, which it returns."""
     named = {"recorder": {"stored_after": stored_after}} if recorder else {}
-    hello = await link.welcome("viewer", **named)
+    hello = await link.welcome("recorder" if recorder else "viewer", **named)
     check(hello.get("recorder") == recorder, f"{hello}")
     subscribe = await link.read()
     check(subscribe["op"] == "subscribe" and subscribe["format"] == form, f"{subscribe}")
@@ -276,7 +276,7 @@ async def a_server_that_does_not_want_us_is_told(folder):
             expect(await record(server, "--once", "--out", folder / "a.jpg"), code, "name: a reason")
 
     async def no_lockstep(link):
-        await link.welcome("viewer")
+        await link.welcome("recorder")
         await link.parted()
 
     async with Server(no_lockstep) as server:

@@ -51,7 +51,7 @@ static inline int64_t record(struct client *c, const struct server *s, const cha
 {
     char text[200];
 
-    snprintf(text, sizeof(text), "\"role\":\"viewer\",\"recorder\":\"%s\"", name);
+    snprintf(text, sizeof(text), "\"role\":\"recorder\",\"recorder\":\"%s\"", name);
     json_t *welcome = hello(c, s, text);
     const json_t *after = json_object_get(json_object_get(welcome, "recorder"), "stored_after");
     const int64_t stored = json_is_integer(after) ? json_integer_value(after) : -1;

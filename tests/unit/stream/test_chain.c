@@ -4,7 +4,7 @@
 
 static struct server *start(void)
 {
-    return server_start(&(struct server_desc){ .h264 = true });
+    return server_start(&(struct server_desc){ .h264 = true, .push = true });
 }
 
 static void publish_track(struct server *s, unsigned track, uint64_t frame, bool key, size_t size)

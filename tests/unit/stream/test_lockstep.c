@@ -297,7 +297,7 @@ static void late_frames_are_told_their_own_fate(void **state)
     server_destroy(s);
 }
 
-static void whoever_comes_second_with_the_name_takes_over(void **state)
+static void a_second_producer_takes_over_and_a_second_recorder_waits(void **state)
 {
     (void)state;
     struct server *s = push_server();
@@ -308,8 +308,13 @@ static void whoever_comes_second_with_the_name_takes_over(void **state)
     assert_int_equal(produce_lockstep(&p[0], s, "a", &after), 1);
     assert_int_equal(produce_lockstep(&p[1], s, "a", &after), 1);
     assert_int_equal(client_close_code(&p[0]), 4011);
-    record(&r[1], s, "a", "jpeg");
-    assert_int_equal(client_close_code(&r[0]), 4011);
+    client_open(&r[1], s);
+    assert_int_equal(client_handshake(&r[1], NULL), 101);
+    client_say(&r[1], "{\"op\":\"hello\",\"role\":\"recorder\",\"version\":{\"major\":1},\"recorder\":\"a\"}");
+    assert_int_equal(client_close_code(&r[1]), 4012);
+    client_shut(&r[1]);
+    client_shut(&r[0]);
+    record(&r[1], s, "a", "jpeg"); /* the name is free for its address as soon as the connection has ended */
     client_open(&other, s);
     assert_int_equal(client_handshake(&other, NULL), 101);
     client_say(&other, "{\"op\":\"hello\",\"role\":\"producer\",\"version\":{\"major\":1},\"pace\":\"lockstep\","
@@ -317,7 +322,6 @@ static void whoever_comes_second_with_the_name_takes_over(void **state)
     assert_int_equal(client_close_code(&other), 4012);
     client_shut(&other);
     client_shut(&p[0]);
-    client_shut(&r[0]);
     frame_send(&p[1], 1);
     COUNTER_BECOMES(s, frames_received, 1);
     client_shut(&p[1]);
@@ -537,7 +541,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_producer_goes_on_after_what_was_accepted),
     cmocka_unit_test(a_refused_frame_returns_its_credit_and_is_remembered),
     cmocka_unit_test(late_frames_are_told_their_own_fate),
-    cmocka_unit_test(whoever_comes_second_with_the_name_takes_over),
+    cmocka_unit_test(a_second_producer_takes_over_and_a_second_recorder_waits),
     cmocka_unit_test(the_end_is_told_when_all_is_stored),
     cmocka_unit_test(the_format_stands_while_a_frame_is_under_way),
     cmocka_unit_test(a_live_frame_never_overtakes_one_in_lockstep),
