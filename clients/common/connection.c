@@ -460,6 +460,15 @@ void connection_tick_within(struct connection *c, int64_t us)
     lws_sul_schedule(c->context, 0, &c->tick, on_tick, us < TICK_US ? us : TICK_US);
 }
 
+static void say_hello(struct connection *c)
+{
+    const struct connection_desc *d = &c->desc;
+
+    queue(c, json_pack("{s:s, s:s, s:{s:i, s:i}, s:s*, s:s*, s:s*, s:s*}", "op", "hello", "role", d->role, "version",
+                       "major", PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR, "pace", d->pace, "sequence", d->sequence,
+                       "recorder", d->recorder, "token", d->token));
+}
+
 static int callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t size)
 {
     struct connection *c = lws_context_user(lws_get_context(wsi));
@@ -472,7 +481,7 @@ static int callback(struct lws *wsi, enum lws_callback_reasons reason, void *use
         return lws_hdr_total_length(wsi, WSI_TOKEN_PROTOCOL) > 0 ? 0 : -1;
     case LWS_CALLBACK_CLIENT_ESTABLISHED:
         move_to(c, STATE_OPEN);
-        queue(c, c->desc.hooks.hello(c->desc.user));
+        say_hello(c);
         break;
     case LWS_CALLBACK_CLIENT_CONNECTION_ERROR:
         c->wsi = wsi;

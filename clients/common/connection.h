@@ -23,7 +23,6 @@ enum connection_end {
 
 /* Called on the thread of connection_run. NULL: not of interest. */
 struct connection_hooks {
-    json_t *(*hello)(void *user);                                 /* what to say first; the caller takes it over */
     void (*welcome)(void *user, const json_t *welcome);           /* on every connection anew */
     void (*text)(void *user, const char *op, const json_t *text); /* all but welcome, pong, fatal errors */
     void (*binary)(void *user, const uint8_t *bytes, size_t size);
@@ -33,7 +32,10 @@ struct connection_hooks {
 };
 
 struct connection_desc {
-    const char *url;     /* as address.h has it */
+    const char *role;                       /* "viewer", "producer" or "recorder" */
+    const char *pace, *sequence, *recorder; /* for hello (PROTOCOL.md 4.1); NULL: left out */
+    const char *token;                      /* NULL: none */
+    const char *url;                        /* as address.h has it */
     const char *ca_file; /* PEM file of the certificate authorities to trust; NULL: the system's. Of TLS only */
     int64_t tries;       /* attempts in a row before giving up after a loss; below 0: for ever */
     double give_up_s;    /* gives up after so long without a connection; 0: never */

@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "clients/common/client.h"
 #include "clients/common/message.h"
 #include "base/progress.h"
 
@@ -12,7 +13,6 @@
 
 #define FLIGHTS 64       /* frames sent completely and not yet answered; a server that grants more credit is ignored */
 #define PATIENCE_MS 5000 /* delay before a hint about what is missing */
-#define GOODBYE_MS 2000  /* time limit for outstanding answers after an interrupt */
 
 struct flight {
     uint64_t number;
@@ -34,7 +34,7 @@ struct feeder {
     double due_s;       /* of the next frame, if there is a rate */
     int64_t waiting_ms; /* since when a frame has been waiting for credit; 0: none */
     bool hinted;
-    int64_t interrupted_ms;      /* 0: not interrupted */
+    bool interrupted;
     bool has_owed, owed_counted; /* lockstep: the fate of a frame sent on an earlier connection is still open */
     uint64_t owed;               /* its number; counted: as used */
 
@@ -136,7 +136,7 @@ static void say_end(struct feeder *f)
 
 static void pump(struct feeder *f)
 {
-    if (!connection_is_open(f->connection) || f->transmitting || f->interrupted_ms || f->report.complete)
+    if (!connection_is_open(f->connection) || f->transmitting || f->interrupted || f->report.complete)
         return;
     struct parcel *p = reader_take(f->reader);
     while (p && is_hopeless(f, p))
@@ -231,19 +231,6 @@ static void on_text(void *user, const char *op, const json_t *m)
 
 /* ---- Connections ---- */
 
-static json_t *say_hello(void *user)
-{
-    const struct feeder *f = user;
-    json_t *hello = json_pack("{s:s, s:s, s:{s:i, s:i}, s:s}", "op", "hello", "role", "producer", "version", "major",
-                              PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR, "pace", f->desc.lockstep ? "lockstep" : "live");
-
-    if (f->desc.lockstep)
-        json_object_set_new(hello, "sequence", json_string(f->desc.sequence));
-    if (f->desc.token)
-        json_object_set_new(hello, "token", json_string(f->desc.token));
-    return hello;
-}
-
 static void begin_reading(struct feeder *f, bool has_after, uint64_t after)
 {
     struct reason why;
@@ -324,28 +311,17 @@ static void on_lost(void *user)
     f->waiting_ms = 0;
 }
 
-/* On the first signal, sends no new frames and waits for outstanding fates; on the second, stops at once. */
-static void stop_when_asked(struct feeder *f)
-{
-    const int64_t now = clock_ms();
-
-    if (!*f->desc.stops)
-        return;
-    if (!f->interrupted_ms)
-        f->interrupted_ms = now;
-    if (*f->desc.stops > 1 || now - f->interrupted_ms > GOODBYE_MS || !connection_is_open(f->connection))
-        connection_stop(f->connection);
-    else if (f->flight_count == 0 && f->desc.lockstep) /* no `end`, so that the sequence can be continued */
-        connection_finish(f->connection);
-    else if (f->flight_count == 0)
-        say_end(f);
-}
-
+/* On the first signal, sends no new frames and waits for outstanding fates. A sequence gets no `end`, so that it can be
+ * continued. */
 static void on_tick(void *user)
 {
     struct feeder *f = user;
 
-    stop_when_asked(f);
+    f->interrupted |= client_is_stopping(f->connection);
+    if (f->interrupted && f->flight_count == 0 && f->desc.lockstep)
+        connection_finish(f->connection);
+    else if (f->interrupted && f->flight_count == 0)
+        say_end(f);
     pump(f);
 }
 
@@ -366,9 +342,12 @@ enum err feeder_create(const struct feeder_desc *d, struct feeder **out, struct 
         return err_say(why, ERR_NOMEM, "out of memory for a producer");
     f->desc = *d;
     f->desc.connection.user = f->desc.reader.user = f;
+    f->desc.connection.role = "producer";
+    f->desc.connection.pace = d->lockstep ? "lockstep" : "live";
+    f->desc.connection.sequence = d->lockstep ? d->sequence : NULL;
     f->desc.reader.wake = wake;
     f->desc.connection.hooks = (struct connection_hooks){
-        .hello = say_hello, .welcome = on_welcome, .text = on_text, .sent = on_sent, .lost = on_lost, .tick = on_tick
+        .welcome = on_welcome, .text = on_text, .sent = on_sent, .lost = on_lost, .tick = on_tick
     };
     enum err e = connection_create(&f->desc.connection, &f->connection, why);
     if (!e)
@@ -406,6 +385,5 @@ void feeder_report(struct feeder *f, struct feeder_report *out)
     *out = f->report;
     out->refused += counts.faulty;
     out->passed = counts.passed;
-    out->connections = connection_count(f->connection);
-    out->has_clock = connection_clock(f->connection, &out->ahead_us, &out->uncertain_us);
+    out->connection = f->connection;
 }

@@ -7,8 +7,6 @@
 #include "clients/common/connection.h"
 #include "clients/feed/reader.h"
 
-#include <signal.h>
-
 struct feeder;
 
 struct feeder_desc {
@@ -16,11 +14,8 @@ struct feeder_desc {
     bool watched;                      /* the source cannot be replayed with the same numbers */
     double rate;                       /* frames per second; 0: as fast as credit allows */
     const char *sequence;              /* name of the lockstep sequence */
-    const char *token;                 /* NULL: none */
     struct reader_desc reader;         /* except wake and user */
-    struct connection_desc connection; /* except hooks and user */
-    const volatile sig_atomic_t
-        *stops; /* number of stop requests: the first ends after the frames in transmission, the second at once */
+    struct connection_desc connection; /* url and client_rows */
 };
 
 struct feeder_report {
@@ -37,16 +32,15 @@ struct feeder_report {
     uint64_t resume_after;
     bool has_last; /* something was sent; `last` is the last frame */
     uint64_t last;
-    unsigned connections;
-    bool has_clock; /* the server's clock was compared with ours */
-    int64_t ahead_us, uncertain_us;
+    const struct connection *connection;
 };
 
 /* Creates a producer; the caller owns *out. Strings must outlive it. Errors of reader_create and connection_create. */
 MUST_CHECK enum err feeder_create(const struct feeder_desc *d, struct feeder **out, struct reason *why);
 void feeder_destroy(struct feeder *f); /* NULL is allowed */
 
-/* Runs until everything is sent or the connection has ended for good; *why as in connection_run. */
+/* Runs until everything is sent, the connection has ended for good, or a signal asks to stop; *why as in
+ * connection_run. */
 enum connection_end feeder_run(struct feeder *f, struct reason *why);
 
 void feeder_report(struct feeder *f, struct feeder_report *out);

@@ -10,6 +10,17 @@
 
 #define PAYLOAD_MAX UINT32_MAX
 
+static const enum protocol_layout layouts[] = {
+    [LAYOUT_AUTO] = PROTOCOL_LAYOUT_AUTO,
+    [LAYOUT_LATLONG] = PROTOCOL_LATLONG,
+    [LAYOUT_LATLONG_BOTTOM_FIRST] = PROTOCOL_LATLONG,
+    [LAYOUT_CUBE] = PROTOCOL_CUBE,
+    [LAYOUT_HCROSS] = PROTOCOL_HCROSS,
+    [LAYOUT_VCROSS] = PROTOCOL_VCROSS,
+    [LAYOUT_BALL] = PROTOCOL_BALL,
+    [LAYOUT_FISHEYE] = PROTOCOL_FISHEYE,
+};
+
 static bool is_exr(const uint8_t *bytes, size_t size)
 {
     return size >= 4 && memcmp(bytes, "\x76\x2f\x31\x01", 4) == 0;
@@ -23,18 +34,18 @@ static bool is_radiance(const uint8_t *bytes, size_t size)
 static enum err state_texels(struct parcel *p, const struct parcel_desc *d, const float *rgb, uint32_t width,
                              uint32_t height, struct reason *why)
 {
-    const uint64_t count = (uint64_t)width * height * 3, bytes = count * (d->half ? 2 : 4);
+    const uint64_t count = (uint64_t)width * height * 3, bytes = count * (d->raw == RAW_HALF ? 2 : 4);
 
     if (width > PROTOCOL_SIDE_MAX || height > PROTOCOL_SIDE_MAX || bytes > PAYLOAD_MAX)
         return err_say(why, ERR_RANGE, "%s: %" PRIu32 "x%" PRIu32 " texels exceed the size of a message%s",
-                       p->frame.name, width, height, d->half ? "" : "; try --raw half");
-    p->header.encoding = d->half ? PROTOCOL_RAW_HALF : PROTOCOL_RAW_FLOAT;
+                       p->frame.name, width, height, d->raw == RAW_HALF ? "" : "; try --raw half");
+    p->header.encoding = d->raw == RAW_HALF ? PROTOCOL_RAW_HALF : PROTOCOL_RAW_FLOAT;
     p->header.width = width;
     p->header.height = height;
     p->header.channels = 3;
     p->header.payload = (uint32_t)bytes;
     p->payload = (const uint8_t *)rgb; /* little-endian, like all supported processors */
-    if (!d->half)
+    if (d->raw != RAW_HALF)
         return ERR_OK;
     if (p->half_count < count) {
         mem_free(p->half);
@@ -53,12 +64,8 @@ static enum err state_texels(struct parcel *p, const struct parcel_desc *d, cons
 /* Keeps the layout declared in the file, which would otherwise be lost. */
 static void keep_layout(struct parcel *p)
 {
-    if (p->header.layout != PROTOCOL_LAYOUT_AUTO)
-        return;
-    if (p->image.layout == LAYOUT_LATLONG)
-        p->header.layout = PROTOCOL_LATLONG;
-    else if (p->image.layout == LAYOUT_CUBE)
-        p->header.layout = PROTOCOL_CUBE;
+    if (p->header.layout == PROTOCOL_LAYOUT_AUTO)
+        p->header.layout = layouts[p->image.layout];
 }
 
 static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct reason *why)
@@ -93,8 +100,8 @@ enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reaso
 
     p->barred.text[0] = '\0';
     p->header = (struct protocol_environment){
-        .layout = d->layout,
-        .flags = d->bottom_first ? PROTOCOL_BOTTOM_FIRST : 0,
+        .layout = layouts[d->layout],
+        .flags = d->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? PROTOCOL_BOTTOM_FIRST : 0,
         .frame = f->number,
         .capture_us = f->capture_us,
     };
@@ -121,34 +128,4 @@ void parcel_finish(struct parcel *p)
     image_finish(&p->image);
     mem_free(p->half);
     *p = (struct parcel){ .payload = NULL };
-}
-
-enum err parcel_layout_parse(const char *name, struct parcel_desc *out, struct reason *why)
-{
-    static const struct {
-        const char *name;
-        enum protocol_layout layout;
-        bool bottom_first;
-    } table[] = {
-        { "auto", PROTOCOL_LAYOUT_AUTO, false },
-        { "latlong", PROTOCOL_LATLONG, false },
-        { "latlong-bottom", PROTOCOL_LATLONG, true },
-        { "cube", PROTOCOL_CUBE, false },
-        { "hcross", PROTOCOL_HCROSS, false },
-        { "vcross", PROTOCOL_VCROSS, false },
-        { "ball", PROTOCOL_BALL, false },
-        { "fisheye", PROTOCOL_FISHEYE, false },
-    };
-
-    for (size_t i = 0; i < sizeof(table) / sizeof(table[0]); i++) {
-        if (strcmp(name, table[i].name) == 0) {
-            out->layout = table[i].layout;
-            out->bottom_first = table[i].bottom_first;
-            return ERR_OK;
-        }
-    }
-    return err_say(why, ERR_USAGE,
-                   "unknown --layout '%s'; expected auto, latlong, latlong-bottom, cube, hcross, vcross, ball "
-                   "or fisheye",
-                   name);
 }

@@ -10,11 +10,15 @@
 
 #include <stdbool.h>
 
+enum raw {
+    RAW_NOT, /* files are sent as they are; texels as floats */
+    RAW_HALF,
+    RAW_FLOAT,
+};
+
 struct parcel_desc {
-    enum protocol_layout layout; /* stated in the header; AUTO: by the file or its aspect ratio */
-    bool bottom_first;
-    bool raw;  /* always decode files and send texels */
-    bool half; /* send texels as half floats; else float */
+    enum layout layout; /* stated in the header; AUTO: by the file or its aspect ratio */
+    enum raw raw;       /* else: always decode files and send texels */
 };
 
 struct parcel {         /* zeroed memory is empty; buffers are reused from frame to frame */
@@ -33,8 +37,5 @@ struct parcel {         /* zeroed memory is empty; buffers are reused from frame
  * decoded. ERR_RANGE: exceeds the size of a message, or a frame number above PROTOCOL_NUMBER_MAX. ERR_NOMEM. */
 MUST_CHECK enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reason *why);
 void parcel_finish(struct parcel *p);
-
-/* Parses "auto", "latlong", "latlong-bottom", "cube", "hcross", "vcross", "ball" or "fisheye". ERR_USAGE: unknown. */
-MUST_CHECK enum err parcel_layout_parse(const char *name, struct parcel_desc *out, struct reason *why);
 
 #endif

@@ -3,28 +3,24 @@
  * exactly one per environment frame. A picture is acknowledged once it is safely on disk. Everything runs on one
  * thread: while a picture is being stored, the server holds back the one after the next. */
 #include "base/clock.h"
-#include "clients/common/connection.h"
+#include "clients/common/client.h"
 #include "base/file_pattern.h"
 #include "base/file_store.h"
 #include "clients/record/journal.h"
 #include "base/log.h"
 #include "clients/common/message.h"
-#include "base/options.h"
 #include "base/progress.h"
 #include "protocol/relight_protocol.h"
+#include "base/setting_table.h"
 
 #include <errno.h>
 #include <inttypes.h>
-#include <signal.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#define EXIT_REFUSED 3
 #define PICTURE_MAX ((size_t)1 << 30) /* bytes; memory is allocated as they arrive */
-#define GOODBYE_MS 2000
-#define UNREADABLE_MOST 10 /* pictures in a row */
+#define UNREADABLE_MOST 10            /* pictures in a row */
 
 struct span { /* microseconds */
     uint64_t count;
@@ -33,12 +29,13 @@ struct span { /* microseconds */
 
 struct record {
     struct file_pattern out;
-    enum protocol_format format;
-    int quality;     /* 0: the server's default */
-    double max_rate; /* 0: no limit */
-    uint64_t wanted; /* pictures; 0: until stopped */
-    const char *recorder, *token;
-    bool json;
+    enum protocol_format format; /* 0: by the file's name */
+    int quality;                 /* 0: the server's default */
+    double max_rate;             /* 0: no limit */
+    uint64_t wanted;             /* pictures; 0: until stopped */
+    const char *recorder;        /* NULL: not in lockstep */
+    const char *pattern, *index_path;
+    bool once, lockstep, json;
     struct journal journal;
     struct connection_desc connection_desc;
 
@@ -56,18 +53,7 @@ struct record {
     bool ended;              /* the sequence has ended, or all requested pictures are stored */
     bool failed;             /* a picture could not be stored */
     bool missed;             /* another recorder stored pictures of the sequence */
-    int64_t stopped_ms;      /* time of an interrupt; 0: none */
-    double start_s;
 };
-
-/* Number of stop requests, incremented by the signal handler. */
-static volatile sig_atomic_t stops_asked;
-
-static void ask_to_stop(int signal_number)
-{
-    (void)signal_number;
-    stops_asked++;
-}
 
 /* ---- Pictures ---- */
 
@@ -191,7 +177,7 @@ static void on_binary(void *user, const uint8_t *bytes, size_t size)
     struct reason why = { "" };
     size_t offset;
 
-    if (r->ended || stops_asked)
+    if (r->ended || client_interrupted())
         return;
     const char *fault = examine(r, bytes, size, &h, &offset);
     if (fault) {
@@ -215,19 +201,6 @@ static void on_binary(void *user, const uint8_t *bytes, size_t size)
 }
 
 /* ---- Connections ---- */
-
-static json_t *say_hello(void *user)
-{
-    const struct record *r = user;
-    json_t *hello = json_pack("{s:s, s:s, s:{s:i, s:i}}", "op", "hello", "role", r->recorder ? "recorder" : "viewer",
-                              "version", "major", PROTOCOL_MAJOR, "minor", PROTOCOL_MINOR);
-
-    if (r->recorder)
-        json_object_set_new(hello, "recorder", json_string(r->recorder));
-    if (r->token)
-        json_object_set_new(hello, "token", json_string(r->token));
-    return hello;
-}
 
 static bool is_offered(const json_t *welcome, const char *format)
 {
@@ -306,43 +279,47 @@ static void on_text(void *user, const char *op, const json_t *m)
 static void on_tick(void *user)
 {
     struct record *r = user;
-    const int64_t now = clock_ms();
 
-    if (!stops_asked)
-        return;
-    if (!r->stopped_ms)
-        r->stopped_ms = now;
-    if (stops_asked > 1 || now - r->stopped_ms > GOODBYE_MS || !connection_is_open(r->connection))
-        connection_stop(r->connection);
-    else
+    if (client_is_stopping(r->connection))
         connection_finish(r->connection);
 }
 
 /* ---- Command line ---- */
 
-static struct option_row rows[] = {
-    { "", NULL, "Source", NULL },
-    { "from", "URL", "ws://HOST:PORT, or wss:// with TLS, of a relightd", "ws://127.0.0.1:8080" },
-    { "ca", "FILE", "PEM file of the certificate authorities to trust; default: the system's (wss:// only)", NULL },
-    { "token", "T", "access token (of role recorder with --lockstep); default: the variable RELIGHT_TOKEN", NULL },
-    { "", NULL, "Output", NULL },
-    { "out", "PATTERN", "file name with %d or %04d for the environment frame's number", NULL },
-    { "format", "F", "jpeg, exr-half or exr-float; default: jpeg for .jpg, exr-float for .exr", NULL },
-    { "quality", "Q", "JPEG quality, 1 to 100; default: the server's", NULL },
-    { "index", "FILE", "append a JSON line per picture: frame, file, times, latency", NULL },
-    { "", NULL, "Duration", NULL },
-    { "frames", "N", "exit after N pictures", NULL },
-    { "once", NULL, "store the newest picture and exit; PATTERN then needs no number", NULL },
-    { "", NULL, "Behaviour", NULL },
-    { "lockstep", NULL, "store one picture for each frame of relight-feed --lockstep, until it ends", NULL },
-    { "recorder", "NAME", "the same for the sequence of this name; --lockstep alone means 'default'", NULL },
-    { "max-rate", "N", "maximum pictures per second; 0: no limit", "0" },
-    { "retry", "N", "consecutive attempts to reconnect; default: unlimited", NULL },
-    { "give-up-after", "SECONDS", "give up after this long without a connection; 0: never", "0" },
-    { "", NULL, "Messages", NULL },
-    { "json", NULL, "print a summary as one JSON object on standard output", NULL },
-    { "quiet", NULL, "print only errors, no progress", NULL },
-    { NULL, NULL, NULL, NULL },
+#define OUTPUT .section = "Output"
+#define DURATION .section = "Duration"
+#define BEHAVIOUR .section = "Behaviour"
+#define AT(field) SETTING_AT(record, field)
+
+static const struct setting_choice format_choices[] = {
+    { "jpeg", PROTOCOL_JPEG, "tone-mapped", 0 },
+    { "exr-half", PROTOCOL_EXR_HALF, "linear, 16-bit floats", 0 },
+    { "exr-float", PROTOCOL_EXR_FLOAT, "linear, 32-bit floats", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+static const struct setting rows[] = {
+    { "from", "URL", "ws://HOST:PORT, or wss:// with TLS, of a relightd", "ws://127.0.0.1:8080",
+      .section = "Connection", TEXT, AT(connection_desc.url) },
+    { "out", "PATTERN", "file name with %d or %04d for the environment frame's number", NULL, OUTPUT, TEXT,
+      AT(pattern) },
+    { "format", "F", "form of the files; default: by the ending of PATTERN, exr-float for .exr", NULL, OUTPUT,
+      CHOICE(format_choices), AT(format) },
+    { "quality", "Q", "JPEG quality, 1 to 100; default: the server's", NULL, OUTPUT, WHOLE(1, 100), AT(quality) },
+    { "index", "FILE", "append a JSON line per picture: frame, file, times, latency", NULL, OUTPUT, TEXT,
+      AT(index_path) },
+    { "frames", "N", "exit after N pictures", NULL, DURATION, WHOLE(1, 0x1p64), AT(wanted) },
+    { "once", NULL, "store the newest picture and exit; PATTERN then needs no number", NULL, DURATION, SWITCH,
+      AT(once) },
+    { "lockstep", NULL,
+      "store one picture for each frame of relight-feed --lockstep, until it ends (--token of role recorder)", NULL,
+      BEHAVIOUR, SWITCH, AT(lockstep) },
+    { "recorder", "NAME", "the same for the sequence of this name; --lockstep alone means 'default'", NULL, BEHAVIOUR,
+      TEXT, AT(recorder) },
+    { "max-rate", "N", "maximum pictures per second; 0: no limit", "0", BEHAVIOUR, REAL(0.0, 1000.0), AT(max_rate) },
+    { "json", NULL, "print a summary as one JSON object on standard output", NULL, .section = "Messages", SWITCH,
+      AT(json) },
+    { .name = NULL },
 };
 
 static bool ends_with(const char *text, const char *end)
@@ -351,25 +328,18 @@ static bool ends_with(const char *text, const char *end)
     return a >= b && strcmp(text + a - b, end) == 0;
 }
 
-static enum err parse_format(struct record *r, const char *name, struct reason *why)
+static enum err choose_format(struct record *r, struct reason *why)
 {
     const bool jpg = ends_with(r->out.text, ".jpg") || ends_with(r->out.text, ".jpeg"),
                exr = ends_with(r->out.text, ".exr");
 
-    if (!name && !jpg && !exr)
+    if (!r->format && !jpg && !exr)
         return err_say(why, ERR_USAGE, "--out '%s' ends neither in .jpg nor in .exr: --format is missing", r->out.text);
-    if (!name)
+    if (!r->format)
         r->format = jpg ? PROTOCOL_JPEG : PROTOCOL_EXR_FLOAT;
-    else if (strcmp(name, "jpeg") == 0)
-        r->format = PROTOCOL_JPEG;
-    else if (strcmp(name, "exr-half") == 0)
-        r->format = PROTOCOL_EXR_HALF;
-    else if (strcmp(name, "exr-float") == 0)
-        r->format = PROTOCOL_EXR_FLOAT;
-    else
-        return err_say(why, ERR_USAGE, "unknown --format '%s'; expected jpeg, exr-half or exr-float", name);
     if ((jpg && r->format != PROTOCOL_JPEG) || (exr && r->format == PROTOCOL_JPEG))
-        return err_say(why, ERR_USAGE, "--format %s does not match --out '%s'", name, r->out.text);
+        return err_say(why, ERR_USAGE, "--format %s does not match --out '%s'", choice_name(format_choices, r->format),
+                       r->out.text);
     return ERR_OK;
 }
 
@@ -388,64 +358,35 @@ static enum err check_folder(const struct file_pattern *p, struct reason *why)
     return err_say(why, ERR_IO, "%s: cannot write to this folder: %s", slash ? folder : ".", strerror(errno));
 }
 
-static enum err read_output_options(const struct options *o, struct record *r, struct reason *why)
+static enum err check_output_options(struct record *r, struct reason *why)
 {
-    uint64_t quality = 0;
-    const char *out = options_get(o, "out");
-
-    if (!out)
+    if (!r->pattern)
         return err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.jpg");
-    enum err e = file_pattern_parse(out, "--out", &r->out, why);
+    enum err e = file_pattern_parse(r->pattern, "--out", &r->out, why);
     if (!e)
-        e = parse_format(r, options_get(o, "format"), why);
-    if (!e && options_get(o, "quality"))
-        e = options_u64(o, "quality", 1, 100, &quality, why);
-    if (!e && quality && r->format != PROTOCOL_JPEG)
+        e = choose_format(r, why);
+    if (!e && r->quality && r->format != PROTOCOL_JPEG)
         e = err_say(why, ERR_USAGE, "--quality applies only to JPEG");
-    r->quality = (int)quality;
-    if (!e && options_get(o, "frames"))
-        e = options_u64(o, "frames", 1, UINT64_MAX, &r->wanted, why);
-    if (!e && options_on(o, "once"))
-        r->wanted = 1;
+    r->wanted = r->once ? 1 : r->wanted;
     if (!e && !r->out.length && r->wanted != 1)
         e = err_say(why, ERR_USAGE, "--out '%s' names one file: include %%04d, or use --once for a single picture",
-                    out);
+                    r->pattern);
     return e ? e : check_folder(&r->out, why);
 }
 
-static enum err read_options(const struct options *o, struct record *r, struct reason *why)
+static enum err check_options(struct record *r, struct reason *why)
 {
-    uint64_t tries = 0;
-    struct connection_desc *d = &r->connection_desc;
-    enum err e = read_output_options(o, r, why);
+    enum err e = check_output_options(r, why);
 
-    r->json = options_on(o, "json");
-    r->recorder = options_get(o, "recorder")  ? options_get(o, "recorder")
-                  : options_on(o, "lockstep") ? "default"
-                                              : NULL;
-    r->token = options_get(o, "token") ? options_get(o, "token") : getenv("RELIGHT_TOKEN");
-    d->url = options_get(o, "from");
-    d->ca_file = options_get(o, "ca");
-    d->quiet = options_on(o, "quiet");
-    d->tries = -1;
-    d->binary_most = PICTURE_MAX;
+    if (!r->recorder && r->lockstep)
+        r->recorder = "default";
     if (!e && r->recorder && !message_is_sequence_name(r->recorder))
         e = err_say(why, ERR_USAGE, "--recorder '%s' is not 1 to 64 letters, digits, '.', '_' or '-'", r->recorder);
-    if (!e && r->recorder && options_on(o, "once"))
+    if (!e && r->recorder && r->once)
         e = err_say(why, ERR_USAGE, "--once and lockstep exclude each other: lockstep stores every picture");
-    if (!e)
-        e = options_double(o, "max-rate", 0.0, 1000.0, &r->max_rate, why);
     if (!e && r->recorder && r->max_rate > 0.0)
         e = err_say(why, ERR_USAGE, "--max-rate and lockstep exclude each other: lockstep stores every picture");
-    if (!e)
-        e = options_double(o, "give-up-after", 0.0, 1e6, &d->give_up_s, why);
-    if (!e && options_get(o, "retry")) {
-        e = options_u64(o, "retry", 0, 1000000, &tries, why);
-        d->tries = (int64_t)tries;
-    }
-    if (!e && r->token && strlen(r->token) > 255)
-        e = err_say(why, ERR_USAGE, "--token: longer than 255 bytes");
-    return e ? e : journal_open(&r->journal, options_get(o, "index"), why);
+    return e ? e : journal_open(&r->journal, r->index_path, why);
 }
 
 static const char *end_name(const struct record *r, enum connection_end end)
@@ -455,41 +396,24 @@ static const char *end_name(const struct record *r, enum connection_end end)
     return r->failed ? "failed" : end == CONNECTION_LOST ? "lost" : "refused";
 }
 
-static json_t *number_or_null(bool is, uint64_t number)
-{
-    return is ? json_integer((json_int_t)number) : json_null();
-}
-
 static void print_summary(const struct record *r, enum connection_end end, const char *message)
 {
-    int64_t ahead_us = 0, uncertain_us = 0;
-    const bool clock = connection_clock(r->connection, &ahead_us, &uncertain_us);
     const struct span *l = &r->latency;
+    json_t *latency = json_null();
 
-    json_t *j = json_pack(
-        "{s:s, s:s, s:I, s:I, s:I, s:I, s:s?, s:o, s:o, s:i, s:f, s:o, s:o}", "end", end_name(r, end), "message",
-        message, "stored", (json_int_t)r->stored, "again", (json_int_t)r->again, "unreadable",
-        (json_int_t)r->unreadable, "bytes", (json_int_t)r->bytes, "recorder", r->recorder, "first_frame",
-        number_or_null(r->stored > 0, r->first), "last_frame", number_or_null(r->stored > 0, r->last), "connections",
-        (int)connection_count(r->connection), "seconds", clock_seconds() - r->start_s, "clock",
-        clock
-            ? json_pack("{s:I, s:I}", "server_ahead_us", (json_int_t)ahead_us, "uncertain_us", (json_int_t)uncertain_us)
-            : json_null(),
-        "latency_ms",
-        l->count > 0
-            ? json_pack("{s:f, s:f, s:f, s:f}", "least", 1e-3 * l->least, "mean", 1e-3 * l->sum / (double)l->count,
-                        "most", 1e-3 * l->most, "uncertain", 1e-3 * (double)r->uncertain_us)
-            : json_null());
-    if (!j)
-        return;
-    json_dumpf(j, stdout, JSON_REAL_PRECISION(6));
-    fputs("\n", stdout);
-    json_decref(j);
+    if (l->count > 0)
+        latency = json_pack("{s:f, s:f, s:f, s:f}", "least", 1e-3 * l->least, "mean", 1e-3 * l->sum / (double)l->count,
+                            "most", 1e-3 * l->most, "uncertain", 1e-3 * (double)r->uncertain_us);
+    client_print(json_pack("{s:s, s:s, s:I, s:I, s:I, s:I, s:s?, s:o, s:o, s:o}", "end", end_name(r, end), "message",
+                           message, "stored", (json_int_t)r->stored, "again", (json_int_t)r->again, "unreadable",
+                           (json_int_t)r->unreadable, "bytes", (json_int_t)r->bytes, "recorder", r->recorder,
+                           "first_frame", client_number(r->stored > 0, r->first), "last_frame",
+                           client_number(r->stored > 0, r->last), "latency_ms", latency),
+                 r->connection);
 }
 
 static int run(struct record *r, struct reason *why)
 {
-    r->start_s = clock_seconds();
     progress_begin(&r->line, "pictures", r->wanted, r->connection_desc.quiet ? NULL : stderr);
     const enum connection_end end = connection_run(r->connection, why);
     progress_end(&r->line);
@@ -501,50 +425,40 @@ static int run(struct record *r, struct reason *why)
         log_info("%" PRIu64 " pictures stored", r->stored);
     if (end == CONNECTION_DONE && r->recorder && r->ended && r->stored == 0)
         log_warning("sequence %s has already ended; use another name to start a new one", r->recorder);
-    if (end == CONNECTION_REFUSED)
-        return EXIT_REFUSED;
-    return end == CONNECTION_DONE && !r->missed && (r->ended || (!r->recorder && !r->wanted)) ? 0 : 1;
+    return client_exit_code(end, !r->missed && (r->ended || (!r->recorder && !r->wanted)));
 }
 
 int main(int argc, char **argv)
 {
-    struct options options = {
-        .program = "relight-record",
+    static struct record r = { .journal = { .fd = -1 } };
+    struct command command = {
+        .name = "relight-record",
         .synopsis = "--out PATTERN [--from ws://HOST:PORT] [flags]",
         .about = "Stores the pictures of a relightd as files, written atomically and named by the number of the frame\n"
                  "that lit it; a repeated number replaces its file. Reconnects when the connection is lost.\n"
                  "Exit code: 0 everything requested is stored (without --frames and --lockstep: until Ctrl-C),\n"
                  "1 not everything, 2 wrong usage, 3 refused by the server (role, token, version, or already taken).",
-        .rows = rows,
+        .lists = { { rows, &r }, { client_rows, &r.connection_desc } },
     };
-    static struct record r = { .journal = { .fd = -1 } };
     struct reason why = { "" };
     bool done;
+    enum err e = client_start(&command, argc, argv, &done, &why);
 
-    log_init("relight-record", LOG_INFO);
-    enum err e = options_parse(&options, argc, argv, &done, &why);
     if (!e && done)
         return 0;
     if (!e)
-        e = read_options(&options, &r, &why);
-    if (!e && r.connection_desc.quiet)
-        log_init("relight-record", LOG_ERROR);
-    sigaction(SIGINT, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
-    sigaction(SIGTERM, &(struct sigaction){ .sa_handler = ask_to_stop }, NULL);
-    sigaction(SIGPIPE, &(struct sigaction){ .sa_handler = SIG_IGN }, NULL);
-    sigaction(SIGXFSZ, &(struct sigaction){ .sa_handler = SIG_IGN },
-              NULL); /* exceeding a size limit is then an ordinary error */
+        e = check_options(&r, &why);
+    r.connection_desc.role = r.recorder ? "recorder" : "viewer";
+    r.connection_desc.recorder = r.recorder;
+    r.connection_desc.binary_most = PICTURE_MAX;
     r.connection_desc.user = &r;
-    r.connection_desc.hooks = (struct connection_hooks){
-        .hello = say_hello, .welcome = on_welcome, .text = on_text, .binary = on_binary, .tick = on_tick
-    };
+    r.connection_desc.hooks =
+        (struct connection_hooks){ .welcome = on_welcome, .text = on_text, .binary = on_binary, .tick = on_tick };
     if (!e)
         e = connection_create(&r.connection_desc, &r.connection, &why);
-    int code = err_exit_code(e);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));
-    else
-        code = run(&r, &why);
+    const int code = e ? err_exit_code(e) : run(&r, &why);
     connection_destroy(r.connection);
     journal_close(&r.journal);
     return code;

@@ -189,23 +189,23 @@ unsigned config_line(const struct config *c, size_t index)
     return c->entries[index].line;
 }
 
-enum err config_apply(const struct config *c, size_t index, struct options *o, struct reason *why)
+enum err config_apply(const struct config *c, size_t index, struct command *to, struct reason *why)
 {
     const struct entry *e = &c->entries[index];
-    struct option_row *row = options_row(o, e->key);
+    struct command_flag *f = command_flag(to, e->key);
 
-    if (!row)
-        return err_say(why, ERR_USAGE, "%s:%u: %s: %s has no such flag", c->name, e->line, e->key, o->program);
-    if (!row->value) {
+    if (!f)
+        return err_say(why, ERR_USAGE, "%s:%u: %s: %s has no such flag", c->name, e->line, e->key, to->name);
+    if (!f->row->unit) {
         if (!json_is_boolean(e->value))
             return err_say(why, ERR_USAGE, "%s:%u: %s: is a switch; expected true or false", c->name, e->line, e->key);
-        row->given = json_is_true(e->value) ? "1" : NULL;
+        f->given = json_is_true(e->value) ? "1" : NULL;
         return ERR_OK;
     }
     if (!json_is_string(e->value) && !json_is_number(e->value))
         return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or a number: %s", c->name, e->line, e->key,
-                       row->value);
-    row->given = json_is_string(e->value) ? json_string_value(e->value) : e->text;
+                       f->row->unit);
+    f->given = json_is_string(e->value) ? json_string_value(e->value) : e->text;
     return ERR_OK;
 }
 

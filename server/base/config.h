@@ -6,7 +6,7 @@
 #define BASE_CONFIG_H
 
 #include "base/err.h"
-#include "base/options.h"
+#include "base/command.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -34,7 +34,7 @@ unsigned config_line(const struct config *c, size_t index);   /* line of the key
 
 /* Copies the value of key `index` to the flag of that name. ERR_USAGE, with file, line and key: the table has no such
  * flag, or the flag does not take a value of this type. */
-MUST_CHECK enum err config_apply(const struct config *c, size_t index, struct options *o, struct reason *why);
+MUST_CHECK enum err config_apply(const struct config *c, size_t index, struct command *to, struct reason *why);
 
 /* Prefixes *why with file, line and key: "F:3: port: '0' is ...". Returns e. */
 enum err config_add_location(const struct config *c, size_t index, enum err e, struct reason *why);

@@ -1,13 +1,13 @@
 /* server/base/setting.h */
 /* Settings as rows of a table: from one row follow the flag, the key of the configuration file, --help, the manual, the
  * field of control messages, its range and its clause of PROTOCOL.md, and where the value is stored. Rows are constant
- * and shared; values are plain structs of the caller's. Functions of their arguments, any thread, but for those that
- * take a struct command: main thread. */
+ * and shared; values are plain structs of the caller's. Functions of their arguments, any thread. */
 #ifndef BASE_SETTING_H
 #define BASE_SETTING_H
 
 #include "base/choice.h"
-#include "base/options.h"
+
+#include <stdint.h>
 
 struct json_t;
 
@@ -90,40 +90,6 @@ int64_t setting_whole(const struct setting *row, const void *values);
 double setting_real(const struct setting *row, const void *values);
 void setting_store_whole(const struct setting *row, void *values, uint64_t v);
 void setting_store_real(const struct setting *row, void *values, double v);
-
-/* ---- Flags ---- */
-
-#define COMMAND_LISTS 2
-#define COMMAND_ROWS 96
-#define COMMAND_TEXT 3072
-
-/* The command line of one program. */
-struct command {
-    struct options options;                   /* the caller sets program, synopsis, about, epilogue and operand_max */
-    unsigned program;                         /* FOR_* bit */
-    struct setting_list lists[COMMAND_LISTS]; /* rows NULL: none */
-
-    struct option_row rows[COMMAND_ROWS];        /* filled by command_begin, with */
-    const char *initial[COMMAND_ROWS];           /* their defaults */
-    const struct setting *setting[COMMAND_ROWS]; /* NULL: a heading */
-    char text[COMMAND_TEXT];                     /* and help texts */
-};
-
-/* Puts all flags at their defaults. c must not be moved afterwards. */
-void command_begin(struct command *c);
-
-/* Another default of a flag, static, for this program. Between command_begin and command_parse. */
-void command_default(struct command *c, const char *name, const char *initial);
-
-/* As options_parse. `--FLAG help` of an enumerated flag prints its choices and sets *done. */
-MUST_CHECK enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why);
-
-/* Stores the values of all flags that have one into the lists' structs; others are left as they are. ERR_USAGE names
- * the flag. */
-MUST_CHECK enum err command_read(const struct command *c, struct reason *why);
-
-/* Whether the flag, which the program has, was given, be it its default. */
-bool command_given(const struct command *c, const char *name);
 
 /* ---- Control messages ---- */
 

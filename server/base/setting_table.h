@@ -3,7 +3,7 @@
 #ifndef BASE_SETTING_TABLE_H
 #define BASE_SETTING_TABLE_H
 
-#include "base/setting.h"
+#include "base/command.h"
 
 /* .offset and .size of a field. */
 #define SETTING_AT(type, field) .offset = offsetof(struct type, field), .size = sizeof(((struct type *)0)->field)

@@ -73,13 +73,13 @@ static enum err take_tokens(struct config_reading *s, struct reason *why)
     enum err e = ERR_OK;
 
     for (size_t i = 0; i < TOKENS && !e; i++) {
-        struct option_row *row = options_row(&s->flags.command.options, token_flags[i]);
+        struct command_flag *token = command_flag(&s->flags.command, token_flags[i]);
         char flag[64], path[4096];
         snprintf(flag, sizeof(flag), "%s-file", token_flags[i]);
-        const char *file = options_get(&s->flags.command.options, flag);
-        if (file && row->given)
+        const char *file = command_get(&s->flags.command, flag);
+        if (file && token->given)
             return err_say(why, ERR_USAGE, "--%s and --%s exclude each other", token_flags[i], flag);
-        if (!file && !row->given && folder &&
+        if (!file && !token->given && folder &&
             snprintf(path, sizeof(path), "%s/%s", folder, token_flags[i]) < (int)sizeof(path) &&
             access(path, R_OK) == 0)
             e = read_token(path, false, s->tokens[i], why);
@@ -87,7 +87,7 @@ static enum err take_tokens(struct config_reading *s, struct reason *why)
             e = read_token(file, true, s->tokens[i], why);
         else
             continue;
-        row->given = s->tokens[i];
+        token->given = s->tokens[i];
     }
     return e;
 }
@@ -116,14 +116,14 @@ static enum err try_key(const struct config *c, size_t index, struct reason *why
         e = config_add_location(c, index, err_say(why, ERR_USAGE, "it belongs on a command line"), why);
         goto done;
     }
-    e = config_apply(c, index, &s->flags.command.options, why);
+    e = config_apply(c, index, &s->flags.command, why);
     if (e)
         goto done; /* it names the place already */
     const char *key = config_key(c, index);
     if (strncmp(key, "token-", 6) == 0 && strcmp(key + strlen(key) - 5, "-file") == 0)
-        e = access(options_get(&s->flags.command.options, key), R_OK) == 0
+        e = access(command_get(&s->flags.command, key), R_OK) == 0
                 ? ERR_OK
-                : err_say(why, ERR_USAGE, "%s: cannot be read: %s", options_get(&s->flags.command.options, key),
+                : err_say(why, ERR_USAGE, "%s: cannot be read: %s", command_get(&s->flags.command, key),
                           strerror(errno));
     else
         e = try_out(&s->flags, why);
@@ -174,7 +174,7 @@ static enum err take_file(struct config_reading *s, const char *path, struct rea
     for (size_t i = 0; i < config_count(s->config) && !e; i++) {
         const char *key = config_key(s->config, i);
         secret |= strncmp(key, "token-", 6) == 0 && strcmp(key + strlen(key) - 5, "-file") != 0;
-        e = config_apply(s->config, i, &s->flags.command.options, why);
+        e = config_apply(s->config, i, &s->flags.command, why);
     }
     if (secret && config_is_readable_by_others(s->config))
         log_warning("%s holds tokens, and others than its owner may read it: chmod 600, or token-...-file", path);
@@ -196,7 +196,7 @@ static enum err config_reading_create(int argc, char **argv, struct config_readi
     e = command_parse(&s->flags.command, argc, argv, done, why);
     if (e || *done)
         goto failed;
-    const char *path = options_get(&s->flags.command.options, "config");
+    const char *path = command_get(&s->flags.command, "config");
     if (path)
         e = take_file(s, path, why);
     if (!e)
@@ -265,7 +265,7 @@ enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, 
     e = understand(s, c, why);
     if (e)
         return e;
-    if (options_on(&s->flags.command.options, "check-config")) {
+    if (command_get(&s->flags.command, "check-config")) {
         *done = true;
         return check(s, c, why);
     }
@@ -296,12 +296,13 @@ static unsigned compare(const struct config_reading *before, const struct config
     const struct command *c = &after->flags.command;
     unsigned changed = 0;
 
-    for (size_t k = 0; c->rows[k].name; k++) {
-        const char *name = c->rows[k].name, *now = c->rows[k].given, *old = before->flags.command.rows[k].given;
-        if (!name[0] || same(old, now))
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct setting *row = c->flags[k].row;
+        const char *name = row->name, *now = c->flags[k].given, *old = before->flags.command.flags[k].given;
+        if (same(old, now))
             continue;
         const bool certificate = strncmp(name, "tls-", 4) == 0 && old && now;
-        const enum setting_reload reload = certificate ? RELOAD_SERVER : c->setting[k]->reload;
+        const enum setting_reload reload = certificate ? RELOAD_SERVER : row->reload;
         changed |= 1u << reload;
         if (strncmp(name, "token-", 6) == 0)
             log_info("reload: %s has changed", name);
@@ -323,9 +324,9 @@ static void change_settings(struct settings_store *settings, const struct daemon
     const struct command *c = &after->flags.command;
     bool effort = false;
 
-    for (size_t k = 0; c->rows[k].name; k++) {
-        const struct setting *row = c->setting[k];
-        if (!row || row->reload != RELOAD_SETTINGS || same(before->flags.command.rows[k].given, c->rows[k].given))
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct setting *row = c->flags[k].row;
+        if (row->reload != RELOAD_SETTINGS || same(before->flags.command.flags[k].given, c->flags[k].given))
             continue;
         setting_copy(row, &s, n);
         effort |= row->group > 0 || strcmp(row->name, "method") == 0;

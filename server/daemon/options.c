@@ -83,14 +83,12 @@ static const struct setting table[] = {
 void daemon_flags_init(struct daemon_flags *f)
 {
     f->command = (struct command){
-        .options = {
-            .program = "relightd",
-            .synopsis = "[--scene FILE] [--source S] [flags]",
-            .about = "Lights a scene by a live stream of environment frames and shows it in a browser.\n"
-                     "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
-            .epilogue_title = "keys of sky:, with their defaults",
-            .epilogue = sky_help,
-        },
+        .name = "relightd",
+        .synopsis = "[--scene FILE] [--source S] [flags]",
+        .about = "Lights a scene by a live stream of environment frames and shows it in a browser.\n"
+                 "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
+        .epilogue_title = "keys of sky:, with their defaults",
+        .epilogue = sky_help,
         .program = FOR_RELIGHTD,
         .lists = { { settings_table, NULL }, { table, NULL } },
     };

@@ -4,7 +4,7 @@
 
 #include "daemon/config.h"
 
-#include "base/setting.h"
+#include "base/command.h"
 
 /* All flags with the value each was given. */
 struct daemon_flags {

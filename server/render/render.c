@@ -37,9 +37,9 @@ static enum err open_source(struct render *r, struct reason *why)
     struct source_desc one = r->desc.source;
     enum err e = source_open(&one, &r->source, why);
 
-    if (!e && source_count(r->source) == 0 && !one.has_range) { /* a sky has no last frame: take its first */
+    if (!e && source_count(r->source) == 0 && !one.frames.given) { /* a sky has no last frame: take its first */
         source_close(r->source);
-        one.has_range = true;
+        one.frames.given = true;
         e = source_open(&one, &r->source, why);
     }
     return e;

@@ -1,12 +1,15 @@
-/* --probe, --probe-samples and --probe-preset, in a table of options that has them. Main thread. */
+/* --probe, --probe-samples and --probe-preset, in a table of flags that has them. Main thread. */
 #ifndef SETTINGS_PROBE_OPTIONS_H
 #define SETTINGS_PROBE_OPTIONS_H
 
-#include "base/options.h"
+#include "base/command.h"
 #include "probe/probe_report.h"
 
-/* *asked: there is a question, about a pixel of a picture of that size. ERR_USAGE names the flag. */
-MUST_CHECK enum err probe_options_read(const struct options *o, uint32_t width, uint32_t height, bool *asked,
+extern const struct setting_choice probe_presets[]; /* values of the field `figure` */
+
+/* After command_read, which reads samples and preset. *asked: --probe is given; its pixel, of an image of that size,
+ * goes to *out. ERR_USAGE names the flag. */
+MUST_CHECK enum err probe_options_read(const struct command *c, uint32_t width, uint32_t height, bool *asked,
                                        struct probe_request *out, struct reason *why);
 
 #endif

@@ -5,7 +5,7 @@
 #ifndef SETTINGS_SETTINGS_H
 #define SETTINGS_SETTINGS_H
 
-#include "base/setting.h"
+#include "base/command.h"
 #include "film/film.h"
 #include "light/relight.h"
 #include "source/source.h"
@@ -49,7 +49,6 @@ struct setup {
 
     /* As flags have them; setup_complete puts them where they belong. */
     uint32_t size[2];
-    struct setting_frames frames;
     const char *cpu;
 };
 

@@ -88,7 +88,7 @@ const struct setting settings_table[] = {
     { "source", "S", "environment, of which the first frame is used; converted to OpenEXR in memory", "sky:", SCENE,
       FOR_BENCH, TEXT, AT(source_desc.spec) },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL, SCENE, LIGHT_PROGRAMS,
-      .type = SETTING_FRAMES, AT(frames) },
+      .type = SETTING_FRAMES, AT(source_desc.frames) },
     { "once", NULL, "stop after the last frame and keep its image; default: start again", NULL, SCENE, FOR_RELIGHTD,
       SWITCH_OFF, AT(source_desc.loop) },
     { "layout", "L", "layout of the environment map", "auto", SCENE, LIGHT_PROGRAMS, CHOICE(layout_choices),
@@ -153,9 +153,6 @@ enum err setup_complete(struct setup *s, struct reason *why)
     s->set_desc.width = s->size[0];
     s->set_desc.height = s->size[1];
     s->set_desc.interleave = s->light.direct.interleave;
-    s->source_desc.has_range = s->frames.given;
-    s->source_desc.first = s->frames.first;
-    s->source_desc.last = s->frames.last;
     s->light.direct.method = initial->method;
     s->light.direct.samples = initial->samples;
     s->light.classes = initial->classes;

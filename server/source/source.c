@@ -17,8 +17,8 @@
 
 struct source {
     enum source_kind kind;
-    bool has_range, loop;
-    uint64_t first, last;
+    struct setting_frames frames;
+    bool loop;
     struct file_list files; /* SOURCE_FILES: only files within the range */
     struct watch watch;     /* SOURCE_WATCH */
     struct sky_desc sky;    /* SOURCE_SKY */
@@ -34,7 +34,7 @@ static bool starts_with(const char *text, const char *start)
 
 static bool in_range(const struct source *s, uint64_t number)
 {
-    return !s->has_range || (number >= s->first && number <= s->last);
+    return !s->frames.given || (number >= s->frames.first && number <= s->frames.last);
 }
 
 /* Keeps only files whose number is in the range. */
@@ -56,7 +56,7 @@ static enum err cut_to_range(struct source *s, const char *spec, struct reason *
     return err_say(why, ERR_USAGE,
                    "%s: no frame in the range from %" PRIu64 " to %" PRIu64 "; the numbers run from %" PRIu64
                    " to %" PRIu64,
-                   spec, s->first, s->last, least, most);
+                   spec, s->frames.first, s->frames.last, least, most);
 }
 
 /* Files are in ascending order. */
@@ -83,8 +83,8 @@ static enum err open_spec(struct source *s, const char *spec, struct reason *why
     }
     if (starts_with(spec, "sky:")) {
         s->kind = SOURCE_SKY;
-        s->sky_frame = s->has_range ? s->first : 0;
-        if (s->has_range && s->last > FRAME_NUMBER_MAX)
+        s->sky_frame = s->frames.given ? s->frames.first : 0;
+        if (s->frames.given && s->frames.last > FRAME_NUMBER_MAX)
             return err_say(why, ERR_USAGE, "%s: no frame can have a number above %" PRIu64, spec, FRAME_NUMBER_MAX);
         return sky_parse(spec + strlen("sky:"), &s->sky, why);
     }
@@ -98,15 +98,13 @@ enum err source_open(const struct source_desc *desc, struct source **out, struct
 {
     *out = NULL;
     assert(desc->spec);
-    if (desc->has_range && desc->first > desc->last)
+    if (desc->frames.given && desc->frames.first > desc->frames.last)
         return err_say(why, ERR_USAGE, "%s: the frame range ends before it starts", desc->spec);
     struct source *s = mem_alloc(1, sizeof(*s));
     if (!s)
         return err_say(why, ERR_NOMEM, "%s: out of memory", desc->spec);
     s->kind = SOURCE_FILES;
-    s->has_range = desc->has_range;
-    s->first = desc->first;
-    s->last = desc->last;
+    s->frames = desc->frames;
     s->loop = desc->loop;
     const enum err e = open_spec(s, desc->spec, why);
     if (e)
@@ -153,7 +151,7 @@ static enum err next_watched(struct source *s, struct frame *f, struct reason *w
     const struct file_item *item = NULL;
 
     const enum err e = watch_next(&s->watch, WATCH_WAIT_MS, &item, why);
-    if (e == ERR_END || (item && s->has_range && item->number > s->last))
+    if (e == ERR_END || (item && s->frames.given && item->number > s->frames.last))
         return ERR_END;
     forget(f);
     if (e || !item || !in_range(s, item->number))
@@ -172,7 +170,7 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
         if (!s->loop)
             return ERR_END;
         s->sky_ended = false;
-        s->sky_frame = s->first;
+        s->sky_frame = s->frames.first;
     }
     forget(f);
     f->capture_us = clock_wall_us(); /* computed light is as old as its computation */
@@ -180,12 +178,12 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
         return err_say(why, ERR_NOMEM, "sky: out of memory for %" PRIu32 "x%" PRIu32 " texels", s->sky.width,
                        s->sky.height);
     f->number = s->sky_frame;
-    s->position = s->sky_frame - (s->has_range ? s->first : 0);
+    s->position = s->sky_frame - (s->frames.given ? s->frames.first : 0);
     sky_state_at(&s->sky, f->number, &state);
     snprintf(f->name, sizeof(f->name), "sky: frame %" PRIu64 ", sun at %.1f degrees", f->number,
              state.sun_elevation * 57.29577951308232);
     sky_render(&s->sky, &state, f->rgb);
-    if (s->has_range && s->sky_frame == s->last)
+    if (s->frames.given && s->sky_frame == s->frames.last)
         s->sky_ended = true;
     else if (s->sky_frame < FRAME_NUMBER_MAX) /* else it stands still */
         s->sky_frame++;
@@ -207,7 +205,7 @@ uint64_t source_count(const struct source *s)
     switch (s->kind) {
     case SOURCE_FILES: return s->files.count;
     case SOURCE_WATCH: return 0;
-    case SOURCE_SKY: return s->has_range ? s->last - s->first + 1 : 0;
+    case SOURCE_SKY: return s->frames.given ? s->frames.last - s->frames.first + 1 : 0;
     }
     return 0;
 }
@@ -228,12 +226,12 @@ bool source_seek(struct source *s, uint64_t position)
 
     if (s->kind == SOURCE_WATCH || (length > 0 && position >= length))
         return false;
-    if (position > FRAME_NUMBER_MAX - (s->has_range ? s->first : 0))
+    if (position > FRAME_NUMBER_MAX - (s->frames.given ? s->frames.first : 0))
         return false;
     if (s->kind == SOURCE_FILES) {
         s->files.next = (size_t)position;
     } else {
-        s->sky_frame = position + (s->has_range ? s->first : 0);
+        s->sky_frame = position + (s->frames.given ? s->frames.first : 0);
         s->sky_ended = false;
     }
     return true;
@@ -259,7 +257,7 @@ bool source_step(struct source *s, int64_t by)
 /* Hours since midnight of frame 0's day, for the last frame returned. */
 static double sky_hours(const struct source *s)
 {
-    return s->sky.hour + s->sky.speed_hours * (double)(s->position + (s->has_range ? s->first : 0));
+    return s->sky.hour + s->sky.speed_hours * (double)(s->position + (s->frames.given ? s->frames.first : 0));
 }
 
 bool source_hour(const struct source *s, double *out)

@@ -18,7 +18,7 @@
 #ifndef SOURCE_SOURCE_H
 #define SOURCE_SOURCE_H
 
-#include "base/err.h"
+#include "base/setting.h"
 #include "codec/frame.h"
 
 #include <stdbool.h>
@@ -29,9 +29,8 @@ struct source;
 
 struct source_desc {
     const char *spec; /* as on the command line */
-    bool has_range;   /* only frames with first <= number <= last */
-    uint64_t first, last;
-    bool loop; /* restart after the last frame; numbers repeat */
+    struct setting_frames frames; /* only frames with these numbers */
+    bool loop;                    /* restart after the last frame; numbers repeat */
 };
 
 /* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:

@@ -56,13 +56,11 @@ int main(int argc, char **argv)
     static struct bench_program b;
     static struct bench_report report;
     static struct command command = {
-        .options = {
-            .program = "relight-bench",
-            .synopsis = "[--scene FILE] [--source S] [flags]",
-            .about = "Measures the stages of the pipeline, and all of it, against their bare limits, each next to its\n"
-                     "limit in the same run, and prints both, their ratio, and whether it meets its target.\n"
-                     "For rates the ratio should be near 1; for times it says how many times the limit a stage takes.",
-        },
+        .name = "relight-bench",
+        .synopsis = "[--scene FILE] [--source S] [flags]",
+        .about = "Measures the stages of the pipeline, and all of it, against their bare limits, each next to its\n"
+                 "limit in the same run, and prints both, their ratio, and whether it meets its target.\n"
+                 "For rates the ratio should be near 1; for times it says how many times the limit a stage takes.",
         .program = FOR_BENCH,
         .lists = { { settings_table, &b.setup }, { rows, &b } },
     };

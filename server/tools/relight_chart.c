@@ -82,15 +82,13 @@ int main(int argc, char **argv)
 {
     static struct chart_program chart;
     static struct command command = {
-        .options = {
-            .program = "relight-chart",
-            .synopsis = "--out DIR [--quick] [--scenes LIST] [--sources LIST] [flags]",
-            .about =
-                "Charts the error of every method against its time, over scenes, skies and budgets, and writes a page\n"
-                "that says which to choose. References are kept in a cache, so that an interrupted chart continues.\n"
-                "Exit code: 0 done, 1 something failed, 2 wrong usage.",
-            .epilogue_title = "keys of sky:, with their defaults",
-        },
+        .name = "relight-chart",
+        .synopsis = "--out DIR [--quick] [--scenes LIST] [--sources LIST] [flags]",
+        .about =
+            "Charts the error of every method against its time, over scenes, skies and budgets, and writes a page\n"
+            "that says which to choose. References are kept in a cache, so that an interrupted chart continues.\n"
+            "Exit code: 0 done, 1 something failed, 2 wrong usage.",
+        .epilogue_title = "keys of sky:, with their defaults",
         .program = FOR_CHART,
         .lists = { { settings_table, &chart.setup }, { rows, &chart } },
     };
@@ -102,7 +100,7 @@ int main(int argc, char **argv)
     log_init("relight-chart", LOG_INFO);
     join(argc, argv, text, sizeof(text));
     chart.desc.command = text;
-    command.options.epilogue = sky_help;
+    command.epilogue = sky_help;
     command_begin(&command);
     command_default(&command, "size", NULL);
     enum err e = command_parse(&command, argc, argv, &done, &why);

@@ -7,7 +7,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "compare/metrics.h"
-#include "base/options.h"
+#include "base/setting_table.h"
 #include "base/vec.h"
 
 #include <inttypes.h>
@@ -16,20 +16,12 @@
 #include <stdio.h>
 #include <string.h>
 
-static struct option_row rows[] = {
-    { "", NULL, "what is compared", NULL },
-    { "mask", "FILE", "a picture of the same size: where it is black, pixels are left out", NULL },
-    { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02" },
-    { "pixels-per-degree", "X", "of the observer's eye, for FLIP", "67" },
-    { "", NULL, "what comes out", NULL },
-    { "map", "FILE", "error of each pixel: .png is coloured from 0.1 % to 100 %, .exr holds the squares", NULL },
-    { "json", NULL, "one JSON object in place of the table", NULL },
-    { "", NULL, "bounds: beyond one of them the exit code is 1", NULL },
-    { "max-mean", "X", "of the mean ratio's distance from 1, as 0.005", NULL },
-    { "max-relmse", "X", "of the relMSE without the worst pixels, as 1e-3", NULL },
-    { "max-delta-e", "X", "of the mean visible difference", NULL },
-    { "max-flip", "X", "of mean FLIP", NULL },
-    { NULL, NULL, NULL, NULL },
+enum bound {
+    BOUND_MEAN,
+    BOUND_RELMSE,
+    BOUND_DELTA_E,
+    BOUND_FLIP,
+    BOUNDS,
 };
 
 struct diff {
@@ -42,14 +34,30 @@ struct diff {
     struct metrics metrics;
     double flip; /* mean */
     bool json;
+    const char *mask_path, *map_path; /* NULL: none */
+    double bounds[BOUNDS];            /* INFINITY: none */
 };
 
-enum bound {
-    BOUND_MEAN,
-    BOUND_RELMSE,
-    BOUND_DELTA_E,
-    BOUND_FLIP,
-    BOUNDS,
+#define COMPARED .section = "what is compared"
+#define RESULT .section = "what comes out"
+#define BOUND(index) .section = "bounds: beyond one of them the exit code is 1", REAL(0.0, 1e9), AT(bounds[index])
+#define AT(field) SETTING_AT(diff, field)
+
+static const struct setting rows[] = {
+    { "mask", "FILE", "a picture of the same size: where it is black, pixels are left out", NULL, COMPARED, TEXT,
+      AT(mask_path) },
+    { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02", COMPARED, REAL(0.0, 1.0),
+      AT(trim) },
+    { "pixels-per-degree", "X", "of the observer's eye, for FLIP", "67", COMPARED,
+      REAL(1.0, FLIP_PIXELS_PER_DEGREE_MAX), AT(pixels_per_degree) },
+    { "map", "FILE", "error of each pixel: .png is coloured from 0.1 % to 100 %, .exr holds the squares", NULL, RESULT,
+      TEXT, AT(map_path) },
+    { "json", NULL, "one JSON object in place of the table", NULL, RESULT, SWITCH, AT(json) },
+    { "max-mean", "X", "of the mean ratio's distance from 1, as 0.005", NULL, BOUND(BOUND_MEAN) },
+    { "max-relmse", "X", "of the relMSE without the worst pixels, as 1e-3", NULL, BOUND(BOUND_RELMSE) },
+    { "max-delta-e", "X", "of the mean visible difference", NULL, BOUND(BOUND_DELTA_E) },
+    { "max-flip", "X", "of mean FLIP", NULL, BOUND(BOUND_FLIP) },
+    { .name = NULL },
 };
 
 static enum err load(const char *path, struct image *im, struct reason *why)
@@ -214,7 +222,7 @@ static enum err print_json(const struct diff *d, struct reason *why)
 }
 
 /* Prints each bound that is exceeded; how many. What is no number exceeds every bound. */
-static int exceeded(const struct diff *d, const double bounds[BOUNDS])
+static int exceeded(const struct diff *d)
 {
     static const char *const names[BOUNDS] = { "mean ratio off by", "relMSE without the worst", "delta E*ab", "FLIP" };
     const double values[BOUNDS] = { fabs(d->metrics.mean_ratio - 1.0), d->metrics.rel_mse_trimmed, d->metrics.delta_e,
@@ -222,61 +230,43 @@ static int exceeded(const struct diff *d, const double bounds[BOUNDS])
     int count = 0;
 
     for (int i = 0; i < BOUNDS; i++) {
-        if (isfinite(bounds[i]) && !(values[i] <= bounds[i])) {
-            log_error("%s %.4g exceeds %.4g", names[i], values[i], bounds[i]);
+        if (isfinite(d->bounds[i]) && !(values[i] <= d->bounds[i])) {
+            log_error("%s %.4g exceeds %.4g", names[i], values[i], d->bounds[i]);
             count++;
         }
     }
     return count;
 }
 
-static enum err read_bounds(const struct options *o, double bounds[BOUNDS], struct reason *why)
-{
-    static const char *const flags[BOUNDS] = { "max-mean", "max-relmse", "max-delta-e", "max-flip" };
-
-    for (int i = 0; i < BOUNDS; i++) {
-        bounds[i] = INFINITY;
-        if (!options_get(o, flags[i]))
-            continue;
-        const enum err e = options_double(o, flags[i], 0.0, 1e9, &bounds[i], why);
-        if (e)
-            return e;
-    }
-    return ERR_OK;
-}
-
 /* Everything that the command line alone can get wrong, before any file is touched. */
-static enum err read_options(const struct options *o, struct diff *d, double bounds[BOUNDS], struct reason *why)
+static enum err read_options(const struct command *c, struct diff *d, struct reason *why)
 {
-    const char *map = options_get(o, "map");
-
-    if (o->operand_count != 2)
-        return err_say(why, ERR_USAGE, "two pictures are wanted, PICTURE and REFERENCE (see %s --help)", o->program);
-    if (map && !ends_with(map, ".png") && !ends_with(map, ".exr"))
-        return err_say(why, ERR_USAGE, "--map '%s' ends neither in .png nor in .exr", map);
-    d->names[0] = o->operands[0];
-    d->names[1] = o->operands[1];
-    d->json = options_on(o, "json");
-    enum err e = options_double(o, "trim", 0.0, 1.0, &d->trim, why);
-    if (!e)
-        e = options_double(o, "pixels-per-degree", 1.0, FLIP_PIXELS_PER_DEGREE_MAX, &d->pixels_per_degree, why);
-    return e ? e : read_bounds(o, bounds, why);
+    if (c->operand_count != 2)
+        return err_say(why, ERR_USAGE, "two pictures are wanted, PICTURE and REFERENCE (see %s --help)", c->name);
+    d->names[0] = c->operands[0];
+    d->names[1] = c->operands[1];
+    for (int i = 0; i < BOUNDS; i++)
+        d->bounds[i] = INFINITY;
+    const enum err e = command_read(c, why);
+    if (!e && d->map_path && !ends_with(d->map_path, ".png") && !ends_with(d->map_path, ".exr"))
+        return err_say(why, ERR_USAGE, "--map '%s' ends neither in .png nor in .exr", d->map_path);
+    return e;
 }
 
-static enum err run(const struct options *o, struct diff *d, double bounds[BOUNDS], struct reason *why)
+static enum err run(const struct command *c, struct diff *d, struct reason *why)
 {
-    enum err e = read_options(o, d, bounds, why);
+    enum err e = read_options(c, d, why);
 
     for (int i = 0; i < 2 && !e; i++)
         e = load(d->names[i], &d->images[i], why);
     if (!e)
         e = want_same_size(d->names[0], &d->images[0], d->names[1], &d->images[1], why);
-    if (!e && options_get(o, "mask"))
-        e = load_mask(d, options_get(o, "mask"), why);
+    if (!e && d->mask_path)
+        e = load_mask(d, d->mask_path, why);
     if (!e)
         e = compare(d, why);
     if (!e)
-        e = write_map(d, options_get(o, "map"), why);
+        e = write_map(d, d->map_path, why);
     if (e)
         return e;
     if (d->json)
@@ -287,8 +277,9 @@ static enum err run(const struct options *o, struct diff *d, double bounds[BOUND
 
 int main(int argc, char **argv)
 {
-    struct options o = {
-        .program = "relight-diff",
+    struct diff d = { 0 };
+    struct command command = {
+        .name = "relight-diff",
         .synopsis = "PICTURE REFERENCE [--map FILE] [--max-relmse X] ...",
         .about = "Compares two linear pictures (OpenEXR or Radiance .hdr): the ratio of their means, relMSE = mean((x "
                  "- r)^2 /\n"
@@ -297,25 +288,24 @@ int main(int argc, char **argv)
                  "log-average at 0.18), the mean CIE76 delta E*ab and FLIP, what an eye notices that sees both in turn "
                  "(0 to 1).\n"
                  "Exit code: 0, 1 beyond a bound or on failure, 2 usage.",
-        .rows = rows,
+        .lists = { { rows, &d } },
         .operand_max = 2,
     };
-    struct diff d = { 0 };
     struct reason why = { "" };
-    double bounds[BOUNDS];
     bool done = false;
     int code = 0;
 
-    log_init(o.program, LOG_INFO);
-    enum err e = options_parse(&o, argc, argv, &done, &why);
+    log_init(command.name, LOG_INFO);
+    command_begin(&command);
+    enum err e = command_parse(&command, argc, argv, &done, &why);
     if (!e && done)
         return 0;
     if (!e)
-        e = run(&o, &d, bounds, &why);
+        e = run(&command, &d, &why);
     if (e) {
         log_error("%s", why.text[0] ? why.text : err_text(e));
         code = err_exit_code(e);
-    } else if (exceeded(&d, bounds) > 0) {
+    } else if (exceeded(&d) > 0) {
         code = 1;
     }
     mem_free(d.map);

@@ -44,9 +44,10 @@ static const struct setting rows[] = {
       AT(components.mf) },
     { "probe", "X,Y", "print where this pixel's light comes from, one JSON object per frame; makes --out optional",
       NULL, OUTPUT, TEXT },
-    { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT, TEXT },
-    { "probe-preset", "P", "preset of --probe: fig1, as in figure 1 of Lu, Pacanowski and Granier 2013", NULL, OUTPUT,
-      TEXT },
+    { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT,
+      WHOLE(1, PROBE_SAMPLES_MAX), AT(probe.samples) },
+    { "probe-preset", "P", "preset of --probe, as in figure 1 of Lu, Pacanowski and Granier 2013", NULL, OUTPUT, CHOICE(probe_presets),
+      AT(probe.figure) },
     { "stats", "FILE", "write statistics, one JSON object per frame ('-': standard output)", NULL, OUTPUT, TEXT,
       AT(desc.stats_path) },
     { .name = NULL },
@@ -72,20 +73,19 @@ static enum err read_target(const struct command *c, struct render *r, struct re
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    const struct options *o = &c->options;
     static const char *const others[] = { "out", "frames", "stats", "fps", "error", "reseed", "half" };
 
-    if (options_get(o, "components")) {
+    if (command_get(c, "components")) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
-            if (options_get(o, others[k]))
+            if (command_get(c, others[k]))
                 return err_say(why, ERR_USAGE, "--%s has no meaning with --components", others[k]);
         if (command_given(c, "source"))
             return err_say(why, ERR_USAGE, "--source has no meaning with --components, which are for all skies");
         if (command_given(c, "scale"))
             return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
-        return components_read(options_get(o, "components"), &r->components, why);
+        return components_read(command_get(c, "components"), &r->components, why);
     }
-    r->desc.output.pattern = options_get(o, "out");
+    r->desc.output.pattern = command_get(c, "out");
     if (r->desc.output.pattern)
         return output_check(r->desc.output.pattern, why);
     return r->probing
@@ -102,7 +102,7 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
     if (!e)
         e = setup_complete(s, why);
     if (!e)
-        e = probe_options_read(&c->options, s->size[0], s->size[1], &r->probing, &r->probe, why);
+        e = probe_options_read(c, s->size[0], s->size[1], &r->probing, &r->probe, why);
     if (!e)
         e = read_out(c, r, why);
     s->set_desc.progress = true;
@@ -145,13 +145,11 @@ int main(int argc, char **argv)
 {
     static struct render r;
     static struct command command = {
-        .options = {
-            .program = "relight-render",
-            .synopsis = "--out PATTERN [--scene FILE] [--source S] [flags]",
-            .about = "Lights a scene by each frame of an environment sequence and writes the images to files.\n"
-                     "Exit code: 0 all frames rendered, 1 some could not be (each is named), 2 wrong usage.",
-            .epilogue_title = "keys of sky:, with their defaults",
-        },
+        .name = "relight-render",
+        .synopsis = "--out PATTERN [--scene FILE] [--source S] [flags]",
+        .about = "Lights a scene by each frame of an environment sequence and writes the images to files.\n"
+                 "Exit code: 0 all frames rendered, 1 some could not be (each is named), 2 wrong usage.",
+        .epilogue_title = "keys of sky:, with their defaults",
         .program = FOR_RENDER,
         .lists = { { settings_table, &r.setup }, { rows, &r } },
     };
@@ -159,7 +157,7 @@ int main(int argc, char **argv)
     bool done;
 
     log_init("relight-render", LOG_INFO);
-    command.options.epilogue = sky_help;
+    command.epilogue = sky_help;
     command_begin(&command);
     command_default(&command, "quality", "92");
     enum err e = command_parse(&command, argc, argv, &done, &why);

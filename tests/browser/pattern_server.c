@@ -6,7 +6,7 @@
 #include "video/h264.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/options.h"
+#include "base/setting_table.h"
 #include "stream/server.h"
 
 #include <turbojpeg.h>
@@ -269,23 +269,35 @@ static enum err run(struct pattern *p)
     return ERR_OK;
 }
 
+struct flags {
+    uint16_t port;
+    uint32_t quality, size[2];
+    double fps;
+    bool quiet, rough, h264;
+};
+
+#define ALL .section = "Flags"
+#define AT(field) SETTING_AT(flags, field)
+
+static const struct setting rows[] = {
+    { "port", "P", "the port; 0 takes any free one", "0", ALL, WHOLE(0, 65535), AT(port) },
+    { "fps", "N", "pictures a second", "30", ALL, REAL(0.1, 1000.0), AT(fps) },
+    { "size", "WxH", "their size", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
+    { "quality", "Q", "of the JPEG", "95", ALL, WHOLE(1, 100), AT(quality) },
+    { "quiet", NULL, "publishes nothing until told to", NULL, ALL, SWITCH, AT(quiet) },
+    { "rough", NULL, "a picture with grain", NULL, ALL, SWITCH, AT(rough) },
+    { "h264", NULL, "offers H.264 too, where it is built in", NULL, ALL, SWITCH, AT(h264) },
+    { .name = NULL },
+};
+
 int main(int argc, char **argv)
 {
-    struct option_row rows[] = {
-        { "port", "P", "the port; 0 takes any free one", "0" },
-        { "fps", "N", "pictures a second", "30" },
-        { "size", "WxH", "their size", "320x180" },
-        { "quality", "Q", "of the JPEG", "95" },
-        { "quiet", NULL, "publishes nothing until told to", NULL },
-        { "rough", NULL, "a picture with grain", NULL },
-        { "h264", NULL, "offers H.264 too, where it is built in", NULL },
-        { 0 },
+    struct flags f;
+    struct command command = {
+        .name = "pattern_server", .synopsis = "[--port P]", .about = "A test.", .lists = { { rows, &f } }
     };
-    struct options o = { .program = "pattern_server", .synopsis = "[--port P]", .about = "A test.", .rows = rows };
     struct pattern p = { .going = true, .source = SERVER_LIVE };
     struct reason why = { { 0 } };
-    uint64_t port = 0, quality = 0;
-    uint32_t width = 0, height = 0;
     bool done = false;
     const struct sigaction action = { .sa_handler = end };
 
@@ -293,33 +305,29 @@ int main(int argc, char **argv)
     setvbuf(stdin, NULL, _IONBF, 0); /* poll must see what fgets has not read */
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
-    enum err e = options_parse(&o, argc, argv, &done, &why);
+    command_begin(&command);
+    enum err e = command_parse(&command, argc, argv, &done, &why);
     if (!e && done)
         return 0;
     if (!e)
-        e = options_u64(&o, "port", 0, 65535, &port, &why);
-    if (!e)
-        e = options_double(&o, "fps", 0.1, 1000.0, &p.fps, &why);
-    if (!e)
-        e = options_u64(&o, "quality", 1, 100, &quality, &why);
-    if (!e)
-        e = options_size(&o, "size", &width, &height, &why);
+        e = command_read(&command, &why);
     if (e)
         goto failed;
-    p.quality = (int)quality;
+    p.fps = f.fps;
+    p.quality = (int)f.quality;
     p.jpeg = tjInitCompress();
     p.back = tjInitDecompress();
-    p.rough = options_on(&o, "rough");
-    p.h264 = options_on(&o, "h264") ? h264_encoder_create() : NULL;
-    if (options_on(&o, "quiet")) {
+    p.rough = f.rough;
+    p.h264 = f.h264 ? h264_encoder_create() : NULL;
+    if (f.quiet) {
         p.going = false;
         p.source = SERVER_WAITING;
     }
-    if (!p.jpeg || !p.back || resize(&p, width, height)) {
+    if (!p.jpeg || !p.back || resize(&p, f.size[0], f.size[1])) {
         e = err_say(&why, ERR_NOMEM, "out of memory");
         goto failed;
     }
-    const struct server_desc desc = { .port = (uint16_t)port, .h264 = p.h264 != NULL };
+    const struct server_desc desc = { .port = f.port, .h264 = p.h264 != NULL };
     e = server_create(&desc, &p.server, &why);
     if (e)
         goto failed;

@@ -9,7 +9,7 @@
 
 #include "light/facts.h"
 #include "base/log.h"
-#include "base/options.h"
+#include "base/setting_table.h"
 
 #include <inttypes.h>
 #include <omp.h>
@@ -37,17 +37,30 @@ struct figure {
     struct measured measured[SEEN_BY_COUNT];
 };
 
-static struct option_row rows[] = {
-    { "scene", "FILE", "scene with mirrors or glass", RING },
-    { "sky", "S", "source of the light, its first frame is used", "sky:sun_ratio=1000" },
-    { "size", "WxH", "of the pictures, in pixels", "320x180" },
-    { "runs", "N", "interleaved runs, 1 to 99", "9" },
-    { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4" },
-    { "whole", NULL, "all light, by the program's own frame: direct light and eye paths beside the caustics", NULL },
-    { "particles", "N", "of --whole's light tracer, a pixel for each eye path", "1" },
-    { "reference", "N", "particles a pixel of the truth", "1000" },
-    { "threads", "N", "1: times are the techniques' own; 0: as many as there are processors", "1" },
-    { NULL, NULL, NULL, NULL },
+struct flags {
+    const char *scene, *sky;
+    uint32_t size[2], runs, particles, reference, threads;
+    double seconds;
+    bool whole;
+};
+
+#define ALL .section = "Flags"
+#define AT(field) SETTING_AT(flags, field)
+
+static const struct setting rows[] = {
+    { "scene", "FILE", "scene with mirrors or glass", RING, ALL, TEXT, AT(scene) },
+    { "sky", "S", "source of the light, its first frame is used", "sky:sun_ratio=1000", ALL, TEXT, AT(sky) },
+    { "size", "WxH", "of the pictures, in pixels", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
+    { "runs", "N", "interleaved runs, 1 to 99", "9", ALL, WHOLE(1, RUNS_MAX), AT(runs) },
+    { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4", ALL, REAL(0.01, 1000.0), AT(seconds) },
+    { "whole", NULL, "all light, by the program's own frame: direct light and eye paths beside the caustics", NULL, ALL,
+      SWITCH, AT(whole) },
+    { "particles", "N", "of --whole's light tracer, a pixel for each eye path", "1", ALL, WHOLE(1, 1000),
+      AT(particles) },
+    { "reference", "N", "particles a pixel of the truth", "1000", ALL, WHOLE(4, 1000000), AT(reference) },
+    { "threads", "N", "1: times are the techniques' own; 0: as many as there are processors", "1", ALL, WHOLE(0, 1024),
+      AT(threads) },
+    { .name = NULL },
 };
 
 static double cpu_seconds(void)
@@ -153,34 +166,19 @@ static void print_region(struct figure *f, size_t r, uint32_t runs)
     }
 }
 
-static enum err set_up(struct figure *f, const struct options *o, uint64_t *runs, double *seconds, struct reason *why)
+static enum err set_up(struct figure *f, const struct flags *o, struct reason *why)
 {
-    const char *scene = options_get(o, "scene");
     const struct kernels *kernels;
-    uint64_t per_path = 0, particles = 0, threads = 0;
-    uint32_t width = 0, height = 0;
-    enum err e = options_size(o, "size", &width, &height, why);
+    const enum err e = kernels_select(NULL, &kernels, why);
 
-    if (!e)
-        e = options_u64(o, "runs", 1, RUNS_MAX, runs, why);
-    if (!e)
-        e = options_double(o, "seconds", 0.01, 1000.0, seconds, why);
-    if (!e)
-        e = options_u64(o, "particles", 1, 1000, &per_path, why);
-    if (!e)
-        e = options_u64(o, "reference", 4, 1000000, &particles, why);
-    if (!e)
-        e = options_u64(o, "threads", 0, 1024, &threads, why);
-    if (!e)
-        e = kernels_select(NULL, &kernels, why);
     if (e)
         return e;
-    if (threads)
-        omp_set_num_threads((int)threads);
-    f->whole = options_on(o, "whole");
-    f->particles = (uint32_t)per_path;
-    seen_open(&f->seen, scene, options_get(o, "sky"), width, height);
-    seen_refer(&f->seen, scene, 4, (uint32_t)particles / 4, f->whole ? 16 : 2);
+    if (o->threads)
+        omp_set_num_threads((int)o->threads);
+    f->whole = o->whole;
+    f->particles = o->particles;
+    seen_open(&f->seen, o->scene, o->sky, o->size[0], o->size[1]);
+    seen_refer(&f->seen, o->scene, 4, o->reference / 4, f->whole ? 16 : 2);
     f->relighter = relighter_create(f->seen.set, kernels);
     f->rgb = mem_alloc(f->seen.pixels, 3 * sizeof(float));
     for (size_t r = 0; r < REGIONS; r++) {
@@ -192,40 +190,42 @@ static enum err set_up(struct figure *f, const struct options *o, uint64_t *runs
 
 int main(int argc, char **argv)
 {
-    struct options options = {
-        .program = "figure5",
+    struct flags flags;
+    struct command command = {
+        .name = "figure5",
         .synopsis = "[flags]",
         .about =
             "Caustics by path tracer, Metropolis sampling, eye paths and light tracer, each in the same CPU time:\n"
             "relMSE against the light tracer's mean over other seeds, and its ratio to the light tracer's own.",
-        .rows = rows,
+        .lists = { { rows, &flags } },
     };
     struct figure f = { 0 };
     struct reason why = { "" };
-    uint64_t runs = 0;
-    double seconds = 0.0;
     bool done;
 
     log_init("figure5", LOG_INFO);
-    enum err e = options_parse(&options, argc, argv, &done, &why);
+    command_begin(&command);
+    enum err e = command_parse(&command, argc, argv, &done, &why);
     if (!e && done)
         return 0;
     if (!e)
-        e = set_up(&f, &options, &runs, &seconds, &why);
+        e = command_read(&command, &why);
+    if (!e)
+        e = set_up(&f, &flags, &why);
     if (e) {
         log_error("%s", why.text[0] ? why.text : err_text(e));
         return err_exit_code(e);
     }
-    printf("%s, %s, peakedness %.2f, %" PRIu32 "x%" PRIu32 ", %s, %d threads, %" PRIu64 " runs\n", f.seen.set->name,
+    printf("%s, %s, peakedness %.2f, %" PRIu32 "x%" PRIu32 ", %s, %d threads, %" PRIu32 " runs\n", f.seen.set->name,
            f.seen.environment->name, facts_peakedness(f.seen.environment), f.seen.width, f.seen.height,
-           f.whole ? "all light" : "caustics alone", omp_get_max_threads(), runs);
+           f.whole ? "all light" : "caustics alone", omp_get_max_threads(), flags.runs);
     for (int by = 0; by < SEEN_BY_COUNT; by++)
-        f.measured[by].samples = samples_in(&f, (enum seen_by)by, seconds);
-    for (uint32_t k = 0; k < runs; k++)
+        f.measured[by].samples = samples_in(&f, (enum seen_by)by, flags.seconds);
+    for (uint32_t k = 0; k < flags.runs; k++)
         for (int by = 0; by < SEEN_BY_COUNT; by++)
             run(&f, (enum seen_by)by, k);
     for (size_t r = 0; r < REGIONS; r++)
-        print_region(&f, r, (uint32_t)runs);
+        print_region(&f, r, flags.runs);
     for (size_t r = 0; r < REGIONS; r++)
         mem_free(f.region[r]);
     mem_free(f.rgb);

@@ -3,6 +3,7 @@
 #include "harness.h"
 
 #include "base/config.h"
+#include "base/setting_table.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -10,20 +11,27 @@
 
 #define NAME "f.json"
 
-static struct option_row rows[8];
-static struct options options = { .program = "relight-fuzz", .rows = rows };
+struct values {
+    uint32_t size[2];
+    uint64_t samples;
+    double gain;
+    struct setting_frames frames;
+    bool fast;
+};
 
-static void begin_rows(void)
-{
-    static const struct option_row table[] = {
-        { "", NULL, "what goes in", NULL },   { "size", "WxH", "the picture's size", "640x360" },
-        { "samples", "N", "how many", "64" }, { "gain", "X", "a factor", "1" },
-        { "frames", "A-B", "which", NULL },   { "fast", NULL, "a switch", NULL },
-        { NULL, NULL, NULL, NULL },
-    };
+#define IN .section = "what goes in"
+#define AT(field) SETTING_AT(values, field)
 
-    memcpy(rows, table, sizeof(table));
-}
+static const struct setting rows[] = {
+    { "size", "WxH", "the picture's size", "640x360", IN, .type = SETTING_SIZE, AT(size) },
+    { "samples", "N", "how many", "64", IN, WHOLE(1, 4096), AT(samples) },
+    { "gain", "X", "a factor", "1", IN, REAL(-1e3, 1e3), AT(gain) },
+    { "frames", "A-B", "which", NULL, IN, .type = SETTING_FRAMES, AT(frames) },
+    { "fast", NULL, "a switch", NULL, IN, SWITCH, AT(fast) },
+    { .name = NULL },
+};
+static struct values values;
+static struct command command = { .name = "relight-fuzz", .lists = { { rows, &values } } };
 
 /* Checks that "f.json:3: ..." names an existing line. */
 static void check_reason(const struct reason *why, unsigned lines)
@@ -35,30 +43,26 @@ static void check_reason(const struct reason *why, unsigned lines)
     require(line >= 1 && line <= lines && end[0] == ':' && end[1] == ' ' && end[2], "and with a line of it");
 }
 
-/* Reading the flag gives a value within the limits, or a reason. */
+/* Reading the flags gives values within the limits, or a reason. */
 static void read_flags(void)
 {
     struct reason why = { "" };
-    uint64_t whole = 0, first = 0, last = 0;
-    uint32_t width = 0, height = 0;
-    double real = 0.0;
-    bool given = false;
 
-    if (!options_u64(&options, "samples", 1, 4096, &whole, &why))
-        require(whole >= 1 && whole <= 4096, "a whole number within its limits");
-    if (!options_double(&options, "gain", -1e3, 1e3, &real, &why))
-        require(fabs(real) <= 1e3, "a number within its limits");
-    if (!options_size(&options, "size", &width, &height, &why))
-        require(width >= 1 && width <= 16384 && height >= 1 && height <= 16384, "a size within its limits");
-    if (!options_range(&options, "frames", &given, &first, &last, &why))
-        require(!given || first <= last, "a range in order");
-    (void)options_on(&options, "fast");
+    if (command_read(&command, &why)) {
+        require(why.text[0] == '-', "a reason that begins with the flag");
+        return;
+    }
+    require(values.samples >= 1 && values.samples <= 4096, "a whole number within its limits");
+    require(fabs(values.gain) <= 1e3, "a number within its limits");
+    for (int k = 0; k < 2; k++)
+        require(values.size[k] >= 1 && values.size[k] <= 16384, "a size within its limits");
+    require(!values.frames.given || values.frames.first <= values.frames.last, "a range in order");
 }
 
 /* An accepted flag has exactly the file's value, to the last bit of a number. */
-static void check_value(const struct option_row *row, const json_t *value)
+static void check_value(const struct command_flag *row, const json_t *value)
 {
-    if (!row->value)
+    if (!row->row->unit)
         require(json_is_boolean(value) && (row->given != NULL) == json_is_true(value), "a switch is as it was put");
     else if (json_is_string(value))
         require(strcmp(row->given, json_string_value(value)) == 0, "words are those of the file");
@@ -74,9 +78,9 @@ static void check_entry(const struct config *c, size_t index, const json_t *root
     const char *key = config_key(c, index);
     struct reason why = { "" };
 
-    begin_rows();
-    const struct option_row *row = key[0] ? options_row(&options, key) : NULL;
-    const enum err e = config_apply(c, index, &options, &why);
+    command_begin(&command);
+    const struct command_flag *row = command_flag(&command, key);
+    const enum err e = config_apply(c, index, &command, &why);
     require(e == ERR_OK || e == ERR_USAGE, "taken, or refused as a fault of the user's");
     require(e != ERR_OK || row, "no flag but those of the table");
     if (e)

@@ -477,7 +477,7 @@ async def wrong_usage_ends_with_2(folder):
             ((), "--out is missing"), (("--out", folder / "a.jpg"), "names one file"),
             (("--out", folder / "%d.png"), "--format is missing"), (("--out", folder / "%s.jpg"), "other '%'"),
             (("--out", jpg, "--format", "exr-half"), "does not match"),
-            (("--out", jpg, "--format", "png"), "unknown --format"), (("--out", jpg, "--quality", "0"), "--quality"),
+            (("--out", jpg, "--format", "png"), "--format 'png' is unknown"), (("--out", jpg, "--quality", "0"), "--quality"),
             (("--out", folder / "%d.exr", "--quality", "50"), "only to JPEG"),
             (("--out", jpg, "--lockstep", "--once"), "--once"), (("--out", jpg, "--recorder", "a b"), "'a b'"),
             (("--out", jpg, "--lockstep", "--max-rate", "3"), "--max-rate"),

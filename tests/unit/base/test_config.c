@@ -1,20 +1,22 @@
 #include "support/unit.h"
 
 #include "base/config.h"
+#include "base/setting_table.h"
 
-static struct option_row rows[8];
-static struct options options = { .program = "relight-test", .rows = rows };
+static uint64_t samples;
+static const struct setting rows[] = {
+    { "size", "WxH", "the picture's size", "640x360", .section = "in", TEXT },
+    { "samples", "N", "how many", "64", .section = "in", WHOLE(1, 9), .size = sizeof(samples) },
+    { "gain", "X", "a factor", NULL, .section = "in", TEXT },
+    { "fast", NULL, "a switch", NULL, .section = "in", SWITCH },
+    { .name = NULL },
+};
+static struct command command = { .name = "relight-test", .lists = { { rows, &samples } } };
 
-/* The table anew, and the text as "f". */
+/* The flags at their defaults, and the text as "f". */
 static enum err parse(const char *text, struct config **c, struct reason *why)
 {
-    static const struct option_row table[] = {
-        { "", NULL, "what goes in", NULL },   { "size", "WxH", "the picture's size", "640x360" },
-        { "samples", "N", "how many", "64" }, { "gain", "X", "a factor", NULL },
-        { "fast", NULL, "a switch", NULL },   { NULL, NULL, NULL, NULL },
-    };
-
-    memcpy(rows, table, sizeof(table));
+    command_begin(&command);
     return config_parse("f", text, strlen(text), c, why);
 }
 
@@ -27,11 +29,11 @@ static void values_become_what_a_command_line_would_have_said(void **state)
     assert_int_equal(parse("{\"size\": \"3x4\", \"samples\": 7, \"gain\": -2.5e-5, \"fast\": true}", &c, &why), ERR_OK);
     assert_int_equal(config_count(c), 4);
     for (size_t i = 0; i < 4; i++)
-        assert_int_equal(config_apply(c, i, &options, &why), ERR_OK);
-    assert_string_equal(options_get(&options, "size"), "3x4");
-    assert_string_equal(options_get(&options, "samples"), "7");
-    assert_string_equal(options_get(&options, "gain"), "-2.5e-05");
-    assert_true(options_on(&options, "fast"));
+        assert_int_equal(config_apply(c, i, &command, &why), ERR_OK);
+    assert_string_equal(command_get(&command, "size"), "3x4");
+    assert_string_equal(command_get(&command, "samples"), "7");
+    assert_string_equal(command_get(&command, "gain"), "-2.5e-05");
+    assert_non_null(command_get(&command, "fast"));
     config_destroy(c);
     config_destroy(NULL);
     assert_int_equal(parse("{\"fast\": false, \"gain\": 0.1, \"samples\": 1e400}", &c, &why), ERR_FORMAT);
@@ -39,9 +41,9 @@ static void values_become_what_a_command_line_would_have_said(void **state)
                      ERR_FORMAT);
     assert_int_equal(parse("{\"fast\": false, \"gain\": 0.30000000000000004}", &c, &why), ERR_OK);
     for (size_t i = 0; i < 2; i++)
-        assert_int_equal(config_apply(c, i, &options, &why), ERR_OK);
-    assert_false(options_on(&options, "fast"));
-    assert_true(strtod(options_get(&options, "gain"), NULL) == 0.30000000000000004);
+        assert_int_equal(config_apply(c, i, &command, &why), ERR_OK);
+    assert_null(command_get(&command, "fast"));
+    assert_true(strtod(command_get(&command, "gain"), NULL) == 0.30000000000000004);
     config_destroy(c);
 }
 
@@ -72,7 +74,7 @@ static void what_no_flag_takes_is_refused_with_file_line_and_key(void **state)
         const char *value, *says;
     } bad[] = {
         { "\"sise\": 3", "f:2: sise: relight-test has no such flag" },
-        { "\"\": 3", "f:2: : relight-test has no such flag" }, /* nor the heading's empty name */
+        { "\"\": 3", "f:2: : relight-test has no such flag" },
         { "\"--size\": \"3x3\"", "f:2: --size: relight-test has no such flag" },
         { "\"fast\": 1", "f:2: fast: is a switch; expected true or false" },
         { "\"fast\": \"true\"", "f:2: fast: is a switch; expected true or false" },
@@ -90,9 +92,9 @@ static void what_no_flag_takes_is_refused_with_file_line_and_key(void **state)
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         snprintf(text, sizeof(text), "{\n%s}", bad[i].value);
         assert_int_equal(parse(text, &c, &why), ERR_OK);
-        assert_int_equal(config_apply(c, 0, &options, &why), ERR_USAGE);
+        assert_int_equal(config_apply(c, 0, &command, &why), ERR_USAGE);
         assert_string_equal(why.text, bad[i].says);
-        assert_string_equal(options_get(&options, "samples"), "64"); /* untouched */
+        assert_string_equal(command_get(&command, "samples"), "64"); /* untouched */
         config_destroy(c);
     }
 }
@@ -141,7 +143,7 @@ static void any_bytes_are_taken_or_refused(void **state)
             assert_true(e == ERR_OK || e == ERR_FORMAT);
             for (size_t i = 0; !e && i < config_count(c); i++) {
                 assert_in_range(config_line(c, i), 1, 5);
-                (void)!config_apply(c, i, &options, &why);
+                (void)!config_apply(c, i, &command, &why);
             }
             config_destroy(c);
         }
@@ -152,12 +154,11 @@ static void blame_says_the_key_once(void **state)
 {
     struct config *c;
     struct reason why;
-    uint64_t n;
 
     (void)state;
     assert_int_equal(parse("{\"samples\": 0}", &c, &why), ERR_OK);
-    assert_int_equal(config_apply(c, 0, &options, &why), ERR_OK);
-    const enum err e = options_u64(&options, "samples", 1, 9, &n, &why);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_OK);
+    const enum err e = command_read(&command, &why);
     assert_int_equal(config_add_location(c, 0, e, &why), ERR_USAGE);
     assert_string_equal(why.text, "f:1: samples: '0' is not a whole number from 1 to 9");
     err_say(&why, ERR_USAGE, "--samples-file x");

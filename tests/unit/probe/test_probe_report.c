@@ -1,5 +1,6 @@
 /* A probe's report is JSON that fits, whatever is asked; and its flags. */
 #include "settings/probe_options.h"
+#include "base/setting_table.h"
 #include "probe/probe_report.h"
 
 #include "light/relight.h"
@@ -133,11 +134,13 @@ static void a_report_adds_up(void **state)
 /* Arguments as one string, split at blanks, for a picture of 320 x 180. */
 static enum err read_line(const char *line, bool *asked, struct probe_request *q, struct reason *why)
 {
-    struct option_row rows[] = { { "probe", "X,Y", "", NULL },
-                                 { "probe-samples", "N", "", NULL },
-                                 { "probe-preset", "P", "", NULL },
-                                 { NULL, NULL, NULL, NULL } };
-    struct options o = { .program = "test", .rows = rows };
+    static const struct setting rows[] = { { "probe", "X,Y", "", NULL, .section = "in", TEXT },
+                                           { "probe-samples", "N", "", NULL, .section = "in",
+                                             WHOLE(1, PROBE_SAMPLES_MAX), SETTING_AT(probe_request, samples) },
+                                           { "probe-preset", "P", "", NULL, .section = "in", CHOICE(probe_presets),
+                                             SETTING_AT(probe_request, figure) },
+                                           { .name = NULL } };
+    struct command c = { .name = "test", .lists = { { rows, q } } };
     static char copy[256];
     char *argv[16] = { "test" };
     int argc = 1;
@@ -147,8 +150,10 @@ static enum err read_line(const char *line, bool *asked, struct probe_request *q
     for (char *word = strtok(copy, " "); word; word = strtok(NULL, " "))
         argv[argc++] = word;
     *q = (struct probe_request){ 0 };
-    assert_int_equal(options_parse(&o, argc, argv, &done, why), ERR_OK);
-    return probe_options_read(&o, 320, 180, asked, q, why);
+    command_begin(&c);
+    assert_int_equal(command_parse(&c, argc, argv, &done, why), ERR_OK);
+    const enum err e = command_read(&c, why);
+    return e ? e : probe_options_read(&c, 320, 180, asked, q, why);
 }
 
 /* By whatever way it is asked for. */

@@ -51,15 +51,14 @@ static void copy_table(void)
 static struct command command;
 static struct wide wide;
 
-static struct options *begin(void)
+static struct command *begin(void)
 {
     copy_table();
     wide = (struct wide){ .grain = -1.0 };
-    command = (struct command){ .options = { .program = "relight-test", .synopsis = "", .about = "" },
-                                .program = FOR_RELIGHTD,
+    command = (struct command){ .name = "relight-test", .synopsis = "", .about = "", .program = FOR_RELIGHTD,
                                 .lists = { { rows, &wide } } };
     command_begin(&command);
-    return &command.options;
+    return &command;
 }
 
 static enum err give(char *flag, char *value, bool *done)
@@ -93,7 +92,7 @@ static void they_are_keys_of_the_configuration(void **state)
     struct reason why;
     (void)state;
 
-    struct options *o = begin();
+    struct command *o = begin();
     assert_int_equal(config_parse("f", text, strlen(text), &c, &why), ERR_OK);
     for (size_t k = 0; k < config_count(c); k++)
         assert_int_equal(config_apply(c, k, o, &why), ERR_OK);

@@ -104,7 +104,7 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_null(s->light.cache_file);
     assert_int_equal(read_line("--cache-file there --frames 3-66 --camera roof --size 3x4", &r), ERR_OK);
     assert_string_equal(s->light.cache_file, "there");
-    assert_true(s->source_desc.has_range && s->source_desc.first == 3 && s->source_desc.last == 66);
+    assert_true(s->source_desc.frames.given && s->source_desc.frames.first == 3 && s->source_desc.frames.last == 66);
     assert_string_equal(s->set_desc.camera, "roof");
     assert_true(s->set_desc.width == 3 && s->set_desc.height == 4);
 

@@ -155,19 +155,19 @@ static void range_cuts_what_is_walked(void **state)
         snprintf(text, sizeof(text), "t%d", i);
         folder_put(&f, name, text);
     }
-    struct source_desc d = { .spec = folder_path(&f, "s%d.exr"), .has_range = true, .first = 5, .last = 30 };
+    struct source_desc d = { .spec = folder_path(&f, "s%d.exr"), .frames = { true, 5, 30 } };
     assert_string_equal(walk(&d, 100), "10=t1 20=t2 30=t3");
     assert_int_equal(source_open(&d, &s, &why), ERR_OK);
     assert_int_equal(source_count(s), 3);
     source_close(s);
     d.spec = f.path; /* a folder counts from 0, before the range is applied */
-    d.first = 3;
+    d.frames.first = 3;
     assert_string_equal(walk(&d, 100), "3=t3 4=t4");
-    d.first = 7;
-    d.last = 8;
+    d.frames.first = 7;
+    d.frames.last = 8;
     assert_int_equal(source_open(&d, &s, &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "0 to 4")); /* says what there is */
-    d.last = 6;
+    d.frames.last = 6;
     assert_int_equal(source_open(&d, &s, &why), ERR_USAGE);
     folder_remove(&f);
 }
@@ -233,8 +233,8 @@ static void single_file_is_number_0_whatever_its_name(void **state)
         folder_put(&f, names[i], "x");
         const char *spec = folder_path(&f, names[i]);
         assert_string_equal(walk_spec(spec), "0=x");
-        assert_string_equal(walk(&(struct source_desc){ .spec = spec, .has_range = true }, 9), "0=x"); /* --frames 0 */
-        const struct source_desc other = { .spec = spec, .has_range = true, .first = 1, .last = 12 };
+        assert_string_equal(walk(&(struct source_desc){ .spec = spec, .frames = { true, 0, 0 } }, 9), "0=x"); /* --frames 0 */
+        const struct source_desc other = { .spec = spec, .frames = { true, 1, 12 } };
         assert_int_equal(source_open(&other, &s, &why), ERR_USAGE);
     }
     folder_remove(&f);

@@ -99,7 +99,7 @@ static void a_range_of_the_sky_has_its_places_from_0(void **state)
 {
     (void)state;
     struct source *s = opened(&(struct source_desc){
-        .spec = "sky:size=32x16,speed=30,time=06:00", .has_range = true, .first = 10, .last = 12 });
+        .spec = "sky:size=32x16,speed=30,time=06:00", .frames = { true, 10, 12 } });
     struct frame f = { .kind = FRAME_NONE };
     struct reason why;
     double hour;

@@ -105,7 +105,7 @@ static void default_morning_has_a_low_sun(void **state)
 
 static void source_numbers_the_frames_of_its_range(void **state)
 {
-    const struct source_desc desc = { .spec = "sky:size=64x32,speed=60", .has_range = true, .first = 3, .last = 5 };
+    const struct source_desc desc = { .spec = "sky:size=64x32,speed=60", .frames = { true, 3, 5 } };
     struct source *s = NULL;
     struct reason why;
     struct frame f = { .kind = FRAME_NONE };

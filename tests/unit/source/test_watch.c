@@ -157,7 +157,7 @@ static void range_begins_and_ends_the_watch(void **state)
     folder_put(&f, "a.exr", "a");
     folder_put(&f, "b.exr", "b");
     folder_put(&f, "c.exr", "c");
-    struct source *s = watch(&f, &(struct source_desc){ .has_range = true, .first = 1, .last = 1 });
+    struct source *s = watch(&f, &(struct source_desc){ .frames = { true, 1, 1 } });
     expect(s, &frame, NULL, NULL); /* number 0 is passed over */
     expect(s, &frame, "/b.exr", "b");
     assert_int_equal(source_next(s, &frame, &why), ERR_END);

@@ -1,4 +1,4 @@
-#include "base/options.h"
+#include "base/command.h"
 
 #include <ctype.h>
 #include <stdio.h>
@@ -65,65 +65,100 @@ static void put_summary(const char *about)
     put_roff(text);
 }
 
-static void put_manual_rows(const struct option_row *rows)
+/* A section's heading goes before its first flag. */
+static const char *heading(const struct command *c, size_t k)
 {
-    for (const struct option_row *r = rows; r && r->name; r++) {
-        if (!r->name[0]) {
-            printf(".SS \"");
-            putchar(toupper((unsigned char)r->help[0]));
-            put_roff(r->help + 1);
+    const char *section = c->flags[k].row->section;
+    return k > 0 && strcmp(c->flags[k - 1].row->section, section) == 0 ? NULL : section;
+}
+
+/* What a flag does: its sentence, its choices and its default. */
+static void describe(const struct command *c, const struct command_flag *f, void (*put)(const char *text))
+{
+    char text[600], names[200] = "";
+    const struct setting *s = f->row;
+
+    if (s->type == SETTING_CHOICE)
+        choice_list(s->choices, c->program, names, sizeof(names));
+    snprintf(text, sizeof(text), s->unit && f->initial ? "%s%s%s [%s]" : "%s%s%s", s->help, names[0] ? ": " : "", names,
+             f->initial);
+    put(text);
+    putchar('\n');
+}
+
+static void put_plain(const char *text)
+{
+    fputs(text, stdout);
+}
+
+void command_print_help(const struct command *c)
+{
+    printf("usage: %s %s\n\n%s\n", c->name, c->synopsis, c->about);
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct setting *s = c->flags[k].row;
+        char left[40];
+        if (heading(c, k))
+            printf("\n%s\n", heading(c, k));
+        snprintf(left, sizeof(left), "--%s%s%s", s->name, s->unit ? " " : "", s->unit ? s->unit : "");
+        printf("  %-26s ", left);
+        describe(c, &c->flags[k], put_plain);
+    }
+    printf("  %-26s %s\n  %-26s %s\n", "--help", "print this help and exit", "--version", "print the version and exit");
+    if (c->epilogue)
+        printf("\n%s\n%s", c->epilogue_title, c->epilogue);
+}
+
+static void put_manual_flags(const struct command *c)
+{
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct setting *s = c->flags[k].row;
+        if (heading(c, k)) {
+            printf(".SS \"%c", toupper((unsigned char)s->section[0]));
+            put_roff(s->section + 1);
             printf("\"\n");
-            continue;
         }
         printf(".TP\n\\fB\\-\\-");
-        put_roff(r->name);
+        put_roff(s->name);
         printf("\\fR");
-        if (r->value) {
+        if (s->unit) {
             printf(" \\fI");
-            put_roff(r->value);
+            put_roff(s->unit);
             printf("\\fR");
         }
         putchar('\n');
-        put_roff(r->help);
-        if (r->value && r->given) {
-            printf(" [");
-            put_roff(r->given);
-            putchar(']');
-        }
-        putchar('\n');
+        describe(c, &c->flags[k], put_roff);
     }
 }
 
-void options_print_manual(const struct options *o)
+void command_print_manual(const struct command *c)
 {
     static const char *const programs[] = { "relight-bench", "relight-chart",  "relight-diff",  "relight-feed",
                                             "relightd",      "relight-record", "relight-render" };
     const char *separator = "";
 
     printf(".TH ");
-    put_upper(o->program);
-    printf(" 1 \"\" \"relightd %s\" \"User Commands\"\n.nh\n.SH NAME\n%s \\- ", RELIGHT_VERSION, o->program);
-    put_summary(o->about);
-    printf("\n.SH SYNOPSIS\n.B %s\n", o->program);
-    put_roff(o->synopsis);
+    put_upper(c->name);
+    printf(" 1 \"\" \"relightd %s\" \"User Commands\"\n.nh\n.SH NAME\n%s \\- ", RELIGHT_VERSION, c->name);
+    put_summary(c->about);
+    printf("\n.SH SYNOPSIS\n.B %s\n", c->name);
+    put_roff(c->synopsis);
     printf("\n.SH DESCRIPTION\n");
-    put_roff(o->about);
+    put_roff(c->about);
     printf("\n.SH OPTIONS\nA value follows its flag after a blank or an equals sign. Defaults are shown in "
            "brackets.\n");
-    put_manual_rows(o->rows);
-    put_manual_rows(o->shared);
+    put_manual_flags(c);
     printf(".SS \"All programs\"\n.TP\n\\fB\\-\\-help\\fR\nprint this help and exit\n.TP\n\\fB\\-\\-version\\fR\n"
            "print the version and exit\n");
-    if (o->epilogue) {
+    if (c->epilogue) {
         printf(".SH \"");
-        put_upper(o->epilogue_title);
+        put_upper(c->epilogue_title);
         printf("\"\n.nf\n");
-        put_roff_lines(o->epilogue);
+        put_roff_lines(c->epilogue);
         printf(".fi\n");
     }
     printf(".SH \"SEE ALSO\"\n");
     for (size_t i = 0; i < sizeof(programs) / sizeof(programs[0]); i++) {
-        if (strcmp(programs[i], o->program) == 0)
+        if (strcmp(programs[i], c->name) == 0)
             continue;
         printf("%s.BR %s (1)", separator, programs[i]);
         separator = ",\n";
@@ -133,58 +168,43 @@ void options_print_manual(const struct options *o)
 
 /* ---- bash completion ---- */
 
-static void put_flags(const struct option_row *rows)
-{
-    for (const struct option_row *r = rows; r && r->name; r++)
-        if (r->name[0])
-            printf(" --%s", r->name);
-}
-
 /* The flags whose value is a file or a folder or, with kind NULL, cannot be completed, as a case pattern. */
-static int put_pattern(const struct option_row *rows, const char *kind, int count)
+static void put_case(const struct command *c, const char *kind, const char *action)
 {
-    for (const struct option_row *r = rows; r && r->name; r++) {
-        if (!r->name[0] || !r->value)
-            continue;
-        const bool path = strcmp(r->value, "FILE") == 0, folder = strcmp(r->value, "DIR") == 0;
-        const bool taken = !kind ? !path && !folder : strcmp(r->value, kind) == 0;
-        if (taken)
-            printf("%s--%s", count++ ? "|" : "", r->name);
+    size_t count = 0;
+
+    printf("    ");
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct setting *s = c->flags[k].row;
+        const bool path = s->unit && (strcmp(s->unit, "FILE") == 0 || strcmp(s->unit, "DIR") == 0);
+        if (s->unit && (kind ? strcmp(s->unit, kind) == 0 : !path))
+            printf("%s--%s", count++ ? "|" : "", s->name);
     }
-    return count;
-}
-
-static void put_case(const struct options *o, const char *kind, const char *action)
-{
-    const int count = put_pattern(o->rows, kind, 0);
-
-    if (put_pattern(o->shared, kind, count) > 0)
+    if (count)
         printf(") %s; return ;;\n", action);
     else
         printf("--) ;;\n"); /* a pattern that never matches the previous word */
 }
 
-void options_print_completion(const struct options *o)
+void command_print_completion(const struct command *c)
 {
     char name[64];
 
-    snprintf(name, sizeof(name), "_%s", o->program);
+    snprintf(name, sizeof(name), "_%s", c->name);
     for (char *p = name; *p; p++)
         *p = *p == '-' ? '_' : *p;
-    printf("# Completion of %s for bash, made from the table of its flags.\n%s()\n{\n", o->program, name);
+    printf("# Completion of %s for bash, made from the table of its flags.\n%s()\n{\n", c->name, name);
     printf("    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD - 1]}\n    COMPREPLY=()\n");
     printf("    if [[ $cur == = ]]; then cur=\n    elif [[ $prev == = ]]; then prev=${COMP_WORDS[COMP_CWORD - 2]}\n"
-           "    fi\n    case $prev in\n    ");
-    put_case(o, "FILE", "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- \"$cur\")");
-    printf("    ");
-    put_case(o, "DIR", "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d -- \"$cur\")");
-    printf("    ");
-    put_case(o, NULL, "compopt -o default");
+           "    fi\n    case $prev in\n");
+    put_case(c, "FILE", "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- \"$cur\")");
+    put_case(c, "DIR", "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d -- \"$cur\")");
+    put_case(c, NULL, "compopt -o default");
     printf("    esac\n    if [[ $cur == -* ]]; then\n        mapfile -t COMPREPLY < <(compgen -W '");
-    put_flags(o->rows);
-    put_flags(o->shared);
+    for (size_t k = 0; k < c->flag_count; k++)
+        printf(" --%s", c->flags[k].row->name);
     printf(" --help --version' -- \"$cur\")\n");
-    if (o->operand_max > 0)
+    if (c->operand_max > 0)
         printf("    else\n        compopt -o filenames\n        mapfile -t COMPREPLY < <(compgen -f -- \"$cur\")\n");
-    printf("    fi\n}\ncomplete -F %s %s\n", name, o->program);
+    printf("    fi\n}\ncomplete -F %s %s\n", name, c->name);
 }

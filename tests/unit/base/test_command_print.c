@@ -1,33 +1,33 @@
 #include "support/unit.h"
 
-#include "base/options.h"
+#include "base/setting_table.h"
 
 #include <unistd.h>
 
-static struct option_row rows[] = {
-    { "", NULL, "what goes in", NULL },
-    { "scene", "FILE", ".json, or 'json' \\ both", NULL },
-    { "out-dir", "DIR", "where to", "a-b" },
-    { "samples", "N", "how many", "64" },
-    { NULL, NULL, NULL, NULL },
+#define IN .section = "what goes in"
+
+static const struct setting rows[] = {
+    { "scene", "FILE", ".json, or 'json' \\ both", NULL, IN, TEXT },
+    { "out-dir", "DIR", "where to", "a-b", IN, TEXT },
+    { "samples", "N", "how many", "64", IN, TEXT },
+    { .name = NULL },
 };
-static struct option_row shared[] = {
-    { "map", "FILE", "a picture", NULL },
-    { "fast", NULL, "a switch", NULL },
-    { NULL, NULL, NULL, NULL },
+static const struct setting shared[] = {
+    { "map", "FILE", "a picture", NULL, IN, TEXT },
+    { "fast", NULL, "a switch", NULL, IN, SWITCH },
+    { .name = NULL },
 };
 
 /* What the program prints when it is given that word. */
 static const char *printed(const char *word, size_t operand_max)
 {
     static char text[8192];
-    struct options o = { .program = "relight-test",
+    struct command c = { .name = "relight-test",
                          .synopsis = "[flags] FILE",
                          .about = "Tests x.y and\nmore. Not this.",
                          .epilogue_title = "keys",
                          .epilogue = ".first = 1\n  second\n",
-                         .rows = rows,
-                         .shared = shared,
+                         .lists = { { rows, NULL }, { shared, NULL } },
                          .operand_max = operand_max };
     char copy[32], *argv[] = { copy, copy };
     struct reason why;
@@ -38,7 +38,8 @@ static const char *printed(const char *word, size_t operand_max)
     snprintf(copy, sizeof(copy), "%s", word);
     fflush(stdout);
     dup2(fileno(to), STDOUT_FILENO);
-    const enum err e = options_parse(&o, 2, argv, &done, &why);
+    command_begin(&c);
+    const enum err e = command_parse(&c, 2, argv, &done, &why);
     fflush(stdout);
     dup2(keep, STDOUT_FILENO);
     close(keep);

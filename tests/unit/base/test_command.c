@@ -1,14 +1,34 @@
 #include "support/unit.h"
 
-#include "base/options.h"
+#include "base/setting_table.h"
 
 #include <unistd.h>
 
+struct values {
+    uint32_t size[2];
+    uint64_t samples;
+    double gain;
+    bool fast;
+    struct setting_frames frames;
+};
+
 struct given {
-    struct option_row rows[8];
-    struct options o;
+    struct values v;
+    struct command c;
     struct reason why;
     bool done;
+};
+
+#define IN .section = "what goes in"
+#define AT(field) SETTING_AT(values, field)
+
+static struct setting rows[] = {
+    { "size", "WxH", "the picture's size", "640x360", IN, .type = SETTING_SIZE, AT(size) },
+    { "samples", "N", "how many", "64", IN, WHOLE(1, 1000), AT(samples) },
+    { "gain", "X", "a factor", NULL, IN, REAL(-100.0, 2.0), AT(gain) },
+    { "fast", NULL, "a switch", NULL, IN, SWITCH, AT(fast) },
+    { "frames", "A-B", "which", NULL, IN, .type = SETTING_FRAMES, AT(frames) },
+    { .name = NULL },
 };
 
 /* Parses a command line of at most seven words behind the program's name. */
@@ -17,25 +37,21 @@ static enum err give(struct given *g, size_t operand_max, const char *const *wor
     static char copies[8][64];
     char *argv[9] = { copies[0] };
     int argc = 1;
-    static const struct option_row rows[] = {
-        { "", NULL, "what goes in", NULL },   { "size", "WxH", "the picture's size", "640x360" },
-        { "samples", "N", "how many", "64" }, { "gain", "X", "a factor", NULL },
-        { "fast", NULL, "a switch", NULL },   { NULL, NULL, NULL, NULL },
-    };
 
     memset(g, 0, sizeof(*g));
-    memcpy(g->rows, rows, sizeof(rows));
-    g->o = (struct options){ .program = "relight-test",
+    g->c = (struct command){ .name = "relight-test",
                              .synopsis = "[flags] FILE",
                              .about = "A program of the tests.",
-                             .rows = g->rows,
+                             .lists = { { rows, &g->v } },
                              .operand_max = operand_max };
     snprintf(copies[0], sizeof(copies[0]), "relight-test");
     for (; words && words[argc - 1]; argc++) {
         snprintf(copies[argc], sizeof(copies[argc]), "%s", words[argc - 1]);
         argv[argc] = copies[argc];
     }
-    return options_parse(&g->o, argc, argv, &g->done, &g->why);
+    command_begin(&g->c);
+    const enum err e = command_parse(&g->c, argc, argv, &g->done, &g->why);
+    return e || g->done ? e : command_read(&g->c, &g->why);
 }
 
 #define GIVE(g, max, ...) give(g, max, (const char *const[]){ __VA_ARGS__, NULL })
@@ -43,36 +59,30 @@ static enum err give(struct given *g, size_t operand_max, const char *const *wor
 static void defaults_hold_until_something_is_given(void **state)
 {
     struct given g;
-    uint64_t n = 0;
-    uint32_t w = 0, h = 0;
 
     (void)state;
     assert_int_equal(give(&g, 0, NULL), ERR_OK);
     assert_false(g.done);
-    assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_OK);
-    assert_int_equal(n, 64);
-    assert_int_equal(options_size(&g.o, "size", &w, &h, &g.why), ERR_OK);
-    assert_true(w == 640 && h == 360);
-    assert_null(options_get(&g.o, "gain"));
-    assert_false(options_on(&g.o, "fast"));
+    assert_int_equal(g.v.samples, 64);
+    assert_true(g.v.size[0] == 640 && g.v.size[1] == 360);
+    assert_null(command_get(&g.c, "gain"));
+    assert_true(g.v.gain == 0.0 && !g.v.fast && !g.v.frames.given);
+    assert_false(command_given(&g.c, "samples"));
 }
 
 static void values_follow_a_space_or_an_equals_sign(void **state)
 {
     struct given g;
-    uint64_t n = 0;
-    double x = 0.0;
 
     (void)state;
     assert_int_equal(GIVE(&g, 2, "--samples=7", "in.exr", "--gain", "-2.5e1", "--fast", "-"), ERR_OK);
-    assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_OK);
-    assert_int_equal(n, 7);
-    assert_int_equal(options_double(&g.o, "gain", -100.0, 100.0, &x, &g.why), ERR_OK);
-    assert_true(x == -25.0);
-    assert_true(options_on(&g.o, "fast"));
-    assert_int_equal(g.o.operand_count, 2);
-    assert_string_equal(g.o.operands[0], "in.exr");
-    assert_string_equal(g.o.operands[1], "-");
+    assert_int_equal(g.v.samples, 7);
+    assert_true(g.v.gain == -25.0);
+    assert_true(g.v.fast);
+    assert_true(command_given(&g.c, "samples") && !command_given(&g.c, "size"));
+    assert_int_equal(g.c.operand_count, 2);
+    assert_string_equal(g.c.operands[0], "in.exr");
+    assert_string_equal(g.c.operands[1], "-");
 }
 
 static void last_of_two_wins(void **state)
@@ -81,7 +91,7 @@ static void last_of_two_wins(void **state)
 
     (void)state;
     assert_int_equal(GIVE(&g, 0, "--size", "1x1", "--size", "2x2"), ERR_OK);
-    assert_string_equal(options_get(&g.o, "size"), "2x2");
+    assert_true(g.v.size[0] == 2);
 }
 
 static void bad_command_lines_are_named(void **state)
@@ -92,7 +102,7 @@ static void bad_command_lines_are_named(void **state)
     assert_int_equal(GIVE(&g, 0, "--sizes", "1x1"), ERR_USAGE);
     assert_string_equal(g.why.text, "unknown flag '--sizes' (see relight-test --help)");
     assert_int_equal(GIVE(&g, 0, "--siz", "1x1"), ERR_USAGE); /* no abbreviations */
-    assert_int_equal(GIVE(&g, 0, "--=3"), ERR_USAGE);         /* nor the heading's empty name */
+    assert_int_equal(GIVE(&g, 0, "--=3"), ERR_USAGE);
     assert_int_equal(GIVE(&g, 0, "--fast=1"), ERR_USAGE);
     assert_string_equal(g.why.text, "--fast takes no value");
     assert_int_equal(GIVE(&g, 0, "--samples"), ERR_USAGE);
@@ -108,58 +118,48 @@ static void bad_whole_numbers_are_named(void **state)
     static const char *const bad[] = { "-1", " -1", "0", "1001", "ten", "", "7.5", "7 ", "99999999999999999999",
                                        "0x", "0x10" };
     struct given g;
-    uint64_t n = 12345;
 
     (void)state;
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         char want[128];
-        assert_int_equal(GIVE(&g, 0, "--samples", bad[i]), ERR_OK);
-        assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_USAGE);
+        assert_int_equal(GIVE(&g, 0, "--samples", bad[i]), ERR_USAGE);
         snprintf(want, sizeof(want), "--samples '%s' is not a whole number from 1 to 1000", bad[i]);
         assert_string_equal(g.why.text, want);
-        assert_int_equal(n, 12345); /* untouched */
+        assert_int_equal(g.v.samples, 0); /* untouched */
     }
-    assert_int_equal(options_u64(&g.o, "gain", 1, 2, &n, &g.why), ERR_USAGE);
-    assert_string_equal(g.why.text, "--gain is missing");
+    rows[1].least = 0;
+    rows[1].most = 0x1p64;
     assert_int_equal(GIVE(&g, 0, "--samples", "18446744073709551615"), ERR_OK);
-    assert_int_equal(options_u64(&g.o, "samples", 0, UINT64_MAX, &n, &g.why), ERR_OK);
-    assert_true(n == UINT64_MAX);
-    assert_int_equal(GIVE(&g, 0, "--samples", "-1"), ERR_OK); /* which C would read as the largest number */
-    assert_int_equal(options_u64(&g.o, "samples", 0, UINT64_MAX, &n, &g.why), ERR_USAGE);
+    assert_true(g.v.samples == UINT64_MAX);
+    assert_int_equal(GIVE(&g, 0, "--samples", "-1"), ERR_USAGE); /* which C would read as the largest number */
+    rows[1].least = 1;
+    rows[1].most = 1000;
 }
 
 static void whole_numbers_are_decimal_whatever_zeros_lead(void **state)
 {
     struct given g;
-    uint64_t n = 0;
 
     (void)state;
     assert_int_equal(GIVE(&g, 0, "--samples", "010"), ERR_OK);
-    assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_OK);
-    assert_int_equal(n, 10);
+    assert_int_equal(g.v.samples, 10);
     assert_int_equal(GIVE(&g, 0, "--samples", "0089"), ERR_OK); /* no octal number at all */
-    assert_int_equal(options_u64(&g.o, "samples", 1, 1000, &n, &g.why), ERR_OK);
-    assert_int_equal(n, 89);
+    assert_int_equal(g.v.samples, 89);
 }
 
 static void bad_numbers_are_named(void **state)
 {
-    static const char *const bad[] = { "nan", "inf", "-inf", "1e999", "2.5", "-0.5", "", "one", "1,5" };
+    static const char *const bad[] = { "nan", "inf", "-inf", "1e999", "2.5", "-100.5", "", "one", "1,5" };
     struct given g;
-    double x = 0.25;
 
     (void)state;
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         char want[128];
-        assert_int_equal(GIVE(&g, 0, "--gain", bad[i]), ERR_OK);
-        assert_int_equal(options_double(&g.o, "gain", 0.0, 2.0, &x, &g.why), ERR_USAGE);
-        snprintf(want, sizeof(want), "--gain '%s' is not a number from 0 to 2", bad[i]);
+        assert_int_equal(GIVE(&g, 0, "--gain", bad[i]), ERR_USAGE);
+        snprintf(want, sizeof(want), "--gain '%s' is not a number from -100 to 2", bad[i]);
         assert_string_equal(g.why.text, want);
-        assert_true(x == 0.25);
+        assert_true(g.v.gain == 0.0);
     }
-    assert_int_equal(give(&g, 0, NULL), ERR_OK);
-    assert_int_equal(options_double(&g.o, "gain", 0.0, 2.0, &x, &g.why), ERR_USAGE);
-    assert_string_equal(g.why.text, "--gain is missing");
 }
 
 static void bad_sizes_are_named(void **state)
@@ -167,22 +167,17 @@ static void bad_sizes_are_named(void **state)
     static const char *const bad[] = { "640",     "640x",      "x360", "0x360",   "640x0", "640x16385",
                                        "16385x1", "640x360x2", "-1x5", "640*360", "",      "99999999x1" };
     struct given g;
-    uint32_t w = 1, h = 2;
 
     (void)state;
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         char want[128];
-        assert_int_equal(GIVE(&g, 0, "--size", bad[i]), ERR_OK);
-        assert_int_equal(options_size(&g.o, "size", &w, &h, &g.why), ERR_USAGE);
+        assert_int_equal(GIVE(&g, 0, "--size", bad[i]), ERR_USAGE);
         snprintf(want, sizeof(want), "--size '%s' is not WIDTHxHEIGHT with sides from 1 to 16384", bad[i]);
         assert_string_equal(g.why.text, want);
-        assert_true(w == 1 && h == 2);
+        assert_true(g.v.size[0] == 0 && g.v.size[1] == 0);
     }
     assert_int_equal(GIVE(&g, 0, "--size", "16384x1"), ERR_OK);
-    assert_int_equal(options_size(&g.o, "size", &w, &h, &g.why), ERR_OK);
-    assert_true(w == 16384 && h == 1);
-    assert_int_equal(options_size(&g.o, "gain", &w, &h, &g.why), ERR_USAGE);
-    assert_string_equal(g.why.text, "--gain is missing");
+    assert_true(g.v.size[0] == 16384 && g.v.size[1] == 1);
 }
 
 /* What give() printed on standard output. */
@@ -217,25 +212,17 @@ static void ranges_are_read_and_bad_ones_named(void **state)
     } good[] = {
         { "17", 17, 17 }, { "3-66", 3, 66 }, { "0-0", 0, 0 }, { "0-9999999999999999999", 0, 9999999999999999999u }
     };
-    uint64_t first = 7, last = 8;
-    bool is = true;
     struct given g;
 
     (void)state;
-    assert_int_equal(give(&g, 0, NULL), ERR_OK);
-    assert_int_equal(options_range(&g.o, "gain", &is, &first, &last, &g.why), ERR_OK);
-    assert_false(is);
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
-        assert_int_equal(give(&g, 0, (const char *const[]){ "--samples", bad[i], NULL }), ERR_OK);
-        if (options_range(&g.o, "samples", &is, &first, &last, &g.why) != ERR_USAGE || is)
+        if (GIVE(&g, 0, "--frames", bad[i]) != ERR_USAGE || g.v.frames.given)
             fail_msg("taken: %s", bad[i]);
-        assert_non_null(strstr(g.why.text, "--samples"));
+        assert_non_null(strstr(g.why.text, "--frames"));
     }
-    assert_int_equal(first, 7);
     for (size_t i = 0; i < sizeof(good) / sizeof(good[0]); i++) {
-        assert_int_equal(give(&g, 0, (const char *const[]){ "--samples", good[i].text, NULL }), ERR_OK);
-        assert_int_equal(options_range(&g.o, "samples", &is, &first, &last, &g.why), ERR_OK);
-        assert_true(is && first == good[i].first && last == good[i].last);
+        assert_int_equal(GIVE(&g, 0, "--frames", good[i].text), ERR_OK);
+        assert_true(g.v.frames.given && g.v.frames.first == good[i].first && g.v.frames.last == good[i].last);
     }
 }
 

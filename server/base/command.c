@@ -1,0 +1,272 @@
+#include "base/command.h"
+
+#include <assert.h>
+#include <ctype.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SIZE_MAX_SIDE 16384
+
+/* ---- The flags of a program ---- */
+
+/* All rows of one section, in whichever list they are. */
+static void add_section(struct command *c, const char *section)
+{
+    for (size_t l = 0; l < COMMAND_LISTS && c->lists[l].rows; l++)
+        for (const struct setting *s = c->lists[l].rows; !setting_ends(s); s++)
+            if (s->name && choice_has(s->programs, c->program) && strcmp(s->section, section) == 0) {
+                assert(c->flag_count < COMMAND_FLAGS);
+                c->flags[c->flag_count++] =
+                    (struct command_flag){ s, &c->lists[l].values, s->initial, s->initial };
+            }
+}
+
+void command_begin(struct command *c)
+{
+    c->flag_count = 0;
+    for (size_t l = 0; l < COMMAND_LISTS && c->lists[l].rows; l++)
+        for (const struct setting *s = c->lists[l].rows; !setting_ends(s); s++) {
+            bool known = !s->name || !choice_has(s->programs, c->program);
+            for (size_t k = 0; k < c->flag_count && !known; k++)
+                known = strcmp(c->flags[k].row->section, s->section) == 0;
+            if (!known)
+                add_section(c, s->section);
+        }
+}
+
+static struct command_flag *find(struct command *c, const char *name, size_t length)
+{
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const char *own = c->flags[k].row->name;
+        if (strlen(own) == length && strncmp(own, name, length) == 0)
+            return &c->flags[k];
+    }
+    return NULL;
+}
+
+struct command_flag *command_flag(struct command *c, const char *name)
+{
+    return find(c, name, strlen(name));
+}
+
+static const struct command_flag *known(const struct command *c, const char *name)
+{
+    size_t k = 0;
+
+    while (k < c->flag_count && strcmp(c->flags[k].row->name, name) != 0)
+        k++;
+    assert(k < c->flag_count);
+    return &c->flags[k];
+}
+
+void command_default(struct command *c, const char *name, const char *initial)
+{
+    struct command_flag *f = command_flag(c, name);
+    f->given = f->initial = initial;
+}
+
+const char *command_get(const struct command *c, const char *name)
+{
+    return known(c, name)->given;
+}
+
+bool command_given(const struct command *c, const char *name)
+{
+    const struct command_flag *f = known(c, name);
+    return f->given != f->initial;
+}
+
+/* ---- Parsing ---- */
+
+/* Parses one flag and its value, given as --name=value or as the next argument. */
+static enum err take_flag(struct command *c, int argc, char **argv, int *i, struct reason *why)
+{
+    const char *name = argv[*i] + 2;
+    const char *equals = strchr(name, '=');
+    struct command_flag *f = find(c, name, equals ? (size_t)(equals - name) : strlen(name));
+
+    if (!f)
+        return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help)", argv[*i], c->name);
+    if (!f->row->unit && equals)
+        return err_say(why, ERR_USAGE, "--%s takes no value", f->row->name);
+    if (f->row->unit && !equals && *i + 1 == argc)
+        return err_say(why, ERR_USAGE, "--%s needs a value: %s", f->row->name, f->row->unit);
+    f->given = !f->row->unit ? "1" : equals ? equals + 1 : argv[++*i];
+    return ERR_OK;
+}
+
+static bool print_choices(const struct command *c)
+{
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct command_flag *f = &c->flags[k];
+        if (f->row->type != SETTING_CHOICE || !f->given || strcmp(f->given, "help") != 0)
+            continue;
+        printf("--%s %s, %s:\n", f->row->name, f->row->unit, f->row->help);
+        for (const struct setting_choice *x = f->row->choices; x->name; x++)
+            if (choice_has(x->programs, c->program))
+                printf("  %-16s %s\n", x->name, x->about ? x->about : "");
+        return true;
+    }
+    return false;
+}
+
+/* A flag that prints something and ends the program. */
+static bool print_asked(const struct command *c, const char *flag)
+{
+    if (strcmp(flag, "--help") == 0 || strcmp(flag, "-h") == 0)
+        command_print_help(c);
+    else if (strcmp(flag, "--version") == 0)
+        printf("%s %s\n", c->name, RELIGHT_VERSION);
+    else if (strcmp(flag, "--print-manual") == 0)
+        command_print_manual(c);
+    else if (strcmp(flag, "--print-completion") == 0)
+        command_print_completion(c);
+    else
+        return false;
+    return true;
+}
+
+enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    *done = false;
+    c->operand_count = 0;
+    for (int i = 1; i < argc && !e; i++) {
+        *done = print_asked(c, argv[i]);
+        if (*done)
+            return ERR_OK;
+        if (strncmp(argv[i], "--", 2) == 0 && argv[i][2])
+            e = take_flag(c, argc, argv, &i, why);
+        else if (c->operand_count < c->operand_max)
+            c->operands[c->operand_count++] = argv[i];
+        else
+            e = err_say(why, ERR_USAGE, "unexpected argument '%s' (see %s --help)", argv[i], c->name);
+    }
+    *done = !e && print_choices(c);
+    return e;
+}
+
+/* ---- Values ---- */
+
+static enum err read_whole(const struct setting *s, const char *text, void *values, struct reason *why)
+{
+    const uint64_t least = (uint64_t)s->least, most = s->most >= 0x1p64 ? UINT64_MAX : (uint64_t)s->most;
+    char *end = NULL;
+
+    errno = 0;
+    const unsigned long long v = strtoull(text, &end, 10);
+    if (errno || !isdigit((unsigned char)text[0]) || *end || v < least || v > most)
+        return err_say(why, ERR_USAGE, "--%s '%s' is not a whole number from %" PRIu64 " to %" PRIu64, s->name, text,
+                       least, most);
+    if (s->type == SETTING_POWER && (v & (v - 1)))
+        return err_say(why, ERR_USAGE, "--%s '%s' is no power of two", s->name, text);
+    setting_store_whole(s, values, s->scale > 0.0 ? v * (uint64_t)s->scale : v);
+    return ERR_OK;
+}
+
+static enum err read_real(const struct setting *s, const char *text, void *values, struct reason *why)
+{
+    const bool off = s->off && strcmp(text, s->off) == 0;
+    char *end = NULL;
+    const double v = off ? 0.0 : strtod(text, &end);
+
+    if (!off && (end == text || *end || !isfinite(v) || v < s->least || v > s->most))
+        return err_say(why, ERR_USAGE, "--%s '%s' is not a number from %g to %g", s->name, text, s->least, s->most);
+    setting_store_real(s, values, s->scale > 0.0 ? v * s->scale : v);
+    return ERR_OK;
+}
+
+static enum err read_choice(const struct setting *s, unsigned program, const char *text, void *values,
+                            struct reason *why)
+{
+    char flag[40];
+    int v = 0;
+
+    snprintf(flag, sizeof(flag), "--%s", s->name);
+    const enum err e = choice_parse(s->choices, program, flag, text, &v, why);
+    if (!e)
+        setting_store_whole(s, values, (uint64_t)(unsigned)v);
+    return e;
+}
+
+/* Parses 1 to 19 digits, which fit 64 bits. Accepts neither sign nor blank. */
+static bool take_digits(const char **at, uint64_t *out)
+{
+    uint64_t v = 0;
+    int count = 0;
+
+    for (; **at >= '0' && **at <= '9' && count < 20; (*at)++, count++)
+        v = 10 * v + (uint64_t)(**at - '0');
+    *out = v;
+    return count >= 1 && count <= 19;
+}
+
+static enum err read_frames(const struct setting *s, const char *text, struct setting_frames *out, struct reason *why)
+{
+    const char *at = text;
+    uint64_t a = 0, b = 0;
+    bool good = take_digits(&at, &a);
+
+    b = a;
+    if (good && *at == '-') {
+        at++;
+        good = take_digits(&at, &b);
+    }
+    if (!good || *at || a > b)
+        return err_say(why, ERR_USAGE, "--%s '%s' is not A-B with A <= B", s->name, text);
+    *out = (struct setting_frames){ true, a, b };
+    return ERR_OK;
+}
+
+static enum err read_size(const struct setting *s, const char *text, uint32_t out[2], struct reason *why)
+{
+    unsigned w = 0, h = 0;
+    int used = 0;
+
+    if (sscanf(text, "%5ux%5u%n", &w, &h, &used) != 2 || text[used] || w < 1 || h < 1 || w > SIZE_MAX_SIDE ||
+        h > SIZE_MAX_SIDE)
+        return err_say(why, ERR_USAGE, "--%s '%s' is not WIDTHxHEIGHT with sides from 1 to %d", s->name, text,
+                       SIZE_MAX_SIDE);
+    out[0] = w;
+    out[1] = h;
+    return ERR_OK;
+}
+
+static enum err read_flag(const struct command *c, const struct command_flag *f, struct reason *why)
+{
+    const struct setting *s = f->row;
+    void *values = *f->values, *at = (char *)values + s->offset;
+    const bool is_switch = s->type == SETTING_SWITCH || s->type == SETTING_SWITCH_OFF;
+
+    if (s->size == 0 || (!f->given && !is_switch))
+        return ERR_OK;
+    if (s->type == SETTING_NAME && strlen(f->given) >= s->size)
+        return err_say(why, ERR_USAGE, "--%s: longer than %u bytes", s->name, s->size - 1);
+    switch (s->type) {
+    case SETTING_SWITCH:
+    case SETTING_SWITCH_OFF: setting_store_whole(s, values, (f->given != NULL) == (s->type == SETTING_SWITCH)); break;
+    case SETTING_WHOLE:
+    case SETTING_POWER: return read_whole(s, f->given, values, why);
+    case SETTING_REAL: return read_real(s, f->given, values, why);
+    case SETTING_CHOICE: return read_choice(s, c->program, f->given, values, why);
+    case SETTING_SIZE: return read_size(s, f->given, at, why);
+    case SETTING_FRAMES: return read_frames(s, f->given, at, why);
+    case SETTING_NAME: strcpy(at, f->given); break;
+    case SETTING_TEXT: memcpy(at, &f->given, sizeof(f->given)); break;
+    }
+    return ERR_OK;
+}
+
+enum err command_read(const struct command *c, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    for (size_t k = 0; k < c->flag_count && !e; k++)
+        e = read_flag(c, &c->flags[k], why);
+    return e;
+}

@@ -1,0 +1,63 @@
+/* Command lines. Tables of settings list a program's flags; parsing, --help, --version, the man page and the shell
+ * completion all follow from them. Thread: main. The caller owns the tables. */
+#ifndef BASE_COMMAND_H
+#define BASE_COMMAND_H
+
+#include "base/setting.h"
+
+#define COMMAND_LISTS 2
+#define COMMAND_FLAGS 96
+#define COMMAND_OPERANDS 8
+
+struct command_flag {
+    const struct setting *row;
+    void *const *values; /* the struct that the row's offset is of */
+    const char *initial; /* its default as text; NULL: none */
+    const char *given;   /* the value given, else the default ("1" for a switch); NULL: neither */
+};
+
+/* The command line of one program. The caller sets the first part. */
+struct command {
+    const char *name;                         /* such as "relight-render" */
+    const char *synopsis;                     /* text after the name in the usage line */
+    const char *about;                        /* a paragraph */
+    const char *epilogue_title, *epilogue;    /* a heading and lines at the end of --help; NULL: none */
+    unsigned program;                         /* FOR_* bit; 0: none of these */
+    struct setting_list lists[COMMAND_LISTS]; /* rows NULL: none */
+    size_t operand_max;                       /* 0: none allowed; at most COMMAND_OPERANDS */
+
+    struct command_flag flags[COMMAND_FLAGS]; /* filled by command_begin, section by section, as in the tables */
+    size_t flag_count;
+    const char *operands[COMMAND_OPERANDS]; /* out: arguments that are not flags, in order */
+    size_t operand_count;
+};
+
+/* Puts all flags at their defaults. c must not be moved afterwards. */
+void command_begin(struct command *c);
+
+/* Another default of a flag, static, for this program. Between command_begin and command_parse. */
+void command_default(struct command *c, const char *name, const char *initial);
+
+/* Parses argv. --help, --version and `--FLAG help` of a flag with choices print to stdout and set *done; the program
+ * then exits with 0. So do --print-manual and --print-completion, which the build uses to generate man pages and
+ * completions and which --help omits. ERR_USAGE names the offending argument. Values point into argv. */
+MUST_CHECK enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why);
+
+/* Stores the values of all flags that have one into the lists' structs; others are left as they are. ERR_USAGE names
+ * flag, value and what is allowed. */
+MUST_CHECK enum err command_read(const struct command *c, struct reason *why);
+
+struct command_flag *command_flag(struct command *c, const char *name); /* NULL: no such flag */
+
+/* The value given for a flag, which the program has, else its default, else NULL. */
+const char *command_get(const struct command *c, const char *name);
+
+/* Whether the flag, which the program has, was given, be it its default. */
+bool command_given(const struct command *c, const char *name);
+
+/* command_print.c: to stdout. */
+void command_print_help(const struct command *c);
+void command_print_manual(const struct command *c);     /* a man(1) page */
+void command_print_completion(const struct command *c); /* a bash completion script */
+
+#endif
