@@ -1,6 +1,7 @@
 // The page: shows states and statistics, and gives each panel's module its hooks. player.js and below handle the connection.
 
 import { FLAG_FINER, FLAG_REPEAT, PATH, PICTURE_BYTES } from './protocol.js';
+import { setText as setTextOf, withKey } from './dom.js';
 import { Rate, Recent } from './figures.js';
 import { showHelp } from './help.js';
 import { latencyParts } from './insight_model.js';
@@ -48,6 +49,7 @@ const app = {
   welcome: null,
   role: null, // granted by the server: 'viewer' or 'controller'
   control: null,
+  pixel: null, // the probed pixel
   // Events: 'state', 'welcome' and 'status' with the server's message; 'picture' after it was drawn, with {header, clock,
   // heardMs, decodeMs, bytes, nowMs}; 'error' with the server's error message; any other server message by its op, such as
   // 'control' or 'probed'.
@@ -227,10 +229,7 @@ function takeStatus(status, clock) {
   emit('status', status);
 }
 
-function setText(id, text) {
-  const element = $(id);
-  if (element.textContent !== text) element.textContent = text;
-}
+const setText = (id, text) => setTextOf($(id), text);
 
 function showState(state) {
   const seen = relight.frames > 0;
@@ -249,7 +248,7 @@ function showCountdown() {
   const { untilMs } = relight.state;
   const left = untilMs ? Math.max(0, Math.ceil((untilMs - performance.timeOrigin - performance.now()) / 1000)) : null;
   const text = left === null ? '' : left > 0 ? ` in ${left} s.` : ' now.';
-  for (const element of document.querySelectorAll('.countdown')) if (element.textContent !== text) element.textContent = text;
+  document.querySelectorAll('.countdown').forEach((element) => setTextOf(element, text));
 }
 
 // The sky as a semicircle with the sun at its elevation; it rises on the left.
@@ -323,24 +322,16 @@ async function toggleFullscreen() {
   }
 }
 
-// Binds a button and a key to one action.
-function command(id, key, label, act) {
-  $(id).onclick = act;
-  $(id).title = `${label} (${key.toUpperCase()})`;
-  $(id).setAttribute('aria-keyshortcuts', key.toUpperCase());
-  app.key(key, label, act);
-}
-
 function pressed(event) {
   if (event.defaultPrevented || ($('help').open && keyOf(event) !== '?')) return;
   keys.press(event);
 }
 
 function listen() {
-  command('help-button', '?', 'Help', () => showHelp($('help'), keys));
-  command('panels-button', 'i', 'Show or hide the panels', togglePanels);
-  command('theme-button', 'd', 'Dark or light page', () => say(switchTheme() === 'dark' ? 'Dark' : 'Light'));
-  if (document.fullscreenEnabled) command('full-button', 'f', 'Full screen on or off', toggleFullscreen);
+  withKey(app, $('help-button'), '?', 'Help', () => showHelp($('help'), keys));
+  withKey(app, $('panels-button'), 'i', 'Show or hide the panels', togglePanels);
+  withKey(app, $('theme-button'), 'd', 'Dark or light page', () => say(switchTheme() === 'dark' ? 'Dark' : 'Light'));
+  if (document.fullscreenEnabled) withKey(app, $('full-button'), 'f', 'Full screen on or off', toggleFullscreen);
   else $('full-button').hidden = true;
   for (const button of document.querySelectorAll('.again'))
     button.onclick = () => send({ op: 'retry', person: true });

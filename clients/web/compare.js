@@ -2,9 +2,9 @@
 // compare_model.js has the texts.
 
 import { GAIN, alsoMethod, difference, differenceWords, factsOf, sideWords, warnings, within } from './compare_model.js';
-import { make } from './dom.js';
+import { make, setText, withKey } from './dom.js';
 import { fit } from './probe_geometry.js';
-import { topButton, withKey } from './snapshot.js';
+import { topButton } from './snapshot.js';
 
 const STEP = 0.01; // of the image's width per arrow key; LEAP with Shift
 const LEAP = 0.1;
@@ -182,10 +182,9 @@ export class Compare {
   say() {
     if (!this.kept) return;
     const live = factsOf(this.header, this.app.status);
-    const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
-    text(this.wordsA, sideWords(this.differs ? 'Difference from kept image' : 'Kept', this.kept.facts));
-    text(this.wordsB, sideWords('Live', live));
-    text(this.remark, [this.figures(), ...warnings(this.kept.facts, live)].filter(Boolean).join('; '));
+    setText(this.wordsA, sideWords(this.differs ? 'Difference from kept image' : 'Kept', this.kept.facts));
+    setText(this.wordsB, sideWords('Live', live));
+    setText(this.remark, [this.figures(), ...warnings(this.kept.facts, live)].filter(Boolean).join('; '));
   }
 
   // Reads through a second canvas: browsers move a canvas that is read often off the GPU.

@@ -9,8 +9,6 @@ import { turnByDragging } from './controls_drag.js';
 import { Transport } from './controls_time.js';
 import { make, setOptions, setValue } from './dom.js';
 
-const PATHS = { direct: 'direct light only', all: 'all light' };
-
 class Controls {
   constructor(app) {
     this.app = app;
@@ -48,6 +46,21 @@ class Controls {
 
   get offers() {
     return this.app.status?.offers ?? {};
+  }
+
+  // A setting's range, as the server tells it.
+  limits(field) {
+    return { least: -Infinity, most: Infinity, ...this.app.welcome?.controls?.[field] };
+  }
+
+  within(field, values) {
+    const { least, most } = this.limits(field);
+    return values.filter((value) => value >= least && value <= most);
+  }
+
+  // What the server says about the light in the image.
+  pathsText(name) {
+    return this.app.welcome?.controls?.paths?.choices[name] ?? name;
   }
 
   ask(wish) {
@@ -149,7 +162,7 @@ class Controls {
     const { method } = this.now;
     const [kind, number] = this.effortNow.split(' ');
     const noises = withPresent(NOISES, kind === 'noise' ? Number(number) : undefined);
-    const samples = withPresent(SAMPLES, kind === 'samples' ? Number(number) : undefined);
+    const samples = withPresent(this.within('samples', SAMPLES), kind === 'samples' ? Number(number) : undefined);
     const counted = samples.map((n) => [`samples ${n}`, `${n} ${n === 1 ? 'sample' : 'samples'} per point`]);
     if (method !== 'auto') return counted;
     return [['time', 'best in the time available'], ...noises.map((n) => [`noise ${n}`, `noise ${noiseText(n)}`]), ...counted];
@@ -182,10 +195,10 @@ class Controls {
     this.tell(this.rotate, degreesText(now.rotate_degrees));
     this.showExposure();
     setOptions(this.tone.select, (offers.tones ?? [now.tone]).map((t) => [t, t]), now.tone);
-    setOptions(this.paths.select, withPresent(offers.paths ?? [], now.paths).map((p) => [p, PATHS[p] ?? p]), now.paths);
+    setOptions(this.paths.select, withPresent(offers.paths ?? [], now.paths).map((p) => [p, this.pathsText(p)]), now.paths);
     setOptions(this.method.select, (offers.methods ?? [now.method]).map((m) => [m, m]), now.method);
     setOptions(this.effort.select, this.efforts(), this.effortNow);
-    setOptions(this.fps.select, withPresent(RATES, now.fps).map((r) => [String(r), String(r)]), String(now.fps));
+    setOptions(this.fps.select, withPresent(this.within('fps', RATES), now.fps).map((r) => [String(r), String(r)]), String(now.fps));
   }
 
   tell(range, text) {
@@ -222,8 +235,10 @@ class Controls {
     this.exposure.name.textContent = follows ? 'Exposure compensation' : 'Exposure';
     // Centre the range on the current value: scales of skies differ by a factor of thousands.
     const centre = follows ? 0 : 10 * Math.round(stops / 10);
-    this.exposure.input.min = centre - 10;
-    this.exposure.input.max = centre + 10;
+    const half = follows ? 20 : 10;
+    const { least, most } = this.limits(follows ? 'bias_stops' : 'exposure_stops');
+    this.exposure.input.min = Math.max(least, centre - half);
+    this.exposure.input.max = Math.min(most, centre + half);
     setValue(this.exposure.input, stops);
     this.tell(this.exposure, stopsText(stops));
   }
@@ -243,10 +258,10 @@ class Controls {
       this.sayIfMay(this.now.exposure_stops === null ? 'Auto exposure' : 'Fixed exposure');
     });
     this.cycle('t', 'Next tone curve', 'tone', () => this.offers.tones, 'Tone curve');
-    this.cycle('l', 'Direct light only, or all light', 'paths', () => this.offers.paths, 'Light', (p) => PATHS[p] ?? p);
+    this.cycle('l', 'Direct light only, or all light', 'paths', () => this.offers.paths, 'Light', (p) => this.pathsText(p));
     this.cycle('m', 'Next method', 'method', () => this.offers.methods, 'Method');
     this.cycle('c', 'Next camera', 'camera', () => this.offers.cameras, 'Camera');
-    this.cycle('r', 'Next frame rate limit', 'fps', () => RATES, 'Frame rate limit');
+    this.cycle('r', 'Next frame rate limit', 'fps', () => this.within('fps', RATES), 'Frame rate limit');
     app.key('g', 'Next quality', () => this.nextEffort(1));
     app.key('Shift+g', 'Previous quality', () => this.nextEffort(-1));
   }
@@ -262,8 +277,10 @@ class Controls {
 
   brighten(by) {
     const { exposure_stops: fixed, bias_stops: bias } = this.now;
-    const stops = (fixed ?? bias ?? 0) + by;
-    this.askAndSay(fixed === null ? { bias_stops: Math.max(-10, Math.min(10, stops)) } : { exposure_stops: stops },
+    const field = fixed === null ? 'bias_stops' : 'exposure_stops';
+    const { least, most } = this.limits(field);
+    const stops = Math.max(least, Math.min(most, (fixed ?? bias ?? 0) + by));
+    this.askAndSay({ [field]: stops },
       () => `Exposure ${stopsText(stops)}`);
   }
 

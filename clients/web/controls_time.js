@@ -1,7 +1,7 @@
 // The timeline below the image: play and pause, one frame forward or back, and a slider for the sequence or the day.
 
 import { hourText, stepWish, transportOf, wrapHour } from './controls_model.js';
-import { make, setValue } from './dom.js';
+import { icon, make, setValue } from './dom.js';
 
 const ICONS = {
   play: 'M4 2.5v11l9-5.5z',
@@ -10,17 +10,6 @@ const ICONS = {
   on: 'M3.5 2.5v11L11 8zM11.2 2.5H13v11h-1.8z',
 };
 
-function icon(name) {
-  const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
-  const path = document.createElementNS('http://www.w3.org/2000/svg', 'path');
-  svg.setAttribute('viewBox', '0 0 16 16');
-  svg.setAttribute('aria-hidden', 'true');
-  path.setAttribute('class', 'solid');
-  path.setAttribute('d', ICONS[name]);
-  svg.append(path);
-  return svg;
-}
-
 export class Transport {
   constructor(controls) {
     this.controls = controls;
@@ -28,8 +17,7 @@ export class Transport {
     this.back = this.button('step-back', 'back', 'One frame back', 'ArrowLeft', () => this.step(-1));
     this.play = this.button('play', 'pause', 'Pause', 'Space', () => this.toggle());
     this.on = this.button('step-on', 'on', 'One frame forward', 'ArrowRight', () => this.step(1));
-    this.scale = make('input', { type: 'range', id: 'scrub' });
-    this.scale.setAttribute('aria-label', 'Position in time');
+    this.scale = make('input', { type: 'range', id: 'scrub', ariaLabel: 'Position in time' });
     this.scale.oninput = () => this.scrub(Number(this.scale.value));
     this.text = make('output', { id: 'scrub-text', htmlFor: 'scrub' });
     this.bar.append(this.back, this.play, this.on, this.scale, this.text);
@@ -42,10 +30,8 @@ export class Transport {
   }
 
   button(id, name, label, keys, act) {
-    const button = make('button', { type: 'button', id, title: label });
-    button.setAttribute('aria-label', label);
-    button.setAttribute('aria-keyshortcuts', keys);
-    button.append(icon(name));
+    const attributes = { 'aria-label': label, 'aria-keyshortcuts': keys };
+    const button = make('button', { type: 'button', id, title: label, attributes }, icon(ICONS[name], 'solid'));
     button.onclick = act;
     return button;
   }
@@ -101,6 +87,6 @@ export class Transport {
     if (this.play.title === label) return;
     this.play.title = label;
     this.play.setAttribute('aria-label', label);
-    this.play.replaceChildren(icon(paused ? 'play' : 'pause'));
+    this.play.replaceChildren(icon(ICONS[paused ? 'play' : 'pause'], 'solid'));
   }
 }

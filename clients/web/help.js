@@ -1,11 +1,6 @@
 // The help overlay: what the page shows, and its keys.
+import { make } from './dom.js';
 import { keyName } from './keys.js';
-
-function make(tag, text) {
-  const element = document.createElement(tag);
-  if (text) element.textContent = text;
-  return element;
-}
 
 const WHAT = 'The server relights one scene for every frame of a moving sky: direct light, and indirect light and caustics if they '
   + 'are on. Drag across the image to rotate the sky; press a panel\u2019s heading to fold it.';
@@ -15,23 +10,13 @@ export function showHelp(dialog, keys) {
     dialog.close();
     return;
   }
-  const title = make('h2', 'Help and keys');
-  title.id = 'help-title';
-  const table = make('table');
-  for (const row of keys.rows) {
-    const line = table.insertRow();
-    const names = make('th');
-    names.scope = 'row';
-    row.keys.forEach((key, i) => names.append(i ? ' ' : '', make('kbd', keyName(key))));
-    line.append(names, make('td', row.label));
-  }
-  const close = make('button', 'Close');
-  close.type = 'button';
-  close.autofocus = true;
+  const close = make('button', { type: 'button', autofocus: true, text: 'Close' });
   close.onclick = () => dialog.close();
-  const top = make('div');
-  top.className = 'dialog-top';
-  top.append(title, close); // first, so that focus does not scroll the keys away
-  dialog.replaceChildren(top, make('p', WHAT), table);
+  const names = (row) => row.keys.flatMap((key, i) => [i ? ' ' : '', make('kbd', { text: keyName(key) })]);
+  dialog.replaceChildren( // the heading first, so that focus does not scroll the keys away
+    make('div', { className: 'dialog-top' }, make('h2', { id: 'help-title', text: 'Help and keys' }), close),
+    make('p', { text: WHAT }),
+    make('table', {}, make('tbody', {}, ...keys.rows.map((row) =>
+      make('tr', {}, make('th', { scope: 'row' }, ...names(row)), make('td', { text: row.label }))))));
   dialog.showModal();
 }

@@ -1,8 +1,8 @@
 // The speed and accuracy panel: each image's time against its error, what the server chose and left out, and the latency from sky
 // to screen by stage. insight_model.js has the numbers, insight_draw.js the drawings.
 
-import { make } from './dom.js';
-import { STAGE_COLOURS, colours, drawForm, drawLatency, drawScatter, stageLabels, styleOf } from './insight_draw.js';
+import { colours, make, setText } from './dom.js';
+import { STAGE_COLOURS, drawForm, drawLatency, drawScatter, stageLabels, styleOf } from './insight_draw.js';
 import { isSeen } from './panels.js';
 import { Insight, MINUTES, choiceWords, rows, summary } from './insight_model.js';
 
@@ -30,9 +30,8 @@ class Panel {
     this.words = make('p', { className: 'counts', id: 'insight-words' });
     this.time = make('select', { id: 'insight-time' },
       make('option', { value: 'shaded', text: 'relighting' }), make('option', { value: 'whole', text: 'server total' }));
-    this.scatter = make('canvas', { id: 'insight-scatter', role: 'img' });
-    this.latency = make('canvas', { id: 'insight-latency', role: 'img' });
-    for (const canvas of [this.scatter, this.latency]) canvas.setAttribute('role', 'img');
+    this.scatter = make('canvas', { id: 'insight-scatter', attributes: { role: 'img' } });
+    this.latency = make('canvas', { id: 'insight-latency', attributes: { role: 'img' } });
     this.legend = make('ul', { className: 'insight-legend', id: 'insight-methods' });
     this.choices = make('ol', { className: 'counts insight-choices', id: 'insight-choices' });
     this.stages = make('ul', { className: 'insight-legend', id: 'insight-stages' });
@@ -49,10 +48,8 @@ class Panel {
   }
 
   item(label, form, colour) {
-    const sign = make('canvas', { width: 22, height: 22, className: 'insight-sign' });
-    sign.setAttribute('aria-hidden', 'true');
-    sign.dataset.form = form;
-    sign.dataset.colour = colour;
+    const attributes = { 'aria-hidden': 'true', 'data-form': form, 'data-colour': colour };
+    const sign = make('canvas', { width: 22, height: 22, className: 'insight-sign', attributes });
     return make('li', {}, sign, label);
   }
 
@@ -72,9 +69,8 @@ class Panel {
     drawScatter(this.scatter, insight, this.methods, whole);
     drawLatency(this.latency, insight.seconds, now);
     this.paintSigns();
-    const text = (element, words) => { if (element.textContent !== words) element.textContent = words; };
     const said = summary(insight, whole);
-    text(this.words, said);
+    setText(this.words, said);
     this.scatter.setAttribute('aria-label', `Error against time of each image of the last ${MINUTES} minutes. ${said}`);
     const table = rows(insight);
     this.latency.setAttribute('aria-label', `Latency over time, by stage. ${table.filter(([label]) => label.startsWith('Latency')).map((r) => r.join(': ')).join('; ')}`);

@@ -1,5 +1,6 @@
 // The two plots of insight.js, on canvases at their displayed size.
 
+import { begin, colours, line } from './dom.js';
 import { MINUTES, STAGES, logAxis } from './insight_model.js';
 import { roundUp } from './probe_plot.js';
 
@@ -8,21 +9,6 @@ const FORMS = ['disc', 'square', 'triangle', 'diamond', 'cross'];
 export const COLOURS = ['--sun', '--sky', '--good', '--violet', '--bad'];
 export const styleOf = (index) => ({ form: FORMS[index % FORMS.length], colour: COLOURS[(index + Math.floor(index / FORMS.length)) % COLOURS.length] });
 export const STAGE_COLOURS = ['--grey', '--sky', '--sun', '--violet', '--good'];
-
-export function colours() {
-  const style = getComputedStyle(document.documentElement);
-  return (name) => style.getPropertyValue(name).trim();
-}
-
-function begin(canvas) {
-  const unit = Math.max(1, window.devicePixelRatio);
-  canvas.width = Math.max(64, Math.round(canvas.clientWidth * unit));
-  canvas.height = Math.max(32, Math.round(canvas.clientHeight * unit));
-  const context = canvas.getContext('2d');
-  context.font = `${11 * unit}px system-ui, sans-serif`;
-  context.lineWidth = unit;
-  return { context, unit, width: canvas.width, height: canvas.height };
-}
 
 export function drawForm(context, form, x, y, r) {
   context.beginPath();
@@ -70,20 +56,14 @@ export function drawScatter(canvas, insight, methods, whole) {
   context.textAlign = 'center';
   for (const v of at.xs.ticks) {
     const x = Math.round(at.x(v)) + 0.5;
-    context.beginPath();
-    context.moveTo(x, at.top);
-    context.lineTo(x, at.bottom);
-    context.stroke();
+    line(context, [x, at.top], [x, at.bottom]);
     context.fillText(tickText(v), x, at.bottom + 13 * unit);
   }
   context.fillText(whole ? 'server total, ms' : 'relighting, ms', (at.left + at.right) / 2, height - 4 * unit);
   context.textAlign = 'right';
   for (const v of at.ys.ticks) {
     const y = Math.round(at.y(v)) + 0.5;
-    context.beginPath();
-    context.moveTo(at.left, y);
-    context.lineTo(at.right, y);
-    context.stroke();
+    line(context, [at.left, y], [at.right, y]);
     context.fillText(tickText(v), at.left - 4 * unit, y + 4 * unit);
   }
   context.textAlign = 'left';
@@ -134,13 +114,10 @@ export function drawLatency(canvas, seconds, t) {
   context.strokeStyle = colour('--line');
   context.fillStyle = colour('--soft');
   for (const part of [0, 0.5, 1]) {
-    const line = Math.round(y(part * most)) + 0.5;
-    context.beginPath();
-    context.moveTo(left, line);
-    context.lineTo(right, line);
-    context.stroke();
+    const level = Math.round(y(part * most)) + 0.5;
+    line(context, [left, level], [right, level]);
     context.textAlign = 'right';
-    context.fillText(timeText(part * most), left - 3 * unit, line + 4 * unit);
+    context.fillText(timeText(part * most), left - 3 * unit, level + 4 * unit);
   }
   context.textAlign = 'left';
   context.fillText(`${Math.round(span / 1000)} s ago`, left, height - 4 * unit);

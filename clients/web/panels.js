@@ -1,5 +1,7 @@
 // The panels: each folds at its heading, and the browser remembers its state.
 
+import { make } from './dom.js';
+
 const KEY = 'relight.folded';
 
 function remembered() {
@@ -22,17 +24,9 @@ function remember(id, open) {
 // children. The <details> is panel.parentElement; open: the state for a first visitor.
 export function makePanel(id, title, { open = true } = {}) {
   const section = document.getElementById(id);
-  const details = document.createElement('details');
-  const summary = document.createElement('summary');
-  const heading = document.createElement('h2');
-  const body = document.createElement('div');
-  heading.textContent = title;
-  heading.id = `${id}-title`;
-  body.className = 'panel-body';
-  body.append(...section.childNodes);
-  summary.append(heading);
-  details.append(summary, body);
-  details.open = remembered()[id] ?? open;
+  const body = make('div', { className: 'panel-body' }, ...section.childNodes);
+  const heading = make('h2', { id: `${id}-title`, text: title });
+  const details = make('details', { open: remembered()[id] ?? open }, make('summary', {}, heading), body);
   details.addEventListener('toggle', () => remember(id, details.open));
   section.append(details);
   section.setAttribute('aria-labelledby', heading.id);

@@ -1,6 +1,7 @@
 // The pixel probe: a click, a tap or the arrow keys choose a pixel, and the panel shows where its light comes from. probe_draw.js
 // has the drawings, probe_words.js the texts.
 
+import { colours, make, saveAs, setText } from './dom.js';
 import { COLOURS, decodeSky, drawProbe } from './probe_draw.js';
 import { Picker } from './probe_pick.js';
 import { MINUTES, Trace, drawTrace } from './probe_plot.js';
@@ -9,19 +10,9 @@ import { countSamples, figure, percent, plotWords, rows, summary } from './probe
 const AGAIN_MS = 1000; // between requests about a followed pixel
 const LOST_MS = 15000; // an answer this late is lost; allows for large images
 
-// Creates an element with properties, attributes and children.
-export function element(tag, { text, attributes = {}, ...properties } = {}, ...children) {
-  const made = document.createElement(tag);
-  Object.assign(made, properties);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  if (text !== undefined) made.textContent = text;
-  made.append(...children);
-  return made;
-}
-
 function toggle(id, label, checked) {
-  const input = element('input', { type: 'checkbox', id, checked });
-  return { input, row: element('label', { className: 'probe-toggle' }, input, ` ${label}`) };
+  const input = make('input', { type: 'checkbox', id, checked });
+  return { input, row: make('label', { className: 'probe-toggle' }, input, ` ${label}`) };
 }
 
 class Probe {
@@ -52,42 +43,42 @@ class Probe {
   // ---- the panel
 
   build(body) {
-    this.hint = element('p', { className: 'probe-hint', id: 'probe-hint' });
-    this.words = element('p', { className: 'probe-words', id: 'probe-words' });
+    this.hint = make('p', { className: 'probe-hint', id: 'probe-hint' });
+    this.words = make('p', { className: 'probe-words', id: 'probe-words' });
     // Read out by screen readers: once per pixel instead of every second.
-    this.spoken = element('p', { className: 'probe-spoken', attributes: { role: 'status', 'aria-live': 'polite' } });
-    this.shown = element('div', { id: 'probe-shown', hidden: true });
+    this.spoken = make('p', { className: 'probe-spoken', attributes: { role: 'status', 'aria-live': 'polite' } });
+    this.shown = make('div', { id: 'probe-shown', hidden: true });
     this.latlong = this.canvas('probe-latlong', 'The sky as a lat-long image, with the samples');
     this.cross = this.canvas('probe-cross', 'The sky as a cross of six faces, with the samples');
     this.plot = this.canvas('probe-plot', 'Radiance over time');
     this.visibility = toggle('probe-visibility', 'Darken directions that are not visible', true);
     this.lobes = toggle('probe-lobes', 'Show BRDF samples', false);
     this.follow = toggle('probe-follow', 'Follow this pixel', true);
-    this.samples = element('select', { id: 'probe-samples' },
-      ...['', '16', '64', '256'].map((n) => element('option', { value: n, text: n || 'as in the image', selected: n === '64' })));
-    this.preset = element('button', { type: 'button', id: 'probe-preset', text: 'As in Fig. 1', attributes: { 'aria-pressed': 'false' },
+    this.samples = make('select', { id: 'probe-samples' },
+      ...['', '16', '64', '256'].map((n) => make('option', { value: n, text: n || 'as in the image', selected: n === '64' })));
+    this.preset = make('button', { type: 'button', id: 'probe-preset', text: 'As in Fig. 1', attributes: { 'aria-pressed': 'false' },
       title: '50 samples and a Phong exponent of 150, as Fig. 1 of Lu, Pacanowski and Granier 2013' });
-    this.save = element('button', { type: 'button', id: 'probe-save', text: 'Save as JSON' });
-    this.stop = element('button', { type: 'button', id: 'probe-stop', text: 'Stop' });
-    this.legend = element('ul', { className: 'probe-legend', id: 'probe-legend' });
-    this.shares = element('table', { className: 'probe-shares', id: 'probe-shares' });
-    this.table = element('table', { className: 'probe-table', id: 'probe-table' });
-    this.plotText = element('p', { className: 'probe-remark', id: 'probe-plot-words' });
+    this.save = make('button', { type: 'button', id: 'probe-save', text: 'Save as JSON' });
+    this.stop = make('button', { type: 'button', id: 'probe-stop', text: 'Stop' });
+    this.legend = make('ul', { className: 'probe-legend', id: 'probe-legend' });
+    this.shares = make('table', { className: 'probe-shares', id: 'probe-shares' });
+    this.table = make('table', { className: 'probe-table', id: 'probe-table' });
+    this.plotText = make('p', { className: 'probe-remark', id: 'probe-plot-words' });
     this.shown.append(
-      element('div', { className: 'probe-row' }, this.preset,
-        element('label', {}, 'Samples ', this.samples)),
+      make('div', { className: 'probe-row' }, this.preset,
+        make('label', {}, 'Samples ', this.samples)),
       this.latlong, this.cross, this.legend, this.visibility.row, this.lobes.row,
-      element('h3', { text: 'Samples per cube face' }), this.shares,
-      element('h3', { text: 'This pixel' }), this.table,
-      element('h3', { text: `Radiance in the last ${MINUTES} minutes` }), this.follow.row, this.plot, this.plotText,
-      element('div', { className: 'probe-row' }, this.save, this.stop));
+      make('h3', { text: 'Samples per cube face' }), this.shares,
+      make('h3', { text: 'This pixel' }), this.table,
+      make('h3', { text: `Radiance in the last ${MINUTES} minutes` }), this.follow.row, this.plot, this.plotText,
+      make('div', { className: 'probe-row' }, this.save, this.stop));
     body.append(this.hint, this.words, this.spoken, this.shown);
     this.listen();
     this.sayHint();
   }
 
   canvas(id, label) {
-    return element('canvas', { id, attributes: { role: 'img', 'aria-label': label } });
+    return make('canvas', { id, attributes: { role: 'img', 'aria-label': label } });
   }
 
   listen() {
@@ -114,7 +105,7 @@ class Probe {
   // A pixel was clicked, or Enter pressed.
   choose(x, y) {
     if (!this.pixel || this.pixel.x !== x || this.pixel.y !== y) this.trace.clear();
-    this.pixel = { x, y };
+    this.pixel = this.app.pixel = { x, y };
     this.sayHint();
     this.ask();
     this.bringIn();
@@ -170,7 +161,7 @@ class Probe {
 
   letGo() {
     this.app.send({ op: 'probe', follow: false });
-    this.pixel = this.answer = null;
+    this.pixel = this.app.pixel = this.answer = null;
     this.next = false;
     this.trace.clear();
     this.shown.hidden = true;
@@ -245,45 +236,44 @@ class Probe {
     ];
     if (lobes) items.push(['lobe', `${this.answer.lobes.length} BRDF samples`]);
     this.legend.replaceChildren(...items.map(([kind, text]) => {
-      const sign = element('span', { className: `probe-sign ${kind}`, attributes: { 'aria-hidden': 'true' } });
+      const sign = make('span', { className: `probe-sign ${kind}`, attributes: { 'aria-hidden': 'true' } });
       sign.style.setProperty('--colour', COLOURS[kind]);
-      return element('li', {}, sign, text);
+      return make('li', {}, sign, text);
     }));
   }
 
   showShares() {
-    const head = ['Face', 'Share', 'Of the sky', 'Chosen', 'Unblocked'].map((text) => element('th', { text, scope: 'col' }));
+    const head = ['Face', 'Share', 'Of the sky', 'Chosen', 'Unblocked'].map((text) => make('th', { text, scope: 'col' }));
     const body = this.answer.shares.map((s) => {
-      const bar = element('span', { className: 'probe-bar', attributes: { 'aria-hidden': 'true' } });
+      const bar = make('span', { className: 'probe-bar', attributes: { 'aria-hidden': 'true' } });
       bar.style.width = `${(100 * s.share).toFixed(2)}%`;
-      return element('tr', {},
-        element('th', { text: s.face, scope: 'row' }),
-        element('td', {}, percent(s.share), element('div', { className: 'probe-meter' }, bar)),
-        element('td', { text: percent(s.energy) }),
-        element('td', { text: `${s.chosen}\u00a0of\u00a0${s.generated}`, title: `N = ${figure(s.count)}` }),
-        element('td', { text: String(s.visible) }));
+      return make('tr', {},
+        make('th', { text: s.face, scope: 'row' }),
+        make('td', {}, percent(s.share), make('div', { className: 'probe-meter' }, bar)),
+        make('td', { text: percent(s.energy) }),
+        make('td', { text: `${s.chosen}\u00a0of\u00a0${s.generated}`, title: `N = ${figure(s.count)}` }),
+        make('td', { text: String(s.visible) }));
     });
     this.shares.replaceChildren(
-      element('caption', { text: 'Light samples by normal and sky (Eq. 3)' }),
-      element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...body));
+      make('caption', { text: 'Light samples by normal and sky (Eq. 3)' }),
+      make('thead', {}, make('tr', {}, ...head)), make('tbody', {}, ...body));
     this.shares.hidden = body.length === 0;
   }
 
   showTable() {
-    this.table.replaceChildren(element('tbody', {}, ...rows(this.answer).map(([label, value, remark]) =>
-      element('tr', {}, element('th', { text: label, scope: 'row' }),
-        element('td', {}, value, remark ? element('small', { text: remark }) : '')))));
+    this.table.replaceChildren(make('tbody', {}, ...rows(this.answer).map(([label, value, remark]) =>
+      make('tr', {}, make('th', { text: label, scope: 'row' }),
+        make('td', {}, value, remark ? make('small', { text: remark }) : '')))));
   }
 
   showTrace() {
     if (!this.answer || this.plot.clientWidth === 0 || document.visibilityState !== 'visible') return;
-    const style = getComputedStyle(document.documentElement);
-    const colour = (name) => style.getPropertyValue(name).trim();
+    const colour = colours();
     drawTrace(this.plot, this.trace.points, {
       rgb: [colour('--bad'), colour('--good'), colour('--sky')], line: colour('--line'), text: colour('--soft'),
     });
     const words = plotWords(this.trace.points);
-    if (this.plotText.textContent !== words) this.plotText.textContent = words;
+    setText(this.plotText, words);
     this.plot.setAttribute('aria-label', words);
   }
 
@@ -291,13 +281,11 @@ class Probe {
     const { answer } = this;
     if (!answer) return;
     const text = JSON.stringify({ ...answer, over_time: this.trace.points }, null, 1);
-    const url = URL.createObjectURL(new Blob([text], { type: 'application/json' }));
-    element('a', { href: url, download: `probe_${answer.x}_${answer.y}_frame_${answer.frame}.json` }).click();
-    setTimeout(() => URL.revokeObjectURL(url), 10000);
+    saveAs(new Blob([text], { type: 'application/json' }), `probe_${answer.x}_${answer.y}_frame_${answer.frame}.json`);
   }
 }
 
 export function mount(app) {
-  document.head.append(element('link', { rel: 'stylesheet', href: 'probe.css' }));
+  document.head.append(make('link', { rel: 'stylesheet', href: 'probe.css' }));
   return new Probe(app);
 }

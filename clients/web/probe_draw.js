@@ -1,6 +1,7 @@
 // The sky with a probe's samples, as lat-long image and cube cross, in the colours of Fig. 1 of Lu, Pacanowski and Granier 2013:
 // red generated, yellow chosen, green effective, cyan the normal. Each mark has its own shape too.
 
+import { begin, line } from './dom.js';
 import { fromCross, fromLatLong, luminance, readSample, sightAt, toCross, toLatLong } from './probe_geometry.js';
 
 export const COLOURS = {
@@ -25,7 +26,7 @@ export async function decodeSky({ jpeg }) {
 }
 
 // Both drawings: width and height in units, and the mapping of directions.
-export const VIEWS = {
+const VIEWS = {
   latlong: {
     width: 2,
     height: 1,
@@ -101,12 +102,9 @@ function mark(context, sample, x, y, unit, largest) {
     disc(context, x, y, 2.4 * unit);
     context.stroke();
     if (sample.kind === 'blocked') {
-      context.beginPath();
-      context.moveTo(x - 1.7 * unit, y - 1.7 * unit);
-      context.lineTo(x + 1.7 * unit, y + 1.7 * unit);
-      context.moveTo(x + 1.7 * unit, y - 1.7 * unit);
-      context.lineTo(x - 1.7 * unit, y + 1.7 * unit);
-      context.stroke();
+      const r = 1.7 * unit;
+      line(context, [x - r, y - r], [x + r, y + r]);
+      line(context, [x + r, y - r], [x - r, y + r]);
     }
   }
 }
@@ -126,16 +124,12 @@ function markNormal(context, x, y, unit) {
   context.stroke();
 }
 
-export const ORDER = ['generated', 'chosen', 'blocked', 'effective'];
+const ORDER = ['generated', 'chosen', 'blocked', 'effective'];
 
 // Draws `answer` on the canvas at its displayed size; sky: from decodeSky, or null; show: {visibility, lobes}.
 export function drawProbe(canvas, name, answer, sky, show) {
   const view = VIEWS[name];
-  const unit = Math.max(1, window.devicePixelRatio);
-  const width = Math.max(64, Math.round(canvas.clientWidth * unit));
-  canvas.width = width;
-  canvas.height = Math.round((width * view.height) / view.width);
-  const context = canvas.getContext('2d');
+  const { context, unit } = begin(canvas, (width) => (width * view.height) / view.width);
   paintSky(context, view, sky, show.visibility ? answer.point?.visibility : null);
   const samples = answer.light.map(readSample);
   if (show.lobes) samples.push(...answer.lobes.map((s) => ({ ...readSample(s), lobe: true })));

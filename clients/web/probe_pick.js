@@ -1,5 +1,6 @@
 // The crosshair over the image: chooses a pixel of the full-size image by a click, a tap or the arrow keys.
 
+import { make } from './dom.js';
 import { fit, pixelAt } from './probe_geometry.js';
 
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -14,15 +15,9 @@ export class Picker {
     this.chosen = chosen;
     this.width = this.height = 0;
     this.at = null;
-    this.hair = document.createElement('div');
-    this.hair.id = 'probe-hair';
-    this.hair.tabIndex = 0;
-    this.hair.setAttribute('role', 'application');
-    this.hair.setAttribute('aria-label', 'Pixel probe: move with the arrow keys, with Shift by ten; Enter shows where the light comes from');
+    this.said = make('span', { ariaLive: 'polite' });
+    this.hair = make('div', { id: 'probe-hair', tabIndex: 0, role: 'application', ariaLabel: 'Pixel probe: move with the arrow keys, with Shift by ten; Enter shows where the light comes from' }, this.said);
     this.hair.dataset.keys = 'ArrowLeft ArrowRight ArrowUp ArrowDown Enter Escape';
-    this.said = document.createElement('span');
-    this.said.setAttribute('aria-live', 'polite');
-    this.hair.append(this.said);
     this.canvas.after(this.hair);
     this.listen(app);
   }

@@ -1,5 +1,6 @@
 // A pixel's radiance over the last minutes: red, green and blue lines on an axis from 0.
 
+import { begin, line } from './dom.js';
 import { UNIT, figure } from './probe_words.js';
 
 export const MINUTES = 3;
@@ -33,12 +34,7 @@ export function roundUp(x) {
 }
 
 export function drawTrace(canvas, points, colours) {
-  const unit = Math.max(1, window.devicePixelRatio);
-  canvas.width = Math.max(64, Math.round(canvas.clientWidth * unit));
-  canvas.height = Math.round(canvas.clientHeight * unit);
-  const context = canvas.getContext('2d');
-  const { width, height } = canvas;
-  context.font = `${11 * unit}px system-ui, sans-serif`;
+  const { context, unit, width, height } = begin(canvas);
   const left = 4 * unit;
   const bottom = 16 * unit;
   const top = 15 * unit;
@@ -49,24 +45,17 @@ export function drawTrace(canvas, points, colours) {
   const y = (v) => height - bottom - ((height - bottom - top) * v) / most;
   context.strokeStyle = colours.line;
   context.fillStyle = colours.text;
-  context.lineWidth = unit;
-  for (const part of [0, 0.5, 1]) {
-    context.beginPath();
-    context.moveTo(left, Math.round(y(part * most)) + 0.5);
-    context.lineTo(width - left, Math.round(y(part * most)) + 0.5);
-    context.stroke();
-  }
+  for (const level of [0, 0.5, 1].map((part) => Math.round(y(part * most)) + 0.5))
+    line(context, [left, level], [width - left, level]);
   context.fillText(`${figure(most)} ${UNIT}`, left, top - 4 * unit);
   context.fillText(`${Math.round(span / 1000)} s ago`, left, height - 4 * unit);
-  const now = 'now';
-  context.fillText(now, width - left - context.measureText(now).width, height - 4 * unit);
+  context.textAlign = 'right';
+  context.fillText('now', width - left, height - 4 * unit);
   context.lineWidth = 1.6 * unit;
   context.lineJoin = 'round';
   colours.rgb.forEach((colour, c) => {
     context.strokeStyle = colour;
     context.setLineDash([[], [6 * unit, 3 * unit], [2 * unit, 2 * unit]][c]);
-    context.beginPath();
-    points.forEach((p, i) => (i ? context.lineTo(x(p.t), y(p.rgb[c])) : context.moveTo(x(p.t), y(p.rgb[c]))));
-    context.stroke();
+    line(context, ...points.map((p) => [x(p.t), y(p.rgb[c])]));
   });
 }

@@ -1,4 +1,4 @@
-// relight.v1 (protocol/PROTOCOL.md): binary headers and close codes. Pure functions.
+// relight.v1 (protocol/PROTOCOL.md): picture headers and close codes. Pure functions.
 
 export const PROTOCOL = 'relight.v1';
 export const VERSION = { major: 1, minor: 2 };
@@ -6,15 +6,11 @@ export const PATH = '/ws';
 export const CREDIT = 2;
 
 export const PICTURE_BYTES = 80;
-export const ENVIRONMENT_BYTES = 48;
 const HEADER_MAX = 1024;
 const SIDE_MAX = 16384;
 
 export const FORMATS = { 1: 'jpeg', 2: 'exr_half', 3: 'exr_float', 4: 'h264' };
-export const ENCODINGS = { 1: 'file_exr', 2: 'file_hdr', 3: 'raw_half', 4: 'raw_float' };
-export const LAYOUTS = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', 'fisheye'];
 
-export const FLAG_LAST = 1;
 export const FLAG_REPEAT = 2;
 export const FLAG_FINER = 32; // a refinement of the frame shown before
 export const FLAG_KEY = 64; // H.264 keyframe: needs no earlier frame
@@ -29,26 +25,26 @@ const RESULTS = {
   value: ['6', 'a number is out of its range'],
 };
 
-function fault(result, section) {
+export function fault(result, section) {
   const [clause, text] = RESULTS[result];
   return { ok: false, result, clause: `${section}.${clause}`, text };
 }
 
 // A DataView over an ArrayBuffer or a typed array.
-function viewOf(bytes) {
+export function viewOf(bytes) {
   return bytes instanceof ArrayBuffer
     ? new DataView(bytes)
     : new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 }
 
 // 64-bit numbers on the wire are below 2^53; others become NaN.
-function number64(value) {
+export function number64(value) {
   const n = Number(value);
   return Number.isSafeInteger(n) ? n : NaN;
 }
 
-// The fault in the common start of both headers, or null.
-function beginFault(view, magic, least) {
+// The fault in the start that pictures and environment frames have in common, or null.
+export function beginFault(view, magic, least) {
   if (view.byteLength >= 4 && view.getUint32(0, true) !== magic) return 'magic';
   if (view.byteLength < least) return 'short';
   const header = view.getUint16(4, true);
@@ -56,10 +52,9 @@ function beginFault(view, magic, least) {
   return null;
 }
 
-const MAGIC_PICTURE = 0x31504c52; // "RLP1"
-const MAGIC_ENVIRONMENT = 0x31454c52; // "RLE1"
+export const MAGIC_PICTURE = 0x31504c52; // "RLP1"
 
-const sideOk = (n) => n >= 1 && n <= SIDE_MAX;
+export const sideOk = (n) => n >= 1 && n <= SIDE_MAX;
 
 // A whole message: {ok: true, header, payload: Uint8Array over the same memory} or {ok: false, result, clause, text, sequence};
 // sequence, by which a picture can be acknowledged and skipped, is undefined if it cannot be read.
@@ -98,80 +93,6 @@ function readPicture(view) {
   if (numbers.some(Number.isNaN) || header.sequence === 0 || !Number.isFinite(header.gain) || header.gain < 0)
     return fault('value', 6);
   return { ok: true, header, payload: new Uint8Array(view.buffer, view.byteOffset + length, header.payload) };
-}
-
-const keyOf = (table, word) => Number(Object.keys(table).find((key) => table[key] === word));
-
-// Encodes the 80 bytes of a picture header.
-export function encodePicture(header) {
-  const bytes = new Uint8Array(PICTURE_BYTES);
-  const view = new DataView(bytes.buffer);
-  view.setUint32(0, MAGIC_PICTURE, true);
-  view.setUint16(4, PICTURE_BYTES, true);
-  view.setUint8(6, keyOf(FORMATS, header.format));
-  view.setUint8(7, header.flags);
-  view.setBigUint64(8, BigInt(header.sequence), true);
-  view.setBigUint64(16, BigInt(header.frame), true);
-  view.setBigInt64(24, BigInt(header.captureUs), true);
-  view.setBigInt64(32, BigInt(header.publishedUs), true);
-  view.setUint32(40, header.queuedUs, true);
-  view.setUint32(44, header.decodedUs, true);
-  view.setUint32(48, header.shadedUs, true);
-  view.setUint32(52, header.encodedUs, true);
-  view.setUint32(56, header.width, true);
-  view.setUint32(60, header.height, true);
-  view.setFloat32(64, header.gain, true);
-  view.setUint32(68, header.samples, true);
-  view.setUint32(72, header.payload, true);
-  return bytes;
-}
-
-function environmentSizeOk(header) {
-  if (header.encoding.startsWith('file')) return !header.width && !header.height && !header.channels;
-  if (!sideOk(header.width) || !sideOk(header.height) || header.channels < 3 || header.channels > 4) return false;
-  return header.width * header.height * header.channels * (header.encoding === 'raw_half' ? 2 : 4) === header.payload;
-}
-
-// A whole environment frame; result as in decodePicture.
-export function decodeEnvironment(bytes) {
-  const view = viewOf(bytes);
-  const wrong = beginFault(view, MAGIC_ENVIRONMENT, ENVIRONMENT_BYTES);
-  if (wrong) return fault(wrong, 7);
-  const length = view.getUint16(4, true);
-  const header = {
-    encoding: ENCODINGS[view.getUint8(6)],
-    layout: LAYOUTS[view.getUint8(7)],
-    flags: view.getUint8(8),
-    channels: view.getUint8(9),
-    width: view.getUint32(12, true),
-    height: view.getUint32(16, true),
-    payload: view.getUint32(20, true),
-    frame: number64(view.getBigUint64(24, true)),
-    captureUs: number64(view.getBigInt64(32, true)),
-  };
-  if (view.byteLength < length || view.byteLength - length !== header.payload || header.payload === 0)
-    return fault('length', 7);
-  if (!header.encoding || !header.layout) return fault('format', 7);
-  if (!environmentSizeOk(header)) return fault('size', 7);
-  if (Number.isNaN(header.frame) || Number.isNaN(header.captureUs)) return fault('value', 7);
-  return { ok: true, header, payload: new Uint8Array(view.buffer, view.byteOffset + length, header.payload) };
-}
-
-export function encodeEnvironment(header) {
-  const bytes = new Uint8Array(ENVIRONMENT_BYTES);
-  const view = new DataView(bytes.buffer);
-  view.setUint32(0, MAGIC_ENVIRONMENT, true);
-  view.setUint16(4, ENVIRONMENT_BYTES, true);
-  view.setUint8(6, keyOf(ENCODINGS, header.encoding));
-  view.setUint8(7, LAYOUTS.indexOf(header.layout));
-  view.setUint8(8, header.flags);
-  view.setUint8(9, header.channels);
-  view.setUint32(12, header.width, true);
-  view.setUint32(16, header.height, true);
-  view.setUint32(20, header.payload, true);
-  view.setBigUint64(24, BigInt(header.frame), true);
-  view.setBigInt64(32, BigInt(header.captureUs), true);
-  return bytes;
 }
 
 // PROTOCOL.md section 8: a viewer's policy and message for each close code.

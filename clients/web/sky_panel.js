@@ -1,7 +1,7 @@
 // The sky panel: the environment map as a lat-long image with the sun marked and, while a pixel is probed, that pixel's light
 // samples. Requests the sky once a second while the panel is visible; probe answers include it.
 
-import { make } from './dom.js';
+import { line, make } from './dom.js';
 import { decodeSky, drawProbe } from './probe_draw.js';
 import { toLatLong } from './probe_geometry.js';
 import { isSeen } from './panels.js';
@@ -40,8 +40,7 @@ class SkyPanel {
   }
 
   build(body) {
-    this.canvas = make('canvas', { id: 'sky-latlong' });
-    this.canvas.setAttribute('role', 'img');
+    this.canvas = make('canvas', { id: 'sky-latlong', attributes: { role: 'img' } });
     this.words = make('p', { className: 'counts', id: 'sky-words', text: 'The sky appears with the first image.' });
     body.append(this.canvas, this.words);
   }
@@ -52,7 +51,7 @@ class SkyPanel {
 
   // The probed pixel, if any.
   get pixel() {
-    return window.relight.probe?.pixel ? this.probed : null;
+    return this.app.pixel ? this.probed : null;
   }
 
   ask() {
@@ -123,10 +122,7 @@ class SkyPanel {
       context.lineWidth = width * unit;
       for (let turn = 0; turn < 4; turn++) { // four strokes around the sun leave it visible
         const [c, s] = [Math.cos((turn * Math.PI) / 2), Math.sin((turn * Math.PI) / 2)];
-        context.beginPath();
-        context.moveTo(u * this.canvas.width + 6 * unit * c, v * this.canvas.height + 6 * unit * s);
-        context.lineTo(u * this.canvas.width + 13 * unit * c, v * this.canvas.height + 13 * unit * s);
-        context.stroke();
+        line(context, ...[6, 13].map((r) => [u * this.canvas.width + r * unit * c, v * this.canvas.height + r * unit * s]));
       }
     }
   }

@@ -1,6 +1,6 @@
 // Saves the image as a file: the canvas as PNG, or the linear image as EXR, fetched over a second, short connection.
 
-import { make } from './dom.js';
+import { icon, make, saveAs, withKey } from './dom.js';
 import { FLAG_REPEAT, PATH, PROTOCOL, VERSION, decodePicture } from './protocol.js';
 import { wishedRole } from './role.js';
 
@@ -10,12 +10,6 @@ const PATIENCE_MS = 30000; // for that whole connection: a float image may be la
 export function fileName(header, extension) {
   const time = new Date(header.publishedUs / 1000).toISOString().slice(0, 19).replaceAll(':', '-');
   return `relight_frame_${header.frame}_${time}Z.${extension}`;
-}
-
-export function saveAs(blob, name) {
-  const url = URL.createObjectURL(blob);
-  make('a', { href: url, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
 
 // The best linear format, or null.
@@ -60,24 +54,9 @@ export function fetchPicture({ url, role, token, frame, Socket = globalThis.WebS
 
 // Creates a button in the header: an icon, and a word that narrow windows hide.
 export function topButton(id, label, word, path) {
-  const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
-  const line = document.createElementNS('http://www.w3.org/2000/svg', 'path');
-  line.setAttribute('d', path);
-  svg.setAttribute('viewBox', '0 0 16 16');
-  svg.setAttribute('aria-hidden', 'true');
-  svg.append(line);
-  const button = make('button', { type: 'button', id, ariaLabel: label }, svg, make('span', { text: word }));
+  const button = make('button', { type: 'button', id, ariaLabel: label }, icon(path), make('span', { text: word }));
   document.getElementById('snapshot-place').append(button);
   return button;
-}
-
-// Binds a key to the button and names it in the tooltip.
-export function withKey(app, button, key, label, act) {
-  const name = key.replace('+', ' + ').toUpperCase();
-  button.title = `${label} (${name})`;
-  button.setAttribute('aria-keyshortcuts', key.length === 1 ? name : key);
-  button.onclick = act;
-  app.key(key, label, act);
 }
 
 export function mount(app) {
@@ -86,10 +65,6 @@ export function mount(app) {
   let shown = null; // the header of what the canvas shows
 
   async function savePng() {
-    if (!shown) {
-      app.say('There is no image yet');
-      return;
-    }
     const name = fileName(shown, 'png');
     const blob = await new Promise((resolve) => app.canvas.toBlob(resolve, 'image/png'));
     saveAs(blob, name);
@@ -98,10 +73,6 @@ export function mount(app) {
 
   async function saveExr() {
     if (exr.disabled) return;
-    if (!shown) {
-      app.say('There is no image yet');
-      return;
-    }
     exr.disabled = true;
     app.say('Requesting the linear image');
     try {
@@ -118,6 +89,7 @@ export function mount(app) {
   }
 
   app.on('picture', ({ header }) => { shown = header; });
-  withKey(app, png, 's', 'Save the image as PNG', savePng);
-  withKey(app, exr, 'Shift+s', 'Save the linear image as EXR', saveExr);
+  const ifShown = (save) => () => (shown ? save() : app.say('There is no image yet'));
+  withKey(app, png, 's', 'Save the image as PNG', ifShown(savePng));
+  withKey(app, exr, 'Shift+s', 'Save the linear image as EXR', ifShown(saveExr));
 }

@@ -3,8 +3,9 @@ import assert from 'node:assert/strict';
 import { readFileSync, readdirSync } from 'node:fs';
 import { test } from 'node:test';
 import {
-  closePolicy, decodeEnvironment, decodePicture, encodeEnvironment, encodePicture,
+  closePolicy, decodePicture,
 } from '../../clients/web/protocol.js';
+import { decodeEnvironment, encodeEnvironment, encodePicture } from './headers.mjs';
 
 const folder = new URL('../../protocol/vectors/', import.meta.url);
 const vectors = readdirSync(folder).filter((name) => name.endsWith('.json')).map((name) => ({

@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Connection } from '../../clients/web/connection.js';
-import { encodePicture } from '../../clients/web/protocol.js';
+import { encodePicture } from './headers.mjs';
 
 class World {
   constructor() {

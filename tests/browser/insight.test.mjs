@@ -56,7 +56,8 @@ test('each point is a drawn image, with its header’s time and its status’s e
 test('the newest point is at its time and error, within a ring, and also in the texts', () => withPage(AUTO, async (page) => {
   await page.waitForFunction(() => window.relight.insight.insight.points.filter((p) => p.error > 0).length >= 3, null, { timeout: 30000 });
   const got = await page.evaluate(async () => {
-    const { scatterPlaces, styleOf, colours } = await import('./insight_draw.js');
+    const { scatterPlaces, styleOf } = await import('./insight_draw.js');
+    const { colours } = await import('./dom.js');
     const { errorText } = await import('./insight_model.js');
     const panel = window.relight.insight;
     panel.show();
