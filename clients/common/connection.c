@@ -277,11 +277,9 @@ static bool grow(struct connection *c, size_t more)
     while (room - c->in_size < more)
         room *= 2;
     uint8_t *in = room == c->in_room ? c->in : mem_grow(c->in, c->in_size, room, 1);
-    if (!in)
-        return false;
-    c->in = in;
-    c->in_room = room;
-    return true;
+    c->in = in ? in : c->in;
+    c->in_room = in ? room : c->in_room;
+    return in != NULL;
 }
 
 /* A piece of a message. */

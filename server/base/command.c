@@ -20,8 +20,7 @@ static void add_section(struct command *c, const char *section)
         for (const struct setting *s = c->lists[l].rows; !setting_ends(s); s++)
             if (s->name && choice_has(s->programs, c->program) && strcmp(s->section, section) == 0) {
                 assert(c->flag_count < COMMAND_FLAGS);
-                c->flags[c->flag_count++] =
-                    (struct command_flag){ s, &c->lists[l].values, s->initial, s->initial };
+                c->flags[c->flag_count++] = (struct command_flag){ s, &c->lists[l].values, s->initial, s->initial };
             }
 }
 

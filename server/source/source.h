@@ -28,7 +28,7 @@ struct sky_desc;
 struct source;
 
 struct source_desc {
-    const char *spec; /* as on the command line */
+    const char *spec;             /* as on the command line */
     struct setting_frames frames; /* only frames with these numbers */
     bool loop;                    /* restart after the last frame; numbers repeat */
 };

@@ -55,8 +55,9 @@ static struct command *begin(void)
 {
     copy_table();
     wide = (struct wide){ .grain = -1.0 };
-    command = (struct command){ .name = "relight-test", .synopsis = "", .about = "", .program = FOR_RELIGHTD,
-                                .lists = { { rows, &wide } } };
+    command = (struct command){
+        .name = "relight-test", .synopsis = "", .about = "", .program = FOR_RELIGHTD, .lists = { { rows, &wide } }
+    };
     command_begin(&command);
     return &command;
 }

@@ -233,7 +233,8 @@ static void single_file_is_number_0_whatever_its_name(void **state)
         folder_put(&f, names[i], "x");
         const char *spec = folder_path(&f, names[i]);
         assert_string_equal(walk_spec(spec), "0=x");
-        assert_string_equal(walk(&(struct source_desc){ .spec = spec, .frames = { true, 0, 0 } }, 9), "0=x"); /* --frames 0 */
+        assert_string_equal(walk(&(struct source_desc){ .spec = spec, .frames = { true, 0, 0 } }, 9),
+                            "0=x"); /* --frames 0 */
         const struct source_desc other = { .spec = spec, .frames = { true, 1, 12 } };
         assert_int_equal(source_open(&other, &s, &why), ERR_USAGE);
     }

@@ -98,8 +98,8 @@ static void a_step_goes_round_the_end_of_what_loops(void **state)
 static void a_range_of_the_sky_has_its_places_from_0(void **state)
 {
     (void)state;
-    struct source *s = opened(&(struct source_desc){
-        .spec = "sky:size=32x16,speed=30,time=06:00", .frames = { true, 10, 12 } });
+    struct source *s =
+        opened(&(struct source_desc){ .spec = "sky:size=32x16,speed=30,time=06:00", .frames = { true, 10, 12 } });
     struct frame f = { .kind = FRAME_NONE };
     struct reason why;
     double hour;
