@@ -12,7 +12,7 @@ static void *build(void *arg)
 {
     struct shade_thread *t = arg;
     struct camera_build *b = &t->camera;
-    struct set_desc desc = t->shared->config.set_desc;
+    struct set_desc desc = t->shared->config.setup.set_desc;
 
     desc.camera = b->name;
     progress_begin(&b->line, "computing the view", desc.height, NULL);
@@ -72,7 +72,7 @@ static bool switch_to(struct shade_thread *t, struct set *set)
     struct relighter *r = set == t->first_set ? t->first_relighter : NULL;
 
     if (!r)
-        r = relighter_create(set, t->shared->config.kernels);
+        r = relighter_create(set, t->shared->config.setup.kernels);
     if (!r) {
         if (set != t->first_set)
             set_destroy(set);
@@ -114,7 +114,7 @@ bool camera_follow_settings(struct shade_thread *t)
         return finish_build(t);
     if (b->running) {
         status_camera_progress(&t->shared->status, b->name,
-                               (double)atomic_load(&b->line.done) / (double)(t->shared->config.set_desc.height + 1));
+                               (double)atomic_load(&b->line.done) / (double)(t->shared->config.setup.set_desc.height + 1));
         return false;
     }
     if (strcmp(now.camera, t->set->camera) == 0)

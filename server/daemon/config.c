@@ -240,9 +240,9 @@ static enum err check(const struct config_reading *s, const struct daemon_config
     struct source *source = NULL;
     unsigned count = 0;
 
-    if (d->set_desc.scene && access(d->set_desc.scene, R_OK) != 0 && ++count)
-        log_error("scene: %s: cannot be read: %s", d->set_desc.scene, strerror(errno));
-    if (!d->push && source_open(&d->source_desc, &source, why) && ++count)
+    if (d->setup.set_desc.scene && access(d->setup.set_desc.scene, R_OK) != 0 && ++count)
+        log_error("scene: %s: cannot be read: %s", d->setup.set_desc.scene, strerror(errno));
+    if (!d->push && source_open(&d->setup.source_desc, &source, why) && ++count)
         log_error("source: %s", why->text);
     source_close(source);
     if (server_check(&d->server_desc, why) && ++count)
@@ -269,8 +269,8 @@ enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, 
         *done = true;
         return check(s, c, why);
     }
-    if (c->threads)
-        omp_set_num_threads((int)c->threads);
+    if (c->setup.threads)
+        omp_set_num_threads((int)c->setup.threads);
     return ERR_OK;
 }
 
@@ -320,7 +320,7 @@ static void change_settings(struct settings_store *settings, const struct daemon
                             const struct config_reading *before, const struct config_reading *after)
 {
     struct settings s = settings_now(settings);
-    const struct settings *n = &to->initial;
+    const struct settings *n = &to->setup.initial;
     const struct command *c = &after->flags.command;
     bool effort = false;
 
@@ -359,7 +359,7 @@ static enum err reload(struct config_readings *r, struct settings_store *setting
     const unsigned changed = compare(r->latest, s);
     if (changed >> RELOAD_SETTINGS & 1)
         change_settings(settings, &to, r->latest, s);
-    atomic_store(&settings->jpeg_quality, to.jpeg_quality);
+    atomic_store(&settings->jpeg_quality, to.setup.quality);
     if (r->latest != r->first) /* whose strings are in use until the end */
         config_reading_destroy(r->latest);
     r->latest = s;

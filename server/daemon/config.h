@@ -19,25 +19,17 @@
 
 /* Strings belong to struct config_readings. */
 struct daemon_config {
-    struct settings initial;   /* lockstep sequences use these; controllers cannot change them */
-    struct relight_desc light; /* method, samples and classes come from the settings instead */
-    enum importance importance;
-    bool reseed;                /* new random numbers for each frame */
+    struct setup setup; /* `initial`: of lockstep sequences, too, since controllers cannot change it. Method, samples,
+                           classes, rotation and scale come from the settings of the moment instead */
     struct still_wish converge; /* error 0: still images are not refined */
     double rate;                /* frames per second from the source; 0: as fast as they are lit */
-    int jpeg_quality;           /* 1..100, for viewers that do not ask for one */
-    uint64_t threads;           /* 0: one per processor */
     double h264_bits;           /* maximum bits per second of the full-size track; 0: chosen by size and rate */
-    struct set_desc set_desc;
-    struct source_desc source_desc;
-    enum layout layout;
     struct server_desc server_desc;
-    const struct kernels *kernels;
     struct log_desc log;
     const char *state_dir; /* NULL: settings are not kept across restarts */
     bool push;             /* producers send the frames */
     bool no_sandbox;       /* decode producers' files in this process */
-    uint32_t max_side;    /* limit on a producer's picture, in texels; 0: no limit, the source is local */
+    uint32_t max_side;     /* limit on a producer's picture, in texels; 0: no limit, the source is local */
     struct decoder_desc decoder_desc;
     double decode_seconds; /* its time limit for one file */
     bool computed_sky;

@@ -31,7 +31,7 @@ static void close_ticket(struct encode_thread *t, const struct shaded *in)
 /* Exposure and tone curve for the picture; lockstep pictures use the initial settings. */
 static struct settings display_settings(struct encode_thread *t, const struct shaded *in)
 {
-    return in->ticket.lockstep ? t->shared->config.initial : settings_now(&t->shared->settings);
+    return in->ticket.lockstep ? t->shared->config.setup.initial : settings_now(&t->shared->settings);
 }
 
 /* Encodes and publishes `display`, which took tone_ms to make. Returns the milliseconds spent. */
@@ -58,7 +58,7 @@ static double encode_jpeg(struct encode_thread *t, struct shaded *in, const uint
  * An incomplete block at the border is left out. Returns the milliseconds spent. */
 static double make_small_display(struct encode_thread *t, const struct shaded *in, unsigned scale)
 {
-    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone, t->shared->config.kernels->level };
+    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone, t->shared->config.setup.kernels->level };
     const uint32_t width = in->header.width, block = 1u << scale, w = width >> scale, h = in->header.height >> scale;
     const double start = clock_seconds();
 
@@ -136,7 +136,7 @@ static void encode_exr(struct encode_thread *t, struct shaded *in, enum protocol
 /* Makes t->display[0], which is kept for viewers that come before the next picture. Returns the milliseconds spent. */
 static double make_display(struct encode_thread *t, const struct shaded *in)
 {
-    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone, t->shared->config.kernels->level };
+    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone, t->shared->config.setup.kernels->level };
     const double start = clock_seconds();
 
     tone_map(in->rgb, in->header.width, in->header.height, &tone, t->display[0]);
@@ -256,7 +256,7 @@ static void *run(void *arg)
 
 enum err encode_thread_create(struct shared *shared, struct encode_thread **out, struct reason *why)
 {
-    const struct set_desc *size = &shared->config.set_desc;
+    const struct set_desc *size = &shared->config.setup.set_desc;
     const size_t pixels = (size_t)size->width * size->height;
     struct encode_thread *t = mem_alloc(1, sizeof(*t));
     bool ok = t != NULL;

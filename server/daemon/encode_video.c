@@ -34,7 +34,8 @@ static double track_bits(struct encode_thread *t, unsigned track, const struct s
 
     if (c->h264_bits <= 0.0)
         return enough;
-    return c->h264_bits * enough / h264_max_useful_rate(c->set_desc.width, c->set_desc.height, track_rate(t, 0));
+    return c->h264_bits * enough /
+           h264_max_useful_rate(c->setup.set_desc.width, c->setup.set_desc.height, track_rate(t, 0));
 }
 
 static void log_failure(struct encode_thread *t, const struct shaded *in, enum err e)

@@ -70,18 +70,18 @@ static enum err decode(struct ingest_thread *t, struct environment *out, const s
 {
     struct shared *shared = t->shared;
     const struct daemon_config *c = &shared->config;
-    const struct settings now = lockstep ? c->initial : settings_now(&shared->settings);
+    const struct settings now = lockstep ? c->setup.initial : settings_now(&shared->settings);
     const struct image_decoder decoder = { decoder_decode, t->decoder };
 
     atomic_store(&shared->reading, true);
     atomic_store(shared->new_work, true); /* refinement gives its processors to the new frame */
-    environment_configure(out, &(struct environment_desc){ .layout = c->layout,
-                                                     .decoder = t->decoder ? &decoder : NULL,
-                                                     .rotation_degrees = now.rotation_degrees,
-                                                     .scale_stops = now.scale_stops,
-                                                     .importance = c->importance,
-                                                     .max_side = c->max_side,
-                                                     .lean = now.method == METHOD_CACHED });
+    environment_configure(out, &(struct environment_desc){ .layout = c->setup.environment.layout,
+                                                           .decoder = t->decoder ? &decoder : NULL,
+                                                           .rotation_degrees = now.rotation_degrees,
+                                                           .scale_stops = now.scale_stops,
+                                                           .importance = c->setup.environment.importance,
+                                                           .max_side = c->max_side,
+                                                           .lean = now.method == METHOD_CACHED });
     const enum err e = environment_update(out, f, why);
     out->decoder = NULL; /* it lives on this stack */
     atomic_store(&shared->reading, false);
@@ -150,7 +150,7 @@ enum err ingest_thread_create(struct shared *shared, struct ingest_thread **out,
         return err_say(why, ERR_NOMEM, "out of memory");
     t->shared = shared;
     const enum err e =
-        shared->config.push ? start_decoder(t, why) : source_open(&shared->config.source_desc, &t->source, why);
+        shared->config.push ? start_decoder(t, why) : source_open(&shared->config.setup.source_desc, &t->source, why);
     if (e) {
         mem_free(t);
         return e;

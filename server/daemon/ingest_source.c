@@ -171,7 +171,7 @@ static void take_frame(struct pull *p, enum err read)
     else if (p->failed || p->count == 1 || p->reported_end)
         status_set_source(status, p->paused ? SERVER_PAUSED : SERVER_LIVE, "");
     p->failed = e != ERR_OK;
-    p->ended = !e && length == 1 && !p->shared->config.reseed; /* a single picture need not be read again */
+    p->ended = !e && length == 1 && !p->shared->config.setup.reseed; /* a single picture need not be read again */
     p->reported_end = false;
     p->version = version;
 }

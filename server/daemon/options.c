@@ -97,45 +97,27 @@ void daemon_flags_init(struct daemon_flags *f)
     command_default(&f->command, "paths", "direct");
 }
 
-static enum err take_setup(struct daemon_config *d, const struct setup *s, bool counted, struct reason *why)
-{
-    d->initial = s->initial;
-    d->initial.counted = counted;
-    if (d->initial.error > 0.0 && (counted || d->initial.method != METHOD_AUTO))
-        return err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
-    d->light = s->light;
-    d->source_desc = s->source_desc;
-    d->set_desc = s->set_desc;
-    d->set_desc.camera = d->initial.camera[0] ? d->initial.camera : NULL;
-    d->set_desc.progress = true;
-    d->importance = s->environment.importance;
-    d->layout = s->environment.layout;
-    d->reseed = s->reseed;
-    d->kernels = s->kernels;
-    d->threads = s->threads;
-    d->jpeg_quality = (int)s->quality;
-    return ERR_OK;
-}
-
 enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *d, struct reason *why)
 {
     struct command *c = &f->command;
     struct server_desc *server = &d->server_desc;
-    struct setup setup = { .threads = 0 };
+    struct setup *s = &d->setup;
 
-    c->lists[0].values = &setup;
+    c->lists[0].values = s;
     c->lists[1].values = d;
     enum err e = command_read(c, why);
     if (!e)
-        e = setup_complete(&setup, why);
-    if (!e)
-        e = take_setup(d, &setup, command_given(c, "samples"), why);
+        e = setup_complete(s, why);
+    s->initial.counted = command_given(c, "samples");
+    if (!e && s->initial.error > 0.0 && (s->initial.counted || s->initial.method != METHOD_AUTO))
+        e = err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
     if (e)
         return e;
-    d->push = strcmp(d->source_desc.spec, "push:") == 0;
-    d->computed_sky = strncmp(d->source_desc.spec, "sky:", 4) == 0;
+    d->push = strcmp(s->source_desc.spec, "push:") == 0;
+    d->computed_sky = strncmp(s->source_desc.spec, "sky:", 4) == 0;
     if (d->computed_sky)
-        e = sky_parse(d->source_desc.spec + 4, &d->sky, why);
+        e = sky_parse(s->source_desc.spec + 4, &d->sky, why);
+    s->set_desc.progress = true;
     server->push = d->push;
     server->h264 &= h264_available();
     server->controls = settings_table;

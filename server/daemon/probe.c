@@ -33,7 +33,7 @@ void probe_report_picture(struct shade_thread *t, const struct shaded *picture)
 static struct prober *get_prober(struct shade_thread *t)
 {
     if (!t->prober)
-        t->prober = prober_create(t->set, t->shared->config.kernels);
+        t->prober = prober_create(t->set, t->shared->config.setup.kernels);
     return t->prober;
 }
 

@@ -57,7 +57,7 @@ static bool begin(struct shade_thread *t)
     struct refinement *r = &t->refine;
 
     if (!r->still)
-        r->still = still_create(t->set, t->shared->config.kernels);
+        r->still = still_create(t->set, t->shared->config.setup.kernels);
     if (!r->still) {
         log_warning("no memory to refine a still image");
         r->open = false;

@@ -14,8 +14,8 @@ _Static_assert(sizeof(struct settings) <= SERVER_CONTROL_BYTES, "a control messa
 void settings_init(struct settings_store *store, const struct daemon_config *config)
 {
     store->config = config;
-    store->now = config->initial;
-    atomic_init(&store->jpeg_quality, config->jpeg_quality);
+    store->now = config->setup.initial;
+    atomic_init(&store->jpeg_quality, config->setup.quality);
     pthread_mutex_init(&store->lock, NULL);
 }
 

@@ -23,12 +23,12 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
                                           struct reason *why)
 {
     const struct daemon_config *c = &t->shared->config;
-    struct relight_desc desc = c->light;
+    struct relight_desc desc = c->setup.light;
 
     desc.classes = now->classes;
     desc.direct.method = now->method;
     desc.direct.samples = now->samples;
-    desc.direct.pass = c->reseed ? in->environment->number : 0;
+    desc.direct.pass = c->setup.reseed ? in->environment->number : 0;
     desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures++; /* dropped frames do not count */
     desc.direct.cancel = t->shared->stop;
     desc.direct.why = why;
@@ -45,8 +45,8 @@ static struct protocol_picture make_header(const struct daemon_config *c, const 
         .queued_us = (uint32_t)(1e3 * queued_ms),
         .decoded_us = (uint32_t)(1e3 * in->decode_ms),
         .shaded_us = (uint32_t)(1e3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->resolve_ms)),
-        .width = c->set_desc.width,
-        .height = c->set_desc.height,
+        .width = c->setup.set_desc.width,
+        .height = c->setup.set_desc.height,
         .samples = samples,
     };
 }
@@ -83,7 +83,7 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
     struct shared *shared = t->shared;
     struct relighter *r = in->ticket.lockstep ? t->first_relighter : t->relighter;
 
-    l->settings = in->ticket.lockstep ? shared->config.initial : settings_now(&shared->settings);
+    l->settings = in->ticket.lockstep ? shared->config.setup.initial : settings_now(&shared->settings);
     l->asked = describe_light(t, in, &l->settings, why);
     l->request = make_request(t, in, l);
     decide(&t->decider, &l->request, &l->decision);
@@ -229,13 +229,14 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
         return err_say(why, ERR_NOMEM, "out of memory");
     t->shared = shared;
     t->held = HANDOFF_NONE;
-    enum err e = set_create(&c->set_desc, &t->first_set, why);
+    enum err e = set_create(&c->setup.set_desc, &t->first_set, why);
     if (e)
         goto failed;
     t->set = t->first_set;
-    t->first_relighter = t->relighter = relighter_create(t->set, c->kernels);
+    t->first_relighter = t->relighter = relighter_create(t->set, c->setup.kernels);
     if (!t->relighter) {
-        e = err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", c->set_desc.width, c->set_desc.height);
+        e = err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", c->setup.set_desc.width,
+                    c->setup.set_desc.height);
         goto failed;
     }
     *out = t;
@@ -257,14 +258,14 @@ const char *shade_thread_camera(const struct shade_thread *t)
 
 enum err shade_thread_prepare(struct shade_thread *t, struct reason *why)
 {
-    struct relight_desc light = t->shared->config.light;
+    struct relight_desc light = t->shared->config.setup.light;
     double ms;
 
     if ((light.direct.method == METHOD_CACHED && !light.cache_background) || light.caustics == PLAN_STORED)
         status_set_source(&t->shared->status, SERVER_WAITING, "light transport is being computed");
     light.direct.cancel = t->shared->stop;
     light.direct.why = why;
-    return relighter_prepare(t->relighter, &light, t->shared->config.set_desc.progress, &ms);
+    return relighter_prepare(t->relighter, &light, t->shared->config.setup.set_desc.progress, &ms);
 }
 
 void shade_thread_destroy(struct shade_thread *t)

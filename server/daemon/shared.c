@@ -2,7 +2,7 @@
 
 enum err shared_init(struct shared *s, struct reason *why)
 {
-    const uint32_t width = s->config.set_desc.width, height = s->config.set_desc.height;
+    const uint32_t width = s->config.setup.set_desc.width, height = s->config.setup.set_desc.height;
 
     settings_init(&s->settings, &s->config);
     status_init(&s->status, s);

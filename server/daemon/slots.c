@@ -12,8 +12,10 @@ enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *con
     s->tables = resample_tables_create();
     ok = s->tables != NULL;
     for (int i = 0; i < HANDOFF_SLOTS && ok; i++) {
-        s->slot[i].environment = environment_create(&(struct environment_desc){
-            .layout = config->layout, .importance = config->importance, .tables = s->tables });
+        s->slot[i].environment =
+            environment_create(&(struct environment_desc){ .layout = config->setup.environment.layout,
+                                                           .importance = config->setup.environment.importance,
+                                                           .tables = s->tables });
         ok = s->slot[i].environment != NULL;
     }
     return ok ? ERR_OK : ERR_NOMEM;

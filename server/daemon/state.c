@@ -34,12 +34,13 @@ static json_t *settings_fields(struct settings s)
 /* What the command line said; the camera is that of the scene where it said none. */
 static json_t *initial_fields(const struct state_file *f)
 {
-    struct settings initial = f->config->initial;
+    struct settings initial = f->config->setup.initial;
 
     snprintf(initial.camera, sizeof(initial.camera), "%s", f->default_camera);
     json_t *all = settings_fields(initial);
     if (all)
-        json_object_set_new(all, "scene", json_string(f->config->set_desc.scene ? f->config->set_desc.scene : ""));
+        json_object_set_new(all, "scene",
+                            json_string(f->config->setup.set_desc.scene ? f->config->setup.set_desc.scene : ""));
     return all;
 }
 

@@ -84,13 +84,13 @@ void status_begin(struct status_board *b, const struct shared *shared)
 
     b->server = shared->server;
     pthread_mutex_lock(&b->lock);
-    COPY(f->scene, c->set_desc.scene ? c->set_desc.scene : "the built-in scene");
-    COPY(f->sky, c->computed_sky ? "a computed sky" : c->push ? "a sky sent by a producer" : c->source_desc.spec);
-    COPY(f->method, method_name(method_by_rule(c->initial.method)));
+    COPY(f->scene, c->setup.set_desc.scene ? c->setup.set_desc.scene : "the built-in scene");
+    COPY(f->sky, c->computed_sky ? "a computed sky" : c->push ? "a sky sent by a producer" : c->setup.source_desc.spec);
+    COPY(f->method, method_name(method_by_rule(c->setup.initial.method)));
     COPY(f->kind, c->push ? "producer" : kinds[shared->settings.source_kind]);
-    f->samples = c->initial.samples;
-    f->width = c->set_desc.width;
-    f->height = c->set_desc.height;
+    f->samples = c->setup.initial.samples;
+    f->width = c->setup.set_desc.width;
+    f->height = c->setup.set_desc.height;
     f->length = shared->settings.source_length;
     pthread_mutex_unlock(&b->lock);
 }

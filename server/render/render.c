@@ -17,7 +17,7 @@ static enum err open_outputs(struct render *r, struct reason *why)
     enum err e = ERR_OK;
 
     if (d->output.pattern)
-        e = output_create(&d->output, d->set.width, d->set.height, &r->output, why);
+        e = output_create(&d->output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
     if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
                     "--out '%s' names one file, but the source has %" PRIu64
@@ -34,7 +34,7 @@ static enum err open_outputs(struct render *r, struct reason *why)
 
 static enum err open_source(struct render *r, struct reason *why)
 {
-    struct source_desc one = r->desc.source;
+    struct source_desc one = r->desc.setup.source_desc;
     enum err e = source_open(&one, &r->source, why);
 
     if (!e && source_count(r->source) == 0 && !one.frames.given) { /* a sky has no last frame: take its first */
@@ -53,20 +53,20 @@ static enum err set_up(struct render *r, struct reason *why)
     if (!e)
         e = open_outputs(r, why);
     if (!e)
-        e = set_create(&d->set, &r->set, why);
+        e = set_create(&d->setup.set_desc, &r->set, why);
     if (e)
         return e;
-    r->relighter = relighter_create(r->set, d->kernels);
-    d->environment.lean = d->light.direct.method == METHOD_CACHED;
-    r->environment = environment_create(&d->environment);
-    r->prober = d->probe ? prober_create(r->set, d->kernels) : NULL;
-    r->rgb = mem_alloc((size_t)d->set.width * d->set.height, 3 * sizeof(float));
+    r->relighter = relighter_create(r->set, d->setup.kernels);
+    d->setup.environment.lean = d->setup.light.direct.method == METHOD_CACHED;
+    r->environment = environment_create(&d->setup.environment);
+    r->prober = d->probe ? prober_create(r->set, d->setup.kernels) : NULL;
+    r->rgb = mem_alloc((size_t)d->setup.set_desc.width * d->setup.set_desc.height, 3 * sizeof(float));
     if (!r->relighter || !r->environment || !r->rgb || (d->probe && !r->prober))
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->set.width, d->set.height);
-    d->light.direct.why = why;
+        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width, d->setup.set_desc.height);
+    d->setup.light.direct.why = why;
     if (d->target.seconds > 0.0 || d->target.error > 0.0)
         return ERR_OK;
-    return decider_prepare(&r->decider, r->relighter, source_count(r->source), d->set.progress, &d->light,
+    return decider_prepare(&r->decider, r->relighter, source_count(r->source), d->setup.set_desc.progress, &d->setup.light,
                            &r->cache_ms);
 }
 
@@ -75,7 +75,7 @@ static struct frame_request request_of(const struct render *r)
 {
     const uint64_t done = r->rendered + r->refused + 1, all = source_count(r->source);
     struct frame_request q = {
-        .light = &r->desc.light,
+        .light = &r->desc.setup.light,
         .target = r->desc.target,
         .frames_left = all > done ? all - done : 0,
         .no_cache = all <= done,
@@ -106,9 +106,9 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e == ERR_NOMEM ? e : ERR_OK;
     }
     environment_warn_clipped(r->environment, &r->warned_clipped);
-    r->desc.light.direct.why = why;
-    r->desc.light.direct.pass = r->desc.reseed ? r->frame.number : 0;
-    r->desc.light.turn = r->frame.number;
+    r->desc.setup.light.direct.why = why;
+    r->desc.setup.light.direct.pass = r->desc.setup.reseed ? r->frame.number : 0;
+    r->desc.setup.light.turn = r->frame.number;
     const struct frame_request request = request_of(r);
     decide(&r->decider, &request, &r->decision);
     e = decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);

@@ -5,24 +5,17 @@
 #ifndef RENDER_RENDER_H
 #define RENDER_RENDER_H
 
-#include "env/environment.h"
 #include "light/decide.h"
-#include "light/relight.h"
 #include "output/output.h"
 #include "probe/probe_report.h"
-#include "source/source.h"
+#include "settings/settings.h"
 
 struct render_desc {
-    struct source_desc source;
-    struct set_desc set;
-    struct relight_desc light;
-    struct environment_desc environment;
-    const struct kernels *kernels;
-    struct pilot_target target;        /* zeroed: the sample counts of `light` */
+    struct setup setup;                /* all but `initial` */
+    struct pilot_target target;        /* zeroed: the sample counts of `setup` */
     struct output_desc output;         /* pattern NULL: no images */
     const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
-    bool reseed;                       /* other random numbers in each frame */
 };
 
 /* Frames that cannot be read are reported and skipped; then, and on ERR_IO and ERR_NOMEM, the result is an error.

@@ -11,9 +11,8 @@
 #include <omp.h>
 
 struct render {
-    struct setup setup;
-    double fps; /* 0: no time is set */
     struct render_desc desc;
+    double fps;                        /* 0: no time is set */
     struct components_desc components; /* out.text NULL: they are not asked for */
     struct probe_request probe;        /* about a pixel, */
     bool probing;                      /* where one is asked */
@@ -59,12 +58,12 @@ static enum err read_target(const struct command *c, struct render *r, struct re
     struct pilot_target *t = &r->desc.target;
 
     t->seconds = r->fps > 0.0 ? 1.0 / r->fps : 0.0;
-    t->error = r->setup.initial.error;
+    t->error = r->desc.setup.initial.error;
     if (t->seconds <= 0.0 && t->error <= 0.0)
         return ERR_OK;
-    if (r->desc.light.direct.method != METHOD_AUTO)
+    if (r->desc.setup.light.direct.method != METHOD_AUTO)
         return err_say(why, ERR_USAGE, "--fps and --error are for --method auto, not for %s",
-                       method_name(r->desc.light.direct.method));
+                       method_name(r->desc.setup.light.direct.method));
     if (command_given(c, "samples"))
         return err_say(why, ERR_USAGE, "--samples fixes the sample count; --fps and --error choose it");
     return ERR_OK;
@@ -95,8 +94,8 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
 
 static enum err read_options(struct command *c, struct render *r, struct reason *why)
 {
-    struct setup *s = &r->setup;
     struct render_desc *d = &r->desc;
+    struct setup *s = &d->setup;
     enum err e = command_read(c, why);
 
     if (!e)
@@ -106,12 +105,6 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
     if (!e)
         e = read_out(c, r, why);
     s->set_desc.progress = true;
-    d->source = s->source_desc;
-    d->set = s->set_desc;
-    d->light = s->light;
-    d->environment = s->environment;
-    d->kernels = s->kernels;
-    d->reseed = s->reseed;
     d->probe = r->probing ? &r->probe : NULL;
     d->output.tone = s->initial.tone;
     d->output.quality = (int)s->quality;
@@ -126,16 +119,17 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
 /* Daylight coefficients in place of images. */
 static enum err export_components(struct render *r, struct reason *why)
 {
+    const struct setup *setup = &r->desc.setup;
     struct set *set;
-    enum err e = set_create(&r->desc.set, &set, why);
+    enum err e = set_create(&setup->set_desc, &set, why);
 
     if (e)
         return e;
     r->components.set = set;
-    r->components.kernels = r->desc.kernels;
-    r->components.light = &r->desc.light;
-    r->components.environment = &r->desc.environment;
-    r->components.progress = r->desc.set.progress;
+    r->components.kernels = setup->kernels;
+    r->components.light = &setup->light;
+    r->components.environment = &setup->environment;
+    r->components.progress = true;
     e = components_write(&r->components, why);
     set_destroy(set);
     return e;
@@ -151,7 +145,7 @@ int main(int argc, char **argv)
                  "Exit code: 0 all frames rendered, 1 some could not be (each is named), 2 wrong usage.",
         .epilogue_title = "keys of sky:, with their defaults",
         .program = FOR_RENDER,
-        .lists = { { settings_table, &r.setup }, { rows, &r } },
+        .lists = { { settings_table, &r.desc.setup }, { rows, &r } },
     };
     struct reason why = { "" };
     bool done;

@@ -195,7 +195,7 @@ static void rig_begin(struct rig *r, const char *const *flags)
     r->shared.new_work = &r->new_work;
     r->shared.reload = &r->reload;
     assert_int_equal(daemon_config_read(&r->shared.config, &r->shared.readings, argc, argv, &done, &why), ERR_OK);
-    r->shared.config.set_desc.progress = false;
+    r->shared.config.setup.set_desc.progress = false;
     assert_int_equal(shared_init(&r->shared, &why), ERR_OK);
     status_begin(&r->shared.status, &r->shared);
     fake.demand = (struct server_demand){ .viewers = 1 };
