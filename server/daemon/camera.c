@@ -114,7 +114,8 @@ bool camera_follow_settings(struct shade_thread *t)
         return finish_build(t);
     if (b->running) {
         status_camera_progress(&t->shared->status, b->name,
-                               (double)atomic_load(&b->line.done) / (double)(t->shared->config.setup.set_desc.height + 1));
+                               (double)atomic_load(&b->line.done) /
+                                   (double)(t->shared->config.setup.set_desc.height + 1));
         return false;
     }
     if (strcmp(now.camera, t->set->camera) == 0)

@@ -19,8 +19,8 @@
 
 #define TOKEN_BYTES 256
 
-static const char *const token_flags[] = { "token-viewer", "token-controller", "token-producer",
-                                          "token-recorder", "token-metrics" };
+static const char *const token_flags[] = { "token-viewer", "token-controller", "token-producer", "token-recorder",
+                                           "token-metrics" };
 #define TOKENS (sizeof(token_flags) / sizeof(token_flags[0]))
 
 /* One reading of everything. */

@@ -58,7 +58,8 @@ static double encode_jpeg(struct encode_thread *t, struct shaded *in, const uint
  * An incomplete block at the border is left out. Returns the milliseconds spent. */
 static double make_small_display(struct encode_thread *t, const struct shaded *in, unsigned scale)
 {
-    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone, t->shared->config.setup.kernels->level };
+    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone,
+                                    t->shared->config.setup.kernels->level };
     const uint32_t width = in->header.width, block = 1u << scale, w = width >> scale, h = in->header.height >> scale;
     const double start = clock_seconds();
 
@@ -136,7 +137,8 @@ static void encode_exr(struct encode_thread *t, struct shaded *in, enum protocol
 /* Makes t->display[0], which is kept for viewers that come before the next picture. Returns the milliseconds spent. */
 static double make_display(struct encode_thread *t, const struct shaded *in)
 {
-    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone, t->shared->config.setup.kernels->level };
+    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone,
+                                    t->shared->config.setup.kernels->level };
     const double start = clock_seconds();
 
     tone_map(in->rgb, in->header.width, in->header.height, &tone, t->display[0]);

@@ -62,12 +62,13 @@ static enum err set_up(struct render *r, struct reason *why)
     r->prober = d->probe ? prober_create(r->set, d->setup.kernels) : NULL;
     r->rgb = mem_alloc((size_t)d->setup.set_desc.width * d->setup.set_desc.height, 3 * sizeof(float));
     if (!r->relighter || !r->environment || !r->rgb || (d->probe && !r->prober))
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width, d->setup.set_desc.height);
+        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width,
+                       d->setup.set_desc.height);
     d->setup.light.direct.why = why;
     if (d->target.seconds > 0.0 || d->target.error > 0.0)
         return ERR_OK;
-    return decider_prepare(&r->decider, r->relighter, source_count(r->source), d->setup.set_desc.progress, &d->setup.light,
-                           &r->cache_ms);
+    return decider_prepare(&r->decider, r->relighter, source_count(r->source), d->setup.set_desc.progress,
+                           &d->setup.light, &r->cache_ms);
 }
 
 /* The time for light is what reading and writing leave of the frame's. */
