@@ -218,8 +218,8 @@ static struct frame noise_of(int k)
     return f;
 }
 
-/* Tables, samples and images built in reused memory of other sizes equal those in fresh memory, bit for bit. Each commit
- * plays every second picture of the sequence, which still changes layout, shape and size each time. */
+/* Tables, samples and images built in reused memory of other sizes equal those in fresh memory, bit for bit. Each
+ * commit plays every second picture of the sequence, which still changes layout, shape and size each time. */
 static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(void **state)
 {
     static float got[VALUES], want[VALUES];
