@@ -54,8 +54,9 @@ static const struct setting table[] = {
     { "token-producer-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "token-recorder-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "token-metrics-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
-    { "host", "NAMES", "host names to answer to besides this machine's own, separated by commas: a proxy's", NULL,
-      ACCESS, TEXT, AT(server_desc.hosts), .reload = RELOAD_SERVER },
+    { "public-name", "NAMES",
+      "names by which browsers and clients reach this server from outside, separated by commas; localhost and its "
+      "addresses need none", NULL, ACCESS, TEXT, AT(server_desc.public_names), .reload = RELOAD_SERVER },
     { "behind-proxy", NULL, "trust X-Forwarded-For from a proxy on this machine, whose limits then count", NULL, ACCESS,
       SWITCH, AT(server_desc.behind_proxy), .reload = RELOAD_SERVER },
     { "max-connections", "N", "maximum number of WebSockets", "128", ACCESS, WHOLE(1, 4096),

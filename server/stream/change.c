@@ -84,7 +84,7 @@ void server_take_change(struct server *s)
     for (int r = 0; r < SERVER_ROLES; r++)
         swap_texts(&s->tokens[r], &next->tokens[r]);
     swap_texts(&s->token_metrics, &next->token_metrics);
-    swap_texts(&s->hosts, &next->hosts);
+    swap_texts(&s->public_names, &next->public_names);
     s->behind_proxy = next->behind_proxy;
     s->max_per_address = next->max_per_address;
     s->max_per_address_given = next->max_per_address_given;

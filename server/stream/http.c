@@ -2,9 +2,12 @@
 
 #include "base/mem.h"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/socket.h>
 
 /* Extracts the name from "name", "name:port" or "[::1]:port", without brackets. */
 static bool host_name(const char *host, char *out, size_t size)
@@ -40,6 +43,27 @@ static bool is_listed(const char *list, const char *name)
     }
 }
 
+/* Whether the name is the numeric address at which this connection reached us. A page that an attacker's DNS lets in
+ * has a name, never a number. */
+static bool is_local_address(struct lws *wsi, const char *name)
+{
+    struct sockaddr_storage local = { 0 };
+    const struct sockaddr_in6 *six = (const struct sockaddr_in6 *)&local;
+    const struct sockaddr_in *four = (const struct sockaddr_in *)&local;
+    socklen_t size = sizeof(local);
+    struct in6_addr named;
+
+    if (getsockname(lws_get_socket_fd(wsi), (struct sockaddr *)&local, &size) != 0)
+        return false;
+    if (inet_pton(AF_INET6, name, &named) == 1)
+        return local.ss_family == AF_INET6 && memcmp(&named, &six->sin6_addr, sizeof(named)) == 0;
+    if (inet_pton(AF_INET, name, &named) != 1)
+        return false;
+    if (local.ss_family == AF_INET6) /* a dual-stack socket maps IPv4 to the last four bytes */
+        return IN6_IS_ADDR_V4MAPPED(&six->sin6_addr) && memcmp(&named, six->sin6_addr.s6_addr + 12, 4) == 0;
+    return memcmp(&named, &four->sin_addr, 4) == 0;
+}
+
 bool http_host_ok(const struct server *s, struct lws *wsi)
 {
     char host[256], name[256];
@@ -47,8 +71,8 @@ bool http_host_ok(const struct server *s, struct lws *wsi)
     if (lws_hdr_copy(wsi, host, sizeof(host), WSI_TOKEN_HOST) <= 0 || !host_name(host, name, sizeof(name)))
         return false;
     /* A name that an attacker's DNS points at 127.0.0.1 is still the attacker's name. */
-    return s->allow_remote || strcasecmp(name, "localhost") == 0 || is_ipv4_loopback(name) ||
-           strcmp(name, "::1") == 0 || strcasecmp(name, s->address) == 0 || (s->hosts && is_listed(s->hosts, name));
+    return strcasecmp(name, "localhost") == 0 || is_ipv4_loopback(name) || strcmp(name, "::1") == 0 ||
+           is_local_address(wsi, name) || (s->public_names && is_listed(s->public_names, name));
 }
 
 bool http_origin_ok(struct lws *wsi)
@@ -171,7 +195,9 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
     if (!g || g->state == GUEST_LEAVING)
         return -1;
     if (!http_host_ok(s, wsi))
-        return http_refuse(s, wsi, 403, "This server does not answer to that Host name.\n");
+        return http_refuse(s, wsi, 403, "This server does not answer to that Host name; see --public-name.\n");
+    if (!http_origin_ok(wsi))
+        return http_refuse(s, wsi, 403, "Pages of other sites are not served.\n");
     if (!head && lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) == 0)
         return http_refuse(s, wsi, 405, "Only GET and HEAD are answered.\n");
     if (lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) > 0 ||

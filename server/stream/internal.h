@@ -125,8 +125,8 @@ struct stream_counts {
 };
 
 struct server {
-    /* Constant once the thread runs, so any thread may read it; except tokens, limits, hosts and certificate, which
-     * server_take_change changes and only the service thread reads. */
+    /* Constant once the thread runs, so any thread may read it; except tokens, limits, public names and certificate,
+     * which server_take_change changes and only the service thread reads. */
     struct site site;
     char address[64];
     char url[96];
@@ -148,7 +148,7 @@ struct server {
     bool max_per_address_given; /* then loopback is limited too */
     bool behind_proxy;
     uint32_t silent_s;
-    char *hosts; /* further Host names to accept, separated by commas; or NULL */
+    char *public_names; /* further Host names to accept, separated by commas; or NULL */
     struct lws_context *context;
     struct lws_protocols protocols[3];
     lws_retry_bo_t validity;

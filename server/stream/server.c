@@ -155,7 +155,7 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     if (!e)
         e = copy_secrets(s, desc, why);
     if (!e)
-        e = copy_text(&s->hosts, desc->hosts, why);
+        e = copy_text(&s->public_names, desc->public_names, why);
     if (e)
         return e;
     if (getrandom(&random, sizeof(random), 0) != sizeof(random))
@@ -390,7 +390,7 @@ void server_destroy(struct server *s)
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
     mem_free(s->token_metrics);
-    mem_free(s->hosts);
+    mem_free(s->public_names);
     mem_free(s->tls_cert);
     mem_free(s->tls_key);
     tls_destroy(s->tls);

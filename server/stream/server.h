@@ -34,10 +34,10 @@ struct server_desc {
     uint32_t max_per_address;         /* WebSockets from one address (IPv6: one /64); default 32, and no limit for
                                        * loopback */
     bool behind_proxy;                /* a local connection's client is the last name in X-Forwarded-For */
-    const char *hosts;                /* further Host names to accept, separated by commas */
+    const char *public_names;         /* further Host names to accept, separated by commas */
     uint32_t silent_s;                /* ping a silent peer after this time, and drop it after 2.5 times this;
                                        * default 10 */
-    bool allow_remote;                /* accept addresses other than loopback, and any Host name */
+    bool allow_remote;                /* accept addresses other than loopback */
     const char *tokens[SERVER_ROLES]; /* required in hello, by role, 1 to 255 bytes; NULL: none */
     const char *token_metrics;        /* required for /metrics; NULL: see monitor.c */
     const char *tls_cert, *tls_key;   /* PEM files (tls.h): HTTPS and WSS only; NULL: plain */
@@ -66,9 +66,9 @@ void server_destroy(struct server *s);
 /* Checks a description without listening. Errors as server_create. */
 MUST_CHECK enum err server_check(const struct server_desc *desc, struct reason *why);
 
-/* Changes tokens, hosts and limits for new connections, and where TLS is on also certificate and key, whose files are
- * read again. Address, roles, TLS on or off and max_connections stay, and so do open connections. On any error nothing
- * changes; errors as server_create. Any thread but the service thread. */
+/* Changes tokens, public names and limits for new connections, and where TLS is on also certificate and key, whose
+ * files are read again. Address, roles, TLS on or off and max_connections stay, and so do open connections. On any
+ * error nothing changes; errors as server_create. Any thread but the service thread. */
 MUST_CHECK enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why);
 
 uint16_t server_port(const struct server *s);

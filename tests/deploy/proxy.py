@@ -68,7 +68,7 @@ class Proxy:
         (self.folder / "nginx.conf").write_text(
             f"daemon off; pid {self.folder}/pid; error_log stderr warn;\nevents {{}}\nhttp {{ access_log off;\n{temporary}"
             f"{self.site()}\n}}\n")
-        self.start(str(BIN / "relightd"), "--port", str(self.inner), "--behind-proxy", "--host", NAME, *self.arguments)
+        self.start(str(BIN / "relightd"), "--port", str(self.inner), "--behind-proxy", "--public-name", NAME, *self.arguments)
         self.start(nginx, "-e", "stderr", "-p", str(self.folder), "-c", str(self.folder / "nginx.conf"))
         for port in (self.inner, self.port):
             await self.listens(port)

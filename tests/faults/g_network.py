@@ -219,5 +219,30 @@ async def G105_all_names_of_sequences_taken(folder):
     return "a newcomer gets a name that waits for its first frame, from the address with most"
 
 
+@row(alone=True, most_s=120)
+async def G106_foreign_names(folder):
+    """A page whose name resolves to this machine is refused, whatever tokens there are and wherever the server listens."""
+    flags = [x for role in ("viewer", "controller", "producer") for x in (f"--token-{role}", "secret")]
+    for bind in ((), ("--bind", "0.0.0.0")):
+        async with Relightd(*flags, "--public-name", "relight.example", *bind, source=SKY) as server:
+            for host, origin, wanted in (("evil.example", None, 403), ("evil.example", "http://evil.example", 403),
+                                         ("127.0.0.1.evil.example", None, 403), ("192.0.2.1", None, 403),
+                                         (None, "http://evil.example", 403), (None, None, 101),
+                                         ("relight.example", "https://relight.example", 101),
+                                         ("127.0.0.1", "http://127.0.0.1", 101)):
+                head = {"Host": host or f"localhost:{server.port}", "Origin": origin}
+                raw = await Raw.open(server.port)
+                got = await raw.upgrade(**head)
+                check(got == wanted, f"{bind} upgrade with {head}: {got}")
+                raw.shut()
+                raw = await Raw.open(server.port)
+                raw.send((f"GET /metrics HTTP/1.1\r\nHost: {head['Host']}\r\nAuthorization: Bearer secret\r\n" +
+                          (f"Origin: {origin}\r\n" if origin else "") + "Connection: close\r\n\r\n").encode())
+                got = (await raw.answer())[0]
+                check(got == (403 if wanted == 403 else 200), f"{bind} /metrics with {head}: {got}")
+                raw.shut()
+    return "403 on every path; localhost, its addresses and --public-name are served"
+
+
 if __name__ == "__main__":
     main()

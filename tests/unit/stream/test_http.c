@@ -275,9 +275,13 @@ static void only_loopback_is_bound_unless_remote_is_allowed(void **state)
     assert_int_equal(server_create(&desc, &s, &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "--token-producer"));
     desc.tokens[SERVER_PRODUCER] = "p";
+    desc.public_names = "known.example";
     s = server_start(&desc);
     ask(s, "GET / HTTP/1.1\r\nHost: any.name.example\r\nConnection: close\r\n\r\n", &a);
+    assert_int_equal(a.status, 403);
+    ask(s, "GET / HTTP/1.1\r\nHost: known.example\r\nConnection: close\r\n\r\n", &a);
     assert_int_equal(a.status, 200);
+    desc.public_names = NULL;
     server_destroy(s);
     desc.address = "localhost";
     s = server_start(&desc);

@@ -332,7 +332,7 @@ static void a_token_that_cannot_be_one_is_refused_without_being_said(void **stat
 static void other_names_are_answered_to_where_they_were_said(void **state)
 {
     (void)state;
-    const struct server_desc desc = { .hosts = "relight.example,other.example" };
+    const struct server_desc desc = { .public_names = "relight.example,other.example" };
     static const struct handshake good[] = {
         { .host = "relight.example", .origin = "https://relight.example" },
         { .host = "Other.Example:8443", .origin = "https://other.example:8443" },
