@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define FIRST_ROOM 64 /* elements */
+
 void *mem_alloc_raw(size_t count, size_t size)
 {
     if (size != 0 && count > (SIZE_MAX - MEM_ALIGN) / size)
@@ -33,6 +35,22 @@ void *mem_grow(void *old, size_t old_count, size_t count, size_t size)
         memcpy(p, old, old_count * size);
     mem_free(old);
     return p;
+}
+
+bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size)
+{
+    const size_t more = *capacity ? 2 * *capacity : FIRST_ROOM;
+    void *old;
+
+    if (count < *capacity)
+        return true;
+    memcpy(&old, array, sizeof(old));
+    void *grown = mem_grow(old, count, more, size);
+    if (!grown)
+        return false;
+    memcpy(array, &grown, sizeof(grown));
+    *capacity = more;
+    return true;
 }
 
 void mem_free(void *p)

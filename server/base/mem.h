@@ -4,6 +4,7 @@
 #ifndef BASE_MEM_H
 #define BASE_MEM_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #define MEM_ALIGN 64
@@ -19,6 +20,10 @@ void *mem_alloc_raw(size_t count, size_t size);
 /* As mem_alloc, and moves the first old_count elements of `old` into it; the rest is zero. On NULL the old block is
  * unchanged. old may be NULL. */
 void *mem_grow(void *old, size_t old_count, size_t count, size_t size);
+
+/* Makes room for one more element behind `count` of a growing array; doubles its capacity, at first 64. array: the
+ * address of the pointer to it. False when out of memory: nothing has changed. */
+bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size);
 
 void mem_free(void *p); /* NULL is allowed */
 

@@ -8,33 +8,13 @@
 #include <math.h>
 #include <string.h>
 
-/* To be counted up whenever the same scene would get another interreflection. */
-#define FORMAT 1
+/* Increase it whenever the same scene gets another cache, or the file changes. */
+#define FORMAT 2
 
 #define GAIN_MOST 1e20f
 
-static const char index_name[] = "bounce.index", basis_name[] = "bounce.basis", bytes_name[] = "bounce.bytes";
-
-/* The index: a head, the blocks in their order, the groups. The pieces' bytes stand behind each other by groups and
- * rows. */
-struct head {
-    uint32_t blocks, groups, basis;
-    uint32_t records, bounces, zero;
-    uint64_t rays;
-    double basis_rest;
-};
-
-struct block_record {
-    uint32_t first;
-    uint8_t rank[TRANSPORT_ROWS], zero;
-};
-
-struct group_record {
-    uint16_t rank[TRANSPORT_ROWS], basis[TRANSPORT_ROWS];
-};
-
-_Static_assert(sizeof(struct head) == 40 && sizeof(struct block_record) == 8 && sizeof(struct group_record) == 12,
-               "a section's layout has no padding");
+/* One section: statistics, the basis, then group by group the ranks of its rows and blocks, and its pieces' bytes. */
+static const char section[] = "bounce";
 
 struct digest bounce_key(const struct digest *direct, const struct bounce_desc *desc)
 {
@@ -50,37 +30,6 @@ struct digest bounce_key(const struct digest *direct, const struct bounce_desc *
     digest_bytes(&key, numbers, sizeof(numbers));
     digest_scene(&key, desc->scene);
     return key;
-}
-
-/* ---- Saving ---- */
-
-static size_t index_size(const struct bounce *b)
-{
-    return sizeof(struct head) + b->block_count * sizeof(struct block_record) +
-           b->group_count * sizeof(struct group_record);
-}
-
-static void write_index(const struct bounce *b, uint8_t *at)
-{
-    const struct bounce_stats *s = &b->stats;
-    const struct head head = { b->block_count, b->group_count, b->basis.count, s->records, s->bounces, 0,
-                               s->rays,        s->basis_rest };
-
-    memcpy(at, &head, sizeof(head));
-    at += sizeof(head);
-    for (uint32_t k = 0; k < b->block_count; k++, at += sizeof(struct block_record)) {
-        struct block_record record = { b->blocks[k].first, { 0 }, 0 };
-        memcpy(record.rank, b->blocks[k].rank, b->blocks[k].rows);
-        memcpy(at, &record, sizeof(record));
-    }
-    for (uint32_t k = 0; k < b->group_count; k++, at += sizeof(struct group_record)) {
-        struct group_record record = { { 0 }, { 0 } };
-        for (uint32_t r = 0; r < b->groups[k].rows; r++) {
-            record.rank[r] = (uint16_t)b->groups[k].pieces[r].rank;
-            record.basis[r] = (uint16_t)b->groups[k].pieces[r].basis;
-        }
-        memcpy(at, &record, sizeof(record));
-    }
 }
 
 static void save_piece(const struct bounce *b, const struct bounce_group *g, uint32_t row, struct cache_writer *w)
@@ -99,17 +48,21 @@ static void save_piece(const struct bounce *b, const struct bounce_group *g, uin
 
 void bounce_save(const struct bounce *b, const struct digest *key, struct cache_writer *w)
 {
-    uint8_t *index = mem_alloc(index_size(b), 1);
-
-    if (index)
-        write_index(b, index);
-    cache_writer_section(w, index_name, key);
-    cache_writer_give(w, index, index_size(b));
-    cache_writer_section(w, basis_name, key);
+    cache_writer_section(w, section, key);
+    cache_writer_put(w, &b->stats.records, sizeof(b->stats.records));
+    cache_writer_put(w, &b->stats.bounces, sizeof(b->stats.bounces));
+    cache_writer_put(w, &b->stats.rays, sizeof(b->stats.rays));
+    cache_writer_put(w, &b->basis.rest, sizeof(b->basis.rest));
+    cache_writer_put(w, &b->basis.count, sizeof(b->basis.count));
     cache_writer_put(w, b->basis.rows, (size_t)b->basis.count * SKY_CELLS * sizeof(*b->basis.rows));
-    cache_writer_section(w, bytes_name, key);
     for (uint32_t k = 0; k < b->group_count; k++) {
         const struct bounce_group *g = &b->groups[k];
+        for (uint32_t r = 0; r < g->rows; r++) {
+            cache_writer_put(w, &g->pieces[r].rank, sizeof(g->pieces[r].rank));
+            cache_writer_put(w, &g->pieces[r].basis, sizeof(g->pieces[r].basis));
+        }
+        for (uint32_t i = g->first; i < g->first + g->count; i++)
+            cache_writer_put(w, b->blocks[i].rank, g->rows);
         for (uint32_t r = 0; r < g->rows; r++)
             save_piece(b, g, r, w);
     }
@@ -117,102 +70,61 @@ void bounce_save(const struct bounce *b, const struct digest *key, struct cache_
 
 /* ---- Loading ---- */
 
-static enum err refuse(const struct cache_reader *r, struct reason *why, const char *what)
+static enum err no_memory(struct reason *why)
 {
-    return err_say(why, ERR_FORMAT, "%.200s: %s", cache_reader_path(r), what);
+    return err_say(why, ERR_NOMEM, "out of memory for the cache of indirect light");
 }
 
-/* Whatever stands in the records, the loops that read the pieces stay within them, the basis and their own memory. */
-static bool take_group(struct bounce *b, struct bounce_group *g, const struct group_record *record)
+/* Numbers and rows of unit length. */
+static enum err read_basis(struct cache_reader *r, struct bounce *b, struct reason *why)
+{
+    struct bounce_stats *s = &b->stats;
+    struct bounce_basis *q = &b->basis;
+    enum err e = cache_reader_get(r, &s->records, sizeof(s->records), why);
+
+    if (!e)
+        e = cache_reader_get(r, &s->bounces, sizeof(s->bounces), why);
+    if (!e)
+        e = cache_reader_get(r, &s->rays, sizeof(s->rays), why);
+    if (!e)
+        e = cache_reader_get(r, &q->rest, sizeof(q->rest), why);
+    if (!e)
+        e = cache_reader_get(r, &q->count, sizeof(q->count), why);
+    if (!e && !(q->count > 0 && q->count <= BOUNCE_BASIS_MAX && q->count % PACKET == 0 && q->rest >= 0.0 &&
+                q->rest <= 1.0))
+        e = cache_reader_refuse(r, why);
+    if (e)
+        return e;
+    const size_t count = (size_t)q->count * SKY_CELLS;
+    q->rows = mem_alloc_raw(count, sizeof(*q->rows));
+    e = q->rows ? cache_reader_get(r, q->rows, count * sizeof(*q->rows), why) : no_memory(why);
+    for (size_t i = 0; i < count && !e; i++)
+        if (!(fabsf(q->rows[i]) < 1.001f))
+            e = cache_reader_refuse(r, why);
+    return e;
+}
+
+/* Whatever the ranks are, the loops that read the pieces stay within them, the basis and their own memory. */
+static bool is_sound(const struct bounce *b, const struct bounce_group *g)
 {
     uint32_t points = 0;
 
     for (uint32_t k = g->first; k < g->first + g->count; k++)
         points += b->blocks[k].packets * PACKET;
-    for (uint32_t r = 0; r < TRANSPORT_ROWS; r++) {
-        const uint32_t rank = record->rank[r], basis = record->basis[r];
-        if (rank == 0 ? basis != 0 : r >= g->rows || rank > points)
+    for (uint32_t r = 0; r < g->rows; r++) {
+        const uint32_t rank = g->pieces[r].rank, basis = g->pieces[r].basis;
+        if (rank == 0 ? basis != 0 : rank > points)
             return false;
         if (rank > 0 && (basis == 0 || basis % PACKET != 0 || basis > b->basis.count))
             return false;
         for (uint32_t k = g->first; k < g->first + g->count; k++)
             if (b->blocks[k].rank[r] > (rank > 0 ? b->blocks[k].packets * PACKET : 0))
                 return false;
-        g->pieces[r] = (struct bounce_piece){ NULL, rank, basis };
     }
     return true;
 }
 
-static bool take_records(struct bounce *b, const struct block_record *blocks, const struct group_record *groups)
-{
-    for (uint32_t k = 0; k < b->block_count; k++) {
-        if (blocks[k].first != b->blocks[k].first || blocks[k].zero != 0)
-            return false;
-        memcpy(b->blocks[k].rank, blocks[k].rank, sizeof(blocks[k].rank));
-    }
-    for (uint32_t k = 0; k < b->group_count; k++)
-        if (!take_group(b, &b->groups[k], &groups[k]))
-            return false;
-    return true;
-}
-
-static bool is_sound_head(const struct head *h)
-{
-    return h->zero == 0 && h->basis > 0 && h->basis <= BOUNCE_BASIS_MAX && h->basis % PACKET == 0 &&
-           h->basis_rest >= 0.0 && h->basis_rest <= 1.0;
-}
-
-static enum err read_index(struct cache_reader *r, const struct digest *key, struct bounce *b, struct reason *why)
-{
-    struct block_record *blocks = mem_alloc(b->block_count, sizeof(*blocks));
-    struct group_record *groups = mem_alloc(b->group_count, sizeof(*groups));
-    struct head head;
-    enum err e = blocks && groups ? cache_reader_find(r, index_name, key, why)
-                                  : err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
-
-    if (!e)
-        e = cache_reader_get(r, &head, sizeof(head), why);
-    if (!e && (head.blocks != b->block_count || head.groups != b->group_count))
-        e = refuse(r, why, "has other blocks than this picture");
-    if (!e && !is_sound_head(&head))
-        e = refuse(r, why, "holds numbers that cannot be");
-    if (!e)
-        e = cache_reader_get(r, blocks, b->block_count * sizeof(*blocks), why);
-    if (!e)
-        e = cache_reader_get(r, groups, b->group_count * sizeof(*groups), why);
-    if (!e)
-        e = cache_reader_end(r, why);
-    if (!e) {
-        b->basis = (struct bounce_basis){ .count = head.basis, .rest = head.basis_rest };
-        b->stats.records = head.records;
-        b->stats.bounces = head.bounces;
-        b->stats.rays = head.rays;
-        if (!take_records(b, blocks, groups))
-            e = refuse(r, why, "holds numbers that cannot be");
-    }
-    mem_free(blocks);
-    mem_free(groups);
-    return e;
-}
-
-/* Rows of unit length. */
-static enum err read_basis(struct cache_reader *r, const struct digest *key, struct bounce *b, struct reason *why)
-{
-    const size_t count = (size_t)b->basis.count * SKY_CELLS;
-    enum err e = cache_reader_find(r, basis_name, key, why);
-
-    b->basis.rows = mem_alloc_raw(count, sizeof(*b->basis.rows));
-    if (!e && !b->basis.rows)
-        e = err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
-    if (!e)
-        e = cache_reader_get(r, b->basis.rows, count * sizeof(*b->basis.rows), why);
-    for (size_t i = 0; i < count && !e; i++)
-        if (!(fabsf(b->basis.rows[i]) < 1.001f))
-            e = refuse(r, why, "holds numbers that cannot be");
-    return e ? e : cache_reader_end(r, why);
-}
-
-/* Bytes may be any, what they are multiplied by may not. */
+/* Bytes may have any value; the gains that multiply them must be finite. */
 static bool has_sound_gains(const struct bounce *b, const struct bounce_group *g, uint32_t row)
 {
     const struct bounce_piece *q = &g->pieces[row];
@@ -242,56 +154,55 @@ static enum err read_piece(struct cache_reader *r, const struct bounce *b, struc
         return ERR_OK;
     q->bytes = mem_alloc_raw(size, 1);
     if (!q->bytes)
-        return err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
+        return no_memory(why);
     const enum err e = cache_reader_get(r, q->bytes, size, why);
-    if (e)
-        return e;
-    return has_sound_gains(b, g, row) ? ERR_OK : refuse(r, why, "holds numbers that cannot be");
+    return e || has_sound_gains(b, g, row) ? e : cache_reader_refuse(r, why);
 }
 
-static enum err read_bytes(struct cache_reader *r, const struct digest *key, struct bounce *b, uint64_t max_bytes,
-                           struct reason *why)
+/* bytes: those of the groups before; counts this one's. */
+static enum err read_group(struct cache_reader *r, struct bounce *b, struct bounce_group *g, uint64_t *bytes,
+                           uint64_t max_bytes, struct reason *why)
 {
-    enum err e = cache_reader_find(r, bytes_name, key, why);
-    uint64_t bytes = 0;
+    enum err e = ERR_OK;
 
-    for (uint32_t k = 0; k < b->group_count; k++)
-        for (uint32_t row = 0; row < b->groups[k].rows; row++)
-            bytes += bounce_piece_bytes(&b->groups[k], b->blocks + b->groups[k].first, row);
-    if (!e && cache_reader_left(r) != bytes)
-        e = refuse(r, why, "holds more or less than it says");
-    if (!e && !cache_memory_suffices(max_bytes, b->stats.bytes + bytes))
-        return bounce_say_too_large(max_bytes, why);
-    for (uint32_t k = 0; k < b->group_count && !e; k++)
-        for (uint32_t row = 0; row < b->groups[k].rows && !e; row++)
-            e = read_piece(r, b, &b->groups[k], row, why);
-    return e ? e : cache_reader_end(r, why);
+    for (uint32_t row = 0; row < g->rows && !e; row++) {
+        e = cache_reader_get(r, &g->pieces[row].rank, sizeof(g->pieces[row].rank), why);
+        if (!e)
+            e = cache_reader_get(r, &g->pieces[row].basis, sizeof(g->pieces[row].basis), why);
+    }
+    for (uint32_t k = g->first; k < g->first + g->count && !e; k++)
+        e = cache_reader_get(r, b->blocks[k].rank, g->rows, why);
+    if (!e && !is_sound(b, g))
+        e = cache_reader_refuse(r, why);
+    for (uint32_t row = 0; row < g->rows && !e; row++)
+        *bytes += bounce_piece_bytes(g, b->blocks + g->first, row);
+    if (!e && !cache_memory_suffices(max_bytes, *bytes))
+        e = bounce_say_too_large(max_bytes, why);
+    for (uint32_t row = 0; row < g->rows && !e; row++)
+        e = read_piece(r, b, g, row, why);
+    return e;
 }
 
 enum err bounce_load(struct cache_reader *r, const struct digest *key, const struct bounce_desc *desc,
                      const struct kernels *kernels, struct bounce **out, struct reason *why)
 {
     struct bounce *b = bounce_begin(desc, kernels);
-    enum err e = b ? bounce_group(b, desc) : ERR_NOMEM;
+    enum err e = !b || bounce_group(b, desc) ? no_memory(why) : cache_reader_find(r, section, key, why);
 
     *out = NULL;
-    if (e)
-        err_say(why, e, "no memory for the cache of interreflection");
     if (!e)
-        e = read_index(r, key, b, why);
+        e = read_basis(r, b, why);
+    uint64_t bytes = b ? b->stats.bytes : 0;
+    for (uint32_t k = 0; !e && k < b->group_count; k++)
+        e = read_group(r, b, &b->groups[k], &bytes, desc->max_bytes, why);
     if (!e)
-        e = read_basis(r, key, b, why);
-    if (!e)
-        e = read_bytes(r, key, b, desc->max_bytes, why);
-    if (!e) {
-        e = bounce_close(b);
-        if (e)
-            err_say(why, e, "no memory for the cache of interreflection");
+        e = cache_reader_end(r, why);
+    if (!e && bounce_close(b))
+        e = no_memory(why);
+    if (e) {
+        bounce_destroy(b);
+        return e;
     }
-    if (!e) {
-        *out = b;
-        b = NULL;
-    }
-    bounce_destroy(b);
-    return e;
+    *out = b;
+    return ERR_OK;
 }

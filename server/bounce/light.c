@@ -3,7 +3,7 @@
 
 #include "base/cancel.h"
 #include "estimators/denormals.h"
-#include "transport/half.h"
+#include "base/half.h"
 #include "base/mem.h"
 
 #include <cblas.h>

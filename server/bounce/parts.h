@@ -29,7 +29,8 @@ struct bounce_spot { /* a place where a path has met a rough surface */
 
 struct bounce_spots {
     struct bounce_spot *at;
-    uint32_t count, capacity;
+    uint32_t count;
+    size_t capacity;
     bool failed; /* out of memory */
 };
 
@@ -60,7 +61,8 @@ struct bounce_end {  /* where a path has found light */
 
 struct bounce_ends {
     struct bounce_end *at;
-    uint32_t count, capacity;
+    uint32_t count;
+    size_t capacity;
     bool failed;
     uint64_t rays;
 };

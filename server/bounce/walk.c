@@ -5,8 +5,6 @@
 
 #include <math.h>
 
-#define ENDS_AT_ONCE 64
-
 struct walk {
     const struct bounce_world *world;
     struct vec3 origin, dir;
@@ -20,32 +18,18 @@ static void end_in(struct walk *w, uint32_t source, const double weight[3])
 {
     struct bounce_ends *e = w->ends;
 
-    if (e->count == e->capacity) {
-        const uint32_t more = e->capacity ? 2 * e->capacity : ENDS_AT_ONCE;
-        struct bounce_end *at = mem_grow(e->at, e->count, more, sizeof(*at));
-        if (!at) {
-            e->failed = true;
-            return;
-        }
-        e->at = at;
-        e->capacity = more;
-    }
-    e->at[e->count++] = (struct bounce_end){ source, { (float)weight[0], (float)weight[1], (float)weight[2] } };
+    if (mem_reserve(&e->at, e->count, &e->capacity, sizeof(*e->at)))
+        e->at[e->count++] = (struct bounce_end){ source, { (float)weight[0], (float)weight[1], (float)weight[2] } };
+    else
+        e->failed = true;
 }
 
 static void write_down(struct bounce_spots *s, const struct bounce_spot *spot)
 {
-    if (s->count == s->capacity) {
-        const uint32_t more = s->capacity ? 2 * s->capacity : 4096;
-        struct bounce_spot *at = mem_grow(s->at, s->count, more, sizeof(*at));
-        if (!at) {
-            s->failed = true;
-            return;
-        }
-        s->at = at;
-        s->capacity = more;
-    }
-    s->at[s->count++] = *spot;
+    if (mem_reserve(&s->at, s->count, &s->capacity, sizeof(*s->at)))
+        s->at[s->count++] = *spot;
+    else
+        s->failed = true;
 }
 
 bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *dir, float *weight)
@@ -74,14 +58,12 @@ static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3]
 
 /* The matte part of a surface: ends in its record, or is written down. Where there is no record the path may go on by
  * it; returns the share that this asks for. */
-static double meet_matte(struct walk *w, const struct scatter *at, const struct bounce_spot *spot,
-                         const double albedo[3])
+static double meet_matte(struct walk *w, const struct bounce_spot *spot, const double albedo[3])
 {
     const double most = fmax(albedo[0], fmax(albedo[1], albedo[2]));
 
     if (!(most > 0.0))
         return 0.0;
-    (void)at;
     if (w->world->found) {
         write_down(w->world->found, spot);
         return 0.0;
@@ -168,7 +150,7 @@ static bool meet(struct walk *w, const struct hit *h)
                                       .kind = at.kind };
     if (at.rough) {
         matte_albedo(&at, wo, albedo);
-        share[0] = meet_matte(w, &at, &spot, albedo);
+        share[0] = meet_matte(w, &spot, albedo);
     }
     const struct lobe shine = shine_of(&at, wo, &share[1]);
     for (uint32_t i = 0; i < count; i++)

@@ -58,24 +58,8 @@ struct cache_writer {
     struct front front;
     struct file_part *parts; /* the first is the front */
     size_t count, capacity;
-    void **given;
-    size_t given_count, given_capacity;
     bool no_memory;
 };
-
-/* Room for one more; false when out of memory. */
-static bool reserve(void **list, size_t count, size_t *capacity, size_t size)
-{
-    if (count < *capacity)
-        return true;
-    const size_t more = *capacity ? 2 * *capacity : 64;
-    void *grown = mem_grow(*list, *capacity, more, size);
-    if (!grown)
-        return false;
-    *list = grown;
-    *capacity = more;
-    return true;
-}
 
 struct cache_writer *cache_writer_create(void)
 {
@@ -86,7 +70,7 @@ struct cache_writer *cache_writer_create(void)
     memcpy(w->front.header.magic, magic, sizeof(magic));
     w->front.header.order = ORDER;
     w->front.header.version = VERSION;
-    if (!reserve((void **)&w->parts, 0, &w->capacity, sizeof(*w->parts))) {
+    if (!mem_reserve(&w->parts, 0, &w->capacity, sizeof(*w->parts))) {
         cache_writer_destroy(w);
         return NULL;
     }
@@ -98,9 +82,6 @@ void cache_writer_destroy(struct cache_writer *w)
 {
     if (!w)
         return;
-    for (size_t k = 0; k < w->given_count; k++)
-        mem_free(w->given[k]);
-    mem_free(w->given);
     mem_free(w->parts);
     mem_free(w);
 }
@@ -119,24 +100,13 @@ void cache_writer_put(struct cache_writer *w, const void *bytes, size_t size)
 
     if (size == 0 || w->no_memory)
         return;
-    if (!reserve((void **)&w->parts, w->count, &w->capacity, sizeof(*w->parts))) {
+    if (!mem_reserve(&w->parts, w->count, &w->capacity, sizeof(*w->parts))) {
         w->no_memory = true;
         return;
     }
     w->parts[w->count++] = (struct file_part){ bytes, size };
     e->length += size;
     e->check = (uint32_t)crc32_z(e->check, bytes, size);
-}
-
-void cache_writer_give(struct cache_writer *w, void *bytes, size_t size)
-{
-    if (!reserve((void **)&w->given, w->given_count, &w->given_capacity, sizeof(*w->given))) {
-        mem_free(bytes);
-        w->no_memory = true;
-        return;
-    }
-    w->given[w->given_count++] = bytes;
-    cache_writer_put(w, bytes, size);
 }
 
 enum err cache_writer_store(struct cache_writer *w, const char *path, struct reason *why)
@@ -275,11 +245,6 @@ enum err cache_reader_find(struct cache_reader *r, const char *name, const struc
     return err_say(why, ERR_END, "%.200s: has no '%s'", r->path, name);
 }
 
-uint64_t cache_reader_left(const struct cache_reader *r)
-{
-    return r->left;
-}
-
 enum err cache_reader_get(struct cache_reader *r, void *out, size_t size, struct reason *why)
 {
     if (size == 0)
@@ -300,7 +265,7 @@ enum err cache_reader_end(struct cache_reader *r, struct reason *why)
     return r->check == r->at->check ? ERR_OK : refuse(r, why, "is damaged: a checksum does not match");
 }
 
-const char *cache_reader_path(const struct cache_reader *r)
+enum err cache_reader_refuse(const struct cache_reader *r, struct reason *why)
 {
-    return r->path;
+    return refuse(r, why, "contains impossible numbers");
 }

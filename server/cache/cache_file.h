@@ -1,11 +1,11 @@
-/* Files of tables that take long to compute and are the same in the next run: sections, each with a name, a key of all
- * that decides what is in it, its length and its checksum. Numbers are those of the machine that wrote them.
- * Nothing of a file is believed: a byte that is not as it was written is found out by a checksum (all single errors of
- * up to 32 bits), a file that is cut or longer by its length. What a section's bytes mean, its reader has to check.
+/* server/cache/cache_file.h */
+/* Files of tables that take long to compute and that later runs need again. A file consists of sections, each with a
+ * name, a key (the digest of everything that determines its contents), a length and a checksum. Numbers have the
+ * machine's own byte order. A file is untrusted: checksums detect damage (every error of up to 32 bits), the lengths
+ * detect truncation. What the bytes of a section mean, its reader must check.
  *
- * A table that is saved here has two functions of its own, one that puts its section (cache_writer_section, then
- * cache_writer_put as often as it likes) and one that reads it (cache_reader_find, cache_reader_get, cache_reader_end).
- * One thread for each writer and reader. */
+ * A room that saves a table writes a section with cache_writer_section and any number of cache_writer_put, and reads it
+ * with cache_reader_find, cache_reader_get and cache_reader_end. Thread: one per writer and reader. */
 #ifndef CACHE_CACHE_FILE_H
 #define CACHE_CACHE_FILE_H
 
@@ -15,8 +15,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define CACHE_SECTIONS 16  /* of a file, at most */
-#define CACHE_NAME_ROOM 24 /* of a section's name, its end included */
+#define CACHE_SECTIONS 16  /* in a file, at most */
+#define CACHE_NAME_ROOM 24 /* bytes of a section's name, with its terminating zero */
 
 /* ---- Writing ---- */
 
@@ -25,37 +25,35 @@ struct cache_writer;
 struct cache_writer *cache_writer_create(void);    /* NULL when out of memory */
 void cache_writer_destroy(struct cache_writer *w); /* NULL is allowed */
 
-/* What is put from now on belongs to a section of that name. Lack of memory is told by cache_writer_store. */
+/* Starts a section. Lack of memory is reported by cache_writer_store. */
 void cache_writer_section(struct cache_writer *w, const char *name, const struct digest *key);
-void cache_writer_put(struct cache_writer *w, const void *bytes, size_t size); /* borrowed until the writer is gone */
-void cache_writer_give(struct cache_writer *w, void *bytes, size_t size);      /* the writer's now: mem_free */
 
-/* Sections to disk, as file_store.h does it. ERR_IO, ERR_NOMEM. */
+/* Adds bytes to it, which must stay valid and unchanged until the writer is destroyed. */
+void cache_writer_put(struct cache_writer *w, const void *bytes, size_t size);
+
+/* Writes the sections to a file, atomically (base/file_store.h). ERR_IO, ERR_NOMEM; the reason names the file. */
 MUST_CHECK enum err cache_writer_store(struct cache_writer *w, const char *path, struct reason *why);
 
 /* ---- Reading ---- */
 
 struct cache_reader;
 
-/* *out is NULL and no error where there is no such file. ERR_FORMAT: it is not one of these, or damaged; ERR_IO;
- * ERR_NOMEM. The reason names the file. */
+/* If there is no such file, *out is NULL and the result ERR_OK. ERR_FORMAT: not such a file, or damaged; ERR_IO;
+ * ERR_NOMEM. The reason names the file, as that of all functions below. */
 MUST_CHECK enum err cache_reader_open(const char *path, struct cache_reader **out, struct reason *why);
 void cache_reader_close(struct cache_reader *r); /* NULL is allowed */
 
-/* Goes to the beginning of that section. ERR_END: there is none; ERR_UNSUPPORTED: it has another key. */
+/* Goes to the start of a section. ERR_END: there is none of that name; ERR_UNSUPPORTED: it has another key. */
 MUST_CHECK enum err cache_reader_find(struct cache_reader *r, const char *name, const struct digest *key,
                                       struct reason *why);
 
-/* Bytes of the section that have not been read. */
-uint64_t cache_reader_left(const struct cache_reader *r);
-
-/* ERR_FORMAT where fewer are left; ERR_IO. What was read is not known to be right before cache_reader_end. */
+/* Reads the next `size` bytes. ERR_FORMAT: the section has fewer left; ERR_IO. They are verified by cache_reader_end. */
 MUST_CHECK enum err cache_reader_get(struct cache_reader *r, void *out, size_t size, struct reason *why);
 
-/* ERR_FORMAT unless the section was read to its end and is as it was written. */
+/* ERR_FORMAT unless the section was read to its end and its checksum matches. */
 MUST_CHECK enum err cache_reader_end(struct cache_reader *r, struct reason *why);
 
-/* The path, for those who find a fault in what they have read. */
-const char *cache_reader_path(const struct cache_reader *r);
+/* Returns ERR_FORMAT with the reason that a section contains impossible numbers, for readers that find some. */
+enum err cache_reader_refuse(const struct cache_reader *r, struct reason *why);
 
 #endif

@@ -1,5 +1,6 @@
 #include "codec/exr_file.h"
 
+#include "base/half.h"
 #include "codec/dwa/dwa.h"
 #include "codec/exr_zip.h"
 
@@ -28,29 +29,12 @@ struct place {
     char name[64];
 };
 
-/* Converts a half float: rebiases the exponent from 15 to 127 and handles infinity, NaN and subnormals (multiples of
- * 2^-24). Branch-free, so that the loop around it vectorises. */
-static inline float half_value(uint16_t half)
-{
-    const uint32_t magnitude = half & 0x7fffu;
-    const float small = (float)(int32_t)magnitude * 0x1p-24f;
-    uint32_t bits = (magnitude << 13) + 0x38000000u, small_bits;
-    float value;
-
-    bits += magnitude >= 0x7c00u ? 0x38000000u : 0u;
-    memcpy(&small_bits, &small, sizeof(small_bits));
-    bits = magnitude < 0x400u ? small_bits : bits;
-    bits |= (uint32_t)(half & 0x8000u) << 16;
-    memcpy(&value, &bits, sizeof(value));
-    return value;
-}
-
 static void spread_halves(const uint8_t *from, uint32_t count, float *to)
 {
     for (uint32_t i = 0; i < count; i++) {
         uint16_t half;
         memcpy(&half, from + 2 * (size_t)i, sizeof(half));
-        to[3 * (size_t)i] = half_value(half);
+        to[3 * (size_t)i] = half_widen(half);
     }
 }
 

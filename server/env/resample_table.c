@@ -20,14 +20,8 @@
 
 enum err overlaps_add(struct overlaps *o, uint32_t texel, uint32_t block, double solid_angle)
 {
-    if (o->count == o->capacity) {
-        const size_t more = o->capacity ? o->capacity + o->capacity / 2 : 1024;
-        struct overlap *grown = mem_grow(o->items, o->count, more, sizeof(*grown));
-        if (!grown)
-            return ERR_NOMEM;
-        o->items = grown;
-        o->capacity = more;
-    }
+    if (!mem_reserve(&o->items, o->count, &o->capacity, sizeof(*o->items)))
+        return ERR_NOMEM;
     o->items[o->count++] = (struct overlap){ texel, block, solid_angle };
     return ERR_OK;
 }

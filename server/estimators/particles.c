@@ -65,15 +65,9 @@ static double luminance(const double rgb[3])
 
 static void add_splat(struct particle_batch *b, uint32_t pixel, uint32_t from, const double rgb[3])
 {
-    if (b->count == b->capacity) {
-        const size_t capacity = b->capacity ? 2 * b->capacity : BATCH;
-        struct particle_splat *grown = mem_grow(b->splats, b->capacity, capacity, sizeof(*grown));
-        if (!grown) {
-            b->out_of_memory = true;
-            return;
-        }
-        b->splats = grown;
-        b->capacity = capacity;
+    if (!mem_reserve(&b->splats, b->count, &b->capacity, sizeof(*b->splats))) {
+        b->out_of_memory = true;
+        return;
     }
     b->splats[b->count++] = (struct particle_splat){ pixel, from, { (float)rgb[0], (float)rgb[1], (float)rgb[2] } };
 }

@@ -129,26 +129,10 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
     return n;
 }
 
-/* Grows an array for one more element; doubles its capacity. */
-static bool reserve(void **array, uint32_t count, uint32_t room, size_t size)
-{
-    if (count < room)
-        return true;
-    void *grown = mem_grow(*array, count, room ? 2 * (size_t)room : 256, size);
-    if (grown)
-        *array = grown;
-    return grown != NULL;
-}
-
 static bool add_escape(struct row *r, const struct leaf *l)
 {
-    void *escapes = r->escapes;
-
-    if (!reserve(&escapes, r->escape_count, r->escape_room, sizeof(*r->escapes)))
+    if (!mem_reserve(&r->escapes, r->escape_count, &r->escape_room, sizeof(*r->escapes)))
         return false;
-    r->escapes = escapes;
-    if (r->escape_count == r->escape_room)
-        r->escape_room = r->escape_room ? 2 * r->escape_room : 256;
     struct gbuffer_escape *out = &r->escapes[r->escape_count++];
     out->direction = l->arrival;
     out->width = l->footprint;
@@ -158,16 +142,9 @@ static bool add_escape(struct row *r, const struct leaf *l)
 
 static bool add_point(struct row *r, const struct leaf *l, uint32_t x, uint32_t y)
 {
-    void *points = r->points, *entries = r->entries;
-    const bool ok = reserve(&points, r->point_count, r->point_room, sizeof(*r->points)) &&
-                    reserve(&entries, r->point_count, r->point_room, sizeof(*r->entries));
-
-    r->points = points;
-    r->entries = entries;
-    if (!ok)
+    if (!mem_reserve(&r->points, r->point_count, &r->point_room, sizeof(*r->points)) ||
+        !mem_reserve(&r->entries, r->point_count, &r->entry_room, sizeof(*r->entries)))
         return false;
-    if (r->point_count == r->point_room)
-        r->point_room = r->point_room ? 2 * r->point_room : 256;
     struct gbuffer_entry *entry = &r->entries[r->point_count];
     entry->point = r->point_count;
     memcpy(entry->weight, l->weight, sizeof(entry->weight));

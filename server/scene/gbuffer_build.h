@@ -94,7 +94,7 @@ struct row {
     struct gbuffer_entry *entries; /* as many as points; .point counts from the row's first */
     struct gbuffer_escape *escapes;
     uint32_t point_count, escape_count;
-    uint32_t point_room, escape_room; /* capacity of a draft's arrays */
+    size_t point_room, entry_room, escape_room; /* capacity of a draft's arrays */
     uint32_t edge_pixels;
     struct sight_count count;
 };

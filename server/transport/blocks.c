@@ -122,9 +122,9 @@ void transport_count_block(struct transport *t, const struct transport_block *b)
         const struct transport_piece *q = &b->pieces[r];
         t->stats.bytes += transport_piece_bytes(q, points);
         t->stats.dense += sizeof(uint16_t) * (uint64_t)points * SKY_CELLS;
-        t->stats.raw += q->form == TRANSPORT_RAW;
-        t->stats.halves += q->bytes && q->form == TRANSPORT_HALVES;
-        t->stats.rank += q->form == TRANSPORT_RAW ? 0 : q->rank;
+        t->stats.raw += q->shape.form == TRANSPORT_RAW;
+        t->stats.halves += q->bytes && q->shape.form == TRANSPORT_HALVES;
+        t->stats.rank += q->shape.form == TRANSPORT_RAW ? 0 : q->shape.rank;
         t->stats.pieces++;
     }
 }

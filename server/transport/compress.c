@@ -1,5 +1,5 @@
 /* One row of a block: from what was traced to as few bytes as the tolerance allows. */
-#include "transport/half.h"
+#include "base/half.h"
 #include "base/mem.h"
 #include "transport/parts.h"
 
@@ -41,8 +41,21 @@ void transport_compress_begin(void)
 
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points)
 {
-    const uint64_t u = q->form == TRANSPORT_RAW ? 0 : sizeof(uint16_t) * (uint64_t)q->rank * points;
-    return q->bytes ? transport_head(q->form, q->rank, q->chunk_count) + u : 0;
+    const struct transport_shape *s = &q->shape;
+
+    return transport_head(s) + (s->form == TRANSPORT_RAW ? 0 : sizeof(uint16_t) * (uint64_t)s->rank * points);
+}
+
+/* A power of two that brings the largest entry between 2^13 and 2^14, where halves reach furthest down. */
+static float half_scale(const float *x, size_t count)
+{
+    float most = 0.0f;
+    int exponent;
+
+    for (size_t i = 0; i < count; i++)
+        most = fmaxf(most, fabsf(x[i]));
+    frexpf(most, &exponent);
+    return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
 }
 
 /* Whether a chunk of cells is dark for all points; columns behind those are another block's. */
@@ -56,7 +69,7 @@ static bool is_zero(float (*cells)[TRANSPORT_POINTS], uint32_t points)
 }
 
 /* Moves the chunks that are not to the front and lists them. */
-static void pack_chunks(struct transport_matrix *m, uint32_t points, struct transport_piece *out)
+static void pack_chunks(struct transport_matrix *m, uint32_t points, struct transport_shape *out)
 {
     out->chunk_count = 0;
     for (uint32_t chunk = 0; chunk < SKY_CHUNKS; chunk++) {
@@ -188,11 +201,11 @@ static uint32_t round_to_bytes(struct transport_workspace *w, uint32_t least, ui
 }
 
 /* In the order of transport_piece, behind the gains. */
-static void copy_bytes(const float *gains, const int8_t *v, uint32_t rank, uint32_t cells, uint8_t *out)
+static void copy_bytes(const float *gains, uint32_t room, const int8_t *v, uint32_t rank, uint32_t cells, uint8_t *out)
 {
-    memset(out, 0, transport_gains(TRANSPORT_BYTES, rank) * sizeof(*gains));
+    memset(out, 0, room * sizeof(*gains));
     memcpy(out, gains, rank * sizeof(*gains));
-    out += transport_gains(TRANSPORT_BYTES, rank) * sizeof(*gains);
+    out += room * sizeof(*gains);
     for (uint32_t first = 0; first < rank; first += TRANSPORT_TOGETHER)
         for (uint32_t chunk = 0; chunk < cells; chunk += SKY_CHUNK)
             for (uint32_t r = first; r < rank && r < first + TRANSPORT_TOGETHER; r++, out += SKY_CHUNK)
@@ -216,13 +229,13 @@ static enum err keep_raw(struct transport_workspace *w, const struct transport_m
     for (uint32_t p = 0; p < points; p++)
         for (uint32_t c = 0; c < cells; c++)
             w->projected[(size_t)p * cells + c] = m->at[c][p];
-    out->rank = points;
-    out->form = TRANSPORT_RAW;
+    out->shape.rank = points;
+    out->shape.form = TRANSPORT_RAW;
     out->bytes = mem_alloc_raw((size_t)points * cells, sizeof(uint16_t));
     if (!out->bytes)
         return ERR_NOMEM;
-    out->scale = half_scale(w->projected, (size_t)points * cells);
-    round_rows(w->projected, points, cells, out->scale, out->bytes);
+    out->shape.scale = half_scale(w->projected, (size_t)points * cells);
+    round_rows(w->projected, points, cells, out->shape.scale, out->bytes);
     return ERR_OK;
 }
 
@@ -245,24 +258,26 @@ static enum err keep_product(struct transport_workspace *w, const struct transpo
                              uint32_t points, const float *scale, double rest, double allowed,
                              struct transport_piece *out)
 {
-    const uint32_t cells = out->chunk_count * SKY_CHUNK;
+    struct transport_shape *s = &out->shape;
+    const uint32_t cells = s->chunk_count * SKY_CHUNK;
     const uint32_t rows = least + MORE < points ? least + MORE : points;
 
     project_rows(w, m, rows, points, cells, scale);
     const uint32_t rank = round_to_bytes(w, least, rows, points, cells, rest, allowed);
-    out->form = rank > 0 ? TRANSPORT_BYTES : TRANSPORT_HALVES;
-    out->rank = rank > 0 ? rank : least;
-    const size_t head = transport_head(out->form, out->rank, out->chunk_count), first = rows - out->rank;
-    out->bytes = mem_alloc_raw(head + (size_t)out->rank * points * sizeof(uint16_t), 1);
+    s->form = rank > 0 ? TRANSPORT_BYTES : TRANSPORT_HALVES;
+    s->rank = rank > 0 ? rank : least;
+    const size_t first = rows - s->rank;
+    out->bytes = mem_alloc_raw((size_t)transport_piece_bytes(out, points), 1);
     if (!out->bytes)
         return ERR_NOMEM;
-    if (out->form == TRANSPORT_BYTES) {
-        copy_bytes(w->gains + first, w->rounded + first * cells, out->rank, cells, out->bytes);
+    if (s->form == TRANSPORT_BYTES) {
+        copy_bytes(w->gains + first, transport_gains(s), w->rounded + first * cells, s->rank, cells, out->bytes);
     } else {
-        out->scale = half_scale(w->projected + first * cells, (size_t)out->rank * cells);
-        round_rows(w->projected + first * cells, out->rank, cells, out->scale, out->bytes);
+        s->scale = half_scale(w->projected + first * cells, (size_t)s->rank * cells);
+        round_rows(w->projected + first * cells, s->rank, cells, s->scale, out->bytes);
     }
-    round_columns(w->gram + (size_t)(points - out->rank) * points, out->rank, points, scale, out->bytes + head);
+    round_columns(w->gram + (size_t)(points - s->rank) * points, s->rank, points, scale,
+                  out->bytes + transport_head(s));
     return ERR_OK;
 }
 
@@ -271,13 +286,13 @@ enum err transport_compress(struct transport_workspace *w, struct transport_matr
 {
     double rest = 0.0;
 
-    *out = (struct transport_piece){ .scale = 1.0f };
-    pack_chunks(m, points, out);
-    const uint32_t cells = out->chunk_count * SKY_CHUNK;
+    *out = (struct transport_piece){ .shape.scale = 1.0f };
+    pack_chunks(m, points, &out->shape);
+    const uint32_t cells = out->shape.chunk_count * SKY_CHUNK;
     if (cells == 0)
         return ERR_OK;
     if (allowed >= 0.0)
-        fill_gram(w, m, out->chunk_count, points, scale);
+        fill_gram(w, m, out->shape.chunk_count, points, scale);
     const uint32_t rank = allowed < 0.0 ? points : choose_rank(w, points, allowed, &rest);
     if (rank == 0)
         return ERR_OK;

@@ -8,27 +8,13 @@
 #include <math.h>
 #include <string.h>
 
-/* To be counted up whenever the same scene would get another transport: other directions, weights, rows, blocks. */
-#define FORMAT 6
+/* Increase it whenever the same scene gets another transport (directions, weights, rows, blocks) or the file changes. */
+#define FORMAT 7
 
-static const char index_name[] = "transport.index", pieces_name[] = "transport.pieces",
-                  gazes_name[] = "transport.gazes", sights_name[] = "transport.sights";
+/* One section: the number of rays, then block by block the pieces, each behind its shape, the gazes and the sight. */
+static const char section[] = "transport";
 
-/* The index: a head, and the pieces of all blocks in their order; their bytes stand behind each other in the same. */
-struct head {
-    uint32_t blocks, pieces;
-    uint64_t rays;
-};
-
-struct record {
-    uint32_t rank;
-    float scale;
-    uint8_t form, chunk_count;
-    uint8_t chunks[SKY_CHUNKS];
-    uint8_t zero[2];
-};
-
-_Static_assert(sizeof(struct head) == 16 && sizeof(struct record) == 108, "a section's layout has no padding");
+_Static_assert(sizeof(struct transport_shape) == 108, "no padding");
 
 struct digest transport_key(const struct gbuffer *g, const struct scene *scene, const struct transport_desc *desc)
 {
@@ -48,109 +34,46 @@ struct digest transport_key(const struct gbuffer *g, const struct scene *scene, 
     return key;
 }
 
-/* ---- Saving ---- */
-
 void transport_save(const struct transport *t, const struct digest *key, struct cache_writer *w)
 {
-    const size_t size = sizeof(struct head) + t->stats.pieces * sizeof(struct record);
-    uint8_t *index = mem_alloc(size, 1), *at = index + sizeof(struct head);
-    const struct head head = { t->block_count, t->stats.pieces, t->stats.rays };
-
-    cache_writer_section(w, index_name, key);
-    if (index) {
-        memcpy(index, &head, sizeof(head));
-        for (uint32_t k = 0; k < t->block_count; k++)
-            for (uint32_t r = 0; r < t->blocks[k].rows; r++, at += sizeof(struct record)) {
-                const struct transport_piece *q = &t->blocks[k].pieces[r];
-                struct record record = { q->bytes ? q->rank : 0, q->scale, (uint8_t)q->form,
-                                         q->chunk_count,         { 0 },    { 0 } };
-                memcpy(record.chunks, q->chunks, q->chunk_count);
-                memcpy(at, &record, sizeof(record));
-            }
-    }
-    cache_writer_give(w, index, size);
-    cache_writer_section(w, pieces_name, key);
-    for (uint32_t k = 0; k < t->block_count; k++)
-        for (uint32_t r = 0; r < t->blocks[k].rows; r++) {
-            const struct transport_piece *q = &t->blocks[k].pieces[r];
-            cache_writer_put(w, q->bytes, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
+    cache_writer_section(w, section, key);
+    cache_writer_put(w, &t->stats.rays, sizeof(t->stats.rays));
+    for (uint32_t k = 0; k < t->block_count; k++) {
+        const struct transport_block *b = &t->blocks[k];
+        for (uint32_t r = 0; r < b->rows; r++) {
+            const struct transport_piece *q = &b->pieces[r];
+            cache_writer_put(w, &q->shape, sizeof(q->shape));
+            cache_writer_put(w, q->bytes, (size_t)transport_piece_bytes(q, b->packets * PACKET));
         }
-    cache_writer_section(w, gazes_name, key);
-    for (uint32_t k = 0; k < t->block_count; k++)
-        cache_writer_put(w, t->blocks[k].gazes, (size_t)transport_gaze_bytes(&t->blocks[k]));
-    cache_writer_section(w, sights_name, key);
-    for (uint32_t k = 0; k < t->block_count; k++)
-        cache_writer_put(w, &t->blocks[k].sight, sizeof(t->blocks[k].sight));
+        cache_writer_put(w, b->gazes, (size_t)transport_gaze_bytes(b));
+        cache_writer_put(w, &b->sight, sizeof(b->sight));
+    }
 }
 
 /* ---- Loading ---- */
 
-static enum err refuse(const struct cache_reader *r, struct reason *why, const char *what)
+static enum err no_memory(struct reason *why)
 {
-    return err_say(why, ERR_FORMAT, "%.200s: %s", cache_reader_path(r), what);
+    return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
 }
 
-/* Whatever stands in a record, the loops that read the piece stay within its bytes and the sky's cells. */
-static bool is_sound(const struct record *record, uint32_t points)
+/* Whatever a shape says, the loops that read the piece stay within its bytes and the sky's cells. */
+static bool is_sound(const struct transport_shape *s, uint32_t points)
 {
     int exponent;
 
-    if (record->form > TRANSPORT_BYTES || record->chunk_count > SKY_CHUNKS || record->rank > points)
+    if (s->form > TRANSPORT_BYTES || s->chunk_count > SKY_CHUNKS || s->rank > points)
         return false;
-    if (record->form == TRANSPORT_RAW && record->rank != 0 && record->rank != points)
+    if (s->form == TRANSPORT_RAW && s->rank != 0 && s->rank != points)
         return false;
-    if (record->rank > 0 && record->chunk_count == 0)
+    if (s->rank > 0 && s->chunk_count == 0)
         return false;
-    if (!(record->scale > 0.0f) || !isfinite(record->scale) || frexpf(record->scale, &exponent) != 0.5f)
+    if (!(s->scale > 0.0f) || !isfinite(s->scale) || frexpf(s->scale, &exponent) != 0.5f)
         return false;
-    for (uint32_t k = 0; k < record->chunk_count; k++)
-        if (record->chunks[k] >= SKY_CHUNKS || (k > 0 && record->chunks[k] <= record->chunks[k - 1]))
+    for (uint32_t k = 0; k < s->chunk_count; k++)
+        if (s->chunks[k] >= SKY_CHUNKS || (k > 0 && s->chunks[k] <= s->chunks[k - 1]))
             return false;
     return true;
-}
-
-static uint64_t bytes_of(const struct record *record, uint32_t points)
-{
-    const uint64_t u = record->form == TRANSPORT_RAW ? 0 : sizeof(uint16_t) * (uint64_t)record->rank * points;
-    return transport_head((enum transport_form)record->form, record->rank, record->chunk_count) + u;
-}
-
-static uint32_t count_pieces(const struct transport *t)
-{
-    uint32_t count = 0;
-
-    for (uint32_t k = 0; k < t->block_count; k++)
-        count += t->blocks[k].rows;
-    return count;
-}
-
-/* All of the index into `records`, and how many bytes of pieces it promises. */
-static enum err read_index(struct cache_reader *r, const struct digest *key, struct transport *t,
-                           struct record *records, uint64_t *bytes, struct reason *why)
-{
-    const uint32_t pieces = count_pieces(t);
-    struct head head;
-
-    enum err e = cache_reader_find(r, index_name, key, why);
-    if (!e)
-        e = cache_reader_get(r, &head, sizeof(head), why);
-    if (!e && (head.blocks != t->block_count || head.pieces != pieces))
-        e = refuse(r, why, "has other blocks than this picture");
-    if (!e)
-        e = cache_reader_get(r, records, pieces * sizeof(*records), why);
-    if (!e)
-        e = cache_reader_end(r, why);
-    if (e)
-        return e;
-    t->stats.rays = head.rays;
-    *bytes = 0;
-    for (uint32_t k = 0; k < t->block_count; k++)
-        for (uint32_t row = 0; row < t->blocks[k].rows; row++, records++) {
-            if (!is_sound(records, t->blocks[k].packets * PACKET))
-                return refuse(r, why, "holds numbers that cannot be");
-            *bytes += bytes_of(records, t->blocks[k].packets * PACKET);
-        }
-    return ERR_OK;
 }
 
 static bool all_finite(const uint16_t *halves, size_t count)
@@ -162,11 +85,11 @@ static bool all_finite(const uint16_t *halves, size_t count)
     return bad == 0;
 }
 
-/* Any bytes will do for V; halves and gains are finite. */
+/* V's bytes may have any value; halves and gains must be finite. */
 static bool has_sound_numbers(const struct transport_piece *q, size_t bytes)
 {
-    const uint32_t gains = transport_gains(q->form, q->rank);
-    const size_t before = q->form == TRANSPORT_BYTES ? transport_head(q->form, q->rank, q->chunk_count) : 0;
+    const uint32_t gains = transport_gains(&q->shape);
+    const size_t before = q->shape.form == TRANSPORT_BYTES ? transport_head(&q->shape) : 0;
 
     for (uint32_t k = 0; k < gains; k++) {
         float gain;
@@ -177,47 +100,23 @@ static bool has_sound_numbers(const struct transport_piece *q, size_t bytes)
     return all_finite((const uint16_t *)(const void *)(q->bytes + before), (bytes - before) / sizeof(uint16_t));
 }
 
-static enum err read_piece(struct cache_reader *r, const struct record *record, uint32_t points,
-                           struct transport_piece *q, struct reason *why)
+static enum err read_piece(struct cache_reader *r, uint32_t points, struct transport_piece *q, struct reason *why)
 {
-    const size_t bytes = (size_t)bytes_of(record, points);
+    enum err e = cache_reader_get(r, &q->shape, sizeof(q->shape), why);
 
-    *q = (struct transport_piece){ .rank = record->rank,
-                                   .scale = record->scale,
-                                   .form = (enum transport_form)record->form,
-                                   .chunk_count = record->chunk_count };
-    memcpy(q->chunks, record->chunks, record->chunk_count);
+    if (!e && !is_sound(&q->shape, points))
+        e = cache_reader_refuse(r, why);
+    const size_t bytes = e ? 0 : (size_t)transport_piece_bytes(q, points);
     if (bytes == 0)
-        return ERR_OK;
+        return e;
     q->bytes = mem_alloc_raw(bytes, 1);
     if (!q->bytes)
-        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
-    const enum err e = cache_reader_get(r, q->bytes, bytes, why);
-    if (e)
-        return e;
-    return has_sound_numbers(q, bytes) ? ERR_OK : refuse(r, why, "holds numbers that cannot be");
+        return no_memory(why);
+    e = cache_reader_get(r, q->bytes, bytes, why);
+    return e || has_sound_numbers(q, bytes) ? e : cache_reader_refuse(r, why);
 }
 
-static enum err read_pieces(struct cache_reader *r, const struct digest *key, struct transport *t,
-                            const struct record *records, uint64_t bytes, uint64_t max_bytes, struct reason *why)
-{
-    enum err e = cache_reader_find(r, pieces_name, key, why);
-
-    if (!e && cache_reader_left(r) != bytes)
-        e = refuse(r, why, "holds more or less than it says");
-    if (!e && !cache_memory_suffices(max_bytes, t->stats.bytes + bytes)) {
-        t->stats.bytes += bytes;
-        return transport_say_too_large(t, t->stats.bytes, t->block_count, max_bytes, why);
-    }
-    for (uint32_t k = 0; k < t->block_count && !e; k++) {
-        struct transport_block *b = &t->blocks[k];
-        for (uint32_t row = 0; row < b->rows && !e; row++)
-            e = read_piece(r, records++, b->packets * PACKET, &b->pieces[row], why);
-    }
-    return e ? e : cache_reader_end(r, why);
-}
-
-/* Directions of any length but zero are looked up as they are; light is neither less than none nor without bound. */
+/* Directions may have any length but zero; light is finite and not negative. */
 static bool is_sound_gaze(const struct transport_gaze *q)
 {
     for (uint32_t l = 0; l < PACKET; l++) {
@@ -231,64 +130,49 @@ static bool is_sound_gaze(const struct transport_gaze *q)
     return true;
 }
 
-static enum err read_gazes(struct cache_reader *r, const struct digest *key, struct transport *t, struct reason *why)
+static enum err read_block(struct cache_reader *r, struct transport_block *b, struct reason *why)
 {
-    enum err e = cache_reader_find(r, gazes_name, key, why);
+    const size_t gazes = b->narrow ? (size_t)b->packets * TRANSPORT_GAZES : 0;
+    enum err e = ERR_OK;
 
-    for (uint32_t k = 0; k < t->block_count && !e; k++) {
-        struct transport_block *b = &t->blocks[k];
-        const size_t count = b->narrow ? (size_t)b->packets * TRANSPORT_GAZES : 0;
-        if (count == 0)
-            continue;
-        b->gazes = mem_alloc_raw(count, sizeof(*b->gazes));
-        if (!b->gazes)
-            return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
-        e = cache_reader_get(r, b->gazes, count * sizeof(*b->gazes), why);
-        for (size_t i = 0; i < count && !e; i++)
-            if (!is_sound_gaze(&b->gazes[i]))
-                e = refuse(r, why, "holds numbers that cannot be");
+    for (uint32_t row = 0; row < b->rows && !e; row++)
+        e = read_piece(r, b->packets * PACKET, &b->pieces[row], why);
+    if (!e && gazes > 0) {
+        b->gazes = mem_alloc_raw(gazes, sizeof(*b->gazes));
+        e = b->gazes ? cache_reader_get(r, b->gazes, gazes * sizeof(*b->gazes), why) : no_memory(why);
     }
-    return e ? e : cache_reader_end(r, why);
-}
-
-/* Any bits will do. */
-static enum err read_sights(struct cache_reader *r, const struct digest *key, struct transport *t, struct reason *why)
-{
-    enum err e = cache_reader_find(r, sights_name, key, why);
-
-    for (uint32_t k = 0; k < t->block_count && !e; k++)
-        e = cache_reader_get(r, &t->blocks[k].sight, sizeof(t->blocks[k].sight), why);
-    return e ? e : cache_reader_end(r, why);
+    for (size_t i = 0; i < gazes && !e; i++)
+        if (!is_sound_gaze(&b->gazes[i]))
+            e = cache_reader_refuse(r, why);
+    return e ? e : cache_reader_get(r, &b->sight, sizeof(b->sight), why); /* any bits are valid */
 }
 
 enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,
                         const struct rays *rays, const struct kernels *kernels, const struct transport_desc *desc,
                         struct transport **out, struct reason *why)
 {
+    const uint64_t max_bytes = transport_resolve(desc).max_bytes;
     struct transport *t = transport_begin(g, rays, kernels, desc);
-    struct record *records = t ? mem_alloc(count_pieces(t), sizeof(*records)) : NULL;
-    uint64_t bytes = 0;
-    enum err e = ERR_OK;
+    enum err e = t ? cache_reader_find(r, section, key, why) : no_memory(why);
 
     *out = NULL;
-    if (!t || !records)
-        e = err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
     if (!e)
-        e = read_index(r, key, t, records, &bytes, why);
-    if (!e)
-        e = read_pieces(r, key, t, records, bytes, transport_resolve(desc).max_bytes, why);
-    if (!e)
-        e = read_gazes(r, key, t, why);
-    if (!e)
-        e = read_sights(r, key, t, why);
-    if (!e) {
-        for (uint32_t k = 0; k < t->block_count; k++)
-            transport_count_block(t, &t->blocks[k]);
-        transport_close_stats(t);
-        *out = t;
-        t = NULL;
+        e = cache_reader_get(r, &t->stats.rays, sizeof(t->stats.rays), why);
+    for (uint32_t k = 0; !e && k < t->block_count; k++) {
+        e = read_block(r, &t->blocks[k], why);
+        if (e)
+            break;
+        transport_count_block(t, &t->blocks[k]);
+        if (!cache_memory_suffices(max_bytes, t->stats.bytes))
+            e = transport_say_too_large(t, t->stats.bytes, k + 1, max_bytes, why);
     }
-    mem_free(records);
-    transport_destroy(t);
-    return e;
+    if (!e)
+        e = cache_reader_end(r, why);
+    if (e) {
+        transport_destroy(t);
+        return e;
+    }
+    transport_close_stats(t);
+    *out = t;
+    return ERR_OK;
 }

@@ -2,7 +2,7 @@
 #ifndef TRANSPORT_HALF_LANES_H
 #define TRANSPORT_HALF_LANES_H
 
-#include "transport/half.h"
+#include "base/half.h"
 #include "brdf/lanes.h"
 
 #if defined(__F16C__) || defined(__AVX2__)

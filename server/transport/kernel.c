@@ -46,8 +46,8 @@ static inline void sum_lanes(const struct lanes *x, uint32_t n, float *out)
 static inline void project_rows(const struct transport_piece *q, const struct sky_split *sky, const uint8_t *v,
                                 bool bytes, uint32_t rows, struct lanes sum[TRANSPORT_TOGETHER][3])
 {
-    for (uint32_t i = 0; i < q->chunk_count; i++) {
-        const float(*cells)[SKY_CHUNK] = sky->cells[q->chunks[i]];
+    for (uint32_t i = 0; i < q->shape.chunk_count; i++) {
+        const float(*cells)[SKY_CHUNK] = sky->cells[q->shape.chunks[i]];
         __builtin_prefetch(v + AHEAD); /* across pages, where the processor does not go by itself */
         for (uint32_t r = 0; r < rows; r++, v += bytes ? SKY_CHUNK : 2 * SKY_CHUNK) {
             struct lanes x;
@@ -69,27 +69,27 @@ static inline void project_rows(const struct transport_piece *q, const struct sk
 static inline void project_form(const struct transport_piece *q, const struct sky_split *sky, bool bytes, float y[][3])
 {
     const float *gains = (const float *)(const void *)q->bytes;
-    const uint8_t *v = q->bytes + transport_gains(q->form, q->rank) * sizeof(float);
+    const uint8_t *v = q->bytes + transport_gains(&q->shape) * sizeof(float);
 
-    for (uint32_t first = 0; first < q->rank; first += TRANSPORT_TOGETHER) {
-        const uint32_t rows = q->rank - first < TRANSPORT_TOGETHER ? q->rank - first : TRANSPORT_TOGETHER;
+    for (uint32_t first = 0; first < q->shape.rank; first += TRANSPORT_TOGETHER) {
+        const uint32_t rows = q->shape.rank - first < TRANSPORT_TOGETHER ? q->shape.rank - first : TRANSPORT_TOGETHER;
         struct lanes sum[TRANSPORT_TOGETHER][3];
         memset(sum, 0, sizeof(sum));
         if (rows == TRANSPORT_TOGETHER)
             project_rows(q, sky, v, bytes, TRANSPORT_TOGETHER, sum);
         else
             project_rows(q, sky, v, bytes, rows, sum);
-        v += (size_t)rows * q->chunk_count * SKY_CHUNK * (bytes ? 1 : sizeof(uint16_t));
+        v += (size_t)rows * q->shape.chunk_count * SKY_CHUNK * (bytes ? 1 : sizeof(uint16_t));
         sum_lanes(sum[0], 3 * rows, y[first]);
         for (uint32_t r = first; r < first + rows; r++)
             for (int c = 0; c < 3; c++)
-                y[r][c] *= bytes ? gains[r] : q->scale;
+                y[r][c] *= bytes ? gains[r] : q->shape.scale;
     }
 }
 
 static void project(const struct transport_piece *q, const struct sky_split *sky, float y[][3])
 {
-    if (q->form == TRANSPORT_BYTES)
+    if (q->shape.form == TRANSPORT_BYTES)
         project_form(q, sky, true, y);
     else
         project_form(q, sky, false, y);
@@ -113,10 +113,10 @@ static inline void expand_packet(const uint16_t *u, uint32_t rank, float y[][3],
 
 static void take_packet(const struct transport_piece *q, float y[][3], uint32_t packet, struct lanes out[3])
 {
-    const uint16_t *u = (const uint16_t *)(const void *)(q->bytes + transport_head(q->form, q->rank, q->chunk_count));
+    const uint16_t *u = (const uint16_t *)(const void *)(q->bytes + transport_head(&q->shape));
 
-    if (q->form != TRANSPORT_RAW) {
-        expand_packet(u + (size_t)packet * q->rank * PACKET, q->rank, y, out);
+    if (q->shape.form != TRANSPORT_RAW) {
+        expand_packet(u + (size_t)packet * q->shape.rank * PACKET, q->shape.rank, y, out);
         return;
     }
     for (int c = 0; c < 3; c++)

@@ -40,12 +40,15 @@ enum transport_form {
  * [points / 16][rank][16], half floats. Raw: T itself, its points being V's rows. Cells that are zero for all points
  * are left out in chunks. */
 struct transport_piece {
-    uint8_t *bytes; /* aligned to 64; NULL: all is zero */
-    uint32_t rank;  /* rows of V */
-    float scale;    /* V's halves are kept divided by it, a power of two, so that its largest entry is about 2^14 */
-    enum transport_form form;
-    uint8_t chunk_count;
-    uint8_t chunks[SKY_CHUNKS]; /* ascending */
+    struct transport_shape { /* files hold it as it is in memory */
+        uint32_t rank;       /* rows of V; 0: all is zero, and there are no bytes */
+        float scale;         /* a power of two, by which V's halves are divided: their largest is about 2^14 */
+        uint8_t form;        /* enum transport_form */
+        uint8_t chunk_count;
+        uint8_t chunks[SKY_CHUNKS]; /* ascending */
+        uint8_t zero[2];
+    } shape;
+    uint8_t *bytes; /* aligned to 64 */
 };
 
 /* Where a packet's narrow lobes look, by their own densities; what stands still about it. */
@@ -111,16 +114,16 @@ struct transport_look {
 };
 
 /* Floats before V: the gains, in whole cache lines. */
-static inline uint32_t transport_gains(enum transport_form form, uint32_t rank)
+static inline uint32_t transport_gains(const struct transport_shape *s)
 {
-    return form == TRANSPORT_BYTES ? (rank + PACKET - 1) / PACKET * PACKET : 0;
+    return s->form == TRANSPORT_BYTES ? (s->rank + PACKET - 1) / PACKET * PACKET : 0;
 }
 
 /* Bytes before U. */
-static inline size_t transport_head(enum transport_form form, uint32_t rank, uint32_t chunks)
+static inline size_t transport_head(const struct transport_shape *s)
 {
-    return transport_gains(form, rank) * sizeof(float) +
-           (size_t)rank * chunks * SKY_CHUNK * (form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
+    return transport_gains(s) * sizeof(float) +
+           (size_t)s->rank * s->chunk_count * SKY_CHUNK * (s->form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
 }
 
 /* What a packet has seen of the bright part: a bit for each lane that faces it. */

@@ -27,7 +27,8 @@ struct map { /* a balanced kd-tree; the root of a range is its middle [Jensen 19
 
 struct list { /* photons of one block */
     struct photon *photons;
-    uint32_t count, capacity;
+    uint32_t count;
+    size_t capacity;
     bool failed;
 };
 
@@ -40,15 +41,9 @@ struct session {
 
 static bool store(struct list *l, const struct particle *p)
 {
-    if (l->count == l->capacity) {
-        const uint32_t more = l->capacity ? 2 * l->capacity : BLOCK;
-        struct photon *grown = mem_grow(l->photons, l->capacity, more, sizeof(*grown));
-        l->failed = !grown;
-        if (!grown)
-            return false;
-        l->photons = grown;
-        l->capacity = more;
-    }
+    l->failed = !mem_reserve(&l->photons, l->count, &l->capacity, sizeof(*l->photons));
+    if (l->failed)
+        return false;
     const struct vec3 x = p->at.surface.position;
     l->photons[l->count++] = (struct photon){
         .at = { x.x, x.y, x.z },

@@ -185,7 +185,8 @@ static void what_was_made_of_something_else_is_refused(void **state)
 
 /* ---- Forged files, with right checksums ---- */
 
-enum { INDEX = SEALED_HEADER + 3 * SEALED_ENTRY, HEAD = 40, BLOCK = 8, GROUP = 12 };
+/* The file: statistics and the basis' numbers, its rows, then by groups ranks and bytes. */
+enum { NUMBERS = SEALED_HEADER + SEALED_ENTRY, REST = NUMBERS + 16, COUNT = REST + 8, ROWS = COUNT + 4, ROW_RANKS = 8 };
 
 /* Writes the bytes at that place of the file, sealed; they are undone by the next. */
 static void forge(struct stage *s, size_t at, const void *bytes, size_t count)
@@ -213,34 +214,28 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     set_up(&s);
     const struct bounce_group *g = &s.made->groups[0];
     const struct bounce_piece *q = &g->pieces[0];
-    const size_t blocks = INDEX + HEAD, groups = blocks + s.made->block_count * BLOCK;
-    const size_t basis = groups + s.made->group_count * GROUP;
-    const size_t bytes = basis + (size_t)s.made->basis.count * SKY_CELLS * sizeof(float);
+    const size_t ranks = ROWS + (size_t)s.made->basis.count * SKY_CELLS * sizeof(float);
+    const size_t blocks = ranks + g->rows * ROW_RANKS, bytes = blocks + g->count * g->rows;
     forge(&s, 0, s.good, 1); /* what is sealed and not changed is taken */
     assert_int_equal(load_with(&s, &s.key, 0, &b, &why), ERR_OK);
     bounce_destroy(b);
     assert_true(q->bytes && q->rank > 1 && g->rows < TRANSPORT_ROWS && s.made->blocks[0].rank[0] > 0);
-    for (uint32_t k = 0; k < 3; k++) { /* numbers of blocks, of groups, and of coefficients */
-        assert_forged_refused(&s, INDEX + 4 * k, &(uint32_t){ 0 }, 4);
-        assert_forged_refused(&s, INDEX + 4 * k, &(uint32_t){ UINT32_MAX }, 4);
-        assert_forged_refused(&s, INDEX + 4 * k, &(uint32_t){ 144 }, 4);
-    }
-    assert_forged_refused(&s, INDEX + 32, &(double){ NAN }, 8);
-    assert_forged_refused(&s, blocks, &(uint32_t){ s.made->blocks[1].first }, 4);
-    for (int k = 0; k < 3; k++) {
-        static const uint8_t ranks[3] = { 0, 65, 255 };
-        assert_forged_refused(&s, blocks + 4, &ranks[k], 1);
-    }
-    assert_forged_refused(&s, blocks + 6, &(uint8_t){ 1 }, 1); /* of a row that it has not */
-    assert_forged_refused(&s, blocks + 7, &(uint8_t){ 1 }, 1);
+    assert_forged_refused(&s, REST, &(double){ NAN }, 8);
     for (int k = 0; k < 4; k++) {
-        static const uint16_t ranks[4] = { 0, 1, 1025, UINT16_MAX }, lengths[4] = { 0, 8, 144, UINT16_MAX };
-        assert_forged_refused(&s, groups, &ranks[k], 2);
-        assert_forged_refused(&s, groups + 6, &lengths[k], 2);
+        static const uint32_t counts[4] = { 0, 8, 144, UINT32_MAX };
+        assert_forged_refused(&s, COUNT, &counts[k], 4);
     }
-    assert_forged_refused(&s, groups + 4, &(uint16_t){ 1 }, 2);
-    assert_forged_refused(&s, basis, &(float){ NAN }, 4);
-    assert_forged_refused(&s, bytes - 4, &(float){ 2.0f }, 4);
+    assert_forged_refused(&s, ROWS, &(float){ NAN }, 4);
+    assert_forged_refused(&s, ranks - 4, &(float){ 2.0f }, 4);
+    for (int k = 0; k < 4; k++) {
+        static const uint32_t bad[4] = { 0, 1, 1025, UINT32_MAX }, lengths[4] = { 0, 8, 144, UINT32_MAX };
+        assert_forged_refused(&s, ranks, &bad[k], 4);
+        assert_forged_refused(&s, ranks + 4, &lengths[k], 4);
+    }
+    for (int k = 0; k < 3; k++) {
+        static const uint8_t bad[3] = { 0, 65, 255 };
+        assert_forged_refused(&s, blocks, &bad[k], 1);
+    }
     for (int k = 0; k < 4; k++)
         assert_forged_refused(&s, bytes + (size_t)q->rank * 3 * q->basis, &gains[k], 4);
     tear_down(&s);
@@ -259,10 +254,11 @@ static void forged_files_that_are_taken_do_no_harm(void **state)
 
     set_up(&s);
     const size_t floats = (size_t)s.set->gbuffer->packet_count * 3 * PACKET;
-    const size_t records = HEAD + s.made->block_count * BLOCK + s.made->group_count * GROUP;
+    const size_t basis = ROWS + (size_t)s.made->basis.count * SKY_CELLS * sizeof(float);
     float *lo = mem_alloc(floats, sizeof(float));
     for (int k = 0; k < 100; k++) {
-        const size_t at = INDEX + (size_t)(rng_next(&random) * (double)(k % 2 ? records : s.size - INDEX));
+        const size_t from = k % 2 ? NUMBERS : basis, until = k % 2 ? basis : s.size;
+        const size_t at = from + (size_t)(rng_next(&random) * (double)(until - from));
         const uint8_t byte = (uint8_t)(256.0 * rng_next(&random));
         forge(&s, at, &byte, 1);
         if (load_with(&s, &s.key, 0, &b, &why))

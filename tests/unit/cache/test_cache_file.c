@@ -10,18 +10,16 @@ static const struct digest one_key = { { 1, 2 } }, other_key = { { 1, 3 } };
 static void put_all(struct cache_writer *w)
 {
     static uint8_t first[200];
-    uint8_t *given = mem_alloc(7, 1);
 
     for (size_t i = 0; i < sizeof(first); i++)
         first[i] = (uint8_t)(i * 37 + i / 256);
-    memcpy(given, "seven..", 7);
     cache_writer_section(w, "first", &one_key);
     cache_writer_put(w, first, 1);
     cache_writer_put(w, first + 1, 0);
     cache_writer_put(w, first + 1, 100);
     cache_writer_put(w, first + 101, 99);
     cache_writer_section(w, "second", &other_key);
-    cache_writer_give(w, given, 7);
+    cache_writer_put(w, "seven..", 7);
 }
 
 /* The file in a folder of its own; its bytes, to be freed with mem_free. */
@@ -64,14 +62,10 @@ static enum err read_all(const char *path, struct reason *why)
         e = cache_reader_end(r, why);
     if (!e)
         e = cache_reader_find(r, "first", &one_key, why);
-    if (!e) {
-        assert_true(cache_reader_left(r) == 200);
+    if (!e)
         e = cache_reader_get(r, first, 150, why);
-    }
-    if (!e) {
-        assert_true(cache_reader_left(r) == 50);
+    if (!e)
         e = cache_reader_get(r, first + 150, 50, why);
-    }
     if (!e)
         e = cache_reader_end(r, why);
     cache_reader_close(r);

@@ -95,11 +95,11 @@ static void a_matrix_of_three_products_has_rank_three(void **state)
         struct bench b = bench_make(3, 40);
         assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, b.scale, allowed[k] * b.norm, &b.piece),
                          ERR_OK);
-        assert_int_equal(b.piece.rank, 3);
-        assert_int_equal(b.piece.form, k ? TRANSPORT_HALVES : TRANSPORT_BYTES);
-        assert_int_equal(b.piece.chunk_count, 10);
+        assert_int_equal(b.piece.shape.rank, 3);
+        assert_int_equal(b.piece.shape.form, k ? TRANSPORT_HALVES : TRANSPORT_BYTES);
+        assert_int_equal(b.piece.shape.chunk_count, 10);
         for (uint32_t i = 0; i < 10; i++)
-            assert_int_equal(b.piece.chunks[i], 40 + i);
+            assert_int_equal(b.piece.shape.chunks[i], 40 + i);
         assert_int_equal(transport_piece_bytes(&b.piece, TRANSPORT_POINTS), bytes[k]);
         const double error = error_of(&b);
         printf("%g of the square\n", error / b.norm);
@@ -121,7 +121,7 @@ static void sums_over_cells_survive_rounding_to_bytes(void **state)
     *b.copy = *b.m;
     b.norm = transport_weigh(b.m, TRANSPORT_POINTS, b.scale);
     assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, b.scale, 0.1 * b.norm, &b.piece), ERR_OK);
-    assert_int_equal(b.piece.form, TRANSPORT_BYTES);
+    assert_int_equal(b.piece.shape.form, TRANSPORT_BYTES);
     for (uint32_t c = 0; c < SKY_CELLS; c++)
         b.sky->cells[c / SKY_CHUNK][1][c % SKY_CHUNK] = 1.0f;
     _Alignas(64) float out[3][TRANSPORT_POINTS];
@@ -145,11 +145,11 @@ static void no_more_is_left_out_than_is_allowed_and_not_much_less(void **state)
     for (size_t k = 0; k < sizeof(shares) / sizeof(shares[0]); k++) {
         struct bench b = bench_make(12, 3);
         assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, b.scale, shares[k] * b.norm, &b.piece), ERR_OK);
-        assert_int_not_equal(b.piece.form, TRANSPORT_RAW);
+        assert_int_not_equal(b.piece.shape.form, TRANSPORT_RAW);
         const double error = error_of(&b);
         assert_true(error < shares[k] * b.norm + 1e-6 * b.norm);
-        assert_true(b.piece.rank >= last && b.piece.rank < 12);
-        last = b.piece.rank;
+        assert_true(b.piece.shape.rank >= last && b.piece.shape.rank < 12);
+        last = b.piece.shape.rank;
         bench_finish(&b);
     }
     assert_true(last > 1);
@@ -161,11 +161,11 @@ static void what_does_not_get_smaller_is_kept_as_it_is(void **state)
     (void)state;
 
     assert_int_equal(transport_compress(b.w, b.m, TRANSPORT_POINTS, b.scale, 0.0, &b.piece), ERR_OK);
-    assert_int_equal(b.piece.form, TRANSPORT_RAW);
-    assert_int_equal(b.piece.rank, TRANSPORT_POINTS);
+    assert_int_equal(b.piece.shape.form, TRANSPORT_RAW);
+    assert_int_equal(b.piece.shape.rank, TRANSPORT_POINTS);
     assert_true(error_of(&b) < 1e-6 * b.norm);
     assert_int_equal(transport_compress(asked.w, asked.m, TRANSPORT_POINTS, asked.scale, -1.0, &asked.piece), ERR_OK);
-    assert_true(asked.piece.form == TRANSPORT_RAW && error_of(&asked) < 1e-6 * asked.norm);
+    assert_true(asked.piece.shape.form == TRANSPORT_RAW && error_of(&asked) < 1e-6 * asked.norm);
     bench_finish(&b);
     bench_finish(&asked);
 }

@@ -209,7 +209,17 @@ static void what_was_made_of_something_else_is_refused(void **state)
 
 /* ---- Forged files, with right checksums ---- */
 
-enum { HEADER = SEALED_HEADER, ENTRY = SEALED_ENTRY, HEAD = 16, RECORD = 108, SECTIONS = 4 };
+enum { BLOCKS = SEALED_HEADER + SEALED_ENTRY + 8, SHAPE = sizeof(struct transport_shape) };
+
+/* Where a block's bytes begin in the file: its pieces, each behind its shape, then its gazes, then its sight. */
+static size_t place_of(const struct transport *t, uint32_t block)
+{
+    size_t at = BLOCKS;
+
+    for (uint32_t k = 0; k < block; k++)
+        at += t->blocks[k].rows * SHAPE + transport_block_bytes(&t->blocks[k]) + sizeof(struct transport_sight);
+    return at;
+}
 
 /* Writes the bytes at that place of the file, sealed; they are undone by the next. */
 static void forge(struct stage *s, const uint8_t *good, size_t at, const void *bytes, size_t count)
@@ -231,7 +241,7 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
 {
     static const uint32_t ranks[] = { 0, 1, 63, 64, 65, 0x80000001u, UINT32_MAX };
     static const uint32_t scales[] = { 0, 0x80000000u, 0xbf800000u, 0x7fc00000u, 0x7f800000u, 0x3fc00000u };
-    const size_t index = HEADER + SECTIONS * ENTRY, first = index + HEAD;
+    const size_t first = BLOCKS;
     struct transport *t;
     struct reason why = { "" };
     struct stage s;
@@ -240,7 +250,9 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     set_up(&s);
     struct transport *made = make(&s);
     const struct transport_piece *q = &made->blocks[0].pieces[0];
-    assert_true(q->bytes && q->chunk_count > 2 && q->chunk_count < SKY_CHUNKS && q->form == TRANSPORT_BYTES);
+    const struct transport_shape *shape = &q->shape;
+    assert_true(q->bytes && shape->chunk_count > 2 && shape->chunk_count < SKY_CHUNKS);
+    assert_int_equal(shape->form, TRANSPORT_BYTES);
     store(&s, made);
     uint8_t *good = mem_alloc(s.size, 1);
     memcpy(good, s.bytes, s.size);
@@ -248,7 +260,7 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     assert_int_equal(load(&s, &t, &why), ERR_OK);
     transport_destroy(t);
     for (size_t k = 0; k < sizeof(ranks) / sizeof(ranks[0]); k++)
-        if (ranks[k] != q->rank)
+        if (ranks[k] != shape->rank)
             assert_forged_record_refused(&s, good, first, &ranks[k], 4);
     for (size_t k = 0; k < sizeof(scales) / sizeof(scales[0]); k++)
         assert_forged_record_refused(&s, good, first + 4, &scales[k], 4);
@@ -256,29 +268,23 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     assert_forged_record_refused(&s, good, first + 8, &(uint8_t){ TRANSPORT_HALVES }, 1);
     assert_forged_record_refused(&s, good, first + 8, &(uint8_t){ TRANSPORT_BYTES + 1 }, 1);
     assert_forged_record_refused(&s, good, first + 9, &(uint8_t){ 255 }, 1);
-    assert_forged_record_refused(&s, good, first + 9, &(uint8_t){ (uint8_t)(q->chunk_count - 1) }, 1);
-    assert_forged_record_refused(&s, good, first + 11, &q->chunks[0], 1);
-    assert_forged_record_refused(&s, good, first + 9 + q->chunk_count, &(uint8_t){ SKY_CHUNKS }, 1);
-    const size_t gazes = made->stats.narrow * TRANSPORT_GAZES * sizeof(struct transport_gaze);
-    const size_t gazes_end = s.size - made->block_count * sizeof(struct transport_sight);
-    const size_t pieces_end = gazes_end - gazes;
-    size_t pieces = 0;
-    for (uint32_t k = 0; k < made->block_count; k++)
-        pieces += transport_block_bytes(&made->blocks[k]) - transport_gaze_bytes(&made->blocks[k]);
-    assert_true(made->stats.narrow > 0); /* the last section but one: directions, then light, then density */
-    for (size_t k = 0; k < 6; k++) {
+    assert_forged_record_refused(&s, good, first + 9, &(uint8_t){ (uint8_t)(shape->chunk_count - 1) }, 1);
+    assert_forged_record_refused(&s, good, first + 11, &shape->chunks[0], 1);
+    assert_forged_record_refused(&s, good, first + 9 + shape->chunk_count, &(uint8_t){ SKY_CHUNKS }, 1);
+    uint32_t narrow = 0;
+    while (!made->blocks[narrow].narrow)
+        narrow++;
+    const size_t gazes_end = place_of(made, narrow + 1) - sizeof(struct transport_sight);
+    for (size_t k = 0; k < 6; k++) { /* directions, then light, then density */
         static const float bad[6] = { NAN, INFINITY, 4.0f, -1.0f, NAN, INFINITY };
         assert_forged_record_refused(&s, good, gazes_end - (6 - k) * PACKET * sizeof(float), &bad[k], sizeof(float));
     }
-    for (uint32_t k = 0; k < 2; k++) { /* numbers of blocks and of pieces */
-        assert_forged_record_refused(&s, good, index + 4 * k, &(uint32_t){ 0 }, 4);
-        assert_forged_record_refused(&s, good, index + 4 * k, &(uint32_t){ UINT32_MAX }, 4);
-    }
-    assert_forged_record_refused(&s, good, pieces_end - 2, &(uint16_t){ 0x7c00 }, 2);  /* infinite */
-    assert_forged_record_refused(&s, good, pieces_end - 32, &(uint16_t){ 0xfc01 }, 2); /* no number */
+    const size_t piece = first + SHAPE, end = piece + transport_piece_bytes(q, made->blocks[0].packets * PACKET);
+    assert_forged_record_refused(&s, good, end - 2, &(uint16_t){ 0x7c00 }, 2);  /* infinite */
+    assert_forged_record_refused(&s, good, end - 32, &(uint16_t){ 0xfc01 }, 2); /* no number */
     for (uint32_t k = 0; k < 4; k++) {
         static const float bad[4] = { NAN, INFINITY, -1.0f, 1e7f };
-        assert_forged_record_refused(&s, good, pieces_end - pieces, &bad[k], sizeof(float));
+        assert_forged_record_refused(&s, good, piece, &bad[k], sizeof(float));
     }
     mem_free(good);
     transport_destroy(made);
@@ -301,13 +307,16 @@ static void forged_files_that_are_taken_do_no_harm(void **state)
     t = make(&s);
     store(&s, t);
     const size_t floats = (size_t)s.set->gbuffer->packet_count * 3 * PACKET;
-    const size_t index = HEADER + SECTIONS * ENTRY, records = t->stats.pieces * RECORD;
+    size_t shapes[64]; /* of the first blocks' first pieces */
+    for (uint32_t k = 0; k < 64; k++)
+        shapes[k] = place_of(t, k % t->block_count);
     float *lo = mem_alloc(floats, sizeof(float));
     uint8_t *good = mem_alloc(s.size, 1);
     transport_destroy(t);
     memcpy(good, s.bytes, s.size);
     for (int k = 0; k < 150; k++) {
-        const size_t at = index + (size_t)(rng_next(&random) * (double)(k % 2 ? records : s.size - index));
+        const size_t anywhere = BLOCKS + (size_t)(rng_next(&random) * (double)(s.size - BLOCKS));
+        const size_t at = k % 2 ? shapes[k / 2 % 64] + (size_t)(rng_next(&random) * SHAPE) : anywhere;
         const uint8_t byte = (uint8_t)(256.0 * rng_next(&random));
         forge(&s, good, at, &byte, 1);
         if (load(&s, &t, &why))

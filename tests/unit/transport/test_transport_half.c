@@ -1,5 +1,5 @@
 /* Half floats: every one of the 65536 widened, and floats rounded, against arithmetic in double precision. */
-#include "transport/half.h"
+#include "base/half.h"
 #include "estimators/kernels.h"
 #include "base/mem.h"
 #include "base/rng.h"
