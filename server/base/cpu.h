@@ -13,6 +13,23 @@ enum cpu_level {
     CPU_LEVELS,
 };
 
+/* For sources that are compiled once per level (kernels() in server/CMakeLists.txt): KERNEL(x) names the level's own x,
+ * KERNEL_TABLE(x) initialises an array of pointers to them, indexed by enum cpu_level. */
+#define KERNEL(name) KERNEL_JOIN(name, KERNEL_LEVEL)
+#define KERNEL_JOIN(name, level) KERNEL_JOINED(name, level)
+#define KERNEL_JOINED(name, level) name##_##level
+#ifdef __x86_64__
+#define KERNEL_TABLE(name)                                                                                             \
+    {                                                                                                                  \
+        &name##_baseline, &name##_v3, &name##_v4                                                                       \
+    }
+#else
+#define KERNEL_TABLE(name)                                                                                             \
+    {                                                                                                                  \
+        &name##_baseline                                                                                               \
+    }
+#endif
+
 /* The highest level this CPU supports; it also supports all lower ones. */
 enum cpu_level cpu_best(void);
 

@@ -1,14 +1,14 @@
 /* server/base/half.h */
-/* Half floats (IEEE 754 binary16), as EXR files and the caches of light store them. Integer arithmetic: the same bits as
- * the processor's own instructions, and no denormals, which shading flushes to zero. Thread: any. */
+/* Half floats (IEEE 754 binary16), as EXR files and the caches of light store them. Integer arithmetic gives the bits
+ * of the processor's own instructions without denormals, which shading flushes to zero. Thread: any. */
 #ifndef BASE_HALF_H
 #define BASE_HALF_H
 
 #include <stdint.h>
 #include <string.h>
 
-/* Exact. Without branches, so that loops around it are vectorised: rebiases the exponent from 15 to 127; infinity and NaN
- * have the largest in both, and below 2^-14 halves are multiples of 2^-24. */
+/* Exact. Without branches, so that loops around it are vectorised: rebiases the exponent from 15 to 127; infinity and
+ * NaN have the largest exponent in both, and below 2^-14 halves are multiples of 2^-24. */
 static inline float half_widen(uint16_t half)
 {
     const uint32_t magnitude = half & 0x7fffu;

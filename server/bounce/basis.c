@@ -1,4 +1,4 @@
-/* The basis: in what ways the light that points gather depends on the cells. */
+/* The basis of the sky's cells: how the light that points gather varies with them. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 
@@ -8,9 +8,9 @@
 #include <math.h>
 #include <string.h>
 
-#define ENOUGH 2e-3 /* of the norm, that the basis may leave out */
+#define ENOUGH 2e-3 /* share of the norm that the basis may leave out */
 
-/* The eigenvectors of M' M for its largest eigenvalues, of no use beyond what ENOUGH asks for. */
+/* The eigenvectors of M' M with the largest eigenvalues, as many as ENOUGH requires. */
 enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows)
 {
     const int n = SKY_CELLS, most = BOUNCE_BASIS_MAX;

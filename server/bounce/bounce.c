@@ -48,10 +48,10 @@ static void sky_taken(void *self)
     float sky[3][SKY_CELLS];
 
     bounce_sky_deal(b->tents, sky);
-    bounce_kernels_of(b->kernels)->take(&b->basis, sky, b->y); /* less than it takes to wake a thread */
+    bounce_kernels_of(b->kernels)->take(&b->basis, sky, b->y); /* faster than waking a thread */
 }
 
-/* A group's V times the sky. */
+/* Multiplies a group's V by the sky. */
 static void prepare_group(void *self, uint32_t k)
 {
     struct bounce *b = self;
@@ -61,7 +61,7 @@ static void prepare_group(void *self, uint32_t k)
             bounce_kernels_of(b->kernels)->project(&b->groups[k].pieces[r], b->y, b->basis.count, b->groups[k].z[r]);
 }
 
-#define AHEAD 1024 /* bytes of the stream */
+#define AHEAD 1024 /* bytes of the stream to prefetch */
 
 static void indirect_rows(const void *self, uint32_t first, struct transport_rows *out)
 {
@@ -77,7 +77,7 @@ static void indirect_rows(const void *self, uint32_t first, struct transport_row
         bounce_kernels_of(b->kernels)->expand(bytes, row.rank, b->z + row.z, row.columns, points, out->at[r]);
         bytes += bounce_block_bytes(row.rank, row.columns, points);
     }
-    for (uint32_t i = 0; i < AHEAD; i += 64) /* the next block's, most likely */
+    for (uint32_t i = 0; i < AHEAD; i += 64) /* most likely the next block's */
         __builtin_prefetch(bytes + i);
     out->count = place.rows;
 }
@@ -100,7 +100,7 @@ const struct transport_indirect *bounce_indirect(const struct bounce *b)
     return &b->indirect;
 }
 
-/* A block by itself, onto what stands there. */
+/* Adds a block's light to lo. */
 static void add_block(const struct bounce *b, const struct bounce_block *block, float *lo)
 {
     const struct transport_block dark = { .packets = block->packets, .kind = b->gbuffer->packets[block->first].kind };

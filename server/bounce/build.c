@@ -1,4 +1,4 @@
-/* The steps in which the cache of interreflection is made. */
+/* Builds the cache of indirect light step by step. */
 #include "bounce/parts.h"
 
 #include "base/cancel.h"
@@ -9,14 +9,14 @@
 
 #define GATHER 64u
 #define GATHER_MOST 4096u
-#define SIDE 4u /* of a cell's directions: sixteen, one for each of a record's places */
+#define SIDE 4u /* squared: directions of a cell, one for each spot of two records */
 
 uint64_t bounce_steps(const struct gbuffer *g)
 {
     return g->packet_count;
 }
 
-/* Lobes that fall to a half within a degree and a half: records, which are even over a voxel, would show in them. */
+/* Lobes that fall to a half within 1.5 degrees would show the records, which are constant over a voxel. */
 static bool is_sharp(const struct shade_packet *p, uint32_t l)
 {
     return p->kind == LOBE_PHONG ? p->gloss[l] > 2000.0f
@@ -32,7 +32,7 @@ static bool has_sharp(const struct gbuffer *g, const struct transport_block *b)
     return false;
 }
 
-/* The blocks of the direct transport, narrow lobes with all of their rows. */
+/* Copies the blocks of the cache of direct light; blocks with narrow lobes get all of their rows. */
 static enum err take_blocks(struct bounce *b, const struct transport *t)
 {
     b->blocks = mem_alloc(t->block_count, sizeof(*b->blocks));
@@ -95,7 +95,7 @@ enum err bounce_close(struct bounce *b)
 enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why)
 {
     return err_say(why, ERR_RANGE,
-                   "the cache of interreflection takes more than what --cache-memory leaves to it, %.0f MB",
+                   "the cache of indirect light needs more than the %.0f MB that --cache-memory leaves for it",
                    ceil(1e-6 * (double)max_bytes));
 }
 
@@ -141,7 +141,7 @@ enum err bounce_create(const struct bounce_desc *desc, const struct kernels *ker
 
     *out = NULL;
     if (!t)
-        return err_say(why, ERR_NOMEM, "no memory for the cache of interreflection");
+        return err_say(why, ERR_NOMEM, "out of memory for the cache of indirect light");
     enum err e = run_steps(&b);
     t->stats.rays = b.rays;
     if (!e && !is_cancelled(b.desc->cancel))
@@ -149,7 +149,7 @@ enum err bounce_create(const struct bounce_desc *desc, const struct kernels *ker
     if (e == ERR_RANGE)
         e = bounce_say_too_large(desc->max_bytes, why);
     else if (e)
-        err_say(why, e, "no memory for the cache of interreflection");
+        err_say(why, e, "out of memory for the cache of indirect light");
     else if (!is_cancelled(b.desc->cancel)) {
         *out = t;
         t = NULL;

@@ -1,5 +1,5 @@
-/* From what the points of a group of blocks have gathered to as few bytes as the tolerance allows: each block by
- * itself at first, then all blocks' rows together, and what is left of each block in those once more. */
+/* Compresses the gathered light of a group of blocks to as few bytes as the tolerance allows: first each block alone,
+ * then all blocks' rows together, then each block within these. */
 #include "bounce/compress.h"
 
 #include "base/mem.h"
@@ -10,25 +10,26 @@
 #include <math.h>
 #include <string.h>
 
-#define FIRST 0.1  /* of what a rank must bring: those of the blocks, before they are put together */
-#define SHARED 0.4 /* those of the group */
-#define LAST 0.4   /* those of the blocks in that */
-#define TAIL 0.5   /* of the same, what coefficients that are left out of V may take in all */
+/* Shares of the squared error that a rank must remove to be kept: */
+#define FIRST 0.1  /* ranks of the blocks alone */
+#define SHARED 0.4 /* ranks of the group */
+#define LAST 0.4   /* ranks of the blocks within the group's */
+#define TAIL 0.5   /* share that the coefficients left out of V may have in total */
 
 #define ROWS_MOST (BOUNCE_GROUP * TRANSPORT_POINTS)
 
-struct part { /* of a block's row */
+struct part { /* a block's row, compressed alone */
     uint32_t rank;
     float u[TRANSPORT_POINTS][TRANSPORT_POINTS]; /* [rank][point], orthonormal */
 };
 
-struct bounce_workspace { /* of one thread */
-    uint32_t k;           /* coefficients of the basis; a row is 3 k wide */
+struct bounce_workspace { /* per thread */
+    uint32_t k;           /* size of the basis; a row is 3 k wide */
     struct part *parts;   /* [TRANSPORT_ROWS][BOUNCE_GROUP] */
-    float *rows;          /* [TRANSPORT_ROWS][ROWS_MOST][3 k]: of all blocks of a group, one after the other */
+    float *rows;          /* [TRANSPORT_ROWS][ROWS_MOST][3 k]: of all blocks of a group */
     uint32_t count[TRANSPORT_ROWS];
     float scale[BOUNCE_GROUP][TRANSPORT_ROWS][TRANSPORT_POINTS];
-    float *gram, *values, *work; /* for a matrix of ROWS_MOST */
+    float *gram, *values, *work; /* for a ROWS_MOST x ROWS_MOST matrix */
     lapack_int *whole;
     float *v; /* [ROWS_MOST][3 k] */
     float small[TRANSPORT_POINTS * TRANSPORT_POINTS];
@@ -47,7 +48,7 @@ struct bounce_workspace *bounce_workspace_create(uint32_t k)
     w->v = mem_alloc_raw(n * row, sizeof(float));
     w->gram = mem_alloc_raw(n * n, sizeof(float));
     w->values = mem_alloc_raw(n, sizeof(float));
-    w->work = mem_alloc_raw(1 + 6 * n + 2 * n * n, sizeof(float)); /* as ssyevd asks for */
+    w->work = mem_alloc_raw(1 + 6 * n + 2 * n * n, sizeof(float)); /* as ssyevd requires */
     w->whole = mem_alloc_raw(3 + 5 * n, sizeof(*w->whole));
     if (w->parts && w->rows && w->v && w->gram && w->values && w->work && w->whole)
         return w;
@@ -69,9 +70,9 @@ void bounce_workspace_destroy(struct bounce_workspace *w)
     mem_free(w);
 }
 
-/* Eigenvectors of the symmetric n x n matrix take its place, those of the largest values last. Returns how many of
- * these are above `least`; n where the library fails, whose vectors are then the unit's. For the same bytes the sum of
- * all squares that are left out is least where one bound holds for all [Eckart and Young 1936]. */
+/* Replaces the symmetric n x n matrix by its eigenvectors, those of the largest values last. Returns the number of
+ * values above `least`; if the library fails, n, with unit vectors. One bound for all blocks minimises the total
+ * squared error for a given number of ranks [Eckart and Young 1936]. */
 static uint32_t decompose(struct bounce_workspace *w, float *gram, uint32_t n, double least)
 {
     const lapack_int m = (lapack_int)n;
@@ -118,8 +119,7 @@ void bounce_compress_block(struct bounce_workspace *w, uint32_t slot, uint32_t r
     w->count[row] += part->rank;
 }
 
-/* Coefficients of the basis from which on all of V may be left out: those come in the order of what they are for all
- * points. */
+/* The number of coefficients of V to keep; they are sorted by their importance for all points. */
 static uint32_t short_basis(const float *v, uint32_t rows, uint32_t k, double allowed)
 {
     double rest = 0.0;
@@ -136,8 +136,8 @@ static uint32_t short_basis(const float *v, uint32_t rows, uint32_t k, double al
     return PACKET;
 }
 
-/* What a block has of the group's rows, the first `count` columns of E [rank][n], squares of the rows' lengths being
- * `values`: its left singular vectors for the largest singular values into w->small. */
+/* A block's part of the group's rows is the first `count` columns of E[rank][n], whose rows have the squared lengths
+ * `values`. Writes its left singular vectors of the largest singular values to w->small; returns their number. */
 static uint32_t reduce(struct bounce_workspace *w, const float *e, const float *values, uint32_t rank, uint32_t n,
                        uint32_t count, double least)
 {
@@ -151,7 +151,7 @@ static uint32_t reduce(struct bounce_workspace *w, const float *e, const float *
     return decompose(w, w->small, count, least);
 }
 
-/* x as bytes; returns what they are to be multiplied by. */
+/* Writes x as bytes; returns the factor that restores x. */
 static float write_bytes(const float *x, uint32_t count, int8_t *to)
 {
     float most = 0.0f;
@@ -163,15 +163,15 @@ static float write_bytes(const float *x, uint32_t count, int8_t *to)
     return most / 127.0f;
 }
 
-/* What a block is made of: f [rank][part's rank], its singular vectors; e [columns][n], the group's. */
+/* The factors of a block: its singular vectors f[rank][part's rank], and the group's, e[columns][n]. */
 struct factors {
     const struct part *part;
     const float *f, *e, *scale;
-    const float *v_scale; /* [columns] by which V's rows are to be multiplied */
+    const float *v_scale; /* [columns]: the factors of V's rows */
     uint32_t rank, group, n, points;
 };
 
-/* Gains, W [rank][columns] and U [rank][points]. */
+/* Writes gains, W[rank][columns] and U[rank][points]. */
 static void write_block(const struct factors *x, int8_t *to)
 {
     const uint32_t columns = bounce_columns(x->group);
@@ -199,7 +199,7 @@ static void write_block(const struct factors *x, int8_t *to)
     }
 }
 
-/* V [rank][3][basis]. */
+/* Writes V[rank][3][basis]; returns the end. */
 static int8_t *write_shared(const float *v, uint32_t k, const struct bounce_piece *q, float *v_scale, int8_t *to)
 {
     float row[3 * BOUNCE_BASIS_MAX];
@@ -212,7 +212,7 @@ static int8_t *write_shared(const float *v, uint32_t k, const struct bounce_piec
     return to;
 }
 
-/* The whole piece; e: the group's eigenvectors, [rank][n]. */
+/* Writes the whole piece. e: the group's eigenvectors, [rank][n]. */
 static enum err write_piece(struct bounce_workspace *w, struct bounce_group *g, struct bounce_block *blocks,
                             uint32_t row, const float *e, uint32_t n, double least)
 {

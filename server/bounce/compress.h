@@ -7,7 +7,7 @@
 
 struct bounce_workspace;
 
-struct bounce_workspace *bounce_workspace_create(uint32_t k); /* coefficients of the basis; NULL when out of memory */
+struct bounce_workspace *bounce_workspace_create(uint32_t k); /* k: size of the basis; NULL when out of memory */
 void bounce_workspace_destroy(struct bounce_workspace *w);    /* NULL is allowed */
 
 /* Compresses one group: begin, then for each row all of its blocks in order, then that row's end. blocks: the group's.

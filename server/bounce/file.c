@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Increase it whenever the same scene gets another cache, or the file changes. */
+/* Increase it when the same scene gets another cache, or the file changes. */
 #define FORMAT 2
 
 #define GAIN_MOST 1e20f
@@ -90,8 +90,8 @@ static enum err read_basis(struct cache_reader *r, struct bounce *b, struct reas
         e = cache_reader_get(r, &q->rest, sizeof(q->rest), why);
     if (!e)
         e = cache_reader_get(r, &q->count, sizeof(q->count), why);
-    if (!e && !(q->count > 0 && q->count <= BOUNCE_BASIS_MAX && q->count % PACKET == 0 && q->rest >= 0.0 &&
-                q->rest <= 1.0))
+    if (!e &&
+        !(q->count > 0 && q->count <= BOUNCE_BASIS_MAX && q->count % PACKET == 0 && q->rest >= 0.0 && q->rest <= 1.0))
         e = cache_reader_refuse(r, why);
     if (e)
         return e;

@@ -1,4 +1,5 @@
-/* What the shade points gather from the records: for the basis, by cells; for the blocks, by the basis. */
+/* Gathers the light that shade points receive from records: by cells, to find the basis; by the basis, for the blocks.
+ */
 #include "bounce/compress.h"
 
 #include "base/cancel.h"
@@ -16,10 +17,10 @@
 #define BASIS_POINTS 1536u
 #define BASIS_RECORDS 512u
 #define TOLERANCE 0.035
-#define FLOOR 0.03f /* of a block's mean light: darker points count as if they had that */
+#define FLOOR 0.03f /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 32u   /* groups */
 
-/* A shade point, and the parts of its BRDF as rows (transport/parts.h). */
+/* A shade point with its BRDF, whose parts are rows (transport/parts.h). */
 struct point {
     struct vec3 at, wo;
     struct lobe own;
@@ -40,7 +41,7 @@ static struct point point_of(const struct shade_packet *p, uint32_t l, uint32_t 
     };
 }
 
-/* BRDF times cosine by rows, for light from w: as the kernel of transport does it, by colours that tell them apart. */
+/* BRDF times cosine by rows, for light from w; colours separate the rows, as in transport's kernel. */
 static bool rows_at(const struct point *p, struct vec3 w, double row[TRANSPORT_ROWS])
 {
     const double cosine = (double)vec3_dot(p->own.shading, w);
@@ -56,7 +57,7 @@ static bool rows_at(const struct point *p, struct vec3 w, double row[TRANSPORT_R
     return brdf[0] + brdf[1] + brdf[2] > 0.0;
 }
 
-/* What one thread gathers with. */
+/* Per thread. */
 struct gatherer {
     const struct bounce_build *build;
     struct bounce_world world;
@@ -72,7 +73,7 @@ static void add_light(const struct gatherer *g, uint32_t record, float weight, f
         to[i] += weight * light[i];
 }
 
-/* Takes the ends of one ray: rows[r] += weight[r] ends. */
+/* Adds the ends of one ray: rows[r] += weight[r] * ends. */
 static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_ROWS], uint32_t rows, size_t stride,
                       float *out, bool cells)
 {
@@ -95,9 +96,9 @@ static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_RO
     }
 }
 
-/* All rays of a point, half by the matte part and, where there is a lobe, as many by that, under the balance heuristic.
- * Adds to `rows` rows, stride floats apart, and to open[row] what the point has at once of an even sky of 1. Returns
- * the harmonic mean of distances. */
+/* Traces a point's rays: `rays` by the matte part and, if there is a lobe, as many by the lobe, combined by the balance
+ * heuristic. Adds to the rows at `out`, stride floats apart, and to open[row] the direct light of a sky of radiance 1.
+ * Returns the harmonic mean distance of the matte part's hits, m. */
 static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, uint32_t rays, float *out,
                            size_t stride, bool cells, float open[TRANSPORT_ROWS])
 {
@@ -148,7 +149,7 @@ static uint32_t rows_of_block(const struct bounce_build *b, uint32_t k)
     return b->b->blocks[k].rows;
 }
 
-/* The i-th of BASIS_POINTS points, evenly over the blocks, and of BASIS_RECORDS records. */
+/* Point i: the first BASIS_POINTS are spread evenly over the blocks, then BASIS_RECORDS over the records. */
 static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *out)
 {
     const struct bounce *t = b->b;
@@ -196,7 +197,7 @@ enum err bounce_make_basis(struct bounce_build *b)
             struct point p;
             float unused[TRANSPORT_ROWS] = { 0.0f };
             if (!is_cancelled(b->desc->cancel) &&
-                basis_point(b, i, &p)) /* all rows of a point's BRDF in one of the matrix */
+                basis_point(b, i, &p)) /* all rows of a point's BRDF share a row of the matrix */
                 gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), BOUNCE_BASIS_RAYS,
                              m + (size_t)i * SKY_CELLS, 0, true, unused);
         }
@@ -215,24 +216,16 @@ enum err bounce_make_basis(struct bounce_build *b)
 
 /* ---- Blocks ---- */
 
-struct bench { /* what one thread works in */
+struct bench { /* per thread */
     struct gatherer gatherer;
     float *matrix;                                   /* [TRANSPORT_ROWS][BOUNCE_GROUP_POINTS][3 K] */
-    float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row with less noise */
-    float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* what the points have of an even sky at once */
+    float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row, smoothed */
+    float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
     struct bounce_smoother *smoother;
     struct bounce_workspace *workspace;
 };
 
-/* Means of a row's colours. */
-static float mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
-{
-    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
-            transport_row_colour(p, row, 2, l)) /
-           3.0f;
-}
-
-/* A row of a block as it is kept: [points][3 K]. */
+/* A row of a block as it is compressed: [points][3 K]. */
 static float *row_of(const struct bounce_build *b, const struct bench *w, uint32_t slot, uint32_t row)
 {
     const size_t wide = 3 * (size_t)b->b->basis.count, first = (size_t)slot * TRANSPORT_POINTS;
@@ -241,8 +234,8 @@ static float *row_of(const struct bounce_build *b, const struct bench *w, uint32
                                               : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
 }
 
-/* What a point's error in row r counts: it is seen times the row's colour, beside all light that the point has of an
- * even sky of 1. */
+/* The weight of a point's error in row r: the row's colour, relative to all light of the point under a sky of radiance
+ * 1. */
 static void fill_scales(const struct bounce_build *b, const struct bench *w, const struct bounce_block *block,
                         uint32_t slot, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
 {
@@ -255,7 +248,7 @@ static void fill_scales(const struct bounce_build *b, const struct bench *w, con
             float light = w->open[slot * TRANSPORT_POINTS + p][r];
             for (uint32_t i = 0; i < 3 * k; i++)
                 light += row[i] * b->even[i % k] / 3.0f;
-            scale[r][p] = mean_colour(&b->b->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            scale[r][p] = transport_mean_colour(&b->b->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
             whole[p] += scale[r][p] * light;
         }
     for (uint32_t p = 0; p < points; p++)
@@ -340,7 +333,8 @@ static void bench_finish(struct bench *w)
     bounce_workspace_destroy(w->workspace);
 }
 
-/* One batch of groups; what they take is added up behind it, so that a limit is met at the same place always. */
+/* Gathers a batch of groups. The memory limit is checked after each batch, so that the result does not depend on the
+ * number of threads. */
 static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint32_t first, uint32_t until)
 {
     int failed = 0;
@@ -372,7 +366,7 @@ static uint64_t group_bytes(const struct bounce *b, const struct bounce_group *g
     return bytes;
 }
 
-/* The coefficients of an even sky of 1. */
+/* The coefficients of a sky of radiance 1. */
 static enum err make_even(struct bounce_build *b)
 {
     const struct bounce_basis *basis = &b->b->basis;

@@ -1,4 +1,4 @@
-/* Which blocks share their V: those that lie beside each other in the picture, face the same way and are as far. */
+/* Groups blocks that share V: close together in the image, of similar orientation and distance. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 
@@ -6,8 +6,8 @@
 #include <stdlib.h>
 
 #define TRAITS 7
-#define TURNED 0.3f /* what a normal's difference counts beside that of directions from the eye */
-#define AWAY 0.5f   /* that of distances over the mean distance */
+#define TURNED 0.3f /* weight of normals relative to directions from the eye */
+#define AWAY 0.5f   /* weight of distances, in units of the mean distance */
 
 struct trait {
     struct bounce_block block;
@@ -70,7 +70,7 @@ static int by_rows(const void *a, const void *b)
     return x->block.first < y->block.first ? -1 : 1;
 }
 
-/* Halves what is more than a group along the widest trait, at a whole number of groups. */
+/* Splits more than a group in halves along the widest trait, at a multiple of a group. */
 static void split(struct trait *t, uint32_t count)
 {
     float widest = -1.0f;
@@ -97,7 +97,7 @@ static void split(struct trait *t, uint32_t count)
     split(t + first, count - first);
 }
 
-/* Blocks in the order of their groups, each with those of as many rows. */
+/* Writes the blocks in the order of their groups, whose blocks have the same number of rows. */
 static void write_down(struct bounce *b, const struct trait *traits)
 {
     b->group_count = 0;

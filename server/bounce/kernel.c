@@ -1,9 +1,6 @@
-/* The loops of the cache of interreflection (bounce/parts.h): compiled once per CPU level, see CMakeLists.txt. */
+/* The loops of the cache of indirect light (bounce/parts.h): compiled once per CPU level, see CMakeLists.txt. */
 #include "bounce/parts.h"
 #include "transport/half_lanes.h"
-
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
 
 static void add(float *to, const float *from, const float weight[3], uint32_t basis)
 {
@@ -15,25 +12,7 @@ static void add(float *to, const float *from, const float weight[3], uint32_t ba
         }
 }
 
-/* Sixteen partial sums of each of three, in one order at all levels: (((0 + 8) + (4 + 12)) + ((2 + 10) + (6 + 14))) +
- * the same of the odd ones. Side by side, so that no sum waits for another. */
-static inline void sum_lanes(const struct lanes x[3], float out[3])
-{
-    struct {
-        float v __attribute__((vector_size(16)));
-    } a[3][4], sum[3], by_lane[4];
-
-    for (int c = 0; c < 3; c++) {
-        memcpy(a[c], x[c].v, sizeof(a[c]));
-        sum[c].v = (a[c][0].v + a[c][2].v) + (a[c][1].v + a[c][3].v);
-    }
-    for (int l = 0; l < 4; l++)
-        by_lane[l].v = (__typeof__(by_lane[l].v)){ sum[0].v[l], sum[1].v[l], sum[2].v[l], 0.0f };
-    by_lane[0].v = (by_lane[0].v + by_lane[2].v) + (by_lane[1].v + by_lane[3].v);
-    memcpy(out, &by_lane[0].v, 3 * sizeof(*out));
-}
-
-/* As many rows at once as keep the sums apart. */
+/* Rows processed together, so that their sums are independent. */
 #define ROWS 4u
 
 static void take(const struct bounce_basis *q, float (*sky)[SKY_CELLS], float *y)
@@ -77,7 +56,7 @@ static void project(const struct bounce_piece *q, const float *y, uint32_t basis
     }
 }
 
-/* A row of W times z, by colours, and times the gain. */
+/* out[c] = gain * (row of W) z[c]. */
 static inline void weigh(const int8_t *w, const float *z, uint32_t columns, float gain, float out[3])
 {
     struct lanes sum[3] = { { { 0.0f } } }, x;
@@ -117,5 +96,5 @@ static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t 
     }
 }
 
-extern const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL);
-const struct bounce_kernels JOIN(bounce_kernels_, KERNEL_LEVEL) = { take, add, project, expand };
+extern const struct bounce_kernels KERNEL(bounce_kernels);
+const struct bounce_kernels KERNEL(bounce_kernels) = { take, add, project, expand };

@@ -1,5 +1,5 @@
-/* Where a frame finds the blocks' bytes: behind each other in the order in which direct light goes through them, which
- * is not that of their groups, each behind a head that says all that there is to know. */
+/* Stores the blocks' bytes for frames: one after another in the order in which direct light is computed, not in that of
+ * their groups, each block behind a head that describes it. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 
@@ -17,7 +17,7 @@ static size_t block_size(const struct bounce *b, const struct bounce_block *bloc
     return ALIGNED(size);
 }
 
-/* Lists groups in their blocks, and where those stand. ERR_NOMEM. */
+/* Sets the blocks' groups and places; *size: of the stream. ERR_NOMEM. */
 static enum err find_places(struct bounce *b, size_t *size)
 {
     const uint32_t packets = b->gbuffer->packet_count;
@@ -45,7 +45,7 @@ static enum err find_places(struct bounce *b, size_t *size)
     return ERR_OK;
 }
 
-/* One row's bytes of all blocks of a group go where they belong; V stays by itself. */
+/* Moves one row's bytes of all blocks of a group to their places; the piece keeps V. */
 static enum err move_piece(struct bounce *b, const struct bounce_group *g, struct bounce_piece *q, uint32_t row,
                            size_t *filled)
 {

@@ -1,4 +1,4 @@
-/* The records: where they are, what of the sky falls on them, and what they give to each other. */
+/* The records: their places, their direct light from the sky, and the light between them. */
 #include "bounce/parts.h"
 
 #include "base/cancel.h"
@@ -11,15 +11,15 @@
 #include <math.h>
 #include <string.h>
 
-#define ANGLE 0.015f /* a voxel's size over its distance, at first */
+#define ANGLE 0.015f /* initial size of a voxel / distance */
 #define RECORDS_LEAST 4000u
 #define RECORDS_MOST 24000u
-#define PROBES 16u      /* rays that look for surfaces, for each record that there may be */
-#define RAYS_OF_SPOT 8u /* from each of a record's places to others */
+#define PROBES 16u      /* rays that search for surfaces, per record */
+#define RAYS_OF_SPOT 8u /* from each spot of a record to other records */
 #define BOUNCES_MOST 64u
-#define REST 3e-3 /* of the energy, that further bounces may hold */
+#define REST 3e-3 /* share of the energy that further bounces may have */
 
-/* ---- Where they are ---- */
+/* ---- Places ---- */
 
 static void move_spots(struct bounce_spots *to, struct bounce_spots *from)
 {
@@ -61,7 +61,7 @@ static struct bounce_spot spot_of_lane(const struct shade_packet *p, uint32_t l)
                                  .kind = LOBE_LAMBERT };
 }
 
-/* Rays from the shade points, evenly over all of them, or, the second time, from what those have met. */
+/* Traces rays from the shade points, evenly over all of them, and the second time from the hits of the first. */
 static void probe_all(struct bounce_build *b, struct bounce_spots *all, bool second)
 {
     const uint32_t probes = PROBES * b->most;
@@ -106,7 +106,7 @@ enum err bounce_find_records(struct bounce_build *b)
     struct bounce_spots all = { .at = NULL };
     enum err e = ERR_NOMEM;
 
-    /* half as many as there are points: each is met by a hundred rays or more */
+    /* half the number of points: each record is then hit by a hundred rays or more */
     const uint64_t fair = d->gbuffer->point_count / 2;
     b->most = d->records             ? d->records
               : fair < RECORDS_LEAST ? RECORDS_LEAST
@@ -124,7 +124,7 @@ enum err bounce_find_records(struct bounce_build *b)
     return e;
 }
 
-/* ---- What of the sky falls on them ---- */
+/* ---- Direct light ---- */
 
 static void set_origins(const struct bounce_spot *spots, struct ray16 *ray)
 {
@@ -137,8 +137,8 @@ static void set_origins(const struct bounce_spot *spots, struct ray16 *ray)
     }
 }
 
-/* A direction through a cell for each place of two records, all of them different: for each record the mean of cos /
- * pi, or of ggx's share of it, times the solid angle. */
+/* Traces one direction through a cell from each spot of two records, all different: out[record] is the mean of cos / pi
+ * (for ggx, of the matte part's share of it) times the solid angle. */
 static void light_by(const struct bounce_build *b, const struct bounce_spot *spots, struct ray16 *ray, uint32_t cell,
                      float out[2], uint64_t *rays)
 {
@@ -167,7 +167,7 @@ static void light_by(const struct bounce_build *b, const struct bounce_spot *spo
         return;
     rays_occluded16(b->desc->rays, RAYS_TOGETHER, valid, ray);
     *rays += count;
-    for (uint32_t l = 0; l < PACKET; l++) /* weights are of sixteen, of which each record has eight */
+    for (uint32_t l = 0; l < PACKET; l++) /* weights are for sixteen directions, and each record has eight */
         out[l / BOUNCE_SPOTS] += valid[l] && ray->tfar[l] > 0.0f ? value[l] * (float)(2.0 / PI) : 0.0f;
 }
 
@@ -180,7 +180,7 @@ enum err bounce_light_records(struct bounce_build *b)
     if (!b->light)
         return ERR_NOMEM;
 #pragma omp parallel for schedule(dynamic, 16) reduction(+ : rays)
-    for (uint32_t r = 0; r < records; r += 2) { /* behind the last there is room for one more */
+    for (uint32_t r = 0; r < records; r += 2) { /* the arrays have room for one more */
         const struct bounce_spot *spots = b->records.spots + (size_t)r * BOUNCE_SPOTS;
         uint16_t *light = b->light + (size_t)r * SKY_CELLS;
         struct ray16 ray;
@@ -198,7 +198,7 @@ enum err bounce_light_records(struct bounce_build *b)
     return ERR_OK;
 }
 
-/* ---- What they give to each other ---- */
+/* ---- Light between records ---- */
 
 static void trace_record(const struct bounce_build *b, const struct bounce_world *w, uint32_t r,
                          struct bounce_ends *ends)
@@ -239,7 +239,7 @@ static bool trace_exchange(struct bounce_build *b, struct bounce_ends *all)
     return failed == 0;
 }
 
-/* What arrives at once, over the basis; the same for each colour. The cells' own rows behind. */
+/* Direct light in the basis, the same for each colour, followed by the cells' own rows. */
 static void project_light(const struct bounce_build *b, float *out)
 {
     const uint32_t k = b->b->basis.count, records = b->records.count;
@@ -263,13 +263,13 @@ static void project_light(const struct bounce_build *b, float *out)
                 out[((size_t)(records + cell) * 3 + c) * k + i] = rows[(size_t)i * SKY_CELLS + cell];
 }
 
-/* next = light + what arrives by way of `now`; returns the squares of what has changed, and of all. */
+/* next = light + one bounce of `now`. square: sums of squares of the change, and of the result. */
 static void bounce_once(const struct bounce_build *b, const struct bounce_ends *all, const float *light,
                         const float *now, float *next, double square[2])
 {
     const uint32_t records = b->records.count, k = b->b->basis.count;
     const size_t row = 3 * (size_t)k;
-    double *part = mem_alloc(2 * (size_t)records, sizeof(*part)); /* added in one order */
+    double *part = mem_alloc(2 * (size_t)records, sizeof(*part)); /* summed in a fixed order */
 
 #pragma omp parallel for schedule(dynamic, 64)
     for (uint32_t r = 0; r < records; r++) {
@@ -289,11 +289,11 @@ static void bounce_once(const struct bounce_build *b, const struct bounce_ends *
         square[1] += part[2 * r + 1];
     }
     if (!part)
-        square[1] = INFINITY; /* counted as not converged */
+        square[1] = INFINITY; /* counts as not converged */
     mem_free(part);
 }
 
-/* Until what is left, a geometric series by the last two steps, is below REST. */
+/* Iterates until the rest, estimated as a geometric series from the last two changes, is below REST. */
 static void iterate(struct bounce_build *b, const struct bounce_ends *all, const float *light, float *spare)
 {
     const uint32_t records = b->records.count, k = b->b->basis.count;

@@ -1,6 +1,6 @@
-/* Inside the cache of interreflection (bounce.h). Light that goes on from a place is kept as a row over the basis, K
- * numbers for each colour: what the place has of the sky's K coefficients. Rows of `sources` are those of the records
- * and, behind them, those of the cells themselves, which a path that leaves the scene ends in. */
+/* Private to the cache of indirect light (bounce.h). The light that leaves a place is stored as a row: K numbers per
+ * colour, by which the K coefficients of the sky are multiplied. `sources` holds the rows of the records, followed by
+ * those of the cells themselves, for paths that leave the scene. Thread: one per object, unless stated otherwise. */
 #ifndef BOUNCE_PARTS_H
 #define BOUNCE_PARTS_H
 
@@ -14,16 +14,16 @@
 #define BOUNCE_BASIS_MAX 128 /* K, a multiple of 16 */
 
 #define BOUNCE_BASIS_RAYS 512u
-#define BOUNCE_SPOTS 8u /* of a record; two make a packet */
+#define BOUNCE_SPOTS 8u /* per record: half a packet */
 
 /* ---- Records ---- */
 
-struct bounce_spot { /* a place where a path has met a rough surface */
-    struct vec3 at;  /* off the surface */
+struct bounce_spot { /* a hit on a rough surface */
+    struct vec3 at;  /* m, offset from the surface */
     struct vec3 geometric, shading;
-    float length;   /* m: of the ray that met it */
-    uint64_t order; /* a random number of its own: which of many a record takes does not depend on threads */
-    uint64_t key;   /* of its voxel */
+    float length;   /* m: of the ray that hit it */
+    uint64_t order; /* random: decides which spots a record keeps, independently of the number of threads */
+    uint64_t key;   /* of the voxel that contains it */
     uint32_t kind;  /* enum lobe_kind */
 };
 
@@ -36,26 +36,26 @@ struct bounce_spots {
 
 struct bounce_records {
     struct vec3 eye;
-    float angle; /* a voxel's size over its distance from the eye, before it is rounded to a power of two */
+    float angle; /* size of a voxel / distance from the eye, before rounding to a power of two */
     uint32_t count;
-    struct bounce_spot *spots; /* [count + 1][BOUNCE_SPOTS], repeated where a voxel has fewer */
-    uint32_t *table;           /* [mask + 1]: record + 1 by key, 0 where there is none */
+    struct bounce_spot *spots; /* [count + 1][BOUNCE_SPOTS]; a voxel with fewer repeats them */
+    uint32_t *table;           /* [mask + 1]: hash table by key of record + 1; 0: empty */
     uint32_t mask;
 };
 
 #define BOUNCE_NO_RECORD UINT32_MAX
-/* The record for a spot's place, from x in [0, 1)^2. */
+/* The record at a spot, chosen among neighbouring ones by x in [0, 1)^2; BOUNCE_NO_RECORD: none. Thread: any. */
 uint32_t bounce_find(const struct bounce_records *r, const struct bounce_spot *s, const double x[2]);
 
-/* Makes records of the spots, with voxels so large that there are at most `most`; r->eye and the first r->angle are
- * set. Spots are sorted. ERR_NOMEM. */
+/* Groups the spots, which it sorts, by voxel into at most `most` records: enlarges r->angle as needed. r->eye and
+ * r->angle must be set. ERR_NOMEM. */
 MUST_CHECK enum err bounce_records_init(struct bounce_records *r, struct bounce_spots *spots, uint32_t most);
-void bounce_records_finish(struct bounce_records *r); /* zeroed memory is allowed */
+void bounce_records_finish(struct bounce_records *r); /* frees the memory; zeroed memory is allowed */
 
 /* ---- Paths ---- */
 
-struct bounce_end {  /* where a path has found light */
-    uint32_t source; /* record, or count of records + cell */
+struct bounce_end {  /* the end of a path at a source of light */
+    uint32_t source; /* index of a record, or number of records + cell */
     float weight[3];
 };
 
@@ -71,15 +71,15 @@ struct bounce_world { /* borrowed */
     const struct scene *scene;
     const struct rays *rays;
     const struct bounce_records *records;
-    struct bounce_spots *found; /* not NULL: matte surfaces are written down here, and nothing ends */
+    struct bounce_spots *found; /* not NULL: records hits on matte surfaces here and finds no ends */
 };
 
-/* Follows a ray from a rough surface: light that arrives by way of other rough surfaces, as ends. Returns the distance
- * to what is met first, INFINITY where nothing is. */
+/* Traces a path from a rough surface and adds its ends: the light that arrives via other rough surfaces. Returns the
+ * distance of the first hit, INFINITY if there is none. Thread: any, with its own rng and ends. */
 float bounce_walk(const struct bounce_world *w, struct vec3 origin, struct vec3 dir, struct rng *rng,
                   struct bounce_ends *ends);
 
-/* A ray from a spot by its matte part. False: it would go below the surface. */
+/* Samples a direction from a spot's matte part by x in [0, 1)^2. False: it points below the surface. Thread: any. */
 bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *dir, float *weight);
 
 /* ---- The basis ---- */
@@ -87,17 +87,17 @@ bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *d
 struct bounce_basis {
     uint32_t count; /* K */
     float *rows;    /* [K][SKY_CELLS], orthonormal */
-    double rest;
+    double rest;    /* share of the input's norm that the basis leaves out */
 };
 
-/* Of m: [rows][SKY_CELLS]. ERR_NOMEM. */
+/* The basis that represents m[rows][SKY_CELLS] best. ERR_NOMEM. */
 MUST_CHECK enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows);
-void bounce_basis_finish(struct bounce_basis *b);
+void bounce_basis_finish(struct bounce_basis *b); /* zeroed memory is allowed */
 
 /* ---- The sky ---- */
 
-#define BOUNCE_WIDE (SKY_EDGE + 2) /* a face with a border of its neighbours' cells */
-#define BOUNCE_SKY_FACE_PARTS 4u   /* of a face, summed apart */
+#define BOUNCE_WIDE (SKY_EDGE + 2) /* cells along a face's edge, with one of each neighbour */
+#define BOUNCE_SKY_FACE_PARTS 4u   /* parts of a face, summed separately */
 #define BOUNCE_SKY_PARTS (CUBE_FACES * BOUNCE_SKY_FACE_PARTS)
 
 struct bounce_tent_sums {
@@ -108,27 +108,26 @@ struct bounce_tents {
     struct bounce_tent_sums parts[CUBE_FACES][BOUNCE_SKY_FACE_PARTS];
 };
 
-/* Means of the whole sky over the tents: each of BOUNCE_SKY_PARTS by itself, on any thread, of an environment whose
- * pyramid is complete; then out[3][SKY_CELLS] of them all. */
+/* Mean radiance of the sky over each cell's tent, in two steps: each of BOUNCE_SKY_PARTS parts, on any thread, of an
+ * environment whose pyramid is complete; then the means, W sr^-1 m^-2, of all cells. */
 void bounce_sky_part(const struct environment *e, uint32_t part, struct bounce_tents *t);
-void bounce_sky_deal(const struct bounce_tents *t, float out[3][SKY_CELLS]);
+void bounce_sky_deal(const struct bounce_tents *t, float out[3][SKY_CELLS]); /* second step */
 
-/* A cell by its tent's weight at w, from x in [0, 1). */
+/* Chooses a cell in proportion to its tent's weight at w, by x in [0, 1). Thread: any. */
 uint32_t bounce_cell(struct vec3 w, double x);
 
 /* ---- Blocks ---- */
 
 #define BOUNCE_RANK_MAX 256u /* of a block */
-#define BOUNCE_GROUP 16u     /* blocks that have their V in common */
+#define BOUNCE_GROUP 16u     /* blocks that share one V */
 
-/* A row of a group's blocks: T = U W V, in bytes of -127 to 127. V [rank][3][basis] comes first, then for each block a
- * gain for each of its ranks, by which their products are multiplied (floats, not aligned), W [its
- * rank][bounce_columns(rank)] and U [its rank][points]. What comes behind V goes elsewhere once all is there
- * (bounce_lay_out). */
+/* One row of a group's blocks: T = U W V, in bytes of -127 to 127. V[rank][3][basis] is followed, for each block, by a
+ * gain per rank (float, unaligned) that multiplies the product, W[block's rank][bounce_columns(rank)] and U[block's
+ * rank][points]. bounce_lay_out moves everything but V elsewhere. */
 struct bounce_piece {
-    int8_t *bytes; /* NULL: all is zero */
+    int8_t *bytes; /* NULL: all zero */
     uint32_t rank;
-    uint32_t basis; /* coefficients that count, a multiple of 16 */
+    uint32_t basis; /* coefficients in use, a multiple of 16 */
 };
 
 struct bounce_block {
@@ -137,15 +136,15 @@ struct bounce_block {
     uint8_t rank[TRANSPORT_ROWS]; /* below BOUNCE_RANK_MAX */
 };
 
-/* Of a block, by its first packet. */
+/* Where a block's bytes are. */
 struct bounce_place {
-    uint32_t at;            /* in bounce.stream, / 8 */
-    uint16_t rows, packets; /* 0: there is none */
+    uint32_t at;            /* offset in bounce.stream / 8 */
+    uint16_t rows, packets; /* 0: no block begins with this packet */
 };
 
-/* What stands before a block's bytes for each of its rows. */
+/* The head of a block's bytes has one of these per row. */
 struct bounce_row {
-    uint32_t z; /* its group's: a place in bounce.z */
+    uint32_t z; /* of its group: offset in bounce.z */
     uint16_t rank, columns;
 };
 
@@ -153,10 +152,10 @@ struct bounce_group {
     uint32_t first, count; /* blocks */
     uint32_t rows;
     struct bounce_piece pieces[TRANSPORT_ROWS];
-    float *z[TRANSPORT_ROWS]; /* [3][bounce_columns(rank)]: V times the frame's sky */
+    float *z[TRANSPORT_ROWS]; /* [3][bounce_columns(rank)]: V times the frame's sky; in bounce.z */
 };
 
-/* Columns of W: the rest of the last sixteen are 0. */
+/* Columns of W: the rank, rounded up to a multiple of 16; the rest is 0. */
 static inline uint32_t bounce_columns(uint32_t rank)
 {
     return (rank + PACKET - 1) / PACKET * PACKET;
@@ -167,7 +166,7 @@ static inline size_t bounce_block_bytes(uint32_t rank, uint32_t columns, uint32_
     return rank * (sizeof(float) + columns + points);
 }
 
-/* Of a row's piece. blocks: the group's. */
+/* Bytes of a row's piece before bounce_lay_out. blocks: the group's. */
 static inline size_t bounce_piece_bytes(const struct bounce_group *g, const struct bounce_block *blocks, uint32_t row)
 {
     const struct bounce_piece *q = &g->pieces[row];
@@ -179,13 +178,13 @@ static inline size_t bounce_piece_bytes(const struct bounce_group *g, const stru
 }
 
 struct bounce_kernels {
-    /* The sky's coefficients: y[3][K] = Q L; L: [3][SKY_CELLS]. */
+    /* The sky's coefficients: y[3][K] = Q L, where L is sky[3][SKY_CELLS]. */
     void (*take)(const struct bounce_basis *q, float (*sky)[SKY_CELLS], float *y);
     /* to[c][k] += weight[c] * from[c][k]; k < basis, a multiple of 16. */
     void (*add)(float *to, const float *from, const float weight[3], uint32_t basis);
-    /* z[c][rank] = V y; y [3][basis]; z is 0 behind that, up to bounce_columns(rank). */
+    /* z[3][bounce_columns(rank)] = V y, padded with 0; y: [3][basis]. */
     void (*project)(const struct bounce_piece *q, const float *y, uint32_t basis, float *z);
-    /* out[c][point] = U gain W z of a block, whose gains are the first of `bytes`; points: a multiple of 16. */
+    /* out[c][point] = U gain W z of a block; `bytes` begins with its gains. points: a multiple of 16. */
     void (*expand)(const int8_t *bytes, uint32_t rank, const float *z, uint32_t columns, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
 };
@@ -201,8 +200,8 @@ struct bounce {
     uint32_t block_count;
     struct bounce_group *groups;
     uint32_t group_count;
-    struct bounce_place *places;   /* [packet_count] */
-    uint8_t *stream;               /* of each block its rows' heads, and behind these their bytes */
+    struct bounce_place *places;   /* [packet_count]: of the block that begins with this packet */
+    uint8_t *stream;               /* per block: a bounce_row per row, then the rows' bytes */
     float *z;                      /* of all groups */
     float y[3 * BOUNCE_BASIS_MAX]; /* the frame's sky in the basis: [3][basis.count] */
     struct bounce_tents *tents;    /* of the frame's sky */
@@ -219,42 +218,44 @@ struct bounce_build {
     const struct bounce_desc *desc;
     struct bounce_records records;
     struct transport_directions directions;
-    uint16_t *light;         /* [records + 1][SKY_CELLS], half floats: what arrives at a record from a cell at once */
+    uint16_t *light;         /* [records + 1][SKY_CELLS], half floats: direct light of a record from a cell */
     float *sources;          /* [records + SKY_CELLS][3][K] */
-    float *even;             /* [K]: coefficients of a sky of 1 */
-    double (*numbers[2])[2]; /* of a gather: by the matte part, by the lobe */
+    float *even;             /* [K]: coefficients of a sky of radiance 1 */
+    double (*numbers[2])[2]; /* random numbers of a gather's rays: for the matte part, for the lobe */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
-    uint32_t gather, most; /* rays of a point; records */
+    uint32_t gather, most; /* rays per point; maximum number of records */
     uint64_t rays;
 };
 
-/* The steps of building in their order, each a file's own. All may be called with a build that is cancelled, and then
- * leave early. ERR_NOMEM. */
+/* The steps of building, in this order. Each uses all OpenMP threads and returns early, with ERR_OK, when cancelled.
+ * ERR_NOMEM; bounce_gather_blocks also ERR_RANGE: more than max_bytes. */
 MUST_CHECK enum err bounce_find_records(struct bounce_build *b);
-MUST_CHECK enum err bounce_light_records(struct bounce_build *b); /* light */
+MUST_CHECK enum err bounce_light_records(struct bounce_build *b); /* sets light */
 MUST_CHECK enum err bounce_make_basis(struct bounce_build *b);
-MUST_CHECK enum err bounce_solve(struct bounce_build *b); /* sources */
+MUST_CHECK enum err bounce_solve(struct bounce_build *b); /* sets sources */
 MUST_CHECK enum err bounce_gather_blocks(struct bounce_build *b);
 
-/* A cache with the blocks of the direct transport, and nothing of what is in them. NULL when out of memory. */
+/* A cache with the blocks of the cache of direct light, still empty. The caller frees it with bounce_destroy. NULL when
+ * out of memory. */
 struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *kernels);
 
-/* Once all is there: where frames find it, bytes and mean ranks. ERR_NOMEM. */
+/* Completes a cache whose pieces are all built or loaded: statistics, then bounce_lay_out. ERR_NOMEM. */
 MUST_CHECK enum err bounce_close(struct bounce *b);
 
-/* Moves the blocks' bytes out of the pieces, which keep V alone, to where frames read them; room for z. ERR_NOMEM. */
+/* Moves the blocks' bytes from the pieces, which keep V only, to b->stream, in the order in which frames read them;
+ * allocates z; fills b->indirect. ERR_NOMEM. */
 MUST_CHECK enum err bounce_lay_out(struct bounce *b);
 
-/* Fills b->indirect: the last step. */
+/* Fills b->indirect. */
 void bounce_set_indirect(struct bounce *b);
 
-/* A row's bytes of a block, once all that is done. */
+/* A row's bytes of a block, after bounce_lay_out; valid as long as b. */
 const int8_t *bounce_block_row(const struct bounce *b, const struct bounce_block *block, uint32_t row);
 
-/* ERR_RANGE. */
+/* Returns ERR_RANGE with a reason that names the limit. */
 MUST_CHECK enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why);
 
-/* Orders the blocks by groups. ERR_NOMEM. */
+/* Sorts the blocks into groups of similar ones. ERR_NOMEM. */
 MUST_CHECK enum err bounce_group(struct bounce *b, const struct bounce_desc *d);
 
 #endif

@@ -1,4 +1,4 @@
-/* Records: which voxel a place is in, and which record that has. */
+/* Records: finds the voxel of a place and its record. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 
@@ -9,12 +9,12 @@
 #define LEVEL_LEAST (-24)
 #define LEVEL_MOST 30
 #define PLACE_BITS 17
-/* A voxel is no larger than this times the ray that met it, so that what is near is not blurred; down to a part of what
- * it is elsewhere. */
+/* A voxel is no larger than NEAR times the length of the ray that hit it, so that near surfaces are not blurred, but at
+ * least LEAST times as large as it is elsewhere. */
 #define NEAR 0.5
 #define LEAST 0.0625
 
-/* One of 54 parts of the sphere: 3 x 3 on each face of the cube, so that an axis is inside of one. */
+/* One of 54 parts of the sphere: 3 x 3 on each face of the cube, so that each axis is in the middle of a part. */
 static uint64_t normal_part(struct vec3 n)
 {
     const float w[3] = { n.x, n.y, n.z };
@@ -25,13 +25,13 @@ static uint64_t normal_part(struct vec3 n)
     return (face * 3 + i) * 3 + j;
 }
 
-/* Grids are moved along, so that planes at round numbers are not on their borders. */
+/* The grid is shifted, so that surfaces at round coordinates are not on its borders. */
 static uint64_t place(float x, double scale)
 {
     return (uint64_t)(int64_t)floor((double)x * scale + 0.3819660112501051) & (((uint64_t)1 << PLACE_BITS) - 1);
 }
 
-/* Of a place that a ray of length t has met. */
+/* The voxel size, as a power of two, at a place hit by a ray of length t. */
 static int level_of(const struct bounce_records *r, struct vec3 at, float t)
 {
     const double whole = (double)r->angle * (double)vec3_length(vec3_sub(at, r->eye));
@@ -59,8 +59,8 @@ static uint32_t find(const struct bounce_records *r, uint64_t key)
     return BOUNCE_NO_RECORD;
 }
 
-/* The record of a place beside it on the surface, within half a voxel, so that the borders of voxels are smooth in the
- * mean; or its own; or a larger one. */
+/* Looks up a random place on the surface within half a voxel, so that the borders of voxels are smooth on average; else
+ * the place itself, then larger voxels. */
 uint32_t bounce_find(const struct bounce_records *r, const struct bounce_spot *s, const double x[2])
 {
     const int level = level_of(r, s->at, s->length), top = level_of(r, s->at, INFINITY);
@@ -85,7 +85,7 @@ static int by_key(const void *a, const void *b)
     return x->order < y->order ? -1 : x->order > y->order;
 }
 
-/* Sorts the spots by their voxels; returns how many of those there are. */
+/* Sorts the spots by voxel; returns the number of voxels. */
 static uint32_t sort_spots(const struct bounce_records *r, struct bounce_spots *s)
 {
     uint32_t count = 0;
@@ -95,7 +95,7 @@ static uint32_t sort_spots(const struct bounce_records *r, struct bounce_spots *
         struct bounce_spot *x = &s->at[i];
         x->key = key_of(level_of(r, x->at, x->length), x->at, x);
     }
-    if (s->count > 0) /* qsort wants a place even for nothing */
+    if (s->count > 0) /* qsort requires a pointer even for no elements */
         qsort(s->at, s->count, sizeof(*s->at), by_key);
     for (uint32_t i = 0; i < s->count; i++)
         count += i == 0 || s->at[i].key != s->at[i - 1].key;

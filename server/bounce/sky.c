@@ -1,6 +1,6 @@
-/* The sky as the cache of interreflection takes it: means over tents that go from a cell's centre to its neighbours',
- * across the faces' edges too. Their weights add up to 1 everywhere. Where three faces meet there is no fourth cell:
- * its share is dealt to the three. */
+/* The sky's means over tents, each of which falls from 1 at a cell's centre to 0 at its neighbours' centres, also
+ * across the edges of faces. The weights sum to 1 everywhere. Where three faces meet there is no fourth cell, and its
+ * share is distributed to the three. */
 #include "bounce/parts.h"
 #include "env/pyramid.h"
 
@@ -8,23 +8,15 @@
 #include <string.h>
 
 #define EDGE SKY_EDGE
-#define FINE 64u    /* texels along an edge, at least; larger ones are divided */
-#define COARSE 128u /* and at most, by the coarser levels of the pyramid: eight to a tent's slope */
+#define FINE 64u    /* minimum number of texels along an edge; larger texels are divided */
+#define COARSE 128u /* maximum number, from the pyramid: eight texels per slope of a tent */
 #define PARTS BOUNCE_SKY_FACE_PARTS
 
-/* Cells of a row or column `k` in -1..16 beyond the edge are the neighbour's. */
+/* Rows and columns -1 and 16 are the neighbouring face's. */
 static uint32_t neighbour(uint32_t face, int i, int j)
 {
-    const double step = 2.0 / EDGE;
-    double w[3];
-    float x[3], u, v;
-
-    cube_direction(face, -1.0 + step * (j + 0.5), -1.0 + step * (i + 0.5), w);
-    for (int k = 0; k < 3; k++)
-        x[k] = (float)w[k];
-    const uint32_t other = cube_locate(x, &u, &v);
-    const uint32_t row = (uint32_t)((v + 1.0f) * (0.5f * EDGE)), column = (uint32_t)((u + 1.0f) * (0.5f * EDGE));
-    return sky_cell(other, row < EDGE ? row : EDGE - 1, column < EDGE ? column : EDGE - 1);
+    face = cube_step_over(face, EDGE, &i, &j);
+    return sky_cell(face, (uint32_t)i, (uint32_t)j);
 }
 
 static int clamped(int k)
@@ -32,21 +24,22 @@ static int clamped(int k)
     return k < 0 ? 0 : k >= EDGE ? EDGE - 1 : k;
 }
 
-/* The one cell of a place of the wide face, or the three of a corner; returns how many. */
+/* The cell at (i, j), which may lie beyond one border, or the three cells at a corner. Returns their number. */
 static uint32_t cells_of(uint32_t face, int i, int j, uint32_t out[3])
 {
     const int ci = clamped(i), cj = clamped(j);
 
-    out[0] = ci == i && cj == j ? sky_cell(face, (uint32_t)i, (uint32_t)j) : neighbour(face, i, j);
-    if (ci == i || cj == j)
+    if (ci == i || cj == j) {
+        out[0] = neighbour(face, i, j);
         return 1;
+    }
     out[0] = sky_cell(face, (uint32_t)ci, (uint32_t)cj);
     out[1] = neighbour(face, i, cj);
     out[2] = neighbour(face, ci, j);
     return 3;
 }
 
-/* The cell before a coordinate in -1..1, from -1 on, and how far it is on its way to the next. */
+/* The last cell, -1 or more, whose centre is not beyond u in -1..1; *on: the position from its centre to the next. */
 static int cell_before(double u, float *on)
 {
     const double x = (u + 1.0) * (0.5 * EDGE) - 0.5, whole = floor(x);
@@ -56,10 +49,10 @@ static int cell_before(double u, float *on)
 }
 
 struct four {
-    float v __attribute__((vector_size(16))); /* red, green, blue, and what they are weighed by */
+    float v __attribute__((vector_size(16))); /* red, green, blue, weight */
 };
 
-/* What is taken as a texel: those of a level of the sky's pyramid, each `fine` times. */
+/* The texels of a level of the sky's pyramid, each divided into fine x fine. */
 struct grid {
     const struct pyramid_level *level;
     uint32_t n, fine;
@@ -74,8 +67,8 @@ static struct grid grid_of(const struct environment *e)
     return (struct grid){ level, level->n, level->n < FINE ? (FINE + level->n - 1) / level->n : 1 };
 }
 
-/* Texels of one row that have one cell before them, from column `first` on: into that and the one behind. Returns the
- * column where the next begins. */
+/* Adds the texels of a row, from column `first` on, that lie between the same two cell centres to these cells. Returns
+ * the column after them. */
 static uint32_t take_run(const struct grid *g, const float *texels, const float *solid_angle, uint32_t first,
                          float (*out)[4])
 {
@@ -104,7 +97,7 @@ static uint32_t take_run(const struct grid *g, const float *texels, const float 
     return j;
 }
 
-/* A part of a face's rows. */
+/* Sums a part of a face's rows. */
 static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct bounce_tent_sums *out)
 {
     const uint32_t rows = g->n * g->fine;
@@ -127,7 +120,7 @@ static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct
     }
 }
 
-/* What the parts of a face have for one cell, or for three. */
+/* Adds the parts' sums at (i, j) to one cell, or to the three of a corner. */
 static void deal(const struct bounce_tent_sums parts[PARTS], uint32_t face, int i, int j, float out[3][SKY_CELLS],
                  float *omega)
 {
@@ -174,7 +167,7 @@ uint32_t bounce_cell(struct vec3 w, double x)
 
     const uint32_t face = cube_locate(direction, &u, &v);
     int j = cell_before((double)u, &right), i = cell_before((double)v, &down);
-    /* the column by one part of x, the row by what is left of it, the corner's share by what is left then */
+    /* x selects the column, its remainder the row, and what remains then one of a corner's cells */
     if (x < (double)right) {
         j++;
         x /= (double)right;

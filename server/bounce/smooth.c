@@ -1,4 +1,5 @@
-/* Light that a group's points have gathered, as a mean over points that are alike: their rays are independent. */
+/* Reduces the noise of gathered light: each point gets a weighted mean over similar points, whose rays are
+ * independent. */
 #include "bounce/smooth.h"
 
 #include "base/mem.h"
@@ -8,8 +9,8 @@
 #include <math.h>
 #include <string.h>
 
-#define LIKENESS 0.3f /* how unlike points may be whose light is averaged, as the error of [Ward et al. 1988] */
-#define FLAT 1e-3     /* of the mean square of distances: in directions in which points lie closer there is no slope */
+#define LIKENESS 0.3f /* largest difference of points that are averaged, as the error of [Ward et al. 1988] */
+#define FLAT 1e-3     /* share of the mean squared distance: no slope is fitted along directions with less */
 
 struct bounce_smoother *bounce_smoother_create(void)
 {
@@ -21,8 +22,8 @@ void bounce_smoother_destroy(struct bounce_smoother *s)
     mem_free(s);
 }
 
-/* How much of q's light p takes: none where distance over the mean distance of what is around, or normals, differ too
- * much. */
+/* Weight of point q in the mean of point p: 0 if their distance, relative to the surfaces around, or their normals
+ * differ too much. */
 static void fill_likeness(const struct bounce_smoother *s, uint32_t p, uint32_t count, float *out)
 {
     for (uint32_t q = 0; q < count; q++) {
@@ -50,8 +51,8 @@ static void solve3(const double a[3][3], const double b[3], double x[3])
     x[2] = (c2 * b[0] + d2 * b[1] + e2 * b[2]) / determinant;
 }
 
-/* Likeness to weights whose sum is 1 and whose centre is p itself: the value at p of the plane through the light of the
- * others, so that where they lie all to one side, as at a group's border, a slope is no error [Cleveland 1979]. */
+/* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a slope
+ * causes no error where they all lie to one side, as at a group's border [Cleveland 1979]. */
 static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t count, float *w)
 {
     double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];

@@ -14,8 +14,8 @@ struct bounce_smoother { /* a group's points, 64 to a block */
     float weights[TRANSPORT_POINTS][BOUNCE_GROUP_POINTS];
 };
 
-struct bounce_smoother *bounce_smoother_create(void); /* NULL when out of memory */
-void bounce_smoother_destroy(struct bounce_smoother *s);
+struct bounce_smoother *bounce_smoother_create(void);    /* NULL when out of memory */
+void bounce_smoother_destroy(struct bounce_smoother *s); /* NULL is allowed */
 
 /* from, to: float[64 blocks][wide], no overlap; unused points neither give nor receive. */
 void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t wide, const float *from, float *to);

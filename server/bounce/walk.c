@@ -1,4 +1,4 @@
-/* A gather's rays: what they meet, through mirrors and glass and over glossy lobes, until light is found. */
+/* Traces paths through mirrors, glass and glossy lobes until they find light. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 #include "estimators/paths.h"
@@ -35,16 +35,13 @@ static void write_down(struct bounce_spots *s, const struct bounce_spot *spot)
 bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *dir, float *weight)
 {
     const double z = sqrt(1.0 - x[0]), r = sqrt(x[0]), phi = 2.0 * PI * x[1];
-    struct vec3 t, u;
 
-    frame_about(s->shading, &t, &u);
-    *dir = vec3_normalize(vec3_add(vec3_scale(s->shading, (float)z), vec3_add(vec3_scale(t, (float)(r * cos(phi))),
-                                                                              vec3_scale(u, (float)(r * sin(phi))))));
+    *dir = frame_direction(s->shading, r * cos(phi), r * sin(phi), z);
     *weight = s->kind == LOBE_GGX ? (float)(1.0 - schlick(z)) : 1.0f;
     return z > 0.0 && vec3_dot_double(s->geometric, *dir) > 0.0;
 }
 
-/* What the matte part gives back of what falls on it, towards wo. */
+/* Share of the incident light that the matte part reflects towards wo. */
 static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3])
 {
     const float d[3] = { at->diffuse.x, at->diffuse.y, at->diffuse.z };
@@ -56,8 +53,8 @@ static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3]
         out[c] = at->kind == LOBE_GGX ? (1.0 - (double)f[c]) * (1.0 - (double)f[c]) * leave * d[c] : (double)d[c];
 }
 
-/* The matte part of a surface: ends in its record, or is written down. Where there is no record the path may go on by
- * it; returns the share that this asks for. */
+/* Ends the path in the record of a matte surface, or notes the surface. If there is no record, the path may continue by
+ * the matte part: returns its share of the throughput then, else 0. */
 static double meet_matte(struct walk *w, const struct bounce_spot *spot, const double albedo[3])
 {
     const double most = fmax(albedo[0], fmax(albedo[1], albedo[2]));
@@ -79,7 +76,7 @@ static double meet_matte(struct walk *w, const struct bounce_spot *spot, const d
     return 0.0;
 }
 
-/* Goes on by the glossy lobe, which happens with probability `keep`. */
+/* Continues by the glossy lobe, which was selected with probability `keep`. False: no contribution is possible. */
 static bool follow_lobe(struct walk *w, const struct lobe *shine, struct vec3 wo, struct vec3 start, double keep)
 {
     double x[3], brdf[3];
@@ -118,7 +115,7 @@ static void follow_delta(struct walk *w, const struct delta_ray *ray, double kee
         w->weight[c] *= (double)ray->weight[c] * (double)ray->radiance_scale / keep;
 }
 
-/* The lobe of a surface without its matte part, and about what it sends back. */
+/* A surface's lobe without its matte part, and approximately the share of light that it reflects. */
 static struct lobe shine_of(const struct scatter *at, struct vec3 wo, double *share)
 {
     struct lobe l = lobe_of(at);
@@ -133,7 +130,7 @@ static struct lobe shine_of(const struct scatter *at, struct vec3 wo, double *sh
     return l;
 }
 
-/* The ray met a surface: takes its matte light and goes on by what else there is. False: the path ends. */
+/* Handles a hit: collects the light of the matte part and continues by one lobe. False: the path ends. */
 static bool meet(struct walk *w, const struct hit *h)
 {
     struct scatter at;

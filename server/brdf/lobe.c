@@ -17,6 +17,15 @@ void frame_about(struct vec3 n, struct vec3 *t, struct vec3 *u)
     *u = vec3_make(b, sign + n.y * n.y * a, -n.y);
 }
 
+struct vec3 frame_direction(struct vec3 n, double x, double y, double z)
+{
+    struct vec3 t, u;
+
+    frame_about(n, &t, &u);
+    return vec3_normalize(
+        vec3_add(vec3_scale(n, (float)z), vec3_add(vec3_scale(t, (float)x), vec3_scale(u, (float)y))));
+}
+
 static struct vec3 reflected(struct vec3 w, struct vec3 n)
 {
     return vec3_sub(vec3_scale(n, 2.0f * vec3_dot(w, n)), w);
@@ -106,12 +115,9 @@ double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi)
 
 static struct vec3 about(struct vec3 n, double z, double azimuth)
 {
-    struct vec3 t, u;
     const double r = sqrt(fmax(0.0, 1.0 - z * z));
 
-    frame_about(n, &t, &u);
-    return vec3_normalize(vec3_add(vec3_scale(n, (float)z), vec3_add(vec3_scale(t, (float)(r * cos(azimuth))),
-                                                                     vec3_scale(u, (float)(r * sin(azimuth))))));
+    return frame_direction(n, r * cos(azimuth), r * sin(azimuth), z);
 }
 
 /* Samples a half vector from the distribution of visible normals [Dupuy and Benyoub 2023, listing 3]. */
@@ -127,8 +133,7 @@ static struct vec3 visible_normal(const struct lobe *l, struct vec3 out, double 
         w[k] *= scale;
     const double z = (1.0 - x) * (1.0 + w[2]) - w[2], r = sqrt(fmax(0.0, 1.0 - z * z)), phi = 2.0 * PI * y;
     const double h[3] = { l->gloss * (r * cos(phi) + w[0]), l->gloss * (r * sin(phi) + w[1]), fmax(0.0, z + w[2]) };
-    return vec3_normalize(vec3_add(vec3_scale(l->shading, (float)h[2]),
-                                   vec3_add(vec3_scale(t, (float)h[0]), vec3_scale(u, (float)h[1]))));
+    return frame_direction(l->shading, h[0], h[1], h[2]);
 }
 
 struct vec3 lobe_sample(const struct lobe *l, struct vec3 wo, const double x[3])

@@ -27,6 +27,9 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
 struct vec3 lobe_sample(const struct lobe *l, struct vec3 wo, const double x[3]);
 double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi); /* probability density of wi, sr^-1 */
 
+/* The unit vector x t + y u + z n for the frame of n below; x, y and z have length 1. */
+struct vec3 frame_direction(struct vec3 n, double x, double y, double z);
+
 /* Two unit vectors that complete n (unit) to a right-handed orthonormal frame. */
 void frame_about(struct vec3 n, struct vec3 *t, struct vec3 *u);
 

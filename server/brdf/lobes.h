@@ -149,6 +149,19 @@ static inline void evaluate_ggx(const struct lobes *s, const struct shade_packet
         }
 }
 
+/* Rays that start at the packet's points; lanes_aim gives them directions. */
+static inline void lobes_rays(const struct shade_packet *p, struct ray16 *rays)
+{
+    memset(rays, 0, sizeof(*rays));
+    LANES(l)
+    {
+        rays->org_x[l] = p->x[l];
+        rays->org_y[l] = p->y[l];
+        rays->org_z[l] = p->z[l];
+        rays->mask[l] = UINT32_MAX;
+    }
+}
+
 /* Each lane's cosine with its direction d; 0 if d is below the shading or the geometric surface. False if that holds
  * for all lanes. */
 static inline bool lobes_see(const struct shade_packet *p, const struct lanes d[3], struct lanes *cosine)

@@ -47,7 +47,7 @@ void cache_reader_close(struct cache_reader *r); /* NULL is allowed */
 MUST_CHECK enum err cache_reader_find(struct cache_reader *r, const char *name, const struct digest *key,
                                       struct reason *why);
 
-/* Reads the next `size` bytes. ERR_FORMAT: the section has fewer left; ERR_IO. They are verified by cache_reader_end. */
+/* Reads the next `size` bytes, which cache_reader_end verifies. ERR_FORMAT: the section has fewer left; ERR_IO. */
 MUST_CHECK enum err cache_reader_get(struct cache_reader *r, void *out, size_t size, struct reason *why);
 
 /* ERR_FORMAT unless the section was read to its end and its checksum matches. */

@@ -2,6 +2,7 @@
 
 #include "codec/colour.h"
 #include "codec/exr_file.h"
+#include "codec/exr_policy.h"
 #include "base/scratch.h"
 
 #include <inttypes.h>
@@ -9,15 +10,9 @@
 #include <string.h>
 
 #define BLOCK_MAX ((size_t)1 << 30)                       /* bytes that the library may allocate at once */
-#define ATTRIBUTES_MAX 1024                               /* per part */
 #define CHANNEL_LIST_MAX ((size_t)EXR_CHANNELS_MAX * 272) /* bytes: the longest names, and 16 for each channel */
 #define FLAG_PARTS 0x10
-#define ATTRIBUTE_NAME_MAX 255
 #define SAME_COLOUR 1e-4 /* tolerance for chromaticities, which headers store as float */
-
-static const char *const compression_names[] = {
-    "no", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB",
-};
 
 /* Upper bounds on unpacked bytes per packed byte, rounded up. RLE: a run of 128 in 2 bytes. ZIP: deflate's 1032. PIZ:
  * 255 values of 2 bytes in a Huffman code of 9 bits. PXR24: deflate's, and floats lose one byte of four. B44A: 32 bytes
@@ -97,55 +92,32 @@ bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpa
     return unpacked / compression_ratios[x->compression] <= packed;
 }
 
-/* Skips one attribute: name, type, size, value. *list becomes the size of a channel list. */
-static bool skip_attribute(const struct exr_file *x, size_t *at, size_t *list)
-{
-    const uint8_t *type = x->bytes, *end = type;
-
-    for (int i = 0; i < 2; i++) { /* name and type */
-        const size_t left = x->size - *at;
-        type = x->bytes + *at;
-        end = memchr(type, 0, left < ATTRIBUTE_NAME_MAX + 1 ? left : ATTRIBUTE_NAME_MAX + 1);
-        if (!end)
-            return false;
-        *at += (size_t)(end - type) + 1;
-    }
-    if (x->size - *at < 4)
-        return false;
-    const uint8_t *n = x->bytes + *at;
-    const size_t size = (size_t)n[0] | (size_t)n[1] << 8 | (size_t)n[2] << 16 | (size_t)n[3] << 24;
-    *at += 4;
-    if (size > x->size - *at)
-        return false;
-    *at += size;
-    *list = strcmp((const char *)type, "chlist") == 0 ? size : 0;
-    return true;
-}
-
 /* The library locates each attribute and channel by a linear search, which takes hours for a header with a million of
  * them. Count them first. */
 static enum err check_header(const struct exr_file *x)
 {
-    size_t at = 8, list;
-    int attributes = 0;
+    struct exr_header h = { x->bytes, x->size, 8, x->name, x->why };
     const bool parts = x->size > 5 && x->bytes[5] & FLAG_PARTS;
+    int attributes = 0;
 
-    while (at < x->size) {
-        if (x->bytes[at] == 0) { /* end of a part's header; an empty one ends the list */
-            if (!parts || (++at < x->size && x->bytes[at] == 0))
+    while (h.at < x->size) {
+        struct exr_entry a;
+        if (x->bytes[h.at] == 0) { /* end of a part's header; an empty one ends the list */
+            if (!parts || (++h.at < x->size && x->bytes[h.at] == 0))
                 return ERR_OK;
             attributes = 0;
             continue;
         }
-        const size_t begin = at;
-        if (!skip_attribute(x, &at, &list))
-            return err_say(x->why, ERR_FORMAT, "%s: header: byte %zu: the attribute is truncated", x->name, begin);
-        if (++attributes > ATTRIBUTES_MAX)
+        const size_t begin = h.at;
+        const enum err e = exr_header_next(&h, &a);
+        if (e)
+            return e;
+        if (++attributes > EXR_POLICY_ATTRIBUTES)
             return err_say(x->why, ERR_RANGE, "%s: header: byte %zu: more than %d attributes", x->name, begin,
-                           ATTRIBUTES_MAX);
-        if (list > CHANNEL_LIST_MAX)
+                           EXR_POLICY_ATTRIBUTES);
+        if (strcmp(a.type, "chlist") == 0 && a.size > CHANNEL_LIST_MAX)
             return err_say(x->why, ERR_RANGE, "%s: header: byte %zu: the channel list has %zu bytes, too many", x->name,
-                           begin, list);
+                           begin, a.size);
     }
     return err_say(x->why, ERR_FORMAT, "%s: header: byte %zu: the file ends here", x->name, x->size);
 }
@@ -309,7 +281,7 @@ static enum err check_size(struct exr_file *x)
         return err_say(x->why, ERR_FORMAT,
                        "%s: header: %" PRId64 "x%" PRId64
                        " texels with %s compression cannot fit into a file of %zu bytes",
-                       x->name, width, height, compression_names[x->compression], x->size);
+                       x->name, width, height, exr_compression_names[x->compression], x->size);
     x->width = (uint32_t)width;
     x->height = (uint32_t)height;
     x->left = w.min.x;

@@ -15,38 +15,23 @@ enum {
     NAME_MAX_BYTES = 255,
 };
 
-static const char *const compression_names[] = {
+const char *const exr_compression_names[EXR_COMPRESSIONS] = {
     "no", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB",
 };
-enum { COMPRESSIONS = sizeof(compression_names) / sizeof(compression_names[0]), COMPRESSION_LAST_TAKEN = 3 };
-
-struct header {
-    const uint8_t *bytes;
-    size_t size, at;
-    const char *name;
-    struct reason *why;
-    bool has_compression;
-};
-
-/* [OpenEXR File Layout]: a name, a type, a length and a value, all little-endian. */
-struct attribute {
-    const char *name, *type;
-    const uint8_t *value;
-    size_t size;
-};
+enum { COMPRESSION_LAST_TAKEN = 3 };
 
 static uint32_t get32(const uint8_t *p)
 {
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-static enum err truncated(const struct header *h)
+static enum err truncated(const struct exr_header *h)
 {
     return err_say(h->why, ERR_FORMAT, "%s: byte %zu: the file ends inside the EXR header", h->name, h->size);
 }
 
 /* Reads a NUL-terminated text of at least one byte. */
-static enum err take_text(struct header *h, const char **out)
+static enum err take_text(struct exr_header *h, const char **out)
 {
     const size_t left = h->size - h->at, most = left < NAME_MAX_BYTES + 1 ? left : NAME_MAX_BYTES + 1;
     const uint8_t *begin = h->bytes + h->at, *end = memchr(begin, 0, most);
@@ -61,7 +46,7 @@ static enum err take_text(struct header *h, const char **out)
     return ERR_OK;
 }
 
-static enum err take_attribute(struct header *h, struct attribute *a)
+enum err exr_header_next(struct exr_header *h, struct exr_entry *a)
 {
     enum err e = take_text(h, &a->name);
 
@@ -82,29 +67,29 @@ static enum err take_attribute(struct header *h, struct attribute *a)
     return ERR_OK;
 }
 
-static enum err check_compression(struct header *h, const struct attribute *a)
+static enum err check_compression(struct exr_header *h, bool *has_compression, const struct exr_entry *a)
 {
     /* Readers disagree about which of two wins, so a duplicate is rejected. */
-    if (h->has_compression || a->size != 1 || strcmp(a->type, "compression") != 0)
+    if (*has_compression || a->size != 1 || strcmp(a->type, "compression") != 0)
         return err_say(h->why, ERR_FORMAT, "%s: the EXR header's compression is %s", h->name,
-                       h->has_compression ? "duplicated" : "malformed");
-    h->has_compression = true;
-    if (a->value[0] >= COMPRESSIONS)
+                       *has_compression ? "duplicated" : "malformed");
+    *has_compression = true;
+    if (a->value[0] >= EXR_COMPRESSIONS)
         return err_say(h->why, ERR_FORMAT, "%s: unknown EXR compression %u", h->name, a->value[0]);
     if (a->value[0] > COMPRESSION_LAST_TAKEN)
         return err_say(h->why, ERR_UNSUPPORTED,
                        "%s: %s compression is not accepted from the network; use none, RLE, ZIPS or ZIP", h->name,
-                       compression_names[a->value[0]]);
+                       exr_compression_names[a->value[0]]);
     return ERR_OK;
 }
 
-static enum err check_attribute(struct header *h, const struct attribute *a)
+static enum err check_attribute(struct exr_header *h, bool *has_compression, const struct exr_entry *a)
 {
     static const char scanlines[] = "scanlineimage";
     char type[32];
 
     if (strcmp(a->name, "compression") == 0)
-        return check_compression(h, a);
+        return check_compression(h, has_compression, a);
     if (strcmp(a->name, "type") == 0 &&
         (a->size != sizeof(scanlines) - 1 || memcmp(a->value, scanlines, sizeof(scanlines) - 1) != 0))
         return err_say(h->why, ERR_UNSUPPORTED, "%s: an EXR part of type \"%s\" is not accepted from the network",
@@ -112,7 +97,7 @@ static enum err check_attribute(struct header *h, const struct attribute *a)
     return ERR_OK;
 }
 
-static enum err check_version(const struct header *h)
+static enum err check_version(const struct exr_header *h)
 {
     const uint32_t version = get32(h->bytes + 4), flags = version & ~0xffu;
     const char *what = flags & FLAG_PARTS   ? "of several parts"
@@ -129,8 +114,9 @@ static enum err check_version(const struct header *h)
 
 enum err exr_policy_check(const uint8_t *bytes, size_t size, const char *name, struct reason *why)
 {
-    struct header h = { .bytes = bytes, .size = size, .at = 8, .name = name, .why = why };
-    struct attribute a = { 0 };
+    struct exr_header h = { .bytes = bytes, .size = size, .at = 8, .name = name, .why = why };
+    struct exr_entry a = { 0 };
+    bool has_compression = false;
 
     if (size >= 4 && get32(bytes) != MAGIC)
         return err_say(why, ERR_FORMAT, "%s: not an EXR file", name);
@@ -141,12 +127,11 @@ enum err exr_policy_check(const uint8_t *bytes, size_t size, const char *name, s
         if (h.at == size)
             return truncated(&h);
         if (bytes[h.at] == 0) /* end of the header */
-            return h.has_compression
-                       ? ERR_OK
-                       : err_say(why, ERR_FORMAT, "%s: the EXR header has no compression attribute", name);
-        e = take_attribute(&h, &a);
+            return has_compression ? ERR_OK
+                                   : err_say(why, ERR_FORMAT, "%s: the EXR header has no compression attribute", name);
+        e = exr_header_next(&h, &a);
         if (!e)
-            e = check_attribute(&h, &a);
+            e = check_attribute(&h, &has_compression, &a);
     }
     return e ? e
              : err_say(why, ERR_FORMAT, "%s: the EXR header has more than %d attributes", name, EXR_POLICY_ATTRIBUTES);

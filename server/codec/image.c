@@ -150,12 +150,6 @@ void image_sanitise_texels(float *rgb, size_t count, const float *to_rec709, str
     }
 }
 
-void image_sanitise(struct image *im)
-{
-    memset(&im->faults, 0, sizeof(im->faults));
-    image_sanitise_texels(im->rgb, (size_t)im->width * im->height, NULL, &im->faults);
-}
-
 const char *layout_name(enum layout layout)
 {
     return choice_name(layout_choices, (int)layout);

@@ -60,12 +60,9 @@ MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t heig
 void image_trim(struct image *im);
 void image_finish(struct image *im); /* frees everything; NULL and zeroed memory are allowed */
 
-/* Corrects NaN, infinite, negative and too large values and counts them in im->faults, which it clears first. */
-void image_sanitise(struct image *im);
-
-/* As image_sanitise, for `count` texels, adding to *faults. If to_rec709 (row-major 3x3) is not NULL, also converts
- * them to linear Rec.709: NaN, infinite and clipped values are counted before the conversion, negative ones after it.
- * Thread: any. */
+/* Corrects NaN, infinite, negative and too large values in `count` texels and adds them to *faults. If to_rec709
+ * (row-major 3x3) is not NULL, also converts the texels to linear Rec.709: NaN, infinite and clipped values are counted
+ * before the conversion, negative ones after it. Thread: any. */
 void image_sanitise_texels(float *rgb, size_t count, const float *to_rec709, struct image_faults *faults);
 
 /* All layouts; env/layout.h defines their orientation. */

@@ -1,5 +1,22 @@
 #include "env/cube.h"
 
+uint32_t cube_step_over(uint32_t face, int edge, int *i, int *j)
+{
+    double w[3];
+    float u, v;
+
+    if (*i >= 0 && *i < edge && *j >= 0 && *j < edge)
+        return face;
+    cube_direction(face, -1.0 + 2.0 / edge * (*j + 0.5), -1.0 + 2.0 / edge * (*i + 0.5), w);
+    const float x[3] = { (float)w[0], (float)w[1], (float)w[2] };
+    face = cube_locate(x, &u, &v);
+    *i = (int)((v + 1.0f) * 0.5f * (float)edge);
+    *j = (int)((u + 1.0f) * 0.5f * (float)edge);
+    *i = *i < edge ? *i : edge - 1;
+    *j = *j < edge ? *j : edge - 1;
+    return face;
+}
+
 static double corner_integral(double u, double v)
 {
     return atan2(u * v, sqrt(u * u + v * v + 1.0));

@@ -41,6 +41,10 @@ static inline uint32_t cube_texel(uint32_t n, const float w[3], float *u, float 
     return (face * n + (i < n ? i : n - 1)) * n + (j < n ? j : n - 1);
 }
 
+/* Of a face divided into edge x edge cells, row *i and column *j may be one step beyond one border, but not beyond two:
+ * returns the face that the cell is on and sets its row and column there. */
+uint32_t cube_step_over(uint32_t face, int edge, int *i, int *j);
+
 /* Solid angle of (u0, v0)..(u1, v1) on a face, sr: differences of the corner integral atan(uv / sqrt(u^2 + v^2 + 1)).
  */
 double cube_solid_angle(double u0, double v0, double u1, double v1);

@@ -84,25 +84,23 @@ bool environment_sample(const struct environment *e, const double x[2], float w[
     return true;
 }
 
+#define ARRAYS 9
+
+/* All arrays are in one block, which begins with x. */
 static enum err reserve(struct light_samples *s, uint32_t count)
 {
-    float **arrays[] = { &s->x, &s->y, &s->z, &s->r, &s->g, &s->b, &s->pdf };
+    float **const arrays[ARRAYS - 1] = { &s->x, &s->y, &s->z, &s->r, &s->g, &s->b, &s->pdf, &s->sun_pdf };
 
     if (count <= s->capacity)
         return ERR_OK;
     s->capacity = 0;
-    for (size_t k = 0; k < sizeof(arrays) / sizeof(arrays[0]); k++) {
-        mem_free(*arrays[k]);
-        *arrays[k] = mem_alloc(count, sizeof(float));
-        if (!*arrays[k])
-            return ERR_NOMEM;
-    }
-    mem_free(s->sun_pdf);
-    mem_free(s->stratum);
-    s->sun_pdf = mem_alloc(count, sizeof(*s->sun_pdf));
-    s->stratum = mem_alloc(count, sizeof(*s->stratum));
-    if (!s->sun_pdf || !s->stratum)
+    mem_free(s->x);
+    s->x = mem_alloc((size_t)count * ARRAYS, sizeof(float));
+    if (!s->x)
         return ERR_NOMEM;
+    for (size_t k = 1; k < ARRAYS - 1; k++)
+        *arrays[k] = s->x + k * count;
+    s->stratum = (uint32_t *)(void *)(s->x + (ARRAYS - 1) * (size_t)count);
     s->capacity = count;
     return ERR_OK;
 }
@@ -243,13 +241,5 @@ void samples_finish(struct light_samples *s)
     if (!s)
         return;
     mem_free(s->x);
-    mem_free(s->y);
-    mem_free(s->z);
-    mem_free(s->r);
-    mem_free(s->g);
-    mem_free(s->b);
-    mem_free(s->pdf);
-    mem_free(s->sun_pdf);
-    mem_free(s->stratum);
     *s = (struct light_samples){ 0 };
 }

@@ -10,8 +10,6 @@
 
 #include <math.h>
 
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
 #define TEXT_(a) #a
 #define TEXT(a) TEXT_(a)
 
@@ -38,23 +36,6 @@ struct lobe_rays {
     struct lanes d[3];
     struct sky_places places;
 };
-
-static void set_up_rays(struct packet_state *s)
-{
-    const struct shade_packet *p = s->points;
-
-    LANES(l)
-    {
-        s->rays.org_x[l] = p->x[l];
-        s->rays.org_y[l] = p->y[l];
-        s->rays.org_z[l] = p->z[l];
-        s->rays.tnear[l] = 0.0f;
-        s->rays.time[l] = 0.0f;
-        s->rays.mask[l] = UINT32_MAX;
-        s->rays.id[l] = 0;
-        s->rays.flags[l] = 0;
-    }
-}
 
 static inline void clamp_cosines(const struct shade_packet *restrict p, const float c[3], struct lanes *restrict out)
 {
@@ -241,13 +222,7 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
     }
     if (count == 0)
         return 0;
-    LANES(l)
-    {
-        s->rays.dir_x[l] = d[0].v[l];
-        s->rays.dir_y[l] = d[1].v[l];
-        s->rays.dir_z[l] = d[2].v[l];
-        s->rays.tfar[l] = INFINITY;
-    }
+    lanes_aim(d, &s->rays);
     if (s->frame->rays) {
         rays_occluded16(s->frame->rays, spread, valid, &s->rays);
         s->counts->rays += (uint64_t)count;
@@ -484,7 +459,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     for (int c = 0; c < 3; c++)
         LANES(l) s.sum[c].v[l] = 0.0f;
     lobes_set_up(p, &s.lobes);
-    set_up_rays(&s);
+    lobes_rays(p, &s.rays);
     if (f->brdf_part > 0.0f) {
         set_up_shift(&s, index);
         draw_lobe_rays(&s, 0, &next[0]);
@@ -499,5 +474,5 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)s.samples;
 }
 
-extern const struct kernels JOIN(kernels_, KERNEL_LEVEL);
-const struct kernels JOIN(kernels_, KERNEL_LEVEL) = { KERNEL_CPU, TEXT(KERNEL_LEVEL), direct_counts, direct_packet };
+extern const struct kernels KERNEL(kernels);
+const struct kernels KERNEL(kernels) = { KERNEL_CPU, TEXT(KERNEL_LEVEL), direct_counts, direct_packet };

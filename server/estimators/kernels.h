@@ -58,7 +58,4 @@ struct kernels {
  * supported. */
 MUST_CHECK enum err kernels_select(const char *level, const struct kernels **out, struct reason *why);
 
-/* All levels this CPU supports, lowest first, ended by NULL: for tests. */
-const struct kernels *const *kernels_all(void);
-
 #endif

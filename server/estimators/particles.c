@@ -109,12 +109,9 @@ static void splat(const struct particle_run *run, const struct particle *p, cons
 
 static struct vec3 cosine_about(struct vec3 n, double x, double y)
 {
-    const double r = sqrt(x), phi = 2.0 * PI * y, z = sqrt(1.0 - x);
-    struct vec3 t, u;
+    const double r = sqrt(x), phi = 2.0 * PI * y;
 
-    frame_about(n, &t, &u);
-    return vec3_normalize(vec3_add(
-        vec3_scale(n, (float)z), vec3_add(vec3_scale(t, (float)(r * cos(phi))), vec3_scale(u, (float)(r * sin(phi))))));
+    return frame_direction(n, r * cos(phi), r * sin(phi), sqrt(1.0 - x));
 }
 
 /* Continues by the rough lobe. Some or all rays are sampled about the geometric normal, since the camera may be where

@@ -185,5 +185,5 @@ double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint3
         e->log2_gain = e->started ? target - distance * pow(1.0 - e->adapt, (double)frames) : target;
         e->started = 1;
     }
-    return exp2(fmin(fmax(e->log2_gain + e->bias_stops, -GAIN_STOPS), GAIN_STOPS));
+    return exp2(fmin(fmax(e->log2_gain, -GAIN_STOPS), GAIN_STOPS));
 }

@@ -33,10 +33,9 @@ double tone_srgb(double linear);
  * fixed share of the distance in stops and stays within one stop of the target; the first frame jumps to it. Time is
  * counted in frames, so scripts and live streams adapt alike. Initialise with exposure_init. */
 struct exposure {
-    double key;        /* 0.18 */
-    double adapt;      /* share of the distance covered per frame, 0..1; 1: at once */
-    double bias_stops; /* exposure compensation (EV), set by the user */
-    double log2_gain;  /* current gain, stops */
+    double key;       /* 0.18 */
+    double adapt;     /* share of the distance covered per frame, 0..1; 1: at once */
+    double log2_gain; /* current gain, stops */
     int started;
 };
 
@@ -49,7 +48,7 @@ bool exposure_log2_mean(const float *rgb, const uint8_t *mask, uint32_t width, u
 
 /* Advances by `frames` >= 1 environment frames since the last image (1 in scripts; more if a stream dropped some) and
  * returns the gain, a finite factor > 0. n steps by one frame on the same image equal one step by n. A black image
- * keeps the gain; bias_stops acts at once. Sums are in double and in fixed order: the gain does not depend on the
+ * keeps the gain. Sums are in double and in fixed order: the gain does not depend on the
  * number of threads. */
 double exposure_step(struct exposure *e, const float *rgb, uint32_t width, uint32_t height, uint64_t frames);
 

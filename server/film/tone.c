@@ -53,6 +53,17 @@ static double smooth_code(enum tone_curve curve, double x)
     return 255.0 * tone_srgb(curve == TONE_FILMIC ? filmic(x) : x);
 }
 
+extern const struct tone_kernel tone_kernel_baseline, tone_kernel_v3, tone_kernel_v4;
+
+const struct tone_kernel *tone_kernel_select(const char *level)
+{
+    static const struct tone_kernel *const by_level[CPU_LEVELS] = KERNEL_TABLE(tone_kernel);
+    enum cpu_level chosen;
+    struct reason ignored;
+
+    return by_level[cpu_select(level, &chosen, &ignored) ? cpu_best() : chosen];
+}
+
 /* Interpolates a cubic at four points of each half octave, including both ends, so that neighbouring segments meet: u =
  * -1/4, -1/8, 1/8, 1/4, the extrema of the third Chebyshev polynomial. */
 void tone_table_fill(struct tone_table *t, enum tone_curve curve)

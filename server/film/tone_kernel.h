@@ -4,6 +4,7 @@
 #ifndef FILM_TONE_KERNEL_H
 #define FILM_TONE_KERNEL_H
 
+#include "base/cpu.h"
 #include "film/film.h"
 
 #include <stddef.h>
@@ -27,24 +28,13 @@ struct tone_table {
 void tone_table_fill(struct tone_table *t, enum tone_curve curve);
 
 struct tone_kernel {
-    const char *level; /* a name from base/cpu.h; "baseline" exists everywhere */
+    enum cpu_level cpu;
     /* out[i] = code value of in[i]. gain includes TONE_SCALE. NaN gives 0, infinity 255. Buffers must not overlap; any
-     * alignment; count may be 0. Bit-identical to tone_ref. */
+     * alignment; count may be 0. The same bits at all levels. */
     void (*codes)(const struct tone_table *t, const float *in, size_t count, float gain, uint8_t *out);
 };
 
-/* The kernel of a CPU level; the best supported one if level is NULL or not supported. */
+/* The kernel of a CPU level by name (base/cpu.h); the best supported one if level is NULL or not supported. */
 const struct tone_kernel *tone_kernel_select(const char *level);
-
-/* All kernels this CPU supports, the reference first, ended by NULL: for tests. */
-const struct tone_kernel *const *tone_kernels_all(void);
-
-/* The scalar reference. The next two give the same bits. */
-void tone_ref(const struct tone_table *t, const float *in, size_t count, float gain, uint8_t *out);
-
-#ifdef __x86_64__
-void tone_v3(const struct tone_table *t, const float *in, size_t count, float gain, uint8_t *out); /* AVX2 */
-void tone_v4(const struct tone_table *t, const float *in, size_t count, float gain, uint8_t *out); /* AVX-512 */
-#endif
 
 #endif

@@ -4,6 +4,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 /* 2^bits pixels per side of the tiles within which similar points are grouped. Measured: larger tiles fill packets
@@ -222,25 +223,10 @@ void packing_put(struct packing *p, const struct row *r, uint32_t first, struct 
 void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
                       int32_t valid)
 {
-    to->x[at] = from->x[lane];
-    to->y[at] = from->y[lane];
-    to->z[at] = from->z[lane];
-    to->ng_x[at] = from->ng_x[lane];
-    to->ng_y[at] = from->ng_y[lane];
-    to->ng_z[at] = from->ng_z[lane];
-    to->ns_x[at] = from->ns_x[lane];
-    to->ns_y[at] = from->ns_y[lane];
-    to->ns_z[at] = from->ns_z[lane];
-    to->wo_x[at] = from->wo_x[lane];
-    to->wo_y[at] = from->wo_y[lane];
-    to->wo_z[at] = from->wo_z[lane];
-    for (int c = 0; c < 3; c++) {
-        to->diffuse[c][at] = from->diffuse[c][lane];
-        to->specular[c][at] = from->specular[c][lane];
-    }
-    to->gloss[at] = from->gloss[lane];
+    /* Up to `behind`, a packet consists of rows of sixteen four-byte numbers. */
+    for (size_t row = 0; row < offsetof(struct shade_packet, behind); row += sizeof(to->x))
+        memcpy((char *)to + row + at * sizeof(*to->x), (const char *)from + row + lane * sizeof(*to->x),
+               sizeof(*to->x));
     to->valid[at] = valid;
-    to->mesh[at] = from->mesh[lane];
-    to->material[at] = from->material[lane];
     to->behind[at] = from->behind[lane];
 }

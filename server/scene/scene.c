@@ -138,24 +138,29 @@ const struct camera *scene_camera(const struct scene *s, const char *name)
     return NULL;
 }
 
-static void grow_box(struct scene *s, const struct mesh *m)
+/* Enlarges the box to contain the mesh's triangles. */
+static void grow_box(struct box *b, const struct mesh *m)
 {
     for (size_t i = 0; i < 3 * (size_t)m->triangle_count; i++) {
         const float *p = m->positions + 3 * (size_t)m->indices[i];
-        s->low = vec3_make(fminf(s->low.x, p[0]), fminf(s->low.y, p[1]), fminf(s->low.z, p[2]));
-        s->high = vec3_make(fmaxf(s->high.x, p[0]), fmaxf(s->high.y, p[1]), fmaxf(s->high.z, p[2]));
+        b->low = vec3_make(fminf(b->low.x, p[0]), fminf(b->low.y, p[1]), fminf(b->low.z, p[2]));
+        b->high = vec3_make(fmaxf(b->high.x, p[0]), fmaxf(b->high.y, p[1]), fmaxf(b->high.z, p[2]));
     }
 }
 
+static const struct box no_box = { { INFINITY, INFINITY, INFINITY }, { -INFINITY, -INFINITY, -INFINITY } };
+
 enum err scene_finish(struct scene *s, const char *file, struct reason *why)
 {
+    struct box all = no_box;
+
     s->triangle_count = 0;
-    s->low = vec3_make(INFINITY, INFINITY, INFINITY);
-    s->high = vec3_make(-INFINITY, -INFINITY, -INFINITY);
     for (size_t i = 0; i < s->mesh_count; i++) {
         s->triangle_count += s->meshes[i].triangle_count;
-        grow_box(s, &s->meshes[i]);
+        grow_box(&all, &s->meshes[i]);
     }
+    s->low = all.low;
+    s->high = all.high;
     if (s->triangle_count == 0)
         return err_say(why, ERR_FORMAT, "%s: the scene contains no triangles", file);
     return ERR_OK;
@@ -262,18 +267,6 @@ enum err scene_load(const char *path, struct scene **out, struct progress *progr
     return e;
 }
 
-static struct box mesh_box(const struct mesh *m)
-{
-    struct box b = { vec3_make(INFINITY, INFINITY, INFINITY), vec3_make(-INFINITY, -INFINITY, -INFINITY) };
-
-    for (size_t k = 0; k < 3 * (size_t)m->triangle_count; k++) {
-        const float *p = m->positions + 3 * (size_t)m->indices[k];
-        b.low = vec3_make(fminf(b.low.x, p[0]), fminf(b.low.y, p[1]), fminf(b.low.z, p[2]));
-        b.high = vec3_make(fmaxf(b.high.x, p[0]), fmaxf(b.high.y, p[1]), fmaxf(b.high.z, p[2]));
-    }
-    return b;
-}
-
 size_t scene_casters(const struct scene *s, struct box *out, size_t room)
 {
     size_t count = 0;
@@ -281,8 +274,10 @@ size_t scene_casters(const struct scene *s, struct box *out, size_t room)
     for (size_t i = 0; i < s->mesh_count; i++) {
         if (s->meshes[i].triangle_count == 0 || !material_is_delta(&s->materials[s->meshes[i].material]))
             continue;
-        if (count < room)
-            out[count] = mesh_box(&s->meshes[i]);
+        if (count < room) {
+            out[count] = no_box;
+            grow_box(&out[count], &s->meshes[i]);
+        }
         count++;
     }
     return count;

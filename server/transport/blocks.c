@@ -1,4 +1,4 @@
-/* How the packets of a G-buffer are dealt out to the blocks of the cache of light transport, and what those take. */
+/* Divides the packets of a G-buffer into blocks, and counts their memory. */
 #include "base/mem.h"
 #include "cache/memory.h"
 #include "transport/parts.h"
@@ -49,8 +49,8 @@ static uint32_t rows_of(const struct shade_packet *p)
     return 1;
 }
 
-/* Packets of a kind and with as many rows that follow each other, four to a block; returns how many blocks there are,
- * which are written where there is room for them. */
+/* Groups up to four consecutive packets of the same kind and number of rows into a block. Returns the number of blocks;
+ * writes them unless blocks is NULL. */
 static uint32_t lay_out(const struct gbuffer *g, struct transport_block *blocks)
 {
     uint32_t count = 0;
@@ -134,10 +134,11 @@ enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint
 {
     const double all = (double)bytes * t->block_count / blocks;
 
-    return err_say(why, ERR_RANGE,
-                   "the cache of light transport for %ux%u takes about %.0f MB and may take %.0f: smaller pictures, or "
-                   "a larger --cache-memory",
-                   t->gbuffer->width, t->gbuffer->height, ceil(1e-6 * all), 1e-6 * (double)max_bytes);
+    return err_say(
+        why, ERR_RANGE,
+        "the cache of direct light for %ux%u needs about %.0f MB, more than the limit of %.0f: use a smaller "
+        "--size or a larger --cache-memory",
+        t->gbuffer->width, t->gbuffer->height, ceil(1e-6 * all), 1e-6 * (double)max_bytes);
 }
 
 void transport_close_stats(struct transport *t)

@@ -1,5 +1,5 @@
-/* The bright part of a frame's sky: which of its rays are worth tracing. A point in the open or in the shade is told by
- * few; most of a scene's points are one or the other, and of those at a shadow's border most are as well. */
+/* Chooses the rays to the bright part of a frame's sky. Few rays suffice for points that see all of it or nothing, and
+ * most points do, even near the border of a shadow. */
 #include "transport/parts.h"
 
 #include "base/mem.h"
@@ -28,7 +28,7 @@ static enum err reserve_bright(struct transport *t, uint32_t strata)
     return ERR_OK;
 }
 
-/* The cells in which texels of the bright part lie. */
+/* Marks the cells that contain texels of the bright part. */
 static void find_cells(struct transport_bright *b, const struct sky_split *s)
 {
     const uint32_t n = s->n, edge = SKY_EDGE;
@@ -36,7 +36,7 @@ static void find_cells(struct transport_bright *b, const struct sky_split *s)
     memset(b->cells, 0, sizeof(b->cells));
     for (uint32_t k = 0; k < s->bright_count; k++) {
         const uint32_t face = s->bright[k] / (n * n), y = s->bright[k] / n % n, x = s->bright[k] % n;
-        /* a texel that cells' borders run through lies in each */
+        /* a texel may lie in several cells */
         for (uint32_t i = y * edge / n; i * n < (y + 1) * edge; i++)
             for (uint32_t j = x * edge / n; j * n < (x + 1) * edge; j++) {
                 const uint32_t cell = sky_cell(face, i, j);
@@ -45,8 +45,7 @@ static void find_cells(struct transport_bright *b, const struct sky_split *s)
     }
 }
 
-/* The samples of the bright part. Variant by variant they are one sequence, moved along from stratum to stratum in the
- * second number. */
+/* Each variant is one point of a sequence, shifted from stratum to stratum in the second number. */
 enum err transport_bright_draw(struct transport *t, const struct environment *e, const struct transport_frame *f)
 {
     struct transport_bright *b = &t->bright;
@@ -83,7 +82,7 @@ enum err transport_bright_draw(struct transport *t, const struct environment *e,
     return ERR_OK;
 }
 
-/* Variants of 16 points are 16 that follow each other in a sequence that spreads well. */
+/* The 16 points of a packet get 16 consecutive variants, which are well distributed. */
 static void choose_variants(const struct transport_bright *b, uint32_t index, uint32_t variant[PACKET])
 {
     const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
@@ -92,13 +91,13 @@ static void choose_variants(const struct transport_bright *b, uint32_t index, ui
         variant[l] = base + l;
 }
 
-#define DAPPLED 4 /* of a packet's points, in penumbrae, make all of it one */
+#define DAPPLED 4 /* points of a packet in penumbrae, from which on all its points count as such */
 
-/* What a block is to the bright part. */
+/* Visibility of the bright part from a block. */
 enum side { SIDE_LIT, SIDE_DARK, SIDE_UNKNOWN };
 
-/* Where all of a block's points have seen the cells of the bright part by all of their directions, or by none, sixteen
- * rays to the part itself are to say the same. */
+/* If the cells of the bright part are completely visible, or completely occluded, from all of a block's points, sixteen
+ * rays to the bright part itself must confirm it. */
 static enum side side_of(const struct transport *t, const struct transport_block *b, uint64_t *rays)
 {
     const struct transport_bright *s = &t->bright;
@@ -121,7 +120,7 @@ static enum side side_of(const struct transport *t, const struct transport_block
     return !view.lit && !seen ? SIDE_DARK : SIDE_UNKNOWN;
 }
 
-/* A block's points on their way. */
+/* A block while its rays are traced. */
 struct shining {
     const struct transport *transport;
     const struct transport_block *block;
@@ -129,7 +128,7 @@ struct shining {
     uint64_t traced;
     uint32_t variant[TRANSPORT_PACKETS][PACKET];
     float sum[TRANSPORT_PACKETS][3][PACKET];
-    uint32_t taken[TRANSPORT_PACKETS][PACKET]; /* samples */
+    uint32_t taken[TRANSPORT_PACKETS][PACKET]; /* number of samples */
     struct transport_view view[TRANSPORT_PACKETS];
 };
 
@@ -138,7 +137,7 @@ static uint32_t samples_of(const struct transport_round *r)
     return (r->groups[1] - r->groups[0]) * (r->turns[1] - r->turns[0]);
 }
 
-/* rays: NULL where the packet is known to be lit. */
+/* Traces a round of samples for packet k. rays: NULL if it is known to see everything. */
 static void shine(struct shining *s, const struct rays *rays, uint32_t k, const struct transport_round *r)
 {
     const struct transport *t = s->transport;
@@ -154,7 +153,7 @@ static bool is_mixed(const struct transport_view *v)
     return v->lit && v->dark;
 }
 
-/* Points of several packets, brought together in one. */
+/* Points of several packets, collected in one. */
 struct crowd {
     struct shade_packet points;
     uint32_t variant[PACKET], packet[PACKET], lane[PACKET];
@@ -184,9 +183,9 @@ static void shine_on_crowd(struct shining *s, struct crowd *c, const struct tran
     c->points.count = 0;
 }
 
-/* Points of a packet that need all samples: those that have both seen it and not seen it. Along an edge the others are
- * on one side of it. Where there are many, as under leaves, the others are no different: that a few rays have said the
- * same of them is chance, and to leave it there would make dappled shade darker than it is. */
+/* The points of a packet that need all samples: those with both visible and occluded samples. At a plain shadow border
+ * the others are on one side of it. If there are many, as under leaves, the others are penumbrae too, whose few rays
+ * agreed by chance; leaving them out would make dappled shade too dark. */
 static uint32_t needy(const struct shining *s, uint32_t k)
 {
     const uint32_t both = s->view[k].lit & s->view[k].dark;
@@ -194,7 +193,7 @@ static uint32_t needy(const struct shining *s, uint32_t k)
     return __builtin_popcount(both) < DAPPLED ? both : s->view[k].lit | s->view[k].dark;
 }
 
-/* Those points, sixteen at a time wherever they are. */
+/* Traces a round for those points, sixteen at a time, across packets. */
 static void shine_on_mixed(struct shining *s, const struct transport_round *r)
 {
     struct crowd c = { .points = { .kind = s->packets[0].kind } };
@@ -214,9 +213,9 @@ static void shine_on_mixed(struct shining *s, const struct transport_round *r)
     shine_on_crowd(s, &c, r);
 }
 
-/* Half of the first rays; where the block's points do not agree by these, the other half; where a packet's do not agree
- * by those, as many again; and the rest of the strata for each point that does not agree with itself, or, where there
- * are many of these, for all. Returns packets that do not agree. */
+/* Traces half of the first rays; if the block's points differ, the other half; if a packet's points differ, as many
+ * again; then the rest of the strata for each point whose own samples differ, or for all if there are many of these.
+ * Returns the number of packets whose points differ. */
 static uint32_t find_shadows(struct shining *s, uint32_t few)
 {
     const struct rays *rays = s->transport->rays;

@@ -1,4 +1,4 @@
-/* The loops by which the bright part of a frame's sky is traced (transport/parts.h): compiled once per CPU level, see
+/* The loops that trace the bright part of a frame's sky (transport/parts.h): compiled once per CPU level, see
  * CMakeLists.txt. */
 #include "brdf/lobes.h"
 #include "transport/parts.h"
@@ -6,10 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
-
-/* A packet whose lobes balance with their gazes: by themselves, without the matte part. */
+/* The lobes of a packet with gazes, without the matte part. */
 struct glints {
     struct shade_packet points;
     struct lobes lobes;
@@ -23,7 +20,7 @@ static void set_up_glints(const struct shade_packet *p, struct glints *s)
     LANES(l) s->lobes.diffuse_part.v[l] = 0.0f;
 }
 
-/* Of the lobes' light along d only the share that such samples have beside the gazes. */
+/* Reduces the lobes' light along d to the balance heuristic's share of samples, beside that of the gazes. */
 static void balance_glints(const struct glints *s, const struct transport_bright *b, const int32_t at[PACKET],
                            const struct lanes d[3], const struct lanes *cosine, struct lanes brdf[3])
 {
@@ -38,19 +35,19 @@ static void balance_glints(const struct glints *s, const struct transport_bright
         }
 }
 
-/* A packet on its way. */
+/* A packet while its rays are traced. */
 struct shining {
     const struct rays *rays; /* NULL: everything is visible */
     const struct transport_bright *bright;
     const struct shade_packet *points;
-    const struct glints *glints; /* NULL: there are no gazes */
+    const struct glints *glints; /* NULL: no gazes */
     struct lobes lobes;
     struct ray16 ray;
     float (*sum)[PACKET];
     struct transport_view *view;
 };
 
-/* One sample for each lane, each its own. Returns rays traced. */
+/* Traces one sample per lane. Returns the number of rays. */
 static uint64_t shine(struct shining *s, const int32_t at[PACKET])
 {
     _Alignas(64) int32_t valid[PACKET];
@@ -75,13 +72,7 @@ static uint64_t shine(struct shining *s, const int32_t at[PACKET])
     }
     if (count == 0)
         return 0;
-    LANES(l)
-    {
-        s->ray.dir_x[l] = d[0].v[l];
-        s->ray.dir_y[l] = d[1].v[l];
-        s->ray.dir_z[l] = d[2].v[l];
-        s->ray.tfar[l] = INFINITY;
-    }
+    lanes_aim(d, &s->ray);
     if (s->rays)
         rays_occluded16(s->rays, RAYS_TOGETHER, valid, &s->ray);
     LANES(l)
@@ -107,7 +98,7 @@ static uint64_t shine(struct shining *s, const int32_t at[PACKET])
     return s->rays ? (uint64_t)count : 0;
 }
 
-/* In which order the strata of a group are taken: the second stands opposite of the first. */
+/* The order of the strata of a group: the second is opposite the first. */
 static const uint32_t turns[TRANSPORT_MORE] = { 0, 2, 1, 3 };
 
 static uint64_t light(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
@@ -123,13 +114,7 @@ static uint64_t light(const struct rays *rays, const struct transport_bright *b,
         set_up_glints(p, &glints);
         s.glints = &glints;
     }
-    LANES(l)
-    {
-        s.ray.org_x[l] = p->x[l];
-        s.ray.org_y[l] = p->y[l];
-        s.ray.org_z[l] = p->z[l];
-        s.ray.mask[l] = UINT32_MAX;
-    }
+    lobes_rays(p, &s.ray);
     for (uint32_t i = round->groups[0]; i < round->groups[1]; i++)
         for (uint32_t j = round->turns[0]; j < round->turns[1]; j++) {
             int32_t at[PACKET];
@@ -143,7 +128,7 @@ static uint64_t light(const struct rays *rays, const struct transport_bright *b,
     return traced;
 }
 
-/* Sixteen points that stand for a block's: every fourth of each packet, or of fewer packets more. */
+/* Sixteen points represent a block: every fourth of each packet, or more of fewer packets. */
 static uint64_t probe(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
                       uint32_t count, const uint32_t variant[PACKET], struct transport_view *view)
 {
@@ -153,7 +138,7 @@ static uint64_t probe(const struct rays *rays, const struct transport_bright *b,
 
     for (uint32_t l = 0; l < PACKET; l++) {
         const struct shade_packet *p = &packets[l % count];
-        const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other places in each */
+        const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other lanes in each packet */
         const uint32_t at = (l * b->strata / PACKET) * TRANSPORT_VARIANTS + variant[l];
         const float x = b->x[at], y = b->y[at], z = b->z[at];
         const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
@@ -179,5 +164,5 @@ static uint64_t probe(const struct rays *rays, const struct transport_bright *b,
     return (uint64_t)faced;
 }
 
-extern const struct bright_kernels JOIN(bright_kernels_, KERNEL_LEVEL);
-const struct bright_kernels JOIN(bright_kernels_, KERNEL_LEVEL) = { light, probe };
+extern const struct bright_kernels KERNEL(bright_kernels);
+const struct bright_kernels KERNEL(bright_kernels) = { light, probe };

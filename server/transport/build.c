@@ -11,28 +11,26 @@
 #include <omp.h>
 #include <string.h>
 
-#define FLOOR 0.03f
-#define BATCH 64     /* blocks between two looks at the memory */
-#define COARSER 2.5f /* tolerances of what is only there for a while */
+#define FLOOR 0.03f  /* share of a block's mean light; darker points are weighted as if they had this much */
+#define BATCH 64     /* blocks between two checks of the memory limit */
+#define COARSER 2.5f /* factor of the tolerances of coarse blocks */
 
-/* What building needs and what stays is made of. */
+/* State of a build. */
 struct build {
     struct transport *t;
     struct transport_desc desc; /* defaults filled in */
     struct transport_world world;
     struct transport_directions directions;
     float (*lobe_numbers)[2], (*gaze_numbers)[2];
-    const struct transport_publisher *to; /* NULL: nobody waits for blocks */
+    struct transport_live *to; /* NULL: blocks are not published */
     bool coarse;
     uint64_t bytes; /* of coarse pieces */
-    uint32_t done;  /* blocks */
+    uint32_t done;  /* number of blocks */
     bool stopped;   /* out of memory, over the limit, or cancelled */
     enum err error;
 };
 
-/* ---- Building ---- */
-
-/* What one thread works in. */
+/* Per thread. */
 struct bench {
     struct transport_matrix *matrices; /* [TRANSPORT_ROWS] */
     struct transport_workspace *workspace;
@@ -51,17 +49,9 @@ static void bench_finish(struct bench *b)
     transport_workspace_destroy(b->workspace);
 }
 
-/* Means of a row's colours. */
-static float mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
-{
-    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
-            transport_row_colour(p, row, 2, l)) /
-           3.0f;
-}
-
-/* What an error in row r counts at a point: it is seen times the row's colour, beside what the point has of an even sky
- * (but for the darkest ones, which may count as those of FLOOR of the block's mean). Within a thousandth of the
- * largest, so that no half float overflows. */
+/* The weight of an error in row r at a point: the row's colour, relative to the point's light under an even sky, or to
+ * FLOOR of the block's mean for darker points. At least a thousandth of the largest, so that no half float overflows.
+ */
 static void fill_scales(const struct build *b, const struct transport_block *block,
                         const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
 {
@@ -74,7 +64,7 @@ static void fill_scales(const struct build *b, const struct transport_block *blo
             for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
                 sum[p] += matrices[r].at[c][p];
         for (uint32_t p = 0; p < points; p++) {
-            scale[r][p] = mean_colour(&b->t->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            scale[r][p] = transport_mean_colour(&b->t->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
             whole[p] += scale[r][p] * sum[p];
             mean += scale[r][p] * sum[p] / (float)points;
         }
@@ -89,8 +79,8 @@ static void fill_scales(const struct build *b, const struct transport_block *blo
             scale[r][p] = most > 0.0f ? fmaxf(scale[r][p] / most, 1e-3f) : 1.0f;
 }
 
-/* What each row may leave out: an even share of what the block may. A row that is dark beside the others may be left
- * out as a whole. */
+/* Distributes the allowed error of the block evenly to its rows. A row that is much darker than the others may be left
+ * out entirely. */
 static void share_tolerance(const struct build *b, const struct transport_block *block,
                             const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS],
                             double allowed[TRANSPORT_ROWS])
@@ -130,7 +120,7 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     return e;
 }
 
-/* A coarse block has gone to whoever waits for it, and stays as it was in t. */
+/* Builds and publishes a block. A coarse block is only published; in t it stays empty. */
 static enum err make_block(struct build *b, struct bench *bench, uint32_t index, uint64_t *rays)
 {
     struct transport_block made = b->t->blocks[index];
@@ -138,7 +128,7 @@ static enum err make_block(struct build *b, struct bench *bench, uint32_t index,
     enum err e = build_block(b, bench, &made, rays);
     const uint64_t bytes = transport_block_bytes(&made);
     if (!e && b->to)
-        e = b->to->publish(b->to->self, index, &made, !b->coarse);
+        e = transport_live_publish(b->to, index, &made, !b->coarse);
     if (e) {
         transport_block_finish(&made);
         return e;
@@ -152,8 +142,8 @@ static enum err make_block(struct build *b, struct bench *bench, uint32_t index,
     return ERR_OK;
 }
 
-/* Blocks are built in an order that goes over the whole picture again and again, so that those at hand stand for all:
- * the k-th is k times this step, which has no factor in common with their number. */
+/* Blocks are built in an order that sweeps over the whole image again and again, so that those already built represent
+ * all: the k-th is k times this step modulo their number, to which it is coprime. */
 static uint32_t step_of(uint32_t count)
 {
     uint32_t step = (uint32_t)(0.6180339887 * count) | 1u;
@@ -176,7 +166,7 @@ static uint32_t place_of(const struct build *b, uint32_t k, uint32_t step)
     return (uint32_t)((uint64_t)k * step % b->t->block_count);
 }
 
-/* More than may be; or with the coarse blocks that are still there, and so it will be without them. */
+/* Whether the limit is exceeded; or will be, when together with the remaining coarse blocks it is exceeded already. */
 static bool is_too_large(const struct build *b)
 {
     const struct transport *t = b->t;
@@ -184,12 +174,12 @@ static bool is_too_large(const struct build *b)
 
     if (!cache_memory_suffices(most, t->stats.bytes + b->bytes))
         return true;
-    return b->to && !cache_memory_suffices(most, b->to->bytes(b->to->self)) &&
+    return b->to && !cache_memory_suffices(most, transport_live_bytes(b->to)) &&
            (double)t->stats.bytes * t->block_count / b->done > (double)most;
 }
 
-/* After a batch: what it takes, and whether to go on. The batches are the same at any number of threads, so that the
- * limit is met at the same place. */
+/* Counts a batch and decides whether to continue. Batches do not depend on the number of threads, so the limit is
+ * reached at the same block. */
 static void close_batch(struct build *b, uint32_t until, uint32_t step, bool failed)
 {
     struct transport *t = b->t;
@@ -277,7 +267,7 @@ static enum err begin_build(struct build *b)
 }
 
 enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse, uint32_t threads,
-                         const struct transport_publisher *to, bool *all, struct reason *why)
+                         struct transport_live *to, bool *all, struct reason *why)
 {
     struct build b = { .t = t, .desc = *desc, .to = to, .coarse = coarse };
 
@@ -292,7 +282,7 @@ enum err transport_build(struct transport *t, const struct transport_desc *desc,
         transport_close_stats(t);
     if (b.error == ERR_RANGE)
         return transport_say_too_large(t, t->stats.bytes + b.bytes, b.done, b.desc.max_bytes, why);
-    return b.error ? err_say(why, b.error, "no memory for the cache of light transport") : ERR_OK;
+    return b.error ? err_say(why, b.error, "out of memory for the cache of direct light") : ERR_OK;
 }
 
 enum err transport_create(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
@@ -304,7 +294,7 @@ enum err transport_create(const struct gbuffer *g, const struct rays *rays, cons
 
     *out = NULL;
     if (!t)
-        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+        return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
     const enum err e = transport_build(t, &whole, false, 0, NULL, &all, why);
     if (all)
         *out = t;

@@ -1,4 +1,4 @@
-/* One row of a block: from what was traced to as few bytes as the tolerance allows. */
+/* Compresses one row of a block to as few bytes as the tolerance allows. */
 #include "base/half.h"
 #include "base/mem.h"
 #include "transport/parts.h"
@@ -10,12 +10,12 @@
 #include <math.h>
 #include <string.h>
 
-#define MORE 3u /* ranks at most, for what rounding to bytes leaves out */
+#define MORE 3u /* maximum number of additional ranks that make up for rounding to bytes */
 
-struct transport_workspace { /* of one thread */
+struct transport_workspace { /* per thread */
     float gram[TRANSPORT_POINTS * TRANSPORT_POINTS];
     float values[TRANSPORT_POINTS];                                                 /* eigenvalues, ascending */
-    float work[1 + 6 * TRANSPORT_POINTS + 2 * TRANSPORT_POINTS * TRANSPORT_POINTS]; /* as ssyevd asks for */
+    float work[1 + 6 * TRANSPORT_POINTS + 2 * TRANSPORT_POINTS * TRANSPORT_POINTS]; /* as ssyevd requires */
     lapack_int whole[3 + 5 * TRANSPORT_POINTS];
     float sums[SKY_CHUNKS][TRANSPORT_POINTS];
     float scaled[TRANSPORT_POINTS * TRANSPORT_POINTS];
@@ -46,7 +46,7 @@ uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points)
     return transport_head(s) + (s->form == TRANSPORT_RAW ? 0 : sizeof(uint16_t) * (uint64_t)s->rank * points);
 }
 
-/* A power of two that brings the largest entry between 2^13 and 2^14, where halves reach furthest down. */
+/* The power of two that scales the largest entry to 2^13 .. 2^14, where half floats have the largest range below. */
 static float half_scale(const float *x, size_t count)
 {
     float most = 0.0f;
@@ -58,7 +58,7 @@ static float half_scale(const float *x, size_t count)
     return most > 0.0f ? ldexpf(1.0f, exponent - 14) : 1.0f;
 }
 
-/* Whether a chunk of cells is dark for all points; columns behind those are another block's. */
+/* Whether a chunk of cells is 0 for all points; further columns belong to an earlier block. */
 static bool is_zero(float (*cells)[TRANSPORT_POINTS], uint32_t points)
 {
     for (uint32_t c = 0; c < SKY_CHUNK; c++)
@@ -68,7 +68,7 @@ static bool is_zero(float (*cells)[TRANSPORT_POINTS], uint32_t points)
     return true;
 }
 
-/* Moves the chunks that are not to the front and lists them. */
+/* Moves the chunks that are not 0 to the front and lists them. */
 static void pack_chunks(struct transport_matrix *m, uint32_t points, struct transport_shape *out)
 {
     out->chunk_count = 0;
@@ -107,7 +107,7 @@ double transport_weigh(const struct transport_matrix *m, uint32_t points, const 
     return sum;
 }
 
-/* G = D T (1 + S S^t) T^t D, S summing the cells of each chunk. */
+/* G = D T (1 + S S^t) T^t D, where S sums the cells of each chunk. */
 static void fill_gram(struct transport_workspace *w, const struct transport_matrix *m, uint32_t chunks, uint32_t points,
                       const float *scale)
 {
@@ -123,9 +123,9 @@ static void fill_gram(struct transport_workspace *w, const struct transport_matr
             w->gram[j * points + i] *= scale[i] * scale[j];
 }
 
-/* The least rank whose rest, the sum of the other eigenvalues of G, is allowed [Eckart and Young 1936]; points where
- * the library fails. The eigenvectors replace the Gram matrix, those of the largest values last. *rest: what
- * those leave out. */
+/* The smallest rank whose error, the sum of the remaining eigenvalues of G, is allowed [Eckart and Young 1936]; the
+ * number of points if the library fails. The eigenvectors replace the Gram matrix, those of the largest values last.
+ * *rest: the error. */
 static uint32_t choose_rank(struct transport_workspace *w, uint32_t points, double allowed, double *rest)
 {
     const int n = (int)points;
@@ -144,7 +144,8 @@ static uint32_t choose_rank(struct transport_workspace *w, uint32_t points, doub
     return rank;
 }
 
-/* V, [rank][cells], in the order of transport_piece: up to TRANSPORT_TOGETHER rows side by side, chunk by chunk. */
+/* Writes V[rank][cells] as half floats in the order of transport_piece: up to TRANSPORT_TOGETHER rows side by side,
+ * chunk by chunk. */
 static void round_rows(const float *v, uint32_t rank, uint32_t cells, float scale, uint8_t *out)
 {
     const float up = 1.0f / scale;
@@ -159,8 +160,8 @@ static void round_rows(const float *v, uint32_t rank, uint32_t cells, float scal
     }
 }
 
-/* A row of V in bytes, [cells], which hands on from cell to cell what it rounds away, so that sums over neighbours are
- * right to a step. Returns the square of what it is off in transport_weigh's terms; D U has columns of length 1. */
+/* Rounds a row of V[cells] to bytes and carries the rounding error from cell to cell, so that sums over neighbours are
+ * exact to one step. Returns the squared error in units of transport_weigh; D U has columns of length 1. */
 static double round_row(const float *v, uint32_t cells, float *gain, int8_t *out)
 {
     float largest = 0.0f, carry = 0.0f;
@@ -168,7 +169,7 @@ static double round_row(const float *v, uint32_t cells, float *gain, int8_t *out
 
     for (uint32_t c = 0; c < cells; c++)
         largest = fmaxf(largest, fabsf(v[c]));
-    *gain = fmaxf(largest, FLT_MIN) / 126.0f; /* the largest, and half a step more */
+    *gain = fmaxf(largest, FLT_MIN) / 126.0f; /* leaves half a step for the carry */
     for (uint32_t chunk = 0; chunk < cells; chunk += SKY_CHUNK) {
         double whole = 0.0;
         for (uint32_t c = chunk; c < chunk + SKY_CHUNK; c++) {
@@ -183,8 +184,8 @@ static double round_row(const float *v, uint32_t cells, float *gain, int8_t *out
     return squares * (double)*gain * (double)*gain;
 }
 
-/* V's last rows in bytes: the fewest, `least` or more of `rows`, that with rounding leave out no more than is allowed;
- * 0 where none do. rest: what the least rank leaves out. */
+/* Rounds V's last rows to bytes. Returns the smallest rank, from `least` to `rows`, whose error including rounding is
+ * allowed; 0: there is none. rest: the error of the least rank. */
 static uint32_t round_to_bytes(struct transport_workspace *w, uint32_t least, uint32_t rows, uint32_t points,
                                uint32_t cells, double rest, double allowed)
 {
@@ -200,7 +201,7 @@ static uint32_t round_to_bytes(struct transport_workspace *w, uint32_t least, ui
     return 0;
 }
 
-/* In the order of transport_piece, behind the gains. */
+/* Writes gains and bytes in the order of transport_piece. */
 static void copy_bytes(const float *gains, uint32_t room, const int8_t *v, uint32_t rank, uint32_t cells, uint8_t *out)
 {
     memset(out, 0, room * sizeof(*gains));
@@ -212,7 +213,7 @@ static void copy_bytes(const float *gains, uint32_t room, const int8_t *v, uint3
                 memcpy(out, v + (size_t)r * cells + chunk, SKY_CHUNK);
 }
 
-/* U = D^-1 times the eigenvectors, packet by packet. */
+/* Writes U = D^-1 times the eigenvectors, packet by packet. */
 static void round_columns(const float *u, uint32_t rank, uint32_t points, const float *scale, uint8_t *out)
 {
     uint16_t *to = (uint16_t *)(void *)out;
@@ -239,7 +240,7 @@ static enum err keep_raw(struct transport_workspace *w, const struct transport_m
     return ERR_OK;
 }
 
-/* D times the eigenvectors of the largest values, times T. */
+/* V = D times the eigenvectors of the largest values, times T. */
 static void project_rows(struct transport_workspace *w, const struct transport_matrix *m, uint32_t rows,
                          uint32_t points, uint32_t cells, const float *scale)
 {
@@ -252,8 +253,8 @@ static void project_rows(struct transport_workspace *w, const struct transport_m
                 TRANSPORT_POINTS, w->scaled, (int)points, 0.0f, w->projected, (int)cells);
 }
 
-/* U and V of at least that rank: V in bytes where that leaves out no more than is allowed, if need be by a few more
- * ranks, each of which takes half of what halves do. */
+/* Stores U and V of at least that rank: V in bytes if the error is then allowed, with a few additional ranks if needed,
+ * since bytes take half the memory of half floats. */
 static enum err keep_product(struct transport_workspace *w, const struct transport_matrix *m, uint32_t least,
                              uint32_t points, const float *scale, double rest, double allowed,
                              struct transport_piece *out)

@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-/* The unit at that row and column of a face with `edge` of them along its edge. They may be one beyond it: then it is
- * the neighbouring face's, or at a corner, where there is none, that on the face itself. */
+/* The unit at a row and column of a face with `edge` units along its edge. They may be one step beyond the face: then
+ * it is the neighbouring face's, or at a corner, where there is none, the nearest one. */
 static uint16_t unit_at(uint32_t face, int i, int j, int edge)
 {
     const bool above = i < 0 || i >= edge, beside = j < 0 || j >= edge;
@@ -13,18 +13,7 @@ static uint16_t unit_at(uint32_t face, int i, int j, int edge)
 
     if (above && beside)
         return unit_at(face, i < 0 ? 0 : edge - 1, j < 0 ? 0 : edge - 1, edge);
-    if (above || beside) {
-        double w[3];
-        float x[3], u, v;
-        cube_direction(face, -1.0 + 2.0 / edge * (j + 0.5), -1.0 + 2.0 / edge * (i + 0.5), w);
-        for (int k = 0; k < 3; k++)
-            x[k] = (float)w[k];
-        face = cube_locate(x, &u, &v);
-        i = (int)((v + 1.0f) * 0.5f * (float)edge);
-        j = (int)((u + 1.0f) * 0.5f * (float)edge);
-        i = i < edge ? i : edge - 1;
-        j = j < edge ? j : edge - 1;
-    }
+    face = cube_step_over(face, edge, &i, &j);
     return (uint16_t)(sky_cell(face, (uint32_t)i * cells, (uint32_t)j * cells) / (cells * cells));
 }
 
@@ -49,8 +38,8 @@ static enum err find_units(struct transport_directions *d)
     return ERR_OK;
 }
 
-/* side x side jittered places in each group. Weights are solid angles per sample, brought to the group's own in sum, so
- * that nothing of a constant sky depends on where the places fall. */
+/* Weights are solid angles per sample, scaled to sum to the group's own, so that the light of a constant sky does not
+ * depend on the jitter. */
 enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint32_t edge, uint64_t seed)
 {
     const uint32_t edges = SKY_EDGE / edge; /* groups along a face's edge */

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Increase it whenever the same scene gets another transport (directions, weights, rows, blocks) or the file changes. */
+/* Increase it when the same scene gets another transport (directions, weights, rows, blocks) or the file changes. */
 #define FORMAT 7
 
 /* One section: the number of rays, then block by block the pieces, each behind its shape, the gazes and the sight. */

@@ -1,4 +1,4 @@
-/* Half floats and bytes as kernels read them, a packet at a time. Included by the kernels only. */
+/* Converts and sums half floats and bytes, a packet at a time. Included by kernels only. */
 #ifndef TRANSPORT_HALF_LANES_H
 #define TRANSPORT_HALF_LANES_H
 
@@ -35,6 +35,24 @@ static inline void widen_bytes(const int8_t *in, struct lanes *out)
 #else
     LANES(l) out->v[l] = (float)in[l];
 #endif
+}
+
+/* Sums the sixteen lanes of each of three, in the same order at all levels: (((0 + 8) + (4 + 12)) + ((2 + 10) + (6 +
+ * 14))) + the same of the odd ones. The three are summed in parallel. */
+static inline void sum_lanes(const struct lanes x[3], float out[3])
+{
+    struct {
+        float v __attribute__((vector_size(16)));
+    } a[3][4], sum[3], by_lane[4];
+
+    for (int c = 0; c < 3; c++) {
+        memcpy(a[c], x[c].v, sizeof(a[c]));
+        sum[c].v = (a[c][0].v + a[c][2].v) + (a[c][1].v + a[c][3].v);
+    }
+    for (int l = 0; l < 4; l++)
+        by_lane[l].v = (__typeof__(by_lane[l].v)){ sum[0].v[l], sum[1].v[l], sum[2].v[l], 0.0f };
+    by_lane[0].v = (by_lane[0].v + by_lane[2].v) + (by_lane[1].v + by_lane[3].v);
+    memcpy(out, &by_lane[0].v, 3 * sizeof(*out));
 }
 
 #endif

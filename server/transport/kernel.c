@@ -1,4 +1,4 @@
-/* The loops of the cache of light transport (transport/parts.h): compiled once per CPU level, see CMakeLists.txt. */
+/* The loops of the cache of direct light (transport/parts.h): compiled once per CPU level, see CMakeLists.txt. */
 #include "transport/half_lanes.h"
 #include "estimators/kernels.h"
 #include "brdf/lobes.h"
@@ -9,9 +9,6 @@
 #include "base/vec.h"
 
 #include <math.h>
-
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
 
 static void widen(const uint16_t *in, float *out, uint32_t n)
 {
@@ -25,22 +22,7 @@ static void widen(const uint16_t *in, float *out, uint32_t n)
 
 /* ---- A frame ---- */
 
-#define AHEAD 2048 /* bytes of V: as long as memory takes to answer */
-
-/* Sixteen partial sums of each of n, in one order at all levels. */
-static inline void sum_lanes(const struct lanes *x, uint32_t n, float *out)
-{
-    _Alignas(64) float half[8], quarter[3 * TRANSPORT_TOGETHER][4];
-
-    for (uint32_t k = 0; k < n; k++) {
-        for (int l = 0; l < 8; l++)
-            half[l] = x[k].v[l] + x[k].v[l + 8];
-        for (int l = 0; l < 4; l++)
-            quarter[k][l] = half[l] + half[l + 4];
-    }
-    for (uint32_t k = 0; k < n; k++)
-        out[k] = (quarter[k][0] + quarter[k][2]) + (quarter[k][1] + quarter[k][3]);
-}
+#define AHEAD 2048 /* bytes of V to prefetch: about the latency of memory */
 
 /* Adds up rows of V that stand side by side, times the sky. */
 static inline void project_rows(const struct transport_piece *q, const struct sky_split *sky, const uint8_t *v,
@@ -48,7 +30,7 @@ static inline void project_rows(const struct transport_piece *q, const struct sk
 {
     for (uint32_t i = 0; i < q->shape.chunk_count; i++) {
         const float(*cells)[SKY_CHUNK] = sky->cells[q->shape.chunks[i]];
-        __builtin_prefetch(v + AHEAD); /* across pages, where the processor does not go by itself */
+        __builtin_prefetch(v + AHEAD); /* across pages, where the hardware prefetcher stops */
         for (uint32_t r = 0; r < rows; r++, v += bytes ? SKY_CHUNK : 2 * SKY_CHUNK) {
             struct lanes x;
             if (bytes)
@@ -65,7 +47,7 @@ static inline void project_rows(const struct transport_piece *q, const struct sk
     }
 }
 
-/* y [rank][3] = V times the sky, by colours. */
+/* y[rank][3] = V times the sky, per colour. */
 static inline void project_form(const struct transport_piece *q, const struct sky_split *sky, bool bytes, float y[][3])
 {
     const float *gains = (const float *)(const void *)q->bytes;
@@ -80,10 +62,11 @@ static inline void project_form(const struct transport_piece *q, const struct sk
         else
             project_rows(q, sky, v, bytes, rows, sum);
         v += (size_t)rows * q->shape.chunk_count * SKY_CHUNK * (bytes ? 1 : sizeof(uint16_t));
-        sum_lanes(sum[0], 3 * rows, y[first]);
-        for (uint32_t r = first; r < first + rows; r++)
+        for (uint32_t r = first; r < first + rows; r++) {
+            sum_lanes(sum[r - first], y[r]);
             for (int c = 0; c < 3; c++)
                 y[r][c] *= bytes ? gains[r] : q->shape.scale;
+        }
     }
 }
 
@@ -95,7 +78,7 @@ static void project(const struct transport_piece *q, const struct sky_split *sky
         project_form(q, sky, false, y);
 }
 
-/* One packet's sums out of U and y. */
+/* One packet's U times y. */
 static inline void expand_packet(const uint16_t *u, uint32_t rank, float y[][3], struct lanes out[3])
 {
     memset(out, 0, 3 * sizeof(*out));
@@ -140,7 +123,7 @@ static void expand(const struct transport_piece *q, const struct sky_split *sky,
     }
 }
 
-/* lo += colour of the row * x. What of a packet a row does not ask for is not read: it stands far off. */
+/* lo += colour of the row * x. Reads only the colours that the row needs, since they are far apart in memory. */
 static inline void colour_row(const struct shade_packet *p, bool ggx, uint32_t row, int c, const struct lanes *x,
                               float *lo)
 {
@@ -156,8 +139,8 @@ static inline void colour_row(const struct shade_packet *p, bool ggx, uint32_t r
         LANES(l) lo[l] += x->v[l];
 }
 
-/* A compressed row may come out below 0 by its error, radiance may not. more: [3][TRANSPORT_POINTS] from the packet's
- * first lane on, or NULL. */
+/* Clamps negative values, which compression may cause. more: [3][TRANSPORT_POINTS] from the packet's first lane on, or
+ * NULL. */
 static inline void add_coloured(const struct shade_packet *p, bool ggx, uint32_t row, const struct lanes sum[3],
                                 const float *more, float *lo)
 {
@@ -172,7 +155,7 @@ static inline void add_coloured(const struct shade_packet *p, bool ggx, uint32_t
     }
 }
 
-/* What comes to be read at the block's end, and far apart, is asked for at its beginning. */
+/* Prefetches the colours, which are far apart and are read at the end of the block. */
 static inline void ask_for_colours(const struct transport_block *b, const struct shade_packet *packets)
 {
     const bool shines = b->kind != LOBE_LAMBERT;
@@ -209,8 +192,8 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
     }
 }
 
-/* The coarsest level of the sky's pyramid whose texels are no larger than half of what one of a lobe's gazes stands
- * for: [Krivanek and Colbert 2008] take twice as much, where the lobe's own samples are drawn anew for each pixel. */
+/* The coarsest level of the sky's pyramid whose texels are no larger than half the solid angle of one gaze; [Krivanek
+ * and Colbert 2008] use twice as large ones, but draw new samples for each pixel. */
 static inline uint32_t level_of(const struct pyramid *p, float density)
 {
     const float least = density * (float)(2.0 * 4.0 * PI / CUBE_FACES); /* texels have 4 pi / (6 n^2) sr */
@@ -221,10 +204,10 @@ static inline uint32_t level_of(const struct pyramid *p, float density)
     return level;
 }
 
-/* A texel as one operation of a vector. */
+/* A texel as one vector. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
 
-/* Four texels about a place, and their weights; false where they are not all on one face, or have gains. */
+/* The four texels around a direction, and their weights. False if they are not all on one face or have gains. */
 static inline bool find_four(const float *texels, uint32_t n, const float *gain, const float w[3], FOUR_FLOATS out[4],
                              float weight[4])
 {
@@ -261,8 +244,8 @@ static inline void look_level(const struct pyramid *p, uint32_t level, const flo
     memcpy(rgb, &sum, 3 * sizeof(*rgb));
 }
 
-/* The lower part where a gaze ends, without steps from texel to texel, which would be seen as the sky turns. Levels of
- * the pyramid in which the bright part shows are of no use for it: there it is put together from texels. */
+/* The lower part along a gaze, interpolated, because steps between texels would be visible as the sky turns. Where the
+ * pyramid's level contains some of the bright part, the lower part is interpolated from texels instead. */
 static inline void look_low(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
@@ -284,7 +267,7 @@ static inline void look_low(const struct transport_look *look, const float w[3],
     memcpy(rgb, &sum, 3 * sizeof(*rgb));
 }
 
-/* And of the bright part what balances with its samples, in the very texel. */
+/* The lower part, plus the balance heuristic's share of the bright part in the texel that contains w. */
 static inline void look_at(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
@@ -325,8 +308,7 @@ static void gaze(const struct transport_look *look, const struct shade_packet *p
     }
 }
 
-extern const struct bright_kernels JOIN(bright_kernels_, KERNEL_LEVEL);
-extern const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL);
-const struct transport_kernels JOIN(transport_kernels_, KERNEL_LEVEL) = {
-    trace, cells, expand, aim, gaze, &JOIN(bright_kernels_, KERNEL_LEVEL), widen
-};
+extern const struct bright_kernels KERNEL(bright_kernels);
+extern const struct transport_kernels KERNEL(transport_kernels);
+const struct transport_kernels KERNEL(transport_kernels) = { trace, cells, expand, aim, gaze, &KERNEL(bright_kernels),
+                                                             widen };

@@ -8,20 +8,20 @@
 #include <string.h>
 
 struct transport_live {
-    struct transport *cache; /* the frame's thread; its fades are NULL once all is built and has taken its place */
-    struct transport *built; /* the builder: its pieces' bytes belong to the slots and the cache */
+    struct transport *cache; /* the frame's thread; its fades are NULL once all blocks are built and faded in */
+    struct transport *built; /* the builder; its pieces' bytes belong to the slots and to `cache` */
     struct transport_desc desc;
-    struct transport_block *_Atomic *slots; /* [block_count]: finished and not taken, or NULL */
-    uint32_t *block_bytes;                  /* [block_count]: of its newest version */
-    uint64_t base;                          /* bytes of what there is beside pieces */
+    struct transport_block *_Atomic *slots; /* [block_count]: finished and not collected yet, or NULL */
+    uint32_t *block_bytes;                  /* [block_count]: of the newest version */
+    uint64_t base;                          /* bytes apart from pieces */
     atomic_bool cancelled, complete;
     _Atomic uint64_t steps[TRANSPORT_STAGES]; /* packets built */
-    _Atomic uint64_t held;                    /* bytes of all pieces that are anywhere, */
-    _Atomic uint64_t newest;                  /* of the newest ones, which are what frames will leave of that */
+    _Atomic uint64_t held;                    /* bytes of all pieces, */
+    _Atomic uint64_t newest;                  /* and of the newest versions, the only ones that frames will keep */
 
     pthread_mutex_t lock;
     pthread_cond_t freed;
-    uint64_t waiting; /* {lock} finished blocks that are not in their place alone yet */
+    uint64_t waiting; /* {lock} finished blocks that have not replaced their previous version yet */
 };
 
 static void block_free(struct transport_live *live, struct transport_block *b)
@@ -47,7 +47,7 @@ enum err transport_live_create(const struct gbuffer *g, const struct rays *rays,
 
     *out = NULL;
     if (!live)
-        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+        return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
     pthread_mutex_init(&live->lock, NULL);
     pthread_cond_init(&live->freed, NULL);
     live->desc = transport_resolve(desc);
@@ -65,7 +65,7 @@ enum err transport_live_create(const struct gbuffer *g, const struct rays *rays,
     }
     if (!live->slots || !live->block_bytes || !live->cache->fades || !live->cache->unbuilt_index) {
         transport_live_destroy(live);
-        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+        return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
     }
     *out = live;
     transport_live_advance(live);
@@ -97,7 +97,7 @@ void transport_live_destroy(struct transport_live *live)
 
 /* ---- The builder ---- */
 
-/* While more is held than may be, and frames will give enough of it free, waits for that. */
+/* While the limit is exceeded, waits for frames to free memory, if they will free enough. */
 static void wait_for_room(struct transport_live *live)
 {
     const uint64_t most = live->desc.max_bytes;
@@ -109,10 +109,9 @@ static void wait_for_room(struct transport_live *live)
     pthread_mutex_unlock(&live->lock);
 }
 
-/* Hands a finished block over; one of the stage before that nobody has taken yet is never seen. */
-static enum err publish(void *self, uint32_t index, const struct transport_block *b, bool fine)
+/* Replaces a version in the slot that no frame has collected yet. */
+enum err transport_live_publish(struct transport_live *live, uint32_t index, const struct transport_block *b, bool fine)
 {
-    struct transport_live *live = self;
     struct transport_block *mine = mem_alloc_raw(1, sizeof(*mine));
     const uint64_t bytes = transport_block_bytes(b);
 
@@ -136,20 +135,17 @@ static enum err publish(void *self, uint32_t index, const struct transport_block
     return ERR_OK;
 }
 
-static uint64_t newest_bytes(void *self)
+uint64_t transport_live_bytes(struct transport_live *live)
 {
-    struct transport_live *live = self;
-
     return live->base + live->newest;
 }
 
 enum err transport_live_build(struct transport_live *live, enum transport_stage stage, uint32_t threads,
                               struct reason *why)
 {
-    const struct transport_publisher to = { live, publish, newest_bytes };
     bool all;
 
-    const enum err e = transport_build(live->built, &live->desc, stage == TRANSPORT_COARSE, threads, &to, &all, why);
+    const enum err e = transport_build(live->built, &live->desc, stage == TRANSPORT_COARSE, threads, live, &all, why);
     if (!e && all && stage == TRANSPORT_FINE)
         atomic_store(&live->complete, true);
     return e;
@@ -181,7 +177,7 @@ struct transport *transport_live_cache(struct transport_live *live)
     return live->cache;
 }
 
-/* What a block has been is laid under what has come for it. */
+/* Replaces a block by its next version, which fades in over it. */
 static void take(struct transport_block *b, struct transport_fade *f, struct transport_block *next)
 {
     f->from_cells = f->weight > 0;
@@ -191,7 +187,7 @@ static void take(struct transport_block *b, struct transport_fade *f, struct tra
     mem_free(next);
 }
 
-/* One step on, or to the end. Returns whether that is reached: then nothing is left of what has been. */
+/* Advances a fade by one frame, or to its end. Returns whether it has ended; the previous version is then freed. */
 static bool step(struct transport_live *live, struct transport_fade *f, bool to_end)
 {
     f->weight = to_end ? TRANSPORT_FADE : f->weight + 1;
@@ -202,7 +198,7 @@ static bool step(struct transport_live *live, struct transport_fade *f, bool to_
     return true;
 }
 
-/* Packets that something else has to light: all or in part. */
+/* Lists the packets that other means must light, fully or in part. */
 static void list_unbuilt(struct transport *t)
 {
     t->unbuilt = (struct packet_list){ t->unbuilt_index, 0 };
@@ -212,7 +208,7 @@ static void list_unbuilt(struct transport *t)
                 t->unbuilt_index[t->unbuilt.count++] = t->blocks[k].first + i;
 }
 
-/* Nothing is left of how it came about. */
+/* Frees the state of the build: all blocks are settled. */
 static void end_fades(struct transport *t, const struct transport *built)
 {
     mem_free(t->fades);
@@ -226,7 +222,7 @@ static void end_fades(struct transport *t, const struct transport *built)
 static void advance(struct transport_live *live, bool at_once)
 {
     struct transport *t = live->cache;
-    const bool complete = atomic_load(&live->complete); /* then all that is to come is in the slots */
+    const bool complete = atomic_load(&live->complete); /* then all remaining blocks are in the slots */
     uint32_t settled = 0, ended = 0;
 
     if (!t->fades)

@@ -1,12 +1,13 @@
-/* Inside the cache of light transport (transport.h): its memory, and the loops that are built once per CPU level.
+/* Private to the cache of direct light (transport.h) and to the cache of indirect light, which shares its blocks: data
+ * structures, and the loops that are compiled once per CPU level. Thread: one per object, unless stated otherwise.
  *
- * A row is the part of the BRDF times cosine that one colour multiplies, so that transport is kept without colours and
- * textures (lobes.h has the BRDFs; F0 stands for the specular colour):
+ * A row is the part of BRDF times cosine that one colour multiplies, so that the cache holds no colours or textures
+ * (lobes.h has the BRDFs; F0 is the specular colour):
  *     lambert  row 0: cos / pi, by diffuse
  *     phong    row 0: cos / pi, by diffuse;   row 1: its lobe, by specular
  *     ggx      row 0: (1 - F(n.w)) (1 - F(n.o)) cos / pi of F0 = 0, by (1 - F0)^2 diffuse;
  *              row 1: D V (1 - s), by F0;   row 2: D V s, by 1;   s = (1 - o.h)^5, F = F0 (1 - s) + s
- * A block is up to four packets of one kind that follow each other, a piece one row of a block. */
+ * A block is up to four consecutive packets of one kind. A piece is one row of a block. */
 #ifndef TRANSPORT_PARTS_H
 #define TRANSPORT_PARTS_H
 
@@ -16,29 +17,29 @@
 #define TRANSPORT_ROWS 3
 #define TRANSPORT_PACKETS 4
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
-#define TRANSPORT_TOGETHER 4
-#define TRANSPORT_VARIANTS 256
-#define TRANSPORT_UNIT 4   /* directions */
-#define TRANSPORT_GAZES 32 /* directions in which a narrow lobe looks */
-#define TRANSPORT_FADE 8   /* frames within which a block takes over */
-#define TRANSPORT_MORE 4   /* strata of the bright part to each ray that is traced at first; a power of two */
+#define TRANSPORT_TOGETHER 4   /* rows of V that are stored side by side */
+#define TRANSPORT_VARIANTS 256 /* sample sequences of the bright part */
+#define TRANSPORT_UNIT 4       /* directions of a unit (transport_directions) */
+#define TRANSPORT_GAZES 32     /* stored directions of a narrow lobe */
+#define TRANSPORT_FADE 8       /* frames in which a new block fades in */
+#define TRANSPORT_MORE 4       /* strata of the bright part for each ray of the first round; a power of two */
 
-/* A block's row as it is traced: [cell][point]. */
+/* A block's row as traced, before compression: [cell][point]. */
 struct transport_matrix {
     _Alignas(64) float at[SKY_CELLS][TRANSPORT_POINTS];
 };
 
-/* How V is kept. */
+/* How V is stored. */
 enum transport_form {
     TRANSPORT_HALVES, /* half floats */
-    TRANSPORT_RAW,    /* likewise, but it is T itself, and there is no U */
-    TRANSPORT_BYTES,  /* -127 to 127, each row with a gain of its own */
+    TRANSPORT_RAW,    /* half floats of T itself; there is no U */
+    TRANSPORT_BYTES,  /* -127 to 127, with a gain per row */
 };
 
-/* The row compressed: T = U V. V comes first, TRANSPORT_TOGETHER of its rows side by side (the last ones fewer) and
- * within them chunk by chunk, of bytes behind the gains of its rows (transport_gains); U follows packet by packet,
- * [points / 16][rank][16], half floats. Raw: T itself, its points being V's rows. Cells that are zero for all points
- * are left out in chunks. */
+/* A compressed row: T = U V. Its bytes are the gains of V's rows (form bytes only), V, and U. V is stored in groups of
+ * TRANSPORT_TOGETHER rows (the last group may have fewer), each group chunk by chunk. U is half floats, packet by
+ * packet: [points / 16][rank][16]. Raw: T instead of V, one row per point. Chunks of cells that are zero for all points
+ * are left out. */
 struct transport_piece {
     struct transport_shape { /* files hold it as it is in memory */
         uint32_t rank;       /* rows of V; 0: all is zero, and there are no bytes */
@@ -51,66 +52,66 @@ struct transport_piece {
     uint8_t *bytes; /* aligned to 64 */
 };
 
-/* Where a packet's narrow lobes look, by their own densities; what stands still about it. */
+/* One of the directions that a packet's narrow lobes sample by their own densities, with its visibility. */
 struct transport_gaze {
     float x[PACKET], y[PACKET], z[PACKET]; /* unit */
-    float by_specular[PACKET];             /* row 1 over density and number; 0 where the sky is not seen */
-    float by_one[PACKET];                  /* row 2 likewise */
-    float density[PACKET];                 /* of all TRANSPORT_GAZES together, per sr */
+    float by_specular[PACKET];             /* row 1 / density; 0 where the sky is occluded */
+    float by_one[PACKET];                  /* row 2 / density, likewise */
+    float density[PACKET];                 /* sr^-1, of all TRANSPORT_GAZES together */
 };
 
-/* What a block's points have seen of each cell, by all of their directions, over those that face it: cells of which
- * something was seen, and cells of which something was hidden. */
+/* Visibility of the cells from a block, over all points and directions above their horizon: bits of the cells of which
+ * some part is visible, and of those of which some part is occluded. */
 struct transport_sight {
     uint64_t seen[SKY_CELLS / 64], hidden[SKY_CELLS / 64];
 };
 
 struct transport_block {
     uint32_t first, packets;      /* of the G-buffer */
-    uint32_t kind;                /* of their lobes: enum lobe_kind */
-    uint32_t rows;                /* that have pieces: of narrow lobes the matte one alone */
-    bool narrow;                  /* lobes narrower than a cell: */
-    struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until it is built */
+    uint32_t kind;                /* enum lobe_kind */
+    uint32_t rows;                /* with pieces; blocks with narrow lobes have only the matte one */
+    bool narrow;                  /* has lobes narrower than a cell, and therefore gazes */
+    struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until built */
     struct transport_piece pieces[TRANSPORT_ROWS];
     struct transport_sight sight;
 };
 
-/* The directions of all points, group by group in the order of their cells' places. A group is one cell, or 2 x 2 that
- * have their directions in common: a quarter of what is seen by those goes to each. */
+/* The directions that all points trace, group by group in the order of sky_cell. A group is one cell, or 2 x 2 cells
+ * that share their directions: each gets a quarter of the result. */
 struct transport_directions {
     uint32_t group;     /* cells: 1 or 4 */
     uint32_t per_group; /* directions */
     float *x, *y, *z;   /* [SKY_CELLS / group * per_group]: unit */
     float *weight;      /* 1 / density, sr; sums to the group's solid angle */
-    /* A unit is a square with TRANSPORT_UNIT directions, a cell or a chunk; where its first direction and those of the
-     * units about it agree for all lanes of a packet, the others need not be traced. */
+    /* A unit is a square with TRANSPORT_UNIT directions: a cell or a chunk. If its first direction and those of the
+     * eight units around it agree for all lanes of a packet, the other directions need not be traced. */
     uint32_t units;        /* 0: squares have other numbers of directions, and all are traced */
     uint16_t (*around)[8]; /* [units] */
 };
 
-struct transport_world {     /* what tracing needs; borrowed */
+struct transport_world {     /* input of tracing; borrowed */
     const struct rays *rays; /* NULL: everything is visible */
     const struct transport_directions *directions;
     const float (*lobe_numbers)[2]; /* [lobe_samples]: points of the unit square */
     uint32_t lobe_samples;
-    const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: likewise */
+    const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: the same for gazes */
 };
 
-/* Samples of a frame's bright part: [strata][TRANSPORT_VARIANTS], each stratum an equal share of its energy. */
+/* Samples of a frame's bright part: [strata][TRANSPORT_VARIANTS]. Each stratum has an equal share of its energy. */
 struct transport_bright {
-    uint32_t strata; /* 0: there is none; else TRANSPORT_MORE times `few` */
-    uint32_t few;
-    float *x, *y, *z, *r, *g, *b; /* direction, radiance over density */
-    float *density;               /* of all `few` together, per sr */
+    uint32_t strata;              /* TRANSPORT_MORE * few; 0: no bright part */
+    uint32_t few;                 /* samples of a point where no shadow is near */
+    float *x, *y, *z, *r, *g, *b; /* direction, radiance / density */
+    float *density;               /* sr^-1, of all `few` together */
     uint64_t seed;
-    uint64_t cells[SKY_CELLS / 64]; /* in which it lies */
+    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain some of it */
 };
 
-/* A frame's sky as narrow lobes look at it, texel by texel. */
+/* A frame's sky as narrow lobes look it up, texel by texel. */
 struct transport_look {
     const struct environment *environment;
-    float level;
-    double per_energy; /* few n^2 / 4 over the bright part's energy; 0: there is none */
+    float level;       /* of sky_split */
+    double per_energy; /* few n^2 / 4 / energy of the bright part; 0: no bright part */
 };
 
 /* Floats before V: the gains, in whole cache lines. */
@@ -126,47 +127,48 @@ static inline size_t transport_head(const struct transport_shape *s)
            (size_t)s->rank * s->chunk_count * SKY_CHUNK * (s->form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
 }
 
-/* What a packet has seen of the bright part: a bit for each lane that faces it. */
+/* Visibility of the bright part from a packet: bits of the lanes that see some of it and that are occluded from some.
+ */
 struct transport_view {
     uint32_t lit, dark;
 };
 
-/* Of the strata's groups of TRANSPORT_MORE that follow each other groups[0] .. groups[1] - 1, and of each the
- * turns[0]-th
- * .. turns[1] - 1-st that a point takes of it. Where that begins goes by the point's variant, so that over many points
- * all strata are taken alike. */
+/* A range of samples: of groups[0] .. groups[1] - 1, each of TRANSPORT_MORE consecutive strata, the turns[0] ..
+ * turns[1] - 1 th stratum that a point uses. The order within a group depends on the point's variant, so that over many
+ * points all strata are used equally. */
 struct transport_round {
     uint32_t groups[2], turns[2];
 };
 
 struct bright_kernels {
-    /* Adds to sum[3][16] the light of a round of samples before division by their number, to *view what was seen;
-     * returns rays traced. rays: NULL where all of it is visible. narrow: the lobes have gazes as well, and only their
-     * share counts here. variant: of each lane, below TRANSPORT_VARIANTS. */
+    /* Adds to sum[3][16] the light of a round of samples, before division by their number, and to *view their
+     * visibility. Returns the number of rays. rays: NULL if everything is visible. narrow: the packet has gazes too,
+     * and the lobes count with their balance heuristic share. variant: per lane, below TRANSPORT_VARIANTS. */
     uint64_t (*light)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
                       bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
                       float sum[3][PACKET], struct transport_view *view);
-    /* One ray to the bright part from each of 16 of a block's points, as many of each packet; returns rays traced. */
+    /* Traces one ray to the bright part from each of 16 points, spread over a block's packets. Returns the number of
+     * rays. */
     uint64_t (*probe)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,
                       uint32_t count, const uint32_t variant[PACKET], struct transport_view *view);
 };
 
-/* Indirect light of a block's rows, before colours multiply it. Entries below 0, which compression may leave, count as
- * 0. */
+/* Indirect light of a block's rows, before multiplication by colours. Negative entries, which compression may cause,
+ * count as 0. */
 struct transport_rows {
-    uint32_t count; /* 0: none */
+    uint32_t count; /* rows; 0: none */
     _Alignas(64) float at[TRANSPORT_ROWS][3][TRANSPORT_POINTS];
 };
 
-/* How indirect light joins a frame of transport_shade: bounce/ fills this in, since transport/ may not include it. The
- * calls come in this order, each step after the one before has ended; those with a part run on any thread. */
+/* How indirect light joins a frame of transport_shade. bounce/ fills it in, since transport/ may not include bounce/.
+ * The functions are called in this order, each step after the previous one has ended. Thread: any, unless noted. */
 struct transport_indirect {
     void *self;
     /* Reads part 0 .. take_parts - 1 of the map, whose pyramid is complete. */
     void (*take)(void *self, const struct environment *e, uint32_t part);
     uint32_t take_parts;
-    void (*taken)(void *self); /* on one thread */
-    /* Computes part 0 .. parts - 1 of what blocks share. */
+    void (*taken)(void *self); /* one thread */
+    /* Computes part 0 .. parts - 1 of the data that blocks share. */
     void (*prepare)(void *self, uint32_t part);
     uint32_t parts;
     /* Writes the rows of the block that begins with packet `first`. */
@@ -174,35 +176,35 @@ struct transport_indirect {
 };
 
 struct transport_kernels {
-    /* The packet's transport into columns first .. first + 15 of the matrices, as many as the block has rows; adds
-     * to *sight; returns rays traced. Every entry of the columns is written. */
+    /* Traces a packet's transport into columns first .. first + 15 of out[rows], writing every entry, and adds to
+     * *sight. Returns the number of rays. */
     uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
                       struct transport_matrix *out, uint32_t first, struct transport_sight *sight);
-    /* The lower part of the block's light into lo [packets][3][16]: rows times the sky and, unless `more` is NULL, what
-     * comes to them, coloured. */
+    /* Writes the block's light from the sky's lower part to lo[packets][3][16]: rows times the sky, plus `more` unless
+     * NULL, times colours. */
     void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct sky_split *sky,
                   const struct transport_rows *more, float *lo);
-    /* out[c][point] = sum over the cells of T L. points: a multiple of 16. */
+    /* out[c][point] = sum over cells of T L. points: a multiple of 16. */
     void (*expand)(const struct transport_piece *q, const struct sky_split *sky, uint32_t points,
                    float out[3][TRANSPORT_POINTS]);
-    /* Where the packet's narrow lobes look and what they see there; returns rays traced. */
+    /* Traces a packet's gazes to out[TRANSPORT_GAZES]. Returns the number of rays. */
     uint64_t (*aim)(const struct transport_world *w, const struct shade_packet *p, struct transport_gaze *out);
-    /* Adds to lo [3][16] what they see under this sky, the bright part with its share of the balance heuristic. */
+    /* Adds to lo[3][16] the light of a packet's gazes; the bright part has its share of the balance heuristic. */
     void (*gaze)(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
                  float *lo);
     const struct bright_kernels *bright;
-    /* Half floats to floats; n is a multiple of 16, out aligned to 64 bytes. */
+    /* Half floats to floats. n: a multiple of 16; out: aligned to 64 bytes. */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
 };
 
 /* The loops for the CPU level of k. Never NULL; any thread. */
 const struct transport_kernels *transport_kernels_of(const struct kernels *k);
 
-/* Of a block while the cache is being built (transport/live.h): what it has been until now, on which it is laid over.
+/* The previous version of a block while the cache is being built (transport/live.h), from which the new one fades in.
  */
 struct transport_fade {
-    struct transport_block old; /* without pieces: what stands in lo, from elsewhere */
-    uint8_t weight;             /* of the block itself, in parts of TRANSPORT_FADE; 0: there is none yet */
+    struct transport_block old; /* without pieces: the light in lo, computed by other means */
+    uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: there is none yet */
     bool from_cells;            /* old has pieces */
 };
 
@@ -213,8 +215,8 @@ struct transport {
     struct transport_block *blocks;
     uint32_t block_count;
     struct transport_stats stats;
-    struct transport_fade *fades; /* [block_count]; NULL: all blocks are there */
-    uint8_t *bytes;               /* of all pieces, once they stand together; else NULL, and each has its own */
+    struct transport_fade *fades; /* [block_count]; NULL: all blocks are built */
+    uint8_t *bytes;               /* of all pieces after transport_gather; NULL: each piece owns its bytes */
     uint32_t *narrow_index;
     struct packet_list narrow;
     uint32_t *unbuilt_index;
@@ -222,11 +224,11 @@ struct transport {
 
     struct sky_split sky; /* of the last frame */
     struct transport_bright bright;
-    float *bright_values;     /* six arrays, one after the other */
+    float *bright_values;     /* memory of bright's seven arrays */
     uint32_t bright_capacity; /* samples in each */
 };
 
-/* Colours of a row, as above. */
+/* Channel c of the colour that multiplies a row at lane l. */
 static inline float transport_row_colour(const struct shade_packet *p, uint32_t row, int c, uint32_t l)
 {
     const float f0 = p->specular[c][l];
@@ -236,11 +238,19 @@ static inline float transport_row_colour(const struct shade_packet *p, uint32_t 
     return row == 1 ? f0 : 1.0f;
 }
 
+/* The mean of the three. */
+static inline float transport_mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
+{
+    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
+            transport_row_colour(p, row, 2, l)) /
+           3.0f;
+}
+
 /* desc with its defaults filled in. */
 struct transport_desc transport_resolve(const struct transport_desc *desc);
 
-/* A cache whose blocks have no pieces yet: they, and what all that takes. NULL when out of
- * memory. */
+/* A cache whose blocks are laid out but have no pieces yet; desc: only no_visibility is read. Free with
+ * transport_destroy. NULL when out of memory. */
 struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                                   const struct transport_desc *desc);
 
@@ -248,59 +258,60 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
 void transport_count_block(struct transport *t, const struct transport_block *b);
 void transport_close_stats(struct transport *t);
 
-/* ERR_RANGE, with what all blocks would take, by the bytes of the first `blocks`. */
+/* Returns ERR_RANGE with a reason that estimates the bytes of all blocks from those of the first `blocks`. */
 MUST_CHECK enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint32_t blocks,
                                             uint64_t max_bytes, struct reason *why);
 
-/* Where blocks go as they are finished: from several threads at once. */
-struct transport_publisher {
-    void *self;
-    /* Takes the block's pieces over, unless it fails. */
-    enum err (*publish)(void *self, uint32_t index, const struct transport_block *b, bool fine);
-    /* Bytes of the newest version of each block, with what there is beside blocks; the same at any number of threads
-     * between two batches. */
-    uint64_t (*bytes)(void *self);
-};
+struct transport_live;
 
-/* Builds all blocks, of a desc without defaults. Coarse ones are only published; others stand in t as well, where their
- * pieces are only looked at when `to` has them. to: may be NULL. *all: it was not cancelled. Errors: as of
- * transport_create. */
+/* Hands a finished block over to the frame's thread, with its pieces unless it fails. Thread: any of the build.
+ * ERR_NOMEM. */
+MUST_CHECK enum err transport_live_publish(struct transport_live *live, uint32_t index, const struct transport_block *b,
+                                           bool fine);
+
+/* Bytes of the cache with the newest version of each block; between two batches the same at any number of threads. */
+uint64_t transport_live_bytes(struct transport_live *live);
+
+/* Builds all blocks. desc: from transport_resolve. to: blocks are published there as they are finished; NULL: nowhere.
+ * Coarse blocks are only published; fine ones stay in t as well, where their pieces are borrowed if they were
+ * published. *all: the build was not cancelled. Errors: those of transport_create. */
 MUST_CHECK enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse,
-                                    uint32_t threads, const struct transport_publisher *to, bool *all,
-                                    struct reason *why);
+                                    uint32_t threads, struct transport_live *to, bool *all, struct reason *why);
 
-/* What compression counts of a matrix: sum over points of scale^2 (sum over cells T^2 + sum over chunks (sum over their
- * cells T)^2), the expected square under skies of which a cell is as uncertain by itself as with its chunk. */
+/* The norm that compression preserves: sum over points of scale^2 (sum over cells of T^2 + sum over chunks of (sum over
+ * their cells of T)^2): the expected square under skies whose cells vary as much alone as together with their chunk. */
 double transport_weigh(const struct transport_matrix *m, uint32_t points, const float *scale);
 
-/* Fills *out from the matrix, points = 16 packets; it is destroyed. scale [points]: what a point's error counts, above
- * 0. allowed: what may be left out, in transport_weigh's terms; below 0: nothing is compressed. ERR_NOMEM. */
+/* The memory that compression needs; one per thread. NULL when out of memory. */
 struct transport_workspace;
 struct transport_workspace *transport_workspace_create(void);
-void transport_workspace_destroy(struct transport_workspace *w);
+void transport_workspace_destroy(struct transport_workspace *w); /* NULL is allowed */
+
+/* Compresses the matrix, whose contents are destroyed, to *out. points: 16 per packet. scale[points]: weight of a
+ * point's error, above 0. allowed: the error, in units of transport_weigh; below 0: no compression. ERR_NOMEM. */
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
                                        const float *scale, double allowed, struct transport_piece *out);
 
-/* The frame's samples of the bright part, once its sky is taken. ERR_NOMEM. */
+/* Draws the frame's samples of the bright part of t->sky. Uses all OpenMP threads. ERR_NOMEM. */
 MUST_CHECK enum err transport_bright_draw(struct transport *t, const struct environment *e,
                                           const struct transport_frame *f);
 
-/* Adds the block's light from there to lo [packets][3][16], and to *rays those that were traced; returns how many
- * packets do not agree on whether they see it. */
+/* Adds the block's light from the bright part to lo[packets][3][16] and the number of rays to *rays. Returns the number
+ * of packets in penumbrae. Thread: any. */
 uint32_t transport_bright_add(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays);
 
-/* Bytes that a piece, the gazes of a block, or a block with all of its pieces hold. */
+/* Bytes of a piece, of the gazes of a block, and of a block with all pieces and gazes. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
 uint64_t transport_gaze_bytes(const struct transport_block *b);
 uint64_t transport_block_bytes(const struct transport_block *b);
-void transport_block_finish(struct transport_block *b); /* frees its pieces */
+void transport_block_finish(struct transport_block *b); /* frees its pieces and gazes */
 
-/* Once, before transport_compress is called from several threads: the library's own threads are not wanted. */
+/* Call it once before several threads call transport_compress: turns off the linear algebra library's own threads. */
 void transport_compress_begin(void);
 
-/* side x side in each group, whose edge is 1 or 2 cells. ERR_NOMEM. */
+/* Draws side x side jittered directions in each group; edge: 1 or 2, cells along a group's edge. ERR_NOMEM. */
 MUST_CHECK enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint32_t edge,
                                               uint64_t seed);
-void transport_directions_finish(struct transport_directions *d);
+void transport_directions_finish(struct transport_directions *d); /* zeroed memory is allowed */
 
 #endif

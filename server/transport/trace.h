@@ -1,4 +1,4 @@
-/* Tracing what stands still for the cache of light transport (transport/parts.h). Included by its kernels only. */
+/* Traces the entries of the cache of direct light (transport/parts.h). Included by its kernels only. */
 #ifndef TRANSPORT_TRACE_H
 #define TRANSPORT_TRACE_H
 
@@ -10,16 +10,16 @@
 struct tracer {
     const struct transport_world *world;
     const struct shade_packet *points;
-    struct shade_packet basis; /* the same points, with colours that tell the rows apart */
+    struct shade_packet basis; /* the same points, with colours that separate the rows */
     struct lobes lobes;
     struct ray16 rays;
     uint32_t rows;
     uint64_t traced;
-    bool seen, hidden; /* by some lane of those that faced a direction, since they were last reset */
+    bool seen, hidden; /* by some lane above whose horizon a direction was, since the last reset */
 };
 
-/* Colours of the three channels by which lobes_evaluate gives, in this order: the lobe where it is not multiplied, the
- * lobe where the specular colour is 1, the matte part beside the first. */
+/* Colours of the three channels with which lobes_evaluate returns, in this order: the part of the lobe that no colour
+ * multiplies, the lobe for a specular colour of 1, and the first plus the matte part. */
 static void set_up_tracer(struct tracer *t)
 {
     static const float diffuse[3] = { 0.0f, 0.0f, 1.0f }, specular[3] = { 0.0f, 1.0f, 0.0f };
@@ -33,21 +33,11 @@ static void set_up_tracer(struct tracer *t)
             t->basis.specular[c][l] = specular[c];
         }
     lobes_set_up(p, &t->lobes);
-    LANES(l)
-    {
-        t->lobes.diffuse_part.v[l] = 0.0f; /* the matte part has the cells' directions, which are enough for it */
-        t->rays.org_x[l] = p->x[l];
-        t->rays.org_y[l] = p->y[l];
-        t->rays.org_z[l] = p->z[l];
-        t->rays.tnear[l] = 0.0f;
-        t->rays.time[l] = 0.0f;
-        t->rays.mask[l] = UINT32_MAX;
-        t->rays.id[l] = 0;
-        t->rays.flags[l] = 0;
-    }
+    LANES(l) t->lobes.diffuse_part.v[l] = 0.0f; /* the cells' directions suffice for the matte part */
+    lobes_rays(p, &t->rays);
 }
 
-/* Which lanes face d, and by which cosine; false: none. */
+/* Finds the lanes above whose horizon d is, and their cosines. False: none. */
 static bool face(const struct tracer *t, const struct lanes d[3], struct lanes *cosine, int32_t valid[PACKET])
 {
     int32_t some = 0;
@@ -62,27 +52,21 @@ static bool face(const struct tracer *t, const struct lanes d[3], struct lanes *
     return some != 0;
 }
 
-/* Leaves tfar above 0 in the lanes that see the sky along d. */
+/* Traces rays along d; tfar stays above 0 in the lanes that see the sky. */
 static void ask(struct tracer *t, enum ray_spread spread, const struct lanes d[3], const int32_t valid[PACKET])
 {
     int32_t count = 0;
 
-    LANES(l)
-    {
-        t->rays.dir_x[l] = d[0].v[l];
-        t->rays.dir_y[l] = d[1].v[l];
-        t->rays.dir_z[l] = d[2].v[l];
-        t->rays.tfar[l] = INFINITY;
-        count -= valid[l];
-    }
+    lanes_aim(d, &t->rays);
+    LANES(l) count -= valid[l];
     if (t->world->rays) {
         rays_occluded16(t->world->rays, spread, valid, &t->rays);
         t->traced += (uint64_t)count;
     }
 }
 
-/* The lanes' BRDF times cosine by rows, where the sky is seen along d; 0 elsewhere. False: nowhere. pdf: of the
- * specular lobe. known: bits of the lanes that see it, and no rays are needed; NULL: not known. */
+/* BRDF times cosine by rows in the lanes that see the sky along d; 0 in the others. False: no lane sees it. pdf: of the
+ * specular lobe. known: bits of the lanes that see it, if no rays are needed; NULL: unknown. */
 static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lanes d[3], const uint32_t *known,
                      struct lanes row[TRANSPORT_ROWS], struct lanes *pdf)
 {
@@ -120,8 +104,8 @@ static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lane
     return true;
 }
 
-/* A lobe's rows are lit by the cells' directions and the lobe's own, under the balance heuristic; `weight` is 1 /
- * density of the former. */
+/* Balance heuristic weight / density of a cell's direction against the lobe's own samples; weight: 1 / density of the
+ * former. */
 static inline float balanced(float weight, float lobe_samples, float pdf)
 {
     return weight / (1.0f + weight * lobe_samples * pdf);
@@ -139,13 +123,13 @@ static void set_direction(const struct transport_directions *dirs, uint32_t k, s
     }
 }
 
-/* What is known of the directions of each unit (transport_directions) before they are traced. */
+/* Visibility of the first direction of each unit (transport_directions). */
 struct outlook {
-    uint32_t first[SKY_CELLS]; /* lanes that see the unit's first one */
-    uint8_t sides[SKY_CELLS];  /* bit 0: some lane that faces that one sees it; 1: some does not */
+    uint32_t first[SKY_CELLS]; /* bits of the lanes that see it */
+    uint8_t sides[SKY_CELLS];  /* of the lanes above whose horizon it is, bit 0: some see it, bit 1: some do not */
 };
 
-/* One direction of each unit. */
+/* Traces one direction of each unit. */
 static void look_out(struct tracer *t, struct outlook *o)
 {
     const struct transport_directions *dirs = t->world->directions;
@@ -223,7 +207,9 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
     }
 }
 
-/* The lobe's own samples, the same numbers for all points, so that neighbours see alike and compress well. */
+/* The lobe's own samples, with the same random numbers for all points, so that neighbours are similar and compress
+ * well.
+ */
 static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t first)
 {
     const struct transport_directions *dirs = t->world->directions;

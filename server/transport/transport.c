@@ -16,7 +16,7 @@ void transport_destroy(struct transport *t)
         return;
     for (uint32_t k = 0; t->blocks && k < t->block_count; k++) {
         for (uint32_t r = 0; t->bytes && r < TRANSPORT_ROWS; r++)
-            t->blocks[k].pieces[r].bytes = NULL; /* which are not its own */
+            t->blocks[k].pieces[r].bytes = NULL; /* they belong to t->bytes */
         transport_block_finish(&t->blocks[k]);
     }
     mem_free(t->bytes);
@@ -34,7 +34,7 @@ uint64_t transport_steps(const struct gbuffer *g)
     return g->packet_count;
 }
 
-/* Bytes that a piece takes among others, in whole cache lines. */
+/* Bytes of a piece in t->bytes: whole cache lines. */
 static size_t place_of(const struct transport_piece *q, const struct transport_block *b)
 {
     const size_t bytes = (size_t)transport_piece_bytes(q, b->packets * PACKET);
@@ -42,7 +42,7 @@ static size_t place_of(const struct transport_piece *q, const struct transport_b
     return (bytes + MEM_ALIGN - 1) / MEM_ALIGN * MEM_ALIGN;
 }
 
-/* Blocks are built in no order, by several threads. A frame that reads them one after the other takes two thirds of the
+/* Blocks are built in no particular order by several threads. A frame that finds them in order takes two thirds of the
  * time. */
 void transport_gather(struct transport *t)
 {
@@ -86,7 +86,7 @@ bool transport_is_settled(const struct transport *t)
 
 /* ---- A frame ---- */
 
-/* What traces and looks, apart from the cells. Returns packets in a penumbra. */
+/* Adds the light of gazes and of the bright part. Returns the number of packets in penumbrae. */
 static uint32_t add_rest(const struct transport *t, const struct transport_look *look, const struct transport_block *b,
                          float *lo, uint64_t *rays)
 {
@@ -110,7 +110,7 @@ static void mix(const struct transport_block *b, const float *old, float weight,
         lo[i] = old[i] + weight * (lo[i] - old[i]);
 }
 
-/* A block that takes over bit by bit, from its former self or from what stands in lo. */
+/* Shades a block that fades in over its previous version, or over the light in lo. */
 static uint32_t shade_fading(const struct transport *t, const struct transport_look *look, uint32_t k, float *lo,
                              uint64_t *rays)
 {

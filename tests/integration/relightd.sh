@@ -150,7 +150,7 @@ who_wants_to_wait_for_light_transport_waits() {
 
 light_transport_that_is_too_large_leaves_the_pictures_to_auto() {
     start --method cached --cache-memory 1 --size 160x90
-    says 'takes about .* MB and may take 1: .*sampled by auto instead'
+    says 'needs about .* MB, more than the limit of 1: .*sampled by auto instead'
     get /healthz >"$work/page" && grep -q '200 OK' "$work/page" || fail "it did not go on"
     stop
     [ "$code" = 0 ] || fail "exit code $code"

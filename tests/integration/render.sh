@@ -298,7 +298,7 @@ box.obj' ] || fail "something was written beside the scene"
 }
 
 a_cache_that_is_too_large_is_refused() {
-    expect 1 'takes about [0-9]+ MB and may take 1: smaller pictures, or a larger --cache-memory' \
+    expect 1 'needs about [0-9]+ MB, more than the limit of 1: use a smaller --size or a larger --cache-memory' \
         "$bin/relight-render" --method cached --cache-memory 1 --size 160x90 --paths direct --out "$work/none.exr"
     [ ! -e "$work/none.exr" ] || fail "a picture all the same"
 }

@@ -210,24 +210,6 @@ static void adapt_one_takes_every_frame_at_once(void **state)
     }
 }
 
-static void bias_acts_at_once_and_is_not_adapted_away(void **state)
-{
-    static struct picture p;
-    struct exposure e;
-    (void)state;
-
-    exposure_init(&e);
-    fill(&p, 0.18f);
-    assert_near(step(&e, &p), 1.0, 1e-6);
-    e.bias_stops = 2.0;
-    for (int i = 0; i < 10; i++)
-        assert_near(step(&e, &p), 4.0, 1e-5);
-    e.bias_stops = -1e30;
-    assert_true(step(&e, &p) > 0.0);
-    e.bias_stops = 1e30;
-    assert_true(isfinite(step(&e, &p)));
-}
-
 static void extreme_pictures_give_a_usable_gain(void **state)
 {
     static const float greys[] = { 0x1p-149f, FLT_MIN, FLT_MAX, INFINITY };
@@ -289,7 +271,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(black_frames_keep_the_gain),
     cmocka_unit_test(dawn_to_night_approaches_without_overshoot),
     cmocka_unit_test(adapt_one_takes_every_frame_at_once),
-    cmocka_unit_test(bias_acts_at_once_and_is_not_adapted_away),
     cmocka_unit_test(extreme_pictures_give_a_usable_gain),
     cmocka_unit_test(average_has_the_same_bits_at_any_thread_count),
     cmocka_unit_test(seven_steps_and_one_step_by_seven_end_alike),

@@ -1,4 +1,5 @@
 /* Direct light by the cache of light transport, held to closed forms and to converged multiple importance sampling. */
+#include "estimators/levels.h"
 #include "estimators/points.h"
 #include "transport/transports.h"
 #include "light/relight.h"

@@ -1,4 +1,5 @@
 /* The compression of one row of a block, and its product with a sky, on matrices whose rank is known. */
+#include "estimators/levels.h"
 #include "estimators/kernels.h"
 #include "base/mem.h"
 #include "base/rng.h"

@@ -1,4 +1,5 @@
 /* Half floats: every one of the 65536 widened, and floats rounded, against arithmetic in double precision. */
+#include "estimators/levels.h"
 #include "base/half.h"
 #include "estimators/kernels.h"
 #include "base/mem.h"
