@@ -4,7 +4,7 @@ import { FLAG_FINER, FLAG_REPEAT, PATH, PICTURE_BYTES } from './protocol.js';
 import { setText as setTextOf, withKey } from './dom.js';
 import { Rate, Recent } from './figures.js';
 import { showHelp } from './help.js';
-import { latencyParts } from './insight_model.js';
+import { STAGES, latencyParts } from './insight_model.js';
 import { Keys, keyOf } from './keys.js';
 import { makePanel } from './panels.js';
 import { wishedPictures, wishedRole } from './role.js';
@@ -19,14 +19,6 @@ import { startTheme, switchTheme } from './theme.js';
 const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js'];
 
 const $ = (id) => document.getElementById(id);
-
-const STAGES = [
-  ['queued', 'wait'],
-  ['decoded', 'read sky'],
-  ['shaded', 'relight'],
-  ['encoded', 'encode'],
-  ['shown', 'to screen'],
-];
 
 const relight = {
   state: { name: 'connecting' },

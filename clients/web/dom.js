@@ -78,3 +78,22 @@ export function saveAs(blob, name) {
   make('a', { href: url, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
+
+// What the browser remembers for this page; null: nothing, or no storage.
+export function recall(key) {
+  try {
+    return localStorage.getItem(key);
+  } catch {
+    return null;
+  }
+}
+
+// null: forgets it. Without storage, what is set lasts until the page closes.
+export function remember(key, value) {
+  try {
+    if (value === null) localStorage.removeItem(key);
+    else localStorage.setItem(key, value);
+  } catch {
+    // as said
+  }
+}

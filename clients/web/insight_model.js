@@ -2,6 +2,7 @@
 // times are arguments.
 
 import { FLAG_FINER, FLAG_REPEAT } from './protocol.js';
+import { milliseconds } from './sentences.js';
 
 export const MINUTES = 3;
 const SPAN_MS = MINUTES * 60000;
@@ -128,7 +129,6 @@ export function logAxis(values, usual) {
   return { least, most, ticks: within.length > 6 && tens.length > 1 ? tens : within.length > 6 ? within.filter((v, i) => i % 2 === 0) : within };
 }
 
-const ms = (x) => (Number.isFinite(x) ? `${x < 9.95 ? x.toFixed(1) : Math.round(x)} ms` : '–');
 export const errorText = (e) => (e > 0 ? e.toPrecision(2).replace('e-', 'e\u2212') : 'not estimated');
 export const noiseText = (e) => (e > 0 ? `${Number((100 * Math.sqrt(e)).toPrecision(2))} %` : 'not estimated');
 
@@ -138,12 +138,12 @@ export function rows(insight) {
   const parts = insight.latency;
   const all = last
     ? [['Newest image', `frame ${last.frame}${last.finer ? `, ${last.passes} ${last.passes === 1 ? 'pass' : 'passes'}` : ''}`],
-      ['Method', last.method], ['Relight', ms(last.shadedMs)], ['Server total', ms(last.wholeMs)],
+      ['Method', last.method], ['Relight', milliseconds(last.shadedMs)], ['Server total', milliseconds(last.wholeMs)],
       ['Error (relMSE)', errorText(last.error)], ['Noise', noiseText(last.error)]]
     : [];
   if (parts.some(Number.isFinite)) {
-    STAGES.forEach(([, label], i) => all.push([`Latency: ${label.toLowerCase()}`, ms(parts[i])]));
-    all.push(['Latency: total', ms(parts.reduce((a, b) => a + b, 0))]);
+    STAGES.forEach(([, label], i) => all.push([`Latency: ${label.toLowerCase()}`, milliseconds(parts[i])]));
+    all.push(['Latency: total', milliseconds(parts.reduce((a, b) => a + b, 0))]);
   }
   return all;
 }
@@ -152,7 +152,7 @@ export function rows(insight) {
 export function summary(insight, whole) {
   const { last, points } = insight;
   if (!last) return 'No image has been reported yet.';
-  const time = ms(whole ? last.wholeMs : last.shadedMs);
+  const time = milliseconds(whole ? last.wholeMs : last.shadedMs);
   const error = last.error ? `, noise about ${noiseText(last.error)}` : '; this method does not estimate its error';
   return `The newest of ${points.length} images took ${time} with ${last.method}${error}.`;
 }

@@ -1,22 +1,14 @@
 // The panels: each folds at its heading, and the browser remembers its state.
 
-import { make } from './dom.js';
+import { make, recall, remember } from './dom.js';
 
 const KEY = 'relight.folded';
 
 function remembered() {
   try {
-    return JSON.parse(localStorage.getItem(KEY)) ?? {};
+    return JSON.parse(recall(KEY)) ?? {};
   } catch {
-    return {}; // no storage, or not ours
-  }
-}
-
-function remember(id, open) {
-  try {
-    localStorage.setItem(KEY, JSON.stringify({ ...remembered(), [id]: open }));
-  } catch {
-    // as above
+    return {}; // not ours
   }
 }
 
@@ -27,7 +19,7 @@ export function makePanel(id, title, { open = true } = {}) {
   const body = make('div', { className: 'panel-body' }, ...section.childNodes);
   const heading = make('h2', { id: `${id}-title`, text: title });
   const details = make('details', { open: remembered()[id] ?? open }, make('summary', {}, heading), body);
-  details.addEventListener('toggle', () => remember(id, details.open));
+  details.addEventListener('toggle', () => remember(KEY, JSON.stringify({ ...remembered(), [id]: details.open })));
   section.append(details);
   section.setAttribute('aria-labelledby', heading.id);
   section.hidden = false;

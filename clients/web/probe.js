@@ -43,10 +43,10 @@ class Probe {
   // ---- the panel
 
   build(body) {
-    this.hint = make('p', { className: 'probe-hint', id: 'probe-hint' });
+    this.hint = make('p', { className: 'counts', id: 'probe-hint' });
     this.words = make('p', { className: 'probe-words', id: 'probe-words' });
     // Read out by screen readers: once per pixel instead of every second.
-    this.spoken = make('p', { className: 'probe-spoken', attributes: { role: 'status', 'aria-live': 'polite' } });
+    this.spoken = make('p', { className: 'unseen probe-spoken', attributes: { role: 'status', 'aria-live': 'polite' } });
     this.shown = make('div', { id: 'probe-shown', hidden: true });
     this.latlong = this.canvas('probe-latlong', 'The sky as a lat-long image, with the samples');
     this.cross = this.canvas('probe-cross', 'The sky as a cross of six faces, with the samples');
@@ -63,7 +63,7 @@ class Probe {
     this.legend = make('ul', { className: 'probe-legend', id: 'probe-legend' });
     this.shares = make('table', { className: 'probe-shares', id: 'probe-shares' });
     this.table = make('table', { className: 'probe-table', id: 'probe-table' });
-    this.plotText = make('p', { className: 'probe-remark', id: 'probe-plot-words' });
+    this.plotText = make('p', { className: 'counts', id: 'probe-plot-words' });
     this.shown.append(
       make('div', { className: 'probe-row' }, this.preset,
         make('label', {}, 'Samples ', this.samples)),

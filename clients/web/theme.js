@@ -1,16 +1,11 @@
 // Dark or light theme: the system's, until the user chooses.
 
+import { recall, remember } from './dom.js';
+
 const KEY = 'relight.theme';
 const system = () => (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark');
 
-function chosen() {
-  try {
-    const theme = localStorage.getItem(KEY);
-    return theme === 'dark' || theme === 'light' ? theme : null;
-  } catch {
-    return null;
-  }
-}
+const chosen = () => ['dark', 'light'].find((name) => name === recall(KEY));
 
 export const theme = () => document.documentElement.dataset.theme;
 
@@ -24,11 +19,6 @@ export function startTheme() {
 export function switchTheme() {
   const now = theme() === 'light' ? 'dark' : 'light';
   document.documentElement.dataset.theme = now;
-  try {
-    if (now === system()) localStorage.removeItem(KEY);
-    else localStorage.setItem(KEY, now);
-  } catch {
-    // lasts until the page closes
-  }
+  remember(KEY, now === system() ? null : now);
   return now;
 }
