@@ -3,110 +3,54 @@
 #include <assert.h>
 #include <math.h>
 
-#define PRICE_LEAST 1e-30 /* relMSE a second, of the bisection */
-#define PRICE_MOST 1e30
-#define STEPS 60 /* of the bisection: the price's logarithm to 1e-16 of where it began */
+#define FACTOR_LOG 70.0 /* k lies between exp(-this) and exp(this) */
+#define STEPS 60        /* of the bisection of log k */
 
-struct target {
-    double limit;
-    bool of_error; /* else of time */
-};
-
-double budget_error(const struct budget_way *w, double n)
-{
-    return w->bias + (n > 0.0 && w->variance > 0.0 ? w->variance / n : 0.0);
-}
-
-double budget_seconds(const struct budget_way *w, double n)
-{
-    return w->begin_s + w->unit_s * n;
-}
-
-/* n at a price: where the derivative of E + price x t is 0, held to what is allowed. */
-static double answer(const struct budget_way *w, double price)
-{
-    if (!(w->variance > 0.0))
-        return w->least;
-    return fmin(w->most, fmax(w->least, sqrt(w->variance / (w->unit_s * price))));
-}
-
-/* All parts' answers to a price; `fixed`: by the ways that they have. */
-static void answer_all(const struct budget_part *parts, uint32_t count, double price, bool fixed, struct budget *b)
+static void spend(const struct budget_part *parts, uint32_t count, double factor, struct budget *b)
 {
     b->error = b->seconds = 0.0;
-    for (uint32_t p = 0; p < count; p++) {
-        double best = INFINITY;
-        const uint32_t given = b->part[p].way;
-        for (uint32_t k = 0; k < parts[p].count; k++) {
-            const struct budget_way *w = &parts[p].ways[k];
-            const double n = answer(w, price), value = budget_error(w, n) + price * budget_seconds(w, n);
-            if ((!fixed || k == given) && value < best) {
-                best = value;
-                b->part[p] = (struct budget_share){ k, n };
-            }
-        }
-        const struct budget_way *w = &parts[p].ways[b->part[p].way];
-        b->error += budget_error(w, b->part[p].n);
-        b->seconds += budget_seconds(w, b->part[p].n);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct budget_part *p = &parts[i];
+        const double best = p->variance > 0.0 ? factor * sqrt(p->variance / p->unit_s) : p->least;
+        const double n = b->n[i] = fmin(p->most, fmax(p->least, best));
+        b->error += p->bias + (n > 0.0 ? p->variance / n : 0.0);
+        b->seconds += p->begin_s + p->unit_s * n;
     }
 }
 
-static bool meets(const struct budget *b, const struct target *t)
+/* The largest k within the time or, with of_error, the smallest within the error. */
+static void bisect(const struct budget_part *parts, uint32_t count, double limit, bool of_error, struct budget *out)
 {
-    return (t->of_error ? b->error : b->seconds) <= t->limit;
-}
+    double low = -FACTOR_LOG, high = FACTOR_LOG;
 
-/* Two answers next to each other in price: the last that meets the target, if any does, and the first that does not. */
-static void bisect(const struct budget_part *parts, uint32_t count, const struct target *t, bool fixed,
-                   struct budget *inside, struct budget *outside)
-{
-    /* Dear seconds make short times, cheap ones small errors. */
-    double in = log(t->of_error ? PRICE_LEAST : PRICE_MOST), out = log(t->of_error ? PRICE_MOST : PRICE_LEAST);
-
-    answer_all(parts, count, exp(in), fixed, inside);
-    answer_all(parts, count, exp(out), fixed, outside);
-    for (int step = 0; step < STEPS && meets(inside, t) && !meets(outside, t); step++) {
-        struct budget b = *inside;
-        const double middle = 0.5 * (in + out);
-        answer_all(parts, count, exp(middle), fixed, &b);
-        *(meets(&b, t) ? &in : &out) = middle;
-        *(meets(&b, t) ? inside : outside) = b;
-    }
-    if (meets(outside, t))
-        *inside = *outside;
-}
-
-/* Better: meets the target where the other does not; where neither does, comes nearer; where both do, less of the rest.
- */
-static bool better(const struct budget *a, const struct budget *b, const struct target *t)
-{
-    if (meets(a, t) != meets(b, t))
-        return meets(a, t);
-    return t->of_error == meets(a, t) ? a->seconds < b->seconds : a->error < b->error;
-}
-
-static void solve(const struct budget_part *parts, uint32_t count, const struct target *t, struct budget *out)
-{
-    struct budget inside = { .met = false }, outside = { .met = false };
-
-    assert(count <= BUDGET_PARTS_MAX);
-    bisect(parts, count, t, false, &inside, &outside);
-    *out = inside;
-    for (int k = 0; k < 2; k++) {
-        struct budget b = k ? outside : inside, rest = b;
-        bisect(parts, count, t, true, &b, &rest);
-        if (better(&b, out, t))
+    spend(parts, count, exp(of_error ? high : low), out);
+    out->met = (of_error ? out->error : out->seconds) <= limit;
+    for (int step = 0; step < STEPS && out->met; step++) {
+        struct budget b = { .met = true };
+        const double middle = 0.5 * (low + high);
+        spend(parts, count, exp(middle), &b);
+        const bool met = (of_error ? b.error : b.seconds) <= limit;
+        *(met == of_error ? &high : &low) = middle;
+        if (met)
             *out = b;
     }
-    out->met = meets(out, t);
 }
 
-void budget_for_time(const struct budget_part *parts, uint32_t count, double seconds, struct budget *out)
+void budget_spend(const struct budget_part *parts, uint32_t count, const struct budget_target *target,
+                  struct budget *out)
 {
-    solve(parts, count, &(struct target){ seconds, false }, out);
+    assert(count <= BUDGET_PARTS_MAX);
+    if (target->error > 0.0)
+        bisect(parts, count, target->error, true, out);
+    if (!(target->error > 0.0) || (target->seconds > 0.0 && out->seconds > target->seconds))
+        bisect(parts, count, target->seconds, false, out);
 }
 
-void budget_for_error(const struct budget_part *parts, uint32_t count, double error, struct budget *out)
+bool budget_better(const struct budget *a, const struct budget *b, const struct budget_target *target)
 {
-    solve(parts, count, &(struct target){ error, true }, out);
+    if (a->met != b->met)
+        return a->met;
+    const bool of_error = target->error > 0.0;
+    const bool reached = of_error && a->met && fmax(a->error, b->error) <= target->error;
+    return reached || (!of_error && !a->met) ? a->seconds < b->seconds : a->error < b->error;
 }

@@ -17,7 +17,7 @@ static void answer(struct buy *out, bool yes, const char *why)
     out->why = why;
 }
 
-/* Frames, were each to have as many samples. 0: it never pays. */
+/* Frames of so many samples each. 0: it never pays. */
 static double break_even_of(const struct buy_facts *f, double samples)
 {
     const double saved = (f->indirect ? 2.0 : 1.0) * samples - BUY_FRAME_SAMPLES;
@@ -29,13 +29,13 @@ void buy_by_counts(const struct buy_facts *f, struct buy *out)
 {
     *out = (struct buy){ .break_even = break_even_of(f, f->samples) };
     if (f->frames == 0)
-        answer(out, false, "how many frames will come is not known");
+        answer(out, false, "the number of frames is unknown");
     else if (f->frames == 1)
         answer(out, false, "it is a single frame");
     else if ((f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f))
-        answer(out, false, "so many samples are to be better than its bias");
+        answer(out, false, "so many samples have less error than its bias");
     else if (out->break_even <= 0.0)
-        answer(out, false, "a frame by it takes no less");
+        answer(out, false, "a frame by it takes as long");
     else if ((double)f->frames <= out->break_even)
         answer(out, false, "there are too few frames");
     else
@@ -50,17 +50,17 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
     *out = (struct buy){ .build_s = build_of(f) * point_s };
     out->break_even = many ? break_even_of(f, BUY_GOOD_SAMPLES) : saved_s > 0.0 ? out->build_s / saved_s : 0.0;
     if (f->made < (f->kept ? 1 : BUY_MADE) || f->sample_s <= 0.0)
-        answer(out, false, "too little was measured yet");
+        answer(out, false, "too few frames were measured");
     else if (f->error <= 0.0)
         answer(out, false, "the error is not known yet");
     else if (f->error < bias_of(f))
-        answer(out, false, "the picture is to be better than its bias");
+        answer(out, false, "the requested error is below its bias");
     else if (f->frames == 0 && f->kept)
-        answer(out, true, "it is there");
+        answer(out, true, "a file has it");
     else if (many)
-        answer(out, true, "so many frames of 64 samples would have taken as long");
+        answer(out, true, "as many frames of 64 samples would have taken as long");
     else if (saved_s <= 0.0)
-        answer(out, false, "a frame by it takes no less");
+        answer(out, false, "a frame by it takes as long");
     else if (f->frames > 0 && (double)f->frames > out->break_even)
         answer(out, true, "more frames are to come");
     else if (f->frames > 0)

@@ -3,18 +3,16 @@
 #include "base/mem.h"
 
 #include <math.h>
-#include <stdlib.h>
 
-#define SHARE_LEAST 0.125f /* of the mean: what looks easy may have been lucky */
+#define SHARE_LEAST 0.125f /* of the mean: a low reading may be luck */
 #define SHARE_MOST 8.0f
-#define EVEN_PART 0.1f   /* of the mean, that each packet is taken to leave besides its own */
+#define EVEN_PART 0.1f   /* of the mean, that is added to every packet's reading */
 #define READING_STEP 0.2 /* of a new reading, once there are several */
 #define READINGS_MOST 255
-#define WORTH_DEALING 0.92 /* of the error, that other shares must promise */
-#define ROUNDS 20          /* of bringing the mean to 1 within the limits; six are enough for 1e-6 */
+#define ROUNDS 20 /* of bringing a mean within limits; six are enough for 1e-6 */
 #define GOLDEN 0.6180339887498949
 
-/* How much of a packet is seen: each of a pixel's k points has a k-th of its error, where their noise is alike. */
+/* How much of a packet is seen: each of a pixel's k points has a k-th of its error if their noise is alike. */
 static void guess(struct allotment *a)
 {
     const struct gbuffer *g = a->gbuffer;
@@ -27,46 +25,28 @@ static void guess(struct allotment *a)
         }
 }
 
-static int rising(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-static void sort(struct allotment *a)
-{
-    const uint32_t count = a->list.count;
-
-    for (uint32_t k = 0; k < count; k++)
-        a->sorted[k] = a->share[a->list.index[k]];
-    qsort(a->sorted, count, sizeof(*a->sorted), rising);
-    a->above[count] = 0.0;
-    for (uint32_t k = count; k-- > 0;)
-        a->above[k] = a->above[k + 1] + (double)a->sorted[k];
-}
-
 static float share_of(float root, double scale)
 {
     return fminf(SHARE_MOST, fmaxf(SHARE_LEAST, (float)(scale * (double)root)));
 }
 
-/* sqrt(h_i) within the limits, of mean 1. */
-static void shares_of(const struct allotment *a, float *share)
+/* Shares: sqrt(h_i) within the limits, of mean 1. */
+static void set_shares(struct allotment *a)
 {
     double scale = 1.0;
 
     for (uint32_t k = 0; k < a->list.count; k++) {
         const uint32_t i = a->list.index[k];
-        share[i] = sqrtf((1.0f - EVEN_PART) * a->hard[i] + EVEN_PART);
+        a->share[i] = sqrtf((1.0f - EVEN_PART) * a->hard[i] + EVEN_PART);
     }
     for (int round = 0; round < ROUNDS; round++) {
         double sum = 0.0;
         for (uint32_t k = 0; k < a->list.count; k++)
-            sum += (double)share_of(share[a->list.index[k]], scale);
+            sum += (double)share_of(a->share[a->list.index[k]], scale);
         scale *= a->list.count / sum;
     }
     for (uint32_t k = 0; k < a->list.count; k++)
-        share[a->list.index[k]] = share_of(share[a->list.index[k]], scale);
+        a->share[a->list.index[k]] = share_of(a->share[a->list.index[k]], scale);
 }
 
 /* hard[] of mean 1. */
@@ -85,17 +65,13 @@ bool allot_init(struct allotment *a, const struct gbuffer *g, const struct packe
     *a = (struct allotment){ .gbuffer = g, .list = *list };
     a->hard = mem_alloc(g->packet_count, sizeof(*a->hard));
     a->share = mem_alloc(g->packet_count, sizeof(*a->share));
-    a->spare = mem_alloc(g->packet_count, sizeof(*a->spare));
     a->readings = mem_alloc(g->packet_count, sizeof(*a->readings));
     a->counts = mem_alloc(g->packet_count, sizeof(*a->counts));
-    a->sorted = mem_alloc(list->count, sizeof(*a->sorted));
-    a->above = mem_alloc((size_t)list->count + 1, sizeof(*a->above));
-    if (!a->hard || !a->share || !a->spare || !a->readings || !a->counts || !a->sorted || !a->above)
+    if (!a->hard || !a->share || !a->readings || !a->counts)
         return false;
     guess(a);
     normalise(a);
-    shares_of(a, a->share);
-    sort(a);
+    set_shares(a);
     return true;
 }
 
@@ -103,29 +79,28 @@ void allot_finish(struct allotment *a)
 {
     mem_free(a->hard);
     mem_free(a->share);
-    mem_free(a->spare);
     mem_free(a->readings);
     mem_free(a->counts);
-    mem_free(a->sorted);
-    mem_free(a->above);
     *a = (struct allotment){ 0 };
 }
 
-/* With the `low` smallest at the least count, the others share what is left. */
+/* Packets below the least count get it, and the others share what is left: then more of them may be below. */
 double allot_factor(const struct allotment *a, const struct allot_count *mean)
 {
-    const uint32_t count = a->list.count;
-    const double all = mean->n * count, least = mean->step;
-    uint32_t low = 0, high = count; /* the first that is above the least count lies in low..high */
+    double factor = mean->n, before = INFINITY;
 
-    while (low < high) {
-        const uint32_t k = low + (high - low) / 2;
-        if (((all - least * k) / a->above[k]) * (double)a->sorted[k] >= least)
-            high = k;
-        else
-            low = k + 1;
+    for (int round = 0; round < ROUNDS && factor < before; round++) {
+        double left = mean->n * a->list.count, above = 0.0;
+        before = factor;
+        for (uint32_t k = 0; k < a->list.count; k++) {
+            const double share = (double)a->share[a->list.index[k]];
+            const bool is_above = factor * share > mean->step;
+            above += is_above ? share : 0.0;
+            left -= is_above ? 0.0 : mean->step;
+        }
+        factor = above > 0.0 ? left / above : 0.0;
     }
-    return low < count ? (all - least * low) / a->above[low] : 0.0;
+    return factor;
 }
 
 double allot_real(const struct allotment *a, const struct allot_count *mean, double factor, uint32_t packet)
@@ -155,11 +130,6 @@ double allot_mean(const struct allotment *a, const struct allot_count *mean, con
     for (uint32_t k = 0; k < of->count; k++)
         sum += allot_real(a, mean, factor, of->index[k]);
     return of->count ? sum / of->count : 0.0;
-}
-
-double allot_work(const struct allotment *a, const struct allot_count *mean, const struct packet_list *of)
-{
-    return a->list.count ? allot_mean(a, mean, of) * of->count / (mean->n * a->list.count) : 0.0;
 }
 
 static double sum_of(const float error[PACKET])
@@ -197,24 +167,20 @@ void allot_age(struct allotment *a)
             a->readings[a->list.index[k]] = 1;
 }
 
+/* E of the shares, up to a factor. */
+static double error_of(const struct allotment *a)
+{
+    double sum = 0.0;
+
+    for (uint32_t k = 0; k < a->list.count; k++)
+        sum += (double)a->hard[a->list.index[k]] / (double)a->share[a->list.index[k]];
+    return sum;
+}
+
 double allot_deal(struct allotment *a)
 {
-    double now = 0.0, then = 0.0;
-    float *const share = a->spare;
-
-    if (a->list.count == 0)
-        return 1.0;
     normalise(a);
-    shares_of(a, share);
-    for (uint32_t k = 0; k < a->list.count; k++) {
-        const uint32_t i = a->list.index[k];
-        now += (double)a->hard[i] / (double)a->share[i];
-        then += (double)a->hard[i] / (double)share[i];
-    }
-    if (!(then < WORTH_DEALING * now))
-        return 1.0;
-    a->spare = a->share;
-    a->share = share;
-    sort(a);
-    return then / now;
+    const double before = error_of(a);
+    set_shares(a);
+    return before > 0.0 ? error_of(a) / before : 1.0;
 }

@@ -1,13 +1,14 @@
-/* How many samples each packet gets of those that a part of the picture has: more where more is left to be wrong.
+/* server/choose/pilot_allot.h */
+/* How many samples each packet gets: more where more error is left.
  *
- * The picture's error is a sum over packets, E = sum h_i / n_i, h_i what one sample a point leaves in the pixels that
- * packet i is seen in, relative as relMSE is: large in the dark, at the rims of shadows, in highlights; small where a
- * pixel has many shade points, each of them with a small weight. For a given sum of the n_i it is the least with n_i in
- * proportion to sqrt(h_i) [Cochran 1977, section 5.5]. h_i is read from pairs of estimates with numbers of their own,
- * never with those of the picture: what a packet gets must not depend on how it came out [Kirk and Arvo 1991].
+ * The picture's error is a sum over packets, E = sum h_i / n_i. h_i is what one sample per point leaves in the pixels
+ * that packet i is seen in, relative as relMSE is: large in the dark, in penumbrae and in highlights; small where a
+ * pixel has many shade points. For a given sum of the n_i it is least with n_i in proportion to sqrt(h_i) [Cochran
+ * 1977, section 5.5]. h_i is read from pairs of estimates with random numbers of their own, never with those of the
+ * picture: what a packet gets must not depend on how it came out [Kirk and Arvo 1991].
  *
- * Counts are whole, or even; a real one becomes one of its two neighbours by a turn that the packet keeps, so that
- * their mean over packets is what was asked for, and noise stands still while that does. One thread of control. */
+ * Counts are whole, or even. A real count is rounded up or down by a threshold that belongs to the packet, so that the
+ * mean over packets is right and noise stands still while the counts do. One thread of control. */
 #ifndef CHOOSE_PILOT_ALLOT_H
 #define CHOOSE_PILOT_ALLOT_H
 
@@ -18,14 +19,11 @@
 
 struct allotment {
     const struct gbuffer *gbuffer;
-    struct packet_list list; /* among which it deals; borrowed */
+    struct packet_list list; /* all packets that take part; borrowed */
     float *hard;             /* [packet_count]: h_i, of mean 1 over the list */
     float *share;            /* likewise: n_i over their mean, but for rounding and the least count */
-    float *spare;            /* [packet_count]: scratch */
-    uint8_t *readings;       /* [packet_count]: that hard[i] is made of */
+    uint8_t *readings;       /* [packet_count]: in hard[i] */
     uint32_t *counts;        /* [packet_count]: of the last allot_counts */
-    float *sorted;           /* [list.count]: shares, the smallest first, */
-    double *above;           /* [list.count + 1]: and the sum from each on */
 };
 
 struct allot_count {
@@ -33,27 +31,25 @@ struct allot_count {
     uint32_t step; /* counts are multiples of it, and at least it: 1 or 2 */
 };
 
-/* Shares as pixels have points, until there are readings. False when out of memory; finish all the same. An empty list
- * is fine. */
+/* Shares by the weight of the points in pixels, until there are readings. False when out of memory; finish it all the
+ * same. An empty list is fine. */
 bool allot_init(struct allotment *a, const struct gbuffer *g, const struct packet_list *list);
 void allot_finish(struct allotment *a);
 
-/* The error of packets that stand for the whole list, as pair_by_point has it, with counts of a mean of n. */
+/* Adds the error of packets that stand for the whole list, as pair_of_points returns it, at counts of a mean of n. */
 void allot_read(struct allotment *a, const struct packet_list *of, const float (*error)[PACKET],
                 const struct allot_count *mean);
-/* Everything read counts as one reading: the sky is another. */
+/* The sky has changed: all readings count as one. */
 void allot_age(struct allotment *a);
-/* Shares by what has been read, if that gains enough over the present ones; returns the error's ratio, 1: as before. */
+/* Sets the shares by what has been read; returns the factor by which that changes the error. */
 double allot_deal(struct allotment *a);
 
-/* Counts of the packets of `of`, a part of the list, into a->counts; returns the largest, 0 of none. */
-uint32_t allot_counts(struct allotment *a, const struct allot_count *mean, const struct packet_list *of);
-/* The factor of the shares by which max(step, factor share) has the mean n, and a packet's count by it, not rounded. */
+/* The factor f by which max(step, f share) has the mean n, and a packet's count by it, not rounded. */
 double allot_factor(const struct allotment *a, const struct allot_count *mean);
 double allot_real(const struct allotment *a, const struct allot_count *mean, double factor, uint32_t packet);
-/* Their mean without rounding; times their number, over n times that of the whole list, it is the part's share of the
- * work. */
+/* Counts of the packets of `of`, a part of the list, into a->counts; returns the largest, 0 of none. */
+uint32_t allot_counts(struct allotment *a, const struct allot_count *mean, const struct packet_list *of);
+/* Their mean without rounding. */
 double allot_mean(const struct allotment *a, const struct allot_count *mean, const struct packet_list *of);
-double allot_work(const struct allotment *a, const struct allot_count *mean, const struct packet_list *of);
 
 #endif

@@ -1,9 +1,107 @@
 #include "choose/pilot_measure.h"
 
+#include "base/mem.h"
+
 #include <math.h>
 #include <string.h>
 
+/* Pixels a side. Packets hold points of a neighbourhood of 16 x 16 (gbuffer_pack.c): where the picture is large enough
+ * for groups of many such tiles, no packet is in two groups. */
+#define TILE 16u
+#define TILE_SMALL 8u
+#define TILES_A_GROUP 10u /* at least: with fewer, one group shows what another does not */
+#define GOLDEN 0.6180339887498949
 #define SPREAD 4u /* pixels to either side */
+
+static uint32_t tile_of(const struct gbuffer *g, const struct tiles *t, size_t pixel)
+{
+    return (uint32_t)(pixel / g->width) / t->side * t->across + (uint32_t)(pixel % g->width) / t->side;
+}
+
+static bool has_points(const struct gbuffer *g, size_t pixel)
+{
+    return g->entry_first[pixel + 1] > g->entry_first[pixel];
+}
+
+static void cut(struct tiles *t, const struct gbuffer *g, uint32_t side)
+{
+    t->side = side;
+    t->across = (g->width + side - 1) / side;
+    t->count = t->across * ((g->height + side - 1) / side);
+}
+
+/* Deals the tiles that hold shade points by a sequence that spreads each group over the picture. */
+static void deal(const struct tiles *t, const struct gbuffer *g, uint32_t groups)
+{
+    uint32_t rank = 0;
+
+    for (size_t i = 0; i < (size_t)g->width * g->height; i++)
+        t->group[tile_of(g, t, i)] |= has_points(g, i);
+    for (uint32_t k = 0; k < t->count; k++)
+        if (t->group[k])
+            t->group[k] = (uint8_t)(fmod(GOLDEN * rank++, 1.0) * groups);
+}
+
+/* The pixels of one group, or of all (tiles NULL), and their packets, which `seen` marks. */
+static bool fill_group(const struct gbuffer *g, const struct tiles *t, uint32_t number, uint8_t *seen,
+                       struct group *out)
+{
+    const size_t pixels = (size_t)g->width * g->height;
+
+    out->pixels = mem_alloc_raw(pixels, sizeof(*out->pixels)); /* what is not written takes no memory */
+    out->index = mem_alloc_raw(g->packet_count, sizeof(*out->index));
+    if (!out->pixels || !out->index)
+        return false;
+    memset(seen, 0, g->packet_count);
+    for (size_t i = 0; i < pixels; i++) {
+        if (!has_points(g, i) || (t && t->group[tile_of(g, t, i)] != number))
+            continue;
+        out->pixels[out->pixel_count++] = (uint32_t)i;
+        for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
+            seen[g->entries[k].point / PACKET] = 1;
+    }
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        if (seen[i]) {
+            out->index[out->list.count++] = i;
+            out->points += g->packets[i].count;
+        }
+    out->list.index = out->index;
+    return true;
+}
+
+bool groups_init(struct groups *s, const struct gbuffer *g)
+{
+    const uint32_t interleave = g->interleave ? g->interleave : 1;
+    struct tiles *t = &s->tiles;
+
+    *s = (struct groups){ .gbuffer = g };
+    cut(t, g, TILE * interleave);
+    if (t->count < TILES_A_GROUP * GROUPS_MAX)
+        cut(t, g, TILE_SMALL * interleave);
+    s->count = (uint32_t)fmin(fmax(t->count / TILES_A_GROUP, 1), GROUPS_MAX);
+    t->group = mem_alloc(t->count, 1);
+    t->mean = mem_alloc(t->count, sizeof(*t->mean));
+    uint8_t *seen = mem_alloc(g->packet_count, 1);
+    bool all = t->group && t->mean && seen && fill_group(g, NULL, 0, seen, &s->all);
+    if (all)
+        deal(t, g, s->count);
+    for (uint32_t k = 0; k < s->count && all; k++)
+        all = fill_group(g, t, k, seen, &s->group[k]);
+    mem_free(seen);
+    return all;
+}
+
+void groups_finish(struct groups *s)
+{
+    for (uint32_t k = 0; k <= GROUPS_MAX; k++) {
+        struct group *g = k < GROUPS_MAX ? &s->group[k] : &s->all;
+        mem_free(g->pixels);
+        mem_free(g->index);
+    }
+    mem_free(s->tiles.group);
+    mem_free(s->tiles.mean);
+    *s = (struct groups){ .count = 0 };
+}
 
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
 {
@@ -56,7 +154,7 @@ void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t 
     }
 }
 
-/* r^2 + 1e-2 mean(r)^2 of a pixel; `part`: what its neighbourhood has of a part that the picture lacks. */
+/* r^2 + 1e-2 mean(r)^2 of a pixel, where `part` is added to r. */
 static void measure_of(const struct yardstick *y, uint32_t pixel, const double part[3], double out[3])
 {
     const uint32_t px = pixel % y->width, py = pixel / y->width, far = y->noisy;
@@ -88,32 +186,6 @@ static void resolve(const struct gbuffer *g, uint32_t pixel, const float *lo, do
     }
 }
 
-static struct tile_mean *tile_near(const struct groups *s, uint32_t pixel)
-{
-    const uint32_t width = s->gbuffer->width;
-    return &s->mean[pixel / width / s->side * s->across + pixel % width / s->side];
-}
-
-/* Both estimates' mean over the pixels that the group has of each tile; returns that over all its pixels. */
-static double note_means(struct groups *s, const struct group *group, const float *a, const float *b)
-{
-    double all = 0.0;
-
-    memset(s->mean, 0, s->tiles * sizeof(*s->mean));
-    for (uint32_t k = 0; k < group->pixel_count; k++) {
-        struct tile_mean *mean = tile_near(s, group->pixels[k]);
-        double first[3], second[3];
-        resolve(s->gbuffer, group->pixels[k], a, first);
-        resolve(s->gbuffer, group->pixels[k], b, second);
-        mean->pixels += 1.0;
-        for (int c = 0; c < 3; c++) {
-            mean->sum[c] += 0.5 * (first[c] + second[c]);
-            all += (first[c] + second[c]) / (6.0 * group->pixel_count);
-        }
-    }
-    return all;
-}
-
 static struct pair pair_of(const double a[3], const double b[3], const double measure[3])
 {
     struct pair out = { 0.0, 0.0 };
@@ -127,35 +199,8 @@ static struct pair pair_of(const double a[3], const double b[3], const double me
     return out;
 }
 
-struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
-                           const struct yardstick *y)
-{
-    const double pixels = group->pixel_count ? group->pixel_count : 1.0;
-    struct yardstick own = *y;
-    double error = 0.0, energy = 0.0;
-
-    if (y->lacks_part) {
-        const double mean = 10.0 * sqrt(y->soft) + note_means(s, group, a, b);
-        own.soft = 1e-2 * mean * mean;
-    }
-#pragma omp parallel for schedule(static) reduction(+ : error, energy)
-    for (uint32_t k = 0; k < group->pixel_count; k++) {
-        const struct tile_mean *tile = tile_near(s, group->pixels[k]);
-        double first[3], second[3], measure[3], part[3] = { 0.0 };
-        for (int c = 0; c < 3 && y->lacks_part; c++)
-            part[c] = tile->sum[c] / tile->pixels;
-        resolve(s->gbuffer, group->pixels[k], a, first);
-        resolve(s->gbuffer, group->pixels[k], b, second);
-        measure_of(&own, group->pixels[k], part, measure);
-        const struct pair one = pair_of(first, second, measure);
-        error += one.error;
-        energy += one.energy;
-    }
-    return (struct pair){ error / pixels, energy / pixels };
-}
-
-/* A pixel's difference is D = sum w_k d_k over its points. Each is charged with w_k d_k D, so that together they are
- * charged with D^2, whether they differ independently of each other or, as they share light samples, alike. */
+/* A pixel's difference is D = sum w_k d_k over its points. Each point gets w_k d_k D, so that together they get D^2,
+ * whether their errors are independent or, as they share light samples, alike. */
 static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, const float *b, const double apart[3],
                        const double measure[3], float (*error)[PACKET])
 {
@@ -172,25 +217,62 @@ static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, 
     }
 }
 
-void pair_by_point(const struct groups *s, const struct group *group, const float *a, const float *b,
-                   const struct yardstick *y, float (*error)[PACKET])
+/* Both estimates' mean over the group's pixels of each tile; returns that over all of them. */
+static double tile_means(struct groups *s, const struct group *group, const float *a, const float *b)
 {
-    for (uint32_t k = 0; k < group->list.count; k++)
-        memset(error[group->list.index[k]], 0, sizeof(*error));
-#pragma omp parallel for schedule(static)
+    const struct tiles *t = &s->tiles;
+    double all = 0.0;
+
+    memset(t->mean, 0, t->count * sizeof(*t->mean));
     for (uint32_t k = 0; k < group->pixel_count; k++) {
-        double first[3], second[3], measure[3];
+        struct tile_mean *mean = &t->mean[tile_of(s->gbuffer, t, group->pixels[k])];
+        double first[3], second[3];
         resolve(s->gbuffer, group->pixels[k], a, first);
         resolve(s->gbuffer, group->pixels[k], b, second);
-        measure_of(y, group->pixels[k], (const double[3]){ 0.0, 0.0, 0.0 }, measure);
-        const double apart[3] = { first[0] - second[0], first[1] - second[1], first[2] - second[2] };
-        add_points(s->gbuffer, group->pixels[k], a, b, apart, measure, error);
+        mean->pixels += 1.0;
+        for (int c = 0; c < 3; c++) {
+            mean->rgb[c] += (0.5 * (first[c] + second[c]) - mean->rgb[c]) / mean->pixels;
+            all += (first[c] + second[c]) / (6.0 * group->pixel_count);
+        }
     }
+    return all;
+}
+
+struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
+                           const struct yardstick *y, float (*error)[PACKET])
+{
+    static const double none[3] = { 0.0, 0.0, 0.0 };
+    const double pixels = fmax(1.0, group->pixel_count);
+    const struct gbuffer *g = s->gbuffer;
+    struct yardstick own = *y;
+    double noise = 0.0, energy = 0.0;
+
+    if (y->lacks_part) {
+        const double mean = 10.0 * sqrt(y->soft) + tile_means(s, group, a, b);
+        own.soft = 1e-2 * mean * mean;
+    }
+    for (uint32_t k = 0; error && k < group->list.count; k++)
+        memset(error[group->list.index[k]], 0, sizeof(*error));
+#pragma omp parallel for schedule(static) reduction(+ : noise, energy)
+    for (uint32_t k = 0; k < group->pixel_count; k++) {
+        double first[3], second[3], measure[3];
+        resolve(g, group->pixels[k], a, first);
+        resolve(g, group->pixels[k], b, second);
+        measure_of(&own, group->pixels[k],
+                   y->lacks_part ? s->tiles.mean[tile_of(g, &s->tiles, group->pixels[k])].rgb : none, measure);
+        const struct pair one = pair_of(first, second, measure);
+        const double apart[3] = { first[0] - second[0], first[1] - second[1], first[2] - second[2] };
+        if (error)
+            add_points(g, group->pixels[k], a, b, apart, measure, error);
+        noise += one.error;
+        energy += one.energy;
+    }
+    return (struct pair){ noise / pixels, energy / pixels };
 }
 
 struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y)
 {
-    const double pixels = group->pixel_count ? group->pixel_count : 1.0;
+    const double pixels = fmax(1.0, group->pixel_count);
     double error = 0.0, energy = 0.0;
 
 #pragma omp parallel for schedule(static) reduction(+ : error, energy)

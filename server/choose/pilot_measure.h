@@ -1,7 +1,6 @@
 /* server/choose/pilot_measure.h */
-/* Parts of a picture by which the whole is judged: groups of pixels spread over it, with the packets that hold their
- * shade points, and what two independent estimates of a group say. One thread of control; loops over pixels run on all
- * OpenMP threads. */
+/* Groups of pixels spread over the picture, with the packets that hold their shade points, and what two independent
+ * estimates of a group tell about the whole. One thread of control; loops over pixels run on all OpenMP threads. */
 #ifndef CHOOSE_PILOT_MEASURE_H
 #define CHOOSE_PILOT_MEASURE_H
 
@@ -17,61 +16,64 @@ struct group {
     uint32_t pixel_count;
     uint32_t *index;         /* of packets */
     struct packet_list list; /* into it */
-    uint64_t points;         /* in those packets, other pixels' included */
+    uint64_t points;         /* in those packets, including points of other pixels */
 };
 
-struct tile_mean { /* of both estimates together */
-    double sum[3], pixels;
+struct tile_mean {
+    double rgb[3], pixels;
+};
+
+struct tiles { /* squares of pixels, row by row; each belongs to one group */
+    uint32_t side, across, count;
+    uint8_t *group;
+    struct tile_mean *mean; /* scratch */
 };
 
 struct groups {
     const struct gbuffer *gbuffer;
+    struct tiles tiles;
     struct group group[GROUPS_MAX];
     uint32_t count;
-    struct group all;             /* the whole picture */
-    uint32_t side, across, tiles; /* tiles of side x side pixels, row by row: each is of one group */
-    struct tile_mean *mean;       /* [tiles]: scratch */
+    struct group all; /* the whole picture */
 };
 
-/* The G-buffer must outlive it. False when out of memory; finish all the same. */
+/* Divides the picture of a G-buffer, which must outlive it. False when out of memory; finish it all the same. */
 bool groups_init(struct groups *s, const struct gbuffer *g);
 void groups_finish(struct groups *s); /* zeroed memory is allowed */
 
-/* The picture r by which errors are made relative, as relMSE is: r^2 + 1e-2 mean(r)^2. Of a noisy one the mean over 3 x
- * 3 pixels stands for r, since a pixel that is far off must not be measured by itself. All is borrowed. */
+/* The picture r by which errors are made relative, as relMSE is: r^2 + 1e-2 mean(r)^2. In a noisy one the mean of 3 x 3
+ * pixels replaces r, since a pixel that is far off must not be measured by itself. All is borrowed. */
 struct yardstick {
     const float *rgb;    /* float[height][width][3] */
-    const float *more;   /* likewise, to be added: a part that it lacks, or has too few particles of; NULL: nothing */
+    const float *more;   /* likewise, added: light that the picture lacks or has few particles of; NULL: nothing */
     const uint8_t *mask; /* [height][width]: 0 where there is no shade point */
     uint32_t width, height;
     bool noisy;
-    bool lacks_part; /* the picture is without the part: the mean of both estimates over a neighbourhood is added */
+    bool lacks_part; /* the picture is without the part: the mean of both estimates over a tile is added */
     double soft;     /* 1e-2 mean(r)^2 */
 };
 
+/* Of a picture float[height][width][3] and its mask, both borrowed. */
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
 
-/* The mean of two sparse pictures over 9 x 9 pixels, less that of the pixel itself where the picture has it already;
- * into out. All float[height][width][3]; spare too, which is scratch. */
+/* The mean of two sparse pictures over 9 x 9 pixels, less the pixel's own mean if the picture has it already, into out.
+ * All float[height][width][3]; spare too, which is scratch. */
 void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t width, uint32_t height, float *spare,
                       float *out);
 
 /* Means over a group's pixels and channels, relative as relMSE is. */
 struct pair {
-    double error;  /* of either of the two: half of the squared difference */
-    double energy; /* product: of the part itself, squared */
+    double error;  /* of either estimate: half of the squared difference */
+    double energy; /* the product: the part itself, squared */
 };
 
-/* Two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. */
+/* From two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Unless NULL,
+ * error[packet_count][16] receives each shade point's part of the error, summed over the group's pixels, for the
+ * group's packets; it may be negative by chance. */
 struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
-                           const struct yardstick *y);
+                           const struct yardstick *y, float (*error)[PACKET]);
 
-/* What each shade point has of the error, as a sum over the group's pixels: into error[packet_count][16], for the
- * group's packets. It may be negative by chance. */
-void pair_by_point(const struct groups *s, const struct group *group, const float *a, const float *b,
-                   const struct yardstick *y, float (*error)[PACKET]);
-
-/* Two pictures of a part. */
+/* From two pictures of a part, float[height][width][3]. */
 struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);
 
 #endif

@@ -2,96 +2,70 @@
 
 #include <math.h>
 
-#define STEP 0.3     /* share of a new reading of a time, */
-#define RAN_STEP 0.5 /* and of a whole picture's, in the logarithm */
-#define RAN_MOST 3.0 /* times as long as expected, or as short, that a picture is believed; the first more: */
-#define FIRST_MOST 10.0
+#define READINGS 12.0   /* that a running mean holds */
+#define STEP 0.3        /* weight of a new time, */
+#define RAN_STEP 0.5    /* and of a whole picture's, in the logarithm */
+#define RAN_MOST 3.0    /* a picture is believed up to this factor, */
+#define FIRST_MOST 10.0 /* the first up to this one */
+#define TIME_MOST 2.5
 
-static double clamp(double x, double low, double high)
+static double within(double x, double factor)
 {
-    return x < low ? low : x > high ? high : x;
+    return fmin(factor, fmax(1.0 / factor, x));
 }
 
-/* A product of two noisy estimates scatters as 1 / n: each counts by n^2, not by its own error, since where a group has
- * much of the light it has much of the noise too. */
-static void fit_energy(struct model *m)
-{
-    double weights = 0.0, sum = 0.0, scatter = 0.0;
-
-    for (uint32_t k = 0; k < m->count; k++) {
-        weights += m->reading[k].n * m->reading[k].n;
-        sum += m->reading[k].n * m->reading[k].n * m->reading[k].energy;
-    }
-    const double mean = sum / weights;
-    for (uint32_t k = 0; k < m->count; k++) {
-        const double off = m->reading[k].n * m->reading[k].n * (m->reading[k].energy - mean);
-        scatter += off * off;
-    }
-    m->energy = fmax(0.0, mean);
-    m->energy_most = m->energy + sqrt(scatter) / weights;
-}
-
-/* Noise falls a little faster than 1 / n: readings far from the newest in n say less about what is in use now. */
-static void fit_variance(struct model *m, double newest)
-{
-    double sum = 0.0, weights = 0.0;
-
-    for (uint32_t k = 0; k < m->count; k++) {
-        const double far = log(m->reading[k].n / newest), w = 1.0 / (1.0 + 4.0 * far * far);
-        sum += w * m->reading[k].error * m->reading[k].n;
-        weights += w;
-    }
-    m->variance = sum / weights;
-}
-
+/* The product of two noisy estimates scatters as 1 / n, so that readings of the energy count by n^2 and not by their
+ * own error: where a group has much of the light it has much of the noise too. */
 void model_read(struct model *m, const struct reading *r)
 {
-    m->reading[m->next] = *r;
-    m->next = (m->next + 1) % MODEL_READINGS;
-    m->count += m->count < MODEL_READINGS;
-    m->fresh++;
+    const double step = 1.0 / fmin(++m->fresh, READINGS), weight = r->n * r->n;
+
+    m->count = m->fresh > 1 ? m->count + 1 : 1;
+    m->variance += (r->error * r->n - m->variance) / fmin(m->count, READINGS);
+    m->weight += step * (weight - m->weight);
+    m->light += step * (weight * r->energy - m->light);
+    const double mean = m->light / m->weight, off = weight * (r->energy - mean);
+    m->scatter += step * (off * off - m->scatter);
+    m->energy = fmax(0.0, mean);
+    m->energy_most = m->energy + sqrt(step * m->scatter) / m->weight;
     m->known = true;
-    fit_variance(m, r->n);
-    fit_energy(m);
 }
 
-void model_scale_errors(struct model *m, double times)
+void model_scale_errors(struct model *m, double factor)
 {
-    for (uint32_t k = 0; k < m->count; k++)
-        m->reading[k].error *= times;
-    m->variance *= times;
+    m->variance *= factor;
+}
+
+void model_doubt(struct model *m)
+{
+    m->count = m->count > 1 ? 1 : m->count;
 }
 
 void model_age(struct model *m)
 {
-    m->count = m->next = m->fresh = 0;
-    m->known = m->variance > 0.0; /* of a black sky nothing was learnt */
+    m->fresh = 0;
+    m->known = m->variance > 0.0; /* a black sky teaches nothing */
 }
 
 static void blend(double *old, double reading, bool known)
 {
-    *old += known ? STEP * (clamp(reading, 0.4 * *old, 2.5 * *old) - *old) : reading - *old;
+    *old = known ? *old * (1.0 + STEP * (within(reading / *old, TIME_MOST) - 1.0)) : reading;
 }
 
 void model_time(struct model *m, double begin_s, double n, double seconds, double share)
 {
     blend(&m->begin_s, begin_s, m->timed && m->begin_s > 0.0);
-    blend(&m->unit_s, seconds / (n * share), m->timed);
+    blend(&m->unit_s, seconds / (n * share), m->timed && m->unit_s > 0.0);
     m->timed = true;
 }
 
 void model_ran(struct model *m, double n, double seconds)
 {
     const double expected = model_seconds(m, n), ratio = expected > 0.0 ? seconds / expected : 1.0;
+    const double factor = m->ran ? pow(within(ratio, RAN_MOST), RAN_STEP) : within(ratio, FIRST_MOST);
 
-    if (!m->timed) {
-        m->unit_s = seconds / n;
-    } else {
-        const double times =
-            m->ran ? pow(clamp(ratio, 1.0 / RAN_MOST, RAN_MOST), RAN_STEP) : clamp(ratio, 1.0 / FIRST_MOST, FIRST_MOST);
-        m->begin_s *= times;
-        m->unit_s *= times;
-    }
+    m->begin_s *= factor;
+    m->unit_s = m->timed ? m->unit_s * factor : seconds / n;
     m->timed = m->ran = true;
 }
 

@@ -47,7 +47,7 @@ static void choose_indirect(const struct plan_facts *f, const struct plan_wish *
         p->indirect = w->indirect_by == PLAN_AUTO ? PLAN_EYE : w->indirect_by;
         p->behind_indirect = f->behind > 0;
     }
-    /* What a mirror or glass has gathered comes by the particles that are aimed at them, if there are any. */
+    /* Light that a mirror or glass has gathered comes from the particles aimed at them, if there are any. */
     const bool aimed = p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED;
     p->indirect_caustics = f->casters > 0 && aimed && p->indirect != PLAN_NONE ? p->caustics : p->indirect;
 }
@@ -58,7 +58,7 @@ void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct pla
     choose_caustics(f, w, p);
     choose_indirect(f, w, p);
     /* Two rays or so for each eye path, three for each particle: for every eight samples one of them costs about as
-     * much as direct light does, by the measurements of docs/mathematics.md. */
+     * much as direct light does, as measured in docs/mathematics.md. */
     const uint32_t per_point = w->samples / 8 ? w->samples / 8 : 1;
     if (p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED || p->indirect == PLAN_LIGHT)
         p->particles = w->particles ? w->particles : f->pixels * per_point;
@@ -77,7 +77,7 @@ const struct setting_choice caustics_choices[] = {
     { "none", PLAN_NONE, "left out", 0 },
     { "light", PLAN_LIGHT, "light tracer", 0 },
     { "eye", PLAN_EYE, "eye paths", 0 },
-    { "stored", PLAN_STORED, "light paths that are kept and lit again in each frame; --method cached has them", 0 },
+    { "stored", PLAN_STORED, "stored light paths, relit in each frame; used by --method cached", 0 },
     { NULL, 0, NULL, 0 },
 };
 

@@ -14,7 +14,7 @@ void decider_finish(struct decider *d)
     *d = (struct decider){ .pilot = NULL };
 }
 
-/* Direct light by METHOD_AUTO, with shadows, and no word on how it is to be sampled. */
+/* Direct light by METHOD_AUTO, with shadows and without any settings of its sampling. */
 static bool cache_may_serve(const struct relight_desc *light)
 {
     const struct direct_desc *d = &light->direct;
@@ -23,7 +23,7 @@ static bool cache_may_serve(const struct relight_desc *light)
            !d->sun && d->compensate == COMPENSATE_OFF && d->interleave <= 1 && !d->no_visibility;
 }
 
-/* What auto computes unasked is kept in no file but one that was named. */
+/* Auto stores its cache only in a file that was named. */
 static struct relight_desc by_cache(const struct relight_desc *light)
 {
     struct relight_desc d = *light;
@@ -88,7 +88,7 @@ enum err decider_prepare(struct decider *d, struct relighter *r, uint64_t frames
         buy_by_counts(&f, answer);
     if (!answer->yes)
         return relighter_prepare(r, light, progress, ms);
-    log_info("auto: %" PRIu64 " frames by the cache of light transport, which pays after %.0f", frames,
+    log_info("auto: %" PRIu64 " frames by the cache of light transport, which pays off after %.0f", frames,
              ceil(answer->break_even));
     cached.direct.samples = light->direct.samples;
     cached.direct.why = &why;
@@ -110,7 +110,7 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
     return d->cache.begun && relighter_follow(r) < 1.0;
 }
 
-/* Black skies and cancelled frames trace nothing, and teach nothing. */
+/* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
 static void note_frame(struct decider *d, const struct relight_stats *stats, const struct pilot_stats *measured)
 {
     if (stats->direct.rays > 0) {
@@ -124,7 +124,7 @@ static void note_frame(struct decider *d, const struct relight_stats *stats, con
     d->cache.spent_s += measured->seconds;
 }
 
-/* Has the relighter load the cache, if_kept, or compute it. */
+/* Has the relighter load the cache (if_kept) or compute it. */
 static void get_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool if_kept)
 {
     struct relight_desc cached = by_cache(request->light);
@@ -152,10 +152,10 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
 
     d->cache.ready = share >= (coarsely ? RELIGHT_COARSE : 1.0) && !(cancel && atomic_load(cancel));
     if (d->cache.ready)
-        log_info("auto: frames are made by the cache of light transport from here on");
+        log_info("auto: the cache of light transport is used from here on");
 }
 
-/* By the clock: whether the cache pays, computed or from a file. */
+/* By the clock: loads or computes the cache if that pays off. */
 static void ask_for_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
 {
     struct buy_facts f = facts_of(r, request->light);
@@ -174,13 +174,13 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
         d->cache.looked_for = true;
         get_cache(d, r, request, true);
         if (d->cache.begun) {
-            log_info("auto: the cache of light transport is taken from its file");
+            log_info("auto: the cache of light transport is loaded from its file");
             d->cache.last = kept;
         }
     }
     if (d->cache.begun || d->cache.refused || !d->cache.last.yes)
         return;
-    log_info("auto: computing the cache of light transport: %s; some %.0f s, which pay after %.0f frames",
+    log_info("auto: computing the cache of light transport: %s; about %.0f s, which pays off after %.0f frames",
              d->cache.last.why, d->cache.last.build_s, ceil(d->cache.last.break_even));
     get_cache(d, r, request, false);
 }

@@ -1,5 +1,5 @@
 /* server/light/facts.h */
-/* The figures by which server/plan decides: what the scene holds and how the sky's light is spread. Pure functions; any
+/* The facts for choose/plan.h: the contents of the scene and the distribution of the sky's light. Pure functions; any
  * thread. */
 #ifndef LIGHT_FACTS_H
 #define LIGHT_FACTS_H

@@ -11,14 +11,14 @@
 #define LIGHT_SOON 4      /* readings of particles in use; after that */
 #define LIGHT_EVERY 4     /* frames */
 #define OTHER_LEAST 0.002 /* seconds */
-#define NOISY 0.05        /* relMSE of a picture by which errors are not measured pixel by pixel */
+#define NOISY 0.05        /* relMSE above which single pixels are no yardstick */
 #define FIRST_SHARE 0.2   /* of the first frame's extra time, for a whole picture's direct light, */
 #define FIRST_SAMPLES 4.0 /* with so many samples a point, */
 #define FIRST_SAMPLES_MOST 64.0
-#define PASS_OWN (UINT64_C(1) << 40) /* the pilot's own numbers: no picture has so high a pass */
+#define PASS_OWN (UINT64_C(1) << 40) /* no picture has so high a pass */
 
 const struct technique techniques[TECHNIQUES] = {
-    { "light and lobes, the sun apart", { .method = METHOD_AUTO } }, /* what auto stands for by rule */
+    { "light and lobes, the sun apart", { .method = METHOD_AUTO } }, /* the rule of auto */
     { "lobes alone", { .method = METHOD_BRDF } },
     { "light by cells and lobes", { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON } },
 };
@@ -172,7 +172,7 @@ static struct picture_passes passes_of(struct pilot *p, uint64_t pass)
     return out;
 }
 
-/* What a whole picture's parts took. A black sky takes no time, and teaches nothing. */
+/* Learns the times of a whole picture's parts. A black sky takes no time, and teaches nothing. */
 static void learn_times(struct pilot *p, const struct relight_stats *stats, const struct pass_costs *costs)
 {
     const struct gbuffer *g = p->set->gbuffer;
@@ -201,7 +201,7 @@ static bool cancelled(const struct pilot *p)
     return c && atomic_load_explicit(c, memory_order_relaxed);
 }
 
-/* The picture of the choice; what was measured of it is learnt, unless it was cancelled. */
+/* Makes the picture of the choice and learns from it, unless it was cancelled. */
 static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
 {
     const struct gbuffer *g = p->set->gbuffer;
@@ -213,8 +213,11 @@ static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct 
     if (e || cancelled(p))
         return e;
     learn_times(p, stats, &costs);
+    const bool lacked = p->yardstick.lacks_part;
     yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
     p->yardstick.lacks_part = p->choice.way[PILOT_EYE] == WAY_NONE;
+    for (uint32_t way = 0; way < WAYS && lacked != p->yardstick.lacks_part; way++)
+        model_doubt(&p->model[way]);
     p->yardstick.noisy = !p->begun || pilot_error(p) > NOISY;
     for (int part = PILOT_AIMED; part < PILOT_PARTS; part++) {
         const uint32_t way = p->choice.way[part];
@@ -225,8 +228,8 @@ static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct 
     return ERR_OK;
 }
 
-/* Before the first picture: a quick one, by which the rest is measured, and direct light twice over all of it, which
- * tells where it is hard. */
+/* Before the first picture: a quick one as a yardstick, and direct light twice over all of it, which tells where it is
+ * hard. */
 static enum err begin(struct pilot *p, const struct pilot_target *target, float *rgb, struct relight_stats *stats)
 {
     pilot_choose(p, target);

@@ -6,19 +6,20 @@
 #define PATHS_MOST 1024.0
 #define UNITS_MOST 1e6 /* 2 * 10^9 particles */
 #define FIRST_SAMPLES 4.0
-#define WORTH 0.92      /* another way must promise this share of the variance to be taken */
-#define GAIN_LEAST 1.05 /* counts that would gain less than this stay as they are, */
-#define OVERTIME 1.05   /* unless they take longer than this, */
-#define OVER_ERROR 1.05 /* or leave more than this */
-#define TIME_LEAST 0.2  /* of the target, that is always the picture's */
+#define WORTH 0.92      /* another way must promise this share of the variance or less */
+#define GAIN_LEAST 1.05 /* counts that would gain less than this are kept, */
+#define OVERTIME 1.05   /* unless they take longer than this */
+#define OVER_ERROR 1.05 /* or leave more error than this */
+#define TIME_LEAST 0.2  /* of the target always goes to the picture */
 
-const uint32_t pilot_routes[ROUTES][3] = {
+const uint32_t pilot_routes[ROUTES + 1][3] = {
     { WAY_EYE_ALL, WAY_NONE, WAY_NONE },
     { WAY_EYE_REST, WAY_AIMED, WAY_NONE },
     { WAY_EYE_BEHIND, WAY_AIMED, WAY_WHOLE },
+    { WAY_NONE, WAY_NONE, WAY_NONE },
 };
 
-/* What was asked for and can be found here. */
+/* The requested classes that exist in the scene. */
 static uint32_t classes_of(const struct pilot *p, const struct relight_desc *light)
 {
     uint32_t classes = light->classes & (PATH_CAUSTICS | PATH_INDIRECT);
@@ -32,7 +33,7 @@ static uint32_t classes_of(const struct pilot *p, const struct relight_desc *lig
     return classes;
 }
 
-/* A change makes nothing known of the way. */
+/* After a change nothing is known of the way. */
 static void offer(struct pilot *p, uint32_t way, bool offered, uint32_t classes, uint32_t behind)
 {
     const struct way_classes before = p->find[way];
@@ -43,8 +44,8 @@ static void offer(struct pilot *p, uint32_t way, bool offered, uint32_t classes,
     p->offered[way] = offered && (p->find[way].classes || p->find[way].behind);
 }
 
-/* Lobes alone must meet what they are to find: where that may be a sun, their readings are small until one is large,
- * and so they are not offered. Light and lobes together are safe everywhere [Veach 1997, section 9.2]. */
+/* Lobe samples alone find a sun rarely, and their readings are small until one is large: where there may be a sun they
+ * are not offered. Light and lobe samples together are safe everywhere [Veach 1997, section 9.2]. */
 void pilot_offer_ways(struct pilot *p)
 {
     const uint32_t all = p->classes, aimed = all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
@@ -65,7 +66,7 @@ void pilot_offer_ways(struct pilot *p)
     offer(p, WAY_EYE_ALL, eye_caustics && eye_rest, all, behind);
     offer(p, WAY_EYE_REST, light_caustics && eye_rest, all & PATH_INDIRECT_LIT, behind);
     offer(p, WAY_EYE_BEHIND, light_whole, light_caustics ? 0 : aimed, behind);
-    /* Caustics of eye paths beside interreflection of light paths only where both were asked for by name. */
+    /* Caustics by eye paths with interreflection by light paths only if both were requested by name. */
     if (light_whole && !light_caustics && all & PATH_CAUSTICS && p->indirect_by == PLAN_AUTO)
         p->offered[WAY_WHOLE] = p->offered[WAY_EYE_BEHIND] = false;
 }
@@ -74,7 +75,7 @@ void pilot_take_request(struct pilot *p, const struct relight_desc *light)
 {
     const uint32_t classes = classes_of(p, light);
     const enum plan_estimator caustics =
-        light->caustics == PLAN_STORED ? PLAN_LIGHT : light->caustics; /* none is kept */
+        light->caustics == PLAN_STORED ? PLAN_LIGHT : light->caustics; /* the pilot keeps no store */
     const bool direct = light->classes & PATH_DIRECT || light->classes == 0;
 
     if (p->runs && classes == p->classes && direct == p->with_direct && caustics == p->caustics_by &&
@@ -95,19 +96,14 @@ void pilot_take_request(struct pilot *p, const struct relight_desc *light)
     p->frames = 0;
 }
 
-static bool usable(const struct pilot *p, uint32_t way)
-{
-    return way != WAY_NONE && p->offered[way] && p->model[way].known && p->model[way].timed;
-}
-
-/* What a model knows, as a way of the budget. Of several ways one looks good by chance: another than the present one
- * must promise more. */
-static struct budget_way way_of(const struct pilot *p, uint32_t way)
+/* What a model knows, for the budget. Of several ways one looks good by chance: another than the present one must
+ * promise more. */
+static struct budget_part budget_of(const struct pilot *p, uint32_t way)
 {
     const struct model *m = &p->model[way];
     const enum pilot_part part = pilot_part_of(way);
     const uint32_t now = p->choice.way[part];
-    struct budget_way w = {
+    struct budget_part w = {
         .variance = m->variance / (now != WAY_NONE && now != way && p->runs ? WORTH : 1.0),
         .begin_s = m->begin_s,
         .unit_s = fmax(m->unit_s, 1e-12),
@@ -124,47 +120,34 @@ static struct budget_way way_of(const struct pilot *p, uint32_t way)
     return w;
 }
 
-/* Whether the request leaves it to us to leave a part out. */
-static bool may_be_left_out(const struct pilot *p, enum pilot_part part)
+/* Whether the request allows it to be left out. */
+static bool may_be_left_out(const struct pilot *p, int part)
 {
     if (part == PILOT_AIMED)
         return p->caustics_by == PLAN_AUTO;
-    if (part == PILOT_WHOLE) /* without it, its route is another one */
+    if (part == PILOT_WHOLE) /* its route would be another one without it */
         return false;
     return p->caustics_by == PLAN_AUTO && p->indirect_by == PLAN_AUTO && !p->eye_paths;
 }
 
-/* The ways that a frame's parts may take by a route. */
-struct menu {
-    struct budget_way ways[PILOT_PARTS][TECHNIQUES + 1];
-    uint32_t way[PILOT_PARTS][TECHNIQUES + 1]; /* WAY_*, of each */
-    struct budget_part parts[PILOT_PARTS];
-};
-
-static void add(struct menu *m, int part, uint32_t way, struct budget_way w)
+static bool usable(const struct pilot *p, uint32_t way)
 {
-    m->way[part][m->parts[part].count] = way;
-    m->ways[part][m->parts[part].count++] = w;
-    m->parts[part].ways = m->ways[part];
+    return way != WAY_NONE && p->offered[way] && p->model[way].known && p->model[way].timed;
 }
 
-static void list_ways(const struct pilot *p, uint32_t route, struct menu *m)
+/* Whether all that the route needs is known. Without a route there is direct light alone. */
+static bool possible(const struct pilot *p, uint32_t route)
 {
-    *m = (struct menu){ .parts[0].count = 0 };
-    for (uint32_t way = WAY_DIRECT; way < WAY_EYE_ALL; way++)
-        if (usable(p, way))
-            add(m, PILOT_DIRECT, way, way_of(p, way));
-    if (m->parts[PILOT_DIRECT].count == 0) /* it is not asked for, or nothing is known: as at first */
-        add(m, PILOT_DIRECT, p->offered[WAY_DIRECT] ? WAY_DIRECT : WAY_NONE,
-            (struct budget_way){ .least = FIRST_SAMPLES, .most = FIRST_SAMPLES });
-    for (int part = PILOT_EYE; part < PILOT_PARTS; part++) {
-        const uint32_t way = route < ROUTES ? pilot_routes[route][part - PILOT_EYE] : WAY_NONE;
-        const bool can = usable(p, way);
-        if (can)
-            add(m, part, way, way_of(p, way));
-        if (!can || may_be_left_out(p, (enum pilot_part)part))
-            add(m, part, WAY_NONE, (struct budget_way){ .bias = can ? p->model[way].energy_most : 0.0 });
+    const uint32_t *way = pilot_routes[route];
+    bool any = route == ROUTES;
+
+    for (int k = 0; k < 3; k++) {
+        const bool offered = way[k] != WAY_NONE && p->offered[way[k]];
+        if ((offered && !usable(p, way[k])) || (!offered && k > 0 && k == (int)route))
+            return false;
+        any |= offered;
     }
+    return any || !p->classes;
 }
 
 struct trial {
@@ -172,52 +155,58 @@ struct trial {
     struct choice choice;
 };
 
-/* The best by a route. */
-static struct trial try_route(const struct pilot *p, uint32_t route, const struct pilot_target *target)
+/* Direct light by a way, the rest by a route without the parts in the mask left_out. False: that is not allowed. */
+static bool try_ways(const struct pilot *p, uint32_t route, uint32_t direct, uint32_t left_out,
+                     const struct budget_target *target, struct trial *t)
 {
-    struct trial t = { .choice.route = route };
-    struct menu m;
+    struct budget_part parts[PILOT_PARTS] = { { .least = FIRST_SAMPLES, .most = FIRST_SAMPLES } };
 
-    list_ways(p, route, &m);
-    if (target->error > 0.0)
-        budget_for_error(m.parts, PILOT_PARTS, target->error, &t.budget);
-    if (!(target->error > 0.0) || (target->seconds > 0.0 && t.budget.seconds > target->seconds))
-        budget_for_time(m.parts, PILOT_PARTS, target->seconds, &t.budget);
-    for (int part = 0; part < PILOT_PARTS; part++) {
-        t.choice.way[part] = m.way[part][t.budget.part[part].way];
-        t.choice.n[part] = t.budget.part[part].n;
-    }
-    return t;
-}
-
-static bool better(const struct budget *a, const struct budget *b, const struct pilot_target *target)
-{
-    if (a->met != b->met)
-        return a->met;
-    return (target->error > 0.0) == a->met ? a->seconds < b->seconds : a->error < b->error;
-}
-
-/* Whether all that the route needs is known. */
-static bool possible(const struct pilot *p, uint32_t route)
-{
-    bool any = false;
-
-    for (int k = 0; k < 3; k++) {
-        const uint32_t way = pilot_routes[route][k];
-        if (way == WAY_NONE || !p->offered[way])
-            continue;
-        if (!usable(p, way))
+    *t = (struct trial){ .choice = { .route = route, .way[PILOT_DIRECT] = direct } };
+    if (usable(p, direct))
+        parts[PILOT_DIRECT] = budget_of(p, direct);
+    for (int part = PILOT_EYE; part < PILOT_PARTS; part++) {
+        const uint32_t way = pilot_routes[route][part - PILOT_EYE];
+        const bool leave = left_out >> part & 1, can = usable(p, way);
+        if (leave && !(can && may_be_left_out(p, part)))
             return false;
-        any = true;
+        t->choice.way[part] = can && !leave ? way : WAY_NONE;
+        if (can)
+            parts[part] = leave ? (struct budget_part){ .bias = p->model[way].energy_most } : budget_of(p, way);
     }
-    if ((route == 1 && !p->offered[WAY_AIMED]) || (route == 2 && !p->offered[WAY_WHOLE]))
-        return false;
-    return any || !p->classes;
+    budget_spend(parts, PILOT_PARTS, target, &t->budget);
+    for (int part = 0; part < PILOT_PARTS; part++)
+        t->choice.n[part] = t->budget.n[part];
+    return true;
 }
 
-/* Counts of the same ways stay where others would gain little, so that noise stands still in a picture that does: near
- * the best of them the error hardly depends on how the time is shared out. */
-static void hold_counts(const struct pilot *p, const struct pilot_target *target, struct trial *t)
+/* The best of all combinations that are known. */
+static struct trial try_all(const struct pilot *p, const struct budget_target *target)
+{
+    struct trial best, t;
+    bool found = false, known = false;
+
+    for (uint32_t way = WAY_DIRECT; way < WAY_EYE_ALL; way++)
+        known |= usable(p, way);
+    for (uint32_t route = 0; route <= ROUTES; route++) {
+        if (route < ROUTES ? !possible(p, route) : found)
+            continue;
+        for (uint32_t way = WAY_DIRECT; way < WAY_EYE_ALL; way++)
+            for (uint32_t left_out = 0; left_out < 1u << PILOT_PARTS; left_out += 2) {
+                /* Direct light was not requested, or nothing is known of it yet. */
+                const uint32_t direct = known || p->offered[way] ? way : WAY_NONE;
+                if ((known ? !usable(p, way) : way != WAY_DIRECT) || !try_ways(p, route, direct, left_out, target, &t))
+                    continue;
+                if (!found || budget_better(&t.budget, &best.budget, target))
+                    best = t;
+                found = true;
+            }
+    }
+    return best;
+}
+
+/* Keeps the counts of the same ways where others would gain little, so that noise stands still in a still picture: near
+ * the optimum the error hardly depends on how the time is divided. */
+static void hold_counts(const struct pilot *p, const struct budget_target *target, struct trial *t)
 {
     double seconds = 0.0, error = t->budget.error;
 
@@ -240,8 +229,7 @@ static void hold_counts(const struct pilot *p, const struct pilot_target *target
 
 void pilot_choose(struct pilot *p, const struct pilot_target *target)
 {
-    struct pilot_target left = *target;
-    struct trial best = { .choice.route = ROUTES };
+    struct budget_target left = { target->seconds, target->error };
 
     if (!p->begun || !(p->environment->total_energy > 0.0)) {
         p->choice = (struct choice){ ROUTES,
@@ -252,28 +240,23 @@ void pilot_choose(struct pilot *p, const struct pilot_target *target)
     }
     if (left.seconds > 0.0)
         left.seconds = fmax(TIME_LEAST * target->seconds, (1.0 - pilot_share(p)) * target->seconds - p->other_s);
-    for (uint32_t route = 0; route < ROUTES; route++) {
-        const struct trial t = possible(p, route) ? try_route(p, route, &left) : best;
-        if (t.choice.route < ROUTES && (best.choice.route == ROUTES || better(&t.budget, &best.budget, &left)))
-            best = t;
-    }
-    if (best.choice.route == ROUTES) /* nothing of the other light is known yet: direct light alone */
-        best = try_route(p, ROUTES, &left);
+    struct trial best = try_all(p, &left);
     hold_counts(p, &left, &best);
     p->choice = best.choice;
     p->budget = best.budget;
-    p->more = try_route(p, p->choice.route, &(struct pilot_target){ .seconds = 2.0 * p->budget.seconds }).budget.error;
+    p->more = try_all(p, &(struct budget_target){ .seconds = 2.0 * p->budget.seconds }).budget.error;
 }
 
 double pilot_missing(const struct pilot *p, enum pilot_part part)
 {
-    if (p->choice.way[part] != WAY_NONE || part == PILOT_DIRECT || p->choice.route >= ROUTES)
+    if (p->choice.way[part] != WAY_NONE || part == PILOT_DIRECT)
         return 0.0;
     const uint32_t way = pilot_routes[p->choice.route][part - PILOT_EYE];
     return usable(p, way) ? p->model[way].energy : 0.0;
 }
 
-/* Several that are left out may miss in the same places: then their roots add up, which is the most that it can be. */
+/* Several parts that are left out may be missing in the same places: then their roots add up, which is the worst case.
+ */
 double pilot_error(const struct pilot *p)
 {
     double error = 0.0, missing = 0.0;

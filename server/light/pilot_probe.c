@@ -10,13 +10,13 @@
 #define SHARE_SETTLED 0.02 /* once each way has so many readings: */
 #define SETTLED 12
 #define READINGS_WANTED 2 /* of each technique of direct light, before a way counts as known, */
-#define OTHER_WANTED 6    /* and of the others: what they bring is told by few pixels, which not all groups have */
-#define FIRST_LEAST 0.3   /* seconds that a first frame may take longer: there is no picture to be late after */
-#define BANK_FRAMES 2.0   /* time that is saved up at most */
-#define SKY_SHARE 0.04    /* of the light, come or gone on a face of the cube: another sky; */
-#define SKY_RATIO 1.3     /* so is more or less in all */
-#define TURNS 3           /* of all groups, to tell where they are hard under one sky */
-#define DOUBTED 0.9       /* of a time that could never be saved up: it may have been held up once */
+#define OTHER_WANTED 6    /* and of the others: few pixels show their light, and not in all groups */
+#define FIRST_LEAST 0.3   /* seconds that the first frame may take longer */
+#define BANK_FRAMES 2.0   /* the most time that is saved for measurements */
+#define SKY_SHARE 0.04    /* a change of a cube face's share of the light that makes another sky; */
+#define SKY_RATIO 1.3     /* likewise, of all light */
+#define TURNS 3           /* of all groups under one sky, after which the shares stay */
+#define DOUBTED 0.9       /* factor on a time that could never be saved: it may have been an outlier */
 #define LIGHT_LEAST 4.0   /* units of particles at first, */
 #define LIGHT_MOST 64.0   /* and later */
 #define TIMES_STEP 0.3    /* of a reading of group_times, */
@@ -27,7 +27,7 @@ static bool in_use(const struct pilot *p, uint32_t way)
     return p->choice.way[pilot_part_of(way)] == way;
 }
 
-/* How much of a way makes as long a part as the one in use takes. */
+/* The count at which a way takes as long as the one in use. */
 static double equal_count(const struct pilot *p, uint32_t way)
 {
     const enum pilot_part part = pilot_part_of(way);
@@ -89,7 +89,7 @@ void pilot_look_at_sky(struct pilot *p)
     p->frames = 0;
 }
 
-/* A measurement's time is the pilot's. */
+/* Charges the time of a measurement. */
 static double pay(struct pilot *p, const struct pilot_work *work, double by_clock)
 {
     const double seconds = pilot_seconds(p, work, by_clock);
@@ -99,24 +99,20 @@ static double pay(struct pilot *p, const struct pilot_work *work, double by_cloc
     return seconds;
 }
 
-/* Where the pixels of a pair are hard; once all groups have been read, or `all` at once, shares follow. */
-static void read_hard(struct pilot *p, uint32_t way, double n, const struct group *g, bool all)
+/* After all groups have been read, or `all` at once, the shares of samples follow. */
+static void read_hard(struct pilot *p, uint32_t way, const struct allot_count *count, const struct group *g, bool all)
 {
     const enum pilot_part part = pilot_part_of(way);
-    const struct allot_count count = pilot_count(p, way, n);
 
-    if (p->allot_turns[part] >= TURNS)
-        return;
-    pair_by_point(&p->groups, g, p->pair[0], p->pair[1], &p->yardstick, p->point_error);
-    allot_read(&p->allot[part], &g->list, (const float(*)[PACKET])p->point_error, &count);
+    allot_read(&p->allot[part], &g->list, (const float(*)[PACKET])p->point_error, count);
     if (++p->allot_readings[part] < p->groups.count && !all)
         return;
-    const double times = allot_deal(&p->allot[part]);
+    const double factor = allot_deal(&p->allot[part]);
     p->allot_readings[part] = 0;
     p->allot_turns[part]++;
     for (uint32_t k = 0; k < WAYS; k++)
         if (pilot_part_of(k) == part)
-            model_scale_errors(&p->model[k], times);
+            model_scale_errors(&p->model[k], factor);
 }
 
 /* One run of a way on a group's packets, into pair[k]. */
@@ -142,7 +138,7 @@ static enum err run(struct pilot *p, uint32_t way, double n, const struct group 
     return e;
 }
 
-/* Twice with n samples or paths, the second time by the tables of the first: what these take is the difference. */
+/* Twice with n samples or paths, the second time with the tables of the first: their time is the difference. */
 static enum err probe_points(struct pilot *p, uint32_t way, double n, const struct group *g)
 {
     const enum pilot_part part = pilot_part_of(way);
@@ -159,13 +155,14 @@ static enum err probe_points(struct pilot *p, uint32_t way, double n, const stru
             return e;
     }
     y.lacks_part &= part == PILOT_EYE;
-    const struct pair pair = pair_of_points(&p->groups, g, p->pair[0], p->pair[1], &y);
-    const bool whole = g == &p->groups.all;
-    if (!whole) /* its count is not one that ways are compared at */
+    const bool whole = g == &p->groups.all, by_point = !y.lacks_part && p->allot_turns[part] < TURNS;
+    const struct pair pair =
+        pair_of_points(&p->groups, g, p->pair[0], p->pair[1], &y, by_point ? p->point_error : NULL);
+    if (!whole) /* ways are not compared at its count */
         model_read(m, &(struct reading){ count.n, pair.error, pair.energy });
-    if (!y.lacks_part)
-        read_hard(p, way, n, g, whole);
-    /* Threads that share little work wait for each other: a way that whole pictures have timed tells by how much. */
+    if (by_point)
+        read_hard(p, way, &count, g, whole);
+    /* Threads that share little work wait for each other: a way that whole pictures have timed shows how long. */
     const double least = fmin(seconds[0], seconds[1]), begin = part == PILOT_DIRECT ? seconds[0] - least : 0.0;
     if (m->ran && in_use(p, way)) {
         const double times = fmin(TIMES_MOST, fmax(1.0 / TIMES_MOST, m->unit_s * count.n * share / least));
@@ -194,7 +191,7 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, float *const half
     model_read(&p->model[way], &(struct reading){ n, 0.5 * pair.error, pair.energy });
 }
 
-/* Particles that the picture does without; those in it are read where they are made. */
+/* Particles that the picture does not use; its own are read when they are made. */
 static enum err probe_light(struct pilot *p, uint32_t way)
 {
     float *const *half = p->passes->half[pilot_part_of(way) - PILOT_AIMED];
@@ -214,7 +211,7 @@ static enum err probe_light(struct pilot *p, uint32_t way)
     return ERR_OK;
 }
 
-/* What a measurement of it will take, about; 0 where that is not known. */
+/* About the seconds of a measurement; 0: unknown. */
 static double cost_of(const struct pilot *p, uint32_t way)
 {
     const struct model *m = &p->model[way];
@@ -223,7 +220,7 @@ static double cost_of(const struct pilot *p, uint32_t way)
     return m->timed ? 2.0 * m->begin_s + m->unit_s * n : 0.0;
 }
 
-/* Ways take turns on a group, then the next group's turn has come. */
+/* All ways take turns on a group, then on the next. */
 static enum err probe_next(struct pilot *p)
 {
     const uint32_t way = p->next_way;
@@ -247,7 +244,7 @@ enum err pilot_probe(struct pilot *p, const struct pilot_target *target)
         p->bank_s = fmin(BANK_FRAMES * frame_s, p->bank_s);
     }
     for (uint32_t k = 0; k < OTHER_WANTED * WAYS && !e; k++) {
-        if (!p->begun && k == WAYS) { /* each has been seen once: from here on by counts as they will be in use */
+        if (!p->begun && k == WAYS) { /* each is known once: from here on by the counts of the choice */
             p->begun = true;
             pilot_choose(p, target);
             p->begun = false;

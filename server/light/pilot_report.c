@@ -33,24 +33,7 @@ __attribute__((format(printf, 3, 4))) static void leave_out(struct pilot *p, str
     plan->left_out[plan->left_out_count++] = to;
 }
 
-/* What was not asked for, or is not to be found in the scene. */
-static void report_absent(struct pilot *p, struct plan *plan)
-{
-    const struct relight_desc *light = p->light;
-
-    if (!(light->classes & PATH_CAUSTICS))
-        leave_out(p, plan, "caustics: not asked for");
-    else if (light->caustics == PLAN_NONE)
-        leave_out(p, plan, "caustics: switched off");
-    else if (p->set->facts.casters == 0)
-        leave_out(p, plan, "caustics: the scene has no mirror and no glass");
-    if (!(light->classes & PATH_INDIRECT))
-        leave_out(p, plan, "interreflection: not asked for");
-    else if (light->indirect == PLAN_NONE)
-        leave_out(p, plan, "interreflection: switched off");
-}
-
-/* What a part that is left out would bring. */
+/* What each part that is left out would bring. */
 static void report_missing(struct pilot *p, struct plan *plan)
 {
     static const char *const what[PILOT_PARTS] = {
@@ -60,13 +43,13 @@ static void report_missing(struct pilot *p, struct plan *plan)
     };
 
     for (int part = PILOT_EYE; part < PILOT_PARTS; part++) {
-        const uint32_t way = p->choice.route < ROUTES ? pilot_routes[p->choice.route][part - PILOT_EYE] : WAY_NONE;
+        const uint32_t way = pilot_routes[p->choice.route][part - PILOT_EYE];
         if (used(p, (enum pilot_part)part) || way == WAY_NONE || !p->offered[way])
             continue;
         if (!p->model[way].known)
             leave_out(p, plan, "%s: not measured yet", what[part]);
         else
-            leave_out(p, plan, "%s: %.2g of the relative squared error of %.2g, less than the time for it takes off",
+            leave_out(p, plan, "%s: %.2g of the relative squared error of %.2g, less than its time gains elsewhere",
                       part == PILOT_EYE && !(p->find[way].classes & PATH_CAUSTICS) ? "interreflection by eye paths"
                                                                                    : what[part],
                       pilot_missing(p, (enum pilot_part)part), pilot_error(p));
@@ -78,21 +61,26 @@ static void report_missing(struct pilot *p, struct plan *plan)
         leave_out(p, plan, "caustics and interreflection: not measured yet");
 }
 
+/* Reasons that come before any measurement are those of the plan. */
 static void report_plan(struct pilot *p, struct relight_stats *stats)
 {
-    struct plan *plan = &stats->plan;
-    const uint32_t behind = used(p, PILOT_EYE) ? p->find[p->choice.way[PILOT_EYE]].behind : 0;
-
-    *plan = (struct plan){
-        .caustics = estimator_of(p, PATH_CAUSTICS),
-        .indirect = estimator_of(p, PATH_INDIRECT_LIT),
-        .indirect_caustics = estimator_of(p, PATH_INDIRECT_CAUSTIC),
-        .behind_caustics = behind & PATH_CAUSTICS,
-        .behind_indirect = behind & PATH_INDIRECT,
-        .particles = stats->light.particles,
-        .eye_paths = used(p, PILOT_EYE) ? (uint32_t)lround(p->choice.n[PILOT_EYE]) : 0,
+    const struct plan_wish wish = {
+        .caustics = p->light->classes & PATH_CAUSTICS,
+        .indirect = p->light->classes & PATH_INDIRECT,
+        .caustics_by = p->light->caustics,
+        .indirect_by = p->light->indirect == PLAN_AUTO ? PLAN_EYE : p->light->indirect,
     };
-    report_absent(p, plan);
+    const uint32_t behind = used(p, PILOT_EYE) ? p->find[p->choice.way[PILOT_EYE]].behind : 0;
+    struct plan *plan = &stats->plan;
+
+    plan_make(&p->set->facts, &wish, plan);
+    plan->caustics = estimator_of(p, PATH_CAUSTICS);
+    plan->indirect = estimator_of(p, PATH_INDIRECT_LIT);
+    plan->indirect_caustics = estimator_of(p, PATH_INDIRECT_CAUSTIC);
+    plan->behind_caustics = behind & PATH_CAUSTICS;
+    plan->behind_indirect = behind & PATH_INDIRECT;
+    plan->particles = stats->light.particles;
+    plan->eye_paths = used(p, PILOT_EYE) ? (uint32_t)lround(p->choice.n[PILOT_EYE]) : 0;
     report_missing(p, plan);
     if (stats->direct.strata && !stats->direct.sun)
         leave_out(p, plan, "samples of the sun: this sky has none apart");

@@ -1,6 +1,6 @@
 /* server/light/reference.h */
-/* The methods that make a whole picture by themselves, camera rays included: the reference and the baselines of
- * server/estimators/baselines, behind one door. */
+/* One function for all methods that render whole pictures, camera rays included: the reference and the baselines of
+ * server/estimators/baselines. */
 #ifndef LIGHT_REFERENCE_H
 #define LIGHT_REFERENCE_H
 

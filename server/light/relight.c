@@ -180,7 +180,7 @@ static bool has_bounce(const struct relighter *r, const struct relight_desc *des
     return r->cache.bounce.bounce && relight_bounce_wanted(r->set, desc);
 }
 
-/* e may be NULL: what it decides, who finds caustics where nothing is stored, is then left open. */
+/* e may be NULL: the estimator of caustics is then open unless they are stored. */
 static void make_plan(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                       struct plan *out)
 {
@@ -214,7 +214,7 @@ static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
            (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
 }
 
-/* Packets of which the cache leaves interreflection to eye paths. */
+/* Packets whose interreflection the cache leaves to eye paths. */
 static const struct packet_list *left_by_cache(const struct relighter *r, const struct plan *p)
 {
     const struct packet_list *left =
@@ -248,8 +248,7 @@ static void add_eye_paths(const struct relighter *r, const struct relight_desc *
     out->eye[1] = eye;
 }
 
-/* Particles that are aimed at the casters apart from those for the whole scene: each run has as many as the plan says.
- */
+/* Particles aimed at the casters, and those for the whole scene: each run has the number of the plan. */
 static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
 {
     const uint32_t all = classes_by(p, PLAN_LIGHT);
@@ -266,7 +265,7 @@ static void add_light_tracer(const struct relight_desc *desc, const struct plan 
         };
 }
 
-/* The passes of a picture by the plan's rules and the counts that were asked for. */
+/* The passes of a picture by the plan and the requested counts. */
 static void passes_by_plan(const struct relighter *r, const struct relight_desc *desc, const struct plan *p,
                            struct picture_passes *out)
 {
@@ -281,7 +280,7 @@ static void passes_by_plan(const struct relighter *r, const struct relight_desc 
     add_light_tracer(desc, p, out);
 }
 
-/* Direct light, or darkness where it was not asked for; with interreflection, where the cache has that. */
+/* Direct light, or darkness if it is not requested; with interreflection if the cache has that. */
 static enum err run_direct(struct relighter *r, const struct environment *e, const struct picture_passes *p,
                            struct relight_stats *stats)
 {

@@ -1,6 +1,6 @@
 /* server/light/relight.h */
-/* A scene that stands still, and one environment frame after another upon it: what relightd and the tools share.
- * struct set is made once and then only read: any number of threads. struct relighter belongs to one thread. */
+/* A static scene, relit by one environment frame after another, for relightd and the tools. A struct set is made once
+ * and then only read, by any number of threads. A struct relighter belongs to one thread. */
 #ifndef LIGHT_RELIGHT_H
 #define LIGHT_RELIGHT_H
 
@@ -25,7 +25,7 @@
 
 struct progress;
 
-/* The stage with its camera: geometry, BVH and G-buffer. */
+/* A scene before a camera: geometry, BVH and G-buffer. */
 struct set {
     char name[256];  /* the scene file, or "the built-in scene" */
     char file[4096]; /* the scene file; empty: the built-in one, or a path that is too long */
@@ -34,7 +34,7 @@ struct set {
     struct rays *rays;
     struct gbuffer *gbuffer;
     struct view view;
-    struct plan_facts facts; /* all but the sky's */
+    struct plan_facts facts; /* without the sky's */
     double load_ms, bvh_ms, gbuffer_ms;
     bool borrowed; /* scene and rays belong to another set */
 };
@@ -43,19 +43,19 @@ struct set_desc {
     const char *scene;  /* a path; NULL: the built-in one */
     const char *camera; /* NULL: the first */
     uint32_t width, height;
-    uint32_t edge_rays;  /* per side; 0: the default of gbuffer.h */
-    bool every_pixel;    /* all pixels get the rays of edges */
-    uint32_t interleave; /* sets of light samples among neighbouring pixels, per side: gbuffer.h; 0: 1 */
+    uint32_t edge_rays;            /* per side; 0: the default of gbuffer.h */
+    bool every_pixel;              /* all pixels get the rays of edges */
+    uint32_t interleave;           /* sets of light samples among neighbouring pixels, per side: gbuffer.h; 0: 1 */
     const struct kernels *kernels; /* whose CPU level Embree is held to; NULL: the best of this CPU */
-    bool progress;       /* show a progress line on standard error, if that is a terminal */
+    bool progress;                 /* show a progress line on standard error, if that is a terminal */
 };
 
 /* On ERR_OK the caller owns *out. Errors are those of scene_load and gbuffer_create; ERR_USAGE: no such camera. */
 MUST_CHECK enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why);
 void set_destroy(struct set *s); /* NULL is allowed */
 
-/* What another camera (desc->camera) sees of the same scene: only the G-buffer is made, scene and rays are those of
- * `of`, which must outlive it. line is stepped once per row, begun and ended by the caller. */
+/* Another camera (desc->camera) of the same scene: only the G-buffer is made; scene and rays are those of `of`, which
+ * must outlive it. line is stepped once per row; the caller begins and ends it. Errors are those of set_create. */
 MUST_CHECK enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line,
                                     struct set **out, struct reason *why);
 
@@ -66,39 +66,39 @@ struct relight_desc {
     uint64_t particles;                     /* 0: the plan chooses */
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
-    uint64_t cache_bytes;   /* METHOD_CACHED: the most that its cache may take; 0: CACHE_MEMORY_DEFAULT */
-    bool cache_read_only;   /* such a file is read and never written */
-    bool cache_if_kept;     /* none is computed: it is there when a file has it, else not, and nothing is wrong */
-    bool cache_background;  /* it is computed while pictures are made by other means; else the first waits for it */
-    const char *cache_file; /* where it is kept for the next run; "": beside the scene (cache_place.h), NULL: nowhere */
-    bool unsplit;           /* METHOD_CACHED: all of the sky by what is kept, nothing of it traced for being bright */
-    /* PLAN_STORED, whose store may take as much: the paths that are kept, 0: 64 a pixel; one of `renew` parts of them
-     * is drawn anew as the turn goes on by one, 0: none. The picture depends on the turn, not on those before. */
+    uint64_t cache_bytes;                   /* METHOD_CACHED: memory limit of its cache; 0: CACHE_MEMORY_DEFAULT */
+    bool cache_read_only;                   /* its file is never written */
+    bool cache_if_kept;     /* only load it from a file, never compute it; that there is none is no error */
+    bool cache_background;  /* compute it while pictures are made by other means; else the first waits for it */
+    const char *cache_file; /* to keep it for the next run; "": beside the scene (cache_place.h), NULL: none */
+    bool unsplit;           /* METHOD_CACHED: no split of the sky: its bright part is not traced */
+    /* PLAN_STORED, with the same memory limit: the number of stored paths, 0: 64 per pixel; one of `renew` parts is
+     * redrawn with every turn, 0: none. The picture depends on the turn, not on earlier ones. */
     uint64_t stored_paths, turn;
     uint32_t renew;
 };
 
 struct relight_stats {           /* of one picture */
-    double shade_ms, resolve_ms; /* direct light, and all that the cache has; from points to pixels */
+    double shade_ms, resolve_ms; /* direct light and all light of the cache; from points to pixels */
     double eye_ms, light_ms;     /* eye paths; light tracer */
     struct plan plan;
     struct direct_stats direct;
     struct eye_paths_stats eye;
     struct light_tracer_stats light;
-    struct caustic_store_stats stored; /* PLAN_STORED; `light` is then what was traced for the bright part */
-    /* Where the method is a reference, which takes the whole picture, in shade_ms. */
+    struct caustic_store_stats stored; /* PLAN_STORED; `light` is then that of the bright part */
+    /* Of reference methods, whose whole time is in shade_ms. */
     uint64_t reference_rays;
-    /* METHOD_CACHED: what the cache is, what this frame did with it, and what it took to compute it, or to load it, in
-     * this very run; 0 where it was there. */
+    /* METHOD_CACHED: the cache, this frame's use of it, and cache_ms for computing or loading it in this run; 0: it was
+     * there. */
     struct transport_stats cache;
     struct transport_frame_stats cache_frame;
-    bool cache_loaded;  /* out of a file */
-    bool cache_refused; /* it would take too much memory: lit by METHOD_AUTO */
-    double cache_share; /* of it that is computed: below 1 while it is made in the background */
+    bool cache_loaded;  /* from a file */
+    bool cache_refused; /* it would take too much memory: METHOD_AUTO lit the picture */
+    double cache_share; /* that is computed: below 1 during computation in the background */
     double cache_ms;
-    struct bounce_stats bounce; /* where the cache has interreflection too: what that is, */
-    bool bounce_loaded;         /* out of a file */
-    const char *bias;           /* in what it is not right in the mean, in words; NULL: in nothing */
+    struct bounce_stats bounce; /* if the cache has interreflection too, */
+    bool bounce_loaded;         /* and whether from a file */
+    const char *bias;           /* the bias of the picture in words; NULL: none */
 };
 
 struct relighter;
@@ -108,23 +108,23 @@ struct relighter *relighter_create(const struct set *set, const struct kernels *
 void relighter_destroy(struct relighter *r);                /* NULL is allowed */
 const struct set *relighter_set(const struct relighter *r); /* as created; borrowed. Any thread. */
 
-/* Computes what desc's method needs before its first frame, with a progress line where that is wished for;
- * relighter_run does it where it was not asked for. *ms: what it took. Errors are those of relighter_run. */
+/* Computes what desc's method needs before its first frame, optionally with a progress line, in *ms milliseconds.
+ * relighter_run does it otherwise. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
 
-#define RELIGHT_COARSE (1.0 / 17.0) /* of a cache's computation: its coarse blocks, by their part of all rays */
+#define RELIGHT_COARSE (1.0 / 17.0) /* share of a cache's computation for its coarse blocks, by rays */
 
-/* What a cache comes to that relighter_prepare was told to compute in the background, while pictures are made by
- * another method: to be called for each of them. 0: there is none, or it was refused; below 1: it is being computed; 1:
- * it is there, interreflection with it; from RELIGHT_COARSE on all of direct light is there coarsely. */
+/* Progress of a cache in the background, while pictures are made by another method; to be called for each of them. 0:
+ * there is none, or it was refused; below 1: it is being computed; 1: it is complete, with interreflection; from
+ * RELIGHT_COARSE on all of direct light is available coarsely. */
 double relighter_follow(struct relighter *r);
 
-/* The picture of the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method
- * needs another layout of environment; ERR_RANGE where its cache would take more memory than it may. */
+/* Renders the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method
+ * needs another layout of environment; ERR_RANGE where its cache would exceed the memory limit. */
 MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                                   float *rgb, struct relight_stats *stats);
 
-/* The shade points' own radiance of the last run, as direct_shade writes it. */
+/* The radiance of the shade points in the last run, as direct_shade writes it. Borrowed. */
 const float *relighter_points(const struct relighter *r);
 
 #endif

@@ -84,8 +84,8 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
 }
 
 const struct transport_indirect *relight_bounce_take(struct relight_bounce *b, const struct environment *e,
-                                                  const struct relight_desc *desc, float *lo,
-                                                  struct relight_stats *stats)
+                                                     const struct relight_desc *desc, float *lo,
+                                                     struct relight_stats *stats)
 {
     if (lo)
         bounce_shade(b->bounce, e, desc->direct.cancel, lo);

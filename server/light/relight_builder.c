@@ -25,7 +25,7 @@ struct relight_builder {
     pthread_t thread;
     bool started;
     atomic_bool cancelled;
-    atomic_bool done; /* then what follows is told */
+    atomic_bool done; /* then the next fields are set */
     enum err error;
     struct relight_bounce bounce;
     struct reason why;
@@ -47,7 +47,7 @@ static void tell_end(const struct transport *t, double seconds)
              seconds, 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
 
-/* All that stays of direct light; NULL when it came to nothing. */
+/* The result of direct light; NULL on failure. */
 static const struct transport *build_direct(struct relight_builder *b)
 {
     const double start = clock_seconds();

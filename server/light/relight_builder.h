@@ -9,32 +9,31 @@
 
 struct relight_builder;
 
-/* What it is asked for; set and kernels must outlive it. */
+/* The request; set and kernels must outlive the builder. */
 struct relight_builder_desc {
     const struct set *set;
     const struct kernels *kernels;
     const struct relight_desc *light; /* copied */
     const struct transport_desc *transport;
     const struct relight_keep *keep;
-    const struct transport *loaded; /* the cache of direct light, where that is there already; else NULL */
+    const struct transport *loaded; /* the cache of direct light if it is there already; else NULL */
 };
 
-/* Begins with direct light, where it is not loaded, and goes on with interreflection, where that is wanted. ERR_NOMEM.
- */
+/* Starts with direct light unless it is loaded, then computes interreflection if it is needed. ERR_NOMEM. */
 MUST_CHECK enum err relight_builder_create(const struct relight_builder_desc *desc, struct relight_builder **out,
                                            struct reason *why);
 
-/* Ends what is under way, within some hundredths of a second, and frees the cache. NULL is allowed. */
+/* Stops the computation within some hundredths of a second, and frees the cache. NULL is allowed. */
 void relight_builder_destroy(struct relight_builder *b);
 
-/* The cache of direct light that it makes; NULL where that was loaded. */
+/* The cache of direct light that it computes; NULL if that was loaded. */
 struct transport_live *relight_builder_live(struct relight_builder *b);
 
-/* False while it computes. Then *e says how direct light ended, with a reason: ERR_RANGE, ERR_NOMEM; *bounce is the
- * cache of interreflection, the caller's from now on: told once. */
+/* False while it computes. Then *e is the result of direct light, with a reason: ERR_RANGE, ERR_NOMEM; *bounce is the
+ * cache of interreflection, which the caller owns from then on. True once. */
 bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why);
 
-/* How much is computed, 0 to 1; 1 only when all is. */
+/* The share that is computed, 0 to 1; 1 only when complete. */
 double relight_builder_share(const struct relight_builder *b);
 
 #endif

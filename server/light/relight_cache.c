@@ -39,7 +39,7 @@ static struct transport_desc transport_of(const struct relight_desc *desc)
                                     .cancel = desc->direct.cancel };
 }
 
-/* What there is none of, and why; whoever asked for it is told so once more each time. */
+/* Why there is none, which each request reports again. */
 static enum err refuse(struct relight_cache *c, enum err e, const struct reason *why)
 {
     const bool no_visibility = c->no_visibility;
@@ -54,7 +54,7 @@ static enum err refuse(struct relight_cache *c, enum err e, const struct reason 
     return e;
 }
 
-/* ---- Made while somebody waits ---- */
+/* ---- In the foreground ---- */
 
 static enum err compute(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                         struct transport_desc *desc, bool progress, struct reason *why)
@@ -77,9 +77,9 @@ static void tell(const struct relight_cache *c, double ms)
              c->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
 
-/* ---- Made in the background ---- */
+/* ---- In the background ---- */
 
-/* What the builder has come to by the time of this frame. */
+/* The builder's progress at this frame. */
 static enum err follow(struct relight_cache *c, bool at_once, struct reason *why)
 {
     struct transport_live *live = relight_builder_live(c->builder);
@@ -89,7 +89,7 @@ static enum err follow(struct relight_cache *c, bool at_once, struct reason *why
         c->building = false;
     if (e) {
         e = refuse(c, e, why);
-        c->refused = true; /* for want of memory as well */
+        c->refused = true; /* too little memory as well */
         return e;
     }
     if (live && at_once)
@@ -99,7 +99,7 @@ static enum err follow(struct relight_cache *c, bool at_once, struct reason *why
     return ERR_OK;
 }
 
-/* Somebody must have what stays: until it is there, or the program is to end. */
+/* Waits for a result, or for cancellation. */
 static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *cancel, struct reason *why)
 {
     enum err e = ERR_OK;
@@ -111,7 +111,7 @@ static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *can
     return e;
 }
 
-/* Direct light, where it was not loaded, and interreflection, where it is wanted. */
+/* Direct light unless it was loaded, and interreflection if it is needed. */
 static enum err begin(struct relight_cache *c, const struct relight_builder_desc *desc, struct reason *why)
 {
     const enum err e = relight_builder_create(desc, &c->builder, why);
@@ -194,7 +194,7 @@ double relight_cache_follow(struct relight_cache *c)
 
 /* ---- A frame ---- */
 
-/* Packets that the cache has not, by what auto stands for. */
+/* Packets that the cache lacks, by the rule of auto. */
 static enum err sample(struct direct *direct, const struct set *set, const struct environment *e,
                        const struct relight_desc *desc, const struct packet_list *only, uint32_t samples, float *lo,
                        struct relight_stats *stats)
@@ -219,12 +219,8 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
                              const struct environment *e, const struct relight_desc *desc, float *lo,
                              struct relight_stats *stats)
 {
-    struct transport_frame frame = { desc->direct.samples,
-                                     desc->direct.seed,
-                                     desc->direct.pass,
-                                     desc->direct.cancel,
-                                     desc->unsplit,
-                                     NULL };
+    struct transport_frame frame = { desc->direct.samples, desc->direct.seed, desc->direct.pass,
+                                     desc->direct.cancel,  desc->unsplit,     NULL };
     const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
     const uint32_t samples = desc->direct.samples;
     struct reason why;

@@ -9,8 +9,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define PATHS_PER_PIXEL 64 /* kept, unless it is said */
-#define PARTS_STILL 64     /* where no part is drawn anew, for nothing but the progress line */
+#define PATHS_PER_PIXEL 64 /* stored by default */
+#define PARTS_STILL 64     /* if none is redrawn, for the progress line only */
 
 void relight_caustics_finish(struct relight_caustics *c)
 {

@@ -1,7 +1,7 @@
 /* server/light/relight_passes.h */
-/* The passes that make a picture: direct light and eye paths at the shade points, from points to pixels, particles from
- * the light. What they compute comes as data: relighter_run fills it by rule, the pilot by what it measured; one
- * function runs it (relight.c). A struct passes holds what they work with; one thread of control. */
+/* The passes of a picture: direct light and eye paths at the shade points, from points to pixels, particles from the
+ * light. A struct picture_passes describes them: relighter_run fills it by rule, the pilot by measurement, and one
+ * function runs it (relight.c). A struct passes holds their working memory. One thread of control. */
 #ifndef LIGHT_RELIGHT_PASSES_H
 #define LIGHT_RELIGHT_PASSES_H
 
@@ -50,7 +50,7 @@ MUST_CHECK enum err passes_direct(struct passes *s, int tables, const struct env
                                   const struct direct_desc *desc, float *lo, struct direct_stats *stats,
                                   double *seconds);
 
-/* Eye paths by themselves: the packets of desc->only are written, not added to. ERR_NOMEM. */
+/* Eye paths alone: writes the packets of desc->only instead of adding. ERR_NOMEM. */
 MUST_CHECK enum err passes_eye(struct passes *s, const struct environment *e, const struct eye_paths_desc *desc,
                                float *lo, struct eye_paths_stats *stats, double *seconds);
 
@@ -58,8 +58,8 @@ MUST_CHECK enum err passes_eye(struct passes *s, const struct environment *e, co
 MUST_CHECK enum err passes_halves(struct passes *s, const struct environment *e, const struct light_tracer_desc *desc,
                                   float *const half[2], struct light_tracer_stats *stats, double *seconds);
 
-/* The one function that runs a picture's passes: as relighter_run, by passes that the caller chose. *stats is added to
- * and has its times set; *costs is written. Errors are those of relighter_run. */
+/* Runs all passes of a picture, for relighter_run and the pilot. Adds to *stats and sets its times; writes *costs.
+ * Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct environment *e,
                                          const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
                                          struct pass_costs *costs);

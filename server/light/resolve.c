@@ -14,7 +14,7 @@
 /* The rest, with its entries side by side, by squares of SQUARE x SQUARE pixels: that is how shade points lie in the
  * packets, and what one pixel has read of them is still at hand for its neighbours. */
 #define SQUARE 16u
-#define AHEAD 24       /* entries whose points are asked for before they are wanted, */
+#define AHEAD 24       /* entries whose points are prefetched, */
 #define AHEAD_PIXELS 8 /* and pixels */
 
 struct mixed {

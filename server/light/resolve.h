@@ -9,17 +9,19 @@
 #include "env/environment.h"
 #include "scene/gbuffer.h"
 
+/* Without any memory between frames. One thread of control. */
 void resolve_pixels(const struct gbuffer *g, const float *lo, const struct environment *e, float *rgb);
 
-/* The same picture to the bit, in less time from the second frame on. Kept are, as long as layout, size and rotation of
- * the sky stay, where escapes look it up (lookup_place.h, 12 bytes an escape), and which pixels are but one shade point
- * or one escape (4 bytes a pixel), and what the others are made of (8 bytes a pixel and 16 an entry of it). It belongs
- * to one G-buffer, which must outlive it and not change, and to one thread at a time. Out of memory nothing is kept,
- * and that is no error. */
+/* The same picture to the bit, in less time from the second frame on. As long as layout, size and rotation of the sky
+ * stay the same it keeps where escapes look up the sky (lookup_place.h, 12 bytes per escape), which pixels are a single
+ * shade point or escape (4 bytes per pixel), and the entries of the others (8 bytes per pixel and 16 per entry). It
+ * belongs to one G-buffer, which must outlive it and not change, and to one thread at a time. Out of memory nothing is
+ * kept, which is no error. */
 struct resolver;
 
 struct resolver *resolver_create(const struct gbuffer *g); /* NULL when out of memory */
 void resolver_destroy(struct resolver *r);                 /* NULL is allowed */
+/* As resolve_pixels. */
 void resolver_pixels(struct resolver *r, const float *lo, const struct environment *e, float *rgb);
 
 /* uint8_t[height][width]: 1 where a pixel holds a shade point, as the relative error counts them. */

@@ -19,7 +19,7 @@ struct tile {
 
 struct still {
     const struct set *set;
-    struct relighter *relighter; /* of its own: what the pictures' keeps from frame to frame stays as it is */
+    struct relighter *relighter; /* separate, so that the pictures' own relighter keeps its state */
     uint8_t *mask;
     float *first, *pass; /* [height][width][3], as what follows */
     double *sum;
@@ -85,7 +85,7 @@ void still_begin(struct still *s, const float *first)
     s->weighed = false;
 }
 
-/* What is right in the mean, with numbers that no picture has. */
+/* The unbiased light of a pass, with random numbers that no picture uses. */
 static struct relight_desc unbiased(const struct still *s, const struct relight_desc *light)
 {
     struct relight_desc d = *light;
@@ -101,7 +101,7 @@ static struct relight_desc unbiased(const struct still *s, const struct relight_
     return d;
 }
 
-/* Sums of squares about a mean that moves [Welford 1962]. */
+/* Running sums of squares about the mean [Welford 1962]. */
 static void add_pass(struct still *s)
 {
     const size_t values = (size_t)s->set->gbuffer->width * s->set->gbuffer->height * 3;
