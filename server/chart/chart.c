@@ -65,7 +65,7 @@ enum err chart_read_budgets(const char *list, uint32_t *out, uint32_t room, uint
         errno = 0;
         const unsigned long v = strtoul(at, &end, 10);
         if (end == at || *at < '0' || *at > '9' || (*end && *end != ',') || errno || v < 1 || v > 65536)
-            return err_say(why, ERR_USAGE, "--budgets '%s': numbers from 1 to 65536 with commas between are expected",
+            return err_say(why, ERR_USAGE, "--budgets '%s': numbers from 1 to 65536, separated by commas, are expected",
                            list);
         if (*count == room)
             return err_say(why, ERR_USAGE, "--budgets '%s': at most %u numbers", list, room);
@@ -87,7 +87,7 @@ static size_t count_items(const char *list)
     return n;
 }
 
-/* Whether any technique that was asked for is of this class. */
+/* Whether any requested technique is of this class. */
 static bool has_class(const struct chart_desc *d, enum light_class light_class)
 {
     size_t count;
@@ -151,7 +151,7 @@ static enum err write_files(const struct chart *c, struct reason *why)
     return e;
 }
 
-/* Draws the newest panel and makes its section of the page; its pictures are not needed after that. */
+/* Draws the newest panel and writes its section of the page; its pictures are not needed afterwards. */
 static enum err show_panel(struct chart *c, struct reason *why)
 {
     const size_t k = c->count - 1;
@@ -183,7 +183,7 @@ static void light_finish(struct light *l)
     environment_destroy(l->environment);
 }
 
-/* What the first rebuild takes longer than the second is the resampling table. */
+/* The first rebuild takes longer than the second by the resampling table. */
 static enum err light_init(struct light *l, const char *spec, struct reason *why)
 {
     const struct source_desc d = { .spec = spec };
@@ -254,7 +254,7 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
     return e;
 }
 
-/* The folder of references: the one that was asked for, or the user's own. */
+/* The folder of references: --cache, or the user's own. */
 static enum err find_cache(struct chart *c, struct reason *why)
 {
     const char *asked = c->desc->cache;
@@ -263,13 +263,12 @@ static enum err find_cache(struct chart *c, struct reason *why)
         if (snprintf(c->cache, sizeof(c->cache), "%s", asked) >= (int)sizeof(c->cache))
             return err_say(why, ERR_IO, "%.200s...: the path is too long", asked);
     } else if (folder_cache("relight-chart", c->cache, sizeof(c->cache), NULL)) {
-        return err_say(why, ERR_USAGE,
-                       "neither XDG_CACHE_HOME nor HOME is set: --cache DIR says where references are kept");
+        return err_say(why, ERR_USAGE, "neither XDG_CACHE_HOME nor HOME is set: use --cache DIR for the references");
     }
     return folder_make(c->cache, why);
 }
 
-/* Everything that can be found wrong before the work. */
+/* Finds all usage errors before the work. */
 static enum err check(struct chart *c, struct reason *why)
 {
     const struct chart_desc *d = c->desc;

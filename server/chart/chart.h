@@ -1,6 +1,6 @@
 /* server/chart/chart.h */
-/* The whole chart: every scene under every sky in every class of light, one after another; files are written after each
- * panel, so that an interrupted chart is a shorter one. Main thread; uses all OpenMP threads. */
+/* The whole chart: every scene under every sky in every class of light. Files are written after each panel, so that an
+ * interrupted run leaves a shorter chart. Main thread; uses all OpenMP threads. */
 #ifndef CHART_CHART_H
 #define CHART_CHART_H
 
@@ -12,13 +12,13 @@
 struct kernels;
 
 struct chart_desc {
-    const char *scenes;  /* a list with semicolons between: scene files, or "builtin"; each may begin with a title and
-                          * an equals sign */
-    const char *sources; /* likewise, of sources; the first frame of each counts */
-    const char *out;     /* folder, made if it is missing */
-    const char *cache;   /* folder of references; NULL: the user's own */
-    const char *techniques; /* a list with commas between; NULL: all */
-    const char *budgets;    /* numbers with commas between, ascending */
+    const char *scenes;     /* scene files or "builtin", separated by semicolons; each may begin with a title and an
+                             * equals sign */
+    const char *sources;    /* sources, likewise; the first frame of each is used */
+    const char *out;        /* folder, made if missing */
+    const char *cache;      /* folder of references; NULL: the user's cache folder */
+    const char *techniques; /* names separated by commas; NULL: all */
+    const char *budgets;    /* ascending numbers separated by commas */
     const char *command;    /* for the page */
     const struct kernels *kernels;
     uint32_t width, height, seeds;
@@ -28,16 +28,16 @@ struct chart_desc {
     bool progress;          /* a line on standard error, if that is a terminal */
 };
 
-/* Writes chart.csv, runs.csv, index.html and the charts' SVG files. ERR_USAGE: a list that makes no sense,
- * before anything is done. Errors of scenes and sources, ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: no gnuplot. */
+/* Writes chart.csv, runs.csv, index.html and the charts' SVG files. ERR_USAGE: a list is invalid, which is
+ * found before the work. Errors of scenes and sources, ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: no gnuplot. */
 MUST_CHECK enum err chart_run(const struct chart_desc *desc, struct reason *why);
 
 /* "4,8,16" into at most `room` numbers, ascending and at least two. ERR_USAGE. */
 MUST_CHECK enum err chart_read_budgets(const char *list, uint32_t *out, uint32_t room, uint32_t *count,
                                        struct reason *why);
 
-/* The next element of a list into title and spec: "noon=sky:hour=12" has the title "noon"; without one a file is called
- * by its name without folder and ending, all else by itself. *list moves on; false at its end. */
+/* The next element of a list into title and spec: "noon=sky:hour=12" has the title "noon"; by default a file's title is
+ * its name without folder and ending, and that of other sources the whole spec. Advances *list; false at its end. */
 bool chart_next_item(const char **list, char title[128], char spec[4096]);
 
 #endif

@@ -1,5 +1,5 @@
 /* server/chart/csv.h */
-/* Every point of every panel as a row of CSV [RFC 4180], a head first; times in milliseconds. */
+/* Every point of every panel as a row of CSV [RFC 4180] below a header row; times in milliseconds. Any thread. */
 #ifndef CHART_CSV_H
 #define CHART_CSV_H
 
@@ -9,7 +9,7 @@
 /* One row for each technique at each budget. */
 void csv_points(struct text *t, const struct panel *const *panels, size_t count);
 
-/* One row for each single run, from which all of the chart can be made again. */
+/* One row for each run, from which the whole chart can be computed again. */
 void csv_runs(struct text *t, const struct panel *const *panels, size_t count);
 
 #endif

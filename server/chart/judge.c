@@ -138,7 +138,7 @@ double judge_energy(const struct judge *j, const float *x)
     return sum / reference;
 }
 
-/* Mean of what stands beside the diagonal, and the variance of that mean over the draw of the seeds. Each picture takes
+/* Mean of the entries beside the diagonal, and the variance of that mean over the draw of the seeds. Each picture takes
  * part in n - 1 pairs, so that the mean is a U-statistic of degree 2, with the variance [Hoeffding 1948]
  * (4 (n - 2) z1 + 2 z2) / (n (n - 1)): z2 is the variance of a pair, z1 that of its mean with one picture held. */
 static double bias_of(const double *pairs, uint32_t n, double *variance)

@@ -1,11 +1,11 @@
 /* server/chart/judge.h */
-/* How far pictures are from a truth that nobody has: two references a and b of it, made from different random numbers,
- * stand for it. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of a picture x is
+/* The error of pictures against a truth that is known only through two references a and b, computed with different
+ * random numbers. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of a picture x is
  *     mean(q (x - a)(x - b)),
- * whose mean over a and b is that of relMSE against the truth itself: their own noise is independent of each other and
- * of x, so it cancels, where (x - r)^2 would add it. Such an error may come out below 0 where x is better than the
- * references can tell; `doubt` says where that is. Pictures are float[height][width][3], linear. Sums are in fixed
- * order: the same bits at any number of threads. */
+ * whose expectation is that of relMSE against the truth: the noise of a and b is independent of each other and of x, so
+ * it cancels, where (x - r)^2 would add it. Such an error may be below 0 where x is better than the references can
+ * tell; `doubt` says where that begins. Pictures are float[height][width][3], linear. Sums are in fixed order: the same
+ * bits at any number of threads. */
 #ifndef CHART_JUDGE_H
 #define CHART_JUDGE_H
 
@@ -21,7 +21,7 @@ struct judge {
     float *weight;      /* likewise: q / (3 pixels); 0 where a pixel is left out */
     uint32_t width, height;
     uint64_t pixels; /* counted */
-    /* Of the references: mean(q (a - b)^2) / 4, which is what r's own noise would add to an error against it. */
+    /* mean(q (a - b)^2) / 4: what the noise of r would add to an error against r. */
     double noise;
     /* Standard deviation of the error that a perfect picture is given, from the same differences: errors below two of
      * them cannot be told from 0. */
@@ -34,17 +34,17 @@ MUST_CHECK enum err judge_init(struct judge *j, const float *a, const float *b, 
                                uint32_t height, struct reason *why);
 void judge_finish(struct judge *j); /* zeroed memory is allowed */
 
-/* The error; INFINITY for a picture that holds what is no number. */
+/* The error; INFINITY for a picture with a NaN or an infinity. */
 double judge_error(const struct judge *j, const float *x);
 
 /* Each pixel's part of it, (x - a)(x - b) q averaged over the channels, at least 0: for a map. */
 void judge_map(const struct judge *j, const float *x, float *map);
 
-/* out[n][n]: mean(q (x_i - a)(x_k - b)), made symmetric in i and k. The diagonal holds the errors; what stands beside
- * it knows no variance of x_i, since that is independent of x_k's: its mean is the square of the bias. */
+/* out[n][n]: mean(q (x_i - a)(x_k - b)), symmetric in i and k. The diagonal holds the errors. The other entries contain
+ * no variance of x_i, which is independent of x_k's: their mean is the square of the bias. */
 void judge_pairs(const struct judge *j, const float *const *x, uint32_t n, double *out);
 
-/* What of an error no number of seeds takes away. */
+/* The part of an error that no number of seeds removes. */
 struct judge_floor {
     double error;    /* mean of the seeds' */
     double bias;     /* its part that is bias, squared like the error; may be below 0 by chance */

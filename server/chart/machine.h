@@ -1,10 +1,10 @@
 /* server/chart/machine.h */
-/* Where and when a chart was made: without it no time means anything. */
+/* Where and when measurements were made: times mean nothing without it. */
 #ifndef CHART_MACHINE_H
 #define CHART_MACHINE_H
 
 struct machine {
-    char cpu[128]; /* as the system names it; "unknown" where it does not */
+    char cpu[128]; /* as the system names it, else "unknown" */
     char date[32]; /* UTC, to the minute */
     int processors, threads;
     const char *level;  /* of the kernels: "v4" */
@@ -12,7 +12,7 @@ struct machine {
     const char *version;
 };
 
-/* level: of the kernels in use. Reads /proc/cpuinfo. */
+/* level: of the kernels in use. Reads /proc/cpuinfo. Any thread. */
 void machine_describe(struct machine *m, const char *level);
 
 #endif

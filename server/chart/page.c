@@ -11,7 +11,7 @@ void page_svg_name(const struct panel *p, size_t number, enum error_kind kind, c
     char words[256], *to = words;
 
     panel_title(p, words, sizeof(words));
-    for (const char *from = words; *from; from++) { /* letters and digits, with one dash for what stands between */
+    for (const char *from = words; *from; from++) { /* letters and digits, one dash for all between them */
         const char c = *from;
         if ((c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'))
             *to++ = c;
@@ -30,7 +30,7 @@ void page_add_swatch(struct text *t, const struct technique *q)
     text_add(t, "></b>%s</span>", q->name);
 }
 
-/* "1.30 times", as somebody would say it. */
+/* "1.30 times". */
 static void add_times(struct text *t, double ratio)
 {
     text_add(t, ratio < 2.0 ? "%.2f times" : ratio < 10.0 ? "%.1f times" : "%.0f times", ratio);
@@ -43,7 +43,7 @@ static void add_title(struct text *t, const struct panel *p)
     text_add_escaped(t, p->source);
 }
 
-/* What somebody wants who reads no further. */
+/* The short answer. */
 static void add_answer(struct text *t, const struct page *p, const struct ranking *r, size_t count, size_t everywhere)
 {
     const struct ranking *best = &r[0], *worst = &r[0], *automatic = NULL;
@@ -68,7 +68,7 @@ static void add_answer(struct text *t, const struct page *p, const struct rankin
     if (automatic && automatic != best) {
         text_add(t, "<p>");
         page_add_swatch(t, automatic->technique);
-        text_add(t, " is what a server does unless told otherwise: typically ");
+        text_add(t, " is the server's default: typically ");
         add_times(t, automatic->mean_ratio);
         text_add(t, " the best error, at worst ");
         add_times(t, automatic->worst_ratio);
@@ -112,8 +112,8 @@ void page_add_choice(struct text *t, const struct page *p, enum light_class ligh
     if (count == 0)
         return;
     text_add(t, "<section class=\"card\"><h3>%s</h3>",
-             light_class == LIGHT_DIRECT ? "Direct light: the sky and what it shines on"
-                                         : "All light: with light from wall to wall, mirrors and glass");
+             light_class == LIGHT_DIRECT ? "Direct light: the sky and the surfaces that it lights"
+                                         : "All light: with interreflection, mirrors and glass");
     add_answer(t, p, r, count, everywhere);
     text_add(t, "<details><summary>All of them, by their worst case</summary><div class=\"wide\"><table><tr>"
                 "<th>method</th><th class=\"left\">takes</th><th>best, or<br>nearly</th><th>error over the "
@@ -121,7 +121,7 @@ void page_add_choice(struct text *t, const struct page *p, enum light_class ligh
                 "<th>at<br>worst</th><th class=\"left\">where</th></tr>");
     for (size_t k = 0; k < count; k++)
         add_ranking(t, p, &r[k], longest);
-    text_add(t, "</table></div><p class=\"soft\">Compared at equal time, half way along each panel's times; typical is "
+    text_add(t, "</table></div><p class=\"soft\">Compared at equal time, the median of each panel's times; typical is "
                 "the geometric mean over panels.</p></details></section>");
 }
 
@@ -131,13 +131,12 @@ static void add_how_to_read(struct text *t)
 
     text_add(t,
              "<details class=\"card\"><summary>How to read this</summary>"
-             "<p>Every line is one way of lighting the picture. To the right it takes longer, further down it is "
-             "nearer to the truth: <b>the lowest line at the time you have is the one to choose.</b> The shade about "
-             "a line holds eight of ten runs with other random numbers. A line that runs parallel to the dotted "
-             "guide gets out of more time what more samples can give; one that becomes level has an error that no time "
-             "takes away.</p>"
+             "<p>Every line is one way of lighting the picture. Time increases to the right, the error decreases "
+             "downwards: <b>choose the lowest line at the time you have.</b> The shaded band about a line contains "
+             "eight of ten runs with other random numbers. A line parallel to the dotted guide turns more time into "
+             "proportionally more samples; one that becomes level has an error that no time removes.</p>"
              "<p>Time is that of a whole frame of a stream: reading the sky, making its tables, lighting, tone curve "
-             "and JPEG. What is computed once for a scene stands beside it.</p>");
+             "and JPEG. Precomputation for a scene is stated separately.</p>");
     for (int k = 0; k < ERROR_KINDS; k++)
         text_add(t, "<p><b>%s</b>: %s</p>", error_about((enum error_kind)k)->title,
                  error_about((enum error_kind)k)->plain);

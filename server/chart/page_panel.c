@@ -77,9 +77,9 @@ static enum err add_thumb(struct text *t, const struct panel *p, const struct wi
 
 static enum err add_strip(struct text *t, const struct panel *p, const struct winners *w, struct jpeg_encoder *jpeg)
 {
-    text_add(t, "<h3>What each makes of about ");
+    text_add(t, "<h3>Pictures and errors at about ");
     add_figure(t, 1e3 * w->seconds[MARK_MIDDLE]);
-    text_add(t, " ms, and where it is wrong</h3><div class=\"strip\"><figure><img alt=\"the truth\" src=\"");
+    text_add(t, " ms</h3><div class=\"strip\"><figure><img alt=\"the truth\" src=\"");
     enum err e = thumb_picture(t, jpeg, p, p->judge.mean);
     text_add(t, "\"><figcaption><span class=\"name\">the truth</span><br>%u samples a pixel</figcaption></figure>",
              p->truth.samples[0] + p->truth.samples[1]);
@@ -95,8 +95,7 @@ static void add_head(struct text *t, const struct winners *w)
     text_add(t,
              "<tr><th rowspan=\"2\">method</th><th colspan=\"%d\">error at equal time</th><th colspan=\"%d\">"
              "milliseconds to equal error</th><th rowspan=\"2\">bias floor<br><small>at its most samples</small></th>"
-             "<th rowspan=\"2\">brightness<br><small>over the truth's</small></th><th rowspan=\"2\">pays off after"
-             "<br><small>frames</small></th></tr><tr>",
+             "<th rowspan=\"2\">brightness<br><small>over the truth's</small></th></tr><tr>",
              MARKS, MARKS);
     for (int m = 0; m < MARKS; m++) {
         text_add(t, "<th>");
@@ -150,10 +149,7 @@ static void add_curve(struct text *t, const struct panel *p, const struct winner
         text_add(t, "<span class=\"soft\">none seen</span>");
     text_add(t, " <span class=\"times\">z %.1f</span></td><td>%.4f <span class=\"times\">&plusmn; %.4f</span></td>",
              f->z, f->energy, f->energy_doubt);
-    if (s->pays_off > 0.0)
-        text_add(t, "<td>%.0f</td></tr>", s->pays_off);
-    else
-        text_add(t, "<td class=\"soft\">&ndash;</td></tr>");
+    text_add(t, "</tr>");
 }
 
 static void add_automatic(struct text *t, const struct winners *w)
@@ -173,7 +169,7 @@ static void add_automatic(struct text *t, const struct winners *w)
              100.0 * v->confidence);
 }
 
-/* How much of the best error at the middle time is no noise. */
+/* The share of the best error at the middle time that is bias. */
 static void add_floor(struct text *t, const struct panel *p, const struct winners *w)
 {
     const int best = w->by_error[MARK_MIDDLE];
@@ -186,9 +182,10 @@ static void add_floor(struct text *t, const struct panel *p, const struct winner
     if (share > 0.2 && !method_is_reference(c->technique->light.direct.method))
         text_add(
             t,
-            "<p>Of the best error half way, %.0f %% is no noise: it is what one point for a whole pixel misses, the "
-            "same for all methods but <b>path</b> and its like. More samples do not change it; more camera rays "
-            "(<code>--every-pixel</code>) do.</p>",
+            "<p>Of the best error at the middle time, %.0f %% is not noise but the bias of one shading point per "
+            "pixel, "
+            "the same for all methods that shade points. More camera rays reduce it (<code>--every-pixel</code>), more "
+            "samples do not.</p>",
             100.0 * fmin(share, 1.0));
 }
 
@@ -204,7 +201,7 @@ static void add_times(struct text *t, const struct panel *p)
     }
     text_add(t, " = ");
     add_figure(t, common);
-    text_add(t, " ms are common to all methods. Once, beforehand: scene ");
+    text_add(t, " ms are common to all methods. Once per scene: loading ");
     add_figure(t, p->load_ms);
     text_add(t, ", ray structure ");
     add_figure(t, p->bvh_ms);
@@ -218,19 +215,18 @@ static void add_times(struct text *t, const struct panel *p)
              p->points, 1e-6 * (double)p->gbuffer_bytes, 2.0 * p->judge.doubt);
 }
 
-/* How well a pilot knows what it does. */
+/* How well auto estimates its error. */
 static void add_estimate(struct text *t, const struct panel *p, const struct panel_curve *c)
 {
     if (c->left_out.text[0] || c->technique->kind != TECHNIQUE_AUTO)
         return;
-    text_add(t,
-             "<p class=\"soft\"><b>%s</b> was given the time of <b>%s</b>, %u frames to learn, and expected noise of",
+    text_add(t, "<p class=\"soft\"><b>%s</b> got the time of <b>%s</b> and %u frames to learn. It expected noise of",
              c->technique->name, technique_pace(p->light_class)->name, PILOT_FRAMES);
     for (uint32_t k = 0; k < p->budget_count; k++) {
         text_add(t, k ? ", " : " ");
         add_figure(t, c->points[k].expected);
     }
-    text_add(t, "; it had");
+    text_add(t, "; measured:");
     for (uint32_t k = 0; k < p->budget_count; k++) {
         text_add(t, k ? ", " : " ");
         add_figure(t, c->points[k].floor.variance);
@@ -238,7 +234,7 @@ static void add_estimate(struct text *t, const struct panel *p, const struct pan
     text_add(t, ".</p>");
 }
 
-/* What a method computes beforehand, and when that has been worth it. */
+/* A method's precomputation, and when it pays off. */
 static void add_prepared(struct text *t, const struct panel *p, const struct winners *w, size_t curve)
 {
     const struct panel_curve *c = &p->curves[curve];
@@ -248,17 +244,17 @@ static void add_prepared(struct text *t, const struct panel *p, const struct win
         return;
     text_add(t, "<p><b>%s</b> first computes for ", c->technique->name);
     add_figure(t, 1e-3 * c->prepared_ms);
-    text_add(t,
-             " s and keeps %.0f MB, for this scene, camera and size. No time above holds that, and it takes no prize. ",
-             1e-6 * (double)c->prepared_bytes);
-    if (s->prepared_pays > 0.0)
-        text_add(t, "At the error that is best half way it has won it back after %.0f frames, against <b>%s</b>.</p>",
-                 s->prepared_pays, p->curves[w->by_seconds[MARK_MIDDLE]].technique->name);
+    text_add(
+        t, " s and keeps %.0f MB, for this scene, camera and size. No time above includes that, and it is not ranked. ",
+        1e-6 * (double)c->prepared_bytes);
+    if (s->break_even > 0.0)
+        text_add(t, "At the best error at the middle time it pays off after %.0f frames, compared with <b>%s</b>.</p>",
+                 s->break_even, p->curves[w->by_seconds[MARK_MIDDLE]].technique->name);
     else
-        text_add(t, "At the error that is best half way it does not win it back.</p>");
+        text_add(t, "At the best error at the middle time it does not pay off.</p>");
 }
 
-/* What is to be said of single methods. */
+/* Notes on single methods. */
 static void add_notes(struct text *t, const struct panel *p, const struct winners *w)
 {
     for (size_t k = 0; k < p->curve_count; k++) {
@@ -268,7 +264,7 @@ static void add_notes(struct text *t, const struct panel *p, const struct winner
         const struct judge_floor *f = &c->points[p->budget_count - 1].floor;
         if (c->left_out.text[0] || c->bias) {
             text_add(t, "<p class=\"soft\"><b>%s</b>%s ", c->technique->name,
-                     c->left_out.text[0] ? " is left out:" : " is wrong by itself:");
+                     c->left_out.text[0] ? " is left out:" : " is biased:");
             text_add_escaped(t, c->left_out.text[0] ? c->left_out.text : c->bias);
             text_add(t, ".</p>");
         } else if (f->energy < 0.9) {

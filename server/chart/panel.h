@@ -1,6 +1,6 @@
 /* server/chart/panel.h */
-/* One panel of the chart: a scene under a sky, in one class of light, and what every technique made of it at every
- * budget. panel_measure fills it; then it is only read. */
+/* One panel of the chart: a scene under a sky in one class of light, with the results of every technique at every
+ * budget. panel_measure fills it; then it is only read. One thread of control. */
 #ifndef CHART_PANEL_H
 #define CHART_PANEL_H
 
@@ -19,9 +19,9 @@ struct progress;
 
 #define BUDGETS_MAX 16
 #define SEEDS_MAX 256
-#define PILOT_FRAMES 30 /* that a pilot has before it is measured: a stream's first second */
+#define PILOT_FRAMES 30 /* of auto before it is measured: the first second of a stream */
 
-/* Milliseconds that every technique pays alike, medians over all rounds. Each is added to every technique's time. */
+/* Stages that are common to all techniques: medians over all rounds, in ms, are added to every technique's time. */
 enum common_part {
     COMMON_DECODE,
     COMMON_REBUILD, /* resampling onto the cube map, and its sampling tables */
@@ -34,16 +34,16 @@ const char *common_name(enum common_part part); /* "decode", ... */
 struct panel_point { /* one technique at one budget */
     uint32_t budget, samples, eye_paths;
     uint64_t particles, rays;
-    double expected; /* relMSE without bias, as a pilot estimated it, the mean over the seeds; 0: nobody did */
+    double expected; /* relMSE without bias, as estimated by auto, mean over the seeds; 0: by others */
     struct band seconds, errors[ERROR_KINDS]; /* over the seeds */
     struct judge_floor floor;
 };
 
 struct panel_curve {
     const struct technique *technique;
-    struct reason left_out; /* why there is none; "": there is */
-    const char *bias;       /* in what the method says that it is wrong; NULL: in nothing */
-    double prepared_ms;     /* of TECHNIQUE_PREPARED: what it computed for the scene, once; in no other time */
+    struct reason left_out; /* the reason why it was not measured; "": it was */
+    const char *bias;       /* what the method computes wrongly, in words; NULL: nothing */
+    double prepared_ms;     /* of TECHNIQUE_PREPARED: its precomputation for the scene; part of no other time */
     uint64_t prepared_bytes;
     struct panel_point *points; /* [budget_count] */
     double *seconds;            /* [budget_count][seeds]: whole frames */
@@ -81,24 +81,24 @@ struct panel_desc {
     const char *techniques; /* a list of names with commas between; NULL: all */
     uint32_t truth_samples;
     const char *cache;     /* folder; NULL: none */
-    double table_ms;       /* as measured by whoever made the environment */
+    double table_ms;       /* as the caller measured it */
     struct progress *line; /* stepped by panel_work in all; may be NULL */
 };
 
-/* How much there is to do, in units that take about the same time each. */
+/* The steps of the progress line, which take about the same time each. */
 uint64_t panel_work(const struct panel_desc *desc);
 
-/* Runs all of it. Seed by seed, within it budget by budget, within that technique by technique, so that a noisy moment
- * of the machine hits all alike. All pictures are held until they are compared: 12 bytes times pixels, techniques,
+/* Measures a panel: for each seed, for each budget, all techniques in turn, so that a noisy moment of the machine
+ * affects all alike. All pictures are kept until they are compared: 12 bytes times pixels, techniques,
  * budgets and seeds, 660 MB for 12, 5 and 16 at 320x180; ERR_RANGE above 8 GiB. On an error *out is NULL: those of
  * truth.h, ERR_NOMEM. Free with panel_destroy. */
 MUST_CHECK enum err panel_measure(const struct panel_desc *desc, struct panel **out, struct reason *why);
 void panel_destroy(struct panel *p); /* NULL is allowed */
 
-/* Frees pictures and references, by far the most of it, once the page has them; what is left serves tables. */
+/* Frees pictures and references, most of the memory; the rest serves the tables. */
 void panel_drop_pictures(struct panel *p);
 
-/* Whether the list names the technique. ERR_USAGE from panel_check_techniques names what no technique is called. */
+/* Whether the list names the technique. panel_check_techniques returns ERR_USAGE for an unknown name. */
 bool panel_takes(const char *techniques, const struct technique *t);
 MUST_CHECK enum err panel_check_techniques(const char *techniques, struct reason *why);
 

@@ -43,7 +43,7 @@ enum err plot_check(struct reason *why)
 }
 
 /* A string of gnuplot's, within single quotes. */
-void plot_add_quoted(struct text *t, const char *plain)
+static void add_quoted(struct text *t, const char *plain)
 {
     text_add(t, "'");
     for (; *plain; plain++)
@@ -51,7 +51,7 @@ void plot_add_quoted(struct text *t, const char *plain)
     text_add(t, "'");
 }
 
-void plot_add_value(struct text *t, double v)
+static void add_value(struct text *t, double v)
 {
     if (isfinite(v) && v > 0.0)
         text_add(t, " %.6g", v);
@@ -104,9 +104,9 @@ static void add_data(struct text *t, const struct panel *p, enum error_kind kind
         for (uint32_t k = 0; k < p->budget_count; k++) {
             const struct panel_point *point = &p->curves[c].points[k];
             text_add(t, "%.6g", 1e3 * point->seconds.median);
-            plot_add_value(t, point->errors[kind].low);
-            plot_add_value(t, point->errors[kind].median);
-            plot_add_value(t, point->errors[kind].high);
+            add_value(t, point->errors[kind].low);
+            add_value(t, point->errors[kind].median);
+            add_value(t, point->errors[kind].high);
             text_add(t, "\n");
         }
         text_add(t, "EOD\n");
@@ -149,7 +149,7 @@ static void add_curves(struct text *t, const struct panel *p, enum error_kind ki
     text_add(t, "\n");
 }
 
-void plot_script(struct text *t, const struct panel *p, enum error_kind kind, const char *svg)
+static void write_script(struct text *t, const struct panel *p, enum error_kind kind, const char *svg)
 {
     const struct frame_of f = find_frame(p, kind);
     const double slope = error_about(kind)->slope;
@@ -159,7 +159,7 @@ void plot_script(struct text *t, const struct panel *p, enum error_kind kind, co
              "set terminal svg size %d,%d dynamic noenhanced font 'sans-serif,15' background rgb '#ffffff'\n"
              "set output ",
              WIDTH, HEIGHT);
-    plot_add_quoted(t, svg);
+    add_quoted(t, svg);
     text_add(t, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", f.x[0], f.x[1], f.y[0], f.y[1]);
     text_add(t, "set xlabel 'milliseconds for a whole frame'\nset ylabel '%s'\n", error_about(kind)->title);
     text_add(t, "set border 3 lc rgb 'black'\nset tics nomirror out\nset format x '%%g'\nset format y '%%g'\n"
@@ -176,24 +176,17 @@ void plot_script(struct text *t, const struct panel *p, enum error_kind kind, co
     add_curves(t, p, kind, f.y[1]);
 }
 
-enum err plot_run(const struct text *script, const char *svg, struct reason *why)
-{
-    char name[4200];
-
-    snprintf(name, sizeof(name), "%s.gp", svg);
-    enum err e = text_store(script, name, why);
-    if (!e)
-        e = run_gnuplot(NULL, name, why);
-    unlink(name);
-    return e;
-}
-
 enum err plot_draw(const struct panel *p, enum error_kind kind, const char *svg, struct reason *why)
 {
     struct text script = { .bytes = NULL };
+    char name[4200];
 
-    plot_script(&script, p, kind, svg);
-    const enum err e = plot_run(&script, svg, why);
+    write_script(&script, p, kind, svg);
+    snprintf(name, sizeof(name), "%s.gp", svg);
+    enum err e = text_store(&script, name, why);
+    if (!e)
+        e = run_gnuplot(NULL, name, why);
+    unlink(name);
     text_finish(&script);
     return e;
 }

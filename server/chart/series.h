@@ -1,6 +1,6 @@
 /* server/chart/series.h */
-/* Statistics of curves of error over time: quantiles over seeds, places between the points of a curve, the lower
- * envelope of several curves and how sure one may be that another stays near it. Pure functions; any thread. */
+/* Statistics of curves of error over time: quantiles over seeds, interpolation, the lower envelope of several curves,
+ * and with which confidence another stays near it. Pure functions; any thread. */
 #ifndef CHART_SERIES_H
 #define CHART_SERIES_H
 
@@ -13,7 +13,7 @@ struct band {                 /* of values over seeds */
     double low, median, high; /* 10 %, 50 %, 90 %, linear between neighbours [Hyndman and Fan 1996, type 7] */
 };
 
-/* n >= 1; the values stay as they are. What is no number counts as INFINITY. ERR_NOMEM. */
+/* n >= 1; the values are not changed. NaN counts as INFINITY. ERR_NOMEM. */
 MUST_CHECK enum err series_band(const double *values, uint32_t n, struct band *out);
 
 /* A curve as it was measured: `points` budgets, each with `seeds` runs. Borrowed. */
@@ -44,6 +44,7 @@ struct envelope_verdict {
     bool within;          /* that share is at least 0.9 */
 };
 
+/* ERR_NOMEM. */
 MUST_CHECK enum err series_envelope(const struct curve *others, uint32_t count, const struct curve *tested,
                                     double limit, uint32_t rounds, uint64_t seed, struct envelope_verdict *out);
 

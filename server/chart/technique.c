@@ -29,33 +29,33 @@ static const struct technique techniques[] = {
       .light.direct.method = METHOD_LATLONG_ROWS },
     { "faces-uniform", "as many bright directions from each of the sky's six faces", DIRECT, .colour = 0xc79a00,
       .light.direct.method = METHOD_FACES_UNIFORM },
-    { "faces", "bright directions, more from those faces that the surface looks at", DIRECT, .colour = 0xef8122,
+    { "faces", "bright directions, more from the faces that the surface faces", DIRECT, .colour = 0xef8122,
       .light.direct.method = METHOD_FACES },
     { "mis", "half bright directions by faces, half what the material reflects well", DIRECT, .colour = 0xdd4b4e,
       .light.direct.method = METHOD_MIS },
     { "mis+sun", "bright directions, the sun's by themselves, and what the material reflects well", DIRECT,
       .colour = 0xd1359b, .light.direct = { .method = METHOD_MIS, .sun = true } },
-    { "mis+sun+cells", "the same as mis+sun, with 384 cells instead of six faces", DIRECT, .colour = 0x7a5af0,
+    { "mis+sun+cells", "as mis+sun, with 384 cells instead of six faces", DIRECT, .colour = 0x7a5af0,
       .light.direct = { .method = METHOD_MIS, .sun = true, .cells = 8, .compensate = COMPENSATE_AUTO } },
-    { "rules", "what the program takes by rule, the sun apart and compensated", DIRECT, .colour = 0x5b7f95,
+    { "rules", "the program's default, the sun as a separate stratum, compensated", DIRECT, .colour = 0x5b7f95,
       .light.direct.method = METHOD_AUTO },
     { "auto", "what the program chooses by measuring, given the time", DIRECT, .kind = TECHNIQUE_AUTO,
       .light.direct.method = METHOD_AUTO },
-    { "cached", "what stands still, computed beforehand", DIRECT, .colour = 0x2e7d5b, .kind = TECHNIQUE_PREPARED,
+    { "cached", "light transport computed in advance", DIRECT, .colour = 0x2e7d5b, .kind = TECHNIQUE_PREPARED,
       .light.direct.method = METHOD_CACHED },
-    { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_DIRECT, .colour = 0x94704a,
+    { "path", "whole paths from the eye, without precomputation", PICTURE_DIRECT, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
 
-    { "mis/light", "mis, paths from the light for caustics, paths from the eye for light from wall to wall", ALL,
+    { "mis/light", "mis, paths from the light for caustics, paths from the eye for interreflection", ALL,
       .colour = 0xdd4b4e, .light.direct.method = METHOD_MIS, .light.caustics = PLAN_LIGHT, .light.indirect = PLAN_EYE },
-    { "mis/eye", "mis, and paths from the eye for all that comes by detours", ALL, .colour = 0x3f95cf,
+    { "mis/eye", "mis, and paths from the eye for all indirect light", ALL, .colour = 0x3f95cf,
       .light.direct.method = METHOD_MIS, .light.caustics = PLAN_EYE, .light.indirect = PLAN_EYE },
-    { "rules", "what the program takes by rule", ALL, .colour = 0x5b7f95, .light.direct.method = METHOD_AUTO },
+    { "rules", "the program's default", ALL, .colour = 0x5b7f95, .light.direct.method = METHOD_AUTO },
     { "auto", "what the program chooses by measuring, given the time", ALL, .kind = TECHNIQUE_AUTO,
       .light.direct.method = METHOD_AUTO },
-    { "cached", "what stands still and stored light paths, computed beforehand", ALL, .colour = 0x2e7d5b,
+    { "cached", "light transport and light paths computed in advance", ALL, .colour = 0x2e7d5b,
       .kind = TECHNIQUE_PREPARED, .light.direct.method = METHOD_CACHED },
-    { "path", "whole paths from the eye, nothing computed beforehand", PICTURE_ALL, .colour = 0x94704a,
+    { "path", "whole paths from the eye, without precomputation", PICTURE_ALL, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
     { "mlt", "chains of paths that dwell where it is bright (Metropolis)", PICTURE_ALL, .colour = 0x7a5af0,
       .light.direct.method = METHOD_MLT },
@@ -101,7 +101,7 @@ const struct technique *technique_pace(enum light_class c)
     return &techniques[k];
 }
 
-/* What a pilot has chosen. */
+/* The choice of auto. */
 static void take_choice(const struct pilot_stats *p, struct technique_cost *cost)
 {
     cost->expected = p->error;
@@ -113,20 +113,23 @@ static void take_choice(const struct pilot_stats *p, struct technique_cost *cost
 enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget, uint64_t seed,
                        float *rgb, struct technique_cost *cost, struct reason *why)
 {
-    const struct pilot_target target = { .seconds = stage->seconds };
     struct relight_desc light = t->light;
+    const struct frame_request request = {
+        .light = &light,
+        .target.seconds = t->kind == TECHNIQUE_AUTO ? stage->seconds : 0.0,
+        .no_cache = true,
+    };
+    struct decision decision;
     struct relight_stats stats = { 0 };
     struct pilot_stats pilot = { 0 };
-    enum err result;
 
     light.direct.samples = technique_samples(t, budget);
     light.direct.seed = rng_mix(0x6368617274u, seed);
     light.direct.why = why;
+    decide(stage->decider, &request, &decision);
     const double start = clock_seconds();
-    if (t->kind == TECHNIQUE_AUTO)
-        result = pilot_run(stage->pilot, stage->environment, &light, &target, rgb, &stats, &pilot);
-    else
-        result = relighter_run(stage->relighter, stage->environment, &light, rgb, &stats);
+    const enum err result =
+        decider_run(stage->decider, stage->relighter, stage->environment, &request, &decision, rgb, &stats, &pilot);
     *cost = (struct technique_cost){
         .seconds = clock_seconds() - start - 1e-3 * stats.cache_ms,
         .samples = light.direct.samples,
@@ -137,7 +140,7 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
         .prepared = 1e-3 * stats.cache_ms,
         .prepared_bytes = stats.cache.bytes,
     };
-    if (t->kind == TECHNIQUE_AUTO && !result)
+    if (decision.by == DECIDED_BY_MEASURES && !result)
         take_choice(&pilot, cost);
     return result == ERR_NOMEM ? err_say(why, result, "no memory for the samples of %s", t->name) : result;
 }

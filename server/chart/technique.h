@@ -1,11 +1,11 @@
 /* server/chart/technique.h */
-/* What is compared: named ways of lighting a picture, and the knob that a budget turns. Constant tables; any thread may
- * read them, and run techniques on a relighter of its own. */
+/* The techniques that are compared: named ways of lighting a picture, and what a budget means for each. Constant
+ * tables; any thread may read them, and run techniques on a relighter of its own. */
 #ifndef CHART_TECHNIQUE_H
 #define CHART_TECHNIQUE_H
 
 #include "base/err.h"
-#include "light/pilot.h"
+#include "light/decide.h"
 #include "light/relight.h"
 
 #include <stdbool.h>
@@ -24,24 +24,22 @@ const char *light_class_title(enum light_class c); /* for people */
 uint32_t light_class_paths(enum light_class c);    /* PATH_* */
 
 enum technique_kind {
-    TECHNIQUE_FIXED,    /* one of those that auto chooses from: the lower envelope is theirs */
-    TECHNIQUE_BASELINE, /* there to be compared with: paths, Metropolis, photons, point lights */
-    TECHNIQUE_PREPARED, /* computes for the scene beforehand, which is told apart from the time of a frame: it stands
-                         * beside the others, sets no mark for them and is not ranked among them */
-    TECHNIQUE_AUTO,     /* a pilot (light/pilot.h) chooses by measurement; held to the envelope of the others */
+    TECHNIQUE_FIXED,    /* the lower envelope is that of these */
+    TECHNIQUE_BASELINE, /* for comparison: paths, Metropolis, photons, point lights */
+    TECHNIQUE_PREPARED, /* has a precomputation, which is not in the time of a frame: plotted, but not ranked */
+    TECHNIQUE_AUTO,     /* chooses by measurement (light/pilot.h); compared with the envelope of the fixed ones */
 };
 
 struct technique {
     const char *name;  /* on command lines and in the CSV: no blanks, no commas */
-    const char *about; /* for people, a phrase that goes on from "it takes ..." */
+    const char *about; /* for people, a phrase that follows "it takes ..." */
     enum light_class light_class;
     uint32_t colour; /* of its line, 0xrrggbb; 0: the ink's */
     enum technique_kind kind;
     struct relight_desc light; /* all but the budget and the seed */
     /* What a budget N means, as a ratio: N times / per samples per shade point, or per pixel where the method makes the
-     * whole picture. Particles and eye paths follow by the plan (server/plan), one for every eight samples. A pilot is
-     * told the time that technique_pace takes for that budget; what it makes of it, and the time it really takes, is
-     * measured like all else. */
+     * whole picture. Particles and eye paths follow from the plan (choose/plan.h), one for every eight samples. Auto
+     * gets the time that technique_pace takes for that budget; its own time is measured like that of the others. */
     uint32_t times, per;
 };
 
@@ -51,23 +49,23 @@ const struct technique *technique_all(size_t *count);
 /* The samples that a budget comes to, at least 1. */
 uint32_t technique_samples(const struct technique *t, uint32_t budget);
 
-/* The technique whose time a pilot is given. */
+/* The technique whose time auto is given. */
 const struct technique *technique_pace(enum light_class c);
 
 struct technique_stage { /* what a run needs; borrowed */
     struct relighter *relighter;
-    struct pilot *pilot; /* for TECHNIQUE_AUTO: one that has seen this sky and this wish in some frames before */
-    double seconds;      /* its wish */
+    struct decider *decider; /* whose pilot, for TECHNIQUE_AUTO, has made frames under this sky before */
+    double seconds;          /* a frame, for TECHNIQUE_AUTO */
     const struct environment *environment;
 };
 
 struct technique_cost {
     double seconds;  /* of the picture: samples, shading, light tracing, resolving, and the pilot's own measurements */
-    double expected; /* relMSE without bias, as a pilot estimates it; 0: nobody does */
+    double expected; /* relMSE without bias, as estimated by auto; 0: by others */
     uint32_t samples, eye_paths; /* per shade point */
     uint64_t particles, rays;
-    const char *bias; /* in what the method says that it is wrong; NULL: in nothing */
-    double prepared;  /* seconds of what was computed for the scene in this very run, not in `seconds` */
+    const char *bias; /* what the method computes wrongly, in words; NULL: nothing */
+    double prepared;  /* seconds of precomputation in this run, not in `seconds` */
     uint64_t prepared_bytes;
 };
 

@@ -1,6 +1,6 @@
 /* server/chart/text.h */
-/* Text that grows: what the chart writes is built in memory and stored whole. A struct text of zeroes is empty. When
- * memory is out the text stays as it is and `failed` is set: who stores it asks once. One thread at a time. */
+/* Text that grows in memory and is stored whole. A zeroed struct text is empty. Out of memory, the text stays as it is
+ * and `failed` is set, which text_store reports. One thread at a time. */
 #ifndef CHART_TEXT_H
 #define CHART_TEXT_H
 
@@ -19,6 +19,7 @@ struct text {
 
 void text_finish(struct text *t); /* zeroed memory is allowed */
 
+/* Adds formatted text; adds bytes as they are. */
 void text_add(struct text *t, const char *format, ...) PRINTF_LIKE(2, 3);
 void text_add_bytes(struct text *t, const char *bytes, size_t size);
 

@@ -2,22 +2,22 @@
 
 #include "estimators/baselines/path.h"
 #include "base/clock.h"
+#include "cache/cache_file.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/progress.h"
 #include "light/resolve.h"
 #include "base/rng.h"
 #include "scene/scene_digest.h"
-#include "chart/truth_file.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-/* To be counted up when anything changes what a reference is: the estimators it is made of, or how they are put
- * together. */
-#define VERSION 1
+/* Increment it when the estimators of a reference or their combination change. */
+#define VERSION 2
 #define SEED 0x7472757468u
+#define SECTION "reference"
 #define BEHIND_RAYS 4 /* per side of a pixel */
 
 #define BY_LIGHT (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)
@@ -30,6 +30,11 @@ struct maker { /* of one reference */
     const struct gbuffer *dense; /* points behind mirrors and glass are taken from it; NULL: there are none */
     float *lo;                   /* its points */
     float *part, *more;          /* [height][width][3] */
+};
+
+struct truth_sum {
+    double *rgb;    /* [height][width][3]: sum over the parts */
+    uint32_t parts; /* done */
 };
 
 static size_t values_of(const struct truth_desc *d)
@@ -61,7 +66,7 @@ static struct digest key_of(const struct truth_desc *desc, int half)
     digest_view(&d, &desc->set->view);
     digest_frame(&d, desc->frame);
     digest_u64(&d, desc->environment->n);
-    if (desc->environment->rotation != 0.0) /* of the frame as it is, nothing is said */
+    if (desc->environment->rotation != 0.0) /* without one the key stays as it was */
         digest_bytes(&d, &desc->environment->rotation, sizeof(desc->environment->rotation));
     digest_u64(&d, desc->classes);
     digest_u64(&d, (uint64_t)half);
@@ -72,6 +77,46 @@ void truth_name(const struct truth_desc *desc, int half, char *name, size_t size
 {
     const struct digest d = key_of(desc, half);
     snprintf(name, size, "%s/%016" PRIx64 "%016" PRIx64 ".truth", desc->cache, d.half[0], d.half[1]);
+}
+
+/* Adds what the file has to a sum of zeros. No file is no error; on one the sum is zero. */
+static enum err load_sum(const struct truth_desc *d, const char *path, const struct digest *key, struct truth_sum *sum,
+                         struct reason *why)
+{
+    const size_t bytes = values_of(d) * sizeof(double);
+    struct cache_reader *r;
+    enum err e = cache_reader_open(path, &r, why);
+
+    if (e || !r)
+        return e;
+    e = cache_reader_find(r, SECTION, key, why);
+    if (!e)
+        e = cache_reader_get(r, &sum->parts, sizeof(sum->parts), why);
+    if (!e)
+        e = cache_reader_get(r, sum->rgb, bytes, why);
+    if (!e)
+        e = cache_reader_end(r, why);
+    cache_reader_close(r);
+    if (e) {
+        memset(sum->rgb, 0, bytes);
+        sum->parts = 0;
+    }
+    return e;
+}
+
+static enum err store_sum(const struct truth_desc *d, const char *path, const struct digest *key,
+                          const struct truth_sum *sum, struct reason *why)
+{
+    struct cache_writer *w = cache_writer_create();
+
+    if (!w)
+        return err_say(why, ERR_NOMEM, "%s: no memory to write it", path);
+    cache_writer_section(w, SECTION, key);
+    cache_writer_put(w, &sum->parts, sizeof(sum->parts));
+    cache_writer_put(w, sum->rgb, values_of(d) * sizeof(double));
+    const enum err e = cache_writer_store(w, path, why);
+    cache_writer_destroy(w);
+    return e;
 }
 
 /* Light that only the light tracer finds, and behind mirrors and glass the eye paths, into m->part. */
@@ -129,17 +174,17 @@ static enum err make_parts(struct maker *m, int half, struct truth_sum *sum, str
     const struct truth_desc *d = m->desc;
     const struct digest key = key_of(d, half);
     const uint32_t wanted = (d->samples + TRUTH_PART - 1) / TRUTH_PART;
-    struct reason said = { "" };
+    struct reason fault = { "" };
     char name[4096];
     enum err e = ERR_OK;
 
     if (d->cache) {
         truth_name(d, half, name, sizeof(name));
-        e = truth_file_load(name, &key, sum, &said);
-        if (e == ERR_IO)
-            return err_say(why, e, "%s", said.text);
-        if (e == ERR_FORMAT)
-            log_warning("%s; it is made again", said.text);
+        e = load_sum(d, name, &key, sum, &fault);
+        if (e == ERR_IO || e == ERR_NOMEM)
+            return err_say(why, e, "%s", fault.text);
+        if (e)
+            log_warning("%s; it is made again", fault.text);
         e = ERR_OK;
     }
     out->found[half] = sum->parts * TRUTH_PART;
@@ -150,7 +195,7 @@ static enum err make_parts(struct maker *m, int half, struct truth_sum *sum, str
         if (e)
             return err_say(why, e, "no memory for the reference");
         if (d->cache)
-            e = truth_file_store(name, &key, sum, why);
+            e = store_sum(d, name, &key, sum, why);
         progress_step(d->line, TRUTH_PART);
     }
     out->samples[half] = sum->parts * TRUTH_PART;
@@ -176,10 +221,9 @@ static enum err make_dense(const struct truth_desc *d, struct gbuffer **out, str
 static enum err make_both(struct maker *m, struct truth *out, struct reason *why)
 {
     const struct truth_desc *d = m->desc;
-    struct truth_sum sum = { .width = d->set->view.width, .height = d->set->view.height };
+    struct truth_sum sum = { .rgb = mem_alloc(values_of(d), sizeof(double)) };
     enum err e = ERR_OK;
 
-    sum.rgb = mem_alloc(values_of(d), sizeof(double));
     m->part = mem_alloc(values_of(d), sizeof(float));
     m->more = mem_alloc(values_of(d), sizeof(float));
     m->light = light_tracer_create(d->set->scene, d->set->rays, &d->set->view);

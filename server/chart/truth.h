@@ -1,13 +1,12 @@
 /* server/chart/truth.h */
-/* What a picture should be: two references a and b from different random numbers, over the whole pixel and not only its
- * centre. Background, direct light and ordinary interreflection come from the path tracer (baselines/path.h),
- * caustics and their interreflection from the light tracer, and those of the two that are seen in a mirror or through
- * glass from eye paths, with 4 x 4 camera rays in every pixel. None of these is timed, and none shares random numbers
- * with what is charted.
+/* Two references a and b of a picture with different random numbers, over the whole pixel and not only its centre.
+ * Background, direct light and ordinary interreflection come from the path tracer (estimators/baselines/path.h),
+ * caustics and their interreflection from the light tracer, and both of them in mirrors and behind glass from eye paths
+ * with 4 x 4 camera rays in every pixel. They are not timed, and share no random numbers with what is charted.
  *
- * A reference is made in parts. After each its sum is stored in a cache folder under a name that is the digest of
- * scene, camera, size, sky, classes of light, seed and version; an interrupted run goes on from there, and a file that
- * is damaged is refused with a warning and made again. */
+ * A reference is made in parts. After each part its sum is stored in a cache folder (cache/cache_file.h) under a name
+ * that is the digest of scene, camera, size, sky, classes of light, seed and version. An interrupted run continues from
+ * there; a damaged file is refused with a warning, and the reference made again. One thread of control. */
 #ifndef CHART_TRUTH_H
 #define CHART_TRUTH_H
 
@@ -25,8 +24,8 @@ struct truth_desc {
     const struct environment *environment; /* ready, made of `frame` */
     const struct frame *frame;
     uint32_t classes;      /* PATH_* */
-    uint32_t samples;      /* of each reference, per pixel; rounded up to whole parts. More that stand in the cache
-                            * are used */
+    uint32_t samples;      /* of each reference, per pixel; rounded up to whole parts. If the cache has
+                            * more, they are used */
     const char *cache;     /* an existing folder; NULL: nothing is kept */
     struct progress *line; /* stepped by samples; may be NULL */
 };
@@ -37,7 +36,7 @@ struct truth {
     float *half[2]; /* a and b: [height][width][3] */
     uint32_t samples[2];
     uint32_t found[2]; /* of these, in the cache */
-    double seconds;    /* that were spent */
+    double seconds;    /* that it took */
 };
 
 /* On an error *out needs no finish. ERR_NOMEM, ERR_IO: a part could not be stored. */

@@ -22,7 +22,7 @@ static bool is_there(const struct panel *p, size_t c)
     return !p->curves[c].left_out.text[0];
 }
 
-/* Whether it takes part in what is won: who computes beforehand does not, but where there is nobody else. */
+/* Whether it is ranked: techniques with a precomputation are not, unless there are no others. */
 static bool competes(const struct panel *p, size_t c)
 {
     bool alone = true;
@@ -32,7 +32,7 @@ static bool competes(const struct panel *p, size_t c)
     return is_there(p, c) && (alone || p->curves[c].technique->kind != TECHNIQUE_PREPARED);
 }
 
-/* Times that divide all points of all curves, in log. */
+/* Times at quantiles of those of all points. */
 static enum err place_marks(const struct panel *p, const struct lines *l, struct winners *w)
 {
     double *times = mem_alloc(p->curve_count * p->budget_count, sizeof(*times));
@@ -87,24 +87,7 @@ static void compare_seconds(const struct panel *p, const struct lines *l, int ma
     }
 }
 
-/* Paths from the eye need no G-buffer: what they take longer for a frame is what pays for it. Where they do not get to
- * the error at all, their longest frame stands for them, and the number is an upper bound. */
-static void pay_off(const struct panel *p, const struct lines *l, struct winners *w)
-{
-    for (size_t k = 0; k < p->curve_count; k++) {
-        if (p->curves[k].technique->light.direct.method != METHOD_PATH || !is_there(p, k))
-            continue;
-        const double path =
-            w->of[k].reached[MARK_MIDDLE] ? w->of[k].seconds[MARK_MIDDLE] : l->seconds[(k + 1) * p->budget_count - 1];
-        for (size_t c = 0; c < p->curve_count; c++)
-            if (w->of[c].reached[MARK_MIDDLE] && w->of[c].seconds[MARK_MIDDLE] < path &&
-                !method_is_reference(p->curves[c].technique->light.direct.method))
-                w->of[c].pays_off =
-                    ceil(1e-3 * (p->gbuffer_ms + p->curves[c].prepared_ms) / (path - w->of[c].seconds[MARK_MIDDLE]));
-    }
-}
-
-static void pay_off_prepared(const struct panel *p, struct winners *w)
+static void break_even(const struct panel *p, struct winners *w)
 {
     const int first = w->by_seconds[MARK_MIDDLE];
 
@@ -112,7 +95,7 @@ static void pay_off_prepared(const struct panel *p, struct winners *w)
         struct standing *s = &w->of[c];
         const double saved = w->of[first].seconds[MARK_MIDDLE] - s->seconds[MARK_MIDDLE];
         if (p->curves[c].technique->kind == TECHNIQUE_PREPARED && s->reached[MARK_MIDDLE] && saved > 0.0)
-            s->prepared_pays = ceil(1e-3 * p->curves[c].prepared_ms / saved);
+            s->break_even = ceil(1e-3 * p->curves[c].prepared_ms / saved);
     }
 }
 
@@ -158,9 +141,7 @@ enum err winners_find(const struct panel *p, enum error_kind kind, uint32_t roun
         compare_seconds(p, &l, m, out);
     }
     if (!e)
-        pay_off(p, &l, out);
-    if (!e)
-        pay_off_prepared(p, out);
+        break_even(p, out);
     if (!e)
         e = judge_auto(p, kind, rounds, out);
     mem_free(l.seconds);

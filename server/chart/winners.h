@@ -1,6 +1,6 @@
 /* server/chart/winners.h */
-/* Who wins: at equal time, at equal error, over all panels; and who is how far behind. Pure functions of panels; any
- * thread. */
+/* Which techniques win at equal time, at equal error and over all panels, and how far the others are behind. Pure
+ * functions of panels; any thread. */
 #ifndef CHART_WINNERS_H
 #define CHART_WINNERS_H
 
@@ -17,21 +17,19 @@
 struct standing {              /* of one curve */
     bool has_error[MARKS];     /* it makes a picture in that time at all */
     double error[MARKS];       /* at that time */
-    bool error_at_most[MARKS]; /* it is through with all its budgets by then: `error` is its last point's */
-    bool reached[MARKS];       /* it gets to that error within its budgets */
-    bool at_most[MARKS];       /* it is there at its first point already: `seconds` is that point's */
+    bool error_at_most[MARKS]; /* all its budgets take less time: `error` is that of its last point */
+    bool reached[MARKS];       /* it reaches that error within its budgets */
+    bool at_most[MARKS];       /* its first point has less error already: `seconds` is that point's */
     double seconds[MARKS];     /* of the frame that has that error */
-    double pays_off;      /* frames after which what is computed beforehand has been won back against path tracing, at
-                           * the middle error; 0: cannot be told, or it needs nothing beforehand */
-    double prepared_pays; /* of TECHNIQUE_PREPARED: frames after which what it alone computes beforehand has been won
-                           * back against the first of the others at the middle error; 0: never, or it cannot be told */
+    double break_even; /* of TECHNIQUE_PREPARED: frames after which its precomputation pays off against the first
+                        * of the others at the middle error; 0: never, or unknown */
 };
 
 struct winners {
     double seconds[MARKS]; /* equal times */
-    double error[MARKS];   /* equal errors: the best that is had at those times */
+    double error[MARKS];   /* equal errors: the least at those times */
     int by_error[MARKS];   /* the curve with the least error at that time; -1: none has one there */
-    int by_seconds[MARKS]; /* the curve that gets to that error first; -1: none does */
+    int by_seconds[MARKS]; /* the curve that reaches that error first; -1: none does */
     struct standing of[TECHNIQUES_MAX];
     bool auto_known;
     struct envelope_verdict automatic; /* auto against the envelope of the fixed techniques */

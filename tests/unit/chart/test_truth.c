@@ -3,7 +3,6 @@
 
 #include "base/rng.h"
 #include "source/source.h"
-#include "chart/truth_file.h"
 #include "support/unit.h"
 #include "support/sets.h"
 

@@ -76,9 +76,8 @@ static void what_is_computed_beforehand_is_won_back_frame_by_frame(void **state)
 
     make(&m, all, CURVES);
     assert_int_equal(winners_find(&m.panel, ERROR_REL_MSE, 10, &w), ERR_OK);
-    assert_true(w.of[CACHED].prepared_pays == 22.0); /* 8 s / 0.38 s */
-    assert_true(w.of[MIS].prepared_pays == 0.0);
-    assert_true(w.of[MIS].pays_off == 1.0 && w.of[CACHED].pays_off == 3.0); /* 1 / 3.6, 9 / 3.98 */
+    assert_true(w.of[CACHED].break_even == 22.0); /* 8 s / 0.38 s */
+    assert_true(w.of[MIS].break_even == 0.0);
 }
 
 static void alone_it_is_judged_by_itself(void **state)
