@@ -12,8 +12,8 @@
 
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !HAS_FEATURE(address_sanitizer)
 
-/* A program may define the allocator's functions itself, and all libraries then call these. They count and hand on to
- * the C library's own, which are there under a second name. */
+/* A program may define the allocator's functions, which all libraries then call. These count calls and forward them to
+ * the C library's functions under their second names. */
 void *__libc_malloc(size_t size);
 void *__libc_calloc(size_t count, size_t size);
 void *__libc_realloc(void *old, size_t size);
@@ -75,13 +75,3 @@ bool allocations_count(uint64_t *out)
 }
 
 #endif
-
-uint64_t allocations_of(enum err (*work)(void *), void *context)
-{
-    uint64_t before, after;
-
-    allocations_count(&before);
-    const enum err e = work(context);
-    allocations_count(&after);
-    return e ? 0 : after - before;
-}

@@ -13,44 +13,46 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SAMPLE_SECONDS 4e-3 /* what is shorter is called several times in a row */
+#define SAMPLE_SECONDS 4e-3 /* shorter work is called several times in a row */
 #define REPEATS_MAX 64
 #define ROW_SECONDS 10.0  /* a row that would take longer has fewer rounds */
-#define SHORT_SECONDS 0.4 /* one that would not take so long has more, */
-#define SHORT_ROUNDS 31   /* up to so many: few short ones say little on a busy machine */
+#define SHORT_SECONDS 0.4 /* a row that would take less has more, */
+#define SHORT_ROUNDS 31   /* at most this many: few short rounds say little on a busy machine */
 
-/* In the order of the pipeline. */
+/* In the order of the pipeline. Rows that are `alone` have a target of `ours`. */
 static const struct {
     enum err (*run)(struct bench *, struct bench_row *);
-    const char *doing;
-} stages[] = {
-    { bench_decode, "measuring: decoding" },
-    { bench_rebuild, "measuring: the sky's tables" },
-    { bench_shadow_rays, "measuring: shadow rays" },
-    { bench_terms, "measuring: arithmetic" },
-    { bench_light_rays, "measuring: light tracer" },
-    { bench_stored_caustics, "measuring: stored light paths" },
-    { bench_tone, "measuring: tone map" },
-    { bench_jpeg, "measuring: JPEG" },
-    { bench_delivery, "measuring: delivery" },
-    { bench_pipeline, "measuring: the pipeline" },
-    { bench_threads_light, "measuring: threads" },
-    { bench_threads_whole, "measuring: threads, whole frames" },
-    { bench_pixels, "measuring: four times the pixels" },
-    { bench_triangles, "measuring: 16 times the triangles" },
-    { bench_allocations, "measuring: allocations" },
-    { bench_no_visibility, "measuring: no visibility" },
-    { bench_cached_shading, "measuring: cached shading" },
-    { bench_cached_pipeline, "measuring: the pipeline, cached" },
-    { bench_cached_bounce, "measuring: cached interreflection" },
-    { bench_cached_error, "measuring: the cache's bias" },
-    { bench_cached_colour, "measuring: the cache's bias" },
-    { bench_cached_seams, "measuring: seams" },
-    { bench_cached_motion, "measuring: a sky that turns" },
+    const char *name, *unit;
+    enum bench_sense sense;
+    double target;
+    bool cached; /* of the cache of light transport */
+} rows[] = {
+    { bench_decode, "EXR decode", "ms", BENCH_STATED, 0.0, false },
+    { bench_rebuild, "resample, CDFs, samples / copy", "ms", BENCH_AT_MOST, 4.0, false },
+    { bench_shadow_rays, "shadow rays of the direct stage", "Mrays/s", BENCH_AT_LEAST, 0.85, false },
+    { bench_terms, "shading a sample at a point", "ns core", BENCH_STATED, 0.0, false },
+    { bench_light_rays, "rays of the light tracer", "Mrays/s", BENCH_STATED, 0.0, false },
+    { bench_stored_caustics, "caustics: stored / traced", "Mpaths/s", BENCH_AT_LEAST, 20.0, false },
+    { bench_tone, "tone map / copy", "ms", BENCH_AT_MOST, 3.0, false },
+    { bench_jpeg, "JPEG / libjpeg-turbo", "ms", BENCH_AT_MOST, 1.05, false },
+    { bench_delivery, "delivery / bare sockets", "ms", BENCH_STATED, 0.0, false },
+    { bench_pipeline, "pipeline / its slowest stage", "ms", BENCH_AT_MOST, 1.15, false },
+    { bench_threads_light, "light: one thread / all", "ms", BENCH_AT_LEAST, 1.9, false },
+    { bench_threads_whole, "one thread / pipeline", "ms", BENCH_AT_LEAST, 1.9, false },
+    { bench_pixels, "four times the pixels", "ms", BENCH_AT_MOST, 4.1, false },
+    { bench_triangles, "16 times the triangles", "ms", BENCH_AT_MOST, 2.0, false },
+    { bench_allocations, "allocations after frame 10", "per frame", BENCH_AT_MOST, 0.0, false },
+    { bench_no_visibility, "no visibility, 60 samples", "frames/s", BENCH_STATED, 0.0, false },
+    { bench_cached_shading, "cached: shading", "frames/s", BENCH_AT_LEAST, 40.0, true },
+    { bench_cached_pipeline, "cached: whole pipeline", "frames/s", BENCH_STATED, 0.0, true },
+    { bench_cached_bounce, "cached: interreflection", "ms", BENCH_AT_MOST, 1.2, true },
+    { bench_cached_error, "cached: bias floor, relMSE", "relMSE", BENCH_AT_MOST, 2e-4, true },
+    { bench_cached_colour, "cached: bias floor, delta E", "delta E", BENCH_AT_MOST, 0.2, true },
+    { bench_cached_seams, "cached: seams", "%", BENCH_AT_MOST, 1.0, true },
+    { bench_cached_motion, "cached: temporal", "codes", BENCH_AT_MOST, 0.2, true },
 };
 
-#define STAGES (sizeof(stages) / sizeof(stages[0]))
-#define CACHED_STAGES 7 /* of these, the last ones: of the cache of light transport */
+#define ROWS (sizeof(rows) / sizeof(rows[0]))
 
 static int ascending(const void *a, const void *b)
 {
@@ -76,7 +78,7 @@ void bench_take(struct bench_row *row, double *ours, double *bare, int rounds)
     row->rounds = rounds;
 }
 
-int bench_rounds(const struct bench *b, double seconds)
+static int rounds_of(const struct bench *b, double seconds)
 {
     const double more = fmin(SHORT_ROUNDS, SHORT_SECONDS / fmax(seconds, 1e-9));
 
@@ -92,59 +94,70 @@ void bench_skip(struct bench_row *row, const char *format, ...)
     va_end(args);
 }
 
-static enum err time_calls(enum err (*work)(void *), void *context, int repeats, double *seconds)
+/* Seconds a call, by the clock or as the work itself has counted them. */
+static enum err time_calls(const struct bench_pair *p, int side, int repeats, double *seconds)
 {
     const double start = clock_seconds();
+    double own = 0.0;
     enum err e = ERR_OK;
 
-    for (int k = 0; k < repeats && !e; k++)
-        e = work(context);
-    *seconds = (clock_seconds() - start) / repeats;
+    for (int k = 0; k < repeats && !e; k++) {
+        e = p->work[side](p->context);
+        own += p->seconds[side] ? *p->seconds[side] : 0.0;
+    }
+    *seconds = (p->seconds[side] ? own : clock_seconds() - start) / repeats;
     return e;
-}
-
-static double figure(const struct bench_pair *p, double seconds, double scale)
-{
-    return p->rate ? scale / seconds : scale * seconds;
 }
 
 enum err bench_time(struct bench *b, const struct bench_pair *p, struct bench_row *row)
 {
-    enum err (*const work[2])(void *) = { p->ours, p->bare };
-    double seconds[2][BENCH_ROUNDS_MAX], once, round = 0.0;
-    const int sides = p->bare ? 2 : 1;
+    double figure[2][BENCH_ROUNDS_MAX], round = 0.0, seconds;
+    const int sides = p->work[1] ? 2 : 1;
     int repeats[2] = { 1, 1 };
     enum err e = ERR_OK;
 
     for (int k = 0; k < sides && !e; k++) { /* warms up, and finds how often to call */
-        e = time_calls(work[k], p->context, 1, &once);
-        if (!e && once < SAMPLE_SECONDS)
-            e = time_calls(work[k], p->context, 2, &once);
+        double start = clock_seconds();
+        e = time_calls(p, k, 1, &seconds);
+        if (!e && clock_seconds() - start < SAMPLE_SECONDS) {
+            start = clock_seconds();
+            e = time_calls(p, k, 1, &seconds);
+        }
+        const double once = clock_seconds() - start;
         repeats[k] = (int)fmin(fmax(ceil(SAMPLE_SECONDS / once), 1.0), REPEATS_MAX);
         round += once * repeats[k];
     }
-    const int rounds = bench_rounds(b, round);
+    const int rounds = rounds_of(b, round);
     for (int i = 0; i < rounds && !e; i++) {
         for (int j = 0; j < sides && !e; j++) {
             const int k = sides == 2 ? (i + j) % 2 : 0; /* each goes first in half of the rounds */
-            e = time_calls(work[k], p->context, repeats[k], &seconds[k][i]);
+            e = time_calls(p, k, repeats[k], &seconds);
+            figure[k][i] = p->rate ? p->scale[k] / seconds : p->scale[k] * seconds;
         }
         progress_step(&b->line, 1);
     }
     if (e)
         return e;
-    for (int i = 0; i < rounds; i++) {
-        seconds[0][i] = figure(p, seconds[0][i], p->ours_scale);
-        if (sides == 2)
-            seconds[1][i] = figure(p, seconds[1][i], p->bare_scale);
-    }
     if (sides == 2)
-        bench_take(row, seconds[0], seconds[1], rounds);
+        bench_take(row, figure[0], figure[1], rounds);
     else
-        row->ours = bench_median(seconds[0], rounds);
-    row->rounds = rounds;
-    row->alone = sides == 1;
+        bench_state(row, bench_median(figure[0], rounds), rounds);
     return ERR_OK;
+}
+
+void bench_state(struct bench_row *row, double figure, int rounds)
+{
+    row->ours = row->ratio = figure;
+    row->rounds = rounds;
+    row->alone = true;
+}
+
+enum err bench_threads(const struct bench *b, int count, enum err (*work)(void *), void *context)
+{
+    omp_set_num_threads(count);
+    const enum err e = work(context);
+    omp_set_num_threads(b->threads);
+    return e;
 }
 
 enum err picture_maker_init(struct picture_maker *m, const struct bench *b, const struct set *set)
@@ -199,7 +212,7 @@ static bool is_one_exr(const struct frame *f)
     return f->kind == FRAME_FILE && !f->faces[0] && f->size > sizeof(magic) && memcmp(f->bytes, magic, 4) == 0;
 }
 
-/* The sky as an OpenEXR file: as it came, or else written here, in half floats as most are. */
+/* The sky as an OpenEXR file: as it came, or written here in half floats, which are usual. */
 static enum err make_file(struct bench *b, struct reason *why)
 {
     const struct image *im = &b->environment->image;
@@ -215,7 +228,7 @@ static enum err make_file(struct bench *b, struct reason *why)
     return ERR_OK;
 }
 
-/* A first picture: what the film's rows work on. */
+/* A first picture, for the rows of the film. */
 static enum err make_picture(struct bench *b, struct reason *why)
 {
     const uint32_t width = b->desc->width, height = b->desc->height;
@@ -293,33 +306,35 @@ static void write_title(const struct bench *b, struct bench_report *out)
              b->desc->rounds, m.cpu, m.commit, m.date);
 }
 
-/* Stored light paths are the cache's too. */
-static bool is_wished_for(const struct bench_desc *d, size_t stage)
+/* The cache stores light paths too. */
+static bool is_requested(const struct bench_desc *d, size_t row)
 {
-    const bool of_cache = stage >= STAGES - CACHED_STAGES;
-
     if (d->cached == BENCH_CACHED_ONLY)
-        return of_cache || stages[stage].run == bench_stored_caustics;
-    return !of_cache || d->cached == BENCH_CACHED_TOO;
+        return rows[row].cached || rows[row].run == bench_stored_caustics;
+    return !rows[row].cached || d->cached == BENCH_CACHED_TOO;
 }
 
 enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why)
 {
     struct bench b = { .desc = desc };
 
-    _Static_assert(STAGES <= BENCH_ROWS, "a row for each stage");
+    _Static_assert(ROWS <= BENCH_ROWS, "a row for each");
     *out = (struct bench_report){ .count = 0 };
     enum err e = set_up(&b, why);
     if (!e)
         write_title(&b, out);
-    for (size_t i = 0; i < STAGES && !e; i++) {
-        if (!is_wished_for(desc, i))
+    for (size_t i = 0; i < ROWS && !e; i++) {
+        if (!is_requested(desc, i))
             continue;
-        progress_begin(&b.line, stages[i].doing, (uint64_t)desc->rounds, desc->progress ? stderr : NULL);
-        e = stages[i].run(&b, &out->rows[out->count++]);
+        struct bench_row *row = &out->rows[out->count++];
+        *row = (struct bench_row){
+            .name = rows[i].name, .unit = rows[i].unit, .sense = rows[i].sense, .target = rows[i].target
+        };
+        progress_begin(&b.line, rows[i].name, (uint64_t)desc->rounds, desc->progress ? stderr : NULL);
+        e = rows[i].run(&b, row);
         progress_end(&b.line);
         if (e)
-            err_say(why, e, "%s: %s", stages[i].doing, err_text(e));
+            err_say(why, e, "%s: %s", rows[i].name, err_text(e));
     }
     tear_down(&b);
     return e;

@@ -1,6 +1,6 @@
 /* server/bench/bench.h */
-/* Each stage of the pipeline, and the whole of it, against its bare limit, measured side by side in one process: both
- * are timed in turns, and medians over the rounds count, so that a noisy machine does not decide. Main thread. */
+/* Each stage of the pipeline, and the whole of it, against its bare limit in one process. Both are timed in turns and
+ * the report has medians over the rounds, so that a noisy machine does not decide. Main thread. */
 #ifndef BENCH_BENCH_H
 #define BENCH_BENCH_H
 
@@ -14,15 +14,16 @@
 #define BENCH_ROWS 24
 #define BENCH_ROUNDS_MAX 99
 
-enum bench_cached { /* the rows of the cache of light transport, which take minutes */
-                    BENCH_CACHED_NOT,
-                    BENCH_CACHED_TOO,
-                    BENCH_CACHED_ONLY,
+/* The rows of the cache of light transport, which take minutes. */
+enum bench_cached {
+    BENCH_CACHED_NOT,
+    BENCH_CACHED_TOO,
+    BENCH_CACHED_ONLY,
 };
 
 struct bench_desc {
     const char *scene;      /* a path; NULL: the built-in one */
-    const char *scene_fine; /* the same with 16 times the triangles; NULL: they are made by halving edges twice */
+    const char *scene_fine; /* the same with 16 times the triangles; NULL: made by halving edges twice */
     const char *source;     /* its first frame is used */
     const char *cpu;        /* level of the kernels; NULL: the best */
     uint32_t width, height; /* of the pictures, pixels */
@@ -37,7 +38,7 @@ struct bench_desc {
 };
 
 enum bench_sense {
-    BENCH_STATED,   /* no limit is set: the figure is told */
+    BENCH_STATED,   /* there is no target */
     BENCH_AT_LEAST, /* the ratio must reach the target */
     BENCH_AT_MOST,  /* the ratio must not exceed it */
 };
@@ -49,9 +50,9 @@ struct bench_row {
     int rounds;               /* over so many */
     enum bench_sense sense;
     double target;
-    bool alone;     /* there is nothing to compare with: bare is 0, and the target is of `ours`, which is the ratio */
-    bool broken;    /* what the target is set for is not met, which the note tells: it does not hold */
-    char note[400]; /* what the second figure is, or why there is none */
+    bool alone;  /* there is nothing to compare with: bare is 0, and the target is that of `ours`, which is the ratio */
+    bool broken; /* a condition of the target is not met, as the note says: the row does not hold */
+    char note[400];    /* what the second figure is, or why there is none */
     char skipped[160]; /* why the row could not be measured; "" where it was */
 };
 
@@ -61,13 +62,14 @@ struct bench_report {
     size_t count;
 };
 
-/* Fills *out. What one row lacks is said in that row; an error ends it all: those of the scene and the source, and
+/* Fills *out. A row that cannot be measured says so and is no error. Errors are those of the scene and the source, and
  * ERR_NOMEM. */
 MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
 
 /* True when the row has a target and meets it. */
 bool bench_holds(const struct bench_row *row);
 
+/* Prints the report as a table for people, or as JSON. */
 void bench_print_table(const struct bench_report *r, FILE *to);
 void bench_print_json(const struct bench_report *r, FILE *to);
 

@@ -26,51 +26,58 @@ struct bench {
     struct frame frame;
     uint8_t *exr; /* the sky as a file in memory */
     size_t exr_size;
-    float *rgb; /* the picture, made once under the sky */
+    float *rgb; /* the picture under the sky */
     float gain; /* of its exposure */
     uint8_t *display;
     int threads;
-    uint64_t decode_allocations, encode_allocations; /* what the libraries alone take for one frame */
-    struct cached *cached;                           /* cached.h; NULL until a row asks for it */
+    struct cached *cached; /* cached.h; NULL until a row needs it */
     struct progress line;
 };
 
 struct bench_pair {
-    enum err (*ours)(void *);
-    enum err (*bare)(void *); /* NULL: `ours` alone is timed */
+    enum err (*work[2])(void *context); /* ours, bare; without a bare one, ours alone is timed */
     void *context;
-    /* What one call of each is worth: the row's figures are seconds * scale, or with `rate` scale / seconds. */
-    double ours_scale, bare_scale;
+    double scale[2]; /* the row's figures are seconds * scale or, with `rate`, scale / seconds */
     bool rate;
+    const double *seconds[2]; /* what the last call took by its own count; NULL: the clock's */
 };
 
 /* Times both in turns after one call of each that warms up, calling the short ones several times, and fills the row's
- * figures. */
+ * figures. Errors are those of the work. */
 MUST_CHECK enum err bench_time(struct bench *b, const struct bench_pair *pair, struct bench_row *row);
 
-/* From figures that were taken elsewhere, one of each per round. Sorts them. */
+/* Fills the row from the figures of all rounds: medians, and that of the rounds' ratios. Sorts them. */
 void bench_take(struct bench_row *row, double *ours, double *bare, int rounds);
+
+/* Fills the row with a figure that there is nothing to compare with. */
+void bench_state(struct bench_row *row, double figure, int rounds);
+
+/* Sorts the values. */
 double bench_median(double *v, int n);
 
-/* How many rounds of so many seconds a row takes: what was asked for, fewer where that would take too long, more where
- * it takes next to nothing. At most BENCH_ROUNDS_MAX. */
-int bench_rounds(const struct bench *b, double seconds);
+/* Runs work with so many OpenMP threads; returns its error. */
+enum err bench_threads(const struct bench *b, int count, enum err (*work)(void *), void *context);
 
-/* Marks the row as not measured. */
+/* Marks the row as not measured, and says why. */
 void bench_skip(struct bench_row *row, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* An eighth of the picture, spread over it, whose shadow rays by METHOD_MIS are written down; bench_part_replay asks
- * them again, with nothing around. *rays: how many they are. ERR_RANGE: too many to write down. */
-MUST_CHECK enum err bench_part_create(struct bench *b, uint32_t samples, struct part **out, uint64_t *rays);
+/* An eighth of the picture, spread over it, shaded once by desc. Its shadow rays are recorded unless
+ * desc->no_visibility is set; *rays: their number. The caller destroys *out, after an error too. ERR_NOMEM; ERR_RANGE:
+ * too many to record. */
+MUST_CHECK enum err bench_part_create(struct bench *b, const struct direct_desc *desc, struct part **out,
+                                      uint64_t *rays);
+/* Traces the recorded rays and nothing else. */
 MUST_CHECK enum err bench_part_replay(void *part);
+/* True when there is nothing to replay. Too many rays or none skip the row: then *created becomes ERR_OK. */
+bool bench_part_skip(enum err *created, uint64_t rays, struct bench_row *row);
 void bench_part_destroy(struct part *p); /* NULL is allowed */
 
-/* Pictures a second of the whole pipeline, lit by this relighter as `light` says: fills the row's figures. *processor:
- * seconds a picture, of all threads. */
+/* Fills the row with the pictures per second of the whole pipeline, lit by this relighter as `light` says. *processor:
+ * processor time per picture, seconds of all threads. Errors are those of the stages. */
 MUST_CHECK enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct relight_desc *light,
                                         struct bench_row *row, double *processor);
 
-/* One picture of a set, as far as it depends on its size: light, exposure, tone curve, JPEG. */
+/* The stages of a picture whose time depends on its size: light, exposure, tone curve, JPEG. */
 struct picture_maker {
     struct relighter *relighter;
     const struct environment *environment;
@@ -82,12 +89,15 @@ struct picture_maker {
     uint8_t *display;
     uint32_t width, height;
 };
+/* Of any set, with the bench's sky and light, which may be replaced before the first picture. ERR_NOMEM; finish it all
+ * the same. */
 MUST_CHECK enum err picture_maker_init(struct picture_maker *m, const struct bench *b, const struct set *set);
 void picture_maker_finish(struct picture_maker *m);
+/* Light into m->rgb; exposure, tone curve and JPEG of m->rgb. Errors are those of relighter_run and jpeg_encode. */
 MUST_CHECK enum err picture_maker_light(struct picture_maker *m);
 MUST_CHECK enum err picture_maker_encode(struct picture_maker *m);
 
-/* The rows, each with name, target and figures. */
+/* The rows: each fills figures and note of *row. ERR_NOMEM and errors of the stages. */
 enum err bench_decode(struct bench *b, struct bench_row *row);
 enum err bench_rebuild(struct bench *b, struct bench_row *row);
 enum err bench_shadow_rays(struct bench *b, struct bench_row *row);
@@ -116,15 +126,8 @@ enum err bench_cached_motion(struct bench *b, struct bench_row *row);
  * surface is the same. ERR_NOMEM; ERR_RANGE: indices would no longer fit. */
 MUST_CHECK enum err subdivide(struct scene *s, int times);
 
-/* Calls of the C library's allocator so far, by whomever in this process, all threads; false where they cannot be
+/* Calls of the C library's allocator so far, by any library on any thread of this process. False where they cannot be
  * counted: in builds with sanitizers, which have an allocator of their own. */
 bool allocations_count(uint64_t *out);
-
-/* How many of them one call of `work` makes, on threads of its own included; 0 where they cannot be counted. */
-uint64_t allocations_of(enum err (*work)(void *), void *context);
-
-/* Instructions that this thread has executed outside the kernel while `work` ran once; false where the machine does not
- * let its counters be read. */
-bool instructions_of(enum err (*work)(void *), void *context, uint64_t *out);
 
 #endif

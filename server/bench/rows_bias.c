@@ -1,4 +1,4 @@
-/* Frames by the cache of light transport: how wrong, where nothing else is. */
+/* Errors of frames by the cache of light transport. */
 #include "bench/cached.h"
 
 #include "compare/flip.h"
@@ -15,12 +15,12 @@
 #include <string.h>
 
 #define KEY 0.18
-#define CLAMP_TIMES 8    /* the level follows what is cut off, and is soon still */
+#define CLAMP_TIMES 8    /* the level falls with each clipping, and soon converges */
 #define SEAM_WIDTH 320   /* of the picture whose cache is kept without compression: four times as large is 1 GB */
-#define SEAM_CODES 1.0   /* what is seen */
+#define SEAM_CODES 1.0   /* a visible difference */
 #define STEP_DEGREES 0.1 /* a frame */
 #define STEP_FRAMES 24
-#define TILE 16u           /* pixels along an edge: so many that what noise is left counts for some percent at most */
+#define TILE 16u           /* pixels along an edge: the remaining noise is then some percent at most */
 #define BINS 65536         /* of second differences */
 #define BINS_PER_CODE 4096 /* up to 16 codes, and what is above */
 
@@ -38,8 +38,8 @@ static void clamp_image(struct environment *e, float level)
     }
 }
 
-/* The source's texels are cut at the level of the split, and tables made of what is left: a sky like any other, for
- * which the references can be computed. *out: e itself where nothing is cut. */
+/* Clips the source's texels at the level of the split, which makes a sky like any other, for which references can be
+ * computed. *out: the bench's own sky where nothing is clipped. */
 static enum err without_bright(struct bench *b, struct cached *c, const struct environment **out)
 {
     struct sky_split sky = { .level = 0.0f };
@@ -65,7 +65,7 @@ static enum err without_bright(struct bench *b, struct cached *c, const struct e
     return e;
 }
 
-/* A sky of which hardly any is lit has no level, and nothing but a bright part. */
+/* A sky of which hardly any is lit has no level: all of it is its bright part. */
 static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
 {
     struct sky_split sky = { .level = 0.0f };
@@ -102,7 +102,7 @@ static struct lab lab_of(const float *rgb, double gain)
     return lab_from(c);
 }
 
-/* The sum over a tile's pixels of delta E^2, as a scalar product of the differences from either half, in which their
+/* The sum of delta E^2 over a tile's pixels, as a scalar product of the differences from both halves, in which their
  * noise cancels; *count: pixels. */
 static double crosswise_square(const struct cached *c, const struct cached_truth *t, double gain, const struct tile *at,
                                uint32_t *count)
@@ -160,8 +160,9 @@ static enum err judge(struct bench *b, struct cached *c)
         e = cached_truth_make(c, sky, t);
     if (!e)
         e = relighter_run(c->relighter, sky, &c->light, c->rgb, &stats);
+    if (!e)
+        e = cached_rel_mse(b, t, c->rgb, &c->rel_mse);
     if (!e) {
-        c->rel_mse = cached_rel_mse(c, t, c->rgb);
         c->delta_e =
             crosswise_delta_e(c, t, gain_of(t->half[0], c->mask, width, height), width, height, &c->delta_e_whole);
         e = metrics_compare(t->half[0], t->half[1], c->mask, width, height, 0.0, NULL, &noise) ? ERR_OK : ERR_NOMEM;
@@ -197,8 +198,6 @@ enum err bench_cached_error(struct bench *b, struct bench_row *row)
 {
     struct cached *c;
 
-    row->name = "cached: bias floor, relMSE";
-    row->unit = "relMSE";
     const enum err e = bias_row(b, row, 2e-4, &c);
     if (e || !c || row->skipped[0])
         return e;
@@ -215,8 +214,6 @@ enum err bench_cached_colour(struct bench *b, struct bench_row *row)
 {
     struct cached *c;
 
-    row->name = "cached: bias floor, delta E";
-    row->unit = "delta E";
     const enum err e = bias_row(b, row, 0.2, &c);
     if (e || !c || row->skipped[0])
         return e;
@@ -389,10 +386,6 @@ enum err bench_cached_seams(struct bench *b, struct bench_row *row)
 {
     struct seams s = { .set = NULL };
 
-    row->name = "cached: seams";
-    row->unit = "%";
-    row->sense = BENCH_AT_MOST;
-    row->target = 1.0;
     enum err e = seams_init(&s, b, row);
     if (!e && !row->skipped[0])
         e = measure_seams(&s, b, row);
@@ -402,7 +395,7 @@ enum err bench_cached_seams(struct bench *b, struct bench_row *row)
 
 /* ---- A sky that moves ---- */
 
-#define MOST_CODES 0.2 /* wished for */
+#define MOST_CODES 0.2 /* the target */
 
 struct motion {
     struct bench *b;
@@ -541,8 +534,6 @@ enum err bench_cached_motion(struct bench *b, struct bench_row *row)
     struct motion *m = mem_alloc(1, sizeof(*m)); /* half a megabyte of bins */
     enum err e = ERR_OK;
 
-    row->name = "cached: temporal";
-    row->unit = "codes";
     if (!m)
         return ERR_NOMEM;
     m->b = b;

@@ -1,4 +1,4 @@
-/* Frames by the cache of light transport: how fast. */
+/* Speed of frames by the cache of light transport. */
 #include "bench/cached.h"
 
 #include "base/clock.h"
@@ -13,8 +13,6 @@
 #define TRUTH_SAMPLES 64
 #define TRUTH_SECONDS 20.0    /* for pictures of TRUTH_VALUES; larger ones in proportion, so that theirs are as good */
 #define TRUTH_VALUES 691200.0 /* 640 x 360 of three colours */
-#define SHORT_SECONDS 4e-3    /* frames that are shorter are made several times in a row, */
-#define REPEATS_MAX 64        /* at most so many */
 
 /* ---- The cache ---- */
 
@@ -73,7 +71,7 @@ void cached_destroy(struct cached *c)
     mem_free(c);
 }
 
-/* ---- What it should be ---- */
+/* ---- References ---- */
 
 enum err cached_truth_make(struct cached *c, const struct environment *e, struct cached_truth *t)
 {
@@ -92,7 +90,7 @@ enum err cached_truth_make(struct cached *c, const struct environment *e, struct
         t->half[k] = mem_alloc(c->values, sizeof(float));
     if (!t->half[0] || !t->half[1])
         return ERR_NOMEM;
-    /* By twos, so that both have as many. */
+    /* In pairs, so that both have the same number. */
     for (; passes < TRUTH_PASSES && !result && (passes % 2 || clock_seconds() - start < most); passes++) {
         float *to = t->half[passes % 2];
         light.direct.pass = passes;
@@ -114,25 +112,15 @@ void cached_truth_finish(struct cached_truth *t)
     *t = (struct cached_truth){ .samples = 0 };
 }
 
-double cached_rel_mse(const struct cached *c, const struct cached_truth *t, const float *x)
+enum err cached_rel_mse(const struct bench *b, const struct cached_truth *t, const float *x, double *out)
 {
-    double mean = 0.0, sum = 0.0;
-    uint64_t count = 0;
+    struct reason why;
+    struct judge j;
+    const enum err e = judge_init(&j, t->half[0], t->half[1], b->cached->mask, b->desc->width, b->desc->height, &why);
 
-    for (size_t i = 0; i < c->values; i++)
-        if (c->mask[i / 3]) {
-            mean += 0.5 * ((double)t->half[0][i] + (double)t->half[1][i]);
-            count++;
-        }
-    if (count == 0 || mean <= 0.0)
-        return 0.0;
-    mean /= (double)count;
-    for (size_t i = 0; i < c->values; i++)
-        if (c->mask[i / 3]) {
-            const double p = x[i], q = t->half[0][i], r = t->half[1][i], middle = 0.5 * (q + r);
-            sum += (p - q) * (p - r) / (middle * middle + 1e-2 * mean * mean);
-        }
-    return sum / (double)count;
+    *out = e ? 0.0 : judge_error(&j, x);
+    judge_finish(&j);
+    return e == ERR_RANGE ? ERR_OK : e; /* a black picture has no error */
 }
 
 /* ---- Shading ---- */
@@ -141,71 +129,43 @@ struct shading {
     struct bench *b;
     struct cached *c;
     struct part *part;
-    int repeats;  /* of a frame, in one round */
-    double scale; /* from the part's rays to CACHED_SAMPLES a shade point of the whole picture */
+    double seconds; /* of the last frame */
 };
 
-/* Seconds of direct light by the cache: the sky is split, projected, expanded, and rays are traced to what is bright.
- * Neither the sky's tables nor the sum of the pixels. */
-static enum err time_cached(const struct shading *s, double *seconds)
+/* Direct light by the cache: the sky is split, projected, expanded, and rays are traced to what is bright. Neither the
+ * sky's tables nor the sum of the pixels is in the seconds. */
+static enum err shade_cached(void *context)
 {
-    enum err e = ERR_OK;
+    struct shading *s = context;
+    struct cached *c = s->c;
+    const enum err e = relighter_run(c->relighter, s->b->environment, &c->light, c->rgb, &c->stats);
 
-    *seconds = 0.0;
-    for (int k = 0; k < s->repeats && !e; k++) {
-        e = relighter_run(s->c->relighter, s->b->environment, &s->c->light, s->c->rgb, &s->c->stats);
-        *seconds += 1e-3 * s->c->stats.shade_ms / s->repeats;
-    }
+    s->seconds = 1e-3 * c->stats.shade_ms;
     return e;
 }
 
-static enum err time_bare(const struct shading *s, double *seconds)
+static enum err shade_bare(void *context)
 {
-    const double start = clock_seconds();
-    const enum err e = bench_part_replay(s->part);
-
-    *seconds = s->scale * (clock_seconds() - start);
-    return e;
+    return bench_part_replay(((struct shading *)context)->part);
 }
 
-static enum err shade_in_turns(struct shading *s, struct bench_row *row)
-{
-    double ours[BENCH_ROUNDS_MAX], bare[BENCH_ROUNDS_MAX], once = 1.0, alone = 1.0;
-
-    s->repeats = 2;
-    enum err e = time_cached(s, &once);
-    if (!e)
-        e = time_bare(s, &alone);
-    s->repeats = (int)fmin(fmax(ceil(SHORT_SECONDS / fmax(once, 1e-9)), 1.0), REPEATS_MAX);
-    const int rounds = bench_rounds(s->b, s->repeats * once + alone / s->scale);
-    for (int i = 0; i < rounds && !e; i++) {
-        for (int j = 0; j < 2 && !e; j++) { /* each goes first in half of the rounds */
-            const bool first = (i + j) % 2 == 0;
-            double *to = first ? &ours[i] : &bare[i];
-            e = (first ? time_cached : time_bare)(s, to);
-            *to = 1.0 / *to;
-        }
-        progress_step(&s->b->line, 1);
-    }
-    if (!e)
-        bench_take(row, ours, bare, rounds);
-    return e;
-}
-
-/* The picture of the cache must be no worse than that of as many samples. */
+/* The cache's picture must be no worse than that of mis with as many samples. */
 static enum err judge_shading(struct bench *b, struct cached *c, struct bench_row *row)
 {
     const struct relight_desc mis = { .direct = { .method = METHOD_MIS, .samples = CACHED_SAMPLES },
                                       .classes = c->light.classes };
     struct relight_stats stats;
+    double ours = 0.0, theirs = 0.0;
     enum err e = cached_truth_make(c, b->environment, &c->truth);
 
     if (!e)
         e = relighter_run(c->relighter, b->environment, &c->light, c->rgb, &c->stats);
-    const double ours = e ? 0.0 : cached_rel_mse(c, &c->truth, c->rgb);
+    if (!e)
+        e = cached_rel_mse(b, &c->truth, c->rgb, &ours);
     if (!e)
         e = relighter_run(c->relighter, b->environment, &mis, c->rgb, &stats);
-    const double theirs = e ? 0.0 : cached_rel_mse(c, &c->truth, c->rgb);
+    if (!e)
+        e = cached_rel_mse(b, &c->truth, c->rgb, &theirs);
     row->broken = ours > theirs;
     snprintf(row->note, sizeof(row->note),
              "bare: %d rays a shade point, as rtcOccluded16 answers those of mis; relMSE %.2g, of mis with %d samples "
@@ -219,32 +179,28 @@ static enum err judge_shading(struct bench *b, struct cached *c, struct bench_ro
 
 enum err bench_cached_shading(struct bench *b, struct bench_row *row)
 {
+    const struct direct_desc mis = { .method = METHOD_MIS, .samples = CACHED_SAMPLES };
     struct shading s = { .b = b };
     uint64_t rays = 0;
-
-    row->name = "cached: shading";
-    row->unit = "frames/s";
     enum err e = cached_get(b, row, &s.c);
+
     if (e || !s.c)
         return e;
-    row->sense = BENCH_AT_LEAST;
     row->target = s.c->bright ? 6.0 : 40.0;
-    e = bench_part_create(b, CACHED_SAMPLES, &s.part, &rays);
-    s.scale = CACHED_SAMPLES * (double)b->set->gbuffer->point_count / (double)rays;
-    if (e == ERR_RANGE || (!e && rays == 0)) {
-        bench_skip(row, e ? "too many rays to write down" : "nothing is lit, so that no ray is traced");
-        e = ERR_OK;
-    } else if (!e) {
-        e = shade_in_turns(&s, row);
-    }
+    e = bench_part_create(b, &mis, &s.part, &rays);
+    /* From the part's rays to CACHED_SAMPLES per shade point of the whole picture. */
+    const double part = (double)rays / (CACHED_SAMPLES * (double)b->set->gbuffer->point_count);
+    const struct bench_pair pair = { { shade_cached, shade_bare }, &s, { 1.0, part }, true, { &s.seconds } };
+    if (!bench_part_skip(&e, rays, row))
+        e = bench_time(b, &pair, row);
     bench_part_destroy(s.part);
     return e || row->skipped[0] ? e : judge_shading(b, s.c, row);
 }
 
 /* ---- Whole pictures ---- */
 
-/* Frames a second that are wished for, by size and sky; 0: nothing is. */
-static double wished_rate(const struct bench *b, const struct cached *c)
+/* The target of frames per second by size and sky; 0: there is none. */
+static double target_rate(const struct bench *b, const struct cached *c)
 {
     const uint32_t width = b->desc->width, height = b->desc->height;
 
@@ -260,12 +216,10 @@ enum err bench_cached_pipeline(struct bench *b, struct bench_row *row)
     struct cached *c;
     double busy = 1.0;
 
-    row->name = "cached: whole pipeline";
-    row->unit = "frames/s";
     enum err e = cached_get(b, row, &c);
     if (e || !c)
         return e;
-    row->target = wished_rate(b, c);
+    row->target = target_rate(b, c);
     row->sense = row->target > 0.0 ? BENCH_AT_LEAST : BENCH_STATED;
     e = bench_pipeline_rate(b, c->relighter, &c->light, row, &busy);
     snprintf(row->note, sizeof(row->note),
@@ -279,58 +233,65 @@ enum err bench_cached_pipeline(struct bench *b, struct bench_row *row)
 
 /* ---- Interreflection ---- */
 
-/* One frame's direct light, and what comes to it. */
-static enum err time_light(struct bench *b, struct cached *c, const struct relight_desc *light, struct relight_stats *s,
-                           double *ms)
-{
-    const enum err e = relighter_run(c->relighter, b->environment, light, c->rgb, s);
+struct bounce_frames {
+    struct bench *b;
+    struct cached *c;
+    struct relight_desc with;
+    struct relight_stats stats; /* of the last frame with it */
+    double seconds[2], eye_s;   /* of the last frames; of eye paths, the mean */
+    uint64_t frames;
+};
 
-    *ms = s->shade_ms + s->eye_ms;
+static enum err frame_with(void *context)
+{
+    struct bounce_frames *f = context;
+    const enum err e = relighter_run(f->c->relighter, f->b->environment, &f->with, f->c->rgb, &f->stats);
+
+    f->seconds[0] = 1e-3 * (f->stats.shade_ms + f->stats.eye_ms);
+    f->eye_s += (1e-3 * f->stats.eye_ms - f->eye_s) / (double)++f->frames;
     return e;
 }
 
-/* Direct light with what comes to it, and without, in turns. */
+static enum err frame_without(void *context)
+{
+    struct bounce_frames *f = context;
+    struct relight_stats stats;
+    const enum err e = relighter_run(f->c->relighter, f->b->environment, &f->c->light, f->c->rgb, &stats);
+
+    f->seconds[1] = 1e-3 * stats.shade_ms;
+    return e;
+}
+
+/* Direct light with interreflection, and without. */
 enum err bench_cached_bounce(struct bench *b, struct bench_row *row)
 {
-    double with[BENCH_ROUNDS_MAX], without[BENCH_ROUNDS_MAX], eye[BENCH_ROUNDS_MAX];
-    struct relight_stats s = { 0 }, direct;
-    struct cached *c;
+    struct bounce_frames f = { .b = b };
+    const struct bench_pair pair = {
+        { frame_with, frame_without }, &f, { 1e3, 1e3 }, .seconds = { &f.seconds[0], &f.seconds[1] }
+    };
+    enum err e = cached_get(b, row, &f.c);
 
-    row->name = "cached: interreflection";
-    row->unit = "ms";
-    enum err e = cached_get(b, row, &c);
-    if (e || !c)
+    if (e || !f.c)
         return e;
-    struct relight_desc light = c->light;
-    row->sense = BENCH_AT_MOST;
-    row->target = 1.2;
-    light.classes |= PATH_INDIRECT;
-    if (scene_casters(b->set->scene, NULL, 0) > 0) { /* whose light on other surfaces is then the stored paths' */
-        light.classes |= PATH_CAUSTICS;
-        light.stored_paths = (uint64_t)b->desc->width * b->desc->height;
+    f.with = f.c->light;
+    f.with.classes |= PATH_INDIRECT;
+    if (scene_casters(b->set->scene, NULL, 0) > 0) { /* whose light on other surfaces comes from the stored paths */
+        f.with.classes |= PATH_CAUSTICS;
+        f.with.stored_paths = (uint64_t)b->desc->width * b->desc->height;
     }
-    e = relighter_run(c->relighter, b->environment, &light, c->rgb, &s);
-    if (!e && s.plan.indirect != PLAN_CACHE) {
+    e = frame_with(&f);
+    if (!e && f.stats.plan.indirect != PLAN_CACHE) {
         bench_skip(row, "the cache has none: the surfaces are too dark, or memory does not suffice");
         return ERR_OK;
     }
-    const double built = 1e-3 * s.cache_ms;
-    const int rounds = e ? 0 : bench_rounds(b, 2e-3 * (s.shade_ms + s.eye_ms + s.resolve_ms + s.light_ms));
-    for (int i = 0; i < rounds && !e; i++) {
-        for (int j = 0; j < 2 && !e; j++) /* each goes first in half of the rounds */
-            e = (i + j) % 2 == 0 ? time_light(b, c, &light, &s, &with[i])
-                                 : time_light(b, c, &c->light, &direct, &without[i]);
-        eye[i] = s.eye_ms;
-        progress_step(&b->line, 1);
-    }
-    if (e)
-        return e;
-    bench_take(row, with, without, rounds);
-    snprintf(
-        row->note, sizeof(row->note),
-        "bare: direct light alone, in turns; %llu eye paths with %llu rays, for packets with the narrowest lobes and "
-        "for what mirrors and glass show, %.3g ms; %u records, %u coefficients, %.0f MB, %.0f s",
-        (unsigned long long)s.eye.paths, (unsigned long long)s.eye.rays, bench_median(eye, rounds), s.bounce.records,
-        s.bounce.basis, 1e-6 * (double)s.bounce.bytes, built);
-    return ERR_OK;
+    const double built = 1e-3 * f.stats.cache_ms;
+    if (!e)
+        e = bench_time(b, &pair, row);
+    const struct relight_stats *s = &f.stats;
+    snprintf(row->note, sizeof(row->note),
+             "bare: direct light alone; %llu eye paths with %llu rays, for packets with the narrowest lobes and for "
+             "what mirrors and glass show, %.3g ms; %u records, %u coefficients, %.0f MB, %.0f s",
+             (unsigned long long)s->eye.paths, (unsigned long long)s->eye.rays, 1e3 * f.eye_s, s->bounce.records,
+             s->bounce.basis, 1e-6 * (double)s->bounce.bytes, built);
+    return e;
 }

@@ -35,12 +35,8 @@ static enum err tone_bare(void *context)
 enum err bench_tone(struct bench *b, struct bench_row *row)
 {
     struct toning t = { .b = b, .values = 3 * (size_t)b->desc->width * b->desc->height };
-    const struct bench_pair pair = { tone_ours, tone_bare, &t, 1e3, 1e3, false };
+    const struct bench_pair pair = { { tone_ours, tone_bare }, &t, .scale = { 1e3, 1e3 } };
 
-    row->name = "tone map / copy";
-    row->unit = "ms";
-    row->sense = BENCH_AT_MOST;
-    row->target = 3.0;
     snprintf(row->note, sizeof(row->note), "bare: a copy of the picture's floats, %.1f MB, by the same threads",
              1e-6 * (double)(t.values * sizeof(float)));
     t.copy = mem_alloc(t.values, sizeof(float));
@@ -86,17 +82,12 @@ enum err bench_jpeg(struct bench *b, struct bench_row *row)
         .bare = tjInitCompress(),
         .room = tjBufSize((int)b->desc->width, (int)b->desc->height, TJSAMP_420),
     };
-    const struct bench_pair pair = { encode_ours, encode_bare, &x, 1e3, 1e3, false };
+    const struct bench_pair pair = { { encode_ours, encode_bare }, &x, .scale = { 1e3, 1e3 } };
 
-    row->name = "JPEG / libjpeg-turbo";
-    row->unit = "ms";
-    row->sense = BENCH_AT_MOST;
-    row->target = 1.05;
     snprintf(row->note, sizeof(row->note), "bare: tjCompress2 on the same pixels, quality %d, 4:2:0, one thread each",
              BENCH_QUALITY);
     x.bytes = tjAlloc((int)x.room);
     const enum err e = x.ours && x.bare && x.bytes ? bench_time(b, &pair, row) : ERR_NOMEM;
-    b->encode_allocations = e ? 0 : allocations_of(encode_bare, &x);
     tjFree(x.bytes);
     if (x.bare)
         tjDestroy(x.bare);

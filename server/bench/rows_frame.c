@@ -12,7 +12,7 @@
 #include <string.h>
 
 #define WARM 4          /* pictures before the first that counts: more than slots */
-#define RUN_SECONDS 0.4 /* of pictures that are counted in one go, at least */
+#define RUN_SECONDS 0.4 /* that a run of counted pictures takes at least */
 #define PICTURES_MAX 64 /* of them */
 #define TRIANGLES_MAX 4000000u
 #define FRAMES_WARM 10 /* before allocations count */
@@ -38,8 +38,10 @@ struct pipeline {
     int count;          /* of pictures in one run */
     enum err failed[3]; /* by stage */
     double seconds;     /* per picture, of the last run */
-    double processor;   /* likewise, of all threads */
-    bool borrowed;      /* the relighter is not ours */
+    double processor;   /* of all threads, the mean over the runs */
+    int runs;
+    bool borrowed;             /* the relighter is not ours */
+    enum err (*alone)(void *); /* what is timed beside it */
 };
 
 static void *decode_main(void *arg)
@@ -102,7 +104,7 @@ static void light_all(struct pipeline *p)
         }
     }
     p->seconds = (clock_seconds() - start) / p->count;
-    p->processor = (clock_processor() - processor) / p->count;
+    p->processor += ((clock_processor() - processor) / p->count - p->processor) / ++p->runs;
 }
 
 static enum err pipeline_run(struct pipeline *p)
@@ -131,16 +133,18 @@ static enum err pipeline_run(struct pipeline *p)
     return p->failed[0] ? p->failed[0] : p->failed[1] ? p->failed[1] : p->failed[2];
 }
 
+static enum err pipeline_work(void *context)
+{
+    return pipeline_run(context);
+}
+
 /* ---- Its stages alone ---- */
 
 static enum err decode_alone(void *context)
 {
     struct pipeline *p = context;
 
-    omp_set_num_threads(1);
-    const enum err e = decode_and_rebuild(p->sky[0], p->b);
-    omp_set_num_threads(p->b->threads);
-    return e;
+    return decode_and_rebuild(p->sky[0], p->b);
 }
 
 static enum err light_alone(void *context)
@@ -150,44 +154,40 @@ static enum err light_alone(void *context)
 
 static enum err encode_alone(void *context)
 {
-    struct pipeline *p = context;
-
-    omp_set_num_threads(1);
-    const enum err e = picture_maker_encode(&p->maker);
-    omp_set_num_threads(p->b->threads);
-    return e;
+    return picture_maker_encode(&((struct pipeline *)context)->maker);
 }
 
-static enum err all_in_a_row(void *context)
+static enum err all_in_sequence(void *context)
+{
+    enum err e = decode_alone(context);
+
+    if (!e)
+        e = light_alone(context);
+    return e ? e : encode_alone(context);
+}
+
+static enum err stage_alone(void *context)
 {
     struct pipeline *p = context;
-    enum err e;
 
-    omp_set_num_threads(1);
-    e = decode_and_rebuild(p->sky[0], p->b);
-    if (!e)
-        e = picture_maker_light(&p->maker);
-    if (!e)
-        e = picture_maker_encode(&p->maker);
-    omp_set_num_threads(p->b->threads);
-    return e;
+    return bench_threads(p->b, p->alone == light_alone ? p->b->threads : 1, p->alone, p);
 }
 
 static enum err seconds_of(enum err (*work)(void *), struct pipeline *p, double *out)
 {
     double v[3];
-    enum err e = work(p);
+    enum err e = (p->alone = work)(p);
 
     for (int i = 0; i < 3 && !e; i++) {
         const double start = clock_seconds();
-        e = work(p);
+        e = stage_alone(p);
         v[i] = clock_seconds() - start;
     }
     *out = e ? 1.0 : bench_median(v, 3);
     return e;
 }
 
-/* r and light: another relighter and what it is to do; NULL: one as all rows have it. */
+/* r and light: another relighter and its request; NULL: those of the bench. */
 static enum err pipeline_init(struct pipeline *p, struct bench *b, struct relighter *r,
                               const struct relight_desc *light)
 {
@@ -227,48 +227,28 @@ static void pipeline_finish(struct pipeline *p)
     resample_tables_destroy(p->tables);
 }
 
-/* Runs of the pipeline in turns with `alone`, both as milliseconds a picture. */
-static enum err in_turns(struct pipeline *p, enum err (*alone)(void *), double *whole, double *single, int *rounds)
-{
-    enum err e = pipeline_run(p); /* warms up */
-
-    *rounds = bench_rounds(p->b, p->seconds * (p->count + WARM));
-    for (int i = 0; i < *rounds && !e; i++) {
-        e = pipeline_run(p);
-        whole[i] = 1e3 * p->seconds;
-        const double start = clock_seconds();
-        if (!e)
-            e = alone(p);
-        single[i] = 1e3 * (clock_seconds() - start);
-        progress_step(&p->b->line, 1);
-    }
-    return e;
-}
-
 enum err bench_pipeline(struct bench *b, struct bench_row *row)
 {
     static const struct {
         enum err (*work)(void *);
         const char *name;
     } parts[] = { { decode_alone, "decode and tables" }, { light_alone, "light" }, { encode_alone, "encoding" } };
-    double whole[BENCH_ROUNDS_MAX], single[BENCH_ROUNDS_MAX], ms[3] = { 0.0, 0.0, 0.0 };
+    double ms[3] = { 0.0, 0.0, 0.0 };
     struct pipeline p;
-    int slowest = 0, rounds = 0;
+    const struct bench_pair pair = {
+        { pipeline_work, stage_alone }, &p, .scale = { 1e3, 1e3 }, .seconds = { &p.seconds }
+    };
+    int slowest = 0;
 
-    row->name = "pipeline / its slowest stage";
-    row->unit = "ms";
-    row->sense = BENCH_AT_MOST;
-    row->target = 1.15;
     enum err e = pipeline_init(&p, b, NULL, NULL);
     for (int k = 0; k < 3 && !e; k++) {
         e = seconds_of(parts[k].work, &p, &ms[k]);
         ms[k] *= 1e3;
         slowest = ms[k] > ms[slowest] ? k : slowest;
     }
+    p.alone = parts[slowest].work;
     if (!e)
-        e = in_turns(&p, parts[slowest].work, whole, single, &rounds);
-    if (!e)
-        bench_take(row, whole, single, rounds);
+        e = bench_time(b, &pair, row);
     snprintf(
         row->note, sizeof(row->note),
         "bare: %s alone; ms alone: decode and tables %.3g (1 thread), light %.3g (%d), exposure, tone, JPEG %.3g (1)",
@@ -279,25 +259,21 @@ enum err bench_pipeline(struct bench *b, struct bench_row *row)
 
 enum err bench_threads_whole(struct bench *b, struct bench_row *row)
 {
-    double whole[BENCH_ROUNDS_MAX], single[BENCH_ROUNDS_MAX];
     struct pipeline p;
-    int rounds = 0;
+    const struct bench_pair pair = {
+        { stage_alone, pipeline_work }, &p, .scale = { 1e3, 1e3 }, .seconds = { NULL, &p.seconds }
+    };
 
-    row->name = "one thread / pipeline";
-    row->unit = "ms";
-    row->sense = BENCH_AT_LEAST;
-    row->target = 1.9;
     snprintf(row->note, sizeof(row->note),
-             "whole frames from EXR to JPEG: stages in a row on one thread, and the pipeline on %d", b->threads);
+             "whole frames from EXR to JPEG: stages in sequence on one thread, and the pipeline on %d", b->threads);
     if (b->threads < 2) {
         bench_skip(row, "there is one thread only");
         return ERR_OK;
     }
     enum err e = pipeline_init(&p, b, NULL, NULL);
+    p.alone = all_in_sequence;
     if (!e)
-        e = in_turns(&p, all_in_a_row, whole, single, &rounds);
-    if (!e)
-        bench_take(row, single, whole, rounds);
+        e = bench_time(b, &pair, row);
     pipeline_finish(&p);
     return e;
 }
@@ -305,24 +281,13 @@ enum err bench_threads_whole(struct bench *b, struct bench_row *row)
 enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct relight_desc *light,
                              struct bench_row *row, double *processor)
 {
-    double rate[BENCH_ROUNDS_MAX], busy[BENCH_ROUNDS_MAX];
     struct pipeline p;
+    const struct bench_pair pair = { { pipeline_work }, &p, .scale = { 1.0 }, .rate = true, .seconds = { &p.seconds } };
     enum err e = pipeline_init(&p, b, r, light);
 
     if (!e)
-        e = pipeline_run(&p); /* warms up */
-    const int rounds = e ? 0 : bench_rounds(b, p.seconds * (p.count + WARM));
-    for (int i = 0; i < rounds && !e; i++) {
-        e = pipeline_run(&p);
-        rate[i] = 1.0 / p.seconds;
-        busy[i] = p.processor;
-        progress_step(&b->line, 1);
-    }
-    if (!e)
-        row->ours = row->ratio = bench_median(rate, rounds);
-    *processor = e ? 0.0 : bench_median(busy, rounds);
-    row->rounds = rounds;
-    row->alone = true;
+        e = bench_time(b, &pair, row);
+    *processor = p.processor;
     pipeline_finish(&p);
     return e;
 }
@@ -331,33 +296,24 @@ enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct 
 
 struct threads {
     struct picture_maker maker;
-    int count;
+    const struct bench *b;
 };
-
-static enum err threads_one(void *context)
-{
-    struct threads *t = context;
-
-    omp_set_num_threads(1);
-    const enum err e = picture_maker_light(&t->maker);
-    omp_set_num_threads(t->count);
-    return e;
-}
 
 static enum err threads_all(void *context)
 {
     return picture_maker_light(&((struct threads *)context)->maker);
 }
 
+static enum err threads_one(void *context)
+{
+    return bench_threads(((struct threads *)context)->b, 1, threads_all, context);
+}
+
 enum err bench_threads_light(struct bench *b, struct bench_row *row)
 {
-    struct threads t = { .count = b->threads };
-    const struct bench_pair pair = { threads_one, threads_all, &t, 1e3, 1e3, false };
+    struct threads t = { .b = b };
+    const struct bench_pair pair = { { threads_one, threads_all }, &t, .scale = { 1e3, 1e3 } };
 
-    row->name = "light: one thread / all";
-    row->unit = "ms";
-    row->sense = BENCH_AT_LEAST;
-    row->target = 1.9;
     snprintf(row->note, sizeof(row->note), "direct light and the sum of the pixels; second figure: on %d threads",
              b->threads);
     if (b->threads < 2) {
@@ -397,7 +353,7 @@ static enum err make_small(void *context)
 static enum err time_two(struct bench *b, const struct set *large, bool encodes, struct bench_row *row)
 {
     struct two t = { .encodes = encodes };
-    const struct bench_pair pair = { make_large, make_small, &t, 1e3, 1e3, false };
+    const struct bench_pair pair = { { make_large, make_small }, &t, .scale = { 1e3, 1e3 } };
     enum err e = picture_maker_init(&t.large, b, large);
 
     if (!e)
@@ -421,10 +377,6 @@ enum err bench_pixels(struct bench *b, struct bench_row *row)
     struct set *large = NULL;
     enum err e = ERR_OK;
 
-    row->name = "four times the pixels";
-    row->unit = "ms";
-    row->sense = BENCH_AT_MOST;
-    row->target = 4.1;
     snprintf(row->note, sizeof(row->note), "%ux%u over %ux%u: light, exposure, tone curve, JPEG, one after another",
              desc.width, desc.height, b->desc->width, b->desc->height);
     if (set_create(&desc, &large, &why))
@@ -469,10 +421,6 @@ enum err bench_triangles(struct bench *b, struct bench_row *row)
     struct reason why = { "" };
     enum err e;
 
-    row->name = "16 times the triangles";
-    row->unit = "ms";
-    row->sense = BENCH_AT_MOST;
-    row->target = 2.0;
     if (!given.scene && b->set->scene->triangle_count > TRIANGLES_MAX) {
         bench_skip(row, "16 times as many would be more than %u", 16 * TRIANGLES_MAX);
         return ERR_OK;
@@ -496,27 +444,21 @@ enum err bench_triangles(struct bench *b, struct bench_row *row)
 
 /* ---- Memory ---- */
 
-/* One frame, stage by stage; what each allocates is added up. */
-static enum err count_frame(struct environment *sky, struct picture_maker *m, const struct bench *b, uint64_t sum[4])
+/* Allocations of one frame: all, and those of decoding. */
+static enum err count_frame(struct environment *sky, struct picture_maker *m, const struct bench *b, uint64_t count[2])
 {
-    const struct frame file = { .kind = FRAME_FILE, .name = "a sky", .bytes = b->exr, .size = b->exr_size };
-    uint64_t at[5] = { 0 };
-    struct reason why;
+    uint64_t at[3];
 
     allocations_count(&at[0]);
-    enum err e = environment_decode(sky, &file, &why);
+    enum err e = decode_and_rebuild(sky, b);
     allocations_count(&at[1]);
     if (!e)
-        e = environment_rebuild(sky, &why);
-    allocations_count(&at[2]);
-    if (!e)
         e = picture_maker_light(m);
-    allocations_count(&at[3]);
     if (!e)
         e = picture_maker_encode(m);
-    allocations_count(&at[4]);
-    for (int k = 0; k < 4; k++)
-        sum[k] += at[k + 1] - at[k];
+    allocations_count(&at[2]);
+    count[0] += at[2] - at[0];
+    count[1] += at[1] - at[0];
     return e;
 }
 
@@ -524,33 +466,21 @@ enum err bench_allocations(struct bench *b, struct bench_row *row)
 {
     struct picture_maker m;
     struct environment *sky = environment_create(&(struct environment_desc){ .n = 0 });
-    uint64_t sum[4] = { 0 }, ignored;
+    uint64_t count[2] = { 0 }, ignored;
     enum err e = picture_maker_init(&m, b, b->set);
 
-    row->name = "allocations after frame 10";
-    row->unit = "per frame";
-    row->sense = BENCH_AT_MOST;
-    row->target = 0.0;
-    row->alone = true;
     e = !e && !sky ? ERR_NOMEM : e;
     m.environment = sky;
-    if (!allocations_count(&ignored)) {
-        bench_skip(row, "this build has an allocator of its own, whose calls are not counted");
-    } else {
-        for (int i = 0; i < FRAMES_WARM + FRAMES_COUNTED && !e; i++) {
-            if (i == FRAMES_WARM)
-                memset(sum, 0, sizeof(sum));
-            e = count_frame(sky, &m, b, sum);
-        }
-        row->rounds = FRAMES_COUNTED;
-        row->ours = row->ratio = (double)(sum[0] + sum[1] + sum[2] + sum[3]) / FRAMES_COUNTED;
-        snprintf(row->note, sizeof(row->note),
-                 "decode %g, tables %g, light %g, exposure, tone and JPEG %g; of these OpenEXRCore's own %llu, "
-                 "libjpeg-turbo's %llu; delivery apart",
-                 (double)sum[0] / FRAMES_COUNTED, (double)sum[1] / FRAMES_COUNTED, (double)sum[2] / FRAMES_COUNTED,
-                 (double)sum[3] / FRAMES_COUNTED, (unsigned long long)b->decode_allocations,
-                 (unsigned long long)b->encode_allocations);
+    for (int i = 0; i < FRAMES_WARM + FRAMES_COUNTED && !e; i++) {
+        if (i == FRAMES_WARM)
+            memset(count, 0, sizeof(count));
+        e = count_frame(sky, &m, b, count);
     }
+    bench_state(row, (double)count[0] / FRAMES_COUNTED, FRAMES_COUNTED);
+    snprintf(row->note, sizeof(row->note), "%g of them in decoding and tables; without delivery",
+             (double)count[1] / FRAMES_COUNTED);
+    if (!allocations_count(&ignored))
+        bench_skip(row, "this build has an allocator of its own, whose calls are not counted");
     picture_maker_finish(&m);
     environment_destroy(sky);
     return e;

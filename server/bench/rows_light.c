@@ -15,7 +15,7 @@
 #define PAPER_SAMPLES 60
 #define PAPER_FRAMES 198.0 /* per second, on its GPU [LPG13] */
 
-/* Some of the set's packets, so that their rays can be written down. */
+/* Some of the set's packets, so that their rays can be recorded. */
 struct part {
     struct bench *b;
     struct gbuffer g;
@@ -26,41 +26,6 @@ struct part {
     float *lo;
 };
 
-/* Every eighth run of 32 packets: about an eighth of the picture, spread over it, with its coherence kept. */
-static enum err part_init(struct part *p, struct bench *b, const struct direct_desc *desc, bool with_log)
-{
-    const struct gbuffer *g = b->set->gbuffer;
-
-    *p = (struct part){ .b = b, .desc = *desc, .g.interleave = g->interleave };
-    p->g.packets = mem_alloc(g->packet_count, sizeof(*p->g.packets));
-    p->lo = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
-    p->direct = direct_create(b->kernels);
-    if (!p->g.packets || !p->lo || !p->direct)
-        return ERR_NOMEM;
-    for (uint32_t i = 0; i < g->packet_count; i++)
-        if (i / 32 % 8 == 0) {
-            p->g.packets[p->g.packet_count++] = g->packets[i];
-            p->g.point_count += g->packets[i].count;
-        }
-    if (!with_log)
-        return ERR_OK;
-    p->log.capacity = (size_t)p->g.packet_count * (2 * p->desc.samples + 16);
-    p->log.packets = mem_alloc_raw(p->log.capacity, sizeof(*p->log.packets));
-    p->log.valid = mem_alloc_raw(p->log.capacity, sizeof(*p->log.valid));
-    p->log.spread = mem_alloc_raw(p->log.capacity, sizeof(*p->log.spread));
-    return p->log.packets && p->log.valid && p->log.spread ? ERR_OK : ERR_NOMEM;
-}
-
-static void part_finish(struct part *p)
-{
-    mem_free(p->g.packets);
-    mem_free(p->log.packets);
-    mem_free(p->log.valid);
-    mem_free(p->log.spread);
-    mem_free(p->lo);
-    direct_destroy(p->direct);
-}
-
 static enum err shade_part(void *context)
 {
     struct part *p = context;
@@ -68,112 +33,118 @@ static enum err shade_part(void *context)
     return direct_shade(p->direct, &p->g, p->b->set->rays, p->b->environment, &p->desc, p->lo, &p->stats);
 }
 
-static enum err replay_packets(void *context)
+enum err bench_part_replay(void *part)
 {
-    const struct part *p = context;
+    const struct part *p = part;
     const size_t count = p->log.count;
     uint64_t occluded = 0;
 
 #pragma omp parallel for schedule(dynamic, 1) reduction(+ : occluded)
     for (size_t i = 0; i < count; i += CHUNK)
         occluded += rays_replay(p->b->set->rays, &p->log, i, i + CHUNK < count ? i + CHUNK : count);
-    return occluded == UINT64_MAX ? ERR_RANGE : ERR_OK; /* never: the sum must be made */
+    return occluded == UINT64_MAX ? ERR_RANGE : ERR_OK; /* never: the sum must be computed */
 }
 
 static enum err on_one_thread(const struct bench *b, struct ray_log *log, enum err (*work)(void *), void *context)
 {
-    omp_set_num_threads(1);
     rays_set_log(b->set->rays, log);
-    const enum err e = work(context);
+    const enum err e = bench_threads(b, 1, work, context);
     rays_set_log(b->set->rays, NULL);
-    omp_set_num_threads(b->threads);
     return e;
 }
 
-enum err bench_part_create(struct bench *b, uint32_t samples, struct part **out, uint64_t *rays)
+static enum err reserve_log(struct part *p)
 {
-    const struct direct_desc desc = { .method = METHOD_MIS, .samples = samples };
-    struct part *p = mem_alloc(1, sizeof(*p));
-
-    *out = NULL;
-    enum err e = p ? part_init(p, b, &desc, true) : ERR_NOMEM;
-    if (!e)
-        e = on_one_thread(b, &p->log, shade_part, p);
-    if (!e && p->log.count == p->log.capacity)
-        e = ERR_RANGE;
-    if (e) {
-        bench_part_destroy(p);
-        return e;
-    }
-    *rays = p->stats.rays;
-    *out = p;
-    return ERR_OK;
+    p->log.capacity = (size_t)p->g.packet_count * (2 * p->desc.samples + 16);
+    p->log.packets = mem_alloc_raw(p->log.capacity, sizeof(*p->log.packets));
+    p->log.valid = mem_alloc_raw(p->log.capacity, sizeof(*p->log.valid));
+    p->log.spread = mem_alloc_raw(p->log.capacity, sizeof(*p->log.spread));
+    return p->log.packets && p->log.valid && p->log.spread ? ERR_OK : ERR_NOMEM;
 }
 
-enum err bench_part_replay(void *part)
+enum err bench_part_create(struct bench *b, const struct direct_desc *desc, struct part **out, uint64_t *rays)
 {
-    return replay_packets(part);
+    const struct gbuffer *g = b->set->gbuffer;
+    struct part *p = mem_alloc(1, sizeof(*p));
+
+    *out = p;
+    *rays = 0;
+    if (!p)
+        return ERR_NOMEM;
+    *p = (struct part){ .b = b, .desc = *desc, .g.interleave = g->interleave };
+    p->g.packets = mem_alloc(g->packet_count, sizeof(*p->g.packets));
+    p->lo = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
+    p->direct = direct_create(b->kernels);
+    if (!p->g.packets || !p->lo || !p->direct)
+        return ERR_NOMEM;
+    for (uint32_t i = 0; i < g->packet_count; i++) /* in runs of 32, which keeps their coherence */
+        if (i / 32 % 8 == 0) {
+            p->g.packets[p->g.packet_count++] = g->packets[i];
+            p->g.point_count += g->packets[i].count;
+        }
+    enum err e = desc->no_visibility ? ERR_OK : reserve_log(p);
+    if (!e)
+        e = desc->no_visibility ? shade_part(p) : on_one_thread(b, &p->log, shade_part, p);
+    *rays = p->stats.rays;
+    return !e && p->log.capacity && p->log.count == p->log.capacity ? ERR_RANGE : e;
 }
 
 void bench_part_destroy(struct part *p)
 {
     if (!p)
         return;
-    part_finish(p);
+    mem_free(p->g.packets);
+    mem_free(p->log.packets);
+    mem_free(p->log.valid);
+    mem_free(p->log.spread);
+    mem_free(p->lo);
+    direct_destroy(p->direct);
     mem_free(p);
+}
+
+bool bench_part_skip(enum err *created, uint64_t rays, struct bench_row *row)
+{
+    const bool many = *created == ERR_RANGE;
+
+    if (many || (!*created && rays == 0))
+        bench_skip(row, many ? "too many rays to record" : "nothing is lit, so that no ray is traced");
+    *created = many ? ERR_OK : *created;
+    return *created || row->skipped[0];
 }
 
 enum err bench_shadow_rays(struct bench *b, struct bench_row *row)
 {
-    struct part p;
+    struct part *p;
+    uint64_t count;
 
-    row->name = "shadow rays of the direct stage";
-    row->unit = "Mrays/s";
-    row->sense = BENCH_AT_LEAST;
-    row->target = 0.85;
     snprintf(row->note, sizeof(row->note),
              "bare: rtcOccluded16 over the same packets of rays, an eighth of the picture; ours with all its shading");
-    enum err e = part_init(&p, b, &b->light.direct, true);
-    if (!e)
-        e = on_one_thread(b, &p.log, shade_part, &p);
-    const double rays = 1e-6 * (double)p.stats.rays;
-    const struct bench_pair pair = { shade_part, replay_packets, &p, rays, rays, true };
-    if (!e && (p.stats.rays == 0 || p.log.count == p.log.capacity))
-        bench_skip(row, p.stats.rays == 0 ? "nothing is lit, so that no ray is traced" : "too many rays to write down");
-    else if (!e)
+    enum err e = bench_part_create(b, &b->light.direct, &p, &count);
+    const double rays = 1e-6 * (double)count;
+    const struct bench_pair pair = { { shade_part, bench_part_replay }, p, .scale = { rays, rays }, .rate = true };
+    if (!bench_part_skip(&e, count, row))
         e = bench_time(b, &pair, row);
-    part_finish(&p);
+    bench_part_destroy(p);
     return e;
 }
 
-/* Without rays: what it takes to weigh one sample of the sky or of a lobe at one point. */
+/* The time to weigh one sample of the sky or of a lobe at one point, without rays. */
 enum err bench_terms(struct bench *b, struct bench_row *row)
 {
-    struct part p;
-    uint64_t instructions = 0;
+    struct direct_desc desc = b->light.direct;
+    struct part *p;
+    uint64_t rays;
 
-    row->name = "shading a sample at a point";
-    row->unit = "ns core";
-    enum err e = part_init(&p, b, &b->light.direct, false);
-    p.desc.no_visibility = true;
-    if (!e)
-        e = shade_part(&p);
-    const double terms = (double)(p.stats.chosen + p.stats.lobes);
-    const struct bench_pair pair = { shade_part, NULL, &p, 1e9 * b->threads / terms, 0.0, false };
-    if (!e && terms > 0.0) {
-        omp_set_num_threads(1);
-        if (instructions_of(shade_part, &p, &instructions))
-            snprintf(row->note, sizeof(row->note), "%.1f instructions a sample and point; nothing is traced",
-                     (double)instructions / terms);
-        else
-            snprintf(row->note, sizeof(row->note),
-                     "nothing is traced; the processor's counter of instructions is not readable here");
-        omp_set_num_threads(b->threads);
+    desc.no_visibility = true;
+    enum err e = bench_part_create(b, &desc, &p, &rays);
+    const double terms = e ? 0.0 : (double)(p->stats.chosen + p->stats.lobes);
+    const struct bench_pair pair = { { shade_part }, p, .scale = { 1e9 * b->threads / terms } };
+    snprintf(row->note, sizeof(row->note), "nothing is traced");
+    if (!e && terms > 0.0)
         e = bench_time(b, &pair, row);
-    } else if (!e) {
+    else if (!e)
         bench_skip(row, "nothing is lit");
-    }
-    part_finish(&p);
+    bench_part_destroy(p);
     return e;
 }
 
@@ -218,17 +189,15 @@ enum err bench_light_rays(struct bench *b, struct bench_row *row)
     };
     enum err e = t.tracer && t.rgb ? trace(&t) : ERR_NOMEM;
 
-    row->name = "rays of the light tracer";
-    row->unit = "Mrays/s";
     t.log.single_capacity = (size_t)t.stats.rays + 1;
     t.log.singles = mem_alloc_raw(t.log.single_capacity, sizeof(*t.log.singles));
     e = !e && !t.log.singles ? ERR_NOMEM : e;
     if (!e)
         e = on_one_thread(b, &t.log, trace, &t);
     const double rays = 1e-6 * (double)t.stats.rays;
-    const struct bench_pair pair = { trace, replay_singles, &t, rays, rays, true };
+    const struct bench_pair pair = { { trace, replay_singles }, &t, .scale = { rays, rays }, .rate = true };
     if (!e && t.log.single_count != t.stats.rays)
-        bench_skip(row, "%zu rays written down of %llu", t.log.single_count, (unsigned long long)t.stats.rays);
+        bench_skip(row, "%zu rays of %llu recorded", t.log.single_count, (unsigned long long)t.stats.rays);
     else if (!e && t.stats.rays == 0)
         bench_skip(row, "no particle meets anything");
     else if (!e)
@@ -243,7 +212,7 @@ enum err bench_light_rays(struct bench *b, struct bench_row *row)
     return e;
 }
 
-/* ---- Light paths that are kept ---- */
+/* ---- Stored light paths ---- */
 
 struct stored {
     struct tracing tracing; /* of as many paths */
@@ -284,15 +253,11 @@ static enum err stored_init(struct stored *s, struct bench *b)
     return caustic_store_turn(s->store, 0, NULL, NULL);
 }
 
-/* The whole sky by the store, as under cloud, so that both sides do the same work. */
+/* The store lights the whole sky, as under cloud, so that both sides do the same work. */
 enum err bench_stored_caustics(struct bench *b, struct bench_row *row)
 {
     struct stored s;
 
-    row->name = "caustics: stored / traced";
-    row->unit = "Mpaths/s";
-    row->sense = BENCH_AT_LEAST;
-    row->target = 20.0;
     if (scene_casters(b->set->scene, NULL, 0) == 0) {
         bench_skip(row, "the scene has no mirror and no glass");
         return ERR_OK;
@@ -301,7 +266,7 @@ enum err bench_stored_caustics(struct bench *b, struct bench_row *row)
     if (!e) {
         const struct caustic_store_stats *stats = caustic_store_stats(s.store);
         const double paths = 1e-6 * (double)stats->paths;
-        const struct bench_pair pair = { light_stored, trace_stored, &s, paths, paths, true };
+        const struct bench_pair pair = { { light_stored, trace_stored }, &s, .scale = { paths, paths }, .rate = true };
         snprintf(row->note, sizeof(row->note),
                  "bare: light_tracer_run with as many paths, drawn by the sky; the store has %llu splats, %.1f MB",
                  (unsigned long long)stats->splats, 1e-6 * (double)stats->bytes);
@@ -313,7 +278,7 @@ enum err bench_stored_caustics(struct bench *b, struct bench_row *row)
     return e;
 }
 
-/* ---- As the paper has it ---- */
+/* ---- The setting of [LPG13] ---- */
 
 static enum err whole_unshadowed(void *context)
 {
@@ -334,10 +299,8 @@ enum err bench_no_visibility(struct bench *b, struct bench_row *row)
     struct relight_desc light = {
         .direct = { .method = METHOD_MIS, .samples = PAPER_SAMPLES, .no_visibility = true },
     };
-    const struct bench_pair pair = { whole_unshadowed, NULL, &m, 1.0, 0.0, true };
+    const struct bench_pair pair = { { whole_unshadowed }, &m, .scale = { 1.0 }, .rate = true };
 
-    row->name = "no visibility, 60 samples";
-    row->unit = "frames/s";
     enum err e = picture_maker_init(&m, b, b->set);
     m.light = &light;
     if (!e)

@@ -45,7 +45,7 @@ static int64_t size_of_memory(exr_const_context_t ctx, void *user)
     return (int64_t)((const struct bench *)user)->exr_size;
 }
 
-/* Aims R, G and B at their floats of the picture's row and the rest nowhere. */
+/* Directs R, G and B to the picture's row and drops the other channels. */
 static void aim(exr_decode_pipeline_t *pipe, float *row, int32_t width)
 {
     for (int c = 0; c < pipe->channel_count; c++) {
@@ -118,18 +118,15 @@ enum err bench_decode(struct bench *b, struct bench_row *row)
         .file = { .kind = FRAME_FILE, .name = "the sky as a file", .bytes = b->exr, .size = b->exr_size },
         .rgb = mem_alloc((size_t)im->width * im->height, 3 * sizeof(float)),
     };
-    const struct bench_pair pair = { decode_ours, decode_bare, &d, 1e3, 1e3, false };
+    const struct bench_pair pair = { { decode_ours, decode_bare }, &d, .scale = { 1e3, 1e3 } };
     enum err e = d.environment && d.rgb ? ERR_OK : ERR_NOMEM;
 
-    row->name = "EXR decode";
-    row->unit = "ms";
     snprintf(row->note, sizeof(row->note),
              "bare: OpenEXRCore's default routines on the same %zu bytes in memory; one thread each", b->exr_size);
     if (!e && decode_bare(&d) != ERR_OK)
         bench_skip(row, "the bare loop reads scanlines only, in the first part");
     else if (!e)
         e = bench_time(b, &pair, row);
-    b->decode_allocations = e ? 0 : allocations_of(decode_bare, &d);
     environment_destroy(d.environment);
     mem_free(d.rgb);
     return e;
@@ -177,13 +174,9 @@ enum err bench_rebuild(struct bench *b, struct bench_row *row)
         .bytes = { 3 * sizeof(float) * e->image.width * e->image.height, texels * sizeof(struct texel),
                    texels * sizeof(double) },
     };
-    const struct bench_pair pair = { rebuild_ours, copy_all, &r, 1e3, 1e3, false };
+    const struct bench_pair pair = { { rebuild_ours, copy_all }, &r, .scale = { 1e3, 1e3 } };
     enum err result = ERR_OK;
 
-    row->name = "resample, CDFs, samples / copy";
-    row->unit = "ms";
-    row->sense = BENCH_AT_MOST;
-    row->target = 4.0;
     snprintf(row->note, sizeof(row->note),
              "bare: a copy, by the same threads, of the source's floats (%.1f MB) and of the cube's texels and CDFs "
              "that are written (%.1f MB)",

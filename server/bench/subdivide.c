@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-/* The middles of edges found so far: an open table by the edge's two vertices. */
+/* The middles of edges so far: a hash table with open addressing, by the edge's two vertices. */
 struct edges {
     uint64_t *key; /* (low << 32 | high) + 1; 0: free */
     uint32_t *middle;
@@ -18,7 +18,7 @@ struct growing { /* the mesh that is being made */
     struct edges edges;
 };
 
-/* The middle of an edge as a new vertex, or the one that its other triangle has made. */
+/* The middle of an edge: a new vertex, or the one made for the edge's other triangle. */
 static uint32_t middle_of(struct growing *g, uint32_t a, uint32_t b)
 {
     const uint64_t key = ((uint64_t)(a < b ? a : b) << 32 | (a < b ? b : a)) + 1;
@@ -49,7 +49,7 @@ static uint32_t middle_of(struct growing *g, uint32_t a, uint32_t b)
     return made;
 }
 
-/* In double the products of floats are exact: what has no area here has none anywhere. */
+/* In double the products of floats are exact, so that this is too. */
 static bool has_area(const struct mesh *m, const uint32_t v[3])
 {
     double e[2][3];
@@ -61,7 +61,7 @@ static bool has_area(const struct mesh *m, const uint32_t v[3])
            e[0][0] * e[1][1] != e[0][1] * e[1][0];
 }
 
-/* A triangle of which rounding leaves nothing is left out: no ray could meet it, and it has no normal. */
+/* Leaves out triangles that rounding has degenerated: no ray could hit them, and they have no normal. */
 static void split_all(struct growing *g, const struct mesh *from)
 {
     uint32_t *to = g->mesh.indices;
