@@ -1,6 +1,6 @@
 /* server/compare/error_map.h */
-/* A picture of where the errors are: relative error, logarithmic from 0.1 % (black) over violet, red and orange to
- * 100 % (pale yellow), lightness growing evenly, with a scale below. Any thread. */
+/* A picture of the errors: relative error, logarithmic from 0.1 % (black) through violet, red and orange to 100 % (pale
+ * yellow), with evenly increasing lightness and a scale below. Any thread. */
 #ifndef COMPARE_ERROR_MAP_H
 #define COMPARE_ERROR_MAP_H
 

@@ -1,9 +1,9 @@
 /* server/compare/flip.h */
-/* FLIP: what a person notices who looks at two pictures in turn on one display [Andersson et al. 2020], written from
- * the paper. Each pixel's difference is in 0..1: 0 where nothing can be told apart, 1 for a colour as far off as can be
- * or a lone pixel that came or went. Noise that the eye averages away at the viewing distance counts little, edges and
- * dots count more. Between a and b as between b and a. Sums are in fixed order: the same bits at any number of
- * threads. */
+/* FLIP: the difference that a person perceives between two pictures that alternate on one display [Andersson et al.
+ * 2020], written from the paper. Each pixel's difference is in 0..1: 0 where none is visible, 1 for the largest
+ * difference of colours or a lone pixel that appears. Noise that the eye averages away at the viewing distance counts
+ * little, edges and dots count more. It is symmetric. Sums have a fixed order: the same bits at any number of threads.
+ * Any thread. */
 #ifndef COMPARE_FLIP_H
 #define COMPARE_FLIP_H
 
@@ -25,14 +25,14 @@ enum flip_plane {
     FLIP_PLANES,
 };
 
-/* A picture as the eye takes it in; any number may be compared with it. Never changes after flip_view_init. */
+/* A picture as the eye sees it, to be compared with any number of others. Never changes after flip_view_init. */
 struct flip_view {
     double *plane[FLIP_PLANES]; /* [height][width] */
     uint32_t width, height;
 };
 
-/* rgb: float[height][width][3], display-linear light 0..1, as flip_tone makes it; what lies outside is clipped and what
- * is no number is black. pixels_per_degree: above 0, at most FLIP_PIXELS_PER_DEGREE_MAX. False when memory is out; *v
+/* rgb: float[height][width][3], display-linear light 0..1, as flip_tone makes it; values outside are clipped and NaN is
+ * black. pixels_per_degree: above 0, at most FLIP_PIXELS_PER_DEGREE_MAX. False when out of memory; *v
  * then needs no finish. */
 bool flip_view_init(struct flip_view *v, const float *rgb, uint32_t width, uint32_t height, double pixels_per_degree);
 void flip_view_finish(struct flip_view *v); /* zeroed memory is allowed */
@@ -45,8 +45,8 @@ double flip_mean(const struct flip_view *a, const struct flip_view *b, const uin
 /* Of scene light: the filmic curve over gain * rgb, without quantization; count values. */
 void flip_tone(const float *rgb, size_t count, double gain, float *display);
 
-/* All of it for two linear pictures, both under the exposure of r, as delta E in metrics.h has it. False when memory is
- * out or no pixel is counted. */
+/* The same from two linear pictures, both under the exposure of r, like delta E in metrics.h. False when out of memory
+ * or if no pixel is counted. */
 bool flip_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height,
                   double pixels_per_degree, float *map, double *mean);
 

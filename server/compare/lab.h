@@ -1,6 +1,5 @@
 /* server/compare/lab.h */
-/* Colours as the eye tells them apart: display-linear Rec.709 to CIE XYZ and CIE 1976 (L*a*b*), white D65. Any
- * thread. */
+/* Display-linear Rec.709 to CIE XYZ and CIE 1976 (L*a*b*), white D65. Any thread. */
 #ifndef COMPARE_LAB_H
 #define COMPARE_LAB_H
 

@@ -70,7 +70,7 @@ static struct sums sum_all(const float *x, const float *r, const uint8_t *mask, 
     return all;
 }
 
-/* (x - r)^2 / (r^2 + soft) of one pixel, the mean over its channels. What is no number is infinitely wrong, and so is
+/* (x - r)^2 / (r^2 + soft) of one pixel, the mean over its channels. NaN counts as infinitely wrong, and so does
  * light where the whole reference is black. */
 static double pixel_error(const float *x, const float *r, double soft)
 {

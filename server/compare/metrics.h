@@ -1,6 +1,6 @@
 /* server/compare/metrics.h */
-/* How far a picture is from a reference (docs/how-it-works.md, Conventions). Both are linear,
- * float[height][width][3]. */
+/* The error of a picture against a reference (docs/how-it-works.md, Conventions). Both are linear,
+ * float[height][width][3]. Any thread. */
 #ifndef COMPARE_METRICS_H
 #define COMPARE_METRICS_H
 
@@ -18,7 +18,7 @@ struct metrics {
 
 /* mask: uint8_t[height][width], 0 = leave the pixel out; NULL counts all. trim: 0..1, as 0.02.
  * error_map, when not NULL: float[height][width], each pixel's own relative squared error (0 where left out).
- * False when memory is out or no pixel is counted. */
+ * False when out of memory or if no pixel is counted. */
 bool metrics_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height, double trim,
                      float *error_map, struct metrics *out);
 
