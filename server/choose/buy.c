@@ -5,10 +5,15 @@ static double bias_of(const struct buy_facts *f)
     return f->indirect ? BUY_BIAS_INDIRECT : BUY_BIAS;
 }
 
+bool buy_suits(const struct buy_facts *f)
+{
+    return f->error >= bias_of(f);
+}
+
 /* In light samples a point. */
 static double build_of(const struct buy_facts *f)
 {
-    return (BUY_SAMPLES + (f->indirect ? BUY_SAMPLES_INDIRECT : 0.0)) * (f->kept ? BUY_LOAD_SHARE : 1.0);
+    return BUY_SAMPLES + (f->indirect ? BUY_SAMPLES_INDIRECT : 0.0);
 }
 
 static void answer(struct buy *out, bool yes, const char *why)
@@ -49,14 +54,12 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
 
     *out = (struct buy){ .build_s = build_of(f) * point_s };
     out->break_even = many ? break_even_of(f, BUY_GOOD_SAMPLES) : saved_s > 0.0 ? out->build_s / saved_s : 0.0;
-    if (f->made < (f->kept ? 1 : BUY_MADE) || f->sample_s <= 0.0)
+    if (f->made < BUY_MADE || f->sample_s <= 0.0)
         answer(out, false, "too few frames were measured");
     else if (f->error <= 0.0)
         answer(out, false, "the error is not known yet");
-    else if (f->error < bias_of(f))
+    else if (!buy_suits(f))
         answer(out, false, "the requested error is below its bias");
-    else if (f->frames == 0 && f->kept)
-        answer(out, true, "a file has it");
     else if (many)
         answer(out, true, "as many frames of 64 samples would have taken as long");
     else if (saved_s <= 0.0)

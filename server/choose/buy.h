@@ -21,8 +21,7 @@
 #define BUY_SAMPLES_INDIRECT 1250.0
 #define BUY_FRAME_SAMPLES 4.0
 #define BUY_GOOD_SAMPLES 64.0
-#define BUY_LOAD_SHARE 0.01 /* of the precomputation, to load a file */
-#define BUY_MADE 4          /* frames before the clock decides; a file is looked for after one */
+#define BUY_MADE 4 /* frames before the clock decides */
 
 /* relMSE of the cache's bias, and of N samples, which is BUY_NOISE / N; for direct light, and with interreflection
  * (docs/transport-cache.md). */
@@ -35,7 +34,6 @@
 struct buy_facts {
     uint64_t frames; /* by counts: all; by the clock: still to come. 0: unknown */
     bool indirect;   /* interreflection is requested, and the cache has it too */
-    bool kept;       /* a file has the cache: it must only be loaded */
     /* By counts. */
     uint32_t samples; /* N_s of a frame without the cache */
     /* By the clock. */
@@ -53,6 +51,9 @@ struct buy {
     double build_s;    /* by the clock: expected seconds of the precomputation */
     const char *why;   /* a phrase; static */
 };
+
+/* Whether a picture of this error may be made by the cache. */
+bool buy_suits(const struct buy_facts *f);
 
 /* By counts of samples: no clock decides. By the clock: from measured frames. Both fill *out. */
 void buy_by_counts(const struct buy_facts *f, struct buy *out);

@@ -159,7 +159,6 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
 static void ask_for_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
 {
     struct buy_facts f = facts_of(r, request->light);
-    struct buy kept;
 
     f.frames = request->frames_left;
     f.error = d->cache.error;
@@ -168,14 +167,12 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
     f.spent_s = d->cache.spent_s;
     f.made = d->cache.measured_frames;
     buy_by_clock(&f, &d->cache.last);
-    f.kept = true;
-    buy_by_clock(&f, &kept);
-    if (kept.yes && !d->cache.looked_for) {
+    if (f.made > 0 && buy_suits(&f) && !d->cache.looked_for) {
         d->cache.looked_for = true;
         get_cache(d, r, request, true);
         if (d->cache.begun) {
             log_info("auto: the cache of light transport is loaded from its file");
-            d->cache.last = kept;
+            d->cache.last.why = "a file has it";
         }
     }
     if (d->cache.begun || d->cache.refused || !d->cache.last.yes)
