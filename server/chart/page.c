@@ -98,7 +98,7 @@ static void add_ranking(struct text *t, const struct page *p, const struct ranki
     text_add(t, "</td></tr>");
 }
 
-void page_add_choice(struct text *t, const struct page *p, enum light_class light_class)
+static void add_choice(struct text *t, const struct page *p, enum light_class light_class)
 {
     struct ranking r[TECHNIQUES_MAX];
     const size_t count = winners_rank(p->panels, p->winners, p->count, light_class, r);
@@ -201,7 +201,7 @@ enum err page_write(const struct page *p, struct text *t, struct reason *why)
              p->panels[0]->seeds, p->machine.cpu, p->machine.date);
     text_add(t, "<main><h2 style=\"margin-top:1.2rem\">Which to choose</h2><div class=\"choice\">");
     for (int c = 0; c < LIGHT_CLASSES; c++)
-        page_add_choice(t, p, (enum light_class)c);
+        add_choice(t, p, (enum light_class)c);
     text_add(t, "</div>");
     add_how_to_read(t);
     text_add(t, "<nav aria-label=\"panels\">");

@@ -31,9 +31,8 @@ MUST_CHECK enum err page_add_panel(struct text *t, const struct panel *p, const 
 /* A panel's chart within the folder: "01-noon-direct.rel_mse.svg" and the like, into name[size]. */
 void page_svg_name(const struct panel *p, size_t number, enum error_kind kind, char *name, size_t size);
 
-/* Its parts, each in a file of its own: the answer for a class of light, and a technique's colour with its name. */
+/* The style sheet, and a technique's colour with its name. */
 extern const char page_style[];
-void page_add_choice(struct text *t, const struct page *p, enum light_class light_class);
 void page_add_swatch(struct text *t, const struct technique *q); /* its colour and name */
 
 #endif

