@@ -290,6 +290,7 @@ export class Connection {
     this.frame = message.frame;
     this.light = message.light;
     this.made = message.frames?.used > 0;
+    this.lateS = message.late?.seconds; // the image being made exceeds the server's limit
     this.on.status?.(message);
     this.judge();
   }
@@ -344,6 +345,7 @@ export class Connection {
     if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
     else if (!resting && now - this.heardMs > QUIET_MS)
       this.set({ name: 'stalled', silent: true, seconds: Math.floor((now - this.heardMs) / 1000) });
+    else if (this.lateS > 0) this.set({ name: 'stalled', late: true, seconds: Math.floor(this.lateS) });
     else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
     else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });
     else if (name === 'paused' || name === 'ended') this.set({ name, still, made: this.made });
@@ -365,7 +367,7 @@ export class Connection {
     // For a still sky no further image may come: try another coding to get the first one.
     if (this.made && this.lastSequence === 0 && this.format === 'h264' && !this.hidden && now - this.askedMs > 2 * WAKE_MS)
       this.on.videoSilent?.();
-    if (this.state.name !== 'stalled' || this.state.silent || now - this.askedMs < WAKE_MS) return;
+    if (this.state.name !== 'stalled' || this.state.silent || this.state.late || now - this.askedMs < WAKE_MS) return;
     // The server reports that it renders: subscribe again, and finally reconnect.
     this.wakes++;
     if (this.wakes === 2 && this.format === 'h264') this.on.videoSilent?.();

@@ -68,6 +68,7 @@ export function stateSentence(state, seen) {
     case 'failed':
       return `A sky frame could not be used${because}.${stays}`;
     case 'stalled':
+      if (state.late) return `The server has been computing one image for ${state.seconds} s, longer than its limit.${stays}`;
       return state.silent
         ? `Nothing received from the server for ${state.seconds} s.${stays}`
         : `The server answers, but has sent no image for ${state.seconds} s.${stays}`;

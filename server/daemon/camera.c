@@ -5,6 +5,7 @@
 
 #include "base/log.h"
 
+#include <stdio.h>
 #include <string.h>
 
 /* The building thread. */
@@ -66,6 +67,21 @@ static void leave_view(struct shade_thread *t)
     }
 }
 
+/* Whether the view's pictures would exceed the limit, and take longer than the present ones. Then it is given up. */
+static bool is_too_costly(struct shade_thread *t, struct set *set, const struct settings *now)
+{
+    const double seconds = picture_seconds(t, set, now), most = t->shared->config.picture_s;
+    char why[100];
+
+    if (seconds <= most || seconds <= picture_seconds(t, t->set, now))
+        return false;
+    set_destroy(set);
+    snprintf(why, sizeof(why), "its pictures would take some %.*f s each, more than the limit of %g s", seconds < 10.0,
+             seconds, most);
+    give_up(t, why);
+    return true;
+}
+
 /* Switches to a view and takes it over. False: out of memory, and the old view stays. */
 static bool switch_to(struct shade_thread *t, struct set *set)
 {
@@ -98,8 +114,9 @@ static bool finish_build(struct shade_thread *t)
         give_up(t, b->why.text);
         return false;
     }
-    if (strcmp(settings_now(&t->shared->settings).camera, b->name) == 0)
-        return switch_to(t, b->set);
+    const struct settings now = settings_now(&t->shared->settings);
+    if (strcmp(now.camera, b->name) == 0)
+        return !is_too_costly(t, b->set, &now) && switch_to(t, b->set);
     set_destroy(b->set); /* the settings name another one by now */
     status_camera_progress(&t->shared->status, t->set->camera, 1.0);
     return false;

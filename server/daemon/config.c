@@ -322,6 +322,7 @@ static void change_settings(struct settings_store *settings, const struct daemon
     struct settings s = settings_now(settings);
     const struct settings *n = &to->setup.initial;
     const struct command *c = &after->flags.command;
+    struct reason why;
     bool effort = false;
 
     for (size_t k = 0; k < c->flag_count; k++) {
@@ -336,6 +337,15 @@ static void change_settings(struct settings_store *settings, const struct daemon
         s.samples = n->samples;
         s.counted = n->counted;
         s.error = n->error;
+    }
+    if (settings_cost_too_much(settings, &s, &why)) {
+        log_error("reload: %s; method, samples and paths stay", why.text);
+        const struct settings now = settings_now(settings);
+        s.method = now.method;
+        s.samples = now.samples;
+        s.counted = now.counted;
+        s.classes = now.classes;
+        s.error = now.error;
     }
     settings_replace(settings, &s);
 }

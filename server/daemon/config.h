@@ -22,6 +22,7 @@ struct daemon_config {
     struct setup setup; /* `initial`: of lockstep sequences, too, since controllers cannot change it. Method, samples,
                            classes, rotation and scale come from the settings of the moment instead */
     struct still_wish converge; /* error 0: still images are not refined */
+    double picture_s;           /* what controllers ask for must let a picture be made within this time */
     double rate;                /* frames per second from the source; 0: as fast as they are lit */
     double h264_bits;           /* maximum bits per second of the full-size track; 0: chosen by size and rate */
     struct server_desc server_desc;

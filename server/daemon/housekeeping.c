@@ -1,5 +1,6 @@
 #include "daemon/housekeeping.h"
 
+#include "base/clock.h"
 #include "base/log.h"
 #include "base/progress.h"
 #include "daemon/shared.h"
@@ -8,7 +9,34 @@
 #include <stdio.h>
 #include <time.h>
 
-#define PERIOD_MS 250
+#define PERIOD_MS 25       /* between two looks at the picture that is being made, */
+#define ALL_EVERY 10       /* of which every so many is one at all else */
+#define CANCEL_LEAST_MS 50 /* a new setting cancels no picture that is made within this time */
+
+/* Cancels the picture if a new setting waits for its end, and reports one that exceeds the limit. */
+static void watch_picture(struct housekeeping_thread *t)
+{
+    struct picture_watch *w = &t->shared->watch;
+    const double limit_s = t->shared->config.picture_s;
+    const int64_t begun_ms = atomic_load(&w->begun_ms), passed_ms = clock_ms() - begun_ms;
+
+    if (t->late_ms != begun_ms && t->late_ms != 0) {
+        status_picture_late(&t->shared->status, 0.0, false);
+        t->late_ms = 0;
+    }
+    if (begun_ms == 0)
+        return;
+    if (atomic_load(&w->may_cancel) && passed_ms >= CANCEL_LEAST_MS && server_control_waits(t->shared->server))
+        atomic_store(&w->cancel, true);
+    if (1e-3 * (double)passed_ms <= limit_s)
+        return;
+    if (t->late_ms != begun_ms)
+        log_warning("a picture takes longer than %g s (--max-picture-seconds): fewer samples or a smaller size help",
+                    limit_s);
+    if (t->late_ms != begun_ms || t->turns % ALL_EVERY == 0)
+        status_picture_late(&t->shared->status, 1e-3 * (double)passed_ms, t->late_ms != begun_ms);
+    t->late_ms = begun_ms;
+}
 
 static void show_status(struct shared *shared)
 {
@@ -28,11 +56,15 @@ static void *run(void *arg)
 
     while (!shared_is_stopping(t->shared)) {
         nanosleep(&(struct timespec){ .tv_nsec = PERIOD_MS * 1000000 }, NULL);
+        watch_picture(t);
+        if (++t->turns % ALL_EVERY != 0)
+            continue;
         if (log->form == LOG_PLAIN && log->level >= LOG_INFO)
             show_status(t->shared);
         log_flush(false);
         state_save(t->state);
     }
+    atomic_store(&t->shared->watch.cancel, true);
     return NULL;
 }
 

@@ -1,5 +1,5 @@
-/* The housekeeping thread: the status line on a terminal, log lines that were held back, and the file that keeps the
- * settings. */
+/* The housekeeping thread: the picture that is being made, the status line on a terminal, log lines that were held
+ * back, and the file that keeps the settings. */
 #ifndef DAEMON_HOUSEKEEPING_H
 #define DAEMON_HOUSEKEEPING_H
 
@@ -7,6 +7,7 @@
 
 #include <pthread.h>
 #include <stdbool.h>
+#include <stdint.h>
 
 struct shared;
 struct state_file;
@@ -17,6 +18,8 @@ struct housekeeping_thread {
     struct state_file *state;
     pthread_t thread;
     bool running;
+    unsigned turns;  /* of its loop */
+    int64_t late_ms; /* begun_ms of the picture that is reported as late; 0: none is */
 };
 
 /* shared and state must outlive the thread, which ends when shared_is_stopping. ERR_NOMEM: no thread. Main thread. */

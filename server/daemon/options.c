@@ -26,6 +26,8 @@ static const struct setting table[] = {
       REAL(1e-9, 10.0), .off = "off", AT(converge.error) },
     { "converge-passes", "N", "or until it has this many passes of --samples samples", "4096", RENDERING,
       WHOLE(2, 1u << 20), AT(converge.passes) },
+    { "max-picture-seconds", "N", "refuse settings from controllers by which a picture would take longer", "10",
+      RENDERING, REAL(0.1, 86400.0), AT(picture_s) },
     { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1", NETWORK, TEXT,
       AT(server_desc.address) },
     { "port", "P", "port to listen on; 0: any free one", "8080", NETWORK, WHOLE(0, 65535), AT(server_desc.port) },

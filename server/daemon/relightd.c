@@ -109,6 +109,8 @@ static enum err load_scene(struct daemon *d, struct reason *why)
         return e;
     const char *camera = shade_thread_camera(d->shade);
     s->settings.scene = shade_thread_scene(d->shade);
+    s->settings.estimate = shade_thread_estimate;
+    s->settings.estimate_user = d->shade;
     status_set_cameras(&s->status, s->settings.scene, camera);
     settings_set_camera(&s->settings, camera);
     state_open(&d->state, &s->config, &s->settings, camera);

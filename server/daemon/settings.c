@@ -134,6 +134,42 @@ static bool differ(double a, double b)
     return a != b && !(isnan(a) && isnan(b));
 }
 
+bool settings_cost_too_much(struct settings_store *store, const struct settings *s, struct reason *why)
+{
+    const struct settings now = settings_now(store);
+
+    if (!store->estimate || (s->samples == now.samples && s->counted == now.counted && s->method == now.method &&
+                             s->classes == now.classes))
+        return false;
+    const double seconds = store->estimate(store->estimate_user, s), most = store->config->picture_s;
+    if (seconds <= most || seconds <= store->estimate(store->estimate_user, &now))
+        return false;
+    err_say(why, ERR_USAGE, "a picture would take some %.*f s, more than the limit of %g s", seconds < 10.0, seconds,
+            most);
+    return true;
+}
+
+void settings_set_proven(struct settings_store *store, uint64_t light_version)
+{
+    atomic_store(&store->proven, light_version);
+}
+
+bool settings_are_proven(struct settings_store *store)
+{
+    return atomic_load(&store->proven) == settings_now(store).light_version;
+}
+
+static enum err check_cost(struct settings_store *store, const struct server_control *c, const struct settings *s,
+                           const char **clause, struct reason *why)
+{
+    const char *which = ASKED(c, samples)   ? "4.13.5"
+                        : ASKED(c, classes) ? "4.13.14"
+                        : ASKED(c, method)  ? "4.13.4"
+                                            : "4.13.12";
+
+    return settings_cost_too_much(store, s, why) ? refuse(clause, which, ERR_USAGE) : ERR_OK;
+}
+
 /* Ranges and choices were checked by the table. */
 static enum err apply(struct settings_store *store, const struct server_control *c, struct settings *s,
                       const char **clause, struct reason *why)
@@ -149,7 +185,9 @@ static enum err apply(struct settings_store *store, const struct server_control 
             setting_copy(&settings_table[k], s, &asked);
     if (ASKED(c, samples) && asked.samples == 0)
         s->samples = before.samples;
-    const enum err e = apply_effort(c, &asked, s, clause, why);
+    enum err e = apply_effort(c, &asked, s, clause, why);
+    if (!e)
+        e = check_cost(store, c, s, clause, why);
     if (e)
         return e;
     s->light_version += s->method != before.method || s->samples != before.samples || s->counted != before.counted ||

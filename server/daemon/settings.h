@@ -31,13 +31,16 @@ struct settings_store {
     struct server *server;
     const struct scene *scene; /* whose cameras may be asked for */
     enum source_kind source_kind;
-    uint64_t source_length; /* frames in a pass; 0: unknown or endless */
+    uint64_t source_length;                                   /* frames in a pass; 0: unknown or endless */
+    double (*estimate)(void *user, const struct settings *s); /* seconds of a picture, 0: unknown; NULL: no limit */
+    void *estimate_user;
 
     pthread_mutex_t lock;
     struct settings now;           /* {lock} */
     struct source_request request; /* {lock} */
     atomic_bool request_waiting;
-    atomic_int jpeg_quality; /* 1..100, for viewers that do not ask for one */
+    atomic_uint_least64_t proven; /* the latest light_version by which a picture was finished */
+    atomic_int jpeg_quality;      /* 1..100, for viewers that do not ask for one */
 };
 
 /* config must outlive the store. The initial settings take effect. */
@@ -53,6 +56,14 @@ void settings_take_control(struct settings_store *store);
 
 /* The camera in use is this one: at the start, or when a change of camera failed. Sends everyone the settings. */
 void settings_set_camera(struct settings_store *store, const char *camera);
+
+/* Whether a picture with `s` would exceed the limit (--max-picture-seconds) and take longer than with the settings in
+ * force; *why then says so. Thread: that of the estimate. */
+bool settings_cost_too_much(struct settings_store *store, const struct settings *s, struct reason *why);
+
+/* A picture was finished by settings of that light_version. Settings by which none was must not outlive the program. */
+void settings_set_proven(struct settings_store *store, uint64_t light_version);
+bool settings_are_proven(struct settings_store *store);
 
 /* Sends everyone the current settings. */
 void settings_send(struct settings_store *store);

@@ -4,12 +4,14 @@
 #include "base/log.h"
 #include "base/mem.h"
 
+#include <math.h>
 #include <time.h>
 
 #define PICTURE_SHARE 0.9 /* of the time between two pictures that a measured picture may use, */
 #define CACHE_SHARE 0.75  /* and while a cache is computed beside: it costs quality, not rate */
 #define POLL_MS 30        /* how soon controls are noticed while no frame comes */
 #define PACE_MS 2         /* likewise while a picture is not due yet */
+#define AGAIN_S 0.1       /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
 {
@@ -30,9 +32,10 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.direct.samples = now->samples;
     desc.direct.pass = c->setup.reseed ? in->environment->number : 0;
     desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures++; /* dropped frames do not count */
-    desc.direct.cancel = t->shared->stop;
+    desc.direct.cancel = in->ticket.lockstep ? t->shared->stop : &t->shared->watch.cancel;
     desc.direct.why = why;
-    desc.cache_background = desc.cache_background && !in->ticket.lockstep;
+    /* --cache-wait is for the method of the command line: no controller can make others wait for a cache. */
+    desc.cache_background = (desc.cache_background || now->method != c->setup.initial.method) && !in->ticket.lockstep;
     return desc;
 }
 
@@ -70,8 +73,8 @@ static struct frame_request make_request(struct shade_thread *t, const struct in
 
     if (l->settings.method != METHOD_AUTO || l->settings.counted || in->ticket.lockstep)
         return q;
-    q.target.seconds =
-        (decider_is_computing(&t->decider, t->relighter) ? CACHE_SHARE : PICTURE_SHARE) / l->settings.fps;
+    q.target.seconds = (decider_is_computing(&t->decider, t->relighter) ? CACHE_SHARE : PICTURE_SHARE) *
+                       fmin(1.0 / l->settings.fps, t->shared->config.picture_s);
     q.target.error = l->settings.error;
     return q;
 }
@@ -109,6 +112,10 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     status_picture_shaded(&shared->status,
                           &(struct picture_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
                                                     t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0 });
+    if (!measured)
+        cost_learn(&t->cost, (in->ticket.lockstep ? t->first_set : t->set)->facts.points, light, &l->stats);
+    if (!in->ticket.lockstep)
+        settings_set_proven(&shared->settings, l->settings.light_version);
     decider_learn(&t->decider, t->relighter, &l->request, &l->decision, &l->stats, &l->pilot);
     refine_open(t, &(struct shown_picture){ in, out, *light, header, now_s, now_s - t->shaded_s });
     t->shaded_s = now_s;
@@ -122,7 +129,9 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
     struct lighting l = { 0 };
 
     t->last = NULL; /* this may be its slot, and its frame is gone */
+    picture_begin(t, in->ticket.lockstep);
     const enum err e = light_frame(t, in, shared->pictures.slot[slot].rgb, &l, why);
+    const bool cut = picture_end(t);
     t->display_version = l.settings.display_version;
     if (e == ERR_UNSUPPORTED || e == ERR_RANGE) { /* this layout or this size: the picture before stays */
         server_frame_fate(shared->server, &in->ticket, SERVER_REFUSED, why->text);
@@ -131,7 +140,8 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
     }
     if (e)
         return err_say(why, e, "%s: no memory for the light samples", in->environment->name);
-    if (!is_stopping(t)) /* else the picture is incomplete */
+    t->cut_new_view = cut && new_view;
+    if (!is_stopping(t) && !cut) /* else the picture is incomplete */
         publish(t, slot, in, &l, queued_ms, new_view);
     return ERR_OK;
 }
@@ -177,6 +187,8 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
     struct frame_slots *frames = &t->shared->frames;
 
     refine_close(t);
+    if (t->cut_s > 0.0)
+        server_frame_fate(t->shared->server, &frames->slot[t->held].ticket, SERVER_SUPERSEDED, NULL);
     if (t->held != HANDOFF_NONE)
         handoff_release(&frames->handoff, t->held);
     t->held = handoff_take(&frames->handoff, 0);
@@ -184,7 +196,15 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
         return ERR_OK;
     /* Keep to the grid of the requested rate, unless it was missed by more than one picture. */
     t->begun_s = now_s - due_s < interval_s(t) ? due_s : now_s;
-    return shade_frame(t, &frames->slot[t->held], false, why);
+    return shade_frame(t, &frames->slot[t->held], t->cut_new_view, why);
+}
+
+/* Lights the frame of a cancelled picture again, unless ingest has brought it or another one meanwhile. */
+static enum err shade_again(struct shade_thread *t, double now_s, struct reason *why)
+{
+    if (!(t->cut_s > 0.0) || now_s - t->cut_s < AGAIN_S)
+        return ERR_OK;
+    return shade_frame(t, &t->shared->frames.slot[t->held], t->cut_new_view, why);
 }
 
 enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
@@ -205,6 +225,8 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
     const bool refine = refine_is_due(t);
     if (handoff_wait_newer(&shared->frames.handoff, refine ? 0 : POLL_MS))
         return shade_next(t, due_s, now_s, why);
+    if (t->cut_s > 0.0)
+        return shade_again(t, now_s, why);
     return refine && !is_stopping(t) ? refine_pass(t, why) : ERR_OK;
 }
 
@@ -244,6 +266,11 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
 failed:
     shade_thread_destroy(t);
     return e;
+}
+
+double shade_thread_estimate(void *t, const struct settings *s)
+{
+    return picture_seconds(t, ((struct shade_thread *)t)->set, s);
 }
 
 const struct scene *shade_thread_scene(const struct shade_thread *t)

@@ -6,6 +6,7 @@
 #include "base/err.h"
 
 struct scene;
+struct settings;
 struct shade_thread;
 struct shared;
 
@@ -19,6 +20,9 @@ const char *shade_thread_camera(const struct shade_thread *t);
 
 /* Computes what the method needs before its first frame (a cache of light transport). Errors as relighter_prepare. */
 MUST_CHECK enum err shade_thread_prepare(struct shade_thread *t, struct reason *why);
+
+/* Seconds that a picture would take with these settings; 0: unknown, or within the limit in any case. */
+double shade_thread_estimate(void *t, const struct settings *s);
 
 /* Makes pictures until shared->stop. ERR_NOMEM: *why says for what. */
 MUST_CHECK enum err shade_thread_run(struct shade_thread *t, struct reason *why);

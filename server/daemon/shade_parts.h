@@ -2,6 +2,7 @@
 #ifndef DAEMON_SHADE_PARTS_H
 #define DAEMON_SHADE_PARTS_H
 
+#include "daemon/cost.h"
 #include "daemon/shade.h"
 #include "daemon/shared.h"
 
@@ -67,6 +68,10 @@ struct shade_thread {
     const struct shaded *last; /* the last picture published; NULL: none */
     uint64_t display_version;  /* of the settings with which it was published */
     uint64_t pictures;         /* made outside lockstep sequences */
+    struct cost cost;          /* of pictures, as far as measured */
+    unsigned cuts;             /* pictures in a row that new settings cancelled */
+    double cut_s;              /* when the last one was (clock_seconds); 0: a picture was finished since */
+    bool cut_new_view;         /* it was the first of another camera */
     int held;                  /* slot of the frame that is shown, or HANDOFF_NONE */
     double begun_s, shaded_s;  /* when the last picture was due, and when it was done; 0: none yet */
 };
@@ -87,6 +92,16 @@ void refine_republish(struct shade_thread *t);
 bool refine_is_due(struct shade_thread *t);
 /* Runs one pass, and publishes the picture when that pays. new_work ends it early and discards it. ERR_NOMEM. */
 MUST_CHECK enum err refine_pass(struct shade_thread *t, struct reason *why);
+
+/* ---- picture_limit.c ---- */
+
+/* Seconds that a picture of that view would take with these settings; 0: unknown, or within the limit in any case.
+ * Makes one to measure if none was made yet. */
+double picture_seconds(struct shade_thread *t, const struct set *set, const struct settings *s);
+/* Brackets the making of a picture, whose cancel flag is shared->watch.cancel; lockstep pictures have shared->stop. The
+ * end says whether a new setting cancelled it, so that it must not be published. */
+void picture_begin(struct shade_thread *t, bool lockstep);
+bool picture_end(struct shade_thread *t);
 
 /* ---- camera.c ---- */
 

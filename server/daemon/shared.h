@@ -10,6 +10,13 @@
 
 #include <stdatomic.h>
 
+/* The picture that is being made. The shade thread sets all but cancel, which the housekeeping thread sets. */
+struct picture_watch {
+    atomic_int_least64_t begun_ms; /* clock_ms; 0: none is being made */
+    atomic_bool may_cancel;        /* a new setting may cancel it */
+    atomic_bool cancel;
+};
+
 struct shared {
     /* Constant once the threads run. What the pointers show has locks of its own. */
     struct daemon_config config;
@@ -19,6 +26,7 @@ struct shared {
     struct status_board status;
     struct frame_slots frames;     /* ingest -> shade */
     struct picture_slots pictures; /* shade -> encode */
+    struct picture_watch watch;
 
     const atomic_bool *stop;      /* set by a signal: the program ends */
     atomic_bool *new_work;        /* any thread sets it to end the refinement pass under way */

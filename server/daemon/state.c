@@ -137,6 +137,8 @@ void state_open(struct state_file *f, const struct daemon_config *config, struct
         log_info("%s: the command line has changed since: it begins as that says", f->path);
     else if (f->text)
         log_info("%s: what was set before is in force again", f->path);
+    if (!e && !stale && f->text) /* a picture was finished by it, else it would not be in the file */
+        settings_set_proven(settings, settings_now(settings).light_version);
     if (!f->text)
         f->text = text_of(f); /* nothing to keep until something changes */
 }
@@ -145,7 +147,7 @@ void state_save(struct state_file *f)
 {
     struct reason why = { "" };
 
-    if (!f->config || !f->text || clock_seconds() < f->retry_s)
+    if (!f->config || !f->text || clock_seconds() < f->retry_s || !settings_are_proven(f->settings))
         return;
     char *text = text_of(f);
     if (!text || strcmp(text, f->text) == 0) {

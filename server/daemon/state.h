@@ -18,7 +18,7 @@ struct state_file {
  * f. */
 void state_open(struct state_file *f, const struct daemon_config *config, struct settings_store *settings,
                 const char *default_camera);
-/* Writes the file if the settings have changed. */
+/* Writes the file if the settings have changed, and a picture was finished by them. */
 void state_save(struct state_file *f);
 void state_close(struct state_file *f);
 

@@ -281,6 +281,15 @@ void status_picture_encoded(struct status_board *b, double ms)
     pthread_mutex_unlock(&b->lock);
 }
 
+void status_picture_late(struct status_board *b, double seconds, bool first)
+{
+    pthread_mutex_lock(&b->lock);
+    b->figures.late += first;
+    b->figures.late_s = seconds;
+    send_figures(b);
+    pthread_mutex_unlock(&b->lock);
+}
+
 bool status_all_frames_done(struct status_board *b)
 {
     pthread_mutex_lock(&b->lock);

@@ -66,6 +66,10 @@ void status_picture_shaded(struct status_board *b, const struct picture_report *
 void status_picture_refined(struct status_board *b, const struct still_stats *stats);
 void status_picture_encoded(struct status_board *b, double ms);
 
+/* The picture that is being made takes longer than the limit, so many seconds until now; 0: it is finished. first: this
+ * was not reported of it before. */
+void status_picture_late(struct status_board *b, double seconds, bool first);
+
 /* Decoding of producers' files; confined: the kernel limits the decoder's system calls. */
 void status_decoder(struct status_board *b, const struct decoder_counts *counts, bool confined);
 

@@ -44,6 +44,14 @@ bool server_take_control(struct server *s, struct server_control *out)
     return any;
 }
 
+bool server_control_waits(struct server *s)
+{
+    pthread_mutex_lock(&s->lock);
+    const bool any = s->control.waiting_count > 0;
+    pthread_mutex_unlock(&s->lock);
+    return any;
+}
+
 /* {lock} */
 static void answer(struct control *k, const struct server_control *asked, const char *error)
 {

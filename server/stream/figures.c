@@ -45,6 +45,10 @@ const struct figure server_figure_table[] = {
     U64("frames.repaired", "relightd_texels_repaired_total",
         "NaN, infinite and negative texels that were replaced.", repaired),
 
+    U64("late.pictures", "relightd_late_pictures_total",
+        "Pictures that took longer than --max-picture-seconds.", late),
+    PLAIN(KNOWN, "late.seconds", late_s),
+
     PLAIN(DOUBLE, "light.sun.elevation", sun_elevation),
     PLAIN(DOUBLE, "light.sun.azimuth", sun_azimuth),
     TEXT("light.time", sky_time),

@@ -45,6 +45,9 @@ struct server_figures {
     uint64_t direct_rays, eye_rays, light_rays, cache_rays; /* traced for pictures, and for the cache */
     uint64_t generated, chosen, effective;                  /* light samples */
 
+    uint64_t late; /* pictures that exceeded the limit on their time */
+    double late_s; /* for how long the present one has been made, if beyond the limit; 0: it is not */
+
     char paths[320];     /* which light the picture has and by which method: "direct light, caustics by light tracer" */
     char left_out[1024]; /* which it lacks, and why; "": none */
     double error;        /* estimated relMSE of the last picture; 0: unknown */

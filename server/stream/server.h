@@ -140,6 +140,9 @@ struct server_control {
  * checked by the rows; the caller checks what depends on scene and source. False: none. */
 bool server_take_control(struct server *s, struct server_control *out);
 
+/* Whether server_take_control has one. */
+bool server_control_waits(struct server *s);
+
 /* Sends the current values, a struct that the rows describe, to all controllers and viewers, and to later ones.
  * `answered`: the request from server_take_control; NULL for a change from elsewhere. `error`: why the request failed,
  * sent to its controller; NULL on success. */

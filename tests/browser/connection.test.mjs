@@ -144,6 +144,14 @@ test('the source’s states map to the page’s', async () => {
   assert.equal(connection.state.name, 'live');
 });
 
+test('an image beyond the server’s limit is reported while it is made', async () => {
+  const { world, connection } = await live();
+  world.hear({ op: 'status', source: { state: 'live', detail: '' }, fps: 30, frames: { used: 1 }, late: { pictures: 1, seconds: 12.3 } });
+  assert.deepEqual(connection.state, { name: 'stalled', late: true, seconds: 12 });
+  world.status('live');
+  assert.equal(connection.state.name, 'live');
+});
+
 test('only a delivering source can stall: other states survive silence until the connection is lost', async () => {
   for (const name of ['waiting', 'failed', 'paused', 'ended']) {
     const { world, connection } = await live();

@@ -34,6 +34,7 @@ test('every state has a word and a sentence, with an image and without', () => {
 
 test('a stall tells silence from missing images', () => {
   assert.match(stateSentence({ name: 'stalled', silent: false, seconds: 4 }, true), /^The server answers, but has sent no image for 4 s/);
+  assert.match(stateSentence({ name: 'stalled', late: true, seconds: 12 }, true), /^The server has been computing one image for 12 s/);
   assert.match(stateSentence({ name: 'stalled', silent: true, seconds: 4 }, true), /^Nothing received from the server for 4 s/);
 });
 

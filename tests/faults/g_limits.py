@@ -118,5 +118,96 @@ async def G122_unreadable_files_before_a_good_one(folder):
     return f"20 are reported, and the good file is shown after {took:.1f} s"
 
 
+LONGEST = 1 << 20  # samples: minutes, even for 64x36 pixels
+
+
+@row(alone=True, most_s=200)
+async def G125_a_setting_that_takes_minutes(folder):
+    """Refused with the estimate; pictures continue. What became of it earlier: no picture for minutes."""
+    async with Relightd("--rate", "50", source="sky:speed=1") as server, Viewer(server) as viewer:
+        controller = await Controller.come(server)
+        await viewer.sees(2)
+        said = []
+        for clause, wish in (("4.13.5", {"samples": LONGEST}), ("4.13.5", {"samples": LONGEST, "method": "mis"}),
+                             ("4.13.5", {"samples": LONGEST, "method": "cached", "paths": "all"})):
+            refusal = await controller.ask(**wish)
+            check(refusal and refusal["clause"] == clause and "limit of 10 s" in refusal["message"], f"{wish}: {refusal}")
+            said.append(refusal["message"])
+            await viewer.sees(2, WAIT_S)
+        check(await controller.ask(samples=8) is None, "a harmless setting is refused")
+        check(await controller.ask(fps=0.01, samples=None, method="auto") is None, "auto keeps to the limit by itself")
+        check(await controller.ask(fps=50) is None, "not corrected")
+        await viewer.sees(2, WAIT_S)
+        controller.raw.shut()
+        return f"refused: {said[0]}"
+
+
+@row(alone=True, most_s=200)
+async def G126_a_setting_is_corrected_meanwhile(folder):
+    """A picture of minutes is cancelled by the next setting, and pictures come although new
+    settings never end."""
+    large = ("--rate", "50", "--size", "320x180")
+    async with Relightd(*large, "--max-picture-seconds", "86400", source="sky:speed=1") as server:
+        controller = await Controller.come(server)
+        await controller.picture()
+        waits = []
+        for i in range(3):
+            check(await controller.ask(samples=8000) is None, "refused")
+            await asyncio.sleep(1)
+            begun = time.monotonic()
+            controller.raw.send(say(op="control", request=100 + i, samples=5 + i))
+            while (await controller.picture())[15] != 5 + i:
+                pass
+            waits.append(time.monotonic() - begun)
+        check(max(waits) < 10, f"waits of {waits}")
+        controller.raw.shut()
+    async with Relightd(*large, "--max-picture-seconds", "600", source="sky:speed=1") as server, Viewer(server) as viewer:
+        controller = await Controller.come(server)
+        check(await controller.ask(samples=64) is None, "refused")
+        seen, begun = viewer.pictures, time.monotonic()
+        while viewer.pictures < seen + 3:
+            await controller.ask(rotate_degrees=time.monotonic() % 360)
+        took = time.monotonic() - begun
+        controller.raw.shut()
+    return f"a correction is seen after {max(waits):.2f} s at most; 3 pictures in {took:.1f} s of endless changes"
+
+
+@row(alone=True, most_s=120)
+async def G127_a_picture_beyond_the_limit(folder):
+    """By the command line, which is not limited: logged, counted and shown."""
+    async with Relightd("--max-picture-seconds", "0.5", "--samples", "100000", source="sky:speed=1") as server:
+        async with Viewer(server) as viewer:
+            while not (viewer.status.get("late") or {}).get("seconds"):
+                await asyncio.sleep(0.02)
+            check(viewer.status["late"]["pictures"] >= 1, f"{viewer.status['late']}")
+            check((await server.counters())["relightd_late_pictures_total"] >= 1, "not counted")
+            check(any("max-picture-seconds" in line for line in server.lines), "not logged")
+            late = viewer.status["late"]["seconds"]
+    return f"reported after {late:.1f} s"
+
+
+@row(alone=True, most_s=200)
+async def G128_a_state_without_a_picture(folder):
+    flags = ("--rate", "50", "--state", str(folder))
+    kept = folder / "state.json"
+    async with Relightd(*flags, "--max-picture-seconds", "86400", source="sky:speed=1") as server:
+        controller = await Controller.come(server)
+        check(await controller.ask(samples=7) is None, "refused")
+        while not kept.exists() or '"samples": 7' not in kept.read_text(encoding="utf-8"):
+            await controller.picture()
+        check(await controller.ask(samples=LONGEST) is None, "refused")
+        await asyncio.sleep(1)
+        controller.raw.shut()
+    good = kept.read_text(encoding="utf-8")
+    check(str(LONGEST) not in good, "kept although no picture was finished")
+    kept.write_text(good.replace('"samples": 7', f'"samples": {LONGEST}'), encoding="utf-8")
+    async with Relightd(*flags, source="sky:speed=1") as server:
+        controller = await Controller.come(server)
+        check((await controller.picture())[15] == 4, "another number of samples")
+        check(any("limit of 10 s" in line for line in server.lines), f"{server.lines}")
+        controller.raw.shut()
+    return "neither written nor restored"
+
+
 if __name__ == "__main__":
     main()

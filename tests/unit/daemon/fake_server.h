@@ -47,6 +47,12 @@ bool server_take_control(struct server *s, struct server_control *out)
     return any;
 }
 
+bool server_control_waits(struct server *s)
+{
+    (void)s;
+    return fake.has_ask;
+}
+
 void server_set_control(struct server *s, const void *values, const struct server_control *answered, const char *error)
 {
     (void)s;
