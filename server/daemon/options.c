@@ -59,8 +59,10 @@ static const struct setting table[] = {
     { "public-name", "NAMES",
       "names by which browsers and clients reach this server from outside, separated by commas; localhost and its "
       "addresses need none", NULL, ACCESS, TEXT, AT(server_desc.public_names), .reload = RELOAD_SERVER },
-    { "behind-proxy", NULL, "trust X-Forwarded-For from a proxy on this machine, whose limits then count", NULL, ACCESS,
-      SWITCH, AT(server_desc.behind_proxy), .reload = RELOAD_SERVER },
+    { "behind-proxy", NULL, "trust X-Forwarded-For from the proxy: limits then apply to the clients that it names",
+      NULL, ACCESS, SWITCH, AT(server_desc.behind_proxy), .reload = RELOAD_SERVER },
+    { "proxy-address", "ADDRESS", "numeric address of that proxy; default: 127.0.0.1 or ::1", NULL, ACCESS, TEXT,
+      AT(server_desc.proxy), .reload = RELOAD_SERVER },
     { "max-connections", "N", "maximum number of WebSockets", "128", ACCESS, WHOLE(1, 4096),
       AT(server_desc.max_connections) },
     { "max-per-address", "N", "of these from one address; default: 32, and no limit for this machine", NULL, ACCESS,

@@ -2,6 +2,7 @@
 
 #include "base/mem.h"
 
+#include <arpa/inet.h>
 #include <netinet/in.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -18,6 +19,27 @@ struct visitor *admission_peer(struct server *s, struct lws *wsi)
     return visitors_find(&s->visitors, (const struct sockaddr *)&from, viewer_now_us());
 }
 
+/* Whether the other end is the configured proxy; by default 127.0.0.1 or ::1, and no other local address. */
+static bool is_proxy(const struct server *s, struct lws *wsi)
+{
+    struct sockaddr_storage from = { 0 };
+    const struct sockaddr_in *four = (const struct sockaddr_in *)&from;
+    const struct sockaddr_in6 *six = (const struct sockaddr_in6 *)&from;
+    socklen_t size = sizeof(from);
+    char address[INET6_ADDRSTRLEN] = "", mapped[INET6_ADDRSTRLEN] = "";
+
+    if (getpeername(lws_get_socket_fd(wsi), (struct sockaddr *)&from, &size) != 0)
+        return false;
+    if (from.ss_family == AF_INET)
+        inet_ntop(AF_INET, &four->sin_addr, address, sizeof(address));
+    else if (from.ss_family == AF_INET6)
+        inet_ntop(AF_INET6, &six->sin6_addr, address, sizeof(address));
+    if (from.ss_family == AF_INET6 && IN6_IS_ADDR_V4MAPPED(&six->sin6_addr))
+        inet_ntop(AF_INET, six->sin6_addr.s6_addr + 12, mapped, sizeof(mapped));
+    const char *name = mapped[0] ? mapped : address;
+    return s->proxy[0] ? strcmp(name, s->proxy) == 0 : strcmp(name, "127.0.0.1") == 0 || strcmp(name, "::1") == 0;
+}
+
 bool admission_forwarded(struct server *s, struct lws *wsi)
 {
     struct guest *g = guest_of(wsi); /* of the proxy, or of the client of the previous request */
@@ -25,8 +47,7 @@ bool admission_forwarded(struct server *s, struct lws *wsi)
 
     if (!s->behind_proxy || !g || lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0)
         return true;
-    const struct visitor *proxy = admission_peer(s, wsi);
-    if (!proxy || !proxy->loopback)
+    if (!is_proxy(s, wsi))
         return true;
     if (lws_hdr_copy(wsi, header, sizeof(header), WSI_TOKEN_X_FORWARDED_FOR) <= 0)
         return false;
@@ -56,15 +77,18 @@ enum admission admission_token(struct server *s, struct lws *wsi, const char *gi
 
     if (!given[0]) /* an empty token is no guess */
         return ADMISSION_WRONG;
-    if (v && !visitor_may_guess(v, now)) {
+    if (v && !visitor_may_guess(&s->visitors, v, now)) {
         limit_reached(s, LIMIT_GUESSES, v);
         return ADMISSION_LATER;
     }
-    if (is_same(given, wanted))
+    if (is_same(given, wanted)) {
+        if (v)
+            v->known = true;
         return ADMISSION_RIGHT;
+    }
     atomic_fetch_add(&s->counts.wrong_tokens, 1);
     if (v)
-        visitor_guessed_wrong(v, now);
+        visitor_guessed_wrong(&s->visitors, v, now);
     return ADMISSION_WRONG;
 }
 

@@ -86,6 +86,7 @@ void server_take_change(struct server *s)
     swap_texts(&s->token_metrics, &next->token_metrics);
     swap_texts(&s->public_names, &next->public_names);
     s->behind_proxy = next->behind_proxy;
+    memcpy(s->proxy, next->proxy, sizeof(s->proxy));
     s->max_per_address = next->max_per_address;
     s->max_per_address_given = next->max_per_address_given;
     s->max_frame_bytes = next->max_frame_bytes;

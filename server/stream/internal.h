@@ -30,7 +30,7 @@
 #define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
 #define STREAM_UNSENT (128 << 10)          /* maximum unsent bytes in the kernel: these cannot be skipped */
 #define STREAM_RECEIVE ((size_t)128 << 10) /* largest piece received at once */
-#define STREAM_OUTBOX 32                   /* text messages waiting for one client */
+#define STREAM_OUTBOX 256                  /* text messages waiting for one client: more than STREAM_BURST answers */
 #define STREAM_PONGS 8                     /* with more messages waiting, pings get no answer */
 #define STREAM_PIECES 4096                 /* maximum callbacks for one text message */
 
@@ -49,6 +49,13 @@ enum {
 /* Rate limit of a client's text messages: a token bucket. */
 #define STREAM_BURST 200.0
 #define STREAM_RATE 300.0
+
+/* Rate limit of bytes beside messages (flood.c). */
+struct flood {
+    int64_t read, messages; /* bytes read at the last check, and of messages since */
+    double left;            /* in the bucket */
+    int64_t refilled_us;
+};
 
 /* A connection, whatever its role. */
 struct viewer {
@@ -112,6 +119,7 @@ struct viewer {
     unsigned pieces;
     double tokens; /* of the rate limit */
     int64_t tokens_us;
+    struct flood flood;
 
     uint8_t staging[LWS_PRE +
                     STREAM_CHUNK]; /* libwebsockets writes its header in front of the bytes, so copy shared ones here */
@@ -147,6 +155,7 @@ struct server {
     uint32_t max_connections, max_per_address;
     bool max_per_address_given; /* then loopback is limited too */
     bool behind_proxy;
+    char proxy[46]; /* its address as inet_ntop prints it; "": this machine's */
     uint32_t silent_s;
     char *public_names; /* further Host names to accept, separated by commas; or NULL */
     struct lws_context *context;
@@ -311,6 +320,11 @@ void probe_leave(struct viewer *v);                                             
 void probes_send(struct server *s);                                              /* sends answers */
 bool probe_due(const struct viewer *v); /* whether v needs the radiance of its pixel */
 char *probe_text(struct viewer *v);     /* that message; NULL: out of memory, or none */
+
+/* flood.c, thread: service. Begins to count; a piece of a message was received; closes v if it sent too much else. */
+void flood_begin(struct viewer *v);
+void flood_add(struct viewer *v, size_t length);
+void flood_check(struct viewer *v);
 
 /* viewer.c, thread: service. Whether v may be a client; if not, it is told so and closed. */
 bool viewer_has_room(struct viewer *v);

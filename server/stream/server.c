@@ -93,6 +93,19 @@ static enum err copy_address(struct server *s, const char *wanted, struct reason
     return ERR_OK;
 }
 
+/* Written as inet_ntop does, for comparison. */
+static enum err copy_proxy(struct server *s, const char *proxy, struct reason *why)
+{
+    struct in6_addr address;
+
+    for (int k = 0; proxy && k < 2; k++) {
+        const int family = k == 0 ? AF_INET : AF_INET6;
+        if (inet_pton(family, proxy, &address) == 1 && inet_ntop(family, &address, s->proxy, sizeof(s->proxy)))
+            return ERR_OK;
+    }
+    return proxy ? err_say(why, ERR_USAGE, "--proxy-address %s: not a numeric IPv4 or IPv6 address", proxy) : ERR_OK;
+}
+
 static uint32_t or_default(uint32_t given, uint32_t otherwise)
 {
     return given ? given : otherwise;
@@ -150,6 +163,8 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
     s->new_work = desc->new_work;
     s->leave = desc->leave;
     s->behind_proxy = desc->behind_proxy;
+    if (!e)
+        e = copy_proxy(s, desc->proxy, why);
     if (!e)
         e = copy_limits(s, desc, why);
     if (!e)

@@ -33,7 +33,8 @@ struct server_desc {
     uint32_t max_connections;         /* WebSockets at once; default 128 */
     uint32_t max_per_address;         /* WebSockets from one address (IPv6: one /64); default 32, and no limit for
                                        * loopback */
-    bool behind_proxy;                /* a local connection's client is the last name in X-Forwarded-For */
+    bool behind_proxy;                /* the client of the proxy's connections is the last name in X-Forwarded-For */
+    const char *proxy;                /* the proxy's numeric address; default: 127.0.0.1 or ::1 */
     const char *public_names;         /* further Host names to accept, separated by commas */
     uint32_t silent_s;                /* ping a silent peer after this time, and drop it after 2.5 times this;
                                        * default 10 */

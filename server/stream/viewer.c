@@ -76,6 +76,7 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     v->tokens = STREAM_BURST;
     v->opened_us = v->heard_us = v->tokens_us = v->moved_us = viewer_now_us();
     lws_get_peer_simple(wsi, v->peer, sizeof(v->peer));
+    flood_begin(v);
     setsockopt(lws_get_socket_fd(wsi), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof(unsent));
     v->next = s->viewers;
     s->viewers = v;
@@ -138,6 +139,7 @@ void viewers_tick(struct server *s)
     struct fault fault;
 
     for (struct viewer *v = s->viewers; v; v = v->next) {
+        flood_check(v);
         if (v->waiting && now - v->moved_us > STREAM_STALL_US) {
             atomic_fetch_add(&s->counts.stalled, 1);
             log_warning("%s: closed: it took no bytes for %d s; it got %llu pictures and skipped %llu", v->peer,
@@ -199,10 +201,15 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_ESTABLISHED: return open_viewer(s, wsi, slot);
     case LWS_CALLBACK_RECEIVE:
         v->heard_us = viewer_now_us();
+        flood_add(v, length);
         viewer_receive(v, in, length);
         lws_validity_confirmed(wsi);
         return 0;
-    case LWS_CALLBACK_SERVER_WRITEABLE: return viewer_write(v);
+    case LWS_CALLBACK_RECEIVE_PONG: flood_check(v); return 0;
+    case LWS_CALLBACK_SERVER_WRITEABLE:
+        if (!v->waiting) /* libwebsockets has sent something itself, such as a pong */
+            flood_check(v);
+        return viewer_write(v);
     case LWS_CALLBACK_CLOSED:
         if (v)
             close_viewer(v);

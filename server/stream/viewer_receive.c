@@ -234,8 +234,11 @@ static void receive_text(struct viewer *v, const uint8_t *in, size_t length, siz
         v->pieces = 0;
     }
     const size_t room = sizeof(v->text) - v->text_size;
-    if (length > room || coming > room - length || ++v->pieces > STREAM_PIECES) {
-        fault_say(&fault, FAULT_TOO_BIG, "3.3", "a text message has at most %d bytes", PROTOCOL_TEXT_MAX);
+    const bool big = length > room || coming > room - length;
+    if (big || ++v->pieces > STREAM_PIECES) {
+        fault_say(&fault, FAULT_TOO_BIG, "3.3",
+                  big ? "a text message has at most %d bytes" : "a text message has at most %d fragments",
+                  big ? PROTOCOL_TEXT_MAX : STREAM_PIECES);
         viewer_send_error(v, &fault);
         return;
     }

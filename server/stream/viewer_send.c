@@ -31,6 +31,8 @@ void viewer_send_error(struct viewer *v, const struct fault *fault)
     log_debug("%s: %s (clause %s): %s", v->peer, fault_name(fault->code), fault->clause, fault->text);
     if (v->outbox_count < STREAM_OUTBOX)
         viewer_queue(v, message_error(fault));
+    else if (!fault_close_code(fault)) /* no room to say more than the close frame does */
+        viewer_close(v, 4010, "clause 2.5: too many answers wait unread");
     if (fault_close_code(fault)) {
         char text[FAULT_REASON];
         viewer_close(v, fault_close_code(fault), fault_reason(fault, text));

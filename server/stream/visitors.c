@@ -12,6 +12,8 @@ static const uint8_t mapped[12] = { [10] = 0xff, [11] = 0xff }; /* ::ffff:0:0/96
 bool visitors_init(struct visitors *g, uint32_t connections)
 {
     g->count = connections + VISITORS_REMEMBERED;
+    g->named_guesses = VISITORS_NAMED_GUESSES;
+    g->named_us = 0;
     g->rows = mem_alloc(g->count, sizeof(*g->rows));
     return g->rows != NULL;
 }
@@ -40,12 +42,18 @@ static bool take_address(const struct sockaddr *address, uint8_t out[16], bool *
     return true;
 }
 
-static void refill(struct visitor *v, int64_t now_us)
+static void fill(double *bucket, int64_t *at_us, double rate, double most, int64_t now_us)
 {
-    v->guesses += (double)(now_us - v->guesses_us) * 1e-6 * VISITORS_GUESSES_A_S;
-    v->guesses_us = now_us;
-    if (v->guesses > VISITORS_GUESSES)
-        v->guesses = VISITORS_GUESSES;
+    *bucket += (double)(now_us - *at_us) * 1e-6 * rate;
+    *at_us = now_us;
+    if (*bucket > most)
+        *bucket = most;
+}
+
+static void refill(struct visitors *g, struct visitor *v, int64_t now_us)
+{
+    fill(&v->guesses, &v->guesses_us, VISITORS_GUESSES_A_S, VISITORS_GUESSES, now_us);
+    fill(&g->named_guesses, &g->named_us, VISITORS_NAMED_GUESSES_A_S, VISITORS_NAMED_GUESSES, now_us);
 }
 
 struct visitor *visitors_find(struct visitors *g, const struct sockaddr *address, int64_t now_us)
@@ -84,11 +92,14 @@ struct visitor *visitors_forwarded(struct visitors *g, const char *header, int64
         return NULL;
     memcpy(out, last, length);
     out[length] = 0;
+    struct visitor *v = NULL;
     if (inet_pton(AF_INET, out, &four.sin_addr) == 1)
-        return visitors_find(g, (const struct sockaddr *)&four, now_us);
-    if (inet_pton(AF_INET6, out, &six.sin6_addr) == 1)
-        return visitors_find(g, (const struct sockaddr *)&six, now_us);
-    return NULL;
+        v = visitors_find(g, (const struct sockaddr *)&four, now_us);
+    else if (inet_pton(AF_INET6, out, &six.sin6_addr) == 1)
+        v = visitors_find(g, (const struct sockaddr *)&six, now_us);
+    if (v)
+        v->named = true;
+    return v;
 }
 
 char *visitor_name(const struct visitor *v, char out[VISITOR_NAME])
@@ -100,14 +111,16 @@ char *visitor_name(const struct visitor *v, char out[VISITOR_NAME])
     return out;
 }
 
-bool visitor_may_guess(struct visitor *v, int64_t now_us)
+bool visitor_may_guess(struct visitors *g, struct visitor *v, int64_t now_us)
 {
-    refill(v, now_us);
-    return v->guesses >= 1.0;
+    refill(g, v, now_us);
+    return v->guesses >= 1.0 && (!v->named || v->known || g->named_guesses >= 1.0);
 }
 
-void visitor_guessed_wrong(struct visitor *v, int64_t now_us)
+void visitor_guessed_wrong(struct visitors *g, struct visitor *v, int64_t now_us)
 {
-    refill(v, now_us);
+    refill(g, v, now_us);
     v->guesses = v->guesses >= 1.0 ? v->guesses - 1.0 : 0.0;
+    if (v->named)
+        g->named_guesses = g->named_guesses >= 1.0 ? g->named_guesses - 1.0 : 0.0;
 }

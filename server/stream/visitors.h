@@ -12,12 +12,16 @@ struct sockaddr;
 
 #define VISITORS_GUESSES 10.0     /* wrong tokens that an address may send: a token bucket, */
 #define VISITORS_GUESSES_A_S 0.1  /* refilled at this rate per second */
+#define VISITORS_NAMED_GUESSES 60.0    /* likewise for all addresses together that a proxy names, */
+#define VISITORS_NAMED_GUESSES_A_S 1.0 /* but for those from which a right token came */
 #define VISITORS_REMEMBERED 1024u /* addresses without a connection that are remembered */
 
 struct visitor {
     uint8_t address[16]; /* as IPv6 */
     bool used;           /* else the row is free */
     bool loopback;       /* a local address */
+    bool named;          /* a proxy named it, and may have invented it */
+    bool known;          /* a right token came from it */
     uint32_t connections;
     uint32_t arriving, clients; /* of these, by guest_state */
     double guesses;   /* left in the bucket at guesses_us */
@@ -27,6 +31,8 @@ struct visitor {
 struct visitors {
     struct visitor *rows;
     uint32_t count;
+    double named_guesses; /* left in the bucket of all named addresses at named_us */
+    int64_t named_us;     /* 0: never used */
 };
 
 /* Room for this many addresses with connections. False: out of memory. */
@@ -46,7 +52,7 @@ struct visitor *visitors_forwarded(struct visitors *g, const char *header, int64
 char *visitor_name(const struct visitor *v, char out[VISITOR_NAME]);
 
 /* Whether a token from this address may be checked; and notes a wrong one. */
-bool visitor_may_guess(struct visitor *v, int64_t now_us);
-void visitor_guessed_wrong(struct visitor *v, int64_t now_us);
+bool visitor_may_guess(struct visitors *g, struct visitor *v, int64_t now_us);
+void visitor_guessed_wrong(struct visitors *g, struct visitor *v, int64_t now_us);
 
 #endif

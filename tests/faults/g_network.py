@@ -8,7 +8,7 @@ import resource
 import ssl
 import time
 
-from faults import BINARY, KEPT, SLOW, TEXT, Deadline, Raw, Relightd, check, hello, main, row, say
+from faults import BINARY, KEPT, MORE, PING, PONG, SLOW, TEXT, Deadline, Raw, Relightd, Viewer, check, frame, hello, main, row, say
 
 SKY = "sky:speed=60"
 
@@ -242,6 +242,96 @@ async def G106_foreign_names(folder):
                 check(got == (403 if wanted == 403 else 200), f"{bind} /metrics with {head}: {got}")
                 raw.shut()
     return "403 on every path; localhost, its addresses and --public-name are served"
+
+
+async def guess(port, address, named, token):
+    raw = await Raw.open(port, source=address)
+    check(await raw.upgrade(X_Forwarded_For=named) == 101, "no handshake")
+    raw.send(hello(token=token))
+    kind, _ = await raw.receive()
+    got = "right" if kind == TEXT and raw.said[-1]["op"] == "welcome" else await raw.closed()
+    raw.reset()
+    return got
+
+
+@row(alone=True, most_s=120)
+async def G107_invented_addresses(folder):
+    """Guesses under invented names, from the proxy's address and from another local one."""
+    async with Relightd("--token-viewer", "secret", "--behind-proxy") as server:
+        check(await guess(server.port, "127.0.0.1", "203.0.113.9", "secret") == "right", "the right token")
+        begun = time.monotonic()
+        codes = [await guess(server.port, "127.0.0.1", f"10.0.{i >> 8}.{i & 255}", f"guess {i}") for i in range(300)]
+        took = time.monotonic() - begun
+        seen = codes.count(4006)
+        check(set(codes) == {4006, 4010} and seen <= 60 + took + 1, f"{seen} of 300 guesses checked in {took:.1f} s")
+        got = await guess(server.port, "127.0.0.1", "203.0.113.9", "secret")
+        check(got == "right", f"an address with the right token before: {got}")
+        codes = [await guess(server.port, "127.0.0.80", f"10.9.0.{i}", f"guess {i}") for i in range(40)]
+        check(codes.count(4006) <= 10 + took, f"{codes.count(4006)} of 40 guesses checked that came past the proxy")
+    return f"{seen} of 300 guesses were checked; a known address is served"
+
+
+@row(alone=True, most_s=120)
+async def G108_floods_beside_messages(folder):
+    """Pings, pongs and empty frames without end, before hello and after: 4010, and little work."""
+    async with Relightd("--rate", "5", source=SKY) as server, Viewer(server) as viewer:
+        await viewer.sees(2, 30)
+        for words in (b"", hello()):
+            for piece in (frame(PING, b"p" * 125), frame(PONG, b"p" * 125), frame(PING)):
+                raw = await Raw.open(server.port)
+                check(await raw.upgrade() == 101, "no handshake")
+                raw.send(words)
+                sent = 0
+
+                async def flood():
+                    nonlocal sent
+                    while sent < 64 << 20 and not raw.writer.transport.is_closing():
+                        raw.send(piece * 1000)
+                        sent += 1000 * len(piece)
+                        await raw.flush(60)
+
+                task = asyncio.ensure_future(flood())
+                got = await raw.closed(60)
+                task.cancel()
+                with contextlib.suppress(OSError):
+                    raw.reset()
+                check(got == 4010, f"{piece[:4]}: closed with {got} after {sent} bytes")
+        check((await server.counters())["relightd_connections_too_fast_total"] == 6, "not counted")
+        for size in (0, 125):  # a client that pings ten times a second stays
+            raw = await Raw.open(server.port)
+            await raw.upgrade()
+            raw.send(hello())
+            for _ in range(20):
+                raw.send(frame(PING, b"p" * size))
+                await asyncio.sleep(0.02)
+            await raw.pong()
+            raw.shut()
+        await viewer.sees(2)
+        check(not viewer.parted, "the honest viewer was closed")
+    return "4010"
+
+
+@row()
+async def G109_unknown_words_in_a_burst(stage):
+    """Each of 190 is answered; 3000 at once are 4010, or a broken connection if they are still being sent; more than 4096
+    fragments are told so."""
+    raw = await stage.client()
+    raw.send(b"".join(say(op=f"unknown-{i}") for i in range(190)))
+    for count in range(190):
+        said = await raw.until("error")
+        check(said["code"] == "unknown_op", f"answer {count}: {said}")
+    raw.shut()
+    raw = await stage.client()
+    raw.send(b"".join(say(op="unknown") for _ in range(1000)))
+    got = await raw.closed()
+    check(got == 4010, f"1000 at once: {got}")
+    raw.shut()
+    raw = await stage.client()
+    raw.send(frame(TEXT, b"{", fin=False) + frame(MORE, b" ", fin=False) * 4200)
+    got = await raw.closed()
+    check(got == 1009 and "fragments" in raw.said[-1]["message"], f"{got}: {raw.said[-1:]}")
+    raw.shut()
+    return "190 of 190 answered; 1000 are 4010; 4096 fragments"
 
 
 if __name__ == "__main__":

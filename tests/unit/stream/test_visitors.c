@@ -49,20 +49,20 @@ static void guesses_run_out_and_come_back_slowly(void **state)
     assert_true(visitors_init(&g, 4));
     struct visitor *v = find(&g, "203.0.113.7", now);
     for (int i = 0; i < (int)VISITORS_GUESSES; i++) {
-        assert_true(visitor_may_guess(v, now));
-        visitor_guessed_wrong(v, now);
+        assert_true(visitor_may_guess(&g, v, now));
+        visitor_guessed_wrong(&g, v, now);
     }
-    assert_false(visitor_may_guess(v, now));
+    assert_false(visitor_may_guess(&g, v, now));
     now += (int64_t)(0.9e6 / VISITORS_GUESSES_A_S);
-    assert_false(visitor_may_guess(v, now));
+    assert_false(visitor_may_guess(&g, v, now));
     now += (int64_t)(0.2e6 / VISITORS_GUESSES_A_S);
-    assert_true(visitor_may_guess(v, now));
-    visitor_guessed_wrong(v, now);
-    assert_false(visitor_may_guess(v, now));
+    assert_true(visitor_may_guess(&g, v, now));
+    visitor_guessed_wrong(&g, v, now);
+    assert_false(visitor_may_guess(&g, v, now));
     now += (int64_t)3600 * 1000000; /* an hour buys no more than what one may do at once */
     int may = 0;
-    for (; visitor_may_guess(v, now); may++)
-        visitor_guessed_wrong(v, now);
+    for (; visitor_may_guess(&g, v, now); may++)
+        visitor_guessed_wrong(&g, v, now);
     assert_int_equal(may, (int)VISITORS_GUESSES);
     visitors_finish(&g);
 }
@@ -79,7 +79,7 @@ static void who_guessed_longest_ago_is_forgotten_and_who_is_connected_never(void
     struct visitor *guessing = find(&g, "203.0.113.2", 2);
     for (int i = 0; i < 5000; i++) { /* more addresses than rows, one after another */
         snprintf(text, sizeof(text), "10.0.%d.%d", i / 250, i % 250);
-        visitor_guessed_wrong(guessing, 10 + i);
+        visitor_guessed_wrong(&g, guessing, 10 + i);
         assert_non_null(find(&g, text, 10 + i));
     }
     assert_ptr_equal(find(&g, "203.0.113.1", 9000), here);
