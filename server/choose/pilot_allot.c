@@ -110,13 +110,16 @@ double allot_real(const struct allotment *a, const struct allot_count *mean, dou
 
 uint32_t allot_counts(struct allotment *a, const struct allot_count *mean, const struct packet_list *of)
 {
-    const double factor = allot_factor(a, mean), step = mean->step;
+    const double factor = allot_factor(a, mean);
     uint32_t most = 0;
 
     for (uint32_t k = 0; k < of->count; k++) {
         const uint32_t i = of->index[k];
-        const double turn = fmod(i * GOLDEN, 1.0);
-        a->counts[i] = mean->step * (uint32_t)floor(allot_real(a, mean, factor, i) / step + turn);
+        const double real = allot_real(a, mean, factor, i);
+        uint32_t low = mean->step;
+        while (mean->powers && 2.0 * low <= real)
+            low *= 2;
+        a->counts[i] = low * (uint32_t)floor(real / low + fmod(i * GOLDEN, 1.0));
         most = a->counts[i] > most ? a->counts[i] : most;
     }
     return most;

@@ -29,6 +29,7 @@ struct allotment {
 struct allot_count {
     double n;      /* mean over the whole list, at least `step` */
     uint32_t step; /* counts are multiples of it, and at least it: 1 or 2 */
+    bool powers;   /* counts are powers of two: whole nets of samples */
 };
 
 /* Shares by the weight of the points in pixels, until there are readings. False when out of memory; finish it all the

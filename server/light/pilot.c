@@ -99,10 +99,11 @@ void pilot_destroy(struct pilot *p)
 /* Half of the samples by light, half by lobes: an odd count takes the time of the next even one. */
 struct allot_count pilot_count(const struct pilot *p, uint32_t way, double n)
 {
-    const bool halves = way < WAY_EYE_ALL && method_recipe(techniques[way].desc.method)->brdf_part == 0.5f;
-    const uint32_t step = halves ? 2 : 1;
+    const float lobes = way < WAY_EYE_ALL ? method_recipe(techniques[way].desc.method)->brdf_part : 0.0f;
+    const uint32_t step = lobes == 0.5f ? 2 : 1;
 
-    return (struct allot_count){ fmax(way >= WAY_EYE_ALL && p->eye_paths ? p->eye_paths : n, step), step };
+    return (struct allot_count){ fmax(way >= WAY_EYE_ALL && p->eye_paths ? p->eye_paths : n, step), step,
+                                 lobes == 1.0f };
 }
 
 struct direct_desc pilot_direct(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only)
