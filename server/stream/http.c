@@ -255,7 +255,7 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     switch (reason) {
     case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS: /* once, before listening; user is the SSL_CTX */
         tls_show(user, &s->tls);
-        return 0;
+        return tls_restrict(user) ? 0 : -1;
     case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return guest_arrive(s, wsi);
     case LWS_CALLBACK_WSI_DESTROY: guest_leave(s, wsi); return 0;
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);

@@ -106,6 +106,15 @@ static int show(SSL *ssl, void *arg)
            SSL_use_cert_and_key(ssl, SSL_CTX_get0_certificate(files), SSL_CTX_get0_privatekey(files), chain, 1) == 1;
 }
 
+bool tls_restrict(void *context)
+{
+    /* Those of TLS 1.3 are all of that kind. A session ticket's key would decrypt every session of TLS 1.2 in which it
+     * was used. */
+    SSL_CTX_set_options(context, SSL_OP_NO_TICKET | SSL_OP_NO_RENEGOTIATION | SSL_OP_NO_COMPRESSION);
+    return SSL_CTX_set_min_proto_version(context, TLS1_2_VERSION) == 1 &&
+           SSL_CTX_set_cipher_list(context, "ECDHE+AESGCM:ECDHE+CHACHA20") == 1;
+}
+
 void tls_show(void *context, struct tls *const *shown)
 {
     SSL_CTX_set_cert_cb(context, show, (void *)shown);

@@ -5,6 +5,7 @@
 
 #include "base/err.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct tls;
@@ -18,8 +19,12 @@ void tls_destroy(struct tls *t); /* NULL is allowed */
 /* Expiry of the certificate, in seconds since 1970, UTC. Any thread. */
 int64_t tls_expires_s(const struct tls *t);
 
-/* Makes handshakes in that context (OpenSSL's SSL_CTX of a server) use *shown as it is at that time, and no certificate
- * of the context. Open connections keep theirs. *shown outlives the context; only the handshaking thread changes it. */
+/* Allows handshakes in that context (OpenSSL's SSL_CTX of a server) only TLS 1.3, or 1.2 with forward secrecy and
+ * authenticated encryption. False: OpenSSL has no such ciphers. */
+bool tls_restrict(void *context);
+
+/* Makes handshakes in that context use *shown as it is at that time, and no certificate of the context. Open
+ * connections keep theirs. *shown outlives the context; only the handshaking thread changes it. */
 void tls_show(void *context, struct tls *const *shown);
 
 #endif

@@ -46,6 +46,10 @@ async def the_container_is_made_of_what_is_there(folder):
             json.loads(words[words.index("["):])
     last = {name: words for name, words in steps}
     check(last["USER"] == "relightd", "it runs as root")
+    runs = " ".join(words for name, words in steps if name == "RUN")
+    owned = re.search(r"install -d -o relightd -g relightd -m 0700 ([a-z/ ]+)", runs)[1].split()
+    check(owned == ["/var/lib/relightd", "/var/cache/relightd"] == last["VOLUME"].split(), f"it may write to {owned}")
+    check("--no-create-home" in runs and "chmod o-w" in runs, "it may write elsewhere")
     entry, command = json.loads(last["ENTRYPOINT"]), json.loads(last["CMD"])
     check(entry == ["/usr/bin/relightd"], f"{entry}")
     known = subprocess.run([BIN / "relightd", "--help"], capture_output=True, text=True, check=True).stdout

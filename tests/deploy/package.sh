@@ -146,8 +146,8 @@ the_unit_is_well_formed_and_lets_little_through() {
     MANPATH=$root/usr/share/man systemd-analyze verify --man=yes "$work/relightd.service" >"$work/log" 2>&1 ||
         { cat "$work/log"; fail "systemd-analyze verify"; }
     [ ! -s "$work/log" ] || { cat "$work/log"; fail "systemd-analyze verify has something to say"; }
-    systemd-analyze security --offline=true --threshold=16 --no-pager "$root/usr/lib/systemd/system/relightd.service" \
-        >"$work/log" 2>&1 || { cat "$work/log"; fail "the exposure is above 1.6 of 10"; }
+    systemd-analyze security --offline=true --threshold=12 --no-pager "$root/usr/lib/systemd/system/relightd.service" \
+        >"$work/log" 2>&1 || { cat "$work/log"; fail "the exposure is above 1.2 of 10"; }
     tail -n 1 "$work/log"
     local setting
     for setting in Type=notify DynamicUser=yes StateDirectory= CacheDirectory= ProtectSystem=strict MemoryMax= \

@@ -5,8 +5,10 @@ come from different addresses of 127.0.0.0/8, which are all this machine's."""
 import asyncio
 import contextlib
 import resource
+import socket
 import ssl
 import time
+import warnings
 
 from faults import BINARY, KEPT, MORE, PING, PONG, SLOW, TEXT, Deadline, Raw, Relightd, Viewer, check, frame, hello, main, row, say
 
@@ -332,6 +334,48 @@ async def G109_unknown_words_in_a_burst(stage):
     check(got == 1009 and "fragments" in raw.said[-1]["message"], f"{got}: {raw.said[-1:]}")
     raw.shut()
     return "190 of 190 answered; 1000 are 4010; 4096 fragments"
+
+
+@row(alone=True, most_s=120)
+async def G110_weak_tls(folder):
+    """TLS 1.2 with forward secrecy and authenticated encryption, and TLS 1.3; nothing else."""
+    from tls import CURVE, certificate
+    weak = ["AES128-SHA", "AES256-SHA256", "AES128-GCM-SHA256", "ECDHE-ECDSA-AES128-SHA", "ECDHE-RSA-AES128-SHA",
+            "ECDHE-RSA-AES256-SHA384", "DHE-RSA-AES128-GCM-SHA256", "PSK-AES128-GCM-SHA256"]
+    good = {CURVE: ["ECDHE-ECDSA-AES128-GCM-SHA256", "ECDHE-ECDSA-CHACHA20-POLY1305"],
+            ("rsa:2048",): ["ECDHE-RSA-AES256-GCM-SHA384", "ECDHE-RSA-CHACHA20-POLY1305"]}
+
+    def shake(port, version, ciphers):
+        """The cipher that was agreed on; None: refused."""
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        context.set_ciphers(f"{ciphers}:@SECLEVEL=0")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            context.minimum_version = context.maximum_version = version
+        try:
+            with socket.create_connection(("127.0.0.1", port), 30) as plain, context.wrap_socket(plain) as link:
+                return link.cipher()[0]
+        except (ssl.SSLError, ConnectionError):
+            return None
+
+    tried = 0
+    for kind, ciphers in good.items():
+        cert, key = certificate(folder, kind[0].replace(":", ""), kind)
+        async with Relightd("--tls-cert", str(cert), "--tls-key", str(key), source=SKY) as server:
+            async def agreed(*how):
+                return await asyncio.to_thread(shake, server.port, *how)
+            for cipher in weak:
+                got = await agreed(ssl.TLSVersion.TLSv1_2, cipher)
+                check(got is None, f"{got} is agreed on")
+                tried += 1
+            for version in (ssl.TLSVersion.TLSv1, ssl.TLSVersion.TLSv1_1):
+                check(await agreed(version, "ALL") is None, f"{version} is spoken")
+                tried += 1
+            for cipher in ciphers:
+                check(await agreed(ssl.TLSVersion.TLSv1_2, cipher) == cipher, f"{cipher} is refused")
+            check(await agreed(ssl.TLSVersion.TLSv1_3, "ALL"), "TLS 1.3 is refused")
+    return f"{tried} weak offers refused"
 
 
 if __name__ == "__main__":
