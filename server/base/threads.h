@@ -1,11 +1,20 @@
 /* server/base/threads.h */
-/* OpenMP's wait policy. Thread: main. */
+/* Threads of libraries, and whether there can be any. */
 #ifndef BASE_THREADS_H
 #define BASE_THREADS_H
 
-/* OpenMP's idle threads spin by default and take processors from other work. The library reads OMP_WAIT_POLICY when it
- * is loaded, so it must be set before the program starts: sets it and re-executes the program, unless the user has set
- * it. Call it first in main, with its argv. */
+#include "base/err.h"
+
+#include <stdbool.h>
+
+/* OpenMP's idle threads spin by default and take processors from other work, and OpenBLAS starts threads that nobody
+ * needs. Both libraries read OMP_WAIT_POLICY and OPENBLAS_NUM_THREADS when they are loaded: unless the user has set
+ * them, sets them and executes the program again. A program that contains a call does this before any library starts,
+ * and where sanitizers forbid that, in the call, which must be the first in main. */
 void threads_wait_passively(char **argv);
+
+/* Whether so many threads can run beside those that do, found by starting and ending them: OpenMP and TBB abort the
+ * program where one cannot be started. *why says what is missing. Any thread. */
+MUST_CHECK bool threads_can_start(unsigned count, struct reason *why);
 
 #endif

@@ -4,7 +4,9 @@
 #include "daemon/shade_parts.h"
 
 #include "base/log.h"
+#include "base/threads.h"
 
+#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -41,7 +43,8 @@ static void start_build(struct shade_thread *t, const char *name)
     b->set = NULL;
     atomic_store(&b->done, false);
     atomic_store(&b->line.done, 0);
-    b->running = pthread_create(&b->thread, NULL, build, t) == 0;
+    b->running = threads_can_start((unsigned)omp_get_max_threads(), &b->why) && /* its own and OpenMP's for it */
+                 pthread_create(&b->thread, NULL, build, t) == 0;
     if (b->running)
         status_camera_progress(&t->shared->status, b->name, 0.0);
     else

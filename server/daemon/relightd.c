@@ -16,12 +16,14 @@
 #include "base/progress.h"
 #include "base/threads.h"
 
+#include <omp.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <unistd.h>
 
-#define STOP_S 5 /* from the signal to the end, whatever is under way */
+#define OWN_THREADS 6 /* network, ingest, encode, housekeeping, service manager, and one for a camera or a cache */
+#define STOP_S 5      /* from the signal to the end, whatever is under way */
 
 /* Signal handlers can reach nothing else; struct shared points to them. */
 static atomic_bool stop_asked;
@@ -86,6 +88,8 @@ static enum err open_outside(struct daemon *d, struct reason *why)
     enum err e = server_create(&s->config.server_desc, &s->server, why);
 
     s->settings.server = s->server;
+    if (!e && server_port(s->server) == 0)
+        e = err_say(why, ERR_IO, "no socket could be opened to listen on");
     if (!e)
         e = ingest_thread_create(s, &d->ingest, why);
     if (e)
@@ -152,9 +156,21 @@ static void tear_down(struct daemon *d)
     shared_finish(s);
 }
 
+/* Those of OpenMP and of Embree's TBB, which abort the program where one is missing, and our own. */
+static enum err check_threads(struct reason *why)
+{
+    const unsigned count = (unsigned)omp_get_max_threads() + (unsigned)omp_get_num_procs() + OWN_THREADS;
+
+    return threads_can_start(count, why) ? ERR_OK : ERR_NOMEM;
+}
+
 static enum err serve(struct daemon *d, struct reason *why)
 {
-    enum err e = shared_init(&d->shared, why);
+    enum err e = check_threads(why);
+
+    if (e)
+        return e;
+    e = shared_init(&d->shared, why);
 
     if (!e)
         e = open_outside(d, why);
@@ -192,5 +208,9 @@ int main(int argc, char **argv)
     else if (!done)
         log_info("stopped");
     log_flush(true);
-    return err_exit_code(e);
+    if (e) { /* out of memory or threads, libraries may wait in their exit handlers for threads that they never had */
+        fflush(NULL);
+        _exit(err_exit_code(e));
+    }
+    return 0;
 }

@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/threads.h"
 
 #include <math.h>
 #include <omp.h>
@@ -107,8 +108,8 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
     b->threads = (uint32_t)omp_get_max_threads();
     if (!b->loaded)
         e = transport_live_create(b->set->gbuffer, b->set->rays, b->kernels, desc->transport, &b->live, why);
-    if (!e)
-        b->started = pthread_create(&b->thread, NULL, build_main, b) == 0;
+    if (!e) /* its own and OpenMP's for it, without which OpenMP would end the program */
+        b->started = threads_can_start(b->threads, why) && pthread_create(&b->thread, NULL, build_main, b) == 0;
     if (!b->started) {
         relight_builder_destroy(b);
         return e ? e : err_say(why, ERR_NOMEM, "a thread for the cache of light transport could not be started");

@@ -3,9 +3,10 @@
 
 import asyncio
 import os
+import resource
 import time
 
-from faults import WAIT_S, Failed, Raw, Relightd, Viewer, check, hello, main, preloaded, row, say
+from faults import BIN, SANITIZED, WAIT_S, Deadline, Failed, Raw, Relightd, Viewer, check, hello, main, preloaded, row, say, skip
 from peer import PICTURE, run
 
 MOST = (1 << 53) - 1  # PROTOCOL.md 1.5
@@ -207,6 +208,67 @@ async def G128_a_state_without_a_picture(folder):
         check(any("limit of 10 s" in line for line in server.lines), f"{server.lines}")
         controller.raw.shut()
     return "neither written nor restored"
+
+
+STEPS = 40
+STRANGER = 40000  # uids of nobody in particular: the number of threads is limited per uid, and root has no limit
+
+
+async def limited(kind, value, source, uid):
+    """The exit code under that limit, and what was said; a server that listens is ended after a moment."""
+    def limit():
+        resource.setrlimit(kind, (value, value))
+        if uid is not None:
+            os.setgid(65534)
+            os.setuid(uid)
+
+    env = {name: v for name, v in os.environ.items() if name not in ("OMP_WAIT_POLICY", "OPENBLAS_NUM_THREADS")}
+    process = await asyncio.create_subprocess_exec(
+        str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "2", "--paths", "all", "--source", str(source),
+        "--cache-file", "off", stderr=asyncio.subprocess.PIPE, preexec_fn=limit, env={**env, "HOME": "/nonexistent"})
+    said = b""
+    try:
+        async with Deadline(60):
+            while line := await process.stderr.readline():
+                said += line
+                if b"listening on" in line:
+                    await asyncio.sleep(0.5)
+                    if process.returncode is None:
+                        process.terminate()
+            return await process.wait(), said.decode(errors="replace")
+    except Failed:
+        process.kill()
+        raise Failed(f"with {value} it neither serves nor ends: {said.decode(errors='replace')}") from None
+
+
+@row(alone=True, most_s=900)
+async def G129_no_threads_memory_or_descriptors(folder):
+    """Forty values of each limit: the program serves and ends with 0, or ends with a code and a reason. The dynamic
+    linker's own failures are such ends, too."""
+    if SANITIZED:
+        skip("sanitizers need more memory than any limit here")
+    root = os.geteuid() == 0
+    folder.chmod(0o755)
+    source = sky(folder / "sky.hdr")
+    ranges = {resource.RLIMIT_AS: [int((60 << 20) * 24 ** (i / (STEPS - 1))) for i in range(STEPS)],
+              resource.RLIMIT_NOFILE: range(3, 3 + STEPS)}
+    if root:
+        ranges[resource.RLIMIT_NPROC] = range(1, 1 + STEPS)
+    try:
+        await limited(resource.RLIMIT_CORE, 0, source, STRANGER if root else None)
+    except PermissionError:
+        skip("the programs are where no other user may go")
+    gate, ends = asyncio.Semaphore(3), {}
+
+    async def one(kind, value):
+        async with gate:
+            code, said = await limited(kind, value, source, STRANGER + value % 10007 if root else None)
+        check(code in (0, 1, 127) and said.strip(), f"with {value} of limit {kind} it ended with {code}: {said}")
+        check(code != 0 or "listening on" in said, f"with {value} of limit {kind} it never served: {said}")
+        ends[code == 0] = ends.get(code == 0, 0) + 1
+
+    await asyncio.gather(*(one(kind, value) for kind, values in ranges.items() for value in values))
+    return f"{ends.get(True, 0)} times it serves, {ends.get(False, 0)} times it ends with a reason"
 
 
 if __name__ == "__main__":
