@@ -19,6 +19,7 @@
 static const char *log_program = "relight";
 static struct log_desc log_now = { .level = LOG_INFO };
 static bool log_timed;
+static void (*log_diverted)(enum log_level level, const char *text); /* NULL: to standard error */
 
 /* Guards the sites and their suppressed lines. */
 static pthread_mutex_t log_lock = PTHREAD_MUTEX_INITIALIZER;
@@ -47,6 +48,11 @@ void log_configure(const struct log_desc *desc)
 {
     log_now = *desc;
     log_timed = desc->form != LOG_PLAIN && !is_journald();
+}
+
+void log_divert(void (*to)(enum log_level level, const char *text))
+{
+    log_diverted = to;
 }
 
 const struct setting_choice log_levels[] = {
@@ -185,6 +191,10 @@ void log_line(struct log_site *site, enum log_level level, const char *format, .
     vsnprintf(text, sizeof(text), format, args);
     va_end(args);
     atomic_fetch_add(&log_lines[level], 1);
+    if (log_diverted) {
+        log_diverted(level, text);
+        return;
+    }
     pthread_mutex_lock(&log_lock);
     if (admit(site, level, text, clock_ms()))
         put(level, text);

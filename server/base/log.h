@@ -40,6 +40,9 @@ void log_configure(const struct log_desc *desc);
 
 extern const struct setting_choice log_levels[], log_forms[];
 
+/* From now on, lines go to `to` instead of standard error. Called before any other thread starts. */
+void log_divert(void (*to)(enum log_level level, const char *text));
+
 /* Reports suppressed lines whose window has ended; with `all`, every suppressed line. Call it about once a second. */
 void log_flush(bool all);
 

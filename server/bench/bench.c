@@ -256,7 +256,9 @@ static enum err make_picture(struct bench *b, struct reason *why)
 static enum err set_up(struct bench *b, struct reason *why)
 {
     const struct bench_desc *d = b->desc;
-    struct set_desc set = { .scene = d->scene, .width = d->width, .height = d->height, .progress = d->progress };
+    struct set_desc set = {
+        .scene = d->scene, .limits = d->limits, .width = d->width, .height = d->height, .progress = d->progress
+    };
     const struct source_desc source = { .spec = d->source };
 
     if (d->threads)

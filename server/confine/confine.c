@@ -16,6 +16,14 @@ static bool limit(int what, rlim_t most)
     return setrlimit((__rlimit_resource_t)what, &r) == 0;
 }
 
+/* The kernel sends SIGXCPU at the first limit, SIGKILL at the second. */
+static bool limit_time(unsigned seconds)
+{
+    const struct rlimit r = { seconds, (rlim_t)seconds + 2 };
+
+    return setrlimit(RLIMIT_CPU, &r) == 0;
+}
+
 int confine_limits(const struct confine_limits *l)
 {
     rlim_t address_bytes = l->address_bytes;
@@ -26,7 +34,7 @@ int confine_limits(const struct confine_limits *l)
 #endif
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0)
         return errno;
-    if (!limit(RLIMIT_AS, address_bytes) || !limit(RLIMIT_CPU, l->seconds) || !limit(RLIMIT_NOFILE, l->descriptors) ||
+    if (!limit(RLIMIT_AS, address_bytes) || !limit_time(l->seconds) || !limit(RLIMIT_NOFILE, l->descriptors + l->received) ||
         !limit(RLIMIT_FSIZE, l->file_bytes) || !limit(RLIMIT_CORE, 0) || !limit(RLIMIT_NPROC, 0) ||
         !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
         return errno;

@@ -12,7 +12,8 @@ struct confine_limits {
     size_t address_bytes; /* address space */
     uint64_t file_bytes;  /* size up to which it may write files that it was given */
     unsigned seconds;     /* processor time; SIGXCPU ends the process */
-    unsigned descriptors; /* that it may have open, counted from 0; those above are closed */
+    unsigned descriptors; /* that stay open, counted from 0; those above are closed */
+    unsigned received;    /* more that may be open, received from the socket */
 };
 
 /* Denies new files, core dumps, processes and privileges, and sets these limits. Returns 0 or errno. */

@@ -15,6 +15,7 @@
 #include "estimators/light_tracer.h"
 #include "estimators/paths.h"
 #include "choose/plan.h"
+#include "reader/reader.h"
 #include "scene/rays.h"
 #include "scene/scene.h"
 #include "transport/transport.h"
@@ -40,8 +41,9 @@ struct set {
 };
 
 struct set_desc {
-    const char *scene;  /* a path; NULL: the built-in one */
-    const char *camera; /* NULL: the first */
+    const char *scene;          /* a path; NULL: the built-in one */
+    struct scene_limits limits; /* of reading it */
+    const char *camera;         /* NULL: the first */
     uint32_t width, height;
     uint32_t edge_rays;            /* per side; 0: the default of gbuffer.h */
     bool every_pixel;              /* all pixels get the rays of edges */

@@ -5,8 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-/* Embree drops triangles beyond this, and its square still fits a double. */
-#define COORDINATE_MAX 1e15f
 /* A triangle whose height is less than this share of its longest side counts as degenerate. */
 #define FLATNESS 1e-10
 
@@ -47,7 +45,7 @@ static bool is_triangle(const struct mesh *m, const uint32_t index[3])
             return false;
         p[k] = m->positions + 3 * (size_t)index[k];
         for (int axis = 0; axis < 3; axis++) {
-            if (!(fabsf(p[k][axis]) <= COORDINATE_MAX))
+            if (!(fabsf(p[k][axis]) <= MESH_COORDINATE_MAX))
                 return false;
         }
     }

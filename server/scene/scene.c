@@ -2,14 +2,12 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/progress.h"
 #include "scene/scatter.h"
 #include "scene/scene_build.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
-#include <strings.h>
 
 /* The camera that frames a model without one: field of view in radians, and the narrowest aspect ratio it fits. */
 #define FRAMING_FOV (35.0f * (float)PI / 180.0f)
@@ -213,58 +211,6 @@ enum err camera_check(const struct camera *c, const char *place, struct reason *
     if (!(vec3_length(right) > 1e-4f))
         return err_say(why, ERR_RANGE, "%s: up is parallel to the viewing direction", place);
     return ERR_OK;
-}
-
-bool path_is_gltf(const char *path)
-{
-    const char *dot = strrchr(path, '.');
-    return dot && (strcasecmp(dot, ".gltf") == 0 || strcasecmp(dot, ".glb") == 0);
-}
-
-static enum err load_gltf(struct scene *s, const char *path, struct progress *progress, struct reason *why)
-{
-    const struct model_desc d = {
-        .path = path,
-        .place = path,
-        .material = MATERIAL_NONE,
-        .own_materials = true,
-        .camera = true,
-        .transform = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 },
-        .normals = NORMALS_FILE,
-    };
-    enum err e = model_load(s, &d, why);
-    progress_step(progress, 1);
-    if (!e)
-        e = scene_finish(s, path, why);
-    if (!e && s->camera_count == 0) {
-        const struct camera framing = scene_framing_camera(s);
-        e = scene_add_camera(s, &framing);
-    }
-    return e;
-}
-
-enum err scene_load(const char *path, struct scene **out, struct progress *progress, struct reason *why)
-{
-    const char *dot = strrchr(path, '.');
-    enum err e;
-
-    *out = NULL;
-    struct scene *s = scene_create();
-    if (!s)
-        return err_say(why, ERR_NOMEM, "%s: out of memory", path);
-    if (dot && strcasecmp(dot, ".json") == 0)
-        e = scene_load_json(s, path, progress, why);
-    else if (path_is_gltf(path))
-        e = load_gltf(s, path, progress, why);
-    else
-        e = err_say(why, ERR_UNSUPPORTED, "%s: unknown scene format; expected a .json, .gltf or .glb file", path);
-    if (e == ERR_NOMEM)
-        err_say(why, e, "%s: out of memory", path);
-    if (e)
-        scene_destroy(s);
-    else
-        *out = s;
-    return e;
 }
 
 size_t scene_casters(const struct scene *s, struct box *out, size_t room)

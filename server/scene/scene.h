@@ -1,6 +1,6 @@
 /* server/scene/scene.h */
-/* A scene: meshes in world space, materials, textures and cameras, loaded from a JSON scene file or a glTF file, or
- * built-in. The scene owns its arrays. Immutable after loading. Thread: any number may read. */
+/* A scene: meshes in world space, materials, textures and cameras, loaded from a file (reader/reader.h) or built-in.
+ * The scene owns its arrays. Immutable after loading. Thread: any number may read. */
 #ifndef SCENE_SCENE_H
 #define SCENE_SCENE_H
 
@@ -11,8 +11,6 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-
-struct progress;
 
 /* Features of files that are not supported: each is named once in a warning and recorded in `unmodelled` for the
  * statistics. */
@@ -71,12 +69,6 @@ struct scene {
 
 /* A short description, such as "normal maps". */
 const char *scene_feature_name(enum scene_feature feature);
-
-/* Reads a .json scene or a .gltf/.glb file. On ERR_OK the caller owns *out; on error *out is NULL and *why names file,
- * place and fault. ERR_IO: a missing file. ERR_FORMAT: malformed JSON or model, no camera, an unknown material.
- * ERR_RANGE: a value outside its limits. ERR_UNSUPPORTED: an unknown file format. Unsupported features are named once
- * each in a warning. progress may be NULL; stepped once per model. */
-MUST_CHECK enum err scene_load(const char *path, struct scene **out, struct progress *progress, struct reason *why);
 
 /* The built-in scene. The caller owns it. NULL: out of memory. */
 struct scene *scene_create_builtin(void);

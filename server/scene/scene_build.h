@@ -1,5 +1,6 @@
 /* server/scene/scene_build.h */
-/* Construction of scenes. Private to this room. The scene owns what is added to it. Thread: one at a time. */
+/* Construction of scenes, for this room, import and reader. The scene owns what is added to it. Thread: one at a time.
+ */
 #ifndef SCENE_SCENE_BUILD_H
 #define SCENE_SCENE_BUILD_H
 
@@ -7,6 +8,11 @@
 #include "scene/scene.h"
 
 #define MATERIAL_NONE UINT32_MAX
+
+#define MESH_COORDINATE_MAX 1e15f          /* m; Embree drops triangles beyond it, and its square still fits a double */
+#define MESH_ELEMENTS_MAX (UINT32_MAX / 3) /* vertices or triangles of a mesh */
+#define TEXTURE_SIDE_MAX 16384             /* texels */
+#define TEXTURE_TEXELS_MAX (UINT64_C(1) << 26)
 
 /* Creates an empty scene. NULL: out of memory. */
 struct scene *scene_create(void);
@@ -48,50 +54,5 @@ MUST_CHECK enum err mesh_join_vertices(struct mesh *m);
 /* Drops degenerate triangles: those with a vertex that is not finite or beyond 1e15 m, or with practically no area.
  * Returns their number. */
 uint32_t mesh_drop_degenerate(struct mesh *m);
-
-enum model_normals {
-    NORMALS_FLAT,   /* geometric normals */
-    NORMALS_FILE,   /* the file's, else flat */
-    NORMALS_SMOOTH, /* the file's, else computed */
-};
-
-struct model_desc {
-    const char *path;
-    const char *place;    /* beginning of messages, such as "plaza.json: models[0]" */
-    uint32_t material;    /* for the whole model; MATERIAL_NONE: the file's */
-    bool own_materials;   /* the file defines its materials (glTF); else their names refer to the scene's */
-    bool camera;          /* import the file's cameras */
-    double transform[16]; /* column-major, affine */
-    enum model_normals normals;
-};
-
-/* Reads a model through Assimp and adds its meshes in world space, one per node. ERR_IO, ERR_FORMAT, ERR_RANGE,
- * ERR_UNSUPPORTED, ERR_NOMEM. */
-MUST_CHECK enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why);
-
-struct aiScene;
-
-/* Adds every material of a glTF file in order: material i of the file becomes *first + i in the scene. ERR_FORMAT,
- * ERR_NOMEM. */
-MUST_CHECK enum err gltf_add_materials(struct scene *s, const struct aiScene *ai, const char *path, uint32_t *first,
-                                       struct reason *why);
-
-/* Whether the extension is .gltf or .glb. */
-bool path_is_gltf(const char *path);
-
-/* Reads a JSON scene into an empty scene. Errors of scene_load. */
-MUST_CHECK enum err scene_load_json(struct scene *s, const char *path, struct progress *progress, struct reason *why);
-
-enum texture_values {
-    TEXTURE_SRGB,   /* colours, decoded to linear */
-    TEXTURE_LINEAR, /* numbers: v / 255 */
-};
-
-/* Decodes a PNG or JPEG image; `name` begins messages. On ERR_OK the caller owns out->rgb. ERR_FORMAT. ERR_RANGE: more
- * than 16384 per side or 2^26 texels. ERR_UNSUPPORTED: another format. ERR_NOMEM. */
-MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
-                                   struct texture *out, struct reason *why);
-/* The same from a file. Also ERR_IO. */
-MUST_CHECK enum err texture_load(const char *path, enum texture_values values, struct texture *out, struct reason *why);
 
 #endif

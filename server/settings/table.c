@@ -81,6 +81,8 @@ const struct setting settings_table[] = {
     /* Flags and configuration alone. */
     { "scene", "FILE", "scene to light: .json, .gltf or .glb; default: the built-in one", NULL, SCENE,
       .programs = FOR_RELIGHTD | FOR_RENDER | FOR_BENCH, TEXT, AT(set_desc.scene) },
+    { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
+      AT(set_desc.limits.memory_bytes) },
     { "source", "S", "environment: file, directory, printf or glob pattern, watch:DIR, push:, or sky:key=value,...",
       "sky:", SCENE, FOR_RELIGHTD, TEXT, AT(source_desc.spec) },
     { "source", "S", "environment: file, directory, printf or glob pattern, or sky:key=value,...", "sky:", SCENE,

@@ -38,6 +38,7 @@ it_holds_what_is_to_be_installed() {
         [ -s "$root/usr/share/doc/relightd/$file" ] || fail "no $file"
     done
     [ -x "$root/usr/lib/relightd/relight-decoder" ] || fail "no decoder for what producers send"
+    [ -x "$root/usr/lib/relightd/relight-reader" ] || fail "no reader of scene files"
     [ -s "$root/usr/lib/systemd/system/relightd.service" ] || fail "no unit"
     [ -s "$root/etc/relightd/relightd.json" ] || fail "no configuration"
     grep -qx /etc/relightd/relightd.json "$packed/control/conffiles" || fail "an upgrade would overwrite the configuration"
@@ -50,7 +51,7 @@ it_depends_on_what_it_is_linked_with() {
     local -A owner=()
     triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
     depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g')
-    for program in $programs ../lib/relightd/relight-decoder; do
+    for program in $programs ../lib/relightd/relight-decoder ../lib/relightd/relight-reader; do
         while read -r library; do
             [ -n "${owner[$library]:-}" ] ||
                 owner[$library]=$(dpkg -S "*/$triple/*$library" | sed -n "s|^\([^:]*\).*/$library\$|\1|p" | sort -u)

@@ -3,16 +3,23 @@
 #include "as_file.h"
 #include "harness.h"
 
-#include "scene/scene.h"
+#include "import/import.h"
+#include "reader/files.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
     struct scene *scene = NULL;
     struct reason why = { "" };
-    const enum err e = scene_load(as_file(".json", bytes, size), &scene, NULL, &why);
+    const char *path = as_file(".json", bytes, size);
+    struct scene_files files;
+
+    require(scene_files_init(&files, path, (size_t)1 << 30) == ERR_OK, "memory");
+    const struct host host = scene_files_host(&files);
+    const enum err e = import_scene(path, &host, &scene, &why);
 
     require((e == ERR_OK) == (scene != NULL), "a scene or an error");
     require(!e || why.text[0], "a refusal has a reason");
     scene_destroy(scene);
+    scene_files_finish(&files);
     return 0;
 }

@@ -3,7 +3,7 @@
 #define TESTS_DRAGON_H
 
 #include "scene/gbuffer.h"
-#include "scene/scene.h"
+#include "scene/load.h"
 #include "support/skies.h"
 
 /* `dragon` under one frame of the day. */
@@ -38,11 +38,9 @@ static inline struct environment *load_sky(const char *path, uint32_t n)
 
 static inline struct view view_load(uint32_t width, uint32_t height, const char *sky)
 {
-    struct view v = { .e = load_sky(unit_data(sky), 256) };
+    struct view v = { .e = load_sky(unit_data(sky), 256), .scene = load_or_fail(unit_data("../scenes/dragon.json")) };
     struct reason why = { "" };
 
-    if (scene_load(unit_data("../scenes/dragon.json"), &v.scene, NULL, &why))
-        fail_msg("%s", why.text);
     v.rays = rays_create(v.scene);
     assert_non_null(v.rays);
     const struct gbuffer_desc d = {

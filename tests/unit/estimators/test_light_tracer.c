@@ -3,6 +3,7 @@
  * (0.2 % for slab and sphere): so a bias of 1 % is 6.7 (5) errors away, and caught in 98 (69) of 100 cases, by each of
  * several comparisons. Chance fails one of them in 3000 or fewer, the seeds being few; these are fixed. */
 #include "estimators/tracing.h"
+#include "scene/load.h"
 
 #include "source/sky.h"
 
@@ -308,12 +309,9 @@ static struct environment *sky_with_sun_at(double elevation_degrees)
 static void half_of_the_particles_meet_a_caster_of_the_ring_scene(void **state)
 {
     static const double elevations[] = { 10.0, 26.0, 45.0, 75.0 };
-    struct reason why = { "" };
-    struct scene *scene = NULL;
+    struct scene *scene = load_or_fail(unit_data("../scenes/ring.json"));
     struct view v;
     (void)state;
-    if (scene_load(unit_data("../scenes/ring.json"), &scene, NULL, &why))
-        fail_msg("%s", why.text);
     struct rays *r = rays_create(scene);
     view_init(&v, scene_camera(scene, NULL), 32, 18);
     struct light_tracer *t = light_tracer_create(scene, r, &v);

@@ -25,6 +25,7 @@
 #include "estimators/baselines/path.h"
 #include "estimators/caustic_store.h"
 #include "estimators/eye_paths.h"
+#include "reader/reader.h"
 #include "scene/gbuffer.h"
 #include "estimators/light_tracer.h"
 #include "light/resolve.h"
@@ -97,7 +98,7 @@ static inline struct world world_open(const char *scene)
     struct reason why = { "" };
 
     omp_set_num_threads(1); /* claims run beside each other */
-    if (scene && scene_load(unit_data(scene), &w.scene, NULL, &why))
+    if (scene && scene_load(unit_data(scene), NULL, &w.scene, NULL, &why))
         fail_msg("%s", why.text);
     if (!scene)
         w.scene = scene_create_builtin();

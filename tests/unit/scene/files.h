@@ -61,16 +61,6 @@ static inline void folder_remove(struct folder *f)
     rmdir(f->path);
 }
 
-static inline struct scene *load_or_fail(const char *path)
-{
-    struct reason why = { "" };
-    struct scene *s = NULL;
-
-    if (scene_load(path, &s, NULL, &why))
-        fail_msg("%s", why.text);
-    return s;
-}
-
 /* Standard error goes to a file between begin and end; end returns what was written, static storage. */
 static int log_saved;
 

@@ -1,5 +1,6 @@
 /* Camera rays through mirrors and glass, against closed forms. */
 #include "scene/files.h"
+#include "scene/load.h"
 
 #include "scene/gbuffer.h"
 

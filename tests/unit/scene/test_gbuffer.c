@@ -1,4 +1,5 @@
 #include "scene/files.h"
+#include "scene/load.h"
 #include "support/gbuffers.h"
 
 #include "scene/gbuffer.h"

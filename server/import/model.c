@@ -1,20 +1,35 @@
-#include "scene/scene_build.h"
+#include "import/parts.h"
 
 #include "base/log.h"
 #include "base/mem.h"
 
+#include <assimp/cfileio.h>
 #include <assimp/cimport.h>
 #include <assimp/config.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
-#include <errno.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
 
-#define DEPTH_MAX 256
-#define PLY_LINES_MAX 1000
+#define DEPTH_MAX 257    /* of nodes: 256 of the file below a root */
+#define CORNERS_MAX 1000 /* of a face: the time to cut it into triangles grows with their square or faster */
+
+/* A message that begins with the place, if there is one, and the path. */
+static enum err fault(const struct model_desc *d, struct reason *why, enum err e, const char *format, ...)
+    PRINTF_LIKE(4, 5);
+
+static enum err fault(const struct model_desc *d, struct reason *why, enum err e, const char *format, ...)
+{
+    struct reason text;
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(text.text, sizeof(text.text), format, args);
+    va_end(args);
+    return err_say(why, e, "%s%s%s: %s", d->place ? d->place : "", d->place ? ": " : "", d->path, text.text);
+}
 
 /* State of the node traversal. */
 struct import {
@@ -153,7 +168,7 @@ static enum err find_material(const struct import *in, const struct aiMesh *ai, 
     *out = scene_find_material(in->scene, name.data, 0);
     if (*out != MATERIAL_NONE)
         return ERR_OK;
-    return err_say(in->why, ERR_FORMAT, "%s: %s: unknown material '%s'", d->place, d->path, name.data);
+    return fault(d, in->why, ERR_FORMAT, "unknown material '%s'", name.data);
 }
 
 static enum err add_mesh(struct import *in, const struct aiMesh *ai, const double matrix[16])
@@ -163,9 +178,9 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
 
     if (!(ai->mPrimitiveTypes & aiPrimitiveType_TRIANGLE))
         return ERR_OK;
-    if (ai->mNumVertices > UINT32_MAX / 3 || ai->mNumFaces > UINT32_MAX / 3)
-        return err_say(in->why, ERR_RANGE, "%s: %s: a mesh has %u vertices and %u faces, too many", in->desc->place,
-                       in->desc->path, ai->mNumVertices, ai->mNumFaces);
+    if (ai->mNumVertices > MESH_ELEMENTS_MAX || ai->mNumFaces > MESH_ELEMENTS_MAX)
+        return fault(in->desc, in->why, ERR_RANGE, "a mesh has %u vertices and %u faces, too many", ai->mNumVertices,
+                     ai->mNumFaces);
     e = find_material(in, ai, &m.material);
     if (!e)
         e = fill_mesh(in, ai, matrix, &m);
@@ -254,7 +269,7 @@ static enum err take(struct import *in)
     enum err e = ERR_OK;
 
     if (in->desc->own_materials)
-        e = gltf_add_materials(in->scene, in->ai, in->desc->path, &in->first_material, in->why);
+        e = gltf_add_materials(in->scene, in->ai, in->desc, &in->first_material, in->why);
     if (!e)
         e = add_node(in, in->ai->mRootNode, in->desc->transform);
     for (unsigned i = 0; in->desc->camera && i < in->ai->mNumCameras && !e; i++)
@@ -268,14 +283,15 @@ static enum err take(struct import *in)
     if (in->dropped > 0)
         log_warning("%s: dropped %zu degenerate or non-finite triangles", in->desc->path, in->dropped);
     if (in->scene->mesh_count == meshes_before)
-        return err_say(in->why, ERR_FORMAT, "%s: %s: the model contains no triangles", in->desc->place, in->desc->path);
+        return fault(in->desc, in->why, ERR_FORMAT, "the model contains no triangles");
     return ERR_OK;
 }
 
 /* Imports without post-processing, which trusts every index. */
-static const struct aiScene *import_file(const struct model_desc *d)
+static const struct aiScene *import_file(const struct model_desc *d, struct assimp_files *files)
 {
     int unwanted = aiComponent_TANGENTS_AND_BITANGENTS | aiComponent_BONEWEIGHTS;
+    struct aiFileIO io;
 
     struct aiPropertyStore *p = aiCreatePropertyStore();
     if (!p)
@@ -285,27 +301,42 @@ static const struct aiScene *import_file(const struct model_desc *d)
     if (!d->own_materials)
         unwanted |= aiComponent_COLORS | aiComponent_TEXCOORDS;
     aiSetImportPropertyInteger(p, AI_CONFIG_PP_RVC_FLAGS, unwanted);
-    const struct aiScene *ai = aiImportFileExWithProperties(d->path, 0, NULL, p);
+    assimp_files_init(files, &io);
+    const struct aiScene *ai = aiImportFileExWithProperties(d->path, 0, &io, p);
     aiReleasePropertyStore(p);
     return ai;
+}
+
+/* After an import that failed. */
+static enum err import_fault(const struct model_desc *d, const struct assimp_files *files, struct reason *why)
+{
+    const char *text = aiGetErrorString();
+
+    if (strstr(text, "bad_alloc"))
+        return ERR_NOMEM;
+    if (files->refused.text[0] && path_is_gltf(d->path)) /* other formats do without */
+        return fault(d, why, ERR_FORMAT, "%s", files->refused.text);
+    return fault(d, why, ERR_FORMAT, "%s", text[0] ? text : "cannot be read");
 }
 
 static enum err check_mesh(const struct aiScene *ai, const struct aiMesh *m, const struct model_desc *d,
                            struct reason *why)
 {
     if (m->mMaterialIndex >= ai->mNumMaterials)
-        return err_say(why, ERR_FORMAT, "%s: %s: a mesh refers to material %u of %u", d->place, d->path,
-                       m->mMaterialIndex, ai->mNumMaterials);
+        return fault(d, why, ERR_FORMAT, "a mesh refers to material %u of %u", m->mMaterialIndex, ai->mNumMaterials);
     if (m->mNumVertices > 0 && !m->mVertices)
-        return err_say(why, ERR_FORMAT, "%s: %s: a mesh has no positions", d->place, d->path);
+        return fault(d, why, ERR_FORMAT, "a mesh has no positions");
     for (unsigned i = 0; i < m->mNumFaces; i++) {
         const struct aiFace *f = &m->mFaces[i];
         if (f->mNumIndices == 0) /* Assimp treats it as a polygon */
-            return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh has no vertices", d->place, d->path, i);
+            return fault(d, why, ERR_FORMAT, "face %u of a mesh has no vertices", i);
+        if (f->mNumIndices > CORNERS_MAX)
+            return fault(d, why, ERR_RANGE, "face %u of a mesh has %u corners, more than %d", i, f->mNumIndices,
+                         CORNERS_MAX);
         for (unsigned k = 0; k < f->mNumIndices; k++) {
             if (f->mIndices[k] >= m->mNumVertices)
-                return err_say(why, ERR_FORMAT, "%s: %s: face %u of a mesh refers to vertex %u of %u", d->place,
-                               d->path, i, f->mIndices[k], m->mNumVertices);
+                return fault(d, why, ERR_FORMAT, "face %u of a mesh refers to vertex %u of %u", i, f->mIndices[k],
+                             m->mNumVertices);
         }
     }
     return ERR_OK;
@@ -317,11 +348,10 @@ static enum err check_node(const struct aiScene *ai, const struct aiNode *node, 
     enum err e = ERR_OK;
 
     if (depth > DEPTH_MAX)
-        return err_say(why, ERR_RANGE, "%s: %s: nodes are nested more than %d deep", d->place, d->path, DEPTH_MAX);
+        return fault(d, why, ERR_RANGE, "nodes are nested more than %d deep", DEPTH_MAX);
     for (unsigned i = 0; i < node->mNumMeshes; i++) {
         if (node->mMeshes[i] >= ai->mNumMeshes)
-            return err_say(why, ERR_FORMAT, "%s: %s: a node refers to mesh %u of %u", d->place, d->path,
-                           node->mMeshes[i], ai->mNumMeshes);
+            return fault(d, why, ERR_FORMAT, "a node refers to mesh %u of %u", node->mMeshes[i], ai->mNumMeshes);
     }
     for (unsigned i = 0; i < node->mNumChildren && !e; i++)
         e = check_node(ai, node->mChildren[i], d, depth + 1, why);
@@ -332,81 +362,51 @@ static enum err check_node(const struct aiScene *ai, const struct aiNode *node, 
 static enum err check_scene(const struct aiScene *ai, const struct model_desc *d, struct reason *why)
 {
     if (!ai->mRootNode)
-        return err_say(why, ERR_FORMAT, "%s: %s: the model contains no triangles", d->place, d->path);
+        return fault(d, why, ERR_FORMAT, "the model contains no triangles");
     enum err e = check_node(ai, ai->mRootNode, d, 0, why);
     for (unsigned i = 0; i < ai->mNumMeshes && !e; i++)
         e = check_mesh(ai, ai->mMeshes[i], d, why);
     return e;
 }
 
-static bool has_ending(const char *path, const char *ending)
+/* Reads the file and checks what Assimp does not. */
+static enum err read_checked(const struct model_desc *d, struct bytes *out, struct reason *why)
 {
-    const char *dot = strrchr(path, '.');
-    return dot && strcasecmp(dot, ending) == 0;
-}
+    const bool ply = path_ends_in(d->path, ".ply"), gltf = path_is_gltf(d->path);
+    struct reason cause = { "" };
 
-static bool is_ply_line(const char *line)
-{
-    static const char *const starts[] = {
-        "ply", "format ", "comment", "obj_info", "element ", "property ", "end_header"
-    };
-
-    for (size_t i = 0; i < sizeof(starts) / sizeof(starts[0]); i++) {
-        if (strncmp(line, starts[i], strlen(starts[i])) == 0)
-            return true;
-    }
-    return false;
-}
-
-/* Assimp 5.2 loops forever on a malformed PLY header. */
-static enum err check_ply_header(FILE *f, const struct model_desc *d, struct reason *why)
-{
-    char line[1024];
-
-    for (int number = 1; number <= PLY_LINES_MAX && fgets(line, sizeof(line), f); number++) {
-        const size_t length = strcspn(line, "\r\n");
-        const bool whole = line[length] != '\0';
-        line[length] = '\0';
-        if (strcmp(line, "end_header") == 0 && whole)
-            return ERR_OK;
-        if (!is_ply_line(line) || !whole || strncmp(line, "end_header", 10) == 0)
-            return err_say(why, ERR_FORMAT, "%s: %s: line %d is not part of a PLY header", d->place, d->path, number);
-    }
-    return err_say(why, ERR_FORMAT, "%s: %s: the PLY header has no end_header", d->place, d->path);
-}
-
-/* Checks extension and readability first, which Assimp does not report clearly. */
-static enum err check_file(const struct model_desc *d, struct reason *why)
-{
-    const bool ply = has_ending(d->path, ".ply");
-    enum err e = ERR_OK;
-
-    if (!ply && !has_ending(d->path, ".obj") && !path_is_gltf(d->path))
-        return err_say(why, ERR_UNSUPPORTED, "%s: %s: unknown model format; expected an .obj, .ply, .gltf or .glb file",
-                       d->place, d->path);
-    FILE *f = fopen(d->path, "rb");
-    if (!f)
-        return err_say(why, ERR_IO, "%s: %s: %s", d->place, d->path, strerror(errno));
-    if (ply)
-        e = check_ply_header(f, d, why);
-    fclose(f);
-    return e;
+    *out = (struct bytes){ 0 };
+    if (!ply && !gltf && !path_ends_in(d->path, ".obj"))
+        return fault(d, why, ERR_UNSUPPORTED, "unknown model format; expected an .obj, .ply, .gltf or .glb file");
+    enum err e = host_read(d->host, d->path, out, &cause);
+    if (e) /* the reason begins with the path */
+        return d->place ? err_say(why, e, "%s: %s", d->place, cause.text) : err_say(why, e, "%s", cause.text);
+    if (out->size == 0)
+        e = err_say(&cause, ERR_FORMAT, "is empty");
+    else if (ply)
+        e = ply_check(out, &cause);
+    else if (gltf)
+        e = gltf_check(out, path_ends_in(d->path, ".glb"), &cause);
+    return e ? fault(d, why, e, "%s", cause.text) : ERR_OK;
 }
 
 enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
 {
     /* Not JoinIdenticalVertices, which also joins vertices that are merely close, and NaN with anything. */
     const unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent;
+    struct bytes model;
 
-    enum err e = check_file(d, why);
+    enum err e = read_checked(d, &model, why);
+    struct assimp_files files = { .host = d->host, .path = d->path, .model = &model };
+    const struct aiScene *ai = e ? NULL : import_file(d, &files);
+    bytes_finish(&model);
+    if (!e && !ai)
+        e = import_fault(d, &files, why);
     if (e)
         return e;
-    const struct aiScene *ai = import_file(d);
-    if (!ai)
-        return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
     e = check_scene(ai, d, why);
     if (!e && !aiApplyPostProcessing(ai, steps)) /* which frees the scene on failure */
-        return err_say(why, ERR_FORMAT, "%s: %s: %s", d->place, d->path, aiGetErrorString());
+        return import_fault(d, &files, why);
     if (!e) {
         struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };
         e = take(&in);

@@ -1,5 +1,5 @@
 /* Materials of glTF as Assimp provides them: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
-#include "scene/scene_build.h"
+#include "import/parts.h"
 
 #include "base/mem.h"
 
@@ -14,6 +14,7 @@
 struct source {
     struct scene *scene;
     const struct aiScene *ai;
+    const struct host *host;
     const char *path;
     struct reason *why;
     /* The textures named so far, so that each image is read once. */
@@ -91,7 +92,7 @@ static enum err read_picture(struct source *s, const char *name, enum texture_va
     if (name[0] != '*') {
         if (!file_beside(s->path, name, label, sizeof(label)))
             return err_say(s->why, ERR_RANGE, "%s: the path of a texture is too long", s->path);
-        return texture_load(label, values, out, s->why);
+        return texture_load(s->host, label, values, out, s->why);
     }
     const unsigned long index = strtoul(name + 1, NULL, 10);
     snprintf(label, sizeof(label), "%.4000s: embedded texture %lu", s->path, index);
@@ -244,7 +245,7 @@ static enum err add_material(struct source *s, const struct aiMaterial *ai)
     return scene_add_material(s->scene, &m, NULL);
 }
 
-enum err gltf_add_materials(struct scene *scene, const struct aiScene *ai, const char *path, uint32_t *first,
+enum err gltf_add_materials(struct scene *scene, const struct aiScene *ai, const struct model_desc *d, uint32_t *first,
                             struct reason *why)
 {
     struct source *s = mem_alloc(1, sizeof(*s));
@@ -252,7 +253,7 @@ enum err gltf_add_materials(struct scene *scene, const struct aiScene *ai, const
 
     *first = (uint32_t)scene->material_count;
     if (s)
-        *s = (struct source){ .scene = scene, .ai = ai, .path = path, .why = why };
+        *s = (struct source){ .scene = scene, .ai = ai, .host = d->host, .path = d->path, .why = why };
     for (unsigned i = 0; i < ai->mNumMaterials && !e; i++)
         e = add_material(s, ai->mMaterials[i]);
     mem_free(s);

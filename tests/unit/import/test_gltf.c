@@ -1,4 +1,5 @@
 #include "scene/files.h"
+#include "scene/load.h"
 
 #include <math.h>
 #include <turbojpeg.h>
@@ -242,7 +243,7 @@ static void jpeg_texture_is_read(void **state)
     folder_write(&f, "grey.jpg", jpeg, size / 2);
     char path[256];
     snprintf(path, sizeof(path), "%s/a.gltf", f.path);
-    assert_int_equal(scene_load(path, &s, NULL, &why), ERR_FORMAT);
+    assert_int_equal(load_here(path, &s, &why), ERR_FORMAT);
     assert_non_null(strstr(why.text, "grey.jpg: JPEG: "));
     tjFree(jpeg);
     tjDestroy(tj);
@@ -260,12 +261,12 @@ static void bad_textures_are_named(void **state)
     folder_make(&f);
     char path[256];
     snprintf(path, sizeof(path), "%s", write_gltf(&f, "a.gltf", "{" ONE_NODE TEXTURED("t.png") TAIL));
-    assert_int_equal(scene_load(path, &s, NULL, &why), ERR_IO);
+    assert_int_equal(load_here(path, &s, &why), ERR_IO);
     assert_non_null(strstr(why.text, "/t.png: No such file"));
     assert_null(s);
     for (size_t cut = 0; cut < sizeof(four_png); cut++) { /* truncated at every byte */
         folder_write(&f, "t.png", four_png, cut);
-        const enum err e = scene_load(path, &s, NULL, &why);
+        const enum err e = load_here(path, &s, &why);
         if (e == ERR_OK) { /* all that counts was there */
             assert_true(cut > sizeof(four_png) - 20);
             scene_destroy(s);
@@ -279,7 +280,7 @@ static void bad_textures_are_named(void **state)
     memcpy(big + 16, (const uint8_t[]){ 0, 1, 0x86, 0xa0 }, 4);
     memcpy(big + 29, (const uint8_t[]){ 0x54, 0x88, 0xf3, 0x2c }, 4);
     folder_write(&f, "t.png", big, sizeof(big));
-    assert_int_equal(scene_load(path, &s, NULL, &why), ERR_RANGE);
+    assert_int_equal(load_here(path, &s, &why), ERR_RANGE);
     assert_non_null(strstr(why.text, "/t.png: 100000 x 2"));
     folder_remove(&f);
 }
@@ -325,7 +326,7 @@ static void broken_gltf_is_refused(void **state)
         struct reason why = { "" };
         struct scene *s = NULL;
         const char *path = folder_text(&f, i % 2 ? "a.glb" : "a.gltf", texts[i / 2]);
-        assert_int_equal(scene_load(path, &s, NULL, &why), ERR_FORMAT);
+        assert_int_equal(load_here(path, &s, &why), ERR_FORMAT);
         assert_null(s);
         assert_non_null(strstr(why.text, path));
     }

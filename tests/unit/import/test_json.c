@@ -1,4 +1,5 @@
 #include "scene/files.h"
+#include "scene/load.h"
 
 #include <math.h>
 
@@ -181,7 +182,7 @@ static void what_is_no_triangle_is_left_out_with_one_warning(void **state)
     log_begin();
     struct scene *s = NULL;
     struct reason why = { "" };
-    const enum err e = scene_load(path, &s, NULL, &why);
+    const enum err e = load_here(path, &s, &why);
     const char *said = log_end();
     assert_int_equal(e, ERR_OK);
     assert_int_equal(s->triangle_count, 1);
@@ -331,7 +332,7 @@ static void bad_scenes_are_refused_by_file_place_and_reason(void **state)
         struct reason why = { "" };
         struct scene *s = (struct scene *)&why;
         const char *path = folder_text(&f, "bad.json", bad_scenes[i].json);
-        const enum err e = scene_load(path, &s, NULL, &why);
+        const enum err e = load_here(path, &s, &why);
         const bool told = strstr(why.text, "bad.json") && strstr(why.text, bad_scenes[i].place) &&
                           strstr(why.text, bad_scenes[i].fault) && !strchr(why.text, '\n');
         if (e != bad_scenes[i].expected || !told || s)
@@ -346,11 +347,11 @@ static void missing_and_foreign_files_are_named(void **state)
     struct scene *s;
 
     (void)state;
-    assert_int_equal(scene_load("/nowhere/at-all.json", &s, NULL, &why), ERR_IO);
+    assert_int_equal(load_here("/nowhere/at-all.json", &s, &why), ERR_IO);
     assert_non_null(strstr(why.text, "/nowhere/at-all.json"));
-    assert_int_equal(scene_load("/nowhere/at-all.glb", &s, NULL, &why), ERR_IO);
+    assert_int_equal(load_here("/nowhere/at-all.glb", &s, &why), ERR_IO);
     assert_non_null(strstr(why.text, "/nowhere/at-all.glb"));
-    assert_int_equal(scene_load("/nowhere/at-all.blend", &s, NULL, &why), ERR_UNSUPPORTED);
+    assert_int_equal(load_here("/nowhere/at-all.blend", &s, &why), ERR_UNSUPPORTED);
     assert_null(s);
 }
 

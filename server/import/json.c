@@ -1,7 +1,6 @@
-#include "scene/scene_build.h"
+#include "import/parts.h"
 
 #include "base/log.h"
-#include "base/progress.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -14,6 +13,7 @@ struct spot {
     char place[320]; /* beginning of messages: "plaza.json: materials 'wall'" */
     struct scene *scene;
     const char *path;
+    const struct host *host;
     struct reason *why;
 };
 
@@ -337,12 +337,12 @@ static enum err read_smooth(const struct spot *s, bool gltf, enum model_normals 
 }
 
 /* Resolves `file` relative to the scene file's folder. */
-static enum err join_path(const struct spot *s, const char *file, char out[4096])
+static enum err join_path(const struct spot *s, const char *file, char out[HOST_PATH_MAX])
 {
     const char *slash = strrchr(s->path, '/');
     const int folder = slash && file[0] != '/' ? (int)(slash - s->path) + 1 : 0;
 
-    if (snprintf(out, 4096, "%.*s%s", folder, s->path, file) >= 4096)
+    if (snprintf(out, HOST_PATH_MAX, "%.*s%s", folder, s->path, file) >= HOST_PATH_MAX)
         return err_say(s->why, ERR_RANGE, "%s: the path of the file is too long", s->place);
     return ERR_OK;
 }
@@ -351,7 +351,7 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
 {
     struct model_desc d = { .material = MATERIAL_NONE };
     const char *file = NULL, *material = NULL;
-    char label[32], path[4096];
+    char label[32], path[HOST_PATH_MAX];
     struct spot s;
     enum err e;
 
@@ -377,16 +377,30 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
         e = read_smooth(&s, path_is_gltf(path), &d.normals);
     if (e)
         return e;
+    d.host = s.host;
     d.path = path;
     d.place = s.place;
     d.own_materials = path_is_gltf(path) && d.material == MATERIAL_NONE;
     return model_load(s.scene, &d, s.why);
 }
 
-static enum err read_models(const struct spot *root, struct progress *progress)
+/* Only folders that the scene file itself names may be read; a faulty entry is reported when it is read. */
+static enum err allow_models(const struct spot *root, const json_t *models)
+{
+    enum err e = ERR_OK;
+
+    for (size_t i = 0; i < json_array_size(models) && !e; i++) {
+        const char *file = json_string_value(json_object_get(json_array_get(models, i), "file"));
+        char path[HOST_PATH_MAX];
+        if (file && join_path(root, file, path) == ERR_OK)
+            e = root->host->allow(root->host->context, path, root->why);
+    }
+    return e;
+}
+
+static enum err read_models(const struct spot *root)
 {
     const json_t *models = json_object_get(root->object, "models");
-    enum err e = ERR_OK;
 
     if (!models)
         return err_say(root->why, ERR_FORMAT, "%s: the file contains no models", root->path);
@@ -394,38 +408,45 @@ static enum err read_models(const struct spot *root, struct progress *progress)
         return err_say(root->why, ERR_FORMAT, "%s: 'models' is not an array", root->path);
     if (json_array_size(models) == 0)
         return err_say(root->why, ERR_FORMAT, "%s: the file contains no models", root->path);
+    enum err e = allow_models(root, models);
     for (size_t i = 0; i < json_array_size(models) && !e; i++) {
         e = read_model(root, i, json_array_get(models, i));
-        progress_step(progress, 1);
+        root->host->step(root->host->context);
     }
     return e;
 }
 
-enum err scene_load_json(struct scene *scene, const char *path, struct progress *progress, struct reason *why)
+static enum err read_root(const struct spot *s)
 {
-    json_error_t fault;
-    enum err e;
+    if (!json_is_object(s->object))
+        return err_say(s->why, ERR_FORMAT, "%s: is not a JSON object", s->path);
+    warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", NULL });
+    enum err e = read_materials(s);
+    if (!e)
+        e = read_cameras(s);
+    if (!e)
+        e = read_models(s);
+    return e ? e : scene_finish(s->scene, s->path, s->why);
+}
 
-    json_t *root = json_load_file(path, JSON_REJECT_DUPLICATES, &fault);
-    if (!root && json_error_code(&fault) == json_error_cannot_open_file)
-        return err_say(why, ERR_IO, "%s: cannot open", path);
+enum err json_load_scene(struct scene *scene, const char *path, const struct host *host, struct reason *why)
+{
+    struct spot s = { .scene = scene, .path = path, .host = host, .why = why };
+    struct bytes text;
+    json_error_t fault;
+
+    enum err e = host_read(host, path, &text, why);
+    if (e)
+        return e;
+    json_t *root = json_loadb((const char *)text.at, text.size, JSON_REJECT_DUPLICATES, &fault);
+    bytes_finish(&text);
+    if (!root && json_error_code(&fault) == json_error_out_of_memory)
+        return ERR_NOMEM;
     if (!root)
         return err_say(why, ERR_FORMAT, "%s: line %d, column %d: %s", path, fault.line, fault.column, fault.text);
-    struct spot s = { .object = root, .scene = scene, .path = path, .why = why };
+    s.object = root;
     snprintf(s.place, sizeof(s.place), "%.300s", path);
-    if (!json_is_object(root)) {
-        e = err_say(why, ERR_FORMAT, "%s: is not a JSON object", path);
-        goto done;
-    }
-    warn_unknown_keys(&s, (const char *const[]){ "camera", "cameras", "models", "materials", NULL });
-    e = read_materials(&s);
-    if (!e)
-        e = read_cameras(&s);
-    if (!e)
-        e = read_models(&s, progress);
-    if (!e)
-        e = scene_finish(scene, path, why);
-done:
+    e = read_root(&s);
     json_decref(root);
     return e;
 }

@@ -1,0 +1,62 @@
+#include "import/import.h"
+
+#include "import/parts.h"
+
+#include <string.h>
+#include <strings.h>
+
+bool path_ends_in(const char *path, const char *ending)
+{
+    const char *dot = strrchr(path, '.');
+    return dot && strcasecmp(dot, ending) == 0;
+}
+
+bool path_is_gltf(const char *path)
+{
+    return path_ends_in(path, ".gltf") || path_ends_in(path, ".glb");
+}
+
+static enum err load_gltf(struct scene *s, const char *path, const struct host *host, struct reason *why)
+{
+    const struct model_desc d = {
+        .host = host,
+        .path = path,
+        .material = MATERIAL_NONE,
+        .own_materials = true,
+        .camera = true,
+        .transform = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 },
+        .normals = NORMALS_FILE,
+    };
+    enum err e = model_load(s, &d, why);
+    host->step(host->context);
+    if (!e)
+        e = scene_finish(s, path, why);
+    if (!e && s->camera_count == 0) {
+        const struct camera framing = scene_framing_camera(s);
+        e = scene_add_camera(s, &framing);
+    }
+    return e;
+}
+
+enum err import_scene(const char *path, const struct host *host, struct scene **out, struct reason *why)
+{
+    enum err e;
+
+    *out = NULL;
+    struct scene *s = scene_create();
+    if (!s)
+        return err_say(why, ERR_NOMEM, "%s: out of memory", path);
+    if (path_ends_in(path, ".json"))
+        e = json_load_scene(s, path, host, why);
+    else if (path_is_gltf(path))
+        e = load_gltf(s, path, host, why);
+    else
+        e = err_say(why, ERR_UNSUPPORTED, "%s: unknown scene format; expected a .json, .gltf or .glb file", path);
+    if (e == ERR_NOMEM)
+        err_say(why, e, "%s: out of memory", path);
+    if (e)
+        scene_destroy(s);
+    else
+        *out = s;
+    return e;
+}

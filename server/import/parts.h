@@ -1,0 +1,78 @@
+/* server/import/parts.h */
+/* The parts of import.h. Private to this room. Thread: one at a time. */
+#ifndef IMPORT_PARTS_H
+#define IMPORT_PARTS_H
+
+#include "reader/host.h"
+#include "scene/scene_build.h"
+
+enum model_normals {
+    NORMALS_FLAT,   /* geometric normals */
+    NORMALS_FILE,   /* the file's, else flat */
+    NORMALS_SMOOTH, /* the file's, else computed */
+};
+
+struct model_desc {
+    const struct host *host;
+    const char *path;
+    const char *place;    /* beginning of messages, such as "plaza.json: models[0]"; NULL: they begin with the path */
+    uint32_t material;    /* for the whole model; MATERIAL_NONE: the file's */
+    bool own_materials;   /* the file defines its materials (glTF); else their names refer to the scene's */
+    bool camera;          /* import the file's cameras */
+    double transform[16]; /* column-major, affine */
+    enum model_normals normals;
+};
+
+/* Reads a model through Assimp and adds its meshes in world space, one per node. ERR_IO, ERR_FORMAT, ERR_RANGE,
+ * ERR_UNSUPPORTED, ERR_NOMEM. */
+MUST_CHECK enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why);
+
+/* Checks what Assimp trusts. A .ply file: its header, on which Assimp 5.2 can loop forever. A glTF file (`binary`:
+ * .glb): that it is complete, and how deep its JSON and its nodes are nested. *why has no path. ERR_FORMAT, ERR_RANGE,
+ * ERR_NOMEM. */
+MUST_CHECK enum err ply_check(const struct bytes *file, struct reason *why);
+/* See ply_check. */
+MUST_CHECK enum err gltf_check(const struct bytes *file, bool binary, struct reason *why);
+
+struct aiFileIO;
+struct aiScene;
+
+/* Files as Assimp asks for them: the model itself, which has been read, and others through the host. */
+struct assimp_files {
+    const struct host *host;
+    const char *path;          /* of the model */
+    const struct bytes *model; /* its contents */
+    struct reason refused;     /* why the last file could not be opened; empty: none was refused */
+};
+
+/* Fills the functions; `files` must outlive their use. */
+void assimp_files_init(struct assimp_files *files, struct aiFileIO *out);
+
+/* Adds every material of a glTF file in order: material i of the file becomes *first + i in the scene. ERR_FORMAT,
+ * ERR_NOMEM. */
+MUST_CHECK enum err gltf_add_materials(struct scene *s, const struct aiScene *ai, const struct model_desc *d,
+                                       uint32_t *first, struct reason *why);
+
+/* Whether the extension is .gltf or .glb. */
+bool path_is_gltf(const char *path);
+
+/* Whether the path ends in this extension (".ply"), in either case. */
+bool path_ends_in(const char *path, const char *ending);
+
+/* Reads a JSON scene into an empty scene. Errors of import_scene. */
+MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);
+
+enum texture_values {
+    TEXTURE_SRGB,   /* colours, decoded to linear */
+    TEXTURE_LINEAR, /* numbers: v / 255 */
+};
+
+/* Decodes a PNG or JPEG image; `name` begins messages. On ERR_OK the caller owns out->rgb. ERR_FORMAT. ERR_RANGE: more
+ * than TEXTURE_SIDE_MAX per side or TEXTURE_TEXELS_MAX. ERR_UNSUPPORTED: another format. ERR_NOMEM. */
+MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
+                                   struct texture *out, struct reason *why);
+/* The same from a file. Also ERR_IO. */
+MUST_CHECK enum err texture_load(const struct host *host, const char *path, enum texture_values values,
+                                 struct texture *out, struct reason *why);
+
+#endif

@@ -1,0 +1,33 @@
+/* server/reader/files.h */
+/* Which files the reading of a scene may open: the scene file, files below its folder, and files below the folders of
+ * the models that the scene file names, which must be declared before the first model is opened. A symbolic link that
+ * leads out of these folders is refused, unless it is one of those models. Thread: one at a time. */
+#ifndef READER_FILES_H
+#define READER_FILES_H
+
+#include "reader/host.h"
+
+#include <stdbool.h>
+
+struct scene_files {
+    const char *scene; /* borrowed */
+    size_t most;       /* bytes of one file */
+    char **folders;    /* [count], resolved */
+    size_t count;
+    bool sealed; /* no folder may be added any more */
+};
+
+/* ERR_NOMEM. `scene` must outlive it. */
+MUST_CHECK enum err scene_files_init(struct scene_files *f, const char *scene, size_t most);
+void scene_files_finish(struct scene_files *f); /* zeroed memory is allowed */
+
+/* See host.h. */
+MUST_CHECK enum err scene_files_allow(struct scene_files *f, const char *path, struct reason *why);
+/* See host.h. */
+MUST_CHECK enum err scene_files_open(struct scene_files *f, const char *path, int *fd, size_t *size,
+                                     struct reason *why);
+
+/* For reading in this process; `f` must outlive it. */
+struct host scene_files_host(struct scene_files *f);
+
+#endif

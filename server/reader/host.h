@@ -1,0 +1,35 @@
+/* server/reader/host.h */
+/* What code that reads a scene may ask of those who may open files: in relight-reader the parent process, in tests the
+ * same process (files.h). Thread: one at a time. */
+#ifndef READER_HOST_H
+#define READER_HOST_H
+
+#include "base/err.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define HOST_PATH_MAX 4096 /* bytes of a path, its end included */
+
+struct host {
+    /* Opens a regular file for reading; the caller owns *fd. ERR_IO: missing, not a file, or outside of the folders
+     * that may be read. ERR_RANGE: too large. *why begins with the path. */
+    enum err (*open)(void *context, const char *path, int *fd, size_t *size, struct reason *why);
+    /* Permits the folder of this file, which the scene file names. Before the first `open` of another file than the
+     * scene's own; ERR_USAGE later. */
+    enum err (*allow)(void *context, const char *path, struct reason *why);
+    void (*step)(void *context); /* one model has been read */
+    void *context;
+};
+
+/* The contents of a file. Free with bytes_finish. */
+struct bytes {
+    uint8_t *at;
+    size_t size;
+};
+
+/* Reads a whole file. Errors of host.open; ERR_NOMEM; ERR_IO: cannot be read. */
+MUST_CHECK enum err host_read(const struct host *h, const char *path, struct bytes *out, struct reason *why);
+void bytes_finish(struct bytes *b); /* zeroed memory is allowed */
+
+#endif

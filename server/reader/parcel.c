@@ -1,0 +1,339 @@
+#define _GNU_SOURCE /* fallocate */
+#include "reader/parcel.h"
+
+#include "base/mem.h"
+#include "scene/scene_build.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define MAGIC 0x524c5032u
+#define SLACK 1e-4f /* rounding beyond the limits of a value */
+
+struct head {
+    uint32_t magic;
+    uint32_t materials, cameras, textures, meshes, unmodelled;
+};
+
+struct texture_head {
+    uint32_t width, height;
+};
+
+struct mesh_head {
+    uint32_t vertices, triangles, material;
+    uint32_t has_normals, has_uvs; /* 0 or 1 */
+};
+
+/* ---- Writing ---- */
+
+static enum err put(int fd, const void *bytes, size_t size, struct reason *why)
+{
+    const uint8_t *at = bytes;
+
+    while (size > 0) {
+        const ssize_t done = write(fd, at, size);
+        if (done < 0 && errno == EINTR)
+            continue;
+        if (done <= 0)
+            return err_say(why, errno == EFBIG ? ERR_NOMEM : ERR_IO, "cannot hand over the scene: %s", strerror(errno));
+        at += done;
+        size -= (size_t)done;
+    }
+    return ERR_OK;
+}
+
+static enum err put_texture(int fd, struct texture *t, struct reason *why)
+{
+    const struct texture_head head = { t->width, t->height };
+    enum err e = put(fd, &head, sizeof(head), why);
+
+    if (!e)
+        e = put(fd, t->rgb, 3 * sizeof(float) * t->width * t->height, why);
+    mem_free(t->rgb);
+    t->rgb = NULL;
+    return e;
+}
+
+static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
+{
+    const struct mesh_head head = { m->vertex_count, m->triangle_count, m->material, m->normals != NULL,
+                                    m->uvs != NULL };
+    enum err e = put(fd, &head, sizeof(head), why);
+
+    if (!e)
+        e = put(fd, m->positions, 3 * sizeof(float) * m->vertex_count, why);
+    if (!e && m->normals)
+        e = put(fd, m->normals, 3 * sizeof(float) * m->vertex_count, why);
+    if (!e && m->uvs)
+        e = put(fd, m->uvs, 2 * sizeof(float) * m->vertex_count, why);
+    if (!e)
+        e = put(fd, m->indices, 3 * sizeof(uint32_t) * m->triangle_count, why);
+    mesh_finish(m);
+    return e;
+}
+
+enum err parcel_write(int fd, struct scene *s, struct reason *why)
+{
+    const struct head head = { MAGIC,
+                               (uint32_t)s->material_count,
+                               (uint32_t)s->camera_count,
+                               (uint32_t)s->texture_count,
+                               (uint32_t)s->mesh_count,
+                               s->unmodelled };
+    enum err e = put(fd, &head, sizeof(head), why);
+
+    if (!e)
+        e = put(fd, s->materials, sizeof(*s->materials) * s->material_count, why);
+    if (!e)
+        e = put(fd, s->cameras, sizeof(*s->cameras) * s->camera_count, why);
+    for (size_t i = 0; i < s->texture_count && !e; i++)
+        e = put_texture(fd, &s->textures[i], why);
+    for (size_t i = 0; i < s->mesh_count && !e; i++)
+        e = put_mesh(fd, &s->meshes[i], why);
+    return e;
+}
+
+/* ---- Reading ---- */
+
+struct parcel {
+    int fd;
+    uint64_t at, size; /* bytes */
+    const char *name;
+    struct head head;
+    struct scene *scene;
+    struct reason *why;
+};
+
+static enum err forged(const struct parcel *p, const char *what)
+{
+    return err_say(p->why, ERR_FORMAT, "%s: the reader sent an invalid scene: %s", p->name, what);
+}
+
+/* Copies the next bytes. What has been read of a large array is given back to the system. */
+static enum err take(struct parcel *p, void *out, uint64_t size)
+{
+    uint8_t *at = out;
+    uint64_t left = size;
+
+    if (size > p->size - p->at)
+        return forged(p, "it is too short");
+    while (left > 0) {
+        const ssize_t got = pread(p->fd, at, left, (off_t)p->at);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            return err_say(p->why, ERR_IO, "%s: %s", p->name, strerror(errno));
+        if (got == 0)
+            return forged(p, "it is too short");
+        at += got;
+        left -= (uint64_t)got;
+        p->at += (uint64_t)got;
+    }
+    if (size > 1 << 20)
+        (void)fallocate(p->fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)(p->at - size), (off_t)size);
+    return ERR_OK;
+}
+
+/* An array of count * size bytes and `spare` zeroed ones behind it; owned by the caller even on error. */
+static enum err take_array(struct parcel *p, uint64_t count, size_t size, size_t spare, void **out)
+{
+    if (count > (p->size - p->at) / size)
+        return forged(p, "it is too short");
+    *out = mem_alloc_raw(count * size + spare, 1);
+    if (!*out)
+        return ERR_NOMEM;
+    memset((uint8_t *)*out + count * size, 0, spare);
+    return take(p, *out, count * size);
+}
+
+static bool is_text(const char *text, size_t size)
+{
+    return memchr(text, '\0', size) != NULL;
+}
+
+/* False for NaN, too. */
+static bool within(const float *v, size_t count, float least, float most)
+{
+    bool good = true;
+
+    for (size_t i = 0; i < count; i++)
+        good &= v[i] >= least && v[i] <= most;
+    return good;
+}
+
+static bool is_colour(struct vec3 c)
+{
+    return within((const float[]){ c.x, c.y, c.z }, 3, 0.0f, 1.0f + SLACK);
+}
+
+static enum err check_material(const struct parcel *p, const struct material *m)
+{
+    const struct vec3 sum = vec3_add(m->diffuse, m->specular);
+
+    if (!is_text(m->name, sizeof(m->name)))
+        return forged(p, "the name of a material has no end");
+    if ((uint32_t)m->kind > MATERIAL_GLASS || !is_colour(m->diffuse) || !is_colour(m->specular) ||
+        (m->kind == MATERIAL_PHONG && !is_colour(sum)) || !within(&m->exponent, 1, 0.0f, 1e6f) ||
+        !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) || !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
+        (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)))
+        return forged(p, "a material is out of range");
+    if (m->texture != MATERIAL_NO_TEXTURE && m->texture >= p->head.textures)
+        return forged(p, "a material names a texture that is not there");
+    return ERR_OK;
+}
+
+static enum err take_materials(struct parcel *p)
+{
+    struct material m;
+    enum err e = ERR_OK;
+
+    for (uint32_t i = 0; i < p->head.materials && !e; i++) {
+        e = take(p, &m, sizeof(m));
+        if (!e)
+            e = check_material(p, &m);
+        if (!e)
+            e = scene_add_material(p->scene, &m, NULL);
+    }
+    return e;
+}
+
+static enum err take_cameras(struct parcel *p)
+{
+    struct camera c;
+    enum err e = ERR_OK;
+
+    for (uint32_t i = 0; i < p->head.cameras && !e; i++) {
+        e = take(p, &c, sizeof(c));
+        if (!e && !is_text(c.name, sizeof(c.name)))
+            e = forged(p, "the name of a camera has no end");
+        if (!e)
+            e = camera_check(&c, p->name, p->why);
+        if (!e)
+            e = scene_add_camera(p->scene, &c);
+    }
+    return e;
+}
+
+static enum err take_texture(struct parcel *p)
+{
+    struct texture_head head;
+    struct texture t = { 0 };
+
+    enum err e = take(p, &head, sizeof(head));
+    if (e)
+        return e;
+    t.width = head.width;
+    t.height = head.height;
+    const uint64_t count = (uint64_t)t.width * t.height;
+    if (t.width < 1 || t.height < 1 || t.width > TEXTURE_SIDE_MAX || t.height > TEXTURE_SIDE_MAX ||
+        count > TEXTURE_TEXELS_MAX)
+        return forged(p, "the size of a texture");
+    e = take_array(p, count, 3 * sizeof(float), 0, (void **)&t.rgb);
+    if (!e && !within(t.rgb, 3 * count, 0.0f, 1.0f))
+        e = forged(p, "a texel is out of range");
+    if (!e)
+        e = scene_add_texture(p->scene, &t, NULL);
+    if (e)
+        mem_free(t.rgb);
+    return e;
+}
+
+static bool indices_are_below(const uint32_t *indices, uint64_t count, uint32_t limit)
+{
+    bool good = true;
+
+    for (uint64_t i = 0; i < count; i++)
+        good &= indices[i] < limit;
+    return good;
+}
+
+static enum err take_arrays(struct parcel *p, const struct mesh_head *head, struct mesh *m)
+{
+    enum err e = take_array(p, m->vertex_count, 3 * sizeof(float), sizeof(float), (void **)&m->positions);
+    if (!e && head->has_normals)
+        e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->normals);
+    if (!e && head->has_uvs)
+        e = take_array(p, m->vertex_count, 2 * sizeof(float), 0, (void **)&m->uvs);
+    if (!e)
+        e = take_array(p, m->triangle_count, 3 * sizeof(uint32_t), 0, (void **)&m->indices);
+    if (e)
+        return e;
+    if (!within(m->positions, 3 * (size_t)m->vertex_count, -MESH_COORDINATE_MAX, MESH_COORDINATE_MAX))
+        return forged(p, "a position is out of range");
+    if (m->normals && !within(m->normals, 3 * (size_t)m->vertex_count, -1.0f - SLACK, 1.0f + SLACK))
+        return forged(p, "a normal is out of range");
+    if (!indices_are_below(m->indices, 3 * (uint64_t)m->triangle_count, m->vertex_count))
+        return forged(p, "a triangle names a vertex that is not there");
+    return ERR_OK;
+}
+
+static enum err take_mesh(struct parcel *p)
+{
+    struct mesh_head head;
+    struct mesh m = { 0 };
+
+    enum err e = take(p, &head, sizeof(head));
+    if (e)
+        return e;
+    if (head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 || head.triangles > MESH_ELEMENTS_MAX ||
+        head.has_normals > 1 || head.has_uvs > 1)
+        return forged(p, "the size of a mesh");
+    if (head.material >= p->head.materials)
+        return forged(p, "a mesh names a material that is not there");
+    m.vertex_count = head.vertices;
+    m.triangle_count = head.triangles;
+    m.material = head.material;
+    e = take_arrays(p, &head, &m);
+    if (!e)
+        e = scene_add_mesh(p->scene, &m);
+    if (e)
+        mesh_finish(&m);
+    return e;
+}
+
+static enum err take_scene(struct parcel *p)
+{
+    enum err e = take(p, &p->head, sizeof(p->head));
+
+    if (!e && (p->head.magic != MAGIC || p->head.unmodelled >= UINT32_C(1) << FEATURE_COUNT || p->head.cameras == 0))
+        e = forged(p, "its beginning");
+    if (e)
+        return e;
+    p->scene->unmodelled = p->head.unmodelled;
+    e = take_materials(p);
+    if (!e)
+        e = take_cameras(p);
+    for (uint32_t i = 0; i < p->head.textures && !e; i++)
+        e = take_texture(p);
+    for (uint32_t i = 0; i < p->head.meshes && !e; i++)
+        e = take_mesh(p);
+    if (!e && p->at != p->size)
+        e = forged(p, "it is too long");
+    return e ? e : scene_finish(p->scene, p->name, p->why);
+}
+
+enum err parcel_read(int fd, const char *name, struct scene **out, struct reason *why)
+{
+    struct parcel p = { .fd = fd, .name = name, .why = why };
+    struct stat st;
+
+    *out = NULL;
+    if (fstat(fd, &st) != 0)
+        return err_say(why, ERR_IO, "%s: %s", name, strerror(errno));
+    p.size = (uint64_t)st.st_size;
+    p.scene = scene_create();
+    if (!p.scene)
+        return err_say(why, ERR_NOMEM, "%s: out of memory", name);
+    const enum err e = take_scene(&p);
+    if (e == ERR_NOMEM)
+        err_say(why, e, "%s: out of memory", name);
+    if (e)
+        scene_destroy(p.scene);
+    else
+        *out = p.scene;
+    return e;
+}

@@ -1,0 +1,30 @@
+/* server/reader/reader.h */
+/* Loads a scene from files through relight-reader, a confined process that can open no file itself: this one opens
+ * those that the scene may consist of (files.h) and sends them as descriptors. If a file crashes that process, hangs it
+ * or makes it ask for too much, the scene is refused with a reason. The result is not trusted either (parcel.h).
+ * Thread: any. */
+#ifndef READER_READER_H
+#define READER_READER_H
+
+#include "scene/scene.h"
+
+struct progress;
+
+/* Zero means the default. */
+struct scene_limits {
+    uint64_t memory_bytes; /* for reading, and for the scene itself; SCENE_MEMORY_DEFAULT */
+    unsigned seconds;      /* of processor time; 60. Ten times as long by the clock. */
+    const char *program;   /* default: relight-reader beside this program, or in ../lib/relightd relative to it */
+};
+
+#define SCENE_MEMORY_DEFAULT UINT64_C(4000000000)
+
+/* Reads a .json scene or a .gltf/.glb file. On ERR_OK the caller owns *out; on error *out is NULL and *why names file,
+ * place and fault. ERR_IO: a file is missing, is none, or must not be read; no relight-reader. ERR_FORMAT: malformed
+ * JSON or model, no camera, an unknown material; the process crashed. ERR_RANGE: a value, the memory or the time is
+ * outside its limits. ERR_UNSUPPORTED: an unknown file format. ERR_NOMEM: this process is out of memory. Unsupported
+ * features are named once each in a warning. limits and progress may be NULL; progress is stepped once per model. */
+MUST_CHECK enum err scene_load(const char *path, const struct scene_limits *limits, struct scene **out,
+                               struct progress *progress, struct reason *why);
+
+#endif

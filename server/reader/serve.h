@@ -1,0 +1,14 @@
+/* server/reader/serve.h */
+/* The main function of relight-reader: confines the process, reads one scene, hands it over and ends. Thread: main. */
+#ifndef READER_SERVE_H
+#define READER_SERVE_H
+
+#include "reader/host.h"
+#include "scene/scene.h"
+
+/* argv: bytes of memory, seconds of processor time, the scene file. `import`: import_scene, or what a test puts in its
+ * place. Returns the exit code. */
+int reader_serve(int argc, char **argv,
+                 enum err (*import)(const char *path, const struct host *host, struct scene **out, struct reason *why));
+
+#endif

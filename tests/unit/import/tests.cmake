@@ -1,0 +1,2 @@
+unit_test(import test_json)
+unit_test(import test_gltf PkgConfig::TURBOJPEG)

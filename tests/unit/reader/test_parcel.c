@@ -1,0 +1,254 @@
+/* A scene as flat arrays in a file: what was written is read again, and forged sizes, indices and values are refused.
+ */
+#define _GNU_SOURCE /* memfd_create */
+#include "scene/files.h"
+
+#include "base/rng.h"
+#include "reader/parcel.h"
+
+#include <sys/mman.h>
+
+enum { MATERIALS = 2, CORNERS = 4, TRIANGLES = 2 };
+
+/* Where things are in the file. */
+enum {
+    HEAD = 0,
+    MATERIAL = HEAD + 24,
+    CAMERA = MATERIAL + MATERIALS * (int)sizeof(struct material),
+    TEXTURE = CAMERA + (int)sizeof(struct camera),
+    MESH = TEXTURE + 8 + 2 * 2 * 3 * 4,
+    POSITIONS = MESH + 20,
+    NORMALS = POSITIONS + CORNERS * 12,
+    UVS = NORMALS + CORNERS * 12,
+    INDICES = UVS + CORNERS * 8,
+    END = INDICES + TRIANGLES * 12,
+};
+
+static float *floats(size_t count, float first, float step)
+{
+    float *v = mem_alloc(count + 1, sizeof(*v));
+
+    assert_non_null(v);
+    for (size_t i = 0; i < count; i++)
+        v[i] = first + step * (float)i;
+    return v;
+}
+
+static struct scene *make(void)
+{
+    struct scene *s = scene_create();
+    const struct material ground = { .name = "ground", .kind = MATERIAL_GGX, .diffuse = { 0.1f, 0.2f, 0.3f } };
+    const struct material pane = {
+        .name = "pane", .kind = MATERIAL_GLASS, .ior = 1.5f, .texture = MATERIAL_NO_TEXTURE
+    };
+    const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
+    const struct texture t = { 2, 2, floats(12, 0.0f, 0.05f) };
+    struct mesh m = { .vertex_count = CORNERS, .triangle_count = TRIANGLES, .material = 1 };
+    static const uint32_t order[6] = { 0, 1, 2, 0, 2, 3 };
+
+    assert_non_null(s);
+    m.positions = floats(3 * CORNERS, -1.0f, 0.7f);
+    m.normals = floats(3 * CORNERS, -0.5f, 0.05f);
+    m.uvs = floats(2 * CORNERS, -3.0f, 11.0f);
+    m.indices = mem_alloc(6, sizeof(uint32_t));
+    assert_non_null(m.indices);
+    memcpy(m.indices, order, sizeof(order));
+    assert_int_equal(scene_add_material(s, &ground, NULL), ERR_OK);
+    assert_int_equal(scene_add_material(s, &pane, NULL), ERR_OK);
+    assert_int_equal(scene_add_camera(s, &c), ERR_OK);
+    assert_int_equal(scene_add_texture(s, &t, NULL), ERR_OK);
+    assert_int_equal(scene_add_mesh(s, &m), ERR_OK);
+    s->unmodelled = 1u << FEATURE_ALPHA;
+    return s;
+}
+
+/* A file with this scene; the caller closes it. */
+static int write_it(void)
+{
+    struct reason why = { "" };
+    struct scene *s = make();
+    const int fd = memfd_create("parcel", 0);
+
+    assert_true(fd >= 0);
+    if (parcel_write(fd, s, &why))
+        fail_msg("%s", why.text);
+    scene_destroy(s);
+    assert_int_equal(lseek(fd, 0, SEEK_END), END);
+    return fd;
+}
+
+static void what_was_written_is_read(void **state)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL, *same = make();
+    const int fd = write_it();
+
+    (void)state;
+    if (parcel_read(fd, "a.glb", &s, &why))
+        fail_msg("%s", why.text);
+    assert_int_equal(s->material_count, 2);
+    assert_memory_equal(s->materials, same->materials, 2 * sizeof(*s->materials));
+    assert_memory_equal(s->cameras, same->cameras, sizeof(*s->cameras));
+    assert_memory_equal(s->textures[0].rgb, same->textures[0].rgb, 48);
+    assert_memory_equal(s->meshes[0].positions, same->meshes[0].positions, 12 * CORNERS);
+    assert_memory_equal(s->meshes[0].normals, same->meshes[0].normals, 12 * CORNERS);
+    assert_memory_equal(s->meshes[0].uvs, same->meshes[0].uvs, 8 * CORNERS);
+    assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
+    assert_int_equal(s->meshes[0].material, 1);
+    assert_int_equal(s->unmodelled, 1u << FEATURE_ALPHA);
+    assert_int_equal(s->triangle_count, TRIANGLES);
+    scene_destroy(same);
+    scene_destroy(s);
+    close(fd);
+}
+
+static void a_file_cut_at_any_byte_is_refused(void **state)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL;
+    const int fd = write_it();
+
+    (void)state;
+    for (int size = END - 1; size >= 0; size--) {
+        assert_int_equal(ftruncate(fd, size), 0);
+        assert_int_equal(parcel_read(fd, "a.glb", &s, &why), ERR_FORMAT);
+        assert_null(s);
+        assert_non_null(strstr(why.text, "a.glb: the reader sent an invalid scene"));
+    }
+    assert_int_equal(ftruncate(fd, END + 1), 0); /* with a tail */
+    close(fd);
+    const int longer = write_it();
+    assert_int_equal(ftruncate(longer, END + 1), 0);
+    assert_int_equal(parcel_read(longer, "a.glb", &s, &why), ERR_FORMAT);
+    close(longer);
+}
+
+/* Puts `size` bytes at a place and expects a refusal with these words. */
+static void forge(long at, const void *bytes, size_t size, const char *because)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL;
+    const int fd = write_it();
+
+    assert_int_equal(pwrite(fd, bytes, size, at), size);
+    const enum err e = parcel_read(fd, "a.glb", &s, &why);
+    if ((e != ERR_FORMAT && e != ERR_RANGE) || s || !strstr(why.text, because))
+        fail_msg("byte %ld: not '%s' but %d: %s", at, because, e, why.text);
+    close(fd);
+}
+
+static void forge_u32(long at, uint32_t value, const char *because)
+{
+    forge(at, &value, sizeof(value), because);
+}
+
+static void forge_float(long at, float value, const char *because)
+{
+    forge(at, &value, sizeof(value), because);
+}
+
+static void forged_sizes_are_refused(void **state)
+{
+    static const uint32_t counts[] = { 3, 0x10000, 0x7fffffff, 0xffffffff };
+
+    (void)state;
+    forge_u32(HEAD, 1, "its beginning");
+    for (size_t k = 0; k < sizeof(counts) / sizeof(counts[0]); k++) {
+        for (long at = HEAD + 4; at < HEAD + 20; at += 4)
+            forge_u32(at, counts[k], "");
+        forge_u32(TEXTURE, counts[k], "");
+        forge_u32(TEXTURE + 4, counts[k], "");
+        forge_u32(MESH, counts[k] + 2, "");
+        forge_u32(MESH + 4, counts[k], "");
+    }
+    forge_u32(HEAD + 8, 0, "its beginning"); /* no camera */
+    forge_u32(HEAD + 20, 1u << FEATURE_COUNT, "its beginning");
+    forge_u32(TEXTURE, 0, "the size of a texture");
+    forge_u32(TEXTURE, 16385, "the size of a texture");
+    forge_u32(MESH, UINT32_MAX / 3 + 1, "the size of a mesh");
+    forge_u32(MESH, UINT32_MAX / 3, "too short"); /* not out of memory: nothing is allocated for it */
+    forge_u32(MESH + 4, 0, "the size of a mesh");
+    forge_u32(MESH + 12, 2, "the size of a mesh");
+    forge_u32(MESH + 16, 0xffffffff, "the size of a mesh");
+}
+
+static void forged_indices_are_refused(void **state)
+{
+    (void)state;
+    forge_u32(MESH + 8, MATERIALS, "a material that is not there");
+    forge_u32(MESH + 8, 0xffffffff, "a material that is not there");
+    for (long at = INDICES; at < END; at += 4) {
+        forge_u32(at, CORNERS, "a vertex that is not there");
+        forge_u32(at, 0xffffffff, "a vertex that is not there");
+    }
+    forge_u32(MATERIAL + (long)offsetof(struct material, texture), 1, "a texture that is not there");
+    forge_u32(MATERIAL + (long)offsetof(struct material, kind), MATERIAL_GLASS + 1, "a material is out of range");
+    forge_u32(MATERIAL + (long)offsetof(struct material, kind), 0xffffffff, "a material is out of range");
+}
+
+static void forged_values_are_refused(void **state)
+{
+    const float wrong[] = { NAN, INFINITY, -INFINITY, 1e30f, -1e30f };
+    char name[sizeof(((struct camera *)0)->name)];
+
+    (void)state;
+    memset(name, 'x', sizeof(name));
+    forge(MATERIAL, name, sizeof(name), "the name of a material has no end");
+    forge(CAMERA, name, sizeof(name), "the name of a camera has no end");
+    for (size_t k = 0; k < sizeof(wrong) / sizeof(wrong[0]); k++) {
+        forge_float(MATERIAL + (long)offsetof(struct material, diffuse), wrong[k], "a material is out of range");
+        forge_float(MATERIAL + (long)offsetof(struct material, specular), wrong[k], "a material is out of range");
+        forge_float(MATERIAL + (long)offsetof(struct material, roughness), wrong[k], "a material is out of range");
+        forge_float(MATERIAL + (long)offsetof(struct material, metallic), wrong[k], "a material is out of range");
+        forge_float(MATERIAL + (long)offsetof(struct material, exponent), wrong[k], "a material is out of range");
+        forge_float(MATERIAL + (long)(sizeof(struct material) + offsetof(struct material, ior)), wrong[k],
+                    "a material is out of range");
+        forge_float(CAMERA + (long)offsetof(struct camera, fov_y), wrong[k], "a.glb: ");
+        forge_float(TEXTURE + 8 + 44, wrong[k], "a texel is out of range");
+        forge_float(POSITIONS + 44, wrong[k], "a position is out of range");
+        forge_float(NORMALS + 4, wrong[k], "a normal is out of range");
+    }
+    forge_float(CAMERA + (long)offsetof(struct camera, position), NAN, "a.glb: ");
+    forge_float(TEXTURE + 8, -0.5f, "a texel is out of range");
+}
+
+/* Whatever bytes are changed, a scene that is taken has its indices within its arrays. */
+static void random_bytes_never_get_through_unchecked(void **state)
+{
+    uint8_t whole[END];
+    struct scene *s = NULL;
+    const int fd = write_it();
+
+    (void)state;
+    assert_int_equal(pread(fd, whole, END, 0), END);
+    for (uint64_t k = 0; k < 20000; k++) {
+        uint8_t bytes[END];
+        struct reason why = { "" };
+        memcpy(bytes, whole, END);
+        for (uint64_t n = 0; n < 1 + k % 4; n++) {
+            const uint64_t draw = rng_mix(k, n);
+            bytes[draw % END] = (uint8_t)(draw >> 32);
+        }
+        assert_int_equal(pwrite(fd, bytes, END, 0), END);
+        if (parcel_read(fd, "a.glb", &s, &why)) {
+            assert_null(s);
+            assert_true(why.text[0] != '\0');
+            continue;
+        }
+        for (size_t m = 0; m < s->mesh_count; m++) {
+            assert_true(s->meshes[m].material < s->material_count);
+            for (size_t i = 0; i < 3 * (size_t)s->meshes[m].triangle_count; i++)
+                assert_true(s->meshes[m].indices[i] < s->meshes[m].vertex_count);
+        }
+        scene_destroy(s);
+    }
+    close(fd);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(what_was_written_is_read),  cmocka_unit_test(a_file_cut_at_any_byte_is_refused),
+    cmocka_unit_test(forged_sizes_are_refused),  cmocka_unit_test(forged_indices_are_refused),
+    cmocka_unit_test(forged_values_are_refused), cmocka_unit_test(random_bytes_never_get_through_unchecked),
+};
+
+UNIT_MAIN(tests)

@@ -1,0 +1,241 @@
+/* Scenes read in the confined process: the same to the bit, and whatever a file does to that process, it costs a
+ * message. MISBEHAVE is the process with faults on demand (misbehave.c), EXAMPLES a folder of scenes. */
+#include "scene/files.h"
+#include "scene/load.h"
+
+#include "base/digest.h"
+#include "base/progress.h"
+#include "reader/reader.h"
+#include "scene/scene_digest.h"
+
+#define SQUARE "v 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl grey\nf 1 2 3\n"
+#define SCENE                                                                                                          \
+    "{\"camera\":{\"position\":[0,1,5],\"look_at\":[0,0,0],\"fov_y_degrees\":40},\"models\":[{\"file\":\"a.obj\"},"    \
+    "{\"file\":\"a.obj\",\"material\":\"mirror\"}],\"odd\":1,\"materials\":{"                                          \
+    "\"grey\":{\"type\":\"lambert\",\"albedo\":[0.5,0.4,0.3]},\"mirror\":{\"type\":\"mirror\"}}}"
+
+static struct digest sum_of(const struct scene *s)
+{
+    struct digest sum = { { 0 } }, *d = &sum;
+
+    digest_scene(d, s);
+    for (size_t i = 0; i < s->camera_count; i++) {
+        const struct camera *c = &s->cameras[i];
+        digest_bytes(d, c->name, strlen(c->name));
+        digest_bytes(d, &c->position, sizeof(c->position));
+        digest_bytes(d, &c->look_at, sizeof(c->look_at));
+        digest_bytes(d, &c->up, sizeof(c->up));
+        digest_bytes(d, &c->fov_y, sizeof(c->fov_y));
+    }
+    for (size_t i = 0; i < s->material_count; i++)
+        digest_bytes(d, s->materials[i].name, strlen(s->materials[i].name));
+    digest_bytes(d, &s->low, sizeof(s->low));
+    digest_bytes(d, &s->high, sizeof(s->high));
+    digest_u64(d, s->triangle_count);
+    digest_u64(d, s->unmodelled);
+    return sum;
+}
+
+static void compare(const char *path)
+{
+    struct reason why = { "" };
+    struct scene *far = NULL, *near = load_or_fail(path);
+
+    if (scene_load(path, NULL, &far, NULL, &why))
+        fail_msg("%s", why.text);
+    const struct digest a = sum_of(near), b = sum_of(far);
+    assert_memory_equal(&a, &b, sizeof(a));
+    scene_destroy(near);
+    scene_destroy(far);
+}
+
+static void scenes_are_the_same_to_the_bit(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    compare(EXAMPLES "/ring.json");
+    compare(EXAMPLES "/steps.json");
+    folder_make(&f);
+    folder_text(&f, "a.obj", SQUARE);
+    compare(folder_text(&f, "scene.json", SCENE));
+    folder_remove(&f);
+}
+
+static void shared_scenes_are_the_same_to_the_bit(void **state)
+{
+    static const char *const paths[] = { "../scenes/dragon.json", "../scenes/plaza.json",
+                                         "models/house.glb",      "models/low-poly-tree.glb",
+                                         "models/gltf/Mixer.glb", "models/gltf/FlightHelmet/FlightHelmet.gltf",
+                                         "models/glass-table.glb" };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(paths) / sizeof(paths[0]); i++)
+        compare(unit_data(paths[i]));
+}
+
+static void warnings_and_progress_come_through(void **state)
+{
+    struct reason why = { "" };
+    struct progress line;
+    struct scene *s = NULL;
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "a.obj", SQUARE "f 1 1 1\n");
+    const char *path = folder_text(&f, "scene.json", SCENE);
+    progress_begin(&line, "loading", 0, NULL);
+    log_begin();
+    const enum err e = scene_load(path, NULL, &s, &line, &why);
+    const char *said = log_end();
+    if (e)
+        fail_msg("%s", why.text);
+    assert_int_equal(count_of(said, "unknown key 'odd'"), 1);
+    assert_int_equal(count_of(said, "dropped 1 degenerate"), 2);
+    assert_int_equal(line.done, 2);
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+static void a_bad_file_has_the_reason_of_its_reader(void **state)
+{
+    struct reason far = { "" }, near = { "" };
+    struct scene *s = NULL;
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    const char *path = folder_text(&f, "scene.json", SCENE); /* without its model */
+    assert_int_equal(load_here(path, &s, &near), ERR_IO);
+    assert_int_equal(scene_load(path, NULL, &s, NULL, &far), ERR_IO);
+    assert_string_equal(near.text, far.text);
+    assert_non_null(strstr(far.text, "a.obj: No such file"));
+    assert_null(s);
+    folder_remove(&f);
+}
+
+/* ---- The process with faults on demand ---- */
+
+static const struct scene_limits bad = { .memory_bytes = UINT64_C(64000000), .seconds = 1, .program = MISBEHAVE };
+
+static void need_confinement(void)
+{
+#ifdef __SANITIZE_ADDRESS__
+    skip(); /* memory has no limit, and faults are reported instead of died of */
+#endif
+}
+
+/* The file NAME.json does that deed; the next file is read. */
+static void deed(const char *name, enum err expected, const char *because)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL;
+    struct folder f;
+    char file[64];
+
+    folder_make(&f);
+    folder_text(&f, "a.obj", SQUARE);
+    snprintf(file, sizeof(file), "%s.json", name);
+    const char *path = folder_text(&f, file, SCENE);
+    const enum err e = scene_load(path, &bad, &s, NULL, &why);
+    if (e != expected || s || !strstr(why.text, because) || !strstr(why.text, path))
+        fail_msg("%s: not %d, '%s' but %d: %s", name, expected, because, e, why.text);
+    for (const char *c = why.text; *c; c++)
+        assert_true(*c >= ' ' || strcmp(name, "talk-escape") == 0);
+    path = folder_text(&f, "good.json", SCENE);
+    if (scene_load(path, &bad, &s, NULL, &why))
+        fail_msg("after %s: %s", name, why.text);
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+static void a_crash_costs_a_message(void **state)
+{
+    (void)state;
+    need_confinement();
+    deed("crash", ERR_FORMAT, "relight-reader crashed (signal 11)");
+    deed("abort", ERR_FORMAT, "relight-reader crashed (signal 6)");
+    deed("exit", ERR_FORMAT, "relight-reader crashed (exit code 3)");
+}
+
+static void endless_work_costs_a_message(void **state)
+{
+    (void)state;
+    deed("hang", ERR_RANGE, "took longer than 1 s");
+}
+
+static void too_much_memory_costs_a_message(void **state)
+{
+    (void)state;
+    need_confinement();
+    deed("eat", ERR_RANGE, "needs more than 0.064 GB");
+    deed("fill", ERR_RANGE, "needs more than 0.064 GB");
+}
+
+static void a_reader_that_asks_for_more_than_its_due_dies_of_it(void **state)
+{
+    static const char *const deeds[] = { "ask-open", "ask-socket", "ask-fork",  "ask-exec",
+                                         "ask-kill", "ask-code",   "ask-limits" };
+
+    (void)state;
+    need_confinement();
+    for (size_t i = 0; i < sizeof(deeds) / sizeof(deeds[0]); i++)
+        deed(deeds[i], ERR_FORMAT, "made a forbidden system call");
+}
+
+static void what_a_reader_says_is_not_believed(void **state)
+{
+    (void)state;
+    deed("talk-magic", ERR_FORMAT, "sent an invalid answer");
+    deed("talk-kind", ERR_FORMAT, "sent an invalid answer");
+    deed("talk-hello", ERR_FORMAT, "sent an invalid answer");
+    deed("talk-result", ERR_FORMAT, "sent an invalid answer");
+    deed("talk-empty", ERR_FORMAT, "sent an invalid scene");
+}
+
+static void a_reader_sees_no_other_files(void **state)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL;
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "a.obj", SQUARE);
+    assert_int_equal(scene_load(folder_text(&f, "outside.json", SCENE), &bad, &s, NULL, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "/etc/passwd: is outside of the folders"));
+    assert_int_equal(scene_load(folder_text(&f, "late.json", SCENE), &bad, &s, NULL, &why), ERR_FORMAT);
+    assert_null(s);
+    folder_remove(&f);
+}
+
+static void a_reader_that_is_missing_is_said(void **state)
+{
+    const struct scene_limits none = { .program = "/nowhere/relight-reader" };
+    const struct scene_limits other = { .program = "/bin/true" };
+    struct reason why = { "" };
+    struct scene *s = NULL;
+
+    (void)state;
+    assert_int_equal(scene_load(EXAMPLES "/ring.json", &none, &s, NULL, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "/nowhere/relight-reader: cannot execute"));
+    assert_int_equal(scene_load(EXAMPLES "/ring.json", &other, &s, NULL, &why), ERR_FORMAT);
+    assert_null(s);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(scenes_are_the_same_to_the_bit),
+    cmocka_unit_test(shared_scenes_are_the_same_to_the_bit),
+    cmocka_unit_test(warnings_and_progress_come_through),
+    cmocka_unit_test(a_bad_file_has_the_reason_of_its_reader),
+    cmocka_unit_test(a_crash_costs_a_message),
+    cmocka_unit_test(endless_work_costs_a_message),
+    cmocka_unit_test(too_much_memory_costs_a_message),
+    cmocka_unit_test(a_reader_that_asks_for_more_than_its_due_dies_of_it),
+    cmocka_unit_test(what_a_reader_says_is_not_believed),
+    cmocka_unit_test(a_reader_sees_no_other_files),
+    cmocka_unit_test(a_reader_that_is_missing_is_said),
+};
+
+UNIT_MAIN(tests)
