@@ -34,9 +34,9 @@ int confine_limits(const struct confine_limits *l)
 #endif
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0)
         return errno;
-    if (!limit(RLIMIT_AS, address_bytes) || !limit_time(l->seconds) || !limit(RLIMIT_NOFILE, l->descriptors + l->received) ||
-        !limit(RLIMIT_FSIZE, l->file_bytes) || !limit(RLIMIT_CORE, 0) || !limit(RLIMIT_NPROC, 0) ||
-        !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
+    if (!limit(RLIMIT_AS, address_bytes) || !limit_time(l->seconds) ||
+        !limit(RLIMIT_NOFILE, l->descriptors + l->received) || !limit(RLIMIT_FSIZE, l->file_bytes) ||
+        !limit(RLIMIT_CORE, 0) || !limit(RLIMIT_NPROC, 0) || !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
         return errno;
     return 0;
 }
@@ -74,7 +74,7 @@ static int add_rules(scmp_filter_ctx filter, bool receives)
         SCMP_SYS(getpid),  SCMP_SYS(gettid), SCMP_SYS(rt_sigprocmask), /* abort */
 #endif
     };
-    const struct scmp_arg_cmp itself = SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)getpid());
+    const struct scmp_arg_cmp itself = SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)getpid(), 0);
     const struct scmp_arg_cmp not_executed = SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0),
                               not_a_file = SCMP_A3(SCMP_CMP_MASKED_EQ, MAP_ANONYMOUS, MAP_ANONYMOUS);
     int fault = 0;

@@ -92,5 +92,13 @@ async def what_the_decoder_does_is_allowed_as_well(folder):
     check(any("SECCOMP" in line for line in lines), "it is not confined")
 
 
+async def what_the_reader_does_is_allowed_as_well(folder):
+    scene = Path(__file__).parent.parent.parent / "docs" / "examples" / "ring.json"
+    lines = await trace(folder, "listening on ", "--scene", str(scene))
+    hold(lines)
+    check(any("execve(" in line and "relight-reader" in line for line in lines), "no reader was started")
+    check(any("SECCOMP" in line for line in lines), "it is not confined")
+
+
 if __name__ == "__main__":
     main({name: f for name, f in globals().items() if asyncio.iscoroutinefunction(f) and name != "trace"})
