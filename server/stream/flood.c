@@ -11,7 +11,7 @@
 #define FLOOD_BURST (256 << 10) /* bytes at once: a token bucket, */
 #define FLOOD_RATE (64 << 10)   /* refilled at this rate per second */
 
-/* Bytes that were received and read. Negative: this kernel does not say. */
+/* Bytes that were received and read; fewer if some arrive between the two calls. Negative: this kernel does not say. */
 static int64_t bytes_read(struct lws *wsi)
 {
     struct tcp_info info;
@@ -46,15 +46,16 @@ void flood_check(struct viewer *v)
 
     if (read < 0 || f->read < 0 || v->close_code)
         return;
+    /* Compare totals: what was taken for something else may turn out to be a message of which a piece is still to come,
+     * and is then not counted again. */
     const int64_t beside = read - f->read - f->messages;
     f->left += (double)(now - f->refilled_us) * 1e-6 * FLOOD_RATE;
     f->left = f->left < FLOOD_BURST ? f->left : FLOOD_BURST;
-    f->left -= beside > 0 ? (double)beside : 0.0;
     f->refilled_us = now;
-    f->read = read;
-    f->messages = 0;
-    if (beside < 0) /* messages may be counted after the bytes that were read with them */
-        f->messages = -beside < FLOOD_BURST / 2 ? -beside : FLOOD_BURST / 2;
+    if (beside > f->beside) {
+        f->left -= (double)(beside - f->beside);
+        f->beside = beside;
+    }
     if (f->left >= 0.0)
         return;
     atomic_fetch_add(&v->server->counts.too_fast, 1);

@@ -52,7 +52,8 @@ enum {
 
 /* Rate limit of bytes beside messages (flood.c). */
 struct flood {
-    int64_t read, messages; /* bytes read at the last check, and of messages since */
+    int64_t read, messages; /* bytes read when it began, and of messages since */
+    int64_t beside;         /* the most that other bytes have been */
     double left;            /* in the bucket */
     int64_t refilled_us;
 };
