@@ -9,8 +9,8 @@
 #include <stdio.h>
 #include <time.h>
 
-#define PERIOD_MS 25       /* between two looks at the picture that is being made, */
-#define ALL_EVERY 10       /* of which every so many is one at all else */
+#define PERIOD_MS 50       /* between two looks at the picture that is being made, */
+#define ALL_EVERY 5        /* of which every so many is one at all else */
 #define CANCEL_LEAST_MS 50 /* a new setting cancels no picture that is made within this time */
 
 /* Cancels the picture if a new setting waits for its end, and reports one that exceeds the limit. */
