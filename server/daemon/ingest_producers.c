@@ -18,6 +18,23 @@ static enum server_source report_idle(struct ingest_thread *t, enum server_sourc
     return demand.ended ? SERVER_ENDED : SERVER_WAITING;
 }
 
+/* A paused source takes no frames, which producers and viewers are told. any: a frame was taken before. Returns the
+ * state now reported. */
+static enum server_source report_pause(struct ingest_thread *t, bool paused, bool any, enum server_source reported)
+{
+    struct status_board *status = &t->shared->status;
+
+    if (paused == (reported == SERVER_PAUSED))
+        return reported;
+    if (paused)
+        status_set_source(status, SERVER_PAUSED, "");
+    else if (any)
+        status_set_source(status, SERVER_LIVE, ""); /* and report_idle looks again whether it has ended */
+    else
+        status_set_source(status, SERVER_WAITING, "no producer has sent a frame yet");
+    return paused ? SERVER_PAUSED : any ? SERVER_LIVE : SERVER_WAITING;
+}
+
 /* Each frame's producer is sent its fate. Returns the source's state after it. */
 static enum server_source take(struct ingest_thread *t, const struct frame *f, const struct server_ticket *ticket,
                                enum server_source reported, struct reason *why)
@@ -41,11 +58,13 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
     struct server_ticket ticket = { 0 };
     enum server_source reported = SERVER_WAITING;
     uint64_t version = 0;
+    bool any = false;
 
     while (!shared_is_stopping(shared)) {
         const struct settings now = settings_now(&shared->settings);
         if (!ticket.lockstep)
             ingest_relight(t, &f, now.light_version, &version, why);
+        reported = report_pause(t, now.paused, any, reported);
         if (now.paused) {
             ingest_sleep_ms(PAUSE_MS);
             continue;
@@ -54,6 +73,7 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
             reported = report_idle(t, reported);
             continue;
         }
+        any = true;
         version = now.light_version;
         reported = take(t, &f, &ticket, reported, why);
     }

@@ -14,19 +14,21 @@ static void join(const struct setting *controls, struct server_control *to, cons
 
 /* Words of one controller in a row are one change; between two controllers the order is kept, so that the last word
  * wins and each gets his answer. */
-void control_ask(struct server *s, const struct server_control *c)
+bool control_ask(struct server *s, const struct server_control *c)
 {
     struct control *k = &s->control;
 
     pthread_mutex_lock(&s->lock);
     struct server_control *last = k->waiting_count ? &k->waiting[k->waiting_count - 1] : NULL;
-    if (last && (last->by == c->by || k->waiting_count == CONTROL_WAITING))
+    const bool same = last && last->by == c->by, room = k->waiting_count < CONTROL_WAITING;
+    if (same)
         join(s->controls, last, c);
-    else
+    else if (room)
         k->waiting[k->waiting_count++] = *c;
     pthread_mutex_unlock(&s->lock);
     if (s->new_work)
         atomic_store(s->new_work, true);
+    return same || room;
 }
 
 bool server_take_control(struct server *s, struct server_control *out)

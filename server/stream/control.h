@@ -5,7 +5,7 @@
 #include "base/err.h"
 #include "stream/server.h"
 
-#define CONTROL_WAITING 16 /* requests not taken yet; further ones are merged into the last */
+#define CONTROL_WAITING 16 /* requests not taken yet */
 #define CONTROL_ANSWERS 32
 
 struct control_answer {
@@ -24,7 +24,8 @@ struct control {
     uint64_t by, request; /* of the last change */
 };
 
-/* Queues a request. Takes the lock itself. Any thread. */
-void control_ask(struct server *s, const struct server_control *c);
+/* Queues a request, or merges it into the last one of the same controller. False: too many wait. Takes the lock itself.
+ * Any thread. */
+MUST_CHECK bool control_ask(struct server *s, const struct server_control *c);
 
 #endif

@@ -106,7 +106,7 @@ struct viewer {
     bool answer_due;       /* its control message `answer` waits for a reply */
     uint64_t answer;
 
-    char *outbox[STREAM_OUTBOX];
+    char *outbox[STREAM_OUTBOX + 1]; /* the last place is for the error that ends the connection */
     unsigned outbox_count;
     bool status_due;
     int64_t moved_us; /* when the kernel last took bytes, or when the first began to wait */

@@ -53,9 +53,7 @@ static void take_hello(struct viewer *v, const struct message *m, struct fault *
 {
     const struct server *s = v->server;
 
-    if (v->greeted)
-        fault_say(fault, FAULT_BAD_ORDER, "4.1", "hello was already sent");
-    else if (m->hello.major != PROTOCOL_MAJOR)
+    if (m->hello.major != PROTOCOL_MAJOR)
         fault_say(fault, FAULT_BAD_VERSION, "4.1.2", "this server speaks version %u, not %u", PROTOCOL_MAJOR,
                   m->hello.major);
     else if (!role_offered(s, m->hello.role))
@@ -149,20 +147,16 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
 
 static void take_control(struct viewer *v, struct message *m, struct fault *fault)
 {
-    if (v->role != SERVER_CONTROLLER) {
-        fault_say(fault, FAULT_WRONG_ROLE, "4.13", "only a controller may change settings");
-        return;
-    }
     m->control.by = v->id;
-    control_ask(v->server, &m->control);
+    if (control_ask(v->server, &m->control))
+        return;
+    fault_say(fault, FAULT_BUSY, "4.13.8", "too many requests of controllers wait");
+    fault->stays = fault->has_request = true;
+    fault->request = m->control.request;
 }
 
-static void take_end(struct viewer *v, struct fault *fault)
+static void take_end(struct viewer *v)
 {
-    if (v->role != SERVER_PRODUCER) {
-        fault_say(fault, FAULT_WRONG_ROLE, "4.12", "only a producer may send end");
-        return;
-    }
     ingest_end(v->server, v->sequence);
     if (v->sequence && v->sequence->recorder)
         recorder_send_end(v->sequence->recorder);
@@ -183,17 +177,31 @@ static bool too_fast(struct viewer *v)
     return false;
 }
 
-/* A well-formed message after hello, or hello. */
+/* Whether the client may send this op now, whatever its fields: the table of section 4. */
+static enum fault_code check_turn(const struct viewer *v, enum message_op op, struct fault *fault)
+{
+    if (!v->greeted && op != MESSAGE_HELLO)
+        return fault_say(fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
+    if (v->greeted && op == MESSAGE_HELLO)
+        return fault_say(fault, FAULT_BAD_ORDER, "4.1", "hello was already sent");
+    if (op == MESSAGE_END && v->role != SERVER_PRODUCER)
+        return fault_say(fault, FAULT_WRONG_ROLE, "4.12", "only a producer may send end");
+    if (op == MESSAGE_CONTROL && v->role != SERVER_CONTROLLER)
+        return fault_say(fault, FAULT_WRONG_ROLE, "4.13", "only a controller may change settings");
+    if (v->role == SERVER_PRODUCER && (op == MESSAGE_SUBSCRIBE || op == MESSAGE_ACK || op == MESSAGE_PROBE))
+        return fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no pictures");
+    return FAULT_NONE;
+}
+
+/* A well-formed message from a client that may send it. */
 static void take_message(struct viewer *v, struct message *m, struct fault *fault)
 {
     if (m->op == MESSAGE_HELLO)
         take_hello(v, m, fault);
     else if (m->op == MESSAGE_END)
-        take_end(v, fault);
+        take_end(v);
     else if (m->op == MESSAGE_CONTROL)
         take_control(v, m, fault);
-    else if (m->op != MESSAGE_PING && v->role == SERVER_PRODUCER)
-        fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no pictures");
     else if (m->op == MESSAGE_SUBSCRIBE)
         take_subscribe(v, m, fault);
     else if (m->op == MESSAGE_ACK)
@@ -214,10 +222,9 @@ static void take_text(struct viewer *v)
         fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %g messages a second", STREAM_RATE);
     } else {
         message_parse(v->text, v->text_size, v->server->controls, &m, &fault);
-        /* Before hello the fields of other messages do not matter, nor whether their op is known. */
-        if (!v->greeted && m.op != MESSAGE_HELLO && (m.op != MESSAGE_UNKNOWN || fault.code == FAULT_UNKNOWN_OP))
-            fault_say(&fault, FAULT_BAD_ORDER, "4.1", "hello comes first");
-        else if (!fault.code)
+        /* A message at the wrong time or from the wrong role is one whatever its fields. */
+        const bool has_op = m.op != MESSAGE_UNKNOWN || fault.code == FAULT_UNKNOWN_OP;
+        if (!(has_op && check_turn(v, m.op, &fault)) && !fault.code)
             take_message(v, &m, &fault);
     }
     if (fault.code)

@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -24,17 +25,25 @@ void viewer_close(struct viewer *v, uint16_t code, const char *text)
     viewer_request_write(v);
 }
 
+static void queue(struct viewer *v, char *text)
+{
+    assert(v->outbox_count <= STREAM_OUTBOX);
+    if (text)
+        v->outbox[v->outbox_count++] = text;
+    viewer_request_write(v);
+}
+
 void viewer_send_error(struct viewer *v, const struct fault *fault)
 {
     atomic_fetch_add(&v->server->counts.errors, 1);
     atomic_fetch_add(&v->server->metrics.faults[fault->code], 1);
     log_debug("%s: %s (clause %s): %s", v->peer, fault_name(fault->code), fault->clause, fault->text);
-    if (v->outbox_count < STREAM_OUTBOX)
+    if (!fault_close_code(fault)) {
         viewer_queue(v, message_error(fault));
-    else if (!fault_close_code(fault)) /* no room to say more than the close frame does */
-        viewer_close(v, 4010, "clause 2.5: too many answers wait unread");
-    if (fault_close_code(fault)) {
+    } else {
         char text[FAULT_REASON];
+        if (!v->close_code) /* in the place kept for it */
+            queue(v, message_error(fault));
         viewer_close(v, fault_close_code(fault), fault_reason(fault, text));
     }
 }
@@ -43,13 +52,14 @@ void viewer_queue(struct viewer *v, char *text)
 {
     struct fault fault;
 
-    if (text && v->outbox_count == STREAM_OUTBOX) {
+    if (v->close_code) { /* nothing follows a fatal error */
+        message_free(text);
+    } else if (text && v->outbox_count >= STREAM_OUTBOX) {
         message_free(text);
         fault_say(&fault, FAULT_TOO_FAST, "2.5", "too many answers wait unread");
         viewer_send_error(v, &fault);
     } else if (text) {
-        v->outbox[v->outbox_count++] = text;
-        viewer_request_write(v);
+        queue(v, text);
     }
 }
 

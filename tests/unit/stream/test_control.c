@@ -2,6 +2,7 @@
 #include "stream/producing.h"
 
 #include "settings/settings.h"
+#include "stream/control.h"
 
 #include <math.h>
 
@@ -296,6 +297,44 @@ static void an_answer_does_not_hide_what_another_has_said_since(void **state)
     server_destroy(s);
 }
 
+static void each_of_many_requests_is_answered(void **state)
+{
+    (void)state;
+    struct server *s = control_server();
+    struct asked a;
+    struct client c[2];
+    char text[80];
+
+    control_in(&c[0], s);
+    control_in(&c[1], s);
+    for (int i = 1; i <= CONTROL_WAITING + 1; i++) {
+        snprintf(text, sizeof(text), "{\"op\":\"control\",\"request\":%d,\"samples\":8}", i);
+        client_say(&c[i % 2], text);
+        client_say(&c[i % 2], "{\"op\":\"ping\",\"id\":1}");
+        if (i > CONTROL_WAITING) {
+            json_t *error = client_await(&c[i % 2], "error");
+            assert_non_null(error);
+            assert_string_equal(json_string_value(json_object_get(error, "code")), "busy");
+            assert_string_equal(json_string_value(json_object_get(error, "clause")), "4.13.8");
+            assert_true(json_is_false(json_object_get(error, "fatal")));
+            assert_int_equal(json_integer_value(json_object_get(error, "request")), i);
+            json_decref(error);
+        }
+        client_expect(&c[i % 2], "pong");
+    }
+    for (int i = 1; i <= CONTROL_WAITING; i++) {
+        a = taken(s);
+        assert_int_equal(a.control.request, i);
+        server_set_control(s, &in_force, &a.control, NULL);
+        for (int k = 0; k < 2; k++)
+            expect_control(&c[k], a.control.by, i, "\"samples\":64");
+    }
+    assert_false(take_asked(s, &a));
+    client_shut(&c[0]);
+    client_shut(&c[1]);
+    server_destroy(s);
+}
+
 static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **state)
 {
     (void)state;
@@ -399,6 +438,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_last_word_wins_and_all_are_told),
     cmocka_unit_test(words_in_a_row_are_one_change_and_between_two_the_order_stands),
     cmocka_unit_test(an_answer_does_not_hide_what_another_has_said_since),
+    cmocka_unit_test(each_of_many_requests_is_answered),
     cmocka_unit_test(what_cannot_be_done_is_told_to_who_asked_and_costs_nothing),
     cmocka_unit_test(a_slider_does_not_cost_slow_viewers_their_connection),
 };

@@ -118,6 +118,8 @@ static void offences_are_answered_with_their_clause_and_close_code(void **state)
         { NULL, false, 4004, "3.5" },
         { "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1}}", true, 4003, "4.1" },
         { "{\"op\":\"ack\",\"sequence\":1}", true, 4003, "4.5.1" },
+        { "{\"op\":\"control\",\"samples\":0}", true, 4004, "4.13" }, /* the role counts before the fields */
+        { "{\"op\":\"hello\"}", true, 4003, "4.1" },
         { "{\"op\":\"ack\",\"sequence\":\"1\"}", true, 4002, "4.5.1" },
         { "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"quality\":1000}", true, 4002, "4.3.2" },
         { "[", true, 4001, "3.1" },
@@ -158,7 +160,9 @@ static void the_rest_is_let_pass(void **state)
     struct server *s = server_start(&desc);
     struct client c;
 
-    client_greet(&c, s);
+    client_open(&c, s);
+    assert_int_equal(client_handshake(&c, NULL), 101);
+    client_say(&c, "{\"op\":\"hello\",\"role\":\"controller\",\"version\":{\"major\":1}}");
     client_say(&c, "{\"op\":\"dance\"}");
     json_t *error = client_await(&c, "error");
     assert_non_null(error);
