@@ -20,6 +20,12 @@ no_sanitizer_of_addresses_speaks() {
         --timeout 3000 --output-on-failure | tail -n 60
 }
 
+an_hour_of_random_clients_finds_nothing() {
+    sanitized addresses -DRELIGHT_SANITIZE=ON -DCMAKE_C_FLAGS_DEBUG="-O1 -g1"
+    cmake --build "$build/addresses" --target relightd relight-decoder >"$work/log" || { tail -n 40 "$work/log"; fail "it does not build"; }
+    RELIGHT_BIN=$build/addresses/bin RELIGHT_SLOWER=6 RELIGHT_SANITIZED=1 python3 -B "$here/../model/model.py" --seconds 3600
+}
+
 no_race_is_found_under_load() {
     command -v clang-14 >/dev/null || { echo "skipped: clang-14 is not installed"; exit 77; }
     sanitized threads -DCMAKE_C_COMPILER=clang-14 -DRELIGHT_SANITIZE=thread -DCMAKE_C_FLAGS_DEBUG="-O1 -g1"

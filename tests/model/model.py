@@ -1,0 +1,436 @@
+#!/usr/bin/python3
+"""Plays random clients against a server of relight.v1 and holds every answer to the state model of protocol.py, with an honest viewer
+beside them. usage:
+    model.py [--seconds N] [--seed N] [--jobs N]     relightd of RELIGHT_BIN, with a computed sky and with frames of producers
+    model.py --url ws://HOST:PORT/ws ...             any server; its pictures must come by themselves
+    model.py --replay FILE [--url ...] [--producers] a printed script
+A finding is replayed alone, shortened and printed as a script. After each batch of runs the honest viewer gets pictures, descriptors
+and memory have returned, and the server lives. Exit code 1: a finding."""
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import random
+import struct
+import sys
+import tempfile
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "faults"), str(HERE.parent / "integration")]
+
+if "--url" in sys.argv:
+    os.environ.setdefault("RELIGHT_BIN", "/nonexistent")  # peer.py asks for it
+
+from faults import SANITIZED, SLOW, Failed, Producer, Relightd, Viewer, connect  # noqa: E402
+from peer import sky_files  # noqa: E402
+from client import Client, Finding  # noqa: E402
+from protocol import ENVIRONMENT, ENVIRONMENT_NAMES, ENVIRONMENT_STRUCT  # noqa: E402
+from script import write  # noqa: E402
+
+WAIT_S = 30 * SLOW
+SHORT_S = 0.2  # for what may not come
+BATCH = 48  # runs between two looks at the server
+KIB_MOST = (64 if SANITIZED else 8) << 10  # memory that may be kept after the first batches
+
+
+# ---- One run ----
+
+class Run:
+    def __init__(self, stage, wait_s=WAIT_S):
+        self.wait_s = wait_s
+        self.host, self.path, self.offered = stage.host, stage.path, stage.offered
+        self.stage = stage
+        self.sent = self.received = self.pictures = self.pings = 0
+        self.known_fates = {}
+        self.clients = {}
+
+    async def play(self, steps):
+        """Raises the first finding."""
+        try:
+            for step in steps:
+                client = self.clients.get(step["c"])
+                if step["do"] == "open":
+                    await self.open(step["c"])
+                elif client:
+                    await self.step(client, step)
+                for each in self.clients.values():
+                    if each.finding:
+                        raise each.finding
+            for client in self.clients.values():
+                await client.settle(self.wait_s)
+        finally:
+            for client in self.clients.values():
+                client.leave()
+
+    async def open(self, name):
+        if name in self.clients:
+            self.clients[name].leave()
+        host, _, port = self.host.rpartition(":")
+        client = Client(self, f"client {name}")
+        try:
+            await asyncio.wait_for(client.open(host.strip("[]"), int(port)), WAIT_S)
+        except OSError as fault:
+            raise Finding("no connection", str(fault)) from None
+        self.clients[name] = client
+        if not await client.until(lambda: client.upgraded, WAIT_S):
+            raise Finding("no handshake", "no answer")
+
+    async def step(self, client, step):
+        do = step["do"]
+        if not client.speaks():
+            return
+        if do == "text":
+            client.send_text(self.filled(client, step), step.get("pieces"))
+        elif do == "frame":
+            data, number, good = environment(client, step)
+            client.send_frame(data, number, good, step.get("pieces", 1))
+        elif do == "raw":
+            client.send_raw(bytes.fromhex(step["hex"]))
+        elif do == "sync":
+            await client.sync(self.wait_s)
+        elif do == "credit" and client.state == "producer":
+            await client.until(lambda: client.credit > 0, SHORT_S)
+        elif do == "picture" and client.wish and not client.wish.get("paused"):
+            seen = client.pictures
+            await client.until(lambda: client.pictures > seen, SHORT_S)
+        elif do == "leave":
+            client.leave(step.get("code"))
+
+    @staticmethod
+    def filled(client, step):
+        if "hex" in step:
+            return bytes.fromhex(step["hex"])
+        text = step["text"]
+        if "$" in text:
+            for name, value in (("$LAST-1", client.last - 1), ("$SEEN+1", client.seen + 1), ("$LAST", client.last), ("$SEEN", client.seen)):
+                text = text.replace(f'"{name}"', str(max(1, value)))
+        return text.encode()
+
+
+def environment(client, step):
+    """(message, number, whether it can be used)."""
+    number = max(0, client.number + step["number"])
+    client.number = max(client.number, number)
+    encoding, (width, height), channels = step.get("encoding", 4), step.get("size", (8, 4)), step.get("channels", 3)
+    good = True
+    if encoding in (1, 2):
+        payload = {"junk": b"junk" * 20, "head": b"#?RADIANCE\n" if encoding == 2 else b"\x76\x2f\x31\x01", "empty": b""}[step["file"]]
+        width = height = channels = 0
+        good = False
+    else:
+        payload = (struct.pack("<e", 0.5) if encoding == 3 else struct.pack("<f", 0.5)) * (width * height * channels)
+        good = "layout" not in step
+    fields = {"magic": b"RLE1", "header": 48, "encoding": encoding, "layout": step.get("layout", 0), "flags": step.get("flags", 0),
+              "channels": channels, "zero": 0, "width": width, "height": height, "payload": len(payload), "number": number,
+              "capture_us": 0, "zeros": b"\0" * 8}
+    data = bytearray(ENVIRONMENT_STRUCT.pack(*(fields[n] for n in ENVIRONMENT_NAMES)) + payload)
+    for name, value in step.get("bend", {}).items():
+        at, kind = next((o, k) for o, k, n in ENVIRONMENT if n == name)
+        size = {"u8": 1, "u16": 2, "u32": 4}.get(kind, 4 if kind == "4 bytes" else 8)
+        data[at:at + size] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+        good = False
+    cut = step.get("cut", 0)
+    data = bytes(data) + b"y" if cut < 0 else bytes(data[:len(data) - cut])
+    number, = struct.unpack_from("<Q", data.ljust(32, b"\0"), 24)
+    return data, number, good and not cut
+
+
+# ---- A server ----
+
+class Stage:
+    """A server with an honest viewer."""
+
+    def __init__(self, name, producing, url=None, arguments=()):
+        self.name, self.producing, self.url, self.arguments = name, producing, url, arguments
+        self.server = self.viewer = None
+        self.batches = self.turn = 0
+        self.kib = None
+
+    async def __aenter__(self):
+        if not self.url:
+            self.folder = tempfile.TemporaryDirectory()
+            source = "push:" if self.producing else sky_files(self.folder.name, 20)
+            self.server = await Relightd("--fps", "60", "--max-picture-seconds", "1", "--rate", "30", "--method", "mis", *self.arguments, source=source,
+                                         env={"ASAN_OPTIONS": "detect_leaks=0:quarantine_size_mb=4"}).__aenter__()
+            self.url = self.server.url
+        at = urlsplit(self.url)
+        self.host, self.path = f"{at.hostname}:{at.port}", at.path or "/ws"
+        await self.meet()
+        self.viewer = await Viewer(self).__aenter__()  # it needs nothing of a server but its url
+        await self.look(first=True)
+        return self
+
+    async def meet(self):
+        """What the server offers."""
+        async with connect(self.url) as link:
+            await link.send('{"op":"hello","role":"viewer","version":{"major":1}}')
+            welcome = json.loads(await link.recv())
+            status = {}
+            while status.get("op") != "status":
+                said = await link.recv()
+                status = json.loads(said) if isinstance(said, str) else {}
+        self.offered, self.offers = welcome["roles"], status.get("offers", {})
+        cheap = [m for m in self.offers.get("methods", []) if m in ("auto", "mis", "brdf", "light", "faces", "uniform", "cached")]
+        self.offers = {**self.offers, "methods": cheap or self.offers.get("methods", [])}
+
+    async def __aexit__(self, *of):
+        if self.viewer:
+            await self.viewer.__aexit__(*of)
+        if self.server:
+            if self.server.alive():
+                await self.server.__aexit__(*of)
+
+    def ended(self):
+        """Why the server is gone, or has complained; or None."""
+        if not self.server:
+            return None
+        words = "".join(self.server.lines)
+        for sign in ("ERROR: AddressSanitizer", "runtime error:", "Assertion"):
+            if sign in words:
+                return sign + words.split(sign, 1)[1][:3000]
+        return None if self.server.alive() else f"relightd ended with {self.server.process.returncode}: {words[-1500:]}"
+
+    async def reset(self):
+        """Settings under which pictures come."""
+        if "controller" not in self.offered:
+            return
+        async with connect(self.url) as link:
+            await link.send('{"op":"hello","role":"controller","version":{"major":1,"minor":1}}')
+            await link.send('{"op":"control","request":1,"paused":false,"method":"mis","samples":4,"fps":60,"scale_stops":0,"paths":"all"}')
+            while True:
+                said = await asyncio.wait_for(link.recv(), WAIT_S)
+                said = json.loads(said) if isinstance(said, str) else {}
+                if said.get("op") == "control" and said["request"] == 1:
+                    return
+                if said.get("op") == "error":
+                    raise Finding("the settings could not be restored", f"{said}")
+
+    async def look(self, first=False):
+        """After a batch: the server lives, the honest viewer gets pictures, memory and descriptors have returned."""
+        self.batches += 1
+        try:
+            await self.reset()
+            if self.producing:
+                async with Producer(self):
+                    await self.viewer.sees(1, 60)
+            else:
+                await self.viewer.sees(1, 60)
+        except Failed as fault:
+            raise Finding("the honest viewer gets no picture", f"{fault}; {self.ended()}") from None
+        except OSError as fault:
+            raise Finding("the server is gone", f"{fault}; {self.ended()}") from None
+        if self.viewer.parted:
+            raise Finding("the honest viewer was closed", f"{self.viewer.parted}")
+        if self.ended():
+            raise Finding("the server ended", self.ended())
+        if not self.server:
+            return
+        end = time.monotonic() + 10 * SLOW
+        if first:
+            await asyncio.sleep(0.3)
+            self.descriptors = self.server.descriptors()
+        while self.server.descriptors() > self.descriptors and time.monotonic() < end:
+            await asyncio.sleep(0.02)
+        left = self.server.descriptors()
+        if left > self.descriptors:
+            raise Finding("descriptors do not return", f"{left}, at the start {self.descriptors}")
+        kib = self.server.memory_kib()
+        if self.batches == 12:
+            self.kib = kib
+        if self.kib and kib > self.kib + KIB_MOST:
+            raise Finding("memory does not return", f"{kib} KiB, after the first batches {self.kib}")
+
+
+# ---- Many runs ----
+
+class Totals:
+    def __init__(self):
+        self.runs = self.sent = self.received = self.pictures = self.found = 0
+
+    def add(self, run):
+        self.runs += 1
+        self.sent += run.sent
+        self.received += run.received
+        self.pictures += run.pictures
+
+
+async def finding_of(stage, steps, totals, wait_s=WAIT_S):
+    """What one run finds, or None."""
+    run = Run(stage, wait_s)
+    try:
+        await run.play(steps)
+    except Finding as finding:
+        await asyncio.sleep(0.2)  # a server that has ended is the cause, not the connection that it broke
+        return Finding("the server ended", stage.ended()) if stage.ended() else finding
+    finally:
+        totals.add(run)
+    return Finding("the server ended", stage.ended()) if stage.ended() else None
+
+
+async def batch(stage, scripts, totals, jobs):
+    """Plays them, `jobs` at a time, those with producers one after another. Returns [(script, finding)]."""
+    found = []
+    waiting = list(enumerate(scripts))
+    gate = asyncio.Lock()
+
+    async def work():
+        while waiting and not found:
+            index, steps = waiting.pop(0)
+            finding = None
+            if any('"producer"' in step.get("text", "") or '"recorder"' in step.get("text", "") for step in steps):
+                async with gate:
+                    finding = await finding_of(stage, steps, totals)
+            else:
+                finding = await finding_of(stage, steps, totals)
+            if finding:
+                found.append((index, finding))
+
+    await asyncio.gather(*(work() for _ in range(jobs)))
+    return found
+
+
+async def revived(stage):
+    """The stage, or another one like it if its server is gone."""
+    if stage.server and (not stage.server.alive() or stage.ended()):
+        await stage.viewer.__aexit__(None, None, None)
+        await stage.server.stop(9)
+        fresh = Stage(stage.name, stage.producing, arguments=stage.arguments)
+        return await fresh.__aenter__()
+    return stage
+
+
+async def shorten(stage, steps, finding, totals, look):
+    """A minimal script with the same finding. look: it shows only afterwards."""
+    async def shows(candidate):
+        nonlocal stage
+        for _ in range(2):
+            stage = await revived(stage)
+            await stage.reset()
+            if look and stage.server:  # what has not returned before is no sign
+                stage.descriptors, stage.kib = stage.server.descriptors(), None
+            got = await finding_of(stage, candidate, totals, WAIT_S / 6)
+            if not got and look:
+                try:
+                    await stage.look()
+                except Finding as late:
+                    got = late
+            if got and got.kind == finding.kind:
+                return True
+        return False
+
+    if not await shows(steps):
+        return steps, False
+    size = max(1, len(steps) // 2)
+    while size:
+        at, shorter = 0, False
+        while at < len(steps):
+            candidate = steps[:at] + steps[at + size:]
+            if candidate and await shows(candidate):
+                steps, shorter = candidate, True
+            else:
+                at += size
+        size = size if shorter and size == 1 else size // 2
+    for i, step in enumerate(steps):  # then the fields of each message
+        if step["do"] == "text" and "text" in step:
+            try:
+                fields = json.loads(step["text"])
+            except ValueError:
+                continue
+            for name in [n for n in fields if n != "op"] if isinstance(fields, dict) else []:
+                less = {n: v for n, v in fields.items() if n != name}
+                candidate = [*steps[:i], {**step, "text": json.dumps(less)}, *steps[i + 1:]]
+                if await shows(candidate):
+                    steps, fields = candidate, less
+        for name in [n for n in step if n not in ("c", "do", "text", "hex", "number", "encoding", "file")]:
+            candidate = [*steps[:i], {n: v for n, v in steps[i].items() if n != name}, *steps[i + 1:]]
+            if await shows(candidate):
+                steps = candidate
+    return steps, True
+
+
+def tell(stage, finding, steps, alone, seed):
+    print(f"FINDING ({stage.name}, seed {seed}): {finding}")
+    print("script, for --replay" + (" --producers" if stage.producing else "") +
+          (":" if alone else " (not seen when it was played alone):"))
+    print("[" + ",\n ".join(json.dumps(step) for step in steps) + "]", flush=True)
+
+
+async def search(stage, options, totals, end):
+    """Batches of runs until `end` or a finding here or elsewhere. Whether there was one here."""
+    seeds = random.Random(options.seed * 2 + stage.producing)
+    while time.monotonic() < end and not totals.found:
+        chosen = [seeds.getrandbits(48) for _ in range(BATCH)]
+        scripts = [write(seed, stage.offered, stage.offers, stage.producing) for seed in chosen]
+        found = await batch(stage, scripts, totals, options.jobs)
+        late = None
+        if not found:
+            try:
+                await stage.look()
+            except Finding as finding:
+                late = finding
+        if found or late:
+            totals.found += 1
+            await show(stage, scripts, chosen, found, late, totals)
+
+
+async def show(stage, scripts, seeds, found, late, totals):
+    index, finding = found[0] if found else (0, late)
+    print(f"found, to be shortened: {finding}", flush=True)
+    alone = False
+    for i in [index] if found else range(len(scripts)):  # what shows only afterwards may be due to any of them
+        steps, alone = await shorten(stage, scripts[i], finding, totals, look=late is not None)
+        if alone or found:
+            break
+    tell(stage, finding, steps if alone or found else [s for script in scripts for s in script], alone, seeds[i])
+
+
+def report(totals, begun, findings):
+    took = time.monotonic() - begun
+    print(f"{totals.runs} runs, {totals.sent} messages sent and {totals.received} received ({totals.pictures} pictures) in {took:.0f} s, "
+          f"{(totals.sent + totals.received) / max(took, 0.1):.0f} messages a second; findings: {findings}")
+    return findings
+
+
+async def play(options):
+    async with contextlib.AsyncExitStack() as stack:
+        if options.url:
+            stages = [await stack.enter_async_context(Stage("the server", options.producers, options.url))]
+        else:
+            kinds = (True,) if options.producers else (False, True) if not options.replay else (False,)
+            stages = [await stack.enter_async_context(Stage("producers" if p else "files", p)) for p in kinds]
+        if options.replay:
+            steps = json.loads(Path(options.replay).read_text(encoding="utf-8"))
+            finding = await finding_of(stages[0], steps, Totals())
+            if not finding:
+                await stages[0].look()
+            print(finding or "nothing found")
+            return 1 if finding else 0
+        totals, begun = Totals(), time.monotonic()
+        await asyncio.gather(*(search(stage, options, totals, begun + options.seconds) for stage in stages))
+        return report(totals, begun, totals.found)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=10)
+    parser.add_argument("--seed", type=int, default=int(time.time()))
+    parser.add_argument("--jobs", type=int, default=8, help="runs at the same time")
+    parser.add_argument("--url")
+    parser.add_argument("--producers", action="store_true", help="the server takes frames")
+    parser.add_argument("--replay")
+    options = parser.parse_args()
+    print(f"seed {options.seed}", flush=True)
+    try:
+        sys.exit(asyncio.run(play(options)))
+    except Finding as finding:
+        print(f"FINDING: {finding}")
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
