@@ -21,7 +21,7 @@ def frame(number, count):
 
 async def produce(url, count):
     async with websockets.connect(url + "/ws", subprotocols=["relight.v1"], compression=None) as server:
-        await server.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 1}}))
+        await server.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 2}}))
         credit = sent = settled = 0
         while settled < count:
             message = json.loads(await server.recv())
