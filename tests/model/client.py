@@ -226,7 +226,7 @@ class Client:
         clean = not any(a.op == "error" and a.code == "bad_json" for a in allowed)
         if verdict.op == "ack" and silent and clean:
             allowed, silent = self.judge_ack(verdict.fields, allowed)
-        if verdict.op == "ping" and self.since_sync >= UNREAD:
+        if verdict.op == "ping" and self.since_sync + len(self.controls) + len(self.probes) + 2 * len(self.fates) >= UNREAD:
             silent = True
         if pieces and len(pieces) > FRAGMENTS_MAX:
             allowed, silent = {refusal("too_big", "3.3")}, False
