@@ -226,6 +226,8 @@ class Client:
         clean = not any(a.op == "error" and a.code == "bad_json" for a in allowed)
         if verdict.op == "ack" and silent and clean:
             allowed, silent = self.judge_ack(verdict.fields, allowed)
+        elif verdict.op == "ack" and silent:
+            self.waiting = []  # whether it counts is open
         if verdict.op == "ping" and self.since_sync + len(self.controls) + len(self.probes) + 2 * len(self.fates) >= UNREAD:
             silent = True
         if pieces and len(pieces) > FRAGMENTS_MAX:
@@ -353,7 +355,7 @@ class Client:
         if self.close_code is None and not self.left:
             wanted = {ERRORS[self.fatal["code"]]} if self.fatal else {1001}
             if self.malformed:
-                wanted |= {1002, 1007}
+                wanted |= {1002, 1005, 1007}
             if not self.fatal and any(a.code == "bad_utf8" for e in self.queue for a in e.allowed):
                 wanted.add(1007)
             if self.parts and not self.fatal:  # within a picture no text can be sent, so the close frame comes alone
@@ -456,8 +458,9 @@ class Client:
         if message["fatal"] or not is_kind(message.get("request"), "count"):
             return False
         request, said = message["request"], (message["code"], message["clause"])
-        for i, (number, _, _) in enumerate(self.controls):
-            if number == request and any(said in later_clauses("control", c[1]) for c in self.controls[:i + 1]):
+        # Of several without a number, one whose answer must come.
+        for i in sorted(range(len(self.controls)), key=lambda n: not self.controls[n][2]):
+            if self.controls[i][0] == request and any(said in later_clauses("control", c[1]) for c in self.controls[:i + 1]):
                 self.answered(i)
                 self.refused.add(request)
                 return True
@@ -509,7 +512,7 @@ class Client:
             raise Finding("superseded in lockstep (4.11.2)")
         waiting = self.fates.get(number)
         if not waiting:
-            if not self.sequence or number > (self.resume_after or -1):
+            if not self.sequence or number > (-1 if self.resume_after is None else self.resume_after):
                 raise Finding("the fate of a frame that was not sent", f"{self.name}: {message}")
             return
         good, known = waiting.pop(0)

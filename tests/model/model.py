@@ -35,7 +35,7 @@ from script import write  # noqa: E402
 WAIT_S = 30 * SLOW
 SHORT_S = 0.2  # for what may not come
 BATCH = 48  # runs between two looks at the server
-KIB_MOST = (64 if SANITIZED else 8) << 10  # memory that may be kept after the first batches
+KIB_MOST = (256 if SANITIZED else 64) << 10  # memory that views, caches and skies of random settings may take after the first batches
 
 
 # ---- One run ----
