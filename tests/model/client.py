@@ -274,9 +274,12 @@ class Client:
             self.waiting = [n for n in self.waiting if n > fields["sequence"]]
         elif fields["sequence"] >= 1 << 40:
             return {bad_order}, False
+        else:  # it counts if that picture is on its way
+            self.ahead, self.waiting = max(self.ahead, fields["sequence"]), []
         return allowed, True
 
     waiting = ()
+    ahead = 0  # acknowledged before it was received
 
     def send_frame(self, data, number, good, pieces=1):
         """A binary message; good: a frame that can be used."""
@@ -558,7 +561,7 @@ class Client:
             if p["sequence"] <= self.newest.get(kind, 0):
                 raise Finding("sequence numbers do not rise (5.5)", f"{p['sequence']} after {self.newest[kind]}")
             self.newest[kind] = p["sequence"]
-        self.waiting = [*self.waiting, p["sequence"]]
+        self.waiting = [*self.waiting, p["sequence"]] if p["sequence"] > self.ahead else []
         most = CREDIT_H264 if form == "h264" else CREDIT
         if not self.wishes and form == self.wish["format"] and len(self.waiting) > most:
             raise Finding("more pictures than credit (5.2)", f"{self.name}: {len(self.waiting)} of {form}")
