@@ -93,7 +93,9 @@ test('over a long slow connection H.264 arrives in an unbroken chain, and more o
     t.skip('this browser decodes no H.264');
     return;
   }
-  assert.ok(got[''].count > 2 * got['?coding=jpeg'].count);
+  // By how much depends on the machine, which may encode and decode fewer than the line has room for.
+  assert.ok(got[''].count > got['?coding=jpeg'].count);
+  assert.ok(4 * got[''].bytes < got['?coding=jpeg'].bytes);
   assert.ok(got[''].ageMs < got['?coding=jpeg'].ageMs);
 });
 
