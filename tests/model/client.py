@@ -485,10 +485,12 @@ class Client:
                 break
 
     def answered(self, i):
-        """Those before it in a row may have been taken as one with it, or are still to be answered."""
+        """Those before it in a row may have been taken as one with it, or are still to be answered. Of several without
+        a number it may have been the last."""
+        last = max(k for k, other in enumerate(self.controls) if other[0] == self.controls[i][0])
+        for other in self.controls[:last + 1]:
+            other[2] = False
         del self.controls[i]
-        for before in self.controls[:i]:
-            before[2] = False
 
     def on_probed(self, message):
         for probe in self.probes:
