@@ -26,6 +26,7 @@ MUST_CHECK enum err ingest_frame(struct ingest_thread *t, const struct frame *f,
 void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t version, uint64_t *seen,
                     struct reason *why);
 
+/* Sleeps for 0 to 999 milliseconds; a signal may end it early. */
 void ingest_sleep_ms(int64_t ms);
 
 /* Reads until the program stops: from t->source, or from producers. */

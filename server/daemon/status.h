@@ -61,6 +61,7 @@ struct picture_report {
     const struct pilot_stats *pilot; /* NULL: the pilot did not choose */
     double interval_s;               /* 0: it is the first */
 };
+/* Takes the report into the figures and publishes them. Nothing of it is kept. Thread: shade. */
 void status_picture_shaded(struct status_board *b, const struct picture_report *report);
 /* The next picture is a refinement of the same frame. */
 void status_picture_refined(struct status_board *b, const struct still_stats *stats);

@@ -99,6 +99,8 @@ struct ingest {
     uint64_t received, superseded, refused, repeated;
 };
 
+/* An ingest without producers or sequences, whose sequences and notes ingest_finish frees. Thread: the owner's, before
+ * and after all others. */
 void ingest_init(struct ingest *g);
 void ingest_finish(struct ingest *g);
 

@@ -241,6 +241,7 @@ struct http_session {
     char *text; /* the body if it is no file; owned, freed once sent */
 };
 
+/* http.c: the headers of every response, among them the content security policy. Static. Any thread. */
 const struct lws_protocol_vhost_options *http_headers(void);
 /* http.c: whether the request's Host is accepted, and its Origin, if any, is that Host: pages from elsewhere must not
  * reach a server on the user's own machine. Thread: service. */
@@ -271,6 +272,7 @@ enum admission {
     ADMISSION_WRONG,
     ADMISSION_LATER,
 };
+/* given: the client's, wanted: the role's; NULL: none. A wrong one counts against the address. */
 enum admission admission_token(struct server *s, struct lws *wsi, const char *given, const char *wanted);
 
 /* viewer_send.c, thread: service. */

@@ -44,11 +44,13 @@ struct fault {
     char text[160];
 };
 
+/* The code's name in `error` messages (PROTOCOL.md 4.9); static. All functions here: any thread. */
 const char *fault_name(enum fault_code code);
 uint16_t fault_close_code(const struct fault *f); /* 0: the connection stays */
 
 /* "clause 4.3.2: ...", in plain ASCII, cut to fit a close frame. Returns out. */
 #define FAULT_REASON 120 /* 125 less the code, and a NUL [RFC 6455, 5.5] */
+/* f is not changed. */
 char *fault_reason(const struct fault *f, char out[FAULT_REASON]);
 
 /* Sets *f and returns its code. */
@@ -126,6 +128,7 @@ struct welcome {
     uint32_t credit;
     size_t frame_bytes;
 };
+/* PROTOCOL.md 4.2, 4.4, 4.7, 4.9 and 4.10. */
 char *message_welcome(const struct welcome *w);
 char *message_subscribed(const struct message *m);
 char *message_pong(uint64_t id, int64_t server_us);

@@ -10,9 +10,10 @@
 
 struct picture;
 
+#define PICTURE_BYTES_MAX ((size_t)512 << 20)
+
 /* Copies `size` bytes of an encoded picture. This function or server_publish sets header->payload, sequence and
  * published_us. The caller owns one reference. NULL: out of memory, or size is 0 or above PICTURE_BYTES_MAX. */
-#define PICTURE_BYTES_MAX ((size_t)512 << 20)
 struct picture *picture_create(const struct protocol_picture *header, const uint8_t *bytes, size_t size);
 
 /* Before publication, of H.264: its track (server.h). Default 0. */
@@ -22,6 +23,7 @@ unsigned picture_track(const struct picture *p);
 struct picture *picture_ref(struct picture *p); /* returns p */
 void picture_unref(struct picture *p);          /* frees it with the last reference; NULL is allowed */
 
+/* Owned by p; complete once it is published. */
 const struct protocol_picture *picture_header(const struct picture *p);
 
 /* The bytes on the wire: encoded header, then payload. Owned by p. */

@@ -35,6 +35,7 @@ struct probes {
     int64_t tokens_us; /* 0: never used */
 };
 
+/* Frees the answers that were not sent; zeroed memory is allowed. Thread: the owner's, when no other uses p. */
 void probes_finish(struct probes *p);
 
 #endif

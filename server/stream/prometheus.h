@@ -47,6 +47,7 @@ struct metrics_text {
     size_t size, room;
     bool failed;
 };
+/* Appends as printf does; sets failed when memory runs out. Thread: the owner's. */
 void metrics_print(struct metrics_text *t, const char *format, ...) PRINTF_LIKE(2, 3);
 
 struct server;

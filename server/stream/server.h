@@ -72,6 +72,7 @@ MUST_CHECK enum err server_check(const struct server_desc *desc, struct reason *
  * error nothing changes; errors as server_create. Any thread but the service thread. */
 MUST_CHECK enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why);
 
+/* The port that it listens on, also where 0 was asked for. Any thread. */
 uint16_t server_port(const struct server *s);
 const char *server_url(const struct server *s); /* "http://127.0.0.1:8080/", to print; owned by s */
 
@@ -172,6 +173,7 @@ struct server_follow {
     uint64_t by;
     uint32_t x, y;
 };
+/* Copies them to out. Any thread. */
 uint32_t server_followed(struct server *s, struct server_follow out[SERVER_FOLLOWED_MAX]);
 
 /* A picture's radiance at a followed pixel. Slow clients get the newest only. */
@@ -181,6 +183,7 @@ struct server_radiance {
     bool finer;         /* a refined picture of the same frame */
     float rgb[3];
 };
+/* Copies *r for the client that follows f; nothing happens if it no longer does. Any thread. */
 void server_send_radiance(struct server *s, const struct server_follow *f, const struct server_radiance *r);
 
 /* ---- Figures out, demand in ---- */
@@ -205,6 +208,7 @@ struct server_demand {
     bool recorder;                        /* its recorder has subscribed */
     enum protocol_format recorder_format; /* 0: it never subscribed */
 };
+/* Writes the present demand to *out. Any thread. */
 void server_demand(struct server *s, struct server_demand *out);
 
 /* ---- Measurements: /metrics, /healthz and /readyz ---- */
@@ -222,6 +226,7 @@ struct server_health {
     int64_t loop_ms, beat_ms; /* time since the last sign of each; beat_ms -1: server_beat was never called */
 };
 
+/* Writes the present state to *out. Any thread. */
 void server_health(struct server *s, struct server_health *out);
 
 /* Times reported as histograms. */
@@ -264,6 +269,7 @@ struct server_counters {
     uint64_t frames_cut;        /* begun and never completed */
     uint64_t frame_bytes;       /* received, with headers, complete or not */
 };
+/* Writes the counts since server_create to *out. Any thread. */
 void server_counters(struct server *s, struct server_counters *out);
 
 #endif

@@ -47,8 +47,9 @@ struct visitor *visitors_find(struct visitors *g, const struct sockaddr *address
  * out[size]. NULL also when that is no address. */
 struct visitor *visitors_forwarded(struct visitors *g, const char *header, int64_t now_us, char *out, size_t size);
 
-/* The address as text; of IPv6 the first half. Returns out. */
 #define VISITOR_NAME 64
+
+/* The address as text; of IPv6 the first half. Returns out. */
 char *visitor_name(const struct visitor *v, char out[VISITOR_NAME]);
 
 /* Whether a token from this address may be checked; and notes a wrong one. */
