@@ -23,7 +23,7 @@ struct components {
     struct frame sky;
 };
 
-/* ---- What is asked for ---- */
+/* ---- Arguments ---- */
 
 static enum err check_folder(const char *out, struct reason *why)
 {

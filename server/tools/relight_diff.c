@@ -221,7 +221,7 @@ static enum err print_json(const struct diff *d, struct reason *why)
     return ERR_OK;
 }
 
-/* Prints each bound that is exceeded; how many. What is no number exceeds every bound. */
+/* Prints each exceeded bound and returns how many there are. NaN exceeds every bound. */
 static int exceeded(const struct diff *d)
 {
     static const char *const names[BOUNDS] = { "mean ratio off by", "relMSE without the worst", "delta E*ab", "FLIP" };
