@@ -109,8 +109,8 @@ async def converges(daemon, error):
 
 
 async def a_picture_that_stands_still_converges(folder):
-    async with Daemon("--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "1e-3") as daemon:
-        await converges(daemon, 1e-3)
+    async with Daemon("--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "2e-3") as daemon:
+        await converges(daemon, 2e-3)
 
 
 async def a_cached_picture_converges_as_well(folder):
