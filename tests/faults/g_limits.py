@@ -6,7 +6,8 @@ import os
 import resource
 import time
 
-from faults import BIN, SANITIZED, WAIT_S, Deadline, Failed, Raw, Relightd, Viewer, check, hello, main, preloaded, row, say, skip
+from faults import (BIN, CLOSE, PING, PONG, SANITIZED, WAIT_S, Deadline, Failed, Raw, Relightd, Viewer, check, frame, hello,
+                    main, preloaded, row, say, skip)
 from peer import PICTURE, run
 
 MOST = (1 << 53) - 1  # PROTOCOL.md 1.5
@@ -46,7 +47,9 @@ class Controller:
         """The header of the next one."""
         while True:
             kind, payload = await self.raw.receive(most_s)
-            check(kind is not None, "the connection ended")
+            check(kind not in (None, CLOSE), f"the connection ended: {payload[:120]}")
+            if kind == PING:  # no picture for ten seconds: the machine is busy
+                self.raw.send(frame(PONG, payload))
             if kind != 2:
                 continue
             fields = PICTURE.unpack_from(payload)
