@@ -46,7 +46,7 @@ enum setting_reload {                  /* what changes when a configuration file
 
 struct setting {
     const char *name;    /* flag and key of the configuration; NULL: neither */
-    const char *unit;    /* placeholder of the value in --help, such as "WxH"; NULL: a switch */
+    const char *unit;    /* stands for the value in --help, such as "WxH"; NULL: a switch */
     const char *help;    /* one sentence; the names of choices are added */
     const char *initial; /* the default as text; NULL: none */
     const char *section; /* heading in --help */
