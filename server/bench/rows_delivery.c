@@ -101,24 +101,40 @@ static bool shake_hands(int fd)
            send_text(fd, "{\"op\":\"subscribe\",\"format\":\"jpeg\"}");
 }
 
-/* Reads WebSocket frames until a picture is complete, and acknowledges it. */
+/* The size of the frame whose head begins at `h`; 0 while more than the `size` bytes that are there are needed. */
+static uint64_t frame_size(const uint8_t *h, size_t size)
+{
+    const size_t kind = size < 2 ? 0 : h[1] & 0x7f, head = kind == 127 ? 10 : kind == 126 ? 4 : 2;
+    uint64_t length = 0;
+
+    if (size < head)
+        return 0;
+    for (size_t i = 2; i < head; i++)
+        length = length << 8 | h[i];
+    return head + (kind < 126 ? kind : length);
+}
+
+/* Reads WebSocket frames until a picture is complete, as much at a time as has come, and acknowledges it: until then
+ * the server sends no other. Small messages that come with a picture's end are dropped. */
 static bool read_picture(struct delivery *d, int fd)
 {
-    for (bool binary = false, complete = false; !complete;) {
-        uint8_t head[2], more[8];
-        if (!read_bytes(fd, head, 2, 2))
+    bool complete = false;
+
+    for (size_t have = 0; !complete;) {
+        const ssize_t n = recv(fd, d->room + have, ROOM - have, 0);
+        if (n <= 0)
             return false;
-        uint64_t length = head[1] & 0x7f;
-        const size_t extra = length < 126 ? 0 : length == 126 ? 2 : 8;
-        if (!read_bytes(fd, more, 8, extra))
-            return false;
-        for (size_t i = 0; i < extra; i++)
-            length = (i ? length << 8 : 0) | more[i];
-        if (!read_bytes(fd, d->room, ROOM, length))
-            return false;
-        const int opcode = head[0] & 15;
-        binary = opcode == 1 || opcode == 2 ? opcode == 2 : binary;
-        complete = binary && opcode < 8 && head[0] & 0x80;
+        have += (size_t)n;
+        for (uint64_t size; !complete && (size = frame_size(d->room, have)) > 0;) {
+            complete = d->room[0] == 0x82 || d->room[0] == 0x80; /* whole, or its last fragment */
+            if (size > have) {
+                if (!read_bytes(fd, d->room, ROOM, size - have))
+                    return false;
+                size = have;
+            }
+            have -= (size_t)size;
+            memmove(d->room, d->room + size, complete ? 0 : have);
+        }
     }
     char text[80];
     snprintf(text, sizeof(text), "{\"op\":\"ack\",\"sequence\":%llu}", (unsigned long long)d->published);
