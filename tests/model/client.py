@@ -366,7 +366,7 @@ class Client:
                 wanted |= {ERRORS[a.code] for a in ALWAYS} | ({4010} if self.since_sync > AT_ONCE or self.sent > IN_ALL else set())
             if code not in wanted:
                 raise Finding(f"closed with {code}", f"{self.name}: {payload[2:]!r}; fatal was {self.fatal}")
-            if self.fatal and f"clause {self.fatal['clause']}".encode() not in payload[2:]:
+            if self.fatal and code == ERRORS[self.fatal["code"]] and f"clause {self.fatal['clause']}".encode() not in payload[2:]:
                 raise Finding("a close reason without its clause", repr(payload[2:]))
         self.close_code = code
         self.write(frame(CLOSE, payload[:2]))
