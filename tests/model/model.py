@@ -233,12 +233,12 @@ class Stage:
         end = time.monotonic() + 10 * SLOW
         if first:
             await asyncio.sleep(0.3)
-            self.descriptors = self.server.descriptors()
+            self.descriptors, self.files = self.server.descriptors(), self.server.open_files()
         while self.server.descriptors() > self.descriptors and time.monotonic() < end:
             await asyncio.sleep(0.02)
         left = self.server.descriptors()
         if left > self.descriptors:
-            raise Finding("descriptors do not return", f"{left}, at the start {self.descriptors}")
+            raise Finding("descriptors do not return", f"{left}, at the start {self.descriptors}: {self.server.open_files()}, {self.files}")
         kib = self.server.memory_kib()
         if self.batches == 12:
             self.kib = kib
