@@ -442,7 +442,7 @@ class Client:
     def on_pong(self, message):
         if not self.direct(message):
             self.unexpected(message)
-        if message["id"] > SYNC_FROM:
+        if SYNC_FROM < message["id"] <= SYNC_FROM + self.run.pings:  # a script may send a ping of any id
             self.synced = message["id"]
 
     def on_error(self, message):
