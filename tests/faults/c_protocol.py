@@ -174,7 +174,7 @@ async def C47_acks_that_lie(stage):
 @row(counts="error", memory_kib=32768, most_s=60)
 async def C48_control_messages_in_a_flood(stage):
     # The first rotations allocate sky tables, which stay; a second flood may take no more.
-    for most_kib in (32768, 4096):
+    for most_kib in (49152, 4096):
         memory = stage.server.memory_kib()
         raw = await stage.client("controller")
         raw.send(b"".join(say(op="control", request=i, rotate_degrees=i % 360) for i in range(10000)))
