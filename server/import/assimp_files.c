@@ -83,10 +83,14 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
         return NULL;
     r->owned = strcmp(path, files->path) != 0;
     r->bytes = *files->model;
-    if (r->owned && host_read(files->host, path, &r->bytes, &files->refused)) {
+    struct reason why = { "" };
+    if (r->owned && host_read(files->host, path, &r->bytes, &why)) {
+        if (!files->refused.text[0]) /* Assimp may try other names after it */
+            files->refused = why;
         mem_free(r);
         return NULL;
     }
+    files->others |= r->owned;
     r->file = (struct aiFile){ read_file, write_file, tell_file, file_size, seek_file, flush_file, (aiUserData)r };
     return &r->file;
 }

@@ -16,25 +16,19 @@ bool path_is_gltf(const char *path)
     return path_ends_in(path, ".gltf") || path_ends_in(path, ".glb");
 }
 
-static enum err load_gltf(struct scene *s, const char *path, const struct host *host, struct reason *why)
+/* A model as the whole scene. */
+static enum err load_model(struct scene *s, const char *path, const struct host *host, struct reason *why)
 {
     const struct model_desc d = {
         .host = host,
         .path = path,
         .material = MATERIAL_NONE,
-        .own_materials = true,
-        .camera = true,
+        .camera = path_is_gltf(path),
         .transform = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 },
         .normals = NORMALS_FILE,
     };
     enum err e = model_load(s, &d, why);
     host->step(host->context);
-    if (!e)
-        e = scene_finish(s, path, why);
-    if (!e && s->camera_count == 0) {
-        const struct camera framing = scene_framing_camera(s);
-        e = scene_add_camera(s, &framing);
-    }
     return e;
 }
 
@@ -48,10 +42,14 @@ enum err import_scene(const char *path, const struct host *host, struct scene **
         return err_say(why, ERR_NOMEM, "%s: out of memory", path);
     if (path_ends_in(path, ".json"))
         e = json_load_scene(s, path, host, why);
-    else if (path_is_gltf(path))
-        e = load_gltf(s, path, host, why);
     else
-        e = err_say(why, ERR_UNSUPPORTED, "%s: unknown scene format; expected a .json, .gltf or .glb file", path);
+        e = load_model(s, path, host, why);
+    if (!e)
+        e = scene_finish(s, path, why);
+    if (!e && s->camera_count == 0) {
+        const struct camera framing = scene_framing_camera(s);
+        e = scene_add_camera(s, &framing);
+    }
     if (e == ERR_NOMEM)
         err_say(why, e, "%s: out of memory", path);
     if (e)

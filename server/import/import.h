@@ -7,10 +7,10 @@
 #include "reader/host.h"
 #include "scene/scene.h"
 
-/* Reads a .json scene or a .gltf/.glb file through `host`. On ERR_OK the caller owns *out; on error *out is NULL and
- * *why names file, place and fault. ERR_IO: a missing file. ERR_FORMAT: malformed JSON or model, no camera, an unknown
- * material. ERR_RANGE: a value outside its limits. ERR_UNSUPPORTED: an unknown file format. ERR_NOMEM. Unsupported
- * features are named once each in a warning. */
+/* Reads a .json scene or a model (docs/scenes.md lists the formats) through `host`; frames it if it has no camera. On
+ * ERR_OK the caller owns *out; on error *out is NULL and *why names file, place and fault. ERR_IO: a missing file.
+ * ERR_FORMAT: malformed JSON or model, an unknown material. ERR_RANGE: a value outside its limits. ERR_UNSUPPORTED: an
+ * unknown file format. ERR_NOMEM. Unsupported features are named once each in a warning. */
 MUST_CHECK enum err import_scene(const char *path, const struct host *host, struct scene **out, struct reason *why);
 
 #endif

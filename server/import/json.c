@@ -12,6 +12,7 @@ struct spot {
     const json_t *object;
     char place[320]; /* beginning of messages: "plaza.json: materials 'wall'" */
     struct scene *scene;
+    uint32_t named; /* materials of the scene file, which come before those of models */
     const char *path;
     const struct host *host;
     struct reason *why;
@@ -285,8 +286,6 @@ static enum err read_cameras(const struct spot *root)
     } else if (!e && named) {
         e = err_say(root->why, ERR_FORMAT, "%s: 'cameras' is neither an object nor an array", root->path);
     }
-    if (!e && root->scene->camera_count == 0)
-        e = err_say(root->why, ERR_FORMAT, "%s: the file contains no camera", root->path);
     return e;
 }
 
@@ -368,7 +367,7 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
         if (e)
             return e;
         d.material = scene_find_material(s.scene, material, 0);
-        if (d.material == MATERIAL_NONE)
+        if (d.material == MATERIAL_NONE || d.material >= s.named)
             return err_say(s.why, ERR_FORMAT, "%s: unknown material '%.64s'", s.place, material);
     }
     if (!e)
@@ -380,7 +379,7 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
     d.host = s.host;
     d.path = path;
     d.place = s.place;
-    d.own_materials = path_is_gltf(path) && d.material == MATERIAL_NONE;
+    d.named = s.named;
     return model_load(s.scene, &d, s.why);
 }
 
@@ -416,17 +415,16 @@ static enum err read_models(const struct spot *root)
     return e;
 }
 
-static enum err read_root(const struct spot *s)
+static enum err read_root(struct spot *s)
 {
     if (!json_is_object(s->object))
         return err_say(s->why, ERR_FORMAT, "%s: is not a JSON object", s->path);
     warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", NULL });
     enum err e = read_materials(s);
+    s->named = (uint32_t)s->scene->material_count;
     if (!e)
         e = read_cameras(s);
-    if (!e)
-        e = read_models(s);
-    return e ? e : scene_finish(s->scene, s->path, s->why);
+    return e ? e : read_models(s);
 }
 
 enum err json_load_scene(struct scene *scene, const char *path, const struct host *host, struct reason *why)

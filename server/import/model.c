@@ -13,7 +13,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define DEPTH_MAX 257    /* of nodes: 256 of the file below a root */
+#define DEPTH_MAX 257                 /* of nodes: 256 of the file below a root */
+#define ASSIMPS_OWN "DefaultMaterial" /* of faces without a material */
 #define CORNERS_MAX 1000 /* of a face: the time to cut it into triangles grows with their square or faster */
 
 /* A message that begins with the place, if there is one, and the path. */
@@ -36,8 +37,8 @@ struct import {
     struct scene *scene;
     const struct model_desc *desc;
     const struct aiScene *ai;
-    uint32_t first_material; /* index in the scene of the file's first material */
-    size_t dropped;          /* degenerate triangles */
+    uint32_t *materials; /* in the scene, for each of the file's; see model_add_materials */
+    size_t dropped;      /* degenerate triangles */
     struct reason *why;
 };
 
@@ -151,26 +152,6 @@ static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, cons
     return ERR_OK;
 }
 
-static enum err find_material(const struct import *in, const struct aiMesh *ai, uint32_t *out)
-{
-    const struct model_desc *d = in->desc;
-    struct aiString name = { 0 };
-
-    if (d->material != MATERIAL_NONE) {
-        *out = d->material;
-        return ERR_OK;
-    }
-    if (d->own_materials) {
-        *out = in->first_material + ai->mMaterialIndex;
-        return ERR_OK;
-    }
-    (void)aiGetMaterialString(in->ai->mMaterials[ai->mMaterialIndex], AI_MATKEY_NAME, &name);
-    *out = scene_find_material(in->scene, name.data, 0);
-    if (*out != MATERIAL_NONE)
-        return ERR_OK;
-    return fault(d, in->why, ERR_FORMAT, "unknown material '%s'", name.data);
-}
-
 static enum err add_mesh(struct import *in, const struct aiMesh *ai, const double matrix[16])
 {
     struct mesh m = { 0 };
@@ -181,9 +162,8 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
     if (ai->mNumVertices > MESH_ELEMENTS_MAX || ai->mNumFaces > MESH_ELEMENTS_MAX)
         return fault(in->desc, in->why, ERR_RANGE, "a mesh has %u vertices and %u faces, too many", ai->mNumVertices,
                      ai->mNumFaces);
-    e = find_material(in, ai, &m.material);
-    if (!e)
-        e = fill_mesh(in, ai, matrix, &m);
+    m.material = in->desc->material != MATERIAL_NONE ? in->desc->material : in->materials[ai->mMaterialIndex];
+    e = fill_mesh(in, ai, matrix, &m);
     if (!e) {
         in->dropped += mesh_drop_degenerate(&m);
         e = mesh_join_vertices(&m);
@@ -191,7 +171,7 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
             e = mesh_make_normals(&m);
     }
     if (!e && m.triangle_count > 0) {
-        if (in->desc->own_materials && ai->mColors[0])
+        if (in->desc->material == MATERIAL_NONE && ai->mColors[0])
             scene_note_unmodelled(in->scene, FEATURE_VERTEX_COLOUR, in->desc->path);
         e = scene_add_mesh(in->scene, &m);
         if (!e)
@@ -263,13 +243,30 @@ static enum err add_camera(struct import *in, const struct aiCamera *ai, unsigne
     return e ? e : scene_add_camera(in->scene, &c);
 }
 
+/* The file's materials, unless the scene gives one for the whole model. */
+static enum err add_materials(struct import *in)
+{
+    const struct model_desc *d = in->desc;
+    uint32_t first = 0;
+
+    if (d->material != MATERIAL_NONE)
+        return ERR_OK;
+    in->materials = mem_alloc((size_t)in->ai->mNumMaterials + 1, sizeof(*in->materials));
+    if (!in->materials)
+        return ERR_NOMEM;
+    if (!path_is_gltf(d->path))
+        return model_add_materials(in->scene, in->ai, d, in->materials, in->why);
+    const enum err e = gltf_add_materials(in->scene, in->ai, d, &first, in->why);
+    for (unsigned i = 0; i < in->ai->mNumMaterials; i++)
+        in->materials[i] = first + i;
+    return e;
+}
+
 static enum err take(struct import *in)
 {
     const size_t meshes_before = in->scene->mesh_count;
-    enum err e = ERR_OK;
 
-    if (in->desc->own_materials)
-        e = gltf_add_materials(in->scene, in->ai, in->desc, &in->first_material, in->why);
+    enum err e = add_materials(in);
     if (!e)
         e = add_node(in, in->ai->mRootNode, in->desc->transform);
     for (unsigned i = 0; in->desc->camera && i < in->ai->mNumCameras && !e; i++)
@@ -298,7 +295,7 @@ static const struct aiScene *import_file(const struct model_desc *d, struct assi
         return NULL;
     if (d->normals == NORMALS_FLAT)
         unwanted |= aiComponent_NORMALS;
-    if (!d->own_materials)
+    if (d->material != MATERIAL_NONE)
         unwanted |= aiComponent_COLORS | aiComponent_TEXCOORDS;
     aiSetImportPropertyInteger(p, AI_CONFIG_PP_RVC_FLAGS, unwanted);
     assimp_files_init(files, &io);
@@ -369,6 +366,25 @@ static enum err check_scene(const struct aiScene *ai, const struct model_desc *d
     return e;
 }
 
+enum err model_check_format(const char *path, struct reason *why)
+{
+    static const char *const endings[] = { ".gltf", ".glb", ".obj", ".ply", ".stl", ".fbx", ".dae", ".3ds" };
+
+    for (size_t i = 0; i < sizeof(endings) / sizeof(endings[0]); i++) {
+        if (path_ends_in(path, endings[i]))
+            return ERR_OK;
+    }
+    if (path_ends_in(path, ".usd") || path_ends_in(path, ".usda") || path_ends_in(path, ".usdc") ||
+        path_ends_in(path, ".usdz"))
+        return err_say(why, ERR_UNSUPPORTED,
+                       "USD is not supported; convert it to .glb, for instance with Blender (import USD, export glTF)");
+    if (path_ends_in(path, ".blend"))
+        return err_say(why, ERR_UNSUPPORTED, "Blender's own format is not supported; export it as glTF (.glb)");
+    return err_say(
+        why, ERR_UNSUPPORTED,
+        "unknown format; expected a .json scene or a .gltf, .glb, .obj, .ply, .stl, .fbx, .dae or .3ds model");
+}
+
 /* Reads the file and checks what Assimp does not. */
 static enum err read_checked(const struct model_desc *d, struct bytes *out, struct reason *why)
 {
@@ -376,9 +392,10 @@ static enum err read_checked(const struct model_desc *d, struct bytes *out, stru
     struct reason cause = { "" };
 
     *out = (struct bytes){ 0 };
-    if (!ply && !gltf && !path_ends_in(d->path, ".obj"))
-        return fault(d, why, ERR_UNSUPPORTED, "unknown model format; expected an .obj, .ply, .gltf or .glb file");
-    enum err e = host_read(d->host, d->path, out, &cause);
+    enum err e = model_check_format(d->path, &cause);
+    if (e)
+        return fault(d, why, e, "%s", cause.text);
+    e = host_read(d->host, d->path, out, &cause);
     if (e) /* the reason begins with the path */
         return d->place ? err_say(why, e, "%s: %s", d->place, cause.text) : err_say(why, e, "%s", cause.text);
     if (out->size == 0)
@@ -388,6 +405,27 @@ static enum err read_checked(const struct model_desc *d, struct bytes *out, stru
     else if (gltf)
         e = gltf_check(out, path_ends_in(d->path, ".glb"), &cause);
     return e ? fault(d, why, e, "%s", cause.text) : ERR_OK;
+}
+
+/* Without its .mtl file an OBJ model is grey. Where the scene file defines materials, a name of its own is misspelt. */
+static enum err check_grey(const struct import *in, const struct assimp_files *files)
+{
+    const struct model_desc *d = in->desc;
+    struct aiString name = { 0 };
+
+    if (!in->materials || !path_ends_in(d->path, ".obj") || files->others)
+        return ERR_OK;
+    for (unsigned i = 0; i < in->ai->mNumMaterials; i++) {
+        if (in->materials[i] == MATERIAL_NONE || in->materials[i] < d->named)
+            continue;
+        const char *cause = files->refused.text[0] ? files->refused.text : "the model names no .mtl file";
+        (void)aiGetMaterialString(in->ai->mMaterials[i], AI_MATKEY_NAME, &name);
+        if (d->named > 0 && strcmp(name.data, ASSIMPS_OWN) != 0)
+            return fault(d, in->why, ERR_FORMAT, "unknown material '%s' (%s)", name.data, cause);
+        log_warning("%s: material '%s' is grey: %s", d->path, name.data, cause);
+        return ERR_OK;
+    }
+    return ERR_OK;
 }
 
 enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
@@ -410,6 +448,9 @@ enum err model_load(struct scene *s, const struct model_desc *d, struct reason *
     if (!e) {
         struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };
         e = take(&in);
+        if (!e)
+            e = check_grey(&in, &files);
+        mem_free(in.materials);
     }
     aiReleaseImport(ai);
     return e;

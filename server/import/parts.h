@@ -15,10 +15,10 @@ enum model_normals {
 struct model_desc {
     const struct host *host;
     const char *path;
-    const char *place;    /* beginning of messages, such as "plaza.json: models[0]"; NULL: they begin with the path */
-    uint32_t material;    /* for the whole model; MATERIAL_NONE: the file's */
-    bool own_materials;   /* the file defines its materials (glTF); else their names refer to the scene's */
-    bool camera;          /* import the file's cameras */
+    const char *place; /* beginning of messages, such as "plaza.json: models[0]"; NULL: they begin with the path */
+    uint32_t material; /* for the whole model; MATERIAL_NONE: the file's */
+    uint32_t named;    /* the first so many materials of the scene replace the model's of the same name; not glTF's */
+    bool camera;       /* import the file's cameras; glTF only */
     double transform[16]; /* column-major, affine */
     enum model_normals normals;
 };
@@ -42,7 +42,8 @@ struct assimp_files {
     const struct host *host;
     const char *path;          /* of the model */
     const struct bytes *model; /* its contents */
-    struct reason refused;     /* why the last file could not be opened; empty: none was refused */
+    struct reason refused;     /* why the first other file could not be opened; empty: none was refused */
+    bool others;               /* a file besides the model was read */
 };
 
 /* Fills the functions; `files` must outlive their use. */
@@ -52,6 +53,14 @@ void assimp_files_init(struct assimp_files *files, struct aiFileIO *out);
  * ERR_NOMEM. */
 MUST_CHECK enum err gltf_add_materials(struct scene *s, const struct aiScene *ai, const struct model_desc *d,
                                        uint32_t *first, struct reason *why);
+
+/* Finds a material for every one that the meshes of a file other than glTF use: map[i] is the scene's for the file's
+ * i-th, MATERIAL_NONE if no mesh uses it. A texture that cannot be read costs a warning. ERR_NOMEM. */
+MUST_CHECK enum err model_add_materials(struct scene *s, const struct aiScene *ai, const struct model_desc *d,
+                                        uint32_t *map, struct reason *why);
+
+/* Whether a model of this file name can be read; if not, *why says what would be. ERR_UNSUPPORTED. */
+MUST_CHECK enum err model_check_format(const char *path, struct reason *why);
 
 /* Whether the extension is .gltf or .glb. */
 bool path_is_gltf(const char *path);

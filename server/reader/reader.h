@@ -19,11 +19,12 @@ struct scene_limits {
 
 #define SCENE_MEMORY_DEFAULT UINT64_C(4000000000)
 
-/* Reads a .json scene or a .gltf/.glb file. On ERR_OK the caller owns *out; on error *out is NULL and *why names file,
- * place and fault. ERR_IO: a file is missing, is none, or must not be read; no relight-reader. ERR_FORMAT: malformed
- * JSON or model, no camera, an unknown material; the process crashed. ERR_RANGE: a value, the memory or the time is
- * outside its limits. ERR_UNSUPPORTED: an unknown file format. ERR_NOMEM: this process is out of memory. Unsupported
- * features are named once each in a warning. limits and progress may be NULL; progress is stepped once per model. */
+/* Reads a .json scene or a model of any format of docs/scenes.md. On ERR_OK the caller owns *out; on error *out is NULL
+ * and *why names file, place and fault. ERR_IO: a file is missing, is none, or must not be read; no relight-reader.
+ * ERR_FORMAT: malformed JSON or model, an unknown material; the process crashed. ERR_RANGE: a value, the memory or the
+ * time is outside its limits. ERR_UNSUPPORTED: an unknown file format. ERR_NOMEM: this process is out of memory.
+ * Unsupported features are named once each in a warning. limits and progress may be NULL; progress is stepped once per
+ * model. */
 MUST_CHECK enum err scene_load(const char *path, const struct scene_limits *limits, struct scene **out,
                                struct progress *progress, struct reason *why);
 

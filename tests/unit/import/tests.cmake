@@ -1,2 +1,3 @@
+unit_test(import test_model)
 unit_test(import test_json)
 unit_test(import test_gltf PkgConfig::TURBOJPEG)

@@ -1,0 +1,235 @@
+/* Models without a JSON scene, and OBJ with its MTL. */
+#include "scene/files.h"
+#include "scene/load.h"
+
+#include <math.h>
+
+#define TRIANGLE "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
+#define FACE "f 1/1 2/2 3/3\n"
+
+/* The material that an OBJ triangle gets from this text of its MTL file, `newmtl m` being given. */
+static struct material material_of(const char *mtl)
+{
+    char text[1024];
+    struct folder f;
+
+    folder_make(&f);
+    snprintf(text, sizeof(text), "newmtl m\n%s", mtl);
+    folder_text(&f, "m.mtl", text);
+    struct scene *s = load_or_fail(folder_text(&f, "m.obj", "mtllib m.mtl\n" TRIANGLE "usemtl m\n" FACE));
+    const struct material m = s->materials[s->meshes[0].material];
+    assert_string_equal(m.name, "m");
+    scene_destroy(s);
+    folder_remove(&f);
+    return m;
+}
+
+static void assert_colour(struct vec3 c, float r, float g, float b)
+{
+    assert_float_equal(c.x, r, 1e-6f);
+    assert_float_equal(c.y, g, 1e-6f);
+    assert_float_equal(c.z, b, 1e-6f);
+}
+
+static void kd_alone_is_lambert(void **state)
+{
+    (void)state;
+    const struct material m = material_of("Kd 0.1 0.2 0.3\nNs 200\nillum 2\n");
+    assert_int_equal(m.kind, MATERIAL_LAMBERT);
+    assert_colour(m.diffuse, 0.1f, 0.2f, 0.3f);
+}
+
+/* alpha^2 = 2 / (Ns + 2): Ns 510 has alpha 1/16, a roughness of 1/4. */
+static void ks_and_ns_are_a_highlight(void **state)
+{
+    (void)state;
+    const struct material m = material_of("Kd 0.1 0.2 0.3\nKs 0.5 0.5 0.5\nNs 510\nillum 2\n");
+    assert_int_equal(m.kind, MATERIAL_GGX);
+    assert_colour(m.diffuse, 0.1f, 0.2f, 0.3f);
+    assert_float_equal(m.metallic, 0.0f, 0.0f);
+    assert_float_equal(m.roughness, 0.25f, 1e-6f);
+}
+
+static void black_kd_with_ks_is_metal(void **state)
+{
+    (void)state;
+    const struct material metal = material_of("Kd 0 0 0\nKs 0.9 0.7 0.3\nNs 510\n");
+    assert_int_equal(metal.kind, MATERIAL_GGX);
+    assert_float_equal(metal.metallic, 1.0f, 0.0f);
+    assert_colour(metal.diffuse, 0.9f, 0.7f, 0.3f);
+    const struct material mirror = material_of("Kd 0 0 0\nKs 0.9 0.9 0.9\nillum 5\n");
+    assert_int_equal(mirror.kind, MATERIAL_MIRROR);
+    assert_colour(mirror.diffuse, 0.9f, 0.9f, 0.9f);
+}
+
+static void pr_and_pm_come_before_ns(void **state)
+{
+    (void)state;
+    const struct material m = material_of("Kd 0.8 0.8 0.8\nKs 0.5 0.5 0.5\nNs 510\nPr 0.6\nPm 0.4\n");
+    assert_int_equal(m.kind, MATERIAL_GGX);
+    assert_float_equal(m.roughness, 0.6f, 1e-6f);
+    assert_float_equal(m.metallic, 0.4f, 1e-6f);
+}
+
+static void transparent_and_refracting_is_glass(void **state)
+{
+    (void)state;
+    const struct material by_index = material_of("Kd 0.2 0.2 0.2\nd 0.1\nNi 1.45\n");
+    assert_int_equal(by_index.kind, MATERIAL_GLASS);
+    assert_float_equal(by_index.ior, 1.45f, 1e-6f);
+    const struct material by_illum = material_of("Kd 0.2 0.2 0.2\nTr 0.9\nillum 7\n");
+    assert_int_equal(by_illum.kind, MATERIAL_GLASS);
+    assert_float_equal(by_illum.ior, 1.5f, 0.0f);
+    assert_int_equal(material_of("Kd 0.2 0.2 0.2\nd 0.9\nNi 1.45\n").kind, MATERIAL_LAMBERT);
+}
+
+/* A path of another machine means the file of that name beside the model. Kd 0 beside map_Kd is what exporters write
+ * who mean the texture alone. */
+static void a_texture_is_found_beside_the_model(void **state)
+{
+    /* 1 x 1 texel, sRGB 188, 128, 64 */
+    static const uint8_t png[] = {
+        0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52, 0x00, 0x00,
+        0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x08, 0x02, 0x00, 0x00, 0x00, 0x90, 0x77, 0x53, 0xde, 0x00, 0x00, 0x00,
+        0x0c, 0x49, 0x44, 0x41, 0x54, 0x78, 0x9c, 0x63, 0xd8, 0xd3, 0xe0, 0x00, 0x00, 0x03, 0x78, 0x01, 0x7d, 0xda,
+        0x32, 0x53, 0xea, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
+    };
+    static const char *const names[] = { "t.png", "C:\\maps\\t.png", "/maps/t.png", "./t.png" };
+    char mtl[256];
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "t.png", png, sizeof(png));
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+        snprintf(mtl, sizeof(mtl), "newmtl m\nKd 0 0 0\nmap_Kd %s\nnewmtl n\nKd 0.5 0.5 0.5\nmap_Kd %s\n", names[i],
+                 names[i]);
+        folder_text(&f, "m.mtl", mtl);
+        struct scene *s =
+            load_or_fail(folder_text(&f, "m.obj", "mtllib m.mtl\n" TRIANGLE "usemtl m\n" FACE "usemtl n\n" FACE));
+        assert_int_equal(s->texture_count, 1);
+        const struct material *m = &s->materials[scene_find_material(s, "m", 0)];
+        const struct material *n = &s->materials[scene_find_material(s, "n", 0)];
+        assert_int_equal(m->texture, 0);
+        assert_int_equal(n->texture, 0);
+        assert_colour(m->diffuse, 1.0f, 1.0f, 1.0f);
+        assert_colour(n->diffuse, 0.5f, 0.5f, 0.5f);
+        assert_non_null(s->meshes[0].uvs);
+        const struct vec3 c = texture_lookup(&s->textures[0], 0.5f, 0.5f);
+        assert_float_equal(c.x, 0.502886f, 1e-3f);
+        assert_float_equal(c.y, 0.215861f, 1e-3f);
+        assert_float_equal(c.z, 0.051269f, 1e-3f);
+        scene_destroy(s);
+    }
+    folder_remove(&f);
+}
+
+static void what_is_missing_is_grey_with_a_warning(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "m.mtl", "newmtl m\nKd 1 0 0\nmap_Kd nowhere.png\n");
+    log_begin();
+    struct scene *s = load_or_fail(folder_text(&f, "m.obj", "mtllib m.mtl\n" TRIANGLE "usemtl m\n" FACE));
+    const char *said = log_end();
+    assert_non_null(strstr(said, "nowhere.png"));
+    assert_non_null(strstr(said, "'m' is grey"));
+    assert_colour(s->materials[s->meshes[0].material].diffuse, 0.5f, 0.5f, 0.5f);
+    assert_int_equal(s->materials[s->meshes[0].material].texture, MATERIAL_NO_TEXTURE);
+    scene_destroy(s);
+
+    log_begin();
+    s = load_or_fail(folder_text(&f, "n.obj", "mtllib nowhere.mtl\n" TRIANGLE "usemtl wood\n" FACE));
+    said = log_end();
+    assert_non_null(strstr(said, "material 'wood' is grey"));
+    assert_non_null(strstr(said, "nowhere.mtl"));
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+static void names_of_the_scene_file_come_first(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "m.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n");
+    folder_text(&f, "m.obj", "mtllib m.mtl\n" TRIANGLE "usemtl a\n" FACE "usemtl b\n" FACE);
+    struct scene *s = load_or_fail(folder_text(&f, "s.json",
+                                               "{\"models\":[{\"file\":\"m.obj\"},{\"file\":\"m.obj\"}],\"materials\":"
+                                               "{\"b\":{\"type\":\"lambert\",\"albedo\":[0,0,1]}}}"));
+    assert_int_equal(s->mesh_count, 4);
+    for (size_t i = 0; i < 4; i++) {
+        const struct material *m = &s->materials[s->meshes[i].material];
+        if (strcmp(m->name, "a") == 0)
+            assert_colour(m->diffuse, 1.0f, 0.0f, 0.0f);
+        else
+            assert_colour(m->diffuse, 0.0f, 0.0f, 1.0f);
+    }
+    assert_int_equal(s->camera_count, 1); /* the scene file has none: the models are framed */
+    assert_string_equal(s->cameras[0].name, "framed");
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+static const char stl[] = "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 1 1 0\nendloop\n"
+                          "endfacet\nendsolid s\n";
+static const char ply[] = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float "
+                          "z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n"
+                          "3 0 1 2\n";
+
+static void a_model_alone_is_a_framed_scene(void **state)
+{
+    static const struct {
+        const char *name, *text;
+    } models[] = { { "a.obj", TRIANGLE FACE }, { "a.stl", stl }, { "a.ply", ply } };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    for (size_t i = 0; i < sizeof(models) / sizeof(models[0]); i++) {
+        struct scene *s = load_or_fail(folder_text(&f, models[i].name, models[i].text));
+        assert_int_equal(s->triangle_count, 1);
+        assert_int_equal(s->camera_count, 1);
+        assert_string_equal(s->cameras[0].name, "framed");
+        scene_destroy(s);
+    }
+    folder_remove(&f);
+}
+
+static void other_formats_are_refused_with_what_to_do(void **state)
+{
+    static const char *const names[] = { "a.usdz", "a.blend", "a.xyz" };
+    static const char *const words[] = { "convert it to .glb", "export it as glTF", "expected a .json scene" };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+        struct reason why = { "" };
+        struct scene *s;
+        assert_int_equal(load_here(folder_text(&f, names[i], "x"), &s, &why), ERR_UNSUPPORTED);
+        assert_non_null(strstr(why.text, names[i]));
+        assert_non_null(strstr(why.text, words[i]));
+    }
+    folder_remove(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(kd_alone_is_lambert),
+        cmocka_unit_test(ks_and_ns_are_a_highlight),
+        cmocka_unit_test(black_kd_with_ks_is_metal),
+        cmocka_unit_test(pr_and_pm_come_before_ns),
+        cmocka_unit_test(transparent_and_refracting_is_glass),
+        cmocka_unit_test(a_texture_is_found_beside_the_model),
+        cmocka_unit_test(what_is_missing_is_grey_with_a_warning),
+        cmocka_unit_test(names_of_the_scene_file_come_first),
+        cmocka_unit_test(a_model_alone_is_a_framed_scene),
+        cmocka_unit_test(other_formats_are_refused_with_what_to_do),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
