@@ -60,10 +60,15 @@ struct cube_side {
     const double *solid_angle;
 };
 
-/* Lat-long, in closed form: adds the overlaps of row `row` of 6n of the cube map. edge_cos[rows + 1]: heights of the
- * borders between rows of blocks, from the north pole, descending. */
-void resample_latlong_row(const struct blocks *b, const struct cube_side *c, const double *edge_cos, uint32_t row,
-                          struct overlaps *out);
+/* Borders between rows of blocks, [rows + 1] from the north pole: heights of the unit sphere, and sqrt(1 - height^2),
+ * never 0. */
+struct row_edges {
+    double *height, *sine;
+};
+
+/* Lat-long, in closed form: adds the overlaps of part `part` of 6n of the cube map. */
+void resample_latlong_part(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
+                           uint32_t part, struct overlaps *out);
 
 /* Other layouts: adds the overlaps of row `row` of the blocks, clipped as polygons against the cube map's grid. */
 void resample_polygon_row(const struct blocks *b, const struct cube_side *c, uint32_t row, struct overlaps *out);

@@ -1,21 +1,13 @@
-#include "base/mem.h"
 #include "env/resample_build.h"
 #include "base/vec.h"
 
 #include <math.h>
-
-/* A source column while a cube texel is integrated over it: solid angle per source row, from the north pole. */
-struct column {
-    double *row_solid_angle; /* [rows], 0 outside lowest..highest */
-    uint32_t lowest, highest;
-    double whole; /* width of the column, radians */
-};
+#include <stdbool.h>
 
 /* The cube texel being integrated, and the list for its overlaps. */
 struct target {
     uint32_t texel;
     double solid_angle;
-    const double *edge_cos;
     struct overlaps *out;
 };
 
@@ -28,6 +20,21 @@ struct border {
     double constant; /* 1 or -1 at a pole, else 0 */
 };
 
+/* The azimuths of an interval relative to a border's, and their cosines and sines, which all borders with one azimuth
+ * share. */
+struct span {
+    double psi[2], cosine[2], sine[2];
+};
+
+/* A border within an interval of azimuths. All that does not depend on a row of the source is computed once here. */
+struct arc {
+    struct border border;
+    const struct span *span;
+    double scale;       /* k / sqrt(1 + k^2) */
+    double integral[2]; /* of h, at both ends of the span */
+    double low, high;   /* h within the span */
+};
+
 static double wrap_angle(double a)
 {
     while (a > PI)
@@ -37,49 +44,79 @@ static double wrap_angle(double a)
     return a;
 }
 
-static double border_height(const struct border *b, double psi)
+static double least(double a, double b)
 {
-    const double c = b->k * cos(psi);
+    return a < b ? a : b;
+}
+
+static double most(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+/* The interval phi0..phi1, relative to `azimuth`. */
+static void span_init(struct span *s, double azimuth, double phi0, double phi1)
+{
+    s->psi[0] = wrap_angle(0.5 * (phi0 + phi1) - azimuth) - 0.5 * (phi1 - phi0);
+    s->psi[1] = s->psi[0] + (phi1 - phi0);
+    for (int k = 0; k < 2; k++) {
+        s->cosine[k] = cos(s->psi[k]);
+        s->sine[k] = sin(s->psi[k]);
+    }
+}
+
+static double border_height(const struct border *b, double cosine)
+{
+    const double c = b->k * cosine;
     return b->constant != 0.0 ? b->constant : c / sqrt(1.0 + c * c);
 }
 
-static double height_integral(const struct border *b, double psi0, double psi1)
+static void arc_init(struct arc *a, const struct border *b, const struct span *s)
 {
-    const double scale = b->k / sqrt(1.0 + b->k * b->k);
-    return asin(scale * sin(psi1)) - asin(scale * sin(psi0));
+    const double h0 = border_height(b, s->cosine[0]), h1 = border_height(b, s->cosine[1]);
+    const double middle = s->psi[0] < 0.0 && s->psi[1] > 0.0 ? border_height(b, 1.0) : h0;
+
+    a->border = *b;
+    a->span = s;
+    a->low = least(least(h0, h1), middle);
+    a->high = most(most(h0, h1), middle);
+    a->scale = b->k / sqrt(1.0 + b->k * b->k);
+    for (int k = 0; k < 2; k++)
+        a->integral[k] = asin(a->scale * s->sine[k]);
 }
 
-/* Integral of min(h(psi), cap) from psi0 to psi1. |h| decreases away from psi = 0, so it crosses the cap at -psi* and
- * psi*, where cos(psi*) = cap / (k sqrt(1 - cap^2)). */
-static double capped_integral(const struct border *b, double cap, double psi0, double psi1)
+static double integral_at(const struct arc *a, double psi)
 {
-    if (b->constant != 0.0)
-        return fmin(b->constant, cap) * (psi1 - psi0);
-    if (b->k * cap <= 0.0) /* the border lies entirely on one side of the cap */
-        return b->k > 0.0 || (b->k == 0.0 && cap < 0.0) ? cap * (psi1 - psi0) : height_integral(b, psi0, psi1);
-    const double ratio = cap / (b->k * sqrt(fmax(1e-300, 1.0 - cap * cap)));
-    const double crossing = ratio < 1.0 ? acos(ratio) : 0.0;
-    const double in0 = fmin(psi1, fmax(psi0, -crossing)), in1 = fmin(psi1, fmax(psi0, crossing));
-    if (b->k > 0.0) /* above the cap between the crossings */
-        return cap * (in1 - in0) + height_integral(b, psi0, in0) + height_integral(b, in1, psi1);
-    return height_integral(b, in0, in1) + cap * ((psi1 - psi0) - (in1 - in0));
+    const struct span *s = a->span;
+    return psi == s->psi[0] ? a->integral[0] : psi == s->psi[1] ? a->integral[1] : asin(a->scale * sin(psi));
 }
 
-static enum err flush_column(const struct blocks *b, struct column *col, uint32_t x, struct target *t)
+#define COSINE_SLACK 1e-9 /* far above rounding, far below the difference that a crossing makes */
+
+/* Integral of min(h, cap) over the span; cap_sine: sqrt(1 - cap^2). |h| decreases away from psi = 0, so it crosses the
+ * cap at -psi* and psi*, where cos(psi*) = cap / (k sqrt(1 - cap^2)). Few spans contain a crossing; the others are
+ * recognised by its cosine alone. */
+static double capped_integral(const struct arc *a, double cap, double cap_sine)
 {
-    for (uint32_t r = col->lowest; r <= col->highest && r < b->rows; r++) {
-        const uint32_t y = b->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? b->rows - 1 - r : r;
-        const double found = col->row_solid_angle[r], whole = col->whole * (t->edge_cos[r] - t->edge_cos[r + 1]);
-        if (found > OVERLAP_MIN * fmin(whole, t->solid_angle)) {
-            const enum err e = overlaps_add(t->out, t->texel, y * b->columns + x, found);
-            if (e)
-                return e;
-        }
-        col->row_solid_angle[r] = 0.0;
-    }
-    col->lowest = b->rows;
-    col->highest = 0;
-    return ERR_OK;
+    const struct span *s = a->span;
+    const double k = a->border.k, width = s->psi[1] - s->psi[0], whole = a->integral[1] - a->integral[0];
+
+    if (a->border.constant != 0.0)
+        return least(a->border.constant, cap) * width;
+    if (k * cap <= 0.0) /* the border lies entirely on one side of the cap */
+        return k > 0.0 || (k == 0.0 && cap < 0.0) ? cap * width : whole;
+    const double ratio = cap / (k * cap_sine);
+    const double nearest = s->psi[0] < 0.0 && s->psi[1] > 0.0 ? 1.0 : most(s->cosine[0], s->cosine[1]);
+    if (ratio < least(s->cosine[0], s->cosine[1]) - COSINE_SLACK) /* the crossings are outside */
+        return k > 0.0 ? cap * width : whole;
+    if (ratio >= least(1.0, nearest + COSINE_SLACK)) /* both are on one side, or there is none */
+        return k > 0.0 ? whole : cap * width;
+    const double crossing = acos(ratio);
+    const double in0 = least(s->psi[1], most(s->psi[0], -crossing)), in1 = least(s->psi[1], most(s->psi[0], crossing));
+    const double within = integral_at(a, in1) - integral_at(a, in0);
+    if (k > 0.0) /* above the cap between the crossings */
+        return cap * (in1 - in0) + (integral_at(a, in0) - a->integral[0]) + (a->integral[1] - integral_at(a, in1));
+    return within + cap * (width - (in1 - in0));
 }
 
 /* The azimuths of the texel's corners and extremes, ascending. Returns their number. */
@@ -111,23 +148,54 @@ static int texel_azimuths(uint32_t face, const double u[2], const double v[2], d
     return count;
 }
 
-/* The borders where the meridian at phi enters and leaves the texel, the lower one first. */
-static void find_borders(uint32_t face, const double u[2], const double v[2], double phi, struct border out[2])
-{
-    static const double normal_azimuth[4] = { 0.5 * PI, -0.5 * PI, 0.0, PI }; /* +x, -x, +z, -z */
+/* Walks from one corner azimuth or border between source columns to the next. */
+struct walk {
+    double stops[6];
+    int count, stop;
+    /* The current interval: azimuths, the source column that contains it, and that column's width in radians. */
+    double from, to;
+    uint32_t column;
+    double column_width;
+};
 
-    if (face >> 1 != 1) { /* a side face: bottom and top edge, at distance 1 */
-        const double *y = face >> 1 == 0 ? u : v, azimuth = normal_azimuth[face < 2 ? face : face - 2];
-        for (int k = 0; k < 2; k++)
-            out[k] = (struct border){ y[k], azimuth, 0.0 };
-        return;
-    }
-    /* A polar face: u runs along z, v along x. The meridian is a ray from the plane's origin, clipped against both
-     * slabs. */
-    const double pole = face & 1 ? -1.0 : 1.0;
+static void walk_init(struct walk *w, uint32_t face, const double u[2], const double v[2])
+{
+    w->count = texel_azimuths(face, u, v, w->stops);
+    w->stop = 0;
+    w->to = w->stops[0];
+}
+
+static bool walk_next(struct walk *w, const struct blocks *b, double rotation)
+{
+    const double texels_per_radian = b->width / (2.0 * PI);
+
+    w->from = w->to;
+    while (w->stop + 1 < w->count && !(w->from < w->stops[w->stop + 1] - 1e-14))
+        w->from = w->stops[++w->stop];
+    if (w->stop + 1 >= w->count)
+        return false;
+    /* Azimuth in the source: phi = pi - 2 pi x / width, after undoing the rotation. */
+    const double x = (PI - (w->from - rotation)) * texels_per_radian;
+    /* The block to the left of x and its left border, which is the next one with increasing azimuth. */
+    const double turn = b->width * floor((x - 1e-9) / b->width);
+    const double block = most(0.0, ceil((x - turn) / b->factor - 1e-9) - 1.0);
+    w->column = block < b->columns ? (uint32_t)block : b->columns - 1;
+    const double border = turn + (double)b->factor * w->column;
+    w->to = least(PI - border / texels_per_radian + rotation, w->stops[w->stop + 1]);
+    w->column_width = least(b->factor, b->width - (double)b->factor * w->column) / texels_per_radian;
+    return true;
+}
+
+static const double normal_azimuth[4] = { 0.5 * PI, -0.5 * PI, 0.0, PI }; /* +x, -x, +z, -z */
+
+/* The borders where the meridian at phi enters and leaves a texel of a polar face, the lower one first. u runs along z,
+ * v along x: the meridian is a ray from the plane's origin, clipped against both slabs. */
+static void find_borders(double pole, const double u[2], const double v[2], double phi, struct border out[2])
+{
     const double along[2] = { cos(phi), sin(phi) }, low[2] = { u[0], v[0] }, high[2] = { u[1], v[1] };
     struct border enter = { 0.0, 0.0, pole }, leave = { 0.0, 0.0, pole };
     double near = 0.0, far = 1e30;
+
     for (int k = 0; k < 2; k++) {
         if (fabs(along[k]) < 1e-15)
             continue;
@@ -146,92 +214,98 @@ static void find_borders(uint32_t face, const double u[2], const double v[2], do
     out[1] = pole > 0.0 ? enter : leave;
 }
 
-/* Integrates the texel between two azimuths exactly: between its lower and upper border, row by row of the source. */
-static void integrate_interval(const struct blocks *b, const double *edge_cos, uint32_t face, const double u[2],
-                               const double v[2], double phi0, double phi1, struct column *col)
+/* Integrates a texel over an interval exactly: between its lower and upper border, row by row of the source, from row
+ * *r or so on, which becomes the first row. */
+static enum err add_rows(const struct blocks *b, const struct row_edges *edges, const struct walk *w,
+                         const struct arc *lower, const struct arc *upper, struct target *t, uint32_t *first)
 {
-    struct border border[2];
-    double psi[2][2], height[2], above[2];
+    uint32_t r = *first;
+    enum err e = ERR_OK;
 
-    find_borders(face, u, v, 0.5 * (phi0 + phi1), border);
-    for (int k = 0; k < 2; k++) {
-        psi[k][0] = wrap_angle(0.5 * (phi0 + phi1) - border[k].azimuth) - 0.5 * (phi1 - phi0);
-        psi[k][1] = psi[k][0] + (phi1 - phi0);
-        const double h0 = border_height(&border[k], psi[k][0]), h1 = border_height(&border[k], psi[k][1]);
-        height[k] = k == 0 ? fmin(h0, h1) : fmax(h0, h1);
-        if (psi[k][0] < 0.0 && psi[k][1] > 0.0) {
-            const double middle = border_height(&border[k], 0.0);
-            height[k] = k == 0 ? fmin(height[k], middle) : fmax(height[k], middle);
-        }
-    }
-    uint32_t r = (uint32_t)(acos(fmin(1.0, fmax(-1.0, height[1]))) / PI * b->height / b->factor);
-    r = r < b->rows ? r : b->rows - 1;
-    while (r > 0 && height[1] > edge_cos[r]) /* rounding at a boundary */
+    while (r > 0 && upper->high > edges->height[r])
         r--;
-    for (int k = 0; k < 2; k++)
-        above[k] = capped_integral(&border[k], edge_cos[r], psi[k][0], psi[k][1]);
-    for (; r < b->rows; r++) {
-        double below[2];
-        for (int k = 0; k < 2; k++)
-            below[k] = capped_integral(&border[k], edge_cos[r + 1], psi[k][0], psi[k][1]);
-        const double solid_angle = (above[1] - below[1]) - (above[0] - below[0]);
-        if (solid_angle > 0.0) {
-            col->row_solid_angle[r] += solid_angle;
-            col->lowest = r < col->lowest ? r : col->lowest;
-            col->highest = r > col->highest ? r : col->highest;
+    while (r + 1 < b->rows && upper->high <= edges->height[r + 1])
+        r++;
+    *first = r;
+    double above = capped_integral(upper, edges->height[r], edges->sine[r]);
+    double above_lower = capped_integral(lower, edges->height[r], edges->sine[r]);
+    for (; r < b->rows && !e; r++) {
+        const double below = capped_integral(upper, edges->height[r + 1], edges->sine[r + 1]);
+        const double below_lower = capped_integral(lower, edges->height[r + 1], edges->sine[r + 1]);
+        const double found = (above - below) - (above_lower - below_lower);
+        const double whole = w->column_width * (edges->height[r] - edges->height[r + 1]);
+        if (found > OVERLAP_MIN * least(whole, t->solid_angle)) {
+            const uint32_t y = b->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? b->rows - 1 - r : r;
+            e = overlaps_add(t->out, t->texel, y * b->columns + w->column, found);
         }
-        if (height[0] >= edge_cos[r + 1])
+        if (lower->low >= edges->height[r + 1])
             break;
-        above[0] = below[0];
-        above[1] = below[1];
+        above = below;
+        above_lower = below_lower;
     }
+    return e;
 }
 
-/* Integrates one cube texel: visits the source columns it overlaps, from one column border or corner azimuth to the
- * next. */
-static enum err integrate_texel(const struct blocks *b, double rotation, uint32_t face, const double u[2],
-                                const double v[2], struct column *col, struct target *t)
-{
-    double stops[6];
-    const int n = texel_azimuths(face, u, v, stops);
-    const double texels_per_radian = b->width / (2.0 * PI);
-
-    for (int s = 0; s + 1 < n; s++) {
-        /* Azimuth in the source: phi = pi - 2 pi x / width, after undoing the rotation. */
-        double at = stops[s];
-        while (at < stops[s + 1] - 1e-14) {
-            const double x = (PI - (at - rotation)) * texels_per_radian;
-            /* The block to the left of x and its left border, which is the next one with increasing azimuth. */
-            const double turn = b->width * floor((x - 1e-9) / b->width);
-            const double block = fmax(0.0, ceil((x - turn) / b->factor - 1e-9) - 1.0);
-            const uint32_t column = block < b->columns ? (uint32_t)block : b->columns - 1;
-            const double border = turn + (double)b->factor * column;
-            double next = PI - border / texels_per_radian + rotation;
-            if (next > stops[s + 1])
-                next = stops[s + 1];
-            integrate_interval(b, t->edge_cos, face, u, v, at, next, col);
-            col->whole = fmin(b->factor, b->width - (double)b->factor * column) / texels_per_radian;
-            const enum err e = flush_column(b, col, column, t);
-            if (e)
-                return e;
-            at = next;
-        }
-    }
-    return ERR_OK;
-}
-
-void resample_latlong_row(const struct blocks *b, const struct cube_side *c, const double *edge_cos, uint32_t row,
-                          struct overlaps *out)
+/* A row of texels of a polar face. */
+static enum err add_polar_row(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
+                              uint32_t row, struct overlaps *out)
 {
     const uint32_t n = c->n, face = row / n, i = row % n;
     const double v[2] = { -1.0 + 2.0 * i / n, -1.0 + 2.0 * (i + 1) / n };
-    struct column col = { .row_solid_angle = mem_alloc(b->rows, sizeof(double)), .lowest = b->rows };
+    uint32_t first = 0;
+    enum err e = ERR_OK;
 
-    out->e = col.row_solid_angle ? ERR_OK : ERR_NOMEM;
-    for (uint32_t j = 0; j < n && !out->e; j++) {
+    for (uint32_t j = 0; j < n && !e; j++) {
         const double u[2] = { -1.0 + 2.0 * j / n, -1.0 + 2.0 * (j + 1) / n };
-        struct target t = { row * n + j, c->solid_angle[(size_t)i * n + j], edge_cos, out };
-        out->e = integrate_texel(b, c->rotation, face, u, v, &col, &t);
+        struct target t = { row * n + j, c->solid_angle[(size_t)i * n + j], out };
+        struct walk w;
+        walk_init(&w, face, u, v);
+        while (!e && walk_next(&w, b, c->rotation)) {
+            struct border border[2];
+            struct span span[2];
+            struct arc arc[2];
+            find_borders(face & 1 ? -1.0 : 1.0, u, v, 0.5 * (w.from + w.to), border);
+            for (int k = 0; k < 2; k++) {
+                span_init(&span[k], border[k].azimuth, w.from, w.to);
+                arc_init(&arc[k], &border[k], &span[k]);
+            }
+            e = add_rows(b, edges, &w, &arc[0], &arc[1], &t, &first);
+        }
     }
-    mem_free(col.row_solid_angle);
+    return e;
+}
+
+/* A slice of a side face: the texels between two meridians, from the bottom up. All have the same intervals, and the
+ * upper border of one is the lower border of the next. */
+static enum err add_side_slice(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
+                               uint32_t slice, struct overlaps *out)
+{
+    const uint32_t n = c->n, face = slice / n, s = slice % n;
+    const double azimuth = normal_azimuth[face < 2 ? face : face - 2], all[2] = { -1.0, 1.0 };
+    const double across[2] = { -1.0 + 2.0 * s / n, -1.0 + 2.0 * (s + 1) / n };
+    struct walk w;
+    enum err e = ERR_OK;
+
+    walk_init(&w, face, face < 2 ? all : across, face < 2 ? across : all);
+    while (!e && walk_next(&w, b, c->rotation)) {
+        struct span span;
+        struct arc arc[2];
+        uint32_t first = b->rows - 1;
+        span_init(&span, azimuth, w.from, w.to);
+        arc_init(&arc[0], &(struct border){ -1.0, azimuth, 0.0 }, &span);
+        for (uint32_t m = 0; m < n && !e; m++) {
+            const uint32_t in_face = face < 2 ? s * n + m : m * n + s; /* u or v runs along y */
+            struct target t = { face * n * n + in_face, c->solid_angle[in_face], out };
+            arc_init(&arc[(m + 1) & 1], &(struct border){ -1.0 + 2.0 * (m + 1) / n, azimuth, 0.0 }, &span);
+            e = add_rows(b, edges, &w, &arc[m & 1], &arc[(m + 1) & 1], &t, &first);
+        }
+    }
+    return e;
+}
+
+void resample_latlong_part(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
+                           uint32_t part, struct overlaps *out)
+{
+    const bool polar = part / c->n >> 1 == 1;
+    out->e = polar ? add_polar_row(b, c, edges, part, out) : add_side_slice(b, c, edges, part, out);
 }

@@ -38,29 +38,41 @@ static uint32_t choose_factor(enum layout layout, uint32_t width, uint32_t heigh
     return factor;
 }
 
-/* Finds all overlaps, in lists[count]: per row of the cube map for lat-long, per row of blocks for the others. */
+static enum err find_row_edges(const struct blocks *b, struct row_edges *out)
+{
+    out->height = mem_alloc((size_t)b->rows + 1, sizeof(*out->height));
+    out->sine = mem_alloc((size_t)b->rows + 1, sizeof(*out->sine));
+    if (!out->height || !out->sine)
+        return ERR_NOMEM;
+    for (uint32_t r = 0; r <= b->rows; r++) {
+        const uint32_t y = r == b->rows                                ? b->height
+                           : b->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? b->height - blocks_end(b, 1, b->rows - 1 - r)
+                                                                       : blocks_start(b, 1, r);
+        const double h = y == 0 ? 1.0 : y == b->height ? -1.0 : cos(PI * y / b->height);
+        out->height[r] = h;
+        out->sine[r] = sqrt(fmax(1e-300, 1.0 - h * h));
+    }
+    return ERR_OK;
+}
+
+/* Finds all overlaps, in lists[count]: per part of the cube map for lat-long, per row of blocks for the others. */
 static enum err find_overlaps(const struct blocks *b, const struct cube_side *side, struct overlaps *lists,
                               uint32_t count)
 {
-    const int latlong = !layout_faces(b->layout) && !layout_is_disc(b->layout);
-    double *edge_cos = mem_alloc((size_t)b->rows + 1, sizeof(*edge_cos));
-    enum err e = edge_cos ? ERR_OK : ERR_NOMEM;
+    const bool latlong = !layout_faces(b->layout) && !layout_is_disc(b->layout);
+    struct row_edges edges = { NULL, NULL };
+    const enum err e = latlong ? find_row_edges(b, &edges) : ERR_OK;
 
-    for (uint32_t r = 0; !e && r <= b->rows; r++) {
-        const uint32_t y = b->layout == LAYOUT_LATLONG_BOTTOM_FIRST
-                               ? (r == b->rows ? b->height : b->height - blocks_end(b, 1, b->rows - 1 - r))
-                               : (r == b->rows ? b->height : blocks_start(b, 1, r));
-        edge_cos[r] = y == 0 ? 1.0 : y == b->height ? -1.0 : cos(PI * y / b->height);
-    }
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t i = 0; i < count; i++) {
         lists[i].e = e;
         if (!e && latlong)
-            resample_latlong_row(b, side, edge_cos, i, &lists[i]);
+            resample_latlong_part(b, side, &edges, i, &lists[i]);
         else if (!e)
             resample_polygon_row(b, side, i, &lists[i]);
     }
-    mem_free(edge_cos);
+    mem_free(edges.height);
+    mem_free(edges.sine);
     return e;
 }
 
