@@ -188,30 +188,28 @@ static bool walk_next(struct walk *w, const struct blocks *b, double rotation)
 
 static const double normal_azimuth[4] = { 0.5 * PI, -0.5 * PI, 0.0, PI }; /* +x, -x, +z, -z */
 
-/* The borders where the meridian at phi enters and leaves a texel of a polar face, the lower one first. u runs along z,
- * v along x: the meridian is a ray from the plane's origin, clipped against both slabs. */
-static void find_borders(double pole, const double u[2], const double v[2], double phi, struct border out[2])
+/* The borders where the meridian at phi enters and leaves a texel of face +Y. u runs along z, v along x: the meridian
+ * is a ray from the plane's origin, clipped against both slabs. */
+static void find_borders(const double u[2], const double v[2], double phi, struct border out[2])
 {
     const double along[2] = { cos(phi), sin(phi) }, low[2] = { u[0], v[0] }, high[2] = { u[1], v[1] };
-    struct border enter = { 0.0, 0.0, pole }, leave = { 0.0, 0.0, pole };
     double near = 0.0, far = 1e30;
 
+    out[0] = out[1] = (struct border){ 0.0, 0.0, 1.0 };
     for (int k = 0; k < 2; k++) {
         if (fabs(along[k]) < 1e-15)
             continue;
-        const double first = along[k] > 0.0 ? low[k] : high[k], last = along[k] > 0.0 ? high[k] : low[k];
+        const double enter = along[k] > 0.0 ? low[k] : high[k], leave = along[k] > 0.0 ? high[k] : low[k];
         const double toward = normal_azimuth[(k == 0 ? 2 : 0) + (along[k] < 0.0)];
-        if (first / along[k] > near + 1e-15) {
-            near = first / along[k];
-            enter = (struct border){ pole / fabs(first), toward, 0.0 };
+        if (enter / along[k] > near + 1e-15) {
+            near = enter / along[k];
+            out[0] = (struct border){ 1.0 / fabs(enter), toward, 0.0 };
         }
-        if (last / along[k] < far) {
-            far = last / along[k];
-            leave = (struct border){ pole / fabs(last), toward, 0.0 };
+        if (leave / along[k] < far) {
+            far = leave / along[k];
+            out[1] = (struct border){ 1.0 / fabs(leave), toward, 0.0 };
         }
     }
-    out[0] = pole > 0.0 ? leave : enter;
-    out[1] = pole > 0.0 ? enter : leave;
 }
 
 /* Integrates a texel over an interval exactly: between its lower and upper border, row by row of the source, from row
@@ -246,32 +244,45 @@ static enum err add_rows(const struct blocks *b, const struct row_edges *edges, 
     return e;
 }
 
-/* A row of texels of a polar face. */
+/* A texel of both polar faces, which lie above each other and so have the same intervals. */
+static enum err add_polar_texels(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
+                                 uint32_t in_face, uint32_t first[2], struct overlaps *out)
+{
+    const uint32_t n = c->n, i = in_face / n, j = in_face % n;
+    const double u[2] = { -1.0 + 2.0 * j / n, -1.0 + 2.0 * (j + 1) / n };
+    const double v[2] = { -1.0 + 2.0 * i / n, -1.0 + 2.0 * (i + 1) / n };
+    struct walk w;
+    enum err e = ERR_OK;
+
+    walk_init(&w, 2, u, v);
+    while (!e && walk_next(&w, b, c->rotation)) {
+        struct border border[2];
+        struct span span[2];
+        struct arc arc[2];
+        find_borders(u, v, 0.5 * (w.from + w.to), border);
+        for (int k = 0; k < 2; k++)
+            span_init(&span[k], border[k].azimuth, w.from, w.to);
+        for (uint32_t south = 0; south < 2 && !e; south++) {
+            struct target t = { (2 + south) * n * n + in_face, c->solid_angle[in_face], out };
+            for (int k = 0; k < 2; k++) {
+                if (south)
+                    border[k] = (struct border){ -border[k].k, border[k].azimuth, -border[k].constant };
+                arc_init(&arc[k], &border[k], &span[k]);
+            }
+            e = add_rows(b, edges, &w, &arc[!south], &arc[south], &t, &first[south]);
+        }
+    }
+    return e;
+}
+
 static enum err add_polar_row(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
                               uint32_t row, struct overlaps *out)
 {
-    const uint32_t n = c->n, face = row / n, i = row % n;
-    const double v[2] = { -1.0 + 2.0 * i / n, -1.0 + 2.0 * (i + 1) / n };
-    uint32_t first = 0;
+    uint32_t first[2] = { 0, b->rows - 1 };
     enum err e = ERR_OK;
 
-    for (uint32_t j = 0; j < n && !e; j++) {
-        const double u[2] = { -1.0 + 2.0 * j / n, -1.0 + 2.0 * (j + 1) / n };
-        struct target t = { row * n + j, c->solid_angle[(size_t)i * n + j], out };
-        struct walk w;
-        walk_init(&w, face, u, v);
-        while (!e && walk_next(&w, b, c->rotation)) {
-            struct border border[2];
-            struct span span[2];
-            struct arc arc[2];
-            find_borders(face & 1 ? -1.0 : 1.0, u, v, 0.5 * (w.from + w.to), border);
-            for (int k = 0; k < 2; k++) {
-                span_init(&span[k], border[k].azimuth, w.from, w.to);
-                arc_init(&arc[k], &border[k], &span[k]);
-            }
-            e = add_rows(b, edges, &w, &arc[0], &arc[1], &t, &first);
-        }
-    }
+    for (uint32_t j = 0; j < c->n && !e; j++)
+        e = add_polar_texels(b, c, edges, row * c->n + j, first, out);
     return e;
 }
 
@@ -280,8 +291,8 @@ static enum err add_polar_row(const struct blocks *b, const struct cube_side *c,
 static enum err add_side_slice(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
                                uint32_t slice, struct overlaps *out)
 {
-    const uint32_t n = c->n, face = slice / n, s = slice % n;
-    const double azimuth = normal_azimuth[face < 2 ? face : face - 2], all[2] = { -1.0, 1.0 };
+    const uint32_t n = c->n, side = slice / n, s = slice % n, face = side < 2 ? side : side + 2;
+    const double azimuth = normal_azimuth[side], all[2] = { -1.0, 1.0 };
     const double across[2] = { -1.0 + 2.0 * s / n, -1.0 + 2.0 * (s + 1) / n };
     struct walk w;
     enum err e = ERR_OK;
@@ -306,6 +317,6 @@ static enum err add_side_slice(const struct blocks *b, const struct cube_side *c
 void resample_latlong_part(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
                            uint32_t part, struct overlaps *out)
 {
-    const bool polar = part / c->n >> 1 == 1;
-    out->e = polar ? add_polar_row(b, c, edges, part, out) : add_side_slice(b, c, edges, part, out);
+    const uint32_t sides = (RESAMPLE_LATLONG_PARTS - 1) * c->n;
+    out->e = part < sides ? add_side_slice(b, c, edges, part, out) : add_polar_row(b, c, edges, part - sides, out);
 }

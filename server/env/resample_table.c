@@ -45,9 +45,9 @@ static enum err find_row_edges(const struct blocks *b, struct row_edges *out)
     if (!out->height || !out->sine)
         return ERR_NOMEM;
     for (uint32_t r = 0; r <= b->rows; r++) {
-        const uint32_t y = r == b->rows                                ? b->height
+        const uint32_t y = r == b->rows                               ? b->height
                            : b->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? b->height - blocks_end(b, 1, b->rows - 1 - r)
-                                                                       : blocks_start(b, 1, r);
+                                                                      : blocks_start(b, 1, r);
         const double h = y == 0 ? 1.0 : y == b->height ? -1.0 : cos(PI * y / b->height);
         out->height[r] = h;
         out->sine[r] = sqrt(fmax(1e-300, 1.0 - h * h));
@@ -88,6 +88,24 @@ static int by_block(const void *a, const void *b)
     return (x->block > y->block) - (x->block < y->block);
 }
 
+#define SORT_FEW 32 /* up to here, insertion is faster */
+
+/* Stable, as sums depend on the order of equal blocks. */
+static void sort_by_block(struct overlap *items, size_t count)
+{
+    if (count > SORT_FEW) {
+        qsort(items, count, sizeof(*items), by_block);
+        return;
+    }
+    for (size_t i = 1; i < count; i++) {
+        const struct overlap item = items[i];
+        size_t k = i;
+        for (; k > 0 && items[k - 1].block > item.block; k--)
+            items[k] = items[k - 1];
+        items[k] = item;
+    }
+}
+
 /* Frees the lists on the way. */
 static enum err gather(const struct resample_table *t, struct overlaps *lists, uint32_t count, struct sorted *s)
 {
@@ -117,22 +135,26 @@ static enum err gather(const struct resample_table *t, struct overlaps *lists, u
     }
 #pragma omp parallel for schedule(dynamic, 1024)
     for (size_t k = 0; k < texels; k++)
-        qsort(s->items + s->first[k], s->first[k + 1] - s->first[k], sizeof(*s->items), by_block);
+        sort_by_block(s->items + s->first[k], s->first[k + 1] - s->first[k]);
     return ERR_OK;
 }
 
 /* The covered solid angle of each cube map texel: the row sums of the matrix. */
 static double *shown_of_texels(const struct resample_table *r)
 {
-    const double step = 2.0 / r->key.n;
-    double *shown = mem_alloc((size_t)CUBE_FACES * r->key.n * r->key.n, sizeof(*shown));
+    const uint32_t n = r->key.n;
+    const size_t face_texels = (size_t)n * n;
+    const double step = 2.0 / n;
+    double *shown = mem_alloc(CUBE_FACES * face_texels, sizeof(*shown));
 
-    for (uint32_t row = 0; shown && row < CUBE_FACES * r->key.n; row++) {
-        const double v = -1.0 + step * (row % r->key.n);
-        for (uint32_t j = 0; j < r->key.n; j++) {
-            const double u = -1.0 + step * j;
-            shown[(size_t)row * r->key.n + j] =
-                layout_shown_of_face(r->key.layout, row / r->key.n, u, v, u + step, v + step);
+    for (uint32_t face = 0; shown && face < CUBE_FACES; face++) {
+        if (face > 0 && r->key.layout != LAYOUT_FISHEYE) { /* covers all faces alike */
+            memcpy(shown + face * face_texels, shown, face_texels * sizeof(*shown));
+            continue;
+        }
+        for (size_t k = 0; k < face_texels; k++) {
+            const double u = -1.0 + step * (double)(k % n), v = -1.0 + step * (double)(k / n);
+            shown[face * face_texels + k] = layout_shown_of_face(r->key.layout, face, u, v, u + step, v + step);
         }
     }
     return shown;
@@ -336,9 +358,9 @@ static enum err list_lines(struct resample_table *t)
         uint64_t lines[LINE_WORDS];
         uint16_t *to = t->line + t->line_first[k];
         find_lines(t, k, lines);
-        for (uint32_t at = 0; at < 64 * LINE_WORDS; at++)
-            if (lines[at / 64] >> at % 64 & 1)
-                *to++ = (uint16_t)at;
+        for (uint32_t at = 0; at < LINE_WORDS; at++)
+            for (uint64_t left = lines[at]; left; left &= left - 1)
+                *to++ = (uint16_t)(64 * at + (uint32_t)__builtin_ctzll(left));
     }
     return ERR_OK;
 }
@@ -420,7 +442,7 @@ enum err resample_table_create(const struct resample_key *key, struct resample_t
     if (e)
         return e;
     blocks_init(&b, layout, key->width, key->height, choose_factor(layout, key->width, key->height, key->n));
-    const uint32_t count = layout_faces(layout) || layout_is_disc(layout) ? b.rows : CUBE_FACES * key->n;
+    const uint32_t count = layout_faces(layout) || layout_is_disc(layout) ? b.rows : RESAMPLE_LATLONG_PARTS * key->n;
     struct resample_table *t = mem_alloc(1, sizeof(*t));
     struct overlaps *lists = mem_alloc(count, sizeof(*lists));
     e = t && lists ? ERR_OK : ERR_NOMEM;
