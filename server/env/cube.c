@@ -1,5 +1,7 @@
 #include "env/cube.h"
 
+#include <stddef.h>
+
 uint32_t cube_step_over(uint32_t face, int edge, int *i, int *j)
 {
     double w[3];
@@ -25,6 +27,23 @@ static double corner_integral(double u, double v)
 double cube_solid_angle(double u0, double v0, double u1, double v1)
 {
     return corner_integral(u1, v1) - corner_integral(u0, v1) - corner_integral(u1, v0) + corner_integral(u0, v0);
+}
+
+void cube_solid_angles(uint32_t n, double *out)
+{
+    const double step = 2.0 / n;
+
+    for (uint32_t i = 0; i < n; i++) {
+        const double v0 = -1.0 + step * i, v1 = -1.0 + step * (i + 1);
+        double low = corner_integral(-1.0, v0), high = corner_integral(-1.0, v1);
+        for (uint32_t j = 0; j < n; j++) {
+            const double u1 = -1.0 + step * (j + 1), next_low = corner_integral(u1, v0),
+                         next_high = corner_integral(u1, v1);
+            out[(size_t)i * n + j] = next_high - high - next_low + low; /* as in cube_solid_angle */
+            low = next_low;
+            high = next_high;
+        }
+    }
 }
 
 void cube_corners(uint32_t face, float out[4][3])

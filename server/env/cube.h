@@ -49,6 +49,9 @@ uint32_t cube_step_over(uint32_t face, int edge, int *i, int *j);
  */
 double cube_solid_angle(double u0, double v0, double u1, double v1);
 
+/* Those of all texels of a face, out[n][n]. */
+void cube_solid_angles(uint32_t n, double *out);
+
 /* Area on the face plane per solid angle at (u, v): (1 + u^2 + v^2)^(3/2), sr^-1. */
 static inline float cube_jacobian(float u, float v)
 {

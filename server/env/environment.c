@@ -54,11 +54,7 @@ struct environment *environment_create(const struct environment_desc *desc)
         environment_destroy(e);
         return NULL;
     }
-    const double step = 2.0 / n;
-    for (uint32_t i = 0; i < n; i++)
-        for (uint32_t j = 0; j < n; j++)
-            e->solid_angle[(size_t)i * n + j] =
-                cube_solid_angle(-1.0 + step * j, -1.0 + step * i, -1.0 + step * (j + 1), -1.0 + step * (i + 1));
+    cube_solid_angles(n, e->solid_angle);
     e->pyramid = pyramid_create(n, e->solid_angle);
     if (!e->pyramid) {
         environment_destroy(e);

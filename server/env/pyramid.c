@@ -115,15 +115,14 @@ static size_t alike(uint32_t n, uint32_t row, uint32_t column)
     return (size_t)(i < j ? i : j) * n + (i < j ? j : i);
 }
 
-/* The solid angle, sr, over which equivalent texels spread their light; a face has a sixth of it. */
-static void sum_spread(const struct pyramid_level *l, double *spread)
+/* The solid angle, sr, over which equivalent texels spread their light; a face has a sixth of it. It is integrated in
+ * steps x steps places; solid_angle: theirs. */
+static void sum_spread(const struct pyramid_level *l, uint32_t steps, const double *solid_angle, double *spread)
 {
-    const uint32_t steps = l->n > FIT_MIN / FIT_STEPS ? FIT_STEPS * l->n : FIT_MIN;
     const double step = 2.0 / steps;
 
     for (uint32_t at = 0; at < steps * steps; at++) {
         const double u = -1.0 + step * (at % steps), v = -1.0 + step * (at / steps);
-        const double solid_angle = cube_solid_angle(u, v, u + step, v + step);
         struct tap taps[12];
         const int count = find_taps(l->n, 0, (float)(u + 0.5 * step), (float)(v + 0.5 * step), taps);
         double whole = 0.0;
@@ -132,7 +131,7 @@ static void sum_spread(const struct pyramid_level *l, double *spread)
         for (int k = 0; k < count; k++) {
             const uint32_t in_face = taps[k].row * l->n + taps[k].column;
             spread[alike(l->n, taps[k].row, taps[k].column)] +=
-                solid_angle * (double)taps[k].weight * (double)l->gain[in_face] / whole;
+                solid_angle[at] * (double)taps[k].weight * (double)l->gain[in_face] / whole;
         }
     }
 }
@@ -144,19 +143,22 @@ static void sum_spread(const struct pyramid_level *l, double *spread)
 static bool fit_gains(struct pyramid_level *l)
 {
     const size_t texels = (size_t)l->n * l->n;
+    const uint32_t steps = l->n > FIT_MIN / FIT_STEPS ? FIT_STEPS * l->n : FIT_MIN;
     double *spread = mem_alloc(2 * texels, sizeof(*spread)), *want = spread ? spread + texels : NULL;
+    double *solid_angle = mem_alloc((size_t)steps * steps, sizeof(*solid_angle));
 
     l->gain = mem_alloc(texels, sizeof(*l->gain));
-    const bool ok = spread && l->gain;
+    const bool ok = spread && solid_angle && l->gain;
     if (!ok)
         goto done;
+    cube_solid_angles(steps, solid_angle);
     for (size_t t = 0; t < texels; t++) {
         want[alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n))] += (double)l->solid_angle[t];
         l->gain[t] = 1.0f;
     }
     for (int round = 0; round < FIT_ROUNDS; round++) {
         memset(spread, 0, texels * sizeof(*spread));
-        sum_spread(l, spread);
+        sum_spread(l, steps, solid_angle, spread);
         for (size_t t = 0; t < texels; t++) {
             const size_t as = alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n));
             l->gain[t] *= (float)(want[as] / spread[as]);
@@ -164,6 +166,7 @@ static bool fit_gains(struct pyramid_level *l)
     }
 done:
     mem_free(spread);
+    mem_free(solid_angle);
     return ok;
 }
 
