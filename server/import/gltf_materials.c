@@ -11,18 +11,28 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* How a material uses an image. */
+struct use {
+    const char *name; /* "*3" is the third embedded image, anything else a file beside the model */
+    enum texture_values values;
+    enum texture_wrap wrap_u, wrap_v;
+};
+
+/* An image that has been read. */
+struct known {
+    struct use use;    /* owns its name */
+    uint32_t texture;  /* of the scene; MATERIAL_NO_TEXTURE: only the means were needed */
+    float green, blue; /* means of TEXTURE_LINEAR */
+};
+
 struct source {
     struct scene *scene;
     const struct aiScene *ai;
     const struct host *host;
     const char *path;
     struct reason *why;
-    /* The textures named so far, so that each image is read once. */
-    struct {
-        char name[256];
-        uint32_t texture;
-    } known[64];
-    size_t known_count;
+    struct known *known; /* each image is read once per use */
+    size_t known_count, known_room;
 };
 
 static float get_float(const struct aiMaterial *m, const char *key, float fallback)
@@ -84,7 +94,6 @@ static bool file_beside(const char *model, const char *uri, char *out, size_t si
     return true;
 }
 
-/* Reads image `name`: "*3" is the third embedded one, anything else a file beside the model. */
 static enum err read_picture(struct source *s, const char *name, enum texture_values values, struct texture *out)
 {
     char label[4096];
@@ -104,29 +113,72 @@ static enum err read_picture(struct source *s, const char *name, enum texture_va
     return texture_decode(t->pcData, t->mWidth, values, label, out, s->why);
 }
 
-static enum err base_texture(struct source *s, const char *name, uint32_t *index)
+static bool same_use(const struct use *a, const struct use *b)
+{
+    return strcmp(a->name, b->name) == 0 && a->values == b->values && a->wrap_u == b->wrap_u && a->wrap_v == b->wrap_v;
+}
+
+/* The mean of a channel, 0..1. */
+static float channel_mean(const struct texture *t, size_t channel)
+{
+    const size_t count = (size_t)t->width * t->height;
+    uint64_t sum = 0;
+
+    for (size_t i = 0; i < count; i++)
+        sum += t->texels[4 * i + channel];
+    return (float)((double)sum / (255.0 * (double)count));
+}
+
+/* Remembers an image for its use; colours go to the scene, of numbers only the means are kept. */
+static enum err remember(struct source *s, const struct use *use, struct texture *t)
+{
+    if (!mem_reserve(&s->known, s->known_count, &s->known_room, sizeof(*s->known)))
+        return ERR_NOMEM;
+    struct known *k = &s->known[s->known_count];
+    char *name = mem_alloc(strlen(use->name) + 1, 1);
+    if (!name)
+        return ERR_NOMEM;
+    strcpy(name, use->name);
+    *k = (struct known){ .use = *use, .texture = MATERIAL_NO_TEXTURE };
+    k->use.name = name;
+    s->known_count++;
+    if (use->values == TEXTURE_LINEAR) {
+        k->green = channel_mean(t, 1);
+        k->blue = channel_mean(t, 2);
+        texture_finish(t);
+        return ERR_OK;
+    }
+    return scene_add_texture(s->scene, t, &k->texture);
+}
+
+/* *out stays valid until the next call. */
+static enum err know_picture(struct source *s, const struct use *use, const struct known **out)
 {
     struct texture t;
 
     for (size_t i = 0; i < s->known_count; i++) {
-        if (strcmp(s->known[i].name, name) == 0) {
-            *index = s->known[i].texture;
+        *out = &s->known[i];
+        if (same_use(&s->known[i].use, use))
             return ERR_OK;
-        }
     }
-    enum err e = read_picture(s, name, TEXTURE_SRGB, &t);
+    enum err e = read_picture(s, use->name, use->values, &t);
     if (e)
         return e;
-    e = scene_add_texture(s->scene, &t, index);
-    if (e) {
-        mem_free(t.rgb);
-        return e;
-    }
-    if (s->known_count < sizeof(s->known) / sizeof(s->known[0]) && strlen(name) < sizeof(s->known[0].name)) {
-        snprintf(s->known[s->known_count].name, sizeof(s->known[0].name), "%s", name);
-        s->known[s->known_count++].texture = *index;
-    }
-    return ERR_OK;
+    t.wrap_u = use->wrap_u;
+    t.wrap_v = use->wrap_v;
+    e = remember(s, use, &t);
+    if (e)
+        texture_finish(&t);
+    else
+        *out = &s->known[s->known_count - 1];
+    return e;
+}
+
+static enum texture_wrap wrap_of(enum aiTextureMapMode mode)
+{
+    if (mode == aiTextureMapMode_Mirror)
+        return TEXTURE_MIRROR;
+    return mode == aiTextureMapMode_Wrap ? TEXTURE_REPEAT : TEXTURE_CLAMP;
 }
 
 static bool is_identity(const struct aiUVTransform *t)
@@ -138,6 +190,7 @@ static bool is_identity(const struct aiUVTransform *t)
 static enum err read_base_texture(struct source *s, const struct aiMaterial *ai, struct material *m)
 {
     enum aiTextureMapMode mode[2] = { aiTextureMapMode_Wrap, aiTextureMapMode_Wrap };
+    const struct known *known;
     struct aiUVTransform transform;
     struct aiString name;
     unsigned uv = 0, max = sizeof(transform) / sizeof(ai_real);
@@ -150,18 +203,19 @@ static enum err read_base_texture(struct source *s, const struct aiMaterial *ai,
         transform = (struct aiUVTransform){ .mScaling = { 1.0f, 1.0f } };
     if (uv != 0 || !is_identity(&transform))
         scene_note_unmodelled(s->scene, FEATURE_TEXTURE_TRANSFORM, s->path);
-    if (mode[0] != aiTextureMapMode_Wrap || mode[1] != aiTextureMapMode_Wrap)
-        scene_note_unmodelled(s->scene, FEATURE_TEXTURE_CLAMP, s->path);
-    return base_texture(s, name.data, &m->texture);
+    const struct use use = { name.data, TEXTURE_SRGB, wrap_of(mode[0]), wrap_of(mode[1]) };
+    const enum err e = know_picture(s, &use, &known);
+    if (!e)
+        m->texture = known->texture;
+    return e;
 }
 
 /* Metallic and roughness vary over the surface if they have a texture (blue and green channels); their means are used.
  */
 static enum err read_metallic_roughness(struct source *s, const struct aiMaterial *ai, struct material *m)
 {
-    double green = 0.0, blue = 0.0;
+    const struct known *known;
     struct aiString name;
-    struct texture t;
 
     m->metallic = get_share(ai, "$mat.metallicFactor", 1.0f);
     m->roughness = get_share(ai, "$mat.roughnessFactor", 1.0f);
@@ -169,17 +223,12 @@ static enum err read_metallic_roughness(struct source *s, const struct aiMateria
                              NULL, NULL, NULL) != aiReturn_SUCCESS)
         return ERR_OK;
     scene_note_unmodelled(s->scene, FEATURE_ROUGHNESS_MAP, s->path);
-    const enum err e = read_picture(s, name.data, TEXTURE_LINEAR, &t);
+    const struct use use = { .name = name.data, .values = TEXTURE_LINEAR };
+    const enum err e = know_picture(s, &use, &known);
     if (e)
         return e;
-    const size_t count = (size_t)t.width * t.height;
-    for (size_t i = 0; i < count; i++) {
-        green += t.rgb[3 * i + 1];
-        blue += t.rgb[3 * i + 2];
-    }
-    m->roughness *= (float)(green / (double)count);
-    m->metallic *= (float)(blue / (double)count);
-    mem_free(t.rgb);
+    m->roughness *= known->green;
+    m->metallic *= known->blue;
     return ERR_OK;
 }
 
@@ -248,14 +297,14 @@ static enum err add_material(struct source *s, const struct aiMaterial *ai)
 enum err gltf_add_materials(struct scene *scene, const struct aiScene *ai, const struct model_desc *d, uint32_t *first,
                             struct reason *why)
 {
-    struct source *s = mem_alloc(1, sizeof(*s));
-    enum err e = s ? ERR_OK : ERR_NOMEM;
+    struct source s = { .scene = scene, .ai = ai, .host = d->host, .path = d->path, .why = why };
+    enum err e = ERR_OK;
 
     *first = (uint32_t)scene->material_count;
-    if (s)
-        *s = (struct source){ .scene = scene, .ai = ai, .host = d->host, .path = d->path, .why = why };
     for (unsigned i = 0; i < ai->mNumMaterials && !e; i++)
-        e = add_material(s, ai->mMaterials[i]);
-    mem_free(s);
+        e = add_material(&s, ai->mMaterials[i]);
+    for (size_t i = 0; i < s.known_count; i++)
+        mem_free((char *)s.known[i].use.name);
+    mem_free(s.known);
     return e;
 }

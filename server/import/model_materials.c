@@ -211,7 +211,7 @@ static enum err read_texture(const struct reading *r, unsigned index, struct mat
         }
         e = scene_add_texture(r->scene, &t, &m->texture);
         if (e) {
-            mem_free(t.rgb);
+            texture_finish(&t);
             return e;
         }
         r->known[index] = m->texture;

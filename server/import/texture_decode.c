@@ -1,37 +1,10 @@
 #include "import/parts.h"
 
-#include "base/mem.h"
-
-#include <math.h>
 #include <png.h>
 #include <string.h>
 #include <turbojpeg.h>
 
 #define FILE_MAX (256u << 20)
-
-/* [IEC 61966-2-1, section 5.2]: encoded value in 0..1 to linear. */
-static float srgb_to_linear(float v)
-{
-    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
-}
-
-/* Converts 8-bit texels of `channels` bytes to the texture's floats. */
-static enum err take_texels(const uint8_t *texels, int channels, enum texture_values values, struct texture *out)
-{
-    float linear[256];
-    const size_t count = (size_t)out->width * out->height;
-
-    out->rgb = mem_alloc(count, 3 * sizeof(float));
-    if (!out->rgb)
-        return ERR_NOMEM;
-    for (int i = 0; i < 256; i++)
-        linear[i] = values == TEXTURE_SRGB ? srgb_to_linear((float)i / 255.0f) : (float)i / 255.0f;
-    for (size_t i = 0; i < count; i++) {
-        for (size_t k = 0; k < 3; k++)
-            out->rgb[3 * i + k] = linear[texels[(size_t)channels * i + k]];
-    }
-    return ERR_OK;
-}
 
 static enum err check_size(uint64_t width, uint64_t height, const char *name, struct reason *why)
 {
@@ -42,11 +15,11 @@ static enum err check_size(uint64_t width, uint64_t height, const char *name, st
     return ERR_OK;
 }
 
+/* Straight into the texture's finest level. */
 static enum err decode_png(const void *bytes, size_t count, enum texture_values values, const char *name,
                            struct texture *out, struct reason *why)
 {
     png_image image = { .version = PNG_IMAGE_VERSION };
-    uint8_t *texels = NULL;
     enum err e;
 
     if (!png_image_begin_read_from_memory(&image, bytes, count))
@@ -54,21 +27,13 @@ static enum err decode_png(const void *bytes, size_t count, enum texture_values 
     e = check_size(image.width, image.height, name, why);
     if (e)
         goto done;
-    image.format = PNG_FORMAT_RGBA; /* alpha is read so that libpng does not blend with it */
-    texels = mem_alloc((size_t)image.width * image.height, 4);
-    if (!texels) {
-        e = ERR_NOMEM;
-        goto done;
-    }
-    if (!png_image_finish_read(&image, NULL, texels, 0, NULL)) {
+    image.format = PNG_FORMAT_RGBA;
+    image.flags |=
+        PNG_IMAGE_FLAG_16BIT_sRGB; /* else libpng takes 16-bit files for linear; they are rounded to 8 bits */
+    e = texture_init(out, image.width, image.height, values);
+    if (!e && !png_image_finish_read(&image, NULL, out->texels, 0, NULL))
         e = err_say(why, ERR_FORMAT, "%s: PNG: %s", name, image.message);
-        goto done;
-    }
-    out->width = image.width;
-    out->height = image.height;
-    e = take_texels(texels, 4, values, out);
 done:
-    mem_free(texels);
     png_image_free(&image);
     return e;
 }
@@ -77,7 +42,6 @@ static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values
                             struct texture *out, struct reason *why)
 {
     int width, height, subsampling, colours;
-    uint8_t *texels = NULL;
     enum err e;
 
     tjhandle tj = tjInitDecompress();
@@ -88,24 +52,23 @@ static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values
         goto done;
     }
     e = check_size((uint64_t)width, (uint64_t)height, name, why);
-    if (e)
-        goto done;
-    texels = mem_alloc((size_t)width * (size_t)height, 3);
-    if (!texels) {
-        e = ERR_NOMEM;
-        goto done;
-    }
-    if (tjDecompress2(tj, bytes, count, texels, width, 0, height, TJPF_RGB, TJFLAG_STOPONWARNING)) {
+    if (!e)
+        e = texture_init(out, (uint32_t)width, (uint32_t)height, values);
+    /* TJPF_RGBA sets alpha to 255 */
+    if (!e && tjDecompress2(tj, bytes, count, out->texels, width, 0, height, TJPF_RGBA, TJFLAG_STOPONWARNING))
         e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
-        goto done;
-    }
-    out->width = (uint32_t)width;
-    out->height = (uint32_t)height;
-    e = take_texels(texels, 3, values, out);
 done:
-    mem_free(texels);
     tjDestroy(tj);
     return e;
+}
+
+/* Alpha that means nothing must not show in a digest. */
+static void drop_alpha(struct texture *t)
+{
+    const size_t count = (size_t)t->width * t->height;
+
+    for (size_t i = 0; i < count; i++)
+        t->texels[4 * i + 3] = UINT8_MAX;
 }
 
 enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
@@ -114,12 +77,23 @@ enum err texture_decode(const void *bytes, size_t count, enum texture_values val
     static const uint8_t png_start[8] = { 0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n' };
     static const uint8_t jpeg_start[3] = { 0xff, 0xd8, 0xff };
 
+    enum err e;
+
     *out = (struct texture){ 0 };
     if (count >= sizeof(png_start) && memcmp(bytes, png_start, sizeof(png_start)) == 0)
-        return decode_png(bytes, count, values, name, out, why);
-    if (count >= sizeof(jpeg_start) && memcmp(bytes, jpeg_start, sizeof(jpeg_start)) == 0)
-        return decode_jpeg(bytes, count, values, name, out, why);
-    return err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", name);
+        e = decode_png(bytes, count, values, name, out, why);
+    else if (count >= sizeof(jpeg_start) && memcmp(bytes, jpeg_start, sizeof(jpeg_start)) == 0)
+        e = decode_jpeg(bytes, count, values, name, out, why);
+    else
+        e = err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", name);
+    if (e) {
+        texture_finish(out);
+        return e;
+    }
+    if (values == TEXTURE_SRGB)
+        drop_alpha(out);
+    texture_build_levels(out);
+    return ERR_OK;
 }
 
 enum err texture_load(const struct host *host, const char *path, enum texture_values values, struct texture *out,

@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define MAGIC 0x524c5032u
+#define MAGIC 0x524c5033u
 #define SLACK 1e-4f /* rounding beyond the limits of a value */
 
 struct head {
@@ -21,6 +21,7 @@ struct head {
 
 struct texture_head {
     uint32_t width, height;
+    uint32_t values, wrap_u, wrap_v; /* enum texture_values, enum texture_wrap */
 };
 
 struct mesh_head {
@@ -48,13 +49,13 @@ static enum err put(int fd, const void *bytes, size_t size, struct reason *why)
 
 static enum err put_texture(int fd, struct texture *t, struct reason *why)
 {
-    const struct texture_head head = { t->width, t->height };
+    const struct texture_head head = { t->width, t->height, t->values, t->wrap_u, t->wrap_v };
+    const size_t size = 4 * texture_texel_count(t->width, t->height);
     enum err e = put(fd, &head, sizeof(head), why);
 
     if (!e)
-        e = put(fd, t->rgb, 3 * sizeof(float) * t->width * t->height, why);
-    mem_free(t->rgb);
-    t->rgb = NULL;
+        e = put(fd, t->texels, size, why);
+    texture_finish(t);
     return e;
 }
 
@@ -226,19 +227,21 @@ static enum err take_texture(struct parcel *p)
     enum err e = take(p, &head, sizeof(head));
     if (e)
         return e;
+    if (head.width < 1 || head.height < 1 || head.width > TEXTURE_SIDE_MAX || head.height > TEXTURE_SIDE_MAX ||
+        (uint64_t)head.width * head.height > TEXTURE_TEXELS_MAX)
+        return forged(p, "the size of a texture");
+    if (head.values > TEXTURE_LINEAR || head.wrap_u > TEXTURE_MIRROR || head.wrap_v > TEXTURE_MIRROR)
+        return forged(p, "the kind of a texture");
     t.width = head.width;
     t.height = head.height;
-    const uint64_t count = (uint64_t)t.width * t.height;
-    if (t.width < 1 || t.height < 1 || t.width > TEXTURE_SIDE_MAX || t.height > TEXTURE_SIDE_MAX ||
-        count > TEXTURE_TEXELS_MAX)
-        return forged(p, "the size of a texture");
-    e = take_array(p, count, 3 * sizeof(float), 0, (void **)&t.rgb);
-    if (!e && !within(t.rgb, 3 * count, 0.0f, 1.0f))
-        e = forged(p, "a texel is out of range");
+    t.values = (enum texture_values)head.values;
+    t.wrap_u = (enum texture_wrap)head.wrap_u;
+    t.wrap_v = (enum texture_wrap)head.wrap_v;
+    e = take_array(p, texture_texel_count(t.width, t.height), 4, 0, (void **)&t.texels);
     if (!e)
         e = scene_add_texture(p->scene, &t, NULL);
     if (e)
-        mem_free(t.rgb);
+        texture_finish(&t);
     return e;
 }
 

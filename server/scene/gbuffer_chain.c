@@ -88,6 +88,18 @@ static void fill_leaf(struct leaf *l, const struct scatter *at)
     l->gloss = at->gloss;
 }
 
+/* What the branch hits, with textures averaged over its footprint. */
+static void see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
+                struct scatter *at)
+{
+    float uv_step[2][2];
+
+    rays_surface(s->rays, h, vec3_scale(b->dir, -1.0f), &at->surface);
+    cone_meet(&b->cone, s->scene, h, &at->surface, b->dir, footprint);
+    cone_uv(s->scene, h, footprint, uv_step);
+    scatter_on(s->scene, h, uv_step, at);
+}
+
 /* Handles the branch's hit: it ends, continues, or both. True if the surface has a delta lobe. */
 static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 {
@@ -95,7 +107,7 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     struct delta_ray out[2];
     struct footprint footprint;
 
-    scatter_at(c->sight->scene, c->sight->rays, h, b->dir, &at);
+    see(c->sight, b, h, &footprint, &at);
     b->distance += h->t; /* dir is unit */
     if (at.rough) {
         struct leaf *l = new_leaf(c, b);
@@ -103,8 +115,6 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
         l->footprint = b->distance * c->sight->pixel_angle;
     }
     const uint32_t count = scatter_eye(&at, b->dir, out);
-    if (count > 0)
-        cone_meet(&b->cone, c->sight->scene, h, &at.surface, b->dir, &footprint);
     for (uint32_t i = 0; i < count; i++) {
         struct branch next = *b;
         next.origin = out[i].origin;

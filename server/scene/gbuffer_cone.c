@@ -40,27 +40,58 @@ static struct vec3 vertex(const float *array, uint32_t index)
     return vec3_make(v[0], v[1], v[2]);
 }
 
-/* The change of the interpolated normal for a step in the triangle's plane [Igehy 1999, Eq. 13-15, with the barycentric
- * coordinates as ratios of areas]. */
+/* The change of the barycentric coordinates u and v for a step in the triangle's plane, as ratios of areas [Igehy 1999,
+ * Eq. 13]. False: the triangle is too small for floats. */
+static bool barycentric_change(const struct mesh *m, const struct hit *h, struct vec3 step, float *du, float *dv)
+{
+    const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
+    const struct vec3 p0 = vertex(m->positions, t[0]);
+    const struct vec3 e1 = vec3_sub(vertex(m->positions, t[1]), p0), e2 = vec3_sub(vertex(m->positions, t[2]), p0);
+    const struct vec3 area = vec3_cross(e1, e2);
+    const float area2 = vec3_dot(area, area);
+
+    if (!(area2 > 0.0f))
+        return false;
+    *du = vec3_dot(vec3_cross(step, e2), area) / area2;
+    *dv = vec3_dot(vec3_cross(e1, step), area) / area2;
+    return true;
+}
+
+/* The change of the interpolated normal for a step in the triangle's plane [Igehy 1999, Eq. 14-15]. */
 static struct vec3 normal_change(const struct mesh *m, const struct hit *h, struct vec3 shading, struct vec3 step)
 {
     const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
     const struct vec3 none = vec3_make(0.0f, 0.0f, 0.0f);
+    float du, dv;
 
     if (!m->normals)
         return none;
-    const struct vec3 p0 = vertex(m->positions, t[0]), n0 = vertex(m->normals, t[0]);
-    const struct vec3 e1 = vec3_sub(vertex(m->positions, t[1]), p0), e2 = vec3_sub(vertex(m->positions, t[2]), p0);
+    const struct vec3 n0 = vertex(m->normals, t[0]);
     const struct vec3 n1 = vec3_sub(vertex(m->normals, t[1]), n0), n2 = vec3_sub(vertex(m->normals, t[2]), n0);
-    const struct vec3 area = vec3_cross(e1, e2);
-    const float area2 = vec3_dot(area, area);
     const struct vec3 raw = vec3_add(n0, vec3_add(vec3_scale(n1, h->u), vec3_scale(n2, h->v)));
     const float along = vec3_dot(raw, shading); /* its length, with the sign of the side */
-    if (!(area2 > 0.0f) || fabsf(along) < 1e-3f)
+    if (fabsf(along) < 1e-3f || !barycentric_change(m, h, step, &du, &dv))
         return none;
-    const float du = vec3_dot(vec3_cross(step, e2), area) / area2, dv = vec3_dot(vec3_cross(e1, step), area) / area2;
     const struct vec3 change = vec3_scale(vec3_add(vec3_scale(n1, du), vec3_scale(n2, dv)), 1.0f / along);
     return limit(vec3_sub(change, vec3_scale(shading, vec3_dot(change, shading))), TURN_MAX);
+}
+
+void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[2][2])
+{
+    const struct mesh *m = &scene->meshes[h->mesh];
+    const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
+    float du, dv;
+
+    for (int k = 0; k < 2; k++) {
+        uv_step[k][0] = uv_step[k][1] = 0.0f;
+        if (!m->uvs || !barycentric_change(m, h, at->step[k], &du, &dv))
+            continue;
+        for (int i = 0; i < 2; i++) {
+            const float first = m->uvs[2 * (size_t)t[0] + (size_t)i];
+            uv_step[k][i] = du * (m->uvs[2 * (size_t)t[1] + (size_t)i] - first) +
+                            dv * (m->uvs[2 * (size_t)t[2] + (size_t)i] - first);
+        }
+    }
 }
 
 /* The derivative of a normalised vector: the part perpendicular to it. */

@@ -2,11 +2,13 @@
 
 #include <math.h>
 
-static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2])
+static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
+                               const float (*step)[2])
 {
     if (m->texture == MATERIAL_NO_TEXTURE)
         return m->diffuse;
-    return vec3_mul(m->diffuse, texture_lookup(&scene->textures[m->texture], uv[0], uv[1]));
+    const struct texture *t = &scene->textures[m->texture];
+    return vec3_mul(m->diffuse, step ? texture_filter(t, uv[0], uv[1], step) : texture_lookup(t, uv[0], uv[1]));
 }
 
 /* F0 in glTF: 0.04 for a dielectric, the base colour for a metal [glTF 2.0, appendix B]. */
@@ -53,11 +55,16 @@ static void fill_rough(const struct material *m, struct vec3 base, struct scatte
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out)
 {
+    rays_surface(rays, h, vec3_scale(dir, -1.0f), &out->surface);
+    scatter_on(scene, h, NULL, out);
+}
+
+void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out)
+{
     const uint32_t material = scene->meshes[h->mesh].material;
     const struct material *m = &scene->materials[material];
 
-    rays_surface(rays, h, vec3_scale(dir, -1.0f), &out->surface);
-    const struct vec3 base = base_colour(scene, m, out->surface.uv);
+    const struct vec3 base = base_colour(scene, m, out->surface.uv, uv_step);
     out->mesh = h->mesh;
     out->material = material;
     out->rough = material_is_rough(m);

@@ -48,6 +48,10 @@ struct scatter {
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out);
 
+/* The same once out->surface is filled. uv_step[2]: the edges of the area over which textures are averaged, in texture
+ * coordinates; NULL: no averaging. */
+void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
+
 bool material_is_rough(const struct material *m); /* has a D lobe */
 bool material_is_delta(const struct material *m); /* has an S lobe; ggx may have both */
 

@@ -27,7 +27,6 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_PARTIAL_GLASS: return "partial transmission";
     case FEATURE_VERTEX_COLOUR: return "vertex colours";
     case FEATURE_TEXTURE_TRANSFORM: return "texture transforms and second texture coordinates";
-    case FEATURE_TEXTURE_CLAMP: return "textures that do not repeat";
     case FEATURE_SPECULAR_GLOSSINESS: return "specular-glossiness materials";
     case FEATURE_LIGHTS: return "lights other than the environment";
     case FEATURE_ANIMATION: return "animation";
@@ -49,7 +48,7 @@ void scene_destroy(struct scene *s)
     for (size_t i = 0; i < s->mesh_count; i++)
         mesh_finish(&s->meshes[i]);
     for (size_t i = 0; i < s->texture_count; i++)
-        mem_free(s->textures[i].rgb);
+        texture_finish(&s->textures[i]);
     mem_free(s->meshes);
     mem_free(s->materials);
     mem_free(s->textures);

@@ -6,6 +6,7 @@
 
 #include "base/err.h"
 #include "scene/material.h"
+#include "scene/texture.h"
 #include "base/vec.h"
 
 #include <stdbool.h>
@@ -26,7 +27,6 @@ enum scene_feature {
     FEATURE_PARTIAL_GLASS, /* transmission below 0.5 is treated as 0, else as 1 */
     FEATURE_VERTEX_COLOUR,
     FEATURE_TEXTURE_TRANSFORM,
-    FEATURE_TEXTURE_CLAMP, /* textures always repeat */
     FEATURE_SPECULAR_GLOSSINESS,
     FEATURE_LIGHTS,    /* the environment map is the only light */
     FEATURE_ANIMATION, /* geometry is static */
@@ -40,11 +40,6 @@ struct mesh { /* triangles with one material */
     float *uvs;        /* [vertex_count][2], v upwards as in OBJ; NULL: none */
     uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise seen from outside */
     uint32_t material; /* index into the scene's materials */
-};
-
-struct texture { /* base colour in linear Rec.709, float[height][width][3], top row first */
-    uint32_t width, height;
-    float *rgb;
 };
 
 struct camera {
@@ -85,8 +80,5 @@ struct box {               /* axis-aligned */
 /* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, sharp ggx), which cast caustics. Returns their
  * number; writes at most `room`. */
 size_t scene_casters(const struct scene *s, struct box *out, size_t room);
-
-/* Bilinear lookup with wrap-around; u to the right, v upwards. Linear Rec.709. */
-struct vec3 texture_lookup(const struct texture *t, float u, float v);
 
 #endif

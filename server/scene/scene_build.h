@@ -11,8 +11,6 @@
 
 #define MESH_COORDINATE_MAX 1e15f          /* m; Embree drops triangles beyond it, and its square still fits a double */
 #define MESH_ELEMENTS_MAX (UINT32_MAX / 3) /* vertices or triangles of a mesh */
-#define TEXTURE_SIDE_MAX 16384             /* texels */
-#define TEXTURE_TEXELS_MAX (UINT64_C(1) << 26)
 
 /* Creates an empty scene. NULL: out of memory. */
 struct scene *scene_create(void);

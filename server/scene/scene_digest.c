@@ -31,7 +31,8 @@ void digest_scene(struct digest *d, const struct scene *scene)
     for (size_t i = 0; i < scene->texture_count; i++) {
         const struct texture *t = &scene->textures[i];
         digest_u64(d, (uint64_t)t->width << 32 | t->height);
-        digest_bytes(d, t->rgb, 3 * sizeof(float) * t->width * t->height);
+        digest_u64(d, (uint64_t)t->values << 32 | (uint64_t)t->wrap_u << 16 | (uint64_t)t->wrap_v);
+        digest_bytes(d, t->texels, 4 * (size_t)t->width * t->height);
     }
 }
 

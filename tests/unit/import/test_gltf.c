@@ -20,7 +20,15 @@ static const uint8_t four_png[] = {
     0xf4, 0x04, 0x7e, 0x9d, 0x71, 0x8c, 0x3d, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
 };
 
-#define TAIL                                                                                                           \
+/* One texel of 16 bits, 0x80c0, without any word about its colour space. */
+static const uint8_t grey16_png[] = {
+    0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52, 0x00,
+    0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x10, 0x00, 0x00, 0x00, 0x00, 0x6a, 0xee, 0x47, 0x16, 0x00,
+    0x00, 0x00, 0x0b, 0x49, 0x44, 0x41, 0x54, 0x78, 0x9c, 0x63, 0x68, 0x38, 0x00, 0x00, 0x01, 0xc3, 0x01,
+    0x41, 0x3d, 0xa6, 0x07, 0xf2, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
+};
+
+#define PARTS                                                                                                          \
     "\"asset\":{\"version\":\"2.0\"},"                                                                                 \
     "\"buffers\":[{\"uri\":\"square.bin\",\"byteLength\":140}],"                                                       \
     "\"bufferViews\":[{\"buffer\":0,\"byteOffset\":0,\"byteLength\":128},"                                             \
@@ -29,9 +37,10 @@ static const uint8_t four_png[] = {
     "\"min\":[0,0,0],\"max\":[1,1,0]},"                                                                                \
     "{\"bufferView\":0,\"byteOffset\":48,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                       \
     "{\"bufferView\":0,\"byteOffset\":96,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"                       \
-    "{\"bufferView\":1,\"byteOffset\":0,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"                     \
-    "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_0\":2},\"indices\":3,"       \
-    "\"material\":0}]}]}"
+    "{\"bufferView\":1,\"byteOffset\":0,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+#define SQUARE(material)                                                                                               \
+    "{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_0\":2},\"indices\":3,\"material\":" material "}"
+#define TAIL PARTS "\"meshes\":[{\"primitives\":[" SQUARE("0") "]}]}"
 #define ONE_NODE "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
 #define MATERIAL(m) "\"materials\":[{\"name\":\"m\"," m "}],"
 #define TEXTURED(uri)                                                                                                  \
@@ -250,6 +259,70 @@ static void jpeg_texture_is_read(void **state)
     folder_remove(&f);
 }
 
+/* 16-bit files are sRGB like all others, rounded to 8 bits. */
+static void a_png_of_16_bits_is_srgb(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "grey.png", grey16_png, sizeof(grey16_png));
+    struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", "{" ONE_NODE TEXTURED("grey.png") TAIL));
+    assert_float_equal(colour_at(s, 0.4f, 0.6f).y, 0.2176f, 0.002f); /* ((0x80c0/65535 + 0.055) / 1.055)^2.4 */
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+/* 80 names of one image, each used by two materials that repeat it and by one that does not. */
+static void materials_share_textures(void **state)
+{
+    enum { NAMES = 80, MATERIALS = 3 * NAMES };
+    static char text[100000];
+    struct folder f;
+    size_t n = 0;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "t.png", four_png, sizeof(four_png));
+    n += (size_t)sprintf(text + n, "{" ONE_NODE "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33648}],\"materials\":[");
+    for (int i = 0; i < MATERIALS; i++)
+        n += (size_t)sprintf(text + n,
+                             "%s{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":%d},"
+                             "\"metallicRoughnessTexture\":{\"index\":%d}}}",
+                             i ? "," : "", i % (2 * NAMES), i % NAMES);
+    n += (size_t)sprintf(text + n, "],\"textures\":[");
+    for (int i = 0; i < 2 * NAMES; i++)
+        n += (size_t)sprintf(text + n, "%s{\"source\":%d%s}", i ? "," : "", i % NAMES,
+                             i < NAMES ? "" : ",\"sampler\":0");
+    n += (size_t)sprintf(text + n, "],\"images\":[");
+    for (int i = 0; i < NAMES; i++) {
+        n += (size_t)sprintf(text + n, "%s{\"uri\":\"", i ? "," : "");
+        for (int k = 0; k < i; k++)
+            n += (size_t)sprintf(text + n, "./");
+        n += (size_t)sprintf(text + n, "t.png\"}");
+    }
+    n += (size_t)sprintf(text + n, "]," PARTS "\"meshes\":[{\"primitives\":["); /* unused materials are not read */
+    for (int i = 0; i < MATERIALS; i++)
+        n += (size_t)sprintf(text + n, "%s" SQUARE("%d"), i ? "," : "", i);
+    sprintf(text + n, "]}]}");
+    log_begin();
+    struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", text));
+    const char *said = log_end();
+    assert_null(strstr(said, "repeat"));
+    assert_int_equal(s->texture_count, 2 * NAMES);
+    for (int i = 0; i < MATERIALS; i++) {
+        const struct material *m = &s->materials[i];
+        const struct texture *t = &s->textures[m->texture];
+        assert_int_equal(m->texture, s->materials[i % (2 * NAMES)].texture);
+        assert_int_equal(t->wrap_u, i % (2 * NAMES) < NAMES ? TEXTURE_REPEAT : TEXTURE_CLAMP);
+        assert_int_equal(t->wrap_v, i % (2 * NAMES) < NAMES ? TEXTURE_REPEAT : TEXTURE_MIRROR);
+        assert_float_equal(m->roughness, (0 + 255 + 0 + 128) / 1020.0f, 1e-6f); /* of the green channel */
+        assert_float_equal(m->metallic, (0 + 0 + 255 + 128) / 1020.0f, 1e-6f);
+    }
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
 static void bad_textures_are_named(void **state)
 {
     struct reason why = { "" };
@@ -368,6 +441,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(without_a_camera_the_whole_is_framed),
     cmocka_unit_test(png_texture_is_linear_and_upright),
     cmocka_unit_test(jpeg_texture_is_read),
+    cmocka_unit_test(a_png_of_16_bits_is_srgb),
+    cmocka_unit_test(materials_share_textures),
     cmocka_unit_test(bad_textures_are_named),
     cmocka_unit_test(gltf_model_in_a_json_scene_keeps_its_materials_unless_told),
     cmocka_unit_test(broken_gltf_is_refused),

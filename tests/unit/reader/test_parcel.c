@@ -16,7 +16,8 @@ enum {
     MATERIAL = HEAD + 24,
     CAMERA = MATERIAL + MATERIALS * (int)sizeof(struct material),
     TEXTURE = CAMERA + (int)sizeof(struct camera),
-    MESH = TEXTURE + 8 + 2 * 2 * 3 * 4,
+    TEXTURE_HEAD = 20,
+    MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
     POSITIONS = MESH + 20,
     NORMALS = POSITIONS + CORNERS * 12,
     UVS = NORMALS + CORNERS * 12,
@@ -42,11 +43,17 @@ static struct scene *make(void)
         .name = "pane", .kind = MATERIAL_GLASS, .ior = 1.5f, .texture = MATERIAL_NO_TEXTURE
     };
     const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
-    const struct texture t = { 2, 2, floats(12, 0.0f, 0.05f) };
+    struct texture t;
     struct mesh m = { .vertex_count = CORNERS, .triangle_count = TRIANGLES, .material = 1 };
     static const uint32_t order[6] = { 0, 1, 2, 0, 2, 3 };
 
     assert_non_null(s);
+    assert_int_equal(texture_init(&t, 2, 2, TEXTURE_CUTOUT), ERR_OK);
+    for (uint8_t i = 0; i < 16; i++)
+        t.texels[i] = 16 * i;
+    t.wrap_u = TEXTURE_CLAMP;
+    t.wrap_v = TEXTURE_MIRROR;
+    texture_build_levels(&t);
     m.positions = floats(3 * CORNERS, -1.0f, 0.7f);
     m.normals = floats(3 * CORNERS, -0.5f, 0.05f);
     m.uvs = floats(2 * CORNERS, -3.0f, 11.0f);
@@ -89,7 +96,10 @@ static void what_was_written_is_read(void **state)
     assert_int_equal(s->material_count, 2);
     assert_memory_equal(s->materials, same->materials, 2 * sizeof(*s->materials));
     assert_memory_equal(s->cameras, same->cameras, sizeof(*s->cameras));
-    assert_memory_equal(s->textures[0].rgb, same->textures[0].rgb, 48);
+    assert_memory_equal(s->textures[0].texels, same->textures[0].texels, 20);
+    assert_int_equal(s->textures[0].values, TEXTURE_CUTOUT);
+    assert_int_equal(s->textures[0].wrap_u, TEXTURE_CLAMP);
+    assert_int_equal(s->textures[0].wrap_v, TEXTURE_MIRROR);
     assert_memory_equal(s->meshes[0].positions, same->meshes[0].positions, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].normals, same->meshes[0].normals, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].uvs, same->meshes[0].uvs, 8 * CORNERS);
@@ -165,6 +175,11 @@ static void forged_sizes_are_refused(void **state)
     forge_u32(HEAD + 20, 1u << FEATURE_COUNT, "its beginning");
     forge_u32(TEXTURE, 0, "the size of a texture");
     forge_u32(TEXTURE, 16385, "the size of a texture");
+    forge_u32(TEXTURE, 16384, "too short");
+    for (long at = TEXTURE + 8; at < TEXTURE + TEXTURE_HEAD; at += 4) {
+        forge_u32(at, 3, "the kind of a texture");
+        forge_u32(at, 0xffffffff, "the kind of a texture");
+    }
     forge_u32(MESH, UINT32_MAX / 3 + 1, "the size of a mesh");
     forge_u32(MESH, UINT32_MAX / 3, "too short"); /* not out of memory: nothing is allocated for it */
     forge_u32(MESH + 4, 0, "the size of a mesh");
@@ -204,12 +219,10 @@ static void forged_values_are_refused(void **state)
         forge_float(MATERIAL + (long)(sizeof(struct material) + offsetof(struct material, ior)), wrong[k],
                     "a material is out of range");
         forge_float(CAMERA + (long)offsetof(struct camera, fov_y), wrong[k], "a.glb: ");
-        forge_float(TEXTURE + 8 + 44, wrong[k], "a texel is out of range");
         forge_float(POSITIONS + 44, wrong[k], "a position is out of range");
         forge_float(NORMALS + 4, wrong[k], "a normal is out of range");
     }
     forge_float(CAMERA + (long)offsetof(struct camera, position), NAN, "a.glb: ");
-    forge_float(TEXTURE + 8, -0.5f, "a texel is out of range");
 }
 
 /* Whatever bytes are changed, a scene that is taken has its indices within its arrays. */

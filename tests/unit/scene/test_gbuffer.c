@@ -329,16 +329,26 @@ static void normals_face_the_viewer_and_points_lie_on_that_side(void **state)
     view_end(&v);
 }
 
+/* Far finer than a pixel. */
+static struct texture columns_of_black_and_white(void)
+{
+    struct texture t;
+
+    assert_int_equal(texture_init(&t, 64, 64, TEXTURE_SRGB), ERR_OK);
+    for (int i = 0; i < 64 * 64; i++)
+        memset(t.texels + 4 * (size_t)i, i % 2 ? 255 : 0, 4);
+    texture_build_levels(&t);
+    return t;
+}
+
 static void textures_are_averaged_over_the_pixel(void **state)
 {
     const float wall[4][3] = { { -2, -2, 0 }, { 2, -2, 0 }, { 2, 2, 0 }, { -2, 2, 0 } };
     const struct gbuffer_desc d = { .camera = &front, .width = 4, .height = 4, .edge_rays = 32 };
     struct scene *s = scene_create();
-    struct texture t = { .width = 64, .height = 64, .rgb = mem_alloc(64 * 64, 3 * sizeof(float)) };
+    struct texture t = columns_of_black_and_white();
 
     (void)state;
-    for (int i = 0; i < 64 * 64; i++) /* columns of black and white, far finer than a pixel */
-        t.rgb[3 * i] = t.rgb[3 * i + 1] = t.rgb[3 * i + 2] = i % 2 ? 1.0f : 0.0f;
     const struct material m = { .diffuse = { 1.0f, 0.5f, 0.0f }, .texture = 0 };
     assert_int_equal(scene_add_texture(s, &t, NULL), ERR_OK);
     assert_int_equal(scene_add_material(s, &m, NULL), ERR_OK);
@@ -354,6 +364,36 @@ static void textures_are_averaged_over_the_pixel(void **state)
         assert_float_equal(g->packets[0].diffuse[1][i], 0.25f, 0.04f);
         assert_float_equal(g->packets[0].diffuse[2][i], 0.0f, 0.0f);
     }
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
+/* One ray a pixel, which covers 20 columns of a wall that is seen at 45 degrees; by its middle alone each would be
+ * black or white. */
+static void one_ray_sees_the_mean_of_its_footprint(void **state)
+{
+    const float wall[4][3] = { { -40, -40, -40 }, { 40, -40, 40 }, { 40, 40, 40 }, { -40, 40, -40 } };
+    const float uv[8] = { 0, 0, 80, 0, 80, 80, 0, 80 };
+    const struct gbuffer_desc d = { .camera = &front, .width = 8, .height = 8, .edge_rays = 1 };
+    struct scene *s = scene_create();
+    const struct material m = { .diffuse = { 1.0f, 0.5f, 0.0f }, .texture = 0 };
+    struct texture t = columns_of_black_and_white();
+
+    (void)state;
+    assert_int_equal(scene_add_texture(s, &t, NULL), ERR_OK);
+    assert_int_equal(scene_add_material(s, &m, NULL), ERR_OK);
+    add_quads(s, 0, wall, 1);
+    s->meshes[0].uvs = mem_alloc(8, sizeof(float));
+    memcpy(s->meshes[0].uvs, uv, sizeof(uv));
+    struct rays *r = rays_create(s);
+    struct gbuffer *g = gbuffer_of(s, r, &d);
+    assert_int_equal(g->point_count, 64);
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        for (uint32_t lane = 0; lane < g->packets[i].count; lane++) {
+            assert_float_equal(g->packets[i].diffuse[0][lane], 0.5f, 0.0031f); /* half a step of sRGB */
+            assert_float_equal(g->packets[i].diffuse[1][lane], 0.25f, 0.0016f);
+        }
     gbuffer_destroy(g);
     rays_destroy(r);
     scene_destroy(s);
@@ -510,6 +550,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(packets_are_near_each_other),
     cmocka_unit_test(normals_face_the_viewer_and_points_lie_on_that_side),
     cmocka_unit_test(textures_are_averaged_over_the_pixel),
+    cmocka_unit_test(one_ray_sees_the_mean_of_its_footprint),
     cmocka_unit_test(ggx_carries_its_parameters),
     cmocka_unit_test(sizes_and_memory_are_limited),
     cmocka_unit_test(building_takes_little_more_than_what_stays),
