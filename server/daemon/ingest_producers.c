@@ -58,11 +58,11 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
     struct server_ticket ticket = { 0 };
     enum server_source reported = SERVER_WAITING;
     uint64_t version = 0;
-    bool any = false;
+    bool any = false, lockstep = false; /* whether a frame was taken before, and the last one was in lockstep */
 
     while (!shared_is_stopping(shared)) {
         const struct settings now = settings_now(&shared->settings);
-        if (!ticket.lockstep)
+        if (!lockstep || handoff_wait_taken(&shared->frames.handoff, 0)) /* new settings replace no lockstep frame */
             ingest_relight(t, &f, now.light_version, &version, why);
         reported = report_pause(t, now.paused, any, reported);
         if (now.paused) {
@@ -74,8 +74,11 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
             continue;
         }
         any = true;
+        lockstep = ticket.lockstep;
         version = now.light_version;
         reported = take(t, &f, &ticket, reported, why);
+        if (reported == SERVER_FAILED)
+            f.kind = FRAME_NONE; /* new settings do not make it better */
     }
     frame_finish(&f);
 }

@@ -95,14 +95,29 @@ void status_begin(struct status_board *b, const struct shared *shared)
     pthread_mutex_unlock(&b->lock);
 }
 
-void status_set_source(struct status_board *b, enum server_source source, const char *detail)
+/* {lock} */
+static void set_source(struct status_board *b, enum server_source source, const char *detail)
 {
-    pthread_mutex_lock(&b->lock);
     if (b->figures.source != source || strcmp(b->figures.detail, detail) != 0 || b->figures.since_us == 0)
         b->figures.since_us = clock_wall_us();
     b->figures.source = source;
     COPY(b->figures.detail, detail);
     send_figures(b);
+}
+
+/* {lock} A paused source stays so in the status, or producers would wait in vain for it to take their frames. */
+static void set_failed(struct status_board *b, const char *why)
+{
+    b->figures.refused++;
+    COPY(b->figures.last_refusal, why);
+    if (b->figures.source != SERVER_PAUSED)
+        set_source(b, SERVER_FAILED, why);
+}
+
+void status_set_source(struct status_board *b, enum server_source source, const char *detail)
+{
+    pthread_mutex_lock(&b->lock);
+    set_source(b, source, detail);
     pthread_mutex_unlock(&b->lock);
 }
 
@@ -123,22 +138,18 @@ void status_frame_unreadable(struct status_board *b, const char *why, bool log)
         log_warning("%s", why);
     pthread_mutex_lock(&b->lock);
     b->figures.received++;
-    b->figures.refused++;
     b->figures.unreadable++;
-    COPY(b->figures.last_refusal, why);
+    set_failed(b, why);
     pthread_mutex_unlock(&b->lock);
-    status_set_source(b, SERVER_FAILED, why);
 }
 
 void status_frame_unusable(struct status_board *b, const char *why)
 {
     log_warning("%s", why);
     pthread_mutex_lock(&b->lock);
-    b->figures.refused++;
     b->figures.unusable++;
-    COPY(b->figures.last_refusal, why);
+    set_failed(b, why);
     pthread_mutex_unlock(&b->lock);
-    status_set_source(b, SERVER_FAILED, why);
 }
 
 /* What the plan chose and what it left out: "direct light, interreflection by eye paths". */

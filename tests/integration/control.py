@@ -8,7 +8,7 @@ import json
 import websockets
 
 from lockstep import SKY, Relightd, compare, feed, record, rendered
-from peer import PICTURE, WAIT_S, check, expect, main
+from peer import FRAME, PICTURE, WAIT_S, check, expect, main
 from still import Daemon, connect
 
 
@@ -94,6 +94,28 @@ async def a_paused_source_steps_and_goes_to_any_place(folder):
         await two.until(lambda: two.place() != 4)
         going = two.place()
         await two.until(lambda: two.place() != going)
+
+
+async def a_paused_source_stays_paused_whatever_its_last_frame_was(folder):
+    """A frame that cannot be read is not tried again when settings change: producers saw a source that had failed, and
+    waited for it to take their frames."""
+    async with Daemon("--source", "push:", "--samples", "4") as daemon:
+        one = await Party.come(daemon.url, "controller")
+        producer = await connect(daemon.url)
+        await producer.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 1}}))
+        cut = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n"
+        await producer.send(FRAME.pack(b"RLE1", 48, 2, 0, 0, 0, 0, 0, 0, len(cut), 1, 0, 0) + cut)
+        await one.until(lambda: one.last["status"]["source"]["state"] == "failed")
+        refused = one.last["status"]["frames"]["refused"]
+        await one.ask(paused=True)
+        await one.until(lambda: one.last["status"]["source"]["state"] == "paused")
+        for turn in (30, 60):
+            await one.ask(rotate_degrees=turn)
+            since = one.last["status"]["server_us"]
+            await one.until(lambda: one.last["status"]["server_us"] >= since + 500000)
+            check(one.last["status"]["source"]["state"] == "paused", one.last["status"])
+        check(one.last["status"]["frames"]["refused"] == refused, one.last["status"])
+        await producer.close()
 
 
 async def an_ended_sequence_can_be_gone_back_to(folder):
