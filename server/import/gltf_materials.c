@@ -1,122 +1,182 @@
-/* Materials of glTF as Assimp provides them: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
-#include "import/parts.h"
+/* Materials of glTF: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
+#include "import/gltf.h"
 
 #include "base/mem.h"
 
-#include <assimp/GltfMaterial.h>
-#include <assimp/material.h>
-#include <assimp/scene.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
+
+#define GREY 0.5f /* in place of a texture that cannot be opened */
+
+#define KTX_ADVICE                                                                                                     \
+    "is KTX2 (KHR_texture_basisu), which is not supported; convert it to PNG, for instance with "                      \
+    "'gltf-transform ktxdecompress IN OUT'"
 
 /* How a material uses an image. */
 struct use {
-    const char *name; /* "*3" is the third embedded image, anything else a file beside the model */
+    size_t image;
     enum texture_values values;
     enum texture_wrap wrap_u, wrap_v;
 };
 
-/* An image that has been read. */
+/* An image that has been read for a use. */
 struct known {
-    struct use use;    /* owns its name */
-    uint32_t texture;  /* of the scene; MATERIAL_NO_TEXTURE: only the means were needed */
+    struct use use;
+    bool missing;
+    uint32_t texture;  /* of the scene; MATERIAL_NO_TEXTURE: missing, or only the means were needed */
     float green, blue; /* means of TEXTURE_LINEAR */
 };
 
 struct source {
-    struct scene *scene;
-    const struct aiScene *ai;
-    const struct host *host;
-    const char *path;
-    struct reason *why;
+    struct gltf *g;
     struct known *known; /* each image is read once per use */
-    size_t known_count, known_room;
+    size_t count, room;
 };
 
-static float get_float(const struct aiMaterial *m, const char *key, float fallback)
+static float share(double v)
 {
-    ai_real value = fallback;
-    unsigned max = 1;
-
-    if (aiGetMaterialFloatArray(m, key, 0, 0, &value, &max) != aiReturn_SUCCESS || !isfinite(value))
-        return fallback;
-    return value;
+    return (float)fmin(fmax(v, 0.0), 1.0);
 }
 
-static float get_share(const struct aiMaterial *m, const char *key, float fallback)
+static enum err get_share(struct source *s, const struct gltf_at *at, const char *key, double fallback, float *out)
 {
-    return fminf(fmaxf(get_float(m, key, fallback), 0.0f), 1.0f);
+    double v = fallback;
+    const enum err e = gltf_number(s->g, at, key, &v);
+
+    *out = share(v);
+    return e;
 }
 
-static struct vec3 get_colour(const struct aiMaterial *m, const char *key, struct vec3 fallback)
+/* A colour whose first three of `count` numbers matter. */
+static enum err get_colour(struct source *s, const struct gltf_at *at, const char *key, size_t count, double fallback,
+                           struct vec3 *out)
 {
-    struct aiColor4D c;
+    double c[4] = { fallback, fallback, fallback };
+    const enum err e = gltf_numbers(s->g, at, key, count, c);
 
-    if (aiGetMaterialColor(m, key, 0, 0, &c) != aiReturn_SUCCESS || !isfinite(c.r) || !isfinite(c.g) || !isfinite(c.b))
-        return fallback;
-    return vec3_make(fminf(fmaxf(c.r, 0.0f), 1.0f), fminf(fmaxf(c.g, 0.0f), 1.0f), fminf(fmaxf(c.b, 0.0f), 1.0f));
+    *out = vec3_make(share(c[0]), share(c[1]), share(c[2]));
+    return e;
 }
 
-static bool has_texture(const struct aiMaterial *m, enum aiTextureType type)
+static float largest(struct vec3 v)
 {
-    return aiGetMaterialTextureCount(m, type) > 0;
+    return fmaxf(v.x, fmaxf(v.y, v.z));
 }
 
-static int hex_digit(char c)
+/* ---- Images ---- */
+
+static enum err decode_view(struct source *s, const struct gltf_at *at, size_t view, enum texture_values values,
+                            struct texture *out)
 {
-    if (c >= '0' && c <= '9')
-        return c - '0';
-    if (c >= 'a' && c <= 'f')
-        return c - 'a' + 10;
-    return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+    struct gltf_view bytes = { 0 };
+    char label[HOST_PATH_MAX];
+
+    const enum err e = gltf_view_bytes(s->g, view, &bytes);
+    if (e)
+        return e;
+    snprintf(label, sizeof(label), "%.4000s: images[%zu]", s->g->desc->path, at->index);
+    return texture_decode(bytes.at, bytes.size, values, label, out, s->g->why);
 }
 
-/* The path of a URI, relative to the model; decodes %20 and the like. False: too long. */
-static bool file_beside(const char *model, const char *uri, char *out, size_t size)
+static enum err decode_data(struct source *s, const struct gltf_at *at, const char *uri, enum texture_values values,
+                            struct texture *out)
 {
-    const char *slash = strrchr(model, '/');
-    size_t n = slash && uri[0] != '/' ? (size_t)(slash - model) + 1 : 0;
+    struct bytes bytes;
+    char label[HOST_PATH_MAX];
 
-    if (n >= size)
-        return false;
-    memcpy(out, model, n);
-    for (; *uri; uri++) {
-        if (n + 1 >= size)
-            return false;
-        const int high = uri[0] == '%' ? hex_digit(uri[1]) : -1;
-        const int low = high >= 0 ? hex_digit(uri[2]) : -1;
-        out[n++] = low >= 0 ? (char)(16 * high + low) : *uri;
-        uri += low >= 0 ? 2 : 0;
+    enum err e = gltf_uri_decode(s->g, at, uri, &bytes);
+    if (e)
+        return e;
+    snprintf(label, sizeof(label), "%.4000s: images[%zu]", s->g->desc->path, at->above->index);
+    e = texture_decode(bytes.at, bytes.size, values, label, out, s->g->why);
+    bytes_finish(&bytes);
+    return e;
+}
+
+static bool is_known_missing(const struct source *s, size_t image)
+{
+    for (size_t i = 0; i < s->count; i++) {
+        if (s->known[i].use.image == image && s->known[i].missing)
+            return true;
     }
-    out[n] = '\0';
-    return true;
+    return false;
 }
 
-static enum err read_picture(struct source *s, const char *name, enum texture_values values, struct texture *out)
+/* An image that cannot be opened costs a warning, and *out stays empty. */
+static enum err load_file(struct source *s, const struct gltf_at *at, const char *uri, enum texture_values values,
+                          struct texture *out)
 {
-    char label[4096];
+    struct reason cause = { "" };
+    char path[HOST_PATH_MAX];
 
-    if (name[0] != '*') {
-        if (!file_beside(s->path, name, label, sizeof(label)))
-            return err_say(s->why, ERR_RANGE, "%s: the path of a texture is too long", s->path);
-        return texture_load(s->host, label, values, out, s->why);
+    enum err e = gltf_uri_path(s->g, at, uri, path);
+    if (e)
+        return e;
+    e = texture_load(s->g->desc->host, path, values, out, &cause);
+    if (e && e != ERR_IO)
+        return err_say(s->g->why, e, "%s", cause.text);
+    if (e && !is_known_missing(s, at->above->index))
+        gltf_warn(s->g, at, "%s; the surfaces are grey instead", cause.text);
+    return ERR_OK;
+}
+
+static enum err read_image(struct source *s, size_t index, enum texture_values values, struct texture *out)
+{
+    const struct gltf_at at = gltf_element(s->g, GLTF_IMAGES, index), uri = gltf_key(&at, "uri");
+    const char *text = json_string_value(uri.value);
+    size_t view;
+
+    *out = (struct texture){ 0 };
+    enum err e = gltf_index(s->g, &at, "bufferView", GLTF_BUFFER_VIEWS, &view);
+    if (e)
+        return e;
+    if (view != GLTF_NONE)
+        return decode_view(s, &at, view, values, out);
+    if (!text)
+        return gltf_fault(s->g, &at, ERR_FORMAT, "has neither a uri nor a bufferView");
+    return gltf_uri_is_data(text) ? decode_data(s, &uri, text, values, out) : load_file(s, &uri, text, values, out);
+}
+
+enum { WRAP_CLAMP = 33071, WRAP_MIRROR = 33648, WRAP_REPEAT = 10497 }; /* the values of the file */
+
+static enum err read_wrap(struct source *s, const struct gltf_at *sampler, const char *key, enum texture_wrap *out)
+{
+    size_t wrap;
+    const enum err e = gltf_size(s->g, sampler, key, WRAP_REPEAT, &wrap);
+
+    *out = wrap == WRAP_CLAMP ? TEXTURE_CLAMP : wrap == WRAP_MIRROR ? TEXTURE_MIRROR : TEXTURE_REPEAT;
+    return e;
+}
+
+/* The texture that `at`.index names; use->image is GLTF_NONE if it has no image that can be read. */
+static enum err find_image(struct source *s, const struct gltf_at *at, struct use *use)
+{
+    size_t texture, sampler = GLTF_NONE;
+
+    use->image = GLTF_NONE;
+    enum err e = gltf_index(s->g, at, "index", GLTF_TEXTURES, &texture);
+    if (!e && texture == GLTF_NONE)
+        return gltf_fault(s->g, at, ERR_FORMAT, "has no index");
+    if (e)
+        return e;
+    const struct gltf_at t = gltf_element(s->g, GLTF_TEXTURES, texture);
+    e = gltf_index(s->g, &t, "sampler", GLTF_SAMPLERS, &sampler);
+    if (!e && sampler != GLTF_NONE) {
+        const struct gltf_at how = gltf_element(s->g, GLTF_SAMPLERS, sampler);
+        e = read_wrap(s, &how, "wrapS", &use->wrap_u);
+        if (!e)
+            e = read_wrap(s, &how, "wrapT", &use->wrap_v);
     }
-    const unsigned long index = strtoul(name + 1, NULL, 10);
-    snprintf(label, sizeof(label), "%.4000s: embedded texture %lu", s->path, index);
-    if (index >= s->ai->mNumTextures)
-        return err_say(s->why, ERR_FORMAT, "%s: does not exist", label);
-    const struct aiTexture *t = s->ai->mTextures[index];
-    if (t->mHeight != 0)
-        return err_say(s->why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", label);
-    return texture_decode(t->pcData, t->mWidth, values, label, out, s->why);
+    if (!e)
+        e = gltf_index(s->g, &t, "source", GLTF_IMAGES, &use->image);
+    if (!e && use->image == GLTF_NONE)
+        gltf_warn(s->g, &t, "%s; the surfaces are grey instead",
+                  gltf_extension(&t, "KHR_texture_basisu").value ? KTX_ADVICE : "has no source");
+    return e;
 }
 
-static bool same_use(const struct use *a, const struct use *b)
-{
-    return strcmp(a->name, b->name) == 0 && a->values == b->values && a->wrap_u == b->wrap_u && a->wrap_v == b->wrap_v;
-}
+/* ---- Textures of a material ---- */
 
 /* The mean of a channel, 0..1. */
 static float channel_mean(const struct texture *t, size_t channel)
@@ -129,102 +189,115 @@ static float channel_mean(const struct texture *t, size_t channel)
     return (float)((double)sum / (255.0 * (double)count));
 }
 
-/* Remembers an image for its use; colours go to the scene, of numbers only the means are kept. */
+/* Colours go to the scene, of numbers only the means are kept. Takes over *t unless it fails. */
 static enum err remember(struct source *s, const struct use *use, struct texture *t)
 {
-    if (!mem_reserve(&s->known, s->known_count, &s->known_room, sizeof(*s->known)))
+    if (!mem_reserve(&s->known, s->count, &s->room, sizeof(*s->known)))
         return ERR_NOMEM;
-    struct known *k = &s->known[s->known_count];
-    char *name = mem_alloc(strlen(use->name) + 1, 1);
-    if (!name)
-        return ERR_NOMEM;
-    strcpy(name, use->name);
-    *k = (struct known){ .use = *use, .texture = MATERIAL_NO_TEXTURE };
-    k->use.name = name;
-    s->known_count++;
-    if (use->values == TEXTURE_LINEAR) {
+    struct known *k = &s->known[s->count];
+    *k = (struct known){ .use = *use, .missing = !t->texels, .texture = MATERIAL_NO_TEXTURE, .green = 1, .blue = 1 };
+    t->wrap_u = use->wrap_u;
+    t->wrap_v = use->wrap_v;
+    if (t->texels && use->values == TEXTURE_LINEAR) {
         k->green = channel_mean(t, 1);
         k->blue = channel_mean(t, 2);
         texture_finish(t);
-        return ERR_OK;
+    } else if (t->texels) {
+        const enum err e = scene_add_texture(s->g->scene, t, &k->texture);
+        if (e)
+            return e;
     }
-    return scene_add_texture(s->scene, t, &k->texture);
+    s->count++;
+    return ERR_OK;
+}
+
+static bool same_use(const struct use *a, const struct use *b)
+{
+    return a->image == b->image && a->values == b->values && a->wrap_u == b->wrap_u && a->wrap_v == b->wrap_v;
 }
 
 /* *out stays valid until the next call. */
-static enum err know_picture(struct source *s, const struct use *use, const struct known **out)
+static enum err know_image(struct source *s, const struct use *use, const struct known **out)
 {
     struct texture t;
 
-    for (size_t i = 0; i < s->known_count; i++) {
+    for (size_t i = 0; i < s->count; i++) {
         *out = &s->known[i];
         if (same_use(&s->known[i].use, use))
             return ERR_OK;
     }
-    enum err e = read_picture(s, use->name, use->values, &t);
-    if (e)
-        return e;
-    t.wrap_u = use->wrap_u;
-    t.wrap_v = use->wrap_v;
-    e = remember(s, use, &t);
+    enum err e = read_image(s, use->image, use->values, &t);
+    if (!e)
+        e = remember(s, use, &t);
     if (e)
         texture_finish(&t);
     else
-        *out = &s->known[s->known_count - 1];
+        *out = &s->known[s->count - 1];
     return e;
 }
 
-static enum texture_wrap wrap_of(enum aiTextureMapMode mode)
+/* KHR_texture_transform: scale, then rotation, then offset; all in coordinates whose v points down. */
+static enum err read_transform(struct source *s, const struct gltf_at *at, struct gltf_surface *surface)
 {
-    if (mode == aiTextureMapMode_Mirror)
-        return TEXTURE_MIRROR;
-    return mode == aiTextureMapMode_Wrap ? TEXTURE_REPEAT : TEXTURE_CLAMP;
-}
+    const struct gltf_at t = gltf_extension(at, "KHR_texture_transform");
+    double offset[2] = { 0.0 }, scale[2] = { 1.0, 1.0 }, angle = 0.0;
 
-static bool is_identity(const struct aiUVTransform *t)
-{
-    return t->mTranslation.x == 0.0f && t->mTranslation.y == 0.0f && t->mScaling.x == 1.0f && t->mScaling.y == 1.0f &&
-           t->mRotation == 0.0f;
-}
-
-static enum err read_base_texture(struct source *s, const struct aiMaterial *ai, struct material *m)
-{
-    enum aiTextureMapMode mode[2] = { aiTextureMapMode_Wrap, aiTextureMapMode_Wrap };
-    const struct known *known;
-    struct aiUVTransform transform;
-    struct aiString name;
-    unsigned uv = 0, max = sizeof(transform) / sizeof(ai_real);
-
-    if (aiGetMaterialTexture(ai, aiTextureType_BASE_COLOR, 0, &name, NULL, &uv, NULL, NULL, mode, NULL) !=
-        aiReturn_SUCCESS)
-        return ERR_OK;
-    if (aiGetMaterialFloatArray(ai, AI_MATKEY_UVTRANSFORM(aiTextureType_BASE_COLOR, 0), (ai_real *)&transform, &max) !=
-        aiReturn_SUCCESS)
-        transform = (struct aiUVTransform){ .mScaling = { 1.0f, 1.0f } };
-    if (uv != 0 || !is_identity(&transform))
-        scene_note_unmodelled(s->scene, FEATURE_TEXTURE_TRANSFORM, s->path);
-    const struct use use = { name.data, TEXTURE_SRGB, wrap_of(mode[0]), wrap_of(mode[1]) };
-    const enum err e = know_picture(s, &use, &known);
+    enum err e = gltf_size(s->g, at, "texCoord", 0, &surface->uv_set);
     if (!e)
-        m->texture = known->texture;
+        e = gltf_numbers(s->g, &t, "offset", 2, offset);
+    if (!e)
+        e = gltf_numbers(s->g, &t, "scale", 2, scale);
+    if (!e)
+        e = gltf_number(s->g, &t, "rotation", &angle);
+    if (!e)
+        e = gltf_size(s->g, &t, "texCoord", surface->uv_set, &surface->uv_set);
+    const double c = cos(angle), r = sin(angle);
+    const double transform[6] = { c * scale[0], r * scale[1], offset[0], -r * scale[0], c * scale[1], offset[1] };
+    memcpy(surface->transform, transform, sizeof(transform));
     return e;
+}
+
+static enum err read_base_texture(struct source *s, const struct gltf_at *pbr, struct material *m,
+                                  struct gltf_surface *surface)
+{
+    const struct gltf_at at = gltf_key(pbr, "baseColorTexture");
+    const struct known *known = NULL;
+    struct use use = { .values = TEXTURE_SRGB };
+
+    if (!at.value)
+        return ERR_OK;
+    enum err e = find_image(s, &at, &use);
+    if (!e && use.image != GLTF_NONE)
+        e = know_image(s, &use, &known);
+    if (e)
+        return e;
+    if (known)
+        m->texture = known->texture;
+    if (m->texture != MATERIAL_NO_TEXTURE)
+        return read_transform(s, &at, surface);
+    m->diffuse = vec3_scale(m->diffuse, GREY);
+    return ERR_OK;
 }
 
 /* Metallic and roughness vary over the surface if they have a texture (blue and green channels); their means are used.
  */
-static enum err read_metallic_roughness(struct source *s, const struct aiMaterial *ai, struct material *m)
+static enum err read_metallic_roughness(struct source *s, const struct gltf_at *pbr, struct material *m)
 {
-    const struct known *known;
-    struct aiString name;
+    const struct gltf_at at = gltf_key(pbr, "metallicRoughnessTexture");
+    const struct known *known = NULL;
+    struct use use = { .values = TEXTURE_LINEAR };
 
-    m->metallic = get_share(ai, "$mat.metallicFactor", 1.0f);
-    m->roughness = get_share(ai, "$mat.roughnessFactor", 1.0f);
-    if (aiGetMaterialTexture(ai, AI_MATKEY_GLTF_PBRMETALLICROUGHNESS_METALLICROUGHNESS_TEXTURE, &name, NULL, NULL, NULL,
-                             NULL, NULL, NULL) != aiReturn_SUCCESS)
-        return ERR_OK;
-    scene_note_unmodelled(s->scene, FEATURE_ROUGHNESS_MAP, s->path);
-    const struct use use = { .name = name.data, .values = TEXTURE_LINEAR };
-    const enum err e = know_picture(s, &use, &known);
+    enum err e = get_share(s, pbr, "metallicFactor", 1.0, &m->metallic);
+    if (!e)
+        e = get_share(s, pbr, "roughnessFactor", 1.0, &m->roughness);
+    if (e || !at.value)
+        return e;
+    scene_note_unmodelled(s->g->scene, FEATURE_ROUGHNESS_MAP, s->g->desc->path);
+    e = find_image(s, &at, &use);
+    use.wrap_u = use.wrap_v = TEXTURE_REPEAT; /* a mean does not depend on them */
+    if (e || use.image == GLTF_NONE)
+        return e;
+    e = know_image(s, &use, &known);
     if (e)
         return e;
     m->roughness *= known->green;
@@ -232,79 +305,129 @@ static enum err read_metallic_roughness(struct source *s, const struct aiMateria
     return ERR_OK;
 }
 
-static void read_glass(struct source *s, const struct aiMaterial *ai, struct material *m)
-{
-    const struct vec3 c = m->diffuse;
+/* ---- Materials ---- */
 
+static enum err read_glass(struct source *s, const struct gltf_at *at, struct material *m)
+{
+    const struct gltf_at extension = gltf_extension(at, "KHR_materials_ior");
+    const struct vec3 c = m->diffuse;
+    double ior = 1.5;
+
+    const enum err e = gltf_number(s->g, &extension, "ior", &ior);
     m->kind = MATERIAL_GLASS;
-    m->ior = fminf(fmaxf(get_float(ai, "$mat.refracti", 1.5f), 1.0f), 4.0f);
+    m->ior = (float)fmin(fmax(ior, 1.0), 4.0);
     if (m->roughness > 0.03f)
-        scene_note_unmodelled(s->scene, FEATURE_ROUGH_GLASS, s->path);
+        scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
     if (c.x < 1.0f || c.y < 1.0f || c.z < 1.0f || m->texture != MATERIAL_NO_TEXTURE)
-        scene_note_unmodelled(s->scene, FEATURE_TINTED_GLASS, s->path);
+        scene_note_unmodelled(s->g->scene, FEATURE_TINTED_GLASS, s->g->desc->path);
     m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
     m->texture = MATERIAL_NO_TEXTURE;
+    return e;
 }
 
-static float largest(struct vec3 v)
+/* The features of extensions. */
+static enum err note_extensions(struct source *s, const struct gltf_at *at)
 {
-    return fmaxf(v.x, fmaxf(v.y, v.z));
-}
+    const struct gltf_at volume = gltf_extension(at, "KHR_materials_volume");
+    const struct gltf_at coat = gltf_extension(at, "KHR_materials_clearcoat");
+    const struct gltf_at sheen = gltf_extension(at, "KHR_materials_sheen");
+    struct vec3 sheen_colour;
+    double thickness = 0.0;
+    float coat_share = 0.0f;
 
-static void note_extras(struct source *s, const struct aiMaterial *ai, bool glass)
-{
-    const struct vec3 black = { 0 };
-    struct aiString alpha;
-
-    if (has_texture(ai, aiTextureType_NORMALS))
-        scene_note_unmodelled(s->scene, FEATURE_NORMAL_MAP, s->path);
-    if (!glass && aiGetMaterialString(ai, AI_MATKEY_GLTF_ALPHAMODE, &alpha) == aiReturn_SUCCESS &&
-        strcmp(alpha.data, "OPAQUE") != 0)
-        scene_note_unmodelled(s->scene, FEATURE_ALPHA, s->path);
-    if (get_float(ai, "$mat.volume.thicknessFactor", 0.0f) > 0.0f)
-        scene_note_unmodelled(s->scene, FEATURE_VOLUME, s->path);
-    if (largest(get_colour(ai, "$clr.emissive", black)) > 0.0f)
-        scene_note_unmodelled(s->scene, FEATURE_EMISSION, s->path);
-    if (get_float(ai, "$mat.clearcoat.factor", 0.0f) > 0.0f ||
-        largest(get_colour(ai, "$clr.sheen.factor", black)) > 0.0f)
-        scene_note_unmodelled(s->scene, FEATURE_CLEARCOAT, s->path);
-    if (get_float(ai, "$mat.glossinessFactor", -1.0f) >= 0.0f)
-        scene_note_unmodelled(s->scene, FEATURE_SPECULAR_GLOSSINESS, s->path);
-}
-
-static enum err add_material(struct source *s, const struct aiMaterial *ai)
-{
-    struct material m = { .kind = MATERIAL_GGX, .texture = MATERIAL_NO_TEXTURE };
-    struct aiString name;
-
-    if (aiGetMaterialString(ai, AI_MATKEY_NAME, &name) == aiReturn_SUCCESS)
-        snprintf(m.name, sizeof(m.name), "%.63s", name.data);
-    m.diffuse = get_colour(ai, "$clr.base", vec3_make(1.0f, 1.0f, 1.0f));
-    enum err e = read_metallic_roughness(s, ai, &m);
+    enum err e = gltf_number(s->g, &volume, "thicknessFactor", &thickness);
     if (!e)
-        e = read_base_texture(s, ai, &m);
+        e = get_share(s, &coat, "clearcoatFactor", 0.0, &coat_share);
+    if (!e)
+        e = get_colour(s, &sheen, "sheenColorFactor", 3, 0.0, &sheen_colour);
     if (e)
         return e;
-    const float transmission = get_share(ai, "$mat.transmission.factor", 0.0f);
-    if (transmission > 0.0f && transmission < 1.0f)
-        scene_note_unmodelled(s->scene, FEATURE_PARTIAL_GLASS, s->path);
-    if (transmission >= 0.5f)
-        read_glass(s, ai, &m);
-    note_extras(s, ai, m.kind == MATERIAL_GLASS);
-    return scene_add_material(s->scene, &m, NULL);
+    if (thickness > 0.0)
+        scene_note_unmodelled(s->g->scene, FEATURE_VOLUME, s->g->desc->path);
+    if (coat_share > 0.0f || largest(sheen_colour) > 0.0f)
+        scene_note_unmodelled(s->g->scene, FEATURE_CLEARCOAT, s->g->desc->path);
+    if (gltf_extension(at, "KHR_materials_pbrSpecularGlossiness").value)
+        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_GLOSSINESS, s->g->desc->path);
+    return ERR_OK;
 }
 
-enum err gltf_add_materials(struct scene *scene, const struct aiScene *ai, const struct model_desc *d, uint32_t *first,
-                            struct reason *why)
+static enum err note_extras(struct source *s, const struct gltf_at *at, bool glass)
 {
-    struct source s = { .scene = scene, .ai = ai, .host = d->host, .path = d->path, .why = why };
-    enum err e = ERR_OK;
+    const char *alpha = gltf_string(at, "alphaMode");
+    struct vec3 emissive;
 
-    *first = (uint32_t)scene->material_count;
-    for (unsigned i = 0; i < ai->mNumMaterials && !e; i++)
-        e = add_material(&s, ai->mMaterials[i]);
-    for (size_t i = 0; i < s.known_count; i++)
-        mem_free((char *)s.known[i].use.name);
+    const enum err e = get_colour(s, at, "emissiveFactor", 3, 0.0, &emissive);
+    if (e)
+        return e;
+    if (gltf_key(at, "normalTexture").value)
+        scene_note_unmodelled(s->g->scene, FEATURE_NORMAL_MAP, s->g->desc->path);
+    if (!glass && alpha && strcmp(alpha, "OPAQUE") != 0)
+        scene_note_unmodelled(s->g->scene, FEATURE_ALPHA, s->g->desc->path);
+    if (largest(emissive) > 0.0f)
+        scene_note_unmodelled(s->g->scene, FEATURE_EMISSION, s->g->desc->path);
+    return note_extensions(s, at);
+}
+
+static enum err add_material(struct source *s, const struct gltf_at *at, struct gltf_surface *surface)
+{
+    struct material m = { .kind = MATERIAL_GGX, .texture = MATERIAL_NO_TEXTURE };
+    const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
+    const struct gltf_at glass = gltf_extension(at, "KHR_materials_transmission");
+    const char *name = gltf_string(at, "name");
+    float transmission = 0.0f;
+
+    *surface = (struct gltf_surface){ .uv_set = GLTF_NONE };
+    snprintf(m.name, sizeof(m.name), "%.63s", name ? name : "");
+    enum err e = get_colour(s, &pbr, "baseColorFactor", 4, 1.0, &m.diffuse);
+    if (!e)
+        e = read_metallic_roughness(s, &pbr, &m);
+    if (!e)
+        e = read_base_texture(s, &pbr, &m, surface);
+    if (!e)
+        e = get_share(s, &glass, "transmissionFactor", 0.0, &transmission);
+    if (e)
+        return e;
+    if (transmission > 0.0f && transmission < 1.0f)
+        scene_note_unmodelled(s->g->scene, FEATURE_PARTIAL_GLASS, s->g->desc->path);
+    if (transmission >= 0.5f)
+        e = read_glass(s, at, &m);
+    if (m.texture == MATERIAL_NO_TEXTURE)
+        surface->uv_set = GLTF_NONE;
+    if (!e)
+        e = note_extras(s, at, m.kind == MATERIAL_GLASS);
+    return e ? e : scene_add_material(s->g->scene, &m, NULL);
+}
+
+enum err gltf_add_materials(struct gltf *g)
+{
+    const json_t *extensions = json_object_get(g->json, "extensions");
+    const json_t *lights = json_object_get(json_object_get(extensions, "KHR_lights_punctual"), "lights");
+    struct source s = { .g = g };
+
+    g->first_material = (uint32_t)g->scene->material_count;
+    g->surfaces = mem_alloc(g->counts[GLTF_MATERIALS], sizeof(*g->surfaces));
+    enum err e = g->surfaces ? ERR_OK : ERR_NOMEM;
+    for (size_t i = 0; i < g->counts[GLTF_MATERIALS] && !e; i++) {
+        const struct gltf_at at = gltf_element(g, GLTF_MATERIALS, i);
+        e = add_material(&s, &at, &g->surfaces[i]);
+    }
+    if (!e && json_array_size(lights) > 0)
+        scene_note_unmodelled(g->scene, FEATURE_LIGHTS, g->desc->path);
     mem_free(s.known);
+    return e;
+}
+
+/* glTF's default: a rough white metal. */
+enum err gltf_plain_material(struct gltf *g, uint32_t *out)
+{
+    const struct material m = { .name = "default",
+                                .kind = MATERIAL_GGX,
+                                .diffuse = { 1.0f, 1.0f, 1.0f },
+                                .metallic = 1.0f,
+                                .roughness = 1.0f,
+                                .texture = MATERIAL_NO_TEXTURE };
+
+    const enum err e = g->plain != MATERIAL_NONE ? ERR_OK : scene_add_material(g->scene, &m, &g->plain);
+    *out = g->plain;
     return e;
 }

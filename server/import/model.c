@@ -196,70 +196,17 @@ static enum err add_node(struct import *in, const struct aiNode *node, const dou
     return e;
 }
 
-/* World matrix of the node of that name; false if there is none. */
-static bool find_node(const struct aiNode *node, const char *name, const double parent[16], double out[16])
-{
-    double local[16], world[16];
-
-    node_matrix(&node->mTransformation, local);
-    multiply(parent, local, world);
-    if (strcmp(node->mName.data, name) == 0) {
-        memcpy(out, world, sizeof(world));
-        return true;
-    }
-    for (unsigned i = 0; i < node->mNumChildren; i++) {
-        if (find_node(node->mChildren[i], name, world, out))
-            return true;
-    }
-    return false;
-}
-
-static struct vec3 turn(const double m[16], struct aiVector3D v, double w)
-{
-    return vec3_make((float)(m[0] * v.x + m[4] * v.y + m[8] * v.z + m[12] * w),
-                     (float)(m[1] * v.x + m[5] * v.y + m[9] * v.z + m[13] * w),
-                     (float)(m[2] * v.x + m[6] * v.y + m[10] * v.z + m[14] * w));
-}
-
-static enum err add_camera(struct import *in, const struct aiCamera *ai, unsigned index)
-{
-    struct camera c = { .name = "" };
-    double world[16];
-    char place[512];
-
-    if (!find_node(in->ai->mRootNode, ai->mName.data, in->desc->transform, world))
-        memcpy(world, in->desc->transform, sizeof(world));
-    if (ai->mName.length > 0)
-        snprintf(c.name, sizeof(c.name), "%.63s", ai->mName.data);
-    else
-        snprintf(c.name, sizeof(c.name), "camera %u", index);
-    c.position = turn(world, ai->mPosition, 1.0);
-    c.look_at = vec3_add(c.position, vec3_normalize(turn(world, ai->mLookAt, 0.0)));
-    c.up = vec3_normalize(turn(world, ai->mUp, 0.0));
-    /* Assimp 5.2 converts glTF's vertical angle to a "horizontal" one by multiplying it by the aspect ratio. */
-    c.fov_y = ai->mHorizontalFOV / (ai->mAspect > 0.0f ? ai->mAspect : 1.0f);
-    snprintf(place, sizeof(place), "%s: camera '%s'", in->desc->path, c.name);
-    const enum err e = camera_check(&c, place, in->why);
-    return e ? e : scene_add_camera(in->scene, &c);
-}
-
 /* The file's materials, unless the scene gives one for the whole model. */
 static enum err add_materials(struct import *in)
 {
     const struct model_desc *d = in->desc;
-    uint32_t first = 0;
 
     if (d->material != MATERIAL_NONE)
         return ERR_OK;
     in->materials = mem_alloc((size_t)in->ai->mNumMaterials + 1, sizeof(*in->materials));
     if (!in->materials)
         return ERR_NOMEM;
-    if (!path_is_gltf(d->path))
-        return model_add_materials(in->scene, in->ai, d, in->materials, in->why);
-    const enum err e = gltf_add_materials(in->scene, in->ai, d, &first, in->why);
-    for (unsigned i = 0; i < in->ai->mNumMaterials; i++)
-        in->materials[i] = first + i;
-    return e;
+    return model_add_materials(in->scene, in->ai, d, in->materials, in->why);
 }
 
 static enum err take(struct import *in)
@@ -269,8 +216,6 @@ static enum err take(struct import *in)
     enum err e = add_materials(in);
     if (!e)
         e = add_node(in, in->ai->mRootNode, in->desc->transform);
-    for (unsigned i = 0; in->desc->camera && i < in->ai->mNumCameras && !e; i++)
-        e = add_camera(in, in->ai->mCameras[i], i);
     if (e)
         return e;
     if (in->ai->mNumLights > 0)
@@ -305,14 +250,12 @@ static const struct aiScene *import_file(const struct model_desc *d, struct assi
 }
 
 /* After an import that failed. */
-static enum err import_fault(const struct model_desc *d, const struct assimp_files *files, struct reason *why)
+static enum err import_fault(const struct model_desc *d, struct reason *why)
 {
     const char *text = aiGetErrorString();
 
     if (strstr(text, "bad_alloc"))
         return ERR_NOMEM;
-    if (files->refused.text[0] && path_is_gltf(d->path)) /* other formats do without */
-        return fault(d, why, ERR_FORMAT, "%s", files->refused.text);
     return fault(d, why, ERR_FORMAT, "%s", text[0] ? text : "cannot be read");
 }
 
@@ -388,7 +331,7 @@ enum err model_check_format(const char *path, struct reason *why)
 /* Reads the file and checks what Assimp does not. */
 static enum err read_checked(const struct model_desc *d, struct bytes *out, struct reason *why)
 {
-    const bool ply = path_ends_in(d->path, ".ply"), gltf = path_is_gltf(d->path);
+    const bool ply = path_ends_in(d->path, ".ply");
     struct reason cause = { "" };
 
     *out = (struct bytes){ 0 };
@@ -402,8 +345,6 @@ static enum err read_checked(const struct model_desc *d, struct bytes *out, stru
         e = err_say(&cause, ERR_FORMAT, "is empty");
     else if (ply)
         e = ply_check(out, &cause);
-    else if (gltf)
-        e = gltf_check(out, path_ends_in(d->path, ".glb"), &cause);
     return e ? fault(d, why, e, "%s", cause.text) : ERR_OK;
 }
 
@@ -434,17 +375,19 @@ enum err model_load(struct scene *s, const struct model_desc *d, struct reason *
     const unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_RemoveComponent;
     struct bytes model;
 
+    if (path_is_gltf(d->path))
+        return gltf_load(s, d, why);
     enum err e = read_checked(d, &model, why);
     struct assimp_files files = { .host = d->host, .path = d->path, .model = &model };
     const struct aiScene *ai = e ? NULL : import_file(d, &files);
     bytes_finish(&model);
     if (!e && !ai)
-        e = import_fault(d, &files, why);
+        e = import_fault(d, why);
     if (e)
         return e;
     e = check_scene(ai, d, why);
     if (!e && !aiApplyPostProcessing(ai, steps)) /* which frees the scene on failure */
-        return import_fault(d, &files, why);
+        return import_fault(d, why);
     if (!e) {
         struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };
         e = take(&in);

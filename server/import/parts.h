@@ -23,16 +23,12 @@ struct model_desc {
     enum model_normals normals;
 };
 
-/* Reads a model through Assimp and adds its meshes in world space, one per node. ERR_IO, ERR_FORMAT, ERR_RANGE,
- * ERR_UNSUPPORTED, ERR_NOMEM. */
+/* Reads a model, all formats but glTF through Assimp, and adds its meshes in world space, one per node. ERR_IO,
+ * ERR_FORMAT, ERR_RANGE, ERR_UNSUPPORTED, ERR_NOMEM. */
 MUST_CHECK enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why);
 
-/* Checks what Assimp trusts. A .ply file: its header, on which Assimp 5.2 can loop forever. A glTF file (`binary`:
- * .glb): that it is complete, and how deep its JSON and its nodes are nested. *why has no path. ERR_FORMAT, ERR_RANGE,
- * ERR_NOMEM. */
+/* Checks the header of a .ply file, on which Assimp 5.2 can loop forever. *why has no path. ERR_FORMAT. */
 MUST_CHECK enum err ply_check(const struct bytes *file, struct reason *why);
-/* See ply_check. */
-MUST_CHECK enum err gltf_check(const struct bytes *file, bool binary, struct reason *why);
 
 struct aiFileIO;
 struct aiScene;
@@ -49,10 +45,8 @@ struct assimp_files {
 /* Fills the functions; `files` must outlive their use. */
 void assimp_files_init(struct assimp_files *files, struct aiFileIO *out);
 
-/* Adds every material of a glTF file in order: material i of the file becomes *first + i in the scene. ERR_FORMAT,
- * ERR_NOMEM. */
-MUST_CHECK enum err gltf_add_materials(struct scene *s, const struct aiScene *ai, const struct model_desc *d,
-                                       uint32_t *first, struct reason *why);
+/* Reads a glTF 2.0 file (gltf.h), by itself; otherwise as model_load. */
+MUST_CHECK enum err gltf_load(struct scene *s, const struct model_desc *d, struct reason *why);
 
 /* Finds a material for every one that the meshes of a file other than glTF use: map[i] is the scene's for the file's
  * i-th, MATERIAL_NONE if no mesh uses it. A texture that cannot be read costs a warning. ERR_NOMEM. */

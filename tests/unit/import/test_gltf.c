@@ -334,9 +334,6 @@ static void bad_textures_are_named(void **state)
     folder_make(&f);
     char path[256];
     snprintf(path, sizeof(path), "%s", write_gltf(&f, "a.gltf", "{" ONE_NODE TEXTURED("t.png") TAIL));
-    assert_int_equal(load_here(path, &s, &why), ERR_IO);
-    assert_non_null(strstr(why.text, "/t.png: No such file"));
-    assert_null(s);
     for (size_t cut = 0; cut < sizeof(four_png); cut++) { /* truncated at every byte */
         folder_write(&f, "t.png", four_png, cut);
         const enum err e = load_here(path, &s, &why);

@@ -1,0 +1,346 @@
+/* Primitives become meshes in world space. */
+#include "import/gltf_mesh.h"
+
+#include "base/mem.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum mode { /* of a primitive; below are points and lines */
+            MODE_TRIANGLES = 4,
+            MODE_STRIP,
+            MODE_FAN,
+};
+
+/* ---- Triangles ---- */
+
+static size_t count_triangles(size_t mode, size_t corners)
+{
+    if (mode == MODE_TRIANGLES)
+        return corners / 3;
+    return corners < 3 ? 0 : corners - 2;
+}
+
+/* Triangle i of a strip or fan, counter-clockwise; false: two corners are the same, which strips use as a joint. */
+static bool spread_triangle(size_t mode, const uint32_t *corners, size_t i, uint32_t t[3])
+{
+    t[0] = corners[mode == MODE_FAN ? 0 : i];
+    t[1] = corners[i + (mode == MODE_STRIP && i % 2 ? 2 : 1)];
+    t[2] = corners[i + (mode == MODE_STRIP && i % 2 ? 1 : 2)];
+    return t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+}
+
+static enum err spread(size_t mode, uint32_t **corners, struct mesh *m)
+{
+    uint32_t kept = 0;
+
+    if (mode == MODE_TRIANGLES) {
+        m->indices = *corners;
+        *corners = NULL;
+        return ERR_OK;
+    }
+    m->indices = mem_alloc_raw(m->triangle_count, 3 * sizeof(*m->indices));
+    if (!m->indices)
+        return ERR_NOMEM;
+    for (size_t i = 0; i < m->triangle_count; i++)
+        kept += spread_triangle(mode, *corners, i, m->indices + 3 * (size_t)kept);
+    m->triangle_count = kept;
+    return ERR_OK;
+}
+
+/* Primitives often share vertices of which each uses a range: only that range is read. */
+static enum err find_range(struct gltf *g, struct primitive *p, const uint32_t *corners, size_t count)
+{
+    uint32_t low = UINT32_MAX, high = 0;
+
+    for (size_t i = 0; i < count; i++) {
+        low = corners[i] < low ? corners[i] : low;
+        high = corners[i] > high ? corners[i] : high;
+    }
+    if (high >= p->positions.count)
+        return gltf_fault(g, &p->indices, ERR_FORMAT, "refers to vertex %" PRIu32 " of %zu", high, p->positions.count);
+    p->first = low;
+    p->count = (size_t)high - low + 1;
+    return ERR_OK;
+}
+
+static enum err read_corners(struct gltf *g, struct primitive *p, uint32_t **out, size_t *count)
+{
+    struct gltf_accessor a = { .count = p->positions.count };
+
+    enum err e = p->indices.value ? primitive_accessor(g, p, &p->indices, 1, 1, &a) : ERR_OK;
+    if (e)
+        return e;
+    *count = a.count;
+    *out = mem_alloc_raw(a.count, sizeof(**out));
+    if (!*out)
+        return ERR_NOMEM;
+    if (p->indices.value)
+        return gltf_accessor_indices(g, &p->indices, &a, *out);
+    for (size_t i = 0; i < a.count; i++)
+        (*out)[i] = (uint32_t)i;
+    return ERR_OK;
+}
+
+static enum err read_triangles(struct gltf *g, struct primitive *p, size_t mode, struct mesh *m)
+{
+    uint32_t *corners = NULL;
+    size_t count = 0;
+
+    enum err e = read_corners(g, p, &corners, &count);
+    const size_t triangles = count_triangles(mode, count);
+    m->triangle_count = (uint32_t)triangles; /* below MESH_ELEMENTS_MAX, as all counts are */
+    if (!e && triangles > 0)
+        e = find_range(g, p, corners, count);
+    if (!e && triangles > 0)
+        e = spread(mode, &corners, m);
+    for (size_t i = 0; i < 3 * (size_t)m->triangle_count && !e; i++)
+        m->indices[i] -= (uint32_t)p->first;
+    mem_free(corners);
+    return e;
+}
+
+/* ---- Vertices ---- */
+
+enum err primitive_accessor(struct gltf *g, const struct primitive *p, const struct gltf_at *at, size_t least,
+                            size_t most, struct gltf_accessor *out)
+{
+    (void)p;
+    return gltf_accessor_vector(g, at, least, most, out);
+}
+
+enum err primitive_attribute(struct gltf *g, const struct primitive *p, const struct gltf_at *at, size_t least,
+                             size_t most, struct gltf_accessor *out)
+{
+    const enum err e = primitive_accessor(g, p, at, least, most, out);
+
+    if (!e && out->count < p->positions.count)
+        return gltf_fault(g, at, ERR_FORMAT, "accessors[%zu] has %zu elements for %zu vertices", out->index, out->count,
+                          p->positions.count);
+    return e;
+}
+
+static enum err read_floats(struct gltf *g, const struct primitive *p, const struct gltf_at *at, size_t width,
+                            float **out)
+{
+    struct gltf_accessor a;
+
+    const enum err e = primitive_attribute(g, p, at, width, width, &a);
+    if (e)
+        return e;
+    *out = mem_alloc_raw(width * p->count + 1, sizeof(**out)); /* one more, see struct mesh */
+    if (!*out)
+        return ERR_NOMEM;
+    (*out)[width * p->count] = 0.0f;
+    gltf_accessor_floats(&a, p->first, p->count, width, *out);
+    return ERR_OK;
+}
+
+static enum err read_uvs(struct gltf *g, const struct primitive *p, const struct gltf_surface *surface, struct mesh *m)
+{
+    const double *t = surface->transform;
+    char name[32];
+
+    if (surface->uv_set == GLTF_NONE)
+        return ERR_OK;
+    snprintf(name, sizeof(name), "TEXCOORD_%zu", surface->uv_set);
+    const struct gltf_at at = gltf_key(&p->attributes, name);
+    const enum err e = at.value ? read_floats(g, p, &at, 2, &m->uvs) : ERR_OK;
+    for (size_t i = 0; i < p->count && !e && m->uvs; i++) {
+        const double u = m->uvs[2 * i], v = m->uvs[2 * i + 1];
+        m->uvs[2 * i] = (float)(t[0] * u + t[1] * v + t[2]);
+        m->uvs[2 * i + 1] = 1.0f - (float)(t[3] * u + t[4] * v + t[5]);
+    }
+    return e;
+}
+
+/* The material, and how it wants its texture coordinates; NULL: it wants none. */
+static enum err find_material(struct gltf *g, const struct primitive *p, struct mesh *m,
+                              const struct gltf_surface **surface)
+{
+    size_t index;
+
+    *surface = NULL;
+    m->material = g->desc->material;
+    if (m->material != MATERIAL_NONE)
+        return ERR_OK;
+    const enum err e = gltf_index(g, p->at, "material", GLTF_MATERIALS, &index);
+    if (e || index == GLTF_NONE)
+        return e ? e : gltf_plain_material(g, &m->material);
+    m->material = g->first_material + (uint32_t)index;
+    *surface = &g->surfaces[index];
+    return ERR_OK;
+}
+
+static enum err read_vertices(struct gltf *g, const struct primitive *p, struct mesh *m)
+{
+    const struct gltf_at position = gltf_key(&p->attributes, "POSITION");
+    const struct gltf_at normal = gltf_key(&p->attributes, "NORMAL");
+    const struct gltf_surface *surface;
+
+    m->vertex_count = (uint32_t)p->count;
+    enum err e = find_material(g, p, m, &surface);
+    if (!e)
+        e = read_floats(g, p, &position, 3, &m->positions);
+    if (!e && normal.value && g->desc->normals != NORMALS_FLAT)
+        e = read_floats(g, p, &normal, 3, &m->normals);
+    if (!e && surface)
+        e = read_uvs(g, p, surface, m);
+    if (!e && surface && gltf_key(&p->attributes, "COLOR_0").value)
+        scene_note_unmodelled(g->scene, FEATURE_VERTEX_COLOUR, g->desc->path);
+    return e ? e : primitive_deform(g, p, m);
+}
+
+/* ---- Placing ---- */
+
+void gltf_transform_point(const double m[16], float p[3])
+{
+    const double x = p[0], y = p[1], z = p[2];
+
+    for (int row = 0; row < 3; row++)
+        p[row] = (float)(m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row]);
+}
+
+void gltf_transform_normal(const double c[9], double side, float n[3])
+{
+    double v[3];
+
+    for (int row = 0; row < 3; row++)
+        v[row] = side * (c[row] * n[0] + c[3 + row] * n[1] + c[6 + row] * n[2]);
+    const double length = sqrt(dot3(v, v));
+    const double scale = isfinite(length) && length > 0.0 ? 1.0 / length : 0.0;
+    for (int row = 0; row < 3; row++)
+        n[row] = scale > 0.0 ? (float)(v[row] * scale) : 0.0f;
+}
+
+void mesh_turn_over(struct mesh *m)
+{
+    for (size_t i = 0; i < m->triangle_count; i++) {
+        uint32_t *t = m->indices + 3 * i;
+        const uint32_t second = t[1];
+        t[1] = t[2];
+        t[2] = second;
+    }
+}
+
+/* A reflection turns triangles inside out: the winding is restored. */
+static void transform(struct mesh *m, const double matrix[16])
+{
+    double c[9];
+    const double side = gltf_cofactors(matrix, c) < 0.0 ? -1.0 : 1.0;
+
+    for (size_t i = 0; i < m->vertex_count; i++) {
+        gltf_transform_point(matrix, m->positions + 3 * i);
+        if (m->normals)
+            gltf_transform_normal(c, side, m->normals + 3 * i);
+    }
+    if (side < 0.0)
+        mesh_turn_over(m);
+}
+
+/* Takes over the arrays of *m, also on error. */
+static enum err place(struct gltf *g, struct mesh *m, const double matrix[16])
+{
+    transform(m, matrix);
+    g->dropped += mesh_drop_degenerate(m);
+    enum err e = mesh_join_vertices(m);
+    if (!e && g->desc->normals == NORMALS_SMOOTH && !m->normals)
+        e = mesh_make_normals(m);
+    if (!e && m->triangle_count > 0)
+        e = scene_add_mesh(g->scene, m);
+    else
+        mesh_finish(m);
+    if (e)
+        mesh_finish(m);
+    return e;
+}
+
+static void *copy_of(const void *array, size_t count, size_t size)
+{
+    void *out = array ? mem_alloc_raw(count, size) : NULL;
+
+    if (out)
+        memcpy(out, array, count * size);
+    return out;
+}
+
+static enum err copy_mesh(const struct mesh *m, struct mesh *out)
+{
+    const size_t n = m->vertex_count;
+
+    *out = *m;
+    out->positions = copy_of(m->positions, 3 * n + 1, sizeof(float));
+    out->normals = copy_of(m->normals, 3 * n, sizeof(float));
+    out->uvs = copy_of(m->uvs, 2 * n, sizeof(float));
+    out->indices = copy_of(m->indices, m->triangle_count, 3 * sizeof(uint32_t));
+    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && out->indices)
+        return ERR_OK;
+    mesh_finish(out);
+    return ERR_NOMEM;
+}
+
+/* One copy per place; takes over the arrays of *m, also on error. */
+static enum err place_all(struct gltf *g, struct mesh *m, const struct places *places)
+{
+    enum err e = places->count > 1 ? mesh_join_vertices(m) : ERR_OK;
+
+    for (size_t i = 0; i + 1 < places->count && !e; i++) {
+        struct mesh copy;
+        e = copy_mesh(m, &copy);
+        if (!e)
+            e = place(g, &copy, places->matrices[i]);
+    }
+    if (!e && places->count > 0)
+        return place(g, m, places->matrices[places->count - 1]);
+    mesh_finish(m);
+    return e;
+}
+
+static enum err add_primitive(struct gltf *g, struct primitive *p, const struct places *places)
+{
+    const struct gltf_at position = gltf_key(&p->attributes, "POSITION");
+    struct mesh m = { 0 };
+    size_t mode;
+
+    enum err e = gltf_size(g, p->at, "mode", MODE_TRIANGLES, &mode);
+    if (!e && mode > MODE_FAN)
+        e = gltf_fault(g, p->at, ERR_FORMAT, "mode is %zu, not within 0 to 6", mode);
+    if (e || !position.value)
+        return e; /* without positions it shows nothing */
+    if (mode < MODE_TRIANGLES) {
+        g->skipped = true;
+        return ERR_OK;
+    }
+    e = primitive_accessor(g, p, &position, 3, 3, &p->positions);
+    if (!e)
+        e = read_triangles(g, p, mode, &m);
+    if (!e && m.triangle_count > 0)
+        e = read_vertices(g, p, &m);
+    if (!e && m.triangle_count > 0)
+        return place_all(g, &m, places);
+    mesh_finish(&m);
+    return e;
+}
+
+enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, const double world[16])
+{
+    static const double identity[16] = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 };
+    const struct gltf_at at = gltf_element(g, GLTF_MESHES, mesh), list = gltf_key(&at, "primitives");
+    struct places places = { .matrices = (const double(*)[16])world, .count = 1 };
+    struct skin skin = { 0 };
+
+    enum err e = skin_load(g, node, &skin);
+    if (skin.count > 0) /* joints place it; the node does not */
+        places.matrices = &identity;
+    for (size_t i = 0; i < json_array_size(list.value) && !e; i++) {
+        const struct gltf_at item = gltf_item(&list, i);
+        struct primitive p = { .at = &item, .mesh = &at, .node = node, .skin = &skin };
+        p.attributes = gltf_key(&item, "attributes");
+        p.indices = gltf_key(&item, "indices");
+        e = add_primitive(g, &p, &places);
+    }
+    skin_finish(&skin);
+    return e;
+}
