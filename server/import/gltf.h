@@ -114,6 +114,13 @@ bool gltf_uri_is_data(const char *uri);
 /* The bytes in a data URI, for the caller to free. ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err gltf_uri_decode(const struct gltf *g, const struct gltf_at *at, const char *uri, struct bytes *out);
 
+/* ---- gltf_meshopt.c: EXT_meshopt_compression ---- */
+
+/* The view's extension; missing: it is not compressed. */
+struct gltf_at gltf_meshopt(const struct gltf_at *view);
+/* Decompresses; sets out->owned, at and size. ERR_FORMAT, ERR_RANGE, ERR_UNSUPPORTED, ERR_NOMEM. */
+MUST_CHECK enum err gltf_meshopt_decode(struct gltf *g, const struct gltf_at *at, struct gltf_view *out);
+
 /* ---- gltf_accessor.c: typed arrays ---- */
 
 enum gltf_type { /* of components; the values of the file */
@@ -147,6 +154,9 @@ size_t gltf_type_size(enum gltf_type type);
 MUST_CHECK enum err gltf_accessor_open(struct gltf *g, const struct gltf_at *at, struct gltf_accessor *out);
 /* The same without its data, which come from elsewhere. */
 MUST_CHECK enum err gltf_accessor_head(struct gltf *g, const struct gltf_at *at, struct gltf_accessor *out);
+/* ERR_FORMAT: it has not `least` to `most` components. */
+MUST_CHECK enum err gltf_accessor_width(const struct gltf *g, const struct gltf_at *at, size_t least, size_t most,
+                                        const struct gltf_accessor *a);
 /* As gltf_accessor_open; it must have `least` to `most` components. */
 MUST_CHECK enum err gltf_accessor_vector(struct gltf *g, const struct gltf_at *at, size_t least, size_t most,
                                          struct gltf_accessor *out);

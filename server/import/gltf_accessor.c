@@ -153,15 +153,20 @@ enum err gltf_accessor_open(struct gltf *g, const struct gltf_at *at, struct glt
     return e ? e : read_sparse(g, &accessor, out);
 }
 
+enum err gltf_accessor_width(const struct gltf *g, const struct gltf_at *at, size_t least, size_t most,
+                             const struct gltf_accessor *a)
+{
+    if (a->components < least || a->components > most)
+        return gltf_fault(g, at, ERR_FORMAT, "accessors[%zu] has %zu components; expected %zu", a->index, a->components,
+                          least);
+    return ERR_OK;
+}
+
 enum err gltf_accessor_vector(struct gltf *g, const struct gltf_at *at, size_t least, size_t most,
                               struct gltf_accessor *out)
 {
     const enum err e = gltf_accessor_open(g, at, out);
-
-    if (!e && (out->components < least || out->components > most))
-        return gltf_fault(g, at, ERR_FORMAT, "accessors[%zu] has %zu components; expected %zu", out->index,
-                          out->components, least);
-    return e;
+    return e ? e : gltf_accessor_width(g, at, least, most, out);
 }
 
 /* A component as a number [glTF 2.0, section 3.11]. */

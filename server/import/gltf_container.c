@@ -325,10 +325,17 @@ static enum err read_view(struct gltf *g, const struct gltf_at *at, struct gltf_
 
 enum err gltf_view_bytes(struct gltf *g, size_t index, struct gltf_view *out)
 {
-    const struct gltf_at at = gltf_element(g, GLTF_BUFFER_VIEWS, index);
+    const struct gltf_at at = gltf_element(g, GLTF_BUFFER_VIEWS, index), packed = gltf_meshopt(&at);
     struct gltf_view *v = &g->views[index];
+    enum err e = ERR_OK;
 
-    const enum err e = v->at ? ERR_OK : read_view(g, &at, v);
+    if (!v->at && packed.value) {
+        e = gltf_size(g, &at, "byteStride", 0, &v->stride);
+        if (!e)
+            e = gltf_meshopt_decode(g, &packed, v);
+    } else if (!v->at) {
+        e = read_view(g, &at, v);
+    }
     *out = *v;
     return e;
 }

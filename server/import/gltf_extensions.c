@@ -23,12 +23,17 @@ static const struct {
     { "KHR_materials_clearcoat", NOTED, NULL },
     { "KHR_materials_sheen", NOTED, NULL },
     { "KHR_materials_emissive_strength", NOTED, NULL },
-    { "KHR_materials_pbrSpecularGlossiness", NOTED, "convert it with 'gltf-transform metalrough IN OUT'" },
+    { "KHR_materials_pbrSpecularGlossiness", MODELLED, NULL }, /* with a warning */
+    { "KHR_materials_unlit", MODELLED, NULL },                 /* with a warning */
+    { "KHR_materials_variants", MODELLED, NULL },              /* the default one */
     { "KHR_lights_punctual", NOTED, NULL },
     { "KHR_texture_transform", MODELLED, NULL },
     { "KHR_texture_basisu", UNKNOWN, "convert its textures with 'gltf-transform ktxdecompress IN OUT'" },
-    { "KHR_draco_mesh_compression", UNKNOWN, "convert it with 'gltf-transform copy IN OUT'" },
-    { "EXT_meshopt_compression", UNKNOWN, "convert it with 'gltf-transform copy IN OUT'" },
+    { "KHR_draco_mesh_compression", MODELLED, NULL },
+    { "EXT_meshopt_compression", MODELLED, NULL },
+    { "KHR_meshopt_compression", MODELLED, NULL },
+    { "EXT_mesh_gpu_instancing", MODELLED, NULL },
+    { "EXT_texture_webp", MODELLED, NULL },
 };
 
 static size_t find(const char *name)

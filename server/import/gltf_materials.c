@@ -7,7 +7,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define GREY 0.5f /* in place of a texture that cannot be opened */
+#define GREY 0.5f   /* in place of a texture that cannot be opened */
+#define BLACK 1e-3f /* a colour below is none */
 
 #define KTX_ADVICE                                                                                                     \
     "is KTX2 (KHR_texture_basisu), which is not supported; convert it to PNG, for instance with "                      \
@@ -32,6 +33,7 @@ struct source {
     struct gltf *g;
     struct known *known; /* each image is read once per use */
     size_t count, room;
+    bool unlit; /* has been named */
 };
 
 static float share(double v)
@@ -168,7 +170,10 @@ static enum err find_image(struct source *s, const struct gltf_at *at, struct us
         if (!e)
             e = read_wrap(s, &how, "wrapT", &use->wrap_v);
     }
+    const struct gltf_at webp = gltf_extension(&t, "EXT_texture_webp");
     if (!e)
+        e = gltf_index(s->g, &webp, "source", GLTF_IMAGES, &use->image);
+    if (!e && use->image == GLTF_NONE)
         e = gltf_index(s->g, &t, "source", GLTF_IMAGES, &use->image);
     if (!e && use->image == GLTF_NONE)
         gltf_warn(s->g, &t, "%s; the surfaces are grey instead",
@@ -257,10 +262,10 @@ static enum err read_transform(struct source *s, const struct gltf_at *at, struc
     return e;
 }
 
-static enum err read_base_texture(struct source *s, const struct gltf_at *pbr, struct material *m,
+static enum err read_base_texture(struct source *s, const struct gltf_at *above, const char *key, struct material *m,
                                   struct gltf_surface *surface)
 {
-    const struct gltf_at at = gltf_key(pbr, "baseColorTexture");
+    const struct gltf_at at = gltf_key(above, key);
     const struct known *known = NULL;
     struct use use = { .values = TEXTURE_SRGB };
 
@@ -346,8 +351,6 @@ static enum err note_extensions(struct source *s, const struct gltf_at *at)
         scene_note_unmodelled(s->g->scene, FEATURE_VOLUME, s->g->desc->path);
     if (coat_share > 0.0f || largest(sheen_colour) > 0.0f)
         scene_note_unmodelled(s->g->scene, FEATURE_CLEARCOAT, s->g->desc->path);
-    if (gltf_extension(at, "KHR_materials_pbrSpecularGlossiness").value)
-        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_GLOSSINESS, s->g->desc->path);
     return ERR_OK;
 }
 
@@ -368,21 +371,58 @@ static enum err note_extras(struct source *s, const struct gltf_at *at, bool gla
     return note_extensions(s, at);
 }
 
+static enum err read_surface(struct source *s, const struct gltf_at *at, struct material *m,
+                             struct gltf_surface *surface)
+{
+    const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
+
+    enum err e = get_colour(s, &pbr, "baseColorFactor", 4, 1.0, &m->diffuse);
+    if (!e)
+        e = read_metallic_roughness(s, &pbr, m);
+    if (!e)
+        e = read_base_texture(s, &pbr, "baseColorTexture", m, surface);
+    if (gltf_extension(at, "KHR_materials_unlit").value) {
+        m->kind = MATERIAL_LAMBERT;
+        if (!s->unlit)
+            gltf_warn(s->g, at, "is unlit: approximated by a matte surface");
+        s->unlit = true;
+    }
+    return e;
+}
+
+/* A material of KHR_materials_pbrSpecularGlossiness: a metal where the diffuse colour is black, else a dielectric. */
+static enum err read_specular_glossiness(struct source *s, const struct gltf_at *at, struct material *m,
+                                         struct gltf_surface *surface)
+{
+    struct vec3 specular;
+    float glossiness;
+
+    scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_GLOSSINESS, s->g->desc->path);
+    enum err e = get_colour(s, at, "diffuseFactor", 4, 1.0, &m->diffuse);
+    if (!e)
+        e = get_colour(s, at, "specularFactor", 3, 1.0, &specular);
+    if (!e)
+        e = get_share(s, at, "glossinessFactor", 1.0, &glossiness);
+    if (e)
+        return e;
+    m->metallic = largest(m->diffuse) < BLACK ? 1.0f : 0.0f;
+    m->roughness = 1.0f - glossiness;
+    if (m->metallic > 0.0f)
+        m->diffuse = specular;
+    return read_base_texture(s, at, "diffuseTexture", m, surface);
+}
+
 static enum err add_material(struct source *s, const struct gltf_at *at, struct gltf_surface *surface)
 {
     struct material m = { .kind = MATERIAL_GGX, .texture = MATERIAL_NO_TEXTURE };
-    const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
+    const struct gltf_at glossy = gltf_extension(at, "KHR_materials_pbrSpecularGlossiness");
     const struct gltf_at glass = gltf_extension(at, "KHR_materials_transmission");
     const char *name = gltf_string(at, "name");
     float transmission = 0.0f;
 
     *surface = (struct gltf_surface){ .uv_set = GLTF_NONE };
     snprintf(m.name, sizeof(m.name), "%.63s", name ? name : "");
-    enum err e = get_colour(s, &pbr, "baseColorFactor", 4, 1.0, &m.diffuse);
-    if (!e)
-        e = read_metallic_roughness(s, &pbr, &m);
-    if (!e)
-        e = read_base_texture(s, &pbr, &m, surface);
+    enum err e = glossy.value ? read_specular_glossiness(s, &glossy, &m, surface) : read_surface(s, at, &m, surface);
     if (!e)
         e = get_share(s, &glass, "transmissionFactor", 0.0, &transmission);
     if (e)

@@ -70,14 +70,16 @@ static enum err read_corners(struct gltf *g, struct primitive *p, uint32_t **out
 {
     struct gltf_accessor a = { .count = p->positions.count };
 
-    enum err e = p->indices.value ? primitive_accessor(g, p, &p->indices, 1, 1, &a) : ERR_OK;
+    const bool listed = p->indices.value || p->draco;
+
+    enum err e = listed ? primitive_accessor(g, p, &p->indices, 1, 1, &a) : ERR_OK;
     if (e)
         return e;
     *count = a.count;
     *out = mem_alloc_raw(a.count, sizeof(**out));
     if (!*out)
         return ERR_NOMEM;
-    if (p->indices.value)
+    if (listed)
         return gltf_accessor_indices(g, &p->indices, &a, *out);
     for (size_t i = 0; i < a.count; i++)
         (*out)[i] = (uint32_t)i;
@@ -107,8 +109,12 @@ static enum err read_triangles(struct gltf *g, struct primitive *p, size_t mode,
 enum err primitive_accessor(struct gltf *g, const struct primitive *p, const struct gltf_at *at, size_t least,
                             size_t most, struct gltf_accessor *out)
 {
-    (void)p;
-    return gltf_accessor_vector(g, at, least, most, out);
+    bool found;
+
+    const enum err e = primitive_draco_accessor(g, p, at, out, &found);
+    if (e || !found)
+        return e ? e : gltf_accessor_vector(g, at, least, most, out);
+    return gltf_accessor_width(g, at, least, most, out);
 }
 
 enum err primitive_attribute(struct gltf *g, const struct primitive *p, const struct gltf_at *at, size_t least,
@@ -298,26 +304,35 @@ static enum err place_all(struct gltf *g, struct mesh *m, const struct places *p
     return e;
 }
 
-static enum err add_primitive(struct gltf *g, struct primitive *p, const struct places *places)
+/* Takes over nothing. */
+static enum err read_primitive(struct gltf *g, struct primitive *p, size_t mode, struct mesh *m)
 {
     const struct gltf_at position = gltf_key(&p->attributes, "POSITION");
+
+    enum err e = primitive_draco_begin(g, p);
+    if (!e)
+        e = primitive_accessor(g, p, &position, 3, 3, &p->positions);
+    if (!e)
+        e = read_triangles(g, p, p->draco ? MODE_TRIANGLES : mode, m);
+    return e || m->triangle_count == 0 ? e : read_vertices(g, p, m);
+}
+
+static enum err add_primitive(struct gltf *g, struct primitive *p, const struct places *places)
+{
     struct mesh m = { 0 };
     size_t mode;
 
     enum err e = gltf_size(g, p->at, "mode", MODE_TRIANGLES, &mode);
     if (!e && mode > MODE_FAN)
         e = gltf_fault(g, p->at, ERR_FORMAT, "mode is %zu, not within 0 to 6", mode);
-    if (e || !position.value)
+    if (e || !gltf_key(&p->attributes, "POSITION").value)
         return e; /* without positions it shows nothing */
     if (mode < MODE_TRIANGLES) {
         g->skipped = true;
         return ERR_OK;
     }
-    e = primitive_accessor(g, p, &position, 3, 3, &p->positions);
-    if (!e)
-        e = read_triangles(g, p, mode, &m);
-    if (!e && m.triangle_count > 0)
-        e = read_vertices(g, p, &m);
+    e = read_primitive(g, p, mode, &m);
+    primitive_draco_end(p);
     if (!e && m.triangle_count > 0)
         return place_all(g, &m, places);
     mesh_finish(&m);
@@ -328,12 +343,12 @@ enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, 
 {
     static const double identity[16] = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 };
     const struct gltf_at at = gltf_element(g, GLTF_MESHES, mesh), list = gltf_key(&at, "primitives");
-    struct places places = { .matrices = (const double(*)[16])world, .count = 1 };
+    struct places places = { 0 };
     struct skin skin = { 0 };
 
     enum err e = skin_load(g, node, &skin);
-    if (skin.count > 0) /* joints place it; the node does not */
-        places.matrices = &identity;
+    if (!e) /* joints place a skin; the node does not */
+        e = places_load(g, node, skin.count > 0 ? identity : world, &places);
     for (size_t i = 0; i < json_array_size(list.value) && !e; i++) {
         const struct gltf_at item = gltf_item(&list, i);
         struct primitive p = { .at = &item, .mesh = &at, .node = node, .skin = &skin };
@@ -341,6 +356,7 @@ enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, 
         p.indices = gltf_key(&item, "indices");
         e = add_primitive(g, &p, &places);
     }
+    places_finish(&places);
     skin_finish(&skin);
     return e;
 }

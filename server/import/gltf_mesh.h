@@ -10,16 +10,21 @@ struct skin {               /* at rest */
     double (*matrices)[16]; /* from the mesh to the world, for each joint */
 };
 
+struct gltf_draco;
+
+#define GLTF_DRACO_ARRAYS 16 /* arrays of a primitive that can be compressed: more than are read of one */
+
 struct primitive {
     const struct gltf_at *at, *mesh, *node;
     const struct skin *skin;
     struct gltf_at attributes, indices;
     struct gltf_accessor positions;
-    size_t first, count; /* the vertices that are used */
+    size_t first, count;      /* the vertices that are used */
+    struct gltf_draco *draco; /* NULL: not compressed */
 };
 
 struct places { /* where copies of a mesh stand */
-    const double (*matrices)[16];
+    double (*matrices)[16];
     size_t count;
 };
 
@@ -29,6 +34,22 @@ MUST_CHECK enum err primitive_accessor(struct gltf *g, const struct primitive *p
 /* The same; it must have an element for each vertex. */
 MUST_CHECK enum err primitive_attribute(struct gltf *g, const struct primitive *p, const struct gltf_at *at,
                                         size_t least, size_t most, struct gltf_accessor *out);
+
+/* ---- gltf_draco.c: KHR_draco_mesh_compression ---- */
+
+/* Decompresses the primitive's data if they are compressed. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err primitive_draco_begin(struct gltf *g, struct primitive *p);
+void primitive_draco_end(struct primitive *p);
+/* The accessor of an attribute, or of the indices, if it is compressed; else *found is false. Valid until the end. */
+MUST_CHECK enum err primitive_draco_accessor(struct gltf *g, const struct primitive *p, const struct gltf_at *at,
+                                             struct gltf_accessor *out, bool *found);
+
+/* ---- gltf_instances.c: EXT_mesh_gpu_instancing ---- */
+
+/* The world matrices of the copies; `out` has one, the node's own, without instances. Free with places_finish.
+ * ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err places_load(struct gltf *g, const struct gltf_at *node, const double world[16], struct places *out);
+void places_finish(struct places *p); /* zeroed memory is allowed */
 
 /* ---- gltf_deform.c: morph targets and skins, as the file leaves them (no animation) ---- */
 

@@ -65,9 +65,9 @@ bool path_ends_in(const char *path, const char *ending);
 /* Reads a JSON scene into an empty scene. Errors of import_scene. */
 MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);
 
-/* Decodes a PNG or JPEG image to a texture that repeats; `name` begins messages. PNG of 16 bits is rounded to 8. Alpha
- * is 1 with TEXTURE_SRGB, and in JPEG. On ERR_OK the caller owns *out (texture_finish). ERR_FORMAT. ERR_RANGE: more
- * than TEXTURE_SIDE_MAX per side or TEXTURE_TEXELS_MAX. ERR_UNSUPPORTED: another format. ERR_NOMEM. */
+/* Decodes a PNG, JPEG or WebP image to a texture that repeats; `name` begins messages. PNG of 16 bits is rounded to 8.
+ * Alpha is 1 with TEXTURE_SRGB, and in JPEG. On ERR_OK the caller owns *out (texture_finish). ERR_FORMAT. ERR_RANGE:
+ * more than TEXTURE_SIDE_MAX per side or TEXTURE_TEXELS_MAX. ERR_UNSUPPORTED: another format. ERR_NOMEM. */
 MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
                                    struct texture *out, struct reason *why);
 /* The same from a file. Also ERR_IO. */

@@ -3,6 +3,7 @@
 #include <png.h>
 #include <string.h>
 #include <turbojpeg.h>
+#include <webp/decode.h>
 
 #define FILE_MAX (256u << 20)
 
@@ -62,6 +63,22 @@ done:
     return e;
 }
 
+static enum err decode_webp(const void *bytes, size_t count, enum texture_values values, const char *name,
+                            struct texture *out, struct reason *why)
+{
+    int width, height;
+
+    if (!WebPGetInfo(bytes, count, &width, &height))
+        return err_say(why, ERR_FORMAT, "%s: WebP: the header is damaged", name);
+    enum err e = check_size((uint64_t)width, (uint64_t)height, name, why);
+    if (!e)
+        e = texture_init(out, (uint32_t)width, (uint32_t)height, values);
+    const size_t row = 4 * (size_t)width;
+    if (!e && !WebPDecodeRGBAInto(bytes, count, out->texels, row * (size_t)height, (int)row))
+        e = err_say(why, ERR_FORMAT, "%s: WebP: the image is damaged, or animated", name);
+    return e;
+}
+
 /* Alpha that means nothing must not show in a digest. */
 static void drop_alpha(struct texture *t)
 {
@@ -75,7 +92,7 @@ enum err texture_decode(const void *bytes, size_t count, enum texture_values val
                         struct texture *out, struct reason *why)
 {
     static const uint8_t png_start[8] = { 0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n' };
-    static const uint8_t jpeg_start[3] = { 0xff, 0xd8, 0xff };
+    static const uint8_t jpeg_start[3] = { 0xff, 0xd8, 0xff }, ktx_start[5] = { 0xab, 'K', 'T', 'X', ' ' };
 
     enum err e;
 
@@ -84,8 +101,13 @@ enum err texture_decode(const void *bytes, size_t count, enum texture_values val
         e = decode_png(bytes, count, values, name, out, why);
     else if (count >= sizeof(jpeg_start) && memcmp(bytes, jpeg_start, sizeof(jpeg_start)) == 0)
         e = decode_jpeg(bytes, count, values, name, out, why);
+    else if (count >= 12 && memcmp(bytes, "RIFF", 4) == 0 && memcmp((const uint8_t *)bytes + 8, "WEBP", 4) == 0)
+        e = decode_webp(bytes, count, values, name, out, why);
+    else if (count >= sizeof(ktx_start) && memcmp(bytes, ktx_start, sizeof(ktx_start)) == 0)
+        e = err_say(why, ERR_UNSUPPORTED,
+                    "%s: KTX2 is not supported; convert it to PNG, for instance with 'ktx extract'", name);
     else
-        e = err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG", name);
+        e = err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG nor WebP", name);
     if (e) {
         texture_finish(out);
         return e;

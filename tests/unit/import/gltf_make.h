@@ -10,7 +10,7 @@
 
 struct make {
     struct folder folder;
-    uint8_t bytes[1 << 16];
+    uint8_t bytes[1 << 20];
     size_t size;
     char views[8192], accessors[8192];
     int view_count, accessor_count;

@@ -1,0 +1,262 @@
+/* Compressed glTF: what the libraries' own encoders make of a known mesh comes back. */
+#include "gltf_make.h"
+
+#include "draco_make.h"
+
+#include <meshoptimizer.h>
+#include <stdlib.h>
+#include <webp/encode.h>
+
+#define NODE "\"nodes\":[{\"mesh\":0}]"
+#define SQUARE "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}]"
+
+/* A unit square in z = 0: as floats, and as 16-bit numbers 65535 times as large. */
+static const float corners[] = { 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0 };
+static const uint16_t shorts[] = { 0, 0, 0, 0, 65535, 0, 0, 0, 65535, 65535, 0, 0, 0, 65535, 0, 0 };
+static const unsigned triangles[] = { 0, 1, 2, 0, 2, 3 };
+
+/* ---- Meshopt ---- */
+
+enum { PACKED_SIZE = 1024 };
+
+/* A view whose data are compressed; `more` holds the members of a view, `how` those of the extension. */
+static int packed_view(struct make *m, const char *extension, const void *bytes, size_t size, const char *more,
+                       const char *how)
+{
+    char text[400];
+
+    m->size = (m->size + 3) & ~(size_t)3;
+    snprintf(text, sizeof(text), "%s,\"extensions\":{\"%s\":{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,%s}}",
+             more, extension, m->size, size, how);
+    return make_view(m, bytes, size, text);
+}
+
+static void make_packed_square(struct make *m, const char *extension, int vertex_version)
+{
+    unsigned char bytes[PACKED_SIZE];
+
+    make_begin(m);
+    meshopt_encodeVertexVersion(0);
+    size_t size = meshopt_encodeVertexBuffer(bytes, sizeof(bytes), shorts, 4, 8);
+    bytes[0] = (unsigned char)(bytes[0] + vertex_version);
+    packed_view(m, extension, bytes, size, ",\"byteStride\":8", "\"byteStride\":8,\"count\":4,\"mode\":\"ATTRIBUTES\"");
+    make_accessor(m, "\"bufferView\":0,\"componentType\":5123,\"normalized\":true,\"type\":\"VEC3\",\"count\":4");
+    size = meshopt_encodeIndexBuffer(bytes, sizeof(bytes), triangles, 6);
+    packed_view(m, extension, bytes, size, "", "\"byteStride\":2,\"count\":6,\"mode\":\"TRIANGLES\"");
+    make_accessor(m, "\"bufferView\":1,\"componentType\":5123,\"type\":\"SCALAR\",\"count\":6");
+}
+
+static void meshopt_vertices_and_triangles_come_back(void **state)
+{
+    static const char *const names[] = { "EXT_meshopt_compression", "KHR_meshopt_compression" };
+
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        char text[512];
+        struct make m;
+        make_packed_square(&m, names[i], 0);
+        snprintf(text, sizeof(text), "\"extensionsRequired\":[\"%s\"]," NODE "," SQUARE, names[i]);
+        struct scene *s = make_scene(&m, text);
+        assert_int_equal(s->triangle_count, 2);
+        assert_near(area_of(&s->meshes[0]), 0, 0, 1);
+        scene_destroy(s);
+        make_end(&m);
+    }
+}
+
+static void meshopt_sequences_and_filters_come_back(void **state)
+{
+    static const float normals[] = { 0, 0, 1, 0, 0.6f, 0, 0.8f, 0, 0, -1, 0, 0, -0.48f, 0.6f, -0.64f, 0 };
+    unsigned char bytes[PACKED_SIZE];
+    float exponents[12];
+    uint32_t packed[12];
+    int8_t octahedral[16];
+    struct make m;
+
+    (void)state;
+    make_begin(&m);
+    memcpy(exponents, corners, sizeof(corners));
+    meshopt_encodeFilterExp(packed, 4, 12, 15, exponents);
+    size_t size = meshopt_encodeVertexBuffer(bytes, sizeof(bytes), packed, 4, 12);
+    packed_view(&m, "EXT_meshopt_compression", bytes, size, "",
+                "\"byteStride\":12,\"count\":4,\"mode\":\"ATTRIBUTES\",\"filter\":\"EXPONENTIAL\"");
+    make_accessor(&m, "\"bufferView\":0,\"componentType\":5126,\"type\":\"VEC3\",\"count\":4");
+    size = meshopt_encodeIndexSequence(bytes, sizeof(bytes), triangles, 6);
+    packed_view(&m, "EXT_meshopt_compression", bytes, size, "", "\"byteStride\":4,\"count\":6,\"mode\":\"INDICES\"");
+    make_accessor(&m, "\"bufferView\":1,\"componentType\":5125,\"type\":\"SCALAR\",\"count\":6");
+    meshopt_encodeFilterOct(octahedral, 4, 4, 8, normals);
+    size = meshopt_encodeVertexBuffer(bytes, sizeof(bytes), octahedral, 4, 4);
+    packed_view(&m, "EXT_meshopt_compression", bytes, size, ",\"byteStride\":4",
+                "\"byteStride\":4,\"count\":4,\"mode\":\"ATTRIBUTES\",\"filter\":\"OCTAHEDRAL\"");
+    make_accessor(&m, "\"bufferView\":2,\"componentType\":5120,\"normalized\":true,\"type\":\"VEC3\",\"count\":4");
+    struct scene *s = make_scene(&m, NODE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":2},"
+                                          "\"indices\":1}]}]");
+    const struct mesh *mesh = &s->meshes[0];
+    assert_near(area_of(mesh), 0, 0, 1);
+    for (uint32_t i = 0; i < 4; i++) { /* 8 bits: about 0.01 */
+        const struct vec3 p = vertex(mesh, i);
+        const int corner = p.x > 0.5f ? (p.y > 0.5f ? 2 : 1) : (p.y > 0.5f ? 3 : 0);
+        for (int k = 0; k < 3; k++)
+            assert_float_equal(mesh->normals[3 * i + (uint32_t)k], normals[4 * corner + k], 0.015f);
+    }
+    scene_destroy(s);
+    make_end(&m);
+}
+
+static void damaged_meshopt_is_refused(void **state)
+{
+    struct make m;
+
+    (void)state;
+    make_packed_square(&m, "KHR_meshopt_compression", 1);
+    assert_non_null(strstr(make_refused(make_gltf(&m, NODE "," SQUARE), ERR_UNSUPPORTED),
+                           "bufferViews[0].KHR_meshopt_compression: uses version 1 of the vertex codec"));
+    make_end(&m);
+    make_packed_square(&m, "EXT_meshopt_compression", 0);
+    m.bytes[0] = 0; /* no vertex data */
+    assert_non_null(strstr(make_refused(make_gltf(&m, NODE "," SQUARE), ERR_FORMAT),
+                           "bufferViews[0].EXT_meshopt_compression: its compressed data are damaged"));
+    make_end(&m);
+}
+
+/* ---- Draco ---- */
+
+#define DRACO_PRIMITIVE                                                                                                \
+    "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]," NODE ",\"meshes\":[{\"primitives\":[{\"attributes\":"   \
+    "{\"POSITION\":0,\"TEXCOORD_0\":2},\"indices\":1,\"material\":0,\"extensions\":{\"KHR_draco_mesh_compression\":"   \
+    "{\"bufferView\":0,\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1}}}}]}],\"materials\":[{"                        \
+    "\"pbrMetallicRoughness\":"                                                                                        \
+    "{\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"one.png\"}]"
+
+/* One grey texel. */
+static const uint8_t one_png[] = { 0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48,
+                                   0x44, 0x52, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x08, 0x00, 0x00, 0x00,
+                                   0x00, 0x3a, 0x7e, 0x9b, 0x55, 0x00, 0x00, 0x00, 0x0a, 0x49, 0x44, 0x41, 0x54, 0x78,
+                                   0xda, 0x63, 0x68, 0x00, 0x00, 0x00, 0x82, 0x00, 0x81, 0xda, 0x45, 0x08, 0x3b, 0x00,
+                                   0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82 };
+
+static struct scene *load_grid(struct make *m, uint32_t side)
+{
+    uint8_t *bytes = NULL;
+
+    make_begin(m);
+    const size_t size = draco_make_grid(side, &bytes);
+    assert_true(size > 0);
+    assert_true(size <= sizeof(m->bytes));
+    make_view(m, bytes, size, "");
+    free(bytes);
+    const uint32_t count = (side + 1) * (side + 1);
+    make_accessor(m, "\"componentType\":5126,\"type\":\"VEC3\",\"count\":%u", count);
+    make_accessor(m, "\"componentType\":5125,\"type\":\"SCALAR\",\"count\":%u", 6 * side * side);
+    make_accessor(m, "\"componentType\":5123,\"normalized\":true,\"type\":\"VEC2\",\"count\":%u", count);
+    folder_write(&m->folder, "one.png", one_png, sizeof(one_png));
+    return make_scene(m, DRACO_PRIMITIVE);
+}
+
+static void draco_meshes_come_back(void **state)
+{
+    static const uint32_t sides[] = { 1, 7, 300 }; /* the last has 90,601 vertices, more than 16 bits count */
+    struct make m;
+
+    (void)state;
+    for (int i = 0; i < 3; i++) {
+        struct scene *s = load_grid(&m, sides[i]);
+        const struct mesh *mesh = &s->meshes[0];
+        const float side = (float)sides[i];
+        assert_int_equal(mesh->triangle_count, 2 * sides[i] * sides[i]);
+        assert_int_equal(mesh->vertex_count, (sides[i] + 1) * (sides[i] + 1));
+        assert_float_equal(area_of(mesh).z, side * side, 1e-3f * side * side);
+        for (uint32_t k = 0; k < mesh->vertex_count; k++) {
+            assert_float_equal(mesh->uvs[2 * k], mesh->positions[3 * k] / side, 5e-5f);
+            assert_float_equal(mesh->uvs[2 * k + 1], 1.0f - mesh->positions[3 * k + 1] / side, 5e-5f);
+        }
+        scene_destroy(s);
+        make_end(&m);
+    }
+}
+
+static void damaged_draco_is_refused(void **state)
+{
+    struct make m;
+
+    (void)state;
+    scene_destroy(load_grid(&m, 3));
+    memset(m.bytes + 12, 0xff, 20);
+    assert_non_null(strstr(make_refused(make_gltf(&m, DRACO_PRIMITIVE), ERR_FORMAT),
+                           "meshes[0].primitives[0].KHR_draco_mesh_compression: its compressed data are damaged"));
+    make_end(&m);
+}
+
+/* ---- WebP ---- */
+
+/* Beside a PNG, which is for readers without WebP. */
+static void webp_textures_are_read(void **state)
+{
+    static const uint8_t texels[] = { 255, 0, 0, 255, 0, 128, 0, 255 };
+    uint8_t *webp = NULL;
+    struct make m;
+
+    (void)state;
+    make_begin(&m);
+    FLOATS(&m, corners, "VEC3", 4);
+    const size_t size = WebPEncodeLosslessRGBA(texels, 2, 1, 8, &webp);
+    assert_true(size > 0);
+    folder_write(&m.folder, "two.webp", webp, size);
+    const char *rest =
+        NODE ",\"extensionsRequired\":[\"EXT_texture_webp\"],\"meshes\":[{\"primitives\":[{\"attributes\":"
+             "{\"POSITION\":0},\"mode\":6,\"material\":0}]}],\"materials\":[{\"pbrMetallicRoughness\":{"
+             "\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0,\"extensions\":{"
+             "\"EXT_texture_webp\":{\"source\":1}}}],\"images\":[{\"uri\":\"gone.png\"},{\"uri\":\"two.webp\"}]";
+    struct scene *s = make_scene(&m, rest);
+    assert_int_equal(s->texture_count, 1);
+    assert_near(texture_lookup(&s->textures[0], 0.25f, 0.5f), 1, 0, 0);
+    assert_near(texture_lookup(&s->textures[0], 0.75f, 0.5f), 0, 0.2158605f, 0);
+    scene_destroy(s);
+    folder_write(&m.folder, "two.webp", webp, size - 4);
+    assert_non_null(strstr(make_refused(make_gltf(&m, rest), ERR_FORMAT), "two.webp: WebP: "));
+    WebPFree(webp);
+    make_end(&m);
+}
+
+/* ---- Instances ---- */
+
+/* Two copies: at x = 10 and twice as large, at x = 20 and turned by 90 degrees about z; then the node moves both up. */
+static void instances_stand_where_they_are_put(void **state)
+{
+    static const float places[] = { 10, 0, 0, 20, 0, 0 }, sizes[] = { 2, 2, 2, 1, 1, 1 };
+    static const int16_t turns[] = { 0, 0, 0, 32767, 0, 0, 23170, 23170 };
+    struct make m;
+
+    (void)state;
+    make_begin(&m);
+    FLOATS(&m, corners, "VEC3", 4);
+    FLOATS(&m, places, "VEC3", 2);
+    FLOATS(&m, sizes, "VEC3", 2);
+    const int view = make_view(&m, turns, sizeof(turns), "");
+    make_accessor(&m, "\"bufferView\":%d,\"componentType\":5122,\"normalized\":true,\"type\":\"VEC4\",\"count\":2",
+                  view);
+    struct scene *s = make_scene(
+        &m, "\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\"],\"nodes\":[{\"mesh\":0,\"translation\":[0,5,0],"
+            "\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":1,\"SCALE\":2,"
+            "\"ROTATION\":3}}}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":6}]}]");
+    assert_int_equal(s->mesh_count, 2);
+    assert_near(area_of(&s->meshes[0]), 0, 0, 4);
+    assert_near(area_of(&s->meshes[1]), 0, 0, 1);
+    assert_near(s->low, 10, 5, 0);
+    assert_near(s->high, 20, 7, 0);
+    assert_near(vertex(&s->meshes[1], s->meshes[1].indices[1]), 20, 6, 0);
+    scene_destroy(s);
+    make_end(&m);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(meshopt_vertices_and_triangles_come_back),
+    cmocka_unit_test(meshopt_sequences_and_filters_come_back),
+    cmocka_unit_test(damaged_meshopt_is_refused),
+    cmocka_unit_test(draco_meshes_come_back),
+    cmocka_unit_test(damaged_draco_is_refused),
+    cmocka_unit_test(webp_textures_are_read),
+    cmocka_unit_test(instances_stand_where_they_are_put),
+};
+
+UNIT_MAIN(tests)
