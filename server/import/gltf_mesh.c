@@ -162,6 +162,26 @@ static enum err read_uvs(struct gltf *g, const struct primitive *p, const struct
     return e;
 }
 
+/* COLOR_0, which multiplies the base colour; its alpha is not used. */
+static enum err read_colours(struct gltf *g, const struct primitive *p, struct mesh *m)
+{
+    const struct gltf_at at = gltf_key(&p->attributes, "COLOR_0");
+    struct gltf_accessor a;
+
+    if (!at.value)
+        return ERR_OK;
+    const enum err e = primitive_attribute(g, p, &at, 3, 4, &a);
+    if (e)
+        return e;
+    m->colours = mem_alloc_raw(p->count, 3 * sizeof(*m->colours));
+    if (!m->colours)
+        return ERR_NOMEM;
+    gltf_accessor_floats(&a, p->first, p->count, 3, m->colours);
+    for (size_t i = 0; i < 3 * p->count; i++)
+        m->colours[i] = m->colours[i] > 0.0f ? fminf(m->colours[i], 1.0f) : 0.0f; /* NaN becomes 0 */
+    return ERR_OK;
+}
+
 /* The material, and how it wants its texture coordinates; NULL: it wants none. */
 static enum err find_material(struct gltf *g, const struct primitive *p, struct mesh *m,
                               const struct gltf_surface **surface)
@@ -194,8 +214,8 @@ static enum err read_vertices(struct gltf *g, const struct primitive *p, struct 
         e = read_floats(g, p, &normal, 3, &m->normals);
     if (!e && surface)
         e = read_uvs(g, p, surface, m);
-    if (!e && surface && gltf_key(&p->attributes, "COLOR_0").value)
-        scene_note_unmodelled(g->scene, FEATURE_VERTEX_COLOUR, g->desc->path);
+    if (!e && g->desc->material == MATERIAL_NONE)
+        e = read_colours(g, p, m);
     return e ? e : primitive_deform(g, p, m);
 }
 
@@ -280,8 +300,10 @@ static enum err copy_mesh(const struct mesh *m, struct mesh *out)
     out->positions = copy_of(m->positions, 3 * n + 1, sizeof(float));
     out->normals = copy_of(m->normals, 3 * n, sizeof(float));
     out->uvs = copy_of(m->uvs, 2 * n, sizeof(float));
+    out->colours = copy_of(m->colours, 3 * n, sizeof(float));
     out->indices = copy_of(m->indices, m->triangle_count, 3 * sizeof(uint32_t));
-    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && out->indices)
+    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->colours || !m->colours) &&
+        out->indices)
         return ERR_OK;
     mesh_finish(out);
     return ERR_NOMEM;

@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define MAGIC 0x524c5033u
+#define MAGIC 0x524c5034u
 #define SLACK 1e-4f /* rounding beyond the limits of a value */
 
 struct head {
@@ -26,7 +26,7 @@ struct texture_head {
 
 struct mesh_head {
     uint32_t vertices, triangles, material;
-    uint32_t has_normals, has_uvs; /* 0 or 1 */
+    uint32_t has_normals, has_uvs, has_colours; /* 0 or 1 */
 };
 
 /* ---- Writing ---- */
@@ -61,8 +61,8 @@ static enum err put_texture(int fd, struct texture *t, struct reason *why)
 
 static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
 {
-    const struct mesh_head head = { m->vertex_count, m->triangle_count, m->material, m->normals != NULL,
-                                    m->uvs != NULL };
+    const struct mesh_head head = { m->vertex_count,    m->triangle_count, m->material,
+                                    m->normals != NULL, m->uvs != NULL,    m->colours != NULL };
     enum err e = put(fd, &head, sizeof(head), why);
 
     if (!e)
@@ -71,6 +71,8 @@ static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
         e = put(fd, m->normals, 3 * sizeof(float) * m->vertex_count, why);
     if (!e && m->uvs)
         e = put(fd, m->uvs, 2 * sizeof(float) * m->vertex_count, why);
+    if (!e && m->colours)
+        e = put(fd, m->colours, 3 * sizeof(float) * m->vertex_count, why);
     if (!e)
         e = put(fd, m->indices, 3 * sizeof(uint32_t) * m->triangle_count, why);
     mesh_finish(m);
@@ -261,6 +263,8 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
         e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->normals);
     if (!e && head->has_uvs)
         e = take_array(p, m->vertex_count, 2 * sizeof(float), 0, (void **)&m->uvs);
+    if (!e && head->has_colours)
+        e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->colours);
     if (!e)
         e = take_array(p, m->triangle_count, 3 * sizeof(uint32_t), 0, (void **)&m->indices);
     if (e)
@@ -269,6 +273,8 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
         return forged(p, "a position is out of range");
     if (m->normals && !within(m->normals, 3 * (size_t)m->vertex_count, -1.0f - SLACK, 1.0f + SLACK))
         return forged(p, "a normal is out of range");
+    if (m->colours && !within(m->colours, 3 * (size_t)m->vertex_count, 0.0f, 1.0f))
+        return forged(p, "a colour is out of range");
     if (!indices_are_below(m->indices, 3 * (uint64_t)m->triangle_count, m->vertex_count))
         return forged(p, "a triangle names a vertex that is not there");
     return ERR_OK;
@@ -283,7 +289,7 @@ static enum err take_mesh(struct parcel *p)
     if (e)
         return e;
     if (head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 || head.triangles > MESH_ELEMENTS_MAX ||
-        head.has_normals > 1 || head.has_uvs > 1)
+        head.has_normals > 1 || head.has_uvs > 1 || head.has_colours > 1)
         return forged(p, "the size of a mesh");
     if (head.material >= p->head.materials)
         return forged(p, "a mesh names a material that is not there");

@@ -347,4 +347,9 @@ void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards
         out->uv[0] += (float)weight[k] * m->uvs[2 * (size_t)t[k]];
         out->uv[1] += (float)weight[k] * m->uvs[2 * (size_t)t[k] + 1];
     }
+    out->colour = m->colours ? vec3_make(0.0f, 0.0f, 0.0f) : vec3_make(1.0f, 1.0f, 1.0f);
+    for (int k = 0; m->colours && k < 3; k++) {
+        const float *c = m->colours + 3 * (size_t)t[k];
+        out->colour = vec3_add(out->colour, vec3_scale(vec3_make(c[0], c[1], c[2]), (float)weight[k]));
+    }
 }

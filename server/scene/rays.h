@@ -38,7 +38,8 @@ struct surface {
     struct vec3 shading;   /* unit, interpolated if the mesh has normals; on the same side as geometric */
     bool outside;          /* the ray came from the side where the vertices are counter-clockwise */
     float uv[2];
-    float offset; /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
+    struct vec3 colour; /* of the mesh, interpolated; white without colours */
+    float offset;       /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
 };
 
 /* Builds the BVH of the scene's triangles; the scene must outlive it. Embree uses the instructions of `level` at most,

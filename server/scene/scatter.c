@@ -64,7 +64,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     const uint32_t material = scene->meshes[h->mesh].material;
     const struct material *m = &scene->materials[material];
 
-    const struct vec3 base = base_colour(scene, m, out->surface.uv, uv_step);
+    const struct vec3 base = vec3_mul(base_colour(scene, m, out->surface.uv, uv_step), out->surface.colour);
     out->mesh = h->mesh;
     out->material = material;
     out->rough = material_is_rough(m);

@@ -9,6 +9,7 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
     digest_bytes(d, m->positions, 3 * sizeof(float) * m->vertex_count);
     digest_bytes(d, m->normals, m->normals ? 3 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
+    digest_bytes(d, m->colours, m->colours ? 3 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
 }
 

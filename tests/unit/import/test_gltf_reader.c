@@ -1,6 +1,8 @@
 /* The parts of glTF's geometry, against numbers worked out by hand. */
 #include "gltf_make.h"
 
+#include "scene/rays.h"
+#include "scene/scatter.h"
 #include "scene/view.h"
 
 /* A unit square in z = 0, as a fan of its corners. */
@@ -316,6 +318,36 @@ static void texture_coordinates_are_chosen_and_transformed(void **state)
     make_end(&m);
 }
 
+/* Corners red, green and blue: their mean in the middle, times the base colour. The alpha is not used. */
+static void vertex_colours_multiply_the_base_colour(void **state)
+{
+    static const uint16_t colours[] = { 65535, 0, 0, 9, 0, 65535, 0, 9, 0, 0, 65535, 9, 0, 0, 0, 9 };
+    struct scatter at;
+    struct hit hit;
+    struct make m;
+
+    (void)state;
+    make_square(&m);
+    const int view = make_view(&m, colours, sizeof(colours), "");
+    make_accessor(&m, "\"bufferView\":%d,\"componentType\":5123,\"normalized\":true,\"type\":\"VEC4\",\"count\":4",
+                  view);
+    struct scene
+        *
+            s = make_scene(&m, NODE "," MESH("\"attributes\":{\"POSITION\":0,\"COLOR_0\":2},\"indices\":1,\"material\":"
+                                             "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,"
+                                                  "0.6,0.3,1],\"metallicFactor\":0}}]");
+    struct rays *r = rays_create(s);
+    const struct vec3 down = { 0.0f, 0.0f, -1.0f };
+    assert_non_null(r);
+    assert_true(rays_intersect(r, vec3_make(2.0f / 3.0f, 1.0f / 3.0f, 5.0f), down, 0.0f, &hit));
+    scatter_at(s, r, &hit, down, &at);
+    assert_near(at.diffuse, 0.3f, 0.2f, 0.1f);
+    assert_int_equal(s->unmodelled, 0);
+    rays_destroy(r);
+    scene_destroy(s);
+    make_end(&m);
+}
+
 /* ---- Deformation at rest ---- */
 
 /* The second joint stands at (0, 1, 0) and is turned by 90 degrees about z; the vertices with y = 1 follow it. */
@@ -505,6 +537,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(reflected_mesh_keeps_its_outside),
     cmocka_unit_test(parts_keep_only_the_vertices_they_use),
     cmocka_unit_test(texture_coordinates_are_chosen_and_transformed),
+    cmocka_unit_test(vertex_colours_multiply_the_base_colour),
     cmocka_unit_test(skin_is_posed_as_its_joints_stand),
     cmocka_unit_test(morph_targets_are_added_by_their_weights),
     cmocka_unit_test(data_uris_and_coded_names_are_read),

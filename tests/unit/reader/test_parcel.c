@@ -18,10 +18,11 @@ enum {
     TEXTURE = CAMERA + (int)sizeof(struct camera),
     TEXTURE_HEAD = 20,
     MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
-    POSITIONS = MESH + 20,
+    POSITIONS = MESH + 24,
     NORMALS = POSITIONS + CORNERS * 12,
     UVS = NORMALS + CORNERS * 12,
-    INDICES = UVS + CORNERS * 8,
+    COLOURS = UVS + CORNERS * 8,
+    INDICES = COLOURS + CORNERS * 12,
     END = INDICES + TRIANGLES * 12,
 };
 
@@ -57,6 +58,7 @@ static struct scene *make(void)
     m.positions = floats(3 * CORNERS, -1.0f, 0.7f);
     m.normals = floats(3 * CORNERS, -0.5f, 0.05f);
     m.uvs = floats(2 * CORNERS, -3.0f, 11.0f);
+    m.colours = floats(3 * CORNERS, 0.0f, 0.05f);
     m.indices = mem_alloc(6, sizeof(uint32_t));
     assert_non_null(m.indices);
     memcpy(m.indices, order, sizeof(order));
@@ -103,6 +105,7 @@ static void what_was_written_is_read(void **state)
     assert_memory_equal(s->meshes[0].positions, same->meshes[0].positions, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].normals, same->meshes[0].normals, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].uvs, same->meshes[0].uvs, 8 * CORNERS);
+    assert_memory_equal(s->meshes[0].colours, same->meshes[0].colours, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
     assert_int_equal(s->meshes[0].material, 1);
     assert_int_equal(s->unmodelled, 1u << FEATURE_ALPHA);
@@ -185,6 +188,7 @@ static void forged_sizes_are_refused(void **state)
     forge_u32(MESH + 4, 0, "the size of a mesh");
     forge_u32(MESH + 12, 2, "the size of a mesh");
     forge_u32(MESH + 16, 0xffffffff, "the size of a mesh");
+    forge_u32(MESH + 20, 2, "the size of a mesh");
 }
 
 static void forged_indices_are_refused(void **state)
@@ -221,6 +225,7 @@ static void forged_values_are_refused(void **state)
         forge_float(CAMERA + (long)offsetof(struct camera, fov_y), wrong[k], "a.glb: ");
         forge_float(POSITIONS + 44, wrong[k], "a position is out of range");
         forge_float(NORMALS + 4, wrong[k], "a normal is out of range");
+        forge_float(COLOURS + 8, wrong[k], "a colour is out of range");
     }
     forge_float(CAMERA + (long)offsetof(struct camera, position), NAN, "a.glb: ");
 }
