@@ -66,9 +66,10 @@ struct row_edges {
     double *height, *sine;
 };
 
+#define RESAMPLE_LATLONG_PARTS 5
+
 /* Lat-long, in closed form: adds the overlaps of one of RESAMPLE_LATLONG_PARTS * n parts of the cube map: slices of the
  * four side faces, then rows of both polar faces. */
-#define RESAMPLE_LATLONG_PARTS 5
 void resample_latlong_part(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
                            uint32_t part, struct overlaps *out);
 
