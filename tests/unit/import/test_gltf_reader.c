@@ -331,11 +331,10 @@ static void vertex_colours_multiply_the_base_colour(void **state)
     const int view = make_view(&m, colours, sizeof(colours), "");
     make_accessor(&m, "\"bufferView\":%d,\"componentType\":5123,\"normalized\":true,\"type\":\"VEC4\",\"count\":4",
                   view);
-    struct scene
-        *
-            s = make_scene(&m, NODE "," MESH("\"attributes\":{\"POSITION\":0,\"COLOR_0\":2},\"indices\":1,\"material\":"
-                                             "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,"
-                                                  "0.6,0.3,1],\"metallicFactor\":0}}]");
+    struct scene *s =
+        make_scene(&m, NODE "," MESH("\"attributes\":{\"POSITION\":0,\"COLOR_0\":2},\"indices\":1,\"material\":"
+                                     "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,"
+                                          "0.6,0.3,1],\"metallicFactor\":0}}]");
     struct rays *r = rays_create(s);
     const struct vec3 down = { 0.0f, 0.0f, -1.0f };
     assert_non_null(r);
