@@ -214,13 +214,14 @@ static void sparse_accessors_replace_elements(void **state)
 /* A zigzag as a strip, the square as a fan: both have area 1 towards +z. */
 static void strips_and_fans_wind_as_triangles_do(void **state)
 {
-    static const uint8_t strip[] = { 0, 1, 3, 2 }, joined[] = { 0, 1, 3, 2, 2, 2 };
+    static const uint8_t strip[] = { 0, 1, 3, 2 }, joined[] = { 0, 1, 3, 2, 2, 2 }, folded[] = { 0, 1, 3, 2, 0 };
     struct make m;
 
     (void)state;
     make_square(&m);
     make_array(&m, strip, sizeof(strip), 5121, "SCALAR", 4);
     make_array(&m, joined, sizeof(joined), 5121, "SCALAR", 6);
+    make_array(&m, folded, sizeof(folded), 5121, "SCALAR", 5);
     log_begin();
     struct scene *s = make_scene(&m, NODE ",\"meshes\":[{\"primitives\":["
                                           "{\"mode\":5,\"attributes\":{\"POSITION\":0},\"indices\":2},"
@@ -233,6 +234,10 @@ static void strips_and_fans_wind_as_triangles_do(void **state)
         assert_int_equal(s->meshes[i].triangle_count, 2);
         assert_near(area_of(&s->meshes[i]), 0, 0, 1);
     }
+    scene_destroy(s);
+    s = make_scene(&m,
+                   NODE ",\"meshes\":[{\"primitives\":[{\"mode\":5,\"attributes\":{\"POSITION\":0},\"indices\":4}]}]");
+    assert_near(area_of(&s->meshes[0]), 0, 0, 0.5f); /* the third triangle, (3, 2, 0), faces away */
     scene_destroy(s);
     make_end(&m);
 }
