@@ -267,7 +267,7 @@ static enum err read_base_texture(struct source *s, const struct gltf_at *above,
 {
     const struct gltf_at at = gltf_key(above, key);
     const struct known *known = NULL;
-    struct use use = { .values = TEXTURE_SRGB };
+    struct use use = { .values = m->alpha_mode == ALPHA_OPAQUE ? TEXTURE_SRGB : TEXTURE_CUTOUT };
 
     if (!at.value)
         return ERR_OK;
@@ -277,7 +277,7 @@ static enum err read_base_texture(struct source *s, const struct gltf_at *above,
     if (e)
         return e;
     if (known)
-        m->texture = known->texture;
+        m->texture = m->alpha_texture = known->texture;
     if (m->texture != MATERIAL_NO_TEXTURE)
         return read_transform(s, &at, surface);
     m->diffuse = vec3_scale(m->diffuse, GREY);
@@ -312,6 +312,29 @@ static enum err read_metallic_roughness(struct source *s, const struct gltf_at *
 
 /* ---- Materials ---- */
 
+static enum alpha_mode alpha_mode(const struct gltf_at *at)
+{
+    const char *mode = gltf_string(at, "alphaMode");
+
+    if (mode && strcmp(mode, "MASK") == 0)
+        return ALPHA_MASK;
+    return mode && strcmp(mode, "BLEND") == 0 ? ALPHA_BLEND : ALPHA_OPAQUE;
+}
+
+/* colour: the object with the colour whose fourth number is alpha's factor. */
+static enum err read_alpha(struct source *s, const struct gltf_at *at, const struct gltf_at *colour, const char *key,
+                           struct material *m)
+{
+    double factor[4] = { 1.0, 1.0, 1.0, 1.0 }, cutoff = 0.5;
+
+    enum err e = gltf_numbers(s->g, colour, key, 4, factor);
+    if (!e)
+        e = gltf_number(s->g, at, "alphaCutoff", &cutoff);
+    m->alpha = share(factor[3]);
+    m->alpha_cutoff = (float)fmin(fmax(cutoff, 0.0), 2.0); /* above 1 nothing is left */
+    return e;
+}
+
 static enum err read_glass(struct source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at extension = gltf_extension(at, "KHR_materials_ior");
@@ -327,6 +350,8 @@ static enum err read_glass(struct source *s, const struct gltf_at *at, struct ma
         scene_note_unmodelled(s->g->scene, FEATURE_TINTED_GLASS, s->g->desc->path);
     m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
     m->texture = MATERIAL_NO_TEXTURE;
+    if (m->alpha_mode == ALPHA_BLEND) /* many exporters blend glass for viewers that cannot refract */
+        m->alpha_mode = ALPHA_OPAQUE;
     return e;
 }
 
@@ -354,9 +379,8 @@ static enum err note_extensions(struct source *s, const struct gltf_at *at)
     return ERR_OK;
 }
 
-static enum err note_extras(struct source *s, const struct gltf_at *at, bool glass)
+static enum err note_extras(struct source *s, const struct gltf_at *at)
 {
-    const char *alpha = gltf_string(at, "alphaMode");
     struct vec3 emissive;
 
     const enum err e = get_colour(s, at, "emissiveFactor", 3, 0.0, &emissive);
@@ -364,8 +388,6 @@ static enum err note_extras(struct source *s, const struct gltf_at *at, bool gla
         return e;
     if (gltf_key(at, "normalTexture").value)
         scene_note_unmodelled(s->g->scene, FEATURE_NORMAL_MAP, s->g->desc->path);
-    if (!glass && alpha && strcmp(alpha, "OPAQUE") != 0)
-        scene_note_unmodelled(s->g->scene, FEATURE_ALPHA, s->g->desc->path);
     if (largest(emissive) > 0.0f)
         scene_note_unmodelled(s->g->scene, FEATURE_EMISSION, s->g->desc->path);
     return note_extensions(s, at);
@@ -414,7 +436,11 @@ static enum err read_specular_glossiness(struct source *s, const struct gltf_at 
 
 static enum err add_material(struct source *s, const struct gltf_at *at, struct gltf_surface *surface)
 {
-    struct material m = { .kind = MATERIAL_GGX, .texture = MATERIAL_NO_TEXTURE };
+    struct material m = { .kind = MATERIAL_GGX,
+                          .texture = MATERIAL_NO_TEXTURE,
+                          .alpha_mode = alpha_mode(at),
+                          .alpha_texture = MATERIAL_NO_TEXTURE };
+    const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
     const struct gltf_at glossy = gltf_extension(at, "KHR_materials_pbrSpecularGlossiness");
     const struct gltf_at glass = gltf_extension(at, "KHR_materials_transmission");
     const char *name = gltf_string(at, "name");
@@ -424,6 +450,9 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     snprintf(m.name, sizeof(m.name), "%.63s", name ? name : "");
     enum err e = glossy.value ? read_specular_glossiness(s, &glossy, &m, surface) : read_surface(s, at, &m, surface);
     if (!e)
+        e = glossy.value ? read_alpha(s, at, &glossy, "diffuseFactor", &m)
+                         : read_alpha(s, at, &pbr, "baseColorFactor", &m);
+    if (!e)
         e = get_share(s, &glass, "transmissionFactor", 0.0, &transmission);
     if (e)
         return e;
@@ -431,10 +460,10 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         scene_note_unmodelled(s->g->scene, FEATURE_PARTIAL_GLASS, s->g->desc->path);
     if (transmission >= 0.5f)
         e = read_glass(s, at, &m);
-    if (m.texture == MATERIAL_NO_TEXTURE)
+    if (m.texture == MATERIAL_NO_TEXTURE && (m.alpha_mode == ALPHA_OPAQUE || m.alpha_texture == MATERIAL_NO_TEXTURE))
         surface->uv_set = GLTF_NONE;
     if (!e)
-        e = note_extras(s, at, m.kind == MATERIAL_GLASS);
+        e = note_extras(s, at);
     return e ? e : scene_add_material(s->g->scene, &m, NULL);
 }
 

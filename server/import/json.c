@@ -110,14 +110,14 @@ static enum err read_string(const struct spot *s, const char *key, const char **
 
 static enum err read_lambert(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "albedo", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "albedo", NULL });
     m->kind = MATERIAL_LAMBERT;
     return read_vec3(s, "albedo", NULL, 0.0, 1.0, &m->diffuse);
 }
 
 static enum err read_phong(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "diffuse", "specular", "exponent", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "diffuse", "specular", "exponent", NULL });
     m->kind = MATERIAL_PHONG;
     enum err e = read_vec3(s, "diffuse", NULL, 0.0, 1.0, &m->diffuse);
     if (!e)
@@ -139,7 +139,7 @@ static enum err read_ggx(const struct spot *s, struct material *m)
     const struct vec3 white = { 1.0f, 1.0f, 1.0f };
     const double one = 1.0; /* glTF's defaults */
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "base_color", "metallic", "roughness", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "base_color", "metallic", "roughness", NULL });
     m->kind = MATERIAL_GGX;
     enum err e = read_vec3(s, "base_color", &white, 0.0, 1.0, &m->diffuse);
     if (!e)
@@ -153,7 +153,7 @@ static enum err read_mirror(const struct spot *s, struct material *m)
 {
     const struct vec3 white = { 1.0f, 1.0f, 1.0f };
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "reflectance", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "reflectance", NULL });
     m->kind = MATERIAL_MIRROR;
     return read_vec3(s, "reflectance", &white, 0.0, 1.0, &m->diffuse);
 }
@@ -162,10 +162,22 @@ static enum err read_glass(const struct spot *s, struct material *m)
 {
     const double crown = 1.5;
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "ior", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", NULL });
     m->kind = MATERIAL_GLASS;
     m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
     return read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
+}
+
+/* The fraction of the surface that is there. */
+static enum err read_alpha(const struct spot *s, struct material *m)
+{
+    const double whole = 1.0;
+
+    m->alpha_texture = MATERIAL_NO_TEXTURE;
+    const enum err e = read_number(s, "alpha", &whole, 0.0, 1.0, &m->alpha);
+    if (!e && m->alpha < 1.0f)
+        m->alpha_mode = ALPHA_BLEND;
+    return e;
 }
 
 static enum err read_material(const struct spot *root, const char *name, const json_t *value)
@@ -196,6 +208,8 @@ static enum err read_material(const struct spot *root, const char *name, const j
     for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
         if (strcmp(kinds[i].type, type) == 0) {
             e = kinds[i].read(&s, &m);
+            if (!e)
+                e = read_alpha(&s, &m);
             return e ? e : scene_add_material(s.scene, &m, NULL);
         }
     }

@@ -6,6 +6,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <float.h>
 #include <math.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -184,7 +185,12 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) || !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)))
         return forged(p, "a material is out of range");
-    if (m->texture != MATERIAL_NO_TEXTURE && m->texture >= p->head.textures)
+    if ((uint32_t)m->alpha_mode > ALPHA_BLEND || !within(&m->alpha, 1, 0.0f, 1.0f + SLACK) ||
+        !within(&m->alpha_cutoff, 1, 0.0f, FLT_MAX))
+        return forged(p, "the alpha of a material is out of range");
+    if ((m->texture != MATERIAL_NO_TEXTURE && m->texture >= p->head.textures) ||
+        (m->alpha_mode != ALPHA_OPAQUE && m->alpha_texture != MATERIAL_NO_TEXTURE &&
+         m->alpha_texture >= p->head.textures))
         return forged(p, "a material names a texture that is not there");
     return ERR_OK;
 }

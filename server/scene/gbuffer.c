@@ -41,7 +41,7 @@ struct build {
 /* Per thread: centre samples of a band, the leaves of one pixel, and the row being built. */
 struct scratch {
     struct leaf *centres; /* [rows of a band + 2][width] */
-    uint8_t *specular;    /* likewise: the first surface is a mirror or glass */
+    uint8_t *uneven;      /* likewise: mirror, glass or a mask's holes (sight_trace) */
     struct leaf *leaves;  /* [side * side * LEAF_MAX] */
     uint32_t *owner;
     struct row draft;  /* each row is built here and then copied at its exact size */
@@ -50,23 +50,23 @@ struct scratch {
 
 /* Traces the ray through (x, y), one of `side` x `side` in the pixel. A pixel off the image centre subtends less: its
  * edge is the square root of its solid angle step^2 cos^3. */
-static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX],
-                      bool *specular, struct sight_count *count)
+static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX], bool *uneven,
+                      struct sight_count *count)
 {
     const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
     const double *ahead = b->view.ahead, cosine = ahead[0] * dir.x + ahead[1] * dir.y + ahead[2] * dir.z;
 
-    return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, specular, count);
+    return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, uneven, count);
 }
 
 /* The centre sample of each pixel of row y: the heaviest of its leaves; without mirrors there is only one. */
-static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *specular,
-                          struct leaf *leaves, struct sight_count *count)
+static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *uneven, struct leaf *leaves,
+                          struct sight_count *count)
 {
     for (uint32_t x = 0; x < b->desc->width; x++) {
-        bool mirror;
-        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, leaves, &mirror, count);
-        specular[x] = mirror || n != 1;
+        bool differs;
+        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, leaves, &differs, count);
+        uneven[x] = differs || n != 1;
         centres[x] = leaves[0];
         if (n == 0)
             memset(&centres[x], 0, sizeof(centres[x]));
@@ -87,7 +87,7 @@ static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row
 
     if (b->side < 2)
         return false;
-    if (b->desc->every_pixel || s->specular[(size_t)row * width + x])
+    if (b->desc->every_pixel || s->uneven[(size_t)row * width + x])
         return true;
     for (int dy = -1; dy <= 1; dy++) {
         for (int dx = -1; dx <= 1; dx++) {
@@ -96,7 +96,7 @@ static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row
                 continue;
             const size_t at = (size_t)((int64_t)row + dy) * width + (size_t)nx;
             const struct leaf *other = &s->centres[at];
-            if (s->specular[at] || own->escaped != other->escaped)
+            if (s->uneven[at] || own->escaped != other->escaped)
                 return true;
             if (!own->escaped && (!leaf_alike(&b->sight, own, other) || !same_colour(own, other)))
                 return true;
@@ -117,8 +117,8 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
         struct rng r = { rng_mix(pixel, i) };
         const double jx = (i % b->side + rng_next(&r)) / b->side;
         const double jy = (i / b->side + rng_next(&r)) / b->side;
-        bool mirror;
-        const uint32_t more = trace(b, x + jx, y + jy, b->side, s->leaves + n, &mirror, count);
+        bool differs;
+        const uint32_t more = trace(b, x + jx, y + jy, b->side, s->leaves + n, &differs, count);
         for (uint32_t k = n; k < n + more; k++) {
             for (int c = 0; c < 3; c++)
                 s->leaves[k].weight[c] *= share;
@@ -191,9 +191,9 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
         if (edge) {
             n = trace_edge(b, s, x, y, &r->count);
             r->edge_pixels++;
-        } else if (s->specular[(size_t)in_band * width + x]) {
-            bool mirror;
-            n = trace(b, x + 0.5, y + 0.5, 1, s->leaves, &mirror, &r->count);
+        } else if (s->uneven[(size_t)in_band * width + x]) {
+            bool differs;
+            n = trace(b, x + 0.5, y + 0.5, 1, s->leaves, &differs, &r->count);
         } else {
             s->leaves[0] = s->centres[(size_t)in_band * width + x];
             n = 1;
@@ -278,7 +278,7 @@ static void build_band(struct build *b, struct scratch *s, uint32_t band)
     /* Scratch row k is image row from - 1 + k. */
     for (uint32_t k = from == 0; k <= to - from + 1 && from + k <= height; k++) {
         const uint32_t y = from + k - 1;
-        trace_centres(b, y, s->centres + (size_t)k * width, s->specular + (size_t)k * width, s->leaves,
+        trace_centres(b, y, s->centres + (size_t)k * width, s->uneven + (size_t)k * width, s->leaves,
                       &b->rows[y < from ? from
                                : y < to ? y
                                         : to - 1]
@@ -306,11 +306,11 @@ static bool scratch_init(struct scratch *s, const struct gbuffer_desc *d, uint32
 
     *s = (struct scratch){
         .centres = mem_alloc(centres, sizeof(*s->centres)),
-        .specular = mem_alloc(centres, sizeof(*s->specular)),
+        .uneven = mem_alloc(centres, sizeof(*s->uneven)),
         .leaves = mem_alloc(leaves, sizeof(*s->leaves)),
         .owner = mem_alloc(leaves, sizeof(*s->owner)),
     };
-    return s->centres && s->specular && s->leaves && s->owner;
+    return s->centres && s->uneven && s->leaves && s->owner;
 }
 
 /* Without the draft, which is one row among thousands. */
@@ -323,7 +323,7 @@ static uint64_t scratch_bytes(const struct gbuffer_desc *d, uint32_t side)
 static void scratch_finish(struct scratch *s)
 {
     mem_free(s->centres);
-    mem_free(s->specular);
+    mem_free(s->uneven);
     mem_free(s->leaves);
     mem_free(s->owner);
     mem_free(s->draft.points);

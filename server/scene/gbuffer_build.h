@@ -65,9 +65,9 @@ struct sight_count {
 };
 
 /* Traces a camera ray whose neighbours are `angle` radians away. Returns the number of leaves, 0 only if everything was
- * absorbed. *specular: the first surface was a mirror or glass. */
+ * absorbed. *uneven: the first surface is a mirror, glass or a mask that has both holes and surface in the pixel. */
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
-                     bool *specular, struct sight_count *count);
+                     bool *uneven, struct sight_count *count);
 
 /* Whether two leaves can be shaded as one point, or looked up as one direction. */
 bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b);

@@ -1,5 +1,7 @@
 #include "scene/gbuffer_build.h"
 
+#include "scene/coverage.h"
+
 #include <assert.h>
 #include <math.h>
 #include <string.h>
@@ -12,7 +14,8 @@ struct branch {
     struct vec3 origin, dir;
     float weight[3]; /* flux: without the n^2 of the medium */
     float ior;       /* of the medium that the ray is in */
-    float distance;  /* m, from the camera */
+    float distance;  /* m, from the camera to origin */
+    float behind;    /* m: only hits beyond it count */
     uint32_t bounces;
     struct cone cone;
 };
@@ -88,9 +91,9 @@ static void fill_leaf(struct leaf *l, const struct scatter *at)
     l->gloss = at->gloss;
 }
 
-/* What the branch hits, with textures averaged over its footprint. */
-static void see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
-                struct scatter *at)
+/* What the branch hits, with textures averaged over its footprint. Returns how much of that is surface. */
+static float see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
+                 struct scatter *at)
 {
     float uv_step[2][2];
 
@@ -98,6 +101,22 @@ static void see(const struct sight *s, const struct branch *b, const struct hit 
     cone_meet(&b->cone, s->scene, h, &at->surface, b->dir, footprint);
     cone_uv(s->scene, h, footprint, uv_step);
     scatter_on(s->scene, h, uv_step, at);
+    return coverage_seen(s->scene, h, at->surface.uv, uv_step);
+}
+
+/* Where only a part of the branch meets surface, the rest goes on behind it. */
+static void pass(struct chain *c, struct branch *b, const struct hit *h, float coverage)
+{
+    struct branch rest = *b;
+
+    if (coverage >= 1.0f)
+        return;
+    rest.behind = nextafterf(h->t, INFINITY);
+    for (int k = 0; k < 3; k++) {
+        rest.weight[k] *= 1.0f - coverage;
+        b->weight[k] *= coverage;
+    }
+    push(c, &rest);
 }
 
 /* Handles the branch's hit: it ends, continues, or both. True if the surface has a delta lobe. */
@@ -107,18 +126,20 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     struct delta_ray out[2];
     struct footprint footprint;
 
-    see(c->sight, b, h, &footprint, &at);
-    b->distance += h->t; /* dir is unit */
-    if (at.rough) {
+    const float coverage = see(c->sight, b, h, &footprint, &at);
+    pass(c, b, h, coverage);
+    if (at.rough && coverage > 0.0f) {
         struct leaf *l = new_leaf(c, b);
         fill_leaf(l, &at);
-        l->footprint = b->distance * c->sight->pixel_angle;
+        l->footprint = (b->distance + h->t) * c->sight->pixel_angle; /* dir is unit */
     }
     const uint32_t count = scatter_eye(&at, b->dir, out);
     for (uint32_t i = 0; i < count; i++) {
         struct branch next = *b;
         next.origin = out[i].origin;
         next.dir = out[i].dir;
+        next.distance += h->t;
+        next.behind = 0.0f;
         next.bounces++;
         cone_turn(&b->cone, &footprint, &at, b->dir, &out[0], &out[i], &next.cone);
         if (out[i].crosses) /* glass is assumed to be in air */
@@ -131,16 +152,17 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 }
 
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
-                     bool *specular, struct sight_count *count)
+                     bool *uneven, struct sight_count *count)
 {
     struct chain c;
     uint32_t rays = 0;
+    bool varies;
 
     c.sight = s;
     c.leaves = out;
     c.leaf_count = c.pending_count = 0;
     c.cut = 0.0;
-    *specular = false;
+    *uneven = false;
     struct branch camera = { .origin = origin, .dir = dir, .weight = { 1.0f, 1.0f, 1.0f }, .ior = 1.0f };
     cone_begin(&camera.cone, dir, angle);
     push(&c, &camera);
@@ -148,10 +170,12 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
         struct branch b = pop_heaviest(&c);
         struct hit h;
         rays++;
-        if (!rays_intersect(s->rays, b.origin, b.dir, 0.0f, &h))
+        const bool met = rays_see(s->rays, b.origin, b.dir, b.behind, cone_width(&b.cone), &h, &varies);
+        if (!met)
             new_leaf(&c, &b)->escaped = true;
-        else if (meet(&c, &b, &h) && b.bounces == 0)
-            *specular = true;
+        const bool delta = met && meet(&c, &b, &h);
+        if (b.bounces == 0 && (delta || varies))
+            *uneven = true;
     }
     count->rays += rays;
     count->cut += c.cut + pending_weight(&c);

@@ -15,17 +15,27 @@ enum material_kind {
     MATERIAL_GLASS,   /* smooth dielectric */
 };
 
+/* Holes in a surface. alpha is the material's, times that of its alpha texture. */
+enum alpha_mode {
+    ALPHA_OPAQUE, /* none */
+    ALPHA_MASK,   /* surface where alpha >= alpha_cutoff */
+    ALPHA_BLEND,  /* alpha is the fraction of an area that is surface */
+};
+
 #define MATERIAL_NO_TEXTURE UINT32_MAX
 
 struct material {
     char name[64];
     enum material_kind kind;
-    struct vec3 diffuse;       /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance */
-    struct vec3 specular;      /* phong */
-    float exponent;            /* phong */
-    float metallic, roughness; /* ggx */
-    float ior;                 /* glass */
-    uint32_t texture;          /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
+    struct vec3 diffuse;        /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance */
+    struct vec3 specular;       /* phong */
+    float exponent;             /* phong */
+    float metallic, roughness;  /* ggx */
+    float ior;                  /* glass */
+    uint32_t texture;           /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
+    enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */
+    float alpha, alpha_cutoff;  /* 0..1; of ALPHA_MASK, at least 0 */
+    uint32_t alpha_texture;     /* its alpha multiplies `alpha`; an index like `texture` */
 };
 
 /* "lambert", "phong", ...; never NULL. */

@@ -2,6 +2,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "scene/coverage.h"
 
 #include <embree3/rtcore.h>
 #include <math.h>
@@ -27,8 +28,17 @@ SAME_PLACE(flags);
 _Static_assert(sizeof(struct ray16) == sizeof(struct RTCRay16), "ray16 and RTCRay16 differ in size");
 _Static_assert(_Alignof(struct ray16) == _Alignof(struct RTCRay16), "ray16 and RTCRay16 differ in alignment");
 
+/* What the filter functions of masked meshes need to know of a query. Every query has one. */
+struct query {
+    struct RTCIntersectContext context; /* first: Embree passes its address on */
+    float angle;                        /* rays_see: between neighbouring rays, radians; else 0 */
+    bool seen;                          /* by rays_see: fractional coverage is left to the caller */
+    float varies;                       /* the nearest distance where a mask has holes and surface within `angle` */
+};
+
 struct rays {
     const struct scene *scene;
+    struct mask *masks; /* [mesh_count]; filled for the meshes with holes */
     RTCDevice device;
     RTCScene bvh;
     int width;           /* lanes of the widest packets that Embree traces natively: 16, 8 or 4 */
@@ -41,8 +51,65 @@ static void log_embree_error(void *user, enum RTCError code, const char *text)
     log_error("Embree: error %d: %s", (int)code, text);
 }
 
-static bool attach_mesh(struct rays *r, const struct mesh *m, unsigned int id)
+/* Rows of Embree's packets of any width: [row * N + lane]. */
+enum { RAY_ORG = 0, RAY_DIR = 4, RAY_TFAR = 8, HIT_NG = 0, HIT_U = 3, HIT_V = 4, HIT_TRIANGLE = 5 };
+
+static float square(float x)
 {
+    return x * x;
+}
+
+/* The width on the surface, in m, of a ray of rays_see, whose direction is unit. */
+static float width_at(const struct query *q, const float *ray, const float *hit)
+{
+    const float *d = ray + RAY_DIR, *n = hit + HIT_NG;
+    const float along = fabsf(d[0] * n[0] + d[1] * n[1] + d[2] * n[2]);
+
+    return ray[RAY_TFAR] * q->angle * sqrtf(square(n[0]) + square(n[1]) + square(n[2])) / along;
+}
+
+/* Whether there is surface where lane i of n meets a triangle. During the call tfar is the distance of the hit. */
+static bool meets_surface(const struct mask *m, struct query *q, const float *ray, const float *hit, size_t n, size_t i)
+{
+    const float *o = ray + RAY_ORG * n + i, *d = ray + RAY_DIR * n + i;
+    const float origin[3] = { o[0], o[n], o[2 * n] }, dir[3] = { d[0], d[n], d[2 * n] };
+    const float u = hit[HIT_U * n + i], v = hit[HIT_V * n + i];
+    uint32_t triangle;
+
+    memcpy(&triangle, hit + HIT_TRIANGLE * n + i, sizeof(triangle));
+    if (q->seen) { /* one ray: n is 1 */
+        if (m->material->alpha_mode == ALPHA_BLEND)
+            return true;
+        if (ray[RAY_TFAR] < q->varies && mask_varies(m, triangle, u, v, width_at(q, ray, hit)))
+            q->varies = ray[RAY_TFAR];
+    }
+    return mask_covers(m, triangle, u, v, origin, dir);
+}
+
+/* Embree's filter function of meshes with holes: drops the hits that meet one. It may be called more than once for a
+ * ray and a triangle. */
+static void drop_holes(const struct RTCFilterFunctionNArguments *a)
+{
+    const float *ray = (const float *)a->ray, *hit = (const float *)a->hit;
+
+    for (size_t i = 0; i < a->N; i++) {
+        if (a->valid[i] == -1 && !meets_surface(a->geometryUserPtr, (struct query *)a->context, ray, hit, a->N, i))
+            a->valid[i] = 0;
+    }
+}
+
+/* Meshes without holes have no filter and cost nothing; meshes without surface are left out. */
+static void attach_mask(struct rays *r, RTCGeometry g, uint32_t mesh)
+{
+    mask_init(&r->masks[mesh], r->scene, mesh);
+    rtcSetGeometryUserData(g, &r->masks[mesh]);
+    rtcSetGeometryIntersectFilterFunction(g, drop_holes);
+    rtcSetGeometryOccludedFilterFunction(g, drop_holes);
+}
+
+static bool attach_mesh(struct rays *r, uint32_t id, enum coverage coverage)
+{
+    const struct mesh *m = &r->scene->meshes[id];
     RTCGeometry g = rtcNewGeometry(r->device, RTC_GEOMETRY_TYPE_TRIANGLE);
     if (!g)
         return false;
@@ -51,10 +118,31 @@ static bool attach_mesh(struct rays *r, const struct mesh *m, unsigned int id)
     rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m->indices, 0, 3 * sizeof(uint32_t),
                                m->triangle_count);
     rtcSetGeometryBuildQuality(g, RTC_BUILD_QUALITY_HIGH);
+    if (coverage == COVERAGE_PARTIAL)
+        attach_mask(r, g, id);
     rtcCommitGeometry(g);
     rtcAttachGeometryByID(r->bvh, g, id);
     rtcReleaseGeometry(g); /* the scene now holds it */
     return true;
+}
+
+static bool attach_meshes(struct rays *r)
+{
+    const struct scene *s = r->scene;
+    enum coverage *of = mem_alloc(s->material_count, sizeof(*of));
+    bool good = of != NULL;
+
+    r->masks = mem_alloc(s->mesh_count, sizeof(*r->masks));
+    good &= r->masks != NULL;
+    for (size_t i = 0; i < s->material_count && good; i++)
+        of[i] = material_coverage(s, &s->materials[i]);
+    for (size_t i = 0; i < s->mesh_count && good; i++) {
+        const enum coverage coverage = of[s->meshes[i].material];
+        if (coverage != COVERAGE_NONE)
+            good = attach_mesh(r, (uint32_t)i, coverage);
+    }
+    mem_free(of);
+    return good;
 }
 
 /* The widest packets with instructions of their own. Wider ones Embree 3 answers through its streams, which do not look
@@ -89,10 +177,8 @@ struct rays *rays_create_for(const struct scene *scene, enum cpu_level level)
         goto failed;
     rtcSetSceneFlags(r->bvh, RTC_SCENE_FLAG_ROBUST);
     rtcSetSceneBuildQuality(r->bvh, RTC_BUILD_QUALITY_HIGH);
-    for (size_t i = 0; i < scene->mesh_count; i++) {
-        if (!attach_mesh(r, &scene->meshes[i], (unsigned int)i))
-            goto failed;
-    }
+    if (!attach_meshes(r))
+        goto failed;
     rtcCommitScene(r->bvh);
     if (rtcGetDeviceError(r->device) != RTC_ERROR_NONE)
         goto failed;
@@ -115,12 +201,20 @@ void rays_destroy(struct rays *r)
         rtcReleaseScene(r->bvh);
     if (r->device)
         rtcReleaseDevice(r->device);
+    mem_free(r->masks);
     mem_free(r);
 }
 
-static enum RTCIntersectContextFlags context_flags(enum ray_spread spread)
+static void set_spread(struct query *q, enum ray_spread spread)
 {
-    return spread == RAYS_TOGETHER ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+    q->context.flags =
+        spread == RAYS_TOGETHER ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+}
+
+static void query_init(struct query *q)
+{
+    rtcInitIntersectContext(&q->context);
+    q->seen = false;
 }
 
 /* Lanes first .. first + width - 1 of a packet as a packet of that width: both are plain rows of four-byte numbers. */
@@ -134,9 +228,9 @@ static void narrow_to(const struct ray16 *packet, int first, int width, void *ou
 }
 
 /* valid is aligned to 64 bytes, as Embree wants it. */
-static void ask_packet(const struct rays *r, struct RTCIntersectContext *context, const int32_t *valid,
-                       struct ray16 *packet)
+static void ask_packet(const struct rays *r, struct query *q, const int32_t *valid, struct ray16 *packet)
 {
+    struct RTCIntersectContext *context = &q->context;
     struct RTCRay8 eight;
     struct RTCRay4 four;
 
@@ -158,7 +252,7 @@ static void ask_packet(const struct rays *r, struct RTCIntersectContext *context
 
 void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t valid[PACKET], struct ray16 *packet)
 {
-    struct RTCIntersectContext context;
+    struct query q;
     _Alignas(64) int32_t lanes[PACKET]; /* Embree requires alignment; the caller's array may be unaligned */
 
     memcpy(lanes, valid, sizeof(lanes));
@@ -167,9 +261,9 @@ void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t
         r->log->spread[r->log->count] = spread;
         memcpy(r->log->valid[r->log->count++], valid, sizeof(r->log->valid[0]));
     }
-    rtcInitIntersectContext(&context);
-    context.flags = context_flags(spread);
-    ask_packet(r, &context, lanes, packet);
+    query_init(&q);
+    set_spread(&q, spread);
+    ask_packet(r, &q, lanes, packet);
 }
 
 void rays_set_log(struct rays *r, struct ray_log *log)
@@ -179,41 +273,67 @@ void rays_set_log(struct rays *r, struct ray_log *log)
 
 uint64_t rays_replay(const struct rays *r, const struct ray_log *log, size_t first, size_t last)
 {
-    struct RTCIntersectContext context;
+    struct query q;
     uint64_t occluded = 0;
 
-    rtcInitIntersectContext(&context);
+    query_init(&q);
     for (size_t i = first; i < last; i++) {
         struct ray16 packet = log->packets[i];
-        context.flags = context_flags(log->spread[i]);
-        ask_packet(r, &context, log->valid[i], &packet);
+        set_spread(&q, log->spread[i]);
+        ask_packet(r, &q, log->valid[i], &packet);
         for (int l = 0; l < PACKET; l++)
             occluded += packet.tfar[l] < 0.0f;
     }
     return occluded;
 }
 
+static struct RTCRay ray_from(struct vec3 origin, struct vec3 dir, float tnear, float tfar)
+{
+    return (struct RTCRay){
+        .org_x = origin.x,
+        .org_y = origin.y,
+        .org_z = origin.z,
+        .tnear = tnear,
+        .dir_x = dir.x,
+        .dir_y = dir.y,
+        .dir_z = dir.z,
+        .tfar = tfar,
+        .mask = UINT32_MAX,
+    };
+}
+
+/* rtcIntersect1 with a query that is ready. */
+static bool first_hit(const struct rays *r, struct query *q, struct RTCRay ray, struct hit *out)
+{
+    struct RTCRayHit h = {
+        .ray = ray,
+        .hit = { .geomID = RTC_INVALID_GEOMETRY_ID, .instID = { RTC_INVALID_GEOMETRY_ID } },
+    };
+
+    rtcIntersect1(r->bvh, &q->context, &h);
+    if (h.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        return false;
+    *out = (struct hit){ h.ray.tfar, h.hit.geomID, h.hit.primID, h.hit.u, h.hit.v };
+    return true;
+}
+
+static bool is_blocked(const struct rays *r, struct query *q, struct RTCRay ray)
+{
+    rtcOccluded1(r->bvh, &q->context, &ray);
+    return ray.tfar < 0.0f;
+}
+
 uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, size_t first, size_t last)
 {
-    struct RTCIntersectContext context;
+    struct query q;
+    struct hit hit;
     uint64_t met = 0;
 
     for (size_t i = first; i < last; i++) {
         const struct ray_single *s = &log->singles[i];
-        struct RTCRayHit q = {
-            .ray = {
-                .org_x = s->origin.x, .org_y = s->origin.y, .org_z = s->origin.z, .tnear = s->tnear,
-                .dir_x = s->dir.x, .dir_y = s->dir.y, .dir_z = s->dir.z, .tfar = s->tfar,
-                .mask = UINT32_MAX,
-            },
-            .hit = { .geomID = RTC_INVALID_GEOMETRY_ID, .instID = { RTC_INVALID_GEOMETRY_ID } },
-        };
-        rtcInitIntersectContext(&context);
-        if (s->blocked)
-            rtcOccluded1(r->bvh, &context, &q.ray);
-        else
-            rtcIntersect1(r->bvh, &context, &q);
-        met += q.ray.tfar < s->tfar;
+        const struct RTCRay ray = ray_from(s->origin, s->dir, s->tnear, s->tfar);
+        query_init(&q);
+        met += s->blocked ? is_blocked(r, &q, ray) : first_hit(r, &q, ray, &hit);
     }
     return met;
 }
@@ -227,45 +347,36 @@ static void note_single(const struct rays *r, struct vec3 origin, struct vec3 di
 
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out)
 {
-    struct RTCIntersectContext context;
-    struct RTCRayHit q = {
-        .ray = {
-            .org_x = origin.x, .org_y = origin.y, .org_z = origin.z, .tnear = tnear,
-            .dir_x = dir.x, .dir_y = dir.y, .dir_z = dir.z,
-            .tfar = INFINITY,
-            .mask = UINT32_MAX,
-        },
-        .hit = { .geomID = RTC_INVALID_GEOMETRY_ID, .instID = { RTC_INVALID_GEOMETRY_ID } },
-    };
+    struct query q;
 
     note_single(r, origin, dir, tnear, INFINITY, false);
-    rtcInitIntersectContext(&context);
-    rtcIntersect1(r->bvh, &context, &q);
-    if (q.hit.geomID == RTC_INVALID_GEOMETRY_ID)
-        return false;
-    *out = (struct hit){ q.ray.tfar, q.hit.geomID, q.hit.primID, q.hit.u, q.hit.v };
-    return true;
+    query_init(&q);
+    return first_hit(r, &q, ray_from(origin, dir, tnear, INFINITY), out);
+}
+
+bool rays_see(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float angle, struct hit *out,
+              bool *varies)
+{
+    struct query q;
+
+    note_single(r, origin, dir, tnear, INFINITY, false);
+    query_init(&q);
+    q.seen = true;
+    q.angle = angle;
+    q.varies = INFINITY;
+    const bool met = first_hit(r, &q, ray_from(origin, dir, tnear, INFINITY), out);
+    /* Beyond the hit, how many candidates Embree has asked about depends on its tree. */
+    *varies = q.varies < INFINITY && (!met || q.varies <= out->t);
+    return met;
 }
 
 bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar)
 {
-    struct RTCIntersectContext context;
-    struct RTCRay q = {
-        .org_x = origin.x,
-        .org_y = origin.y,
-        .org_z = origin.z,
-        .tnear = tnear,
-        .dir_x = dir.x,
-        .dir_y = dir.y,
-        .dir_z = dir.z,
-        .tfar = tfar,
-        .mask = UINT32_MAX,
-    };
+    struct query q;
 
     note_single(r, origin, dir, tnear, tfar, true);
-    rtcInitIntersectContext(&context);
-    rtcOccluded1(r->bvh, &context, &q);
-    return q.tfar < 0.0f;
+    query_init(&q);
+    return is_blocked(r, &q, ray_from(origin, dir, tnear, tfar));
 }
 
 /* Bounds the distance of a point, computed on a triangle and rounded to float, from the triangle's plane as a ray query

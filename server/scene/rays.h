@@ -1,6 +1,6 @@
 /* server/scene/rays.h */
-/* Ray queries on a scene, through Embree, which no other file uses. Thread: any, once rays_create has returned. The
- * caller owns all arrays. */
+/* Ray queries on a scene, through Embree, which no other file uses. Rays go through holes of surfaces (coverage.h).
+ * Thread: any, once rays_create has returned. The caller owns all arrays. */
 #ifndef SCENE_RAYS_H
 #define SCENE_RAYS_H
 
@@ -87,6 +87,12 @@ uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, si
 
 /* The first hit of a ray beyond tnear, in *out. False: no hit. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
+
+/* As rays_intersect, for a unit dir from the camera whose neighbours are `angle` radians away. With ALPHA_BLEND, which
+ * other queries answer at random, every hit counts; the caller weighs it by coverage_seen and goes on behind it, with
+ * tnear just beyond. *varies: up to the hit a mask (ALPHA_MASK) has both holes and surface within the angle. */
+bool rays_see(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float angle, struct hit *out,
+              bool *varies);
 
 /* Whether anything lies along dir between tnear and tfar. */
 bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar);

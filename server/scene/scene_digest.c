@@ -13,6 +13,17 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
     digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
 }
 
+/* What decides where a material has holes, without its texture; nothing if it has none. */
+static void digest_alpha(struct digest *d, const struct material *m)
+{
+    const float values[] = { m->alpha, m->alpha_cutoff };
+
+    if (m->alpha_mode == ALPHA_OPAQUE)
+        return;
+    digest_u64(d, (uint64_t)m->alpha_mode << 32 | m->alpha_texture);
+    digest_bytes(d, values, sizeof(values));
+}
+
 /* Field by field, since padding is undefined. */
 static void digest_material(struct digest *d, const struct material *m)
 {
@@ -21,6 +32,14 @@ static void digest_material(struct digest *d, const struct material *m)
 
     digest_u64(d, (uint64_t)m->kind << 32 | m->texture);
     digest_bytes(d, values, sizeof(values));
+    digest_alpha(d, m);
+}
+
+static void digest_texture(struct digest *d, const struct texture *t)
+{
+    digest_u64(d, (uint64_t)t->width << 32 | t->height);
+    digest_u64(d, (uint64_t)t->values << 32 | (uint64_t)t->wrap_u << 16 | (uint64_t)t->wrap_v);
+    digest_bytes(d, t->texels, 4 * (size_t)t->width * t->height);
 }
 
 void digest_scene(struct digest *d, const struct scene *scene)
@@ -29,12 +48,8 @@ void digest_scene(struct digest *d, const struct scene *scene)
         digest_mesh(d, &scene->meshes[i]);
     for (size_t i = 0; i < scene->material_count; i++)
         digest_material(d, &scene->materials[i]);
-    for (size_t i = 0; i < scene->texture_count; i++) {
-        const struct texture *t = &scene->textures[i];
-        digest_u64(d, (uint64_t)t->width << 32 | t->height);
-        digest_u64(d, (uint64_t)t->values << 32 | (uint64_t)t->wrap_u << 16 | (uint64_t)t->wrap_v);
-        digest_bytes(d, t->texels, 4 * (size_t)t->width * t->height);
-    }
+    for (size_t i = 0; i < scene->texture_count; i++)
+        digest_texture(d, &scene->textures[i]);
 }
 
 void digest_view(struct digest *d, const struct view *view)
@@ -46,12 +61,25 @@ void digest_view(struct digest *d, const struct view *view)
     digest_u64(d, (uint64_t)view->width << 32 | view->height);
 }
 
+/* What decides where a mesh has holes. */
+static void digest_holes(struct digest *d, const struct scene *scene, const struct mesh *m)
+{
+    const struct material *material = &scene->materials[m->material];
+
+    digest_alpha(d, material);
+    if (material->alpha_mode == ALPHA_OPAQUE || material->alpha_texture == MATERIAL_NO_TEXTURE)
+        return;
+    digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
+    digest_texture(d, &scene->textures[material->alpha_texture]);
+}
+
 void digest_geometry(struct digest *d, const struct scene *scene)
 {
     for (size_t i = 0; i < scene->mesh_count; i++) {
         const struct mesh *m = &scene->meshes[i];
         digest_bytes(d, m->positions, 3 * sizeof(float) * m->vertex_count);
         digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
+        digest_holes(d, scene, m);
     }
 }
 

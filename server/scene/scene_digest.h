@@ -11,7 +11,7 @@
 /* Geometry, materials and textures. */
 void digest_scene(struct digest *d, const struct scene *scene);
 
-/* The geometry alone, without materials. */
+/* The geometry and its holes alone, without colours. */
 void digest_geometry(struct digest *d, const struct scene *scene);
 
 void digest_view(struct digest *d, const struct view *view); /* camera and image size */

@@ -59,5 +59,13 @@ float texture_alpha(const struct texture *t, float u, float v); /* 0..1 */
 
 /* Mean over a parallelogram about (u, v) with edges step[0] and step[1], both as (du, dv). */
 struct vec3 texture_filter(const struct texture *t, float u, float v, const float step[2][2]);
+float texture_filter_alpha(const struct texture *t, float u, float v, const float step[2][2]); /* 0..1 */
+
+/* The smallest and largest alpha of any texel, 0..1. */
+void texture_alpha_limits(const struct texture *t, float *low, float *high);
+
+/* Bounds of mean alphas about (u, v), out to at least `width` texels of the finest level in each direction: *low is 1
+ * if alpha is 1 everywhere there, *high is 0 if it is 0 everywhere. */
+void texture_alpha_around(const struct texture *t, float u, float v, float width, float *low, float *high);
 
 #endif

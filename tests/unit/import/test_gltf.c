@@ -28,6 +28,15 @@ static const uint8_t grey16_png[] = {
     0x41, 0x3d, 0xa6, 0x07, 0xf2, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
 };
 
+/* 2 x 2 texels of alpha 0, 85 / 170, 255. */
+static const uint8_t alpha_png[] = {
+    0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52,
+    0x00, 0x00, 0x00, 0x02, 0x00, 0x00, 0x00, 0x02, 0x08, 0x06, 0x00, 0x00, 0x00, 0x72, 0xb6, 0x0d,
+    0x24, 0x00, 0x00, 0x00, 0x15, 0x49, 0x44, 0x41, 0x54, 0x78, 0xda, 0x63, 0x38, 0x91, 0x62, 0xc4,
+    0x00, 0xc4, 0xa1, 0x20, 0x62, 0x15, 0x10, 0xff, 0x07, 0x00, 0x3e, 0x01, 0x07, 0x77, 0x0f, 0x42,
+    0x4c, 0x54, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
+};
+
 #define PARTS                                                                                                          \
     "\"asset\":{\"version\":\"2.0\"},"                                                                                 \
     "\"buffers\":[{\"uri\":\"square.bin\",\"byteLength\":140}],"                                                       \
@@ -106,7 +115,11 @@ static void what_is_not_modelled_is_named_once(void **state)
 
     (void)state;
     folder_make(&f);
-    write_gltf(&f, "a.gltf", "{" ONE_NODE MATERIAL("\"alphaMode\":\"BLEND\",\"emissiveFactor\":[1,0,0]") TAIL);
+    write_gltf(
+        &f, "a.gltf",
+        "{" ONE_NODE MATERIAL(
+            "\"normalTexture\":{\"index\":0},\"emissiveFactor\":[1,0,0]") "\"textures\":[{\"source\":0}],\"images\":[{"
+                                                                          "\"uri\":\"none.png\"}]," TAIL);
     const char *path = folder_text(&f, "s.json",
                                    "{\"camera\":{\"position\":[0,1,5],\"look_at\":[0,0,0],\"fov_y_degrees\":40},"
                                    "\"models\":[{\"file\":\"a.gltf\"},{\"file\":\"a.gltf\"}]}");
@@ -114,10 +127,57 @@ static void what_is_not_modelled_is_named_once(void **state)
     struct scene *s = load_or_fail(path);
     const char *said = log_end();
     assert_int_equal(count_of(said, "not supported"), 2);
-    assert_int_equal(count_of(said, "a.gltf: not supported: alpha masks and blending"), 1);
+    assert_int_equal(count_of(said, "a.gltf: not supported: normal maps"), 1);
     assert_int_equal(count_of(said, "a.gltf: not supported: emission"), 1);
-    assert_int_equal(s->unmodelled, 1u << FEATURE_ALPHA | 1u << FEATURE_EMISSION);
+    assert_int_equal(s->unmodelled, 1u << FEATURE_NORMAL_MAP | 1u << FEATURE_EMISSION);
     scene_destroy(s);
+    folder_remove(&f);
+}
+
+static void alpha_modes_become_coverage(void **state)
+{
+    static const struct {
+        const char *text;
+        enum alpha_mode mode;
+        float alpha, cutoff;
+    } cases[] = {
+        { "\"alphaMode\":\"OPAQUE\"", ALPHA_OPAQUE, 0.25f, 0.5f },
+        { "\"alphaMode\":\"MASK\"", ALPHA_MASK, 0.25f, 0.5f },
+        { "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.75", ALPHA_MASK, 0.25f, 0.75f },
+        { "\"alphaMode\":\"BLEND\"", ALPHA_BLEND, 0.25f, 0.5f },
+        { "\"alphaMode\":\"BLEND\",\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1}}",
+          ALPHA_OPAQUE, 0.25f, 0.5f }, /* glass: see gltf_materials.c */
+    };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "t.png", alpha_png, sizeof(alpha_png));
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        char text[4000];
+        snprintf(text, sizeof(text),
+                 "{" ONE_NODE "\"extensionsUsed\":[\"KHR_materials_transmission\"],\"materials\":[{%s,"
+                              "\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.25],"
+                 "\"baseColorTexture\":{\"index\":0},\"roughnessFactor\":0}}],\"textures\":[{\"source\":0}],"
+                 "\"images\":[{\"uri\":\"t.png\"}]," TAIL,
+                 cases[i].text);
+        struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", text));
+        const struct material *m = &s->materials[s->meshes[0].material];
+        assert_int_equal(m->alpha_mode, cases[i].mode);
+        if (cases[i].mode != ALPHA_OPAQUE) {
+            assert_float_equal(m->alpha, cases[i].alpha, 1e-6f);
+            assert_float_equal(m->alpha_cutoff, cases[i].cutoff, 1e-6f);
+            const struct texture *t = &s->textures[m->alpha_texture];
+            assert_int_equal(m->alpha_texture, m->texture); /* one image for both */
+            assert_float_equal(texture_alpha(t, 0.25f, 0.75f), 0.0f, 1e-6f);
+            assert_float_equal(texture_alpha(t, 0.75f, 0.75f), 85.0f / 255.0f, 1e-6f);
+            assert_float_equal(texture_alpha(t, 0.25f, 0.25f), 170.0f / 255.0f, 1e-6f);
+            assert_float_equal(texture_alpha(t, 0.75f, 0.25f), 1.0f, 1e-6f);
+            assert_float_equal(texture_alpha(t, 0.5f, 0.5f), 0.5f, 1e-6f);
+        }
+        assert_int_equal(s->unmodelled & 1u << FEATURE_ALPHA, 0);
+        scene_destroy(s);
+    }
     folder_remove(&f);
 }
 
@@ -411,7 +471,7 @@ static void shared_models_load(void **state)
         size_t textures;
         uint32_t unmodelled;
     } files[] = {
-        { "models/house.glb", 10497, 1, 1u << FEATURE_ALPHA },
+        { "models/house.glb", 10497, 1, 0 },
         { "models/glass-table.glb", 592, 0, 1u << FEATURE_PARTIAL_GLASS | 1u << FEATURE_TINTED_GLASS },
         { "models/low-poly-tree.glb", 1126, 1, 1u << FEATURE_ROUGHNESS_MAP },
         { "models/AttenuationTest.glb", 292, 2, 1u << FEATURE_VOLUME | 1u << FEATURE_TINTED_GLASS },
@@ -433,6 +493,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(factors_become_ggx),
     cmocka_unit_test(transmission_becomes_glass),
     cmocka_unit_test(what_is_not_modelled_is_named_once),
+    cmocka_unit_test(alpha_modes_become_coverage),
     cmocka_unit_test(mesh_of_two_nodes_stands_in_both_places),
     cmocka_unit_test(cameras_of_the_file_are_taken),
     cmocka_unit_test(without_a_camera_the_whole_is_framed),

@@ -75,6 +75,36 @@ static void transform_is_column_major(void **state)
     folder_remove(&f);
 }
 
+static void alpha_is_the_fraction_that_is_there(void **state)
+{
+    static const struct {
+        const char *text;
+        enum alpha_mode mode;
+        float alpha;
+    } cases[] = {
+        { "", ALPHA_OPAQUE, 1.0f },
+        { ",\"alpha\":1", ALPHA_OPAQUE, 1.0f },
+        { ",\"alpha\":0.3", ALPHA_BLEND, 0.3f },
+        { ",\"alpha\":0", ALPHA_BLEND, 0.0f },
+    };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "quad.obj", quad);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        char text[1000];
+        snprintf(text, sizeof(text), "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"glass\"%s}}}",
+                 cases[i].text);
+        struct scene *s = load_text(&f, text);
+        assert_int_equal(s->materials[0].alpha_mode, cases[i].mode);
+        assert_float_equal(s->materials[0].alpha, cases[i].alpha, 1e-6f);
+        assert_int_equal(s->materials[0].alpha_texture, MATERIAL_NO_TEXTURE);
+        scene_destroy(s);
+    }
+    folder_remove(&f);
+}
+
 static struct vec3 triangle_normal(const struct mesh *m, uint32_t triangle)
 {
     struct vec3 p[3];
@@ -294,6 +324,8 @@ static const struct {
     { OTHER("\"albedo\":[0,0,0]"), ERR_FORMAT, "materials 'grey'", "'type' is missing" },
     { OTHER("\"type\":\"velvet\""), ERR_FORMAT, "materials 'grey'", "unknown type 'velvet'" },
     { OTHER("\"type\":\"lambert\""), ERR_FORMAT, "materials 'grey'", "'albedo' is missing" },
+    { OTHER("\"type\":\"mirror\",\"reflectance\":[1,1,1],\"alpha\":1.5"), ERR_RANGE, "materials 'grey'",
+      "'alpha' is 1.5" },
     { OTHER("\"type\":\"ggx\",\"roughness\":1.2"), ERR_RANGE, "materials 'grey'", "'roughness' is 1.2" },
     { OTHER("\"type\":\"glass\",\"ior\":9"), ERR_RANGE, "materials 'grey'", "'ior' is 9" },
     { OTHER("\"type\":\"mirror\",\"reflectance\":[2,0,0]"), ERR_RANGE, "materials 'grey'", "'reflectance' holds 2" },
@@ -417,6 +449,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(obj_groups_take_materials_by_name),
     cmocka_unit_test(material_of_the_model_overrides_all),
     cmocka_unit_test(transform_is_column_major),
+    cmocka_unit_test(alpha_is_the_fraction_that_is_there),
     cmocka_unit_test(reflected_models_keep_their_outside),
     cmocka_unit_test(flat_unless_smooth_is_asked_for),
     cmocka_unit_test(made_normals_do_not_depend_on_how_faces_are_cut),

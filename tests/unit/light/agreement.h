@@ -27,6 +27,7 @@
 #include "estimators/eye_paths.h"
 #include "reader/reader.h"
 #include "scene/gbuffer.h"
+#include "scene/scene_build.h"
 #include "estimators/light_tracer.h"
 #include "light/resolve.h"
 #include "source/source.h"
@@ -172,6 +173,41 @@ static inline void world_trim(struct world *w, float reach)
     s->low.z = fmaxf(s->low.z, -reach);
     s->high.x = fminf(s->high.x, reach);
     s->high.z = fminf(s->high.z, reach);
+}
+
+/* Before world_look: all meshes but the first, the ground, get a mask of round holes at 10 cm from each other, which
+ * let through about a half. */
+static inline void world_perforate(struct world *w)
+{
+    enum { SIDE = 32 };
+    struct texture t;
+    uint32_t index;
+
+    assert_int_equal(texture_init(&t, SIDE, SIDE, TEXTURE_CUTOUT), ERR_OK);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        const double x = (i % SIDE + 0.5) / SIDE - 0.5, y = (i / SIDE + 0.5) / SIDE - 0.5;
+        const double alpha = 0.5 + 4.0 * (hypot(x, y) - 0.4); /* a soft edge at a radius of 0.4: half of the square */
+        memset(t.texels + 4 * (size_t)i, (int)lround(255.0 * fmin(fmax(alpha, 0.0), 1.0)), 4);
+    }
+    texture_build_levels(&t);
+    assert_int_equal(scene_add_texture(w->scene, &t, &index), ERR_OK);
+    for (size_t i = 1; i < w->scene->mesh_count; i++) {
+        struct mesh *m = &w->scene->meshes[i];
+        struct material holed = w->scene->materials[m->material];
+        holed.alpha_mode = ALPHA_MASK;
+        holed.alpha = 1.0f;
+        holed.alpha_cutoff = 0.5f;
+        holed.alpha_texture = index;
+        assert_int_equal(scene_add_material(w->scene, &holed, &m->material), ERR_OK);
+        m->uvs = mem_alloc(m->vertex_count, 2 * sizeof(float));
+        assert_non_null(m->uvs);
+        for (size_t v = 0; v < m->vertex_count; v++) {
+            const float *p = m->positions + 3 * v; /* no axis is without a change of both */
+            m->uvs[2 * v] = 10.0f * (p[0] + 0.4f * p[2]);
+            m->uvs[2 * v + 1] = 10.0f * (p[1] - 0.7f * p[2] + 0.3f * p[0]);
+        }
+    }
+    w->stream = stream_of(w->stream, "holes");
 }
 
 /* Whether any of 16 rays through the pixel meets a mirror or glass. */

@@ -199,18 +199,31 @@ static void ring_s_stored_caustics_agree_at_noon(void **state)
 }
 
 /* Without data from outside. There is no mirror and no glass: interreflection alone. */
-static void both_sides_agree_on_the_built_in_scene(void **state)
+static void assert_built_in_sides_agree(bool holes)
 {
-    (void)state;
     const struct technique path = { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 64 };
     const struct technique light = { "light tracer", BY_LIGHT, PATH_INDIRECT_LIT, .count = 80000, .worst = 1.5e-2 };
     struct world w = world_open(NULL);
+    if (holes)
+        world_perforate(&w);
     world_trim(&w, 8.0f);
     world_look(&w, 32, 18);
     world_sky(&w, "sky:turbidity=9");
     const struct estimate want = measure(&w, &path);
     assert_technique_agrees(&w, &light, &want);
     world_finish(&w);
+}
+
+static void both_sides_agree_on_the_built_in_scene(void **state)
+{
+    (void)state;
+    assert_built_in_sides_agree(false);
+}
+
+static void both_sides_agree_where_there_are_holes(void **state)
+{
+    (void)state;
+    assert_built_in_sides_agree(true);
 }
 
 static const struct CMUnitTest tests[] = {
@@ -225,5 +238,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ring_s_stored_caustics_agree_in_the_morning),
     cmocka_unit_test(ring_s_stored_caustics_agree_at_noon),
     cmocka_unit_test(both_sides_agree_on_the_built_in_scene),
+    cmocka_unit_test(both_sides_agree_where_there_are_holes),
 };
 UNIT_MAIN(tests)

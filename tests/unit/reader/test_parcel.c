@@ -14,6 +14,7 @@ enum { MATERIALS = 2, CORNERS = 4, TRIANGLES = 2 };
 enum {
     HEAD = 0,
     MATERIAL = HEAD + 24,
+    PANE = MATERIAL + (int)sizeof(struct material),
     CAMERA = MATERIAL + MATERIALS * (int)sizeof(struct material),
     TEXTURE = CAMERA + (int)sizeof(struct camera),
     TEXTURE_HEAD = 20,
@@ -40,9 +41,14 @@ static struct scene *make(void)
 {
     struct scene *s = scene_create();
     const struct material ground = { .name = "ground", .kind = MATERIAL_GGX, .diffuse = { 0.1f, 0.2f, 0.3f } };
-    const struct material pane = {
-        .name = "pane", .kind = MATERIAL_GLASS, .ior = 1.5f, .texture = MATERIAL_NO_TEXTURE
-    };
+    const struct material pane = { .name = "pane",
+                                   .kind = MATERIAL_GLASS,
+                                   .ior = 1.5f,
+                                   .texture = MATERIAL_NO_TEXTURE,
+                                   .alpha_mode = ALPHA_MASK,
+                                   .alpha = 0.75f,
+                                   .alpha_cutoff = 0.5f,
+                                   .alpha_texture = 0 };
     const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
     struct texture t;
     struct mesh m = { .vertex_count = CORNERS, .triangle_count = TRIANGLES, .material = 1 };
@@ -222,11 +228,16 @@ static void forged_values_are_refused(void **state)
         forge_float(MATERIAL + (long)offsetof(struct material, exponent), wrong[k], "a material is out of range");
         forge_float(MATERIAL + (long)(sizeof(struct material) + offsetof(struct material, ior)), wrong[k],
                     "a material is out of range");
+        forge_float(PANE + (long)offsetof(struct material, alpha), wrong[k], "the alpha of a material");
         forge_float(CAMERA + (long)offsetof(struct camera, fov_y), wrong[k], "a.glb: ");
         forge_float(POSITIONS + 44, wrong[k], "a position is out of range");
         forge_float(NORMALS + 4, wrong[k], "a normal is out of range");
         forge_float(COLOURS + 8, wrong[k], "a colour is out of range");
     }
+    forge_float(PANE + (long)offsetof(struct material, alpha_cutoff), NAN, "the alpha of a material");
+    forge_float(PANE + (long)offsetof(struct material, alpha_cutoff), -0.1f, "the alpha of a material");
+    forge_u32(PANE + (long)offsetof(struct material, alpha_mode), ALPHA_BLEND + 1, "the alpha of a material");
+    forge_u32(PANE + (long)offsetof(struct material, alpha_texture), 1, "a texture that is not there");
     forge_float(CAMERA + (long)offsetof(struct camera, position), NAN, "a.glb: ");
 }
 

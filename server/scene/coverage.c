@@ -1,0 +1,143 @@
+#include "scene/coverage.h"
+
+#include "base/rng.h"
+
+#include <math.h>
+#include <string.h>
+
+/* The number decides nothing but which random numbers are drawn. */
+#define HASH_SEED UINT64_C(0x616c706861)
+
+/* The texture whose alpha the material uses, or NULL. */
+static const struct texture *alpha_texture(const struct scene *s, const struct material *m)
+{
+    return m->alpha_texture == MATERIAL_NO_TEXTURE ? NULL : &s->textures[m->alpha_texture];
+}
+
+/* Whether an alpha means surface everywhere, or (`none`) nowhere. */
+static bool is_full(const struct material *m, float alpha)
+{
+    return m->alpha_mode == ALPHA_MASK ? alpha >= m->alpha_cutoff : alpha >= 1.0f;
+}
+
+static bool is_none(const struct material *m, float alpha)
+{
+    return m->alpha_mode == ALPHA_MASK ? alpha < m->alpha_cutoff : alpha <= 0.0f;
+}
+
+enum coverage material_coverage(const struct scene *s, const struct material *m)
+{
+    float low = 1.0f, high = 1.0f;
+
+    if (m->alpha_mode == ALPHA_OPAQUE)
+        return COVERAGE_FULL;
+    const struct texture *t = alpha_texture(s, m);
+    if (t)
+        texture_alpha_limits(t, &low, &high);
+    if (is_full(m, m->alpha * low))
+        return COVERAGE_FULL;
+    return is_none(m, m->alpha * high) ? COVERAGE_NONE : COVERAGE_PARTIAL;
+}
+
+void mask_init(struct mask *m, const struct scene *s, uint32_t mesh)
+{
+    m->mesh = &s->meshes[mesh];
+    m->material = &s->materials[m->mesh->material];
+    m->texture = alpha_texture(s, m->material);
+    m->index = mesh;
+}
+
+/* Texture coordinates at a hit; a mesh without them has (0, 0) everywhere. */
+static void uv_at(const struct mesh *m, uint32_t triangle, float u, float v, float uv[2])
+{
+    const uint32_t *t = m->indices + 3 * (size_t)triangle;
+    const float weight[3] = { 1.0f - u - v, u, v };
+
+    uv[0] = uv[1] = 0.0f;
+    for (int k = 0; m->uvs && k < 3; k++) {
+        uv[0] += weight[k] * m->uvs[2 * (size_t)t[k]];
+        uv[1] += weight[k] * m->uvs[2 * (size_t)t[k] + 1];
+    }
+}
+
+static uint64_t bits(float high, float low)
+{
+    uint32_t b[2];
+
+    memcpy(&b[0], &low, sizeof(low));
+    memcpy(&b[1], &high, sizeof(high));
+    return (uint64_t)b[1] << 32 | b[0];
+}
+
+/* In [0, 1). u and v are left out: they differ in the last bit between packets of different widths. */
+static float hash_ray(const struct mask *m, uint32_t triangle, const float origin[3], const float dir[3])
+{
+    const uint64_t from = rng_mix(bits(origin[0], origin[1]), bits(origin[2], dir[0]));
+    const uint64_t ray = rng_mix(from, bits(dir[1], dir[2]));
+
+    return (float)(rng_mix(ray ^ HASH_SEED, (uint64_t)m->index << 32 | triangle) >> 40) * 0x1p-24f;
+}
+
+bool mask_covers(const struct mask *m, uint32_t triangle, float u, float v, const float origin[3], const float dir[3])
+{
+    float alpha = m->material->alpha, uv[2];
+
+    if (m->texture) {
+        uv_at(m->mesh, triangle, u, v, uv);
+        alpha *= texture_alpha(m->texture, uv[0], uv[1]);
+    }
+    if (m->material->alpha_mode == ALPHA_MASK)
+        return alpha >= m->material->alpha_cutoff;
+    return hash_ray(m, triangle, origin, dir) < alpha;
+}
+
+/* Bounds how many texels of the finest level a metre on the triangle covers, in any direction: the length of the
+ * gradients of both texture coordinates together. */
+static float texels_per_metre(const struct mask *m, uint32_t triangle)
+{
+    const struct mesh *mesh = m->mesh;
+    const uint32_t *t = mesh->indices + 3 * (size_t)triangle;
+    const float size[2] = { (float)m->texture->width, (float)m->texture->height };
+    struct vec3 p[3];
+    float sum = 0.0f;
+
+    if (!mesh->uvs)
+        return 0.0f;
+    for (int k = 0; k < 3; k++) {
+        const float *at = mesh->positions + 3 * (size_t)t[k];
+        p[k] = vec3_make(at[0], at[1], at[2]);
+    }
+    const struct vec3 e1 = vec3_sub(p[1], p[0]), e2 = vec3_sub(p[2], p[0]), n = vec3_cross(e1, e2);
+    const struct vec3 across1 = vec3_cross(e2, n), across2 = vec3_cross(n, e1); /* over |n|^2: gradients of u and v */
+    for (size_t i = 0; i < 2; i++) {
+        const float first = mesh->uvs[2 * (size_t)t[0] + i];
+        const struct vec3 gradient = vec3_add(vec3_scale(across1, mesh->uvs[2 * (size_t)t[1] + i] - first),
+                                              vec3_scale(across2, mesh->uvs[2 * (size_t)t[2] + i] - first));
+        sum += size[i] * size[i] * vec3_dot(gradient, gradient);
+    }
+    return sqrtf(sum) / vec3_dot(n, n);
+}
+
+bool mask_varies(const struct mask *m, uint32_t triangle, float u, float v, float width)
+{
+    float uv[2], low = 1.0f, high = 1.0f;
+
+    if (!m->texture)
+        return false;
+    const float texels = width * texels_per_metre(m, triangle);
+    if (!isfinite(texels))
+        return true;
+    uv_at(m->mesh, triangle, u, v, uv);
+    texture_alpha_around(m->texture, uv[0], uv[1], texels, &low, &high);
+    return low < 1.0f && high > 0.0f;
+}
+
+float coverage_seen(const struct scene *s, const struct hit *h, const float uv[2], const float uv_step[2][2])
+{
+    const struct material *m = &s->materials[s->meshes[h->mesh].material];
+
+    if (m->alpha_mode != ALPHA_BLEND)
+        return 1.0f;
+    const struct texture *t = alpha_texture(s, m);
+    return m->alpha * (t ? texture_filter_alpha(t, uv[0], uv[1], uv_step) : 1.0f);
+}

@@ -1,0 +1,41 @@
+/* server/scene/coverage.h */
+/* Where a surface is and where it has holes: alpha masks and fractional coverage (material.h). A ray that meets a hole
+ * goes on as if there were nothing; rays.h asks for each hit. Thread: any. */
+#ifndef SCENE_COVERAGE_H
+#define SCENE_COVERAGE_H
+
+#include "scene/rays.h"
+#include "scene/scene.h"
+
+enum coverage {
+    COVERAGE_FULL, /* no hole anywhere */
+    COVERAGE_NONE, /* nothing but holes */
+    COVERAGE_PARTIAL,
+};
+
+/* From the smallest and largest alpha of the material's texture. */
+enum coverage material_coverage(const struct scene *s, const struct material *m);
+
+/* What a hit's coverage depends on. Refers to the scene. */
+struct mask {
+    const struct mesh *mesh;
+    const struct material *material;
+    const struct texture *texture; /* NULL: none */
+    uint32_t index;                /* of the mesh */
+};
+
+void mask_init(struct mask *m, const struct scene *s, uint32_t mesh); /* mesh: an index */
+
+/* Whether there is surface where a ray hits a triangle; u and v as in struct hit. With ALPHA_BLEND the answer is random
+ * with probability alpha, the random number being a hash of the ray and the triangle: the same for the same ray, and as
+ * independent as random numbers for others [Enderton et al. 2010]. origin and dir: the ray, as it was queried. */
+bool mask_covers(const struct mask *m, uint32_t triangle, float u, float v, const float origin[3], const float dir[3]);
+
+/* Whether there may be both surface and holes within `width` metres, measured on the surface, of a hit. */
+bool mask_varies(const struct mask *m, uint32_t triangle, float u, float v, float width);
+
+/* The fraction of surface that a ray from the camera sees at a hit of rays_see: 1, except with ALPHA_BLEND. uv_step: as
+ * in scatter_on. */
+float coverage_seen(const struct scene *s, const struct hit *h, const float uv[2], const float uv_step[2][2]);
+
+#endif
