@@ -11,8 +11,8 @@ const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 
 const WIDTH = 160;
 const HEIGHT = 90;
-const STILL = ['--source', 'sky:hour=9', '--frames', '2-2', '--once', '--converge', 'off', '--method', 'mis', '--samples', '8'];
-const MOVING = ['--source', 'sky:time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
+const STILL = ['--source', 'sky:size=256x128,hour=9', '--frames', '2-2', '--once', '--converge', 'off', '--method', 'mis', '--samples', '8'];
+const MOVING = ['--source', 'sky:size=256x128,time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
 
 async function withPage(args, body, options) {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', `${WIDTH}x${HEIGHT}`, ...args]);
@@ -196,7 +196,7 @@ test('the divider follows a drag and the arrow keys without rotating the sky', (
 }));
 
 test('against the reference that accumulates while the sky stands still', () =>
-  withPage(['--source', 'sky:hour=9', '--frames', '2-2', '--once', '--method', 'mis', '--samples', '1'], async (page) => {
+  withPage(['--source', 'sky:size=256x128,hour=9', '--frames', '2-2', '--once', '--method', 'mis', '--samples', '1'], async (page) => {
     await page.waitForFunction(() => window.relight.status.light.passes > 0, null, { timeout: 60000 });
     await page.keyboard.press('k');
     // One sample a pass: samples come with the image and passes with the status, so that either may be ahead for a moment.

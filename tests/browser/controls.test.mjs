@@ -23,7 +23,7 @@ after(() => {
   if (folder) rmSync(folder, { recursive: true });
 });
 
-const SKY = ['--source', 'sky:time=10:00,speed=1'];
+const SKY = ['--source', 'sky:size=256x128,time=10:00,speed=1'];
 const files = () => ['--source', join(folder, 'sky.%d.hdr')];
 
 // An observing connection: witness.control() and witness.status() are the server's latest messages.

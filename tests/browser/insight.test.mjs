@@ -32,7 +32,7 @@ const listen = (page) => page.evaluate(() => {
   window.relight.app.on('status', (s) => window.heard.statuses.push(s));
 });
 
-const AUTO = ['--source', 'sky:time=10:00,speed=20', '--fps', '8', '--method', 'auto', '--paths', 'direct'];
+const AUTO = ['--source', 'sky:size=256x128,time=10:00,speed=20', '--fps', '8', '--method', 'auto', '--paths', 'direct'];
 
 test('each point is a drawn image, with its header’s time and its status’s error', () => withPage(AUTO, async (page) => {
   await listen(page);
@@ -176,7 +176,7 @@ test('the choice names the technique of direct light with its samples, and no om
 }));
 
 test('for a still sky the error falls with each pass', () =>
-  withPage(['--source', 'sky:hour=15', '--frames', '2-2', '--once', '--method', 'auto', '--paths', 'direct'], async (page) => {
+  withPage(['--source', 'sky:size=256x128,hour=15', '--frames', '2-2', '--once', '--method', 'auto', '--paths', 'direct'], async (page) => {
     await page.evaluate(() => {
       window.told = [];
       window.relight.app.on('status', ({ light }) => { if (light.passes > 0) window.told.push([light.passes, light.error]); });
@@ -218,7 +218,7 @@ const sunPlace = (page) => page.evaluate(async () => {
   const { toLatLong } = await import('./probe_geometry.js');
   return toLatLong(window.relight.sky.sun);
 });
-const STILL = ['--source', 'sky:hour=15', '--frames', '2-2', '--converge', 'off', '--method', 'mis', '--samples', '4', '--once'];
+const STILL = ['--source', 'sky:size=256x128,hour=15', '--frames', '2-2', '--converge', 'off', '--method', 'mis', '--samples', '4', '--once'];
 
 test('the sky panel shows the frame’s sky and marks its sun, also rotated', () => withPage(STILL, async (page) => {
   for (const turn of [0, 70, -110]) {

@@ -12,7 +12,7 @@ const BIN = chromium.RELIGHT_BIN;
 const WIDTH = 320;
 const HEIGHT = 180;
 const WAY = ['--size', `${WIDTH}x${HEIGHT}`, '--samples', '40', '--method', 'mis', '--paths', 'direct'];
-const STILL = ['--source', 'sky:hour=9', '--frames', '2-2'];
+const STILL = ['--source', 'sky:size=256x128,hour=9', '--frames', '2-2'];
 const FLOOR = [150, 150]; // pixels of the built-in court
 const SKY = [40, 12];
 
@@ -262,7 +262,7 @@ test('on a phone a tap chooses, and nothing is wider than the window', () => wit
 }, { options: { width: 390, height: 844 } }));
 
 test('a followed pixel is plotted as the sky moves, and its samples move too', async () => {
-  const moving = await startServer(`${BIN}/relightd`, ['--port', '0', '--source', 'sky:hour=7,speed=600', '--rate', '8', ...WAY]);
+  const moving = await startServer(`${BIN}/relightd`, ['--port', '0', '--source', 'sky:size=256x128,hour=7,speed=600', '--rate', '8', ...WAY]);
   try {
     await withPage(async (page) => {
       await untilState(page, 'live');

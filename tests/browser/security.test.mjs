@@ -6,7 +6,7 @@ import { beginTests, startServer, untilFrames, untilState } from './lib.mjs';
 
 const { browser, RELIGHT_RELIGHTD } = await beginTests(['RELIGHT_RELIGHTD']);
 const server = await startServer(RELIGHT_RELIGHTD,
-  ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:speed=0.5']);
+  ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:size=256x128,speed=0.5']);
 after(() => server.stop());
 
 // A page with `page.violations`: the window's events, and the browser's messages for everything else.

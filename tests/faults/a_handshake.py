@@ -129,7 +129,7 @@ async def A09_foreign_origin(stage):
 async def A10_wrong_tokens(folder):
     words = {"viewer": "alpha-token", "controller": "beta-token", "producer": "gamma-token"}
     flags = [x for role, word in words.items() for x in (f"--token-{role}", word)]
-    async with Relightd(*flags, source="sky:speed=60") as server, Viewer(server, token="alpha-token") as viewer:
+    async with Relightd(*flags, source="sky:size=128x64,speed=60") as server, Viewer(server, token="alpha-token") as viewer:
         await viewer.sees(2, 30)
         for token in (None, "", "alpha-toke", "alpha-token ", "ALPHA-TOKEN", "beta-token", "a" * 255):
             raw = await Raw.open(server.port)

@@ -116,7 +116,7 @@ async def C46_sizes_at_their_limits(folder):
         program = await run("relightd", "--port", "0", "--size", size)
         check(program.code == 2 and size in program.err, f"{size}: {program.code} {program.err}")
     for size in ("1x1", "63x35", "1x200"):
-        async with Relightd("--size", size, "--scene", box(folder), source="sky:speed=60") as server:
+        async with Relightd("--size", size, "--scene", box(folder), source="sky:size=128x64,speed=60") as server:
             for format in ("jpeg", "h264", "exr_half"):
                 async with Viewer(server, format) as viewer:
                     await viewer.sees(2, 20)

@@ -163,7 +163,7 @@ async def E74_no_descriptors_left(folder):
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (64, before[1]))  # inherited; restored for ourselves
     try:
-        server = Relightd("--rate", "5", source="sky:speed=60")
+        server = Relightd("--rate", "5", source="sky:size=128x64,speed=60")
         await server.start()
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
@@ -207,7 +207,7 @@ async def E74_no_descriptors_left(folder):
 
 @row(alone=True, most_s=60)
 async def E75_all_connections_taken(folder):
-    async with Relightd("--max-connections", "64", source="sky:speed=60") as server, Viewer(server) as viewer:
+    async with Relightd("--max-connections", "64", source="sky:size=128x64,speed=60") as server, Viewer(server) as viewer:
         await viewer.sees(2, 30)
         crowd, full = [], None
         for i in range(80):
@@ -244,7 +244,7 @@ async def E75_all_connections_taken(folder):
 
 @row(alone=True, most_s=60)
 async def E76_all_viewers_leave_and_come_back(folder):
-    async with Relightd("--rate", "30", "--size", "320x180", source="sky:speed=60") as server:
+    async with Relightd("--rate", "30", "--size", "320x180", source="sky:size=128x64,speed=60") as server:
         async with Viewer(server) as viewer:
             await viewer.sees(20, 30)
             begun = server.processor_s()
@@ -282,7 +282,7 @@ async def E77_the_producer_vanishes_and_returns(stage):
 
 @row(alone=True, most_s=90)
 async def E78_all_come_back_after_a_restart(folder):
-    server = Relightd(source="sky:speed=60")
+    server = Relightd(source="sky:size=128x64,speed=60")
     await server.start()
     port = server.port
     try:
@@ -333,7 +333,7 @@ async def E79_a_relay_between(stage):
 async def E80_ipv6(folder):
     if not os.path.exists("/proc/net/if_inet6"):
         skip("this machine has no IPv6")
-    async with Relightd("--bind", "::1", source="sky:speed=60") as server:
+    async with Relightd("--bind", "::1", source="sky:size=128x64,speed=60") as server:
         server.url = f"ws://[::1]:{server.port}/ws"
         async with Viewer(server) as viewer:
             await viewer.sees(3, 30)

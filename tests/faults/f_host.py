@@ -13,7 +13,7 @@ from faults import BIN, BINARY, KEPT, TEXT, Failed, Raw, Relightd, Viewer, check
 from faults import preloaded, skip
 from peer import run
 
-SKY = "sky:speed=60"
+SKY = "sky:size=128x64,speed=60"
 
 
 @row(alone=True, most_s=120)

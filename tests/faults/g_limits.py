@@ -61,7 +61,7 @@ class Controller:
 @row(alone=True, most_s=120)
 async def G120_numbers_beyond_the_protocols(folder):
     """Of frames, by seek, step, file name and --frames; of capture times, by a file's modification time."""
-    async with Relightd("--rate", "50", source="sky:speed=1") as server:
+    async with Relightd("--rate", "50", source="sky:size=128x64,speed=1") as server:
         controller = await Controller.come(server)
         check(await controller.ask(seek=MOST) is None, "no seek")
         while (await controller.picture())[5] < MOST:
@@ -92,7 +92,7 @@ async def G121_the_clock_leaps_by_centuries(folder):
     """Far beyond what a message can hold, into the future and the past."""
     step = folder / "ahead"
     step.write_text("0", encoding="ascii")
-    async with Relightd("--rate", "50", source="sky:speed=1", env=preloaded(CLOCK_FILE=step)) as server:
+    async with Relightd("--rate", "50", source="sky:size=128x64,speed=1", env=preloaded(CLOCK_FILE=step)) as server:
         controller = await Controller.come(server)
         for ahead in (3_000_000_000, 6_000_000_000, 8_000_000_000, 40_000_000_000, -40_000_000_000, 1 << 61, -(1 << 61), 0):
             step.write_text(str(ahead), encoding="ascii")
@@ -128,7 +128,7 @@ LONGEST = 1 << 20  # samples: minutes, even for 64x36 pixels
 @row(alone=True, most_s=200)
 async def G125_a_setting_that_takes_minutes(folder):
     """Refused with the estimate; pictures continue. What became of it earlier: no picture for minutes."""
-    async with Relightd("--rate", "50", source="sky:speed=1") as server, Viewer(server) as viewer:
+    async with Relightd("--rate", "50", source="sky:size=128x64,speed=1") as server, Viewer(server) as viewer:
         controller = await Controller.come(server)
         await viewer.sees(2)
         said = []
@@ -151,7 +151,7 @@ async def G126_a_setting_is_corrected_meanwhile(folder):
     """A picture of minutes is cancelled by the next setting, and pictures come although new
     settings never end."""
     large = ("--rate", "50", "--size", "320x180")
-    async with Relightd(*large, "--max-picture-seconds", "86400", source="sky:speed=1") as server:
+    async with Relightd(*large, "--max-picture-seconds", "86400", source="sky:size=128x64,speed=1") as server:
         controller = await Controller.come(server)
         await controller.picture()
         waits = []
@@ -165,7 +165,7 @@ async def G126_a_setting_is_corrected_meanwhile(folder):
             waits.append(time.monotonic() - begun)
         check(max(waits) < 10, f"waits of {waits}")
         controller.raw.shut()
-    async with Relightd(*large, "--max-picture-seconds", "600", source="sky:speed=1") as server, Viewer(server) as viewer:
+    async with Relightd(*large, "--max-picture-seconds", "600", source="sky:size=128x64,speed=1") as server, Viewer(server) as viewer:
         controller = await Controller.come(server)
         check(await controller.ask(samples=64) is None, "refused")
         seen, begun = viewer.pictures, time.monotonic()
@@ -179,7 +179,7 @@ async def G126_a_setting_is_corrected_meanwhile(folder):
 @row(alone=True, most_s=120)
 async def G127_a_picture_beyond_the_limit(folder):
     """By the command line, which is not limited: logged, counted and shown."""
-    async with Relightd("--max-picture-seconds", "0.5", "--samples", "100000", source="sky:speed=1") as server:
+    async with Relightd("--max-picture-seconds", "0.5", "--samples", "100000", source="sky:size=128x64,speed=1") as server:
         async with Viewer(server) as viewer:
             while not (viewer.status.get("late") or {}).get("seconds"):
                 await asyncio.sleep(0.02)
@@ -194,7 +194,7 @@ async def G127_a_picture_beyond_the_limit(folder):
 async def G128_a_state_without_a_picture(folder):
     flags = ("--rate", "50", "--state", str(folder))
     kept = folder / "state.json"
-    async with Relightd(*flags, "--max-picture-seconds", "86400", source="sky:speed=1") as server:
+    async with Relightd(*flags, "--max-picture-seconds", "86400", source="sky:size=128x64,speed=1") as server:
         controller = await Controller.come(server)
         check(await controller.ask(samples=7) is None, "refused")
         while not kept.exists() or '"samples": 7' not in kept.read_text(encoding="utf-8"):
@@ -205,7 +205,7 @@ async def G128_a_state_without_a_picture(folder):
     good = kept.read_text(encoding="utf-8")
     check(str(LONGEST) not in good, "kept although no picture was finished")
     kept.write_text(good.replace('"samples": 7', f'"samples": {LONGEST}'), encoding="utf-8")
-    async with Relightd(*flags, source="sky:speed=1") as server:
+    async with Relightd(*flags, source="sky:size=128x64,speed=1") as server:
         controller = await Controller.come(server)
         check((await controller.picture())[15] == 4, "another number of samples")
         check(any("limit of 10 s" in line for line in server.lines), f"{server.lines}")

@@ -12,7 +12,7 @@ import warnings
 
 from faults import BINARY, KEPT, MORE, PING, PONG, SLOW, TEXT, Deadline, Raw, Relightd, Viewer, check, frame, hello, main, row, say
 
-SKY = "sky:speed=60"
+SKY = "sky:size=128x64,speed=60"
 
 
 class Crowd:

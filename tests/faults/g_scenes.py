@@ -51,7 +51,7 @@ async def grey(scene, *words):
 
 
 async def shown(scene):
-    async with Relightd("--scene", str(scene), source="sky:") as server, Viewer(server) as viewer:
+    async with Relightd("--scene", str(scene), source="sky:size=128x64") as server, Viewer(server) as viewer:
         await viewer.sees(2, 30)
 
 

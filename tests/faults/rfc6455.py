@@ -64,7 +64,7 @@ async def case(server, name, data, wanted, pieces=None):
 
 async def all_of(cases):
     """Each on its own connection, eight at a time; reports all failures."""
-    async with Relightd("--max-connections", "200", source="sky:speed=60") as server:
+    async with Relightd("--max-connections", "200", source="sky:size=128x64,speed=60") as server:
         gate = asyncio.Semaphore(8)
 
         async def one(*what):
@@ -149,7 +149,7 @@ async def a_library_by_others_finds_nothing_amiss(folder):
     """Messages of random sizes, fragmented or not, with pings in between, until six hundred are answered; then
     closes."""
     draw = random.Random(6455)
-    async with Relightd(source="sky:speed=60") as server, connect(server.url) as link:
+    async with Relightd(source="sky:size=128x64,speed=60") as server, connect(server.url) as link:
         check(link.subprotocol == "relight.v1" and not link.extensions, "another subprotocol, or an extension")
         await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1}}))
         answered, numbers = 0, itertools.count(1)

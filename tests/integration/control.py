@@ -132,7 +132,7 @@ async def an_ended_sequence_can_be_gone_back_to(folder):
 
 
 async def a_computed_sky_has_hours(folder):
-    async with Daemon("--source", "sky:speed=10,time=06:00", "--samples", "4", "--rate", "50") as daemon:
+    async with Daemon("--source", "sky:size=128x64,speed=10,time=06:00", "--samples", "4", "--rate", "50") as daemon:
         one = await Party.come(daemon.url, "controller")
         check(one.last["status"]["source"]["kind"] == "sky" and one.last["status"]["source"]["length"] is None,
               one.last["status"])
@@ -146,7 +146,7 @@ async def a_computed_sky_has_hours(folder):
 
 async def cameras_change_while_the_old_picture_stays(folder):
     """With --converge off and a paused source every new picture results from the change."""
-    async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
+    async with Daemon("--source", "sky:size=128x64,time=12:00", "--samples", "4", "--converge", "off") as daemon:
         one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         check(one.last["status"]["offers"]["cameras"] == ["main", "sundial", "gallery"], one.last["status"]["offers"])
         await one.ask(paused=True)
@@ -170,7 +170,7 @@ async def cameras_change_while_the_old_picture_stays(folder):
 
 async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
     """With --converge off and a paused source pictures come only on request."""
-    async with Daemon("--source", "sky:time=12:00", "--samples", "4", "--converge", "off") as daemon:
+    async with Daemon("--source", "sky:size=128x64,time=12:00", "--samples", "4", "--converge", "off") as daemon:
         one = await Party.come(daemon.url, "controller")
         check(one.last["control"]["exposure_stops"] is None, one.last["control"])
         await one.ask(paused=True)
@@ -190,7 +190,7 @@ async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
 
 
 async def samples_and_error_are_two_wishes_for_one_thing(folder):
-    async with Daemon("--source", "sky:", "--rate", "5") as daemon:
+    async with Daemon("--source", "sky:size=128x64", "--rate", "5") as daemon:
         one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         told = one.last["control"]
         check(told["counted"] is False and told["error"] is None and told["fps"] == 30 and told["paths"] == "direct",

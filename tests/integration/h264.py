@@ -11,7 +11,7 @@ import websockets
 from peer import BIN, WAIT_S, check, main
 
 KEY, REPEAT = 64, 2
-STILL = ["--source", "sky:hour=9", "--frames", "3-3", "--once", "--converge", "off"]
+STILL = ["--source", "sky:size=256x128,hour=9", "--frames", "3-3", "--once", "--converge", "off"]
 
 
 class Viewer:
@@ -103,7 +103,7 @@ async def a_chain_of_pictures_begins_with_a_key(folder):
         check(pictures[0][1] & KEY and pictures[0][4][:5] == b"\0\0\0\1\x67", "it begins with no key picture")
         check(not any(p[1] & KEY for p in pictures[1:]), "key pictures that nobody needs")
 
-    await with_server(["--source", "sky:speed=0.1"], 1, body)
+    await with_server(["--source", "sky:size=256x128,speed=0.1"], 1, body)
 
 
 async def a_picture_that_stands_still_is_made_again_for_whoever_comes(folder):
@@ -134,7 +134,7 @@ async def jpeg_rests_while_all_watch_video_and_is_there_when_wanted(folder):
         check(sequence < 15, f"{sequence} JPEGs were made for nobody")
         check((await second.picture())[2] == sequence + 1, "JPEG does not go on")
 
-    await with_server(["--source", "sky:speed=0.1"], 2, body)
+    await with_server(["--source", "sky:size=256x128,speed=0.1"], 2, body)
 
 
 async def key_pictures_are_not_made_at_anybodys_will(folder):
@@ -148,7 +148,7 @@ async def key_pictures_are_not_made_at_anybodys_will(folder):
             keys += (await greedy.picture())[1] & KEY > 0
         check(2 <= keys <= 14, f"{keys} key pictures in three seconds")
 
-    await with_server(["--source", "sky:speed=0.1", "--fps", "60"], 1, body)
+    await with_server(["--source", "sky:size=256x128,speed=0.1", "--fps", "60"], 1, body)
 
 
 async def gather(v, seconds):
@@ -182,7 +182,7 @@ async def video_comes_at_the_rate_and_size_that_was_asked_for(folder):
             check(not any(p[0] & KEY for p in pictures), f"key pictures that nobody needs: {pictures}")
         check(len(all_of_them[1]) < len(all_of_them[0]), "no slower than the other")
 
-    await with_server(["--source", "sky:speed=0.1"], 3, body)
+    await with_server(["--source", "sky:size=256x128,speed=0.1"], 3, body)
 
 
 async def until_frame(v, number):
@@ -204,7 +204,7 @@ async def the_last_picture_comes_to_the_slow_and_the_small_too(folder):
         format, flags, _, frame, _ = await jpeg.picture()
         check((format, frame) == (1, 12) and flags & 8, f"{format} {flags} {frame}")
 
-    await with_server(["--source", "sky:hour=9,speed=0.1", "--frames", "0-12", "--once", "--rate", "20", "--converge", "off"], 4, body)
+    await with_server(["--source", "sky:size=256x128,hour=9,speed=0.1", "--frames", "0-12", "--once", "--rate", "20", "--converge", "off"], 4, body)
 
 
 async def bits_a_second_stay_below_the_cap(folder):
@@ -216,7 +216,7 @@ async def bits_a_second_stay_below_the_cap(folder):
         bits = 8 * sum(p[4] for p in pictures)
         check(len(pictures) > 2 and bits <= 1.1 * 0.2e6 * 5, f"{bits} bits in 4 s of {len(pictures)} pictures")
 
-    await with_server(["--source", "sky:speed=1", "--reseed", "--method", "uniform", "--h264-mbit", "0.2"], 1, body)
+    await with_server(["--source", "sky:size=256x128,speed=1", "--reseed", "--method", "uniform", "--h264-mbit", "0.2"], 1, body)
 
 
 if __name__ == "__main__":

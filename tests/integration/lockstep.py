@@ -11,7 +11,7 @@ from pathlib import Path
 
 from peer import WAIT_S, Program, check, expect, main, run, skip
 
-RENDER = ("--size", "160x90", "--samples", "4", "--method", "mis", "--seed", "5", "--paths", "all")
+RENDER = ("--size", "64x36", "--samples", "4", "--method", "mis", "--seed", "5", "--paths", "all")
 SKY = "sky:size=128x64,speed=40,hour=5"
 
 

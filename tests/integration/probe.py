@@ -9,7 +9,7 @@ import json
 from peer import BIN, PICTURE, WAIT_S, check, main
 from still import Daemon, connect
 
-SKY = ["--source", "sky:hour=9,speed=60", "--frames", "3-3", "--once"]
+SKY = ["--source", "sky:size=256x128,hour=9,speed=60", "--frames", "3-3", "--once"]
 WAY = ["--method", "mis", "--samples", "40", "--paths", "direct", "--size", "96x54"]
 
 
@@ -100,7 +100,7 @@ async def a_largest_answer_fits(folder):
 
 async def pictures(folder, questions):
     """The pictures of ten frames with independent noise, by number, while so many probes are sent."""
-    async with Daemon("--source", "sky:hour=9,speed=60", "--rate", "3", *WAY, "--reseed") as daemon, connect(daemon.url) as link:
+    async with Daemon("--source", "sky:size=256x128,hour=9,speed=60", "--rate", "3", *WAY, "--reseed") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("exr_float")
         await asking.until(lambda: asking.pictures)
@@ -124,7 +124,7 @@ async def no_picture_is_changed_by_a_question(folder):
 
 async def a_followed_pixel_comes_with_each_picture(folder):
     """One value per picture, of that picture's frame: the last equals `picture` in `probed`."""
-    async with Daemon("--source", "sky:hour=9,speed=60", "--rate", "8", "--frames", "0-11", "--once", *WAY,
+    async with Daemon("--source", "sky:size=256x128,hour=9,speed=60", "--rate", "8", "--frames", "0-11", "--once", *WAY,
                       "--converge", "off") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("jpeg")

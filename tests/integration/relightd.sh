@@ -56,7 +56,7 @@ the_page_and_its_health_are_served() {
 sigterm_ends_it_with_code_0() {
     local i
     for i in 0 0.3 1.1; do
-        start --source sky:speed=60
+        start --source sky:size=128x64,speed=60
         sleep $i
         stop
         [ "$code" = 0 ] || { cat "$work/log"; fail "exit code $code after $i s"; }

@@ -136,7 +136,7 @@ async def until_ready(daemon):
 
 
 async def metrics_read_as_prometheus_reads_them(folder):
-    async with Daemon("--source", "sky:speed=60", "--samples", "4") as daemon:
+    async with Daemon("--source", "sky:size=128x64,speed=60", "--samples", "4") as daemon:
         await until_ready(daemon)
         status, text = await ask(daemon, "/metrics")
         before, types = parse(text)
@@ -349,7 +349,7 @@ async def watch_until_parted(url, stuck):
 
 async def everybody_is_told_when_it_ends(folder):
     """Forty viewers, one stuck in the middle of a large picture, while it renders at full speed."""
-    async with Daemon("--size", "640x360", "--samples", "64", "--source", "sky:speed=60") as daemon:
+    async with Daemon("--size", "640x360", "--samples", "64", "--source", "sky:size=128x64,speed=60") as daemon:
         await until_ready(daemon)
         stuck = await watch_until_parted(daemon.url, True)
         viewers = [asyncio.ensure_future(watch_until_parted(daemon.url, False)) for _ in range(39)]
@@ -415,7 +415,7 @@ async def a_disk_that_is_full_leaves_nothing_half(folder):
     if await mount.wait() != 0:
         skip("no file system can be mounted here")
     try:
-        async with Daemon("--source", "sky:speed=60", "--samples", "4", "--state", str(disk / "state")) as daemon:
+        async with Daemon("--source", "sky:size=128x64,speed=60", "--samples", "4", "--state", str(disk / "state")) as daemon:
             recorder = await run("relight-record", "--from", daemon.url.removesuffix("/ws"), "--format", "exr-float",
                                  "--out", disk / "p.%04d.exr")
             check(recorder.code == 1 and "No space left on device" in recorder.err, recorder.err)
