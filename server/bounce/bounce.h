@@ -41,9 +41,7 @@ struct bounce_desc {
     struct vec3 eye;                /* the camera's position, m: distant records are larger */
     uint32_t gather;                /* rays for a shade point's matte part, and as many for a lobe; 0: 64 */
     uint32_t records;               /* limit; 0: half the number of points, within 4000..24000 */
-    float tolerance;    /* compression: what a rank must add to a point's light under a map of one cell; 0: 0.027 */
-    bool no_smoothing;  /* leave the noise of the gather */
-    uint64_t max_bytes; /* limit of what is kept (cache/memory.h); building takes some 100 MB more */
+    uint64_t max_bytes;             /* limit of what is kept (cache/memory.h); building takes some 100 MB more */
     uint64_t seed;
     struct progress *progress; /* NULL, or stepped bounce_steps times in all */
     const atomic_bool *cancel; /* NULL, or a flag that ends the building (base/cancel.h) */

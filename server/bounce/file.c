@@ -18,7 +18,7 @@ static const char section[] = "bounce";
 
 struct digest bounce_key(const struct digest *direct, const struct bounce_desc *desc)
 {
-    const float numbers[] = { desc->eye.x, desc->eye.y, desc->eye.z, desc->tolerance };
+    const float numbers[] = { desc->eye.x, desc->eye.y, desc->eye.z };
     struct digest key = { { 0 } };
 
     digest_u64(&key, FORMAT);
@@ -26,7 +26,6 @@ struct digest bounce_key(const struct digest *direct, const struct bounce_desc *
     digest_u64(&key, (uint64_t)BOUNCE_BASIS_MAX << 32 | BOUNCE_GROUP);
     digest_u64(&key, (uint64_t)desc->gather << 32 | desc->records);
     digest_u64(&key, desc->seed);
-    digest_u64(&key, desc->no_smoothing);
     digest_bytes(&key, numbers, sizeof(numbers));
     digest_scene(&key, desc->scene);
     return key;

@@ -230,8 +230,7 @@ static float *row_of(const struct bounce_build *b, const struct bench *w, uint32
 {
     const size_t wide = 3 * (size_t)b->b->basis.count, first = (size_t)slot * TRANSPORT_POINTS;
 
-    return row == 0 && !b->desc->no_smoothing ? w->smooth + first * wide
-                                              : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
+    return row == 0 ? w->smooth + first * wide : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
 }
 
 /* The weight of a point's error in row r: the row's colour, relative to all light of the point under a sky of radiance
@@ -288,8 +287,7 @@ static void gather_block(const struct bounce_build *b, struct bench *w, const st
 
 static enum err gather_group(const struct bounce_build *b, struct bench *w, struct bounce_group *g)
 {
-    const double tolerance = b->desc->tolerance > 0.0f ? (double)b->desc->tolerance : TOLERANCE;
-    const double least = tolerance * tolerance / (SKY_CELLS * g->rows);
+    const double least = TOLERANCE * TOLERANCE / (SKY_CELLS * g->rows);
     struct bounce_block *blocks = b->b->blocks + g->first;
     float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
     enum err e = ERR_OK;
@@ -298,8 +296,7 @@ static enum err gather_group(const struct bounce_build *b, struct bench *w, stru
         gather_block(b, w, &blocks[k], k);
     if (w->gatherer.ends.failed)
         return ERR_NOMEM;
-    if (!b->desc->no_smoothing)
-        bounce_smooth(w->smoother, g->count, 3 * b->b->basis.count, w->matrix, w->smooth);
+    bounce_smooth(w->smoother, g->count, 3 * b->b->basis.count, w->matrix, w->smooth);
     bounce_compress_begin(w->workspace);
     for (uint32_t k = 0; k < g->count; k++) {
         const uint32_t points = blocks[k].packets * PACKET;
