@@ -3,7 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-static const char *const names[CPU_LEVELS] = { "baseline", "v3", "v4" };
+const char *const cpu_names[CPU_LEVELS] = { "baseline", "v3", "v4" };
 
 enum cpu_level cpu_best(void)
 {
@@ -17,11 +17,6 @@ enum cpu_level cpu_best(void)
     return CPU_BASELINE;
 }
 
-const char *cpu_name(enum cpu_level level)
-{
-    return names[level];
-}
-
 enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why)
 {
     const enum cpu_level best = cpu_best();
@@ -30,10 +25,10 @@ enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why)
     if (!name)
         return ERR_OK;
     for (int k = 0; k <= (int)best; k++)
-        if (strcmp(name, names[k]) == 0) {
+        if (strcmp(name, cpu_names[k]) == 0) {
             *out = (enum cpu_level)k;
             return ERR_OK;
         }
     return err_say(why, ERR_USAGE, "--cpu '%s' is unknown or not supported by this CPU; it supports %s%s%s", name,
-                   names[0], best >= CPU_V3 ? ", v3" : "", best >= CPU_V4 ? ", v4" : "");
+                   cpu_names[0], best >= CPU_V3 ? ", v3" : "", best >= CPU_V4 ? ", v4" : "");
 }

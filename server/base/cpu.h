@@ -33,7 +33,7 @@ enum cpu_level {
 /* The highest level this CPU supports; it also supports all lower ones. */
 enum cpu_level cpu_best(void);
 
-const char *cpu_name(enum cpu_level level); /* "baseline", "v3", "v4" */
+extern const char *const cpu_names[CPU_LEVELS]; /* "baseline", "v3", "v4" */
 
 /* Finds a level by name; NULL means the highest. ERR_USAGE: unknown, or not supported by this CPU. */
 MUST_CHECK enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why);

@@ -15,11 +15,6 @@ static const void *field(const struct setting *row, const void *values)
     return (const char *)values + row->offset;
 }
 
-bool setting_equal(const struct setting *row, const void *a, const void *b)
-{
-    return memcmp(field(row, a), field(row, b), row->size) == 0;
-}
-
 void setting_copy(const struct setting *row, void *to, const void *from)
 {
     memcpy((char *)to + row->offset, field(row, from), row->size);

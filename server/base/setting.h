@@ -80,8 +80,7 @@ struct setting_list {
 
 bool setting_ends(const struct setting *row); /* the row that ends a table */
 
-/* Whether the field has the same value in both structs; copies the field from one struct to the other. */
-bool setting_equal(const struct setting *row, const void *a, const void *b);
+/* Copies the field from one struct to the other. */
 void setting_copy(const struct setting *row, void *to, const void *from);
 bool setting_is_null(const struct setting *row, const void *values); /* JSON null stands for the value */
 

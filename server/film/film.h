@@ -20,7 +20,6 @@ enum tone_curve {
 
 /* All curves. A new one is a row here and a case in tone_value. */
 extern const struct setting_choice tone_choices[];
-const char *tone_name(enum tone_curve curve); /* static; any thread */
 
 /* The exact curve: exposed value x to display-linear light in 0..1. x is a channel for filmic and linear, the luminance
  * for Reinhard. NaN and negative values give 0. */

@@ -16,11 +16,6 @@ const struct setting_choice tone_choices[] = {
     { NULL, 0, NULL, 0 },
 };
 
-const char *tone_name(enum tone_curve curve)
-{
-    return choice_name(tone_choices, (int)curve);
-}
-
 /* The rational fit of the ACES curve by [Narkowicz 2015]. The input is scaled so that 0.18 maps to 0.18; it then
  * reaches 1 at 10.01, and the rest, up to 1.033 at infinity, is clamped. */
 static double filmic(double x)

@@ -260,15 +260,6 @@ static double sky_hours(const struct source *s)
     return s->sky.hour + s->sky.speed_hours * (double)(s->position + (s->frames.given ? s->frames.first : 0));
 }
 
-bool source_hour(const struct source *s, double *out)
-{
-    if (s->kind != SOURCE_SKY)
-        return false;
-    const double hours = sky_hours(s);
-    *out = hours - 24.0 * floor(hours / 24.0);
-    return true;
-}
-
 bool source_set_hour(struct source *s, double hour)
 {
     if (s->kind != SOURCE_SKY)

@@ -74,9 +74,6 @@ bool source_seek(struct source *s, uint64_t position);
 /* Moves the next frame to `by` positions from the last one returned: wraps around if the source loops, else clamps. */
 bool source_step(struct source *s, int64_t by);
 
-/* Solar time, 0 to 24, of the last frame returned. False if the source is not a computed sky. */
-bool source_hour(const struct source *s, double *out);
-
 /* Sets the solar time of the next frame, on the day of the last one returned; later frames continue from there, as if
  * the sky's `time=` had been different. Frame numbers are not affected. False if the source is not a computed sky. */
 bool source_set_hour(struct source *s, double hour);

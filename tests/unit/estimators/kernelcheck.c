@@ -176,8 +176,8 @@ static void every_level_gives_the_same_codes(void **state)
                 memset(out, 0x55, sizeof(got));
                 tone_map(rgb, width, 1, &desc, out);
                 if (k > 0 && memcmp(want, got, sizeof(want)) != 0)
-                    fail_msg("level %s, %s, %u pixels, seed %llu", all[k]->level, tone_name(desc.curve), width,
-                             (unsigned long long)s);
+                    fail_msg("level %s, %s, %u pixels, seed %llu", all[k]->level,
+                             choice_name(tone_choices, (int)desc.curve), width, (unsigned long long)s);
                 for (size_t i = 3 * (size_t)width; i < sizeof(got); i++) /* what lies behind the picture stands */
                     assert_int_equal(out[i], 0x55);
             }
@@ -195,10 +195,10 @@ static void one_name_lowers_every_kernel(void **state)
     (void)state;
 
     for (; direct[k] && tone[k]; k++) {
-        assert_int_equal(cpu_select(cpu_name((enum cpu_level)k), &level, &why), ERR_OK);
+        assert_int_equal(cpu_select(cpu_names[k], &level, &why), ERR_OK);
         assert_int_equal(level, k);
-        assert_int_equal(kernels_select(cpu_name(level), &chosen, &why), ERR_OK);
-        assert_string_equal(chosen->level, cpu_name(level));
+        assert_int_equal(kernels_select(cpu_names[level], &chosen, &why), ERR_OK);
+        assert_string_equal(chosen->level, cpu_names[level]);
         assert_int_equal(tone_kernel_select(chosen->level)->cpu, level);
         assert_ptr_equal(tone_kernel_select(chosen->level), tone[k]);
     }

@@ -12,7 +12,7 @@ static inline const struct kernels *const *kernels_all(void)
     struct reason why;
 
     for (int k = 0; k <= (int)cpu_best(); k++)
-        assert_int_equal(kernels_select(cpu_name((enum cpu_level)k), &all[k], &why), ERR_OK);
+        assert_int_equal(kernels_select(cpu_names[k], &all[k], &why), ERR_OK);
     return all;
 }
 
@@ -21,7 +21,7 @@ static inline const struct tone_kernel *const *tone_kernels_all(void)
     static const struct tone_kernel *all[CPU_LEVELS + 1];
 
     for (int k = 0; k <= (int)cpu_best(); k++)
-        all[k] = tone_kernel_select(cpu_name((enum cpu_level)k));
+        all[k] = tone_kernel_select(cpu_names[k]);
     return all;
 }
 

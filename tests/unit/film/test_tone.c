@@ -90,8 +90,8 @@ static void ramp_is_the_exact_formula_but_for_one_code_in_a_hundred(void **state
     for (int c = 0; c < CURVES; c++) {
         struct tally t = { 0 };
         walk_ramp(curves[c], compare, &t);
-        print_message("%s: %llu of %llu differ, by at most %d\n", tone_name(curves[c]), (unsigned long long)t.differ,
-                      (unsigned long long)t.count, t.worst);
+        print_message("%s: %llu of %llu differ, by at most %d\n", choice_name(tone_choices, (int)curves[c]),
+                      (unsigned long long)t.differ, (unsigned long long)t.count, t.worst);
         assert_true(t.count > 150000);
         assert_true(t.worst <= 1);
         assert_true(t.differ * 100 < t.count);
@@ -241,7 +241,8 @@ static void names_are_parsed_and_others_refused(void **state)
     (void)state;
 
     for (int i = 0; i < CURVES; i++) {
-        assert_int_equal(choice_parse(tone_choices, 0, "tone", tone_name(curves[i]), &c, &why), ERR_OK);
+        assert_int_equal(choice_parse(tone_choices, 0, "tone", choice_name(tone_choices, (int)curves[i]), &c, &why),
+                         ERR_OK);
         assert_int_equal(c, curves[i]);
     }
     assert_int_equal(choice_parse(tone_choices, 0, "tone", "aces", &c, &why), ERR_USAGE);

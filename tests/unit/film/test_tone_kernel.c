@@ -71,7 +71,8 @@ static void every_level_gives_the_bits_of_the_reference(void **state)
                 tone_kernels_all()[0]->codes(&t, in + from, n, gain, want);
                 all[k]->codes(&t, in + from, n, gain, got);
                 if (memcmp(want, got, sizeof(want)) != 0)
-                    print_message("level %s, seed %llu, %zu values\n", cpu_name(all[k]->cpu), (unsigned long long)s, n);
+                    print_message("level %s, seed %llu, %zu values\n", cpu_names[all[k]->cpu], (unsigned long long)s,
+                                  n);
                 assert_memory_equal(want, got, sizeof(want)); /* the guard behind them, too */
             }
         }
@@ -107,8 +108,9 @@ static void no_level_falls_and_all_are_within_one_code_everywhere(void **state)
                 }
             }
             assert_int_equal(last, 255);
-            print_message("%s, %s: %llu of %d inputs differ from the exact formula\n", cpu_name(all[k]->cpu),
-                          tone_name(curves[c]), (unsigned long long)differ, TONE_SEGMENTS * PLACES);
+            print_message("%s, %s: %llu of %d inputs differ from the exact formula\n", cpu_names[all[k]->cpu],
+                          choice_name(tone_choices, (int)curves[c]), (unsigned long long)differ,
+                          TONE_SEGMENTS * PLACES);
             assert_true(differ * 500 < (uint64_t)TONE_SEGMENTS * PLACES);
         }
 }

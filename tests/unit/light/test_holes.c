@@ -70,7 +70,7 @@ static void assert_direct(struct lit *x, const struct environment *e, double wan
         struct reason why;
         rays_destroy(x->rays);
         x->rays = rays_create_for(x->scene, level);
-        assert_int_equal(kernels_select(cpu_name(level), &kernels, &why), ERR_OK);
+        assert_int_equal(kernels_select(cpu_names[level], &kernels, &why), ERR_OK);
         struct direct *d = direct_create(kernels);
         for (size_t k = 0; k < sizeof(methods) / sizeof(methods[0]); k++) {
             struct tally tally = { 0 };
@@ -82,7 +82,7 @@ static void assert_direct(struct lit *x, const struct environment *e, double wan
                 tally_add(&tally, mean_of_points(x));
             }
             const double error = hypot(tally_error(&tally), slack * want / Z_MAX);
-            snprintf(name, sizeof(name), "%s, %s", cpu_name(level), method_name(methods[k]));
+            snprintf(name, sizeof(name), "%s, %s", cpu_names[level], method_name(methods[k]));
             printf("%s: %.5f +- %.5f, want %.5f\n", name, tally_mean(&tally), error, want);
             assert_true(error < 5e-3 * want && fabs(tally_mean(&tally) - want) < Z_MAX * error);
         }

@@ -121,7 +121,7 @@ static double stopped(const struct scene *s, uint32_t packets, bool (*near)(stru
                 const bool met = rays_intersect(r, o, d, 0.0f, &h), blocked = rays_blocked(r, o, d, 0.0f, INFINITY);
                 const bool lane = p.tfar[i] < 0.0f;
                 if (!near(o, d) && (met != blocked || lane != (blocked && valid[i])))
-                    fail_msg("%s: first hit %d, blocked %d, lane %d", cpu_name(level), met, blocked, lane);
+                    fail_msg("%s: first hit %d, blocked %d, lane %d", cpu_names[level], met, blocked, lane);
                 hits += blocked;
             }
         }
