@@ -124,17 +124,17 @@ async def no_picture_is_changed_by_a_question(folder):
 
 async def a_followed_pixel_comes_with_each_picture(folder):
     """One value per picture, of that picture's frame: the last equals `picture` in `probed`."""
-    async with Daemon("--source", "sky:size=256x128,hour=9,speed=60", "--rate", "8", "--frames", "0-11", "--once", *WAY,
+    async with Daemon("--source", "sky:size=256x128,hour=9,speed=60", "--rate", "8", "--frames", "0-19", "--once", *WAY,
                       "--converge", "off") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("jpeg")
         await asking.until(lambda: asking.pictures)
         await asking.ask(x=40, y=40, follow=True)
-        await asking.until(lambda: asking.followed and asking.followed[-1]["frame"] == 11)
+        await asking.until(lambda: asking.followed and asking.followed[-1]["frame"] == 19)
         frames = [f["frame"] for f in asking.followed]
         check(frames == sorted(set(frames)) and len(frames) >= 4, f"frames {frames}")
         last = await asking.ask(x=40, y=40, follow=False)
-        check(last["frame"] == 11, f"frame {last['frame']}")
+        check(last["frame"] == 19, f"frame {last['frame']}")
         check(all(abs(a - b) <= 1e-6 * abs(b) for a, b in zip(asking.followed[-1]["radiance"], last["picture"])),
               f"{asking.followed[-1]} is not {last['picture']}")
 
