@@ -269,25 +269,9 @@ static inline void sum_rows(double *cdf, uint32_t n, uint32_t rows, double *whol
         whole[i] = sum[i];
 }
 
-/* The rows' totals only: the same numbers added in the same order. */
-static inline void add_rows(const double *weight, uint32_t n, uint32_t rows, double *whole)
+static void sum_band(double *cdf, uint32_t n, uint32_t rows, double *whole)
 {
-    double sum[BAND] = { 0.0 };
-
-    for (uint32_t j = 0; j < n; j++)
-        for (uint32_t i = 0; i < rows; i++)
-            sum[i] += weight[(size_t)i * n + j];
-    for (uint32_t i = 0; i < rows; i++)
-        whole[i] = sum[i];
-}
-
-static void sum_band(double *cdf, uint32_t n, uint32_t rows, bool lean, double *whole)
-{
-    if (lean && rows == BAND)
-        add_rows(cdf, n, BAND, whole);
-    else if (lean)
-        add_rows(cdf, n, rows, whole);
-    else if (rows == BAND)
+    if (rows == BAND)
         sum_rows(cdf, n, BAND, whole);
     else
         sum_rows(cdf, n, rows, whole);
@@ -312,7 +296,7 @@ static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
         else
             weigh_row(e, IMPORTANCE_MAX, from, solid_angle, t, cdf + (size_t)i * n);
     }
-    sum_band(cdf, n, rows, e->lean, e->face_cdf + row);
+    sum_band(cdf, n, rows, e->face_cdf + row);
     if (!e->lean)
         pyramid_band(e->pyramid, face, b);
 }
@@ -371,7 +355,7 @@ static void complete_band(const struct environment *e, uint32_t face, uint32_t b
             cdf[(size_t)i * n + j] =
                 importance_of(e->importance, t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
         }
-    sum_band(cdf, n, rows, false, whole);
+    sum_band(cdf, n, rows, whole);
 }
 
 /* Completes a lean rebuild: the pyramid and, with `tables`, the CDFs. */

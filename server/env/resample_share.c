@@ -28,17 +28,6 @@ void resample_tables_destroy(struct resample_tables *s)
     mem_free(s);
 }
 
-uint32_t resample_tables_in_use(struct resample_tables *s)
-{
-    uint32_t count = 0;
-
-    pthread_mutex_lock(&s->lock);
-    for (const struct resample_table *t = s->first; t; t = t->next)
-        count++;
-    pthread_mutex_unlock(&s->lock);
-    return count;
-}
-
 bool resample_key_equal(const struct resample_key *a, const struct resample_key *b)
 {
     return a->layout == b->layout && a->width == b->width && a->height == b->height && a->n == b->n &&

@@ -65,8 +65,6 @@ struct resample_table {
 struct resample_tables *resample_tables_create(void);
 void resample_tables_destroy(struct resample_tables *s); /* no table may be in use; NULL is allowed */
 
-uint32_t resample_tables_in_use(struct resample_tables *s); /* number of tables in use */
-
 /* Acquires the table of a key, computing it if necessary; concurrent requests for the same table wait. Release it with
  * resample_table_release and the same `tables`, which may be NULL for an unshared table. The size must fit the layout
  * (layout_fits). ERR_UNSUPPORTED: it does not. ERR_NOMEM. Uses all OpenMP threads; the table does not depend on their

@@ -3,7 +3,6 @@
 #include "source/sky_model.h"
 #include "base/vec.h"
 
-#include <assert.h>
 #include <ctype.h>
 #include <math.h>
 #include <stdbool.h>
@@ -214,15 +213,5 @@ void sky_state_at(const struct sky_desc *d, uint64_t frame, struct sky_state *ou
     sky_sun_place(d->latitude_degrees * DEGREE, day_of_year(d->month, d->day), hours, out->sun_direction);
     const double *w = out->sun_direction;
     out->sun_elevation = atan2(w[1], sqrt(w[0] * w[0] + w[2] * w[2]));
-    sky_state_fill(d, out);
-}
-
-void sky_state_for_sun(const struct sky_desc *d, double elevation, double azimuth, struct sky_state *out)
-{
-    assert(fabs(elevation) <= 0.5 * PI + 1e-9);
-    *out = (struct sky_state){ .sun_elevation = elevation };
-    out->sun_direction[0] = -sin(azimuth) * cos(elevation);
-    out->sun_direction[1] = sin(elevation);
-    out->sun_direction[2] = cos(azimuth) * cos(elevation);
     sky_state_fill(d, out);
 }

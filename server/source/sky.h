@@ -59,9 +59,6 @@ MUST_CHECK enum err sky_parse(const char *text, struct sky_desc *out, struct rea
 /* Computes the sun's position at a frame number and the rest of the state from it. */
 void sky_state_at(const struct sky_desc *d, uint64_t frame, struct sky_state *out);
 
-/* The same for any sun position: elevation -pi/2..pi/2, azimuth clockwise from north, radians. */
-void sky_state_for_sun(const struct sky_desc *d, double elevation, double azimuth, struct sky_state *out);
-
 /* Sky radiance without the sun's disc in unit direction w (Y up); below the horizon, the lit ground. Continuous in w
  * above the horizon and in the sun's position; never negative. */
 void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3]);

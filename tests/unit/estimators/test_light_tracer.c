@@ -6,6 +6,7 @@
 #include "scene/load.h"
 
 #include "source/sky.h"
+#include "source/sky_sun.h"
 
 #include <omp.h>
 

@@ -7,6 +7,7 @@
 #include "light/resolve.h"
 #include "estimators/points.h"
 #include "source/sky.h"
+#include "source/sky_sun.h"
 #include "support/sets.h"
 
 enum { WIDTH = 48, HEIGHT = 27, PIXELS = WIDTH * HEIGHT, PATCHES = 146, MOST = 2306 };

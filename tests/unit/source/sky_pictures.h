@@ -7,6 +7,7 @@
 
 #include "source/sky.h"
 #include "source/sky_model.h"
+#include "source/sky_sun.h"
 #include "base/vec.h"
 
 #include <math.h>
