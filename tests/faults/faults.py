@@ -529,7 +529,7 @@ class Stage:
         self.producer = await Producer(self.server).__aenter__()
         await self.viewer.sees(30, WAIT_S)
         self.producer.held = True  # a sky that stands still is refined, for which each slot takes memory once
-        await self.viewer.sees(9, WAIT_S)
+        await self.viewer.sees(4, WAIT_S)
         self.producer.held = False
         for _ in range(20):  # warms up every code path of a connection, so that memory is stable
             raw = await self.client()
