@@ -174,7 +174,7 @@ async def C47_acks_that_lie(stage):
 FLOODS = 5
 
 
-@row(counts="error", memory_kib=32768, most_s=60)
+@row(counts="error", memory_kib=49152, most_s=60)
 async def C48_control_messages_in_a_flood(stage):
     # Rotations allocate sky tables, one for each slot that has another, and their memory stays. How many there are at once
     # is chance: soon a flood takes no more.
