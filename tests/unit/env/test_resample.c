@@ -9,6 +9,7 @@ static const struct {
 } cases[] = {
     { 64, 32, 16, 0.0 },  { 64, 32, 16, 0.7 },  { 1, 1, 7, 0.3 },      { 2, 1, 4, -2.0 },     { 37, 19, 33, 0.1 },
     { 256, 128, 1, 0.0 }, { 100, 50, 64, 3.1 }, { 512, 256, 32, 0.0 }, { 1400, 700, 8, 0.4 }, /* offsets of 32 bits */
+    { 3, 2000, 7, 0.0 }, /* rows whose borders are crossed only near the middle of a face */
 };
 #define CASES (sizeof(cases) / sizeof(cases[0]))
 
