@@ -45,12 +45,11 @@ bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *d
 static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3])
 {
     const float d[3] = { at->diffuse.x, at->diffuse.y, at->diffuse.z };
-    const float f[3] = { at->specular.x, at->specular.y, at->specular.z };
     const double leave =
         at->kind == LOBE_GGX ? 1.0 - schlick(fmax(1e-3, vec3_dot_double(at->surface.shading, wo))) : 1.0;
 
     for (int c = 0; c < 3; c++)
-        out[c] = at->kind == LOBE_GGX ? (1.0 - (double)f[c]) * (1.0 - (double)f[c]) * leave * d[c] : (double)d[c];
+        out[c] = leave * (double)d[c];
 }
 
 /* Ends the path in the record of a matte surface, or notes the surface. If there is no record, the path may continue by

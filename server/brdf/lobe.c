@@ -91,7 +91,7 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
     const double fresnel = schlick(vec3_dot_double(o, h)), enter = 1.0 - schlick(in), leave = 1.0 - schlick(out);
     for (int k = 0; k < 3; k++) {
         const double f0 = specular[k];
-        brdf[k] = (1.0 - f0) * (1.0 - f0) * enter * leave * diffuse[k] / PI + (f0 + (1.0 - f0) * fresnel) * shine;
+        brdf[k] = enter * leave * diffuse[k] / PI + (f0 + (1.0 - f0) * fresnel) * shine;
     }
 }
 

@@ -6,11 +6,11 @@
  *
  * phong: diffuse/pi + specular (n+2)/(2 pi) max(0, r.w)^n; the lobe is sampled by cos^n about the mirror direction r.
  *
- * ggx: (1 - F(n.w)) (1 - F(n.o)) diffuse/pi + F(h.w) D V, the microfacet model of glTF 2.0 (appendix B.3): D of [Walter
- * et al. 2007, Eq. 33], V the height-correlated masking of [Heitz 2014, Eq. 99] over 4 cos cos, F of [Schlick 1994].
- * glTF attenuates the diffuse part by 1 - F(h.w), which reflects up to 1.29 of the incident light at grazing angles;
- * here light passes the surface twice, so that at most 1 is reflected. The lobe is sampled by visible normals [Dupuy
- * and Benyoub 2023]. gloss is alpha, specular is F at normal incidence. */
+ * ggx: S(n.w) S(n.o) diffuse/pi + F(h.w) D V, the microfacet model of glTF 2.0 (appendix B.3): D of [Walter et al.
+ * 2007, Eq. 33], V the height-correlated masking of [Heitz 2014, Eq. 99] over 4 cos cos, F of [Schlick 1994]. S(c) = 1
+ * - (1 - c)^5 is the share of light, but for a constant in `diffuse` (material.h), that passes the surface on its way
+ * in and out; glTF's own 1 - F(h.w) reflects up to 1.29 of the incident light at grazing angles, this at most 1. The
+ * lobe is sampled by visible normals [Dupuy and Benyoub 2023]. gloss is alpha, specular is F at normal incidence. */
 #ifndef BRDF_LOBES_H
 #define BRDF_LOBES_H
 
@@ -143,9 +143,8 @@ static inline void evaluate_ggx(const struct lobes *s, const struct shade_packet
         LANES(l)
         {
             const float f0 = p->specular[k][l], f = f0 + (1.0f - f0) * fresnel.v[l];
-            const float through = (1.0f - f0) * (1.0f - f0) * enter.v[l] * leave.v[l];
             const float c = cosine->v[l] * (float)(1.0 / PI);
-            brdf[k].v[l] = through * c * p->diffuse[k][l] + f * shine.v[l];
+            brdf[k].v[l] = enter.v[l] * leave.v[l] * c * p->diffuse[k][l] + f * shine.v[l];
         }
 }
 

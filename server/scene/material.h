@@ -38,6 +38,22 @@ struct material {
     uint32_t alpha_texture;     /* its alpha multiplies `alpha`; an index like `texture` */
 };
 
+/* F at normal incidence of glTF's metallic-roughness model: 0.04 for a dielectric, the base colour for a metal
+ * [glTF 2.0, appendix B]. */
+struct vec3 ggx_f0(struct vec3 base, float metallic);
+
+/* The matte reflectance beside the lobe, for the BRDF S(n.w) S(n.o) matte / pi with S(c) = 1 - (1 - c)^5, which
+ * reflects 20/21 S(n.o) matte. Two parts, per channel with f = F0:
+ *
+ * (1 - metallic) base (1 - f) 21/20: light passes the surface, is scattered below it, and what the surface turns back
+ * inside is scattered again until it has left. A white dielectric then reflects everything.
+ *
+ * f^2 (1 - l) / (1 - f l) m, f and l being means over the hemisphere: the light that a lobe of this roughness loses
+ * because it knows one reflection only. l is that loss of a perfect reflector, the quotient what further reflections
+ * return in this colour [Kulla and Conty 2017], and m the largest matte part beside which such a reflector still
+ * reflects no more than it receives, from any direction. */
+struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness);
+
 /* "lambert", "phong", ...; never NULL. */
 const char *material_kind_name(enum material_kind kind);
 

@@ -11,13 +11,6 @@ static struct vec3 base_colour(const struct scene *scene, const struct material 
     return vec3_mul(m->diffuse, step ? texture_filter(t, uv[0], uv[1], step) : texture_lookup(t, uv[0], uv[1]));
 }
 
-/* F0 in glTF: 0.04 for a dielectric, the base colour for a metal [glTF 2.0, appendix B]. */
-static struct vec3 ggx_f0(struct vec3 base, float metallic)
-{
-    const float d = 0.04f * (1.0f - metallic);
-    return vec3_make(d + base.x * metallic, d + base.y * metallic, d + base.z * metallic);
-}
-
 static bool is_sharp(const struct material *m)
 {
     return m->kind == MATERIAL_GGX && m->roughness * m->roughness < ALPHA_DELTA;
@@ -46,7 +39,7 @@ static void fill_rough(const struct material *m, struct vec3 base, struct scatte
         out->gloss = m->exponent;
     } else if (m->kind == MATERIAL_GGX) {
         out->kind = LOBE_GGX;
-        out->diffuse = vec3_scale(base, 1.0f - m->metallic);
+        out->diffuse = ggx_matte(base, m->metallic, m->roughness);
         out->specular = ggx_f0(base, m->metallic);
         out->gloss = is_sharp(m) ? 0.0f : m->roughness * m->roughness;
     }

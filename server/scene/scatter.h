@@ -18,7 +18,7 @@
 enum lobe_kind {
     LOBE_LAMBERT, /* diffuse only */
     LOBE_PHONG,   /* diffuse + specular lobe with an exponent */
-    LOBE_GGX, /* diffuse = base colour * (1 - metallic), specular = F0, gloss = alpha; if alpha is 0, the specular part
+    LOBE_GGX, /* diffuse = ggx_matte, specular = F0, gloss = alpha; if alpha is 0, the specular part
                  is in the delta lobe, and only the diffuse part below it remains */
 };
 

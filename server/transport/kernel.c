@@ -124,24 +124,19 @@ static void expand(const struct transport_piece *q, const struct sky_split *sky,
 }
 
 /* lo += colour of the row * x. Reads only the colours that the row needs, since they are far apart in memory. */
-static inline void colour_row(const struct shade_packet *p, bool ggx, uint32_t row, int c, const struct lanes *x,
-                              float *lo)
+static inline void colour_row(const struct shade_packet *p, uint32_t row, int c, const struct lanes *x, float *lo)
 {
-    const float *f0 = p->specular[c], *diffuse = p->diffuse[c];
-
-    if (row == 0 && ggx)
-        LANES(l) lo[l] += (1.0f - f0[l]) * (1.0f - f0[l]) * diffuse[l] * x->v[l];
-    else if (row == 0)
-        LANES(l) lo[l] += diffuse[l] * x->v[l];
+    if (row == 0)
+        LANES(l) lo[l] += p->diffuse[c][l] * x->v[l];
     else if (row == 1)
-        LANES(l) lo[l] += f0[l] * x->v[l];
+        LANES(l) lo[l] += p->specular[c][l] * x->v[l];
     else
         LANES(l) lo[l] += x->v[l];
 }
 
 /* Clamps negative values, which compression may cause. more: [3][TRANSPORT_POINTS] from the packet's first lane on, or
  * NULL. */
-static inline void add_coloured(const struct shade_packet *p, bool ggx, uint32_t row, const struct lanes sum[3],
+static inline void add_coloured(const struct shade_packet *p, uint32_t row, const struct lanes sum[3],
                                 const float *more, float *lo)
 {
     for (int c = 0; c < 3; c++) {
@@ -151,7 +146,7 @@ static inline void add_coloured(const struct shade_packet *p, bool ggx, uint32_t
             const float *from = more + (size_t)c * TRANSPORT_POINTS;
             LANES(l) x.v[l] += from[l] > 0.0f ? from[l] : 0.0f;
         }
-        colour_row(p, ggx, row, c, &x, lo + c * PACKET);
+        colour_row(p, row, c, &x, lo + c * PACKET);
     }
 }
 
@@ -186,8 +181,7 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
             struct lanes sum[3] = { { { 0.0f } } };
             if (has)
                 take_packet(q, y, k, sum);
-            add_coloured(&packets[k], b->kind == LOBE_GGX, r, sum, from ? from + (size_t)k * PACKET : NULL,
-                         lo + (size_t)k * 3 * PACKET);
+            add_coloured(&packets[k], r, sum, from ? from + (size_t)k * PACKET : NULL, lo + (size_t)k * 3 * PACKET);
         }
     }
 }

@@ -231,11 +231,7 @@ struct transport {
 /* Channel c of the colour that multiplies a row at lane l. */
 static inline float transport_row_colour(const struct shade_packet *p, uint32_t row, int c, uint32_t l)
 {
-    const float f0 = p->specular[c][l];
-
-    if (row == 0)
-        return p->kind == LOBE_GGX ? (1.0f - f0) * (1.0f - f0) * p->diffuse[c][l] : p->diffuse[c][l];
-    return row == 1 ? f0 : 1.0f;
+    return row == 0 ? p->diffuse[c][l] : row == 1 ? p->specular[c][l] : 1.0f;
 }
 
 /* The mean of the three. */

@@ -24,7 +24,7 @@ static double brdf(const struct lobe *m, double in, double out, const double w[3
     const double lambda_in = 0.5 * (sqrt(1.0 + a2 * (1.0 / (in * in) - 1.0)) - 1.0);
     const double lambda_out = 0.5 * (sqrt(1.0 + a2 * (1.0 / (out * out) - 1.0)) - 1.0);
     const double f = m->specular + (1.0 - m->specular) * pow(1.0 - oh, 5.0);
-    const double through = pow(1.0 - m->specular, 2.0) * (1.0 - pow(1.0 - in, 5.0)) * (1.0 - pow(1.0 - out, 5.0));
+    const double through = (1.0 - pow(1.0 - in, 5.0)) * (1.0 - pow(1.0 - out, 5.0));
     return through * m->diffuse / pi + f * d / ((1.0 + lambda_in + lambda_out) * 4.0 * in * out);
 }
 
@@ -114,12 +114,62 @@ static void a_sharp_surface_gives_back_no_more_than_it_gets(void **state)
     (void)state;
     for (int i = 0; i < 4; i++) {
         static const double f0[] = { 0.02, 0.04, 0.3, 1.0 };
-        const struct lobe m = { LOBE_GGX, 1.0, f0[i], 0.0 };
+        const struct lobe m = { LOBE_GGX, 1.0485 * (1.0 - f0[i]), f0[i], 0.0 };
         check(&(struct lobe){ LOBE_GGX, 0.8, fmin(f0[i], 0.9), 0.0 });
         for (int k = 1; k <= 20; k++) {
             const double mirror = f0[i] + (1.0 - f0[i]) * pow(1.0 - k / 20.0, 5.0);
             assert_true(albedo(&m, k / 20.0) + mirror <= 1.0 + 1e-6);
         }
+    }
+}
+
+static struct lobe white(float metallic, float roughness)
+{
+    const struct vec3 one = { 1.0f, 1.0f, 1.0f };
+    return (struct lobe){ LOBE_GGX, (double)ggx_matte(one, metallic, roughness).x, (double)ggx_f0(one, metallic).x,
+                          (double)roughness * (double)roughness };
+}
+
+/* Under a sky of 1 a white surface should vanish. The lobe alone, one reflection, returns 0.41 on average from the
+ * roughest metal. With the matte part it returns at most 1, and a rough metal touches 1 somewhere: 1 % more or less of
+ * the table of matte parts is noticed. */
+static void white_surfaces_return_nearly_everything_and_no_more(void **state)
+{
+    (void)state;
+    for (int i = 3; i <= 20; i++) {
+        const struct lobe metal = white(1.0f, 0.05f * (float)i), plastic = white(0.0f, 0.05f * (float)i),
+                          half = white(0.5f, 0.05f * (float)i);
+        double most = 0.0, mean = 0.0, weights = 0.0;
+        for (int k = 1; k <= 24; k++) {
+            const double cosine = k / 24.0, returned = albedo(&metal, cosine);
+            most = fmax(most, returned);
+            mean += returned * cosine;
+            weights += cosine;
+            assert_true(albedo(&plastic, cosine) <= 1.001);
+            assert_true(albedo(&half, cosine) <= 1.001);
+        }
+        printf("roughness %.2f: %.4f on average, %.4f at most\n", 0.05 * i, mean / weights, most);
+        assert_true(most <= 1.001);
+        assert_true(most >= 0.998);
+        assert_true(mean / weights > 0.9);
+    }
+}
+
+/* The mean loss enters the colour: each further reflection is coloured once more. f is the mean of F over a hemisphere,
+ * the loss that of the lobe by quadrature. */
+static void further_reflections_saturate_the_colour(void **state)
+{
+    (void)state;
+    for (int i = 6; i <= 20; i += 2) {
+        const float roughness = 0.05f * (float)i;
+        const struct lobe lobe = { LOBE_GGX, 0.0, 1.0, (double)roughness * (double)roughness };
+        double loss = 0.0;
+        for (int k = 0; k < 40; k++)
+            loss += (1.0 - albedo(&lobe, (k + 0.5) / 40.0)) * 2.0 * (k + 0.5) / 1600.0;
+        const double f = 0.5 + 0.5 / 21.0, want = f * f * (1.0 - loss) / (1.0 - f * loss);
+        const struct vec3 grey = ggx_matte(vec3_make(0.5f, 0.5f, 0.5f), 1.0f, roughness),
+                          one = ggx_matte(vec3_make(1.0f, 1.0f, 1.0f), 1.0f, roughness);
+        assert_float_equal((double)grey.x / (double)one.x, want, 0.003);
     }
 }
 
@@ -165,6 +215,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(phong_albedo_is_that_of_quadrature_at_every_exponent),
     cmocka_unit_test(ggx_albedo_is_that_of_quadrature_at_every_roughness),
     cmocka_unit_test(a_sharp_surface_gives_back_no_more_than_it_gets),
+    cmocka_unit_test(white_surfaces_return_nearly_everything_and_no_more),
+    cmocka_unit_test(further_reflections_saturate_the_colour),
     cmocka_unit_test(lobes_and_light_sampling_agree),
     cmocka_unit_test(a_viewer_below_the_shading_normal_counts_as_grazing),
 };
