@@ -147,3 +147,12 @@ struct vec3 lobe_sample(const struct lobe *l, struct vec3 wo, const double x[3])
     const struct vec3 h = visible_normal(l, o, x[1], x[2]);
     return vec3_sub(vec3_scale(h, 2.0f * vec3_dot(o, h)), o);
 }
+
+double lobe_albedo(const struct lobe *l, struct vec3 wo)
+{
+    const struct vec3 d = l->diffuse, s = l->specular;
+    const double f0 = fmax(s.x, fmax(s.y, s.z)), both = fmax(d.x + s.x, fmax(d.y + s.y, d.z + s.z));
+    const double c = 1.0 - fmin(1.0, fmax(0.0, vec3_dot_double(l->shading, wo)));
+
+    return fmin(1.0, l->kind == LOBE_GGX ? fmax(both, f0 + (1.0 - f0) * c * c * c * c * c) : both);
+}

@@ -27,6 +27,9 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
 struct vec3 lobe_sample(const struct lobe *l, struct vec3 wo, const double x[3]);
 double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi); /* probability density of wi, sr^-1 */
 
+/* Approximate albedo: 0..1, > 0 wherever the lobe reflects anything. */
+double lobe_albedo(const struct lobe *l, struct vec3 wo);
+
 /* The unit vector x t + y u + z n for the frame of n below; x, y and z have length 1. */
 struct vec3 frame_direction(struct vec3 n, double x, double y, double z);
 

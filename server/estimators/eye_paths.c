@@ -114,16 +114,6 @@ static void follow_delta(struct walk *w, const struct delta_ray *ray, double kee
         w->weight[c] *= ray->weight[c] * ray->radiance_scale / keep;
 }
 
-/* Approximate albedo of a rough lobe: 0..1, > 0 wherever it reflects anything. */
-static double albedo(const struct lobe *l, struct vec3 wo)
-{
-    const struct vec3 d = l->diffuse, s = l->specular;
-    const double f0 = fmax(s.x, fmax(s.y, s.z)), both = fmax(d.x + s.x, fmax(d.y + s.y, d.z + s.z));
-    const double c = 1.0 - fmin(1.0, fmax(0.0, vec3_dot_double(l->shading, wo)));
-
-    return fmin(1.0, l->kind == LOBE_GGX ? fmax(both, f0 + (1.0 - f0) * c * c * c * c * c) : both);
-}
-
 static double mean3(const float w[3])
 {
     return (w[0] + w[1] + w[2]) / 3.0;
@@ -142,7 +132,7 @@ static bool meet(struct walk *w, const struct hit *h)
     const struct vec3 wo = vec3_scale(w->dir, -1.0f), start = surface_start(&at.surface, 1.0f);
     const bool rough = at.rough && (w->classes & PATH_INDIRECT);
     if (rough)
-        share[0] = albedo(&lobe, wo);
+        share[0] = lobe_albedo(&lobe, wo);
     for (uint32_t i = 0; i < count; i++)
         share[1 + i] = mean3(rays[i].weight);
     const double total = share[0] + share[1] + share[2];

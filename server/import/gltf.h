@@ -196,6 +196,12 @@ MUST_CHECK enum err gltf_add_materials(struct gltf *g);
 /* The material of primitives without one, added when first used. ERR_NOMEM. */
 MUST_CHECK enum err gltf_plain_material(struct gltf *g, uint32_t *out);
 
+/* ---- gltf_lamps.c ---- */
+
+/* Adds the light of KHR_lights_punctual that a node holds, if any. What is no light costs a warning. ERR_FORMAT,
+ * ERR_NOMEM. */
+MUST_CHECK enum err gltf_add_node_light(struct gltf *g, const struct gltf_at *node, const double world[16]);
+
 /* ---- gltf_extensions.c ---- */
 
 /* Refuses required extensions that are not supported, and names those that are ignored. ERR_UNSUPPORTED. */

@@ -22,11 +22,11 @@ static const struct {
     { "KHR_materials_volume", NOTED, NULL },
     { "KHR_materials_clearcoat", NOTED, NULL },
     { "KHR_materials_sheen", NOTED, NULL },
-    { "KHR_materials_emissive_strength", NOTED, NULL },
+    { "KHR_materials_emissive_strength", MODELLED, NULL },
     { "KHR_materials_pbrSpecularGlossiness", MODELLED, NULL }, /* with a warning */
     { "KHR_materials_unlit", MODELLED, NULL },                 /* with a warning */
     { "KHR_materials_variants", MODELLED, NULL },              /* the default one */
-    { "KHR_lights_punctual", NOTED, NULL },
+    { "KHR_lights_punctual", MODELLED, NULL },
     { "KHR_texture_transform", MODELLED, NULL },
     { "KHR_texture_basisu", UNKNOWN, "convert its textures with 'gltf-transform ktxdecompress IN OUT'" },
     { "KHR_draco_mesh_compression", MODELLED, NULL },

@@ -262,26 +262,72 @@ static enum err read_transform(struct source *s, const struct gltf_at *at, struc
     return e;
 }
 
-static enum err read_base_texture(struct source *s, const struct gltf_at *above, const char *key, struct material *m,
-                                  struct gltf_surface *surface)
+/* A texture of colours; *index is MATERIAL_NO_TEXTURE if it cannot be read. */
+static enum err read_colours(struct source *s, const struct gltf_at *at, enum texture_values values, uint32_t *index,
+                             struct gltf_surface *surface)
 {
-    const struct gltf_at at = gltf_key(above, key);
     const struct known *known = NULL;
-    struct use use = { .values = m->alpha_mode == ALPHA_OPAQUE ? TEXTURE_SRGB : TEXTURE_CUTOUT };
+    struct use use = { .values = values };
 
-    if (!at.value)
-        return ERR_OK;
-    enum err e = find_image(s, &at, &use);
+    *index = MATERIAL_NO_TEXTURE;
+    enum err e = find_image(s, at, &use);
     if (!e && use.image != GLTF_NONE)
         e = know_image(s, &use, &known);
     if (e)
         return e;
     if (known)
-        m->texture = m->alpha_texture = known->texture;
-    if (m->texture != MATERIAL_NO_TEXTURE)
-        return read_transform(s, &at, surface);
-    m->diffuse = vec3_scale(m->diffuse, GREY);
+        *index = known->texture;
+    return *index != MATERIAL_NO_TEXTURE ? read_transform(s, at, surface) : ERR_OK;
+}
+
+static enum err read_base_texture(struct source *s, const struct gltf_at *above, const char *key, struct material *m,
+                                  struct gltf_surface *surface)
+{
+    const struct gltf_at at = gltf_key(above, key);
+
+    if (!at.value)
+        return ERR_OK;
+    const enum err e =
+        read_colours(s, &at, m->alpha_mode == ALPHA_OPAQUE ? TEXTURE_SRGB : TEXTURE_CUTOUT, &m->texture, surface);
+    m->alpha_texture = m->texture;
+    if (!e && m->texture == MATERIAL_NO_TEXTURE)
+        m->diffuse = vec3_scale(m->diffuse, GREY);
+    return e;
+}
+
+/* An emissive texture has the coordinates of the base colour's; one that cannot be read emits nothing. */
+static enum err read_emissive_texture(struct source *s, const struct gltf_at *at, struct material *m,
+                                      struct gltf_surface *surface)
+{
+    struct gltf_surface own = *surface;
+
+    const enum err e = read_colours(s, at, TEXTURE_SRGB, &m->emission_texture, &own);
+    if (e)
+        return e;
+    if (m->emission_texture == MATERIAL_NO_TEXTURE)
+        m->emission = vec3_make(0.0f, 0.0f, 0.0f);
+    else if (surface->uv_set == GLTF_NONE)
+        *surface = own;
+    else if (surface->uv_set != own.uv_set || memcmp(surface->transform, own.transform, sizeof(own.transform)) != 0)
+        scene_note_unmodelled(s->g->scene, FEATURE_TEXTURE_TRANSFORM, s->g->desc->path);
     return ERR_OK;
+}
+
+static enum err read_emission(struct source *s, const struct gltf_at *at, struct material *m,
+                              struct gltf_surface *surface)
+{
+    const struct gltf_at extension = gltf_extension(at, "KHR_materials_emissive_strength");
+    const struct gltf_at texture = gltf_key(at, "emissiveTexture");
+    struct vec3 factor;
+    double strength = 1.0;
+
+    enum err e = get_colour(s, at, "emissiveFactor", 3, 0.0, &factor);
+    if (!e)
+        e = gltf_number(s->g, &extension, "emissiveStrength", &strength);
+    gltf_set_emission(m, factor, strength);
+    if (e || !texture.value || !(largest(m->emission) > 0.0f))
+        return e;
+    return read_emissive_texture(s, &texture, m, surface);
 }
 
 /* Metallic and roughness vary over the surface if they have a texture (blue and green channels); their means are used.
@@ -381,15 +427,8 @@ static enum err note_extensions(struct source *s, const struct gltf_at *at)
 
 static enum err note_extras(struct source *s, const struct gltf_at *at)
 {
-    struct vec3 emissive;
-
-    const enum err e = get_colour(s, at, "emissiveFactor", 3, 0.0, &emissive);
-    if (e)
-        return e;
     if (gltf_key(at, "normalTexture").value)
         scene_note_unmodelled(s->g->scene, FEATURE_NORMAL_MAP, s->g->desc->path);
-    if (largest(emissive) > 0.0f)
-        scene_note_unmodelled(s->g->scene, FEATURE_EMISSION, s->g->desc->path);
     return note_extensions(s, at);
 }
 
@@ -438,6 +477,7 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
 {
     struct material m = { .kind = MATERIAL_GGX,
                           .texture = MATERIAL_NO_TEXTURE,
+                          .emission_texture = MATERIAL_NO_TEXTURE,
                           .alpha_mode = alpha_mode(at),
                           .alpha_texture = MATERIAL_NO_TEXTURE };
     const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
@@ -463,14 +503,14 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     if (m.texture == MATERIAL_NO_TEXTURE && (m.alpha_mode == ALPHA_OPAQUE || m.alpha_texture == MATERIAL_NO_TEXTURE))
         surface->uv_set = GLTF_NONE;
     if (!e)
+        e = read_emission(s, at, &m, surface);
+    if (!e)
         e = note_extras(s, at);
     return e ? e : scene_add_material(s->g->scene, &m, NULL);
 }
 
 enum err gltf_add_materials(struct gltf *g)
 {
-    const json_t *extensions = json_object_get(g->json, "extensions");
-    const json_t *lights = json_object_get(json_object_get(extensions, "KHR_lights_punctual"), "lights");
     struct source s = { .g = g };
 
     g->first_material = (uint32_t)g->scene->material_count;
@@ -480,8 +520,6 @@ enum err gltf_add_materials(struct gltf *g)
         const struct gltf_at at = gltf_element(g, GLTF_MATERIALS, i);
         e = add_material(&s, &at, &g->surfaces[i]);
     }
-    if (!e && json_array_size(lights) > 0)
-        scene_note_unmodelled(g->scene, FEATURE_LIGHTS, g->desc->path);
     mem_free(s.known);
     return e;
 }

@@ -324,6 +324,8 @@ static enum err take_node(struct gltf *g, size_t index, const double world[16], 
     if (!e && mesh != GLTF_NONE)
         e = gltf_add_mesh(g, mesh, &node, world);
     if (!e)
+        e = gltf_add_node_light(g, &node, world);
+    if (!e)
         e = gltf_index(g, &node, "camera", GLTF_CAMERAS, &camera);
     if (e || camera == GLTF_NONE || !g->desc->camera)
         return e;

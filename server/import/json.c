@@ -110,14 +110,14 @@ static enum err read_string(const struct spot *s, const char *key, const char **
 
 static enum err read_lambert(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "albedo", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "albedo", "emission", NULL });
     m->kind = MATERIAL_LAMBERT;
     return read_vec3(s, "albedo", NULL, 0.0, 1.0, &m->diffuse);
 }
 
 static enum err read_phong(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "diffuse", "specular", "exponent", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "diffuse", "specular", "exponent", "emission", NULL });
     m->kind = MATERIAL_PHONG;
     enum err e = read_vec3(s, "diffuse", NULL, 0.0, 1.0, &m->diffuse);
     if (!e)
@@ -139,7 +139,8 @@ static enum err read_ggx(const struct spot *s, struct material *m)
     const struct vec3 white = { 1.0f, 1.0f, 1.0f };
     const double one = 1.0; /* glTF's defaults */
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "base_color", "metallic", "roughness", NULL });
+    warn_unknown_keys(
+        s, (const char *const[]){ "type", "alpha", "base_color", "metallic", "roughness", "emission", NULL });
     m->kind = MATERIAL_GGX;
     enum err e = read_vec3(s, "base_color", &white, 0.0, 1.0, &m->diffuse);
     if (!e)
@@ -153,7 +154,7 @@ static enum err read_mirror(const struct spot *s, struct material *m)
 {
     const struct vec3 white = { 1.0f, 1.0f, 1.0f };
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "reflectance", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "reflectance", "emission", NULL });
     m->kind = MATERIAL_MIRROR;
     return read_vec3(s, "reflectance", &white, 0.0, 1.0, &m->diffuse);
 }
@@ -162,7 +163,7 @@ static enum err read_glass(const struct spot *s, struct material *m)
 {
     const double crown = 1.5;
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "emission", NULL });
     m->kind = MATERIAL_GLASS;
     m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
     return read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
@@ -189,7 +190,8 @@ static enum err read_material(const struct spot *root, const char *name, const j
         { "lambert", read_lambert }, { "phong", read_phong }, { "ggx", read_ggx },
         { "mirror", read_mirror },   { "glass", read_glass },
     };
-    struct material m = { .texture = MATERIAL_NO_TEXTURE };
+    const struct vec3 black = { 0.0f, 0.0f, 0.0f };
+    struct material m = { .texture = MATERIAL_NO_TEXTURE, .emission_texture = MATERIAL_NO_TEXTURE };
     char label[96];
     const char *type = NULL;
     struct spot s;
@@ -210,6 +212,8 @@ static enum err read_material(const struct spot *root, const char *name, const j
             e = kinds[i].read(&s, &m);
             if (!e)
                 e = read_alpha(&s, &m);
+            if (!e)
+                e = read_vec3(&s, "emission", &black, 0.0, (double)EMISSION_MAX, &m.emission);
             return e ? e : scene_add_material(s.scene, &m, NULL);
         }
     }
@@ -300,6 +304,107 @@ static enum err read_cameras(const struct spot *root)
     } else if (!e && named) {
         e = err_say(root->why, ERR_FORMAT, "%s: 'cameras' is neither an object nor an array", root->path);
     }
+    return e;
+}
+
+/* Lights */
+
+static enum err read_direction(const struct spot *s, struct vec3 *out)
+{
+    const enum err e = read_vec3(s, "direction", NULL, -1e15, 1e15, out);
+
+    if (!e && !(vec3_length(*out) > 0.0f))
+        return err_say(s->why, ERR_RANGE, "%s: 'direction' is zero", s->place);
+    *out = vec3_normalize(*out);
+    return e;
+}
+
+static enum err read_point(const struct spot *s, struct punctual_light *l)
+{
+    warn_unknown_keys(s, (const char *const[]){ "type", "position", "intensity", NULL });
+    const enum err e = read_vec3(s, "position", NULL, -1e15, 1e15, &l->position);
+    return e ? e : read_vec3(s, "intensity", NULL, 0.0, (double)LIGHT_INTENSITY_MAX, &l->intensity);
+}
+
+static enum err read_cone(const struct spot *s, struct punctual_light *l)
+{
+    const double inner = 0.0, outer = 45.0; /* glTF's defaults */
+    float degrees[2];
+
+    enum err e = read_number(s, "inner_degrees", &inner, 0.0, 90.0, &degrees[0]);
+    if (!e)
+        e = read_number(s, "outer_degrees", &outer, 0.0, 90.0, &degrees[1]);
+    if (e)
+        return e;
+    if (degrees[0] > degrees[1])
+        return err_say(s->why, ERR_RANGE, "%s: 'inner_degrees' is %g, more than 'outer_degrees', %g", s->place,
+                       (double)degrees[0], (double)degrees[1]);
+    light_set_cone(l, degrees[0] * (PI / 180.0), degrees[1] * (PI / 180.0));
+    return ERR_OK;
+}
+
+static enum err read_spot(const struct spot *s, struct punctual_light *l)
+{
+    warn_unknown_keys(s, (const char *const[]){ "type", "position", "direction", "intensity", "inner_degrees",
+                                                "outer_degrees", NULL });
+    enum err e = read_vec3(s, "position", NULL, -1e15, 1e15, &l->position);
+    if (!e)
+        e = read_direction(s, &l->direction);
+    if (!e)
+        e = read_vec3(s, "intensity", NULL, 0.0, (double)LIGHT_INTENSITY_MAX, &l->intensity);
+    return e ? e : read_cone(s, l);
+}
+
+static enum err read_directional(const struct spot *s, struct punctual_light *l)
+{
+    warn_unknown_keys(s, (const char *const[]){ "type", "direction", "illuminance", NULL });
+    const enum err e = read_direction(s, &l->direction);
+    return e ? e : read_vec3(s, "illuminance", NULL, 0.0, (double)LIGHT_INTENSITY_MAX, &l->intensity);
+}
+
+static enum err read_light(const struct spot *root, size_t index, const json_t *value)
+{
+    static const struct {
+        const char *type;
+        enum light_kind kind;
+        enum err (*read)(const struct spot *s, struct punctual_light *l);
+    } kinds[] = {
+        { "point", LIGHT_POINT, read_point },
+        { "spot", LIGHT_SPOT, read_spot },
+        { "directional", LIGHT_DIRECTIONAL, read_directional },
+    };
+    struct punctual_light l = { .kind = LIGHT_POINT };
+    const char *type = NULL;
+    char label[96];
+    struct spot s;
+
+    snprintf(label, sizeof(label), "lights[%zu]", index);
+    enum err e = spot_enter(root, value, label, &s);
+    if (!e)
+        e = read_string(&s, "type", &type);
+    if (e)
+        return e;
+    for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
+        if (strcmp(kinds[i].type, type) != 0)
+            continue;
+        l.kind = kinds[i].kind;
+        e = kinds[i].read(&s, &l);
+        if (!e)
+            e = light_check(&l, s.place, s.why);
+        return e ? e : scene_add_light(s.scene, &l);
+    }
+    return err_say(s.why, ERR_FORMAT, "%s: unknown type '%.40s'; expected point, spot or directional", s.place, type);
+}
+
+static enum err read_lights(const struct spot *root)
+{
+    const json_t *all = json_object_get(root->object, "lights");
+    enum err e = ERR_OK;
+
+    if (all && !json_is_array(all))
+        return err_say(root->why, ERR_FORMAT, "%s: 'lights' is not an array", root->path);
+    for (size_t i = 0; i < json_array_size(all) && !e; i++)
+        e = read_light(root, i, json_array_get(all, i));
     return e;
 }
 
@@ -433,11 +538,13 @@ static enum err read_root(struct spot *s)
 {
     if (!json_is_object(s->object))
         return err_say(s->why, ERR_FORMAT, "%s: is not a JSON object", s->path);
-    warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", "lights", NULL });
     enum err e = read_materials(s);
     s->named = (uint32_t)s->scene->material_count;
     if (!e)
         e = read_cameras(s);
+    if (!e)
+        e = read_lights(s);
     return e ? e : read_models(s);
 }
 

@@ -129,8 +129,17 @@ static void note_extras(const struct reading *r, const struct aiMaterial *ai, co
         scene_note_unmodelled(r->scene, FEATURE_ALPHA, r->desc->path);
     if (glass && is_coloured(get_colour(ai, "$clr.diffuse", 0.0f)))
         scene_note_unmodelled(r->scene, FEATURE_TINTED_GLASS, r->desc->path);
-    if (!is_black(get_colour(ai, "$clr.emissive", 0.0f)))
-        scene_note_unmodelled(r->scene, FEATURE_EMISSION, r->desc->path);
+}
+
+/* An emissive colour of 1 is a radiance of 1; formats that multiply a strength into it exceed 1. */
+static void read_emission(const struct reading *r, const struct aiMaterial *ai, struct material *m)
+{
+    struct aiColor4D c;
+
+    if (aiGetMaterialColor(ai, "$clr.emissive", 0, 0, &c) == aiReturn_SUCCESS)
+        gltf_set_emission(m, vec3_make(c.r, c.g, c.b), 1.0);
+    if (aiGetMaterialTextureCount(ai, aiTextureType_EMISSIVE))
+        log_warning("%s: material '%s': its emissive texture is ignored", r->desc->path, m->name);
 }
 
 /* The file that `name` means: MTL files often hold paths of the machine that wrote them, so a path from a root ("C:\",
@@ -224,13 +233,14 @@ static enum err read_texture(const struct reading *r, unsigned index, struct mat
 static enum err add_material(const struct reading *r, unsigned index, const char *name, uint32_t *out)
 {
     const struct aiMaterial *ai = r->ai->mMaterials[index];
-    struct material m = { .texture = MATERIAL_NO_TEXTURE };
+    struct material m = { .texture = MATERIAL_NO_TEXTURE, .emission_texture = MATERIAL_NO_TEXTURE };
     enum err e = ERR_OK;
 
     snprintf(m.name, sizeof(m.name), "%.63s", name);
     choose_kind(ai, &m);
     if (m.kind != MATERIAL_GLASS)
         e = read_texture(r, index, &m);
+    read_emission(r, ai, &m);
     note_extras(r, ai, &m);
     return e ? e : scene_add_material(r->scene, &m, out);
 }

@@ -56,6 +56,22 @@ MUST_CHECK enum err model_add_materials(struct scene *s, const struct aiScene *a
 /* Whether a model of this file name can be read; if not, *why says what would be. ERR_UNSUPPORTED. */
 MUST_CHECK enum err model_check_format(const char *path, struct reason *why);
 
+/* Sets what a glTF material emits: emissiveFactor times KHR_materials_emissive_strength. The texture is set apart. */
+void gltf_set_emission(struct material *m, struct vec3 factor, double strength);
+
+/* A light of KHR_lights_punctual as the file has it. */
+struct gltf_light {
+    enum light_kind kind;
+    struct vec3 colour;  /* linear Rec.709 */
+    double intensity;    /* candela; directional: lux */
+    double inner, outer; /* radians: a spot's half angles */
+};
+
+/* Adds the light of a node with this matrix (column-major), along whose -Z axis it shines; a scale does not matter.
+ * `place` begins messages. ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_add_light(struct scene *s, const struct gltf_light *l, const double world[16],
+                                   const char *place, struct reason *why);
+
 /* Whether the extension is .gltf or .glb. */
 bool path_is_gltf(const char *path);
 

@@ -33,7 +33,7 @@ struct relight_builder {
 };
 
 /* On Linux a niceness is a thread's own. OpenMP gives a thread the same helpers again and again. */
-static void stand_back(uint32_t threads)
+void relight_stand_back(uint32_t threads)
 {
 #pragma omp parallel num_threads(threads)
     setpriority(PRIO_PROCESS, 0, NICENESS);
@@ -79,7 +79,7 @@ static void *build_main(void *arg)
     struct relight_builder *b = arg;
 
     omp_set_num_threads((int)b->threads);
-    stand_back(b->threads);
+    relight_stand_back(b->threads);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
     if (t && !b->loaded)
         relight_keep_save(&b->keep, t, NULL, NULL);

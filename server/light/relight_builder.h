@@ -9,6 +9,9 @@
 
 struct relight_builder;
 
+/* Gives the calling thread and its OpenMP helpers the lowest priority, for good. */
+void relight_stand_back(uint32_t threads);
+
 /* The request; set and kernels must outlive the builder. */
 struct relight_builder_desc {
     const struct set *set;

@@ -289,8 +289,16 @@ static json_t *first_json(const struct prober *p, const struct probe_result *a)
                      vector(a->first.surface.shading), "material", material_json(p->set->scene, a->first.material));
 }
 
+/* Their part of the image. */
+static json_t *lamps_json(const struct probe_lamps *l)
+{
+    const float s = (float)l->scale, part[3] = { s * l->rgb[0], s * l->rgb[1], s * l->rgb[2] };
+
+    return json_pack("{s:o, s:o}", "scale", number(l->scale), "radiance", triple(part));
+}
+
 static json_t *report_json(struct prober *p, const struct environment *e, const struct probe_desc *d,
-                           const struct probe_request *q, const float *rgb)
+                           const struct probe_request *q, const float *rgb, const struct probe_lamps *lamps)
 {
     const struct probe_result *a = &p->answer;
     const struct gbuffer *g = d->gbuffer;
@@ -302,6 +310,7 @@ static json_t *report_json(struct prober *p, const struct environment *e, const 
     if (!j)
         return NULL;
     json_object_set_new(j, "picture", rgb ? triple(rgb + 3 * ((size_t)q->y * g->width + q->x)) : json_null());
+    json_object_set_new(j, "lamps", lamps ? lamps_json(lamps) : json_null());
     json_object_set_new(j, "pixel", q->figure ? json_null() : pixel_json(a));
     json_object_set_new(j, "first", first_json(p, a));
     json_object_set_new(j, "escape", a->escapes > 0 ? vector(a->escape) : json_null());
@@ -327,7 +336,7 @@ static char *dump(const json_t *j)
 }
 
 enum err prober_report(struct prober *p, const struct environment *e, const struct relight_desc *light,
-                       const struct probe_request *q, const float *rgb, char **text)
+                       const struct probe_request *q, const float *rgb, const struct probe_lamps *lamps, char **text)
 {
     struct probe_desc d = {
         .scene = p->set->scene,
@@ -347,7 +356,7 @@ enum err prober_report(struct prober *p, const struct environment *e, const stru
     const enum err result = probe_run(p->probe, &d, &p->answer);
     if (result)
         return result;
-    json_t *j = report_json(p, e, &d, q, rgb);
+    json_t *j = report_json(p, e, &d, q, rgb, lamps);
     if (j && q->sky)
         json_object_set_new(j, "sky", sky_json(p, e));
     *text = j ? dump(j) : NULL;
@@ -371,10 +380,11 @@ enum err prober_sky(struct prober *p, const struct environment *e, char **text)
 }
 
 enum err prober_print(struct prober *p, const struct environment *e, const struct relight_desc *light,
-                      const struct probe_request *q, const float *rgb, struct reason *why)
+                      const struct probe_request *q, const float *rgb, const struct probe_lamps *lamps,
+                      struct reason *why)
 {
     char *text;
-    const enum err result = prober_report(p, e, light, q, rgb, &text);
+    const enum err result = prober_report(p, e, light, q, rgb, lamps, &text);
 
     if (result)
         return result == ERR_NOMEM ? err_say(why, result, "%s: out of memory for the probe report", e->name) : result;

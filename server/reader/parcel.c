@@ -17,7 +17,7 @@
 
 struct head {
     uint32_t magic;
-    uint32_t materials, cameras, textures, meshes, unmodelled;
+    uint32_t materials, cameras, lights, textures, meshes, unmodelled;
 };
 
 struct texture_head {
@@ -85,6 +85,7 @@ enum err parcel_write(int fd, struct scene *s, struct reason *why)
     const struct head head = { MAGIC,
                                (uint32_t)s->material_count,
                                (uint32_t)s->camera_count,
+                               (uint32_t)s->light_count,
                                (uint32_t)s->texture_count,
                                (uint32_t)s->mesh_count,
                                s->unmodelled };
@@ -94,6 +95,8 @@ enum err parcel_write(int fd, struct scene *s, struct reason *why)
         e = put(fd, s->materials, sizeof(*s->materials) * s->material_count, why);
     if (!e)
         e = put(fd, s->cameras, sizeof(*s->cameras) * s->camera_count, why);
+    if (!e)
+        e = put(fd, s->lights, sizeof(*s->lights) * s->light_count, why);
     for (size_t i = 0; i < s->texture_count && !e; i++)
         e = put_texture(fd, &s->textures[i], why);
     for (size_t i = 0; i < s->mesh_count && !e; i++)
@@ -174,6 +177,18 @@ static bool is_colour(struct vec3 c)
     return within((const float[]){ c.x, c.y, c.z }, 3, 0.0f, 1.0f + SLACK);
 }
 
+static enum err check_emission(const struct parcel *p, const struct material *m)
+{
+    const float e[3] = { m->emission.x, m->emission.y, m->emission.z };
+
+    if (!within(e, 3, 0.0f, EMISSION_MAX))
+        return forged(p, "an emission is out of range");
+    if (!within(e, 3, 0.0f, 0.0f) && m->emission_texture != MATERIAL_NO_TEXTURE &&
+        m->emission_texture >= p->head.textures)
+        return forged(p, "a material names an emissive texture that is not there");
+    return ERR_OK;
+}
+
 static enum err check_material(const struct parcel *p, const struct material *m)
 {
     const struct vec3 sum = vec3_add(m->diffuse, m->specular);
@@ -192,7 +207,7 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         (m->alpha_mode != ALPHA_OPAQUE && m->alpha_texture != MATERIAL_NO_TEXTURE &&
          m->alpha_texture >= p->head.textures))
         return forged(p, "a material names a texture that is not there");
-    return ERR_OK;
+    return check_emission(p, m);
 }
 
 static enum err take_materials(struct parcel *p)
@@ -223,6 +238,23 @@ static enum err take_cameras(struct parcel *p)
             e = camera_check(&c, p->name, p->why);
         if (!e)
             e = scene_add_camera(p->scene, &c);
+    }
+    return e;
+}
+
+static enum err take_lights(struct parcel *p)
+{
+    struct punctual_light l;
+    enum err e = ERR_OK;
+
+    for (uint32_t i = 0; i < p->head.lights && !e; i++) {
+        e = take(p, &l, sizeof(l));
+        if (!e && (uint32_t)l.kind > LIGHT_DIRECTIONAL)
+            e = forged(p, "the kind of a light");
+        if (!e)
+            e = light_check(&l, p->name, p->why);
+        if (!e)
+            e = scene_add_light(p->scene, &l);
     }
     return e;
 }
@@ -322,6 +354,8 @@ static enum err take_scene(struct parcel *p)
     e = take_materials(p);
     if (!e)
         e = take_cameras(p);
+    if (!e)
+        e = take_lights(p);
     for (uint32_t i = 0; i < p->head.textures && !e; i++)
         e = take_texture(p);
     for (uint32_t i = 0; i < p->head.meshes && !e; i++)

@@ -45,6 +45,18 @@ static enum err open_source(struct render *r, struct reason *why)
     return e;
 }
 
+/* The part of the scene's own lamps, which all frames share. */
+static enum err light_lamps(struct render *r, struct reason *why)
+{
+    const struct setup *s = &r->desc.setup;
+    const struct relight_lamps_desc desc = { r->set, s->lamp_samples, s->light.direct.seed };
+
+    if (!(s->initial.lamps > 0.0))
+        return ERR_OK;
+    const enum err e = relight_lamps_create(&desc, &r->lamps, why);
+    return e || !r->lamps ? e : relight_lamps_complete(r->lamps, s->set_desc.progress, why);
+}
+
 static enum err set_up(struct render *r, struct reason *why)
 {
     struct render_desc *d = &r->desc;
@@ -64,6 +76,9 @@ static enum err set_up(struct render *r, struct reason *why)
     if (!r->relighter || !r->environment || !r->rgb || (d->probe && !r->prober))
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width,
                        d->setup.set_desc.height);
+    e = light_lamps(r, why);
+    if (e)
+        return e;
     d->setup.light.direct.why = why;
     if (d->target.seconds > 0.0 || d->target.error > 0.0)
         return ERR_OK;
@@ -85,6 +100,15 @@ static struct frame_request request_of(const struct render *r)
     if (q.target.seconds > 0.0)
         q.target.seconds = fmax(0.2 * q.target.seconds, q.target.seconds - r->beside_s);
     return q;
+}
+
+static enum err print_probe(struct render *r, struct reason *why)
+{
+    const struct probe_request *q = r->desc.probe;
+    struct probe_lamps lamps = { .scale = r->desc.setup.initial.lamps };
+
+    relight_lamps_pixel(r->lamps, q->x, q->y, lamps.rgb);
+    return prober_print(r->prober, r->environment, &r->decision.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
 }
 
 /* One frame that was read: refused frames are reported and passed over, the sequence goes on. */
@@ -115,6 +139,7 @@ static enum err render_frame(struct render *r, struct reason *why)
     e = decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
+    relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
     start = clock_seconds();
     if (r->output)
         e = output_write(r->output, r->rgb, r->frame.number, why);
@@ -123,7 +148,7 @@ static enum err render_frame(struct render *r, struct reason *why)
     if (r->rendered > 0) /* the first makes tables that stay */
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
     if (!e && r->prober)
-        e = prober_print(r->prober, r->environment, &r->decision.light, r->desc.probe, r->rgb, why);
+        e = print_probe(r, why);
     if (!e && r->stats)
         render_write_stats(r, &stats, &pilot, ms);
     if (!e)
@@ -177,6 +202,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     environment_destroy(r->environment);
     prober_destroy(r->prober);
     decider_finish(&r->decider);
+    relight_lamps_destroy(r->lamps);
     relighter_destroy(r->relighter);
     set_destroy(r->set);
     source_close(r->source);

@@ -2,6 +2,7 @@
 #ifndef RENDER_RENDER_PARTS_H
 #define RENDER_RENDER_PARTS_H
 
+#include "light/relight_lamps.h"
 #include "render/render.h"
 
 #include <stdio.h>
@@ -11,6 +12,7 @@ struct render {
     struct source *source;
     struct set *set;
     struct relighter *relighter;
+    struct relight_lamps *lamps; /* NULL: the scene has none, or they are off */
     struct decider decider;
     struct decision decision; /* of the frame */
     double cache_ms;          /* of computing or loading what --method cached needs, once */

@@ -62,13 +62,13 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
     const struct transport_stats *c = &s->cache;
     const struct transport_frame_stats *f = &s->cache_frame;
 
-    return json_pack(
-        "{s:b, s:f, s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "loaded",
-        s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
-        s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes", (json_int_t)c->dense, "rays",
-        (json_int_t)c->rays, "packets", (int)c->packets, "packets_narrow", (int)c->narrow, "pieces", (int)c->pieces,
-        "raw", (int)c->raw, "halves", (int)c->halves, "mean_rank", c->rank, "bright", "texels", (int)f->bright, "share",
-        f->share, "rays", (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra);
+    return json_pack("{s:b, s:f, s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "loaded",
+                     s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
+                     s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes",
+                     (json_int_t)c->dense, "rays", (json_int_t)c->rays, "packets", (int)c->packets, "packets_narrow",
+                     (int)c->narrow, "pieces", (int)c->pieces, "raw", (int)c->raw, "halves", (int)c->halves,
+                     "mean_rank", c->rank, "bright", "texels", (int)f->bright, "share", f->share, "rays",
+                     (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra);
 }
 
 /* The light paths that are kept, and what was drawn anew for this picture. */
@@ -89,6 +89,18 @@ static json_t *bounce_stats_of(const struct relight_stats *s)
                      (json_int_t)b->bytes, "rays", (json_int_t)b->rays, "records", (int)b->records, "basis",
                      (int)b->basis, "basis_leaves_out", b->basis_rest, "bounces", (int)b->bounces, "mean_rank",
                      b->rank);
+}
+
+/* The part that all frames share. */
+static json_t *lamps_stats_of(const struct render *r)
+{
+    struct lamps_stats s;
+    double seconds;
+
+    relight_lamps_get_stats(r->lamps, &s, &seconds);
+    return json_pack("{s:f, s:I, s:I, s:I, s:I, s:f}", "scale", r->desc.setup.initial.lamps, "triangles",
+                     (json_int_t)s.triangles, "lights", (json_int_t)s.lights, "samples", (json_int_t)s.samples, "rays",
+                     (json_int_t)s.rays, "ms", 1e3 * seconds);
 }
 
 /* Whether auto took the cache, and why. */
@@ -124,6 +136,8 @@ void render_write_stats(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "interreflection", bounce_stats_of(s));
         if (r->decider.cache.last.why)
             json_object_set_new(j, "auto", auto_stats(&r->decider.cache.last));
+        if (r->lamps)
+            json_object_set_new(j, "lamps", lamps_stats_of(r));
         if (measured)
             json_object_set_new(j, "estimate", estimate_stats(r, pilot));
         fputs(r->rendered ? ",\n" : "\n", r->stats);

@@ -42,6 +42,7 @@ struct build {
 struct scratch {
     struct leaf *centres; /* [rows of a band + 2][width] */
     uint8_t *uneven;      /* likewise: mirror, glass or a mask's holes (sight_trace) */
+    float *glow;          /* likewise [3]: what is seen to be emitted; NULL: the scene has no lamps */
     struct leaf *leaves;  /* [side * side * LEAF_MAX] */
     uint32_t *owner;
     struct row draft;  /* each row is built here and then copied at its exact size */
@@ -50,23 +51,25 @@ struct scratch {
 
 /* Traces the ray through (x, y), one of `side` x `side` in the pixel. A pixel off the image centre subtends less: its
  * edge is the square root of its solid angle step^2 cos^3. */
-static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX], bool *uneven,
-                      struct sight_count *count)
+static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX],
+                      struct sighting *found, struct sight_count *count)
 {
     const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
     const double *ahead = b->view.ahead, cosine = ahead[0] * dir.x + ahead[1] * dir.y + ahead[2] * dir.z;
 
-    return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, uneven, count);
+    return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, found, count);
 }
 
 /* The centre sample of each pixel of row y: the heaviest of its leaves; without mirrors there is only one. */
-static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *uneven, struct leaf *leaves,
-                          struct sight_count *count)
+static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *uneven, float *glow,
+                          struct leaf *leaves, struct sight_count *count)
 {
     for (uint32_t x = 0; x < b->desc->width; x++) {
-        bool differs;
-        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, leaves, &differs, count);
-        uneven[x] = differs || n != 1;
+        struct sighting found;
+        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, leaves, &found, count);
+        uneven[x] = found.uneven || n != 1;
+        if (glow)
+            memcpy(glow + 3 * (size_t)x, found.glow, sizeof(found.glow));
         centres[x] = leaves[0];
         if (n == 0)
             memset(&centres[x], 0, sizeof(centres[x]));
@@ -105,20 +108,42 @@ static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row
     return false;
 }
 
-/* Leaves of pixel (x, y) from side^2 jittered rays, merged. The jitter is deterministic. */
-static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint32_t x, uint32_t y,
+/* Whether a neighbour's glow differs, as at the edges of an emissive texture's details. */
+static bool glow_varies(const struct build *b, const struct scratch *s, uint32_t row, uint32_t x, uint32_t y)
+{
+    const int64_t width = b->desc->width, at = row * width + x;
+
+    for (int k = 0; k < 9; k++) {
+        const int64_t dx = k % 3 - 1, dy = k / 3 - 1, nx = x + dx, ny = y + dy;
+        if (nx < 0 || ny < 0 || nx >= width || ny >= b->desc->height)
+            continue;
+        const float *own = s->glow + 3 * at, *other = s->glow + 3 * (at + dy * width + dx);
+        for (int c = 0; c < 3; c++) {
+            if (fabsf(own[c] - other[c]) > COLOUR_STEP * fmaxf(own[c], other[c]))
+                return true;
+        }
+    }
+    return false;
+}
+
+/* Leaves of pixel (x, y) from side^2 jittered rays, merged, and the mean of what they saw emitted. The jitter is
+ * deterministic. */
+static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint32_t x, uint32_t y, float glow[3],
                            struct sight_count *count)
 {
     const uint64_t pixel = (uint64_t)y * b->desc->width + x;
     const float share = 1.0f / (float)(b->side * b->side);
     uint32_t n = 0;
 
+    glow[0] = glow[1] = glow[2] = 0.0f;
     for (uint32_t i = 0; i < b->side * b->side; i++) {
         struct rng r = { rng_mix(pixel, i) };
         const double jx = (i % b->side + rng_next(&r)) / b->side;
         const double jy = (i / b->side + rng_next(&r)) / b->side;
-        bool differs;
-        const uint32_t more = trace(b, x + jx, y + jy, b->side, s->leaves + n, &differs, count);
+        struct sighting found;
+        const uint32_t more = trace(b, x + jx, y + jy, b->side, s->leaves + n, &found, count);
+        for (int c = 0; c < 3; c++)
+            glow[c] += share * found.glow[c];
         for (uint32_t k = n; k < n + more; k++) {
             for (int c = 0; c < 3; c++)
                 s->leaves[k].weight[c] *= share;
@@ -187,14 +212,19 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
         const size_t pixel = (size_t)y * width + x;
         const uint32_t points = r->point_count, escapes = r->escape_count;
         const bool edge = is_edge(b, s, in_band, x, y);
+        const size_t centre = (size_t)in_band * width + x;
+        struct sighting found = { .uneven = s->uneven[centre] };
         uint32_t n;
+        if (s->glow)
+            memcpy(found.glow, s->glow + 3 * centre, sizeof(found.glow));
         if (edge) {
-            n = trace_edge(b, s, x, y, &r->count);
+            n = trace_edge(b, s, x, y, found.glow, &r->count);
             r->edge_pixels++;
-        } else if (s->uneven[(size_t)in_band * width + x]) {
-            bool differs;
-            n = trace(b, x + 0.5, y + 0.5, 1, s->leaves, &differs, &r->count);
+        } else if (found.uneven) {
+            n = trace(b, x + 0.5, y + 0.5, 1, s->leaves, &found, &r->count);
         } else {
+            if (b->sight.lamps && b->side >= 2 && glow_varies(b, s, in_band, x, y))
+                (void)trace_edge(b, s, x, y, found.glow, &r->count); /* the leaf stays that of the centre */
             s->leaves[0] = s->centres[(size_t)in_band * width + x];
             n = 1;
         }
@@ -202,6 +232,8 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
             if (!add_leaf(r, &s->leaves[i], x, y))
                 return false;
         }
+        if (b->g->glow)
+            memcpy(b->g->glow + 3 * pixel, found.glow, sizeof(found.glow));
         b->g->entry_first[pixel + 1] = r->point_count - points;
         b->g->escape_first[pixel + 1] = r->escape_count - escapes;
     }
@@ -278,7 +310,8 @@ static void build_band(struct build *b, struct scratch *s, uint32_t band)
     /* Scratch row k is image row from - 1 + k. */
     for (uint32_t k = from == 0; k <= to - from + 1 && from + k <= height; k++) {
         const uint32_t y = from + k - 1;
-        trace_centres(b, y, s->centres + (size_t)k * width, s->uneven + (size_t)k * width, s->leaves,
+        trace_centres(b, y, s->centres + (size_t)k * width, s->uneven + (size_t)k * width,
+                      s->glow ? s->glow + 3 * (size_t)k * width : NULL, s->leaves,
                       &b->rows[y < from ? from
                                : y < to ? y
                                         : to - 1]
@@ -300,23 +333,24 @@ static size_t centre_count(const struct gbuffer_desc *d)
     return ((d->height < BAND_ROWS ? d->height : BAND_ROWS) + 2) * (size_t)d->width;
 }
 
-static bool scratch_init(struct scratch *s, const struct gbuffer_desc *d, uint32_t side)
+static bool scratch_init(struct scratch *s, const struct gbuffer_desc *d, uint32_t side, bool lamps)
 {
     const size_t leaves = (size_t)side * side * LEAF_MAX, centres = centre_count(d);
 
     *s = (struct scratch){
         .centres = mem_alloc(centres, sizeof(*s->centres)),
         .uneven = mem_alloc(centres, sizeof(*s->uneven)),
+        .glow = lamps ? mem_alloc(centres, 3 * sizeof(*s->glow)) : NULL,
         .leaves = mem_alloc(leaves, sizeof(*s->leaves)),
         .owner = mem_alloc(leaves, sizeof(*s->owner)),
     };
-    return s->centres && s->uneven && s->leaves && s->owner;
+    return s->centres && s->uneven && (s->glow || !lamps) && s->leaves && s->owner;
 }
 
 /* Without the draft, which is one row among thousands. */
-static uint64_t scratch_bytes(const struct gbuffer_desc *d, uint32_t side)
+static uint64_t scratch_bytes(const struct gbuffer_desc *d, uint32_t side, bool lamps)
 {
-    return centre_count(d) * (sizeof(struct leaf) + 1) +
+    return centre_count(d) * (sizeof(struct leaf) + 1 + (lamps ? 3 * sizeof(float) : 0)) +
            (uint64_t)side * side * LEAF_MAX * (sizeof(struct leaf) + sizeof(uint32_t));
 }
 
@@ -324,6 +358,7 @@ static void scratch_finish(struct scratch *s)
 {
     mem_free(s->centres);
     mem_free(s->uneven);
+    mem_free(s->glow);
     mem_free(s->leaves);
     mem_free(s->owner);
     mem_free(s->draft.points);
@@ -339,8 +374,8 @@ static void build_bands(struct build *b)
 #pragma omp parallel
     {
         struct scratch s;
-        atomic_fetch_add(&b->bytes, scratch_bytes(b->desc, b->side));
-        if (!scratch_init(&s, b->desc, b->side))
+        atomic_fetch_add(&b->bytes, scratch_bytes(b->desc, b->side, b->sight.lamps));
+        if (!scratch_init(&s, b->desc, b->side, b->sight.lamps))
             b->failed = true;
 #pragma omp for schedule(dynamic)
         for (int band = 0; band < bands; band++) {
@@ -423,7 +458,8 @@ static enum err finish(struct build *b, struct reason *why)
     g->point_count = point_count;
     g->packet_count = packing.packet_count;
     g->bytes = sizeof(*g) + g->packet_count * sizeof(*g->packets) + point_count * sizeof(*g->entries) +
-               escape_count * sizeof(*g->escapes) + 2 * (pixels + 1) * sizeof(*g->entry_first);
+               escape_count * sizeof(*g->escapes) + 2 * (pixels + 1) * sizeof(*g->entry_first) +
+               (g->glow ? pixels * 3 * sizeof(*g->glow) : 0);
     if (g->bytes > b->max_bytes)
         e = too_large(b, why);
     else
@@ -446,7 +482,8 @@ static enum err build_all(struct build *b, struct reason *why)
     b->rows = mem_alloc(g->height, sizeof(*b->rows));
     g->entry_first = mem_alloc(pixels + 1, sizeof(*g->entry_first));
     g->escape_first = mem_alloc(pixels + 1, sizeof(*g->escape_first));
-    if (!b->rows || !g->entry_first || !g->escape_first)
+    g->glow = b->sight.lamps ? mem_alloc(pixels, 3 * sizeof(*g->glow)) : NULL;
+    if (!b->rows || !g->entry_first || !g->escape_first || (b->sight.lamps && !g->glow))
         return ERR_NOMEM;
     build_bands(b);
     if (b->failed)
@@ -490,7 +527,9 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     b.g->height = desc->height;
     b.g->interleave = desc->interleave ? desc->interleave : 1;
     b.g->pixel_angle = 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height;
-    b.sight = (struct sight){ .scene = scene, .rays = rays, .pixel_angle = b.g->pixel_angle };
+    b.sight = (struct sight){
+        .scene = scene, .rays = rays, .pixel_angle = b.g->pixel_angle, .lamps = scene_has_lamps(scene)
+    };
     view_init(&b.view, desc->camera, desc->width, desc->height);
     const enum err e = build_all(&b, why);
     free_rows(b.rows, desc->height);
@@ -512,5 +551,6 @@ void gbuffer_destroy(struct gbuffer *g)
     mem_free(g->entries);
     mem_free(g->escape_first);
     mem_free(g->escapes);
+    mem_free(g->glow);
     mem_free(g);
 }

@@ -66,6 +66,8 @@ struct gbuffer {
     struct gbuffer_entry *entries;
     uint32_t *escape_first; /* likewise, for escapes */
     struct gbuffer_escape *escapes;
+    float *glow; /* [height][width][3]: what the surfaces that a pixel shows, also in mirrors and through glass,
+                    emit themselves; NULL: the scene has no lamps */
     uint64_t edge_pixels; /* pixels that got more than one camera ray */
     uint64_t camera_rays; /* including those that continue through mirrors and glass */
     double cut_weight;    /* total weight of all camera rays lost where chains of mirrors and glass were cut */

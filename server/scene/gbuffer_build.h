@@ -28,6 +28,7 @@ struct sight {
     const struct scene *scene;
     const struct rays *rays;
     float pixel_angle; /* radians */
+    bool lamps;        /* some surface may emit light */
 };
 
 /* Ray differentials: first derivatives of a ray's origin and direction with respect to steps of one pixel (or part of
@@ -64,10 +65,16 @@ struct sight_count {
     double cut; /* sum of the weights cut off, over all camera rays */
 };
 
+/* What a camera ray found besides its leaves. */
+struct sighting {
+    bool uneven;   /* the first surface is a mirror, glass or a mask that has both holes and surface in the pixel */
+    float glow[3]; /* the light that the surfaces it met emit, times their weights */
+};
+
 /* Traces a camera ray whose neighbours are `angle` radians away. Returns the number of leaves, 0 only if everything was
- * absorbed. *uneven: the first surface is a mirror, glass or a mask that has both holes and surface in the pixel. */
+ * absorbed. */
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
-                     bool *uneven, struct sight_count *count);
+                     struct sighting *found, struct sight_count *count);
 
 /* Whether two leaves can be shaded as one point, or looked up as one direction. */
 bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b);

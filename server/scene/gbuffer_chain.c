@@ -27,6 +27,7 @@ struct chain {
     struct branch pending[LEAF_MAX];
     uint32_t pending_count;
     double cut;
+    float glow[3];
 };
 
 static float mean3(const float w[3])
@@ -91,9 +92,10 @@ static void fill_leaf(struct leaf *l, const struct scatter *at)
     l->gloss = at->gloss;
 }
 
-/* What the branch hits, with textures averaged over its footprint. Returns how much of that is surface. */
+/* What the branch hits, and what that emits, with textures averaged over its footprint. Returns how much of that is
+ * surface. */
 static float see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
-                 struct scatter *at)
+                 struct scatter *at, struct vec3 *emission)
 {
     float uv_step[2][2];
 
@@ -101,6 +103,8 @@ static float see(const struct sight *s, const struct branch *b, const struct hit
     cone_meet(&b->cone, s->scene, h, &at->surface, b->dir, footprint);
     cone_uv(s->scene, h, footprint, uv_step);
     scatter_on(s->scene, h, uv_step, at);
+    if (s->lamps)
+        *emission = scene_emission(s->scene, at->material, at->surface.uv, uv_step);
     return coverage_seen(s->scene, h, at->surface.uv, uv_step);
 }
 
@@ -119,15 +123,28 @@ static void pass(struct chain *c, struct branch *b, const struct hit *h, float c
     push(c, &rest);
 }
 
+/* Emission counts as the radiance in the medium that the surface is in; see new_leaf. */
+static void add_glow(struct chain *c, const struct branch *b, struct vec3 emission)
+{
+    const float scale = 1.0f / (b->ior * b->ior);
+
+    c->glow[0] += b->weight[0] * scale * emission.x;
+    c->glow[1] += b->weight[1] * scale * emission.y;
+    c->glow[2] += b->weight[2] * scale * emission.z;
+}
+
 /* Handles the branch's hit: it ends, continues, or both. True if the surface has a delta lobe. */
 static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 {
     struct scatter at;
     struct delta_ray out[2];
     struct footprint footprint;
+    struct vec3 emission;
 
-    const float coverage = see(c->sight, b, h, &footprint, &at);
+    const float coverage = see(c->sight, b, h, &footprint, &at, &emission);
     pass(c, b, h, coverage);
+    if (c->sight->lamps && coverage > 0.0f)
+        add_glow(c, b, emission);
     if (at.rough && coverage > 0.0f) {
         struct leaf *l = new_leaf(c, b);
         fill_leaf(l, &at);
@@ -152,7 +169,7 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 }
 
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
-                     bool *uneven, struct sight_count *count)
+                     struct sighting *found, struct sight_count *count)
 {
     struct chain c;
     uint32_t rays = 0;
@@ -162,7 +179,8 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
     c.leaves = out;
     c.leaf_count = c.pending_count = 0;
     c.cut = 0.0;
-    *uneven = false;
+    c.glow[0] = c.glow[1] = c.glow[2] = 0.0f;
+    found->uneven = false;
     struct branch camera = { .origin = origin, .dir = dir, .weight = { 1.0f, 1.0f, 1.0f }, .ior = 1.0f };
     cone_begin(&camera.cone, dir, angle);
     push(&c, &camera);
@@ -175,8 +193,9 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
             new_leaf(&c, &b)->escaped = true;
         const bool delta = met && meet(&c, &b, &h);
         if (b.bounces == 0 && (delta || varies))
-            *uneven = true;
+            found->uneven = true;
     }
+    memcpy(found->glow, c.glow, sizeof(found->glow));
     count->rays += rays;
     count->cut += c.cut + pending_weight(&c);
     return c.leaf_count;

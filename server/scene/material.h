@@ -23,6 +23,7 @@ enum alpha_mode {
 };
 
 #define MATERIAL_NO_TEXTURE UINT32_MAX
+#define EMISSION_MAX 1e9f /* the sun's disc has 1.6e9 cd/m^2; products with areas and weights still fit a float */
 
 struct material {
     char name[64];
@@ -36,6 +37,8 @@ struct material {
     enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */
     float alpha, alpha_cutoff;  /* 0..1; of ALPHA_MASK, at least 0 */
     uint32_t alpha_texture;     /* its alpha multiplies `alpha`; an index like `texture` */
+    struct vec3 emission;       /* radiance that both sides emit in every direction, 0..EMISSION_MAX */
+    uint32_t emission_texture;  /* multiplies emission, likewise; unused where emission is 0 */
 };
 
 /* F at normal incidence of glTF's metallic-roughness model: 0.04 for a dielectric, the base colour for a metal

@@ -19,7 +19,6 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_NORMAL_MAP: return "normal maps";
     case FEATURE_ALPHA: return "alpha masks and blending";
     case FEATURE_VOLUME: return "volumes";
-    case FEATURE_EMISSION: return "emission";
     case FEATURE_ROUGHNESS_MAP: return "metallic-roughness textures";
     case FEATURE_CLEARCOAT: return "clearcoat and sheen";
     case FEATURE_ROUGH_GLASS: return "rough glass";
@@ -28,7 +27,7 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_VERTEX_COLOUR: return "vertex colours";
     case FEATURE_TEXTURE_TRANSFORM: return "texture transforms and second texture coordinates";
     case FEATURE_SPECULAR_GLOSSINESS: return "specular-glossiness materials";
-    case FEATURE_LIGHTS: return "lights other than the environment";
+    case FEATURE_LIGHTS: return "lights of this format";
     case FEATURE_ANIMATION: return "animation";
     case FEATURE_COUNT: break;
     }
@@ -53,6 +52,7 @@ void scene_destroy(struct scene *s)
     mem_free(s->materials);
     mem_free(s->textures);
     mem_free(s->cameras);
+    mem_free(s->lights);
     mem_free(s);
 }
 
@@ -105,6 +105,16 @@ enum err scene_add_camera(struct scene *s, const struct camera *c)
         return ERR_NOMEM;
     s->cameras = grown;
     grown[s->camera_count++] = *c;
+    return ERR_OK;
+}
+
+enum err scene_add_light(struct scene *s, const struct punctual_light *l)
+{
+    struct punctual_light *grown = one_more(s->lights, s->light_count, sizeof(*grown));
+    if (!grown)
+        return ERR_NOMEM;
+    s->lights = grown;
+    grown[s->light_count++] = *l;
     return ERR_OK;
 }
 
@@ -210,6 +220,63 @@ enum err camera_check(const struct camera *c, const char *place, struct reason *
     if (!(vec3_length(right) > 1e-4f))
         return err_say(why, ERR_RANGE, "%s: up is parallel to the viewing direction", place);
     return ERR_OK;
+}
+
+void light_set_cone(struct punctual_light *l, double inner, double outer)
+{
+    l->inner_cos = (float)cos(inner);
+    l->outer_cos = (float)fmax(0.0, cos(outer)); /* the cosine of a right angle is rounded */
+}
+
+static bool is_unit(struct vec3 v)
+{
+    return fabsf(vec3_length(v) - 1.0f) < 1e-4f; /* false for NaN, too */
+}
+
+static bool is_intensity(float x)
+{
+    return x >= 0.0f && x <= LIGHT_INTENSITY_MAX;
+}
+
+enum err light_check(const struct punctual_light *l, const char *place, struct reason *why)
+{
+    const struct vec3 i = l->intensity;
+
+    if (!is_intensity(i.x) || !is_intensity(i.y) || !is_intensity(i.z))
+        return err_say(why, ERR_RANGE, "%s: its intensity is not within 0 to %g", place, (double)LIGHT_INTENSITY_MAX);
+    if (l->kind != LIGHT_DIRECTIONAL && !finite3(l->position))
+        return err_say(why, ERR_RANGE, "%s: its position is not finite", place);
+    if (l->kind != LIGHT_POINT && !is_unit(l->direction))
+        return err_say(why, ERR_RANGE, "%s: it has no direction", place);
+    if (l->kind == LIGHT_SPOT && !(l->inner_cos <= 1.0f && l->outer_cos >= 0.0f && l->inner_cos >= l->outer_cos))
+        return err_say(why, ERR_RANGE, "%s: the half angles must satisfy 0 <= inner <= outer <= 90 degrees", place);
+    return ERR_OK;
+}
+
+static bool is_black(struct vec3 v)
+{
+    return !(v.x > 0.0f || v.y > 0.0f || v.z > 0.0f);
+}
+
+bool scene_has_lamps(const struct scene *s)
+{
+    for (size_t i = 0; i < s->light_count; i++)
+        if (!is_black(s->lights[i].intensity))
+            return true;
+    for (size_t i = 0; i < s->mesh_count; i++)
+        if (!is_black(s->materials[s->meshes[i].material].emission))
+            return true;
+    return false;
+}
+
+struct vec3 scene_emission(const struct scene *s, uint32_t material, const float uv[2], const float (*uv_step)[2])
+{
+    const struct material *m = &s->materials[material];
+
+    if (is_black(m->emission) || m->emission_texture == MATERIAL_NO_TEXTURE)
+        return m->emission;
+    const struct texture *t = &s->textures[m->emission_texture];
+    return vec3_mul(m->emission, uv_step ? texture_filter(t, uv[0], uv[1], uv_step) : texture_lookup(t, uv[0], uv[1]));
 }
 
 size_t scene_casters(const struct scene *s, struct box *out, size_t room)

@@ -19,7 +19,6 @@ enum scene_feature {
     FEATURE_NORMAL_MAP,
     FEATURE_ALPHA,         /* masks and blending; treated as opaque */
     FEATURE_VOLUME,        /* attenuation inside glass */
-    FEATURE_EMISSION,      /* treated as black */
     FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures; replaced by their means */
     FEATURE_CLEARCOAT,     /* clearcoat and sheen */
     FEATURE_ROUGH_GLASS,   /* treated as smooth */
@@ -28,7 +27,7 @@ enum scene_feature {
     FEATURE_VERTEX_COLOUR,
     FEATURE_TEXTURE_TRANSFORM,
     FEATURE_SPECULAR_GLOSSINESS,
-    FEATURE_LIGHTS,    /* the environment map is the only light */
+    FEATURE_LIGHTS,    /* of other formats than glTF; left out */
     FEATURE_ANIMATION, /* geometry is static */
     FEATURE_COUNT
 };
@@ -49,6 +48,24 @@ struct camera {
     float fov_y;                       /* radians, vertical field of view */
 };
 
+enum light_kind {
+    LIGHT_POINT,
+    LIGHT_SPOT,
+    LIGHT_DIRECTIONAL,
+};
+
+/* A punctual light, as in glTF's KHR_lights_punctual: it has no size, so that only surfaces show it. */
+struct punctual_light {
+    enum light_kind kind;
+    struct vec3 position;       /* m; not of directional ones */
+    struct vec3 direction;      /* unit, the way its light goes; not of points */
+    struct vec3 intensity;      /* radiance x m^2 (candela, if radiance is in cd/m^2), within a spot's inner cone;
+                                   directional: irradiance of a surface that faces it (lux). 0..LIGHT_INTENSITY_MAX */
+    float inner_cos, outer_cos; /* of a spot's half angles: full within the inner, dark outside the outer one */
+};
+
+#define LIGHT_INTENSITY_MAX 1e12f
+
 struct scene {
     struct mesh *meshes;
     size_t mesh_count;
@@ -58,6 +75,8 @@ struct scene {
     size_t texture_count;
     struct camera *cameras; /* at least one */
     size_t camera_count;
+    struct punctual_light *lights;
+    size_t light_count;
     uint64_t triangle_count; /* of all meshes */
     struct vec3 low, high;   /* bounding box of the triangles, m */
     uint32_t unmodelled;     /* bit 1 << feature for each enum scene_feature that occurred */
@@ -81,5 +100,12 @@ struct box {               /* axis-aligned */
 /* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, sharp ggx), which cast caustics. Returns their
  * number; writes at most `room`. */
 size_t scene_casters(const struct scene *s, struct box *out, size_t room);
+
+/* Whether a light or a mesh's material emits light of its own. */
+bool scene_has_lamps(const struct scene *s);
+
+/* The radiance that a surface of this material emits at a place of its texture; black for most. uv_step: see
+ * scatter_on. */
+struct vec3 scene_emission(const struct scene *s, uint32_t material, const float uv[2], const float (*uv_step)[2]);
 
 #endif

@@ -25,6 +25,15 @@ MUST_CHECK enum err scene_add_texture(struct scene *s, const struct texture *t, 
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_camera(struct scene *s, const struct camera *c);
 
+/* See scene_add_material. */
+MUST_CHECK enum err scene_add_light(struct scene *s, const struct punctual_light *l);
+
+/* Sets a spot's half angles, radians. */
+void light_set_cone(struct punctual_light *l, double inner, double outer);
+
+/* Checks a light. ERR_RANGE: invalid; the message begins with `place`. */
+MUST_CHECK enum err light_check(const struct punctual_light *l, const char *place, struct reason *why);
+
 /* Index of a material by name, among those added at or after `first`, or MATERIAL_NONE. */
 uint32_t scene_find_material(const struct scene *s, const char *name, uint32_t first);
 

@@ -19,6 +19,7 @@ struct settings {
     uint32_t classes; /* PATH_* of paths.h */
     double fps;       /* maximum frames per second; also the pilot's time limit */
     double rotation_degrees, scale_stops;
+    double lamps;    /* factor of the light of the scene's own emitters */
     char camera[64]; /* its name; "": the first of the scene */
     enum tone_curve tone;
     double exposure_stops; /* the gain is 2^this; NAN: exposure follows the picture, */
@@ -43,9 +44,10 @@ struct setup {
     struct relight_desc light;           /* method, samples and classes too */
     struct environment_desc environment; /* rotation and scale too */
     const struct kernels *kernels;
-    bool reseed;      /* new random numbers in each frame */
-    uint32_t threads; /* 0: one per processor */
-    uint32_t quality; /* of JPEG, 1..100 */
+    bool reseed;           /* new random numbers in each frame */
+    uint32_t threads;      /* 0: one per processor */
+    uint32_t quality;      /* of JPEG, 1..100 */
+    uint32_t lamp_samples; /* per shading point, of the lamps' light */
 
     /* As flags have them; setup_complete puts them where they belong. */
     uint32_t size[2];

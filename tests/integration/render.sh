@@ -107,6 +107,27 @@ built_in_scene_and_sky_need_no_file() {
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
 
+# Lamps at scale 0 are as if there were none, to the bit; else they make the picture brighter, and the statistics count
+# them. The same seed gives the same bits.
+lamps_are_a_part_that_a_factor_scales() {
+    local dark="$work/dark.json" examples s
+    examples=$(cd "$(dirname "$0")/../../docs/examples" && pwd)
+    sed -E 's/, "emission": [^}]*//; s/"lights"/"was"/; s#"file": "#&'"$examples"'/#' "$examples/evening.json" >"$dark"
+    local render=("$bin/relight-render" --source sky:hour=20 --size 96x54 --method mis --samples 4 --lamp-samples 4)
+    "${render[@]}" --scene "$dark" --out "$work/dark.exr"
+    for s in 0 1 2 again; do
+        "${render[@]}" --scene "$examples/evening.json" --lamps "${s/again/1}" --out "$work/lamps$s.exr" \
+            --stats "$work/lamps$s.json"
+    done
+    cmp "$work/dark.exr" "$work/lamps0.exr" || fail "lamps at scale 0 change the picture"
+    cmp "$work/lamps1.exr" "$work/lampsagain.exr" || fail "the same seed gave other bits"
+    if cmp -s "$work/lamps1.exr" "$work/lamps2.exr"; then fail "the factor changes nothing"; fi
+    grep -q '"lamps": {"scale": 2.0, "triangles": 4416, "lights": 1, "samples": 4' "$work/lamps2.json" ||
+        fail "the statistics do not count the lamps"
+    if grep -q '"lamps"' "$work/lamps0.json"; then fail "lamps at scale 0 were computed"; fi
+    expect 2 'lamps' "${render[@]}" --lamps -1 --out "$work/none.exr"
+}
+
 # The ring's image: what each class adds, that the classes sum to the whole, and the statistics.
 a_wish_for_a_rate_or_an_error_is_kept_to_and_told() {
     "$bin/relight-render" --source sky:hour=12 --size 96x54 --paths all --frames 0-9 --fps 4 --out "$work/rate%d.jpg" \

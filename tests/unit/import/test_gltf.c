@@ -1,6 +1,8 @@
 #include "scene/files.h"
 #include "scene/load.h"
 
+#include "import/parts.h"
+
 #include <math.h>
 #include <turbojpeg.h>
 
@@ -115,21 +117,106 @@ static void what_is_not_modelled_is_named_once(void **state)
 
     (void)state;
     folder_make(&f);
-    write_gltf(
-        &f, "a.gltf",
-        "{" ONE_NODE MATERIAL(
-            "\"normalTexture\":{\"index\":0},\"emissiveFactor\":[1,0,0]") "\"textures\":[{\"source\":0}],\"images\":[{"
-                                                                          "\"uri\":\"none.png\"}]," TAIL);
+    write_gltf(&f, "a.gltf",
+               "{" ONE_NODE MATERIAL("\"normalTexture\":{\"index\":0}") "\"textures\":[{\"source\":0}],\"images\":[{"
+                                                                        "\"uri\":\"none.png\"}]," TAIL);
     const char *path = folder_text(&f, "s.json",
                                    "{\"camera\":{\"position\":[0,1,5],\"look_at\":[0,0,0],\"fov_y_degrees\":40},"
                                    "\"models\":[{\"file\":\"a.gltf\"},{\"file\":\"a.gltf\"}]}");
     log_begin();
     struct scene *s = load_or_fail(path);
     const char *said = log_end();
-    assert_int_equal(count_of(said, "not supported"), 2);
+    assert_int_equal(count_of(said, "not supported"), 1);
     assert_int_equal(count_of(said, "a.gltf: not supported: normal maps"), 1);
-    assert_int_equal(count_of(said, "a.gltf: not supported: emission"), 1);
-    assert_int_equal(s->unmodelled, 1u << FEATURE_NORMAL_MAP | 1u << FEATURE_EMISSION);
+    assert_int_equal(s->unmodelled, 1u << FEATURE_NORMAL_MAP);
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+/* The factor, and a texture of its own; its file is that of four_png. */
+static void emission_has_a_factor_and_a_texture(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "four.png", four_png, sizeof(four_png));
+    struct scene *s = load_or_fail(write_gltf(
+        &f, "a.gltf",
+        "{" ONE_NODE MATERIAL(
+            "\"emissiveFactor\":[1,0.5,0.25],\"emissiveTexture\":{\"index\":0}") "\"textures\":[{"
+                                                                                 "\"source\":0}],\"images\":[{\"uri\":"
+                                                                                 "\"four.png\"}]," TAIL));
+    const struct material *m = &s->materials[s->meshes[0].material];
+    assert_float_equal(m->emission.y, 0.5f, 1e-6f);
+    assert_int_equal(m->texture, MATERIAL_NO_TEXTURE);
+    assert_int_equal(m->emission_texture, 0);
+    assert_int_equal(s->texture_count, 1);
+    assert_non_null(s->meshes[0].uvs);
+    const struct vec3 red = scene_emission(s, s->meshes[0].material, (const float[]){ 0.25f, 0.75f }, NULL);
+    assert_float_equal(red.x, 1.0f, 1e-6f);
+    assert_float_equal(red.y, 0.0f, 1e-6f);
+    assert_true(scene_has_lamps(s));
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
+static void strength_multiplies_the_emission(void **state)
+{
+    struct material m = { .texture = MATERIAL_NO_TEXTURE };
+
+    (void)state;
+    gltf_set_emission(&m, vec3_make(1.0f, 0.5f, 0.0f), 40.0);
+    assert_float_equal(m.emission.x, 40.0f, 0.0f);
+    assert_float_equal(m.emission.y, 20.0f, 0.0f);
+    assert_float_equal(m.emission.z, 0.0f, 0.0f);
+    gltf_set_emission(&m, vec3_make(1.0f, NAN, -1.0f), 1e30);
+    assert_float_equal(m.emission.x, EMISSION_MAX, 0.0f);
+    assert_float_equal(m.emission.y, 0.0f, 0.0f);
+    assert_float_equal(m.emission.z, 0.0f, 0.0f);
+}
+
+#define LIT(light) "\"extensions\":{\"KHR_lights_punctual\":{\"light\":" light "}},"
+
+static const char three_lights[] =
+    "{\"extensionsUsed\":[\"KHR_lights_punctual\"],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":["
+    "{\"type\":\"point\",\"color\":[1,0.5,0],\"intensity\":40},"
+    "{\"type\":\"spot\",\"intensity\":8,\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.6}},"
+    "{\"type\":\"directional\",\"intensity\":3}]}},"
+    "\"scene\":0,\"scenes\":[{\"nodes\":[0,1,2,4]}],\"nodes\":[{\"mesh\":0},"
+    "{\"name\":\"bulb\"," LIT("0") "\"translation\":[1,2,3]},"
+                                   "{\"scale\":[2,2,2],\"translation\":[10,0,0],\"children\":[3]},"
+                                   "{\"name\":\"torch\"," LIT(
+                                       "1") "\"translation\":[0,4,0],\"rotation\":[-0.70710678,0,0,0.70710678]},"
+                                            "{\"name\":\"moon\"," LIT("2") "\"translation\":[0,0,0]}]," MATERIAL(
+                                                "\"doubleSided\":true") TAIL;
+
+/* The spot hangs below a node that stands at x = 10 and is twice as large; it is turned by -90 degrees about X, so that
+ * it shines down. */
+static void punctual_lights_stand_at_their_nodes(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", three_lights));
+    assert_int_equal(s->unmodelled, 0);
+    assert_int_equal(s->light_count, 3);
+    const struct punctual_light *l = s->lights;
+    assert_int_equal(l[0].kind, LIGHT_POINT);
+    assert_float_equal(l[0].position.z, 3.0f, 1e-6f);
+    assert_float_equal(l[0].intensity.x, 40.0f, 1e-5f);
+    assert_float_equal(l[0].intensity.y, 20.0f, 1e-5f);
+    assert_float_equal(l[0].intensity.z, 0.0f, 0.0f);
+    assert_int_equal(l[1].kind, LIGHT_SPOT);
+    assert_float_equal(l[1].position.x, 10.0f, 1e-5f);
+    assert_float_equal(l[1].position.y, 8.0f, 1e-5f);
+    assert_float_equal(l[1].direction.y, -1.0f, 1e-6f);
+    assert_float_equal(l[1].inner_cos, cos(0.2), 1e-6f);
+    assert_float_equal(l[1].outer_cos, cos(0.6), 1e-6f);
+    assert_int_equal(l[2].kind, LIGHT_DIRECTIONAL);
+    assert_float_equal(l[2].direction.z, -1.0f, 1e-6f);
+    assert_float_equal(l[2].intensity.y, 3.0f, 1e-6f);
     scene_destroy(s);
     folder_remove(&f);
 }
@@ -157,7 +244,7 @@ static void alpha_modes_become_coverage(void **state)
         char text[4000];
         snprintf(text, sizeof(text),
                  "{" ONE_NODE "\"extensionsUsed\":[\"KHR_materials_transmission\"],\"materials\":[{%s,"
-                              "\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.25],"
+                 "\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.25],"
                  "\"baseColorTexture\":{\"index\":0},\"roughnessFactor\":0}}],\"textures\":[{\"source\":0}],"
                  "\"images\":[{\"uri\":\"t.png\"}]," TAIL,
                  cases[i].text);
@@ -494,6 +581,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(transmission_becomes_glass),
     cmocka_unit_test(what_is_not_modelled_is_named_once),
     cmocka_unit_test(alpha_modes_become_coverage),
+    cmocka_unit_test(emission_has_a_factor_and_a_texture),
+    cmocka_unit_test(strength_multiplies_the_emission),
+    cmocka_unit_test(punctual_lights_stand_at_their_nodes),
     cmocka_unit_test(mesh_of_two_nodes_stands_in_both_places),
     cmocka_unit_test(cameras_of_the_file_are_taken),
     cmocka_unit_test(without_a_camera_the_whole_is_framed),

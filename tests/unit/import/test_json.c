@@ -277,6 +277,7 @@ static void unknown_keys_are_warned_about(void **state)
 #define PHONG(d, s, n)                                                                                                 \
     "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"phong\",\"diffuse\":" d ",\"specular\":" s              \
     ",\"exponent\":" n "}}}"
+#define LIT(light) "{" CAMERA "," MODEL "," GREY ",\"lights\":[" light "]}"
 #define OTHER(body) "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{" body "}}}"
 #define SEEN_FROM(camera) "{\"camera\":{" camera "}," MODEL "," GREY "}"
 #define MODELS(models) "{" CAMERA ",\"models\":" models "," GREY "}"
@@ -329,6 +330,13 @@ static const struct {
     { OTHER("\"type\":\"ggx\",\"roughness\":1.2"), ERR_RANGE, "materials 'grey'", "'roughness' is 1.2" },
     { OTHER("\"type\":\"glass\",\"ior\":9"), ERR_RANGE, "materials 'grey'", "'ior' is 9" },
     { OTHER("\"type\":\"mirror\",\"reflectance\":[2,0,0]"), ERR_RANGE, "materials 'grey'", "'reflectance' holds 2" },
+    { OTHER("\"type\":\"mirror\",\"emission\":[0,-1,0]"), ERR_RANGE, "materials 'grey'", "'emission' holds -1" },
+    { LIT("{\"type\":\"lantern\"}"), ERR_FORMAT, "lights[0]", "unknown type 'lantern'" },
+    { LIT("{\"type\":\"point\",\"intensity\":[1,1,1]}"), ERR_FORMAT, "lights[0]", "'position' is missing" },
+    { LIT("{\"type\":\"directional\",\"direction\":[0,0,0],\"illuminance\":[1,1,1]}"), ERR_RANGE, "lights[0]",
+      "'direction' is zero" },
+    { LIT("{\"type\":\"spot\",\"position\":[0,0,0],\"direction\":[0,1,0],\"intensity\":[1,1,1],\"inner_degrees\":50}"),
+      ERR_RANGE, "lights[0]", "'inner_degrees' is 50, more than 'outer_degrees', 45" },
     { SEEN_FROM("\"position\":[0,0,1],\"look_at\":[0,0,0],\"fov_y_degrees\":0"), ERR_RANGE, "camera",
       "fov_y_degrees is 0" },
     { SEEN_FROM("\"position\":[0,0,1],\"look_at\":[0,0,0],\"fov_y_degrees\":180"), ERR_RANGE, "camera",
@@ -423,6 +431,39 @@ static void other_materials_are_read_with_their_defaults(void **state)
     folder_remove(&f);
 }
 
+static void lamps_are_read_with_their_defaults(void **state)
+{
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_text(&f, "quad.obj", quad);
+    struct scene *s = load_text(
+        &f, "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"mirror\",\"emission\":[12,0,1e6]}},\"lights\":["
+            "{\"type\":\"point\",\"position\":[1,2,3],\"intensity\":[4,5,6]},"
+            "{\"type\":\"spot\",\"position\":[1,2,3],\"direction\":[0,0,-7],\"intensity\":[4,5,6]},"
+            "{\"type\":\"spot\",\"position\":[1,2,3],\"direction\":[0,0,-7],\"intensity\":[4,5,6],"
+            "\"inner_degrees\":60,\"outer_degrees\":90},"
+            "{\"type\":\"directional\",\"direction\":[3,-4,0],\"illuminance\":[7,8,9]}]}");
+    const struct punctual_light *l = s->lights;
+    assert_float_equal(s->materials[0].emission.z, 1e6f, 0.0f);
+    assert_int_equal(s->light_count, 4);
+    assert_int_equal(l[0].kind, LIGHT_POINT);
+    assert_float_equal(l[0].position.y, 2.0f, 0.0f);
+    assert_float_equal(l[0].intensity.z, 6.0f, 0.0f);
+    assert_int_equal(l[1].kind, LIGHT_SPOT);
+    assert_float_equal(l[1].direction.z, -1.0f, 0.0f);
+    assert_float_equal(l[1].inner_cos, 1.0f, 0.0f);
+    assert_float_equal(l[1].outer_cos, sqrt(0.5), 1e-6f);
+    assert_float_equal(l[2].inner_cos, 0.5f, 1e-6f);
+    assert_float_equal(l[2].outer_cos, 0.0f, 1e-6f);
+    assert_int_equal(l[3].kind, LIGHT_DIRECTIONAL);
+    assert_float_equal(l[3].direction.y, -0.8f, 1e-6f);
+    assert_float_equal(l[3].intensity.x, 7.0f, 0.0f);
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
 static void shared_scenes_load(void **state)
 {
     static const struct {
@@ -461,6 +502,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(missing_and_foreign_files_are_named),
     cmocka_unit_test(phong_may_be_exactly_white),
     cmocka_unit_test(other_materials_are_read_with_their_defaults),
+    cmocka_unit_test(lamps_are_read_with_their_defaults),
     cmocka_unit_test(shared_scenes_load),
 };
 

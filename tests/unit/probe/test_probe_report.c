@@ -44,7 +44,7 @@ static json_t *report(const struct stand *s, const struct relight_desc *light, c
 {
     char *text;
 
-    assert_int_equal(prober_report(s->prober, s->sky, light, q, rgb, &text), ERR_OK);
+    assert_int_equal(prober_report(s->prober, s->sky, light, q, rgb, NULL, &text), ERR_OK);
     json_t *j = json_loads(text, JSON_REJECT_DUPLICATES, NULL);
     assert_non_null(j);
     *size = strlen(text);

@@ -13,10 +13,11 @@ enum { MATERIALS = 2, CORNERS = 4, TRIANGLES = 2 };
 /* Where things are in the file. */
 enum {
     HEAD = 0,
-    MATERIAL = HEAD + 24,
+    MATERIAL = HEAD + 28,
     PANE = MATERIAL + (int)sizeof(struct material),
     CAMERA = MATERIAL + MATERIALS * (int)sizeof(struct material),
-    TEXTURE = CAMERA + (int)sizeof(struct camera),
+    LIGHT = CAMERA + (int)sizeof(struct camera),
+    TEXTURE = LIGHT + (int)sizeof(struct punctual_light),
     TEXTURE_HEAD = 20,
     MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
     POSITIONS = MESH + 24,
@@ -40,7 +41,9 @@ static float *floats(size_t count, float first, float step)
 static struct scene *make(void)
 {
     struct scene *s = scene_create();
-    const struct material ground = { .name = "ground", .kind = MATERIAL_GGX, .diffuse = { 0.1f, 0.2f, 0.3f } };
+    const struct material ground = {
+        .name = "ground", .kind = MATERIAL_GGX, .diffuse = { 0.1f, 0.2f, 0.3f }, .emission = { 7, 0, 1 }
+    };
     const struct material pane = { .name = "pane",
                                    .kind = MATERIAL_GLASS,
                                    .ior = 1.5f,
@@ -50,6 +53,7 @@ static struct scene *make(void)
                                    .alpha_cutoff = 0.5f,
                                    .alpha_texture = 0 };
     const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
+    const struct punctual_light l = { .kind = LIGHT_DIRECTIONAL, .direction = { 0, 0, 1 }, .intensity = { 1, 2, 3 } };
     struct texture t;
     struct mesh m = { .vertex_count = CORNERS, .triangle_count = TRIANGLES, .material = 1 };
     static const uint32_t order[6] = { 0, 1, 2, 0, 2, 3 };
@@ -71,6 +75,7 @@ static struct scene *make(void)
     assert_int_equal(scene_add_material(s, &ground, NULL), ERR_OK);
     assert_int_equal(scene_add_material(s, &pane, NULL), ERR_OK);
     assert_int_equal(scene_add_camera(s, &c), ERR_OK);
+    assert_int_equal(scene_add_light(s, &l), ERR_OK);
     assert_int_equal(scene_add_texture(s, &t, NULL), ERR_OK);
     assert_int_equal(scene_add_mesh(s, &m), ERR_OK);
     s->unmodelled = 1u << FEATURE_ALPHA;
@@ -104,6 +109,8 @@ static void what_was_written_is_read(void **state)
     assert_int_equal(s->material_count, 2);
     assert_memory_equal(s->materials, same->materials, 2 * sizeof(*s->materials));
     assert_memory_equal(s->cameras, same->cameras, sizeof(*s->cameras));
+    assert_int_equal(s->light_count, 1);
+    assert_memory_equal(s->lights, same->lights, sizeof(*s->lights));
     assert_memory_equal(s->textures[0].texels, same->textures[0].texels, 20);
     assert_int_equal(s->textures[0].values, TEXTURE_CUTOUT);
     assert_int_equal(s->textures[0].wrap_u, TEXTURE_CLAMP);
@@ -173,7 +180,7 @@ static void forged_sizes_are_refused(void **state)
     (void)state;
     forge_u32(HEAD, 1, "its beginning");
     for (size_t k = 0; k < sizeof(counts) / sizeof(counts[0]); k++) {
-        for (long at = HEAD + 4; at < HEAD + 20; at += 4)
+        for (long at = HEAD + 4; at < HEAD + 24; at += 4)
             forge_u32(at, counts[k], "");
         forge_u32(TEXTURE, counts[k], "");
         forge_u32(TEXTURE + 4, counts[k], "");
@@ -181,7 +188,7 @@ static void forged_sizes_are_refused(void **state)
         forge_u32(MESH + 4, counts[k], "");
     }
     forge_u32(HEAD + 8, 0, "its beginning"); /* no camera */
-    forge_u32(HEAD + 20, 1u << FEATURE_COUNT, "its beginning");
+    forge_u32(HEAD + 24, 1u << FEATURE_COUNT, "its beginning");
     forge_u32(TEXTURE, 0, "the size of a texture");
     forge_u32(TEXTURE, 16385, "the size of a texture");
     forge_u32(TEXTURE, 16384, "too short");
@@ -207,6 +214,8 @@ static void forged_indices_are_refused(void **state)
         forge_u32(at, 0xffffffff, "a vertex that is not there");
     }
     forge_u32(MATERIAL + (long)offsetof(struct material, texture), 1, "a texture that is not there");
+    forge_u32(MATERIAL + (long)offsetof(struct material, emission_texture), 1, "an emissive texture that is not there");
+    forge_u32(LIGHT + (long)offsetof(struct punctual_light, kind), LIGHT_DIRECTIONAL + 1, "the kind of a light");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), MATERIAL_GLASS + 1, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), 0xffffffff, "a material is out of range");
 }
@@ -229,6 +238,9 @@ static void forged_values_are_refused(void **state)
         forge_float(MATERIAL + (long)(sizeof(struct material) + offsetof(struct material, ior)), wrong[k],
                     "a material is out of range");
         forge_float(PANE + (long)offsetof(struct material, alpha), wrong[k], "the alpha of a material");
+        forge_float(MATERIAL + (long)offsetof(struct material, emission), wrong[k], "an emission is out of range");
+        forge_float(LIGHT + (long)offsetof(struct punctual_light, intensity), wrong[k], "its intensity is not within");
+        forge_float(LIGHT + (long)offsetof(struct punctual_light, direction), wrong[k], "it has no direction");
         forge_float(CAMERA + (long)offsetof(struct camera, fov_y), wrong[k], "a.glb: ");
         forge_float(POSITIONS + 44, wrong[k], "a position is out of range");
         forge_float(NORMALS + 4, wrong[k], "a normal is out of range");

@@ -300,7 +300,7 @@ static void open_sky_and_flat_mirrors_keep_the_pixels_width(void **state)
      * 2 (3/4)^2) */
     struct scene *s = scene_create();
     const struct camera away = { "away", { 0, 0, 9 }, { 0, 0, 99 }, { 0, 1, 0 }, wide.fov_y };
-    add_quads(s, 0, mirror, 1);
+    add_quads(s, add_material(s, MATERIAL_MIRROR, vec3_make(1, 1, 1), 0.0f), mirror, 1);
     struct gbuffer *g = look(s, &r, &away);
     assert_float_equal(g->escapes[g->escape_first[0]].width, 0.5f * powf(1.0f + 2.0f * 0.5625f, -0.75f), 1e-5f);
     gbuffer_destroy(g);
