@@ -2,8 +2,8 @@
 // controls show the server's current settings, overlaid with the user's newest changes.
 
 import {
-  NOISES, RATES, SAMPLES, Wishes, changesText, degreesText, errorOf, next, noiseOf, noiseText, stopsText, withPresent,
-  wrapDegrees,
+  LAMPS, NOISES, RATES, SAMPLES, Wishes, changesText, degreesText, errorOf, lampsOf, lampsText, next, noiseOf, noiseText,
+  stopsOfLamps, stopsText, withPresent, wrapDegrees,
 } from './controls_model.js';
 import { turnByDragging } from './controls_drag.js';
 import { Transport } from './controls_time.js';
@@ -106,6 +106,7 @@ class Controls {
     this.preparing = make('progress', { id: 'camera-progress', max: 1, hidden: true });
     this.preparing.setAttribute('aria-label', 'Preparing this camera\u2019s view');
     this.rotate = this.range('set-rotate', 'Rotate the sky', -180, 180, 1, (v) => ({ rotate_degrees: v }));
+    this.lamps = this.range('set-lamps', 'Lamps', LAMPS.least, LAMPS.most, 0.25, (v) => ({ lamps: lampsOf(v) }));
     this.automatic = make('input', { type: 'checkbox', id: 'exposure-auto' });
     this.automatic.onchange = () => this.setAutomatic(this.automatic.checked);
     this.exposure = this.range('set-exposure', 'Exposure', -10, 10, 0.1,
@@ -117,7 +118,7 @@ class Controls {
     this.fps = this.choice('set-fps', 'Frame rate limit', (value) => ({ fps: Number(value) }));
     this.fields = make('fieldset', { id: 'controls-fields' },
       make('legend', { className: 'unseen', text: 'Settings for all viewers' }),
-      this.camera.row, this.preparing, this.rotate.row,
+      this.camera.row, this.preparing, this.rotate.row, this.lamps.row,
       make('div', { className: 'control' },
         make('label', { className: 'check' }, this.automatic, ' Auto exposure')),
       this.exposure.row, this.tone.row, this.paths.row, this.method.row, this.effort.row, this.fps.row);
@@ -193,6 +194,7 @@ class Controls {
     this.showCamera();
     setValue(this.rotate.input, wrapDegrees(now.rotate_degrees));
     this.tell(this.rotate, degreesText(now.rotate_degrees));
+    this.showLamps();
     this.showExposure();
     setOptions(this.tone.select, (offers.tones ?? [now.tone]).map((t) => [t, t]), now.tone);
     setOptions(this.paths.select, withPresent(offers.paths ?? [], now.paths).map((p) => [p, this.pathsText(p)]), now.paths);
@@ -224,6 +226,17 @@ class Controls {
     setOptions(this.camera.select, cameras.map((c) => [c, c]), this.now.camera);
     this.preparing.hidden = !preparing;
     if (preparing) this.preparing.value = preparing.share;
+  }
+
+  // Only a scene with lamps of its own has the slider. While their light is computed it says how far.
+  showLamps() {
+    const { lamps } = this.app.status ?? {};
+    const { lamps: factor } = this.now;
+    this.lamps.row.hidden = !lamps || factor === undefined;
+    if (this.lamps.row.hidden) return;
+    const share = factor > 0 && lamps.samples < lamps.wanted ? `, ${Math.floor((100 * lamps.samples) / lamps.wanted)} % computed` : '';
+    setValue(this.lamps.input, stopsOfLamps(factor));
+    this.tell(this.lamps, `${lampsText(factor)}${share}`);
   }
 
   showExposure() {

@@ -68,6 +68,12 @@ export const wrapHour = (h) => ((h % 24) + 24) % 24;
 export const degreesText = (d) => `${Math.round(wrapDegrees(d))}°`;
 export const stopsText = (s) => `${s > 0 ? '+' : s < 0 ? '−' : ''}${Math.abs(s).toFixed(1)} EV`;
 
+// The slider of the lamps' factor: stops of it, and off at its lower end.
+export const LAMPS = { least: -20, most: 10 };
+export const lampsOf = (stops) => (stops <= LAMPS.least ? 0 : Number((2 ** stops).toPrecision(6)));
+export const stopsOfLamps = (lamps) => (lamps > 0 ? Math.max(LAMPS.least, Math.min(LAMPS.most, Math.log2(lamps))) : LAMPS.least);
+export const lampsText = (lamps) => (lamps > 0 ? `\u00d7\u2009${Number(lamps.toPrecision(2))}` : 'off');
+
 export function hourText(hour) {
   const minutes = Math.floor(wrapHour(hour) * 60 + 1e-6) % 1440; // guard against rounding below a full hour
   return `${String(Math.floor(minutes / 60)).padStart(2, '0')}:${String(minutes % 60).padStart(2, '0')}`;
@@ -130,6 +136,7 @@ const NAMES = {
   exposure_stops: ['the exposure', (s) => (s === null ? 'automatic' : stopsText(s))],
   bias_stops: ['the exposure compensation', stopsText],
   paths: ['the light', String],
+  lamps: ['the lamps', lampsText],
   camera: ['the camera', String],
   paused: ['time', (p) => (p ? 'paused' : 'running')],
 };

@@ -69,6 +69,7 @@ export function rows(answer) {
   const all = [];
   const { point, pixel, first } = answer;
   if (answer.picture) all.push(['Radiance in the image', triple(answer.picture), `${UNIT}; all light`]);
+  if (answer.lamps) all.push(['Of it by lamps', triple(answer.lamps.radiance), `${UNIT}; factor ${Number(answer.lamps.scale.toPrecision(3))}`]);
   if (pixel) {
     all.push([`From these ${answer.samples} samples`, triple(pixel.radiance), `${UNIT}; direct light and sky`]);
     all.push(['Converged', withError(pixel.reference), `${UNIT}; ${pixel.reference.estimates * 256} samples`]);

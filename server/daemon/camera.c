@@ -59,6 +59,7 @@ static void leave_view(struct shade_thread *t)
     still_destroy(t->refine.still);
     decider_finish(&t->decider);
     prober_destroy(t->prober);
+    lamps_leave_view(t);
     t->refine.still = NULL;
     t->prober = NULL;
     if (t->set != t->first_set) {

@@ -58,7 +58,8 @@ static const struct setting table[] = {
     { "token-metrics-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "public-name", "NAMES",
       "names by which browsers and clients reach this server from outside, separated by commas; localhost and its "
-      "addresses need none", NULL, ACCESS, TEXT, AT(server_desc.public_names), .reload = RELOAD_SERVER },
+      "addresses need none",
+      NULL, ACCESS, TEXT, AT(server_desc.public_names), .reload = RELOAD_SERVER },
     { "behind-proxy", NULL, "trust X-Forwarded-For from the proxy: limits then apply to the clients that it names",
       NULL, ACCESS, SWITCH, AT(server_desc.behind_proxy), .reload = RELOAD_SERVER },
     { "proxy-address", "ADDRESS", "numeric address of that proxy; default: 127.0.0.1 or ::1", NULL, ACCESS, TEXT,

@@ -46,13 +46,17 @@ static enum err report(struct shade_thread *t, const struct server_probe *asked,
         .x = asked->x, .y = asked->y, .samples = asked->samples, .figure = asked->figure, .sky = asked->sky
     };
 
+    struct probe_lamps lamps;
+
     *text = NULL;
     if (!get_prober(t))
         return ERR_NOMEM;
     light.direct.cancel = NULL;
     light.direct.why = NULL;
     light.direct.samples = shown->header.samples > 0 ? shown->header.samples : light.direct.samples;
-    return prober_report(t->prober, shown->in->environment, &light, &q, t->last->rgb, text);
+    lamps_pixel(t, q.x, q.y, &lamps);
+    return prober_report(t->prober, shown->in->environment, &light, &q, t->last->rgb, lamps_sky(t) ? &lamps : NULL,
+                         text);
 }
 
 /* The same answer for everyone: a new one at most once a frame and once a second. NULL: out of memory. */

@@ -43,7 +43,7 @@ bool refine_is_due(struct shade_thread *t)
     const struct refinement *r = &t->refine;
     struct server_demand demand;
 
-    if (!r->open || atomic_load(&t->shared->reading))
+    if (!r->open || atomic_load(&t->shared->reading) || lamps_come_first(t))
         return false;
     const double quiet_s = fmin(fmax(2.0 * r->shown.interval_s, QUIET_LEAST_S), QUIET_MOST_S);
     if (clock_seconds() - r->shown.shown_s < quiet_s)
@@ -63,7 +63,7 @@ static bool begin(struct shade_thread *t)
         r->open = false;
         return false;
     }
-    still_begin(r->still, r->shown.latest->rgb);
+    still_begin(r->still, lamps_sky(t) ? lamps_sky(t) : r->shown.latest->rgb);
     r->begun = true;
     r->pass_s = r->published_s = 0.0;
     r->published_passes = 0;
@@ -77,11 +77,13 @@ static void publish_picture(struct shade_thread *t, uint64_t passes)
     struct shown_picture *shown = &r->shown;
     const int slot = handoff_begin(&t->shared->pictures.handoff);
     struct shaded *out = &t->shared->pictures.slot[slot];
+    const float *from = lamps_sky(t) ? lamps_sky(t) : shown->latest->rgb;
 
     if (passes > 0)
         still_picture(r->still, out->rgb);
-    else if (out != shown->latest)
-        memcpy(out->rgb, shown->latest->rgb, 3 * sizeof(float) * shown->header.width * shown->header.height);
+    else if (from != out->rgb)
+        memcpy(out->rgb, from, 3 * sizeof(float) * shown->header.width * shown->header.height);
+    lamps_add(t, false, settings_now(&t->shared->settings).lamps, out->rgb);
     out->header = shown->header;
     out->header.flags |= PROTOCOL_PICTURE_FINER;
     if (passes > 0) {

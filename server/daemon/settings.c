@@ -194,7 +194,7 @@ static enum err apply(struct settings_store *store, const struct server_control 
                         s->error != before.error || s->classes != before.classes ||
                         s->rotation_degrees != before.rotation_degrees || s->scale_stops != before.scale_stops;
     s->display_version += s->tone != before.tone || differ(s->exposure_stops, before.exposure_stops) ||
-                          s->bias_stops != before.bias_stops;
+                          s->bias_stops != before.bias_stops || s->lamps != before.lamps;
     return check_source_request(store, c, s, clause, why);
 }
 

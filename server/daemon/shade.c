@@ -141,8 +141,11 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
     if (e)
         return err_say(why, e, "%s: no memory for the light samples", in->environment->name);
     t->cut_new_view = cut && new_view;
-    if (!is_stopping(t) && !cut) /* else the picture is incomplete */
+    if (!is_stopping(t) && !cut) { /* else the picture is incomplete */
+        lamps_take_sky(t, shared->pictures.slot[slot].rgb);
+        lamps_add(t, in->ticket.lockstep, l.settings.lamps, shared->pictures.slot[slot].rgb);
         publish(t, slot, in, &l, queued_ms, new_view);
+    }
     return ERR_OK;
 }
 
@@ -176,7 +179,7 @@ static enum err apply_controls(struct shade_thread *t, struct reason *why)
             return e;
     }
     if (atomic_exchange(&shared->repeat_requested, false) ||
-        settings_now(&shared->settings).display_version != t->display_version)
+        settings_now(&shared->settings).display_version != t->display_version || lamps_have_news(t))
         refine_republish(t);
     return ERR_OK;
 }
@@ -256,7 +259,7 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
         goto failed;
     t->set = t->first_set;
     t->first_relighter = t->relighter = relighter_create(t->set, c->setup.kernels);
-    if (!t->relighter) {
+    if (!t->relighter || !lamps_create_canvas(t)) {
         e = err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", c->setup.set_desc.width,
                     c->setup.set_desc.height);
         goto failed;
@@ -302,6 +305,7 @@ void shade_thread_destroy(struct shade_thread *t)
     decider_finish(&t->decider);
     still_destroy(t->refine.still);
     probe_finish(t);
+    lamps_finish(t);
     camera_finish(t);
     mem_free(t);
 }

@@ -9,6 +9,7 @@
 #include "base/progress.h"
 #include "light/decide.h"
 #include "light/relight.h"
+#include "light/relight_lamps.h"
 #include "light/still.h"
 #include "probe/probe_report.h"
 
@@ -54,6 +55,15 @@ struct sky_answer {
     double made_s, rotation;
 };
 
+/* The part of the scene's own lamps, lamps.c. */
+struct shown_lamps {
+    struct relight_lamps *first, *other; /* of first_set, and of another view shown; NULL: not begun */
+    float *sky;                          /* the sky's part of the newest picture; NULL: the scene has no lamps */
+    uint32_t samples;                    /* of the part in the newest picture */
+    double published_s;                  /* when that was */
+    bool failed;                         /* no memory or thread: do not try again */
+};
+
 struct shade_thread {
     struct shared *shared;
     struct set *set;                   /* the view shown */
@@ -62,7 +72,8 @@ struct shade_thread {
     struct relighter *first_relighter; /* of first_set, which lockstep sequences use; NULL: not needed now */
     struct camera_build camera;
     struct decider decider; /* what auto has learnt of `set`, for `relighter` */
-    struct prober *prober;  /* NULL until it is needed */
+    struct shown_lamps lamps;
+    struct prober *prober; /* NULL until it is needed */
     struct sky_answer sky;
     struct refinement refine;
     const struct shaded *last; /* the last picture published; NULL: none */
@@ -92,6 +103,26 @@ void refine_republish(struct shade_thread *t);
 bool refine_is_due(struct shade_thread *t);
 /* Runs one pass, and publishes the picture when that pays. new_work ends it early and discards it. ERR_NOMEM. */
 MUST_CHECK enum err refine_pass(struct shade_thread *t, struct reason *why);
+
+/* ---- lamps.c ---- */
+
+/* Keeps memory for the sky's part if the scene has lamps. False: out of memory. */
+bool lamps_create_canvas(struct shade_thread *t);
+/* A picture of the sky's light alone was made: keeps it. */
+void lamps_take_sky(struct shade_thread *t, const float *rgb);
+/* The newest picture without lamps; NULL: the scene has none. */
+const float *lamps_sky(const struct shade_thread *t);
+/* Adds the lamps as far as they are computed; lockstep pictures, which are of the first view, wait for all of it. */
+void lamps_add(struct shade_thread *t, bool lockstep, double scale, float *rgb);
+/* Whether the picture on display should be published again, with better lamps. */
+bool lamps_have_news(const struct shade_thread *t);
+/* Whether refinement of the sky's part should wait for them. */
+bool lamps_come_first(const struct shade_thread *t);
+/* The part at a pixel of the view shown. */
+void lamps_pixel(const struct shade_thread *t, uint32_t x, uint32_t y, struct probe_lamps *out);
+/* The view shown changes; the end. */
+void lamps_leave_view(struct shade_thread *t);
+void lamps_finish(struct shade_thread *t);
 
 /* ---- picture_limit.c ---- */
 

@@ -273,6 +273,17 @@ void status_camera_progress(struct status_board *b, const char *camera, double s
     pthread_mutex_unlock(&b->lock);
 }
 
+void status_set_lamps(struct status_board *b, uint32_t samples, uint32_t wanted)
+{
+    pthread_mutex_lock(&b->lock);
+    const bool news = b->figures.lamp_samples != samples || b->figures.lamp_samples_wanted != wanted;
+    b->figures.lamp_samples = samples;
+    b->figures.lamp_samples_wanted = wanted;
+    if (news)
+        send_figures(b);
+    pthread_mutex_unlock(&b->lock);
+}
+
 void status_picture_refined(struct status_board *b, const struct still_stats *stats)
 {
     pthread_mutex_lock(&b->lock);

@@ -77,6 +77,9 @@ void status_decoder(struct status_board *b, const struct decoder_counts *counts,
 /* This share, 0..1, of the camera's view is computed; 1: it is shown now. */
 void status_camera_progress(struct status_board *b, const char *camera, double share);
 
+/* The scene has lamps: how many samples of their light the newest picture has, of how many in the end. */
+void status_set_lamps(struct status_board *b, uint32_t samples, uint32_t wanted);
+
 /* Whether every received frame was shaded, dropped or refused. */
 bool status_all_frames_done(struct status_board *b);
 /* By how much shading takes longer than reading a frame, recently, in milliseconds; 0 when it does not. */

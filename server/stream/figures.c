@@ -86,6 +86,8 @@ const struct figure server_figure_table[] = {
     TEXT("camera", camera),
     TEXT("preparing.camera", preparing),
     PLAIN(DOUBLE, "preparing.share", prepared),
+    PLAIN(U32, "lamps.samples", lamp_samples),
+    PLAIN(U32, "lamps.wanted", lamp_samples_wanted),
     LIST("offers.cameras", cameras),
     { NULL, NULL, NULL, FIGURE_BOOL, 0 },
 };

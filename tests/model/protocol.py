@@ -177,6 +177,7 @@ MESSAGES = {
         "step": Field("4.13.16", Whole(-1000, 1000)),
         "seek": Field("4.13.17", Whole(0, NUMBER_MAX)),
         "hour": Field("4.13.18", Real(0, 24)),
+        "lamps": Field("4.13.21", Real(0, 1000000, usual=(0, 4))),
     }, ("control",), role_clause="4.13", stays=NOT_FATAL_IN["control"]),
     "probe": Message("4.15", VIEWERS, {
         "request": Field("4.15.1", Whole(0, NUMBER_MAX)),

@@ -175,6 +175,125 @@ static void nobody_watching_is_no_reason_to_refine(void **state)
     rig_end(&r);
 }
 
+/* Turns until the newest picture is by these settings and has all samples of the lamps. */
+static void await_lamps(struct rig *r, float *rgb)
+{
+    for (int i = 0; i < TURNS; i++) {
+        struct shaded *p = rig_picture(r, TURNS);
+        assert_non_null(p);
+        assert_true(p->header.flags & PROTOCOL_PICTURE_FINER);
+        memcpy(rgb, p->rgb, sizeof(float) * 3 * WIDTH * HEIGHT);
+        rig_release(r, p);
+        if (fake_figures().lamp_samples == fake_figures().lamp_samples_wanted)
+            return;
+    }
+    fail_msg("the lamps were not completed");
+}
+
+/* The frame is lit once; the lamps improve beside it, and their factor is applied to what is there. */
+static void lamps_are_scaled_without_lighting_the_frame_again(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--scene", EVENING, "--method",       "mis", "--samples",  "2",
+                                         "--lamps", "50",    "--lamp-samples", "9",   "--converge", "off",
+                                         NULL };
+    static float once[3 * WIDTH * HEIGHT], off[3 * WIDTH * HEIGHT], twice[3 * WIDTH * HEIGHT];
+    struct rig r;
+    double sum = 0.0;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, false, once);
+    assert_int_equal(fake_figures().lamp_samples_wanted, 9);
+    await_lamps(&r, once);
+    ask("\"lamps\": 0");
+    struct shaded *p = rig_picture(&r, TURNS);
+    assert_non_null(p);
+    memcpy(off, p->rgb, sizeof(off));
+    rig_release(&r, p);
+    ask("\"lamps\": 100");
+    await_lamps(&r, twice);
+    for (int i = 0; i < 3 * WIDTH * HEIGHT; i++) {
+        assert_float_equal(twice[i] - off[i], 2.0 * (double)(once[i] - off[i]), 1e-5f * twice[i]);
+        sum += (double)(once[i] - off[i]);
+    }
+    assert_true(sum > 0.01 * WIDTH * HEIGHT);
+    assert_int_equal(fake_figures().used, 1);
+    rig_end(&r);
+}
+
+static double mean_of(const float *rgb)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < 3 * WIDTH * HEIGHT; i++)
+        sum += (double)rgb[i];
+    return sum / (3 * WIDTH * HEIGHT);
+}
+
+/* The next picture that has passes of refinement. */
+static double mean_refined(struct rig *r)
+{
+    for (int i = 0; i < TURNS; i++) {
+        struct shaded *p = rig_picture(r, TURNS);
+        assert_non_null(p);
+        const double mean = mean_of(p->rgb);
+        rig_release(r, p);
+        if (fake_figures().passes > 0)
+            return mean;
+    }
+    fail_msg("no picture was refined");
+    return 0.0;
+}
+
+/* Passes and the first picture are of the sky alone: the lamps are neither refined away nor doubled. */
+static void refinement_leaves_the_lamps_as_they_are(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--scene", EVENING, "--method",       "mis", "--samples",  "4",
+                                         "--lamps", "8000",  "--lamp-samples", "9",   "--converge", "1e-9",
+                                         NULL };
+    static const char *const dark[] = { "--scene", EVENING, "--method",   "mis", "--samples", "256",
+                                        "--lamps", "0",     "--converge", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, dark);
+    rig_load(&r);
+    light(&r, 1, false, rgb);
+    const double sky = mean_of(rgb);
+    rig_end(&r);
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, false, rgb);
+    await_lamps(&r, rgb);
+    const double lit = mean_of(rgb);
+    assert_true(lit > 1.5 * sky);
+    assert_float_equal(mean_refined(&r), lit, 0.03 * lit);
+    ask("\"lamps\": 0");
+    assert_float_equal(mean_refined(&r), sky, 0.03 * sky);
+    rig_end(&r);
+}
+
+/* Whatever controllers say, and though the lamps' part was not complete when the frame came. */
+static void lockstep_pictures_have_all_of_the_lamps(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--scene",        EVENING, "--method",   "mis", "--samples", "2",
+                                         "--lamp-samples", "9",     "--converge", "off", NULL };
+    static float first[3 * WIDTH * HEIGHT], again[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    ask("\"lamps\": 0");
+    light(&r, 3, true, first);
+    assert_int_equal(fake_figures().lamp_samples, 9);
+    light(&r, 3, true, again);
+    assert_memory_equal(first, again, sizeof(first));
+    rig_end(&r);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_frame_that_is_handed_in_becomes_a_picture),
     cmocka_unit_test(settings_take_effect_at_the_next_frame),
@@ -182,6 +301,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(another_camera_lights_the_standing_frame_anew),
     cmocka_unit_test(a_still_image_refines_and_stops),
     cmocka_unit_test(nobody_watching_is_no_reason_to_refine),
+    cmocka_unit_test(lamps_are_scaled_without_lighting_the_frame_again),
+    cmocka_unit_test(refinement_leaves_the_lamps_as_they_are),
+    cmocka_unit_test(lockstep_pictures_have_all_of_the_lamps),
 };
 
 UNIT_MAIN(tests)
