@@ -1,6 +1,7 @@
 #include "lamps/emitters.h"
 
 #include "base/mem.h"
+#include "scene/coverage.h"
 #include "scene/scatter.h"
 
 #include <math.h>
@@ -208,6 +209,18 @@ static double area_density(const struct emitters *e, uint64_t index, const struc
     return (e->sums[index + 1] - e->sums[index]) / (0.5 * double_area(m, triangle));
 }
 
+/* Whether the lamp has surface where a shadow ray ends. The ray itself ends before it, so that nothing else asks. */
+static bool is_covered(const struct emitters *e, const struct hit *at, struct vec3 from, struct vec3 to)
+{
+    struct mask mask;
+
+    if (e->scene->materials[e->scene->meshes[at->mesh].material].alpha_mode == ALPHA_OPAQUE)
+        return true;
+    mask_init(&mask, e->scene, at->mesh);
+    return mask_covers(&mask, at->triangle, at->u, at->v, (const float[]){ from.x, from.y, from.z },
+                       (const float[]){ to.x, to.y, to.z });
+}
+
 bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[3], struct arrival *out)
 {
     if (e->triangle_count == 0)
@@ -231,7 +244,7 @@ bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[
     out->dir = vec3_scale(out->to, (float)(1.0 / distance));
     const double cosine = -vec3_dot_double(s.geometric, out->dir);
     const struct vec3 emission = scene_emission(e->scene, m->material, s.uv, NULL);
-    if (!(distance > 0.0 && cosine > 0.0 && luminance(emission) > 0.0))
+    if (!(distance > 0.0 && cosine > 0.0 && luminance(emission) > 0.0) || !is_covered(e, &at, from, out->to))
         return false;
     out->tfar = SHADOW_END;
     out->density = area_density(e, index, m, at.triangle) * distance * distance / cosine;

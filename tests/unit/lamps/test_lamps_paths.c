@@ -132,7 +132,7 @@ static void render_by(const struct lit *l, bool by_lobes_alone, uint32_t samples
     lamps_destroy(lamps);
 }
 
-/* A panel whose right part is bright, by a texture that fades to nothing. */
+/* A panel whose right part is bright, by a texture that fades to nothing, as its alpha does. */
 static void add_textured_panel(struct scene *s)
 {
     enum { SIDE = 32 };
@@ -148,6 +148,9 @@ static void add_textured_panel(struct scene *s)
     }
     texture_build_levels(&t);
     assert_int_equal(scene_add_texture(s, &t, &m.emission_texture), ERR_OK);
+    m.alpha_mode = ALPHA_BLEND;
+    m.alpha = 1.0f;
+    m.alpha_texture = m.emission_texture;
     assert_int_equal(scene_add_material(s, &m, &index), ERR_OK);
     add_panel(s, index, x, 2.4f, z);
     struct mesh *panel = &s->meshes[s->mesh_count - 1];
