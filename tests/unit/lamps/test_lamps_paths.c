@@ -180,10 +180,10 @@ static void sampling_lamps_and_following_lobes_agree(void **state)
     add_textured_panel(s);
     lit_make(&l, s, &corner_camera, WIDTH, HEIGHT, true);
     for (uint64_t seed = 0; seed < 24; seed++) {
-        render_by(&l, false, 64, seed, rgb);
+        render_by(&l, false, 160, seed, rgb);
         blocks_add(&with, rgb, NULL, WIDTH, HEIGHT);
         blocks_add(&whole[0], rgb, NULL, WIDTH, HEIGHT);
-        render_by(&l, true, 256, 1000 + seed, rgb);
+        render_by(&l, true, 512, 1000 + seed, rgb);
         blocks_add(&alone, rgb, NULL, WIDTH, HEIGHT);
         blocks_add(&whole[1], rgb, NULL, WIDTH, HEIGHT);
     }
