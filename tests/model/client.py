@@ -450,7 +450,9 @@ class Client:
         if ERRORS[message["code"]] is None and message["fatal"]:
             raise Finding(f"{message['code']} is fatal")
         loose = refusal("too_fast", "2.5")
-        if not self.direct(message) and not self.later_error(message) and not any(a.fits(message) for a in ALWAYS) and not (
+        # Of two probes without a number, the first may have been answered later, and the second is refused by itself.
+        first, second = (self.later_error, self.direct) if message["code"] == "not_offered" else (self.direct, self.later_error)
+        if not first(message) and not second(message) and not any(a.fits(message) for a in ALWAYS) and not (
                 loose.fits(message) and (self.since_sync > AT_ONCE or self.sent > IN_ALL)):
             self.unexpected(message)
         if fatal:
