@@ -450,8 +450,9 @@ class Client:
         if ERRORS[message["code"]] is None and message["fatal"]:
             raise Finding(f"{message['code']} is fatal")
         loose = refusal("too_fast", "2.5")
-        # Of two probes without a number, the first may have been answered later, and the second is refused by itself.
-        first, second = (self.later_error, self.direct) if message["code"] == "not_offered" else (self.direct, self.later_error)
+        # Of two probes without a number, the first may be refused later, and the second by itself.
+        later_first = (message["code"], message["clause"]) in later_clauses("probe", {}) and message["clause"] != "4.15.5"
+        first, second = (self.later_error, self.direct) if later_first else (self.direct, self.later_error)
         if not first(message) and not second(message) and not any(a.fits(message) for a in ALWAYS) and not (
                 loose.fits(message) and (self.since_sync > AT_ONCE or self.sent > IN_ALL)):
             self.unexpected(message)
