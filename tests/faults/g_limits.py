@@ -30,32 +30,36 @@ class Controller:
         check(await self.raw.upgrade() == 101, "no handshake")
         self.raw.send(hello("controller") + say(op="subscribe", format="jpeg"))
         await self.raw.until("control")
-        self.requests = 0
+        self.requests, self.unseen = 0, None
         return self
+
+    async def hear(self, most_s=WAIT_S):
+        """Receives one message. A picture is acknowledged and kept until it is asked for: no other may follow it."""
+        kind, payload = await self.raw.receive(most_s)
+        check(kind not in (None, CLOSE), f"the connection ended: {payload[:120]}")
+        if kind == PING:  # no picture for ten seconds: the machine is busy
+            self.raw.send(frame(PONG, payload))
+        if kind == 2:
+            self.unseen = PICTURE.unpack_from(payload)
+            check(all(-MOST <= n <= MOST for n in self.unseen[4:8]), f"numbers beyond 2^53: {self.unseen}")
+            self.raw.send(say(op="ack", sequence=self.unseen[4]))
 
     async def ask(self, **wish):
         """The error that answers, or None."""
         self.requests += 1
         self.raw.send(say(op="control", request=self.requests, **wish))
         while True:
-            await self.raw.receive()
+            await self.hear()
             said = self.raw.said[-1] if self.raw.said else {}
             if said.get("op") in ("control", "error") and said.get("request") == self.requests:
                 return said if said["op"] == "error" else None
 
     async def picture(self, most_s=WAIT_S):
         """The header of the next one."""
-        while True:
-            kind, payload = await self.raw.receive(most_s)
-            check(kind not in (None, CLOSE), f"the connection ended: {payload[:120]}")
-            if kind == PING:  # no picture for ten seconds: the machine is busy
-                self.raw.send(frame(PONG, payload))
-            if kind != 2:
-                continue
-            fields = PICTURE.unpack_from(payload)
-            check(all(-MOST <= n <= MOST for n in fields[4:8]), f"numbers beyond 2^53: {fields}")
-            self.raw.send(say(op="ack", sequence=fields[4]))
-            return fields
+        while not self.unseen:
+            await self.hear(most_s)
+        fields, self.unseen = self.unseen, None
+        return fields
 
 
 @row(alone=True, most_s=120)
