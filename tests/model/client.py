@@ -35,8 +35,8 @@ class Finding(Exception):
 class Entry:
     """A sent message whose direct answer has not come yet."""
 
-    def __init__(self, label, allowed, silent):
-        self.label, self.allowed, self.silent = label, allowed, silent
+    def __init__(self, label, allowed, silent, number):
+        self.label, self.allowed, self.silent, self.number = label, allowed, silent, number
 
 
 class Client:
@@ -213,7 +213,7 @@ class Client:
         return self.upgraded and not (self.gone or self.left or self.fatal or self.malformed)
 
     def expect(self, label, allowed, silent):
-        self.queue.append(Entry(label, allowed, silent))
+        self.queue.append(Entry(label, allowed, silent, self.sent))
         self.sent += 1
         self.since_sync += 1
         self.run.sent += 1
@@ -235,7 +235,7 @@ class Client:
         if clean and silent and verdict.later == "control":
             self.controls.append([verdict.fields.get("request", 0), verdict.fields, True])
         elif clean and silent and verdict.later == "probe" and probe_asks(verdict.fields):
-            self.probes.append(verdict.fields)
+            self.probes.append({**verdict.fields, "sent": self.sent})
         if verdict.op == "probe" and verdict.fields.get("follow") is True:
             self.followed = True
         if verdict.op == "hello" and any(a.op == "welcome" for a in allowed):
@@ -388,15 +388,29 @@ class Client:
         if handler:
             handler(message)
 
-    def direct(self, message):
-        """Finds the sent message that this answers; those before it may have none. None: there is no such message."""
+    def answered_entry(self, message):
+        """The index of the sent message that this answers; those before it may have no answer. None: there is none."""
         for i, entry in enumerate(self.queue):
             if any(a.fits(message) for a in entry.allowed):
-                del self.queue[:i + 1]
-                return entry
+                return i
             if not entry.silent:
                 return None
         return None
+
+    def direct(self, message):
+        """Takes the sent message that this answers, and those before it, from the queue. None: there is none."""
+        i = self.answered_entry(message)
+        if i is None:
+            return None
+        entry = self.queue[i]
+        del self.queue[:i + 1]
+        return entry
+
+    def is_for_older_probe(self, message):
+        """Whether a well-formed probe waits that came before the message which this could answer at once."""
+        i = self.answered_entry(message)
+        return i is not None and message["clause"] != "4.15.5" and (message["code"], message["clause"]) in later_clauses("probe", {}) and any(
+            probe["sent"] < self.queue[i].number for probe in self.probes if probe.get("request", 0) == message.get("request"))
 
     def unexpected(self, message):
         first = next((e for e in self.queue if not e.silent), self.queue[0] if self.queue else None)
@@ -450,9 +464,7 @@ class Client:
         if ERRORS[message["code"]] is None and message["fatal"]:
             raise Finding(f"{message['code']} is fatal")
         loose = refusal("too_fast", "2.5")
-        # Of two probes without a number, the first may be refused later, and the second by itself.
-        later_first = (message["code"], message["clause"]) in later_clauses("probe", {}) and message["clause"] != "4.15.5"
-        first, second = (self.later_error, self.direct) if later_first else (self.direct, self.later_error)
+        first, second = (self.later_error, self.direct) if self.is_for_older_probe(message) else (self.direct, self.later_error)
         if not first(message) and not second(message) and not any(a.fits(message) for a in ALWAYS) and not (
                 loose.fits(message) and (self.since_sync > AT_ONCE or self.sent > IN_ALL)):
             self.unexpected(message)
