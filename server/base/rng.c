@@ -36,3 +36,11 @@ void rng_sobol2(uint64_t seed, uint32_t index, double out[2])
     out[0] = rng_unit(owen_scramble(reverse_bits(index), rng_mix(seed, 1)));
     out[1] = rng_unit(owen_scramble(sobol_second(index), rng_mix(seed, 2)));
 }
+
+uint32_t rng_shuffled(uint64_t seed, uint32_t index)
+{
+    double x[2];
+
+    rng_sobol2(seed, (uint32_t)(reverse_bits(index) >> 32), x);
+    return (uint32_t)(x[0] * 0x1p32);
+}

@@ -43,4 +43,8 @@ static inline double rng_next(struct rng *r)
  * of 2^k points is a (0, k, 2)-net in base 2, so the sequence is progressive. */
 void rng_sobol2(uint64_t seed, uint32_t index, double out[2]);
 
+/* A shuffled order of the sequence in which every aligned block of 2^k points remains a block, so that the pairs of
+ * numbers a path takes from two sequences are independent, and each sequence remains progressive [Burley 2020]. */
+uint32_t rng_shuffled(uint64_t seed, uint32_t index);
+
 #endif

@@ -9,6 +9,18 @@ struct lobe lobe_of(const struct scatter *s)
     return (struct lobe){ s->kind, s->surface.geometric, s->surface.shading, s->diffuse, s->specular, s->gloss };
 }
 
+struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l)
+{
+    return (struct lobe){
+        .kind = (enum lobe_kind)p->kind,
+        .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
+        .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
+        .diffuse = { p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l] },
+        .specular = { p->specular[0][l], p->specular[1][l], p->specular[2][l] },
+        .gloss = p->gloss[l],
+    };
+}
+
 void frame_about(struct vec3 n, struct vec3 *t, struct vec3 *u)
 {
     /* [Duff et al. 2017, listing 3] */
@@ -93,6 +105,19 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
         const double f0 = specular[k];
         brdf[k] = enter * leave * diffuse[k] / PI + (f0 + (1.0 - f0) * fresnel) * shine;
     }
+}
+
+bool lobe_weight(const struct lobe *l, struct vec3 wo, struct vec3 wi, double density, double weight[3])
+{
+    double brdf[3];
+
+    lobe_evaluate(l, wo, wi, brdf);
+    if (!(density > 0.0 && brdf[0] + brdf[1] + brdf[2] > 0.0))
+        return false;
+    const double scale = vec3_dot_double(l->shading, wi) / density;
+    for (int c = 0; c < 3; c++)
+        weight[c] = brdf[c] * scale;
+    return true;
 }
 
 double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi)

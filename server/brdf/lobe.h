@@ -5,6 +5,7 @@
 #ifndef BRDF_LOBE_H
 #define BRDF_LOBE_H
 
+#include "scene/gbuffer.h"
 #include "scene/scatter.h"
 #include "base/vec.h"
 
@@ -18,6 +19,7 @@ struct lobe { /* the parameters of a BRDF, ready to evaluate */
 };
 
 struct lobe lobe_of(const struct scatter *s); /* the rough lobe of s */
+struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l); /* that of lane l */
 
 /* The BRDF, sr^-1, without a cosine. 0 if wi is below the geometric or the shading surface. */
 void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double brdf[3]);
@@ -26,6 +28,10 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
  * 0. */
 struct vec3 lobe_sample(const struct lobe *l, struct vec3 wo, const double x[3]);
 double lobe_density(const struct lobe *l, struct vec3 wo, struct vec3 wi); /* probability density of wi, sr^-1 */
+
+/* The weight of a path that leaves along wi, a sample of this density, sr^-1: BRDF times cosine / density. False: none.
+ */
+bool lobe_weight(const struct lobe *l, struct vec3 wo, struct vec3 wi, double density, double weight[3]);
 
 /* Approximate albedo: 0..1, > 0 wherever the lobe reflects anything. */
 double lobe_albedo(const struct lobe *l, struct vec3 wo);

@@ -90,18 +90,16 @@ static void sample_sky(struct walk *w, const struct lobe *lobe, struct vec3 star
 static bool follow_lobe(struct walk *w, const struct lobe *lobe, struct vec3 wo, struct vec3 start, const double x[3],
                         double keep)
 {
-    double brdf[3];
+    double weight[3];
 
     w->dir = lobe_sample(lobe, wo, x);
     w->origin = start;
     w->specular = false;
     w->density = keep * lobe_density(lobe, wo, w->dir);
-    lobe_evaluate(lobe, wo, w->dir, brdf);
-    if (!(w->density > 0.0 && brdf[0] + brdf[1] + brdf[2] > 0.0))
+    if (!lobe_weight(lobe, wo, w->dir, w->density, weight))
         return false;
-    const double scale = vec3_dot_double(lobe->shading, w->dir) / w->density;
     for (int c = 0; c < 3; c++)
-        w->weight[c] *= brdf[c] * scale;
+        w->weight[c] *= weight[c];
     return true;
 }
 
@@ -175,18 +173,6 @@ static void walk_on(struct walk *w)
     }
 }
 
-static struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l)
-{
-    return (struct lobe){
-        .kind = (enum lobe_kind)p->kind,
-        .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
-        .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
-        .diffuse = { p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l] },
-        .specular = { p->specular[0][l], p->specular[1][l], p->specular[2][l] },
-        .gloss = p->gloss[l],
-    };
-}
-
 /* All paths of one point. The sequence's numbers get a digital shift per point, which keeps each uniform and the set a
  * net. */
 static uint64_t shade_point(const struct frame_paths *f, const struct shade_packet *p, uint32_t l, uint64_t point,
@@ -217,30 +203,13 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
     return w.rays;
 }
 
-static uint32_t reversed(uint32_t x)
-{
-    uint32_t r = 0;
-    for (int bit = 0; bit < 32; bit++, x >>= 1)
-        r = r << 1 | (x & 1);
-    return r;
-}
-
-/* A shuffled order of the sequence in which every aligned block of 2^k points remains a block, so that the pairs of
- * numbers a path takes from two sequences are independent, and each sequence remains progressive [Burley 2020]. */
-static uint32_t shuffled(uint64_t seed, uint32_t index)
-{
-    double x[2];
-    rng_sobol2(seed, reversed(index), x);
-    return (uint32_t)(x[0] * 0x1p32);
-}
-
 static void fill_numbers(uint64_t seed, uint32_t first, uint32_t paths, uint64_t (*out)[NUMBER_COUNT])
 {
     for (uint32_t i = 0; i < paths; i++) {
         double pick[2], lobe[2], sky[2];
         rng_sobol2(rng_mix(seed, 0), first + i, lobe);
-        rng_sobol2(rng_mix(seed, 1), shuffled(rng_mix(seed, 2), first + i), sky);
-        rng_sobol2(rng_mix(seed, 3), shuffled(rng_mix(seed, 4), first + i), pick);
+        rng_sobol2(rng_mix(seed, 1), rng_shuffled(rng_mix(seed, 2), first + i), sky);
+        rng_sobol2(rng_mix(seed, 3), rng_shuffled(rng_mix(seed, 4), first + i), pick);
         const double x[NUMBER_COUNT] = { pick[0], lobe[0], lobe[1], sky[0], sky[1] };
         for (int k = 0; k < NUMBER_COUNT; k++)
             out[i][k] = (uint64_t)(x[k] * 0x1p53) << 11;

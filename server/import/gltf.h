@@ -174,10 +174,6 @@ MUST_CHECK enum err gltf_add_nodes(struct gltf *g);
 
 /* ---- gltf_matrix.c ---- */
 
-/* a * b, both column-major; `out` is neither. */
-void gltf_multiply(const double a[16], const double b[16], double out[16]);
-/* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
-double gltf_cofactors(const double m[16], double c[9]);
 /* Translation, rotation (a quaternion, w last; need not be unit) and scale. */
 void gltf_compose(const double t[3], const double r[4], const double s[3], double out[16]);
 /* The matrix of a node. */

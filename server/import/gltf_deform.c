@@ -43,7 +43,7 @@ static enum err read_joint(struct gltf *g, const struct gltf_at *joint, const st
         for (int k = 0; k < 16; k++)
             inverse[k] = numbers[k];
     }
-    gltf_multiply(g->worlds[node], inverse, out);
+    matrix_multiply(g->worlds[node], inverse, out);
     return ERR_OK;
 }
 
@@ -156,7 +156,7 @@ static enum err move_by_skin(struct gltf *g, const struct primitive *p, const st
         if (!blend(p->skin, f, i, matrix))
             return gltf_fault(g, &p->attributes, ERR_FORMAT, "a joint of vertex %zu is not below %zu", p->first + i,
                               p->skin->count);
-        const double side = gltf_cofactors(matrix, c) < 0.0 ? -1.0 : 1.0;
+        const double side = matrix_cofactors(matrix, c) < 0.0 ? -1.0 : 1.0;
         gltf_transform_point(matrix, m->positions + 3 * i);
         if (m->normals)
             gltf_transform_normal(c, side, m->normals + 3 * i);

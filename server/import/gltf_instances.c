@@ -73,7 +73,7 @@ static void compose(float *const numbers[PARTS], size_t i, const double world[16
             v[k][n] = numbers[k][parts[k].width * i + n];
     }
     gltf_compose(v[TRANSLATION], v[ROTATION], v[SCALE], local);
-    gltf_multiply(world, local, out);
+    matrix_multiply(world, local, out);
 }
 
 enum err places_load(struct gltf *g, const struct gltf_at *node, const double world[16], struct places *out)

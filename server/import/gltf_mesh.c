@@ -255,7 +255,7 @@ void mesh_turn_over(struct mesh *m)
 static void transform(struct mesh *m, const double matrix[16])
 {
     double c[9];
-    const double side = gltf_cofactors(matrix, c) < 0.0 ? -1.0 : 1.0;
+    const double side = matrix_cofactors(matrix, c) < 0.0 ? -1.0 : 1.0;
 
     for (size_t i = 0; i < m->vertex_count; i++) {
         gltf_transform_point(matrix, m->positions + 3 * i);

@@ -159,7 +159,7 @@ static enum err descend(struct gltf *g, size_t index, const double parent[16], c
     enum err e = gltf_node_matrix(g, &node, local);
     if (e)
         return e;
-    gltf_multiply(parent, local, world);
+    matrix_multiply(parent, local, world);
     e = v->node(g, index, world, v->context);
     for (size_t i = 0; i < json_array_size(children) && !e; i++)
         e = descend(g, (size_t)json_number_value(json_array_get(children, i)), world, v);

@@ -42,19 +42,6 @@ struct import {
     struct reason *why;
 };
 
-/* a * b, both column-major. */
-static void multiply(const double a[16], const double b[16], double out[16])
-{
-    for (int column = 0; column < 4; column++) {
-        for (int row = 0; row < 4; row++) {
-            double sum = 0.0;
-            for (int k = 0; k < 4; k++)
-                sum += a[4 * k + row] * b[4 * column + k];
-            out[4 * column + row] = sum;
-        }
-    }
-}
-
 static void node_matrix(const struct aiMatrix4x4 *m, double out[16])
 {
     const double columns[16] = { m->a1, m->b1, m->c1, m->d1, m->a2, m->b2, m->c2, m->d2,
@@ -71,23 +58,10 @@ static void put_positions(const struct aiMesh *ai, const double m[16], float *ou
     }
 }
 
-/* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
-static double cofactors(const double m[16], double c[9])
-{
-    for (int i = 0; i < 3; i++) {
-        const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
-        for (int j = 0; j < 3; j++) {
-            const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
-            c[3 * i + j] = m[4 * i1 + j1] * m[4 * i2 + j2] - m[4 * i1 + j2] * m[4 * i2 + j1];
-        }
-    }
-    return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
-}
-
 static void put_normals(const struct aiMesh *ai, const double m[16], float *out)
 {
     double c[9];
-    const double side = cofactors(m, c) < 0.0 ? -1.0 : 1.0;
+    const double side = matrix_cofactors(m, c) < 0.0 ? -1.0 : 1.0;
 
     for (size_t i = 0; i < ai->mNumVertices; i++) {
         const struct aiVector3D *n = &ai->mNormals[i];
@@ -136,7 +110,7 @@ static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, cons
     if (!m->positions || !m->indices)
         return ERR_NOMEM;
     put_positions(ai, matrix, m->positions);
-    m->triangle_count = put_indices(ai, cofactors(matrix, c) < 0.0, m->indices);
+    m->triangle_count = put_indices(ai, matrix_cofactors(matrix, c) < 0.0, m->indices);
     if (in->desc->normals != NORMALS_FLAT && ai->mNormals) {
         m->normals = mem_alloc(ai->mNumVertices, 3 * sizeof(float));
         if (!m->normals)
@@ -188,7 +162,7 @@ static enum err add_node(struct import *in, const struct aiNode *node, const dou
     enum err e = ERR_OK;
 
     node_matrix(&node->mTransformation, local);
-    multiply(parent, local, world);
+    matrix_multiply(parent, local, world);
     for (unsigned i = 0; i < node->mNumMeshes && !e; i++)
         e = add_mesh(in, in->ai->mMeshes[node->mMeshes[i]], world);
     for (unsigned i = 0; i < node->mNumChildren && !e; i++)

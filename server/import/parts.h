@@ -78,6 +78,11 @@ bool path_is_gltf(const char *path);
 /* Whether the path ends in this extension (".ply"), in either case. */
 bool path_ends_in(const char *path, const char *ending);
 
+/* a * b, both column-major; `out` is neither. */
+void matrix_multiply(const double a[16], const double b[16], double out[16]);
+/* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
+double matrix_cofactors(const double m[16], double c[9]);
+
 /* Reads a JSON scene into an empty scene. Errors of import_scene. */
 MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);
 

@@ -49,22 +49,6 @@ struct batch {
     uint64_t (*numbers)[WALK_NUMBERS]; /* [samples], in units of 2^-64 */
 };
 
-static uint32_t reversed(uint32_t x)
-{
-    uint32_t r = 0;
-    for (int bit = 0; bit < 32; bit++, x >>= 1)
-        r = r << 1 | (x & 1);
-    return r;
-}
-
-/* A shuffled order of the sequence in which every aligned block of 2^k points remains a block, see eye_paths.c. */
-static uint32_t shuffled(uint64_t seed, uint32_t index)
-{
-    double x[2];
-    rng_sobol2(seed, reversed(index), x);
-    return (uint32_t)(x[0] * 0x1p32);
-}
-
 /* Consecutive pairs from sequences of their own. */
 static void fill_numbers(struct batch *b)
 {
@@ -74,7 +58,7 @@ static void fill_numbers(struct batch *b)
         for (uint32_t pair = 0; pair < NUMBER_PAIRS; pair++) {
             const uint32_t index = (uint32_t)(b->first + i);
             double x[2];
-            rng_sobol2(rng_mix(seed, 2 * pair), pair ? shuffled(rng_mix(seed, 2 * pair + 1), index) : index, x);
+            rng_sobol2(rng_mix(seed, 2 * pair), pair ? rng_shuffled(rng_mix(seed, 2 * pair + 1), index) : index, x);
             for (uint32_t k = 0; k < 2; k++)
                 b->numbers[i][2 * pair + k] = (uint64_t)(x[k] * 0x1p53) << 11;
         }
@@ -83,12 +67,7 @@ static void fill_numbers(struct batch *b)
 static struct walk_start start_at(const struct shade_packet *p, uint32_t l)
 {
     return (struct walk_start){
-        .lobe = { .kind = (enum lobe_kind)p->kind,
-                  .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
-                  .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
-                  .diffuse = { p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l] },
-                  .specular = { p->specular[0][l], p->specular[1][l], p->specular[2][l] },
-                  .gloss = p->gloss[l] },
+        .lobe = lobe_of_lane(p, l),
         .origin = { p->x[l], p->y[l], p->z[l] },
         .wo = { p->wo_x[l], p->wo_y[l], p->wo_z[l] },
     };

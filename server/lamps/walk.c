@@ -21,7 +21,7 @@ static void add(struct walk *w, const double brdf[3], double scale, const double
         w->sum[c] += w->weight[c] * brdf[c] * scale * rgb[c];
 }
 
-/* The cosine at the surface times the BRDF, if light can arrive from there; one shadow ray. */
+/* Whether light can arrive from there, and the BRDF for it; one shadow ray. */
 static bool is_lit(struct walk *w, const struct lobe *lobe, struct vec3 wo, struct vec3 at, const struct arrival *light,
                    double brdf[3])
 {
@@ -54,18 +54,16 @@ static void light(struct walk *w, const struct lobe *lobe, struct vec3 wo, struc
 static bool follow_lobe(struct walk *w, const struct lobe *lobe, struct vec3 wo, struct vec3 at, const double x[3],
                         double keep)
 {
-    double brdf[3];
+    double weight[3];
 
     w->dir = lobe_sample(lobe, wo, x);
     w->origin = at;
     w->specular = false;
     w->density = keep * lobe_density(lobe, wo, w->dir);
-    lobe_evaluate(lobe, wo, w->dir, brdf);
-    if (!(w->density > 0.0 && brdf[0] + brdf[1] + brdf[2] > 0.0))
+    if (!lobe_weight(lobe, wo, w->dir, w->density, weight))
         return false;
-    const double scale = vec3_dot_double(lobe->shading, w->dir) / w->density;
     for (int c = 0; c < 3; c++)
-        w->weight[c] *= brdf[c] * scale;
+        w->weight[c] *= weight[c];
     return true;
 }
 

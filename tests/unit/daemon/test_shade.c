@@ -190,7 +190,7 @@ static void await_lamps(struct rig *r, float *rgb)
     fail_msg("the lamps were not completed");
 }
 
-/* The frame is lit once; the lamps improve beside it, and their factor is applied to what is there. */
+/* The sky lights the frame once; the lamps are refined meanwhile, and their factor scales the newest result. */
 static void lamps_are_scaled_without_lighting_the_frame_again(void **state)
 {
     (void)state;

@@ -343,7 +343,7 @@ static void a_mask_that_does_not_vary_takes_no_more_rays(void **state)
     }
 }
 
-/* Weights are exact, with one ray: alpha, and what is left of it behind. A point on each sheet. */
+/* One ray gives the exact weights: alpha on the front sheet, 1 - alpha on the one behind it. */
 static void fractional_coverage_is_seen_as_a_weight(void **state)
 {
     struct scene *s = scene_create();
