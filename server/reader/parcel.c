@@ -12,7 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define MAGIC 0x524c5034u
+#define MAGIC 0x524c5035u
 #define SLACK 1e-4f /* rounding beyond the limits of a value */
 
 struct head {
@@ -189,6 +189,20 @@ static enum err check_emission(const struct parcel *p, const struct material *m)
     return ERR_OK;
 }
 
+static bool lacks_map(const struct parcel *p, const struct material *m, enum material_map map, uint32_t texture)
+{
+    return (m->maps & map) && texture >= p->head.textures;
+}
+
+static enum err check_maps(const struct parcel *p, const struct material *m)
+{
+    if ((m->maps & ~(uint32_t)MAPS_ALL) || (m->maps && m->kind != MATERIAL_GGX))
+        return forged(p, "a material has maps that it cannot have");
+    if (lacks_map(p, m, MAP_ROUGHNESS, m->roughness_texture))
+        return forged(p, "a material names a map that is not there");
+    return ERR_OK;
+}
+
 static enum err check_material(const struct parcel *p, const struct material *m)
 {
     const struct vec3 sum = vec3_add(m->diffuse, m->specular);
@@ -207,7 +221,8 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         (m->alpha_mode != ALPHA_OPAQUE && m->alpha_texture != MATERIAL_NO_TEXTURE &&
          m->alpha_texture >= p->head.textures))
         return forged(p, "a material names a texture that is not there");
-    return check_emission(p, m);
+    const enum err e = check_maps(p, m);
+    return e ? e : check_emission(p, m);
 }
 
 static enum err take_materials(struct parcel *p)

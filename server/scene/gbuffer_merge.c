@@ -4,6 +4,13 @@
 
 #define COS_5_DEGREES 0.99619470f
 #define COS_30_DEGREES 0.86602540f
+#define ROUGHNESS_STEP 0.1f /* lobes whose roughness differs by more are not averaged */
+
+/* Whether the lobes differ too little to matter, as they do within a texel or two of most roughness maps. */
+static bool lobes_alike(const struct leaf *a, const struct leaf *b)
+{
+    return a->kind != LOBE_GGX || fabsf(sqrtf(a->gloss) - sqrtf(b->gloss)) <= ROUGHNESS_STEP;
+}
 
 bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b)
 {
@@ -11,7 +18,7 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
         return false;
     if (a->escaped)
         return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
-    if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind)
+    if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || !lobes_alike(a, b))
         return false;
     /* With interpolated normals, the geometric normals only determine what lies below the horizon. */
     const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
@@ -54,9 +61,34 @@ static float merged_width(const struct leaf *leaves, const uint32_t *owner, uint
     return (float)sqrt(sum / all);
 }
 
+/* The mean lobe of a material whose roughness or metallic varies: in gloss it is approximate. */
+static void merge_lobes(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
+                        struct leaf *out)
+{
+    double specular[3] = { 0.0 }, weight[3] = { 0.0 }, gloss = 0.0, all = 0.0;
+    float *const to[3] = { &out->specular.x, &out->specular.y, &out->specular.z };
+
+    for (uint32_t i = first; i < count; i++) {
+        if (owner[i] != first)
+            continue;
+        const struct leaf *l = &leaves[i];
+        const float from[3] = { l->specular.x, l->specular.y, l->specular.z };
+        for (int k = 0; k < 3; k++) {
+            specular[k] += (double)l->weight[k] * from[k];
+            weight[k] += l->weight[k];
+        }
+        gloss += (double)total(l) * l->gloss;
+        all += total(l);
+    }
+    for (int k = 0; k < 3; k++)
+        *to[k] = weight[k] > 0.0 ? (float)(specular[k] / weight[k]) : 0.0f;
+    out->gloss = (float)(gloss / all);
+}
+
 /* Merges the cluster of seed `first`. Colours are averaged per channel with the weights, which is exact, since a pixel
  * is linear in them. */
-static struct leaf merge_cluster(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count)
+static struct leaf merge_cluster(const struct sight *s, const struct leaf *leaves, const uint32_t *owner,
+                                 uint32_t first, uint32_t count)
 {
     double weight[3] = { 0.0 }, colour[3] = { 0.0 }, place[3] = { 0.0 }, all = 0.0;
     uint32_t nearest = first;
@@ -92,6 +124,8 @@ static struct leaf merge_cluster(const struct leaf *leaves, const uint32_t *owne
     l.diffuse = vec3_make(weight[0] > 0.0 ? (float)(colour[0] / weight[0]) : 0.0f,
                           weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
                           weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
+    if (!l.escaped && (s->scene->materials[l.material].maps & MAP_ROUGHNESS))
+        merge_lobes(leaves, owner, first, count, &l);
     if (l.escaped) {
         l.arrival = vec3_normalize(mean);
         l.footprint = merged_width(leaves, owner, first, count, mean);
@@ -112,7 +146,7 @@ void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, u
     }
     for (uint32_t i = 0; i < *count; i++) {
         if (owner[i] == i) /* writes at or before its seed, which no later cluster reads */
-            leaves[kept++] = merge_cluster(leaves, owner, i, *count);
+            leaves[kept++] = merge_cluster(s, leaves, owner, i, *count);
     }
     *count = kept;
 }

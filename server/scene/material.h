@@ -22,6 +22,12 @@ enum alpha_mode {
     ALPHA_BLEND,  /* alpha is the fraction of an area that is surface */
 };
 
+/* Textures of numbers that a material has besides its colours, as bits of `maps`. */
+enum material_map {
+    MAP_ROUGHNESS = 1, /* ggx: green multiplies roughness, blue metallic [glTF 2.0, section 3.9.2] */
+};
+#define MAPS_ALL MAP_ROUGHNESS
+
 #define MATERIAL_NO_TEXTURE UINT32_MAX
 #define EMISSION_MAX 1e9f /* the sun's disc has 1.6e9 cd/m^2; products with areas and weights still fit a float */
 
@@ -32,6 +38,8 @@ struct material {
     struct vec3 specular;       /* phong */
     float exponent;             /* phong */
     float metallic, roughness;  /* ggx */
+    uint32_t maps;              /* enum material_map */
+    uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
     float ior;                  /* glass */
     uint32_t texture;           /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
     enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */

@@ -2,18 +2,23 @@
 
 #include <math.h>
 
+static struct vec3 lookup(const struct texture *t, const float uv[2], const float (*step)[2])
+{
+    return step ? texture_filter(t, uv[0], uv[1], step) : texture_lookup(t, uv[0], uv[1]);
+}
+
 static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
                                const float (*step)[2])
 {
     if (m->texture == MATERIAL_NO_TEXTURE)
         return m->diffuse;
-    const struct texture *t = &scene->textures[m->texture];
-    return vec3_mul(m->diffuse, step ? texture_filter(t, uv[0], uv[1], step) : texture_lookup(t, uv[0], uv[1]));
+    return vec3_mul(m->diffuse, lookup(&scene->textures[m->texture], uv, step));
 }
 
+/* A map never makes a mirror: whether a path has an S or a D vertex must not depend on how a texture is filtered. */
 static bool is_sharp(const struct material *m)
 {
-    return m->kind == MATERIAL_GGX && m->roughness * m->roughness < ALPHA_DELTA;
+    return m->kind == MATERIAL_GGX && !(m->maps & MAP_ROUGHNESS) && m->roughness * m->roughness < ALPHA_DELTA;
 }
 
 bool material_is_delta(const struct material *m)
@@ -27,7 +32,21 @@ bool material_is_rough(const struct material *m)
            (m->kind == MATERIAL_GGX && (!is_sharp(m) || m->metallic < 1.0f));
 }
 
-static void fill_rough(const struct material *m, struct vec3 base, struct scatter *out)
+struct finish {
+    float metallic, roughness;
+};
+
+/* Of ggx, at a place. */
+static struct finish finish_at(const struct scene *scene, const struct material *m, const float uv[2],
+                               const float (*step)[2])
+{
+    if (!(m->maps & MAP_ROUGHNESS))
+        return (struct finish){ m->metallic, m->roughness };
+    const struct vec3 v = lookup(&scene->textures[m->roughness_texture], uv, step);
+    return (struct finish){ m->metallic * v.z, m->roughness * v.y };
+}
+
+static void fill_rough(const struct material *m, struct vec3 base, struct finish finish, struct scatter *out)
 {
     out->kind = LOBE_LAMBERT;
     out->diffuse = base;
@@ -39,9 +58,9 @@ static void fill_rough(const struct material *m, struct vec3 base, struct scatte
         out->gloss = m->exponent;
     } else if (m->kind == MATERIAL_GGX) {
         out->kind = LOBE_GGX;
-        out->diffuse = ggx_matte(base, m->metallic, m->roughness);
-        out->specular = ggx_f0(base, m->metallic);
-        out->gloss = is_sharp(m) ? 0.0f : m->roughness * m->roughness;
+        out->diffuse = ggx_matte(base, finish.metallic, finish.roughness);
+        out->specular = ggx_f0(base, finish.metallic);
+        out->gloss = is_sharp(m) ? 0.0f : fmaxf(finish.roughness * finish.roughness, ALPHA_DELTA);
     }
 }
 
@@ -58,15 +77,16 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     const struct material *m = &scene->materials[material];
 
     const struct vec3 base = vec3_mul(base_colour(scene, m, out->surface.uv, uv_step), out->surface.colour);
+    const struct finish finish = finish_at(scene, m, out->surface.uv, uv_step);
     out->mesh = h->mesh;
     out->material = material;
     out->rough = material_is_rough(m);
-    fill_rough(m, base, out);
+    fill_rough(m, base, finish, out);
     out->delta = m->kind == MATERIAL_MIRROR  ? DELTA_MIRROR
                  : m->kind == MATERIAL_GLASS ? DELTA_GLASS
                  : is_sharp(m)               ? DELTA_GLOSS
                                              : DELTA_NONE;
-    out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, m->metallic) : base;
+    out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic) : base;
     out->ior = m->kind == MATERIAL_GLASS ? m->ior : 1.0f;
 }
 

@@ -19,7 +19,6 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_NORMAL_MAP: return "normal maps";
     case FEATURE_ALPHA: return "alpha masks and blending";
     case FEATURE_VOLUME: return "volumes";
-    case FEATURE_ROUGHNESS_MAP: return "metallic-roughness textures";
     case FEATURE_CLEARCOAT: return "clearcoat and sheen";
     case FEATURE_ROUGH_GLASS: return "rough glass";
     case FEATURE_TINTED_GLASS: return "tinted glass";

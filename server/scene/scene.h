@@ -19,7 +19,6 @@ enum scene_feature {
     FEATURE_NORMAL_MAP,
     FEATURE_ALPHA,         /* masks and blending; treated as opaque */
     FEATURE_VOLUME,        /* attenuation inside glass */
-    FEATURE_ROUGHNESS_MAP, /* metallic and roughness textures; replaced by their means */
     FEATURE_CLEARCOAT,     /* clearcoat and sheen */
     FEATURE_ROUGH_GLASS,   /* treated as smooth */
     FEATURE_TINTED_GLASS,  /* treated as clear */

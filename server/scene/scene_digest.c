@@ -24,6 +24,13 @@ static void digest_alpha(struct digest *d, const struct material *m)
     digest_bytes(d, values, sizeof(values));
 }
 
+/* Nothing without maps. */
+static void digest_maps(struct digest *d, const struct material *m)
+{
+    if (m->maps & MAP_ROUGHNESS)
+        digest_u64(d, (uint64_t)MAP_ROUGHNESS << 32 | m->roughness_texture);
+}
+
 /* Field by field, since padding is undefined. */
 static void digest_material(struct digest *d, const struct material *m)
 {
@@ -33,6 +40,7 @@ static void digest_material(struct digest *d, const struct material *m)
     digest_u64(d, (uint64_t)m->kind << 32 | m->texture);
     digest_bytes(d, values, sizeof(values));
     digest_alpha(d, m);
+    digest_maps(d, m);
 }
 
 static void digest_texture(struct digest *d, const struct texture *t)

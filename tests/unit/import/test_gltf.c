@@ -1,6 +1,8 @@
 #include "scene/files.h"
 #include "scene/load.h"
 
+#include "pngs.h"
+
 #include "import/parts.h"
 
 #include <math.h>
@@ -13,22 +15,6 @@ static const float square[] = {
     0, 1, 1, 1, 1, 0, 0, 0,             /* texture coordinates, byte 96 */
 };
 static const uint16_t square_indices[] = { 0, 1, 2, 0, 2, 3 }; /* byte 128 */
-
-/* 2 x 2 texels: red, green / blue, grey 128. */
-static const uint8_t four_png[] = {
-    0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52, 0x00, 0x00, 0x00,
-    0x02, 0x00, 0x00, 0x00, 0x02, 0x08, 0x02, 0x00, 0x00, 0x00, 0xfd, 0xd4, 0x9a, 0x73, 0x00, 0x00, 0x00, 0x13, 0x49,
-    0x44, 0x41, 0x54, 0x78, 0xda, 0x63, 0xf8, 0xcf, 0xc0, 0xc0, 0x00, 0xc2, 0x0c, 0xff, 0x1b, 0x1a, 0x1a, 0x00, 0x1c,
-    0xf4, 0x04, 0x7e, 0x9d, 0x71, 0x8c, 0x3d, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
-};
-
-/* One texel of 16 bits, 0x80c0, without any word about its colour space. */
-static const uint8_t grey16_png[] = {
-    0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52, 0x00,
-    0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x10, 0x00, 0x00, 0x00, 0x00, 0x6a, 0xee, 0x47, 0x16, 0x00,
-    0x00, 0x00, 0x0b, 0x49, 0x44, 0x41, 0x54, 0x78, 0x9c, 0x63, 0x68, 0x38, 0x00, 0x00, 0x01, 0xc3, 0x01,
-    0x41, 0x3d, 0xa6, 0x07, 0xf2, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
-};
 
 /* 2 x 2 texels of alpha 0, 85 / 170, 255. */
 static const uint8_t alpha_png[] = {
@@ -456,15 +442,16 @@ static void materials_share_textures(void **state)
     struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", text));
     const char *said = log_end();
     assert_null(strstr(said, "repeat"));
-    assert_int_equal(s->texture_count, 2 * NAMES);
+    assert_int_equal(s->texture_count, 3 * NAMES);
     for (int i = 0; i < MATERIALS; i++) {
         const struct material *m = &s->materials[i];
         const struct texture *t = &s->textures[m->texture];
         assert_int_equal(m->texture, s->materials[i % (2 * NAMES)].texture);
         assert_int_equal(t->wrap_u, i % (2 * NAMES) < NAMES ? TEXTURE_REPEAT : TEXTURE_CLAMP);
         assert_int_equal(t->wrap_v, i % (2 * NAMES) < NAMES ? TEXTURE_REPEAT : TEXTURE_MIRROR);
-        assert_float_equal(m->roughness, (0 + 255 + 0 + 128) / 1020.0f, 1e-6f); /* of the green channel */
-        assert_float_equal(m->metallic, (0 + 0 + 255 + 128) / 1020.0f, 1e-6f);
+        assert_int_equal(m->maps, MAP_ROUGHNESS);
+        assert_int_equal(m->roughness_texture, s->materials[i % NAMES].roughness_texture);
+        assert_int_equal(s->textures[m->roughness_texture].values, TEXTURE_LINEAR);
     }
     scene_destroy(s);
     folder_remove(&f);
@@ -560,7 +547,7 @@ static void shared_models_load(void **state)
     } files[] = {
         { "models/house.glb", 10497, 1, 0 },
         { "models/glass-table.glb", 592, 0, 1u << FEATURE_PARTIAL_GLASS | 1u << FEATURE_TINTED_GLASS },
-        { "models/low-poly-tree.glb", 1126, 1, 1u << FEATURE_ROUGHNESS_MAP },
+        { "models/low-poly-tree.glb", 1126, 1, 0 },
         { "models/AttenuationTest.glb", 292, 2, 1u << FEATURE_VOLUME | 1u << FEATURE_TINTED_GLASS },
         { "models/kenney-city/grass-trees.glb", 380, 1, 0 }, /* its texture is a file of its own */
     };

@@ -210,6 +210,41 @@ static inline void world_perforate(struct world *w)
     w->stream = stream_of(w->stream, "holes");
 }
 
+/* After world_trim: every surface becomes ggx whose roughness rises along x, from 0.2 to 1, and which becomes metal
+ * along z. The ramps are the same however they are filtered. */
+static inline void world_polish(struct world *w)
+{
+    enum { SIDE = 256 };
+    const float reach = 10.0f; /* further than any vertex */
+    struct texture t;
+    uint32_t index;
+
+    assert_int_equal(texture_init(&t, SIDE, SIDE, TEXTURE_LINEAR), ERR_OK);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        const uint8_t rough = (uint8_t)(51 + i % SIDE * 204 / 255), texel[4] = { 0, rough, (uint8_t)(i / SIDE), 255 };
+        memcpy(t.texels + 4 * (size_t)i, texel, 4);
+    }
+    t.wrap_u = t.wrap_v = TEXTURE_CLAMP;
+    texture_build_levels(&t);
+    assert_int_equal(scene_add_texture(w->scene, &t, &index), ERR_OK);
+    for (size_t i = 0; i < w->scene->material_count; i++) {
+        struct material *m = &w->scene->materials[i];
+        m->kind = MATERIAL_GGX;
+        m->metallic = m->roughness = 1.0f;
+        m->maps = MAP_ROUGHNESS;
+        m->roughness_texture = index;
+    }
+    for (size_t i = 0; i < w->scene->mesh_count; i++) {
+        struct mesh *m = &w->scene->meshes[i];
+        mem_free(m->uvs);
+        m->uvs = mem_alloc(m->vertex_count, 2 * sizeof(float));
+        assert_non_null(m->uvs);
+        for (size_t v = 0; v < 2 * (size_t)m->vertex_count; v++)
+            m->uvs[v] = 0.5f + 0.5f * m->positions[3 * (v / 2) + 2 * (v % 2)] / reach;
+    }
+    w->stream = stream_of(w->stream, "maps");
+}
+
 /* Whether any of 16 rays through the pixel meets a mirror or glass. */
 static inline bool sees_delta(const struct world *w, uint32_t x, uint32_t y)
 {

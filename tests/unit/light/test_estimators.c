@@ -202,6 +202,34 @@ static void built_in_scene_with_holes_agrees(void **state)
     world_finish(&w);
 }
 
+/* Metallic and roughness by maps. */
+static void assert_maps_agree(void (*give_maps)(struct world *))
+{
+    const struct technique path = { "path", BY_CENTRE, PATH_DIRECT, .count = 96 };
+    struct world w = world_open(NULL);
+    world_trim(&w, 8.0f);
+    give_maps(&w);
+    world_look(&w, 16, 9);
+    world_sky(&w, "sky:turbidity=9");
+    const struct estimate want = measure(&w, &path);
+    for (size_t i = 0; i < sizeof(of_all_skies) / sizeof(of_all_skies[0]); i++) {
+        struct technique t = of_all_skies[i];
+        t.count *= 2;
+        t.worst = 4e-3;
+        assert_technique_agrees(&w, &t, &want);
+    }
+    world_sky(&w, "sky:hour=0");
+    assert_smooth_agrees(&w);
+    assert_eye_agrees(&w, "interreflection, lit", PATH_INDIRECT_LIT, 256, 5e-3);
+    world_finish(&w);
+}
+
+static void roughness_maps_agree(void **state)
+{
+    (void)state;
+    assert_maps_agree(world_polish);
+}
+
 /* 1 % more or less by all seeds, 1.41 % by few, of direct light and of interreflection, at the error that is allowed.
  */
 static void planted_bias_of_one_percent_is_caught(void **state)
@@ -241,6 +269,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(dragon_agrees_at_noon),
     cmocka_unit_test(built_in_scene_agrees_under_built_in_skies),
     cmocka_unit_test(built_in_scene_with_holes_agrees),
+    cmocka_unit_test(roughness_maps_agree),
     cmocka_unit_test(planted_bias_of_one_percent_is_caught),
 };
 UNIT_MAIN(tests)

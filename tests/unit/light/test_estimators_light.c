@@ -199,14 +199,16 @@ static void ring_s_stored_caustics_agree_at_noon(void **state)
 }
 
 /* Without data from outside. There is no mirror and no glass: interreflection alone. */
-static void assert_built_in_sides_agree(bool holes)
+static void assert_built_in_sides_agree(void (*before)(struct world *), void (*after)(struct world *))
 {
     const struct technique path = { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 64 };
     const struct technique light = { "light tracer", BY_LIGHT, PATH_INDIRECT_LIT, .count = 80000, .worst = 1.5e-2 };
     struct world w = world_open(NULL);
-    if (holes)
-        world_perforate(&w);
+    if (before)
+        before(&w);
     world_trim(&w, 8.0f);
+    if (after)
+        after(&w);
     world_look(&w, 32, 18);
     world_sky(&w, "sky:turbidity=9");
     const struct estimate want = measure(&w, &path);
@@ -217,13 +219,19 @@ static void assert_built_in_sides_agree(bool holes)
 static void both_sides_agree_on_the_built_in_scene(void **state)
 {
     (void)state;
-    assert_built_in_sides_agree(false);
+    assert_built_in_sides_agree(NULL, NULL);
 }
 
 static void both_sides_agree_where_there_are_holes(void **state)
 {
     (void)state;
-    assert_built_in_sides_agree(true);
+    assert_built_in_sides_agree(world_perforate, NULL);
+}
+
+static void both_sides_agree_where_roughness_varies(void **state)
+{
+    (void)state;
+    assert_built_in_sides_agree(NULL, world_polish);
 }
 
 static const struct CMUnitTest tests[] = {
@@ -239,5 +247,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ring_s_stored_caustics_agree_at_noon),
     cmocka_unit_test(both_sides_agree_on_the_built_in_scene),
     cmocka_unit_test(both_sides_agree_where_there_are_holes),
+    cmocka_unit_test(both_sides_agree_where_roughness_varies),
 };
 UNIT_MAIN(tests)

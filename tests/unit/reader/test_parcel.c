@@ -41,9 +41,11 @@ static float *floats(size_t count, float first, float step)
 static struct scene *make(void)
 {
     struct scene *s = scene_create();
-    const struct material ground = {
-        .name = "ground", .kind = MATERIAL_GGX, .diffuse = { 0.1f, 0.2f, 0.3f }, .emission = { 7, 0, 1 }
-    };
+    const struct material ground = { .name = "ground",
+                                     .kind = MATERIAL_GGX,
+                                     .diffuse = { 0.1f, 0.2f, 0.3f },
+                                     .maps = MAP_ROUGHNESS,
+                                     .emission = { 7, 0, 1 } };
     const struct material pane = { .name = "pane",
                                    .kind = MATERIAL_GLASS,
                                    .ior = 1.5f,
@@ -215,6 +217,9 @@ static void forged_indices_are_refused(void **state)
     }
     forge_u32(MATERIAL + (long)offsetof(struct material, texture), 1, "a texture that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, emission_texture), 1, "an emissive texture that is not there");
+    forge_u32(MATERIAL + (long)offsetof(struct material, roughness_texture), 1, "a map that is not there");
+    forge_u32(MATERIAL + (long)offsetof(struct material, maps), MAPS_ALL + 1, "maps that it cannot have");
+    forge_u32(PANE + (long)offsetof(struct material, maps), MAP_ROUGHNESS, "maps that it cannot have");
     forge_u32(LIGHT + (long)offsetof(struct punctual_light, kind), LIGHT_DIRECTIONAL + 1, "the kind of a light");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), MATERIAL_GLASS + 1, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), 0xffffffff, "a material is out of range");

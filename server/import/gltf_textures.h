@@ -1,0 +1,35 @@
+/* server/import/gltf_textures.h */
+/* Textures of glTF: each image is read once per use. Private to this room. Thread: one at a time. */
+#ifndef IMPORT_GLTF_TEXTURES_H
+#define IMPORT_GLTF_TEXTURES_H
+
+#include "import/gltf.h"
+
+struct gltf_known_image;
+
+struct gltf_images { /* zeroed but for g at first */
+    struct gltf *g;
+    struct gltf_known_image *known;
+    size_t count, room;
+};
+
+void gltf_images_finish(struct gltf_images *s); /* frees the list, not the scene's textures */
+
+struct gltf_numbers { /* a texture of numbers: TEXTURE_LINEAR */
+    bool found;       /* false: it cannot be read; the rest is zero, and a warning has said so */
+    uint32_t texture; /* of the scene; MATERIAL_NO_TEXTURE: uniform, the means say it all */
+    float mean[3];    /* of the colour channels, 0..1 */
+    struct gltf_surface surface;
+};
+
+/* Reads the texture of colours that `at` names; *index is MATERIAL_NO_TEXTURE if it cannot be read, which costs a
+ * warning. Else sets *surface. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_texture_colours(struct gltf_images *s, const struct gltf_at *at, enum texture_values values,
+                                         uint32_t *index, struct gltf_surface *surface);
+
+/* The same for numbers. channels: those that count, bit 0 for red; instead: what a warning says happens without the
+ * image, static text. */
+MUST_CHECK enum err gltf_texture_numbers(struct gltf_images *s, const struct gltf_at *at, unsigned channels,
+                                         const char *instead, struct gltf_numbers *out);
+
+#endif
