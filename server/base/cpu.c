@@ -2,6 +2,9 @@
 
 #include <stddef.h>
 #include <string.h>
+#ifdef __x86_64__
+#include <cpuid.h>
+#endif
 
 const char *const cpu_names[CPU_LEVELS] = { "baseline", "v3", "v4" };
 
@@ -15,6 +18,16 @@ enum cpu_level cpu_best(void)
         return v4 ? CPU_V4 : CPU_V3;
 #endif
     return CPU_BASELINE;
+}
+
+uint32_t cpu_model(void)
+{
+#ifdef __x86_64__
+    unsigned a, b, c, d;
+    if (__get_cpuid(1, &a, &b, &c, &d))
+        return a & ~0xfu; /* the last digit is the stepping */
+#endif
+    return 0;
 }
 
 enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why)

@@ -6,6 +6,8 @@
 
 #include "base/err.h"
 
+#include <stdint.h>
+
 enum cpu_level {
     CPU_BASELINE, /* SSE2, which every x86-64 CPU has */
     CPU_V3,       /* AVX2 */
@@ -29,6 +31,9 @@ enum cpu_level {
         &name##_baseline                                                                                               \
     }
 #endif
+
+/* Family and model of this CPU, in one number; 0: unknown. For what another model may compute with other rounding. */
+uint32_t cpu_model(void);
 
 /* The highest level this CPU supports; it also supports all lower ones. */
 enum cpu_level cpu_best(void);

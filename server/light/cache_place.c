@@ -1,7 +1,6 @@
 #include "light/cache_place.h"
 
-#include "base/digest.h"
-#include "base/folder.h"
+#include "cache/cache_folder.h"
 
 #include <ctype.h>
 #include <errno.h>
@@ -10,71 +9,54 @@
 #include <string.h>
 #include <unistd.h>
 
-/* The camera's name as a part of a file's: what is neither a letter nor a digit becomes a low line. */
-static void plain_name(const char *camera, char out[64])
+#define PART 64 /* bytes of a name's part */
+
+/* A name as a part of a file's: what is neither a letter nor a digit becomes a low line. */
+static void plain_name(const char *name, char out[PART])
 {
-    snprintf(out, 64, "%s", camera[0] ? camera : "camera");
+    snprintf(out, PART, "%.*s", PART - 1, name);
     for (char *p = out; *p; p++)
-        if (!isalnum((unsigned char)*p) && *p != '-')
+        if (!isalnum((unsigned char)*p) && *p != '-' && *p != '.')
             *p = '_';
 }
 
-/* Adds a place, unless its name is too long for one. */
-static void add(struct cache_places *p, int length)
+enum err cache_place_find(const struct set *set, const char *file, const char *folder, const struct digest *key,
+                          struct cache_place *out, struct reason *why)
 {
-    p->count += length > 0 && length < CACHE_PATH;
-}
-
-static void add_own(const struct set *set, const char *camera, struct cache_places *out)
-{
-    const unsigned width = set->view.width, height = set->view.height;
     const char *slash = strrchr(set->file, '/');
-    char *path = out->path[out->count], here[CACHE_PATH] = "";
-    const char *folder = out->own;
-    struct digest d = { { 0 } };
+    char scene[PART], camera[PART];
+    int n = 0;
 
-    if (folder_cache("relightd", out->own, sizeof(out->own), NULL)) {
-        out->own[0] = '\0';
-        return;
+    *out = (struct cache_place){ .path = "" };
+    if (!file)
+        return ERR_OK;
+    if (file[0]) {
+        n = snprintf(out->path, CACHE_PATH, "%s", file);
+    } else {
+        const enum err e = cache_folder_find(folder, out->folder, sizeof(out->folder), why);
+        if (e)
+            return e;
+        plain_name(slash ? slash + 1 : set->file[0] ? set->file : "builtin", scene);
+        plain_name(set->camera[0] ? set->camera : "camera", camera);
+        n = snprintf(out->path, CACHE_PATH, "%s/%s.%s-%ux%u-%016" PRIx64 "%016" PRIx64 CACHE_FOLDER_SUFFIX, out->folder,
+                     scene, camera, set->view.width, set->view.height, key->half[0], key->half[1]);
     }
-    if (!set->file[0]) {
-        add(out, snprintf(path, CACHE_PATH, "%s/builtin.%s-%ux%u.transport", folder, camera, width, height));
-        return;
-    }
-    if (set->file[0] != '/' && !getcwd(here, sizeof(here)))
-        here[0] = '\0';
-    digest_bytes(&d, here, strlen(here));
-    digest_bytes(&d, set->file, strlen(set->file));
-    add(out, snprintf(path, CACHE_PATH, "%s/%s.%s-%ux%u-%016" PRIx64 ".transport", folder,
-                      slash ? slash + 1 : set->file, camera, width, height, d.half[0]));
+    if (n > 0 && n < CACHE_PATH)
+        return ERR_OK;
+    out->path[0] = '\0';
+    return err_say(why, ERR_IO, "%.200s...: the path of the cache's file is too long", file[0] ? file : out->folder);
 }
 
-void cache_places_find(const struct set *set, const char *asked, struct cache_places *out)
+enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why)
 {
-    char camera[64];
-
-    *out = (struct cache_places){ .count = 0 };
-    if (!asked)
-        return;
-    if (asked[0]) {
-        add(out, snprintf(out->path[0], CACHE_PATH, "%s", asked));
-        return;
-    }
-    plain_name(set->camera, camera);
-    if (set->file[0])
-        add(out, snprintf(out->path[0], CACHE_PATH, "%s.%s-%ux%u.transport", set->file, camera, set->view.width,
-                          set->view.height));
-    add_own(set, camera, out);
-}
-
-enum err cache_place_prepare(const struct cache_places *p, int index, struct reason *why)
-{
-    const char *path = p->path[index], *slash = strrchr(path, '/');
+    const char *slash = strrchr(p->path, '/');
     char folder[CACHE_PATH];
 
-    if (p->own[0] && index == p->count - 1)
-        return folder_make(p->own, why);
-    snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - path) + 1 : 1, slash ? path : ".");
+    if (p->folder[0]) {
+        const enum err e = cache_folder_prepare(p->folder, why);
+        return e ? e : cache_folder_trim(p->folder, p->path, bytes, CACHE_FOLDER_BYTES, why);
+    }
+    snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - p->path) + 1 : 1, slash ? p->path : ".");
     if (access(folder, W_OK) != 0)
         return err_say(why, ERR_IO, "%.200s: cannot be written: %s", folder, strerror(errno));
     return ERR_OK;

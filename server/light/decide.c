@@ -23,14 +23,12 @@ static bool cache_may_serve(const struct relight_desc *light)
            !d->sun && d->compensate == COMPENSATE_OFF && d->interleave <= 1 && !d->no_visibility;
 }
 
-/* Auto stores its cache only in a file that was named. */
 static struct relight_desc by_cache(const struct relight_desc *light)
 {
     struct relight_desc d = *light;
 
     d.direct.method = METHOD_CACHED;
     d.direct.samples = SAMPLES;
-    d.cache_read_only = d.cache_file && !d.cache_file[0];
     return d;
 }
 

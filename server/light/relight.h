@@ -69,10 +69,10 @@ struct relight_desc {
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: memory limit of its cache; 0: CACHE_MEMORY_DEFAULT */
-    bool cache_read_only;                   /* its file is never written */
     bool cache_if_kept;     /* only load it from a file, never compute it; that there is none is no error */
     bool cache_background;  /* compute it while pictures are made by other means; else the first waits for it */
-    const char *cache_file; /* to keep it for the next run; "": beside the scene (cache_place.h), NULL: none */
+    const char *cache_file; /* to keep it for the next run; "": in the cache folder (cache_place.h), NULL: none */
+    const char *cache_dir;  /* the cache folder; NULL: the user's or the service's (cache/cache_folder.h) */
     bool unsplit;           /* METHOD_CACHED: no split of the sky: its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths, 0: 64 per pixel; one of `renew` parts is
      * redrawn with every turn, 0: none. The picture depends on the turn, not on earlier ones. */

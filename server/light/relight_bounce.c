@@ -32,8 +32,9 @@ static void say(const struct relight_bounce *b, double ms)
 {
     const struct bounce_stats *s = bounce_stats(b->bounce);
 
-    log_info("interreflection: %s%.1f s, %.0f MB; %u records, %u coefficients, %u bounces",
-             b->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+    if (!b->loaded) /* the line about direct light names the file */
+        log_info("interreflection: %.1f s, %.0f MB; %u records, %u coefficients, %u bounces", 1e-3 * ms,
+                 1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
 }
 
 static enum err compute(const struct bounce_desc *desc, const struct kernels *kernels, bool progress,
@@ -50,8 +51,8 @@ static enum err compute(const struct bounce_desc *desc, const struct kernels *ke
 }
 
 enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
-                             const struct kernels *kernels, const struct relight_desc *desc,
-                             const struct relight_keep *keep, bool progress, double *ms)
+                             const struct kernels *kernels, const struct relight_desc *desc, struct relight_keep *keep,
+                             bool progress, double *ms)
 {
     struct reason why;
 

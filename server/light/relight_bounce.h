@@ -25,7 +25,7 @@ bool relight_bounce_wanted(const struct set *set, const struct relight_desc *des
  * bounce_create, except that too little memory is none. */
 MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct transport *direct, const struct set *set,
                                         const struct kernels *kernels, const struct relight_desc *desc,
-                                        const struct relight_keep *keep, bool progress, double *ms);
+                                        struct relight_keep *keep, bool progress, double *ms);
 
 /* The argument of transport_frame, borrowed; or, with lo, adds the light there and returns NULL. Fills stats->bounce
  * and bias. */

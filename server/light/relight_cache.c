@@ -73,8 +73,12 @@ static void tell(const struct relight_cache *c, double ms)
 {
     const struct transport_stats *s = transport_stats(c->transport);
 
-    log_info("light transport: %s%.1f s, %.0f MB; %u of %u packets have lobes narrower than its cells",
-             c->loaded ? "loaded in " : "", 1e-3 * ms, 1e-6 * (double)s->bytes, s->narrow, s->packets);
+    if (c->loaded)
+        log_info("light transport: loaded in %.1f s from %s, %.0f MB", 1e-3 * ms, c->keep.place.path,
+                 1e-6 * (double)s->bytes);
+    else
+        log_info("light transport: %.1f s, %.0f MB; %u of %u packets have lobes narrower than its cells", 1e-3 * ms,
+                 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
 
 /* ---- In the background ---- */
@@ -134,7 +138,7 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
     c->no_visibility = desc->direct.no_visibility;
     c->max_bytes = desc->cache_bytes;
     const double start = clock_seconds();
-    relight_keep_init(&c->keep, set, desc, &t);
+    relight_keep_init(&c->keep, set, kernels, desc, &t);
     enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
     c->loaded = c->transport != NULL;
     if (!e && !c->transport && desc->cache_if_kept)

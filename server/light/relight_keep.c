@@ -2,85 +2,113 @@
 
 #include "bounce/file.h"
 #include "base/log.h"
+#include "cache/cache_code.h"
+#include "cache/cache_folder.h"
 #include "transport/file.h"
 
-void relight_keep_init(struct relight_keep *k, const struct set *set, const struct relight_desc *desc,
-                       const struct transport_desc *transport)
+#include <string.h>
+
+void relight_keep_init(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+                       const struct relight_desc *desc, const struct transport_desc *transport)
 {
-    *k = (struct relight_keep){ .places = { .count = 0 }, .read_only = desc->cache_read_only };
-    cache_places_find(set, desc->cache_file, &k->places);
-    if (k->places.count > 0)
-        k->key = transport_key(set->gbuffer, set->scene, transport);
+    struct reason why;
+
+    *k = (struct relight_keep){ .unreadable = false };
+    if (!desc->cache_file)
+        return;
+    k->key = transport_key(set->gbuffer, set->scene, transport);
+    digest_u64(&k->key, (uint64_t)kernels->cpu << 32 | cpu_model()); /* LAPACK has code of its own for each model */
+    digest_bytes(&k->key, cache_code, strlen(cache_code));
+    if (cache_place_find(set, desc->cache_file, desc->cache_dir, &k->key, &k->place, &why))
+        log_warning("light transport is not kept for the next run: %s", why.text);
 }
 
-enum err relight_keep_load(const struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+/* *out is NULL if there is no file to read. */
+static enum err open_file(struct relight_keep *k, struct cache_reader **out, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    *out = NULL;
+    if (!k->place.path[0] || k->unreadable)
+        return ERR_OK;
+    if (k->place.folder[0])
+        e = cache_folder_check(k->place.folder, why);
+    k->unwritable |= e != ERR_OK; /* which is said once */
+    return e ? e : cache_reader_open(k->place.path, out, why);
+}
+
+/* Says why a file is not used; passes on what is not the file's fault. */
+static enum err refuse(struct relight_keep *k, enum err e, struct reason *why)
+{
+    if (e == ERR_RANGE || e == ERR_NOMEM)
+        return e;
+    if (e == ERR_END) { /* a file of direct light alone is nothing to warn of */
+        log_info("%s; it is computed", why->text);
+        return ERR_OK;
+    }
+    k->unreadable = true;
+    log_warning("%s; it is computed%s", why->text, k->unwritable ? " and not kept for the next run" : " again");
+    return ERR_OK;
+}
+
+enum err relight_keep_load(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
                            const struct transport_desc *transport, struct transport **out, struct reason *why)
 {
+    struct cache_reader *r;
+    enum err e = open_file(k, &r, why);
+
     *out = NULL;
-    for (int i = 0; i < k->places.count && !*out; i++) {
-        struct cache_reader *r;
-        enum err e = cache_reader_open(k->places.path[i], &r, why);
-        if (!e && !r)
-            continue;
-        if (!e)
-            e = transport_load(r, &k->key, set->gbuffer, set->rays, kernels, transport, out, why);
-        cache_reader_close(r);
-        if (e == ERR_RANGE || e == ERR_NOMEM)
-            return e;
-        if (e)
-            log_warning("%s; light transport is not taken from it", why->text);
-    }
+    if (!e && !r)
+        return ERR_OK;
+    if (!e)
+        e = transport_load(r, &k->key, set->gbuffer, set->rays, kernels, transport, out, why);
+    cache_reader_close(r);
+    if (e)
+        return refuse(k, e, why);
+    if (k->place.folder[0])
+        cache_folder_touch(k->place.path);
     return ERR_OK;
 }
 
-enum err relight_keep_load_bounce(const struct relight_keep *k, const struct kernels *kernels,
-                                  const struct bounce_desc *desc, struct bounce **out, struct reason *why)
+enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels, const struct bounce_desc *desc,
+                                  struct bounce **out, struct reason *why)
 {
-    const struct digest key = k->places.count > 0 ? bounce_key(&k->key, desc) : (struct digest){ { 0 } };
+    struct cache_reader *r;
+    enum err e = open_file(k, &r, why);
 
     *out = NULL;
-    for (int i = 0; i < k->places.count && !*out; i++) {
-        struct cache_reader *r;
-        enum err e = cache_reader_open(k->places.path[i], &r, why);
-        if (!e && !r)
-            continue;
-        if (!e)
-            e = bounce_load(r, &key, desc, kernels, out, why);
-        cache_reader_close(r);
-        if (e == ERR_RANGE || e == ERR_NOMEM)
-            return e;
-        if (e == ERR_END) /* a file of direct light alone is nothing to warn of */
-            log_info("%s; interreflection is computed", why->text);
-        else if (e)
-            log_warning("%s; interreflection is not taken from it", why->text);
+    if (!e && !r)
+        return ERR_OK;
+    if (!e) {
+        const struct digest key = bounce_key(&k->key, desc);
+        e = bounce_load(r, &key, desc, kernels, out, why);
     }
-    return ERR_OK;
+    cache_reader_close(r);
+    return e ? refuse(k, e, why) : ERR_OK;
 }
 
-void relight_keep_save(const struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
+void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
                        const struct bounce_desc *desc)
 {
+    const uint64_t bytes = transport_stats(t)->bytes + (bounce ? bounce_stats(bounce)->bytes : 0);
     struct reason why = { "" };
 
-    if (k->read_only)
+    if (!k->place.path[0] || k->unwritable)
         return;
-    for (int i = 0; i < k->places.count; i++) {
-        struct cache_writer *file = cache_writer_create();
-        enum err e = file ? cache_place_prepare(&k->places, i, &why) : err_say(&why, ERR_NOMEM, "no memory");
-        if (!e) {
-            transport_save(t, &k->key, file);
-            if (bounce) {
-                const struct digest key = bounce_key(&k->key, desc);
-                bounce_save(bounce, &key, file);
-            }
-            e = cache_writer_store(file, k->places.path[i], &why);
+    struct cache_writer *file = cache_writer_create();
+    enum err e = file ? cache_place_prepare(&k->place, bytes, &why) : err_say(&why, ERR_NOMEM, "no memory");
+    if (!e) {
+        transport_save(t, &k->key, file);
+        if (bounce) {
+            const struct digest key = bounce_key(&k->key, desc);
+            bounce_save(bounce, &key, file);
         }
-        cache_writer_destroy(file);
-        if (!e) {
-            log_info("%s: kept in %s", bounce ? "interreflection" : "light transport", k->places.path[i]);
-            return;
-        }
+        e = cache_writer_store(file, k->place.path, &why);
     }
-    if (k->places.count > 0)
+    cache_writer_destroy(file);
+    if (!e)
+        log_info("%s: kept in %s", bounce ? "interreflection" : "light transport", k->place.path);
+    else
         log_warning("light transport is not kept for the next run: %s", why.text);
+    k->unwritable = e != ERR_OK;
 }

@@ -1,5 +1,5 @@
-/* The file of a relighter's cache, in the places of cache_place.h: read before the computation, written after it.
- * Faults are logged, and what cannot be loaded is computed. One thread at a time. */
+/* The file of a relighter's cache, at the place of cache_place.h: read before the computation, written after it. Each
+ * fault is logged once, and what cannot be loaded is computed. One thread at a time. */
 #ifndef LIGHT_RELIGHT_KEEP_H
 #define LIGHT_RELIGHT_KEEP_H
 
@@ -10,27 +10,26 @@
 #include "transport/transport.h"
 
 struct relight_keep {
-    struct cache_places places;
-    struct digest key; /* unless there are no places */
-    bool read_only;
+    struct cache_place place;
+    struct digest key;
+    bool unreadable, unwritable; /* a warning said so */
 };
 
-/* desc: gives the file's name; transport: what is computed. */
-void relight_keep_init(struct relight_keep *k, const struct set *set, const struct relight_desc *desc,
-                       const struct transport_desc *transport);
+/* desc: names the file; transport: what is computed, by these kernels. */
+void relight_keep_init(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+                       const struct relight_desc *desc, const struct transport_desc *transport);
 
-/* *out is NULL if no file can be used. ERR_RANGE: it would exceed the memory limit; ERR_NOMEM. */
-MUST_CHECK enum err relight_keep_load(const struct relight_keep *k, const struct set *set,
-                                      const struct kernels *kernels, const struct transport_desc *transport,
-                                      struct transport **out, struct reason *why);
+/* *out is NULL if the file cannot be used. ERR_RANGE: it would exceed the memory limit; ERR_NOMEM. */
+MUST_CHECK enum err relight_keep_load(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+                                      const struct transport_desc *transport, struct transport **out,
+                                      struct reason *why);
 
 /* Interreflection from the same file, as relight_keep_load. */
-MUST_CHECK enum err relight_keep_load_bounce(const struct relight_keep *k, const struct kernels *kernels,
+MUST_CHECK enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels,
                                              const struct bounce_desc *desc, struct bounce **out, struct reason *why);
 
-/* Stores direct light, and interreflection of that desc (NULL and NULL: none), in the first place that can be written.
- */
-void relight_keep_save(const struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
+/* Stores direct light, and interreflection of that desc (NULL and NULL: none). */
+void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
                        const struct bounce_desc *desc);
 
 #endif

@@ -137,8 +137,12 @@ const struct setting settings_table[] = {
       AT(light.direct.no_visibility) },
     { "cache-memory", "MB", "maximum memory of the cache of --method cached", "1024", LIGHTING, LIGHT_PROGRAMS,
       WHOLE(1, 1 << 30), .scale = 1e6, AT(light.cache_bytes) },
-    { "cache-file", "FILE", "where that cache is kept, or off; default: beside the scene or in the user's cache folder",
-      NULL, LIGHTING, LIGHT_PROGRAMS, TEXT, AT(light.cache_file) },
+    { "cache-dir", "DIR",
+      "folder where that cache is kept for the next run, 2 GB at most, least recently used goes first; or off; "
+      "default: $CACHE_DIRECTORY, $XDG_CACHE_HOME/relightd or ~/.cache/relightd",
+      NULL, LIGHTING, LIGHT_PROGRAMS, TEXT, AT(light.cache_dir) },
+    { "cache-file", "FILE", "one file for that cache instead, or off", NULL, LIGHTING, LIGHT_PROGRAMS, TEXT,
+      AT(light.cache_file) },
     { "cache-wait", NULL, "with --method cached: compute the whole cache before the first image", NULL, LIGHTING,
       FOR_RELIGHTD, SWITCH_OFF, AT(light.cache_background) },
     { "stored-paths", "N", "light paths kept for --caustics stored; 0: 64 per pixel", "0", LIGHTING, LIGHT_PROGRAMS,
@@ -169,7 +173,7 @@ enum err setup_complete(struct setup *s, struct reason *why)
     s->environment.rotation_degrees = initial->rotation_degrees;
     s->environment.scale_stops = initial->scale_stops;
     if (!s->light.cache_file)
-        s->light.cache_file = "";
+        s->light.cache_file = s->light.cache_dir && strcmp(s->light.cache_dir, "off") == 0 ? NULL : "";
     else if (strcmp(s->light.cache_file, "off") == 0)
         s->light.cache_file = NULL;
     const enum err e = kernels_select(s->cpu, &s->kernels, why);

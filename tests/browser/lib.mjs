@@ -1,7 +1,9 @@
 // Shared by the browser tests: setup, a server as a child process, Chromium, and waiting.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
-import { existsSync } from 'node:fs';
+import { existsSync, mkdtempSync, rmSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
 
 export const CHROMIUM = process.env.RELIGHT_CHROMIUM ?? '/usr/bin/chromium';
 
@@ -37,7 +39,9 @@ export async function beginTests(variables, missing = () => undefined) {
 
 // Starts `command` and waits for the address it prints: {url, port, say(line), text(), ended, stop()}.
 export async function startServer(command, args = []) {
-  const child = spawn(command, args, { stdio: ['pipe', 'ignore', 'pipe'] });
+  const caches = mkdtempSync(join(tmpdir(), 'relight-caches-')); // no test takes a cache that another one has kept
+  const child = spawn(command, args, { stdio: ['pipe', 'ignore', 'pipe'], env: { ...process.env, XDG_CACHE_HOME: caches } });
+  child.on('exit', () => rmSync(caches, { recursive: true, force: true }));
   let text = '';
   const ended = new Promise((resolve) => {
     child.on('exit', (code, signal) => resolve({ code, signal }));

@@ -2,8 +2,10 @@
 python3-websockets, an independent library. Messages follow protocol/PROTOCOL.md."""
 
 import asyncio
+import atexit
 import json
 import os
+import shutil
 import signal
 import struct
 import sys
@@ -19,6 +21,11 @@ except ImportError:
 SKIPPED = 77
 
 BIN = Path(os.environ["RELIGHT_BIN"])
+
+# No test takes a cache that another one has kept.
+os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp()
+atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
+
 WAIT_S = 120  # maximum wait for a required event; machines may be slow
 
 

@@ -280,17 +280,17 @@ assert all(c["bright"]["texels"] > 0 and 0 < c["bright"]["share"] < 1 for c in c
 PY
 }
 
-# The second run loads the cache stored beside the scene and gives the same bits; a changed scene recomputes it, and a
-# read-only folder gets no file.
-a_cache_is_kept_beside_the_scene_and_loaded_again() {
-    local run file="$work/box.json.main-96x54.transport"
+# The second run loads the cache that the first has kept and gives the same bits; a changed scene has another, and so has
+# another --cpu. A named file is replaced instead.
+a_cache_is_kept_and_loaded_again() {
+    local run kept="$XDG_CACHE_HOME/relightd" box
     box_scene "$work"
+    box=("$bin/relight-render" --method cached --scene "$work/box.json" --size 48x27 --paths direct)
     for run in 1 2; do
-        "$bin/relight-render" --method cached --scene "$work/box.json" --size 96x54 --paths direct \
-            --out "$work/$run.exr" --stats "$work/$run.json" 2>"$work/log.$run"
+        "${box[@]}" --out "$work/$run.exr" --stats "$work/$run.json" 2>"$work/log.$run"
     done
-    [ -s "$file" ] || fail "no $file, but $(ls "$work")"
-    grep -q 'light transport: loaded in' "$work/log.2" || fail "no word of it"
+    [ "$(cd "$kept" && echo box.json.main-48x27-*.transport | wc -w)" = 1 ] || fail "no file, but $(ls "$kept")"
+    [ "$(grep -c "loaded in .* from $kept/box.json.main-48x27-" "$work/log.2")" = 1 ] || fail "no word of it"
     cmp "$work/1.exr" "$work/2.exr" || fail "other bits"
     /usr/bin/python3 -B - "$work" <<'PY' || fail "statistics"
 import json, sys
@@ -299,23 +299,41 @@ assert not first["loaded"] and first["load_ms"] == 0 < first["precomputation_ms"
 assert second["loaded"] and second["precomputation_ms"] == 0 < second["load_ms"] < first["precomputation_ms"]
 assert first["bytes"] == second["bytes"] and first["rays"] == second["rays"]
 PY
+    "${box[@]}" --cpu baseline --out "$work/3.exr"
+    CACHE_DIRECTORY="$work/of-service:$work/other" "${box[@]}" --cache-file "$work/file" --out "$work/3.exr"
+    [ "$(ls "$kept" | wc -l)" = 2 ] || fail "not one for each --cpu: $(ls "$kept")"
     sed -i 's/0.8, 0/0.9, 0/' "$work/box.json"
-    expect 0 "box.json.main-96x54.transport: was made for another scene" "$bin/relight-render" --method cached \
-        --scene "$work/box.json" --size 96x54 --paths direct --out "$work/3.exr"
-    expect 0 'light transport: loaded in' "$bin/relight-render" --method cached \
-        --scene "$work/box.json" --size 96x54 --paths direct --out "$work/3.exr"
+    expect 0 "file: was made for another scene" "${box[@]}" --cache-file "$work/file" --out "$work/3.exr"
+    expect 0 "loaded in .* from $work/file" "${box[@]}" --cache-file "$work/file" --out "$work/3.exr"
+    CACHE_DIRECTORY="$work/of-service:$work/other" "${box[@]}" --out "$work/3.exr"
+    "${box[@]}" --cache-dir "$work/mine" --out "$work/3.exr"
+    "${box[@]}" --cache-dir off --out "$work/3.exr"
+    [ "$(ls "$work/of-service" | wc -l)$(ls "$work/mine" | wc -l)$(ls "$kept" | wc -l)" = 112 ] || fail "kept elsewhere"
 }
 
-a_cache_goes_to_the_users_own_where_the_scenes_folder_is_closed() {
-    [ "$(id -u)" != 0 ] || { echo "skipped: root may write everywhere"; exit 77; }
-    mkdir "$work/closed"
-    box_scene "$work/closed"
-    chmod 555 "$work/closed"
-    "$bin/relight-render" --method cached --scene "$work/closed/box.json" --size 96x54 --paths direct --out "$work/1.exr"
-    chmod 755 "$work/closed"
-    [ "$(ls "$work/closed")" = 'box.json
-box.obj' ] || fail "something was written beside the scene"
-    [ "$(find "$XDG_CACHE_HOME/relightd" -name 'box.json.main-96x54-*.transport' | wc -l)" = 1 ] || fail "no cache"
+# Killed at any moment, or beside another that writes the same file: the next run has the same picture, and at most one
+# warning.
+a_cache_survives_kills_and_company() {
+    local k box
+    box_scene "$work"
+    box=("$bin/relight-render" --method cached --scene "$work/box.json" --size 48x27)
+    "${box[@]}" --cache-dir off --out "$work/want.exr"
+    for k in 02 05 1 2 4; do
+        rm -rf "$work/kill"
+        timeout -s KILL "0.$k" "${box[@]}" --cache-dir "$work/kill" --out "$work/none.exr" 2>/dev/null || true
+        "${box[@]}" --cache-dir "$work/kill" --out "$work/$k.exr" 2>"$work/log"
+        cmp "$work/want.exr" "$work/$k.exr" || fail "other bits after $k"
+        [ "$(grep -c warning "$work/log")" = 0 ] || fail "$(cat "$work/log")"
+    done
+    for k in 1 2 3; do
+        "${box[@]}" --cache-dir "$work/three" --out "$work/three.$k.exr" &
+    done
+    wait
+    "${box[@]}" --cache-dir "$work/three" --out "$work/three.4.exr" 2>"$work/log"
+    grep -q 'loaded in' "$work/log" || fail "$(cat "$work/log")"
+    for k in 1 2 3 4; do
+        cmp "$work/want.exr" "$work/three.$k.exr" || fail "other bits"
+    done
 }
 
 a_cache_that_is_too_large_is_refused() {

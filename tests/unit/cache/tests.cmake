@@ -1,1 +1,2 @@
 unit_test(cache test_cache_file)
+unit_test(cache test_cache_folder)

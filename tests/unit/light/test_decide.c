@@ -1,6 +1,6 @@
 /* auto and the cache of light transport: what the relighter is told to do, and what becomes of the frames. */
 #include "light/decide.h"
-#include "light/cache_place.h"
+#include "support/kept.h"
 #include "estimators/points.h"
 
 #include <time.h>
@@ -10,7 +10,7 @@ enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
 
 static struct set *set;
 static struct environment *sky;
-static const struct relight_desc sampled = { .direct = { .method = METHOD_AUTO, .samples = 64 }, .cache_file = "" };
+static const struct relight_desc sampled = { .direct = { .method = METHOD_AUTO, .samples = 64 } };
 
 static int set_up(void **state)
 {
@@ -42,21 +42,6 @@ static void run(struct relighter *r, const struct relight_desc *light, float *rg
     assert_int_equal(relighter_run(r, sky, light, rgb, stats), ERR_OK);
 }
 
-/* A folder of its own for files that nobody asked for, of which there are none in the end. */
-static char folder[32];
-
-static void go_home(void)
-{
-    snprintf(folder, sizeof(folder), "/tmp/relight-decide-XXXXXX");
-    assert_non_null(mkdtemp(folder));
-    assert_int_equal(setenv("XDG_CACHE_HOME", folder, 1), 0);
-}
-
-static void leave_home(void)
-{
-    assert_int_equal(rmdir(folder), 0);
-}
-
 static bool is_cached(uint64_t frames, struct relight_desc light)
 {
     struct relighter *r = make();
@@ -75,7 +60,6 @@ static void frames_decide_and_wishes_are_kept_to(void **state)
     struct relight_desc light = sampled;
     (void)state;
 
-    go_home();
     assert_true(is_cached(35, light));
     assert_false(is_cached(34, light));
     assert_false(is_cached(1, light));
@@ -93,10 +77,9 @@ static void frames_decide_and_wishes_are_kept_to(void **state)
     light = sampled;
     light.cache_bytes = 1000; /* there is no room for it */
     assert_false(is_cached(1000, light));
-    leave_home();
 }
 
-/* The picture is that of --method cached, and no file is left behind that nobody asked for. */
+/* The picture is that of --method cached. */
 static void its_pictures_are_those_of_the_cache(void **state)
 {
     static float want[VALUES], got[VALUES];
@@ -107,7 +90,6 @@ static void its_pictures_are_those_of_the_cache(void **state)
     double ms;
     (void)state;
 
-    go_home();
     assert_int_equal(decider_prepare(&d, one, 100, false, &light, &ms), ERR_OK);
     run(one, &light, got, &stats);
     cached.direct.method = METHOD_CACHED;
@@ -115,12 +97,10 @@ static void its_pictures_are_those_of_the_cache(void **state)
     assert_int_equal(relighter_prepare(other, &cached, false, &ms), ERR_OK);
     assert_true(relighter_follow(other) == 0.0);
     cached.cache_if_kept = false;
-    cached.cache_read_only = true;
     run(other, &cached, want, &stats);
     assert_memory_equal(got, want, sizeof(want));
     relighter_destroy(one);
     relighter_destroy(other);
-    leave_home();
 }
 
 static const struct frame_request in_time = { .light = &sampled, .target.seconds = 0.1 };
@@ -210,28 +190,29 @@ static void gets_it_in_the_background(double error)
 static void a_stream_of_frames_gets_it_in_the_background(void **state)
 {
     (void)state;
-    go_home();
     gets_it_in_the_background(1e-2);
     gets_it_in_the_background(0.9 * BUY_BIAS_COARSE);
-    leave_home();
 }
 
 /* What some earlier run has left is taken after the first frame; a better picture than it can make is not given up. */
 static void a_file_is_taken_after_one_frame(void **state)
 {
     struct frame_request known = in_time, strict = in_time, last = in_time;
-    struct relight_desc cached = sampled;
+    struct relight_desc cached = sampled, kept = sampled;
     struct relighter *r = make();
     struct decider d = { .pilot = NULL };
-    struct cache_places places;
+    char folder[32] = "/tmp/relight-decide-XXXXXX";
     double ms;
     (void)state;
 
+    assert_non_null(mkdtemp(folder));
+    kept.cache_file = cached.cache_file = "";
+    kept.cache_dir = cached.cache_dir = folder;
+    known.light = strict.light = last.light = &kept;
     known.frames_left = 1;
     strict.frames_left = 1000;
     strict.target.error = 1e-4;
     last.no_cache = true;
-    go_home();
     step(&d, r, 1e-2, &known); /* no file: two frames are no reason to compute it */
     assert_false(d.cache.ready || d.cache.begun);
     cached.direct.method = METHOD_CACHED;
@@ -244,12 +225,7 @@ static void a_file_is_taken_after_one_frame(void **state)
     assert_false(d.cache.ready || d.cache.looked_for);
     assert_int_equal(step(&d, r, 1e-2, &known).by, DECIDED_BY_CACHE);
     relighter_destroy(r);
-    cache_places_find(set, "", &places);
-    char *file = places.path[places.count - 1];
-    assert_int_equal(unlink(file), 0);
-    *strrchr(file, '/') = '\0';
-    assert_int_equal(rmdir(file), 0);
-    leave_home();
+    kept_remove(folder);
 }
 
 static const struct CMUnitTest tests[] = {

@@ -2,6 +2,8 @@
  * is sampled. */
 
 #include "light/stage.h"
+#include "scene/files.h"
+#include "support/kept.h"
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -106,7 +108,7 @@ static bool run_anew(struct stage *s, const struct relight_desc *light, float **
 }
 
 /* The file of the built-in scene is made in a folder that was not there, and loaded by the next run; one that is
- * damaged or of another seed is replaced. All give the same bits. */
+ * damaged is refused once and replaced, another seed gets a file of its own. All give the same bits. */
 static void another_run_loads_what_one_has_computed(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16, .no_visibility = true },
@@ -114,27 +116,30 @@ static void another_run_loads_what_one_has_computed(void **state)
     struct stage s = court();
     const size_t bytes = (size_t)s.set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
     float *first, *again;
-    char name[128], folder[96];
+    char name[256], folder[96];
     (void)state;
 
     const char *caches = own_caches();
     snprintf(folder, sizeof(folder), "%s/relightd", caches);
-    snprintf(name, sizeof(name), "%s/builtin.main-%ux%u.transport", folder, WIDTH, HEIGHT);
     assert_false(run_anew(&s, &light, &first));
+    assert_int_equal(kept_files(folder, name), 1);
+    assert_non_null(strstr(name, "/builtin.main-64x36-"));
     for (int k = 0; k < 6; k++) {
         if (k == 2) { /* in the middle, as a failing disk might */
             FILE *f = fopen(name, "r+b");
             assert_true(f && fseek(f, 200000, SEEK_SET) == 0 && fwrite("?", 1, 1, f) == 1 && fclose(f) == 0);
         }
         light.direct.seed = k == 4;
+        log_begin();
         const bool loaded = run_anew(&s, &light, &again);
-        assert_int_equal(loaded, k != 2 && k != 4 && k != 5); /* 5: what 4 has left there is of another seed */
+        assert_int_equal(count_of(log_end(), "a checksum does not match; it is computed again"), k == 2);
+        assert_int_equal(loaded, k != 2 && k != 4);
         assert_int_equal(memcmp(first, again, bytes) == 0, k != 4);
+        assert_int_equal(kept_files(folder, name), k < 4 ? 1 : 2);
         mem_free(again);
     }
     mem_free(first);
-    assert_int_equal(unlink(name), 0);
-    assert_int_equal(rmdir(folder), 0);
+    kept_remove(folder);
     assert_int_equal(rmdir(caches), 0);
     stage_finish(&s);
 }
@@ -164,6 +169,36 @@ static void files_are_where_they_are_asked_for_or_nowhere(void **state)
     light.cache_file = "";
     assert_false(run_anew(&s, &light, &lo));
     mem_free(lo);
+    stage_finish(&s);
+}
+
+/* A folder that is none, or somebody else's, or on no disk: said once, and the picture comes. Indirect light asks for
+ * the file a second time. */
+static void a_folder_that_cannot_be_used_is_reported_once(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 4 }, .cache_file = "" };
+    struct stage s = court();
+    char file[] = "/tmp/relight-caches-XXXXXX", foreign[] = "/tmp/relight-caches-XXXXXX";
+    const char *const why[] = { "is not a folder", "cannot create the folder", "belongs to user" };
+    float *lo;
+    (void)state;
+
+    assert_true(close(mkstemp(file)) == 0 && mkdtemp(foreign) != NULL);
+    const bool root = geteuid() == 0 && chown(foreign, 12345, 12345) == 0;
+    const char *const folders[] = { file, "/proc/relight", foreign };
+    for (int k = 0; k < (root ? 3 : 2); k++) {
+        light.cache_dir = folders[k];
+        light.classes = k < 2 ? PATH_ALL : 0;
+        log_begin();
+        assert_false(run_anew(&s, &light, &lo));
+        const char *log = log_end();
+        if (count_of(log, "warning") != 1)
+            fail_msg("%s: %s", folders[k], log);
+        assert_int_equal(count_of(log, why[k]), 1);
+        mem_free(lo);
+    }
+    unlink(file);
+    rmdir(foreign);
     stage_finish(&s);
 }
 
@@ -258,6 +293,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(without_visibility_it_is_another),
     cmocka_unit_test(another_run_loads_what_one_has_computed),
     cmocka_unit_test(files_are_where_they_are_asked_for_or_nowhere),
+    cmocka_unit_test(a_folder_that_cannot_be_used_is_reported_once),
     cmocka_unit_test(computed_in_the_background_it_ends_as_if_waited_for),
     cmocka_unit_test(refused_in_the_background_it_is_auto),
 };

@@ -100,6 +100,13 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_int_equal(read_line("--method cached --cache-memory 7", &r), ERR_OK);
     assert_int_equal(s->light.direct.method, METHOD_CACHED);
     assert_int_equal(s->light.cache_bytes, 7000000);
+    assert_int_equal(read_line("--cache-dir off", &r), ERR_OK);
+    assert_null(s->light.cache_file);
+    assert_int_equal(read_line("--cache-dir here", &r), ERR_OK);
+    assert_string_equal(s->light.cache_file, "");
+    assert_string_equal(s->light.cache_dir, "here");
+    assert_int_equal(read_line("--cache-dir off --cache-file there", &r), ERR_OK);
+    assert_string_equal(s->light.cache_file, "there");
     assert_int_equal(read_line("--cache-file off", &r), ERR_OK);
     assert_null(s->light.cache_file);
     assert_int_equal(read_line("--cache-file there --frames 3-66 --camera roof --size 3x4", &r), ERR_OK);

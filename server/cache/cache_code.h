@@ -1,0 +1,10 @@
+/* server/cache/cache_code.h */
+/* A digest of the code that computes the caches of light transport, made at build time (cache_code.cmake): sources of
+ * the rooms that a cache's bits depend on, and compiler and flags. Part of the key of a kept cache, so that no build
+ * loads what another one would have computed otherwise. */
+#ifndef CACHE_CACHE_CODE_H
+#define CACHE_CACHE_CODE_H
+
+extern const char cache_code[]; /* 64 hexadecimal digits */
+
+#endif
