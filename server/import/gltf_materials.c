@@ -129,6 +129,33 @@ static enum err read_roughness_texture(struct source *s, const struct gltf_at *a
     return ERR_OK;
 }
 
+/* A flat map, which many exporters write, is none. */
+static bool is_flat(const struct gltf_numbers *t)
+{
+    const float half_step = 0.5f / 255.0f, step = 1.0f / 255.0f;
+    return fabsf(t->mean[0] - 0.5f) < step && fabsf(t->mean[1] - 0.5f) < step && t->mean[2] > 1.0f - half_step;
+}
+
+/* A map that cannot share the coordinates is ignored. */
+static enum err read_normal_texture(struct source *s, const struct gltf_at *at, struct material *m,
+                                    struct gltf_surface *surface)
+{
+    double scale = 1.0;
+    struct gltf_numbers t;
+
+    if (!at->value || m->kind == MATERIAL_LAMBERT) /* which is unlit */
+        return ERR_OK;
+    enum err e = gltf_texture_numbers(&s->images, at, 0, "the surfaces are smooth", &t);
+    if (!e)
+        e = gltf_number(s->g, at, "scale", &scale);
+    if (e || !t.found || scale == 0.0 || is_flat(&t) || !share_coordinates(s, surface, &t.surface))
+        return e;
+    m->maps |= MAP_NORMAL;
+    m->normal_texture = t.texture;
+    m->normal_scale = (float)fmin(fmax(scale, -(double)NORMAL_SCALE_MAX), (double)NORMAL_SCALE_MAX);
+    return ERR_OK;
+}
+
 /* ---- Materials ---- */
 
 static enum alpha_mode alpha_mode(const struct gltf_at *at)
@@ -196,13 +223,6 @@ static enum err note_extensions(struct source *s, const struct gltf_at *at)
     return ERR_OK;
 }
 
-static enum err note_extras(struct source *s, const struct gltf_at *at)
-{
-    if (gltf_key(at, "normalTexture").value)
-        scene_note_unmodelled(s->g->scene, FEATURE_NORMAL_MAP, s->g->desc->path);
-    return note_extensions(s, at);
-}
-
 static enum err read_surface(struct source *s, const struct gltf_at *at, struct material *m,
                              struct gltf_surface *surface)
 {
@@ -255,6 +275,7 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
                           .alpha_texture = MATERIAL_NO_TEXTURE };
     const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
     const struct gltf_at roughness = gltf_key(&pbr, "metallicRoughnessTexture");
+    const struct gltf_at normal = gltf_key(at, "normalTexture");
     const struct gltf_at glossy = gltf_extension(at, "KHR_materials_pbrSpecularGlossiness");
     const struct gltf_at glass = gltf_extension(at, "KHR_materials_transmission");
     const char *name = gltf_string(at, "name");
@@ -278,12 +299,14 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         surface->uv_set = GLTF_NONE;
     if (!e && !glossy.value)
         e = read_roughness_texture(s, &roughness, &m, surface);
+    if (!e)
+        e = read_normal_texture(s, &normal, &m, surface);
     if (m.kind == MATERIAL_GLASS && m.roughness > 0.03f)
         scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
     if (!e)
         e = read_emission(s, at, &m, surface);
     if (!e)
-        e = note_extras(s, at);
+        e = note_extensions(s, at);
     return e ? e : scene_add_material(s->g->scene, &m, NULL);
 }
 

@@ -162,6 +162,20 @@ static enum err read_uvs(struct gltf *g, const struct primitive *p, const struct
     return e;
 }
 
+/* TANGENT, where a normal map wants it and the vertices stay where the file has them. */
+static enum err read_tangents(struct gltf *g, const struct primitive *p, struct mesh *m)
+{
+    const struct gltf_at at = gltf_key(&p->attributes, "TANGENT"), targets = gltf_key(p->at, "targets");
+
+    if (!(g->scene->materials[m->material].maps & MAP_NORMAL) || !m->normals || !at.value || targets.value ||
+        p->skin->count > 0)
+        return ERR_OK;
+    const enum err e = read_floats(g, p, &at, 4, &m->tangents);
+    for (size_t i = 3; i < 4 * p->count && !e; i += 4)
+        m->tangents[i] = m->tangents[i] < 0.0f ? -1.0f : 1.0f;
+    return e;
+}
+
 /* COLOR_0, which multiplies the base colour; its alpha is not used. */
 static enum err read_colours(struct gltf *g, const struct primitive *p, struct mesh *m)
 {
@@ -214,6 +228,8 @@ static enum err read_vertices(struct gltf *g, const struct primitive *p, struct 
         e = read_floats(g, p, &normal, 3, &m->normals);
     if (!e && surface)
         e = read_uvs(g, p, surface, m);
+    if (!e && m->uvs)
+        e = read_tangents(g, p, m);
     if (!e && g->desc->material == MATERIAL_NONE)
         e = read_colours(g, p, m);
     return e ? e : primitive_deform(g, p, m);
@@ -251,6 +267,20 @@ void mesh_turn_over(struct mesh *m)
     }
 }
 
+/* A direction in the surface; it becomes unit, or 0. */
+static void transform_tangent(const double m[16], double side, float t[4])
+{
+    double v[3];
+
+    for (int row = 0; row < 3; row++)
+        v[row] = m[row] * t[0] + m[4 + row] * t[1] + m[8 + row] * t[2];
+    const double length = sqrt(dot3(v, v));
+    const double scale = isfinite(length) && length > 0.0 ? 1.0 / length : 0.0;
+    for (int row = 0; row < 3; row++)
+        t[row] = scale > 0.0 ? (float)(v[row] * scale) : 0.0f;
+    t[3] *= (float)side;
+}
+
 /* A reflection turns triangles inside out: the winding is restored. */
 static void transform(struct mesh *m, const double matrix[16])
 {
@@ -261,6 +291,8 @@ static void transform(struct mesh *m, const double matrix[16])
         gltf_transform_point(matrix, m->positions + 3 * i);
         if (m->normals)
             gltf_transform_normal(c, side, m->normals + 3 * i);
+        if (m->tangents)
+            transform_tangent(matrix, side, m->tangents + 4 * i);
     }
     if (side < 0.0)
         mesh_turn_over(m);
@@ -274,6 +306,8 @@ static enum err place(struct gltf *g, struct mesh *m, const double matrix[16])
     enum err e = mesh_join_vertices(m);
     if (!e && g->desc->normals == NORMALS_SMOOTH && !m->normals)
         e = mesh_make_normals(m);
+    if (!e && !m->tangents && (g->scene->materials[m->material].maps & MAP_NORMAL))
+        e = mesh_make_tangents(m);
     if (!e && m->triangle_count > 0)
         e = scene_add_mesh(g->scene, m);
     else
@@ -300,10 +334,11 @@ static enum err copy_mesh(const struct mesh *m, struct mesh *out)
     out->positions = copy_of(m->positions, 3 * n + 1, sizeof(float));
     out->normals = copy_of(m->normals, 3 * n, sizeof(float));
     out->uvs = copy_of(m->uvs, 2 * n, sizeof(float));
+    out->tangents = copy_of(m->tangents, 4 * n, sizeof(float));
     out->colours = copy_of(m->colours, 3 * n, sizeof(float));
     out->indices = copy_of(m->indices, m->triangle_count, 3 * sizeof(uint32_t));
-    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->colours || !m->colours) &&
-        out->indices)
+    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->tangents || !m->tangents) &&
+        (out->colours || !m->colours) && out->indices)
         return ERR_OK;
     mesh_finish(out);
     return ERR_NOMEM;

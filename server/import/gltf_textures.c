@@ -148,7 +148,7 @@ static void measure(const struct texture *t, unsigned channels, struct gltf_know
     const size_t count = (size_t)t->width * t->height;
     uint64_t sum[3] = { 0 };
 
-    out->uniform = true;
+    out->uniform = channels != 0;
     for (size_t i = 0; i < count; i++) {
         for (unsigned k = 0; k < 3; k++) {
             sum[k] += t->texels[4 * i + k];

@@ -27,7 +27,8 @@ struct gltf_numbers { /* a texture of numbers: TEXTURE_LINEAR */
 MUST_CHECK enum err gltf_texture_colours(struct gltf_images *s, const struct gltf_at *at, enum texture_values values,
                                          uint32_t *index, struct gltf_surface *surface);
 
-/* The same for numbers. channels: those that count, bit 0 for red; instead: what a warning says happens without the
+/* The same for numbers. channels: those that count, bit 0 for red, where a uniform
+ * texture is as good as its means; 0: it never is. instead: what a warning says happens without the
  * image, static text. */
 MUST_CHECK enum err gltf_texture_numbers(struct gltf_images *s, const struct gltf_at *at, unsigned channels,
                                          const char *instead, struct gltf_numbers *out);

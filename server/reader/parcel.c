@@ -27,7 +27,7 @@ struct texture_head {
 
 struct mesh_head {
     uint32_t vertices, triangles, material;
-    uint32_t has_normals, has_uvs, has_colours; /* 0 or 1 */
+    uint32_t has_normals, has_uvs, has_tangents, has_colours; /* 0 or 1 */
 };
 
 /* ---- Writing ---- */
@@ -62,8 +62,8 @@ static enum err put_texture(int fd, struct texture *t, struct reason *why)
 
 static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
 {
-    const struct mesh_head head = { m->vertex_count,    m->triangle_count, m->material,
-                                    m->normals != NULL, m->uvs != NULL,    m->colours != NULL };
+    const struct mesh_head head = { m->vertex_count, m->triangle_count,   m->material,       m->normals != NULL,
+                                    m->uvs != NULL,  m->tangents != NULL, m->colours != NULL };
     enum err e = put(fd, &head, sizeof(head), why);
 
     if (!e)
@@ -72,6 +72,8 @@ static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
         e = put(fd, m->normals, 3 * sizeof(float) * m->vertex_count, why);
     if (!e && m->uvs)
         e = put(fd, m->uvs, 2 * sizeof(float) * m->vertex_count, why);
+    if (!e && m->tangents)
+        e = put(fd, m->tangents, 4 * sizeof(float) * m->vertex_count, why);
     if (!e && m->colours)
         e = put(fd, m->colours, 3 * sizeof(float) * m->vertex_count, why);
     if (!e)
@@ -196,9 +198,11 @@ static bool lacks_map(const struct parcel *p, const struct material *m, enum mat
 
 static enum err check_maps(const struct parcel *p, const struct material *m)
 {
-    if ((m->maps & ~(uint32_t)MAPS_ALL) || (m->maps && m->kind != MATERIAL_GGX))
+    if ((m->maps & ~(uint32_t)MAPS_ALL) || ((m->maps & MAP_ROUGHNESS) && m->kind != MATERIAL_GGX))
         return forged(p, "a material has maps that it cannot have");
-    if (lacks_map(p, m, MAP_ROUGHNESS, m->roughness_texture))
+    if (!within(&m->normal_scale, 1, -NORMAL_SCALE_MAX, NORMAL_SCALE_MAX))
+        return forged(p, "the scale of a normal map is out of range");
+    if (lacks_map(p, m, MAP_ROUGHNESS, m->roughness_texture) || lacks_map(p, m, MAP_NORMAL, m->normal_texture))
         return forged(p, "a material names a map that is not there");
     return ERR_OK;
 }
@@ -316,6 +320,8 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
         e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->normals);
     if (!e && head->has_uvs)
         e = take_array(p, m->vertex_count, 2 * sizeof(float), 0, (void **)&m->uvs);
+    if (!e && head->has_tangents)
+        e = take_array(p, m->vertex_count, 4 * sizeof(float), 0, (void **)&m->tangents);
     if (!e && head->has_colours)
         e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->colours);
     if (!e)
@@ -326,6 +332,8 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
         return forged(p, "a position is out of range");
     if (m->normals && !within(m->normals, 3 * (size_t)m->vertex_count, -1.0f - SLACK, 1.0f + SLACK))
         return forged(p, "a normal is out of range");
+    if (m->tangents && !within(m->tangents, 4 * (size_t)m->vertex_count, -1.0f - SLACK, 1.0f + SLACK))
+        return forged(p, "a tangent is out of range");
     if (m->colours && !within(m->colours, 3 * (size_t)m->vertex_count, 0.0f, 1.0f))
         return forged(p, "a colour is out of range");
     if (!indices_are_below(m->indices, 3 * (uint64_t)m->triangle_count, m->vertex_count))
@@ -342,7 +350,7 @@ static enum err take_mesh(struct parcel *p)
     if (e)
         return e;
     if (head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 || head.triangles > MESH_ELEMENTS_MAX ||
-        head.has_normals > 1 || head.has_uvs > 1 || head.has_colours > 1)
+        head.has_normals > 1 || head.has_uvs > 1 || head.has_tangents > 1 || head.has_colours > 1)
         return forged(p, "the size of a mesh");
     if (head.material >= p->head.materials)
         return forged(p, "a mesh names a material that is not there");

@@ -81,8 +81,8 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
 
 /* Merges similar leaves. In: leaves[count], weighted by their camera rays' shares of the pixel. Out: the first *count
  * leaves, each the one nearest to the mean of its cluster, with the sum of the weights and the mean colour (with a
- * roughness map: the mean lobe; escapes: the mean direction and a width of the cluster's variance). owner: scratch
- * memory for count numbers. */
+ * roughness map: the mean lobe; with a normal map: the mean normal; escapes: the mean direction and a width of the
+ * cluster's variance). owner: scratch memory for count numbers. */
 void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, uint32_t *count);
 
 /* A shading point before it is packed. */

@@ -20,9 +20,11 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
         return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
     if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || !lobes_alike(a, b))
         return false;
+    /* A normal map is averaged, as it is over a pixel with a single ray. */
+    const bool mapped = s->scene->materials[a->material].maps & MAP_NORMAL;
     /* With interpolated normals, the geometric normals only determine what lies below the horizon. */
     const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
-    if (vec3_dot(a->surface.shading, b->surface.shading) < COS_5_DEGREES ||
+    if (vec3_dot(a->surface.shading, b->surface.shading) < (mapped ? COS_30_DEGREES : COS_5_DEGREES) ||
         vec3_dot(a->surface.geometric, b->surface.geometric) < geometric_least)
         return false;
     if (a->bounces > 0 && vec3_dot(a->arrival, b->arrival) < COS_5_DEGREES)
@@ -85,6 +87,20 @@ static void merge_lobes(const struct leaf *leaves, const uint32_t *owner, uint32
     out->gloss = (float)(gloss / all);
 }
 
+/* The mean normal of a cluster; it still faces the same side of `out`, which is one of them. */
+static void merge_normals(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
+                          struct leaf *out)
+{
+    struct vec3 sum = { 0.0f, 0.0f, 0.0f };
+
+    for (uint32_t i = first; i < count; i++) {
+        if (owner[i] == first)
+            sum = vec3_add(sum, vec3_scale(leaves[i].surface.shading, total(&leaves[i])));
+    }
+    if (vec3_dot(sum, out->surface.geometric) > 0.0f)
+        out->surface.shading = vec3_normalize(sum);
+}
+
 /* Merges the cluster of seed `first`. Colours are averaged per channel with the weights, which is exact, since a pixel
  * is linear in them. */
 static struct leaf merge_cluster(const struct sight *s, const struct leaf *leaves, const uint32_t *owner,
@@ -124,8 +140,11 @@ static struct leaf merge_cluster(const struct sight *s, const struct leaf *leave
     l.diffuse = vec3_make(weight[0] > 0.0 ? (float)(colour[0] / weight[0]) : 0.0f,
                           weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
                           weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
-    if (!l.escaped && (s->scene->materials[l.material].maps & MAP_ROUGHNESS))
+    const uint32_t maps = l.escaped ? 0 : s->scene->materials[l.material].maps;
+    if (maps & MAP_ROUGHNESS)
         merge_lobes(leaves, owner, first, count, &l);
+    if (maps & MAP_NORMAL)
+        merge_normals(leaves, owner, first, count, &l);
     if (l.escaped) {
         l.arrival = vec3_normalize(mean);
         l.footprint = merged_width(leaves, owner, first, count, mean);

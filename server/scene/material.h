@@ -25,8 +25,11 @@ enum alpha_mode {
 /* Textures of numbers that a material has besides its colours, as bits of `maps`. */
 enum material_map {
     MAP_ROUGHNESS = 1, /* ggx: green multiplies roughness, blue metallic [glTF 2.0, section 3.9.2] */
+    MAP_NORMAL = 2,    /* every kind: 2 rgb - 1 is the normal in the frame of tangent, bitangent and normal [ibid.,
+                          section 3.9.3] */
 };
-#define MAPS_ALL MAP_ROUGHNESS
+#define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL)
+#define NORMAL_SCALE_MAX 1e3f
 
 #define MATERIAL_NO_TEXTURE UINT32_MAX
 #define EMISSION_MAX 1e9f /* the sun's disc has 1.6e9 cd/m^2; products with areas and weights still fit a float */
@@ -40,6 +43,8 @@ struct material {
     float metallic, roughness;  /* ggx */
     uint32_t maps;              /* enum material_map */
     uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
+    uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
+    float normal_scale;         /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
     float ior;                  /* glass */
     uint32_t texture;           /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
     enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */

@@ -1,18 +1,15 @@
 #include "scene/scatter.h"
 
-#include <math.h>
+#include "scene/normal_map.h"
 
-static struct vec3 lookup(const struct texture *t, const float uv[2], const float (*step)[2])
-{
-    return step ? texture_filter(t, uv[0], uv[1], step) : texture_lookup(t, uv[0], uv[1]);
-}
+#include <math.h>
 
 static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
                                const float (*step)[2])
 {
     if (m->texture == MATERIAL_NO_TEXTURE)
         return m->diffuse;
-    return vec3_mul(m->diffuse, lookup(&scene->textures[m->texture], uv, step));
+    return vec3_mul(m->diffuse, texture_read(&scene->textures[m->texture], uv, step));
 }
 
 /* A map never makes a mirror: whether a path has an S or a D vertex must not depend on how a texture is filtered. */
@@ -42,7 +39,7 @@ static struct finish finish_at(const struct scene *scene, const struct material 
 {
     if (!(m->maps & MAP_ROUGHNESS))
         return (struct finish){ m->metallic, m->roughness };
-    const struct vec3 v = lookup(&scene->textures[m->roughness_texture], uv, step);
+    const struct vec3 v = texture_read(&scene->textures[m->roughness_texture], uv, step);
     return (struct finish){ m->metallic * v.z, m->roughness * v.y };
 }
 
@@ -76,12 +73,16 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     const uint32_t material = scene->meshes[h->mesh].material;
     const struct material *m = &scene->materials[material];
 
+    if (m->maps & MAP_NORMAL)
+        normal_map_turn(scene, h, uv_step, &out->surface);
     const struct vec3 base = vec3_mul(base_colour(scene, m, out->surface.uv, uv_step), out->surface.colour);
     const struct finish finish = finish_at(scene, m, out->surface.uv, uv_step);
     out->mesh = h->mesh;
     out->material = material;
     out->rough = material_is_rough(m);
     fill_rough(m, base, finish, out);
+    if (m->maps & MAP_NORMAL)
+        out->diffuse = vec3_scale(out->diffuse, normal_map_gain(out->kind, &out->surface));
     out->delta = m->kind == MATERIAL_MIRROR  ? DELTA_MIRROR
                  : m->kind == MATERIAL_GLASS ? DELTA_GLASS
                  : is_sharp(m)               ? DELTA_GLOSS

@@ -274,8 +274,7 @@ struct vec3 scene_emission(const struct scene *s, uint32_t material, const float
 
     if (is_black(m->emission) || m->emission_texture == MATERIAL_NO_TEXTURE)
         return m->emission;
-    const struct texture *t = &s->textures[m->emission_texture];
-    return vec3_mul(m->emission, uv_step ? texture_filter(t, uv[0], uv[1], uv_step) : texture_lookup(t, uv[0], uv[1]));
+    return vec3_mul(m->emission, texture_read(&s->textures[m->emission_texture], uv, uv_step));
 }
 
 size_t scene_casters(const struct scene *s, struct box *out, size_t room)

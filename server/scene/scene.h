@@ -36,6 +36,8 @@ struct mesh { /* triangles with one material */
     float *positions;  /* [vertex_count][3], m; padded by one float, since Embree reads 16 bytes */
     float *normals;    /* [vertex_count][3], unit, or (0,0,0) if undefined; NULL: flat shading by geometric normals */
     float *uvs;        /* [vertex_count][2], v upwards as in OBJ; NULL: none */
+    float *tangents;   /* [vertex_count][4]: the direction of rising u, unit or 0, and the side on which v rises: the
+                          bitangent is w cross(normal, tangent). NULL: no normal map */
     float *colours;    /* [vertex_count][3], linear Rec.709, 0..1: multiplies the material's; NULL: white */
     uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise seen from outside */
     uint32_t material; /* index into the scene's materials */

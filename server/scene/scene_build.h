@@ -55,6 +55,12 @@ void mesh_finish(struct mesh *m); /* frees the arrays */
  * Wuethrich 1998]. ERR_NOMEM. */
 MUST_CHECK enum err mesh_make_normals(struct mesh *m);
 
+/* Computes m->tangents from texture coordinates and normals, much as MikkTSpace does: at each vertex the mean of the
+ * directions of rising u on its triangles, each turned into the vertex's plane and weighted by its angle. A vertex of
+ * triangles that are mirror images of each other in texture space becomes two. Unlike there, triangles need not share
+ * an edge for their mean. Nothing without texture coordinates. ERR_NOMEM: only that. */
+MUST_CHECK enum err mesh_make_tangents(struct mesh *m);
+
 /* Merges identical vertices and drops unused ones. ERR_NOMEM: nothing changed. */
 MUST_CHECK enum err mesh_join_vertices(struct mesh *m);
 

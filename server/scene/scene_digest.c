@@ -11,6 +11,8 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
     digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->colours, m->colours ? 3 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
+    if (m->tangents)
+        digest_bytes(d, m->tangents, 4 * sizeof(float) * m->vertex_count);
 }
 
 /* What decides where a material has holes, without its texture; nothing if it has none. */
@@ -29,6 +31,10 @@ static void digest_maps(struct digest *d, const struct material *m)
 {
     if (m->maps & MAP_ROUGHNESS)
         digest_u64(d, (uint64_t)MAP_ROUGHNESS << 32 | m->roughness_texture);
+    if (m->maps & MAP_NORMAL) {
+        digest_u64(d, (uint64_t)MAP_NORMAL << 32 | m->normal_texture);
+        digest_bytes(d, &m->normal_scale, sizeof(m->normal_scale));
+    }
 }
 
 /* Field by field, since padding is undefined. */

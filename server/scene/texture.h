@@ -61,6 +61,12 @@ float texture_alpha(const struct texture *t, float u, float v); /* 0..1 */
 struct vec3 texture_filter(const struct texture *t, float u, float v, const float step[2][2]);
 float texture_filter_alpha(const struct texture *t, float u, float v, const float step[2][2]); /* 0..1 */
 
+/* texture_filter, or texture_lookup where step is NULL. */
+static inline struct vec3 texture_read(const struct texture *t, const float uv[2], const float (*step)[2])
+{
+    return step ? texture_filter(t, uv[0], uv[1], step) : texture_lookup(t, uv[0], uv[1]);
+}
+
 /* The smallest and largest alpha of any texel, 0..1. */
 void texture_alpha_limits(const struct texture *t, float *low, float *high);
 

@@ -6,15 +6,20 @@
 
 static const float corners[] = { 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0 };
 static const float uvs[] = { 0, 1, 1, 1, 1, 0, 0, 0 };
+static const float normals[] = { 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1 };
+static const float tangents[] = { 0, 1, 0, -1, 0, 1, 0, -1, 0, 1, 0, -1, 0, 1, 0, -1 }; /* not those of the uvs */
 static const uint8_t two_triangles[] = { 0, 1, 2, 0, 2, 3 };
 
 #define REST                                                                                                           \
-    "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":2},"         \
+    "\"nodes\":[{\"mesh\":0%s}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s},"                      \
     "\"indices\":1,\"material\":0}]}],\"textures\":[{\"source\":0},{\"source\":1}],"                                   \
-    "\"images\":[{\"uri\":\"map.png\"},{\"uri\":\"t.png\"}],\"materials\":[{"
+    "\"images\":[{\"uri\":\"map.png\"},{\"uri\":\"t.png\"}],\"materials\":[{%s}]"
+#define UVS ",\"TEXCOORD_0\":2,\"NORMAL\":3"
+#define TANGENTS UVS ",\"TANGENT\":4"
 
-/* A square with a material of these members; textures: 0 is map.png, which the test writes, 1 an image of colours. */
-static const char *square_of(struct make *m, const char *material)
+/* A square with a material, further attributes and members of its node. Textures: 0 is map.png, which the test writes,
+ * 1 an image of colours. */
+static const char *square_with(struct make *m, const char *material, const char *attributes, const char *node)
 {
     static char text[4096];
 
@@ -24,9 +29,16 @@ static const char *square_of(struct make *m, const char *material)
     FLOATS(m, corners, "VEC3", 4);
     make_array(m, two_triangles, sizeof(two_triangles), 5121, "SCALAR", 6);
     FLOATS(m, uvs, "VEC2", 4);
+    FLOATS(m, normals, "VEC3", 4);
+    FLOATS(m, tangents, "VEC4", 4);
     folder_write(&m->folder, "t.png", four_png, sizeof(four_png));
-    snprintf(text, sizeof(text), REST "%s}]", material);
+    snprintf(text, sizeof(text), REST, node, attributes, material);
     return make_gltf(m, text);
+}
+
+static const char *square_of(struct make *m, const char *material)
+{
+    return square_with(m, material, UVS, "");
 }
 
 /* The material as it was read, and what was said of it; its maps are checked to be textures of numbers. */
@@ -36,6 +48,8 @@ static struct material read_material(struct make *m, const char *material, const
     struct scene *s = load_or_fail(square_of(m, material));
     *said = log_end();
     const struct material out = s->materials[0];
+    if (out.maps & MAP_NORMAL)
+        assert_int_equal(s->textures[out.normal_texture].values, TEXTURE_LINEAR);
     if (out.maps & MAP_ROUGHNESS)
         assert_int_equal(s->textures[out.roughness_texture].values, TEXTURE_LINEAR);
     scene_destroy(s);
@@ -92,8 +106,89 @@ static void faults_of_metallic_roughness_textures_are_named(void **state)
     make_end(&f);
 }
 
+/* ---- Normals ---- */
+
+#define BUMPY "\"normalTexture\":{\"index\":0,\"scale\":0.5}"
+
+static void normal_textures_become_maps(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    struct material m = read_material(&f, BUMPY, &said);
+    assert_int_equal(m.maps, MAP_NORMAL);
+    assert_true(m.normal_scale == 0.5f);
+    assert_string_equal(said, "");
+    m = read_material(&f, ROUGH("", "\"index\":0") "," BUMPY, &said);
+    assert_int_equal(m.maps, MAP_ROUGHNESS | MAP_NORMAL);
+    m = read_material(&f, ROUGH("", "\"index\":0") ",\"normalTexture\":{\"index\":0,\"texCoord\":1}", &said);
+    assert_int_equal(m.maps, MAP_ROUGHNESS);
+    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    m = read_material(&f, BUMPY ",\"extensions\":{\"KHR_materials_unlit\":{}}", &said);
+    assert_int_equal(m.maps, 0);
+    folder_write(&f.folder, "map.png", flat_png, sizeof(flat_png));
+    m = read_material(&f, BUMPY, &said);
+    assert_int_equal(m.maps, 0);
+    make_end(&f);
+}
+
+static void faults_of_normal_textures_are_named(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    const struct material m = read_material(&f, BUMPY, &said);
+    assert_int_equal(m.maps, 0);
+    assert_non_null(strstr(said, "map.png: No such file or directory; the surfaces are smooth instead"));
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    assert_non_null(strstr(make_refused(square_of(&f, "\"normalTexture\":{\"index\":2}"), ERR_FORMAT),
+                           "materials[0].normalTexture.index: textures[2] does not exist"));
+    assert_non_null(strstr(make_refused(square_of(&f, "\"normalTexture\":{\"index\":0,\"scale\":[1]}"), ERR_FORMAT),
+                           "materials[0].normalTexture.scale: "));
+    assert_non_null(strstr(make_refused(square_with(&f, BUMPY, UVS ",\"TANGENT\":3", ""), ERR_FORMAT),
+                           "primitives[0].attributes.TANGENT: accessors[3] has 3 components"));
+    make_end(&f);
+}
+
+/* The first vertex of the mesh, or NULL. */
+static void assert_tangent(struct make *f, const char *attributes, const char *node, const float want[4])
+{
+    struct scene *s = load_or_fail(square_with(f, BUMPY, attributes, node));
+    const struct mesh *m = &s->meshes[0];
+
+    assert_true((m->tangents != NULL) == (want != NULL));
+    for (uint32_t i = 0; want && i < 4 * m->vertex_count; i++)
+        assert_float_equal(m->tangents[i], want[i % 4], 1e-6f);
+    scene_destroy(s);
+}
+
+static void tangents_are_the_file_s_or_computed(void **state)
+{
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    assert_tangent(&f, UVS, "", (const float[]){ 1, 0, 0, 1 });
+    assert_tangent(&f, TANGENTS, "", (const float[]){ 0, 1, 0, -1 });
+    assert_tangent(&f, UVS, ",\"scale\":[-2,1,1]", (const float[]){ -1, 0, 0, -1 });
+    assert_tangent(&f, TANGENTS, ",\"scale\":[-2,1,1]", (const float[]){ 0, 1, 0, 1 });
+    assert_tangent(&f, TANGENTS, ",\"scale\":[2,3,4]", (const float[]){ 0, 1, 0, -1 });
+    assert_tangent(&f, ",\"NORMAL\":3", "", NULL); /* without texture coordinates there is no map */
+    assert_tangent(&f, ",\"TEXCOORD_0\":2,\"TANGENT\":4", "", (const float[]){ 1, 0, 0, 1 }); /* no normals: not used */
+    make_end(&f);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
+    cmocka_unit_test(normal_textures_become_maps),
+    cmocka_unit_test(faults_of_normal_textures_are_named),
+    cmocka_unit_test(tangents_are_the_file_s_or_computed),
 };
 UNIT_MAIN(tests)

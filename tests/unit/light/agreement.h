@@ -245,6 +245,40 @@ static inline void world_polish(struct world *w)
     w->stream = stream_of(w->stream, "maps");
 }
 
+/* The same, and normals that turn by up to 35 degrees along x and z, likewise. */
+static inline void world_bend(struct world *w)
+{
+    enum { SIDE = 256 };
+    const float reach = 14.0f; /* further than any vertex, by the skewed coordinates below */
+    struct texture t;
+    uint32_t index;
+
+    world_polish(w);
+    assert_int_equal(texture_init(&t, SIDE, SIDE, TEXTURE_LINEAR), ERR_OK);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        const uint8_t texel[4] = { i % SIDE & ~1u, i / SIDE & ~1u, 255, 255 }; /* all means are whole numbers */
+        memcpy(t.texels + 4 * (size_t)i, texel, 4);
+    }
+    t.wrap_u = t.wrap_v = TEXTURE_CLAMP;
+    texture_build_levels(&t);
+    assert_int_equal(scene_add_texture(w->scene, &t, &index), ERR_OK);
+    for (size_t i = 0; i < w->scene->material_count; i++) {
+        w->scene->materials[i].maps |= MAP_NORMAL;
+        w->scene->materials[i].normal_texture = index;
+        w->scene->materials[i].normal_scale = 0.5f;
+    }
+    for (size_t i = 0; i < w->scene->mesh_count; i++) {
+        struct mesh *m = &w->scene->meshes[i];
+        for (size_t v = 0; v < m->vertex_count; v++) {
+            const float *p = m->positions + 3 * v;
+            m->uvs[2 * v] = 0.5f + 0.5f * (p[0] + 0.4f * p[1]) / reach;
+            m->uvs[2 * v + 1] = 0.5f - 0.5f * (p[2] - 0.3f * p[1]) / reach;
+        }
+        assert_int_equal(mesh_make_tangents(m), ERR_OK);
+    }
+    w->stream = stream_of(w->stream, "bent");
+}
+
 /* Whether any of 16 rays through the pixel meets a mirror or glass. */
 static inline bool sees_delta(const struct world *w, uint32_t x, uint32_t y)
 {

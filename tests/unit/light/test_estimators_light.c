@@ -234,6 +234,12 @@ static void both_sides_agree_where_roughness_varies(void **state)
     assert_built_in_sides_agree(NULL, world_polish);
 }
 
+static void both_sides_agree_where_normals_are_bent(void **state)
+{
+    (void)state;
+    assert_built_in_sides_agree(NULL, world_bend);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(both_sides_agree_on_plaza),
     cmocka_unit_test(both_sides_agree_on_ring),
@@ -248,5 +254,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(both_sides_agree_on_the_built_in_scene),
     cmocka_unit_test(both_sides_agree_where_there_are_holes),
     cmocka_unit_test(both_sides_agree_where_roughness_varies),
+    cmocka_unit_test(both_sides_agree_where_normals_are_bent),
 };
 UNIT_MAIN(tests)

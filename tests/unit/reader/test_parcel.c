@@ -20,10 +20,11 @@ enum {
     TEXTURE = LIGHT + (int)sizeof(struct punctual_light),
     TEXTURE_HEAD = 20,
     MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
-    POSITIONS = MESH + 24,
+    POSITIONS = MESH + 28,
     NORMALS = POSITIONS + CORNERS * 12,
     UVS = NORMALS + CORNERS * 12,
-    COLOURS = UVS + CORNERS * 8,
+    TANGENTS = UVS + CORNERS * 8,
+    COLOURS = TANGENTS + CORNERS * 16,
     INDICES = COLOURS + CORNERS * 12,
     END = INDICES + TRIANGLES * 12,
 };
@@ -53,7 +54,8 @@ static struct scene *make(void)
                                    .alpha_mode = ALPHA_MASK,
                                    .alpha = 0.75f,
                                    .alpha_cutoff = 0.5f,
-                                   .alpha_texture = 0 };
+                                   .alpha_texture = 0,
+                                   .maps = MAP_NORMAL };
     const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
     const struct punctual_light l = { .kind = LIGHT_DIRECTIONAL, .direction = { 0, 0, 1 }, .intensity = { 1, 2, 3 } };
     struct texture t;
@@ -70,6 +72,7 @@ static struct scene *make(void)
     m.positions = floats(3 * CORNERS, -1.0f, 0.7f);
     m.normals = floats(3 * CORNERS, -0.5f, 0.05f);
     m.uvs = floats(2 * CORNERS, -3.0f, 11.0f);
+    m.tangents = floats(4 * CORNERS, -0.5f, 0.05f);
     m.colours = floats(3 * CORNERS, 0.0f, 0.05f);
     m.indices = mem_alloc(6, sizeof(uint32_t));
     assert_non_null(m.indices);
@@ -120,6 +123,7 @@ static void what_was_written_is_read(void **state)
     assert_memory_equal(s->meshes[0].positions, same->meshes[0].positions, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].normals, same->meshes[0].normals, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].uvs, same->meshes[0].uvs, 8 * CORNERS);
+    assert_memory_equal(s->meshes[0].tangents, same->meshes[0].tangents, 16 * CORNERS);
     assert_memory_equal(s->meshes[0].colours, same->meshes[0].colours, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
     assert_int_equal(s->meshes[0].material, 1);
@@ -204,6 +208,7 @@ static void forged_sizes_are_refused(void **state)
     forge_u32(MESH + 12, 2, "the size of a mesh");
     forge_u32(MESH + 16, 0xffffffff, "the size of a mesh");
     forge_u32(MESH + 20, 2, "the size of a mesh");
+    forge_u32(MESH + 24, 2, "the size of a mesh");
 }
 
 static void forged_indices_are_refused(void **state)
@@ -220,6 +225,7 @@ static void forged_indices_are_refused(void **state)
     forge_u32(MATERIAL + (long)offsetof(struct material, roughness_texture), 1, "a map that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, maps), MAPS_ALL + 1, "maps that it cannot have");
     forge_u32(PANE + (long)offsetof(struct material, maps), MAP_ROUGHNESS, "maps that it cannot have");
+    forge_u32(PANE + (long)offsetof(struct material, normal_texture), 1, "a map that is not there");
     forge_u32(LIGHT + (long)offsetof(struct punctual_light, kind), LIGHT_DIRECTIONAL + 1, "the kind of a light");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), MATERIAL_GLASS + 1, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), 0xffffffff, "a material is out of range");
@@ -249,6 +255,8 @@ static void forged_values_are_refused(void **state)
         forge_float(CAMERA + (long)offsetof(struct camera, fov_y), wrong[k], "a.glb: ");
         forge_float(POSITIONS + 44, wrong[k], "a position is out of range");
         forge_float(NORMALS + 4, wrong[k], "a normal is out of range");
+        forge_float(TANGENTS + 12, wrong[k], "a tangent is out of range");
+        forge_float(MATERIAL + (long)offsetof(struct material, normal_scale), wrong[k], "the scale of a normal map");
         forge_float(COLOURS + 8, wrong[k], "a colour is out of range");
     }
     forge_float(PANE + (long)offsetof(struct material, alpha_cutoff), NAN, "the alpha of a material");

@@ -183,6 +183,141 @@ static void a_pixel_keeps_lobes_apart_that_differ(void **state)
     card_end(&c);
 }
 
+/* ---- Normals ---- */
+
+/* A card with a map of one colour and these texture coordinates; its shading normal in the middle, seen from in front
+ * or from behind. */
+static struct vec3 bent_normal(const float uvs[8], const uint8_t colour[3], float scale, float from)
+{
+    struct material m = worn();
+    m.maps = MAP_NORMAL;
+    m.normal_scale = scale;
+    struct card c = card_of(&m);
+    const struct vec3 dir = { 0.0f, 0.0f, -from };
+    struct scatter at;
+    struct hit h;
+
+    paint(c.map, 1, colour, colour);
+    memcpy(c.scene->meshes[0].uvs, uvs, 8 * sizeof(float));
+    assert_int_equal(mesh_make_tangents(&c.scene->meshes[0]), ERR_OK);
+    assert_true(rays_intersect(c.rays, vec3_make(0.1f, 0.2f, from), dir, 0.0f, &h));
+    scatter_at(c.scene, c.rays, &h, dir, &at);
+    card_end(&c);
+    return at.surface.shading;
+}
+
+static void assert_normal(struct vec3 n, double x, double y, double z)
+{
+    const double length = sqrt(x * x + y * y + z * z);
+
+    if (fabs((double)n.x - x / length) + fabs((double)n.y - y / length) + fabs((double)n.z - z / length) > 1e-5)
+        fail_msg("(%g, %g, %g), not along (%g, %g, %g)", (double)n.x, (double)n.y, (double)n.z, x, y, z);
+}
+
+/* Red turns it along rising u, green along rising v, wherever those point; behind, the same bump is a dent. */
+static void normals_turn_along_the_texture(void **state)
+{
+    static const float upright[8] = { 0, 0, 1, 0, 1, 1, 0, 1 }, mirrored[8] = { 1, 0, 0, 0, 0, 1, 1, 1 },
+                       turned[8] = { 0, 1, 0, 0, 1, 0, 1, 1 }; /* u rises along y, v against x */
+    static const uint8_t colour[3] = { 204, 153, 255 };        /* 0.6, 0.2, 1 */
+    static const uint8_t steep[3] = { 255, 128, 0 };           /* behind the surface */
+
+    (void)state;
+    assert_normal(bent_normal(upright, colour, 1.0f, 1.0f), 0.6, 0.2, 1.0);
+    assert_normal(bent_normal(upright, colour, -0.5f, 1.0f), -0.3, -0.1, 1.0);
+    assert_normal(bent_normal(mirrored, colour, 1.0f, 1.0f), -0.6, 0.2, 1.0);
+    assert_normal(bent_normal(turned, colour, 1.0f, 1.0f), -0.2, 0.6, 1.0);
+    assert_normal(bent_normal(upright, colour, 1.0f, -1.0f), -0.6, -0.2, -1.0);
+    const struct vec3 n = bent_normal(upright, steep, 1.0f, 1.0f);
+    assert_true(n.z > 0.01f && n.z < 0.03f && n.x > 0.9f);
+}
+
+/* Half of a card is the mirror image of the other, in texture space: they share two vertices, which become four. */
+static void mirror_images_have_tangents_of_their_own(void **state)
+{
+    static const float places[6][3] = { { -1, -1, 0 }, { 0, -1, 0 }, { 1, -1, 0 },
+                                        { 1, 1, 0 },   { 0, 1, 0 },  { -1, 1, 0 } };
+    static const float uvs[12] = { 1, 0, 0, 0, 1, 0, 1, 1, 0, 1, 1, 1 };
+    static const uint32_t triangles[12] = { 0, 1, 4, 0, 4, 5, 1, 2, 3, 1, 3, 4 };
+    struct mesh m = { .vertex_count = 6, .triangle_count = 4 };
+
+    (void)state;
+    m.positions = mem_alloc(19, sizeof(float));
+    m.uvs = mem_alloc(12, sizeof(float));
+    m.indices = mem_alloc(12, sizeof(uint32_t));
+    memcpy(m.positions, places, sizeof(places));
+    memcpy(m.uvs, uvs, sizeof(uvs));
+    memcpy(m.indices, triangles, sizeof(triangles));
+    assert_int_equal(mesh_make_tangents(&m), ERR_OK);
+    assert_int_equal(m.vertex_count, 8);
+    for (uint32_t i = 0; i < 12; i++) {
+        const uint32_t v = m.indices[i];
+        const float *t = m.tangents + 4 * (size_t)v, side = i < 6 ? -1.0f : 1.0f;
+        assert_memory_equal(m.positions + 3 * (size_t)v, places[triangles[i]], 3 * sizeof(float));
+        assert_memory_equal(m.uvs + 2 * (size_t)v, uvs + 2 * (size_t)triangles[i], 2 * sizeof(float));
+        assert_true(t[0] == side && t[1] == 0.0f && t[2] == 0.0f && t[3] == side);
+    }
+    mesh_finish(&m);
+}
+
+/* On a cylinder of 12 sides the directions on two neighbours meet in the plane of their vertex. */
+static void tangents_are_means_in_the_plane_of_the_normal(void **state)
+{
+    enum { SIDES = 12, COUNT = 2 * (SIDES + 1) };
+    struct mesh m = { .vertex_count = COUNT, .triangle_count = 2 * SIDES };
+
+    (void)state;
+    m.positions = mem_alloc(3 * COUNT + 1, sizeof(float));
+    m.normals = mem_alloc(3 * COUNT, sizeof(float));
+    m.uvs = mem_alloc(2 * COUNT, sizeof(float));
+    m.indices = mem_alloc(6 * SIDES, sizeof(uint32_t));
+    for (uint32_t i = 0; i < COUNT; i++) {
+        const double phi = 2.0 * PI * (i / 2) / SIDES;
+        const float x = (float)sin(phi), z = (float)cos(phi);
+        memcpy(m.positions + 3 * (size_t)i, (float[]){ x, (float)(i % 2), z }, 3 * sizeof(float));
+        memcpy(m.normals + 3 * (size_t)i, (float[]){ x, 0.0f, z }, 3 * sizeof(float));
+        memcpy(m.uvs + 2 * (size_t)i, (float[]){ (float)(i / 2), (float)(i % 2) }, 2 * sizeof(float));
+    }
+    for (uint32_t i = 0; i < SIDES; i++) {
+        const uint32_t a = 2 * i, two[6] = { a, a + 2, a + 3, a, a + 3, a + 1 };
+        memcpy(m.indices + 6 * (size_t)i, two, sizeof(two));
+    }
+    assert_int_equal(mesh_make_tangents(&m), ERR_OK);
+    assert_int_equal(m.vertex_count, COUNT);
+    for (size_t i = 0; i < COUNT; i++) {
+        assert_float_equal(m.tangents[4 * i], m.normals[3 * i + 2], 1e-6f);
+        assert_float_equal(m.tangents[4 * i + 1], 0.0f, 1e-6f);
+        assert_float_equal(m.tangents[4 * i + 2], -m.normals[3 * i], 1e-6f);
+        assert_true(m.tangents[4 * i + 3] == 1.0f);
+    }
+    mesh_finish(&m);
+}
+
+/* Opposite slopes in the columns: far away they cancel, in a pixel with several rays too. */
+static void slopes_are_averaged_in_a_pixel(void **state)
+{
+    static const uint8_t left[3] = { 102, 128, 255 }, right[3] = { 153, 128, 255 };
+    struct camera aside = front;
+    struct material m = worn();
+    float least = 1.0f;
+
+    (void)state;
+    m.maps = MAP_NORMAL;
+    m.normal_scale = 1.0f;
+    struct card c = card_of(&m);
+    paint(c.map, 1, left, right);
+    assert_int_equal(mesh_make_tangents(&c.scene->meshes[0]), ERR_OK);
+    const struct gbuffer_desc d = { .camera = &aside, .width = SIDE / 2, .height = SIDE / 2, .every_pixel = true };
+    struct gbuffer *g = gbuffer_of(c.scene, c.rays, &d);
+    assert_int_equal(g->point_count, SIDE * SIDE / 4);
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        for (uint32_t l = 0; l < g->packets[i].count; l++)
+            least = fminf(least, g->packets[i].ns_z[l]);
+    assert_true(least > 0.99f);
+    gbuffer_destroy(g);
+    card_end(&c);
+}
+
 static uint64_t digest_of(const struct scene *s)
 {
     struct digest d = { { 0 } };
@@ -204,6 +339,10 @@ static void maps_are_part_of_the_digest(void **state)
     const uint64_t mapped = digest_of(c.scene);
     c.scene->materials[0].roughness_texture = 1;
     assert_true(plain != mapped && mapped != digest_of(c.scene));
+    c.scene->materials[0].maps = MAP_NORMAL;
+    const uint64_t bent = digest_of(c.scene);
+    c.scene->materials[0].normal_scale = 2.0f;
+    assert_true(bent != mapped && bent != digest_of(c.scene));
     card_end(&c);
 }
 
@@ -211,6 +350,10 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(green_is_roughness_and_blue_metallic),
     cmocka_unit_test(a_map_never_makes_a_mirror),
     cmocka_unit_test(a_pixel_keeps_lobes_apart_that_differ),
+    cmocka_unit_test(normals_turn_along_the_texture),
+    cmocka_unit_test(mirror_images_have_tangents_of_their_own),
+    cmocka_unit_test(tangents_are_means_in_the_plane_of_the_normal),
+    cmocka_unit_test(slopes_are_averaged_in_a_pixel),
     cmocka_unit_test(maps_are_part_of_the_digest),
 };
 UNIT_MAIN(tests)
