@@ -18,6 +18,7 @@ static const struct {
 } known[] = {
     { "KHR_mesh_quantization", MODELLED, NULL },
     { "KHR_materials_ior", MODELLED, NULL },
+    { "KHR_materials_specular", MODELLED, NULL },
     { "KHR_materials_transmission", MODELLED, NULL },
     { "KHR_materials_volume", NOTED, NULL },
     { "KHR_materials_clearcoat", NOTED, NULL },

@@ -143,7 +143,7 @@ static enum err read_normal_texture(struct source *s, const struct gltf_at *at, 
     double scale = 1.0;
     struct gltf_numbers t;
 
-    if (!at->value || m->kind == MATERIAL_LAMBERT) /* which is unlit */
+    if (!at->value)
         return ERR_OK;
     enum err e = gltf_texture_numbers(&s->images, at, 0, "the surfaces are smooth", &t);
     if (!e)
@@ -184,19 +184,43 @@ static enum err read_alpha(struct source *s, const struct gltf_at *at, const str
 static enum err read_glass(struct source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at extension = gltf_extension(at, "KHR_materials_ior");
-    const struct vec3 c = m->diffuse;
     double ior = 1.5;
 
     const enum err e = gltf_number(s->g, &extension, "ior", &ior);
     m->kind = MATERIAL_GLASS;
     m->ior = (float)fmin(fmax(ior, 1.0), 4.0);
-    if (c.x < 1.0f || c.y < 1.0f || c.z < 1.0f || m->texture != MATERIAL_NO_TEXTURE)
-        scene_note_unmodelled(s->g->scene, FEATURE_TINTED_GLASS, s->g->desc->path);
-    m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
-    m->texture = MATERIAL_NO_TEXTURE;
     if (m->alpha_mode == ALPHA_BLEND) /* many exporters blend glass for viewers that cannot refract */
         m->alpha_mode = ALPHA_OPAQUE;
     return e;
+}
+
+/* KHR_materials_specular and KHR_materials_ior. Without its specular part a dielectric is matte; a share of it reflects
+ * as much at grazing angles as the whole. */
+static enum err read_specular(struct source *s, const struct gltf_at *at, struct material *m)
+{
+    const struct gltf_at own = gltf_extension(at, "KHR_materials_specular"),
+                         index = gltf_extension(at, "KHR_materials_ior");
+    double ior = 1.5, factor = 1.0, colour[3] = { 1.0, 1.0, 1.0 };
+    float more[3];
+
+    enum err e = gltf_number(s->g, &index, "ior", &ior);
+    if (!e)
+        e = gltf_number(s->g, &own, "specularFactor", &factor);
+    if (!e)
+        e = gltf_numbers(s->g, &own, "specularColorFactor", 3, colour);
+    if (e)
+        return e;
+    const double root = ior == 0.0 ? 1.0 : (fmax(ior, 1.0) - 1.0) / (fmax(ior, 1.0) + 1.0); /* 0: all is reflected */
+    for (int k = 0; k < 3; k++)
+        more[k] = (float)((double)share(factor) * (double)share(root * root * fmax(colour[k], 0.0))) - 0.04f;
+    m->specular = vec3_make(more[0], more[1], more[2]);
+    if (gltf_key(&own, "specularTexture").value || gltf_key(&own, "specularColorTexture").value)
+        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
+    if (factor <= 0.0 && m->metallic <= 0.0f) {
+        m->kind = MATERIAL_LAMBERT;
+        m->specular = vec3_make(0.0f, 0.0f, 0.0f);
+    }
+    return ERR_OK;
 }
 
 /* The features of extensions. */
@@ -263,6 +287,8 @@ static enum err read_specular_glossiness(struct source *s, const struct gltf_at 
     m->roughness = 1.0f - glossiness;
     if (m->metallic > 0.0f)
         m->diffuse = specular;
+    else
+        m->specular = vec3_sub(specular, vec3_make(0.04f, 0.04f, 0.04f));
     return read_base_texture(s, at, "diffuseTexture", m, surface);
 }
 
@@ -297,9 +323,12 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         e = read_glass(s, at, &m);
     if (m.texture == MATERIAL_NO_TEXTURE && (m.alpha_mode == ALPHA_OPAQUE || m.alpha_texture == MATERIAL_NO_TEXTURE))
         surface->uv_set = GLTF_NONE;
+    const bool unlit = m.kind == MATERIAL_LAMBERT;
+    if (!e && !glossy.value && m.kind == MATERIAL_GGX)
+        e = read_specular(s, at, &m);
     if (!e && !glossy.value)
         e = read_roughness_texture(s, &roughness, &m, surface);
-    if (!e)
+    if (!e && !unlit)
         e = read_normal_texture(s, &normal, &m, surface);
     if (m.kind == MATERIAL_GLASS && m.roughness > 0.03f)
         scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);

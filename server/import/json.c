@@ -161,12 +161,13 @@ static enum err read_mirror(const struct spot *s, struct material *m)
 
 static enum err read_glass(const struct spot *s, struct material *m)
 {
+    const struct vec3 clear = { 1.0f, 1.0f, 1.0f };
     const double crown = 1.5;
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "emission", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "tint", "emission", NULL });
     m->kind = MATERIAL_GLASS;
-    m->diffuse = vec3_make(1.0f, 1.0f, 1.0f);
-    return read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
+    const enum err e = read_vec3(s, "tint", &clear, 0.0, 1.0, &m->diffuse);
+    return e ? e : read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
 }
 
 /* The fraction of the surface that is there. */

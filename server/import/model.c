@@ -100,6 +100,12 @@ static uint32_t put_indices(const struct aiMesh *ai, bool mirrored, uint32_t *ou
     return count;
 }
 
+static bool wants_uvs(const struct material *m)
+{
+    return m->texture != MATERIAL_NO_TEXTURE || m->maps ||
+           (m->alpha_mode != ALPHA_OPAQUE && m->alpha_texture != MATERIAL_NO_TEXTURE);
+}
+
 static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, const double matrix[16], struct mesh *m)
 {
     double c[9];
@@ -117,7 +123,7 @@ static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, cons
             return ERR_NOMEM;
         put_normals(ai, matrix, m->normals);
     }
-    if (ai->mTextureCoords[0] && in->scene->materials[m->material].texture != MATERIAL_NO_TEXTURE) {
+    if (ai->mTextureCoords[0] && wants_uvs(&in->scene->materials[m->material])) {
         m->uvs = mem_alloc(ai->mNumVertices, 2 * sizeof(float));
         if (!m->uvs)
             return ERR_NOMEM;
@@ -143,6 +149,8 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
         e = mesh_join_vertices(&m);
         if (!e && in->desc->normals == NORMALS_SMOOTH && !m.normals)
             e = mesh_make_normals(&m);
+        if (!e && (in->scene->materials[m.material].maps & MAP_NORMAL))
+            e = mesh_make_tangents(&m);
     }
     if (!e && m.triangle_count > 0) {
         if (in->desc->material == MATERIAL_NONE && ai->mColors[0])

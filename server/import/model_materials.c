@@ -123,10 +123,8 @@ static void note_extras(const struct reading *r, const struct aiMaterial *ai, co
 {
     const bool glass = m->kind == MATERIAL_GLASS;
 
-    if (aiGetMaterialTextureCount(ai, aiTextureType_NORMALS) || aiGetMaterialTextureCount(ai, aiTextureType_HEIGHT))
-        scene_note_unmodelled(r->scene, FEATURE_NORMAL_MAP, r->desc->path);
-    if (!glass && (get_share(ai, "$mat.opacity", 1.0f) < 1.0f || aiGetMaterialTextureCount(ai, aiTextureType_OPACITY)))
-        scene_note_unmodelled(r->scene, FEATURE_ALPHA, r->desc->path);
+    if (aiGetMaterialTextureCount(ai, aiTextureType_HEIGHT))
+        scene_note_unmodelled(r->scene, FEATURE_BUMP_MAP, r->desc->path);
     if (glass && is_coloured(get_colour(ai, "$clr.diffuse", 0.0f)))
         scene_note_unmodelled(r->scene, FEATURE_TINTED_GLASS, r->desc->path);
 }
@@ -173,16 +171,17 @@ static const struct aiTexture *embedded_picture(const struct aiScene *ai, const 
     return NULL;
 }
 
-static enum err load_picture(const struct reading *r, const char *name, struct texture *out, struct reason *why)
+static enum err load_picture(const struct reading *r, const char *name, enum texture_values values, struct texture *out,
+                             struct reason *why)
 {
     const struct aiTexture *embedded = embedded_picture(r->ai, name);
     char path[HOST_PATH_MAX];
 
     if (embedded)
-        return texture_decode(embedded->pcData, embedded->mWidth, TEXTURE_SRGB, name, out, why);
+        return texture_decode(embedded->pcData, embedded->mWidth, values, name, out, why);
     if (!texture_path(r->desc->path, name, path))
         return err_say(why, ERR_RANGE, "%s: the path of a texture is too long", r->desc->path);
-    return texture_load(r->desc->host, path, TEXTURE_SRGB, out, why);
+    return texture_load(r->desc->host, path, values, out, why);
 }
 
 /* The texture of an earlier material that names the same file. */
@@ -210,7 +209,7 @@ static enum err read_texture(const struct reading *r, unsigned index, struct mat
         return ERR_OK;
     m->texture = known_texture(r, index, name.data);
     if (m->texture == MATERIAL_NO_TEXTURE) {
-        enum err e = load_picture(r, name.data, &t, &why);
+        enum err e = load_picture(r, name.data, TEXTURE_SRGB, &t, &why);
         if (e == ERR_NOMEM)
             return e;
         if (e) {
@@ -230,6 +229,79 @@ static enum err read_texture(const struct reading *r, unsigned index, struct mat
     return ERR_OK;
 }
 
+/* A mask without an alpha channel is a grey picture: its red is the alpha. */
+static void grey_to_alpha(struct texture *t)
+{
+    const size_t count = (size_t)t->width * t->height;
+    size_t opaque = 0;
+
+    while (opaque < count && t->texels[4 * opaque + 3] == UINT8_MAX)
+        opaque++;
+    if (opaque < count)
+        return;
+    for (size_t i = 0; i < count; i++)
+        t->texels[4 * i + 3] = t->texels[4 * i];
+    texture_build_levels(t);
+}
+
+/* A picture that is not a colour; *index stays MATERIAL_NO_TEXTURE, with a warning, if it cannot be read. */
+static enum err read_map(const struct reading *r, const struct aiMaterial *ai, enum aiTextureType type,
+                         enum texture_values values, const char *instead, uint32_t *index)
+{
+    struct reason why = { "" };
+    struct aiString name;
+    struct texture t;
+
+    *index = MATERIAL_NO_TEXTURE;
+    if (aiGetMaterialString(ai, AI_MATKEY_TEXTURE(type, 0), &name) != aiReturn_SUCCESS)
+        return ERR_OK;
+    enum err e = load_picture(r, name.data, values, &t, &why);
+    if (e == ERR_NOMEM)
+        return e;
+    if (e) {
+        log_warning("%s; %s", why.text, instead);
+        return ERR_OK;
+    }
+    if (values == TEXTURE_CUTOUT)
+        grey_to_alpha(&t);
+    e = scene_add_texture(r->scene, &t, index);
+    if (e)
+        texture_finish(&t);
+    return e;
+}
+
+/* d, Tr and map_d: how much of the surface is there. Not of glass. */
+static enum err read_alpha(const struct reading *r, const struct aiMaterial *ai, struct material *m)
+{
+    const bool mapped = aiGetMaterialTextureCount(ai, aiTextureType_OPACITY) > 0;
+
+    m->alpha = get_share(ai, "$mat.opacity", 1.0f);
+    m->alpha_texture = MATERIAL_NO_TEXTURE;
+    const enum err e =
+        read_map(r, ai, aiTextureType_OPACITY, TEXTURE_CUTOUT, "the surface has no holes", &m->alpha_texture);
+    if (m->alpha <= 0.0f) {
+        if (!mapped)
+            log_warning("%s: material '%s' has d 0 (Tr 1): it is shown opaque", r->desc->path, m->name);
+        m->alpha = 1.0f; /* exporters that take d and Tr for each other, and those that leave it to map_d */
+    }
+    if (m->alpha < 1.0f || m->alpha_texture != MATERIAL_NO_TEXTURE)
+        m->alpha_mode = ALPHA_BLEND;
+    return e;
+}
+
+/* `norm`; a height in place of a normal (map_Bump) is not supported. */
+static enum err read_normal_map(const struct reading *r, const struct aiMaterial *ai, struct material *m)
+{
+    const enum err e =
+        read_map(r, ai, aiTextureType_NORMALS, TEXTURE_LINEAR, "the surface is smooth", &m->normal_texture);
+
+    if (!e && m->normal_texture != MATERIAL_NO_TEXTURE) {
+        m->maps |= MAP_NORMAL;
+        m->normal_scale = 1.0f;
+    }
+    return e;
+}
+
 static enum err add_material(const struct reading *r, unsigned index, const char *name, uint32_t *out)
 {
     const struct aiMaterial *ai = r->ai->mMaterials[index];
@@ -240,6 +312,10 @@ static enum err add_material(const struct reading *r, unsigned index, const char
     choose_kind(ai, &m);
     if (m.kind != MATERIAL_GLASS)
         e = read_texture(r, index, &m);
+    if (!e && m.kind != MATERIAL_GLASS)
+        e = read_alpha(r, ai, &m);
+    if (!e)
+        e = read_normal_map(r, ai, &m);
     read_emission(r, ai, &m);
     note_extras(r, ai, &m);
     return e ? e : scene_add_material(r->scene, &m, out);

@@ -209,13 +209,15 @@ static enum err check_maps(const struct parcel *p, const struct material *m)
 
 static enum err check_material(const struct parcel *p, const struct material *m)
 {
-    const struct vec3 sum = vec3_add(m->diffuse, m->specular);
+    const struct vec3 sum = vec3_add(m->diffuse, m->specular),
+                      f0 = vec3_add(m->specular, vec3_make(0.04f, 0.04f, 0.04f));
 
     if (!is_text(m->name, sizeof(m->name)))
         return forged(p, "the name of a material has no end");
-    if ((uint32_t)m->kind > MATERIAL_GLASS || !is_colour(m->diffuse) || !is_colour(m->specular) ||
-        (m->kind == MATERIAL_PHONG && !is_colour(sum)) || !within(&m->exponent, 1, 0.0f, 1e6f) ||
-        !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) || !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
+    if ((uint32_t)m->kind > MATERIAL_GLASS || !is_colour(m->diffuse) ||
+        !is_colour(m->kind == MATERIAL_GGX ? f0 : m->specular) || (m->kind == MATERIAL_PHONG && !is_colour(sum)) ||
+        !within(&m->exponent, 1, 0.0f, 1e6f) || !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) ||
+        !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)))
         return forged(p, "a material is out of range");
     if ((uint32_t)m->alpha_mode > ALPHA_BLEND || !within(&m->alpha, 1, 0.0f, 1.0f + SLACK) ||

@@ -20,10 +20,11 @@ static const float most_matte[STEPS + 1] = {
     0.1310f, 0.1843f, 0.2472f, 0.3167f, 0.3512f, 0.3882f, 0.4272f, 0.4683f, 0.5107f, 0.5539f,
 };
 
-struct vec3 ggx_f0(struct vec3 base, float metallic)
+struct vec3 ggx_f0(struct vec3 base, float metallic, struct vec3 more)
 {
-    const float d = F0_DIELECTRIC * (1.0f - metallic);
-    return vec3_make(d + base.x * metallic, d + base.y * metallic, d + base.z * metallic);
+    const float d = 1.0f - metallic;
+    return vec3_make((F0_DIELECTRIC + more.x) * d + base.x * metallic, (F0_DIELECTRIC + more.y) * d + base.y * metallic,
+                     (F0_DIELECTRIC + more.z) * d + base.z * metallic);
 }
 
 static float matte_of(float base, float f0, float metallic, float loss, float most)
@@ -32,9 +33,9 @@ static float matte_of(float base, float f0, float metallic, float loss, float mo
     return (1.0f - metallic) * base * (1.0f - f0) * MATTE_GAIN + f * f * (1.0f - loss) / (1.0f - f * loss) * most;
 }
 
-struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness)
+struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct vec3 more)
 {
-    const struct vec3 f0 = ggx_f0(base, metallic);
+    const struct vec3 f0 = ggx_f0(base, metallic, more);
     const float at = fminf(fmaxf(roughness, 0.0f), 1.0f) * (float)STEPS, step = fminf(floorf(at), (float)STEPS - 1.0f);
     const int i = (int)step;
     const float loss = mean_loss[i] + (at - step) * (mean_loss[i + 1] - mean_loss[i]);

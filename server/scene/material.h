@@ -37,8 +37,9 @@ enum material_map {
 struct material {
     char name[64];
     enum material_kind kind;
-    struct vec3 diffuse;        /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance */
-    struct vec3 specular;       /* phong */
+    struct vec3 diffuse;        /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance;
+                                   glass: what passes the surface is multiplied by it */
+    struct vec3 specular;       /* phong; ggx: what F0 of its dielectric part has above 0.04, from -0.04 to 0.96 */
     float exponent;             /* phong */
     float metallic, roughness;  /* ggx */
     uint32_t maps;              /* enum material_map */
@@ -54,9 +55,9 @@ struct material {
     uint32_t emission_texture;  /* multiplies emission, likewise; unused where emission is 0 */
 };
 
-/* F at normal incidence of glTF's metallic-roughness model: 0.04 for a dielectric, the base colour for a metal
+/* F at normal incidence of glTF's metallic-roughness model: 0.04 + more for a dielectric, the base colour for a metal
  * [glTF 2.0, appendix B]. */
-struct vec3 ggx_f0(struct vec3 base, float metallic);
+struct vec3 ggx_f0(struct vec3 base, float metallic, struct vec3 more);
 
 /* The matte reflectance beside the lobe, for the BRDF S(n.w) S(n.o) matte / pi with S(c) = 1 - (1 - c)^5, which
  * reflects 20/21 S(n.o) matte. Two parts, per channel with f = F0:
@@ -68,7 +69,7 @@ struct vec3 ggx_f0(struct vec3 base, float metallic);
  * because it knows one reflection only. l is that loss of a perfect reflector, the quotient what further reflections
  * return in this colour [Kulla and Conty 2017], and m the largest matte part beside which such a reflector still
  * reflects no more than it receives, from any direction. */
-struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness);
+struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct vec3 more);
 
 /* "lambert", "phong", ...; never NULL. */
 const char *material_kind_name(enum material_kind kind);

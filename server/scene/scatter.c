@@ -55,8 +55,8 @@ static void fill_rough(const struct material *m, struct vec3 base, struct finish
         out->gloss = m->exponent;
     } else if (m->kind == MATERIAL_GGX) {
         out->kind = LOBE_GGX;
-        out->diffuse = ggx_matte(base, finish.metallic, finish.roughness);
-        out->specular = ggx_f0(base, finish.metallic);
+        out->diffuse = ggx_matte(base, finish.metallic, finish.roughness, m->specular);
+        out->specular = ggx_f0(base, finish.metallic, m->specular);
         out->gloss = is_sharp(m) ? 0.0f : fmaxf(finish.roughness * finish.roughness, ALPHA_DELTA);
     }
 }
@@ -87,7 +87,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
                  : m->kind == MATERIAL_GLASS ? DELTA_GLASS
                  : is_sharp(m)               ? DELTA_GLOSS
                                              : DELTA_NONE;
-    out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic) : base;
+    out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic, m->specular) : base;
     out->ior = m->kind == MATERIAL_GLASS ? m->ior : 1.0f;
 }
 
@@ -193,7 +193,7 @@ uint32_t scatter_eye(const struct scatter *s, struct vec3 dir, struct delta_ray 
     set_ray(&out[0], s, 1.0f, back, grey(f));
     if (f >= 1.0)
         return 1;
-    set_ray(&out[1], s, -1.0f, through, grey(1.0 - f));
+    set_ray(&out[1], s, -1.0f, through, vec3_scale(s->reflectance, (float)(1.0 - f)));
     return 2;
 }
 
@@ -222,7 +222,8 @@ static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n
     if (through_g > 0.0f && through_n > 0.0f &&
         by_shading_normal(vec3_scale(at->geometric, -1.0f), vec3_scale(at->shading, -1.0f), vec3_scale(through, -1.0f),
                           s->delta, 1.0 / eta) == shading)
-        set_ray(&out[count++], s, -1.0f, through, grey((1.0 - f) * in_n * through_g / (in_g * through_n)));
+        set_ray(&out[count++], s, -1.0f, through,
+                vec3_scale(s->reflectance, (float)((1.0 - f) * in_n * through_g / (in_g * through_n))));
     return count;
 }
 

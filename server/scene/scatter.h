@@ -18,8 +18,8 @@
 enum lobe_kind {
     LOBE_LAMBERT, /* diffuse only */
     LOBE_PHONG,   /* diffuse + specular lobe with an exponent */
-    LOBE_GGX, /* diffuse = ggx_matte, specular = F0, gloss = alpha; if alpha is 0, the specular part
-                 is in the delta lobe, and only the diffuse part below it remains */
+    LOBE_GGX,     /* diffuse = ggx_matte, specular = F0, gloss = alpha; if alpha is 0, the specular part
+                     is in the delta lobe, and only the diffuse part below it remains */
 };
 
 /* A GGX lobe with a smaller alpha becomes a mirror. */
@@ -40,8 +40,9 @@ struct scatter {
     struct vec3 diffuse, specular;
     float gloss;
     enum delta_kind delta;
-    struct vec3 reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence */
-    float ior;               /* of DELTA_GLASS, which is assumed to be in air */
+    struct vec3
+        reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of DELTA_GLASS, the tint of what passes */
+    float ior;       /* of DELTA_GLASS, which is assumed to be in air */
 };
 
 /* Evaluates the material at a hit. dir: direction of the ray, unit. */

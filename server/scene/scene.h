@@ -16,12 +16,13 @@
 /* Features of files that are not supported: each is named once in a warning and recorded in `unmodelled` for the
  * statistics. */
 enum scene_feature {
-    FEATURE_NORMAL_MAP,
+    FEATURE_BUMP_MAP,      /* heights; normal maps are supported */
     FEATURE_ALPHA,         /* masks and blending; treated as opaque */
     FEATURE_VOLUME,        /* attenuation inside glass */
+    FEATURE_SPECULAR_MAP,  /* of KHR_materials_specular; the factors alone count */
     FEATURE_CLEARCOAT,     /* clearcoat and sheen */
     FEATURE_ROUGH_GLASS,   /* treated as smooth */
-    FEATURE_TINTED_GLASS,  /* treated as clear */
+    FEATURE_TINTED_GLASS,  /* of other formats than glTF; treated as clear */
     FEATURE_PARTIAL_GLASS, /* transmission below 0.5 is treated as 0, else as 1 */
     FEATURE_VERTEX_COLOUR,
     FEATURE_TEXTURE_TRANSFORM,

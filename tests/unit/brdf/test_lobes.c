@@ -126,8 +126,8 @@ static void a_sharp_surface_gives_back_no_more_than_it_gets(void **state)
 static struct lobe white(float metallic, float roughness)
 {
     const struct vec3 one = { 1.0f, 1.0f, 1.0f };
-    return (struct lobe){ LOBE_GGX, (double)ggx_matte(one, metallic, roughness).x, (double)ggx_f0(one, metallic).x,
-                          (double)roughness * (double)roughness };
+    return (struct lobe){ LOBE_GGX, (double)ggx_matte(one, metallic, roughness, (struct vec3){ 0 }).x,
+                          (double)ggx_f0(one, metallic, (struct vec3){ 0 }).x, (double)roughness * (double)roughness };
 }
 
 /* Under a sky of 1 a white surface should vanish. The lobe alone, one reflection, returns 0.41 on average from the
@@ -167,8 +167,8 @@ static void further_reflections_saturate_the_colour(void **state)
         for (int k = 0; k < 40; k++)
             loss += (1.0 - albedo(&lobe, (k + 0.5) / 40.0)) * 2.0 * (k + 0.5) / 1600.0;
         const double f = 0.5 + 0.5 / 21.0, want = f * f * (1.0 - loss) / (1.0 - f * loss);
-        const struct vec3 grey = ggx_matte(vec3_make(0.5f, 0.5f, 0.5f), 1.0f, roughness),
-                          one = ggx_matte(vec3_make(1.0f, 1.0f, 1.0f), 1.0f, roughness);
+        const struct vec3 grey = ggx_matte(vec3_make(0.5f, 0.5f, 0.5f), 1.0f, roughness, (struct vec3){ 0 }),
+                          one = ggx_matte(vec3_make(1.0f, 1.0f, 1.0f), 1.0f, roughness, (struct vec3){ 0 });
         assert_float_equal((double)grey.x / (double)one.x, want, 0.003);
     }
 }

@@ -124,6 +124,7 @@ static double through_slab(const double w[3], const void *user)
 static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
 {
     static const double elevations[] = { 45.0, 25.0 };
+    static const float tints[] = { 1.0f, 0.6f }; /* at each of its two sides */
     struct tally pixels[PICTURE_MAX];
     (void)state;
     for (int k = 0; k < 2; k++) {
@@ -132,10 +133,11 @@ static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
         const float at = -0.3f / tanf((float)(elevations[k] * PI / 180.0));
         add_wall(s, add_kind(s, MATERIAL_LAMBERT, 0.5f, 0.5f, 0.5f, 0.0f), 1, 0.0f, (const float[2]){ -2.0f, -2.0f },
                  (const float[2]){ 2.0f, 2.0f });
-        add_box(s, add_kind(s, MATERIAL_GLASS, 1.0f, 1.0f, 1.0f, 1.5f), (const float[3]){ at - 0.15f, 0.3f, -0.15f },
-                (const float[3]){ at + 0.15f, 0.305f, 0.15f });
+        add_box(s, add_kind(s, MATERIAL_GLASS, tints[k], tints[k], tints[k], 1.5f),
+                (const float[3]){ at - 0.15f, 0.3f, -0.15f }, (const float[3]){ at + 0.15f, 0.305f, 0.15f });
         struct stage g = stage_make(s, vec3_make(0.5f, 1.0f, 0.0f), vec3_make(0.0f, 0.0f, 0.0f), 4.0, 2, 2);
-        const double want = 0.5 / PI * sky_integral(e, through_slab, NULL);
+        const double tint = (double)tints[k] * (double)tints[k];
+        const double want = 0.5 / PI * tint * sky_integral(e, through_slab, NULL);
         const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 16 };
         const struct tally whole = stage_trace(&g, e, d, 32, pixels);
         compare("slab", &whole, want, 2e-3);

@@ -184,11 +184,82 @@ static void tangents_are_the_file_s_or_computed(void **state)
     make_end(&f);
 }
 
+/* ---- Specular ---- */
+
+static struct material specular_of(struct make *f, const char *factors, const char *extensions, const char **said)
+{
+    char text[512];
+
+    snprintf(text, sizeof(text), "\"pbrMetallicRoughness\":{%s},\"extensions\":{%s}", factors, extensions);
+    return read_material(f, text, said);
+}
+
+static void assert_f0(const struct material *m, float r, float g, float b)
+{
+    const struct vec3 f0 = ggx_f0(vec3_make(0.5f, 0.5f, 0.5f), 0.0f, m->specular);
+
+    assert_int_equal(m->kind, MATERIAL_GGX);
+    assert_near(f0, r, g, b);
+}
+
+#define SPECULAR(members) "\"KHR_materials_specular\":{" members "}"
+#define IOR(n) "\"KHR_materials_ior\":{\"ior\":" n "}"
+#define DIELECTRIC "\"metallicFactor\":0"
+
+/* F0 = min(((n - 1) / (n + 1))^2 colour, 1) factor */
+static void specular_and_ior_make_f0(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    struct material m = specular_of(&f, DIELECTRIC, IOR("1.5"), &said);
+    assert_f0(&m, 0.04f, 0.04f, 0.04f);
+    m = specular_of(&f, DIELECTRIC, IOR("2"), &said);
+    assert_f0(&m, 1.0f / 9.0f, 1.0f / 9.0f, 1.0f / 9.0f);
+    m = specular_of(&f, DIELECTRIC, IOR("0"), &said);
+    assert_f0(&m, 1.0f, 1.0f, 1.0f);
+    m = specular_of(&f, DIELECTRIC, SPECULAR("\"specularFactor\":0.5,\"specularColorFactor\":[0,1,100]"), &said);
+    assert_f0(&m, 0.0f, 0.02f, 0.5f);
+    assert_string_equal(said, "");
+    m = specular_of(&f, DIELECTRIC, SPECULAR("\"specularFactor\":0"), &said);
+    assert_int_equal(m.kind, MATERIAL_LAMBERT);
+    assert_true(m.specular.x == 0.0f);
+    m = specular_of(&f, "\"metallicFactor\":1", SPECULAR("\"specularFactor\":0"), &said);
+    assert_int_equal(m.kind, MATERIAL_GGX);
+    m = specular_of(&f, DIELECTRIC, SPECULAR("\"specularTexture\":{\"index\":1}"), &said);
+    assert_int_equal(count_of(said, "not supported: specular textures"), 1);
+    assert_non_null(
+        strstr(make_refused(square_of(&f, "\"extensions\":{" SPECULAR("\"specularColorFactor\":1") "}"), ERR_FORMAT),
+               "specularColorFactor"));
+    make_end(&f);
+}
+
+static void glass_keeps_its_tint(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    const struct material m =
+        specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0,\"baseColorFactor\":[0.9,0.5,0.1,1]",
+                    "\"KHR_materials_transmission\":{\"transmissionFactor\":1}," IOR("1.33"), &said);
+    assert_int_equal(m.kind, MATERIAL_GLASS);
+    assert_near(m.diffuse, 0.9f, 0.5f, 0.1f);
+    assert_float_equal(m.ior, 1.33f, 1e-6f);
+    assert_string_equal(said, "");
+    make_end(&f);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
     cmocka_unit_test(normal_textures_become_maps),
     cmocka_unit_test(faults_of_normal_textures_are_named),
     cmocka_unit_test(tangents_are_the_file_s_or_computed),
+    cmocka_unit_test(specular_and_ior_make_f0),
+    cmocka_unit_test(glass_keeps_its_tint),
 };
 UNIT_MAIN(tests)

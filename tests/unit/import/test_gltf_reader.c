@@ -345,7 +345,7 @@ static void vertex_colours_multiply_the_base_colour(void **state)
     assert_non_null(r);
     assert_true(rays_intersect(r, vec3_make(2.0f / 3.0f, 1.0f / 3.0f, 5.0f), down, 0.0f, &hit));
     scatter_at(s, r, &hit, down, &at);
-    const struct vec3 want = ggx_matte(vec3_make(0.3f, 0.2f, 0.1f), 0.0f, 1.0f);
+    const struct vec3 want = ggx_matte(vec3_make(0.3f, 0.2f, 0.1f), 0.0f, 1.0f, (struct vec3){ 0 });
     assert_near(at.diffuse, want.x, want.y, want.z);
     assert_int_equal(s->unmodelled, 0);
     rays_destroy(r);

@@ -2,6 +2,8 @@
 #include "scene/files.h"
 #include "scene/load.h"
 
+#include "pngs.h"
+
 #include <math.h>
 
 #define TRIANGLE "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
@@ -81,6 +83,58 @@ static void transparent_and_refracting_is_glass(void **state)
     assert_int_equal(by_illum.kind, MATERIAL_GLASS);
     assert_float_equal(by_illum.ior, 1.5f, 0.0f);
     assert_int_equal(material_of("Kd 0.2 0.2 0.2\nd 0.9\nNi 1.45\n").kind, MATERIAL_LAMBERT);
+}
+
+/* d and Tr are the share of the surface that is there. What is wholly absent is a mistake of the exporter. */
+static void d_and_tr_are_coverage(void **state)
+{
+    (void)state;
+    struct material m = material_of("Kd 0.8 0.8 0.8\nd 0.25\n");
+    assert_int_equal(m.alpha_mode, ALPHA_BLEND);
+    assert_float_equal(m.alpha, 0.25f, 1e-6f);
+    assert_int_equal(m.alpha_texture, MATERIAL_NO_TEXTURE);
+    m = material_of("Kd 0.8 0.8 0.8\nTr 0.25\n");
+    assert_float_equal(m.alpha, 0.75f, 1e-6f);
+    assert_int_equal(material_of("Kd 0.8 0.8 0.8\nd 1\n").alpha_mode, ALPHA_OPAQUE);
+    log_begin();
+    m = material_of("Kd 0.8 0.8 0.8\nd 0\n");
+    assert_non_null(strstr(log_end(), "material 'm' has d 0 (Tr 1): it is shown opaque"));
+    assert_int_equal(m.alpha_mode, ALPHA_OPAQUE);
+    assert_int_equal(material_of("Kd 0.2 0.2 0.2\nd 0.1\nNi 1.45\n").alpha_mode, ALPHA_OPAQUE); /* glass */
+}
+
+/* map_d by its alpha, or by its red if it has none; norm with tangents; map_Bump with a warning. */
+static void maps_of_mtl_files_are_read(void **state)
+{
+    static const char mapped[] = "mtllib m.mtl\n" TRIANGLE "usemtl m\n" FACE;
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "four.png", four_png, sizeof(four_png));
+    folder_text(&f, "m.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_d four.png\nnorm four.png\nmap_Bump four.png\n");
+    log_begin();
+    struct scene *s = load_or_fail(folder_text(&f, "m.obj", mapped));
+    const char *said = log_end();
+    const struct material *m = &s->materials[s->meshes[0].material];
+    assert_int_equal(count_of(said, "not supported"), 1);
+    assert_int_equal(s->unmodelled, 1u << FEATURE_BUMP_MAP);
+    assert_int_equal(m->alpha_mode, ALPHA_BLEND);
+    const uint8_t *mask = s->textures[m->alpha_texture].texels; /* red, green / blue, grey 128 */
+    assert_true(mask[3] == 255 && mask[7] == 0 && mask[11] == 0 && mask[15] == 128);
+    assert_int_equal(m->maps, MAP_NORMAL);
+    assert_int_equal(s->textures[m->normal_texture].values, TEXTURE_LINEAR);
+    assert_true(m->normal_scale == 1.0f && s->meshes[0].tangents && s->meshes[0].tangents[0] == 1.0f);
+    scene_destroy(s);
+    folder_text(&f, "m.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_d gone.png\nnorm gone.png\n");
+    log_begin();
+    s = load_or_fail(folder_text(&f, "m.obj", mapped));
+    said = log_end();
+    assert_non_null(strstr(said, "gone.png: No such file or directory; the surface has no holes"));
+    assert_non_null(strstr(said, "gone.png: No such file or directory; the surface is smooth"));
+    assert_int_equal(s->materials[s->meshes[0].material].alpha_mode, ALPHA_OPAQUE);
+    scene_destroy(s);
+    folder_remove(&f);
 }
 
 /* A path of another machine means the file of that name beside the model. Kd 0 beside map_Kd is what exporters write
@@ -225,6 +279,8 @@ int main(void)
         cmocka_unit_test(black_kd_with_ks_is_metal),
         cmocka_unit_test(pr_and_pm_come_before_ns),
         cmocka_unit_test(transparent_and_refracting_is_glass),
+        cmocka_unit_test(d_and_tr_are_coverage),
+        cmocka_unit_test(maps_of_mtl_files_are_read),
         cmocka_unit_test(a_texture_is_found_beside_the_model),
         cmocka_unit_test(what_is_missing_is_grey_with_a_warning),
         cmocka_unit_test(names_of_the_scene_file_come_first),

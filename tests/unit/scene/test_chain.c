@@ -95,6 +95,24 @@ static void slab_of_glass_reflects_and_passes_what_fresnel_says(void **state)
     scene_destroy(s);
 }
 
+/* A tint counts where a ray enters and where it leaves, not where it is reflected within. */
+static void tinted_glass_dims_what_passes_its_sides(void **state)
+{
+    const double f = 0.04, enter = (1.0 - f) * (1.0 - f) / (1.0 - f * f), tint = 0.5;
+    struct scene *s = scene_create();
+    struct rays *r;
+
+    (void)state;
+    add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(0.5f, 0.5f, 0.5f), 1.5f), (const float[3]){ -1, -1, -0.1f },
+            (const float[3]){ 1, 1, 0.1f });
+    struct gbuffer *g = look(s, &r, &tele);
+    assert_float_equal(escaping(g, -1), tint * tint * enter, 1e-3f);
+    assert_float_equal(escaping(g, 1), f + tint * tint * f * enter, 1e-3f);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
 static void radiance_scales_by_the_index_squared(void **state)
 {
     struct scene *s = scene_create();
@@ -393,6 +411,7 @@ static void widths_are_finite_and_positive(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(mirror_shows_what_it_reflects),
     cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
+    cmocka_unit_test(tinted_glass_dims_what_passes_its_sides),
     cmocka_unit_test(radiance_scales_by_the_index_squared),
     cmocka_unit_test(glass_bends_by_snell),
     cmocka_unit_test(only_one_polarisation_is_reflected_at_brewsters_angle),

@@ -77,7 +77,8 @@ static struct scatter at_column(const struct card *c, uint32_t column, const flo
 
 static void assert_like(const struct scatter *s, float metallic, float roughness)
 {
-    const struct vec3 base = worn().diffuse, d = ggx_matte(base, metallic, roughness), f = ggx_f0(base, metallic);
+    const struct vec3 base = worn().diffuse, d = ggx_matte(base, metallic, roughness, (struct vec3){ 0 }),
+                      f = ggx_f0(base, metallic, (struct vec3){ 0 });
 
     assert_int_equal(s->kind, LOBE_GGX);
     assert_int_equal(s->delta, DELTA_NONE);
