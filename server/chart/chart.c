@@ -248,6 +248,8 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
     struct set *set;
 
     enum err e = set_create(&d, &set, why);
+    if (!e && set->scene->ground.radius > 0.0f) /* its references light shade points, not pictures */
+        e = err_say(why, ERR_UNSUPPORTED, "%s: scenes with \"ground\" cannot be charted; leave it out", spec);
     while (!e && chart_next_item(&list, source, source_spec))
         e = run_sky(c, set, scene, source, source_spec, why);
     if (set)

@@ -156,7 +156,7 @@ static enum err add_caustics(struct maker *m, uint32_t pass)
 static enum err add_part(struct maker *m, struct truth_sum *sum)
 {
     const struct truth_desc *d = m->desc;
-    const struct path_world world = { d->set->scene, d->set->rays, &d->set->view, d->environment };
+    const struct path_world world = { d->set->scene, d->set->rays, &d->set->view, d->environment, NULL };
     const struct path_desc path = { .classes = m->by_path, .samples = TRUTH_PART, .seed = m->seed, .pass = sum->parts };
     struct path_stats stats;
 

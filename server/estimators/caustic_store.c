@@ -35,6 +35,7 @@ struct caustic_store {
     struct caustic_store_stats stats;
     uint64_t per_part; /* paths */
     uint32_t tiles, tiles_x;
+    uint32_t rows;      /* of the image, or of both */
     struct part *parts; /* [desc.parts]: part k is stored at index k modulo desc.parts */
     bool whole;
     struct particle_splat *found; /* of the part being computed */
@@ -72,6 +73,7 @@ static struct particle_run run_of(const struct caustic_store *s, uint64_t paths,
         .particles = paths,
         .seed = rng_mix(s->desc.seed, s->desc.classes),
         .per_particle = 1.0,
+        .ground_apart = s->desc.ground_apart,
         .cancel = cancel,
     };
 
@@ -270,7 +272,7 @@ static void add_part(const struct part *p, uint32_t tile, const float (*sky)[4],
 
 static void light_tile(const struct caustic_store *s, uint32_t tile, float *rgb)
 {
-    const uint32_t width = s->particles.view.width, height = s->particles.view.height;
+    const uint32_t width = s->particles.view.width, height = s->rows;
     const uint32_t x0 = tile % s->tiles_x * TILE, y0 = tile / s->tiles_x * TILE;
     const float share = (float)(1.0 / (double)s->stats.paths);
     _Alignas(64) float sum[TILE * TILE][4] = { 0 };
@@ -375,7 +377,8 @@ enum err caustic_store_create(const struct scene *scene, const struct rays *rays
     s->desc.max_bytes = desc->max_bytes ? desc->max_bytes : MAX_BYTES;
     s->stats.parts = s->desc.parts;
     s->tiles_x = (view->width + TILE - 1) / TILE;
-    s->tiles = s->tiles_x * ((view->height + TILE - 1) / TILE);
+    s->rows = desc->ground_apart ? 2 * view->height : view->height;
+    s->tiles = s->tiles_x * ((s->rows + TILE - 1) / TILE);
     enum err e = particles_init(&s->particles, scene, rays, view) ? ERR_OK : ERR_NOMEM;
     if (!e)
         e = reserve_parts(s);

@@ -45,6 +45,7 @@ struct caustic_store_desc {
     uint32_t parts;   /* 1..CAUSTIC_PARTS_MAX; 0: the default */
     enum start_kind start;
     uint64_t seed;
+    bool ground_apart;  /* what arrives on the ground (scene/ground.h) gets an image of its own, below the other */
     uint64_t max_bytes; /* approximate memory limit; 0: 256 MiB. Fewer paths are stored if it does not suffice. */
 };
 
@@ -73,8 +74,9 @@ MUST_CHECK enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, s
 /* Whether all parts of one turn are present, which is not the case after a cancelled turn. */
 bool caustic_store_is_complete(const struct caustic_store *s);
 
-/* Adds the radiance of the sky's lower part to rgb, float[height][width][3]. level: that of env/sky_split.h, 0
- * (nothing) to INFINITY (everything). The store must be complete. ERR_NOMEM: nothing was added. */
+/* Adds the radiance of the sky's lower part to rgb, float[height][width][3], with ground_apart
+ * float[2][height][width][3]. level: that of env/sky_split.h, 0 (nothing) to INFINITY (everything). The store must be
+ * complete. ERR_NOMEM: nothing was added. */
 MUST_CHECK enum err caustic_store_light(struct caustic_store *s, const struct environment *e, float level, float *rgb);
 
 const struct caustic_store_stats *caustic_store_stats(const struct caustic_store *s); /* owned by the store */

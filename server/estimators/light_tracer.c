@@ -9,7 +9,7 @@
 
 struct light_tracer {
     struct particles particles;
-    double *sum; /* [height][width][3], of one run */
+    double *sum; /* [height][width][3], of one run; with a ground twice, the second for what arrives on it */
 };
 
 struct light_tracer *light_tracer_create(const struct scene *scene, const struct rays *rays, const struct view *view)
@@ -19,7 +19,7 @@ struct light_tracer *light_tracer_create(const struct scene *scene, const struct
     if (!t)
         return NULL;
     const bool ready = particles_init(&t->particles, scene, rays, view);
-    t->sum = mem_alloc((size_t)view->width * view->height, 3 * sizeof(*t->sum));
+    t->sum = mem_alloc((size_t)view->width * view->height, (scene->ground.radius > 0.0f ? 6 : 3) * sizeof(*t->sum));
     if (!ready || !t->sum) {
         light_tracer_destroy(t);
         return NULL;
@@ -51,6 +51,7 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
 {
     const size_t values = 3 * (size_t)t->particles.view.width * t->particles.view.height;
     const bool aimed = !(desc->classes & PATH_INDIRECT_LIT);
+    const bool apart = desc->ground && t->particles.scene->ground.radius > 0.0f;
 
     assert(e->ready && desc->starts_per_direction <= STARTS_PER_DIRECTION_MAX);
     assert(desc->classes && !(desc->classes & ~(uint32_t)(PATH_CAUSTICS | PATH_INDIRECT)));
@@ -69,12 +70,13 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
         .particles = desc->particles,
         .seed = rng_mix(rng_mix(desc->seed, desc->particles), desc->classes),
         .per_particle = (double)desc->particles,
+        .ground_apart = apart,
         .cancel = desc->cancel,
     };
     particles_aim(&t->particles, aimed, desc->starts_per_direction, &run);
     run.first_direction = desc->pass * ((desc->particles + run.starts - 1) / run.starts);
 #pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < values; i++)
+    for (size_t i = 0; i < (apart ? 2 * values : values); i++)
         t->sum[i] = 0.0;
     const enum err result = particles_trace(&t->particles, &run, add, t, stats);
     if (result || is_cancelled(desc->cancel))
@@ -82,5 +84,8 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)
         rgb[i] += (float)t->sum[i];
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < (apart ? values : 0); i++)
+        desc->ground[i] += (float)t->sum[values + i];
     return ERR_OK;
 }

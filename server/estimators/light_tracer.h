@@ -44,7 +44,8 @@ struct light_tracer_desc {
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed with the same N continue one
                             low-discrepancy sequence, so that their mean converges faster */
     enum start_kind start;
-    uint32_t starts_per_direction;  /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
+    uint32_t starts_per_direction; /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
+    float *ground; /* float[height][width][3]: gets what arrives on the ground (scene/ground.h); NULL: rgb gets it */
     const struct sky_split *bright; /* of this frame: only its bright part emits light; NULL: the whole sky */
     const atomic_bool *cancel;      /* once true, the run ends and adds nothing; may be NULL */
 };
@@ -57,8 +58,8 @@ struct light_tracer_stats {
     uint64_t splats;
 };
 
-/* Scene and rays must outlive the object; the view is copied. Memory: 24 bytes per pixel and about 10 MB of buffered
- * splats. NULL: out of memory. The caller owns the result. */
+/* Scene and rays must outlive the object; the view is copied. Memory: 24 bytes per pixel, 48 with a ground, and about
+ * 10 MB of buffered splats. NULL: out of memory. The caller owns the result. */
 struct light_tracer *light_tracer_create(const struct scene *scene, const struct rays *rays, const struct view *view);
 void light_tracer_destroy(struct light_tracer *t); /* NULL is allowed */
 

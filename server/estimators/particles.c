@@ -104,7 +104,9 @@ static void splat(const struct particle_run *run, const struct particle *p, cons
     if (rays_blocked(t->rays, surface_start(s, 1.0f), to.to_eye, 0.0f, (float)to.distance))
         return;
     b->stats.splats++;
-    add_splat(b, (uint32_t)to.y * t->view.width + (uint32_t)to.x, p->from, rgb);
+    const bool apart = run->ground_apart && t->scene->materials[at->material].ground;
+    const uint32_t row = (uint32_t)to.y + (apart ? t->view.height : 0);
+    add_splat(b, row * t->view.width + (uint32_t)to.x, p->from, rgb);
 }
 
 static struct vec3 cosine_about(struct vec3 n, double x, double y)

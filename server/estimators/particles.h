@@ -50,6 +50,7 @@ struct particle_run { /* common to all particles of a run */
     uint32_t classes, starts; /* starts per direction */
     uint64_t particles, first_direction, seed;
     double per_particle; /* N: every flux is divided by it */
+    bool ground_apart;   /* splats on the ground (scene/ground.h) count for pixel + width * height */
     const atomic_bool *cancel;
 };
 

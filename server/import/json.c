@@ -537,9 +537,14 @@ static enum err read_models(const struct spot *root)
 
 static enum err read_root(struct spot *s)
 {
+    const json_t *ground = json_object_get(s->object, "ground");
+
     if (!json_is_object(s->object))
         return err_say(s->why, ERR_FORMAT, "%s: is not a JSON object", s->path);
-    warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", "lights", NULL });
+    warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", "lights", "ground", NULL });
+    if (ground && !json_is_boolean(ground))
+        return err_say(s->why, ERR_FORMAT, "%s: 'ground' is neither true nor false", s->path);
+    s->scene->wants_ground = json_is_true(ground);
     enum err e = read_materials(s);
     s->named = (uint32_t)s->scene->material_count;
     if (!e)

@@ -3,6 +3,7 @@
 #include "estimators/baselines/mlt.h"
 #include "estimators/baselines/photons.h"
 #include "estimators/baselines/vpl.h"
+#include "light/backplate.h"
 
 #include <assert.h>
 
@@ -20,7 +21,9 @@ static enum err render(enum method m, const struct path_world *world, const stru
 enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc, float *rgb,
                        struct relight_stats *stats)
 {
-    const struct path_world world = { set->scene, set->rays, &set->view, e };
+    double bare[3];
+    const bool ground = set->scene->ground.radius > 0.0f;
+    const struct path_world world = { set->scene, set->rays, &set->view, e, ground ? bare : NULL };
     const struct path_desc path = {
         .classes = desc->classes ? desc->classes : PATH_BACKGROUND | PATH_DIRECT,
         .samples = desc->direct.samples,
@@ -29,6 +32,8 @@ enum err reference_run(const struct set *set, const struct environment *e, const
         .cancel = desc->direct.cancel,
     };
 
+    if (ground && backplate_bare(e, bare))
+        return ERR_NOMEM;
     environment_complete(e);
     struct path_stats counted = { 0 };
 

@@ -1,6 +1,8 @@
 #include "light/relight.h"
 
+#include "base/cancel.h"
 #include "base/clock.h"
+#include "light/backplate.h"
 #include "light/facts.h"
 #include "base/mem.h"
 #include "base/progress.h"
@@ -10,6 +12,7 @@
 #include "light/relight_passes.h"
 #include "light/resolve.h"
 #include "base/rng.h"
+#include "scene/ground.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -40,6 +43,8 @@ static enum err load_scene(struct set *s, const struct set_desc *desc, struct re
         if (!s->scene)
             e = err_say(why, ERR_NOMEM, "no memory for the built-in scene");
     }
+    if (!e && (desc->ground || s->scene->wants_ground))
+        e = scene_add_ground(s->scene, s->name, why);
     s->load_ms = 1e3 * (clock_seconds() - start);
     progress_end(&line);
     return e;
@@ -73,7 +78,9 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
         .interleave = desc->interleave,
         .progress = line,
     };
-    const enum err e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
+    enum err e = ground_check_camera(s->scene, camera, s->name, why);
+    if (!e)
+        e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
     s->gbuffer_ms = 1e3 * (clock_seconds() - start);
     snprintf(s->camera, sizeof(s->camera), "%s", camera->name);
     view_init(&s->view, camera, desc->width, desc->height);
@@ -332,15 +339,18 @@ static enum err run_eye_paths(struct relighter *r, const struct environment *e, 
     return result;
 }
 
-/* One run, or two halves, whose mean is added to the picture. */
+/* One run, or two halves, whose mean is added to the picture; with a ground, to that of backplate_splats. */
 static enum err run_particles(struct relighter *r, const struct environment *e, const struct picture_passes *p, int k,
                               float *rgb, struct light_tracer_stats *stats, struct pass_costs *costs)
 {
-    const size_t values = 3 * (size_t)r->set->gbuffer->width * r->set->gbuffer->height;
+    const size_t image = 3 * (size_t)r->set->gbuffer->width * r->set->gbuffer->height;
     struct passes *s = &r->passes;
+    const size_t values = s->backplate ? 2 * image : image;
+    struct light_tracer_desc own = p->light[k];
 
+    own.ground = s->backplate ? rgb + image : NULL;
     if (!p->halves)
-        return light_tracer_run(s->light, e, &p->light[k], rgb, stats);
+        return light_tracer_run(s->light, e, &own, rgb, stats);
     const enum err result = passes_halves(s, e, &p->light[k], s->half[k], stats, &costs->light_s[k]);
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)
@@ -349,11 +359,14 @@ static enum err run_particles(struct relighter *r, const struct environment *e, 
 }
 
 static enum err run_light_tracer(struct relighter *r, const struct environment *e, const struct picture_passes *p,
-                                 float *rgb, struct relight_stats *stats, struct pass_costs *costs)
+                                 float *picture, struct relight_stats *stats, struct pass_costs *costs)
 {
-    enum err result = ERR_OK;
+    struct backplate *b = r->passes.backplate;
+    const bool any = p->stored || p->light[0].particles > 0 || p->light[1].particles > 0;
+    float *rgb = b && any ? backplate_splats(b) : picture;
+    enum err result = rgb ? ERR_OK : ERR_NOMEM;
 
-    if (p->stored)
+    if (p->stored && !result)
         result = relight_caustics_run(&r->caustics, r->passes.light, e, p->stored, rgb, stats);
     for (int k = 0; k < 2 && !result; k++) {
         struct light_tracer_stats one = { 0 };
@@ -365,7 +378,42 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
         stats->light.rays += one.rays;
         stats->light.splats += one.splats;
     }
+    if (b && any && !result)
+        backplate_add_splats(b, e, picture);
     return result;
+}
+
+/* Direct light on the ground without shadows, by the same samples, takes most of its noise away. */
+static enum err steady_ground(struct relighter *r, const struct environment *e, const struct picture_passes *p)
+{
+    struct passes *s = &r->passes;
+    struct direct_desc bare = p->direct;
+    struct direct_stats stats;
+    double seconds;
+
+    if (p->cached || p->direct.samples == 0 || backplate_packets(s->backplate)->count == 0)
+        return ERR_OK;
+    float *lo = backplate_unshadowed(s->backplate);
+    if (!lo)
+        return ERR_NOMEM;
+    bare.no_visibility = bare.keep = true;
+    bare.only = backplate_packets(s->backplate);
+    bare.log = NULL;
+    const enum err result = passes_direct(s, PASS_PICTURE, e, &bare, lo, &stats, &seconds);
+    if (!result && !is_cancelled(p->direct.cancel))
+        backplate_steady(s->backplate, s->lo);
+    return result;
+}
+
+static void resolve(struct relighter *r, const struct environment *e, bool background, float *rgb)
+{
+    struct passes *s = &r->passes;
+
+    if (s->backplate)
+        backplate_show(s->backplate, e, s->lo);
+    resolver_pixels(s->resolver, r->points, background ? e : NULL, rgb);
+    if (s->backplate)
+        backplate_restore(s->backplate, s->lo);
 }
 
 enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
@@ -374,14 +422,18 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
     double at[5] = { clock_seconds() };
 
     *costs = (struct pass_costs){ .eye_s = 0.0 };
-    enum err result = run_direct(r, e, passes, stats);
+    enum err result = r->passes.backplate ? backplate_begin(r->passes.backplate, e, passes->background) : ERR_OK;
+    if (!result)
+        result = run_direct(r, e, passes, stats);
+    if (!result && r->passes.backplate)
+        result = steady_ground(r, e, passes);
     at[1] = clock_seconds();
     if (!result)
         result = run_eye_paths(r, e, passes, stats);
     at[2] = clock_seconds();
     if (result)
         return result;
-    resolver_pixels(r->passes.resolver, r->points, passes->background ? e : NULL, rgb);
+    resolve(r, e, passes->background, rgb);
     at[3] = clock_seconds();
     result = run_light_tracer(r, e, passes, rgb, stats, costs);
     at[4] = clock_seconds();
@@ -424,4 +476,14 @@ struct passes *relighter_passes(struct relighter *r)
 const float *relighter_points(const struct relighter *r)
 {
     return r->points;
+}
+
+enum err relighter_keep_backplate(struct relighter *r)
+{
+    return backplate_keep(r->passes.backplate);
+}
+
+void relighter_split(const struct relighter *r, const struct environment *e, const float *rgb, float *rgba)
+{
+    backplate_split(r->passes.backplate, e, rgb, rgba);
 }

@@ -43,6 +43,7 @@ struct set {
 struct set_desc {
     const char *scene;          /* a path; NULL: the built-in one */
     struct scene_limits limits; /* of reading it */
+    bool ground;                /* below the model, even if the scene does not ask for one: scene/ground.h */
     const char *camera;         /* NULL: the first */
     uint32_t width, height;
     uint32_t edge_rays;            /* per side; 0: the default of gbuffer.h */
@@ -52,7 +53,8 @@ struct set_desc {
     bool progress;                 /* show a progress line on standard error, if that is a terminal */
 };
 
-/* On ERR_OK the caller owns *out. Errors are those of scene_load and gbuffer_create; ERR_USAGE: no such camera. */
+/* On ERR_OK the caller owns *out. Errors are those of scene_load, scene_add_ground, ground_check_camera and
+ * gbuffer_create; ERR_USAGE: no such camera. */
 MUST_CHECK enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why);
 void set_destroy(struct set *s); /* NULL is allowed */
 
@@ -125,6 +127,13 @@ double relighter_follow(struct relighter *r);
  * needs another layout of environment; ERR_RANGE where its cache would exceed the memory limit. */
 MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                                   float *rgb, struct relight_stats *stats);
+
+/* With a ground, what makes pictures to be laid over other backgrounds (backplate.h). From now on keeps what
+ * relighter_split needs. ERR_NOMEM. */
+MUST_CHECK enum err relighter_keep_backplate(struct relighter *r);
+
+/* Splits the last picture, not by a reference method, as backplate_split does. */
+void relighter_split(const struct relighter *r, const struct environment *e, const float *rgb, float *rgba);
 
 /* The radiance of the shade points in the last run, as direct_shade writes it. Borrowed. */
 const float *relighter_points(const struct relighter *r);

@@ -37,6 +37,7 @@ static MUST_CHECK enum err create(struct relight_caustics *c, const struct set *
     if (e)
         return err_say(desc->direct.why, e, "%s%s", why.text, e == ERR_RANGE ? "; --cache-memory allows less" : "");
     c->made = *wish;
+    c->image = 3 * (size_t)set->view.width * set->view.height;
     return ERR_OK;
 }
 
@@ -56,6 +57,7 @@ enum err relight_caustics_make(struct relight_caustics *c, const struct set *set
         .start = desc->start,
         .seed = rng_mix(desc->direct.seed, 0x73746f7265),
         .max_bytes = desc->cache_bytes,
+        .ground_apart = set->scene->ground.radius > 0.0f,
     };
 
     if (is_for(c, &wish) && caustic_store_is_complete(c->store))
@@ -103,6 +105,7 @@ enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *l
         .seed = rng_mix(desc->direct.seed, 0x627269676874),
         .pass = desc->direct.pass,
         .start = desc->start,
+        .ground = c->made.ground_apart ? rgb + c->image : NULL,
         .bright = &c->sky,
         .cancel = desc->direct.cancel,
     };

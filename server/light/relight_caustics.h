@@ -10,6 +10,7 @@ struct relight_caustics { /* zeroed at first */
     struct caustic_store *store;
     struct caustic_store_desc made; /* as it was built for */
     struct sky_split sky;
+    size_t image; /* numbers of one picture */
 };
 
 /* Frees it and leaves it zeroed. */
@@ -21,7 +22,8 @@ MUST_CHECK enum err relight_caustics_make(struct relight_caustics *c, const stru
                                           const struct relight_desc *desc, uint32_t classes, bool progress, double *ms);
 
 /* Draws the parts that desc->turn lacks, then adds to rgb the light of the store under e, and that of particles of the
- * bright part: of plan->particles its share of the energy. Fills stats->light and stats->stored. ERR_NOMEM. */
+ * bright part: of plan->particles its share of the energy. With a ground rgb is as
+ * caustic_store_desc.ground_apart says. Fills stats->light and stats->stored. ERR_NOMEM. */
 MUST_CHECK enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light,
                                          const struct environment *e, const struct relight_desc *desc, float *rgb,
                                          struct relight_stats *stats);

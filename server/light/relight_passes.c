@@ -2,6 +2,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "light/backplate.h"
 #include "light/resolve.h"
 #include "base/rng.h"
 
@@ -18,7 +19,9 @@ bool passes_init(struct passes *s, const struct set *set, const struct kernels *
         .scratch = scratch_create(),
         .lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(float)),
     };
-    return s->direct[0] && s->light && s->resolver && s->scratch && s->lo;
+    const bool ground = set->scene->ground.radius > 0.0f;
+    s->backplate = ground ? backplate_create(set) : NULL;
+    return s->direct[0] && s->light && s->resolver && s->scratch && s->lo && (s->backplate || !ground);
 }
 
 void passes_finish(struct passes *s)
@@ -29,6 +32,7 @@ void passes_finish(struct passes *s)
         mem_free(s->half[k / 2][k % 2]);
     light_tracer_destroy(s->light);
     resolver_destroy(s->resolver);
+    backplate_destroy(s->backplate);
     scratch_destroy(s->scratch);
     mem_free(s->lo);
     *s = (struct passes){ .set = NULL };
@@ -36,7 +40,7 @@ void passes_finish(struct passes *s)
 
 enum err passes_measure(struct passes *s)
 {
-    const size_t pixels = (size_t)s->set->gbuffer->width * s->set->gbuffer->height;
+    const size_t pixels = (size_t)s->set->gbuffer->width * s->set->gbuffer->height * (s->backplate ? 2 : 1);
     bool all = s->direct[PASS_PROBE] || (s->direct[PASS_PROBE] = direct_create(s->kernels));
 
     for (int k = 0; k < 4; k++) {
@@ -81,7 +85,8 @@ static void add_light_stats(struct light_tracer_stats *to, const struct light_tr
 enum err passes_halves(struct passes *s, const struct environment *e, const struct light_tracer_desc *desc,
                        float *const half[2], struct light_tracer_stats *stats, double *seconds)
 {
-    const size_t bytes = (size_t)s->set->gbuffer->width * s->set->gbuffer->height * 3 * sizeof(float);
+    const size_t values = (size_t)s->set->gbuffer->width * s->set->gbuffer->height * 3;
+    const size_t bytes = values * (s->backplate ? 2 : 1) * sizeof(float);
     struct light_tracer_desc own = *desc;
     const double start = clock_seconds();
     enum err result = ERR_OK;
@@ -93,6 +98,7 @@ enum err passes_halves(struct passes *s, const struct environment *e, const stru
         struct light_tracer_stats one = { 0 };
         memset(half[k], 0, bytes);
         own.seed = rng_mix(desc->seed, 2 * desc->pass + k);
+        own.ground = s->backplate ? half[k] + values : NULL;
         result = light_tracer_run(s->light, e, &own, half[k], &one);
         add_light_stats(stats, &one);
     }

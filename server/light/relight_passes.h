@@ -7,6 +7,7 @@
 
 #include "light/relight.h"
 
+struct backplate;
 struct resolver;
 
 enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: the picture's, and measurements' */
@@ -33,9 +34,11 @@ struct passes {
     struct direct *direct[PASS_TABLES]; /* the second NULL until passes_measure */
     struct light_tracer *light;
     struct resolver *resolver;
-    struct scratch *scratch; /* of the eye paths */
-    float *lo;               /* [packet_count][3][16]: the sum of the passes over shade points */
-    float *half[2][2];       /* [height][width][3]: of light[0], of light[1]; NULL until passes_measure */
+    struct backplate *backplate; /* NULL: the scene has no ground */
+    struct scratch *scratch;     /* of the eye paths */
+    float *lo;                   /* [packet_count][3][16]: the sum of the passes over shade points */
+    float *half[2][2]; /* [height][width][3]: of light[0], of light[1]; NULL until passes_measure. With a ground
+                          twice as many, the second half for what arrives on it */
 };
 
 /* False when out of memory; finish all the same. The set and kernels must outlive it. */
@@ -54,7 +57,8 @@ MUST_CHECK enum err passes_direct(struct passes *s, int tables, const struct env
 MUST_CHECK enum err passes_eye(struct passes *s, const struct environment *e, const struct eye_paths_desc *desc,
                                float *lo, struct eye_paths_stats *stats, double *seconds);
 
-/* desc->particles in two halves, into half[0] and half[1]: float[height][width][3], written. ERR_NOMEM. */
+/* desc->particles in two halves, into half[0] and half[1]: float[height][width][3], with a ground twice that, written.
+ * ERR_NOMEM. */
 MUST_CHECK enum err passes_halves(struct passes *s, const struct environment *e, const struct light_tracer_desc *desc,
                                   float *const half[2], struct light_tracer_stats *stats, double *seconds);
 

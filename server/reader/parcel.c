@@ -17,7 +17,7 @@
 
 struct head {
     uint32_t magic;
-    uint32_t materials, cameras, lights, textures, meshes, unmodelled;
+    uint32_t materials, cameras, lights, textures, meshes, unmodelled, ground;
 };
 
 struct texture_head {
@@ -90,7 +90,8 @@ enum err parcel_write(int fd, struct scene *s, struct reason *why)
                                (uint32_t)s->light_count,
                                (uint32_t)s->texture_count,
                                (uint32_t)s->mesh_count,
-                               s->unmodelled };
+                               s->unmodelled,
+                               s->wants_ground };
     enum err e = put(fd, &head, sizeof(head), why);
 
     if (!e)
@@ -220,6 +221,8 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)))
         return forged(p, "a material is out of range");
+    if (m->ground != 0) /* is added afterwards */
+        return forged(p, "a material says that it is the ground's");
     if ((uint32_t)m->alpha_mode > ALPHA_BLEND || !within(&m->alpha, 1, 0.0f, 1.0f + SLACK) ||
         !within(&m->alpha_cutoff, 1, 0.0f, FLT_MAX))
         return forged(p, "the alpha of a material is out of range");
@@ -371,11 +374,13 @@ static enum err take_scene(struct parcel *p)
 {
     enum err e = take(p, &p->head, sizeof(p->head));
 
-    if (!e && (p->head.magic != MAGIC || p->head.unmodelled >= UINT32_C(1) << FEATURE_COUNT || p->head.cameras == 0))
+    if (!e && (p->head.magic != MAGIC || p->head.unmodelled >= UINT32_C(1) << FEATURE_COUNT || p->head.cameras == 0 ||
+               p->head.ground > 1))
         e = forged(p, "its beginning");
     if (e)
         return e;
     p->scene->unmodelled = p->head.unmodelled;
+    p->scene->wants_ground = p->head.ground;
     e = take_materials(p);
     if (!e)
         e = take_cameras(p);

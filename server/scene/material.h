@@ -53,6 +53,7 @@ struct material {
     uint32_t alpha_texture;     /* its alpha multiplies `alpha`; an index like `texture` */
     struct vec3 emission;       /* radiance that both sides emit in every direction, 0..EMISSION_MAX */
     uint32_t emission_texture;  /* multiplies emission, likewise; unused where emission is 0 */
+    uint32_t ground;            /* 1: the ground's (ground.h), else 0 */
 };
 
 /* F at normal incidence of glTF's metallic-roughness model: 0.04 + more for a dielectric, the base colour for a metal

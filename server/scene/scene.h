@@ -68,6 +68,13 @@ struct punctual_light {
 
 #define LIGHT_INTENSITY_MAX 1e12f
 
+/* The ground below the model (ground.h). */
+struct ground {
+    struct vec3 foot;   /* m: the middle of its disc */
+    struct vec3 centre; /* m: of the sphere around the model's box, */
+    float radius;       /* m; 0: there is no ground */
+};
+
 struct scene {
     struct mesh *meshes;
     size_t mesh_count;
@@ -81,7 +88,9 @@ struct scene {
     size_t light_count;
     uint64_t triangle_count; /* of all meshes */
     struct vec3 low, high;   /* bounding box of the triangles, m */
-    uint32_t unmodelled;     /* bit 1 << feature for each enum scene_feature that occurred */
+    struct ground ground;
+    bool wants_ground;   /* its file asks for one */
+    uint32_t unmodelled; /* bit 1 << feature for each enum scene_feature that occurred */
 };
 
 /* A short description, such as "normal maps". */

@@ -85,6 +85,8 @@ const struct setting settings_table[] = {
     { "scene", "FILE",
       "scene to light: .json, .gltf, .glb, .obj, .ply, .stl, .fbx, .dae or .3ds; default: the built-in one", NULL,
       SCENE, .programs = FOR_RELIGHTD | FOR_RENDER | FOR_BENCH, TEXT, AT(set_desc.scene) },
+    { "ground", NULL, "put a ground below the model: it shows the environment, with the model's shadows and caustics",
+      NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
     { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
       AT(set_desc.limits.memory_bytes) },
     { "source", "S", "environment: file, directory, printf or glob pattern, watch:DIR, push:, or sky:key=value,...",

@@ -120,11 +120,15 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
 static enum err export_components(struct render *r, struct reason *why)
 {
     const struct setup *setup = &r->desc.setup;
-    struct set *set;
+    struct set *set = NULL;
     enum err e = set_create(&setup->set_desc, &set, why);
 
-    if (e)
+    if (!e && set->scene->ground.radius > 0.0f)
+        e = err_say(why, ERR_USAGE, "a ground has no meaning with --components: it is not linear in the sky");
+    if (e) {
+        set_destroy(set);
         return e;
+    }
     r->components.set = set;
     r->components.kernels = setup->kernels;
     r->components.light = &setup->light;

@@ -150,8 +150,15 @@ void chains_from_eye(const struct path_world *world, const double xy[2], struct 
         if (!rays_intersect(world->rays, origin, dir, 0.0f, &h))
             return;
         scatter_at(world->scene, world->rays, &h, dir, &at);
-        if (at.rough)
-            meet(data, &at, dir, weight);
+        if (at.rough) {
+            double factor[3] = { 1.0, 1.0, 1.0 };
+            float still[3]; /* is in path.h's part of the picture */
+            if (path_shows_ground(world, at.material))
+                path_ground_factor(world, dir, factor, still);
+            for (int k = 0; k < 3; k++)
+                factor[k] *= weight[k];
+            meet(data, &at, dir, factor);
+        }
         const uint32_t count = scatter_eye(&at, dir, delta);
         const double first = count > 0 ? mean_weight(&delta[0]) : 0.0;
         const double sum = count > 1 ? first + mean_weight(&delta[1]) : first;

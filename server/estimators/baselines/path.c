@@ -154,6 +154,32 @@ static bool survives(struct walk *w)
     return true;
 }
 
+void path_ground_factor(const struct path_world *w, struct vec3 dir, double factor[3], float still[3])
+{
+    float sky[3];
+
+    environment_lookup(w->environment, dir, sky);
+    for (int k = 0; k < 3; k++) {
+        const bool lit = w->bare_ground[k] > 0.0;
+        factor[k] = lit ? (double)sky[k] / w->bare_ground[k] : 0.0;
+        still[k] = lit ? 0.0f : sky[k];
+    }
+}
+
+/* The first rough surface is the ground. */
+static void show_ground(struct walk *w)
+{
+    static const double one[3] = { 1.0, 1.0, 1.0 };
+    double factor[3];
+    float still[3];
+
+    path_ground_factor(w->world, w->dir, factor, still);
+    if (w->classes & PATH_BACKGROUND)
+        add(w, one, still, 1.0);
+    for (int k = 0; k < 3; k++)
+        w->weight[k] *= factor[k];
+}
+
 /* Handles a hit: lights the D lobe, and continues by one lobe, selected in proportion to its throughput. False: the
  * path ends. */
 static bool meet(struct walk *w, const struct hit *h)
@@ -163,6 +189,8 @@ static bool meet(struct walk *w, const struct hit *h)
     double part[3] = { 0.0, 0.0, 0.0 }; /* the two delta rays, the D lobe */
 
     scatter_at(w->world->scene, w->world->rays, h, w->dir, &at);
+    if (w->rough_events == 0 && path_shows_ground(w->world, at.material))
+        show_ground(w);
     const uint32_t count = scatter_eye(&at, w->dir, delta);
     for (uint32_t i = 0; i < count; i++)
         part[i] = rgb_luminance(delta[i].weight[0], delta[i].weight[1], delta[i].weight[2]);

@@ -26,7 +26,20 @@ struct path_world { /* scene, camera and light; borrowed */
     const struct rays *rays;
     const struct view *view;
     const struct environment *environment; /* ready */
+    /* The radiance of the ground (scene/ground.h) if nothing were on it: where the camera sees it, also in mirrors and
+     * through glass, its light counts as a share of that, times the sky behind it. NULL: it is seen as it is. */
+    const double *bare_ground;
 };
+
+/* Whether the eye sees the material as a share of the sky behind it. */
+static inline bool path_shows_ground(const struct path_world *w, uint32_t material)
+{
+    return w->bare_ground && w->scene->materials[material].ground;
+}
+
+/* That sky over the bare ground's radiance: factors of the light that the ground sends against dir. Where no light
+ * falls on a bare ground they are 0, and out[k] of `still` is the sky. */
+void path_ground_factor(const struct path_world *w, struct vec3 dir, double factor[3], float still[3]);
 
 struct path_desc {
     uint32_t classes; /* PATH_* of paths.h to include; paths behind specular surfaces count as PATH_CAUSTICS (E S+ D S+

@@ -89,7 +89,7 @@ static inline void seen_open(struct seen *s, const char *scene, const char *sky,
     frame_finish(&frame);
     source_close(source);
     s->tracer = light_tracer_create(s->set->scene, s->set->rays, &s->set->view);
-    s->world = (struct path_world){ s->set->scene, s->set->rays, &s->set->view, s->environment };
+    s->world = (struct path_world){ s->set->scene, s->set->rays, &s->set->view, s->environment, NULL };
     s->caustics = mem_alloc(s->pixels, 3 * sizeof(float));
     s->whole = mem_alloc(s->pixels, 3 * sizeof(float));
     s->lo = mem_alloc(s->set->gbuffer->packet_count, 3 * PACKET * sizeof(float));

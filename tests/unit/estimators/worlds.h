@@ -28,7 +28,7 @@ static inline void world_make(struct world *w, struct scene *scene, const struct
     w->environment = sky;
     assert_true(w->scene && w->rays && w->environment);
     view_init(&w->view, camera, width, height);
-    w->path = (struct path_world){ scene, w->rays, &w->view, sky };
+    w->path = (struct path_world){ scene, w->rays, &w->view, sky, NULL };
 }
 
 static inline void world_finish(struct world *w)

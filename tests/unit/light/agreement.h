@@ -359,7 +359,7 @@ static inline void fill_rows(uint64_t seed, uint32_t count, uint64_t *rows)
 
 static inline void take_paths(const struct world *w, const struct technique *t, uint64_t seed, float *rgb)
 {
-    const struct path_world world = { w->scene, w->rays, &w->view, w->environment };
+    const struct path_world world = { w->scene, w->rays, &w->view, w->environment, NULL };
     uint64_t *rows = mem_alloc(t->count, SEQUENCED * sizeof(*rows)), rays = 0;
 
     fill_rows(seed, t->count, rows);
@@ -427,7 +427,7 @@ static inline void take_stored(const struct world *w, const struct technique *t,
 
 static inline void take(struct world *w, const struct technique *t, uint64_t seed, float *rgb)
 {
-    const struct path_world world = { w->scene, w->rays, &w->view, w->environment };
+    const struct path_world world = { w->scene, w->rays, &w->view, w->environment, NULL };
     const struct path_desc path = { .classes = t->classes, .samples = t->count, .seed = seed };
     const struct light_tracer_desc light = {
         .classes = t->classes, .particles = t->count, .seed = seed, .start = t->start
