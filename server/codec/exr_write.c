@@ -70,14 +70,15 @@ static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d)
 {
     const exr_pixel_type_t type = d->depth == EXR_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
     const exr_attr_chromaticities_t rec709 = { 0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f };
-    static const char *const channels[] = { "B", "G", "R" }; /* sorted, as the format requires */
+    static const char *const channels[] = { "A", "B", "G", "R" }; /* sorted, as the format requires */
     int part = 0;
     exr_result_t r = exr_add_part(ctx, "relight", EXR_STORAGE_SCANLINE, &part);
 
     if (r == EXR_ERR_SUCCESS)
         r = exr_initialize_required_attr_simple(ctx, part, (int32_t)d->width, (int32_t)d->height, EXR_COMPRESSION_ZIP);
-    for (int i = 0; i < 3 && r == EXR_ERR_SUCCESS; i++)
-        r = exr_add_channel(ctx, part, channels[i], type, EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+    for (int i = d->alpha ? 0 : 1; i < 4 && r == EXR_ERR_SUCCESS; i++)
+        r = exr_add_channel(ctx, part, channels[i], type, i ? EXR_PERCEPTUALLY_LOGARITHMIC : EXR_PERCEPTUALLY_LINEAR, 1,
+                            1);
     if (r == EXR_ERR_SUCCESS)
         r = exr_attr_set_chromaticities(ctx, part, "chromaticities", &rec709);
     for (size_t i = 0; i < d->attribute_count && r == EXR_ERR_SUCCESS; i++)
@@ -85,12 +86,17 @@ static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d)
     return r == EXR_ERR_SUCCESS ? exr_write_header(ctx) : r;
 }
 
+static uint32_t channels_of(const struct exr_desc *d)
+{
+    return d->alpha ? 4 : 3;
+}
+
 /* The rows of one chunk for the encoder. Values for half floats are clamped to HALF_MAX, which would otherwise become
  * infinite. */
 static const float *rows(const struct exr_desc *d, uint32_t y, uint32_t height, float *scratch)
 {
-    const size_t count = (size_t)height * d->width * 3;
-    const float *from = d->rgb + (size_t)y * d->width * 3;
+    const size_t row = (size_t)d->width * channels_of(d), count = height * row;
+    const float *from = d->rgb + y * row;
 
     if (d->depth == EXR_FLOAT)
         return from;
@@ -125,9 +131,9 @@ static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uin
         exr_coding_channel_info_t *channel = &pipe->channels[c];
         channel->user_data_type = EXR_PIXEL_FLOAT;
         channel->user_bytes_per_element = sizeof(float);
-        channel->user_pixel_stride = 3 * (int32_t)sizeof(float);
+        channel->user_pixel_stride = (int32_t)(channels_of(d) * sizeof(float));
         channel->user_line_stride = channel->user_pixel_stride * (int32_t)d->width;
-        channel->encode_from_ptr = from + sizeof(float) * (size_t)(2 - c); /* channels are in the order B, G, R */
+        channel->encode_from_ptr = from + sizeof(float) * (channels_of(d) - 1u - (uint32_t)c); /* (A,) B, G, R */
     }
     if (y == 0)
         r = exr_encoding_choose_default_routines(ctx, 0, pipe);
@@ -155,7 +161,7 @@ static exr_result_t write_all(exr_context_t ctx, const struct exr_desc *d)
         r = exr_get_scanlines_per_chunk(ctx, 0, &lines);
     if (r != EXR_ERR_SUCCESS)
         return r;
-    float *scratch = mem_alloc(d->depth == EXR_HALF ? (size_t)lines * d->width * 3 : 0, sizeof(float));
+    float *scratch = mem_alloc(d->depth == EXR_HALF ? (size_t)lines * d->width * channels_of(d) : 0, sizeof(float));
     if (!scratch)
         return EXR_ERR_OUT_OF_MEMORY;
     r = write_chunks(ctx, d, scratch, (uint32_t)lines);

@@ -1,11 +1,12 @@
 /* server/codec/exr_write.h */
-/* Writes linear images as OpenEXR through OpenEXRCore: R, G, B as float or half, ZIP, a single part of scan lines, with
- * Rec.709 chromaticities. Thread: any. The caller owns pixels and attributes. */
+/* Writes linear images as OpenEXR through OpenEXRCore: R, G, B and possibly A as float or half, ZIP, a single part of
+ * scan lines, with Rec.709 chromaticities. Thread: any. The caller owns pixels and attributes. */
 #ifndef CODEC_EXR_WRITE_H
 #define CODEC_EXR_WRITE_H
 
 #include "base/err.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -19,11 +20,12 @@ struct exr_attribute { /* written as a string attribute */
 };
 
 struct exr_desc {
-    const float *rgb; /* [height][width][3] */
+    const float *rgb; /* [height][width][3]; with alpha [4], premultiplied */
     uint32_t width, height;
     enum exr_depth depth;
     const struct exr_attribute *attributes;
     size_t attribute_count;
+    bool alpha;
 };
 
 /* Encodes to memory; the caller frees *bytes with mem_free. The output is deterministic. ERR_RANGE: the size.

@@ -117,7 +117,10 @@ static void encode_small(struct encode_thread *t, const struct shaded *in, unsig
 static void encode_exr(struct encode_thread *t, struct shaded *in, enum protocol_format format)
 {
     const struct exr_desc desc = {
-        in->rgb, in->header.width, in->header.height, format == PROTOCOL_EXR_HALF ? EXR_HALF : EXR_FLOAT, NULL, 0
+        .rgb = in->rgb,
+        .width = in->header.width,
+        .height = in->header.height,
+        .depth = format == PROTOCOL_EXR_HALF ? EXR_HALF : EXR_FLOAT,
     };
     const double start = clock_seconds();
     struct reason why;

@@ -63,4 +63,9 @@ struct tone_desc {
  * Uses all OpenMP threads. */
 void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct tone_desc *desc, uint8_t *out);
 
+/* The same by the exact formulas with 16 bits, 0..65535, of images with 3 or 4 channels; a fourth is scaled only: 1
+ * becomes 65535. Uses all OpenMP threads. */
+void tone_map_deep(const float *from, uint32_t width, uint32_t height, uint32_t channels, const struct tone_desc *desc,
+                   uint16_t *out);
+
 #endif

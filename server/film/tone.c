@@ -128,3 +128,38 @@ void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct to
         }
     }
 }
+
+/* Exposed values to display-linear light. */
+static void display_pixel(enum tone_curve curve, double gain, const float *from, double out[3])
+{
+    double x[3];
+
+    for (int c = 0; c < 3; c++)
+        x[c] = from[c] > 0.0f ? fmin((double)from[c] * gain, 1e30) : 0.0;
+    if (curve != TONE_REINHARD) {
+        for (int c = 0; c < 3; c++)
+            out[c] = tone_value(curve, x[c]);
+        return;
+    }
+    const double l = 0.2126 * x[0] + 0.7152 * x[1] + 0.0722 * x[2];
+    const double scale = l > 0.0 ? (1.0 + l / (TONE_WHITE * TONE_WHITE)) / (1.0 + l) : 0.0;
+    for (int c = 0; c < 3; c++)
+        out[c] = fmin(x[c] * scale, 1.0);
+}
+
+void tone_map_deep(const float *from, uint32_t width, uint32_t height, uint32_t channels, const struct tone_desc *desc,
+                   uint16_t *out)
+{
+    const double gain = fmin(fmax(desc->gain, 0x1p-126), 0x1p127);
+
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < (size_t)width * height; i++) {
+        const float *pixel = from + channels * i;
+        double light[3];
+        display_pixel(desc->curve, gain, pixel, light);
+        for (size_t c = 0; c < 3; c++)
+            out[channels * i + c] = (uint16_t)lrint(65535.0 * tone_srgb(light[c]));
+        if (channels == 4)
+            out[4 * i + 3] = (uint16_t)lrint(65535.0 * fmin(fmax((double)pixel[3], 0.0), 1.0));
+    }
+}

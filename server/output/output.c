@@ -5,6 +5,7 @@
 #include "base/mem.h"
 #include "codec/exr_write.h"
 #include "codec/jpeg.h"
+#include "codec/png_write.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -18,33 +19,90 @@ struct output {
     uint32_t width, height;
     struct exposure exposure;
     struct jpeg_encoder *jpeg;
-    uint8_t *display; /* [height][width][3]: the tone-mapped image */
+    void *display;   /* [height][width][3 or 4], 8 or 16 bits: the tone-mapped image */
+    float *straight; /* [height][width][4]: the foreground, not premultiplied; NULL without alpha */
 };
 
-static enum err write_exr(struct output *o, const float *rgb, double gain, const char *name, struct reason *why)
-{
-    const struct exr_desc d = { rgb, o->width, o->height, o->desc.half ? EXR_HALF : EXR_FLOAT, NULL, 0 };
+struct image_parts { /* what output_write gets */
+    const float *rgb, *rgba;
+    double gain;
+};
 
-    (void)gain; /* linear radiance */
-    return exr_write(&d, name, why);
+static enum err write_exr(struct output *o, const struct image_parts *i, const char *name, struct reason *why)
+{
+    const struct exr_desc d = { .rgb = i->rgba ? i->rgba : i->rgb,
+                                .width = o->width,
+                                .height = o->height,
+                                .depth = o->desc.half ? EXR_HALF : EXR_FLOAT,
+                                .alpha = i->rgba != NULL };
+
+    return exr_write(&d, name, why); /* linear radiance */
 }
 
-static enum err write_jpeg(struct output *o, const float *rgb, double gain, const char *name, struct reason *why)
+static enum err write_jpeg(struct output *o, const struct image_parts *i, const char *name, struct reason *why)
 {
+    const struct tone_desc tone = { i->gain, o->desc.tone, o->desc.level };
     const uint8_t *bytes;
     size_t size;
 
-    tone_map(rgb, o->width, o->height, &(struct tone_desc){ gain, o->desc.tone, o->desc.level }, o->display);
+    tone_map(i->rgb, o->width, o->height, &tone, o->display);
     const enum err e = jpeg_encode(o->jpeg, o->display, o->width, o->height, o->desc.quality, &bytes, &size);
     return e ? err_say(why, e, "%s: cannot be encoded", name) : file_store(name, bytes, size, why);
 }
 
+static void divide_by_alpha(struct output *o, const float *rgba)
+{
+    const size_t pixels = (size_t)o->width * o->height;
+
+    for (size_t k = 0; k < 4 * pixels; k += 4) {
+        const float alpha = rgba[k + 3], scale = alpha > 0.0f ? 1.0f / alpha : 0.0f;
+        for (size_t c = 0; c < 3; c++)
+            o->straight[k + c] = rgba[k + c] * scale;
+        o->straight[k + 3] = alpha;
+    }
+}
+
+/* The high bytes of 16 bits, rounded: 255 is 65535. */
+static void round_to_bytes(void *display, size_t count)
+{
+    const uint16_t *from = display;
+    uint8_t *to = display;
+
+    for (size_t k = 0; k < count; k++)
+        to[k] = (uint8_t)((from[k] + 128u) / 257u); /* is written behind what is read */
+}
+
+static enum err write_png(struct output *o, const struct image_parts *i, const char *name, struct reason *why)
+{
+    const struct tone_desc tone = { i->gain, o->desc.tone, o->desc.level };
+    const uint32_t channels = i->rgba ? 4 : 3;
+    const struct png_desc d = { o->display, o->width, o->height, o->desc.deep, i->rgba != NULL };
+    uint8_t *bytes;
+    size_t size;
+
+    if (i->rgba)
+        divide_by_alpha(o, i->rgba);
+    if (o->desc.deep || i->rgba)
+        tone_map_deep(i->rgba ? o->straight : i->rgb, o->width, o->height, channels, &tone, o->display);
+    else
+        tone_map(i->rgb, o->width, o->height, &tone, o->display);
+    if (i->rgba && !o->desc.deep)
+        round_to_bytes(o->display, (size_t)o->width * o->height * channels);
+    enum err e = png_encode(&d, &bytes, &size, why);
+    if (!e)
+        e = file_store(name, bytes, size, why);
+    mem_free(bytes);
+    return e;
+}
+
 static const struct format {
     const char *extension;
-    enum err (*write)(struct output *o, const float *rgb, double gain, const char *name, struct reason *why);
+    bool alpha, deep; /* can be asked for */
+    enum err (*write)(struct output *o, const struct image_parts *i, const char *name, struct reason *why);
 } formats[] = {
-    { ".exr", write_exr },
-    { ".jpg", write_jpeg },
+    { ".exr", true, false, write_exr },
+    { ".jpg", false, false, write_jpeg },
+    { ".png", true, true, write_png },
 };
 
 static const struct format *format_of(const char *pattern)
@@ -59,14 +117,21 @@ static const struct format *format_of(const char *pattern)
     return NULL;
 }
 
-enum err output_check(const char *pattern, struct reason *why)
+enum err output_check(const struct output_desc *desc, struct reason *why)
 {
     struct file_pattern parsed;
-    const enum err e = file_pattern_parse(pattern, "--out", &parsed, why);
+    const enum err e = file_pattern_parse(desc->pattern, "--out", &parsed, why);
+    const struct format *format = format_of(desc->pattern);
 
-    if (!e && !format_of(pattern))
-        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr or .jpg", pattern);
-    return e;
+    if (e)
+        return e;
+    if (!format)
+        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg or .png", desc->pattern);
+    if (desc->alpha && !format->alpha)
+        return err_say(why, ERR_USAGE, "--alpha needs --out in .exr or .png, not in %s", format->extension);
+    if (desc->deep && !format->deep)
+        return err_say(why, ERR_USAGE, "--bits 16 is for --out in .png, not in %s", format->extension);
+    return ERR_OK;
 }
 
 enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
@@ -76,7 +141,7 @@ enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t 
     char folder[4096];
 
     *out = NULL;
-    const enum err e = output_check(desc->pattern, why);
+    const enum err e = output_check(desc, why);
     if (e)
         return e;
     snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - desc->pattern) + 1 : 1, slash ? desc->pattern : ".");
@@ -91,8 +156,10 @@ enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t 
     o->height = height;
     exposure_init(&o->exposure);
     o->jpeg = jpeg_encoder_create();
-    o->display = mem_alloc((size_t)width * height, 3);
-    if (!o->jpeg || !o->display || file_pattern_parse(desc->pattern, "--out", &o->pattern, why)) {
+    o->display = mem_alloc((size_t)width * height, desc->alpha || desc->deep ? 4 * sizeof(uint16_t) : 3);
+    o->straight = desc->alpha ? mem_alloc((size_t)width * height, 4 * sizeof(float)) : NULL;
+    if (!o->jpeg || !o->display || (desc->alpha && !o->straight) ||
+        file_pattern_parse(desc->pattern, "--out", &o->pattern, why)) {
         output_destroy(o);
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", width, height);
     }
@@ -106,6 +173,7 @@ void output_destroy(struct output *o)
         return;
     jpeg_encoder_destroy(o->jpeg);
     mem_free(o->display);
+    mem_free(o->straight);
     mem_free(o);
 }
 
@@ -114,11 +182,11 @@ bool output_is_numbered(const struct output *o)
     return o->pattern.length > 0;
 }
 
-enum err output_write(struct output *o, const float *rgb, uint64_t frame, struct reason *why)
+enum err output_write(struct output *o, const float *rgb, const float *rgba, uint64_t frame, struct reason *why)
 {
-    const double gain = exposure_step(&o->exposure, rgb, o->width, o->height, 1);
+    const struct image_parts parts = { rgb, rgba, exposure_step(&o->exposure, rgb, o->width, o->height, 1) };
     char name[4096];
     const enum err e = file_pattern_name(&o->pattern, frame, name, sizeof(name), why);
 
-    return e ? e : o->format->write(o, rgb, gain, name, why);
+    return e ? e : o->format->write(o, &parts, name, why);
 }

@@ -12,28 +12,34 @@
 
 struct output_desc {
     const char *pattern;  /* a file name, with %d or %04d for the frame number; borrowed */
+    bool alpha;           /* EXR, PNG: output_write gets a foreground with its alpha */
+    bool deep;            /* PNG: 16 bits instead of 8 */
     bool half;            /* EXR: 16-bit floats instead of 32-bit */
-    enum tone_curve tone; /* JPEG */
+    enum tone_curve tone; /* JPEG, PNG */
     int quality;          /* JPEG: 1 to 100 */
     const char *level;    /* CPU level of the tone curve, as kernels_select takes it; NULL: the best */
 };
 
 struct output;
 
-/* ERR_USAGE: no such pattern, or an extension that no format has; the reason lists those there are. ERR_IO: the folder
+/* ERR_USAGE: no such pattern, or an extension that no format has, or one without alpha or 16 bits that asks
+ * for them; the reason lists those there are. ERR_IO: the folder
  * cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
 MUST_CHECK enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
                                   struct reason *why);
 void output_destroy(struct output *o); /* NULL is allowed */
 
-/* ERR_USAGE unless pattern is one that output_create takes; needs no image size. Touches no file. */
-MUST_CHECK enum err output_check(const char *pattern, struct reason *why);
+/* ERR_USAGE unless desc is one that output_create takes; needs no image size. Touches no file. */
+MUST_CHECK enum err output_check(const struct output_desc *desc, struct reason *why);
 
 /* Whether the pattern has a place for the frame number; without, all frames have one name. */
 bool output_is_numbered(const struct output *o);
 
-/* Writes the image of a frame, float rgb[height][width][3], linear, whole or not at all. Exposure adapts from frame to
- * frame. ERR_IO, ERR_NOMEM; ERR_RANGE: the name becomes too long. */
-MUST_CHECK enum err output_write(struct output *o, const float *rgb, uint64_t frame, struct reason *why);
+/* Writes the image of a frame, float rgb[height][width][3], linear, whole or not at all. rgba: with desc.alpha its
+ * foreground, float[height][width][4], premultiplied, which is written instead; else NULL. PNG has straight alpha:
+ * light that its alpha does not cover is cut off. Exposure adapts from frame to frame, by rgb. ERR_IO, ERR_NOMEM;
+ * ERR_RANGE: the name becomes too long. */
+MUST_CHECK enum err output_write(struct output *o, const float *rgb, const float *rgba, uint64_t frame,
+                                 struct reason *why);
 
 #endif

@@ -57,6 +57,19 @@ static enum err light_lamps(struct render *r, struct reason *why)
     return e || !r->lamps ? e : relight_lamps_complete(r->lamps, s->set_desc.progress, why);
 }
 
+/* Pictures without the background. */
+static enum err keep_alpha(struct render *r, struct reason *why)
+{
+    const struct set_desc *d = &r->desc.setup.set_desc;
+
+    if (!(r->set->scene->ground.radius > 0.0f))
+        return err_say(why, ERR_USAGE, "--alpha is for scenes with a ground: add --ground");
+    r->rgba = mem_alloc((size_t)d->width * d->height, 4 * sizeof(float));
+    if (!r->rgba || relighter_keep_backplate(r->relighter))
+        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u with alpha", d->width, d->height);
+    return ERR_OK;
+}
+
 static enum err set_up(struct render *r, struct reason *why)
 {
     struct render_desc *d = &r->desc;
@@ -77,6 +90,8 @@ static enum err set_up(struct render *r, struct reason *why)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width,
                        d->setup.set_desc.height);
     e = light_lamps(r, why);
+    if (!e && d->output.alpha)
+        e = keep_alpha(r, why);
     if (e)
         return e;
     d->setup.light.direct.why = why;
@@ -141,8 +156,10 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
     start = clock_seconds();
+    if (r->rgba)
+        relighter_split(r->relighter, r->environment, r->rgb, r->rgba);
     if (r->output)
-        e = output_write(r->output, r->rgb, r->frame.number, why);
+        e = output_write(r->output, r->rgb, r->rgba, r->frame.number, why);
     ms[2] = 1e3 * (clock_seconds() - start);
     const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
     if (r->rendered > 0) /* the first makes tables that stay */
@@ -198,6 +215,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     }
     frame_finish(&r->frame);
     mem_free(r->rgb);
+    mem_free(r->rgba);
     output_destroy(r->output);
     environment_destroy(r->environment);
     prober_destroy(r->prober);

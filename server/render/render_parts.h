@@ -21,6 +21,7 @@ struct render {
     struct output *output; /* NULL: no images */
     struct prober *prober; /* NULL: no pixel is asked about */
     float *rgb;            /* [height][width][3] */
+    float *rgba;           /* [height][width][4]: the foreground; NULL: not asked for */
     FILE *stats;           /* NULL: none */
     struct frame frame;
     uint64_t rendered, refused;

@@ -13,6 +13,7 @@
 struct render {
     struct render_desc desc;
     double fps;                        /* 0: no time is set */
+    int bits;                          /* of PNG: 8 or 16 */
     struct components_desc components; /* out.text NULL: they are not asked for */
     struct probe_request probe;        /* about a pixel, */
     bool probing;                      /* where one is asked */
@@ -29,13 +30,23 @@ static const struct setting_choice reinhart_choices[] = {
     { NULL, 0, NULL, 0 },
 };
 
+static const struct setting_choice bits_choices[] = {
+    { "8", 8, "as screens have them", 0 },
+    { "16", 16, "for further processing", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
 /* What this program alone has. */
 static const struct setting rows[] = {
     { "fps", "N", "with --method auto: least error at N frames per second, files included; replaces --samples", NULL,
       RENDERING, REAL(1e-4, 1000.0), AT(fps) },
-    { "out", "PATTERN", "file name, with %d or %04d for the frame number; .exr (linear) or .jpg (tone-mapped)", NULL,
-      OUTPUT, TEXT },
+    { "out", "PATTERN", "file name, with %d or %04d for the frame number; .exr (linear), .jpg or .png (tone-mapped)",
+      NULL, OUTPUT, TEXT },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
+    { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
+    { "alpha", NULL,
+      "with --ground: leave the background out; .exr and .png get an alpha channel, to be laid over another one", NULL,
+      OUTPUT, SWITCH, AT(desc.output.alpha) },
     { "components", "PATTERN",
       "instead of images: daylight coefficients for dctimestep, one .hdr per patch of Radiance's sky; DIR/%03d.hdr",
       NULL, OUTPUT, TEXT },
@@ -72,7 +83,7 @@ static enum err read_target(const struct command *c, struct render *r, struct re
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = { "out", "frames", "stats", "fps", "error", "reseed", "half" };
+    static const char *const others[] = { "out", "frames", "stats", "fps", "error", "reseed", "half", "alpha" };
 
     if (command_get(c, "components")) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
@@ -85,8 +96,12 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
         return components_read(command_get(c, "components"), &r->components, why);
     }
     r->desc.output.pattern = command_get(c, "out");
+    r->desc.output.deep = r->bits == 16;
+    if (r->desc.output.alpha && method_is_reference(r->desc.setup.light.direct.method))
+        return err_say(why, ERR_USAGE, "--alpha does not work with the reference method %s: choose another --method",
+                       method_name(r->desc.setup.light.direct.method));
     if (r->desc.output.pattern)
-        return output_check(r->desc.output.pattern, why);
+        return output_check(&r->desc.output, why);
     return r->probing
                ? ERR_OK
                : err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");

@@ -107,6 +107,31 @@ built_in_scene_and_sky_need_no_file() {
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
 
+# 8 bits, 16, and a foreground with alpha above a ground; flags that the format lacks are refused.
+png_files_have_the_bits_and_the_alpha_asked_for() {
+    box_scene "$work"
+    constant_sky "$work/sky.hdr"
+    local render=("$bin/relight-render" --scene "$work/box.json" --source "$work/sky.hdr" --size 48x27 --samples 8)
+    "${render[@]}" --out "$work/plain.png"
+    "${render[@]}" --bits 16 --out "$work/deep.png"
+    "${render[@]}" --ground --alpha --out "$work/alpha.png"
+    "${render[@]}" --ground --alpha --bits 16 --out "$work/both.png"
+    "${render[@]}" --ground --alpha --out "$work/alpha.exr"
+    /usr/bin/python3 - "$work" <<'END'
+import struct, sys
+for name, bits, kind in ("plain", 8, 2), ("deep", 16, 2), ("alpha", 8, 6), ("both", 16, 6):
+    head = open(f"{sys.argv[1]}/{name}.png", "rb").read(33)
+    assert head[:16] == b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", name
+    assert struct.unpack(">IIBB", head[16:26]) == (48, 27, bits, kind), name
+END
+    expect 2 '--alpha needs --out in .exr or .png' "${render[@]}" --ground --alpha --out "$work/x.jpg"
+    expect 2 '--bits 16 is for --out in .png' "${render[@]}" --bits 16 --out "$work/x.exr"
+    expect 2 'add --ground' "${render[@]}" --alpha --out "$work/x.png"
+    expect 2 'reference method path' "${render[@]}" --ground --alpha --method path --out "$work/x.png"
+    expect 2 "'12' is unknown" "${render[@]}" --bits 12 --out "$work/x.png"
+    [ ! -e "$work/x.png" ] || fail "a refused flag left a picture"
+}
+
 # Lamps at scale 0 are as if there were none, to the bit; else they make the picture brighter, and the statistics count
 # them. The same seed gives the same bits.
 lamps_are_a_part_that_a_factor_scales() {
@@ -213,7 +238,7 @@ wrong_usage_ends_with_2_and_says_why() {
     expect 2 "'magic' is unknown" "$bin/relight-render" --method magic --out x.exr
     expect 2 '--size' "$bin/relight-render" --size 0x5 --out x.exr
     expect 2 '--samples' "$bin/relight-render" --samples 0 --out x.exr
-    expect 2 '\.exr or \.jpg' "$bin/relight-render" --out x.tiff
+    expect 2 '\.exr, \.jpg or \.png' "$bin/relight-render" --out x.tiff
     expect 2 "other '%'" "$bin/relight-render" --out '%s.exr'
     expect 2 '--frames' "$bin/relight-render" --frames 9-3 --out x.exr
     expect 2 'names one file' "$bin/relight-render" --frames 0-3 --size 16x9 --out "$work/x.exr"

@@ -90,6 +90,36 @@ static void float_values_come_back_bit_for_bit(void **state)
     }
 }
 
+/* The fourth channel stands before the others in the file and leaves them as they are. */
+static void alpha_is_a_channel_of_its_own(void **state)
+{
+    enum { W = 33, H = 19 };
+    static const uint8_t head[] = "channels\0chlist\0\x49\0\0\0A"; /* 73 bytes about four channels */
+    static float rgba[4 * W * H];
+    struct image im = { 0 };
+    struct reason why = { "" };
+    uint8_t *bytes;
+    size_t size;
+    (void)state;
+
+    scatter(rgba, 4 * W * H, 20.0);
+    for (int depth = EXR_FLOAT; depth <= EXR_HALF; depth++) {
+        const struct exr_desc d = { .rgb = rgba, .width = W, .height = H, .depth = depth, .alpha = true };
+        assert_int_equal(encode(&d, &bytes, &size), ERR_OK);
+        size_t at = 0;
+        while (at + sizeof(head) < size && memcmp(bytes + at, head, sizeof(head)) != 0)
+            at++;
+        assert_true(at + sizeof(head) < size);
+        assert_int_equal(decode_exr(bytes, size, "memory", &im, &why), ERR_OK);
+        for (size_t i = 0; i < W * H; i++)
+            for (size_t c = 0; c < 3; c++)
+                assert_true(fabsf(im.rgb[3 * i + c] - rgba[4 * i + c]) <=
+                            (depth == EXR_FLOAT ? 0.0f : 1e-3f * rgba[4 * i + c] + 1e-7f));
+        image_finish(&im);
+        mem_free(bytes);
+    }
+}
+
 /* Small pictures of 8-bit noise, some of whose chunks come out of compression exactly as long as they went in. */
 static void noise_that_does_not_compress_comes_back_bit_for_bit(void **state)
 {
@@ -104,7 +134,7 @@ static void noise_that_does_not_compress_comes_back_bit_for_bit(void **state)
         size_t size;
         for (size_t i = 0; i < 3 * (size_t)width * height; i++)
             rgb[i] = (float)(int)(256.0 * rng_next(&r)) / 256.0f;
-        const struct exr_desc d = { rgb, width, height, EXR_FLOAT, NULL, 0 };
+        const struct exr_desc d = { .rgb = rgb, .width = width, .height = height };
         assert_int_equal(exr_encode(&d, &bytes, &size, &why), ERR_OK);
         assert_int_equal(decode_exr(bytes, size, "noise.exr", &back, &why), ERR_OK);
         assert_memory_equal(back.rgb, rgb, 3 * (size_t)width * height * sizeof(float));
@@ -323,6 +353,7 @@ static void symbolic_link_stays_and_its_target_is_written(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(float_values_come_back_bit_for_bit),
+    cmocka_unit_test(alpha_is_a_channel_of_its_own),
     cmocka_unit_test(noise_that_does_not_compress_comes_back_bit_for_bit),
     cmocka_unit_test(half_values_are_rounded_and_cut_at_65504),
     cmocka_unit_test(header_states_primaries_and_attributes),

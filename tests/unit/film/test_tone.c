@@ -234,6 +234,36 @@ static void picture_has_the_same_bytes_at_any_thread_count(void **state)
     }
 }
 
+/* 16 bits are the exact formula, so that 8 are within one of them; a fourth channel is no light. */
+static void sixteen_bits_are_eight_made_finer(void **state)
+{
+    enum { COUNT = 4096 };
+    static float rgb[3 * COUNT], rgba[4 * COUNT];
+    static uint8_t want[3 * COUNT];
+    static uint16_t got[3 * COUNT], with[4 * COUNT];
+    struct rng r = { 3 };
+    (void)state;
+
+    for (size_t i = 0; i < 3 * COUNT; i++)
+        rgb[i] = i < 6 ? (i < 3 ? NAN : INFINITY) : (float)exp2(14.0 * rng_next(&r) - 9.0);
+    for (size_t i = 0; i < COUNT; i++) {
+        memcpy(rgba + 4 * i, rgb + 3 * i, 3 * sizeof(float));
+        rgba[4 * i + 3] = (float)i / (COUNT - 1);
+    }
+    for (int c = 0; c < CURVES; c++) {
+        const struct tone_desc desc = { 0.7, curves[c], NULL };
+        tone_map(rgb, COUNT, 1, &desc, want);
+        tone_map_deep(rgb, COUNT, 1, 3, &desc, got);
+        tone_map_deep(rgba, COUNT, 1, 4, &desc, with);
+        for (size_t i = 0; i < 3 * COUNT; i++)
+            assert_true(fabs(got[i] / 257.0 - want[i]) < 1.01);
+        for (size_t i = 0; i < COUNT; i++) {
+            assert_memory_equal(with + 4 * i, got + 3 * i, 3 * sizeof(*got));
+            assert_int_equal(with[4 * i + 3], lrint(65535.0 * (double)i / (COUNT - 1)));
+        }
+    }
+}
+
 static void names_are_parsed_and_others_refused(void **state)
 {
     int c;
@@ -260,6 +290,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(reinhard_keeps_the_ratios_of_a_colour),
     cmocka_unit_test(every_size_fills_its_bytes_and_no_more),
     cmocka_unit_test(picture_has_the_same_bytes_at_any_thread_count),
+    cmocka_unit_test(sixteen_bits_are_eight_made_finer),
     cmocka_unit_test(names_are_parsed_and_others_refused),
 };
 

@@ -175,7 +175,7 @@ static enum err encode(void *context, struct reason *why)
     uint8_t display[WIDTH * HEIGHT * 3] = { 0 }, *bytes = NULL;
     const uint8_t *borrowed;
     size_t size;
-    const struct exr_desc exr = { s->rgb, WIDTH, HEIGHT, EXR_HALF, NULL, 0 };
+    const struct exr_desc exr = { .rgb = s->rgb, .width = WIDTH, .height = HEIGHT, .depth = EXR_HALF };
     struct jpeg_encoder *jpeg = jpeg_encoder_create();
     enum err e = jpeg ? jpeg_encode(jpeg, display, WIDTH, HEIGHT, 85, &borrowed, &size) : ERR_NOMEM;
 
