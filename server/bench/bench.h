@@ -68,6 +68,11 @@ struct bench_report {
  * ERR_NOMEM. */
 MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
 
+/* The first minute of a live picture: prints how its error against unbiased light falls as caches are computed beside
+ * it, by the clock and by processor time, which other programs do not stretch. The reference has 2 x desc->rounds
+ * passes. Errors as bench_run's. */
+MUST_CHECK enum err bench_first_minute(const struct bench_desc *desc, FILE *to, struct reason *why);
+
 /* True when the row has a target and meets it. */
 bool bench_holds(const struct bench_row *row);
 

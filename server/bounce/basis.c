@@ -11,9 +11,9 @@
 #define ENOUGH 2e-3 /* share of the norm that the basis may leave out */
 
 /* The eigenvectors of M' M with the largest eigenvalues, as many as ENOUGH requires. */
-enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows)
+enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows, uint32_t at_most)
 {
-    const int n = SKY_CELLS, most = BOUNCE_BASIS_MAX;
+    const int n = SKY_CELLS, most = (int)at_most;
     float *gram = mem_alloc((size_t)n * n, sizeof(*gram)), *values = mem_alloc((size_t)n, sizeof(*values));
     lapack_int *support = mem_alloc(2 * (size_t)most, sizeof(*support)), found = 0;
     double whole = 0.0, kept = 0.0;

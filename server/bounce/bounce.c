@@ -100,8 +100,8 @@ const struct transport_indirect *bounce_indirect(const struct bounce *b)
     return &b->indirect;
 }
 
-/* Adds a block's light to lo. */
-static void add_block(const struct bounce *b, const struct bounce_block *block, float *lo)
+/* Adds a block's light, times a weight, to lo. */
+static void add_block(const struct bounce *b, const struct bounce_block *block, float weight, float *lo)
 {
     const struct transport_block dark = { .packets = block->packets, .kind = b->gbuffer->packets[block->first].kind };
     _Alignas(64) float more[TRANSPORT_PACKETS * 3 * PACKET];
@@ -112,10 +112,11 @@ static void add_block(const struct bounce *b, const struct bounce_block *block, 
     for (uint32_t k = 0; k < block->packets; k++)
         for (uint32_t i = 0; i < 3 * PACKET; i++)
             if (i % PACKET < b->gbuffer->packets[block->first + k].count)
-                lo[((size_t)block->first + k) * 3 * PACKET + i] += more[k * 3 * PACKET + i];
+                lo[((size_t)block->first + k) * 3 * PACKET + i] += weight * more[k * 3 * PACKET + i];
 }
 
-void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo)
+void bounce_shade_part(struct bounce *b, const struct environment *e, float weight, const atomic_bool *cancel,
+                       float *lo)
 {
     environment_complete_pyramid(e);
 #pragma omp parallel
@@ -132,7 +133,12 @@ void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bo
 #pragma omp for schedule(dynamic, 16)
         for (uint32_t k = 0; k < b->block_count; k++)
             if (!is_cancelled(cancel))
-                add_block(b, &b->blocks[k], lo);
+                add_block(b, &b->blocks[k], weight, lo);
         denormals_restore(before);
     }
+}
+
+void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo)
+{
+    bounce_shade_part(b, e, 1.0f, cancel, lo);
 }

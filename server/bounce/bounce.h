@@ -43,6 +43,7 @@ struct bounce_desc {
     uint32_t records;               /* limit; 0: half the number of points, within 4000..24000 */
     uint64_t max_bytes;             /* limit of what is kept (cache/memory.h); building takes some 100 MB more */
     uint64_t seed;
+    bool quick; /* a rough cache in a tenth of the time, for frames until the full one is there; gather, records: 0 */
     struct progress *progress; /* NULL, or stepped bounce_steps times in all */
     const atomic_bool *cancel; /* NULL, or a flag that ends the building (base/cancel.h) */
 };
@@ -72,8 +73,12 @@ void bounce_destroy(struct bounce *b); /* NULL is allowed */
 /* For transport_frame.indirect of the transport that b was built with; valid as long as b. */
 const struct transport_indirect *bounce_indirect(const struct bounce *b);
 
-/* Adds the indirect light under e to lo: float[packet_count][3][16], radiance, for use without transport_shade. cancel:
- * NULL, or a flag that ends it early. */
+/* Adds the indirect light under e, times `weight`, to lo: float[packet_count][3][16], radiance, for use without
+ * transport_shade. cancel: NULL, or a flag that ends it early. */
+void bounce_shade_part(struct bounce *b, const struct environment *e, float weight, const atomic_bool *cancel,
+                       float *lo);
+
+/* As bounce_shade_part, with a weight of 1. */
 void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo);
 
 /* Valid as long as b. */

@@ -14,8 +14,6 @@
 #include <math.h>
 #include <string.h>
 
-#define BASIS_POINTS 1536u
-#define BASIS_RECORDS 512u
 #define TOLERANCE 0.035
 #define FLOOR 0.03f /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 32u   /* groups */
@@ -149,17 +147,17 @@ static uint32_t rows_of_block(const struct bounce_build *b, uint32_t k)
     return b->b->blocks[k].rows;
 }
 
-/* Point i: the first BASIS_POINTS are spread evenly over the blocks, then BASIS_RECORDS over the records. */
+/* Point i: the first effort.basis_points are spread evenly over the blocks, then basis_records over the records. */
 static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *out)
 {
+    const uint32_t points = b->effort->basis_points, records = b->effort->basis_records;
     const struct bounce *t = b->b;
 
-    if (i < BASIS_POINTS) {
+    if (i < points) {
         if (t->block_count == 0)
             return false;
         const uint64_t slots = (uint64_t)t->block_count * TRANSPORT_POINTS;
-        const uint64_t slot =
-            (uint64_t)i * slots / BASIS_POINTS + rng_mix(b->desc->seed, i) % (slots / BASIS_POINTS + 1);
+        const uint64_t slot = (uint64_t)i * slots / points + rng_mix(b->desc->seed, i) % (slots / points + 1);
         const uint32_t k = (uint32_t)(slot / TRANSPORT_POINTS) % t->block_count;
         const struct bounce_block *block = &t->blocks[k];
         const struct shade_packet *p =
@@ -169,7 +167,7 @@ static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *
     }
     if (b->records.count == 0)
         return false;
-    const uint32_t r = (uint32_t)((uint64_t)(i - BASIS_POINTS) * b->records.count / BASIS_RECORDS);
+    const uint32_t r = (uint32_t)((uint64_t)(i - points) * b->records.count / records);
     const struct bounce_spot *s = &b->records.spots[(size_t)r * BOUNCE_SPOTS];
     *out = (struct point){ .at = s->at,
                            .wo = s->shading,
@@ -180,7 +178,7 @@ static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *
 
 enum err bounce_make_basis(struct bounce_build *b)
 {
-    const uint32_t rows = BASIS_POINTS + BASIS_RECORDS;
+    const uint32_t rows = b->effort->basis_points + b->effort->basis_records;
     float *m = mem_alloc((size_t)rows * SKY_CELLS, sizeof(*m));
     enum err e = m ? ERR_OK : ERR_NOMEM;
     uint64_t rays = 0;
@@ -198,7 +196,7 @@ enum err bounce_make_basis(struct bounce_build *b)
             float unused[TRANSPORT_ROWS] = { 0.0f };
             if (!is_cancelled(b->desc->cancel) &&
                 basis_point(b, i, &p)) /* all rows of a point's BRDF share a row of the matrix */
-                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), BOUNCE_BASIS_RAYS,
+                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), b->effort->basis_rays,
                              m + (size_t)i * SKY_CELLS, 0, true, unused);
         }
         rays += g.ends.rays;
@@ -209,7 +207,7 @@ enum err bounce_make_basis(struct bounce_build *b)
     if (failed)
         e = ERR_NOMEM;
     if (!e && !is_cancelled(b->desc->cancel))
-        e = bounce_basis_init(&b->b->basis, m, rows);
+        e = bounce_basis_init(&b->b->basis, m, rows, b->effort->basis);
     mem_free(m);
     return e;
 }
@@ -296,7 +294,7 @@ static enum err gather_group(const struct bounce_build *b, struct bench *w, stru
         gather_block(b, w, &blocks[k], k);
     if (w->gatherer.ends.failed)
         return ERR_NOMEM;
-    bounce_smooth(w->smoother, g->count, 3 * b->b->basis.count, w->matrix, w->smooth);
+    bounce_smooth(w->smoother, g->count, b->effort->reach, 3 * b->b->basis.count, w->matrix, w->smooth);
     bounce_compress_begin(w->workspace);
     for (uint32_t k = 0; k < g->count; k++) {
         const uint32_t points = blocks[k].packets * PACKET;

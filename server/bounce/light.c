@@ -109,6 +109,7 @@ enum err bounce_find_records(struct bounce_build *b)
     /* half the number of points: each record is then hit by a hundred rays or more */
     const uint64_t fair = d->gbuffer->point_count / 2;
     b->most = d->records             ? d->records
+              : b->effort->records   ? b->effort->records
               : fair < RECORDS_LEAST ? RECORDS_LEAST
               : fair > RECORDS_MOST  ? RECORDS_MOST
                                      : (uint32_t)fair;

@@ -13,7 +13,6 @@
 
 #define BOUNCE_BASIS_MAX 128 /* K, a multiple of 16 */
 
-#define BOUNCE_BASIS_RAYS 512u
 #define BOUNCE_SPOTS 8u /* per record: half a packet */
 
 /* ---- Records ---- */
@@ -90,8 +89,9 @@ struct bounce_basis {
     double rest;    /* share of the input's norm that the basis leaves out */
 };
 
-/* The basis that represents m[rows][SKY_CELLS] best. ERR_NOMEM. */
-MUST_CHECK enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows);
+/* The basis of at most `most` rows, a multiple of 16 up to BOUNCE_BASIS_MAX, that represents m[rows][SKY_CELLS] best.
+ * ERR_NOMEM. */
+MUST_CHECK enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows, uint32_t most);
 void bounce_basis_finish(struct bounce_basis *b); /* zeroed memory is allowed */
 
 /* ---- The sky ---- */
@@ -213,9 +213,18 @@ struct bounce {
 
 /* ---- Building ---- */
 
+struct bounce_effort {                                /* of a build: the full one, or a quick one */
+    uint32_t gather;                                  /* rays per point */
+    uint32_t records;                                 /* maximum number; 0: by the number of points */
+    uint32_t basis_points, basis_records, basis_rays; /* whose light, by so many rays each, gives the basis, */
+    uint32_t basis;                                   /* of at most so many rows */
+    uint32_t reach; /* smoothing: blocks on either side within the group; BOUNCE_GROUP: the whole group */
+};
+
 struct bounce_build {
     struct bounce *b;
     const struct bounce_desc *desc;
+    const struct bounce_effort *effort;
     struct bounce_records records;
     struct transport_directions directions;
     uint16_t *light;         /* [records + 1][SKY_CELLS], half floats: direct light of a record from a cell */

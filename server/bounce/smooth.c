@@ -24,9 +24,9 @@ void bounce_smoother_destroy(struct bounce_smoother *s)
 
 /* Weight of point q in the mean of point p: 0 if their distance, relative to the surfaces around, or their normals
  * differ too much. */
-static void fill_likeness(const struct bounce_smoother *s, uint32_t p, uint32_t count, float *out)
+static void fill_likeness(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *out)
 {
-    for (uint32_t q = 0; q < count; q++) {
+    for (uint32_t q = first; q < until; q++) {
         const float x = s->at[0][q] - s->at[0][p], y = s->at[1][q] - s->at[1][p], z = s->at[2][q] - s->at[2][p];
         const float same =
             s->normal[0][q] * s->normal[0][p] + s->normal[1][q] * s->normal[1][p] + s->normal[2][q] * s->normal[2][p];
@@ -53,11 +53,11 @@ static void solve3(const double a[3][3], const double b[3], double x[3])
 
 /* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a slope
  * causes no error where they all lie to one side, as at a group's border [Cleveland 1979]. */
-static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t count, float *w)
+static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *w)
 {
     double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];
 
-    for (uint32_t q = 0; q < count; q++) {
+    for (uint32_t q = first; q < until; q++) {
         sum += (double)w[q];
         for (int c = 0; c < 3; c++)
             mean[c] += (double)w[q] * (double)s->at[c][q];
@@ -66,7 +66,7 @@ static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t count, 
         mean[c] /= sum;
         off[c] = (double)s->at[c][p] - mean[c];
     }
-    for (uint32_t q = 0; q < count; q++) {
+    for (uint32_t q = first; q < until; q++) {
         if (w[q] == 0.0f)
             continue;
         const double d[3] = { (double)s->at[0][q] - mean[0], (double)s->at[1][q] - mean[1],
@@ -82,7 +82,7 @@ static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t count, 
             spread[i][j] = spread[j][i];
     }
     solve3((const double(*)[3])spread, off, slope);
-    for (uint32_t q = 0; q < count; q++) {
+    for (uint32_t q = first; q < until; q++) {
         const double on = ((double)s->at[0][q] - mean[0]) * slope[0] + ((double)s->at[1][q] - mean[1]) * slope[1] +
                           ((double)s->at[2][q] - mean[2]) * slope[2];
         w[q] = (float)((double)w[q] / sum * (1.0 + on));
@@ -98,19 +98,21 @@ static bool is_zero(const float *w, uint32_t stride, uint32_t first)
     return true;
 }
 
-void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t wide, const float *from, float *to)
+void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
+                   float *to)
 {
-    const uint32_t count = blocks * TRANSPORT_POINTS, side = TRANSPORT_POINTS;
+    const uint32_t side = TRANSPORT_POINTS;
 
     for (uint32_t b = 0; b < blocks; b++) {
+        const uint32_t begin = b > reach ? b - reach : 0, end = b + reach < blocks ? b + reach + 1 : blocks;
         memset(s->weights, 0, sizeof(s->weights));
         for (uint32_t p = 0; p < side; p++)
             if (s->used[b * side + p]) {
-                fill_likeness(s, b * side + p, count, s->weights[p]);
-                centre(s, b * side + p, count, s->weights[p]);
+                fill_likeness(s, b * side + p, begin * side, end * side, s->weights[p]);
+                centre(s, b * side + p, begin * side, end * side, s->weights[p]);
             }
         memset(to + (size_t)b * side * wide, 0, (size_t)side * wide * sizeof(*to));
-        for (uint32_t k = 0; k < blocks; k++)
+        for (uint32_t k = begin; k < end; k++)
             if (!is_zero(s->weights[0], BOUNCE_GROUP * side, k * side))
                 cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)side, (int)wide, (int)side, 1.0f,
                             s->weights[0] + k * side, (int)(BOUNCE_GROUP * side), from + (size_t)k * side * wide,

@@ -17,7 +17,9 @@ struct bounce_smoother { /* a group's points, 64 to a block */
 struct bounce_smoother *bounce_smoother_create(void);    /* NULL when out of memory */
 void bounce_smoother_destroy(struct bounce_smoother *s); /* NULL is allowed */
 
-/* from, to: float[64 blocks][wide], no overlap; unused points neither give nor receive. */
-void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t wide, const float *from, float *to);
+/* from, to: float[64 blocks][wide], no overlap; unused points neither give nor receive. A block gets from itself and so
+ * many on either side: reach. */
+void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
+                   float *to);
 
 #endif

@@ -5,9 +5,14 @@ static double bias_of(const struct buy_facts *f)
     return f->indirect ? BUY_BIAS_INDIRECT : BUY_BIAS;
 }
 
+bool buy_is_allowed(const struct buy_facts *f)
+{
+    return f->allowed >= bias_of(f);
+}
+
 bool buy_suits(const struct buy_facts *f)
 {
-    return f->error >= bias_of(f);
+    return buy_is_allowed(f) && f->error >= bias_of(f);
 }
 
 /* In light samples a point. */
@@ -33,18 +38,14 @@ static double break_even_of(const struct buy_facts *f, double samples)
 void buy_by_counts(const struct buy_facts *f, struct buy *out)
 {
     *out = (struct buy){ .break_even = break_even_of(f, f->samples) };
-    if (f->frames == 0)
-        answer(out, false, "the number of frames is unknown");
-    else if (f->frames == 1)
-        answer(out, false, "it is a single frame");
+    if (!buy_is_allowed(f))
+        answer(out, false, "--allow-bias does not permit its bias");
     else if ((f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f))
         answer(out, false, "so many samples have less error than its bias");
     else if (out->break_even <= 0.0)
         answer(out, false, "a frame by it takes as long");
-    else if ((double)f->frames <= out->break_even)
-        answer(out, false, "there are too few frames");
     else
-        answer(out, true, "there are more frames than that");
+        answer(out, true, "--allow-bias permits its bias");
 }
 
 void buy_by_clock(const struct buy_facts *f, struct buy *out)
@@ -54,7 +55,9 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
 
     *out = (struct buy){ .build_s = build_of(f) * point_s };
     out->break_even = many ? break_even_of(f, BUY_GOOD_SAMPLES) : saved_s > 0.0 ? out->build_s / saved_s : 0.0;
-    if (f->made < BUY_MADE || f->sample_s <= 0.0)
+    if (!buy_is_allowed(f))
+        answer(out, false, "--allow-bias does not permit its bias");
+    else if (f->made < BUY_MADE || f->sample_s <= 0.0)
         answer(out, false, "too few frames were measured");
     else if (f->error <= 0.0)
         answer(out, false, "the error is not known yet");

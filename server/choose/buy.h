@@ -1,12 +1,13 @@
 /* Decides whether `auto` uses the cache of light transport (transport/transport.h), which costs much once and little
- * per frame. Never for a single frame, and never for an error below the cache's bias. Pure functions; any thread.
+ * per frame, and is biased: never unless its bias is allowed (--allow-bias), and never for an error below it. Pure
+ * functions; any thread.
  *
  *     break-even, in frames = precomputation / (a frame without the cache - a frame with it)
  *
- * A known number of frames is compared with that. For an unknown number the cache is computed once as much time has
- * gone into frames as it takes: the total is then at most twice the optimum [Karlin et al. 1988]. Or once as many
- * frames came as would have taken that time with 64 samples: with fewer samples, a frame by the cache takes about as
- * long and is far better.
+ * By counts the number of frames does not matter, so that a picture never depends on it. By the clock, a known number
+ * of frames is compared with that. For an unknown number the cache is computed once as much time has gone into frames
+ * as it takes: the total is then at most twice the optimum [Karlin et al. 1988]. Or once as many frames came as would
+ * have taken that time with 64 samples: with fewer samples, a frame by the cache takes about as long and is far better.
  *
  * Where bits must not depend on a clock, everything is counted in light samples per point, whose relative times hardly
  * depend on the machine: the cache of direct light takes as long as 2048 (measured: 1920 under an overcast sky, 2210 at
@@ -32,7 +33,8 @@
 #define BUY_NOISE_INDIRECT 4.0
 
 struct buy_facts {
-    uint64_t frames; /* by counts: all; by the clock: still to come. 0: unknown */
+    uint64_t frames; /* by the clock: still to come; 0: unknown */
+    double allowed;  /* relMSE of a bias that is allowed; 0: none */
     bool indirect;   /* interreflection is requested, and the cache has it too */
     /* By counts. */
     uint32_t samples; /* N_s of a frame without the cache */
@@ -52,7 +54,10 @@ struct buy {
     const char *why;   /* a phrase; static */
 };
 
-/* Whether a picture of this error may be made by the cache. */
+/* Whether the cache's bias is allowed. */
+bool buy_is_allowed(const struct buy_facts *f);
+
+/* Whether it is, and a picture of this error may have it. */
 bool buy_suits(const struct buy_facts *f);
 
 /* By counts of samples: no clock decides. By the clock: from measured frames. Both fill *out. */

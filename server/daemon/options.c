@@ -100,7 +100,7 @@ void daemon_flags_init(struct daemon_flags *f)
     };
     command_begin(&f->command);
     command_default(&f->command, "samples", "16");
-    command_default(&f->command, "paths", "direct");
+    command_default(&f->command, "allow-bias", "1e-2");
 }
 
 enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *d, struct reason *why)

@@ -11,6 +11,7 @@
 #define CACHE_SHARE 0.75  /* and while a cache is computed beside: it costs quality, not rate */
 #define POLL_MS 30        /* how soon controls are noticed while no frame comes */
 #define PACE_MS 2         /* likewise while a picture is not due yet */
+#define HURRY_S 0.5       /* between pictures until a cache is there coarsely */
 #define AGAIN_S 0.1       /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
@@ -69,7 +70,9 @@ struct lighting {
  * down. */
 static struct frame_request make_request(struct shade_thread *t, const struct ingested *in, const struct lighting *l)
 {
-    struct frame_request q = { .light = &l->asked, .background = true };
+    struct frame_request q = { .light = &l->asked,
+                               .background = true,
+                               .allow_bias = t->shared->config.setup.allow_bias };
 
     if (l->settings.method != METHOD_AUTO || l->settings.counted || in->ticket.lockstep)
         return q;
@@ -89,6 +92,8 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
     l->settings = in->ticket.lockstep ? shared->config.setup.initial : settings_now(&shared->settings);
     l->asked = describe_light(t, in, &l->settings, why);
     l->request = make_request(t, in, l);
+    if (!in->ticket.lockstep)
+        decider_begin(&t->decider, r, &l->request);
     decide(&t->decider, &l->request, &l->decision);
     return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
 }
@@ -160,7 +165,8 @@ static double interval_s(struct shade_thread *t)
     server_demand(t->shared->server, &demand);
     if (demand.recorder)
         return 0.0;
-    return demand.viewers ? 1.0 / settings_now(&t->shared->settings).fps : 1.0;
+    const double asked_s = demand.viewers ? 1.0 / settings_now(&t->shared->settings).fps : 1.0;
+    return decider_is_hurrying(&t->decider) ? fmax(asked_s, HURRY_S) : asked_s;
 }
 
 /* Applies what controllers and signals asked for. After a change of camera the current frame is lit again, unless it

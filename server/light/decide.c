@@ -2,7 +2,6 @@
 
 #include "base/log.h"
 
-#include <inttypes.h>
 #include <math.h>
 
 #define SMOOTH 0.2
@@ -32,13 +31,28 @@ static struct relight_desc by_cache(const struct relight_desc *light)
     return d;
 }
 
+/* By a time or an error. */
+static bool is_measured(const struct frame_request *request)
+{
+    return request->target.seconds > 0.0 || request->target.error > 0.0;
+}
+
+static struct buy_facts facts_of(const struct relighter *r, const struct relight_desc *light)
+{
+    return (struct buy_facts){
+        .indirect = light->classes & PATH_INDIRECT_LIT && light->indirect == PLAN_AUTO,
+        .samples = light->direct.samples,
+        .points = relighter_set(r)->gbuffer->point_count,
+    };
+}
+
 void decide(const struct decider *d, const struct frame_request *request, struct decision *out)
 {
     *out = (struct decision){ .light = *request->light };
     if (request->light->direct.method != METHOD_AUTO) {
         out->by = d->cache.ready ? DECIDED_BY_CACHE : DECIDED_BY_REQUEST; /* decider_prepare has named it */
         out->why = d->cache.ready ? d->cache.last.why : "the method was named";
-    } else if (!(request->target.seconds > 0.0) && !(request->target.error > 0.0)) {
+    } else if (!is_measured(request)) {
         out->by = DECIDED_BY_RULE;
         out->why = "counts of samples were given";
     } else if (d->cache.ready && cache_may_serve(request->light)) {
@@ -64,16 +78,7 @@ enum err decider_run(struct decider *d, struct relighter *r, const struct enviro
     return d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
 }
 
-static struct buy_facts facts_of(const struct relighter *r, const struct relight_desc *light)
-{
-    return (struct buy_facts){
-        .indirect = light->classes & PATH_INDIRECT_LIT && light->indirect == PLAN_AUTO,
-        .samples = light->direct.samples,
-        .points = relighter_set(r)->gbuffer->point_count,
-    };
-}
-
-enum err decider_prepare(struct decider *d, struct relighter *r, uint64_t frames, bool progress,
+enum err decider_prepare(struct decider *d, struct relighter *r, double allow_bias, bool progress,
                          struct relight_desc *light, double *ms)
 {
     struct buy_facts f = facts_of(r, light);
@@ -81,13 +86,12 @@ enum err decider_prepare(struct decider *d, struct relighter *r, uint64_t frames
     struct buy *answer = &d->cache.last;
     struct reason why = { "" };
 
-    f.frames = frames;
+    f.allowed = allow_bias;
     if (cache_may_serve(light))
         buy_by_counts(&f, answer);
     if (!answer->yes)
         return relighter_prepare(r, light, progress, ms);
-    log_info("auto: %" PRIu64 " frames by the cache of light transport, which pays off after %.0f", frames,
-             ceil(answer->break_even));
+    log_info("auto: frames by the cache of light transport, which pays off after %.0f", ceil(answer->break_even));
     cached.direct.samples = light->direct.samples;
     cached.direct.why = &why;
     const enum err e = relighter_prepare(r, &cached, progress, ms);
@@ -106,6 +110,11 @@ enum err decider_prepare(struct decider *d, struct relighter *r, uint64_t frames
 bool decider_is_computing(const struct decider *d, struct relighter *r)
 {
     return d->cache.begun && relighter_follow(r) < 1.0;
+}
+
+bool decider_is_hurrying(const struct decider *d)
+{
+    return d->cache.begun && d->cache.share < RELIGHT_DIRECT;
 }
 
 /* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
@@ -136,6 +145,7 @@ static void get_cache(struct decider *d, struct relighter *r, const struct frame
     const double share = relighter_follow(r);
     if (e)
         log_warning("%s; auto goes on without it", why.text[0] ? why.text : err_text(e));
+    d->cache.share = share;
     d->cache.refused = e || (!if_kept && share == 0.0 && !request->background);
     d->cache.begun = !d->cache.refused && (share > 0.0 || !if_kept);
     d->cache.ready = share >= 1.0;
@@ -145,10 +155,11 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
 {
     const struct relight_desc *light = request->light;
     const atomic_bool *cancel = light->direct.cancel;
-    const bool coarsely = request->background && !(light->classes & PATH_INDIRECT) && d->cache.error > BUY_BIAS_COARSE;
-    const double share = relighter_follow(r);
+    const bool indirect = facts_of(r, light).indirect;
+    const bool coarsely = request->background && (indirect || d->cache.error > BUY_BIAS_COARSE);
 
-    d->cache.ready = share >= (coarsely ? RELIGHT_COARSE : 1.0) && !(cancel && atomic_load(cancel));
+    d->cache.share = relighter_follow(r);
+    d->cache.ready = d->cache.share >= (coarsely ? RELIGHT_COARSE : 1.0) && !(cancel && atomic_load(cancel));
     if (d->cache.ready)
         log_info("auto: the cache of light transport is used from here on");
 }
@@ -159,6 +170,7 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
     struct buy_facts f = facts_of(r, request->light);
 
     f.frames = request->frames_left;
+    f.allowed = request->allow_bias;
     f.error = d->cache.error;
     f.sample_s = d->cache.sample_s;
     f.frame_s = d->cache.frame_s;
@@ -180,6 +192,20 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
     get_cache(d, r, request, false);
 }
 
+void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request)
+{
+    struct buy_facts f = facts_of(r, request->light);
+
+    f.allowed = request->allow_bias;
+    f.error = request->target.error > 0.0 ? request->target.error : INFINITY;
+    if (d->cache.begun || d->cache.refused || !request->background || request->light->direct.method != METHOD_AUTO ||
+        !is_measured(request) || !cache_may_serve(request->light) || !buy_suits(&f))
+        return;
+    d->cache.looked_for = true;
+    d->cache.last = (struct buy){ .yes = true, .why = "--allow-bias permits its bias" };
+    get_cache(d, r, request, false);
+}
+
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
                    const struct decision *decision, const struct relight_stats *stats,
                    const struct pilot_stats *measured)
@@ -187,6 +213,8 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
     if (decision->by == DECIDED_BY_CACHE && stats->cache_refused) {
         d->cache.ready = d->cache.begun = false;
         d->cache.refused = true;
+    } else if (decision->by == DECIDED_BY_CACHE) {
+        d->cache.share = stats->cache_share;
     }
     if (decision->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->light))
         return;

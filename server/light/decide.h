@@ -3,9 +3,9 @@
  *
  * A named method is used as it is. METHOD_AUTO with counts follows rules (estimators/method.h for direct light,
  * choose/plan.h for the rest): the same input gives the same bits. METHOD_AUTO with a time or an error measures
- * (pilot.h). And METHOD_AUTO uses the cache of light transport for many frames once choose/buy.h says that it pays off:
- * by counts before the first frame, or from measured frames as they come. One thread of control, that of the relighter.
- */
+ * (pilot.h). And METHOD_AUTO uses the cache of light transport where its bias is allowed and choose/buy.h says so: by
+ * counts before the first frame; by a time or an error from measured frames as they come, or at once where the cache is
+ * computed in the background. One thread of control, that of the relighter. */
 #ifndef LIGHT_DECIDE_H
 #define LIGHT_DECIDE_H
 
@@ -24,6 +24,7 @@ struct frame_request { /* zeroed: by counts, the number of frames unknown */
     const struct relight_desc *light;
     struct pilot_target target; /* zeroed: by counts */
     uint64_t frames_left;       /* after this one; 0: unknown */
+    double allow_bias;          /* relMSE: auto may use estimators of this bias; 0: unbiased ones alone */
     bool no_cache;              /* auto must not compute the cache: no further frame could use it */
     bool background;            /* auto computes its cache while frames are made; else decider_learn waits for it */
 };
@@ -45,11 +46,16 @@ struct decider {         /* zeroed at first; decider_finish frees it */
         double sample_s, frame_s; /* seconds per light sample of a point, and per measured frame; smoothed */
         double spent_s;           /* on measured frames */
         double error;             /* requested relMSE, else that of the last measured frame */
+        double share;             /* of the computation, when last asked */
         struct buy last;          /* the last decision; why NULL: there was none */
     } cache;
 };
 
 void decider_finish(struct decider *d); /* leaves it zeroed */
+
+/* Before the first frame of a request with a time or an error: has the relighter load the cache, or begin to compute it
+ * in the background, if the request allows its bias. Does nothing without `background`, or again. */
+void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request);
 
 /* Decides the next frame. Pure. */
 void decide(const struct decider *d, const struct frame_request *request, struct decision *out);
@@ -67,14 +73,18 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
                    const struct decision *decision, const struct relight_stats *stats,
                    const struct pilot_stats *measured);
 
-/* By counts, before the first of so many frames (0: unknown); neither the clock nor a file of an earlier run decides.
- * If the cache pays off, *light becomes that of the cache, with the request's samples. Prepares the relighter for
- * *light in either case, in *ms milliseconds. Errors are those of relighter_prepare, except that too little memory for
- * the cache is none. */
-MUST_CHECK enum err decider_prepare(struct decider *d, struct relighter *r, uint64_t frames, bool progress,
+/* By counts, before the first frame; neither their number nor the clock nor a file of an earlier run decides. If the
+ * cache's bias is allowed and it serves, *light becomes that of the cache, with the request's samples. Prepares the
+ * relighter for *light in either case, in *ms milliseconds. Errors are those of relighter_prepare, except that too
+ * little memory for the cache is none. */
+MUST_CHECK enum err decider_prepare(struct decider *d, struct relighter *r, double allow_bias, bool progress,
                                     struct relight_desc *light, double *ms);
 
 /* True while the cache is computed in the background. */
 bool decider_is_computing(const struct decider *d, struct relighter *r);
+
+/* True until all light of a cache that is computed in the background is there coarsely: the sooner the better, so
+ * pictures should come less often. */
+bool decider_is_hurrying(const struct decider *d);
 
 #endif

@@ -116,11 +116,14 @@ const struct set *relighter_set(const struct relighter *r); /* as created; borro
  * relighter_run does it otherwise. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
 
-#define RELIGHT_COARSE (1.0 / 17.0) /* share of a cache's computation for its coarse blocks, by rays */
+/* Shares of a cache's computation, about those of its time. From RELIGHT_COARSE on it can make pictures: without
+ * interreflection all of direct light is there coarsely; with it, that is there roughly, and direct light comes block
+ * by block, until at RELIGHT_DIRECT all of it is there coarsely. */
+#define RELIGHT_COARSE (1.0 / 17.0)
+#define RELIGHT_DIRECT (2.0 / 17.0)
 
 /* Progress of a cache in the background, while pictures are made by another method; to be called for each of them. 0:
- * there is none, or it was refused; below 1: it is being computed; 1: it is complete, with interreflection; from
- * RELIGHT_COARSE on all of direct light is available coarsely. */
+ * there is none, or it was refused; below 1: it is being computed; 1: it is complete, with interreflection. */
 double relighter_follow(struct relighter *r);
 
 /* Renders the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED where the method

@@ -11,7 +11,40 @@
 void relight_bounce_finish(struct relight_bounce *b)
 {
     bounce_destroy(b->bounce);
+    bounce_destroy(b->before);
     *b = (struct relight_bounce){ .bounce = NULL };
+}
+
+void relight_bounce_replace(struct relight_bounce *b, struct bounce *next, bool at_once)
+{
+    bounce_destroy(b->before);
+    b->before = b->bounce;
+    b->bounce = next;
+    b->weight = 0;
+    relight_bounce_advance(b, at_once);
+}
+
+void relight_bounce_advance(struct relight_bounce *b, bool to_end)
+{
+    if (b->before && !to_end && ++b->weight < RELIGHT_BOUNCE_FADE)
+        return;
+    bounce_destroy(b->before);
+    b->before = NULL;
+}
+
+struct bounce_desc relight_bounce_describe(const struct set *set, const struct relight_desc *desc,
+                                           const struct transport *direct)
+{
+    return (struct bounce_desc){
+        .scene = set->scene,
+        .rays = set->rays,
+        .gbuffer = set->gbuffer,
+        .direct = direct,
+        .eye = { (float)set->view.origin[0], (float)set->view.origin[1], (float)set->view.origin[2] },
+        .max_bytes = cache_memory_rest(desc->cache_bytes, transport_stats(direct)->bytes),
+        .seed = rng_mix(desc->direct.seed, 0x626f756e6365u),
+        .cancel = desc->direct.cancel,
+    };
 }
 
 bool relight_bounce_wanted(const struct set *set, const struct relight_desc *desc)
@@ -58,16 +91,7 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
 
     if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc))
         return ERR_OK;
-    const struct bounce_desc d = {
-        .scene = set->scene,
-        .rays = set->rays,
-        .gbuffer = set->gbuffer,
-        .direct = direct,
-        .eye = { (float)set->view.origin[0], (float)set->view.origin[1], (float)set->view.origin[2] },
-        .max_bytes = cache_memory_rest(desc->cache_bytes, transport_stats(direct)->bytes),
-        .seed = rng_mix(desc->direct.seed, 0x626f756e6365u),
-        .cancel = desc->direct.cancel,
-    };
+    const struct bounce_desc d = relight_bounce_describe(set, desc, direct);
     const double start = clock_seconds();
     enum err e = relight_keep_load_bounce(keep, kernels, &d, &b->bounce, &why);
     b->loaded = b->bounce != NULL;
@@ -88,8 +112,12 @@ const struct transport_indirect *relight_bounce_take(struct relight_bounce *b, c
                                                      const struct relight_desc *desc, float *lo,
                                                      struct relight_stats *stats)
 {
+    const float weight = b->before ? (float)b->weight / RELIGHT_BOUNCE_FADE : 1.0f;
+
     if (lo)
-        bounce_shade(b->bounce, e, desc->direct.cancel, lo);
+        bounce_shade_part(b->bounce, e, weight, desc->direct.cancel, lo);
+    if (lo && b->before)
+        bounce_shade_part(b->before, e, 1.0f - weight, desc->direct.cancel, lo);
     stats->bounce = *bounce_stats(b->bounce);
     stats->bounce_loaded = b->loaded;
     stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; interreflection by records "

@@ -8,14 +8,28 @@
 #include "light/relight_keep.h"
 #include "transport/transport.h"
 
+#define RELIGHT_BOUNCE_FADE 8 /* frames in which a cache takes over from the one before */
+
 struct relight_bounce { /* zeroed at first */
     struct bounce *bounce;
-    bool loaded;  /* out of a file */
-    bool refused; /* it exceeds the memory limit, as the log says; eye paths replace it */
+    struct bounce *before; /* the quick one, while it fades out; NULL: none */
+    uint32_t weight;       /* of `bounce` then, in parts of RELIGHT_BOUNCE_FADE */
+    bool loaded;           /* out of a file */
+    bool refused;          /* it exceeds the memory limit, as the log says; eye paths replace it */
 };
 
 /* Frees it and leaves it zeroed. */
 void relight_bounce_finish(struct relight_bounce *b);
+
+/* Takes over a cache; the one before fades out over the next frames, or at once. */
+void relight_bounce_replace(struct relight_bounce *b, struct bounce *next, bool at_once);
+
+/* One frame on, or to the end of the fade. */
+void relight_bounce_advance(struct relight_bounce *b, bool to_end);
+
+/* What is computed for a request, with the blocks of `direct`. */
+struct bounce_desc relight_bounce_describe(const struct set *set, const struct relight_desc *desc,
+                                           const struct transport *direct);
 
 /* Whether it computes PATH_INDIRECT_LIT of the request. */
 bool relight_bounce_wanted(const struct set *set, const struct relight_desc *desc);
@@ -27,8 +41,8 @@ MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct t
                                         const struct kernels *kernels, const struct relight_desc *desc,
                                         struct relight_keep *keep, bool progress, double *ms);
 
-/* The argument of transport_frame, borrowed; or, with lo, adds the light there and returns NULL. Fills stats->bounce
- * and bias. */
+/* The argument of transport_frame, borrowed; or, with lo, which a fade requires, adds the light there and returns NULL.
+ * Fills stats->bounce and bias. */
 const struct transport_indirect *relight_bounce_take(struct relight_bounce *b, const struct environment *e,
                                                      const struct relight_desc *desc, float *lo,
                                                      struct relight_stats *stats);

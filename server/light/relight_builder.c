@@ -1,9 +1,12 @@
 #include "light/relight_builder.h"
 
+#include "base/cancel.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/progress.h"
 #include "base/threads.h"
+#include "cache/memory.h"
 
 #include <math.h>
 #include <omp.h>
@@ -15,6 +18,8 @@
  * each of a picture's parallel loops still waits for a thread that makes room too late. */
 #define NICENESS 19
 
+enum { QUICK, WHOLE, STAGES }; /* of interreflection */
+
 struct relight_builder {
     const struct set *set;
     const struct kernels *kernels;
@@ -25,10 +30,16 @@ struct relight_builder {
     uint32_t threads;
     pthread_t thread;
     bool started;
+    bool wanted; /* interreflection is */
+    struct progress progress[STAGES];
+    atomic_bool ended[STAGES];
+    struct bounce *_Atomic next;  /* not taken yet, or NULL */
+    const struct bounce *whole;   /* the frames' thread owns it */
+    struct bounce_desc described; /* of `whole` */
     atomic_bool cancelled;
     atomic_bool done; /* then the next fields are set */
     enum err error;
-    struct relight_bounce bounce;
+    bool bounce_loaded, bounce_refused;
     struct reason why;
 };
 
@@ -48,14 +59,90 @@ static void tell_end(const struct transport *t, double seconds)
              seconds, 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
 
-/* The result of direct light; NULL on failure. */
-static const struct transport *build_direct(struct relight_builder *b)
+/* The layout of blocks, which is known from the start. */
+static const struct transport *layout_of(const struct relight_builder *b)
+{
+    return b->loaded ? b->loaded : transport_live_layout(b->live);
+}
+
+static void publish(struct relight_builder *b, struct bounce *made)
+{
+    if (made)
+        bounce_destroy(atomic_exchange(&b->next, made));
+}
+
+static void refuse_bounce(struct relight_builder *b, const char *why)
+{
+    log_warning("%s: %s; eye paths are traced for it in every frame", b->set->name, why);
+    b->bounce_refused = true;
+}
+
+/* A rough cache in some seconds. Without memory for it eye paths go on. */
+static void build_quick_bounce(struct relight_builder *b)
+{
+    struct bounce_desc d = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    const double start = clock_seconds();
+    struct bounce *made = NULL;
+    struct reason why;
+
+    d.quick = true;
+    d.progress = &b->progress[QUICK];
+    if (bounce_create(&d, b->kernels, &made, &why) == ERR_OK && made)
+        log_info("interreflection: there roughly after %.1f s", clock_seconds() - start);
+    publish(b, made);
+    atomic_store(&b->ended[QUICK], true);
+}
+
+static void build_whole_bounce(struct relight_builder *b)
+{
+    const double start = clock_seconds();
+    struct bounce *made = NULL;
+    struct reason why;
+
+    b->described = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    b->described.progress = &b->progress[WHOLE];
+    const enum err e = bounce_create(&b->described, b->kernels, &made, &why);
+    if (e)
+        refuse_bounce(b, why.text);
+    if (made)
+        log_info("interreflection: computed in %.1f s beside the pictures, %.0f MB, %u records",
+                 clock_seconds() - start, 1e-6 * (double)bounce_stats(made)->bytes, bounce_stats(made)->records);
+    b->whole = made;
+    publish(b, made);
+    atomic_store(&b->ended[WHOLE], true);
+}
+
+/* True if the file of direct light has it as well. */
+static bool load_bounce(struct relight_builder *b)
+{
+    struct bounce *made = NULL;
+    struct reason why;
+
+    if (!b->loaded)
+        return false;
+    b->described = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    b->bounce_refused = relight_keep_load_bounce(&b->keep, b->kernels, &b->described, &made, &why) != ERR_OK;
+    if (b->bounce_refused)
+        refuse_bounce(b, why.text);
+    b->bounce_loaded = made != NULL;
+    publish(b, made);
+    return b->bounce_loaded || b->bounce_refused;
+}
+
+static void build_coarsely(struct relight_builder *b)
 {
     const double start = clock_seconds();
 
     b->error = transport_live_build(b->live, TRANSPORT_COARSE, b->threads, &b->why);
     if (!b->error && transport_live_share(b->live, TRANSPORT_COARSE) >= 1.0)
         log_info("light transport: there coarsely after %.1f s", clock_seconds() - start);
+}
+
+/* The result of direct light; NULL on failure. */
+static const struct transport *build_direct(struct relight_builder *b)
+{
+    const double start = clock_seconds();
+
     if (!b->error)
         b->error = transport_live_build(b->live, TRANSPORT_FINE, b->threads, &b->why);
     const struct transport *t = transport_live_built(b->live);
@@ -64,27 +151,35 @@ static const struct transport *build_direct(struct relight_builder *b)
     return t;
 }
 
-static void build_bounce(struct relight_builder *b, const struct transport *direct)
+/* Direct light takes its share of the memory first, whatever was computed first. */
+static void check_memory(struct relight_builder *b, const struct transport *t)
 {
-    double ms = 0.0;
+    const uint64_t rest = cache_memory_rest(b->light.cache_bytes, transport_stats(t)->bytes);
 
-    if (relight_bounce_make(&b->bounce, direct, b->set, b->kernels, &b->light, &b->keep, false, &ms)) {
-        log_warning("interreflection: no memory for it; eye paths are traced for it in every frame");
-        b->bounce.refused = true;
+    if (b->whole && !cache_memory_suffices(rest, bounce_stats(b->whole)->bytes)) {
+        b->whole = NULL;
+        refuse_bounce(b, "--cache-memory leaves too little for the cache of indirect light");
     }
 }
 
 static void *build_main(void *arg)
 {
     struct relight_builder *b = arg;
+    const bool bounce = b->wanted && !load_bounce(b);
 
     omp_set_num_threads((int)b->threads);
-    relight_stand_back(b->threads);
+    if (bounce)
+        build_quick_bounce(b);
+    if (!b->loaded)
+        build_coarsely(b);
+    relight_stand_back(b->threads); /* there is something good to show: pictures come first from here on */
+    if (bounce && !b->error && !is_cancelled(&b->cancelled))
+        build_whole_bounce(b);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
-    if (t && !b->loaded)
-        relight_keep_save(&b->keep, t, NULL, NULL);
     if (t)
-        build_bounce(b, t);
+        check_memory(b, t);
+    if (t && (!b->loaded || b->whole))
+        relight_keep_save(&b->keep, t, b->whole, b->whole ? &b->described : NULL);
     atomic_store(&b->done, true);
     return NULL;
 }
@@ -106,6 +201,9 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
     b->keep = *desc->keep;
     b->loaded = desc->loaded;
     b->threads = (uint32_t)omp_get_max_threads();
+    b->wanted = relight_bounce_wanted(b->set, &b->light);
+    for (int k = 0; k < STAGES; k++)
+        progress_begin(&b->progress[k], "interreflection", bounce_steps(b->set->gbuffer), NULL);
     if (!b->loaded)
         e = transport_live_create(b->set->gbuffer, b->set->rays, b->kernels, desc->transport, &b->live, why);
     if (!e) /* its own and OpenMP's for it, without which OpenMP would end the program */
@@ -129,7 +227,7 @@ void relight_builder_destroy(struct relight_builder *b)
         transport_live_cancel(b->live);
     if (b->started)
         pthread_join(b->thread, NULL);
-    relight_bounce_finish(&b->bounce);
+    bounce_destroy(atomic_load(&b->next));
     transport_live_destroy(b->live);
     mem_free(b);
 }
@@ -139,6 +237,11 @@ struct transport_live *relight_builder_live(struct relight_builder *b)
     return b->live;
 }
 
+struct bounce *relight_builder_take(struct relight_builder *b)
+{
+    return atomic_exchange(&b->next, NULL);
+}
+
 bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why)
 {
     if (!atomic_load(&b->done))
@@ -146,16 +249,33 @@ bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct reli
     *e = b->error;
     if (b->error)
         *why = b->why;
-    *bounce = b->bounce;
-    b->bounce = (struct relight_bounce){ .bounce = NULL };
+    bounce->loaded = b->bounce_loaded;
+    bounce->refused = b->bounce_refused;
     return true;
+}
+
+/* Of one of the stages of interreflection. */
+static double share_of(const struct relight_builder *b, int stage)
+{
+    const struct progress *p = &b->progress[stage];
+
+    return atomic_load(&b->ended[stage]) ? 1.0 : p->total ? 0.99 * (double)p->done / (double)p->total : 0.0;
 }
 
 double relight_builder_share(const struct relight_builder *b)
 {
-    const double direct = !b->live ? 1.0
-                                   : RELIGHT_COARSE * transport_live_share(b->live, TRANSPORT_COARSE) +
-                                         (1.0 - RELIGHT_COARSE) * transport_live_share(b->live, TRANSPORT_FINE);
+    const double coarse = b->live ? transport_live_share(b->live, TRANSPORT_COARSE) : 1.0,
+                 fine = b->live ? transport_live_share(b->live, TRANSPORT_FINE) : 1.0;
+    double share;
 
-    return atomic_load(&b->done) ? 1.0 : fmin(direct, 0.99);
+    if (atomic_load(&b->done))
+        return 1.0;
+    if (!b->wanted)
+        share = RELIGHT_COARSE * coarse + (1.0 - RELIGHT_COARSE) * fine;
+    else if (!atomic_load(&b->ended[QUICK]))
+        share = RELIGHT_COARSE * share_of(b, QUICK);
+    else
+        share = RELIGHT_COARSE + (RELIGHT_DIRECT - RELIGHT_COARSE) * coarse +
+                (1.0 - RELIGHT_DIRECT) * (0.5 * share_of(b, WHOLE) + 0.5 * fine);
+    return fmin(share, 0.99);
 }

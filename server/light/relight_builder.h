@@ -22,7 +22,8 @@ struct relight_builder_desc {
     const struct transport *loaded; /* the cache of direct light if it is there already; else NULL */
 };
 
-/* Starts with direct light unless it is loaded, then computes interreflection if it is needed. ERR_NOMEM. */
+/* Worst error first. Interreflection, if it is needed, quickly: a rough cache that frames use at once; direct light
+ * coarsely; interreflection; direct light. What a file has is loaded instead. ERR_NOMEM. */
 MUST_CHECK enum err relight_builder_create(const struct relight_builder_desc *desc, struct relight_builder **out,
                                            struct reason *why);
 
@@ -32,11 +33,16 @@ void relight_builder_destroy(struct relight_builder *b);
 /* The cache of direct light that it computes; NULL if that was loaded. */
 struct transport_live *relight_builder_live(struct relight_builder *b);
 
-/* False while it computes. Then *e is the result of direct light, with a reason: ERR_RANGE, ERR_NOMEM; *bounce is the
- * cache of interreflection, which the caller owns from then on. True once. */
+/* A new cache of interreflection, which the caller owns from then on and keeps until the builder is destroyed unless it
+ * gets a further one; NULL: none. Any thread. */
+struct bounce *relight_builder_take(struct relight_builder *b);
+
+/* False while it computes; then nothing is left to take once relight_builder_take was called. *e is the result of
+ * direct light, with a reason: ERR_RANGE, ERR_NOMEM. bounce->loaded, bounce->refused: that of interreflection; refused,
+ * none may be used. */
 bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why);
 
-/* The share that is computed, 0 to 1; 1 only when complete. */
+/* The share that is computed, 0 to 1; 1 only when complete. Of RELIGHT_COARSE and RELIGHT_DIRECT see relight.h. */
 double relight_builder_share(const struct relight_builder *b);
 
 #endif

@@ -18,8 +18,8 @@ void relight_cache_finish(struct relight_cache *c)
 {
     const bool lives = c->builder && relight_builder_live(c->builder); /* then the transport goes with it */
 
+    relight_builder_destroy(c->builder); /* which may be reading c->bounce */
     relight_bounce_finish(&c->bounce);
-    relight_builder_destroy(c->builder);
     if (!lives)
         transport_destroy(c->transport);
     *c = (struct relight_cache){ .transport = NULL };
@@ -89,8 +89,17 @@ static enum err follow(struct relight_cache *c, bool at_once, struct reason *why
     struct transport_live *live = relight_builder_live(c->builder);
     enum err e = ERR_OK;
 
-    if (c->building && relight_builder_is_done(c->builder, &e, &c->bounce, why))
-        c->building = false;
+    const bool done = c->building && relight_builder_is_done(c->builder, &e, &c->bounce, why);
+    struct bounce *next = relight_builder_take(c->builder);
+    if (next)
+        relight_bounce_replace(&c->bounce, next, at_once);
+    else
+        relight_bounce_advance(&c->bounce, at_once);
+    if (done && c->bounce.refused) {
+        relight_bounce_finish(&c->bounce);
+        c->bounce.refused = true;
+    }
+    c->building &= !done;
     if (e) {
         e = refuse(c, e, why);
         c->refused = true; /* too little memory as well */
@@ -247,7 +256,7 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
         result =
             sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
     const bool bounces = stats->plan.indirect == PLAN_CACHE && c->bounce.bounce;
-    const bool apart = !transport_is_settled(c->transport);
+    const bool apart = !transport_is_settled(c->transport) || c->bounce.before;
     if (!result && bounces && !apart)
         frame.indirect = relight_bounce_take(&c->bounce, e, desc, NULL, stats);
     if (!result)

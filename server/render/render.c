@@ -97,8 +97,8 @@ static enum err set_up(struct render *r, struct reason *why)
     d->setup.light.direct.why = why;
     if (d->target.seconds > 0.0 || d->target.error > 0.0)
         return ERR_OK;
-    return decider_prepare(&r->decider, r->relighter, source_count(r->source), d->setup.set_desc.progress,
-                           &d->setup.light, &r->cache_ms);
+    return decider_prepare(&r->decider, r->relighter, d->setup.allow_bias, d->setup.set_desc.progress, &d->setup.light,
+                           &r->cache_ms);
 }
 
 /* The time for light is what reading and writing leave of the frame's. */
@@ -109,6 +109,7 @@ static struct frame_request request_of(const struct render *r)
         .light = &r->desc.setup.light,
         .target = r->desc.target,
         .frames_left = all > done ? all - done : 0,
+        .allow_bias = r->desc.setup.allow_bias,
         .no_cache = all <= done,
     };
 

@@ -44,6 +44,7 @@ struct setup {
     struct relight_desc light;           /* method, samples and classes too */
     struct environment_desc environment; /* rotation and scale too */
     const struct kernels *kernels;
+    double allow_bias;     /* relMSE: auto may use estimators of this bias; 0: unbiased ones alone */
     bool reseed;           /* new random numbers in each frame */
     uint32_t threads;      /* 0: one per processor */
     uint32_t quality;      /* of JPEG, 1..100 */

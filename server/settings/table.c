@@ -137,6 +137,11 @@ const struct setting settings_table[] = {
       CHOICE(importance_choices), AT(environment.importance) },
     { "no-visibility", NULL, "trace no shadow rays, as in the paper", NULL, LIGHTING, LIGHT_PROGRAMS, SWITCH,
       AT(light.direct.no_visibility) },
+    { "allow-bias", "E",
+      "--method auto may use the biased cache of light transport where its relMSE is at most E: 4.5e-4 for direct "
+      "light, "
+      "1e-2 with indirect light; 0: unbiased",
+      "0", LIGHTING, LIGHT_PROGRAMS, REAL(0.0, 10.0), AT(allow_bias) },
     { "cache-memory", "MB", "maximum memory of the cache of --method cached", "1024", LIGHTING, LIGHT_PROGRAMS,
       WHOLE(1, 1 << 30), .scale = 1e6, AT(light.cache_bytes) },
     { "cache-dir", "DIR",

@@ -12,7 +12,7 @@
 struct bench_program {
     struct setup setup; /* of which size, scene, source, cpu and threads are used */
     struct bench_desc desc;
-    bool json, cached, cached_only;
+    bool json, cached, cached_only, first_minute;
 };
 
 #define AT(field) SETTING_AT(bench_program, field)
@@ -31,6 +31,8 @@ static const struct setting rows[] = {
     { "cached", NULL, "also measure the cache of light transport, which takes minutes", NULL, .section = "Measurement",
       SWITCH, AT(cached) },
     { "cached-only", NULL, "measure that cache alone", NULL, .section = "Measurement", SWITCH, AT(cached_only) },
+    { "first-minute", NULL, "measure how the error of a live picture falls while its cache is computed, instead", NULL,
+      .section = "Measurement", SWITCH, AT(first_minute) },
     { "json", NULL, "print JSON instead of a table", NULL, .section = "Output", SWITCH, AT(json) },
     { .name = NULL },
 };
@@ -76,9 +78,11 @@ int main(int argc, char **argv)
         return 0;
     if (!e)
         e = read_options(&command, &b, &why);
-    if (!e)
+    if (!e && b.first_minute)
+        e = bench_first_minute(&b.desc, stdout, &why);
+    else if (!e)
         e = bench_run(&b.desc, &report, &why);
-    if (!e)
+    if (!e && !b.first_minute)
         (b.json ? bench_print_json : bench_print_table)(&report, stdout);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));

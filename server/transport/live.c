@@ -156,6 +156,11 @@ const struct transport *transport_live_built(const struct transport_live *live)
     return atomic_load(&live->complete) ? live->built : NULL;
 }
 
+const struct transport *transport_live_layout(const struct transport_live *live)
+{
+    return live->built;
+}
+
 void transport_live_cancel(struct transport_live *live)
 {
     atomic_store(&live->cancelled, true);

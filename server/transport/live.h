@@ -36,6 +36,9 @@ MUST_CHECK enum err transport_live_build(struct transport_live *live, enum trans
 /* The finished cache for transport_save, NULL before the last stage ends; valid until transport_live_destroy. */
 const struct transport *transport_live_built(const struct transport_live *live);
 
+/* The finished cache as far as it is built, for its blocks' places, which are known from the start. */
+const struct transport *transport_live_layout(const struct transport_live *live);
+
 /* ---- Any thread ---- */
 
 /* Makes transport_live_build return early. */

@@ -193,7 +193,7 @@ async def samples_and_error_are_two_wishes_for_one_thing(folder):
     async with Daemon("--source", "sky:size=128x64", "--rate", "5") as daemon:
         one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         told = one.last["control"]
-        check(told["counted"] is False and told["error"] is None and told["fps"] == 30 and told["paths"] == "direct",
+        check(told["counted"] is False and told["error"] is None and told["fps"] == 30 and told["paths"] == "all",
               told)
         await one.ask(error=0.25)
         await two.until(lambda: two.last["control"]["error"] == 0.25 and not two.last["control"]["counted"])

@@ -326,6 +326,44 @@ static void paths_end_in_cells_by_the_same_tents(void **state)
     }
 }
 
+/* What frames use until the full one is there: in the mean as bright within 5 %, and near it everywhere. */
+static void a_quick_one_is_near_the_full_one(void **state)
+{
+    struct lit x = lit_create(mixed_court(), 96, 54);
+    struct transport *t = direct_of(&x);
+    struct bounce_desc desc = desc_of(&x, t, 5);
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 2e3f), 64, 0.0);
+    const size_t floats = (size_t)x.gbuffer->packet_count * 3 * PACKET;
+    float *full = mem_alloc(floats, sizeof(float));
+    double sum[2] = { 0.0 }, error = 0.0;
+    struct bounce *b;
+    struct reason why;
+    (void)state;
+
+    desc.records = 0;
+    for (int k = 0; k < 2; k++) {
+        desc.quick = k;
+        assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+        shade_bounce(b, &x, e);
+        for (size_t i = 0; i < floats; i++)
+            sum[k] += (double)x.lo[i];
+        if (k == 0)
+            memcpy(full, x.lo, floats * sizeof(float));
+        bounce_destroy(b);
+    }
+    const double mean = sum[0] / (double)floats;
+    for (size_t i = 0; i < floats; i++) {
+        const double f = (double)full[i], d = (double)x.lo[i] - f;
+        error += d * d / (f * f + 1e-2 * mean * mean) / (double)floats;
+    }
+    if (!(fabs(sum[1] / sum[0] - 1.0) < 0.05 && error < 0.08))
+        fail_msg("%.3f times as bright, relMSE %.2e", sum[1] / sum[0], error);
+    mem_free(full);
+    transport_destroy(t);
+    environment_destroy(e);
+    lit_destroy(&x);
+}
+
 static void bits_do_not_depend_on_threads(void **state)
 {
     struct lit x = lit_create(mixed_court(), 24, 18);
@@ -398,10 +436,16 @@ static void a_floor_alone_has_none(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(an_open_sphere_meets_the_closed_form),  cmocka_unit_test(it_is_the_class_that_eye_paths_find),
-    cmocka_unit_test(under_a_sun_it_agrees_with_eye_paths),  cmocka_unit_test(a_moving_sun_does_not_jump),
-    cmocka_unit_test(the_tents_keep_a_constant_and_a_place), cmocka_unit_test(a_lean_sky_will_do),
-    cmocka_unit_test(paths_end_in_cells_by_the_same_tents),  cmocka_unit_test(bits_do_not_depend_on_threads),
-    cmocka_unit_test(it_is_cancelled_and_refused),           cmocka_unit_test(a_floor_alone_has_none),
+    cmocka_unit_test(an_open_sphere_meets_the_closed_form),
+    cmocka_unit_test(it_is_the_class_that_eye_paths_find),
+    cmocka_unit_test(under_a_sun_it_agrees_with_eye_paths),
+    cmocka_unit_test(a_moving_sun_does_not_jump),
+    cmocka_unit_test(the_tents_keep_a_constant_and_a_place),
+    cmocka_unit_test(a_lean_sky_will_do),
+    cmocka_unit_test(paths_end_in_cells_by_the_same_tents),
+    cmocka_unit_test(a_quick_one_is_near_the_full_one),
+    cmocka_unit_test(bits_do_not_depend_on_threads),
+    cmocka_unit_test(it_is_cancelled_and_refused),
+    cmocka_unit_test(a_floor_alone_has_none),
 };
 UNIT_MAIN(tests)

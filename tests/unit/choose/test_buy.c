@@ -5,36 +5,51 @@
 
 #include <math.h>
 
-static struct buy counted(uint64_t frames, uint32_t samples, bool indirect)
+static struct buy counted(double allowed, uint32_t samples, bool indirect)
 {
     struct buy b;
-    buy_by_counts(&(struct buy_facts){ .frames = frames, .samples = samples, .indirect = indirect }, &b);
+    buy_by_counts(&(struct buy_facts){ .allowed = allowed, .samples = samples, .indirect = indirect }, &b);
     return b;
 }
 
-/* 2048 / (64 - 4) = 34.1 frames, as long as 2048 samples a point take. */
-static void it_pays_after_its_break_even(void **state)
+/* 2048 / (64 - 4) = 34.1 frames, as long as 2048 samples a point take; (2048 + 1250) / 124 with indirect light. */
+static void its_break_even_is_stated(void **state)
 {
     (void)state;
-    assert_true(fabs(counted(35, 64, false).break_even - 2048.0 / 60.0) < 1e-12);
-    assert_true(counted(35, 64, false).yes);
-    assert_false(counted(34, 64, false).yes);
-    assert_true(counted(171, 16, false).yes);
-    assert_false(counted(170, 16, false).yes);
-    assert_true(counted(27, 64, true).yes); /* 3298 / 124 */
-    assert_false(counted(26, 64, true).yes);
-    assert_false(counted(0, 64, false).yes);
+    assert_true(fabs(counted(1.0, 64, false).break_even - 2048.0 / 60.0) < 1e-12);
+    assert_true(fabs(counted(1.0, 64, true).break_even - 3298.0 / 124.0) < 1e-12);
 }
 
-static void never_for_a_single_frame(void **state)
+/* Unbiased unless a bias as large as the cache's is allowed, however many frames there are. */
+static void only_where_its_bias_is_allowed(void **state)
+{
+    struct buy_facts f = {
+        .points = 10000, .sample_s = 1e-7, .error = 1.0, .frame_s = 1.0, .spent_s = 100.0, .made = 1000
+    };
+    struct buy b;
+    (void)state;
+
+    for (int indirect = 0; indirect < 2; indirect++) {
+        const double bias = indirect ? BUY_BIAS_INDIRECT : BUY_BIAS;
+        assert_true(counted(bias, 64, indirect).yes);
+        assert_false(counted(0.99 * bias, 64, indirect).yes);
+        assert_false(counted(0.0, 64, indirect).yes);
+        f.indirect = indirect;
+        f.allowed = bias;
+        buy_by_clock(&f, &b);
+        assert_true(b.yes && buy_is_allowed(&f) && buy_suits(&f));
+        f.allowed = 0.99 * bias;
+        buy_by_clock(&f, &b);
+        assert_false(b.yes || buy_is_allowed(&f) || buy_suits(&f));
+    }
+}
+
+static void never_for_the_first_frame(void **state)
 {
     struct buy b;
     (void)state;
 
-    for (uint32_t samples = 1; samples <= 1u << 20; samples *= 2)
-        for (int indirect = 0; indirect < 2; indirect++)
-            assert_false(counted(1, samples, indirect).yes);
-    const struct buy_facts first = { .points = 1000, .error = 1.0, .sample_s = 1e-8, .frame_s = 1.0 };
+    const struct buy_facts first = { .allowed = 1.0, .points = 1000, .error = 1.0, .sample_s = 1e-8, .frame_s = 1.0 };
     buy_by_clock(&first, &b);
     assert_false(b.yes); /* none was made yet: it may be the only one */
 }
@@ -43,17 +58,18 @@ static void never_for_a_single_frame(void **state)
 static void not_where_samples_are_better(void **state)
 {
     (void)state;
-    assert_true(counted(1000, 512, false).yes);
-    assert_false(counted(100000, 1024, false).yes);
-    assert_true(counted(1000, 256, true).yes);
-    assert_false(counted(100000, 512, true).yes);
-    assert_false(counted(100000, 4, false).yes); /* nor where it takes no less */
+    assert_true(counted(1.0, 512, false).yes);
+    assert_false(counted(1.0, 1024, false).yes);
+    assert_true(counted(1.0, 256, true).yes);
+    assert_false(counted(1.0, 512, true).yes);
+    assert_false(counted(1.0, 4, false).yes); /* nor where it takes no less */
 }
 
 /* 10000 points of 1e-7 s a sample: 2.048 s to compute, 4 ms a frame. */
 static struct buy clocked(double error, double frame_s, double spent_s, uint64_t left)
 {
-    const struct buy_facts f = { .points = 10000,
+    const struct buy_facts f = { .allowed = 1.0,
+                                 .points = 10000,
                                  .sample_s = 1e-7,
                                  .error = error,
                                  .frame_s = frame_s,
@@ -79,7 +95,9 @@ static void it_is_computed_when_as_much_has_been_spent(void **state)
 /* Frames in haste take no longer than those of the cache, and are worse: 2048 / 60 of them, and (2048 + 1250) / 124. */
 static void haste_does_not_keep_it_away(void **state)
 {
-    struct buy_facts f = { .points = 10000, .sample_s = 1e-7, .error = 1.0, .frame_s = 1e-3, .made = 34 };
+    struct buy_facts f = {
+        .allowed = 1.0, .points = 10000, .sample_s = 1e-7, .error = 1.0, .frame_s = 1e-3, .made = 34
+    };
     struct buy b;
     (void)state;
 
@@ -114,9 +132,14 @@ static void frames_that_are_known_to_come_are_counted(void **state)
 
 static void not_where_a_better_picture_was_asked_for(void **state)
 {
-    struct buy_facts f = {
-        .points = 10000, .sample_s = 1e-7, .error = 1e-3, .frame_s = 1.0, .spent_s = 100.0, .made = 10, .indirect = true
-    };
+    struct buy_facts f = { .allowed = 1.0,
+                           .points = 10000,
+                           .sample_s = 1e-7,
+                           .error = 1e-3,
+                           .frame_s = 1.0,
+                           .spent_s = 100.0,
+                           .made = 10,
+                           .indirect = true };
     struct buy b;
     (void)state;
 
@@ -134,8 +157,9 @@ static void not_where_a_better_picture_was_asked_for(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(it_pays_after_its_break_even),
-    cmocka_unit_test(never_for_a_single_frame),
+    cmocka_unit_test(its_break_even_is_stated),
+    cmocka_unit_test(only_where_its_bias_is_allowed),
+    cmocka_unit_test(never_for_the_first_frame),
     cmocka_unit_test(not_where_samples_are_better),
     cmocka_unit_test(it_is_computed_when_as_much_has_been_spent),
     cmocka_unit_test(haste_does_not_keep_it_away),

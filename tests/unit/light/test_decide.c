@@ -42,41 +42,41 @@ static void run(struct relighter *r, const struct relight_desc *light, float *rg
     assert_int_equal(relighter_run(r, sky, light, rgb, stats), ERR_OK);
 }
 
-static bool is_cached(uint64_t frames, struct relight_desc light)
+static bool is_cached(double allow_bias, struct relight_desc light)
 {
     struct relighter *r = make();
     struct decider d = { .pilot = NULL };
     double ms;
 
-    assert_int_equal(decider_prepare(&d, r, frames, false, &light, &ms), ERR_OK);
+    assert_int_equal(decider_prepare(&d, r, allow_bias, false, &light, &ms), ERR_OK);
     assert_true(d.cache.last.yes == (light.direct.method == METHOD_CACHED));
     relighter_destroy(r);
     return d.cache.last.yes;
 }
 
 /* And whoever says how auto is to sample means that it does. */
-static void frames_decide_and_wishes_are_kept_to(void **state)
+static void bias_is_allowed_and_wishes_are_kept_to(void **state)
 {
     struct relight_desc light = sampled;
     (void)state;
 
-    assert_true(is_cached(35, light));
-    assert_false(is_cached(34, light));
-    assert_false(is_cached(1, light));
+    assert_true(is_cached(BUY_BIAS, light));
+    assert_false(is_cached(0.99 * BUY_BIAS, light));
+    assert_false(is_cached(0.0, light));
     light.direct.method = METHOD_MIS;
-    assert_false(is_cached(1000, light));
+    assert_false(is_cached(1.0, light));
     light = sampled;
     light.direct.cells = 4;
-    assert_false(is_cached(1000, light));
+    assert_false(is_cached(1.0, light));
     light = sampled;
     light.direct.no_visibility = true;
-    assert_false(is_cached(1000, light));
+    assert_false(is_cached(1.0, light));
     light = sampled;
     light.classes = PATH_INDIRECT;
-    assert_false(is_cached(1000, light));
+    assert_false(is_cached(1.0, light));
     light = sampled;
     light.cache_bytes = 1000; /* there is no room for it */
-    assert_false(is_cached(1000, light));
+    assert_false(is_cached(1.0, light));
 }
 
 /* The picture is that of --method cached. */
@@ -90,7 +90,7 @@ static void its_pictures_are_those_of_the_cache(void **state)
     double ms;
     (void)state;
 
-    assert_int_equal(decider_prepare(&d, one, 100, false, &light, &ms), ERR_OK);
+    assert_int_equal(decider_prepare(&d, one, 1.0, false, &light, &ms), ERR_OK);
     run(one, &light, got, &stats);
     cached.direct.method = METHOD_CACHED;
     cached.cache_if_kept = true;
@@ -103,7 +103,7 @@ static void its_pictures_are_those_of_the_cache(void **state)
     relighter_destroy(other);
 }
 
-static const struct frame_request in_time = { .light = &sampled, .target.seconds = 0.1 };
+static const struct frame_request in_time = { .light = &sampled, .target.seconds = 0.1, .allow_bias = 1.0 };
 
 /* What is decided for a frame, after another that was measured: its light took a second, of 2000 samples a point. The
  * cache is to take a little more than one. */
@@ -230,7 +230,7 @@ static void a_file_is_taken_after_one_frame(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_request_has_one_answer),
-    cmocka_unit_test_setup_teardown(frames_decide_and_wishes_are_kept_to, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(bias_is_allowed_and_wishes_are_kept_to, set_up, tear_down),
     cmocka_unit_test_setup_teardown(its_pictures_are_those_of_the_cache, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
