@@ -1,12 +1,14 @@
 #include "base/progress.h"
 
 #include "base/clock.h"
+#include "base/log.h"
 
 #include <inttypes.h>
 #include <stdatomic.h>
 #include <unistd.h>
 
 #define REDRAW_MS 100
+#define LOG_MS 10000 /* without a terminal */
 
 /* A terminal has one last line, so one flag suffices. */
 static _Atomic bool line_shown;
@@ -16,6 +18,10 @@ static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
     char left[32] = "";
     const double elapsed_s = (double)(now_ms - p->begun_ms) / 1000.0;
 
+    if (!p->terminal && p->total == 0) {
+        log_info("%s: %" PRIu64, p->what, done);
+        return;
+    }
     if (p->total == 0) {
         fprintf(p->stream, "\r\033[K%s  %" PRIu64, p->what, done);
     } else {
@@ -23,8 +29,12 @@ static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
             const unsigned s = (unsigned)(elapsed_s * (double)(p->total - done) / (double)done + 0.5);
             snprintf(left, sizeof(left), "  %u:%02u left", s / 60, s % 60);
         }
-        fprintf(p->stream, "\r\033[K%s  %" PRIu64 "/%" PRIu64 "  %u %%%s", p->what, done, p->total,
-                (unsigned)(100 * done / p->total), left);
+        const unsigned percent = (unsigned)(100 * done / p->total);
+        if (!p->terminal) {
+            log_info("%s: %u %%%s%s", p->what, percent, left[0] ? ", about" : "", left + (left[0] ? 1 : 0));
+            return;
+        }
+        fprintf(p->stream, "\r\033[K%s  %" PRIu64 "/%" PRIu64 "  %u %%%s", p->what, done, p->total, percent, left);
     }
     fflush(p->stream);
     atomic_store(&line_shown, true);
@@ -34,11 +44,13 @@ void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *
 {
     *p = (struct progress){
         .what = what,
-        .stream = stream && isatty(fileno(stream)) ? stream : NULL,
+        .stream = stream,
+        .terminal = stream && isatty(fileno(stream)),
         .total = total,
         .begun_ms = clock_ms(),
     };
-    if (p->stream)
+    p->drawn_ms = p->begun_ms;
+    if (p->terminal)
         draw(p, 0, p->begun_ms);
 }
 
@@ -54,16 +66,18 @@ void progress_step(struct progress *p, uint64_t steps)
     const int64_t now = clock_ms();
     int64_t drawn = atomic_load(&p->drawn_ms);
     /* The thread that advances drawn_ms draws; the others go on. */
-    if (now - drawn >= REDRAW_MS && atomic_compare_exchange_strong(&p->drawn_ms, &drawn, now))
+    if (now - drawn >= (p->terminal ? REDRAW_MS : LOG_MS) && atomic_compare_exchange_strong(&p->drawn_ms, &drawn, now))
         draw(p, done, now);
 }
 
 void progress_end(struct progress *p)
 {
-    if (!p || !p->stream)
+    if (!p)
         return;
-    fputs(progress_wipe(p->stream), p->stream);
-    fflush(p->stream);
+    if (p->terminal) {
+        fputs(progress_wipe(p->stream), p->stream);
+        fflush(p->stream);
+    }
     p->stream = NULL;
 }
 

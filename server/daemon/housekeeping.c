@@ -8,9 +8,11 @@
 
 #include <stdio.h>
 #include <time.h>
+#include <unistd.h>
 
 #define PERIOD_MS 50       /* between two looks at the picture that is being made, */
 #define ALL_EVERY 5        /* of which every so many is one at all else */
+#define PROGRESS_MS 10000  /* between lines of the log about a cache that is computed, without a terminal */
 #define CANCEL_LEAST_MS 50 /* a new setting cancels no picture that is made within this time */
 
 /* Cancels the picture if a new setting waits for its end, and reports one that exceeds the limit. */
@@ -49,6 +51,30 @@ static void show_status(struct shared *shared)
         progress_show(stderr, text);
 }
 
+/* How far the cache is, and the time left by its pace so far. */
+static void log_progress(struct housekeeping_thread *t)
+{
+    const double share = status_cache_share(&t->shared->status);
+    const int64_t now_ms = clock_ms();
+    char left[48] = "";
+
+    if (!(share > 0.0 && share < 1.0)) {
+        t->begun_ms = t->logged_ms = 0;
+        return;
+    }
+    if (t->begun_ms == 0 || share < t->begun_share) {
+        t->begun_ms = t->logged_ms = now_ms;
+        t->begun_share = share;
+    }
+    if (now_ms - t->logged_ms < PROGRESS_MS)
+        return;
+    t->logged_ms = now_ms;
+    if (share > t->begun_share + 0.1) /* else the pace is not known yet */
+        snprintf(left, sizeof(left), ", about %.0f s left",
+                 1e-3 * (double)(now_ms - t->begun_ms) * (1.0 - share) / (share - t->begun_share));
+    log_info("light-transport cache: %.0f %% computed%s", 100.0 * share, left);
+}
+
 static void *run(void *arg)
 {
     struct housekeeping_thread *t = arg;
@@ -61,6 +87,8 @@ static void *run(void *arg)
             continue;
         if (log->form == LOG_PLAIN && log->level >= LOG_INFO)
             show_status(t->shared);
+        if (!t->terminal)
+            log_progress(t);
         log_flush(false);
         state_save(t->state);
     }
@@ -72,6 +100,7 @@ enum err housekeeping_start(struct housekeeping_thread *t, struct shared *shared
                             struct reason *why)
 {
     t->shared = shared;
+    t->terminal = isatty(STDERR_FILENO);
     t->state = state;
     t->running = pthread_create(&t->thread, NULL, run, t) == 0;
     return t->running ? ERR_OK : err_say(why, ERR_NOMEM, "a thread could not be started");

@@ -370,6 +370,11 @@ void status_line(struct status_board *b, uint32_t viewers, char *text, size_t si
         append(text, size, ", ", "%s", states[f.source]);
 }
 
+double status_cache_share(struct status_board *b)
+{
+    return figures_now(b).cache_share;
+}
+
 void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_t size)
 {
     const struct server_figures f = figures_now(b);

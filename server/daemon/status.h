@@ -87,6 +87,8 @@ double status_shading_excess_ms(struct status_board *b);
 
 /* For the terminal: "29.8 pictures/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
 void status_line(struct status_board *b, uint32_t viewers, char *text, size_t size);
+/* The share of a cache of light transport that is computed, 0 to 1; 0: there is none. */
+double status_cache_share(struct status_board *b);
 /* For the service manager: one sentence without line ends. */
 void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_t size);
 
