@@ -13,7 +13,8 @@
 
 #define INTERVAL_S                                                                                                     \
     (1.0 / 30.0) /* between pictures, and until a cache is there coarsely: as the daemon's shade thread */
-#define HURRY_S 0.5
+#define HURRY_S 0.75
+#define HURRY_SHARE 0.3
 #define PICTURE_SHARE 0.75
 #define TRUTH_SAMPLES 32
 #define TRUTH_EYE_PATHS 32
@@ -102,7 +103,7 @@ static enum err keep(struct first_minute *m, const struct decision *decision, co
 
 static enum err make_picture(struct first_minute *m, bool last)
 {
-    const struct frame_request request = {
+    struct frame_request request = {
         .light = &m->light, .target.seconds = PICTURE_SHARE * INTERVAL_S, .background = true, .allow_bias = INFINITY
     };
     struct decision decision;
@@ -110,6 +111,8 @@ static enum err make_picture(struct first_minute *m, bool last)
     struct pilot_stats measured;
 
     decider_begin(&m->decider, m->relighter, &request);
+    if (decider_is_hurrying(&m->decider))
+        request.target.seconds = HURRY_SHARE * HURRY_S;
     decide(&m->decider, &request, &decision);
     enum err e = decider_run(&m->decider, m->relighter, m->environment, &request, &decision, m->rgb, &stats, &measured);
     if (!e)

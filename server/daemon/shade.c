@@ -11,7 +11,8 @@
 #define CACHE_SHARE 0.75  /* and while a cache is computed beside: it costs quality, not rate */
 #define POLL_MS 30        /* how soon controls are noticed while no frame comes */
 #define PACE_MS 2         /* likewise while a picture is not due yet */
-#define HURRY_S 0.5       /* between pictures until a cache is there coarsely */
+#define HURRY_S 0.75      /* between pictures until a cache is there coarsely, */
+#define HURRY_SHARE 0.3   /* of which a measured picture may use this share: few good ones, not many of one sample */
 #define AGAIN_S 0.1       /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
@@ -94,6 +95,8 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
     l->request = make_request(t, in, l);
     if (!in->ticket.lockstep)
         decider_begin(&t->decider, r, &l->request);
+    if (l->request.target.seconds > 0.0 && decider_is_hurrying(&t->decider))
+        l->request.target.seconds = fmin(HURRY_SHARE * HURRY_S, shared->config.picture_s);
     decide(&t->decider, &l->request, &l->decision);
     return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
 }
