@@ -326,16 +326,17 @@ static void paths_end_in_cells_by_the_same_tents(void **state)
     }
 }
 
-/* What frames use until the full one is there: in the mean as bright within 5 %, and near it everywhere. */
+/* What frames use until the full one is there: in the mean as bright within 2 %, and near it at matte points, although
+ * those of so small a picture are too far apart to be smoothed: eight rays each. */
 static void a_quick_one_is_near_the_full_one(void **state)
 {
     struct lit x = lit_create(mixed_court(), 96, 54);
     struct transport *t = direct_of(&x);
     struct bounce_desc desc = desc_of(&x, t, 5);
-    struct environment *e = sky_environment(sky_with_sun(64, 32, 2e3f), 64, 0.0);
+    struct environment *e = sky_environment(sky_overcast(64, 32), 64, 0.0);
     const size_t floats = (size_t)x.gbuffer->packet_count * 3 * PACKET;
     float *full = mem_alloc(floats, sizeof(float));
-    double sum[2] = { 0.0 }, error = 0.0;
+    double sum[2] = { 0.0 }, error = 0.0, count = 0.0;
     struct bounce *b;
     struct reason why;
     (void)state;
@@ -353,11 +354,16 @@ static void a_quick_one_is_near_the_full_one(void **state)
     }
     const double mean = sum[0] / (double)floats;
     for (size_t i = 0; i < floats; i++) {
+        const struct shade_packet *p = &x.gbuffer->packets[i / (3 * PACKET)];
         const double f = (double)full[i], d = (double)x.lo[i] - f;
-        error += d * d / (f * f + 1e-2 * mean * mean) / (double)floats;
+        if (p->kind != LOBE_LAMBERT || i % PACKET >= p->count)
+            continue;
+        error += d * d / (f * f + 1e-2 * mean * mean);
+        count++;
     }
-    if (!(fabs(sum[1] / sum[0] - 1.0) < 0.05 && error < 0.08))
-        fail_msg("%.3f times as bright, relMSE %.2e", sum[1] / sum[0], error);
+    error /= count;
+    printf("%.3f times as bright, relMSE %.2e of %.0f values\n", sum[1] / sum[0], error, count);
+    assert_true(count > 1000.0 && fabs(sum[1] / sum[0] - 1.0) < 0.02 && error < 0.12);
     mem_free(full);
     transport_destroy(t);
     environment_destroy(e);
