@@ -317,6 +317,9 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         e = get_share(s, &glass, "transmissionFactor", 0.0, &transmission);
     if (e)
         return e;
+    /* Light that passes takes the base colour: where that is black, there is a black surface with reflections. */
+    if (largest(m.diffuse) < BLACK)
+        transmission = 0.0f;
     if (transmission > 0.0f && transmission < 1.0f)
         scene_note_unmodelled(s->g->scene, FEATURE_PARTIAL_GLASS, s->g->desc->path);
     if (transmission >= 0.5f)

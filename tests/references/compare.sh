@@ -10,6 +10,7 @@
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 bin="${RELIGHT_BIN:-$here/../../build/bin}"
+. "$here/cycles.sh"
 
 usage() {
     echo "compare.sh: $1" >&2
@@ -34,43 +35,13 @@ scene=${operands[0]} environment=${operands[1]} size=${operands[2]:-320x180} spp
 [[ $spp =~ ^[1-9][0-9]*$ ]] || usage "'$spp' is not a number of samples"
 [[ -r $scene ]] || usage "$scene cannot be read"
 [[ -r $environment ]] || usage "$environment cannot be read"
-if ! command -v blender >/dev/null; then
-    echo 'skipped: Blender is not installed (Debian package: blender)'
-    exit 77
-fi
+cycles_need
 
-# The files of a scene's models, one a line.
-models() {
-    python3 -c 'import json, os, sys
-for model in json.load(open(sys.argv[1]))["models"]:
-    print(os.path.join(os.path.dirname(sys.argv[1]), model["file"]))' "$scene"
-}
-
-# A hash of what the picture depends on: contents, not names, so that a scene may be moved or copied.
-digest() {
-    {
-        cat "$here/cycles.py" "$scene" "$environment"
-        models | while IFS= read -r file; do sha256sum <"$file"; done
-        blender --version
-        echo "$size $spp ${direct[*]-}"
-    } | sha256sum | cut -c 1-32
-}
-
-cache="${RELIGHT_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/relight/cycles}"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
-reference="$cache/$(digest).exr"
-if [[ ! -s $reference ]]; then
-    mkdir -p "$cache"
-    echo "rendering $size at $spp samples with Cycles"
-    if ! blender -b -noaudio -P "$here/cycles.py" -- "$scene" "$environment" "$work/cycles.exr" "${size%x*}" "${size#*x}" \
-        "$spp" "${direct[@]}" >"$work/log" 2>&1 || [[ ! -s $work/cycles.exr ]]; then
-        grep -v '^Fra:' "$work/log"
-        echo 'FAILED: Blender made no picture'
-        exit 1
-    fi
-    mv "$work/cycles.exr" "$reference.$$"
-    mv "$reference.$$" "$reference" # at once, for whoever else looks for it
+if ! cycles_picture "$scene" "$environment" "$size" "$spp" "${direct[@]}"; then
+    echo 'FAILED: Blender made no picture'
+    exit 1
 fi
 
 paths=all mean=0.005 relmse=5e-3 eye_paths=192 # our own noise must stay below the bounds too

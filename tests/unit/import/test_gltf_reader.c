@@ -530,7 +530,30 @@ static void faults_name_their_path(void **state)
     make_end(&m);
 }
 
+/* Light that passes takes the base colour; where that is black, the reflections are all there is. */
+static void black_glass_is_a_black_surface_with_reflections(void **state)
+{
+    struct make m;
+
+    (void)state;
+    make_begin(&m);
+    FLOATS(&m, corners, "VEC3", 3);
+    struct scene *s = make_scene(
+        &m, NODE "," MESH("\"attributes\":{\"POSITION\":0},\"material\":0") ",\"materials\":[{\"alphaMode\":\"BLEND\","
+                 "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0,0,0,0.25],\"metallicFactor\":0,"
+                 "\"roughnessFactor\":0},\"extensions\":{"
+                 "\"KHR_materials_transmission\":{\"transmissionFactor\":0.75}}}]");
+    const struct material *black = &s->materials[s->meshes[0].material];
+    assert_int_equal(black->kind, MATERIAL_GGX);
+    assert_int_equal(black->alpha_mode, ALPHA_BLEND);
+    assert_float_equal(black->alpha, 0.25f, 1e-6f);
+    assert_int_equal(s->unmodelled, 0);
+    scene_destroy(s);
+    make_end(&m);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(black_glass_is_a_black_surface_with_reflections),
     cmocka_unit_test(camera_stands_where_its_node_is),
     cmocka_unit_test(orthographic_camera_becomes_a_distant_one),
     cmocka_unit_test(bad_camera_is_left_out),
