@@ -12,6 +12,8 @@ struct make {
     struct folder folder;
     uint8_t bytes[1 << 20];
     size_t size;
+    size_t unpacked;     /* bytes of views that are compressed: those of a second buffer, which has no data */
+    const char *packing; /* their extension */
     char views[8192], accessors[8192];
     int view_count, accessor_count;
 };
@@ -64,14 +66,70 @@ static inline int make_accessor(struct make *m, const char *format, ...)
     return m->accessor_count++;
 }
 
+/* One component of an accessor, as it stands in the file. */
+static inline double make_component(const uint8_t *at, int type)
+{
+    float f;
+    int16_t s;
+
+    memcpy(&f, at, type == 5126 ? sizeof(f) : 0);
+    memcpy(&s, at, type == 5122 || type == 5123 ? sizeof(s) : 0);
+    switch (type) {
+    case 5120: return (int8_t)*at;
+    case 5121: return *at;
+    case 5122: return s;
+    case 5123: return (uint16_t)s;
+    default: return (double)f;
+    }
+}
+
+/* ,"min":[..],"max":[..] of vectors of three, which glTF requires of positions. Static storage. */
+static inline const char *make_bounds(const void *bytes, int type, size_t stride, size_t count)
+{
+    static char text[256];
+    const size_t size = type == 5126 ? 4 : type <= 5121 ? 1 : 2;
+    double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
+
+    for (size_t i = 0; i < 3 * count; i++) {
+        const double x = make_component((const uint8_t *)bytes + i / 3 * stride + i % 3 * size, type);
+        low[i % 3] = fmin(low[i % 3], x);
+        high[i % 3] = fmax(high[i % 3], x);
+    }
+    snprintf(text, sizeof(text), ",\"min\":[%.9g,%.9g,%.9g],\"max\":[%.9g,%.9g,%.9g]", low[0], low[1], low[2], high[0],
+             high[1], high[2]);
+    return text;
+}
+
 static inline int make_array(struct make *m, const void *bytes, size_t size, int type, const char *shape, size_t count)
 {
     const int view = make_view(m, bytes, size, "");
-    return make_accessor(m, "\"bufferView\":%d,\"componentType\":%d,\"type\":\"%s\",\"count\":%zu", view, type, shape,
-                         count);
+    const char *bounds = type == 5126 && strcmp(shape, "VEC3") == 0 ? make_bounds(bytes, type, 12, count) : "";
+    return make_accessor(m, "\"bufferView\":%d,\"componentType\":%d,\"type\":\"%s\",\"count\":%zu%s", view, type, shape,
+                         count, bounds);
 }
 
 #define FLOATS(m, array, shape, count) make_array(m, array, sizeof(array), 5126, shape, count)
+
+/* "extensionsUsed":[..], with those that occur in a text that does not declare them itself. Static storage. */
+static inline const char *make_declaration(const struct make *m, const char *rest)
+{
+    static const char *const names[] = {
+        "EXT_mesh_gpu_instancing",    "EXT_meshopt_compression", "EXT_texture_webp",
+        "KHR_draco_mesh_compression", "KHR_mesh_quantization",   "KHR_materials_transmission",
+        "KHR_meshopt_compression",    "KHR_texture_transform",
+    };
+    static char text[512];
+    const char *head = ",\"extensionsUsed\":[";
+
+    text[0] = '\0';
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]) && !strstr(rest, "extensionsUsed"); i++) {
+        if (!strstr(rest, names[i]) && !strstr(m->views, names[i]))
+            continue;
+        const size_t n = strlen(text);
+        snprintf(text + n, sizeof(text) - n, "%s\"%s\"", n ? "," : head, names[i]);
+    }
+    return strcat(text, text[0] ? "]" : "");
+}
 
 /* Writes made.gltf and data.bin; `rest` holds the other members. Returns the path, static storage. */
 static inline const char *make_gltf(struct make *m, const char *rest)
@@ -79,10 +137,14 @@ static inline const char *make_gltf(struct make *m, const char *rest)
     static char text[1 << 16];
 
     folder_write(&m->folder, "data.bin", m->bytes, m->size);
+    char fallback[128] = "";
+    if (m->packing)
+        snprintf(fallback, sizeof(fallback), ",{\"byteLength\":%zu,\"extensions\":{\"%s\":{\"fallback\":true}}}",
+                 m->unpacked, m->packing);
     snprintf(text, sizeof(text),
-             "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"data.bin\",\"byteLength\":%zu}],"
-             "\"bufferViews\":[%s],\"accessors\":[%s],%s}",
-             m->size, m->views, m->accessors, rest);
+             "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"data.bin\",\"byteLength\":%zu}%s],"
+             "\"bufferViews\":[%s],\"accessors\":[%s],%s%s}",
+             m->size, fallback, m->views, m->accessors, rest, make_declaration(m, rest));
     return folder_text(&m->folder, "made.gltf", text);
 }
 

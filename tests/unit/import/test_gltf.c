@@ -28,13 +28,13 @@ static const uint8_t alpha_png[] = {
 #define PARTS                                                                                                          \
     "\"asset\":{\"version\":\"2.0\"},"                                                                                 \
     "\"buffers\":[{\"uri\":\"square.bin\",\"byteLength\":140}],"                                                       \
-    "\"bufferViews\":[{\"buffer\":0,\"byteOffset\":0,\"byteLength\":128},"                                             \
-    "{\"buffer\":0,\"byteOffset\":128,\"byteLength\":12}],"                                                            \
-    "\"accessors\":[{\"bufferView\":0,\"byteOffset\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\","          \
+    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},"            \
+    "{\"buffer\":0,\"byteOffset\":96,\"byteLength\":32},{\"buffer\":0,\"byteOffset\":128,\"byteLength\":12}],"         \
+    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\","                           \
     "\"min\":[0,0,0],\"max\":[1,1,0]},"                                                                                \
-    "{\"bufferView\":0,\"byteOffset\":48,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                       \
-    "{\"bufferView\":0,\"byteOffset\":96,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"                       \
-    "{\"bufferView\":1,\"byteOffset\":0,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+    "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                                         \
+    "{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"                                         \
+    "{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
 #define SQUARE(material)                                                                                               \
     "{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_0\":2},\"indices\":3,\"material\":" material "}"
 #define TAIL PARTS "\"meshes\":[{\"primitives\":[" SQUARE("0") "]}]}"

@@ -19,16 +19,26 @@ static const unsigned triangles[] = { 0, 1, 2, 0, 2, 3 };
 
 enum { PACKED_SIZE = 1024 };
 
-/* A view whose data are compressed; `more` holds the members of a view, `how` those of the extension. */
-static int packed_view(struct make *m, const char *extension, const void *bytes, size_t size, const char *more,
-                       const char *how)
+/* A view of count elements whose data are compressed; `more` holds the members of a view, `how` further ones of the
+ * extension. */
+static void packed_view(struct make *m, const char *extension, const void *bytes, size_t size, size_t stride,
+                        size_t count, const char *more, const char *how)
 {
-    char text[400];
+    char text[512];
 
     m->size = (m->size + 3) & ~(size_t)3;
-    snprintf(text, sizeof(text), "%s,\"extensions\":{\"%s\":{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,%s}}",
-             more, extension, m->size, size, how);
-    return make_view(m, bytes, size, text);
+    assert_true(m->size + size <= sizeof(m->bytes));
+    memcpy(m->bytes + m->size, bytes, size);
+    snprintf(
+        text, sizeof(text),
+        "{\"buffer\":1,\"byteOffset\":%zu,\"byteLength\":%zu%s,\"extensions\":{\"%s\":{\"buffer\":0,\"byteOffset\":%zu,"
+        "\"byteLength\":%zu,\"byteStride\":%zu,\"count\":%zu,%s}}}",
+        m->unpacked, stride * count, more, extension, m->size, size, stride, count, how);
+    make_append(m->views, sizeof(m->views), text);
+    m->size += size;
+    m->unpacked += (stride * count + 3) & ~(size_t)3;
+    m->packing = extension;
+    m->view_count++;
 }
 
 static void make_packed_square(struct make *m, const char *extension, int vertex_version)
@@ -39,10 +49,11 @@ static void make_packed_square(struct make *m, const char *extension, int vertex
     meshopt_encodeVertexVersion(0);
     size_t size = meshopt_encodeVertexBuffer(bytes, sizeof(bytes), shorts, 4, 8);
     bytes[0] = (unsigned char)(bytes[0] + vertex_version);
-    packed_view(m, extension, bytes, size, ",\"byteStride\":8", "\"byteStride\":8,\"count\":4,\"mode\":\"ATTRIBUTES\"");
-    make_accessor(m, "\"bufferView\":0,\"componentType\":5123,\"normalized\":true,\"type\":\"VEC3\",\"count\":4");
+    packed_view(m, extension, bytes, size, 8, 4, ",\"byteStride\":8", "\"mode\":\"ATTRIBUTES\"");
+    make_accessor(m, "\"bufferView\":0,\"componentType\":5123,\"normalized\":true,\"type\":\"VEC3\",\"count\":4%s",
+                  make_bounds(shorts, 5123, 8, 4));
     size = meshopt_encodeIndexBuffer(bytes, sizeof(bytes), triangles, 6);
-    packed_view(m, extension, bytes, size, "", "\"byteStride\":2,\"count\":6,\"mode\":\"TRIANGLES\"");
+    packed_view(m, extension, bytes, size, 2, 6, "", "\"mode\":\"TRIANGLES\"");
     make_accessor(m, "\"bufferView\":1,\"componentType\":5123,\"type\":\"SCALAR\",\"count\":6");
 }
 
@@ -55,7 +66,8 @@ static void meshopt_vertices_and_triangles_come_back(void **state)
         char text[512];
         struct make m;
         make_packed_square(&m, names[i], 0);
-        snprintf(text, sizeof(text), "\"extensionsRequired\":[\"%s\"]," NODE "," SQUARE, names[i]);
+        snprintf(text, sizeof(text), "\"extensionsRequired\":[\"%s\",\"KHR_mesh_quantization\"]," NODE "," SQUARE,
+                 names[i]);
         struct scene *s = make_scene(&m, text);
         assert_int_equal(s->triangle_count, 2);
         assert_near(area_of(&s->meshes[0]), 0, 0, 1);
@@ -78,19 +90,22 @@ static void meshopt_sequences_and_filters_come_back(void **state)
     memcpy(exponents, corners, sizeof(corners));
     meshopt_encodeFilterExp(packed, 4, 12, 15, exponents);
     size_t size = meshopt_encodeVertexBuffer(bytes, sizeof(bytes), packed, 4, 12);
-    packed_view(&m, "EXT_meshopt_compression", bytes, size, "",
-                "\"byteStride\":12,\"count\":4,\"mode\":\"ATTRIBUTES\",\"filter\":\"EXPONENTIAL\"");
-    make_accessor(&m, "\"bufferView\":0,\"componentType\":5126,\"type\":\"VEC3\",\"count\":4");
+    packed_view(&m, "EXT_meshopt_compression", bytes, size, 12, 4, "",
+                "\"mode\":\"ATTRIBUTES\",\"filter\":\"EXPONENTIAL\"");
+    make_accessor(&m, "\"bufferView\":0,\"componentType\":5126,\"type\":\"VEC3\",\"count\":4%s",
+                  make_bounds(corners, 5126, 12, 4));
     size = meshopt_encodeIndexSequence(bytes, sizeof(bytes), triangles, 6);
-    packed_view(&m, "EXT_meshopt_compression", bytes, size, "", "\"byteStride\":4,\"count\":6,\"mode\":\"INDICES\"");
+    packed_view(&m, "EXT_meshopt_compression", bytes, size, 4, 6, "", "\"mode\":\"INDICES\"");
     make_accessor(&m, "\"bufferView\":1,\"componentType\":5125,\"type\":\"SCALAR\",\"count\":6");
     meshopt_encodeFilterOct(octahedral, 4, 4, 8, normals);
     size = meshopt_encodeVertexBuffer(bytes, sizeof(bytes), octahedral, 4, 4);
-    packed_view(&m, "EXT_meshopt_compression", bytes, size, ",\"byteStride\":4",
-                "\"byteStride\":4,\"count\":4,\"mode\":\"ATTRIBUTES\",\"filter\":\"OCTAHEDRAL\"");
+    packed_view(&m, "EXT_meshopt_compression", bytes, size, 4, 4, ",\"byteStride\":4",
+                "\"mode\":\"ATTRIBUTES\",\"filter\":\"OCTAHEDRAL\"");
     make_accessor(&m, "\"bufferView\":2,\"componentType\":5120,\"normalized\":true,\"type\":\"VEC3\",\"count\":4");
-    struct scene *s = make_scene(&m, NODE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":2},"
-                                          "\"indices\":1}]}]");
+    struct scene *s =
+        make_scene(&m, "\"extensionsRequired\":[\"KHR_mesh_quantization\",\"EXT_meshopt_compression\"]," NODE
+                       ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":2},"
+                       "\"indices\":1}]}]");
     const struct mesh *mesh = &s->meshes[0];
     assert_near(area_of(mesh), 0, 0, 1);
     for (uint32_t i = 0; i < 4; i++) { /* 8 bits: about 0.01 */
@@ -146,7 +161,8 @@ static struct scene *load_grid(struct make *m, uint32_t side)
     make_view(m, bytes, size, "");
     free(bytes);
     const uint32_t count = (side + 1) * (side + 1);
-    make_accessor(m, "\"componentType\":5126,\"type\":\"VEC3\",\"count\":%u", count);
+    make_accessor(m, "\"componentType\":5126,\"type\":\"VEC3\",\"count\":%u,\"min\":[0,0,0],\"max\":[%u,%u,0]", count,
+                  side, side);
     make_accessor(m, "\"componentType\":5125,\"type\":\"SCALAR\",\"count\":%u", 6 * side * side);
     make_accessor(m, "\"componentType\":5123,\"normalized\":true,\"type\":\"VEC2\",\"count\":%u", count);
     folder_write(&m->folder, "one.png", one_png, sizeof(one_png));
@@ -207,7 +223,9 @@ static void webp_textures_are_read(void **state)
              "{\"POSITION\":0},\"mode\":6,\"material\":0}]}],\"materials\":[{\"pbrMetallicRoughness\":{"
              "\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0,\"extensions\":{"
              "\"EXT_texture_webp\":{\"source\":1}}}],\"images\":[{\"uri\":\"gone.png\"},{\"uri\":\"two.webp\"}]";
+    faults_intended = true; /* neither the PNG nor texture coordinates */
     struct scene *s = make_scene(&m, rest);
+    faults_intended = false;
     assert_int_equal(s->texture_count, 1);
     assert_near(texture_lookup(&s->textures[0], 0.25f, 0.5f), 1, 0, 0);
     assert_near(texture_lookup(&s->textures[0], 0.75f, 0.5f), 0, 0.2158605f, 0);

@@ -12,6 +12,8 @@
 #include <math.h>
 #include <unistd.h>
 
+#define FOLDER_PREFIX "/tmp/relight-scene-"
+
 /* A folder that lasts as long as the process's temporary files do; remove it with folder_remove. */
 struct folder {
     char path[64];
@@ -22,7 +24,7 @@ struct folder {
 static inline void folder_make(struct folder *f)
 {
     memset(f, 0, sizeof(*f));
-    strcpy(f->path, "/tmp/relight-scene-XXXXXX");
+    strcpy(f->path, FOLDER_PREFIX "XXXXXX");
     assert_non_null(mkdtemp(f->path));
 }
 
