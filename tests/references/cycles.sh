@@ -16,6 +16,8 @@ from urllib.parse import unquote
 
 def files(path):
     yield path
+    if not os.path.exists(path):
+        return
     folder = os.path.dirname(path)
     if path.endswith(".json"):
         for model in json.load(open(path, encoding="utf-8"))["models"]:

@@ -62,6 +62,14 @@ scene_of() {
     esac
 }
 
+# Whether all files of a scene exist.
+complete() {
+    local file
+    while IFS= read -r file; do
+        [[ -e $file ]] || return 1
+    done < <(cycles_files "$1")
+}
+
 # row NAME: one row of the table.
 row() {
     local name=$1 scene reference
@@ -82,7 +90,7 @@ print("| %s | %.2f | %.3f | %.3f | %s |" % (sys.argv[1], d["delta_e"], d["flip"]
     echo '|---|---|---|---|---|'
 } | tee "$out/models.md"
 for name in "${names[@]}"; do
-    if [[ -e "$(cycles_files "$(scene_of "$name")" | tail -1)" ]]; then
+    if complete "$(scene_of "$name")"; then
         row "$name" || echo "| $name | failed | | | no |"
     else
         echo "| $name | skipped: not in RELIGHT_TEST_DATA | | | |"
