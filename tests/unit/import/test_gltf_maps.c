@@ -220,6 +220,7 @@ static void specular_and_ior_make_f0(void **state)
 
     (void)state;
     make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
     struct material m = specular_of(&f, DIELECTRIC, IOR("1.5"), &said);
     assert_f0(&m, 0.04f, 0.04f, 0.04f);
     m = specular_of(&f, DIELECTRIC, IOR("2"), &said);
@@ -249,6 +250,7 @@ static void glass_keeps_its_tint(void **state)
 
     (void)state;
     make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
     const struct material m =
         specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0,\"baseColorFactor\":[0.9,0.5,0.1,1]",
                     "\"KHR_materials_transmission\":{\"transmissionFactor\":1}," IOR("1.33"), &said);
