@@ -22,7 +22,7 @@ static enum err write_both(const struct image side[2], const char *path, struct 
             memcpy(both + (2 * y + i) * row, side[i].rgb + y * row, row * sizeof(*both));
     e = output_create(&desc, 2 * width, height, &out, why);
     if (!e)
-        e = output_write(out, both, 0, why);
+        e = output_write(out, both, NULL, 0, why);
     output_destroy(out);
     mem_free(both);
     return e;
