@@ -37,6 +37,7 @@ class Entry:
 
     def __init__(self, label, allowed, silent, number):
         self.label, self.allowed, self.silent, self.number = label, allowed, silent, number
+        self.twin = None  # the probe that may have been answered in its place
 
 
 class Client:
@@ -235,7 +236,7 @@ class Client:
         if clean and silent and verdict.later == "control":
             self.controls.append([verdict.fields.get("request", 0), verdict.fields, True])
         elif clean and silent and verdict.later == "probe" and probe_asks(verdict.fields):
-            self.probes.append({**verdict.fields, "sent": self.sent})
+            self.probes.append({**verdict.fields, "sent": self.sent, "twin": None})
         if verdict.op == "probe" and verdict.fields.get("follow") is True:
             self.followed = True
         if verdict.op == "hello" and any(a.op == "welcome" for a in allowed):
@@ -404,13 +405,27 @@ class Client:
             return None
         entry = self.queue[i]
         del self.queue[:i + 1]
+        if entry.twin in self.probes:
+            self.probes.remove(entry.twin)
         return entry
 
-    def is_for_older_probe(self, message):
-        """Whether a well-formed probe waits that came before the message which this could answer at once."""
+    def either_of_two(self, message):
+        """Whether this refuses a message of the queue or an older probe of the same number: nobody can tell which, so
+        both stay, as twins. The next answer to one of them settles both."""
         i = self.answered_entry(message)
-        return i is not None and message["clause"] != "4.15.5" and (message["code"], message["clause"]) in later_clauses("probe", {}) and any(
-            probe["sent"] < self.queue[i].number for probe in self.probes if probe.get("request", 0) == message.get("request"))
+        if i is None or message["clause"] == "4.15.5" or (message["code"], message["clause"]) not in later_clauses("probe", {}):
+            return False
+        entry = self.queue[i]
+        for probe in self.probes:
+            if probe.get("request", 0) == message.get("request") and probe["sent"] < entry.number and not (entry.twin or probe["twin"]):
+                entry.twin, probe["twin"], entry.silent = probe, entry, True
+                return True
+        return False
+
+    def probe_answered(self, probe):
+        self.probes.remove(probe)
+        if probe["twin"] in self.queue:
+            self.queue.remove(probe["twin"])
 
     def unexpected(self, message):
         first = next((e for e in self.queue if not e.silent), self.queue[0] if self.queue else None)
@@ -464,9 +479,8 @@ class Client:
         if ERRORS[message["code"]] is None and message["fatal"]:
             raise Finding(f"{message['code']} is fatal")
         loose = refusal("too_fast", "2.5")
-        first, second = (self.later_error, self.direct) if self.is_for_older_probe(message) else (self.direct, self.later_error)
-        if not first(message) and not second(message) and not any(a.fits(message) for a in ALWAYS) and not (
-                loose.fits(message) and (self.since_sync > AT_ONCE or self.sent > IN_ALL)):
+        if not any(takes(message) for takes in (self.either_of_two, self.direct, self.later_error)) and not any(
+                a.fits(message) for a in ALWAYS) and not (loose.fits(message) and (self.since_sync > AT_ONCE or self.sent > IN_ALL)):
             self.unexpected(message)
         if fatal:
             self.fatal = message
@@ -484,7 +498,7 @@ class Client:
                 return True
         for probe in self.probes:
             if probe.get("request", 0) == request and said in later_clauses("probe", probe):
-                self.probes.remove(probe)
+                self.probe_answered(probe)
                 return True
         return message["clause"] == "4.15.5"  # the answer to the question comes nevertheless
 
@@ -510,7 +524,7 @@ class Client:
     def on_probed(self, message):
         for probe in self.probes:
             if probe.get("request", 0) == message["request"]:
-                self.probes.remove(probe)
+                self.probe_answered(probe)
                 return
         raise Finding("probed without a probe", f"{message['request']}")
 
