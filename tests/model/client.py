@@ -40,6 +40,15 @@ class Entry:
         self.twin = None  # the probe that may have been answered in its place
 
 
+class Control:
+    """A well-formed control message that is answered later."""
+
+    def __init__(self, request, fields, sent):
+        self.request, self.fields, self.sent = request, fields, sent
+        self.must = True  # its answer must come
+        self.twin = None  # the entry that may have been answered in its place
+
+
 class Client:
     def __init__(self, run, name):
         self.run, self.name = run, name
@@ -60,7 +69,7 @@ class Client:
         self.newest = {}  # sequence by format; its maximum over all formats is `seen`
         self.seen = self.last = 0
         self.followed = False
-        self.controls, self.refused = [], set()  # [request, fields, whether its answer must come]
+        self.controls, self.refused = [], set()
         self.probes = []
         # a producer
         self.sequence, self.credit, self.credit_most, self.frame_bytes = None, 0, 0, 0
@@ -234,7 +243,7 @@ class Client:
         if pieces and len(pieces) > FRAGMENTS_MAX:
             allowed, silent = {refusal("too_big", "3.3")}, False
         if clean and silent and verdict.later == "control":
-            self.controls.append([verdict.fields.get("request", 0), verdict.fields, True])
+            self.controls.append(Control(verdict.fields.get("request", 0), verdict.fields, self.sent))
         elif clean and silent and verdict.later == "probe" and probe_asks(verdict.fields):
             self.probes.append({**verdict.fields, "sent": self.sent, "twin": None})
         if verdict.op == "probe" and verdict.fields.get("follow") is True:
@@ -347,10 +356,10 @@ class Client:
 
         def settled():
             frames = self.fates and not self.paused  # a paused source takes none
-            return not self.speaks() or not (any(c[2] for c in self.controls) or self.probes or frames)
+            return not self.speaks() or not (any(c.must for c in self.controls) or self.probes or frames)
 
         if not await self.until(settled, most_s) and self.speaks():
-            raise Finding("never answered", f"{self.name}: controls {[c[0] for c in self.controls if c[2]]}, probes {self.probes}, frames {list(self.fates)}")
+            raise Finding("never answered", f"{self.name}: controls {[c.request for c in self.controls if c.must]}, probes {self.probes}, frames {list(self.fates)}")
 
     # ---- Receiving ----
 
@@ -407,18 +416,26 @@ class Client:
         del self.queue[:i + 1]
         if entry.twin in self.probes:
             self.probes.remove(entry.twin)
+        elif entry.twin in self.controls:
+            self.answered(self.controls.index(entry.twin))
         return entry
 
     def either_of_two(self, message):
-        """Whether this refuses a message of the queue or an older probe of the same number: nobody can tell which, so
-        both stay, as twins. The next answer to one of them settles both."""
+        """Whether this refuses a message of the queue or an older one of the same number that is answered later: nobody
+        can tell which, so both stay, as twins. The next answer to one of them settles both."""
         i = self.answered_entry(message)
-        if i is None or message["clause"] == "4.15.5" or (message["code"], message["clause"]) not in later_clauses("probe", {}):
+        if i is None or message["clause"] == "4.15.5":
             return False
-        entry = self.queue[i]
+        entry, said = self.queue[i], (message["code"], message["clause"])
         for probe in self.probes:
-            if probe.get("request", 0) == message.get("request") and probe["sent"] < entry.number and not (entry.twin or probe["twin"]):
+            if probe.get("request", 0) == message.get("request") and probe["sent"] < entry.number and not (entry.twin or probe["twin"]) and (
+                    said in later_clauses("probe", probe)):
                 entry.twin, probe["twin"], entry.silent = probe, entry, True
+                return True
+        for control in self.controls:
+            if control.request == message.get("request") and control.must and control.sent < entry.number and not (
+                    entry.twin or control.twin) and said in later_clauses("control", control.fields):
+                entry.twin, control.twin, entry.silent = control, entry, True
                 return True
         return False
 
@@ -491,8 +508,8 @@ class Client:
             return False
         request, said = message["request"], (message["code"], message["clause"])
         # Of several without a number, one whose answer must come.
-        for i in sorted(range(len(self.controls)), key=lambda n: not self.controls[n][2]):
-            if self.controls[i][0] == request and any(said in later_clauses("control", c[1]) for c in self.controls[:i + 1]):
+        for i in sorted(range(len(self.controls)), key=lambda n: not self.controls[n].must):
+            if self.controls[i].request == request and any(said in later_clauses("control", c.fields) for c in self.controls[:i + 1]):
                 self.answered(i)
                 self.refused.add(request)
                 return True
@@ -509,17 +526,20 @@ class Client:
         if request in self.refused and request != 0:
             raise Finding("a control has the number of a refused request (4.13.8)", f"{message}")
         for i in reversed(range(len(self.controls))):
-            if self.controls[i][0] == request:
+            if self.controls[i].request == request:
                 self.answered(i)
                 break
 
     def answered(self, i):
         """Those before it in a row may have been taken as one with it, or are still to be answered. Of several without
         a number it may have been the last."""
-        last = max(k for k, other in enumerate(self.controls) if other[0] == self.controls[i][0])
+        control = self.controls[i]
+        last = max(k for k, other in enumerate(self.controls) if other.request == control.request)
         for other in self.controls[:last + 1]:
-            other[2] = False
+            other.must = False
         del self.controls[i]
+        if control.twin in self.queue:
+            self.queue.remove(control.twin)
 
     def on_probed(self, message):
         for probe in self.probes:
