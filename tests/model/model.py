@@ -201,13 +201,19 @@ class Stage:
             return
         async with connect(self.url) as link:
             await link.send('{"op":"hello","role":"controller","version":{"major":1,"minor":1}}')
-            await link.send('{"op":"control","request":1,"paused":false,"method":"mis","samples":4,"fps":60,"scale_stops":0,"paths":"all"}')
+            request = '{"op":"control","request":1,"paused":false,"method":"mis","samples":4,"fps":60,"scale_stops":0,"paths":"all"}'
+            await link.send(request)
+            end = asyncio.get_running_loop().time() + WAIT_S
             while True:
                 said = await asyncio.wait_for(link.recv(), WAIT_S)
                 said = json.loads(said) if isinstance(said, str) else {}
                 if said.get("op") == "control" and said["request"] == 1:
                     return
-                if said.get("op") == "error":
+                busy = said.get("code") == "busy" and asyncio.get_running_loop().time() < end
+                if busy:  # what a script has asked for still waits (4.13.8)
+                    await asyncio.sleep(0.1)
+                    await link.send(request)
+                elif said.get("op") == "error":
                     raise Finding("the settings could not be restored", f"{said}")
 
     async def look(self, first=False):
