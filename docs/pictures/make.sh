@@ -14,6 +14,14 @@ picture morning time=06:40 --eye-paths 128
 picture noon time=11:30 --eye-paths 128
 picture evening time=18:50 --eye-paths 128
 
+# The denoiser.
+for name in noisy denoised; do
+    flags=()
+    [ $name = noisy ] || flags=(--denoise)
+    "$bin/relight-render" --source sky:time=10:00 --samples 8 --size 640x360 --quality 90 --out "$here/$name.jpg" \
+        "${flags[@]}"
+done
+
 # Caustics: with the light tracer, and with eye paths alone, twice as many, in about the same time.
 ring=(--scene "$here/../examples/ring.json")
 picture caustics time=08:30 "${ring[@]}" --eye-paths 96 --particles 12000000

@@ -144,7 +144,7 @@ static void count_most(const struct direct *d, const struct gbuffer *g, const st
 #pragma omp for schedule(static)
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = only ? only->index[k] : k;
-            uint32_t *m = own[frame->set_of[g->packets[i].sample_set]];
+            uint32_t *m = own[direct_lights(frame, &g->packets[i], i) - frame->lights];
             d->kernels->direct_counts(frame, &g->packets[i], i, count);
             for (uint32_t f = 0; f < strata; f++)
                 m[f] = count[f] > m[f] ? count[f] : m[f];
@@ -262,7 +262,7 @@ static enum err reserve_notes(struct direct_log_sample **notes, uint32_t *room, 
 /* The log before shading: all samples generated, none chosen. */
 static enum err begin_log(struct direct_log *log, const struct gbuffer *g, const struct direct_frame *f)
 {
-    const struct light_samples *lights = &f->lights[f->set_of[g->packets[log->packet].sample_set]];
+    const struct light_samples *lights = direct_lights(f, &g->packets[log->packet], log->packet);
 
     log->samples = f->counts ? f->counts[log->packet] : f->samples;
     log->strata = f->light_part > 0.0f ? lights->strata : 0;
@@ -301,12 +301,15 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     const uint32_t interleave = desc->interleave ? desc->interleave : 1;
     struct strategy s = {
         .light = (uint32_t)ceilf(recipe->light_part * (float)desc->samples),
-        .sets = recipe->light_part > 0.0f ? interleave * interleave : 1,
+        .sets = !(recipe->light_part > 0.0f) ? 1
+                : desc->scatter              ? LIGHT_SETS_MAX
+                                             : interleave * interleave,
         .set_seed = rng_mix(seed, 0),
     };
     struct direct_frame frame = {
         .environment = e,
         .lights = d->lights,
+        .scatter = desc->scatter && recipe->light_part > 0.0f,
         .rays = desc->no_visibility ? NULL : rays,
         .share = recipe->share,
         .samples = desc->samples,

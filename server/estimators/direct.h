@@ -45,10 +45,13 @@ struct direct_desc {
      * is N q, where q is the mean of its points' shares. beta of Eq. 5 then applies only to the sun.
      * sun: make the sun, if there is one, a separate stratum.
      * compensate: only effective if BRDF lobes are sampled too.
+     * scatter: each packet takes one of 16 sets of light samples, by its index, instead of all sharing those of
+     * `interleave`: what a set gets wrong then looks like noise, which a filter removes, and no longer like a tint.
      * interleave: K, for K x K sets of light samples, a divisor of the G-buffer's own; 0: 1. */
     uint32_t cells;
     bool sun;
     enum compensate compensate;
+    bool scatter;
     uint32_t interleave;
 
     /* only: the packets to shade, NULL: all; other packets' places in lo are unchanged. A packet's result does not

@@ -334,9 +334,9 @@ static void take_counts(struct packet_state *s, uint32_t index)
 }
 
 /* The strata's shares of the packet's light samples. */
-static void set_up_strata(struct packet_state *s)
+static void set_up_strata(struct packet_state *s, uint32_t index)
 {
-    s->lights = &s->frame->lights[s->frame->set_of[s->points->sample_set]];
+    s->lights = direct_lights(s->frame, s->points, index);
     s->sun = s->lights->has_sun ? s->lights->strata - 1 : s->lights->strata;
     set_up_shares(s);
     if (s->frame->systematic)
@@ -352,7 +352,7 @@ static void direct_counts(const struct direct_frame *f, const struct shade_packe
     s.frame = f;
     s.points = p;
     take_counts(&s, index);
-    set_up_strata(&s);
+    set_up_strata(&s, index);
     count_samples(&s, index, real);
     for (uint32_t k = 0; k < s.lights->strata; k++)
         count[k] = (uint32_t)ceilf(real[k]);
@@ -465,7 +465,7 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         draw_lobe_rays(&s, 0, &next[0]);
     }
     if (f->light_part > 0.0f) {
-        set_up_strata(&s);
+        set_up_strata(&s, index);
         add_light_samples(&s, index);
     }
     if (f->brdf_part > 0.0f)

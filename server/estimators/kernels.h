@@ -30,7 +30,8 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     const struct environment *environment;
     const struct sky_table *table;      /* of the strata; NULL: the environment's own faces, or one stratum */
     const struct light_samples *lights; /* [sets] */
-    uint8_t set_of[LIGHT_SETS_MAX];     /* maps shade_packet.sample_set to an index of `lights` */
+    uint8_t set_of[LIGHT_SETS_MAX];     /* maps shade_packet.sample_set to an index of `lights`, */
+    bool scatter;                       /* unless packets take one of LIGHT_SETS_MAX sets by their index */
     const struct rays *rays;            /* NULL: no occlusion */
     enum share share;
     bool systematic;             /* integer counts per packet; else N_f per point */
@@ -42,6 +43,13 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     uint64_t seed; /* shifts the numbers per packet, with its index */
     struct direct_log *log; /* records the samples of one packet (direct_log.h); may be NULL */
 };
+
+/* The set of light samples of packet p. Multiplying by 2^32 / phi spreads neighbours over the sets. */
+static inline const struct light_samples *direct_lights(const struct direct_frame *f, const struct shade_packet *p,
+                                                        uint32_t index)
+{
+    return &f->lights[f->scatter ? (index * 2654435769u) >> 28 : f->set_of[p->sample_set]];
+}
 
 struct kernels {
     enum cpu_level cpu; /* rooms with kernels of their own select them by it */

@@ -3,6 +3,7 @@
 #include "base/cancel.h"
 #include "base/clock.h"
 #include "light/backplate.h"
+#include "light/denoise.h"
 #include "light/facts.h"
 #include "base/mem.h"
 #include "base/progress.h"
@@ -23,7 +24,8 @@ struct relighter {
     struct passes passes;
     struct relight_cache cache;
     struct relight_caustics caustics;
-    const float *points; /* the picture's shade points */
+    struct denoiser *denoiser; /* NULL until a picture needs it */
+    const float *points;       /* the picture's shade points */
 };
 
 static enum err load_scene(struct set *s, const struct set_desc *desc, struct reason *why)
@@ -171,6 +173,7 @@ void relighter_destroy(struct relighter *r)
 {
     if (!r)
         return;
+    denoiser_destroy(r->denoiser);
     relight_cache_finish(&r->cache);
     relight_caustics_finish(&r->caustics);
     passes_finish(&r->passes);
@@ -287,19 +290,23 @@ static void passes_by_plan(const struct relighter *r, const struct relight_desc 
     add_light_tracer(desc, p, out);
 }
 
+static size_t points_bytes(const struct relighter *r)
+{
+    return (size_t)r->set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
+}
+
 /* Direct light, or darkness if it is not requested; with interreflection if the cache has that. */
-static enum err run_direct(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+static enum err run_direct(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
                            struct relight_stats *stats)
 {
     struct passes *s = &r->passes;
     double seconds;
 
-    r->points = s->lo;
     if (p->cached)
-        return relight_cache_shade(&r->cache, s->direct[PASS_PICTURE], r->set, e, p->cached, s->lo, stats);
+        return relight_cache_shade(&r->cache, s->direct[PASS_PICTURE], r->set, e, p->cached, lo, stats);
     if (p->direct.samples > 0)
-        return passes_direct(s, PASS_PICTURE, e, &p->direct, s->lo, &stats->direct, &seconds);
-    memset(s->lo, 0, (size_t)r->set->gbuffer->packet_count * 3 * PACKET * sizeof(float));
+        return passes_direct(s, PASS_PICTURE, e, &p->direct, lo, &stats->direct, &seconds);
+    memset(lo, 0, points_bytes(r));
     return ERR_OK;
 }
 
@@ -324,15 +331,16 @@ double relighter_follow(struct relighter *r)
     return relight_cache_follow(&r->cache);
 }
 
+/* Adds to lo. */
 static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct picture_passes *p,
-                              struct relight_stats *stats)
+                              float *lo, struct relight_stats *stats)
 {
     enum err result = ERR_OK;
 
     for (int k = 0; k < 2 && !result; k++) {
         struct eye_paths_stats one = { 0 };
         if (p->eye[k].paths > 0)
-            result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &p->eye[k], r->passes.lo, &one);
+            result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &p->eye[k], lo, &one);
         stats->eye.paths += one.paths;
         stats->eye.rays += one.rays;
     }
@@ -384,7 +392,8 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
 }
 
 /* Direct light on the ground without shadows, by the same samples, takes most of its noise away. */
-static enum err steady_ground(struct relighter *r, const struct environment *e, const struct picture_passes *p)
+static enum err steady_ground(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+                              float *lit)
 {
     struct passes *s = &r->passes;
     struct direct_desc bare = p->direct;
@@ -401,7 +410,7 @@ static enum err steady_ground(struct relighter *r, const struct environment *e, 
     bare.log = NULL;
     const enum err result = passes_direct(s, PASS_PICTURE, e, &bare, lo, &stats, &seconds);
     if (!result && !is_cancelled(p->direct.cancel))
-        backplate_steady(s->backplate, s->lo);
+        backplate_steady(s->backplate, lit);
     return result;
 }
 
@@ -416,35 +425,103 @@ static void resolve(struct relighter *r, const struct environment *e, bool backg
         backplate_restore(s->backplate, s->lo);
 }
 
+/* Direct light, with a ground that is steady. */
+static enum err run_lit(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
+                        struct relight_stats *stats)
+{
+    const enum err result = run_direct(r, e, p, lo, stats);
+
+    return result || !r->passes.backplate ? result : steady_ground(r, e, p, lo);
+}
+
+/* Counts of one of two halves. */
+static void halve(struct picture_passes *p)
+{
+    p->direct.samples = (p->direct.samples + 1) / 2;
+    for (int k = 0; k < 2; k++)
+        p->eye[k].paths = (p->eye[k].paths + 1) / 2;
+}
+
+/* Direct light of both halves; what the cache gives has no noise and is the same in both. */
+static enum err run_direct_halves(struct relighter *r, const struct environment *e, const struct picture_passes *halves,
+                                  struct relight_stats *stats)
+{
+    struct direct_stats first;
+    enum err result = run_lit(r, e, &halves[0], denoiser_half(r->denoiser, 0), stats);
+
+    if (result)
+        return result;
+    if (halves->cached) {
+        memcpy(denoiser_half(r->denoiser, 1), denoiser_half(r->denoiser, 0), points_bytes(r));
+        return ERR_OK;
+    }
+    first = stats->direct;
+    result = run_lit(r, e, &halves[1], denoiser_half(r->denoiser, 1), stats);
+    stats->direct.rays += first.rays;
+    stats->direct.generated += first.generated;
+    stats->direct.chosen += first.chosen;
+    stats->direct.effective += first.effective;
+    stats->direct.lobes += first.lobes;
+    return result;
+}
+
+/* The light of shade points, r->points. */
+static enum err run_points(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+                           struct relight_stats *stats, struct pass_costs *costs)
+{
+    const bool split = passes->denoiser != NULL;
+    struct picture_passes halves[2];
+    const double start = clock_seconds();
+    enum err result;
+
+    for (int k = 0; k < 2 && split; k++)
+        denoiser_passes(passes, k, &halves[k]);
+    r->points = r->passes.lo;
+    result = split ? run_direct_halves(r, e, halves, stats) : run_lit(r, e, passes, r->passes.lo, stats);
+    const double lit = clock_seconds();
+    for (int k = 0; k < (split ? 2 : 1) && !result; k++)
+        result = run_eye_paths(r, e, split ? &halves[k] : passes, split ? denoiser_half(r->denoiser, k) : r->passes.lo,
+                               stats);
+    const double seen = clock_seconds();
+    if (split && !result)
+        denoiser_filter(r->denoiser, r->passes.lo);
+    costs->direct_s = lit - start;
+    costs->eye_s = seen - lit;
+    costs->filter_s = split ? clock_seconds() - seen : 0.0;
+    return result;
+}
+
 enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                               float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
-    double at[5] = { clock_seconds() };
-
     *costs = (struct pass_costs){ .eye_s = 0.0 };
     enum err result = r->passes.backplate ? backplate_begin(r->passes.backplate, e, passes->background) : ERR_OK;
     if (!result)
-        result = run_direct(r, e, passes, stats);
-    if (!result && r->passes.backplate)
-        result = steady_ground(r, e, passes);
-    at[1] = clock_seconds();
-    if (!result)
-        result = run_eye_paths(r, e, passes, stats);
-    at[2] = clock_seconds();
+        result = run_points(r, e, passes, stats, costs);
     if (result)
         return result;
+    const double start = clock_seconds();
     resolve(r, e, passes->background, rgb);
-    at[3] = clock_seconds();
+    const double resolved = clock_seconds();
     result = run_light_tracer(r, e, passes, rgb, stats, costs);
-    at[4] = clock_seconds();
-    stats->shade_ms = 1e3 * (at[1] - at[0]);
-    stats->eye_ms = 1e3 * (at[2] - at[1]);
-    stats->resolve_ms = 1e3 * (at[3] - at[2]);
-    stats->light_ms = 1e3 * (at[4] - at[3]);
-    costs->direct_s = at[1] - at[0];
-    costs->eye_s = at[2] - at[1];
-    costs->pixels_s = at[3] - at[2];
+    costs->pixels_s = resolved - start;
+    stats->shade_ms = 1e3 * costs->direct_s;
+    stats->eye_ms = 1e3 * costs->eye_s;
+    stats->filter_ms = 1e3 * costs->filter_s;
+    stats->resolve_ms = 1e3 * costs->pixels_s;
+    stats->light_ms = 1e3 * (clock_seconds() - resolved);
     return result;
+}
+
+enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out)
+{
+    *out = NULL;
+    if (!desc->denoise)
+        return ERR_OK;
+    if (!r->denoiser)
+        r->denoiser = denoiser_create(r->set, r->kernels);
+    *out = r->denoiser;
+    return r->denoiser ? ERR_OK : ERR_NOMEM;
 }
 
 enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,
@@ -465,6 +542,11 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
         return result;
     make_plan(r, e, desc, &stats->plan);
     passes_by_plan(r, desc, &stats->plan, &passes);
+    const enum err failed = relighter_denoiser(r, desc, &passes.denoiser);
+    if (failed)
+        return failed;
+    if (passes.denoiser)
+        halve(&passes);
     return relighter_run_passes(r, e, &passes, rgb, stats, &costs);
 }
 

@@ -75,6 +75,8 @@ struct relight_desc {
     bool cache_background;  /* compute it while pictures are made by other means; else the first waits for it */
     const char *cache_file; /* to keep it for the next run; "": in the cache folder (cache_place.h), NULL: none */
     const char *cache_dir;  /* the cache folder; NULL: the user's or the service's (cache/cache_folder.h) */
+    bool denoise;           /* filter the light of shade points (denoise.h): half the samples and paths at a time, and
+                             * at least one in either half. Not for references */
     bool unsplit;           /* METHOD_CACHED: no split of the sky: its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths, 0: 64 per pixel; one of `renew` parts is
      * redrawn with every turn, 0: none. The picture depends on the turn, not on earlier ones. */
@@ -85,6 +87,7 @@ struct relight_desc {
 struct relight_stats {           /* of one picture */
     double shade_ms, resolve_ms; /* direct light and all light of the cache; from points to pixels */
     double eye_ms, light_ms;     /* eye paths; light tracer */
+    double filter_ms;            /* of the denoiser (denoise.h); 0: there was none */
     struct plan plan;
     struct direct_stats direct;
     struct eye_paths_stats eye;

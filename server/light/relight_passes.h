@@ -8,6 +8,7 @@
 #include "light/relight.h"
 
 struct backplate;
+struct denoiser;
 struct resolver;
 
 enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: the picture's, and measurements' */
@@ -18,13 +19,14 @@ struct picture_passes {
     struct direct_desc direct;         /* samples 0: it is dark */
     struct eye_paths_desc eye[2];      /* paths 0: left out */
     struct light_tracer_desc light[2]; /* particles 0: left out */
+    struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
     bool halves; /* each of light[] runs in two halves with seeds of their own, which passes.half keeps; their mean is
                   * added to the picture. relighter_passes was called */
     bool background; /* the sky where the camera sees it */
 };
 
 struct pass_costs { /* seconds by the clock; of particles, without what adds their halves to the picture */
-    double direct_s, eye_s, pixels_s, light_s[2];
+    double direct_s, eye_s, filter_s, pixels_s, light_s[2];
     uint64_t light_rays[2];
 };
 
@@ -67,6 +69,9 @@ MUST_CHECK enum err passes_halves(struct passes *s, const struct environment *e,
 MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct environment *e,
                                          const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
                                          struct pass_costs *costs);
+
+/* The denoiser for pictures of desc, made when first asked for; NULL if desc wants none. ERR_NOMEM. */
+MUST_CHECK enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out);
 
 /* The relighter's own, after passes_measure: for the pilot. NULL when out of memory. */
 struct passes *relighter_passes(struct relighter *r);

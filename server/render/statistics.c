@@ -22,19 +22,20 @@ static json_t *picture_stats(const struct render *r, const struct relight_stats 
     const struct gbuffer *g = r->set->gbuffer;
     const struct image_faults *f = &r->environment->image.faults;
 
-    return json_pack(
-        "{s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f}, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I}, "
-        "s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:f, s:I}}",
-        "ms", "decode", ms[0], "rebuild", ms[1], "shade", s->shade_ms, "eye_paths", s->eye_ms, "light_tracer",
-        s->light_ms, "resolve", s->resolve_ms, "write", ms[2], "rays", "direct", (json_int_t)s->direct.rays,
-        "eye_paths", (json_int_t)s->eye.rays, "light_tracer", (json_int_t)s->light.rays, "reference",
-        (json_int_t)s->reference_rays, "light_samples", "generated", (json_int_t)s->direct.generated, "chosen",
-        (json_int_t)s->direct.chosen, "effective", (json_int_t)s->direct.effective, "lobes",
-        (json_int_t)s->direct.lobes, "light_paths", "particles", (json_int_t)s->light.particles, "starts_hit",
-        (json_int_t)s->light.starts_hit, "splats", (json_int_t)s->light.splats, "repaired", "nan", (json_int_t)f->nan,
-        "infinite", (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
-        "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels, "cut_rays",
-        g->cut_weight, "bytes", (json_int_t)g->bytes);
+    return json_pack("{s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, s:I}, "
+                     "s:{s:I, s:I, s:I}, "
+                     "s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:f, s:I}}",
+                     "ms", "decode", ms[0], "rebuild", ms[1], "shade", s->shade_ms, "eye_paths", s->eye_ms,
+                     "light_tracer", s->light_ms, "filter", s->filter_ms, "resolve", s->resolve_ms, "write", ms[2],
+                     "rays", "direct", (json_int_t)s->direct.rays, "eye_paths", (json_int_t)s->eye.rays, "light_tracer",
+                     (json_int_t)s->light.rays, "reference", (json_int_t)s->reference_rays, "light_samples",
+                     "generated", (json_int_t)s->direct.generated, "chosen", (json_int_t)s->direct.chosen, "effective",
+                     (json_int_t)s->direct.effective, "lobes", (json_int_t)s->direct.lobes, "light_paths", "particles",
+                     (json_int_t)s->light.particles, "starts_hit", (json_int_t)s->light.starts_hit, "splats",
+                     (json_int_t)s->light.splats, "repaired", "nan", (json_int_t)f->nan, "infinite",
+                     (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
+                     "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels,
+                     "cut_rays", g->cut_weight, "bytes", (json_int_t)g->bytes);
 }
 
 /* The target, what was chosen, and the error that is expected of it. */

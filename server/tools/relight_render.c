@@ -42,6 +42,8 @@ static const struct setting rows[] = {
       RENDERING, REAL(1e-4, 1000.0), AT(fps) },
     { "out", "PATTERN", "file name, with %d or %04d for the frame number; .exr (linear), .jpg or .png (tone-mapped)",
       NULL, OUTPUT, TEXT },
+    { "denoise", NULL, "filter noise out of direct and indirect light", NULL, RENDERING, SWITCH,
+      AT(desc.setup.light.denoise) },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "alpha", NULL,
@@ -80,10 +82,29 @@ static enum err read_target(const struct command *c, struct render *r, struct re
     return ERR_OK;
 }
 
+/* The filter takes pictures by counts, made of shade points. */
+static enum err check_denoise(const struct render *r, struct reason *why)
+{
+    const enum method method = r->desc.setup.light.direct.method;
+
+    if (!r->desc.setup.light.denoise)
+        return ERR_OK;
+    if (method_is_reference(method))
+        return err_say(why, ERR_USAGE, "--denoise has no meaning with --method %s, which lights pixels, not surfaces",
+                       method_name(method));
+    if (r->desc.target.seconds > 0.0 || r->desc.target.error > 0.0)
+        return err_say(why, ERR_USAGE,
+                       "--denoise takes --samples and --eye-paths, not --fps or --error, which measure pictures "
+                       "without a filter");
+    return ERR_OK;
+}
+
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = { "out", "frames", "stats", "fps", "error", "reseed", "half", "alpha" };
+    static const char *const others[] = {
+        "out", "frames", "stats", "fps", "error", "reseed", "half", "alpha", "denoise"
+    };
 
     if (command_get(c, "components")) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
@@ -126,6 +147,8 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
     d->output.level = s->kernels ? s->kernels->level : NULL;
     if (!e)
         e = read_target(c, r, why);
+    if (!e)
+        e = check_denoise(r, why);
     if (s->threads)
         omp_set_num_threads((int)s->threads);
     return e;

@@ -1,0 +1,314 @@
+#include "filter/filter.h"
+
+#include "base/mem.h"
+#include "filter/filter_kernel.h"
+
+#include <math.h>
+#include <string.h>
+
+#define REFLECTANCE_LEAST 0.02f /* light is divided by it */
+#define NOWHERE UINT32_MAX
+
+/* Points side by side: planes of `count` floats each. */
+struct points {
+    size_t count;
+    float *surface, *light, *next; /* [SURFACE_PLANES], [LIGHT_PLANES], [LIGHT_PLANES] planes */
+};
+
+/* The pixel image holds of every pixel the point with the largest weight, from which all points take their light. The
+ * others, at edges, are `rest`. */
+struct filter {
+    const struct gbuffer *g;
+    const struct filter_kernel *kernel;
+    size_t pitch; /* of the image, floats */
+    struct points image, rest;
+    float *first;          /* [height * pitch]: variances before the first level */
+    uint32_t *image_point; /* [height * pitch]: packet * 16 + lane, or NOWHERE */
+    uint32_t *rest_point;  /* [rest.count] */
+    uint32_t *rest_pixel;  /* y * width + x of the first pixel that shows it */
+};
+
+static bool points_make(struct points *p, size_t count)
+{
+    p->count = count;
+    p->surface = mem_alloc(count * SURFACE_PLANES, sizeof(float));
+    p->light = mem_alloc(count * LIGHT_PLANES, sizeof(float));
+    p->next = mem_alloc(count * LIGHT_PLANES, sizeof(float));
+    return p->surface && p->light && p->next;
+}
+
+static void points_free(struct points *p)
+{
+    mem_free(p->surface);
+    mem_free(p->light);
+    mem_free(p->next);
+}
+
+void filter_destroy(struct filter *f)
+{
+    if (!f)
+        return;
+    points_free(&f->image);
+    points_free(&f->rest);
+    mem_free(f->first);
+    mem_free(f->image_point);
+    mem_free(f->rest_point);
+    mem_free(f->rest_pixel);
+    mem_free(f);
+}
+
+static float weight_of(const struct gbuffer_entry *e)
+{
+    return fabsf(e->weight[0]) + fabsf(e->weight[1]) + fabsf(e->weight[2]);
+}
+
+/* Finds the point of every pixel of the image, and marks it: taken[point] = 1. */
+static void choose_points(struct filter *f, uint8_t *taken)
+{
+    const struct gbuffer *g = f->g;
+
+    for (uint32_t y = 0; y < g->height; y++)
+        for (uint32_t x = 0; x < f->pitch; x++) {
+            uint32_t *best = &f->image_point[y * f->pitch + x];
+            const size_t pixel = (size_t)y * g->width + x;
+            float most = 0.0f;
+            *best = NOWHERE;
+            if (x >= g->width)
+                continue;
+            for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
+                if (weight_of(&g->entries[k]) > most) {
+                    most = weight_of(&g->entries[k]);
+                    *best = g->entries[k].point;
+                }
+            if (*best != NOWHERE)
+                taken[*best] = 1;
+        }
+}
+
+/* The points that no pixel of the image has. Returns their number; f->rest_point NULL: counts only. */
+static size_t list_rest(struct filter *f, uint8_t *taken)
+{
+    const struct gbuffer *g = f->g;
+    const uint8_t listed = f->rest_point ? 3 : 2;
+    size_t count = 0;
+
+    for (size_t pixel = 0; pixel < (size_t)g->width * g->height; pixel++)
+        for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++) {
+            const uint32_t point = g->entries[k].point;
+            if (taken[point] == 1 || taken[point] == listed)
+                continue;
+            taken[point] = listed;
+            if (f->rest_point) {
+                f->rest_point[count] = point;
+                f->rest_pixel[count] = (uint32_t)pixel;
+            }
+            count++;
+        }
+    return count;
+}
+
+/* Lambert surfaces may share light after division by reflectance; others only with the same material. */
+static float kind_of(const struct shade_packet *p, uint32_t lane)
+{
+    const uint32_t lobe = p->kind == LOBE_LAMBERT ? 0 : 1 + p->material[lane];
+
+    return (float)(2 * lobe + p->behind[lane]);
+}
+
+static void put_surface(const struct filter *f, const struct view *v, uint32_t point, float *surface, size_t count,
+                        size_t i)
+{
+    const struct shade_packet *p = &f->g->packets[point / PACKET];
+    const uint32_t lane = point % PACKET;
+    const float place[3] = { p->x[lane], p->y[lane], p->z[lane] };
+    const float normal[3] = { p->ns_x[lane], p->ns_y[lane], p->ns_z[lane] };
+    double far = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        surface[(size_t)(SURFACE_NORMAL + c) * count + i] = normal[c];
+        surface[(size_t)(SURFACE_PLACE + c) * count + i] = place[c];
+        far += (place[c] - v->origin[c]) * (place[c] - v->origin[c]);
+    }
+    surface[SURFACE_WIDTH * count + i] = (float)(sqrt(far) * f->g->pixel_angle) + 1e-20f;
+    surface[SURFACE_KIND * count + i] = kind_of(p, lane);
+}
+
+static void put_surfaces(struct filter *f, const struct view *v)
+{
+    for (size_t i = 0; i < f->image.count; i++)
+        if (f->image_point[i] != NOWHERE)
+            put_surface(f, v, f->image_point[i], f->image.surface, f->image.count, i);
+        else
+            f->image.surface[SURFACE_WIDTH * f->image.count + i] = 1.0f;
+    for (size_t i = 0; i < f->rest.count; i++)
+        put_surface(f, v, f->rest_point[i], f->rest.surface, f->rest.count, i);
+}
+
+static bool fill(struct filter *f, const struct view *v, uint8_t *taken)
+{
+    const struct gbuffer *g = f->g;
+
+    f->pitch = (g->width + PACKET - 1) / PACKET * PACKET;
+    f->image_point = mem_alloc(f->pitch * g->height, sizeof(uint32_t));
+    f->first = mem_alloc(f->pitch * g->height, sizeof(float));
+    if (!f->image_point || !f->first || !points_make(&f->image, f->pitch * g->height))
+        return false;
+    choose_points(f, taken);
+    const size_t rest = list_rest(f, taken);
+    f->rest_point = mem_alloc(rest, sizeof(uint32_t));
+    f->rest_pixel = mem_alloc(rest, sizeof(uint32_t));
+    if (!f->rest_point || !f->rest_pixel || !points_make(&f->rest, rest))
+        return false;
+    list_rest(f, taken);
+    put_surfaces(f, v);
+    return true;
+}
+
+struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level)
+{
+    struct filter *f = mem_alloc(1, sizeof(*f));
+    uint8_t *taken = mem_alloc((size_t)g->packet_count * PACKET, 1);
+
+    if (f) {
+        f->g = g;
+        f->kernel = filter_kernel_select(level);
+    }
+    const bool all = f && taken && fill(f, v, taken);
+    mem_free(taken);
+    if (!all) {
+        filter_destroy(f);
+        return NULL;
+    }
+    return f;
+}
+
+static float reflectance(const struct shade_packet *p, int c, uint32_t lane)
+{
+    return fmaxf(p->diffuse[c][lane] + p->specular[c][lane], REFLECTANCE_LEAST);
+}
+
+static size_t at(uint32_t point, int c)
+{
+    return ((size_t)(point / PACKET) * 3 + (size_t)c) * PACKET + point % PACKET;
+}
+
+/* Divides the halves by reflectance, and estimates their variance from their difference. */
+static void put_light(const struct filter *f, const float *const half[2], const uint32_t *point, struct points *to)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < to->count; i++) {
+        float variance = 0.0f;
+        for (int c = 0; c < 3 && point[i] != NOWHERE; c++) {
+            const float r = 1.0f / reflectance(&f->g->packets[point[i] / PACKET], c, point[i] % PACKET);
+            const float a = r * half[0][at(point[i], c)], b = r * half[1][at(point[i], c)];
+            to->light[(size_t)c * to->count + i] = a;
+            to->light[(size_t)(3 + c) * to->count + i] = b;
+            variance += 0.5f * (a - b) * (a - b);
+        }
+        to->light[LIGHT_VARIANCE * to->count + i] = variance;
+    }
+}
+
+static void take_light(const struct filter *f, const struct points *from, const uint32_t *point, float *out)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < from->count; i++)
+        for (int c = 0; c < 3 && point[i] != NOWHERE; c++)
+            out[at(point[i], c)] =
+                0.5f * reflectance(&f->g->packets[point[i] / PACKET], c, point[i] % PACKET) *
+                (from->light[(size_t)c * from->count + i] + from->light[(size_t)(3 + c) * from->count + i]);
+}
+
+static struct filter_picture picture_of(const struct filter *f)
+{
+    struct filter_picture p = { .width = f->g->width, .height = f->g->height, .pitch = f->pitch };
+
+    for (size_t k = 0; k < SURFACE_PLANES; k++)
+        p.surface[k] = f->image.surface + k * f->image.count;
+    for (size_t k = 0; k < LIGHT_PLANES; k++)
+        p.light[k] = f->image.light + k * f->image.count;
+    return p;
+}
+
+static struct filter_points points_at(const struct points *p, size_t first, uint32_t count, uint32_t x, uint32_t y)
+{
+    struct filter_points out = { .x = x, .y = y, .count = count };
+
+    for (size_t k = 0; k < SURFACE_PLANES; k++)
+        out.surface[k] = p->surface + k * p->count + first;
+    for (size_t k = 0; k < LIGHT_PLANES; k++) {
+        out.light[k] = p->light + k * p->count + first;
+        out.out[k] = p->next + k * p->count + first;
+    }
+    return out;
+}
+
+/* One level over the image; step 0: the mean of the variances. */
+static void run_image(struct filter *f, uint32_t step)
+{
+    const struct filter_picture p = picture_of(f);
+
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t y = 0; y < p.height; y++)
+        for (uint32_t x = 0; x < p.width; x += FILTER_COUNT_MAX) {
+            const uint32_t count = p.width - x < FILTER_COUNT_MAX ? p.width - x : FILTER_COUNT_MAX;
+            const struct filter_points row = points_at(&f->image, y * f->pitch + x, count, x, y);
+            if (step)
+                f->kernel->level(&p, &row, step);
+            else
+                f->kernel->spread(&p, &row);
+        }
+}
+
+/* The points that are not in the image take filtered light from pixels around, whose noise was that of `first`. */
+static void run_rest(struct filter *f)
+{
+    struct filter_picture p = picture_of(f);
+
+    p.light[LIGHT_VARIANCE] = f->first;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < f->rest.count; i++) {
+        const struct filter_points one =
+            points_at(&f->rest, i, 1, f->rest_pixel[i] % p.width, f->rest_pixel[i] / p.width);
+        f->kernel->level(&p, &one, 1);
+    }
+}
+
+/* What was written becomes the next one's light. */
+static void turn(struct points *p)
+{
+    float *old = p->light;
+
+    p->light = p->next;
+    p->next = old;
+}
+
+void filter_run(struct filter *f, const float *const half[2], float *out)
+{
+    const size_t count = f->image.count;
+
+    put_light(f, half, f->image_point, &f->image);
+    put_light(f, half, f->rest_point, &f->rest);
+    run_image(f, 0);
+    memcpy(f->first, f->image.next + LIGHT_VARIANCE * count, count * sizeof(float));
+    memcpy(f->image.light + LIGHT_VARIANCE * count, f->first, count * sizeof(float));
+    for (int k = 0; k < FILTER_LEVELS; k++) {
+        run_image(f, 1u << k);
+        turn(&f->image);
+    }
+    run_rest(f);
+    turn(&f->rest);
+    take_light(f, &f->image, f->image_point, out);
+    take_light(f, &f->rest, f->rest_point, out);
+}
+
+extern const struct filter_kernel filter_kernel_baseline, filter_kernel_v3, filter_kernel_v4;
+
+const struct filter_kernel *filter_kernel_select(const char *level)
+{
+    static const struct filter_kernel *const by_level[CPU_LEVELS] = KERNEL_TABLE(filter_kernel);
+    enum cpu_level chosen;
+    struct reason ignored;
+
+    return by_level[cpu_select(level, &chosen, &ignored) ? cpu_best() : chosen];
+}

@@ -1,0 +1,35 @@
+/* server/filter/filter.h */
+/* Removes noise from the light at shade points, guided by the G-buffer: an edge-avoiding a-trous wavelet filter
+ * [Dammertz et al. 2010], steered by variance as in SVGF [Schied et al. 2017].
+ *
+ * The light comes as two independent halves a and b of one picture, each divided by the surface's reflectance. Every
+ * level k replaces a point's light by the weighted mean over 5 x 5 pixels that are 2^k apart, with the weights
+ *
+ *     w = h(dx) h(dy) * max(0, n.n')^64 * (1 - (d / s)^2)+ * (1 - |y - y'|^2 / (9 (v + v')))+^2
+ *
+ * h is the B-spline (1, 4, 6, 4, 1) / 16, n the shading normal, d the distance from the point's tangent plane, s twice
+ * the width of 2^k pixels there, y the light of the other half, v its variance; points of other lobes, or seen in a
+ * mirror, have weight 0. Since a's weights come from b and b's from a, noise cannot choose its own weights [Rousselle
+ * et al. 2012]. The variance is (a - b)^2 / 2, averaged over the 7 x 7 points around with the first three factors, and
+ * then carried through the levels. Where both halves agree, nothing changes: sharp shadows of the sun stay sharp.
+ *
+ * The filter is biased where light changes within the noise: docs/where-methods-fail.md. */
+#ifndef FILTER_FILTER_H
+#define FILTER_FILTER_H
+
+#include "scene/gbuffer.h"
+#include "scene/view.h"
+
+struct filter;
+
+/* g and v, its camera's view, must outlive it. level: of the CPU (base/cpu.h); NULL: the best. 120 bytes a pixel. NULL
+ * when out of memory. */
+struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level);
+void filter_destroy(struct filter *f); /* NULL is allowed */
+
+/* half: two independent estimates with the same expectation, float[packet_count][3][16] as direct_shade writes them.
+ * out: likewise, their filtered mean; it may be half[0] or half[1]. On all OpenMP threads, with the same bits at any
+ * number of them. One thread of control. */
+void filter_run(struct filter *f, const float *const half[2], float *out);
+
+#endif

@@ -1,0 +1,62 @@
+/* server/filter/filter_kernel.h */
+/* One level of the filter on rows of pixels: the inner loop of filter_run. Private to this room and its tests. Thread:
+ * any; the caller owns all arrays. */
+#ifndef FILTER_FILTER_KERNEL_H
+#define FILTER_FILTER_KERNEL_H
+
+#include "base/cpu.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* What the camera sees at the pixels of a row or an image: planes of floats. */
+enum {
+    SURFACE_NORMAL = 0, /* x, y, z of the shading normal; 0, 0, 0: no surface */
+    SURFACE_PLACE = 3,  /* x, y, z, m */
+    SURFACE_WIDTH = 6,  /* of a pixel there, m */
+    SURFACE_KIND = 7,   /* equal where light may be mixed */
+    SURFACE_PLANES = 8,
+};
+
+/* Light and its variance there. */
+enum {
+    LIGHT_HALF = 0,     /* r, g, b of half a, then of half b */
+    LIGHT_VARIANCE = 6, /* of one half, summed over r, g and b */
+    LIGHT_PLANES = 7,
+};
+
+#define FILTER_LEVELS 5
+#define FILTER_RADIUS 2 /* of a level, in steps */
+#define SPREAD_RADIUS 3 /* of the mean over first variances, in pixels */
+
+/* The picture from which neighbours are taken. */
+struct filter_picture {
+    const float *surface[SURFACE_PLANES]; /* [height][pitch] */
+    const float *light[LIGHT_PLANES];     /* likewise */
+    uint32_t width, height;
+    size_t pitch;
+};
+
+/* Points to filter: `count` pixels side by side, of row y from column x on. */
+struct filter_points {
+    const float *surface[SURFACE_PLANES]; /* [count] */
+    const float *light[LIGHT_PLANES];
+    float *out[LIGHT_PLANES]; /* [count], written */
+    uint32_t x, y, count;
+};
+
+#define FILTER_COUNT_MAX 256 /* of filter_points */
+
+struct filter_kernel {
+    enum cpu_level cpu;
+    /* The mean over 5 x 5 neighbours, `step` pixels apart. */
+    void (*level)(const struct filter_picture *p, const struct filter_points *at, uint32_t step);
+    /* The mean of variances over 7 x 7 neighbours: writes out[LIGHT_VARIANCE] only. */
+    void (*spread)(const struct filter_picture *p, const struct filter_points *at);
+};
+
+/* The kernel of a CPU level by name (base/cpu.h); the best supported one if level is NULL or not supported. */
+const struct filter_kernel *filter_kernel_select(const char *level);
+
+#endif

@@ -1,0 +1,58 @@
+#include "light/denoise.h"
+
+#include "base/mem.h"
+#include "base/rng.h"
+#include "filter/filter.h"
+
+struct denoiser {
+    struct filter *filter;
+    float *half[2]; /* [packet_count][3][16] */
+};
+
+struct denoiser *denoiser_create(const struct set *set, const struct kernels *kernels)
+{
+    struct denoiser *d = mem_alloc(1, sizeof(*d));
+    const struct gbuffer *g = set->gbuffer;
+
+    if (!d)
+        return NULL;
+    d->filter = filter_create(g, &set->view, kernels ? kernels->level : NULL);
+    for (int k = 0; k < 2; k++)
+        d->half[k] = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
+    if (!d->filter || !d->half[0] || !d->half[1]) {
+        denoiser_destroy(d);
+        return NULL;
+    }
+    return d;
+}
+
+void denoiser_destroy(struct denoiser *d)
+{
+    if (!d)
+        return;
+    filter_destroy(d->filter);
+    mem_free(d->half[0]);
+    mem_free(d->half[1]);
+    mem_free(d);
+}
+
+float *denoiser_half(struct denoiser *d, int k)
+{
+    return d->half[k];
+}
+
+void denoiser_filter(struct denoiser *d, float *lo)
+{
+    filter_run(d->filter, (const float *const[]){ d->half[0], d->half[1] }, lo);
+}
+
+void denoiser_passes(const struct picture_passes *p, int k, struct picture_passes *out)
+{
+    *out = *p;
+    out->direct.pass = 2 * p->direct.pass + (uint64_t)k;
+    out->direct.scatter = true;
+    for (int i = 0; i < 2; i++) {
+        out->eye[i].pass = 2 * p->eye[i].pass + (uint64_t)k;
+        out->eye[i].seed = rng_mix(p->eye[i].seed, (uint64_t)k);
+    }
+}

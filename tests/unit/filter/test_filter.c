@@ -1,0 +1,284 @@
+/* The filter on made-up surfaces: what it must leave alone, what it must average, and what it must not mix. Light of
+ * known mean and variance gives each claim a closed form. */
+#include "filter/filter.h"
+#include "filter/filter_kernel.h"
+
+#include "base/mem.h"
+#include "base/rng.h"
+#include "support/unit.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { WIDTH = 64, HEIGHT = 48, PIXELS = WIDTH * HEIGHT, PACKETS = PIXELS / PACKET };
+
+/* A plane at distance 10 that fills the image, one point per pixel in the image's order. */
+struct wall {
+    struct gbuffer g;
+    struct view view;
+    float *half[2], *out;
+};
+
+static struct wall wall_make(void)
+{
+    struct wall w = { .g = { .width = WIDTH, .height = HEIGHT, .packet_count = PACKETS, .pixel_angle = 0.01f } };
+
+    w.g.packets = mem_alloc(PACKETS, sizeof(*w.g.packets));
+    w.g.entries = mem_alloc(PIXELS, sizeof(*w.g.entries));
+    w.g.entry_first = mem_alloc(PIXELS + 1, sizeof(uint32_t));
+    w.half[0] = mem_alloc(PACKETS * 3 * PACKET, sizeof(float));
+    w.half[1] = mem_alloc(PACKETS * 3 * PACKET, sizeof(float));
+    w.out = mem_alloc(PACKETS * 3 * PACKET, sizeof(float));
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        struct shade_packet *p = &w.g.packets[i / PACKET];
+        const uint32_t l = i % PACKET;
+        p->kind = LOBE_LAMBERT;
+        p->count = PACKET;
+        p->x[l] = 0.1f * ((float)(i % WIDTH) - WIDTH / 2);
+        p->y[l] = 0.1f * ((float)(i / WIDTH) - HEIGHT / 2);
+        p->z[l] = -10.0f;
+        p->ns_z[l] = p->ng_z[l] = 1.0f;
+        for (int c = 0; c < 3; c++)
+            p->diffuse[c][l] = 0.5f;
+        w.g.entries[i] = (struct gbuffer_entry){ i, { 1.0f, 1.0f, 1.0f } };
+        w.g.entry_first[i + 1] = i + 1;
+    }
+    return w;
+}
+
+static void wall_finish(struct wall *w)
+{
+    mem_free(w->g.packets);
+    mem_free(w->g.entries);
+    mem_free(w->g.entry_first);
+    mem_free(w->half[0]);
+    mem_free(w->half[1]);
+    mem_free(w->out);
+}
+
+static float *at(float *lo, uint32_t pixel, int c)
+{
+    return &lo[((size_t)(pixel / PACKET) * 3 + (size_t)c) * PACKET + pixel % PACKET];
+}
+
+/* Both halves: mean(x) plus independent noise, even over +-spread. */
+static void light(struct wall *w, float (*mean)(uint32_t x), float spread, uint64_t seed)
+{
+    struct rng r = { seed };
+
+    for (uint32_t i = 0; i < PIXELS; i++)
+        for (int k = 0; k < 2; k++)
+            for (int c = 0; c < 3; c++)
+                *at(w->half[k], i, c) = mean(i % WIDTH) + spread * (2.0f * (float)rng_next(&r) - 1.0f);
+}
+
+static void run(struct wall *w, const char *level)
+{
+    struct filter *f = filter_create(&w->g, &w->view, level);
+
+    assert_non_null(f);
+    filter_run(f, (const float *const[]){ w->half[0], w->half[1] }, w->out);
+    filter_destroy(f);
+}
+
+static float one(uint32_t x)
+{
+    (void)x;
+    return 1.0f;
+}
+
+static float step(uint32_t x)
+{
+    return x < WIDTH / 2 ? 1.0f : 4.0f;
+}
+
+/* Mean squared distance of the output from mean(x), over columns first .. end - 1. */
+static double error_of(struct wall *w, float (*mean)(uint32_t x), uint32_t first, uint32_t end)
+{
+    double sum = 0.0;
+
+    for (uint32_t i = 0; i < PIXELS; i++)
+        for (int c = 0; c < 3 && i % WIDTH >= first && i % WIDTH < end; c++)
+            sum += pow((double)(*at(w->out, i, c) - mean(i % WIDTH)), 2.0);
+    return sum / (3.0 * HEIGHT * (end - first));
+}
+
+static void light_without_noise_passes_unchanged(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    light(&w, step, 0.0f, 1);
+    run(&w, NULL);
+    for (uint32_t i = 0; i < PIXELS; i++)
+        assert_float_equal(*at(w.out, i, 0), step(i % WIDTH), 1e-6);
+    wall_finish(&w);
+}
+
+/* Five levels of the spline have a variance of 1 + 4 + 16 + 64 + 256 = 341 pixels squared, and would leave 1 / (4 pi
+ * 341) of white noise. Borders and rejected neighbours leave more: 1 / 100 is required. */
+static void noise_on_a_plain_wall_is_averaged_away(void **state)
+{
+    const double spread = 0.5, variance = spread * spread / 3.0 / 2.0; /* of the halves' mean */
+    struct wall w = wall_make();
+    double sum = 0.0;
+
+    (void)state;
+    light(&w, one, (float)spread, 2);
+    run(&w, NULL);
+    const double left = error_of(&w, one, 0, WIDTH) / variance;
+    print_message("%.4f of the variance is left\n", left);
+    assert_true(left < 0.01);
+    for (uint32_t i = 0; i < PIXELS; i++)
+        sum += (double)*at(w.out, i, 1);
+    /* the mean of 3072 pixels has a standard error of 0.0037 */
+    assert_float_equal(sum / PIXELS, 1.0, 0.015);
+    wall_finish(&w);
+}
+
+/* A step of light that noise does not hide, ten of its standard deviations: next to it no light of the other side. */
+static void an_edge_of_light_above_the_noise_stays(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    light(&w, step, 0.3f, 3);
+    run(&w, NULL);
+    const double beside = error_of(&w, step, WIDTH / 2 - 2, WIDTH / 2 + 2);
+    print_message("squared error beside the edge %.5f, of the noise 0.015\n", beside);
+    assert_true(beside < 0.015);
+    wall_finish(&w);
+}
+
+/* Noise that hides the step, which only the surfaces tell apart: beside their border the light stays apart all the
+ * same. Mixed, the four columns on either side come near 2.5. */
+static void expect_apart(struct wall *w)
+{
+    double sum[2] = { 0.0, 0.0 };
+
+    light(w, step, 8.0f, 4);
+    run(w, NULL);
+    for (uint32_t i = 0; i < PIXELS; i++)
+        if (i % WIDTH >= WIDTH / 2 - 4 && i % WIDTH < WIDTH / 2 + 4)
+            sum[i % WIDTH >= WIDTH / 2] += (double)*at(w->out, i, 0) / (4 * HEIGHT);
+    print_message("means %.3f and %.3f\n", sum[0], sum[1]);
+    assert_float_equal(sum[0], 1.0, 0.12); /* without the light of the other side: 0.05 measured */
+    assert_float_equal(sum[1], 4.0, 0.12);
+}
+
+static void light_does_not_cross_creases(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    for (uint32_t i = 0; i < PIXELS; i++)
+        if (i % WIDTH >= WIDTH / 2) {
+            w.g.packets[i / PACKET].ns_z[i % PACKET] = 0.6f;
+            w.g.packets[i / PACKET].ns_x[i % PACKET] = 0.8f;
+        }
+    expect_apart(&w);
+    wall_finish(&w);
+}
+
+/* Parallel walls, one 20 pixels' widths behind the other. */
+static void light_does_not_cross_gaps(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    for (uint32_t i = 0; i < PIXELS; i++)
+        if (i % WIDTH >= WIDTH / 2)
+            w.g.packets[i / PACKET].z[i % PACKET] = -8.0f;
+    for (uint32_t i = 0; i < PIXELS; i++)
+        w.g.packets[i / PACKET].z[i % PACKET] *= 4.0f; /* 8 apart: beyond two pixels even at the last level */
+    expect_apart(&w);
+    wall_finish(&w);
+}
+
+static void what_a_mirror_shows_stays_apart(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    for (uint32_t i = 0; i < PIXELS; i++)
+        w.g.packets[i / PACKET].behind[i % PACKET] = i % WIDTH >= WIDTH / 2;
+    expect_apart(&w);
+    wall_finish(&w);
+}
+
+/* Light is filtered before the surface's reflectance, so that textures stay sharp: white and black tiles. */
+static void textures_stay_sharp(void **state)
+{
+    struct wall w = wall_make();
+    struct rng r = { 5 };
+
+    (void)state;
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        const float tile = i % WIDTH / 4 % 2 ? 0.9f : 0.1f;
+        for (int c = 0; c < 3; c++) {
+            w.g.packets[i / PACKET].diffuse[c][i % PACKET] = tile;
+            for (int k = 0; k < 2; k++)
+                *at(w.half[k], i, c) = tile * (1.0f + 1.8f * ((float)rng_next(&r) - 0.5f));
+        }
+    }
+    run(&w, NULL);
+    for (uint32_t i = 0; i < PIXELS; i++)
+        assert_float_equal(*at(w.out, i, 2) / w.g.packets[i / PACKET].diffuse[2][i % PACKET], 1.0, 0.3);
+    wall_finish(&w);
+}
+
+/* A point that a pixel shows beside a larger one is not in the image, but takes its light from there. */
+static void small_points_of_a_pixel_are_filtered_too(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    /* pixel 2k shows points 2k and 2k + 1, and pixel 2k + 1 nothing */
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        w.g.entries[i].weight[0] = w.g.entries[i].weight[1] = w.g.entries[i].weight[2] = i % 2 ? 0.3f : 0.7f;
+        w.g.entry_first[i + 1] = 2 * (i / 2 + 1);
+    }
+    light(&w, one, 0.5f, 6);
+    run(&w, NULL);
+    const double left = error_of(&w, one, 0, WIDTH) / (0.25 / 6.0);
+    print_message("%.4f of the variance is left\n", left);
+    assert_true(left < 0.05);
+    wall_finish(&w);
+}
+
+static void every_cpu_level_has_the_same_bits(void **state)
+{
+    struct wall w = wall_make();
+    float *first = mem_alloc(PACKETS * 3 * PACKET, sizeof(float));
+    int levels = 0;
+
+    (void)state;
+    light(&w, step, 2.0f, 7);
+    run(&w, cpu_names[CPU_BASELINE]);
+    memcpy(first, w.out, PACKETS * 3 * PACKET * sizeof(float));
+    for (enum cpu_level level = CPU_BASELINE; level <= cpu_best(); level++, levels++) {
+        assert_int_equal(filter_kernel_select(cpu_names[level])->cpu, level);
+        run(&w, cpu_names[level]);
+        assert_memory_equal(first, w.out, PACKETS * 3 * PACKET * sizeof(float));
+    }
+    print_message("%d levels\n", levels);
+    mem_free(first);
+    wall_finish(&w);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(light_without_noise_passes_unchanged),
+        cmocka_unit_test(noise_on_a_plain_wall_is_averaged_away),
+        cmocka_unit_test(an_edge_of_light_above_the_noise_stays),
+        cmocka_unit_test(light_does_not_cross_creases),
+        cmocka_unit_test(light_does_not_cross_gaps),
+        cmocka_unit_test(what_a_mirror_shows_stays_apart),
+        cmocka_unit_test(textures_stay_sharp),
+        cmocka_unit_test(small_points_of_a_pixel_are_filtered_too),
+        cmocka_unit_test(every_cpu_level_has_the_same_bits),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
