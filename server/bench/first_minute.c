@@ -11,9 +11,7 @@
 #include <string.h>
 #include <time.h>
 
-#define INTERVAL_S                                                                                                     \
-    (1.0 / 30.0) /* between pictures, and until a cache is there coarsely: as the daemon's shade thread */
-#define HURRY_S 0.75
+#define INTERVAL_S (1.0 / 30.0) /* between pictures */
 #define HURRY_SHARE 0.3
 #define PICTURE_SHARE 0.75
 #define TRUTH_SAMPLES 32
@@ -94,7 +92,10 @@ static enum err keep(struct first_minute *m, const struct decision *decision, co
     while (m->count + 1 < KEPT && kept_s[m->count] <= wall_s)
         m->count++; /* times without a picture of their own */
     *k = (struct kept){ wall_s, processor_seconds(), stats->cache_share,
-                        decision->by == DECIDED_BY_CACHE ? "cache" : "samples", mem_alloc(m->values, sizeof(float)) };
+                        decision->by == DECIDED_BY_CACHE ? "cache"
+                        : decision->light.denoise        ? "denoised"
+                                                         : "samples",
+                        mem_alloc(m->values, sizeof(float)) };
     if (!k->rgb)
         return ERR_NOMEM;
     memcpy(k->rgb, m->rgb, m->values * sizeof(float));
@@ -111,8 +112,8 @@ static enum err make_picture(struct first_minute *m, bool last)
     struct pilot_stats measured;
 
     decider_begin(&m->decider, m->relighter, &request);
-    if (decider_is_hurrying(&m->decider))
-        request.target.seconds = HURRY_SHARE * HURRY_S;
+    if (decider_interval_s(&m->decider) > 0.0)
+        request.target.seconds = HURRY_SHARE * decider_interval_s(&m->decider);
     decide(&m->decider, &request, &decision);
     enum err e = decider_run(&m->decider, m->relighter, m->environment, &request, &decision, m->rgb, &stats, &measured);
     if (!e)
@@ -131,9 +132,9 @@ static enum err live(struct first_minute *m)
     for (int after = 0; !e && after < AFTER && clock_seconds() - m->begun_s < most_s;) {
         const double start = clock_seconds();
         e = make_picture(m, false);
-        const double wait_s = start + (decider_is_hurrying(&m->decider) ? HURRY_S : INTERVAL_S) - clock_seconds();
+        const double wait_s = start + fmax(decider_interval_s(&m->decider), INTERVAL_S) - clock_seconds();
         if (wait_s > 0.0)
-            nanosleep(&(struct timespec){ .tv_nsec = (long)(1e9 * wait_s) }, NULL);
+            nanosleep(&(struct timespec){ (time_t)wait_s, (long)(1e9 * fmod(wait_s, 1.0)) }, NULL);
         after += m->decider.cache.begun && !decider_is_computing(&m->decider, m->relighter);
     }
     while (m->count > 0 && !m->kept[m->count - 1].rgb)

@@ -11,8 +11,7 @@
 #define CACHE_SHARE 0.75  /* and while a cache is computed beside: it costs quality, not rate */
 #define POLL_MS 30        /* how soon controls are noticed while no frame comes */
 #define PACE_MS 2         /* likewise while a picture is not due yet */
-#define HURRY_S 0.75      /* between pictures until a cache is there coarsely, */
-#define HURRY_SHARE 0.3   /* of which a measured picture may use this share: few good ones, not many of one sample */
+#define HURRY_SHARE 0.3   /* of decider_interval_s, that a measured picture may use */
 #define AGAIN_S 0.1       /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
@@ -95,8 +94,9 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
     l->request = make_request(t, in, l);
     if (!in->ticket.lockstep)
         decider_begin(&t->decider, r, &l->request);
-    if (l->request.target.seconds > 0.0 && decider_is_hurrying(&t->decider))
-        l->request.target.seconds = fmin(HURRY_SHARE * HURRY_S, shared->config.picture_s);
+    const double interval = decider_interval_s(&t->decider);
+    if (l->request.target.seconds > 0.0 && interval > 0.0)
+        l->request.target.seconds = fmin(HURRY_SHARE * interval, shared->config.picture_s);
     decide(&t->decider, &l->request, &l->decision);
     return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
 }
@@ -120,7 +120,7 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     status_picture_shaded(&shared->status,
                           &(struct picture_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
                                                     t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0 });
-    if (!measured)
+    if (!measured && !light->denoise) /* what the filter takes, no setting asks for */
         cost_learn(&t->cost, (in->ticket.lockstep ? t->first_set : t->set)->facts.points, light, &l->stats);
     if (!in->ticket.lockstep)
         settings_set_proven(&shared->settings, l->settings.light_version);
@@ -169,7 +169,7 @@ static double interval_s(struct shade_thread *t)
     if (demand.recorder)
         return 0.0;
     const double asked_s = demand.viewers ? 1.0 / settings_now(&t->shared->settings).fps : 1.0;
-    return decider_is_hurrying(&t->decider) ? fmax(asked_s, HURRY_S) : asked_s;
+    return fmax(asked_s, decider_interval_s(&t->decider));
 }
 
 /* Applies what controllers and signals asked for. After a change of camera the current frame is lit again, unless it

@@ -5,7 +5,11 @@
 #include <math.h>
 
 #define SMOOTH 0.2
-#define SAMPLES 64 /* N_s of the cache's frames, for what is traced of the sun */
+#define FIRST_SAMPLES 8 /* of a denoised picture, */
+#define FIRST_PATHS 2   /* and its eye paths */
+#define FIRST_S 1.5     /* from one to the next: the cache needs the processors */
+#define HURRY_S 0.75    /* likewise, until direct light is there coarsely */
+#define SAMPLES 64      /* N_s of the cache's frames, for what is traced of the sun */
 
 void decider_finish(struct decider *d)
 {
@@ -46,6 +50,24 @@ static struct buy_facts facts_of(const struct relighter *r, const struct relight
     };
 }
 
+/* While the cache is not there even roughly, and indirect light is wanted: a picture of few samples that is filtered is
+ * nearer to the truth than one of many without indirect light. */
+static bool is_first(const struct decider *d, const struct frame_request *request)
+{
+    return d->cache.begun && !d->cache.ready && request->background && is_measured(request) &&
+           request->light->classes & PATH_INDIRECT_LIT && cache_may_serve(request->light);
+}
+
+static struct relight_desc denoised(const struct relight_desc *light)
+{
+    struct relight_desc d = *light;
+
+    d.denoise = true;
+    d.direct.samples = FIRST_SAMPLES;
+    d.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
+    return d;
+}
+
 void decide(const struct decider *d, const struct frame_request *request, struct decision *out)
 {
     *out = (struct decision){ .light = *request->light };
@@ -60,6 +82,10 @@ void decide(const struct decider *d, const struct frame_request *request, struct
         out->why = d->cache.last.why;
         out->light = by_cache(request->light);
         out->light.cache_background |= request->background;
+    } else if (is_first(d, request)) {
+        out->by = DECIDED_BY_RULE;
+        out->why = "few samples, denoised, until the cache is there";
+        out->light = denoised(request->light);
     } else {
         out->by = DECIDED_BY_MEASURES;
         out->why = "a time or an error was given";
@@ -112,9 +138,11 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
     return d->cache.begun && relighter_follow(r) < 1.0;
 }
 
-bool decider_is_hurrying(const struct decider *d)
+double decider_interval_s(const struct decider *d)
 {
-    return d->cache.begun && d->cache.share < RELIGHT_DIRECT;
+    if (!d->cache.begun || !(d->cache.share < RELIGHT_DIRECT))
+        return 0.0;
+    return d->cache.ready ? HURRY_S : FIRST_S;
 }
 
 /* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
@@ -215,6 +243,10 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         d->cache.refused = true;
     } else if (decision->by == DECIDED_BY_CACHE) {
         d->cache.share = stats->cache_share;
+    }
+    if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
+        follow_cache(d, r, request);
+        return;
     }
     if (decision->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->light))
         return;

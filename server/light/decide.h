@@ -15,7 +15,7 @@
 
 enum decided_by {
     DECIDED_BY_REQUEST,  /* the method was named */
-    DECIDED_BY_RULE,     /* auto, by counts of samples */
+    DECIDED_BY_RULE,     /* auto, by counts of samples; denoised where the cache is on its way */
     DECIDED_BY_MEASURES, /* auto, by a time or an error */
     DECIDED_BY_CACHE,    /* auto, the cache of light transport instead of measuring */
 };
@@ -83,8 +83,8 @@ MUST_CHECK enum err decider_prepare(struct decider *d, struct relighter *r, doub
 /* True while the cache is computed in the background. */
 bool decider_is_computing(const struct decider *d, struct relighter *r);
 
-/* True until all light of a cache that is computed in the background is there coarsely: the sooner the better, so
- * pictures should come less often. */
-bool decider_is_hurrying(const struct decider *d);
+/* Seconds from one picture to the next, at least, until all light of a cache that is computed in the background is
+ * there coarsely: the fewer pictures, the sooner. 0: there is no reason to wait. */
+double decider_interval_s(const struct decider *d);
 
 #endif
