@@ -7,8 +7,7 @@
 #define SMOOTH 0.2
 #define FIRST_SAMPLES 8 /* of a denoised picture, */
 #define FIRST_PATHS 2   /* and its eye paths */
-#define FIRST_S 1.5     /* from one to the next: the cache needs the processors */
-#define HURRY_S 0.75    /* likewise, until direct light is there coarsely */
+#define HURRY_S 1.5     /* from one picture to the next meanwhile: the cache needs the processors */
 #define SAMPLES 64      /* N_s of the cache's frames, for what is traced of the sun */
 
 void decider_finish(struct decider *d)
@@ -50,8 +49,8 @@ static struct buy_facts facts_of(const struct relighter *r, const struct relight
     };
 }
 
-/* While the cache is not there even roughly, and indirect light is wanted: a picture of few samples that is filtered is
- * nearer to the truth than one of many without indirect light. */
+/* While the cache is not there even coarsely, and indirect light is wanted: a picture of few samples that is filtered
+ * is nearer to the truth than one of many without indirect light. */
 static bool is_first(const struct decider *d, const struct frame_request *request)
 {
     return d->cache.begun && !d->cache.ready && request->background && is_measured(request) &&
@@ -140,9 +139,7 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
 
 double decider_interval_s(const struct decider *d)
 {
-    if (!d->cache.begun || !(d->cache.share < RELIGHT_DIRECT))
-        return 0.0;
-    return d->cache.ready ? HURRY_S : FIRST_S;
+    return d->cache.begun && d->cache.share < RELIGHT_DIRECT ? HURRY_S : 0.0;
 }
 
 /* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
@@ -185,9 +182,10 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
     const atomic_bool *cancel = light->direct.cancel;
     const bool indirect = facts_of(r, light).indirect;
     const bool coarsely = request->background && (indirect || d->cache.error > BUY_BIAS_COARSE);
+    const double enough = !coarsely ? 1.0 : indirect ? RELIGHT_DIRECT : RELIGHT_COARSE;
 
     d->cache.share = relighter_follow(r);
-    d->cache.ready = d->cache.share >= (coarsely ? RELIGHT_COARSE : 1.0) && !(cancel && atomic_load(cancel));
+    d->cache.ready = d->cache.share >= enough && !(cancel && atomic_load(cancel));
     if (d->cache.ready)
         log_info("auto: the cache of light transport is used from here on");
 }
