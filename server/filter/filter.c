@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define REFLECTANCE_LEAST 0.02f /* light is divided by it */
+#define AGREED 0.03f            /* difference of the halves, in means, below which a point is as bright as it seems */
 #define NOWHERE UINT32_MAX
 
 /* Points side by side: planes of `count` floats each. */
@@ -209,14 +210,46 @@ static void put_light(const struct filter *f, const float *const half[2], const 
     }
 }
 
-static void take_light(const struct filter *f, const struct points *from, const uint32_t *point, float *out)
+/* Channel c of the brightest pixel next to this one, or around it; below 0: there is no surface. */
+static float brightest(const struct filter *f, uint32_t pixel, int c)
+{
+    const uint32_t width = f->g->width, x = pixel % width, y = pixel / width;
+    const float *a = f->image.light + (size_t)c * f->image.count, *b = a + 3 * f->image.count;
+    float most = -1.0f;
+
+    for (uint32_t v = y > FILTER_RADIUS ? y - FILTER_RADIUS : 0; v <= y + FILTER_RADIUS && v < f->g->height; v++)
+        for (uint32_t u = x > FILTER_RADIUS ? x - FILTER_RADIUS : 0; u <= x + FILTER_RADIUS && u < width; u++) {
+            const size_t i = (size_t)v * f->pitch + u;
+            if (f->image_point[i] != NOWHERE && (u != x || v != y))
+                most = fmaxf(most, 0.5f * (a[i] + b[i]));
+        }
+    return most;
+}
+
+/* A point keeps its noise if it has no like neighbours, or if both halves found something bright by chance. Unless they
+ * agree, it is no brighter than the brightest pixel around. */
+static float without_speck(const struct filter *f, uint32_t pixel, int c, float a, float b)
+{
+    const float mean = 0.5f * (a + b);
+
+    if (!(fabsf(a - b) > AGREED * mean))
+        return mean;
+    const float limit = brightest(f, pixel, c);
+    return limit >= 0.0f && mean > limit ? limit : mean;
+}
+
+/* pixel: of the points; NULL: they are those of the image. */
+static void take_light(const struct filter *f, const struct points *from, const uint32_t *point, const uint32_t *pixel,
+                       float *out)
 {
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < from->count; i++)
-        for (int c = 0; c < 3 && point[i] != NOWHERE; c++)
-            out[at(point[i], c)] =
-                0.5f * reflectance(&f->g->packets[point[i] / PACKET], c, point[i] % PACKET) *
-                (from->light[(size_t)c * from->count + i] + from->light[(size_t)(3 + c) * from->count + i]);
+        for (int c = 0; c < 3 && point[i] != NOWHERE; c++) {
+            const uint32_t home = pixel ? pixel[i] : (uint32_t)(i / f->pitch * f->g->width + i % f->pitch);
+            out[at(point[i], c)] = reflectance(&f->g->packets[point[i] / PACKET], c, point[i] % PACKET) *
+                                   without_speck(f, home, c, from->light[(size_t)c * from->count + i],
+                                                 from->light[(size_t)(3 + c) * from->count + i]);
+        }
 }
 
 static struct filter_picture picture_of(const struct filter *f)
@@ -298,8 +331,8 @@ void filter_run(struct filter *f, const float *const half[2], float *out)
     }
     run_rest(f);
     turn(&f->rest);
-    take_light(f, &f->image, f->image_point, out);
-    take_light(f, &f->rest, f->rest_point, out);
+    take_light(f, &f->image, f->image_point, NULL, out);
+    take_light(f, &f->rest, f->rest_point, f->rest_pixel, out);
 }
 
 extern const struct filter_kernel filter_kernel_baseline, filter_kernel_v3, filter_kernel_v4;

@@ -13,6 +13,9 @@
  * et al. 2012]. The variance is (a - b)^2 / 2, averaged over the 7 x 7 points around with the first three factors, and
  * then carried through the levels. Where both halves agree, nothing changes: sharp shadows of the sun stay sharp.
  *
+ * Last, a point that is brighter than all 24 pixels around it becomes as bright as the brightest of them, unless its
+ * halves agree within 3 %.
+ *
  * The filter is biased where light changes within the noise: docs/where-methods-fail.md. */
 #ifndef FILTER_FILTER_H
 #define FILTER_FILTER_H

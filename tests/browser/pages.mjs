@@ -91,8 +91,25 @@ const PAGES = {
   },
 };
 
+// The live image so many seconds after the start, without a cache on disk.
+const FIRST_S = [1, 3, 10, 30];
+async function takeFirst(browser) {
+  const start = Date.now();
+  const server = await startServer(process.env.RELIGHT_RELIGHTD, ['--port', '0', '--source', 'sky:time=10:00,speed=0.2', '--cache-dir', 'off']);
+  const page = await browser.newPage({ viewport: DESKTOP });
+  await page.goto(server.url);
+  for (const second of FIRST_S) {
+    await page.waitForTimeout(Math.max(0, 1000 * second - (Date.now() - start)));
+    await page.locator('#picture').screenshot({ path: join(out, `first-${second}.jpg`), quality: 80 });
+    console.log(`first-${second}.jpg`);
+  }
+  await page.close();
+  await server.stop();
+}
+
 const browser = await openBrowser();
 try {
+  if (!only.length || only.includes('first')) await takeFirst(browser);
   for (const [name, { args = SKY, size = DESKTOP, scheme = 'dark', hash = '', act }] of Object.entries(PAGES)) {
     if (only.length && !only.includes(name)) continue;
     const server = await startServer(process.env.RELIGHT_RELIGHTD, ['--port', '0', ...(typeof args === 'function' ? args() : args)]);

@@ -246,6 +246,28 @@ static void small_points_of_a_pixel_are_filtered_too(void **state)
     wall_finish(&w);
 }
 
+/* A point like no other, that found something bright by chance, and one that is bright. */
+static void a_speck_goes_and_a_light_stays(void **state)
+{
+    const uint32_t speck = 20 * WIDTH + 20, lit = 20 * WIDTH + 40;
+    struct wall w = wall_make();
+
+    (void)state;
+    light(&w, one, 0.5f, 8);
+    for (int c = 0; c < 3; c++) {
+        *at(w.half[0], speck, c) = 200.0f;
+        *at(w.half[1], speck, c) = 180.0f;
+        *at(w.half[0], lit, c) = 200.0f;
+        *at(w.half[1], lit, c) = 198.0f;
+    }
+    w.g.packets[speck / PACKET].behind[speck % PACKET] = 1;
+    w.g.packets[lit / PACKET].behind[lit % PACKET] = 1;
+    run(&w, NULL);
+    assert_true(*at(w.out, speck, 0) < 1.5f);
+    assert_float_equal(*at(w.out, lit, 0), 199.0, 1e-3);
+    wall_finish(&w);
+}
+
 static void every_cpu_level_has_the_same_bits(void **state)
 {
     struct wall w = wall_make();
@@ -277,6 +299,7 @@ int main(void)
         cmocka_unit_test(what_a_mirror_shows_stays_apart),
         cmocka_unit_test(textures_stay_sharp),
         cmocka_unit_test(small_points_of_a_pixel_are_filtered_too),
+        cmocka_unit_test(a_speck_goes_and_a_light_stays),
         cmocka_unit_test(every_cpu_level_has_the_same_bits),
     };
 
