@@ -139,7 +139,7 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
 
 double decider_interval_s(const struct decider *d)
 {
-    return d->cache.begun && d->cache.share < RELIGHT_DIRECT ? HURRY_S : 0.0;
+    return d->cache.hurried && d->cache.begun && d->cache.share < RELIGHT_DIRECT ? HURRY_S : 0.0;
 }
 
 /* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
@@ -228,6 +228,7 @@ void decider_begin(struct decider *d, struct relighter *r, const struct frame_re
         !is_measured(request) || !cache_may_serve(request->light) || !buy_suits(&f))
         return;
     d->cache.looked_for = true;
+    d->cache.hurried = f.indirect;
     d->cache.last = (struct buy){ .yes = true, .why = "--allow-bias permits its bias" };
     get_cache(d, r, request, false);
 }

@@ -40,6 +40,7 @@ struct decider {         /* zeroed at first; decider_finish frees it */
     struct {             /* auto's cache, which belongs to the relighter */
         bool looked_for; /* in a file */
         bool begun;      /* it is being computed, or was */
+        bool hurried;    /* in the background, with indirect light, which pictures lack without it */
         bool ready;      /* frames are made by it */
         bool refused;    /* it takes too much memory */
         uint64_t measured_frames;
