@@ -207,10 +207,10 @@ test('keys do the same, on a computed sky by the hour', () =>
     await press('t');
     await inForce(witness, { tone: 'reinhard' });
     await press('l');
-    await inForce(witness, { paths: 'all' });
+    await inForce(witness, { paths: 'direct' });
     await press('l');
     await press('c');
-    await inForce(witness, { camera: 'main', paths: 'direct' });
+    await inForce(witness, { camera: 'main', paths: 'all' });
     await press('m');
     await inForce(witness, { method: 'uniform' });
     for (let i = 0; i < 5; i++) await press('m');
