@@ -79,6 +79,7 @@ void progress_end(struct progress *p)
         fflush(p->stream);
     }
     p->stream = NULL;
+    p->terminal = false;
 }
 
 void progress_show(FILE *stream, const char *text)

@@ -13,7 +13,7 @@ enum { MATERIALS = 2, CORNERS = 4, TRIANGLES = 2 };
 /* Where things are in the file. */
 enum {
     HEAD = 0,
-    MATERIAL = HEAD + 28,
+    MATERIAL = HEAD + 32,
     PANE = MATERIAL + (int)sizeof(struct material),
     CAMERA = MATERIAL + MATERIALS * (int)sizeof(struct material),
     LIGHT = CAMERA + (int)sizeof(struct camera),
@@ -84,6 +84,7 @@ static struct scene *make(void)
     assert_int_equal(scene_add_texture(s, &t, NULL), ERR_OK);
     assert_int_equal(scene_add_mesh(s, &m), ERR_OK);
     s->unmodelled = 1u << FEATURE_ALPHA;
+    s->wants_ground = true;
     return s;
 }
 
@@ -128,6 +129,7 @@ static void what_was_written_is_read(void **state)
     assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
     assert_int_equal(s->meshes[0].material, 1);
     assert_int_equal(s->unmodelled, 1u << FEATURE_ALPHA);
+    assert_true(s->wants_ground);
     assert_int_equal(s->triangle_count, TRIANGLES);
     scene_destroy(same);
     scene_destroy(s);
@@ -195,6 +197,7 @@ static void forged_sizes_are_refused(void **state)
     }
     forge_u32(HEAD + 8, 0, "its beginning"); /* no camera */
     forge_u32(HEAD + 24, 1u << FEATURE_COUNT, "its beginning");
+    forge_u32(HEAD + 28, 2, "its beginning");
     forge_u32(TEXTURE, 0, "the size of a texture");
     forge_u32(TEXTURE, 16385, "the size of a texture");
     forge_u32(TEXTURE, 16384, "too short");
