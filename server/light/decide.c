@@ -53,7 +53,7 @@ static struct buy_facts facts_of(const struct relighter *r, const struct relight
  * is nearer to the truth than one of many without indirect light. */
 static bool is_first(const struct decider *d, const struct frame_request *request)
 {
-    return d->cache.begun && !d->cache.ready && request->background && is_measured(request) &&
+    return d->cache.hurried && !d->cache.ready && !d->cache.refused && request->background && is_measured(request) &&
            request->light->classes & PATH_INDIRECT_LIT && cache_may_serve(request->light);
 }
 
@@ -224,13 +224,14 @@ void decider_begin(struct decider *d, struct relighter *r, const struct frame_re
 
     f.allowed = request->allow_bias;
     f.error = request->target.error > 0.0 ? request->target.error : INFINITY;
-    if (d->cache.begun || d->cache.refused || !request->background || request->light->direct.method != METHOD_AUTO ||
-        !is_measured(request) || !cache_may_serve(request->light) || !buy_suits(&f))
+    if (d->cache.begun || d->cache.hurried || d->cache.refused || !request->background ||
+        request->light->direct.method != METHOD_AUTO || !is_measured(request) || !cache_may_serve(request->light) ||
+        !buy_suits(&f))
         return;
     d->cache.looked_for = true;
     d->cache.hurried = f.indirect;
     d->cache.last = (struct buy){ .yes = true, .why = "--allow-bias permits its bias" };
-    get_cache(d, r, request, false);
+    get_cache(d, r, request, f.indirect); /* to compute it can wait for the first picture */
 }
 
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
@@ -244,7 +245,10 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         d->cache.share = stats->cache_share;
     }
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
-        follow_cache(d, r, request);
+        if (d->cache.begun)
+            follow_cache(d, r, request);
+        else
+            get_cache(d, r, request, false);
         return;
     }
     if (decision->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->light))

@@ -40,7 +40,7 @@ struct decider {         /* zeroed at first; decider_finish frees it */
     struct {             /* auto's cache, which belongs to the relighter */
         bool looked_for; /* in a file */
         bool begun;      /* it is being computed, or was */
-        bool hurried;    /* in the background, with indirect light, which pictures lack without it */
+        bool hurried;    /* wanted in the background, with indirect light, which pictures lack without it */
         bool ready;      /* frames are made by it */
         bool refused;    /* it takes too much memory */
         uint64_t measured_frames;
@@ -54,8 +54,9 @@ struct decider {         /* zeroed at first; decider_finish frees it */
 
 void decider_finish(struct decider *d); /* leaves it zeroed */
 
-/* Before the first frame of a request with a time or an error: has the relighter load the cache, or begin to compute it
- * in the background, if the request allows its bias. Does nothing without `background`, or again. */
+/* Before the first frame of a request with a time or an error: has the relighter load the cache if the request allows
+ * its bias; else begin to compute it in the background, with indirect light only after that frame. Does nothing without
+ * `background`, or again. */
 void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request);
 
 /* Decides the next frame. Pure. */
