@@ -9,7 +9,7 @@
 
 struct denoiser;
 
-/* 250 bytes a pixel. set and kernels must outlive it. NULL when out of memory. */
+/* The filter and 24 bytes a shade point. set and kernels must outlive it. NULL when out of memory. */
 struct denoiser *denoiser_create(const struct set *set, const struct kernels *kernels);
 void denoiser_destroy(struct denoiser *d); /* NULL is allowed */
 

@@ -1,4 +1,4 @@
-/* Textures of numbers in glTF files: what the materials become, and what is said of those that do not fit. */
+/* Textures of numbers in glTF files: the materials that result, and the warnings about maps that do not fit. */
 #include "gltf_make.h"
 
 #include "pngs.h"
@@ -41,7 +41,7 @@ static const char *square_of(struct make *m, const char *material)
     return square_with(m, material, UVS, "");
 }
 
-/* The material as it was read, and what was said of it; its maps are checked to be textures of numbers. */
+/* The material that was read, and its warnings; its maps must be textures of numbers. */
 static struct material read_material(struct make *m, const char *material, const char **said)
 {
     log_begin();
