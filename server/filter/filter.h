@@ -25,8 +25,8 @@
 
 struct filter;
 
-/* g and v, its camera's view, must outlive it. level: of the CPU (base/cpu.h); NULL: the best. 96 bytes a pixel, and as much
- * for each further shade point. NULL when out of memory. */
+/* g and v, its camera's view, must outlive it. level: of the CPU (base/cpu.h); NULL: the best. 96 bytes a pixel, and as
+ * much for each further shade point. NULL when out of memory. */
 struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level);
 void filter_destroy(struct filter *f); /* NULL is allowed */
 
