@@ -172,7 +172,7 @@ static enum err read_real(const struct setting *s, const char *text, void *value
 {
     const bool off = s->off && strcmp(text, s->off) == 0;
     char *end = NULL;
-    const double v = off ? 0.0 : strtod(text, &end);
+    const double v = off ? s->null : strtod(text, &end);
 
     if (!off && (end == text || *end || !isfinite(v) || v < s->least || v > s->most))
         return err_say(why, ERR_USAGE, "--%s '%s' is not a number from %g to %g", s->name, text, s->least, s->most);

@@ -57,7 +57,7 @@ struct setting {
     double least, most;                   /* WHOLE, POWER, REAL: its range; 0, 0 in a POWER or WHOLE without: any */
     double scale;                         /* WHOLE, REAL: what is stored is the value times this; 0: 1 */
     const struct setting_choice *choices; /* CHOICE */
-    const char *off;                      /* REAL: this word is taken too, and stored as 0 */
+    const char *off;                      /* REAL: this word is taken too, and stored as `null` */
     enum setting_reload reload;
 
     /* What follows is for control messages (PROTOCOL.md 4.13). */
@@ -66,7 +66,7 @@ struct setting {
     const char *offers; /* key of the choices in a status's `offers`; NULL: not there */
     unsigned use;       /* SETTING_* bits */
     bool has_null;      /* JSON null is a value, */
-    double null;        /* stored as this */
+    double null;        /* stored as this; of a REAL with `off`, that is */
     unsigned group;     /* of one group (not 0) the last one asked for counts, and a message may have one alone */
 };
 

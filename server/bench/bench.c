@@ -257,7 +257,7 @@ static enum err set_up(struct bench *b, struct reason *why)
 {
     const struct bench_desc *d = b->desc;
     struct set_desc set = {
-        .scene = d->scene, .limits = d->limits, .width = d->width, .height = d->height, .progress = d->progress
+        .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height, .progress = d->progress
     };
     const struct source_desc source = { .spec = d->source };
 

@@ -23,12 +23,12 @@ enum bench_cached {
 };
 
 struct bench_desc {
-    const char *scene;          /* a path; NULL: the built-in one */
-    struct scene_limits limits; /* of reading it */
-    const char *scene_fine;     /* the same with 16 times the triangles; NULL: made by halving edges twice */
-    const char *source;         /* its first frame is used */
-    const char *cpu;            /* level of the kernels; NULL: the best */
-    uint32_t width, height;     /* of the pictures, pixels */
+    const char *scene;            /* a path; NULL: the built-in one */
+    struct scene_reading reading; /* of reading it */
+    const char *scene_fine;       /* the same with 16 times the triangles; NULL: made by halving edges twice */
+    const char *source;           /* its first frame is used */
+    const char *cpu;              /* level of the kernels; NULL: the best */
+    uint32_t width, height;       /* of the pictures, pixels */
     enum method method;
     uint32_t samples;   /* N_s per shade point */
     uint32_t particles; /* of the light tracer */

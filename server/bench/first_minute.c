@@ -57,7 +57,7 @@ static double processor_seconds(void)
 static enum err begin(struct first_minute *m, struct reason *why)
 {
     const struct bench_desc *d = m->desc;
-    const struct set_desc set = { .scene = d->scene, .limits = d->limits, .width = d->width, .height = d->height };
+    const struct set_desc set = { .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height };
     const struct source_desc source = { .spec = d->source };
     enum err e = kernels_select(d->cpu, &m->kernels, why);
 

@@ -254,7 +254,7 @@ static enum err seams_init(struct seams *s, const struct bench *b, struct bench_
     const bool large = b->desc->width > SEAM_WIDTH;
     const struct set_desc desc = {
         .scene = b->desc->scene,
-        .limits = b->desc->limits,
+        .reading = b->desc->reading,
         .width = large ? SEAM_WIDTH : b->desc->width,
         .kernels = b->kernels,
         .height = large ? (b->desc->height * SEAM_WIDTH + b->desc->width / 2) / b->desc->width : b->desc->height,

@@ -369,7 +369,7 @@ enum err bench_pixels(struct bench *b, struct bench_row *row)
 {
     const struct set_desc desc = {
         .scene = b->desc->scene,
-        .limits = b->desc->limits,
+        .reading = b->desc->reading,
         .width = 2 * b->desc->width,
         .height = 2 * b->desc->height,
         .kernels = b->kernels,
@@ -398,7 +398,7 @@ static enum err make_fine(const struct bench *b, struct set *fine, struct reason
     fine->rays = NULL;
     fine->gbuffer = NULL;
     if (b->desc->scene)
-        e = scene_load(b->desc->scene, &b->desc->limits, &fine->scene, NULL, why);
+        e = scene_load(b->desc->scene, &b->desc->reading, &fine->scene, NULL, why);
     else
         fine->scene = scene_create_builtin();
     if (!e)
@@ -416,7 +416,7 @@ static enum err make_fine(const struct bench *b, struct set *fine, struct reason
 enum err bench_triangles(struct bench *b, struct bench_row *row)
 {
     const struct set_desc given = { .scene = b->desc->scene_fine,
-                                    .limits = b->desc->limits,
+                                    .reading = b->desc->reading,
                                     .width = b->desc->width,
                                     .height = b->desc->height,
                                     .kernels = b->kernels };

@@ -236,7 +236,7 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
 {
     const struct set_desc d = {
         .scene = strcmp(spec, BUILTIN) == 0 ? NULL : spec,
-        .limits = c->desc->limits,
+        .reading = c->desc->reading,
         .width = c->desc->width,
         .height = c->desc->height,
         .edge_rays = c->desc->edge_rays,

@@ -13,15 +13,15 @@
 struct kernels;
 
 struct chart_desc {
-    struct scene_limits limits; /* of reading one */
-    const char *scenes;         /* scene files or "builtin", separated by semicolons; each may begin with a title and an
-                                 * equals sign */
-    const char *sources;        /* sources, likewise; the first frame of each is used */
-    const char *out;            /* folder, made if missing */
-    const char *cache;          /* folder of references; NULL: the user's cache folder */
-    const char *techniques;     /* names separated by commas; NULL: all */
-    const char *budgets;        /* ascending numbers separated by commas */
-    const char *command;        /* for the page */
+    struct scene_reading reading; /* of reading one */
+    const char *scenes;     /* scene files or "builtin", separated by semicolons; each may begin with a title and an
+                             * equals sign */
+    const char *sources;    /* sources, likewise; the first frame of each is used */
+    const char *out;        /* folder, made if missing */
+    const char *cache;      /* folder of references; NULL: the user's cache folder */
+    const char *techniques; /* names separated by commas; NULL: all */
+    const char *budgets;    /* ascending numbers separated by commas */
+    const char *command;    /* for the page */
     const struct kernels *kernels;
     uint32_t width, height, seeds;
     uint32_t edge_rays; /* as in set_desc, likewise every_pixel */

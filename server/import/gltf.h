@@ -11,6 +11,7 @@
 
 enum gltf_list { /* the arrays at the root of the JSON text */
                  GLTF_ACCESSORS,
+                 GLTF_ANIMATIONS,
                  GLTF_BUFFERS,
                  GLTF_BUFFER_VIEWS,
                  GLTF_CAMERAS,
@@ -178,6 +179,12 @@ MUST_CHECK enum err gltf_add_nodes(struct gltf *g);
 void gltf_compose(const double t[3], const double r[4], const double s[3], double out[16]);
 /* The matrix of a node. */
 MUST_CHECK enum err gltf_node_matrix(const struct gltf *g, const struct gltf_at *node, double out[16]);
+
+/* ---- gltf_animation.c ---- */
+
+/* Poses the nodes as the first animation has them at desc->time; without a time, warns that they stay at rest. Before
+ * anything reads nodes. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_animate(struct gltf *g);
 
 /* ---- gltf_mesh.c ---- */
 

@@ -136,10 +136,11 @@ static enum err check_version(const struct gltf *g)
 static enum err find_lists(struct gltf *g)
 {
     static const char *const keys[GLTF_LISTS] = {
-        [GLTF_ACCESSORS] = "accessors", [GLTF_BUFFERS] = "buffers", [GLTF_BUFFER_VIEWS] = "bufferViews",
-        [GLTF_CAMERAS] = "cameras",     [GLTF_IMAGES] = "images",   [GLTF_MATERIALS] = "materials",
-        [GLTF_MESHES] = "meshes",       [GLTF_NODES] = "nodes",     [GLTF_SAMPLERS] = "samplers",
-        [GLTF_SCENES] = "scenes",       [GLTF_SKINS] = "skins",     [GLTF_TEXTURES] = "textures",
+        [GLTF_ACCESSORS] = "accessors",      [GLTF_ANIMATIONS] = "animations", [GLTF_BUFFERS] = "buffers",
+        [GLTF_BUFFER_VIEWS] = "bufferViews", [GLTF_CAMERAS] = "cameras",       [GLTF_IMAGES] = "images",
+        [GLTF_MATERIALS] = "materials",      [GLTF_MESHES] = "meshes",         [GLTF_NODES] = "nodes",
+        [GLTF_SAMPLERS] = "samplers",        [GLTF_SCENES] = "scenes",         [GLTF_SKINS] = "skins",
+        [GLTF_TEXTURES] = "textures",
     };
 
     g->root = (struct gltf_at){ .value = g->json };

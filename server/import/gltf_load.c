@@ -25,11 +25,11 @@ static enum err take(struct gltf *g)
     if (!e && g->desc->material == MATERIAL_NONE)
         e = gltf_add_materials(g);
     if (!e)
+        e = gltf_animate(g);
+    if (!e)
         e = gltf_add_nodes(g);
     if (e)
         return e;
-    if (json_array_size(json_object_get(g->json, "animations")) > 0)
-        scene_note_unmodelled(g->scene, FEATURE_ANIMATION, g->desc->path);
     if (g->skipped)
         gltf_warn(g, NULL, "left out points and lines");
     if (g->dropped > 0)

@@ -5,7 +5,7 @@
 
 #include "import/gltf.h"
 
-struct skin {               /* at rest */
+struct skin {
     size_t count;           /* joints; 0: no skin */
     double (*matrices)[16]; /* from the mesh to the world, for each joint */
 };
@@ -51,7 +51,7 @@ MUST_CHECK enum err primitive_draco_accessor(struct gltf *g, const struct primit
 MUST_CHECK enum err places_load(struct gltf *g, const struct gltf_at *node, const double world[16], struct places *out);
 void places_finish(struct places *p); /* zeroed memory is allowed */
 
-/* ---- gltf_deform.c: morph targets and skins, as the file leaves them (no animation) ---- */
+/* ---- gltf_deform.c: morph targets and skins, as the nodes stand ---- */
 
 /* The node's skin; none: count 0. Needs g->worlds. ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err skin_load(struct gltf *g, const struct gltf_at *node, struct skin *out);

@@ -24,6 +24,7 @@ static enum err load_model(struct scene *s, const char *path, const struct host 
         .path = path,
         .material = MATERIAL_NONE,
         .camera = path_is_gltf(path),
+        .time = host->time,
         .transform = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 },
         .normals = NORMALS_FILE,
     };

@@ -470,6 +470,7 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
 {
     struct model_desc d = { .material = MATERIAL_NONE };
     const char *file = NULL, *material = NULL;
+    float time = (float)root->host->time;
     char label[32], path[HOST_PATH_MAX];
     struct spot s;
     enum err e;
@@ -478,7 +479,7 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
     e = spot_enter(root, value, label, &s);
     if (e)
         return e;
-    warn_unknown_keys(&s, (const char *const[]){ "file", "material", "transform", "smooth", NULL });
+    warn_unknown_keys(&s, (const char *const[]){ "file", "material", "transform", "smooth", "time", NULL });
     e = read_string(&s, "file", &file);
     if (!e)
         e = join_path(&s, file, path);
@@ -494,8 +495,11 @@ static enum err read_model(const struct spot *root, size_t index, const json_t *
         e = read_transform(&s, d.transform);
     if (!e)
         e = read_smooth(&s, path_is_gltf(path), &d.normals);
+    if (!e && json_object_get(s.object, "time"))
+        e = read_number(&s, "time", NULL, 0.0, ANIMATION_TIME_MAX, &time);
     if (e)
         return e;
+    d.time = (double)time;
     d.host = s.host;
     d.path = path;
     d.place = s.place;

@@ -19,6 +19,7 @@ struct model_desc {
     uint32_t material; /* for the whole model; MATERIAL_NONE: the file's */
     uint32_t named;    /* the first so many materials of the scene replace the model's of the same name; not glTF's */
     bool camera;       /* import the file's cameras; glTF only */
+    double time;       /* s, at which its animation stands; NAN: at rest. glTF only */
     double transform[16]; /* column-major, affine */
     enum model_normals normals;
 };

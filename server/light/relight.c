@@ -39,7 +39,7 @@ static enum err load_scene(struct set *s, const struct set_desc *desc, struct re
     progress_begin(&line, "loading the scene", 0, desc->progress ? stderr : NULL);
     const double start = clock_seconds();
     if (desc->scene) {
-        e = scene_load(desc->scene, &desc->limits, &s->scene, &line, why);
+        e = scene_load(desc->scene, &desc->reading, &s->scene, &line, why);
     } else {
         s->scene = scene_create_builtin();
         if (!s->scene)

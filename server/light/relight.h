@@ -41,10 +41,10 @@ struct set {
 };
 
 struct set_desc {
-    const char *scene;          /* a path; NULL: the built-in one */
-    struct scene_limits limits; /* of reading it */
-    bool ground;                /* below the model, even if the scene does not ask for one: scene/ground.h */
-    const char *camera;         /* NULL: the first */
+    const char *scene;            /* a path; NULL: the built-in one */
+    struct scene_reading reading; /* of reading it */
+    bool ground;                  /* below the model, even if the scene does not ask for one: scene/ground.h */
+    const char *camera;           /* NULL: the first */
     uint32_t width, height;
     uint32_t edge_rays;            /* per side; 0: the default of gbuffer.h */
     bool every_pixel;              /* all pixels get the rays of edges */

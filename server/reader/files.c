@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -167,5 +168,5 @@ static void host_step(void *context)
 
 struct host scene_files_host(struct scene_files *f)
 {
-    return (struct host){ host_open, host_allow, host_step, f };
+    return (struct host){ host_open, host_allow, host_step, f, NAN };
 }

@@ -27,7 +27,7 @@ MUST_CHECK enum err scene_files_allow(struct scene_files *f, const char *path, s
 MUST_CHECK enum err scene_files_open(struct scene_files *f, const char *path, int *fd, size_t *size,
                                      struct reason *why);
 
-/* For reading in this process; `f` must outlive it. */
+/* For reading in this process, at rest; `f` must outlive it. */
 struct host scene_files_host(struct scene_files *f);
 
 #endif

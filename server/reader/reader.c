@@ -10,6 +10,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -24,7 +25,7 @@ enum { SECONDS = 60, PATIENCE = 10 /* times the processor time */, LINES_MAX = 2
 
 struct reading {
     const char *path;
-    struct scene_limits limits;
+    struct scene_reading reading;
     struct scene_files files;
     struct progress *progress;
     struct child child;
@@ -93,12 +94,12 @@ static bool serve(struct reading *r, const struct wire_message *m)
 static enum err too_much(const struct reading *r)
 {
     return err_say(r->why, ERR_RANGE, "%s: needs more than %.4g GB of memory to be read (--max-scene-memory)", r->path,
-                   (double)r->limits.memory_bytes / 1e9);
+                   (double)r->reading.memory_bytes / 1e9);
 }
 
 static enum err too_long(const struct reading *r)
 {
-    return err_say(r->why, ERR_RANGE, "%s: took longer than %u s to be read", r->path, r->limits.seconds);
+    return err_say(r->why, ERR_RANGE, "%s: took longer than %u s to be read", r->path, r->reading.seconds);
 }
 
 static enum err report_death(struct reading *r, enum child_receipt receipt)
@@ -169,34 +170,35 @@ static enum err converse(struct reading *r, struct scene **out)
 
 static enum err start(struct reading *r)
 {
-    char program[HOST_PATH_MAX], memory[24], seconds[24];
-    char *const arguments[] = { (char[]){ PROGRAM }, memory, seconds, (char *)r->path, NULL };
+    char program[HOST_PATH_MAX], memory[24], seconds[24], time[32];
+    char *const arguments[] = { (char[]){ PROGRAM }, memory, seconds, time, (char *)r->path, NULL };
 
     r->parcel = memfd_create("relight-scene", MFD_CLOEXEC);
     if (r->parcel < 0)
         return err_say(r->why, ERR_IO, "%s: cannot share memory with " PROGRAM ": %s", r->path, strerror(errno));
-    const enum err e = child_find(PROGRAM, r->limits.program, program, sizeof(program), r->why);
+    const enum err e = child_find(PROGRAM, r->reading.program, program, sizeof(program), r->why);
     if (e)
         return e;
-    snprintf(memory, sizeof(memory), "%" PRIu64, r->limits.memory_bytes);
-    snprintf(seconds, sizeof(seconds), "%u", r->limits.seconds);
-    r->until_ms = clock_ms() + INT64_C(1000) * PATIENCE * r->limits.seconds;
+    snprintf(memory, sizeof(memory), "%" PRIu64, r->reading.memory_bytes);
+    snprintf(seconds, sizeof(seconds), "%u", r->reading.seconds);
+    snprintf(time, sizeof(time), "%.17g", r->reading.animate ? r->reading.time : (double)NAN);
+    r->until_ms = clock_ms() + INT64_C(1000) * PATIENCE * r->reading.seconds;
     return child_start(&r->child, program, arguments, &r->parcel, 1, r->why);
 }
 
-enum err scene_load(const char *path, const struct scene_limits *limits, struct scene **out, struct progress *progress,
-                    struct reason *why)
+enum err scene_load(const char *path, const struct scene_reading *reading, struct scene **out,
+                    struct progress *progress, struct reason *why)
 {
     struct reading r = { .path = path, .progress = progress, .parcel = -1, .why = why };
 
     *out = NULL;
     if (strlen(path) >= HOST_PATH_MAX)
         return err_say(why, ERR_RANGE, "%.100s...: the path is too long", path);
-    if (limits)
-        r.limits = *limits;
-    r.limits.memory_bytes = r.limits.memory_bytes ? r.limits.memory_bytes : SCENE_MEMORY_DEFAULT;
-    r.limits.seconds = r.limits.seconds ? r.limits.seconds : SECONDS;
-    enum err e = scene_files_init(&r.files, path, r.limits.memory_bytes);
+    if (reading)
+        r.reading = *reading;
+    r.reading.memory_bytes = r.reading.memory_bytes ? r.reading.memory_bytes : SCENE_MEMORY_DEFAULT;
+    r.reading.seconds = r.reading.seconds ? r.reading.seconds : SECONDS;
+    enum err e = scene_files_init(&r.files, path, r.reading.memory_bytes);
     if (!e)
         e = start(&r);
     if (!e)

@@ -10,11 +10,13 @@
 
 struct progress;
 
-/* Zero means the default. */
-struct scene_limits {
+/* How to read a scene; zero means the default. */
+struct scene_reading {
     uint64_t memory_bytes; /* for reading, and for the scene itself; SCENE_MEMORY_DEFAULT */
     unsigned seconds;      /* of processor time; 60. Ten times as long by the clock. */
     const char *program;   /* default: relight-reader beside this program, or in ../lib/relightd relative to it */
+    bool animate;          /* models with an animation stand as it has them at */
+    double time;           /* s, 0..1e6; else they are at rest */
 };
 
 #define SCENE_MEMORY_DEFAULT UINT64_C(4000000000)
@@ -23,9 +25,9 @@ struct scene_limits {
  * and *why names file, place and fault. ERR_IO: a file is missing, is none, or must not be read; no relight-reader.
  * ERR_FORMAT: malformed JSON or model, an unknown material; the process crashed. ERR_RANGE: a value, the memory or the
  * time is outside its limits. ERR_UNSUPPORTED: an unknown file format. ERR_NOMEM: this process is out of memory.
- * Unsupported features are named once each in a warning. limits and progress may be NULL; progress is stepped once per
+ * Unsupported features are named once each in a warning. reading and progress may be NULL; progress is stepped once per
  * model. */
-MUST_CHECK enum err scene_load(const char *path, const struct scene_limits *limits, struct scene **out,
+MUST_CHECK enum err scene_load(const char *path, const struct scene_reading *reading, struct scene **out,
                                struct progress *progress, struct reason *why);
 
 #endif

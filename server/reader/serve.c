@@ -8,6 +8,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <math.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -141,13 +142,14 @@ static int confine(uint64_t memory_bytes, unsigned seconds)
 int reader_serve(int argc, char **argv,
                  enum err (*import)(const char *path, const struct host *host, struct scene **out, struct reason *why))
 {
-    const struct host host = { ask_to_open, ask_to_allow, tell_step, NULL };
+    struct host host = { ask_to_open, ask_to_allow, tell_step, NULL, NAN };
     struct scene *scene = NULL;
     struct reason why = { "" };
     uint64_t memory_bytes;
     unsigned seconds;
 
-    if (argc != 4 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1) {
+    if (argc != 5 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1 ||
+        sscanf(argv[3], "%lf", &host.time) != 1) {
         fprintf(stderr, "relight-reader is started by relightd and others to read scenes; it cannot be used alone.\n");
         return 2;
     }
@@ -159,7 +161,7 @@ int reader_serve(int argc, char **argv,
     stand_back();
     say(WIRE_HELLO, confine(memory_bytes, seconds), "");
     log_divert(forward_line);
-    enum err e = import(argv[3], &host, &scene, &why);
+    enum err e = import(argv[4], &host, &scene, &why);
     if (!e)
         e = parcel_write(WIRE_PARCEL, scene, &why);
     say(WIRE_DONE, (int)e, why.text);

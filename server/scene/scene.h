@@ -28,7 +28,7 @@ enum scene_feature {
     FEATURE_TEXTURE_TRANSFORM,
     FEATURE_SPECULAR_GLOSSINESS,
     FEATURE_LIGHTS,    /* of other formats than glTF; left out */
-    FEATURE_ANIMATION, /* geometry is static */
+    FEATURE_ANIMATION, /* of other formats than glTF; they are at rest */
     FEATURE_COUNT
 };
 
@@ -67,6 +67,7 @@ struct punctual_light {
 };
 
 #define LIGHT_INTENSITY_MAX 1e12f
+#define ANIMATION_TIME_MAX 1e6 /* s: the latest moment of an animation to be shown */
 
 /* The ground below the model (ground.h). */
 struct ground {

@@ -53,6 +53,7 @@ struct setup {
     /* As flags have them; setup_complete puts them where they belong. */
     uint32_t size[2];
     const char *cpu;
+    double time; /* s; NAN: at rest */
 };
 
 /* Rows of struct setup. Those with a key come first; their fields are in `initial`, its first member, so that they are

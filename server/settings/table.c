@@ -87,8 +87,10 @@ const struct setting settings_table[] = {
       SCENE, .programs = FOR_RELIGHTD | FOR_RENDER | FOR_BENCH, TEXT, AT(set_desc.scene) },
     { "ground", NULL, "put a ground below the model: it shows the environment, with the model's shadows and caustics",
       NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
+    { "time", "SECONDS", "pose animated glTF models as at this time of their first animation", "rest", SCENE,
+      LIGHT_PROGRAMS, REAL(0.0, ANIMATION_TIME_MAX), .off = "rest", .null = NAN, AT(time) },
     { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
-      AT(set_desc.limits.memory_bytes) },
+      AT(set_desc.reading.memory_bytes) },
     { "source", "S", "environment: file, directory, printf or glob pattern, watch:DIR, push:, or sky:key=value,...",
       "sky:", SCENE, FOR_RELIGHTD, TEXT, AT(source_desc.spec) },
     { "source", "S", "environment: file, directory, printf or glob pattern, or sky:key=value,...", "sky:", SCENE,
@@ -174,6 +176,8 @@ enum err setup_complete(struct setup *s, struct reason *why)
     s->set_desc.width = s->size[0];
     s->set_desc.height = s->size[1];
     s->set_desc.interleave = s->light.direct.interleave;
+    s->set_desc.reading.animate = !isnan(s->time);
+    s->set_desc.reading.time = s->time;
     s->light.direct.method = initial->method;
     s->light.direct.samples = initial->samples;
     s->light.classes = initial->classes;

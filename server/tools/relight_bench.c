@@ -43,7 +43,7 @@ static enum err read_options(const struct command *c, struct bench_program *b, s
     enum err e = command_read(c, why);
 
     d->scene = b->setup.set_desc.scene;
-    d->limits = b->setup.set_desc.limits;
+    d->reading = b->setup.set_desc.reading;
     d->source = b->setup.source_desc.spec;
     d->cpu = b->setup.cpu;
     d->width = b->setup.size[0];

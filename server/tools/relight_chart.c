@@ -61,7 +61,7 @@ static enum err read_options(const struct command *c, struct chart_program *char
     d->width = s->size[0] ? s->size[0] : chart->quick ? 56 : 320;
     d->height = s->size[1] ? s->size[1] : chart->quick ? 32 : 180;
     d->truth_samples = d->truth_samples ? d->truth_samples : chart->quick ? 512 : 2048;
-    d->limits = s->set_desc.limits;
+    d->reading = s->set_desc.reading;
     d->edge_rays = s->set_desc.edge_rays;
     d->every_pixel = s->set_desc.every_pixel;
     d->progress = true;

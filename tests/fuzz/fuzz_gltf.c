@@ -25,7 +25,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     struct scene_files files;
 
     require(scene_files_init(&files, path, LARGEST) == ERR_OK, "memory");
-    const struct host host = scene_files_host(&files);
+    struct host host = scene_files_host(&files);
+    host.time = 1.0;
     const enum err e = import_scene(path, &host, &scene, &why);
 
     require((e == ERR_OK) == (scene != NULL), "a scene or an error");

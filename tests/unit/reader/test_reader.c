@@ -115,9 +115,39 @@ static void a_bad_file_has_the_reason_of_its_reader(void **state)
     folder_remove(&f);
 }
 
+/* The triangle stands at 8 after 2 of 4 s, and at rest at 0. */
+static void the_time_of_animations_reaches_the_reader(void **state)
+{
+    static const float numbers[] = { 0, 0, 0, 1, 0, 0, 0, 1, 0, /* corners */ 0, 4, /* times */ 0, 0, 0, 16, 0, 0 };
+    const struct scene_reading reading[] = { { .seconds = 0 }, { .animate = true, .time = 2.0 } };
+    struct reason why = { "" };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "a.bin", numbers, sizeof(numbers));
+    const char *path = folder_text(
+        &f, "a.gltf",
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"a.bin\",\"byteLength\":68}],\"bufferViews\":["
+        "{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,\"byteLength\":8},{\"buffer\":0,"
+        "\"byteOffset\":44,\"byteLength\":24}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,"
+        "\"type\":\"VEC3\"},{\"bufferView\":1,\"componentType\":5126,\"count\":2,\"type\":\"SCALAR\"},"
+        "{\"bufferView\":2,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\"}],\"meshes\":[{\"primitives\":["
+        "{\"attributes\":{\"POSITION\":0}}]}],\"nodes\":[{\"mesh\":0}],\"animations\":[{\"channels\":[{\"sampler\":0,"
+        "\"target\":{\"node\":0,\"path\":\"translation\"}}],\"samplers\":[{\"input\":1,\"output\":2}]}]}");
+    for (int i = 0; i < 2; i++) {
+        struct scene *s = NULL;
+        if (scene_load(path, &reading[i], &s, NULL, &why))
+            fail_msg("%s", why.text);
+        assert_float_equal(s->low.x, 8.0f * (float)i, 1e-6f);
+        scene_destroy(s);
+    }
+    folder_remove(&f);
+}
+
 /* ---- The process with faults on demand ---- */
 
-static const struct scene_limits bad = { .memory_bytes = UINT64_C(64000000), .seconds = 1, .program = MISBEHAVE };
+static const struct scene_reading bad = { .memory_bytes = UINT64_C(64000000), .seconds = 1, .program = MISBEHAVE };
 
 static void need_confinement(void)
 {
@@ -212,8 +242,8 @@ static void a_reader_sees_no_other_files(void **state)
 
 static void a_reader_that_is_missing_is_said(void **state)
 {
-    const struct scene_limits none = { .program = "/nowhere/relight-reader" };
-    const struct scene_limits other = { .program = "/bin/true" };
+    const struct scene_reading none = { .program = "/nowhere/relight-reader" };
+    const struct scene_reading other = { .program = "/bin/true" };
     struct reason why = { "" };
     struct scene *s = NULL;
 
@@ -229,6 +259,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(shared_scenes_are_the_same_to_the_bit),
     cmocka_unit_test(warnings_and_progress_come_through),
     cmocka_unit_test(a_bad_file_has_the_reason_of_its_reader),
+    cmocka_unit_test(the_time_of_animations_reaches_the_reader),
     cmocka_unit_test(a_crash_costs_a_message),
     cmocka_unit_test(endless_work_costs_a_message),
     cmocka_unit_test(too_much_memory_costs_a_message),

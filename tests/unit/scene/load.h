@@ -8,6 +8,7 @@
 #include "import/import.h"
 #include "reader/files.h"
 
+#include <math.h>
 #include <stdbool.h>
 
 /* Set while a test loads a file that has faults on purpose. */
@@ -31,20 +32,26 @@ static inline void keep_gltf(const char *path)
     assert_int_equal(system(command), 0);
 }
 
-/* Reads a scene in this process. */
-static inline enum err load_here(const char *path, struct scene **out, struct reason *why)
+/* Reads a scene in this process, with animations as at this time; NAN: at rest. */
+static inline enum err load_at(const char *path, double time, struct scene **out, struct reason *why)
 {
     struct scene_files files;
 
     enum err e = scene_files_init(&files, path, (size_t)1 << 30);
     if (!e) {
-        const struct host host = scene_files_host(&files);
+        struct host host = scene_files_host(&files);
+        host.time = time;
         e = import_scene(path, &host, out, why);
     }
     scene_files_finish(&files);
     if (!e)
         keep_gltf(path);
     return e;
+}
+
+static inline enum err load_here(const char *path, struct scene **out, struct reason *why)
+{
+    return load_at(path, NAN, out, why);
 }
 
 static inline struct scene *load_or_fail(const char *path)
