@@ -107,10 +107,9 @@ class Controls {
     this.preparing.setAttribute('aria-label', 'Preparing this camera\u2019s view');
     this.rotate = this.range('set-rotate', 'Rotate the sky', -180, 180, 1, (v) => ({ rotate_degrees: v }));
     this.lamps = this.range('set-lamps', 'Lamps', LAMPS.least, LAMPS.most, 0.25, (v) => ({ lamps: lampsOf(v) }));
-    this.automatic = make('input', { type: 'checkbox', id: 'exposure-auto' });
-    this.automatic.onchange = () => this.setAutomatic(this.automatic.checked);
+    this.exposureMode = this.choice('exposure-mode', 'Exposure', (mode) => this.exposureWish(mode));
     this.exposure = this.range('set-exposure', 'Exposure', -10, 10, 0.1,
-      (v) => (this.now.exposure_stops === null ? { bias_stops: v } : { exposure_stops: v }));
+      (v) => (this.exposureIsFixed ? { exposure_stops: v } : { bias_stops: v }));
     this.tone = this.choice('set-tone', 'Tone curve', (tone) => ({ tone }));
     this.paths = this.choice('set-paths', 'Light', (paths) => ({ paths }));
     this.method = this.choice('set-method', 'Method', (method) => ({ method }));
@@ -119,9 +118,7 @@ class Controls {
     this.fields = make('fieldset', { id: 'controls-fields' },
       make('legend', { className: 'unseen', text: 'Settings for all viewers' }),
       this.camera.row, this.preparing, this.rotate.row, this.lamps.row,
-      make('div', { className: 'control' },
-        make('label', { className: 'check' }, this.automatic, ' Auto exposure')),
-      this.exposure.row, this.tone.row, this.paths.row, this.method.row, this.effort.row, this.fps.row);
+      this.exposureMode.row, this.exposure.row, this.tone.row, this.paths.row, this.method.row, this.effort.row, this.fps.row);
     body.append(this.why, this.fields);
   }
 
@@ -139,10 +136,15 @@ class Controls {
     return { input, output, name, row: make('div', { className: 'control wide' }, name, output, input) };
   }
 
-  // Switches without a jump: fixes the exposure at the image's current gain, or returns to auto.
-  setAutomatic(on) {
+  get exposureIsFixed() {
+    return typeof this.now.exposure_stops === 'number';
+  }
+
+  // 'fixed' keeps the image's current gain, without a jump; the other modes are the server's.
+  exposureWish(mode) {
     const stops = this.gain > 0 ? Math.log2(this.gain) : 0;
-    this.ask(on ? { exposure_stops: null, bias_stops: 0 } : { exposure_stops: Number(stops.toFixed(2)) });
+    if (mode === 'fixed') return { exposure_stops: Number(stops.toFixed(2)) };
+    return { exposure_stops: mode === 'follow' ? null : mode, bias_stops: 0 };
   }
 
   effortWish(value) {
@@ -241,15 +243,16 @@ class Controls {
 
   showExposure() {
     const { now } = this;
-    const follows = now.exposure_stops === null;
-    const stops = follows ? now.bias_stops : now.exposure_stops;
-    this.automatic.checked = follows;
-    this.exposure.row.hidden = now.exposure_stops === undefined;
-    this.exposure.name.textContent = follows ? 'Exposure compensation' : 'Exposure';
+    const fixed = this.exposureIsFixed;
+    const stops = fixed ? now.exposure_stops : now.bias_stops;
+    const modes = [...(this.offers.exposures ?? ['follow']), 'fixed'];
+    setOptions(this.exposureMode.select, modes.map((m) => [m, m]), fixed ? 'fixed' : now.exposure_stops ?? 'follow');
+    this.exposureMode.row.hidden = this.exposure.row.hidden = now.exposure_stops === undefined;
+    this.exposure.name.textContent = fixed ? 'Exposure value' : 'Exposure compensation';
     // Centre the range on the current value: scales of skies differ by a factor of thousands.
-    const centre = follows ? 0 : 10 * Math.round(stops / 10);
-    const half = follows ? 20 : 10;
-    const { least, most } = this.limits(follows ? 'bias_stops' : 'exposure_stops');
+    const centre = fixed ? 10 * Math.round(stops / 10) : 0;
+    const half = fixed ? 10 : 20;
+    const { least, most } = this.limits(fixed ? 'exposure_stops' : 'bias_stops');
     this.exposure.input.min = Math.max(least, centre - half);
     this.exposure.input.max = Math.min(most, centre + half);
     setValue(this.exposure.input, stops);
@@ -266,9 +269,9 @@ class Controls {
     app.key(']', 'Rotate the sky to the left', turn(5));
     app.key(['+', '='], 'Brighter', () => this.brighten(0.5));
     app.key('-', 'Darker', () => this.brighten(-0.5));
-    app.key('a', 'Auto exposure on or off', () => {
-      this.setAutomatic(this.now.exposure_stops !== null);
-      this.sayIfMay(this.now.exposure_stops === null ? 'Auto exposure' : 'Fixed exposure');
+    app.key('a', 'Fixed exposure on or off', () => {
+      this.ask(this.exposureWish(this.exposureIsFixed ? 'follow' : 'fixed'));
+      this.sayIfMay(this.exposureIsFixed ? 'Fixed exposure' : 'Exposure follows the images');
     });
     this.cycle('t', 'Next tone curve', 'tone', () => this.offers.tones, 'Tone curve');
     this.cycle('l', 'Direct light only, or all light', 'paths', () => this.offers.paths, 'Light', (p) => this.pathsText(p));
@@ -289,10 +292,9 @@ class Controls {
   }
 
   brighten(by) {
-    const { exposure_stops: fixed, bias_stops: bias } = this.now;
-    const field = fixed === null ? 'bias_stops' : 'exposure_stops';
+    const field = this.exposureIsFixed ? 'exposure_stops' : 'bias_stops';
     const { least, most } = this.limits(field);
-    const stops = Math.max(least, Math.min(most, (fixed ?? bias ?? 0) + by));
+    const stops = Math.max(least, Math.min(most, (this.now[field] ?? 0) + by));
     this.askAndSay({ [field]: stops },
       () => `Exposure ${stopsText(stops)}`);
   }

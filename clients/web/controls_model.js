@@ -133,7 +133,7 @@ const NAMES = {
   error: ['the target noise', (e) => (e ? noiseText(noiseOf(e)) : 'none')],
   fps: ['the frame rate limit', String],
   tone: ['the tone curve', String],
-  exposure_stops: ['the exposure', (s) => (s === null ? 'automatic' : stopsText(s))],
+  exposure_stops: ['the exposure', (s) => (typeof s === 'number' ? stopsText(s) : s ?? 'follow')],
   bias_stops: ['the exposure compensation', stopsText],
   paths: ['the light', String],
   lamps: ['the lamps', lampsText],

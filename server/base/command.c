@@ -168,14 +168,21 @@ static enum err read_whole(const struct setting *s, const char *text, void *valu
     return ERR_OK;
 }
 
-static enum err read_real(const struct setting *s, const char *text, void *values, struct reason *why)
+static enum err read_real(const struct setting *s, unsigned program, const char *text, void *values, struct reason *why)
 {
-    const bool off = s->off && strcmp(text, s->off) == 0;
-    char *end = NULL;
-    const double v = off ? s->null : strtod(text, &end);
+    char *end = NULL, words[80] = "";
+    const double v = strtod(text, &end);
+    int word;
 
-    if (!off && (end == text || *end || !isfinite(v) || v < s->least || v > s->most))
-        return err_say(why, ERR_USAGE, "--%s '%s' is not a number from %g to %g", s->name, text, s->least, s->most);
+    if (s->choices && choice_parse(s->choices, program, s->name, text, &word, NULL) == ERR_OK) {
+        setting_store_real(s, values, word);
+        return ERR_OK;
+    }
+    if (s->choices)
+        choice_list(s->choices, program, words, sizeof(words));
+    if (end == text || *end || !isfinite(v) || v < s->least || v > s->most)
+        return err_say(why, ERR_USAGE, "--%s '%s' is not a number from %g to %g%s%s", s->name, text, s->least, s->most,
+                       words[0] ? ", " : "", words);
     setting_store_real(s, values, s->scale > 0.0 ? v * s->scale : v);
     return ERR_OK;
 }
@@ -251,7 +258,7 @@ static enum err read_flag(const struct command *c, const struct command_flag *f,
     case SETTING_SWITCH_OFF: setting_store_whole(s, values, (f->given != NULL) == (s->type == SETTING_SWITCH)); break;
     case SETTING_WHOLE:
     case SETTING_POWER: return read_whole(s, f->given, values, why);
-    case SETTING_REAL: return read_real(s, f->given, values, why);
+    case SETTING_REAL: return read_real(s, c->program, f->given, values, why);
     case SETTING_CHOICE: return read_choice(s, c->program, f->given, values, why);
     case SETTING_SIZE: return read_size(s, f->given, at, why);
     case SETTING_FRAMES: return read_frames(s, f->given, at, why);

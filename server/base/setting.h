@@ -56,8 +56,7 @@ struct setting {
     uint32_t offset, size;                /* of the field in the struct of values; size 0: the value is not stored */
     double least, most;                   /* WHOLE, POWER, REAL: its range; 0, 0 in a POWER or WHOLE without: any */
     double scale;                         /* WHOLE, REAL: what is stored is the value times this; 0: 1 */
-    const struct setting_choice *choices; /* CHOICE */
-    const char *off;                      /* REAL: this word is taken too, and stored as `null` */
+    const struct setting_choice *choices; /* CHOICE; REAL: words that are taken too, stored as these numbers */
     enum setting_reload reload;
 
     /* What follows is for control messages (PROTOCOL.md 4.13). */

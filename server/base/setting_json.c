@@ -2,6 +2,7 @@
 #include "base/setting.h"
 
 #include <jansson.h>
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -11,10 +12,18 @@ static bool is_number(const struct setting *s)
     return s->type == SETTING_WHOLE || s->type == SETTING_REAL;
 }
 
-static enum err number_from_json(const struct setting *s, const json_t *v, void *values, struct reason *why)
+static enum err number_from_json(const struct setting *s, unsigned program, const json_t *v, void *values,
+                                 struct reason *why)
 {
     const bool whole = s->type == SETTING_WHOLE;
+    char words[80] = "";
+    int word;
 
+    if (s->choices && json_is_string(v) &&
+        choice_parse(s->choices, program, s->key, json_string_value(v), &word, NULL) == ERR_OK) {
+        setting_store_real(s, values, word);
+        return ERR_OK;
+    }
     if (whole ? !json_is_integer(v) : !json_is_number(v))
         goto wrong;
     const double x = json_number_value(v); /* JSON has no NaN */
@@ -26,8 +35,11 @@ static enum err number_from_json(const struct setting *s, const json_t *v, void 
         setting_store_real(s, values, x);
     return ERR_OK;
 wrong:
+    if (s->choices)
+        choice_list(s->choices, program, words, sizeof(words));
     return whole ? err_say(why, ERR_USAGE, "%s must be an integer from %.0f to %.0f", s->key, s->least, s->most)
-                 : err_say(why, ERR_USAGE, "%s must be a number from %g to %g", s->key, s->least, s->most);
+                 : err_say(why, ERR_USAGE, "%s must be a number from %g to %g%s%s", s->key, s->least, s->most,
+                           words[0] ? ", " : "", words);
 }
 
 static enum err word_from_json(const struct setting *s, unsigned program, const json_t *v, void *values,
@@ -60,7 +72,7 @@ static enum err row_from_json(const struct setting *s, unsigned program, const j
         return ERR_OK;
     }
     if (is_number(s))
-        return number_from_json(s, v, values, why);
+        return number_from_json(s, program, v, values, why);
     if (s->type != SETTING_SWITCH)
         return word_from_json(s, program, v, values, why);
     if (!json_is_boolean(v))
@@ -132,6 +144,9 @@ static json_t *row_to_json(const struct setting *s, const void *values)
     case SETTING_SWITCH: return json_boolean(setting_whole(s, values) != 0);
     case SETTING_REAL: {
         const double v = setting_real(s, values);
+        const char *word = s->choices ? choice_name(s->choices, (int)fmin(fmax(v, INT_MIN), INT_MAX)) : "";
+        if (word[0] && (v < s->least || v > s->most))
+            return json_string(word);
         return json_real(isfinite(v) ? v : 0.0); /* JSON has neither NaN nor infinity */
     }
     case SETTING_CHOICE: return json_string(choice_name(s->choices, (int)setting_whole(s, values)));

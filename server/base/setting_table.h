@@ -14,6 +14,7 @@
 #define WHOLE(from, to) .type = SETTING_WHOLE, .least = from, .most = to
 #define POWER(to) .type = SETTING_POWER, .least = 1, .most = to
 #define REAL(from, to) .type = SETTING_REAL, .least = from, .most = to
+#define OR_WORD(list) .choices = list
 #define CHOICE(list) .type = SETTING_CHOICE, .choices = list
 #define TEXT .type = SETTING_TEXT
 

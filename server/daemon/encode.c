@@ -153,19 +153,23 @@ static double make_display(struct encode_thread *t, const struct shaded *in)
     return 1e3 * (clock_seconds() - start);
 }
 
-/* Sets the picture's gain. Automatic exposure keeps adapting while a fixed gain is in force. */
+/* Sets the picture's gain. Automatic exposure keeps adapting while a fixed gain is in force. EXPOSURE_AUTO measures the
+ * first picture of a camera and the one it is turned on with, and keeps that value. */
 static void expose(struct encode_thread *t, struct shaded *in)
 {
     const uint64_t frame = in->header.frame, passed = frame > t->exposed ? frame - t->exposed : 1;
     const struct settings now = display_settings(t, in);
 
-    if (in->new_view)
+    const bool hold = now.exposure_stops == EXPOSURE_AUTO, finer = in->header.flags & PROTOCOL_PICTURE_FINER;
+    if (in->new_view || (hold && !t->held))
         exposure_init(&t->exposure);
-    if (!(in->header.flags & PROTOCOL_PICTURE_FINER)) { /* else exposure has seen this frame */
+    t->held = hold;
+    if (!t->exposure.started || !(hold || finer)) { /* else exposure has seen this frame */
         t->gain = (float)exposure_step(&t->exposure, in->rgb, in->header.width, in->header.height, passed);
         t->exposed = frame;
     }
-    const double gain = isnan(now.exposure_stops) ? (double)t->gain * exp2(now.bias_stops) : exp2(now.exposure_stops);
+    const double gain =
+        now.exposure_stops >= EXPOSURE_FOLLOW ? (double)t->gain * exp2(now.bias_stops) : exp2(now.exposure_stops);
     in->header.gain = (float)fmin(gain, 0x1p120);
 }
 

@@ -24,6 +24,7 @@ struct encode_thread {
     struct jpeg_encoder *jpeg;
     struct exposure exposure;
     uint64_t exposed; /* number of the last frame that exposure has seen */
+    bool held;        /* the last picture was under EXPOSURE_AUTO */
     float gain;       /* automatic exposure's, without the bias */
     struct video_track video[SERVER_TRACKS];
     bool h264_failed; /* and this was logged */

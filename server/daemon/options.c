@@ -18,12 +18,17 @@
 #define FILES .section = "Configuration"
 #define AT(field) SETTING_AT(daemon_config, field)
 
+static const struct setting_choice off_choices[] = {
+    { "off", 0, NULL, 0 },
+    { NULL, 0, NULL, 0 },
+};
+
 /* The flags that relightd alone has. */
 static const struct setting table[] = {
     { "rate", "N", "frames per second from the source; 0: as fast as they are shown", "0", SCENE, REAL(0.0, 1000.0),
       AT(rate) },
     { "converge", "E", "refine a still image until its relMSE is E; off: no refinement", "3e-5", RENDERING,
-      REAL(1e-9, 10.0), .off = "off", AT(converge.error) },
+      REAL(1e-9, 10.0), OR_WORD(off_choices), AT(converge.error) },
     { "converge-passes", "N", "or until it has this many passes of --samples samples", "4096", RENDERING,
       WHOLE(2, 1u << 20), AT(converge.passes) },
     { "max-picture-seconds", "N", "refuse settings from controllers by which a picture would take longer", "10",

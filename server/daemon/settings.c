@@ -5,7 +5,6 @@
 #include "scene/scene.h"
 #include "stream/server.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -129,11 +128,6 @@ static void add_source_request(struct settings_store *store, const struct server
         atomic_store(&store->request_waiting, true);
 }
 
-static bool differ(double a, double b)
-{
-    return a != b && !(isnan(a) && isnan(b));
-}
-
 bool settings_cost_too_much(struct settings_store *store, const struct settings *s, struct reason *why)
 {
     const struct settings now = settings_now(store);
@@ -193,7 +187,7 @@ static enum err apply(struct settings_store *store, const struct server_control 
     s->light_version += s->method != before.method || s->samples != before.samples || s->counted != before.counted ||
                         s->error != before.error || s->classes != before.classes ||
                         s->rotation_degrees != before.rotation_degrees || s->scale_stops != before.scale_stops;
-    s->display_version += s->tone != before.tone || differ(s->exposure_stops, before.exposure_stops) ||
+    s->display_version += s->tone != before.tone || s->exposure_stops != before.exposure_stops ||
                           s->bias_stops != before.bias_stops || s->lamps != before.lamps;
     return check_source_request(store, c, s, clause, why);
 }

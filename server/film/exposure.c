@@ -18,6 +18,12 @@
 #define LAG_STOPS 1.0    /* maximum distance from the target exposure */
 #define GAIN_STOPS 120.0 /* the gain fits a float, and times a float it fits a double */
 
+const struct setting_choice exposure_choices[] = {
+    { "auto", EXPOSURE_AUTO, "one value for all images, from the first", 0 },
+    { "follow", EXPOSURE_FOLLOW, "each image adapts to its predecessors", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
 void exposure_init(struct exposure *e)
 {
     *e = (struct exposure){ .key = 0.18, .adapt = 0.2 };

@@ -21,6 +21,13 @@ enum tone_curve {
 /* All curves. A new one is a row here and a case in tone_value. */
 extern const struct setting_choice tone_choices[];
 
+/* What may stand for a fixed gain in stops (EV), beyond all of these. */
+enum exposure_mode {
+    EXPOSURE_FOLLOW = 1000, /* each image adapts to its predecessors */
+    EXPOSURE_AUTO,          /* one value for all images, from the first */
+};
+extern const struct setting_choice exposure_choices[];
+
 /* The exact curve: exposed value x to display-linear light in 0..1. x is a channel for filmic and linear, the luminance
  * for Reinhard. NaN and negative values give 0. */
 double tone_value(enum tone_curve curve, double x);

@@ -8,6 +8,7 @@
 #include "codec/png_write.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
@@ -18,6 +19,8 @@ struct output {
     const struct format *format;
     uint32_t width, height;
     struct exposure exposure;
+    bool fixed; /* the gain is 2^stops; else exposure adapts */
+    double stops;
     struct jpeg_encoder *jpeg;
     void *display;   /* [height][width][3 or 4], 8 or 16 bits: the tone-mapped image */
     float *straight; /* [height][width][4]: the foreground, not premultiplied; NULL without alpha */
@@ -98,11 +101,12 @@ static enum err write_png(struct output *o, const struct image_parts *i, const c
 static const struct format {
     const char *extension;
     bool alpha, deep; /* can be asked for */
+    bool exposed;     /* depends on exposure */
     enum err (*write)(struct output *o, const struct image_parts *i, const char *name, struct reason *why);
 } formats[] = {
-    { ".exr", true, false, write_exr },
-    { ".jpg", false, false, write_jpeg },
-    { ".png", true, true, write_png },
+    { ".exr", true, false, false, write_exr },
+    { ".jpg", false, false, true, write_jpeg },
+    { ".png", true, true, true, write_png },
 };
 
 static const struct format *format_of(const char *pattern)
@@ -182,9 +186,22 @@ bool output_is_numbered(const struct output *o)
     return o->pattern.length > 0;
 }
 
+bool output_is_exposed(const struct output *o)
+{
+    return o->format->exposed;
+}
+
+void output_fix_exposure(struct output *o, double stops)
+{
+    o->fixed = true;
+    o->stops = stops;
+}
+
 enum err output_write(struct output *o, const float *rgb, const float *rgba, uint64_t frame, struct reason *why)
 {
-    const struct image_parts parts = { rgb, rgba, exposure_step(&o->exposure, rgb, o->width, o->height, 1) };
+    const struct image_parts parts = { rgb, rgba,
+                                       o->fixed ? exp2(o->stops)
+                                                : exposure_step(&o->exposure, rgb, o->width, o->height, 1) };
     char name[4096];
     const enum err e = file_pattern_name(&o->pattern, frame, name, sizeof(name), why);
 

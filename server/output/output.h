@@ -35,9 +35,15 @@ MUST_CHECK enum err output_check(const struct output_desc *desc, struct reason *
 /* Whether the pattern has a place for the frame number; without, all frames have one name. */
 bool output_is_numbered(const struct output *o);
 
+/* Whether the format is tone-mapped, under an exposure. */
+bool output_is_exposed(const struct output *o);
+
+/* From now on the gain is 2^stops; without, exposure adapts from frame to frame, by rgb. */
+void output_fix_exposure(struct output *o, double stops);
+
 /* Writes the image of a frame, float rgb[height][width][3], linear, whole or not at all. rgba: with desc.alpha its
  * foreground, float[height][width][4], premultiplied, which is written instead; else NULL. PNG has straight alpha:
- * light that its alpha does not cover is cut off. Exposure adapts from frame to frame, by rgb. ERR_IO, ERR_NOMEM;
+ * light that its alpha does not cover is cut off. ERR_IO, ERR_NOMEM;
  * ERR_RANGE: the name becomes too long. */
 MUST_CHECK enum err output_write(struct output *o, const float *rgb, const float *rgba, uint64_t frame,
                                  struct reason *why);

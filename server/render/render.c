@@ -92,6 +92,8 @@ static enum err set_up(struct render *r, struct reason *why)
     e = light_lamps(r, why);
     if (!e && d->output.alpha)
         e = keep_alpha(r, why);
+    if (!e)
+        e = render_expose(r, why);
     if (e)
         return e;
     d->setup.light.direct.why = why;
@@ -147,6 +149,11 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e == ERR_NOMEM ? e : ERR_OK;
     }
     environment_warn_clipped(r->environment, &r->warned_clipped);
+    if (r->unmetered)
+        e = render_meter(r, why);
+    if (e)
+        return e;
+    r->unmetered = false;
     r->desc.setup.light.direct.why = why;
     r->desc.setup.light.direct.pass = r->desc.setup.reseed ? r->frame.number : 0;
     r->desc.setup.light.turn = r->frame.number;

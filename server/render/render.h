@@ -11,9 +11,12 @@
 #include "settings/settings.h"
 
 struct render_desc {
-    struct setup setup;                /* all but `initial` */
-    struct pilot_target target;        /* zeroed: the sample counts of `setup` */
-    struct output_desc output;         /* pattern NULL: no images */
+    struct setup setup;         /* all but `initial` */
+    struct pilot_target target; /* zeroed: the sample counts of `setup` */
+    struct output_desc output;  /* pattern NULL: no images */
+    /* With EXPOSURE_AUTO: the number of the frame that is measured; the first one if none is given. */
+    bool exposure_frame_given;
+    uint64_t exposure_frame;
     const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };

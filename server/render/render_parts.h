@@ -26,7 +26,14 @@ struct render {
     struct frame frame;
     uint64_t rendered, refused;
     bool warned_clipped;
+    bool unmetered; /* --exposure auto has no value yet */
 };
+
+/* meter.c. render_expose fixes r->output's exposure, or sets r->unmetered where --exposure auto has to wait for the
+ * first frame; render_meter then measures the one that r->environment holds. Errors are those of source_open,
+ * source_next, environment_decode and relighter_run; ERR_USAGE: --exposure-frame with such a source. */
+MUST_CHECK enum err render_expose(struct render *r, struct reason *why);
+MUST_CHECK enum err render_meter(struct render *r, struct reason *why);
 
 /* Appends the JSON object of the last frame to r->stats. ms: decoding, rebuilding the tables, writing. Thread: the
  * caller's; errors show when the file is closed. */

@@ -22,7 +22,7 @@ struct settings {
     double lamps;    /* factor of the light of the scene's own emitters */
     char camera[64]; /* its name; "": the first of the scene */
     enum tone_curve tone;
-    double exposure_stops; /* the gain is 2^this; NAN: exposure follows the picture, */
+    double exposure_stops; /* the gain is 2^this; or EXPOSURE_*: by the pictures, */
     double bias_stops;     /* with this added */
     bool paused;           /* the source is paused */
 
@@ -35,6 +35,8 @@ struct settings {
     uint64_t light_version;   /* the current frame must be lit again */
     uint64_t display_version; /* only exposure or tone curve changed */
 };
+
+#define TIME_REST (-1) /* of struct setup */
 
 /* All values of the table. Zeroed memory, then settings_table's flags by command_read, then setup_complete. */
 struct setup {
@@ -53,7 +55,7 @@ struct setup {
     /* As flags have them; setup_complete puts them where they belong. */
     uint32_t size[2];
     const char *cpu;
-    double time; /* s; NAN: at rest */
+    double time; /* s; TIME_REST: no pose of an animation */
 };
 
 /* Rows of struct setup. Those with a key come first; their fields are in `initial`, its first member, so that they are

@@ -3,7 +3,6 @@
 
 #include "base/setting_table.h"
 
-#include <math.h>
 #include <string.h>
 
 _Static_assert(offsetof(struct setup, initial) == 0, "rows with a key are rows of struct settings, too");
@@ -27,6 +26,11 @@ static const struct setting_choice compensate_choices[] = {
     { "off", COMPENSATE_OFF, "plain multiple importance sampling", 0 },
     { "on", COMPENSATE_ON, "light samples leave out what lobe samples cover well", 0 },
     { "auto", COMPENSATE_AUTO, "on where the environment has no sun, or the sun is a stratum of its own", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+static const struct setting_choice time_choices[] = {
+    { "rest", TIME_REST, NULL, 0 },
     { NULL, 0, NULL, 0 },
 };
 
@@ -57,8 +61,11 @@ const struct setting settings_table[] = {
     { NO_FLAG, .key = "counted", SWITCH, AT(initial.counted), .use = SETTING_TOLD },
     { "tone", "CURVE", "tone curve", "filmic", OUTPUT, LIGHT_PROGRAMS, CHOICE(tone_choices), AT(initial.tone),
       .reload = RELOAD_SETTINGS, CONTROL("tone", "4.13.6"), .offers = "tones", .use = SETTING_STATE },
-    { NO_FLAG, CONTROL("exposure_stops", "4.13.10"), REAL(-60.0, 60.0), AT(initial.exposure_stops),
-      .use = SETTING_STATE, .has_null = true, .null = NAN },
+    { "exposure", "E",
+      "stops (EV) for all images; auto: one value for all, from the first frame; follow: adapt from image to image",
+      "follow", OUTPUT, LIGHT_PROGRAMS, REAL(-60.0, 60.0), OR_WORD(exposure_choices), AT(initial.exposure_stops),
+      .reload = RELOAD_SETTINGS, CONTROL("exposure_stops", "4.13.10"), .offers = "exposures", .use = SETTING_STATE,
+      .has_null = true, .null = EXPOSURE_FOLLOW },
     { NO_FLAG, CONTROL("bias_stops", "4.13.11"), REAL(-20.0, 20.0), AT(initial.bias_stops), .use = SETTING_STATE },
     { "error", "E", "with --method auto: stop at this error (relMSE) when it takes less time", NULL, RENDERING,
       LIGHT_PROGRAMS, REAL(1e-9, 10.0), AT(initial.error), .reload = RELOAD_SETTINGS, CONTROL("error", "4.13.12"),
@@ -88,7 +95,7 @@ const struct setting settings_table[] = {
     { "ground", NULL, "put a ground below the model: it shows the environment, with the model's shadows and caustics",
       NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
     { "time", "SECONDS", "pose animated glTF models as at this time of their first animation", "rest", SCENE,
-      LIGHT_PROGRAMS, REAL(0.0, ANIMATION_TIME_MAX), .off = "rest", .null = NAN, AT(time) },
+      LIGHT_PROGRAMS, REAL(0.0, ANIMATION_TIME_MAX), OR_WORD(time_choices), AT(time) },
     { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
       AT(set_desc.reading.memory_bytes) },
     { "source", "S", "environment: file, directory, printf or glob pattern, watch:DIR, push:, or sky:key=value,...",
@@ -171,12 +178,11 @@ enum err setup_complete(struct setup *s, struct reason *why)
 {
     struct settings *initial = &s->initial;
 
-    initial->exposure_stops = NAN;
     s->set_desc.camera = initial->camera[0] ? initial->camera : NULL;
     s->set_desc.width = s->size[0];
     s->set_desc.height = s->size[1];
     s->set_desc.interleave = s->light.direct.interleave;
-    s->set_desc.reading.animate = !isnan(s->time);
+    s->set_desc.reading.animate = s->time != TIME_REST;
     s->set_desc.reading.time = s->time;
     s->light.direct.method = initial->method;
     s->light.direct.samples = initial->samples;

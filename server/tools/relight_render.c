@@ -44,6 +44,8 @@ static const struct setting rows[] = {
       NULL, OUTPUT, TEXT },
     { "denoise", NULL, "filter noise out of direct and indirect light", NULL, RENDERING, SWITCH,
       AT(desc.setup.light.denoise) },
+    { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, OUTPUT,
+      WHOLE(0, 0x1.fffffffffffffp52), AT(desc.exposure_frame) },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "alpha", NULL,
@@ -102,10 +104,13 @@ static enum err check_denoise(const struct render *r, struct reason *why)
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = {
-        "out", "frames", "stats", "fps", "error", "reseed", "half", "alpha", "denoise"
-    };
+    static const char *const others[] = { "out",    "frames", "stats", "fps",     "error",
+                                          "reseed", "half",   "alpha", "denoise", "exposure-frame" };
 
+    r->desc.exposure_frame_given = command_given(c, "exposure-frame");
+    if (r->desc.exposure_frame_given && r->desc.setup.initial.exposure_stops != EXPOSURE_AUTO)
+        return err_say(why, ERR_USAGE, "--exposure-frame is for --exposure auto, not for --exposure %s",
+                       command_get(c, "exposure"));
     if (command_get(c, "components")) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
             if (command_get(c, others[k]))
@@ -196,6 +201,7 @@ int main(int argc, char **argv)
     command.epilogue = sky_help;
     command_begin(&command);
     command_default(&command, "quality", "92");
+    command_default(&command, "exposure", "auto");
     enum err e = command_parse(&command, argc, argv, &done, &why);
     if (!e && done)
         return 0;

@@ -100,13 +100,15 @@ test('every control of the panel changes its setting', () =>
     await inForce(witness, { bias_stops: 2, exposure_stops: null });
     await page.waitForTimeout(500); // with that in the image
     const { gain } = await page.evaluate(() => window.relight.lastHeader);
-    await page.uncheck('#exposure-auto');
+    await page.selectOption('#exposure-mode', 'fixed');
     await witness.until(() => typeof window.said.control.exposure_stops === 'number');
     const { exposure_stops: fixed } = await witness.control();
     assert.ok(Math.abs(Math.log2(gain) - fixed) < 1, `fixed at ${fixed}, the gain was ${gain}`); // no jump
     await setRange(page, 'set-exposure', fixed - 1);
     await witness.until((v) => Math.abs(window.said.control.exposure_stops - v) < 0.1, fixed - 1);
-    await page.check('#exposure-auto');
+    await page.selectOption('#exposure-mode', 'auto');
+    await inForce(witness, { exposure_stops: 'auto', bias_stops: 0 });
+    await page.selectOption('#exposure-mode', 'follow');
     await inForce(witness, { exposure_stops: null, bias_stops: 0 });
     await page.selectOption('#set-tone', 'linear');
     await inForce(witness, { tone: 'linear' });
@@ -244,7 +246,7 @@ test('every control can be reached, seen and operated by keyboard', () =>
     }
     const all = await page.$$eval('button, input, select', (es) => es.filter((e) => e.checkVisibility() && !e.disabled).map((e) => e.id));
     assert.deepEqual(all.filter((id) => id && !reached.includes(id)), []);
-    for (const id of ['play', 'scrub', 'set-camera', 'set-rotate', 'exposure-auto', 'set-exposure', 'set-tone', 'set-paths', 'set-method',
+    for (const id of ['play', 'scrub', 'set-camera', 'set-rotate', 'exposure-mode', 'set-exposure', 'set-tone', 'set-paths', 'set-method',
       'set-effort', 'set-fps']) assert.ok(reached.includes(id), id);
     // in page order: timeline, then the panel
     assert.ok(reached.indexOf('play') < reached.indexOf('scrub') && reached.indexOf('scrub') < reached.indexOf('set-camera'));
@@ -263,9 +265,9 @@ test('every control can be reached, seen and operated by keyboard', () =>
     await page.focus('#set-rotate');
     await page.keyboard.press('ArrowRight');
     await inForce(witness, { rotate_degrees: 1 });
-    await page.focus('#exposure-auto');
-    await page.keyboard.press('Space');
-    await witness.until(() => window.said.control.exposure_stops !== null);
+    await page.focus('#exposure-mode');
+    await page.keyboard.press('a'); // the list's own
+    await inForce(witness, { exposure_stops: 'auto' });
     assert.equal((await witness.control()).paused, true);
   }));
 
@@ -275,7 +277,7 @@ test('changes by another controller are shown and announced', () =>
     await page.waitForFunction(() => document.getElementById('set-tone').value === 'reinhard');
     assert.equal(await page.textContent('#set-rotate-text'), '-45°');
     assert.equal(await page.inputValue('#set-rotate'), '-45');
-    assert.ok(!(await page.isChecked('#exposure-auto')));
+    assert.equal(await page.inputValue('#exposure-mode'), 'fixed');
     assert.equal(await page.textContent('#set-exposure-text'), '+3.0 EV');
     assert.match(await page.textContent('#toast'), /^Another controller changed .*rotation: -45°.*tone curve: reinhard/);
     await witness.say({ op: 'control', request: 2, paused: true });
@@ -318,7 +320,7 @@ test('a viewer sees current settings, and why they cannot be changed', () =>
   withAll(SKY, async (page, witness) => {
     assert.equal(await page.textContent('#role'), 'Watching');
     assert.match(await page.textContent('#controls-why'), /^You are watching\. .*#role=controller/);
-    for (const id of ['play', 'step-on', 'scrub', 'set-camera', 'set-rotate', 'exposure-auto', 'set-tone', 'set-fps'])
+    for (const id of ['play', 'step-on', 'scrub', 'set-camera', 'set-rotate', 'exposure-mode', 'set-tone', 'set-fps'])
       assert.ok(await page.isDisabled(`#${id}`), id);
     await page.keyboard.press('Space');
     await page.keyboard.press('t');

@@ -102,7 +102,7 @@ test('changes by others are described in words', () => {
   assert.equal(changesText(before, { ...before, tone: 'linear', rotate_degrees: 90 }),
     'the sky\u2019s rotation: 90°, the tone curve: linear');
   assert.equal(changesText(before, { ...before, error: 0.01 }), 'the target noise: 10 %');
-  assert.equal(changesText({ ...before, exposure_stops: 2 }, before), 'the exposure: automatic');
+  assert.equal(changesText({ ...before, exposure_stops: 2 }, before), 'the exposure: follow');
 });
 
 test('a drag to the right rotates the view ahead to the right', () => {

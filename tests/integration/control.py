@@ -183,6 +183,11 @@ async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
         follows = one.gains[-1]
         await one.ask(bias_stops=2)
         await one.until(lambda: abs(one.gains[-1] / follows - 4) < 1e-3)
+        check("auto" in one.last["status"]["offers"]["exposures"], one.last["status"]["offers"])
+        await one.ask(exposure_stops="auto", bias_stops=0)
+        await one.until(lambda: one.last["control"]["exposure_stops"] == "auto" and one.gains[-1] < 2 * follows)
+        error = await one.ask(exposure_stops="bright")
+        check(error and error["clause"] == "4.13.10" and "auto" in error["message"], f"{error}")
         count = len(one.gains)
         await one.ask(tone="linear")
         await one.until(lambda: len(one.gains) > count)

@@ -129,6 +129,47 @@ built_in_scene_and_sky_need_no_file() {
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
 
+# Frames 4 to 6 have the bytes that they have among 0 to 6, in every format, by several methods. Fixed exposure, and
+# following it, which depends on the frames before.
+a_frame_does_not_depend_on_the_frames_selected() {
+    local sky='sky:time=05:30,speed=60,size=128x64' options n kind k=0 last=6 kinds='jpg png exr'
+    local render=("$bin/relight-render" --source "$sky" --size 64x36)
+    for options in '--samples 4' '--method mis --samples 4 --reseed --paths direct' '--samples 4 --denoise' \
+        '--scene @ring --samples 4 --caustics stored --renew 4 --stored-paths 2000' \
+        '--method cached --paths direct' '--samples 4 --exposure 2' '--samples 4 --exposure-frame 9'; do
+        options="${options/@ring/$(dirname "$(readlink -f "$0")")/../../docs/examples/ring.json}"
+        k=$((k + 1))
+        for kind in $kinds; do
+            # shellcheck disable=SC2086
+            "${render[@]}" $options --frames 0-$last --out "$work/all.%d.$kind"
+            # shellcheck disable=SC2086
+            "${render[@]}" $options --frames 4-$last --out "$work/some.%d.$kind"
+            for n in $(seq 4 $last); do
+                cmp "$work/all.$n.$kind" "$work/some.$n.$kind" || fail "$options, frame $n.$kind"
+            done
+        done
+        cp "$work/all.4.jpg" "$work/with-$k.jpg"
+        last=5 kinds='jpg exr'
+    done
+    if cmp -s "$work/with-1.jpg" "$work/with-6.jpg"; then fail "--exposure 2 changes nothing"; fi
+    if cmp -s "$work/with-1.jpg" "$work/with-7.jpg"; then fail "--exposure-frame changes nothing"; fi
+    for n in 0-6 4-6; do
+        "${render[@]}" --samples 4 --exposure follow --frames $n --out "$work/$n.%d.jpg"
+    done
+    if cmp -s "$work/0-6.4.jpg" "$work/4-6.4.jpg"; then fail "it does not follow"; fi
+    expect 2 "'bright' is not a number from -60 to 60, auto or follow" "${render[@]}" --exposure bright --out "$work/x.jpg"
+    expect 2 '--exposure-frame is for --exposure auto' "${render[@]}" --exposure follow --exposure-frame 1 --out "$work/x.jpg"
+    mkdir "$work/watched"
+    expect 2 '--exposure-frame does not work with --source watch:' "$bin/relight-render" --source "watch:$work/watched" \
+        --exposure-frame 1 --size 16x9 --out "$work/%d.jpg"
+    constant_sky "$work/sky.3.hdr"
+    expect 2 'range from 1 to 1; the numbers run from 3' "$bin/relight-render" --source "$work/sky.%d.hdr" \
+        --exposure-frame 1 --size 16x9 --samples 1 --out "$work/%d.jpg"
+    echo broken >"$work/sky.2.hdr"
+    expect 1 '1 of 2 frames' "$bin/relight-render" --source "$work/sky.%d.hdr" --size 16x9 --samples 1 --out "$work/%d.jpg"
+    [ -s "$work/3.jpg" ] || fail "no picture, since the first frame could not be measured"
+}
+
 # 8 bits, 16, and a foreground with alpha above a ground; flags that the format lacks are refused.
 png_files_have_the_bits_and_the_alpha_asked_for() {
     box_scene "$work"

@@ -55,8 +55,11 @@ class Real:
     most: float
     above: bool = False  # `least` itself is excluded
     usual: tuple = None
+    words: tuple = ()  # that are taken too
 
     def has(self, value):
+        if isinstance(value, str):
+            return value in self.words
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return False
         return (self.least < value if self.above else self.least <= value) and value <= self.most
@@ -168,7 +171,7 @@ MESSAGES = {
         "samples": Field("4.13.5", Whole(1, 1048576, usual=(1, 16)), null=True),
         "tone": Field("4.13.6", Offered("tones")),
         "paused": Field("4.13.7", Flag()),
-        "exposure_stops": Field("4.13.10", Real(-60, 60), null=True),
+        "exposure_stops": Field("4.13.10", Real(-60, 60, words=("auto", "follow")), null=True),
         "bias_stops": Field("4.13.11", Real(-20, 20)),
         "error": Field("4.13.12", Real(1e-9, 10, usual=(0.05, 10)), null=True),
         "fps": Field("4.13.13", Real(0.01, 1000, usual=(5, 1000))),

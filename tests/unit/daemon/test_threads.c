@@ -67,6 +67,41 @@ static void refinement_does_not_step_exposure(void **state)
     rig_end(&r);
 }
 
+/* EXPOSURE_AUTO measures the first picture of a camera, and the one at hand when it is turned on. */
+static void auto_exposure_keeps_its_first_value(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--exposure=auto", NULL };
+    struct encode_thread *t;
+    struct reason why;
+    struct rig r;
+
+    rig_begin(&r, flags);
+    assert_int_equal(encode_thread_create(&r.shared, &t, &why), ERR_OK);
+    struct shaded *p = &r.shared.pictures.slot[0];
+    const struct {
+        float radiance, gain;
+        bool new_view;
+        double stops;
+    } steps[] = {
+        { 1.0f, 0.18f, false, EXPOSURE_AUTO },
+        { 0.25f, 0.18f, false, EXPOSURE_AUTO },
+        { 0.25f, 0.72f, true, EXPOSURE_AUTO },
+        { 1.0f, 0.72f, false, EXPOSURE_AUTO },
+        { 1.0f, 2.0f, false, 1.0 },
+        { 1.0f, 0.18f, false, EXPOSURE_AUTO },
+        { 0.25f, 0.18f, false, EXPOSURE_AUTO },
+    };
+    for (size_t k = 0; k < sizeof(steps) / sizeof(steps[0]); k++) {
+        r.shared.settings.now.exposure_stops = steps[k].stops;
+        even_picture(p, k + 1, steps[k].radiance, steps[k].new_view);
+        encode_picture(t, p);
+        assert_true(fabsf(p->header.gain / steps[k].gain - 1.0f) < 1e-4f);
+    }
+    encode_thread_destroy(t);
+    rig_end(&r);
+}
+
 /* Waits until n frames were refused. */
 static void await_refusals(uint64_t n)
 {
@@ -154,6 +189,7 @@ static void status_figures_add_up(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(exposure_does_not_carry_over_to_another_camera),
     cmocka_unit_test(refinement_does_not_step_exposure),
+    cmocka_unit_test(auto_exposure_keeps_its_first_value),
     cmocka_unit_test(an_ingest_error_is_reported_once),
     cmocka_unit_test(status_figures_add_up),
 };

@@ -57,7 +57,7 @@ static void defaults_are_those_of_the_program(void **state)
     assert_false(s->light.direct.sun || s->light.direct.no_visibility);
     assert_int_equal(s->environment.importance, IMPORTANCE_LUMINANCE);
     assert_int_equal(s->initial.tone, TONE_FILMIC);
-    assert_true(isnan(s->initial.exposure_stops));
+    assert_true(s->initial.exposure_stops == EXPOSURE_FOLLOW);
     assert_null(s->set_desc.camera);
     assert_int_equal(s->set_desc.width, 640);
     assert_int_equal(s->set_desc.height, 360);

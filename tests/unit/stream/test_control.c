@@ -141,7 +141,7 @@ static void all_of_minor_1_arrives(void **state)
     client_say(&c, "{\"op\":\"control\",\"exposure_stops\":null,\"error\":null,\"samples\":null,\"hour\":24}");
     const struct asked b = taken(s);
     assert_true(has_all(&b, "exposure_stops error samples hour") && !has_any(&b, "bias_stops seek"));
-    assert_true(isnan(b.settings.exposure_stops) && b.settings.error == 0.0);
+    assert_true(b.settings.exposure_stops == EXPOSURE_FOLLOW && b.settings.error == 0.0);
     assert_true(b.settings.samples == 0 && b.settings.hour == 24.0);
     client_shut(&c);
     server_destroy(s);
@@ -172,7 +172,7 @@ static void what_is_joined_is_what_was_said_in_turn(void **state)
     assert_true(has_all(&a, "seek step error exposure_stops") && !has(&a, "samples"));
     assert_true(a.settings.seek == 5 && a.settings.step == -3); /* the steps before the place are void */
     assert_true(a.settings.error == 0.5);                       /* the last of two wishes for one thing */
-    assert_true(isnan(a.settings.exposure_stops));
+    assert_true(a.settings.exposure_stops == EXPOSURE_FOLLOW);
     client_say(&c, "{\"op\":\"control\",\"error\":0.5,\"hour\":3,\"step\":1}");
     client_say(&c, "{\"op\":\"control\",\"samples\":8,\"seek\":2}");
     client_say(&c, "{\"op\":\"ping\",\"id\":1}");
@@ -351,7 +351,7 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
         { "\"samples\":1.5", "4.13.5" },
         { "\"tone\":\"a word much too long for a curve\"", "4.13.6" },
         { "\"paused\":1", "4.13.7" },
-        { "\"exposure_stops\":\"auto\"", "4.13.10" },
+        { "\"exposure_stops\":\"bright\"", "4.13.10" },
         { "\"exposure_stops\":61", "4.13.10" },
         { "\"bias_stops\":-21", "4.13.11" },
         { "\"error\":0", "4.13.12" },
