@@ -20,7 +20,7 @@ static const struct {
     { "KHR_materials_ior", MODELLED, NULL },
     { "KHR_materials_specular", MODELLED, NULL },
     { "KHR_materials_transmission", MODELLED, NULL },
-    { "KHR_materials_volume", NOTED, NULL },
+    { "KHR_materials_volume", MODELLED, NULL },
     { "KHR_materials_clearcoat", NOTED, NULL },
     { "KHR_materials_sheen", NOTED, NULL },
     { "KHR_materials_emissive_strength", MODELLED, NULL },

@@ -181,12 +181,30 @@ static enum err read_alpha(struct source *s, const struct gltf_at *at, const str
     return e;
 }
 
+/* KHR_materials_volume. The real distance inside counts, not the thickness, by which viewers without rays guess it. */
+static enum err read_volume(struct source *s, const struct gltf_at *at, struct material *m)
+{
+    const struct gltf_at volume = gltf_extension(at, "KHR_materials_volume");
+    double distance = INFINITY;
+    struct vec3 colour;
+
+    enum err e = get_colour(s, &volume, "attenuationColor", 3, 1.0, &colour);
+    if (!e)
+        e = gltf_number(s->g, &volume, "attenuationDistance", &distance);
+    if (!e && !(distance > 0.0))
+        return gltf_fault(s->g, &volume, ERR_FORMAT, "attenuationDistance is %g; expected more than 0", distance);
+    m->attenuation = attenuation_from(colour, distance);
+    return e;
+}
+
 static enum err read_glass(struct source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at extension = gltf_extension(at, "KHR_materials_ior");
     double ior = 1.5;
 
-    const enum err e = gltf_number(s->g, &extension, "ior", &ior);
+    enum err e = gltf_number(s->g, &extension, "ior", &ior);
+    if (!e)
+        e = read_volume(s, at, m);
     m->kind = MATERIAL_GLASS;
     m->ior = (float)fmin(fmax(ior, 1.0), 4.0);
     if (m->alpha_mode == ALPHA_BLEND) /* many exporters blend glass for viewers that cannot refract */
@@ -226,22 +244,16 @@ static enum err read_specular(struct source *s, const struct gltf_at *at, struct
 /* The features of extensions. */
 static enum err note_extensions(struct source *s, const struct gltf_at *at)
 {
-    const struct gltf_at volume = gltf_extension(at, "KHR_materials_volume");
     const struct gltf_at coat = gltf_extension(at, "KHR_materials_clearcoat");
     const struct gltf_at sheen = gltf_extension(at, "KHR_materials_sheen");
     struct vec3 sheen_colour;
-    double thickness = 0.0;
     float coat_share = 0.0f;
 
-    enum err e = gltf_number(s->g, &volume, "thicknessFactor", &thickness);
-    if (!e)
-        e = get_share(s, &coat, "clearcoatFactor", 0.0, &coat_share);
+    enum err e = get_share(s, &coat, "clearcoatFactor", 0.0, &coat_share);
     if (!e)
         e = get_colour(s, &sheen, "sheenColorFactor", 3, 0.0, &sheen_colour);
     if (e)
         return e;
-    if (thickness > 0.0)
-        scene_note_unmodelled(s->g->scene, FEATURE_VOLUME, s->g->desc->path);
     if (coat_share > 0.0f || largest(sheen_colour) > 0.0f)
         scene_note_unmodelled(s->g->scene, FEATURE_CLEARCOAT, s->g->desc->path);
     return ERR_OK;

@@ -162,12 +162,24 @@ static enum err read_mirror(const struct spot *s, struct material *m)
 static enum err read_glass(const struct spot *s, struct material *m)
 {
     const struct vec3 clear = { 1.0f, 1.0f, 1.0f };
-    const double crown = 1.5;
+    const double crown = 1.5, metre = 1.0;
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "tint", "emission", NULL });
+    struct vec3 left;
+    float distance;
+
+    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "tint", "attenuation_color",
+                                                "attenuation_distance", "emission", NULL });
     m->kind = MATERIAL_GLASS;
-    const enum err e = read_vec3(s, "tint", &clear, 0.0, 1.0, &m->diffuse);
-    return e ? e : read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
+    enum err e = read_vec3(s, "tint", &clear, 0.0, 1.0, &m->diffuse);
+    if (!e)
+        e = read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
+    if (!e)
+        e = read_vec3(s, "attenuation_color", &clear, 0.0, 1.0, &left);
+    if (!e)
+        e = read_number(s, "attenuation_distance", &metre, 1e-6, 1e15, &distance);
+    if (!e)
+        m->attenuation = attenuation_from(left, (double)distance);
+    return e;
 }
 
 /* The fraction of the surface that is there. */

@@ -219,7 +219,8 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !is_colour(m->kind == MATERIAL_GGX ? f0 : m->specular) || (m->kind == MATERIAL_PHONG && !is_colour(sum)) ||
         !within(&m->exponent, 1, 0.0f, 1e6f) || !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) ||
         !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
-        (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)))
+        (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)) ||
+        !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX))
         return forged(p, "a material is out of range");
     if (m->ground != 0) /* is added afterwards */
         return forged(p, "a material says that it is the ground's");

@@ -45,6 +45,17 @@ struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct 
                      matte_of(base.z, f0.z, metallic, loss, most));
 }
 
+static float attenuation_of(float share, double distance)
+{
+    return (float)fmin(-log(fmin(fmax((double)share, 1e-12), 1.0)) / distance, (double)ATTENUATION_MAX);
+}
+
+struct vec3 attenuation_from(struct vec3 colour, double distance)
+{
+    return vec3_make(attenuation_of(colour.x, distance), attenuation_of(colour.y, distance),
+                     attenuation_of(colour.z, distance));
+}
+
 const char *material_kind_name(enum material_kind kind)
 {
     switch (kind) {

@@ -30,6 +30,7 @@ enum material_map {
 };
 #define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL)
 #define NORMAL_SCALE_MAX 1e3f
+#define ATTENUATION_MAX 1e6f /* m^-1: opaque within a tenth of a millimetre */
 
 #define MATERIAL_NO_TEXTURE UINT32_MAX
 #define EMISSION_MAX 1e9f /* the sun's disc has 1.6e9 cd/m^2; products with areas and weights still fit a float */
@@ -47,6 +48,8 @@ struct material {
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
     float normal_scale;         /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
     float ior;                  /* glass */
+    struct vec3 attenuation;    /* glass: light that travels x metres inside is multiplied by exp(-attenuation x);
+                                   0..ATTENUATION_MAX, m^-1 */
     uint32_t texture;           /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
     enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */
     float alpha, alpha_cutoff;  /* 0..1; of ALPHA_MASK, at least 0 */
@@ -71,6 +74,10 @@ struct vec3 ggx_f0(struct vec3 base, float metallic, struct vec3 more);
  * return in this colour [Kulla and Conty 2017], and m the largest matte part beside which such a reflector still
  * reflects no more than it receives, from any direction. */
 struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct vec3 more);
+
+/* The attenuation by which white light has this colour after `distance` metres, as glTF defines it
+ * [KHR_materials_volume]. distance > 0. */
+struct vec3 attenuation_from(struct vec3 colour, double distance);
 
 /* "lambert", "phong", ...; never NULL. */
 const char *material_kind_name(enum material_kind kind);

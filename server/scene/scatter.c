@@ -61,6 +61,16 @@ static void fill_rough(const struct material *m, struct vec3 base, struct finish
     }
 }
 
+/* What a ray of unit direction that meets glass from inside has left [Bouguer, Lambert and Beer]. */
+static struct vec3 arriving(const struct material *m, const struct hit *h, const struct surface *s)
+{
+    const struct vec3 a = m->attenuation;
+
+    if (m->kind != MATERIAL_GLASS || s->outside || !(a.x + a.y + a.z > 0.0f))
+        return vec3_make(1.0f, 1.0f, 1.0f);
+    return vec3_make(expf(-a.x * h->t), expf(-a.y * h->t), expf(-a.z * h->t));
+}
+
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out)
 {
@@ -89,6 +99,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
                                              : DELTA_NONE;
     out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic, m->specular) : base;
     out->ior = m->kind == MATERIAL_GLASS ? m->ior : 1.0f;
+    out->arrives = arriving(m, h, &out->surface);
 }
 
 double fresnel_dielectric(double cos_i, double eta, double *cos_t)
@@ -159,9 +170,9 @@ static void set_ray(struct delta_ray *ray, const struct scatter *s, float side, 
 {
     ray->origin = surface_start(&s->surface, side);
     ray->dir = dir;
-    ray->weight[0] = weight.x;
-    ray->weight[1] = weight.y;
-    ray->weight[2] = weight.z;
+    ray->weight[0] = weight.x * s->arrives.x;
+    ray->weight[1] = weight.y * s->arrives.y;
+    ray->weight[2] = weight.z * s->arrives.z;
     ray->crosses = side < 0.0f;
     ray->radiance_scale = 1.0f;
     if (ray->crosses) {

@@ -43,9 +43,11 @@ struct scatter {
     struct vec3
         reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of DELTA_GLASS, the tint of what passes */
     float ior;       /* of DELTA_GLASS, which is assumed to be in air */
+    struct vec3 arrives; /* of DELTA_GLASS: the share of light that the glass has left of it along the ray, in which its
+                            rays have a part already */
 };
 
-/* Evaluates the material at a hit. dir: direction of the ray, unit. */
+/* Evaluates the material at a hit. dir: direction of the ray, unit; h->t: its length, m. */
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out);
 

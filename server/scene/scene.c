@@ -18,7 +18,6 @@ const char *scene_feature_name(enum scene_feature feature)
     switch (feature) {
     case FEATURE_BUMP_MAP: return "bump maps";
     case FEATURE_ALPHA: return "alpha masks and blending";
-    case FEATURE_VOLUME: return "volumes";
     case FEATURE_SPECULAR_MAP: return "specular textures";
     case FEATURE_CLEARCOAT: return "clearcoat and sheen";
     case FEATURE_ROUGH_GLASS: return "rough glass";

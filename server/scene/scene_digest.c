@@ -45,6 +45,8 @@ static void digest_material(struct digest *d, const struct material *m)
 
     digest_u64(d, (uint64_t)m->kind << 32 | m->texture);
     digest_bytes(d, values, sizeof(values));
+    if (m->attenuation.x + m->attenuation.y + m->attenuation.z > 0.0f)
+        digest_bytes(d, &m->attenuation, sizeof(m->attenuation));
     digest_alpha(d, m);
     digest_maps(d, m);
 }

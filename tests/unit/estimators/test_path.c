@@ -159,6 +159,25 @@ static void a_card_in_glass_is_lit_through_it(void **state)
     world_finish(&w);
 }
 
+/* A block of 0.4 m, square on: (1 - F)^2 a / (1 - F^2 a^2) comes through, and by one way more inside it comes back. */
+static void a_block_of_dark_glass_attenuates_by_its_depth(void **state)
+{
+    static const struct camera above = { "above", { 0, 9, 0 }, { 0, 0, 0 }, { 0, 0, 1 }, 0.01f };
+    const double f = 0.04, a = exp(-0.4 * 3.0), through = (1.0 - f) * (1.0 - f) * a / (1.0 - f * f * a * a);
+    struct scene *s = scene_create();
+    struct world w;
+
+    (void)state;
+    add_box(s,
+            add_stuff(s,
+                      (struct material){
+                          .kind = MATERIAL_GLASS, .diffuse = { 1, 1, 1 }, .ior = 1.5f, .attenuation = { 3, 3, 3 } }),
+            (const float[3]){ -5, -0.2f, -5 }, (const float[3]){ 5, 0.2f, 5 });
+    world_make(&w, s, &above, 4, 4, sky_environment(sky_constant(32, 16, 1.0f), 16, 0.0));
+    expect(&w, "background", PATH_BACKGROUND, through + f + f * a * through);
+    world_finish(&w);
+}
+
 /* Where glass has no far side, what is behind it is inside: radiance there counts n^-2 at the eye, as it does in the
  * G-buffer. Square on, 0.04 comes back and 0.96 goes through. Everywhere else the factors cancel, light being outside.
  */
@@ -370,6 +389,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(classes_add_up_to_all),
     cmocka_unit_test(a_wedge_has_its_closed_form),
     cmocka_unit_test(a_card_in_glass_is_lit_through_it),
+    cmocka_unit_test(a_block_of_dark_glass_attenuates_by_its_depth),
     cmocka_unit_test(an_open_sheet_of_glass_keeps_its_index),
     cmocka_unit_test(a_pixel_is_the_mean_over_its_square),
     cmocka_unit_test(direct_class_agrees_with_direct_shade_under_overcast),

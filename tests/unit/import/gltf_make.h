@@ -116,7 +116,7 @@ static inline const char *make_declaration(const struct make *m, const char *res
     static const char *const names[] = {
         "EXT_mesh_gpu_instancing", "EXT_meshopt_compression",    "EXT_texture_webp",      "KHR_draco_mesh_compression",
         "KHR_mesh_quantization",   "KHR_materials_transmission", "KHR_materials_ior",     "KHR_materials_specular",
-        "KHR_materials_unlit",     "KHR_meshopt_compression",    "KHR_texture_transform",
+        "KHR_materials_unlit",     "KHR_meshopt_compression",    "KHR_texture_transform", "KHR_materials_volume",
     };
     static char text[512];
     const char *head = ",\"extensionsUsed\":[";

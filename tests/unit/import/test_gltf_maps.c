@@ -261,6 +261,38 @@ static void glass_keeps_its_tint(void **state)
     make_end(&f);
 }
 
+#define GLASS "\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+
+/* Half of the red light is left after 2 m, all of the green, and none of the blue. */
+static void volumes_attenuate(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    const struct material m = specular_of(
+        &f, DIELECTRIC ",\"roughnessFactor\":0",
+        GLASS
+        "\"KHR_materials_volume\":{\"thicknessFactor\":1,\"attenuationDistance\":2,\"attenuationColor\":[0.5,1,0]}",
+        &said);
+    assert_int_equal(m.kind, MATERIAL_GLASS);
+    assert_float_equal(m.attenuation.x, 0.5f * logf(2.0f), 1e-5f);
+    assert_float_equal(m.attenuation.y, 0.0f, 0.0f);
+    assert_true(m.attenuation.z > 10.0f);
+    assert_string_equal(said, "");
+    const struct material clear =
+        specular_of(&f, DIELECTRIC, GLASS "\"KHR_materials_volume\":{\"attenuationColor\":[0.1,0.1,0.1]}", &said);
+    assert_float_equal(clear.attenuation.x, 0.0f, 0.0f); /* the distance is infinite */
+    assert_non_null(
+        strstr(make_refused(square_of(&f, DIELECTRIC ",\"extensions\":{" GLASS
+                                                     "\"KHR_materials_volume\":{\"attenuationDistance\":0}}"),
+                            ERR_FORMAT),
+               "KHR_materials_volume: attenuationDistance is 0; expected more than 0"));
+    make_end(&f);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
@@ -269,5 +301,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(tangents_are_the_file_s_or_computed),
     cmocka_unit_test(specular_and_ior_make_f0),
     cmocka_unit_test(glass_keeps_its_tint),
+    cmocka_unit_test(volumes_attenuate),
 };
 UNIT_MAIN(tests)

@@ -415,7 +415,8 @@ static void other_materials_are_read_with_their_defaults(void **state)
     folder_make(&f);
     folder_text(&f, "quad.obj", quad);
     struct scene *s = load_text(&f, "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"mirror\"},"
-                                    "\"g\":{\"type\":\"glass\"},\"t\":{\"type\":\"glass\",\"tint\":[0.2,0.5,0.8]},"
+                                    "\"g\":{\"type\":\"glass\",\"attenuation_color\":[0.5,1,1],"
+                                    "\"attenuation_distance\":2},\"t\":{\"type\":\"glass\",\"tint\":[0.2,0.5,0.8]},"
                                     "\"m\":{\"type\":\"ggx\",\"base_color\":[0.1,0.2,0.3],"
                                     "\"metallic\":0.25,\"roughness\":0.5}}}");
     const struct material *glass = &s->materials[scene_find_material(s, "g", 0)];
@@ -425,7 +426,10 @@ static void other_materials_are_read_with_their_defaults(void **state)
     assert_int_equal(glass->kind, MATERIAL_GLASS);
     assert_float_equal(glass->ior, 1.5f, 0.0f);
     assert_float_equal(glass->diffuse.z, 1.0f, 0.0f);
+    assert_float_equal(glass->attenuation.x, 0.5f * logf(2.0f), 1e-6f);
+    assert_float_equal(glass->attenuation.y, 0.0f, 0.0f);
     assert_float_equal(s->materials[scene_find_material(s, "t", 0)].diffuse.z, 0.8f, 0.0f);
+    assert_float_equal(s->materials[scene_find_material(s, "t", 0)].attenuation.x, 0.0f, 0.0f);
     assert_int_equal(ggx->kind, MATERIAL_GGX);
     assert_float_equal(ggx->diffuse.y, 0.2f, 0.0f);
     assert_float_equal(ggx->metallic, 0.25f, 0.0f);

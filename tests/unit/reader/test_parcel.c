@@ -251,6 +251,7 @@ static void forged_values_are_refused(void **state)
         forge_float(MATERIAL + (long)offsetof(struct material, exponent), wrong[k], "a material is out of range");
         forge_float(MATERIAL + (long)(sizeof(struct material) + offsetof(struct material, ior)), wrong[k],
                     "a material is out of range");
+        forge_float(PANE + (long)offsetof(struct material, attenuation), wrong[k], "a material is out of range");
         forge_float(PANE + (long)offsetof(struct material, alpha), wrong[k], "the alpha of a material");
         forge_float(MATERIAL + (long)offsetof(struct material, emission), wrong[k], "an emission is out of range");
         forge_float(LIGHT + (long)offsetof(struct punctual_light, intensity), wrong[k], "its intensity is not within");

@@ -113,6 +113,34 @@ static void tinted_glass_dims_what_passes_its_sides(void **state)
     scene_destroy(s);
 }
 
+/* What is reflected within has travelled further. */
+static void attenuation_follows_the_way_inside(void **state)
+{
+    const float per_metre[3] = { 0.5f, 2.0f, 10.0f };
+    const double f = 0.04, thickness = 0.2;
+    struct scene *s = scene_create();
+    struct rays *r;
+
+    (void)state;
+    const uint32_t glass = add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f);
+    s->materials[glass].attenuation = vec3_make(per_metre[0], per_metre[1], per_metre[2]);
+    add_box(s, glass, (const float[3]){ -1, -1, -0.1f }, (const float[3]){ 1, 1, 0.1f });
+    struct gbuffer *g = look(s, &r, &tele);
+    const double a = exp(-thickness * (double)per_metre[0]), once = (1.0 - f) * (1.0 - f) * a / (1.0 - f * f * a * a);
+    assert_float_equal(escaping(g, -1), once, 1e-3f);
+    assert_float_equal(escaping(g, 1), f + f * a * once, 1e-3f);
+    for (int k = 0; k < 3; k++) {
+        const double b = exp(-thickness * (double)per_metre[k]);
+        double sum = 0.0;
+        for (uint32_t i = g->escape_first[5]; i < g->escape_first[6]; i++)
+            sum += g->escapes[i].direction.z < 0.0f ? (double)g->escapes[i].weight[k] : 0.0;
+        assert_float_equal(sum, (1.0 - f) * (1.0 - f) * b / (1.0 - f * f * b * b), 1e-3f);
+    }
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
 static void radiance_scales_by_the_index_squared(void **state)
 {
     struct scene *s = scene_create();
@@ -412,6 +440,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(mirror_shows_what_it_reflects),
     cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
     cmocka_unit_test(tinted_glass_dims_what_passes_its_sides),
+    cmocka_unit_test(attenuation_follows_the_way_inside),
     cmocka_unit_test(radiance_scales_by_the_index_squared),
     cmocka_unit_test(glass_bends_by_snell),
     cmocka_unit_test(only_one_polarisation_is_reflected_at_brewsters_angle),
