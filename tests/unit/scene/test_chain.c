@@ -113,7 +113,7 @@ static void tinted_glass_dims_what_passes_its_sides(void **state)
     scene_destroy(s);
 }
 
-/* What is reflected within has travelled further. */
+/* What is reflected within has travelled further. Branches are cut where the mean of the colours is below 1e-3. */
 static void attenuation_follows_the_way_inside(void **state)
 {
     const float per_metre[3] = { 0.5f, 2.0f, 10.0f };
@@ -127,14 +127,14 @@ static void attenuation_follows_the_way_inside(void **state)
     add_box(s, glass, (const float[3]){ -1, -1, -0.1f }, (const float[3]){ 1, 1, 0.1f });
     struct gbuffer *g = look(s, &r, &tele);
     const double a = exp(-thickness * (double)per_metre[0]), once = (1.0 - f) * (1.0 - f) * a / (1.0 - f * f * a * a);
-    assert_float_equal(escaping(g, -1), once, 1e-3f);
-    assert_float_equal(escaping(g, 1), f + f * a * once, 1e-3f);
+    assert_float_equal(escaping(g, -1), once, 3.1e-3f);
+    assert_float_equal(escaping(g, 1), f + f * a * once, 3.1e-3f);
     for (int k = 0; k < 3; k++) {
         const double b = exp(-thickness * (double)per_metre[k]);
         double sum = 0.0;
         for (uint32_t i = g->escape_first[5]; i < g->escape_first[6]; i++)
             sum += g->escapes[i].direction.z < 0.0f ? (double)g->escapes[i].weight[k] : 0.0;
-        assert_float_equal(sum, (1.0 - f) * (1.0 - f) * b / (1.0 - f * f * b * b), 1e-3f);
+        assert_float_equal(sum, (1.0 - f) * (1.0 - f) * b / (1.0 - f * f * b * b), 3.1e-3f);
     }
     gbuffer_destroy(g);
     rays_destroy(r);
