@@ -181,16 +181,20 @@ static enum err read_alpha(struct source *s, const struct gltf_at *at, const str
     return e;
 }
 
-/* KHR_materials_volume. The real distance inside counts, not the thickness, by which viewers without rays guess it. */
+/* KHR_materials_volume; without it, or with a thickness of 0, the glass is a thin sheet. The real distance inside
+ * counts, not the thickness, by which viewers without rays guess it. */
 static enum err read_volume(struct source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at volume = gltf_extension(at, "KHR_materials_volume");
-    double distance = INFINITY;
+    double distance = INFINITY, thickness = 0.0;
     struct vec3 colour;
 
     enum err e = get_colour(s, &volume, "attenuationColor", 3, 1.0, &colour);
     if (!e)
         e = gltf_number(s->g, &volume, "attenuationDistance", &distance);
+    if (!e)
+        e = gltf_number(s->g, &volume, "thicknessFactor", &thickness);
+    m->thin = !(thickness > 0.0);
     if (!e && !(distance > 0.0))
         return gltf_fault(s->g, &volume, ERR_FORMAT, "attenuationDistance is %g; expected more than 0", distance);
     m->attenuation = attenuation_from(colour, distance);

@@ -168,8 +168,12 @@ static enum err read_glass(const struct spot *s, struct material *m)
     float distance;
 
     warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "tint", "attenuation_color",
-                                                "attenuation_distance", "emission", NULL });
+                                                "attenuation_distance", "thin", "emission", NULL });
     m->kind = MATERIAL_GLASS;
+    const json_t *thin = json_object_get(s->object, "thin");
+    if (thin && !json_is_boolean(thin))
+        return err_say(s->why, ERR_FORMAT, "%s: 'thin' is neither true nor false", s->place);
+    m->thin = json_is_true(thin);
     enum err e = read_vec3(s, "tint", &clear, 0.0, 1.0, &m->diffuse);
     if (!e)
         e = read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);

@@ -212,9 +212,10 @@ static double area_density(const struct emitters *e, uint64_t index, const struc
 /* Whether the lamp has surface where a shadow ray ends. The ray itself ends before it, so that nothing else asks. */
 static bool is_covered(const struct emitters *e, const struct hit *at, struct vec3 from, struct vec3 to)
 {
+    const struct material *m = &e->scene->materials[e->scene->meshes[at->mesh].material];
     struct mask mask;
 
-    if (e->scene->materials[e->scene->meshes[at->mesh].material].alpha_mode == ALPHA_OPAQUE)
+    if (m->alpha_mode == ALPHA_OPAQUE && !m->thin)
         return true;
     mask_init(&mask, e->scene, at->mesh);
     return mask_covers(&mask, at->triangle, at->u, at->v, (const float[]){ from.x, from.y, from.z },

@@ -99,6 +99,8 @@ static json_t *material_json(const struct scene *scene, uint32_t index)
         json_object_set_new(j, "metallic", number(m->metallic));
         json_object_set_new(j, "roughness", number(m->roughness));
     }
+    if (m->kind == MATERIAL_GLASS && m->thin)
+        json_object_set_new(j, "thin", json_true());
     if (m->kind == MATERIAL_GLASS)
         json_object_set_new(j, "ior", number(m->ior));
     if (m->kind == MATERIAL_MIRROR)

@@ -220,7 +220,7 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !within(&m->exponent, 1, 0.0f, 1e6f) || !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) ||
         !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)) ||
-        !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX))
+        !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX) || m->thin > (m->kind == MATERIAL_GLASS))
         return forged(p, "a material is out of range");
     if (m->ground != 0) /* is added afterwards */
         return forged(p, "a material says that it is the ground's");

@@ -30,12 +30,12 @@ enum coverage material_coverage(const struct scene *s, const struct material *m)
     float low = 1.0f, high = 1.0f;
 
     if (m->alpha_mode == ALPHA_OPAQUE)
-        return COVERAGE_FULL;
+        return m->thin ? COVERAGE_PARTIAL : COVERAGE_FULL;
     const struct texture *t = alpha_texture(s, m);
     if (t)
         texture_alpha_limits(t, &low, &high);
     if (is_full(m, m->alpha * low))
-        return COVERAGE_FULL;
+        return m->thin ? COVERAGE_PARTIAL : COVERAGE_FULL;
     return is_none(m, m->alpha * high) ? COVERAGE_NONE : COVERAGE_PARTIAL;
 }
 
@@ -43,7 +43,9 @@ void mask_init(struct mask *m, const struct scene *s, uint32_t mesh)
 {
     m->mesh = &s->meshes[mesh];
     m->material = &s->materials[m->mesh->material];
-    m->texture = alpha_texture(s, m->material);
+    m->texture = m->material->alpha_mode == ALPHA_OPAQUE ? NULL : alpha_texture(s, m->material);
+    m->tint =
+        m->material->thin && m->material->texture != MATERIAL_NO_TEXTURE ? &s->textures[m->material->texture] : NULL;
     m->index = mesh;
 }
 
@@ -78,17 +80,57 @@ static float hash_ray(const struct mask *m, uint32_t triangle, const float origi
     return (float)(rng_mix(ray ^ HASH_SEED, (uint64_t)m->index << 32 | triangle) >> 40) * 0x1p-24f;
 }
 
+static float alpha_at(const struct mask *m, uint32_t triangle, float u, float v)
+{
+    float uv[2];
+
+    if (!m->texture)
+        return m->material->alpha;
+    uv_at(m->mesh, triangle, u, v, uv);
+    return m->material->alpha * texture_alpha(m->texture, uv[0], uv[1]);
+}
+
+/* Of thin glass: the share of rays of this direction, of any length, that meets it. */
+static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, float v, const float dir[3])
+{
+    const struct mesh *mesh = m->mesh;
+    const uint32_t *t = mesh->indices + 3 * (size_t)triangle;
+    const float weight[3] = { 1.0f - u - v, u, v };
+    const struct vec3 d = vec3_make(dir[0], dir[1], dir[2]);
+    struct vec3 p[3], tint = m->material->diffuse, colour = { 0.0f, 0.0f, 0.0f };
+    float uv[2];
+
+    for (int k = 0; k < 3; k++) {
+        const float *at = mesh->positions + 3 * (size_t)t[k], *own = mesh->colours + 3 * (size_t)t[k];
+        p[k] = vec3_make(at[0], at[1], at[2]);
+        if (mesh->colours)
+            colour = vec3_add(colour, vec3_scale(vec3_make(own[0], own[1], own[2]), weight[k]));
+    }
+    if (mesh->colours)
+        tint = vec3_mul(tint, colour);
+    if (m->tint) {
+        uv_at(mesh, triangle, u, v, uv);
+        tint = vec3_mul(tint, texture_read(m->tint, uv, NULL));
+    }
+    const struct vec3 n = vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]));
+    return sheet_at(m->material->ior, tint, vec3_dot(n, d) / (vec3_length(n) * vec3_length(d))).covers;
+}
+
+bool mask_covers_seen(const struct mask *m, uint32_t triangle, float u, float v)
+{
+    return m->material->alpha_mode != ALPHA_MASK || alpha_at(m, triangle, u, v) >= m->material->alpha_cutoff;
+}
+
 bool mask_covers(const struct mask *m, uint32_t triangle, float u, float v, const float origin[3], const float dir[3])
 {
-    float alpha = m->material->alpha, uv[2];
+    float share = m->material->alpha_mode == ALPHA_BLEND ? alpha_at(m, triangle, u, v) : 1.0f;
 
-    if (m->texture) {
-        uv_at(m->mesh, triangle, u, v, uv);
-        alpha *= texture_alpha(m->texture, uv[0], uv[1]);
-    }
-    if (m->material->alpha_mode == ALPHA_MASK)
-        return alpha >= m->material->alpha_cutoff;
-    return hash_ray(m, triangle, origin, dir) < alpha;
+    if (!mask_covers_seen(m, triangle, u, v))
+        return false;
+    if (m->material->thin)
+        share *= share_of_sheet(m, triangle, u, v, dir);
+    return m->material->alpha_mode == ALPHA_MASK && !m->material->thin ? true
+                                                                       : hash_ray(m, triangle, origin, dir) < share;
 }
 
 /* Bounds how many texels of the finest level a metre on the triangle covers, in any direction: the length of the
@@ -132,12 +174,23 @@ bool mask_varies(const struct mask *m, uint32_t triangle, float u, float v, floa
     return low < 1.0f && high > 0.0f;
 }
 
-float coverage_seen(const struct scene *s, const struct hit *h, const float uv[2], const float uv_step[2][2])
+float coverage_seen(const struct scene *s, const struct hit *h, const struct scatter *at, struct vec3 dir,
+                    const float uv_step[2][2], float passed[3])
 {
     const struct material *m = &s->materials[s->meshes[h->mesh].material];
+    float alpha = 1.0f;
 
-    if (m->alpha_mode != ALPHA_BLEND)
-        return 1.0f;
-    const struct texture *t = alpha_texture(s, m);
-    return m->alpha * (t ? texture_filter_alpha(t, uv[0], uv[1], uv_step) : 1.0f);
+    if (m->alpha_mode == ALPHA_BLEND) {
+        const struct texture *t = alpha_texture(s, m);
+        const float *uv = at->surface.uv;
+        alpha = m->alpha * (t ? texture_filter_alpha(t, uv[0], uv[1], uv_step) : 1.0f);
+    }
+    passed[0] = passed[1] = passed[2] = 1.0f - alpha;
+    if (at->delta != DELTA_SHEET)
+        return alpha;
+    const struct sheet sheet = sheet_at(at->ior, at->reflectance, vec3_dot(dir, at->surface.geometric));
+    passed[0] += alpha * sheet.passed.x;
+    passed[1] += alpha * sheet.passed.y;
+    passed[2] += alpha * sheet.passed.z;
+    return alpha * sheet.covers;
 }

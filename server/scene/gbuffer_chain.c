@@ -93,9 +93,9 @@ static void fill_leaf(struct leaf *l, const struct scatter *at)
 }
 
 /* What the branch hits, and what that emits, with textures averaged over its footprint. Returns how much of that is
- * surface. */
+ * surface; passed: of each colour, how much goes on behind it. */
 static float see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
-                 struct scatter *at, struct vec3 *emission)
+                 struct scatter *at, struct vec3 *emission, float passed[3])
 {
     float uv_step[2][2];
 
@@ -105,11 +105,11 @@ static float see(const struct sight *s, const struct branch *b, const struct hit
     scatter_on(s->scene, h, uv_step, at);
     if (s->lamps)
         *emission = scene_emission(s->scene, at->material, at->surface.uv, uv_step);
-    return coverage_seen(s->scene, h, at->surface.uv, uv_step);
+    return coverage_seen(s->scene, h, at, b->dir, uv_step, passed);
 }
 
 /* Where only a part of the branch meets surface, the rest goes on behind it. */
-static void pass(struct chain *c, struct branch *b, const struct hit *h, float coverage)
+static void pass(struct chain *c, struct branch *b, const struct hit *h, float coverage, const float passed[3])
 {
     struct branch rest = *b;
 
@@ -117,7 +117,7 @@ static void pass(struct chain *c, struct branch *b, const struct hit *h, float c
         return;
     rest.behind = nextafterf(h->t, INFINITY);
     for (int k = 0; k < 3; k++) {
-        rest.weight[k] *= 1.0f - coverage;
+        rest.weight[k] *= passed[k];
         b->weight[k] *= coverage;
     }
     push(c, &rest);
@@ -140,9 +140,10 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     struct delta_ray out[2];
     struct footprint footprint;
     struct vec3 emission;
+    float passed[3];
 
-    const float coverage = see(c->sight, b, h, &footprint, &at, &emission);
-    pass(c, b, h, coverage);
+    const float coverage = see(c->sight, b, h, &footprint, &at, &emission, passed);
+    pass(c, b, h, coverage, passed);
     if (c->sight->lamps && coverage > 0.0f)
         add_glow(c, b, emission);
     if (at.rough && coverage > 0.0f) {

@@ -12,7 +12,7 @@ enum material_kind {
     MATERIAL_PHONG,   /* diffuse/pi + specular (n+2)/(2 pi) max(0, r.o)^n, diffuse + specular <= 1 per channel */
     MATERIAL_GGX,     /* the metallic-roughness model of glTF */
     MATERIAL_MIRROR,  /* delta reflection */
-    MATERIAL_GLASS,   /* smooth dielectric */
+    MATERIAL_GLASS,   /* smooth dielectric: solid, or a thin sheet */
 };
 
 /* Holes in a surface. alpha is the material's, times that of its alpha texture. */
@@ -48,8 +48,9 @@ struct material {
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
     float normal_scale;         /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
     float ior;                  /* glass */
-    struct vec3 attenuation;    /* glass: light that travels x metres inside is multiplied by exp(-attenuation x);
-                                   0..ATTENUATION_MAX, m^-1 */
+    uint32_t thin;              /* glass: 1: a sheet without thickness, which light crosses straight on; else 0 */
+    struct vec3 attenuation;    /* glass that is not thin: light that travels x metres inside is multiplied by
+                                   exp(-attenuation x);    0..ATTENUATION_MAX, m^-1 */
     uint32_t texture;           /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
     enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */
     float alpha, alpha_cutoff;  /* 0..1; of ALPHA_MASK, at least 0 */

@@ -78,10 +78,11 @@ static bool meets_surface(const struct mask *m, struct query *q, const float *ra
 
     memcpy(&triangle, hit + HIT_TRIANGLE * n + i, sizeof(triangle));
     if (q->seen) { /* one ray: n is 1 */
-        if (m->material->alpha_mode == ALPHA_BLEND)
+        if (m->material->alpha_mode != ALPHA_MASK)
             return true;
         if (ray[RAY_TFAR] < q->varies && mask_varies(m, triangle, u, v, width_at(q, ray, hit)))
             q->varies = ray[RAY_TFAR];
+        return mask_covers_seen(m, triangle, u, v);
     }
     return mask_covers(m, triangle, u, v, origin, dir);
 }

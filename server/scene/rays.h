@@ -88,9 +88,10 @@ uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, si
 /* The first hit of a ray beyond tnear, in *out. False: no hit. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
 
-/* As rays_intersect, for a unit dir from the camera whose neighbours are `angle` radians away. With ALPHA_BLEND, which
- * other queries answer at random, every hit counts; the caller weighs it by coverage_seen and goes on behind it, with
- * tnear just beyond. *varies: up to the hit a mask (ALPHA_MASK) has both holes and surface within the angle. */
+/* As rays_intersect, for a unit dir from the camera whose neighbours are `angle` radians away. With ALPHA_BLEND
+ * and thin glass, which other queries answer at random, every hit counts; the caller weighs it by coverage_seen and
+ * goes on behind it, with tnear just beyond. *varies: up to the hit a mask (ALPHA_MASK) has both holes and surface
+ * within the angle. */
 bool rays_see(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float angle, struct hit *out,
               bool *varies);
 

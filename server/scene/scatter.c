@@ -66,7 +66,7 @@ static struct vec3 arriving(const struct material *m, const struct hit *h, const
 {
     const struct vec3 a = m->attenuation;
 
-    if (m->kind != MATERIAL_GLASS || s->outside || !(a.x + a.y + a.z > 0.0f))
+    if (m->kind != MATERIAL_GLASS || m->thin || s->outside || !(a.x + a.y + a.z > 0.0f))
         return vec3_make(1.0f, 1.0f, 1.0f);
     return vec3_make(expf(-a.x * h->t), expf(-a.y * h->t), expf(-a.z * h->t));
 }
@@ -94,7 +94,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     if (m->maps & MAP_NORMAL)
         out->diffuse = vec3_scale(out->diffuse, normal_map_gain(out->kind, &out->surface));
     out->delta = m->kind == MATERIAL_MIRROR  ? DELTA_MIRROR
-                 : m->kind == MATERIAL_GLASS ? DELTA_GLASS
+                 : m->kind == MATERIAL_GLASS ? (m->thin ? DELTA_SHEET : DELTA_GLASS)
                  : is_sharp(m)               ? DELTA_GLOSS
                                              : DELTA_NONE;
     out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic, m->specular) : base;
@@ -113,6 +113,23 @@ double fresnel_dielectric(double cos_i, double eta, double *cos_t)
     const double parallel = (eta * cos_i - *cos_t) / (eta * cos_i + *cos_t);
     const double across = (cos_i - eta * *cos_t) / (cos_i + eta * *cos_t);
     return 0.5 * (parallel * parallel + across * across);
+}
+
+struct sheet sheet_at(float ior, struct vec3 tint, float cosine)
+{
+    const double tints[3] = { tint.x, tint.y, tint.z };
+    float reflected[3], passed[3];
+    double cos_t;
+
+    const double f = fresnel_dielectric(fmin(fabs((double)cosine), 1.0), (double)ior, &cos_t), through = 1.0 - f;
+    for (int k = 0; k < 3; k++) {
+        const double rest = 1.0 - f * f * tints[k] * tints[k]; /* 0 only where f is 1 */
+        passed[k] = rest > 0.0 ? (float)(through * through * tints[k] / rest) : 0.0f;
+        reflected[k] = (float)(f + f * tints[k] * (double)passed[k]);
+    }
+    return (struct sheet){ { reflected[0], reflected[1], reflected[2] },
+                           { passed[0], passed[1], passed[2] },
+                           1.0f - (passed[0] + passed[1] + passed[2]) / 3.0f };
 }
 
 struct vec3 surface_start(const struct surface *s, float side)
@@ -166,6 +183,15 @@ static struct vec3 reflectance_at(const struct scatter *s, float cosine)
     return vec3_make(r.x + (1.0f - r.x) * x, r.y + (1.0f - r.y) * x, r.z + (1.0f - r.z) * x);
 }
 
+/* What a sheet reflects of a ray that has met it. in, out: cosines of the ray and of the eye with the geometric normal,
+ * which differ for light that is reflected about another. */
+static struct vec3 reflectance_of_sheet(const struct scatter *s, float in, float out)
+{
+    const float covers = sheet_at(s->ior, s->reflectance, in).covers;
+
+    return vec3_scale(sheet_at(s->ior, s->reflectance, out).reflected, covers > 0.0f ? 1.0f / covers : 0.0f);
+}
+
 static void set_ray(struct delta_ray *ray, const struct scatter *s, float side, struct vec3 dir, struct vec3 weight)
 {
     ray->origin = surface_start(&s->surface, side);
@@ -196,6 +222,11 @@ uint32_t scatter_eye(const struct scatter *s, struct vec3 dir, struct delta_ray 
     const bool shading = by_shading_normal(s->surface.geometric, s->surface.shading, dir, s->delta, eta);
     const struct vec3 n = shading ? s->surface.shading : s->surface.geometric;
     const struct vec3 back = reflect(dir, n);
+    if (s->delta == DELTA_SHEET) {
+        const float in = vec3_dot(dir, s->surface.geometric);
+        set_ray(&out[0], s, 1.0f, back, reflectance_of_sheet(s, in, in));
+        return 1;
+    }
     if (s->delta != DELTA_GLASS) {
         set_ray(&out[0], s, 1.0f, back, reflectance_at(s, -vec3_dot(dir, n)));
         return 1;
@@ -224,7 +255,9 @@ static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n
     const double f = s->delta == DELTA_GLASS ? refract(dir, n, eta, &through) : 1.0;
     if (out_g > 0.0f &&
         by_shading_normal(at->geometric, at->shading, vec3_scale(back, -1.0f), s->delta, eta) == shading) {
-        const struct vec3 r = s->delta == DELTA_GLASS ? grey(f) : reflectance_at(s, in_n);
+        const struct vec3 r = s->delta == DELTA_GLASS   ? grey(f)
+                              : s->delta == DELTA_SHEET ? reflectance_of_sheet(s, in_g, out_g)
+                                                        : reflectance_at(s, in_n);
         set_ray(&out[count++], s, 1.0f, back, vec3_scale(r, out_g / in_g));
     }
     if (f >= 1.0)

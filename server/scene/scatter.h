@@ -30,6 +30,7 @@ enum delta_kind {
     DELTA_MIRROR, /* the same reflectance at all angles */
     DELTA_GLOSS,  /* a sharp GGX lobe: reflectance rises to 1 at grazing angles [Schlick 1994, Eq. 15] */
     DELTA_GLASS,  /* reflection and refraction by Fresnel */
+    DELTA_SHEET, /* what a thin sheet of glass reflects where it is met; what passes it does not meet it (coverage.h) */
 };
 
 struct scatter {
@@ -41,8 +42,8 @@ struct scatter {
     float gloss;
     enum delta_kind delta;
     struct vec3
-        reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of DELTA_GLASS, the tint of what passes */
-    float ior;       /* of DELTA_GLASS, which is assumed to be in air */
+        reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of both glasses, the tint of what passes */
+    float ior;       /* of both glasses, which are assumed to be in air */
     struct vec3 arrives; /* of DELTA_GLASS: the share of light that the glass has left of it along the ray, in which its
                             rays have a part already */
 };
@@ -80,5 +81,15 @@ struct vec3 surface_start(const struct surface *s, float side);
 /* Unpolarised Fresnel reflectance of a dielectric [Born and Wolf 1999, section 1.5.2]; eta: index behind over index
  * before the surface, cos_i > 0. *cos_t is 0 on total reflection. */
 double fresnel_dielectric(double cos_i, double eta, double *cos_t);
+
+/* A thin sheet of glass, all reflections between its faces together; a ray meets it, or passes as through a hole, at
+ * random. */
+struct sheet {
+    struct vec3 reflected, passed; /* shares of the incident light */
+    float covers;                  /* the probability of meeting it: 1 less the mean of `passed` */
+};
+
+/* cosine: of a ray with the normal, of either sign; tint: of light that passes once. */
+struct sheet sheet_at(float ior, struct vec3 tint, float cosine);
 
 #endif

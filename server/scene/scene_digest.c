@@ -1,5 +1,6 @@
 #include "scene/scene_digest.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
 static void digest_mesh(struct digest *d, const struct mesh *m)
@@ -18,8 +19,13 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
 /* What decides where a material has holes, without its texture; nothing if it has none. */
 static void digest_alpha(struct digest *d, const struct material *m)
 {
-    const float values[] = { m->alpha, m->alpha_cutoff };
+    const float values[] = { m->alpha, m->alpha_cutoff },
+                glass[] = { m->ior, m->diffuse.x, m->diffuse.y, m->diffuse.z };
 
+    if (m->thin) {
+        digest_u64(d, (uint64_t)m->thin << 32 | m->texture);
+        digest_bytes(d, glass, sizeof(glass));
+    }
     if (m->alpha_mode == ALPHA_OPAQUE)
         return;
     digest_u64(d, (uint64_t)m->alpha_mode << 32 | m->alpha_texture);
@@ -82,11 +88,18 @@ static void digest_holes(struct digest *d, const struct scene *scene, const stru
 {
     const struct material *material = &scene->materials[m->material];
 
+    const bool masked = material->alpha_mode != ALPHA_OPAQUE && material->alpha_texture != MATERIAL_NO_TEXTURE;
+    const bool tinted = material->thin && material->texture != MATERIAL_NO_TEXTURE;
+
     digest_alpha(d, material);
-    if (material->alpha_mode == ALPHA_OPAQUE || material->alpha_texture == MATERIAL_NO_TEXTURE)
-        return;
-    digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
-    digest_texture(d, &scene->textures[material->alpha_texture]);
+    if (masked || tinted)
+        digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
+    if (masked)
+        digest_texture(d, &scene->textures[material->alpha_texture]);
+    if (tinted)
+        digest_texture(d, &scene->textures[material->texture]);
+    if (material->thin && m->colours)
+        digest_bytes(d, m->colours, 3 * sizeof(float) * m->vertex_count);
 }
 
 void digest_geometry(struct digest *d, const struct scene *scene)

@@ -58,6 +58,30 @@ static void a_mirror_lights_the_floor_as_its_image_of_the_sun_would(void **state
     environment_destroy(e);
 }
 
+/* A thin pane in the mirror's place, which the sun meets at 45 degrees: 2 F / (1 + F) of it, by both faces. */
+static void a_thin_pane_lights_the_floor_by_what_it_reflects(void **state)
+{
+    struct tally pixels[PICTURE_MAX];
+    struct environment *e = sky_sun_only(45.0, 90.0, 1000.0f);
+    struct stage s = mirror_and_floor(0.3f, 0.7f, -0.2f);
+    struct material *pane = &s.scene->materials[s.scene->meshes[1].material];
+    const double c = sqrt(0.5), t = sqrt(1.0 - 0.5 / 2.25), p = (1.5 * c - t) / (1.5 * c + t),
+                 q = (c - 1.5 * t) / (c + 1.5 * t), f = 0.5 * (p * p + q * q);
+    const double want = 0.5 / PI * 2.0 * f / (1.0 + f) * sky_integral(e, floor_cosine, NULL);
+    const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 18 };
+
+    (void)state;
+    *pane = (struct material){
+        .kind = MATERIAL_GLASS, .diffuse = { 1, 1, 1 }, .texture = MATERIAL_NO_TEXTURE, .ior = 1.5f, .thin = 1
+    };
+    rays_destroy(s.rays);
+    s.rays = rays_create(s.scene);
+    const struct tally whole = stage_trace(&s, e, d, 16, pixels);
+    compare("pane", &whole, want, 8e-3); /* nine tenths of the particles pass the pane */
+    stage_free(&s);
+    environment_destroy(e);
+}
+
 /* The camera looks along -X: +Z is on its left, what is nearer to the mirror is higher up. A mirror at +Z alone lights
  * the left half, one below 0.5 the upper half, but for the sun's own width at the border. */
 static void splats_land_on_the_pixels_that_see_them(void **state)
@@ -346,6 +370,7 @@ static void half_of_the_particles_meet_a_caster_of_the_ring_scene(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_mirror_lights_the_floor_as_its_image_of_the_sun_would),
+    cmocka_unit_test(a_thin_pane_lights_the_floor_by_what_it_reflects),
     cmocka_unit_test(splats_land_on_the_pixels_that_see_them),
     cmocka_unit_test(a_leaning_shading_normal_counts_as_the_eye_counts_it),
     cmocka_unit_test(a_slab_of_glass_dims_the_sun_as_fresnel_says),

@@ -92,6 +92,7 @@ static void transmission_becomes_glass(void **state)
     const struct material *m = &s->materials[s->meshes[0].material];
     assert_int_equal(m->kind, MATERIAL_GLASS);
     assert_float_equal(m->ior, 1.33f, 1e-6f);
+    assert_int_equal(m->thin, 1); /* without KHR_materials_volume */
     assert_int_equal(s->unmodelled, 0);
     scene_destroy(s);
     folder_remove(&f);

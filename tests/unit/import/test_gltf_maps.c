@@ -281,10 +281,12 @@ static void volumes_attenuate(void **state)
     assert_float_equal(m.attenuation.x, 0.5f * logf(2.0f), 1e-5f);
     assert_float_equal(m.attenuation.y, 0.0f, 0.0f);
     assert_true(m.attenuation.z > 10.0f);
+    assert_int_equal(m.thin, 0);
     assert_string_equal(said, "");
     const struct material clear =
         specular_of(&f, DIELECTRIC, GLASS "\"KHR_materials_volume\":{\"attenuationColor\":[0.1,0.1,0.1]}", &said);
     assert_float_equal(clear.attenuation.x, 0.0f, 0.0f); /* the distance is infinite */
+    assert_int_equal(clear.thin, 1);                     /* the thickness is 0 */
     assert_non_null(
         strstr(make_refused(square_of(&f, DIELECTRIC ",\"extensions\":{" GLASS
                                                      "\"KHR_materials_volume\":{\"attenuationDistance\":0}}"),

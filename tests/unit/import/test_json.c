@@ -414,11 +414,12 @@ static void other_materials_are_read_with_their_defaults(void **state)
     (void)state;
     folder_make(&f);
     folder_text(&f, "quad.obj", quad);
-    struct scene *s = load_text(&f, "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"mirror\"},"
-                                    "\"g\":{\"type\":\"glass\",\"attenuation_color\":[0.5,1,1],"
-                                    "\"attenuation_distance\":2},\"t\":{\"type\":\"glass\",\"tint\":[0.2,0.5,0.8]},"
-                                    "\"m\":{\"type\":\"ggx\",\"base_color\":[0.1,0.2,0.3],"
-                                    "\"metallic\":0.25,\"roughness\":0.5}}}");
+    struct scene *s =
+        load_text(&f, "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"mirror\"},"
+                      "\"g\":{\"type\":\"glass\",\"attenuation_color\":[0.5,1,1],"
+                      "\"attenuation_distance\":2},\"t\":{\"type\":\"glass\",\"tint\":[0.2,0.5,0.8],\"thin\":true},"
+                      "\"m\":{\"type\":\"ggx\",\"base_color\":[0.1,0.2,0.3],"
+                      "\"metallic\":0.25,\"roughness\":0.5}}}");
     const struct material *glass = &s->materials[scene_find_material(s, "g", 0)];
     const struct material *ggx = &s->materials[scene_find_material(s, "m", 0)];
     assert_int_equal(s->materials[scene_find_material(s, "grey", 0)].kind, MATERIAL_MIRROR);
@@ -426,6 +427,8 @@ static void other_materials_are_read_with_their_defaults(void **state)
     assert_int_equal(glass->kind, MATERIAL_GLASS);
     assert_float_equal(glass->ior, 1.5f, 0.0f);
     assert_float_equal(glass->diffuse.z, 1.0f, 0.0f);
+    assert_int_equal(glass->thin, 0);
+    assert_int_equal(s->materials[scene_find_material(s, "t", 0)].thin, 1);
     assert_float_equal(glass->attenuation.x, 0.5f * logf(2.0f), 1e-6f);
     assert_float_equal(glass->attenuation.y, 0.0f, 0.0f);
     assert_float_equal(s->materials[scene_find_material(s, "t", 0)].diffuse.z, 0.8f, 0.0f);

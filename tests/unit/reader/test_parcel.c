@@ -228,6 +228,8 @@ static void forged_indices_are_refused(void **state)
     forge_u32(MATERIAL + (long)offsetof(struct material, roughness_texture), 1, "a map that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, maps), MAPS_ALL + 1, "maps that it cannot have");
     forge_u32(PANE + (long)offsetof(struct material, maps), MAP_ROUGHNESS, "maps that it cannot have");
+    forge_u32(PANE + (long)offsetof(struct material, thin), 2, "a material is out of range");
+    forge_u32(MATERIAL + (long)offsetof(struct material, thin), 1, "a material is out of range"); /* not glass */
     forge_u32(PANE + (long)offsetof(struct material, normal_texture), 1, "a map that is not there");
     forge_u32(LIGHT + (long)offsetof(struct punctual_light, kind), LIGHT_DIRECTIONAL + 1, "the kind of a light");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), MATERIAL_GLASS + 1, "a material is out of range");

@@ -374,6 +374,86 @@ static void fractional_coverage_is_seen_as_a_weight(void **state)
     scene_destroy(s);
 }
 
+#define SHEET_TINT                                                                                                     \
+    {                                                                                                                  \
+        1.0f, 0.5f, 0.2f                                                                                               \
+    }
+
+static uint32_t add_sheet(struct scene *s)
+{
+    const struct material m = { .kind = MATERIAL_GLASS,
+                                .diffuse = SHEET_TINT,
+                                .texture = MATERIAL_NO_TEXTURE,
+                                .alpha_texture = MATERIAL_NO_TEXTURE,
+                                .ior = 1.5f,
+                                .thin = 1 };
+    uint32_t index = 0;
+
+    assert_int_equal(scene_add_material(s, &m, &index), ERR_OK);
+    return index;
+}
+
+/* Two faces of Fresnel reflectance f with the tint b between them: what passes, all orders together. */
+static double passing(double f, double b)
+{
+    return (1.0 - f) * (1.0 - f) * b / (1.0 - f * f * b * b);
+}
+
+static double fresnel_of(double c)
+{
+    const double t = sqrt(1.0 - (1.0 - c * c) / 2.25), p = (1.5 * c - t) / (1.5 * c + t),
+                 q = (c - 1.5 * t) / (c + 1.5 * t);
+    return 0.5 * (p * p + q * q);
+}
+
+/* Each ray passes with the mean of what passes at its angle, the same at every level and width. */
+static void a_thin_sheet_stops_what_does_not_pass(void **state)
+{
+    struct scene *s = scene_create();
+    struct rng random = { 7 };
+    double sum = 0.0;
+
+    (void)state;
+    add_card(s, add_sheet(s), 0.0f, 0.0f, 0.5f);
+    for (int k = 0; k < 2000; k++) {
+        struct ray16 p;
+        rays_through(&p, &random);
+        for (int i = 0; i < PACKET; i++) {
+            const double f = fresnel_of(fabs((double)vec3_normalize(dir_of(&p, i)).z));
+            sum += 1.0 - (passing(f, 1.0) + passing(f, 0.5) + passing(f, (double)0.2f)) / 3.0;
+        }
+    }
+    assert_float_equal(stopped(s, 2000, never), sum / (2000 * PACKET), 0.01); /* three sigma */
+    scene_destroy(s);
+}
+
+/* By colours: what passes, and what comes back. Square on, F is 0.04. */
+static void a_thin_sheet_is_seen_in_its_colours(void **state)
+{
+    static const struct camera tele = { "tele", { 0.1f, 0.03f, 9 }, { 0.1f, 0.03f, 0 }, { 0, 1, 0 }, 1e-3f };
+    const struct gbuffer_desc desc = { .camera = &tele, .width = 2, .height = 2, .edge_rays = 1 };
+    const float tint[3] = SHEET_TINT;
+    struct scene *s = scene_create();
+    struct reason why;
+    struct gbuffer *g;
+
+    (void)state;
+    add_card(s, add_sheet(s), 0.0f, 0.0f, 0.5f);
+    struct rays *r = rays_create(s);
+    assert_int_equal(gbuffer_create(s, r, &desc, &g, &why), ERR_OK);
+    for (int k = 0; k < 3; k++) {
+        const double through = passing(0.04, (double)tint[k]), back = 0.04 + 0.04 * (double)tint[k] * through;
+        double sum[2] = { 0.0, 0.0 };
+        for (uint32_t i = g->escape_first[0]; i < g->escape_first[1]; i++)
+            sum[g->escapes[i].direction.z > 0.0f] += (double)g->escapes[i].weight[k];
+        assert_float_equal(sum[0], through, 1e-5);
+        assert_float_equal(sum[1], back, 1e-5);
+    }
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
 static struct digest geometry_of(const struct scene *s)
 {
     struct digest d = { 0 };
@@ -406,6 +486,14 @@ static void a_digest_of_geometry_tells_its_holes(void **state)
         assert_memory_not_equal(&d, &whole, sizeof(d));
         s->textures[0].texels[7] ^= change == 4;
     }
+    *m = kept;
+    m->thin = 1;
+    m->ior = 1.5f;
+    d = geometry_of(s);
+    assert_memory_not_equal(&d, &whole, sizeof(d));
+    m->diffuse.x = 0.7f; /* of thin glass: decides about how many rays pass */
+    const struct digest tinted = geometry_of(s);
+    assert_memory_not_equal(&d, &tinted, sizeof(d));
     scene_destroy(s);
 }
 
@@ -417,6 +505,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(all_hole_is_no_card_and_all_surface_is_opaque),
     cmocka_unit_test(a_fine_mask_lets_half_of_each_pixel_through),
     cmocka_unit_test(a_mask_that_does_not_vary_takes_no_more_rays),
+    cmocka_unit_test(a_thin_sheet_stops_what_does_not_pass),
+    cmocka_unit_test(a_thin_sheet_is_seen_in_its_colours),
     cmocka_unit_test(fractional_coverage_is_seen_as_a_weight),
     cmocka_unit_test(a_digest_of_geometry_tells_its_holes),
 };
