@@ -35,7 +35,7 @@ void mask_init(struct mask *m, const struct scene *s, uint32_t mesh); /* mesh: a
  * and dir: the ray, as it was queried. */
 bool mask_covers(const struct mask *m, uint32_t triangle, float u, float v, const float origin[3], const float dir[3]);
 
-/* The same for a ray of rays_see, to whom only masks have holes. */
+/* The same for a ray of rays_see, for which only masks have holes. */
 bool mask_covers_seen(const struct mask *m, uint32_t triangle, float u, float v);
 
 /* Whether there may be both surface and holes within `width` metres, measured on the surface, of a hit. */
