@@ -1,6 +1,6 @@
 // The page: shows states and statistics, and gives each panel's module its hooks. player.js and below handle the connection.
 
-import { FLAG_FINER, FLAG_REPEAT, PATH, PICTURE_BYTES } from './protocol.js';
+import { FLAG_FINER, FLAG_REPEAT, PICTURE_BYTES } from './protocol.js';
 import { setText as setTextOf, withKey } from './dom.js';
 import { Rate, Recent } from './figures.js';
 import { showHelp } from './help.js';
@@ -9,6 +9,7 @@ import { Keys, keyOf } from './keys.js';
 import { makePanel } from './panels.js';
 import { wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
+import { startPlayer, watchPage } from './start.js';
 import {
   bitsPerSecond, codingName, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence,
   withoutFolders,
@@ -100,39 +101,7 @@ const figures = {
   clock: { known: false },
 };
 
-// ---- the player, in a worker if possible
-
-async function startPlayer(take) {
-  const start = {
-    op: 'start',
-    url: new URL(PATH, location.href.replace(/^http/, 'ws')).href,
-    hidden: document.visibilityState === 'hidden',
-    ...wishedRole(location),
-    ...wishedPictures(location),
-  };
-  const inPage = async () => {
-    const { Player } = await import('./player.js');
-    const player = new Player(take);
-    player.command(start);
-    return (message) => player.command(message);
-  };
-  try {
-    const worker = new Worker(new URL('./worker.js', import.meta.url), { type: 'module' });
-    return await new Promise((resolve) => {
-      worker.onmessage = (event) => {
-        resolve((message) => worker.postMessage(message));
-        take(event.data);
-      };
-      worker.onerror = () => {
-        worker.terminate();
-        resolve(inPage());
-      };
-      worker.postMessage(start);
-    });
-  } catch {
-    return inPage();
-  }
-}
+// ---- the player
 
 let send = () => {};
 
@@ -328,11 +297,7 @@ function listen() {
   for (const button of document.querySelectorAll('.again'))
     button.onclick = () => send({ op: 'retry', person: true });
   document.addEventListener('keydown', pressed);
-  const look = () => send({ op: 'hidden', hidden: document.visibilityState === 'hidden' });
-  document.addEventListener('visibilitychange', look);
-  window.addEventListener('pageshow', look);
-  document.addEventListener('resume', look);
-  window.addEventListener('online', () => send({ op: 'retry' }));
+  watchPage((message) => send(message));
 }
 
 async function mountAll() {
@@ -354,4 +319,4 @@ listen();
 await mountAll();
 setInterval(showFigures, 250);
 setInterval(showWaits, 100);
-send = await startPlayer(take);
+send = await startPlayer({ ...wishedRole(location), ...wishedPictures(location) }, take);

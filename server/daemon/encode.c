@@ -7,6 +7,7 @@
 
 #include <math.h>
 #include <omp.h>
+#include <string.h>
 
 #define POLL_MS 50 /* how soon a new viewer is noticed while no picture comes */
 
@@ -150,6 +151,7 @@ static double make_display(struct encode_thread *t, const struct shaded *in)
     t->display_valid = 1;
     t->sent_jpeg = 0;
     t->sent_exr = 0;
+    memset(t->rendered, 0, sizeof(t->rendered));
     return 1e3 * (clock_seconds() - start);
 }
 
@@ -187,6 +189,7 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
     const int quality = demand.jpeg_quality ? demand.jpeg_quality : atomic_load(&t->shared->settings.jpeg_quality);
     double ms;
 
+    server_begin_picture(t->shared->server);
     expose(t, in);
     const double tone_ms = ms = make_display(t, in);
     ms += video_encode(t, in, 0, tone_ms, &demand);
@@ -207,6 +210,7 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
     status_picture_encoded(&t->shared->status, ms);
     for (unsigned scale = 1; scale < SERVER_SCALES; scale++)
         encode_small(t, in, scale, &demand, quality);
+    renditions_encode(t, in, &demand, quality);
 }
 
 /* While no picture comes: encodes the current one again for viewers that came since, or were at their rate. What needs
@@ -239,7 +243,7 @@ static void encode_current_again(struct encode_thread *t)
             t->sent_jpeg |= 1u << scale;
         }
     }
-    if (gone)
+    if (!renditions_encode(t, &in, &demand, quality) || gone)
         atomic_store(&t->shared->repeat_requested, true);
 }
 
@@ -276,7 +280,8 @@ enum err encode_thread_create(struct shared *shared, struct encode_thread **out,
         exposure_init(&t->exposure);
         t->jpeg = jpeg_encoder_create();
         t->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
-        ok = t->jpeg && t->small;
+        t->scaler = scaler_create();
+        ok = t->jpeg && t->small && t->scaler;
     }
     for (int scale = 0; scale < SERVER_SCALES && ok; scale++) {
         t->display[scale] = mem_alloc((pixels >> 2 * scale) + 1, 3);
@@ -307,5 +312,6 @@ void encode_thread_destroy(struct encode_thread *t)
     for (int scale = 0; scale < SERVER_SCALES; scale++)
         mem_free(t->display[scale]);
     mem_free(t->small);
+    scaler_destroy(t->scaler);
     mem_free(t);
 }

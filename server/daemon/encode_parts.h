@@ -7,6 +7,7 @@
 
 #include "codec/jpeg.h"
 #include "film/film.h"
+#include "film/scale.h"
 #include "video/h264.h"
 
 #include <pthread.h>
@@ -37,6 +38,10 @@ struct encode_thread {
     unsigned sent_exr;               /* bits 1 << enum protocol_format: published as EXR */
     float *small;                    /* scratch, float[height / 2][width / 2][3] */
 
+    struct scaler *scaler;
+    uint64_t rendered[SERVER_RENDITIONS]; /* serials of the renditions published of the current picture */
+    double still_due_s;                   /* none for single pictures before this time (clock_seconds) */
+
     pthread_t thread;
     bool running;
 };
@@ -45,6 +50,13 @@ struct encode_thread {
 
 /* Publishes an encoded picture; in->header says what it is. track: of H.264, else 0. bytes are copied. */
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size);
+
+/* ---- encode_rendition.c ---- */
+
+/* Publishes the wanted renditions of the current picture that are missing. in->rgb NULL: the linear picture is gone.
+ * False: one needs it. */
+bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
+                       int quality);
 
 /* ---- encode_video.c ---- */
 

@@ -65,6 +65,9 @@ static const struct setting table[] = {
       "names by which browsers and clients reach this server from outside, separated by commas; localhost and its "
       "addresses need none",
       NULL, ACCESS, TEXT, AT(server_desc.public_names), .reload = RELOAD_SERVER },
+    { "embed-from", "ORIGINS",
+      "sites whose pages may show /embed in a frame, such as https://example.org, separated by commas; default: none",
+      NULL, ACCESS, TEXT, AT(server_desc.embed_from), .reload = RELOAD_SERVER },
     { "behind-proxy", NULL, "trust X-Forwarded-For from the proxy: limits then apply to the clients that it names",
       NULL, ACCESS, SWITCH, AT(server_desc.behind_proxy), .reload = RELOAD_SERVER },
     { "proxy-address", "ADDRESS", "numeric address of that proxy; default: 127.0.0.1 or ::1", NULL, ACCESS, TEXT,

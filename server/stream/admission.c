@@ -5,6 +5,7 @@
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
 
 #define TOKEN_MAX 255 /* bytes, as in PROTOCOL.md 4.1.3 */
@@ -90,6 +91,25 @@ enum admission admission_token(struct server *s, struct lws *wsi, const char *gi
     if (v)
         visitor_guessed_wrong(&s->visitors, v, now);
     return ADMISSION_WRONG;
+}
+
+enum admission admission_header(struct server *s, struct lws *wsi, const char *wanted)
+{
+    char given[512], pair[512];
+
+    if (!wanted)
+        return ADMISSION_RIGHT;
+    if (lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_AUTHORIZATION) <= 0)
+        return ADMISSION_WRONG;
+    if (strncasecmp(given, "Bearer ", 7) == 0)
+        return admission_token(s, wsi, given + 7, wanted);
+    const int size =
+        strncasecmp(given, "Basic ", 6) == 0 ? lws_b64_decode_string(given + 6, pair, sizeof(pair) - 1) : 0;
+    if (size <= 0)
+        return ADMISSION_WRONG;
+    pair[size] = '\0';
+    const char *colon = strchr(pair, ':'); /* the user may have any name [RFC 7617, 2] */
+    return colon ? admission_token(s, wsi, colon + 1, wanted) : ADMISSION_WRONG;
 }
 
 bool admission_copy(char **out, const char *text)

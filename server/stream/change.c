@@ -85,6 +85,7 @@ void server_take_change(struct server *s)
         swap_texts(&s->tokens[r], &next->tokens[r]);
     swap_texts(&s->token_metrics, &next->token_metrics);
     swap_texts(&s->public_names, &next->public_names);
+    swap_texts(&s->embed_policy, &next->embed_policy);
     s->behind_proxy = next->behind_proxy;
     memcpy(s->proxy, next->proxy, sizeof(s->proxy));
     s->max_per_address = next->max_per_address;

@@ -3,6 +3,7 @@
 #include "base/mem.h"
 #include "stream/internal.h"
 
+#include <stdio.h>
 #include <sys/socket.h>
 
 #define BESIDE_CLIENTS 16 /* connections of an address beside its clients: a browser opens six for a page */
@@ -92,6 +93,7 @@ void guest_leave(struct server *s, struct lws *wsi)
 
     if (!g)
         return;
+    watcher_destroy(g->watcher);
     give_up(&s->guests, g);
     g->visitor->connections--;
     lws_set_opaque_user_data(wsi, NULL);
@@ -115,16 +117,21 @@ static bool may_give_way(const struct viewer *v)
     return v->guest && v->guest->state == GUEST_CLIENT && !v->producing && !v->recorder && !v->close_code;
 }
 
-/* The newest viewer of the address with most clients, if that has at least two more than g's. Server.viewers begins
- * with the newest. */
-static struct viewer *who_gives_way(const struct server *s, const struct guest *g)
+/* The newest of the address with most clients, if that has at least two more than g's: first requests of plain HTTP,
+ * then viewers. Both lists begin with the newest. NULL: nobody. */
+static struct guest *who_gives_way(const struct server *s, const struct guest *g)
 {
-    struct viewer *out = NULL;
+    const uint32_t least = g->visitor->clients + 2;
+    struct guest *out = NULL;
 
+    for (struct watcher *w = s->watchers; w; w = w->next)
+        if (w->guest->state == GUEST_CLIENT && w->guest->visitor->clients >= least &&
+            (!out || w->guest->visitor->clients > out->visitor->clients))
+            out = w->guest;
     for (struct viewer *v = s->viewers; v; v = v->next)
-        if (may_give_way(v) && v->guest->visitor->clients >= g->visitor->clients + 2 &&
-            (!out || v->guest->visitor->clients > out->guest->visitor->clients))
-            out = v;
+        if (may_give_way(v) && v->guest->visitor->clients >= least &&
+            (!out || v->guest->visitor->clients > out->visitor->clients))
+            out = v->guest;
     return out;
 }
 
@@ -135,26 +142,59 @@ enum guest_room guest_room(const struct server *s, const struct guest *g)
     return s->guests.clients < s->max_connections || who_gives_way(s, g) ? GUEST_ROOM : GUEST_FULL;
 }
 
-bool guest_admit(struct viewer *v)
+const char *guest_refusal(struct server *s, const struct guest *g, char *text, size_t size)
 {
-    struct server *s = v->server;
-    struct guest *g = v->guest;
+    const enum guest_room room = guest_room(s, g);
+
+    if (room == GUEST_ROOM)
+        return NULL;
+    if (room == GUEST_FULL)
+        snprintf(text, size, "all %u connections are taken", s->max_connections);
+    else
+        snprintf(text, size, "one address has at most %u connections", s->max_per_address);
+    if (room == GUEST_CROWDED)
+        atomic_fetch_add(&s->counts.crowded, 1);
+    limit_reached(s, room == GUEST_FULL ? LIMIT_CLIENTS : LIMIT_ADDRESS, g->visitor);
+    return text;
+}
+
+/* Closes a client that gives way. */
+static void show_out(struct server *s, struct guest *out)
+{
+    struct viewer *v = s->viewers;
     struct fault fault;
 
+    limit_reached(s, LIMIT_CLIENTS, out->visitor);
+    give_up(&s->guests, out);
+    list(&s->guests, out); /* until it has gone */
+    if (out->watcher) {
+        watcher_close(out->watcher);
+        return;
+    }
+    while (v->guest != out)
+        v = v->next;
+    fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken, and its address had most of them",
+              s->max_connections);
+    viewer_send_error(v, &fault);
+}
+
+bool guest_admit(struct server *s, struct guest *g)
+{
     if (g->state != GUEST_ARRIVING)
         return false;
-    if (s->guests.clients >= s->max_connections) {
-        struct viewer *old = who_gives_way(s, g);
-        limit_reached(s, LIMIT_CLIENTS, old->guest->visitor);
-        give_up(&s->guests, old->guest);
-        list(&s->guests, old->guest); /* until it has gone */
-        fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken, and its address had most of them",
-                  s->max_connections);
-        viewer_send_error(old, &fault);
-    }
+    if (s->guests.clients >= s->max_connections)
+        show_out(s, who_gives_way(s, g));
     unlist(&s->guests, g);
     g->state = GUEST_CLIENT;
     s->guests.clients++;
     g->visitor->clients++;
     return true;
+}
+
+void guest_dismiss(struct server *s, struct guest *g)
+{
+    if (g->state != GUEST_CLIENT)
+        return;
+    give_up(&s->guests, g);
+    list(&s->guests, g);
 }

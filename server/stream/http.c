@@ -88,6 +88,10 @@ bool http_origin_ok(struct lws *wsi)
     return authority && strcasecmp(authority + 3, host) == 0;
 }
 
+#define POLICY                                                                                                         \
+    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "                     \
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors "
+
 /* Security headers of every answer. The page needs only its own server. */
 const struct lws_protocol_vhost_options *http_headers(void)
 {
@@ -101,43 +105,100 @@ const struct lws_protocol_vhost_options *http_headers(void)
     static const struct lws_protocol_vhost_options frames = { &senses, NULL, "x-frame-options:", "DENY" };
     static const struct lws_protocol_vhost_options referrer = { &frames, NULL, "referrer-policy:", "no-referrer" };
     static const struct lws_protocol_vhost_options sniff = { &referrer, NULL, "x-content-type-options:", "nosniff" };
-    static const struct lws_protocol_vhost_options policy = {
-        &sniff, NULL, "content-security-policy:",
-        "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    };
+    static const struct lws_protocol_vhost_options policy = { &sniff, NULL,
+                                                              "content-security-policy:", POLICY "'none'" };
 
     return &policy;
 }
 
-/* Writes the header into out; NULL when it does not fit. */
-static uint8_t *put_header(struct lws *wsi, unsigned status, const char *type, const char *etag, size_t size,
-                           uint8_t *out, uint8_t *end)
+static bool is_origin(const char *text, size_t length)
 {
-    static const char cache[] = "no-cache"; /* revalidate each time; 304 while unchanged */
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-:[]";
+    const size_t scheme = strncmp(text, "https://", 8) == 0 ? 8 : strncmp(text, "http://", 7) == 0 ? 7 : 0;
+
+    return scheme > 0 && length > scheme && length < 256 && strspn(text + scheme, letters) >= length - scheme;
+}
+
+enum err embed_policy(const char *origins, char **out, struct reason *why)
+{
+    static const char nobody[] = POLICY "'none'";
+    const char *at = origins ? origins : "";
+
+    for (size_t length; *at; at += length + (at[length] == ',')) {
+        length = strcspn(at, ",");
+        if (!is_origin(at, length))
+            return err_say(why, ERR_USAGE,
+                           "--embed-from %.*s: not an origin such as https://example.org or http://192.168.1.5:8000",
+                           (int)length, at);
+    }
+    if (!origins || !origins[0])
+        return admission_copy(out, nobody) ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
+    const size_t size = sizeof(POLICY) + strlen(origins);
+    *out = mem_alloc(size, 1);
+    if (!*out)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    snprintf(*out, size, "%s%s", POLICY, origins);
+    for (char *c = *out + sizeof(POLICY) - 1; *c; c++)
+        *c = *c == ',' ? ' ' : *c;
+    return ERR_OK;
+}
+
+static bool put(struct lws *wsi, const char *name, const char *value, uint8_t **p, uint8_t *end)
+{
+    return lws_add_http_header_by_name(wsi, (const uint8_t *)name, (const uint8_t *)value, (int)strlen(value), p,
+                                       end) == 0;
+}
+
+/* A head with a policy of its own for frames: libwebsockets would add that of all others. */
+static bool put_framed(struct lws *wsi, const struct http_head *h, uint8_t **p, uint8_t *end)
+{
+    const int n = snprintf((char *)*p, (size_t)(end - *p), "HTTP/1.1 %u %s\r\n", h->status,
+                           h->status == 304 ? "Not Modified" : "OK");
+
+    if (n < 0 || n >= end - *p)
+        return false;
+    *p += n;
+    for (const struct lws_protocol_vhost_options *o = http_headers(); o; o = o->next)
+        if (strcmp(o->name, "x-frame-options:") != 0 &&
+            !put(wsi, o->name, strcmp(o->name, "content-security-policy:") == 0 ? h->policy : o->value, p, end))
+            return false;
+    return put(wsi, "content-type:", h->type, p, end) &&
+           (h->status == 304 || lws_add_http_header_content_length(wsi, h->size, p, end) == 0);
+}
+
+/* Writes the header into out; NULL when it does not fit. */
+static uint8_t *put_header(struct lws *wsi, const struct http_head *h, uint8_t *out, uint8_t *end)
+{
+    const lws_filepos_t size = h->status == 304 || h->endless ? LWS_ILLEGAL_HTTP_CONTENT_LEN : h->size;
     uint8_t *p = out;
 
-    if (lws_add_http_common_headers(wsi, status, type, status == 304 ? LWS_ILLEGAL_HTTP_CONTENT_LEN : size, &p, end) ||
-        lws_add_http_header_by_name(wsi, (const uint8_t *)"cache-control:", (const uint8_t *)cache, (int)strlen(cache),
-                                    &p, end) ||
-        (etag && lws_add_http_header_by_name(wsi, (const uint8_t *)"etag:", (const uint8_t *)etag, (int)strlen(etag),
-                                             &p, end)) ||
+    if (h->policy ? !put_framed(wsi, h, &p, end)
+                  : lws_add_http_common_headers(wsi, h->status, h->type, size, &p, end) != 0)
+        return NULL;
+    if (!put(wsi, "cache-control:", h->fresh ? "no-store" : "no-cache", &p, end) || /* no-cache: 304 while unchanged */
+        (h->etag && !put(wsi, "etag:", h->etag, &p, end)) ||
+        (h->asks_password && !put(wsi, "www-authenticate:", "Basic realm=\"relightd\"", &p, end)) ||
         lws_finalize_http_header(wsi, &p, end))
         return NULL;
     return p;
 }
 
-/* Sends the header; the body (bytes that outlive the request) follows unless this is a HEAD. */
-static int respond(struct lws *wsi, struct http_session *h, unsigned status, const struct site_file *f, bool head)
+int http_send_head(struct lws *wsi, const struct http_head *h)
 {
-    uint8_t buffer[LWS_PRE + 2048], *begin = buffer + LWS_PRE;
-    const uint8_t *end =
-        put_header(wsi, status, f->type, f->etag[0] ? f->etag : NULL, f->size, begin, buffer + sizeof(buffer) - 1);
+    uint8_t buffer[LWS_PRE + 4096], *begin = buffer + LWS_PRE;
+    const uint8_t *end = put_header(wsi, h, begin, buffer + sizeof(buffer) - 1);
 
-    if (!end || lws_write(wsi, begin, (size_t)(end - begin), LWS_WRITE_HTTP_HEADERS) < 0)
+    return end && lws_write(wsi, begin, (size_t)(end - begin), LWS_WRITE_HTTP_HEADERS) >= 0 ? 0 : -1;
+}
+
+/* Sends the header; the body (bytes that outlive the request) follows unless this is a HEAD. */
+static int respond(struct lws *wsi, struct http_session *h, const struct http_head *head, const uint8_t *bytes,
+                   bool without_body)
+{
+    if (http_send_head(wsi, head) != 0)
         return -1;
-    h->bytes = f->bytes;
-    h->left = head || status == 304 ? 0 : f->size;
+    h->bytes = bytes;
+    h->left = without_body || head->status == 304 ? 0 : head->size;
     if (h->left == 0)
         return lws_http_transaction_completed(wsi) ? -1 : 0;
     lws_callback_on_writable(wsi);
@@ -147,14 +208,16 @@ static int respond(struct lws *wsi, struct http_session *h, unsigned status, con
 int http_respond_text(struct lws *wsi, unsigned status, const char *type, const char *text, bool head)
 {
     uint8_t buffer[LWS_PRE + 3072], *begin = buffer + LWS_PRE;
-    const size_t size = strlen(text);
-    uint8_t *end = put_header(wsi, status, type, NULL, size, begin, buffer + 2048);
+    const struct http_head h = {
+        .status = status, .type = type, .size = strlen(text), .fresh = status >= 400, .asks_password = status == 401
+    };
+    uint8_t *end = put_header(wsi, &h, begin, buffer + 2048);
 
-    if (!end || size > 1024)
+    if (!end || h.size > 1024)
         return -1;
     if (!head) {
-        memcpy(end, text, size);
-        end += size;
+        memcpy(end, text, h.size);
+        end += h.size;
     }
     if (lws_write(wsi, begin, (size_t)(end - begin), LWS_WRITE_HTTP_HEADERS) < 0)
         return -1;
@@ -171,11 +234,9 @@ static void forget_text(struct http_session *h)
 
 int http_respond_long(struct lws *wsi, struct http_session *h, const char *type, char *text, size_t size, bool head)
 {
-    const struct site_file f = { .type = type, .bytes = (uint8_t *)text, .size = size };
-
     forget_text(h);
     h->text = text;
-    return respond(wsi, h, 200, &f, head);
+    return respond(wsi, h, &(struct http_head){ .status = 200, .type = type, .size = size }, (uint8_t *)text, head);
 }
 
 /* Refuses a request and closes its connection, so that nothing else on it is read. */
@@ -205,14 +266,22 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
         return http_refuse(s, wsi, 413, "A request must not have a body.\n");
     if (monitor_knows(path))
         return monitor_answer(s, wsi, h, path, head);
+    if (watcher_knows(path))
+        return watcher_request(s, wsi, path, head);
 
     const struct site_file *f = site_find(&s->site, path);
     if (!f)
-        return http_respond_text(wsi, 404, "text/plain; charset=utf-8", "There is nothing here. The viewer is at /\n",
-                                 head);
+        return http_respond_text(
+            wsi, 404, "text/plain; charset=utf-8",
+            "There is nothing here. The viewer is at /, pictures are at " WATCHER_PATHS " and /embed.\n", head);
     const bool known =
         lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_IF_NONE_MATCH) > 0 && strcmp(given, f->etag) == 0;
-    return respond(wsi, h, known ? 304 : 200, f, head);
+    const struct http_head answer = { .status = known ? 304 : 200,
+                                      .type = f->type,
+                                      .etag = f->etag,
+                                      .policy = strcmp(f->path, "/embed") == 0 ? s->embed_policy : NULL,
+                                      .size = f->size };
+    return respond(wsi, h, &answer, f->bytes, head);
 }
 
 /* 0: the upgrade may go on. HTTP/2 is off: libwebsockets 4.1.6 has known faults there. Do not read this callback's
@@ -231,7 +300,10 @@ static int send_more(struct lws *wsi, struct http_session *h)
 {
     uint8_t buffer[LWS_PRE + 16384];
     const size_t size = h->left < sizeof(buffer) - LWS_PRE ? h->left : sizeof(buffer) - LWS_PRE;
+    const struct guest *g = guest_of(wsi);
 
+    if (g && g->watcher)
+        return watcher_write(g->watcher);
     if (h->left == 0)
         return 0;
     memcpy(buffer + LWS_PRE, h->bytes, size);

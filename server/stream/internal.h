@@ -12,20 +12,21 @@
 #include "stream/prometheus.h"
 #include "stream/pixel_probe.h"
 #include "stream/server.h"
-#include "stream/site.h"
-#include "stream/tls.h"
-#include "stream/visitors.h"
+#include "net/site.h"
+#include "net/tls.h"
+#include "net/visitors.h"
 
 #include <libwebsockets.h>
 #include <pthread.h>
 #include <stdatomic.h>
 
 /* Kinds of picture, each with its own newest picture and sequence numbers: JPEG and EXR formats, JPEG at half and
- * quarter size, and the tracks of H.264. A kind is an enum protocol_format or one of these. */
+ * quarter size, the tracks of H.264, and renditions. A kind is an enum protocol_format or one of these. */
 #define STREAM_JPEG_HALF (PROTOCOL_H264 + 1)
 #define STREAM_JPEG_QUARTER (PROTOCOL_H264 + 2)
-#define STREAM_TRACKS (PROTOCOL_H264 + 3) /* the first of them */
-#define STREAM_KINDS (STREAM_TRACKS + SERVER_TRACKS)
+#define STREAM_TRACKS (PROTOCOL_H264 + 3)                 /* the first of them */
+#define STREAM_RENDITIONS (STREAM_TRACKS + SERVER_TRACKS) /* likewise, of renditions */
+#define STREAM_KINDS (STREAM_RENDITIONS + SERVER_RENDITIONS)
 #define STREAM_CHAIN 16                    /* H.264 pictures kept for viewers that are behind */
 #define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
 #define STREAM_UNSENT (128 << 10)          /* maximum unsent bytes in the kernel: these cannot be skipped */
@@ -143,13 +144,13 @@ struct server {
     struct tls *tls;          /* the content of these files; NULL: plain */
     char session[20];         /* random, new with every start */
     char *tokens[SERVER_ROLES];
-    char *token_metrics;                  /* required for /metrics; NULL: none */
-    bool loopback;                        /* it listens on a loopback address */
+    char *token_metrics;                             /* required for /metrics; NULL: none */
+    bool loopback;                                   /* it listens on a loopback address */
     bool allow_remote, push, controllers, recorders; /* the last three: the role is offered */
-    bool h264;                            /* the format is offered */
-    const struct setting *controls;       /* see server_desc */
-    atomic_bool *new_work;                /* set when a request from a controller waits; may be NULL */
-    const atomic_bool *leave;             /* set when the program ends; may be NULL */
+    bool h264;                                       /* the format is offered */
+    const struct setting *controls;                  /* see server_desc */
+    atomic_bool *new_work;                           /* set when a request from a controller waits; may be NULL */
+    const atomic_bool *leave;                        /* set when the program ends; may be NULL */
     size_t max_frame_bytes;
     uint32_t frame_ms;
     uint16_t port;
@@ -159,6 +160,7 @@ struct server {
     char proxy[46]; /* its address as inet_ntop prints it; "": this machine's */
     uint32_t silent_s;
     char *public_names; /* further Host names to accept, separated by commas; or NULL */
+    char *embed_policy; /* the content security policy of /embed */
     struct lws_context *context;
     struct lws_protocols protocols[3];
     lws_retry_bo_t validity;
@@ -167,7 +169,8 @@ struct server {
 
     /* The service thread's own. */
     struct viewer *viewers;
-    struct viewer *producer; /* NULL: none */
+    struct watcher *watchers; /* of plain HTTP, the newest first */
+    struct viewer *producer;  /* NULL: none */
     struct visitors visitors;
     struct guests guests;
     struct limit_count limits[LIMITS];
@@ -184,22 +187,27 @@ struct server {
     pthread_mutex_t lock;
     struct picture *latest[STREAM_KINDS];               /* {lock} NULL before the first */
     uint64_t issued[STREAM_KINDS];                      /* {lock} the last sequence number given */
+    uint64_t begun;                                     /* {lock} calls of server_begin_picture */
     struct picture *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} picture n at n % STREAM_CHAIN; NULL: not kept */
     uint32_t keys_wanted;                               /* {lock} bits 1 << track: a viewer needs a key picture */
     uint64_t published;                                 /* {lock} */
     int64_t captured_us;                                /* {lock} of the last frame whose age was observed */
-    char *status;                  /* {lock} the part of a status that all viewers share; NULL: figures have changed */
-    struct server_demand demand;   /* {lock} what viewers want; server_demand adds the rest */
-    struct ingest ingest;          /* {lock} unless noted there */
-    struct control control;        /* {lock} */
-    struct probes probes;          /* {lock} */
-    struct server_figures figures; /* {lock} */
-    struct server *next;           /* {lock} the description from server_change; never runs */
+    char *status;                /* {lock} the part of a status that all viewers share; NULL: figures have changed */
+    struct server_demand demand; /* {lock} what viewers want; server_demand adds the rest */
+    uint32_t users[SERVER_RENDITIONS]; /* {lock} watchers of each rendition */
+    uint64_t last_serial;              /* {lock} of renditions */
+    struct ingest ingest;              /* {lock} unless noted there */
+    struct control control;            /* {lock} */
+    struct probes probes;              /* {lock} */
+    struct server_figures figures;     /* {lock} */
+    struct server *next;               /* {lock} the description from server_change; never runs */
 };
 
 /* picture.c: gives a picture its place in the stream, before other threads see it. Adds flags. */
-void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, uint8_t flags);
-int64_t picture_placed_us(const struct picture *p); /* when, by viewer_now_us */
+void picture_stamp(struct picture *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags);
+uint64_t picture_made(const struct picture *p);                   /* server.begun when it was published */
+int picture_rendition(const struct picture *p, uint64_t *serial); /* its slot; -1: none */
+int64_t picture_placed_us(const struct picture *p);               /* when, by viewer_now_us */
 
 /* server.c: the kind of a picture; {lock} the kind for a subscription: the largest size that fits. */
 unsigned picture_kind(const struct picture *p);
@@ -241,12 +249,29 @@ struct http_session {
     char *text; /* the body if it is no file; owned, freed once sent */
 };
 
+/* The head of a response. Zero means the default. */
+struct http_head {
+    unsigned status;
+    const char *type;
+    const char *etag;   /* in quotes; NULL: none */
+    const char *policy; /* of a page that others may show in a frame: its content security policy */
+    size_t size;        /* of the body */
+    bool endless;       /* the body ends with the connection */
+    bool fresh;         /* never to be stored; else to be checked each time */
+    bool asks_password;
+};
+/* http.c: sends it. 0, or -1: close the connection. */
+int http_send_head(struct lws *wsi, const struct http_head *head);
+
 /* http.c: the headers of every response, among them the content security policy. Static. Any thread. */
 const struct lws_protocol_vhost_options *http_headers(void);
 /* http.c: whether the request's Host is accepted, and its Origin, if any, is that Host: pages from elsewhere must not
  * reach a server on the user's own machine. Thread: service. */
 bool http_host_ok(const struct server *s, struct lws *wsi);
 bool http_origin_ok(struct lws *wsi);
+/* http.c: the policy of /embed for these origins, separated by commas; NULL: none. ERR_USAGE names what is no origin.
+ * ERR_NOMEM. */
+MUST_CHECK enum err embed_policy(const char *origins, char **out, struct reason *why);
 /* Answers and closes the connection: returns -1. */
 int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text);
 /* Short: one write, text of at most 1024 bytes. Long: takes over text. 0, or -1: close the connection. */
@@ -274,6 +299,8 @@ enum admission {
 };
 /* given: the client's, wanted: the role's; NULL: none. A wrong one counts against the address. */
 enum admission admission_token(struct server *s, struct lws *wsi, const char *given, const char *wanted);
+/* The same for a request's Authorization: Bearer, or Basic with the token as password. wanted NULL: right. */
+enum admission admission_header(struct server *s, struct lws *wsi, const char *wanted);
 
 /* viewer_send.c, thread: service. */
 static inline int64_t viewer_now_us(void)
@@ -331,9 +358,47 @@ void flood_check(struct viewer *v);
 
 /* viewer.c, thread: service. Whether v may be a client; if not, it is told so and closed. */
 bool viewer_has_room(struct viewer *v);
-void viewers_wake(struct server *s);   /* new pictures or states: requests writes */
-void viewers_tick(struct server *s);   /* twice a second: statuses and time limits */
-void viewers_leave(struct server *s);  /* tells all clients that the server stops */
-void viewers_demand(struct server *s); /* sums up what viewers want */
+void viewers_wake(struct server *s);       /* new pictures or states: requests writes */
+void viewers_tick(struct server *s);       /* twice a second: statuses and time limits */
+void viewers_leave(struct server *s);      /* tells all clients that the server stops */
+void viewers_demand(struct server *s);     /* sums up what viewers want */
+void viewer_limit_unsent(struct lws *wsi); /* of a connection, to STREAM_UNSENT */
+
+/* A request for pictures by plain HTTP: for one, or for a stream. */
+struct watcher {
+    struct server *server;
+    struct watcher *next; /* in server->watchers */
+    struct lws *wsi;
+    struct guest *guest;
+    char peer[VISITOR_NAME];
+    const struct resource *resource;
+    bool head;                  /* without a body */
+    unsigned kind;              /* of pictures */
+    uint64_t fresh;             /* older pictures (picture_made) do not count */
+    int64_t opened_us, sent_us; /* the latter: when the last picture had been sent */
+    int64_t moved_us;           /* as in struct viewer */
+    bool waiting, answered, closing;
+
+    struct picture *current; /* being sent, or NULL */
+    size_t offset;           /* bytes of it passed to libwebsockets */
+    bool again;              /* the same picture is due again, for proxies that expect bytes */
+    uint64_t begun, sent, skipped;
+};
+
+#define WATCHER_PATHS "/snapshot.jpg, .png and .exr, /stream.mjpeg"
+
+/* watcher.c, thread: service. Whether path has pictures; the answer, as http_respond_text; one write. */
+bool watcher_knows(const char *path);
+int watcher_request(struct server *s, struct lws *wsi, const char *path, bool head);
+int watcher_write(struct watcher *w);
+bool watcher_streams(const struct watcher *w);
+void watcher_close(struct watcher *w);   /* soon, by the server's own choice */
+void watcher_destroy(struct watcher *w); /* NULL is allowed */
+void watchers_wake(struct server *s);    /* as viewers_... */
+void watchers_tick(struct server *s);
+void watchers_demand(const struct server *s, struct server_demand *d); /* {lock} */
+
+/* watcher.c: {lock} whether the picture is of its slot's present use. */
+bool rendition_is_wanted(const struct server *s, const struct picture *p);
 
 #endif

@@ -7,7 +7,6 @@
 
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
 
 bool monitor_knows(const char *path)
 {
@@ -39,14 +38,10 @@ static enum admission admit(struct server *s, struct lws *wsi)
 {
     const bool near = s->loopback && lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0;
     const char *wanted = s->token_metrics ? s->token_metrics : near ? NULL : s->tokens[SERVER_VIEWER];
-    char given[320];
 
     if (!wanted)
         return ADMISSION_RIGHT;
-    if (!admission_forwarded(s, wsi) || lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_AUTHORIZATION) <= 0 ||
-        strncasecmp(given, "Bearer ", 7) != 0)
-        return ADMISSION_WRONG;
-    return admission_token(s, wsi, given + 7, wanted);
+    return admission_forwarded(s, wsi) ? admission_header(s, wsi, wanted) : ADMISSION_WRONG;
 }
 
 static int answer_metrics(struct server *s, struct lws *wsi, struct http_session *h, bool head)

@@ -13,7 +13,10 @@ struct picture {
     struct protocol_picture header;
     int64_t placed_us;
     unsigned track;
-    size_t size; /* of message */
+    unsigned rendition; /* slot + 1; 0: a picture for viewers */
+    uint64_t serial;    /* of that slot's use */
+    uint64_t made;      /* server.begun when it was published */
+    size_t size;        /* of message */
     uint8_t message[];
 };
 
@@ -27,7 +30,8 @@ struct picture *picture_create(const struct protocol_picture *header, const uint
     atomic_init(&p->references, 1);
     p->header = *header;
     p->header.payload = (uint32_t)size;
-    p->track = 0;
+    p->track = p->rendition = 0;
+    p->serial = p->made = 0;
     p->size = PROTOCOL_PICTURE_BYTES + size;
     protocol_picture_encode(&p->header, p->message);
     memcpy(p->message + PROTOCOL_PICTURE_BYTES, bytes, size);
@@ -43,6 +47,19 @@ void picture_set_track(struct picture *p, unsigned track)
 unsigned picture_track(const struct picture *p)
 {
     return p->track;
+}
+
+void picture_set_rendition(struct picture *p, unsigned slot, uint64_t serial)
+{
+    assert(p->header.sequence == 0 && slot < SERVER_RENDITIONS);
+    p->rendition = slot + 1;
+    p->serial = serial;
+}
+
+int picture_rendition(const struct picture *p, uint64_t *serial)
+{
+    *serial = p->serial;
+    return (int)p->rendition - 1;
 }
 
 struct picture *picture_ref(struct picture *p)
@@ -69,14 +86,20 @@ const uint8_t *picture_message(const struct picture *p, size_t *size)
     return p->message;
 }
 
-void picture_stamp(struct picture *p, uint64_t sequence, int64_t published_us, uint8_t flags)
+void picture_stamp(struct picture *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags)
 {
     assert(p->header.sequence == 0); /* published once */
     p->header.sequence = sequence;
+    p->made = made;
     p->header.published_us = published_us;
     p->placed_us = viewer_now_us();
     p->header.flags |= flags;
     protocol_picture_encode(&p->header, p->message);
+}
+
+uint64_t picture_made(const struct picture *p)
+{
+    return p->made;
 }
 
 int64_t picture_placed_us(const struct picture *p)

@@ -124,11 +124,14 @@ static const char *const kinds[METRICS_KINDS] = {
     [STREAM_JPEG_QUARTER] = "format=\"jpeg\",size=\"quarter\"",
     [STREAM_TRACKS] = "format=\"h264\",size=\"half\"",
     [STREAM_TRACKS + 1] = "format=\"h264\",size=\"quarter\"",
+    [METRICS_KINDS - 1] = "format=\"rendition\",size=\"any\"",
 };
-_Static_assert(METRICS_KINDS == STREAM_TRACKS + SERVER_SCALES - 1, "a kind of picture has no counter");
+_Static_assert(METRICS_KINDS == STREAM_TRACKS + SERVER_SCALES, "a kind of picture has no counter");
 
 unsigned metrics_kind(unsigned kind)
 {
+    if (kind >= STREAM_RENDITIONS)
+        return METRICS_KINDS - 1;
     const unsigned scale = kind < STREAM_TRACKS ? 0 : server_track_scale(kind - STREAM_TRACKS);
 
     return kind < STREAM_TRACKS ? kind : scale == 0 ? PROTOCOL_H264 : STREAM_TRACKS - 1 + scale;
@@ -172,6 +175,7 @@ struct snapshot {
     /* Connections by role; the last: no hello yet. Subscriptions by kind of picture. */
     uint32_t role[SERVER_ROLES + 1], kind[METRICS_KINDS], paused, recorders, outbox, unacked, sending, max_connections;
     uint32_t arriving;                 /* connections before hello */
+    uint32_t snapshots, streams;       /* requests for pictures by plain HTTP */
     uint32_t pushed, controls, probes; /* waiting for a thread */
     double processor_s, resident_bytes, virtual_bytes, started_s, threads, open_files, most_files;
 };
@@ -234,7 +238,11 @@ static const struct figure table[] = {
     ROW(CONNECTIONS "{role=\"producer\"}", NULL, U32, role[SERVER_PRODUCER]),
     ROW(CONNECTIONS "{role=\"recorder\"}", NULL, U32, role[SERVER_RECORDER]),
     ROW(CONNECTIONS "{role=\"none\"}", NULL, U32, role[SERVER_ROLES]),
-    ROW("relightd_connections_max", "Maximum number of WebSocket connections.", U32, max_connections),
+    ROW("relightd_http_watchers{kind=\"snapshot\"}", "Requests for pictures by plain HTTP that are being answered.",
+        U32, snapshots),
+    ROW("relightd_http_watchers{kind=\"stream\"}", NULL, U32, streams),
+    ROW("relightd_connections_max", "Maximum number of WebSocket connections and requests for pictures.", U32,
+        max_connections),
     ROW("relightd_connections_arriving", "TCP connections before hello, those of browsers that load the page included.",
         U32, arriving),
     ROW("relightd_viewers_paused", "Paused subscriptions.", U32, paused),
@@ -263,6 +271,12 @@ static void count_connections(struct server *s, struct snapshot *n)
             n->paused++;
         else if (v->subscribed)
             n->kind[metrics_kind(v->kind)]++;
+    }
+    for (const struct watcher *w = s->watchers; w; w = w->next) {
+        n->kind[metrics_kind(w->kind)]++;
+        n->sending += w->current != NULL;
+        n->snapshots += !watcher_streams(w);
+        n->streams += watcher_streams(w);
     }
 }
 

@@ -171,6 +171,8 @@ static enum err copy_desc(struct server *s, const struct server_desc *desc, stru
         e = copy_secrets(s, desc, why);
     if (!e)
         e = copy_text(&s->public_names, desc->public_names, why);
+    if (!e)
+        e = embed_policy(desc->embed_from, &s->embed_policy, why);
     if (e)
         return e;
     if (getrandom(&random, sizeof(random), 0) != sizeof(random))
@@ -189,6 +191,7 @@ static void tick(lws_sorted_usec_list_t *sul)
         server_drain(s);
     server_take_change(s);
     viewers_tick(s);
+    watchers_tick(s);
     limits_tick(s, viewer_now_us());
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
 }
@@ -208,7 +211,7 @@ static void *serve(void *arg)
         /* Leave when the last client has gone or time is up; the tick keeps this loop awake. */
         if (leave_us == 0)
             leave_us = (int64_t)lws_now_usecs() + STREAM_GOODBYE_US;
-        if (!s->viewers || (int64_t)lws_now_usecs() > leave_us)
+        if ((!s->viewers && !s->watchers) || (int64_t)lws_now_usecs() > leave_us)
             break;
     }
     lws_sul_cancel(&s->tick);
@@ -406,6 +409,7 @@ void server_destroy(struct server *s)
         mem_free(s->tokens[r]);
     mem_free(s->token_metrics);
     mem_free(s->public_names);
+    mem_free(s->embed_policy);
     mem_free(s->tls_cert);
     mem_free(s->tls_key);
     tls_destroy(s->tls);
@@ -434,7 +438,11 @@ const char *server_url(const struct server *s)
 unsigned picture_kind(const struct picture *p)
 {
     const struct protocol_picture *header = picture_header(p);
+    uint64_t serial;
+    const int rendition = picture_rendition(p, &serial);
 
+    if (rendition >= 0)
+        return STREAM_RENDITIONS + (unsigned)rendition;
     if (header->format == PROTOCOL_H264)
         return STREAM_TRACKS + picture_track(p);
     if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_HALF)
@@ -497,11 +505,13 @@ struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
     const unsigned kind = picture_kind(p);
 
     assert(kind >= PROTOCOL_JPEG && kind < STREAM_KINDS);
+    if (kind >= STREAM_RENDITIONS && !rendition_is_wanted(s, p))
+        return p; /* its slot has another use by now */
     struct picture *old = s->latest[kind];
-    picture_stamp(p, ++s->issued[kind], clock_wall_us(), flags);
+    picture_stamp(p, ++s->issued[kind], s->begun, clock_wall_us(), flags);
     s->latest[kind] = p;
     observe(s, kind, picture_header(p));
-    if (kind >= STREAM_TRACKS)
+    if (kind >= STREAM_TRACKS && kind < STREAM_RENDITIONS)
         chain_place(s, p);
     s->published++;
     return old;
@@ -514,6 +524,13 @@ void server_publish(struct server *s, struct picture *picture)
     pthread_mutex_unlock(&s->lock);
     picture_unref(old);
     lws_cancel_service(s->context); /* the only libwebsockets call allowed on other threads */
+}
+
+void server_begin_picture(struct server *s)
+{
+    pthread_mutex_lock(&s->lock);
+    s->begun++;
+    pthread_mutex_unlock(&s->lock);
 }
 
 void server_set_figures(struct server *s, const struct server_figures *f)

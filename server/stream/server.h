@@ -7,7 +7,7 @@
 
 #include "base/err.h"
 #include "codec/frame.h"
-#include "stream/figures.h"
+#include "net/figures.h"
 #include "stream/picture.h"
 
 #include <stdatomic.h>
@@ -36,6 +36,7 @@ struct server_desc {
     bool behind_proxy;                /* the client of the proxy's connections is the last name in X-Forwarded-For */
     const char *proxy;                /* the proxy's numeric address; default: 127.0.0.1 or ::1 */
     const char *public_names;         /* further Host names to accept, separated by commas */
+    const char *embed_from;           /* origins whose pages may show /embed in a frame, separated by commas */
     uint32_t silent_s;                /* ping a silent peer after this time, and drop it after 2.5 times this;
                                        * default 10 */
     bool allow_remote;                /* accept addresses other than loopback */
@@ -93,6 +94,25 @@ static inline unsigned server_track_scale(unsigned track)
 #define SERVER_TRACKS_OF(scale) (((1u << SERVER_RATES) - 1) << ((scale)*SERVER_RATES))
 
 double server_track_rate(unsigned track); /* pictures a second; 0: no limit */
+
+/* Plain HTTP shows pictures in other formats and widths than viewers get: renditions. Each width of each format has a
+ * slot while someone asks for it, and the caller makes what server_demand lists. */
+#define SERVER_RENDITIONS 8
+enum server_image {
+    SERVER_NO_IMAGE,
+    SERVER_JPEG,
+    SERVER_PNG,
+    SERVER_EXR, /* half floats */
+};
+struct server_rendition {
+    enum server_image image; /* SERVER_NO_IMAGE: the slot is free */
+    bool still;              /* only single pictures are asked for, no stream */
+    uint32_t width;          /* at most; 0: the picture's */
+    uint64_t serial;         /* rises with each new use of a slot: for picture_set_rendition */
+};
+
+/* The caller begins to encode another picture: those published before now show an older one. */
+void server_begin_picture(struct server *s);
 
 /* Gives the picture its sequence number and time and offers it to all viewers of its format. Takes over the caller's
  * reference. A picture is published once, to one server. */
@@ -199,8 +219,9 @@ struct server_demand {
     bool halves, quarters; /* JPEG at half or quarter size is watched (flags of the picture's header) */
     uint32_t h264;         /* watched H.264 tracks, as bits 1 << track */
     uint32_t h264_keys;    /* of these, those that need a key picture (flag of its header) */
-    int jpeg_quality;      /* the highest requested, 1..100; 0: none requested */
-    double max_rate;       /* the highest requested, pictures per second; 0: no limit */
+    struct server_rendition renditions[SERVER_RENDITIONS];
+    int jpeg_quality; /* the highest requested, 1..100; 0: none requested */
+    double max_rate;  /* the highest requested, pictures per second; 0: no limit */
 
     bool producer; /* a producer is connected */
     bool ended;    /* the last producer ended its stream */

@@ -44,27 +44,26 @@ static int filter(struct server *s, struct lws *wsi)
 
 bool viewer_has_room(struct viewer *v)
 {
-    struct server *s = v->server;
-    const enum guest_room room = guest_room(s, v->guest);
+    char text[160];
     struct fault fault;
 
-    if (room == GUEST_ROOM)
+    if (!guest_refusal(v->server, v->guest, text, sizeof(text)))
         return true;
-    if (room == GUEST_FULL)
-        fault_say(&fault, FAULT_FULL, "2.4", "all %u connections are taken", s->max_connections);
-    else
-        fault_say(&fault, FAULT_FULL, "2.4", "one address has at most %u connections", s->max_per_address);
-    atomic_fetch_add(&s->counts.refused, 1);
-    if (room == GUEST_CROWDED)
-        atomic_fetch_add(&s->counts.crowded, 1);
-    limit_reached(s, room == GUEST_FULL ? LIMIT_CLIENTS : LIMIT_ADDRESS, v->guest->visitor);
+    atomic_fetch_add(&v->server->counts.refused, 1);
+    fault_say(&fault, FAULT_FULL, "2.4", "%s", text);
     viewer_send_error(v, &fault);
     return false;
 }
 
-static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
+void viewer_limit_unsent(struct lws *wsi)
 {
     const int unsent = STREAM_UNSENT;
+
+    setsockopt(lws_get_socket_fd(wsi), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof(unsent));
+}
+
+static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
+{
     struct viewer *v = mem_alloc(1, sizeof(*v));
 
     if (!v)
@@ -77,7 +76,7 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     v->opened_us = v->heard_us = v->tokens_us = v->moved_us = viewer_now_us();
     lws_get_peer_simple(wsi, v->peer, sizeof(v->peer));
     flood_begin(v);
-    setsockopt(lws_get_socket_fd(wsi), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof(unsent));
+    viewer_limit_unsent(wsi);
     v->next = s->viewers;
     s->viewers = v;
     atomic_fetch_add(&s->counts.connections, 1);
@@ -131,6 +130,7 @@ void viewers_wake(struct server *s)
         if (v->status_due || control_due(v) || probe_due(v) || viewer_may_begin(v))
             viewer_request_write(v);
     }
+    watchers_wake(s);
 }
 
 void viewers_tick(struct server *s)
@@ -160,6 +160,8 @@ void viewers_leave(struct server *s)
 {
     for (struct viewer *v = s->viewers; v; v = v->next)
         viewer_close(v, 1001, "the server is going away");
+    for (struct watcher *w = s->watchers; w; w = w->next)
+        watcher_close(w);
 }
 
 void viewers_demand(struct server *s)
@@ -168,6 +170,8 @@ void viewers_demand(struct server *s)
     bool unlimited = false;
 
     pthread_mutex_lock(&s->lock);
+    watchers_demand(s, &d);
+    unlimited = d.viewers > 0;
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (!v->subscribed || v->wish.subscribe.paused || v->close_code || v->recorder)
             continue;

@@ -30,7 +30,7 @@ static void welcome(struct viewer *v, const struct message *m, struct fault *fau
         producer_hello(v, m, &w, fault);
     else if (m->hello.role == SERVER_RECORDER)
         recorder_hello(v, m, &w, fault);
-    if (fault->code || !guest_admit(v))
+    if (fault->code || !guest_admit(v->server, v->guest))
         return;
     v->greeted = true;
     v->role = m->hello.role;

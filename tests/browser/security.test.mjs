@@ -1,12 +1,28 @@
 // What the content security policy allows, and that the page needs no more: uses every part of the page and listens
 // for violations in window and worker. RELIGHT_RELIGHTD names the server.
 import assert from 'node:assert/strict';
+import { createServer } from 'node:http';
 import { after, test } from 'node:test';
 import { beginTests, startServer, untilFrames, untilState } from './lib.mjs';
 
 const { browser, RELIGHT_RELIGHTD } = await beginTests(['RELIGHT_RELIGHTD']);
+
+// A site of its own that shows what its query names in a frame.
+async function startSite() {
+  const site = createServer((request, answer) => {
+    const shown = new URL(request.url, 'http://site').searchParams.get('show');
+    answer.setHeader('content-type', 'text/html');
+    answer.end(`<!doctype html><iframe src="${shown}" width="400" height="300"></iframe><img src="${shown}">`);
+  });
+  await new Promise((resolve) => { site.listen(0, '127.0.0.1', resolve); });
+  after(() => site.close());
+  return `http://127.0.0.1:${site.address().port}`;
+}
+const friend = await startSite();
+const stranger = await startSite();
+
 const server = await startServer(RELIGHT_RELIGHTD,
-  ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:size=256x128,speed=0.5']);
+  ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:size=256x128,speed=0.5', '--embed-from', friend]);
 after(() => server.stop());
 
 // A page with `page.violations`: the window's events, and the browser's messages for everything else.
@@ -102,5 +118,39 @@ test('a token in the address is never sent', async () => {
   // the browser's debugging protocol shows the page's fragment, which is not sent
   assert.deepEqual(asked.filter((line) => line.replace(`${server.url}#token=a-secret-of-the-test`, '').includes('secret')), []);
   assert.doesNotMatch(server.text(), /secret/);
+  await page.close();
+});
+
+test('/embed shows the image alone, also in a frame of a site that may, and nothing else does', async () => {
+  const page = await openWatched(`${server.url}embed#role=controller`);
+  await untilFrames(page, 3);
+  assert.equal(await page.locator('body').innerText(), '');
+  const { width, height } = page.viewportSize();
+  assert.deepEqual(await page.locator('#picture').boundingBox(), { x: 0, y: 0, width, height });
+  assert.deepEqual(page.violations, []);
+
+  const framed = async (site, path) => {
+    await page.goto(`${site}/?show=${encodeURIComponent(server.url + path)}`);
+    const frame = page.frames().find((f) => f !== page.mainFrame());
+    // A blocked frame has the browser's own page instead, whose script cannot be seen.
+    return frame.waitForFunction(() => window.relight?.frames > 2 || location.protocol === 'chrome-error:', null, { timeout: 30000 })
+      .then(() => frame.evaluate(() => window.relight?.frames > 2));
+  };
+  assert.equal(await framed(friend, 'embed'), true);
+  assert.equal(await framed(stranger, 'embed'), false);
+  assert.equal(await framed(friend, ''), false);
+  await page.close();
+});
+
+test('a browser shows snapshots and the stream, but to no other site', async () => {
+  const page = await browser.newPage();
+  for (const path of ['snapshot.jpg', 'snapshot.png?width=80', 'stream.mjpeg']) {
+    await page.goto(server.url + path, { waitUntil: 'commit' });
+    await page.waitForFunction(() => document.images[0]?.naturalWidth > 0, null, { timeout: 30000 });
+    assert.equal(await page.evaluate(() => document.images[0].naturalWidth), path.includes('80') ? 80 : 160);
+  }
+  await page.goto(`${stranger}/?show=${encodeURIComponent(`${server.url}snapshot.jpg`)}`);
+  await page.waitForFunction(() => document.images[0].complete, null, { timeout: 30000 });
+  assert.equal(await page.evaluate(() => document.images[0].naturalWidth), 0);
   await page.close();
 });

@@ -27,6 +27,8 @@ static struct {
     unsigned fates[SERVER_REFUSED + 1];
     struct protocol_picture published; /* the last */
     unsigned pictures;
+    struct protocol_picture rendition; /* likewise */
+    unsigned renditions;
 } fake = { .lock = PTHREAD_MUTEX_INITIALIZER };
 
 void server_demand(struct server *s, struct server_demand *out)
@@ -92,6 +94,19 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
     (void)ticket;
     fake.published = *picture_header(picture);
     fake.pictures++;
+    picture_unref(picture);
+}
+
+void server_begin_picture(struct server *s)
+{
+    (void)s;
+}
+
+void server_publish(struct server *s, struct picture *picture)
+{
+    (void)s;
+    fake.rendition = *picture_header(picture);
+    fake.renditions++;
     picture_unref(picture);
 }
 

@@ -102,6 +102,50 @@ static void auto_exposure_keeps_its_first_value(void **state)
     rig_end(&r);
 }
 
+/* Renditions are made once per picture, at their width; a linear one after the picture has gone asks for it again. */
+static void renditions_are_made_as_asked(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { NULL };
+    struct encode_thread *t;
+    struct reason why;
+    struct rig r;
+
+    rig_begin(&r, flags);
+    assert_int_equal(encode_thread_create(&r.shared, &t, &why), ERR_OK);
+    struct shaded *p = &r.shared.pictures.slot[0];
+    fake.renditions = 0;
+    even_picture(p, 1, 1.0f, false);
+    encode_picture(t, p);
+    assert_int_equal(fake.renditions, 0);
+    fake.demand.renditions[2] = (struct server_rendition){ SERVER_JPEG, false, 20, 1 };
+    encode_picture(t, p);
+    assert_int_equal(fake.renditions, 1);
+    assert_int_equal(fake.rendition.width, 20);
+    assert_int_equal(fake.rendition.height, 11);
+    fake.demand.renditions[2].serial = 2; /* another use of the slot: without a new picture, from what is kept */
+    fake.demand.renditions[2].width = WIDTH + 1;
+    fake.demand.renditions[3] = (struct server_rendition){ SERVER_EXR, true, 20, 3 };
+    atomic_store(&r.shared.repeat_requested, false);
+    assert_int_equal(encode_thread_start(t, &why), ERR_OK);
+    for (int i = 0; i < 4000 && (fake.renditions < 2 || !atomic_load(&r.shared.repeat_requested)); i++)
+        nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+    assert_int_equal(fake.renditions, 2);
+    assert_int_equal(fake.rendition.width, WIDTH);
+    assert_true(atomic_load(&r.shared.repeat_requested));
+    const int slot = handoff_begin(&r.shared.pictures.handoff);
+    even_picture(&r.shared.pictures.slot[slot], 1, 1.0f, false);
+    fake.demand.renditions[2].image = SERVER_NO_IMAGE;
+    handoff_publish(&r.shared.pictures.handoff, slot);
+    for (int i = 0; i < 4000 && fake.renditions < 3; i++)
+        nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+    assert_int_equal(fake.renditions, 3);
+    assert_int_equal(fake.rendition.width, 20);
+    shared_close(&r.shared);
+    encode_thread_destroy(t);
+    rig_end(&r);
+}
+
 /* Waits until n frames were refused. */
 static void await_refusals(uint64_t n)
 {
@@ -189,6 +233,7 @@ static void status_figures_add_up(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(exposure_does_not_carry_over_to_another_camera),
     cmocka_unit_test(refinement_does_not_step_exposure),
+    cmocka_unit_test(renditions_are_made_as_asked),
     cmocka_unit_test(auto_exposure_keeps_its_first_value),
     cmocka_unit_test(an_ingest_error_is_reported_once),
     cmocka_unit_test(status_figures_add_up),

@@ -1,7 +1,7 @@
 /* Who comes from where, on a made-up clock. */
 #include "support/unit.h"
 
-#include "stream/visitors.h"
+#include "net/visitors.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>

@@ -1,4 +1,4 @@
-#include "stream/visitors.h"
+#include "net/visitors.h"
 
 #include "base/mem.h"
 

@@ -1,7 +1,7 @@
 /* The viewer page's files, read once at start and served from memory, so that no path of a request reaches the file
  * system. Constant after site_load: any thread may read. */
-#ifndef STREAM_SITE_H
-#define STREAM_SITE_H
+#ifndef NET_SITE_H
+#define NET_SITE_H
 
 #include "base/err.h"
 
@@ -12,7 +12,7 @@
 #define SITE_FILE_BYTES_MAX ((size_t)8 << 20)
 
 struct site_file {
-    char path[128];   /* "/app.js"; index.html is "/" */
+    char path[128];   /* "/app.js"; index.html is "/", embed.html "/embed" */
     const char *type; /* "text/javascript; charset=utf-8" */
     char etag[24];    /* a hash of the bytes, in quotes */
     uint8_t *bytes;

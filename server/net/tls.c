@@ -1,4 +1,4 @@
-#include "stream/tls.h"
+#include "net/tls.h"
 
 #include "base/mem.h"
 

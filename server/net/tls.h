@@ -1,7 +1,7 @@
 /* The server's TLS certificate and key: checked before libwebsockets gets the files, because its errors give no reason,
  * and replaced at run time. */
-#ifndef STREAM_TLS_H
-#define STREAM_TLS_H
+#ifndef NET_TLS_H
+#define NET_TLS_H
 
 #include "base/err.h"
 

@@ -1,8 +1,8 @@
 /* What the server reports about itself: one struct, filled by relightd and rendered by two formats from one table
  * (figures.c): the status message (PROTOCOL.md 4.8) and /metrics. To add a figure, add a field and its row.
  * Texts are phrases without capital and full stop, as inside a sentence; longer ones are cut. */
-#ifndef STREAM_FIGURES_H
-#define STREAM_FIGURES_H
+#ifndef NET_FIGURES_H
+#define NET_FIGURES_H
 
 #include "base/err.h"
 

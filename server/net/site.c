@@ -1,4 +1,4 @@
-#include "stream/site.h"
+#include "net/site.h"
 
 #include "base/mem.h"
 #include "base/rng.h"
@@ -83,7 +83,9 @@ static enum err entry_load(struct site *site, const char *dir, const char *name,
         return err_say(why, ERR_RANGE, "%s: more than %d files for the page", dir, SITE_FILES_MAX);
     struct site_file *f = &site->files[site->count++]; /* counted first, so that site_finish frees it */
     f->type = type;
-    snprintf(f->path, sizeof(f->path), "/%s", strcmp(name, "index.html") == 0 ? "" : name);
+    /* Pages have no extension in their address, and index.html has no name either. */
+    const int length = (int)(strstr(type, "html") ? strlen(name) - strlen(".html") : strlen(name));
+    snprintf(f->path, sizeof(f->path), "/%.*s", strcmp(name, "index.html") == 0 ? 0 : length, name);
     return file_load(f, path, why);
 }
 

@@ -1,8 +1,8 @@
 /* Limits per address: open connections and wrong tokens, so that no client takes all places or guesses for long. IPv6
  * counts by the first 64 bits, because one client has all addresses below; IPv4 mapped to IPv6 counts as IPv4. No
  * sockets here. Thread: one at a time. */
-#ifndef STREAM_VISITORS_H
-#define STREAM_VISITORS_H
+#ifndef NET_VISITORS_H
+#define NET_VISITORS_H
 
 #include <stdbool.h>
 #include <stddef.h>

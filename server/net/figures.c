@@ -1,4 +1,4 @@
-#include "stream/figures.h"
+#include "net/figures.h"
 
 /* clang-format off */
 #define ROW(json, metric, help, type, field) { json, metric, help, type, offsetof(struct server_figures, field) }
