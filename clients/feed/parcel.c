@@ -75,11 +75,15 @@ static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct
     /* A damaged file is sent as it is, so that the refusal appears in the server's counters. */
     const bool barred = exr && exr_policy_check(f->bytes, f->size, f->name, &p->barred) == ERR_UNSUPPORTED;
 
-    if (!exr && !is_radiance(f->bytes, f->size))
-        return err_say(why, ERR_FORMAT, "%s: neither an OpenEXR nor a Radiance file", f->name);
+    const bool low = decode_is_low_range(f->bytes, f->size);
+
+    if (!exr && !low && !is_radiance(f->bytes, f->size))
+        return err_say(why, ERR_FORMAT, "%s: neither an OpenEXR nor a Radiance file, nor a JPEG or PNG", f->name);
     if (!barred)
         p->barred.text[0] = '\0';
-    if (barred || d->raw) {
+    if (low)
+        (void)err_say(&p->barred, ERR_UNSUPPORTED, "%s: a JPEG or PNG, which is not HDR", f->name);
+    if (barred || low || d->raw) {
         const enum err e = decode_image(f->bytes, f->size, f->name, &p->image, why);
         if (e)
             return e;

@@ -21,18 +21,61 @@ const char *decode_printable(const void *bytes, size_t size, char *out, size_t r
     return out;
 }
 
+static bool begins(const uint8_t *bytes, size_t size, size_t at, const char *with, size_t count)
+{
+    return size >= at + count && memcmp(bytes + at, with, count) == 0;
+}
+
+static bool is_jpeg(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, 0, "\xff\xd8\xff", 3);
+}
+
+static bool is_png(const uint8_t *bytes, size_t size)
+{
+    return begins(bytes, size, 0, "\x89PNG\r\n\x1a\n", 8);
+}
+
+bool decode_is_low_range(const uint8_t *bytes, size_t size)
+{
+    return is_jpeg(bytes, size) || is_png(bytes, size);
+}
+
+/* A format that people take for one of ours by a file's name; NULL: unknown. */
+static const char *other_format(const uint8_t *bytes, size_t size)
+{
+    if (begins(bytes, size, 0, "II*\0", 4) || begins(bytes, size, 0, "MM\0*", 4))
+        return "a TIFF";
+    if (begins(bytes, size, 0, "RIFF", 4) && begins(bytes, size, 8, "WEBP", 4))
+        return "a WebP";
+    if (begins(bytes, size, 4, "ftypavif", 8) || begins(bytes, size, 4, "ftyphei", 7))
+        return "an AVIF or HEIC";
+    if (begins(bytes, size, 4, "ftyp", 4))
+        return "an MP4 video";
+    return begins(bytes, size, 0, "GIF8", 4) ? "a GIF" : NULL;
+}
+
 enum err decode_image(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
+    im->low_range = false;
     if (size >= sizeof(exr_magic) && memcmp(bytes, exr_magic, sizeof(exr_magic)) == 0)
         return decode_exr(bytes, size, name, im, why);
     if (size >= 2 && bytes[0] == '#' && bytes[1] == '?')
         return decode_hdr(bytes, size, name, im, why);
+    if (is_jpeg(bytes, size))
+        return decode_jpeg(bytes, size, name, im, why);
+    if (is_png(bytes, size))
+        return decode_png(bytes, size, name, im, why);
+    if (other_format(bytes, size))
+        return err_say(why, ERR_UNSUPPORTED, "%s: is %s file; expected OpenEXR, Radiance .hdr, JPEG or PNG", name,
+                       other_format(bytes, size));
     if (size == 0)
         return err_say(why, ERR_FORMAT, "%s: the file is empty", name);
     const uint8_t head[4] = { bytes[0], size > 1 ? bytes[1] : 0, size > 2 ? bytes[2] : 0, size > 3 ? bytes[3] : 0 };
-    return err_say(why, ERR_FORMAT,
-                   "%s: byte 0: neither an OpenEXR nor a Radiance file; it starts with %02x %02x %02x %02x", name,
-                   head[0], head[1], head[2], head[3]);
+    return err_say(
+        why, ERR_FORMAT,
+        "%s: byte 0: neither an OpenEXR nor a Radiance file, nor a JPEG or PNG; it starts with %02x %02x %02x %02x",
+        name, head[0], head[1], head[2], head[3]);
 }
 
 static enum err read_whole(FILE *f, const char *path, uint8_t **bytes, size_t *size, struct reason *why)

@@ -1,5 +1,6 @@
 /* server/codec/decode.h */
 /* Decodes image files.
+ * JPEG and PNG, 8 or 16 bits, as sRGB with white at 1 (image.low_range: they hold no HDR).
  * OpenEXR, through OpenEXRCore: half and float, every compression, scan lines or tiles (the largest level of mip and
  * rip maps), any channel order, with or without alpha. The channels are R, G and B; else Y alone, as grey; else those
  * of the first layer that has all three ("sky.R"). Of a multipart file, the first part that has them is read. The image
@@ -15,13 +16,14 @@
 #include "base/err.h"
 #include "codec/image.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #define DECODE_FILE_MAX ((size_t)1 << 30) /* the largest file that decode_file reads */
 
 /* Decodes a file from memory; `name` stands for it in messages. On failure the contents of *im are undefined but valid,
- * and it still owns its memory. ERR_FORMAT: damaged, truncated, or neither EXR nor Radiance. ERR_UNSUPPORTED: valid,
+ * and it still owns its memory. ERR_FORMAT: damaged, truncated, or none of these formats. ERR_UNSUPPORTED: valid,
  * but deep, subsampled, integer, luminance with chroma, without colour channels, or gamma-encoded. ERR_RANGE: larger
  * than image.h allows. ERR_NOMEM. */
 MUST_CHECK enum err decode_image(const uint8_t *bytes, size_t size, const char *name, struct image *im,
@@ -33,6 +35,16 @@ MUST_CHECK enum err decode_exr(const uint8_t *bytes, size_t size, const char *na
 /* Likewise for Radiance .hdr. */
 MUST_CHECK enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct image *im,
                                struct reason *why);
+
+/* Likewise for JPEG. Also ERR_UNSUPPORTED: inks. */
+MUST_CHECK enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                                struct reason *why);
+/* Likewise for PNG. */
+MUST_CHECK enum err decode_png(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                               struct reason *why);
+
+/* Whether the bytes begin like a JPEG or PNG. */
+bool decode_is_low_range(const uint8_t *bytes, size_t size);
 
 /* An implementation of decode_image with a context of its own, such as one that runs in a separate process. */
 struct image_decoder {

@@ -20,6 +20,8 @@ const struct setting_choice layout_choices[] = {
     { "hcross", LAYOUT_HCROSS, "horizontal cross, 4:3", 0 },
     { "vcross", LAYOUT_VCROSS, "vertical cross, 3:4", 0 },
     { "ball", LAYOUT_BALL, "mirror ball", 0 },
+    { "cube-3x2", LAYOUT_CUBE_3X2, "cube faces of video in two rows, 3:2", 0 },
+    { "cube-6x1", LAYOUT_CUBE_6X1, "cube faces of video in one row, 6:1", 0 },
     { "fisheye", LAYOUT_FISHEYE, "equidistant fisheye of the upper hemisphere", 0 },
     { NULL, 0, NULL, 0 },
 };

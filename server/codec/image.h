@@ -8,6 +8,7 @@
 #include "base/choice.h"
 #include "base/recent.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -20,6 +21,9 @@ enum layout {
     LAYOUT_VCROSS,               /* vertical cross, 3:4 */
     LAYOUT_BALL,                 /* photograph of a mirror ball */
     LAYOUT_FISHEYE,              /* equidistant, one hemisphere, camera pointing up */
+    LAYOUT_CUBE_3X2,             /* video's cube map, 3:2: right, left, up above down, front, back */
+    LAYOUT_CUBE_6X1,             /* the same six faces in one row, 6:1 */
+    LAYOUT_LAST = LAYOUT_CUBE_6X1,
 };
 
 struct image_faults {  /* values (not texels) of this frame that were corrected */
@@ -43,6 +47,7 @@ struct image {
     size_t capacity;    /* floats allocated for rgb */
     enum layout layout; /* the file's own layout; LAYOUT_AUTO if it has none */
     struct image_faults faults;
+    bool low_range;                           /* of a picture that ends at white, such as a JPEG */
     struct scratch *scratch;                  /* memory that decoders reuse (base/scratch.h); NULL until used */
     struct libdeflate_decompressor *inflater; /* likewise (exr_zip.h) */
     struct recent recent;                     /* recent sizes in bytes, updated by image_trim */

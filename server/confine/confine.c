@@ -36,7 +36,8 @@ int confine_limits(const struct confine_limits *l)
         return errno;
     if (!limit(RLIMIT_AS, address_bytes) || !limit_time(l->seconds) ||
         !limit(RLIMIT_NOFILE, l->descriptors + l->received) || !limit(RLIMIT_FSIZE, l->file_bytes) ||
-        !limit(RLIMIT_CORE, 0) || !limit(RLIMIT_NPROC, 0) || !limit(RLIMIT_MEMLOCK, 0) || !limit(RLIMIT_MSGQUEUE, 0))
+        !limit(RLIMIT_CORE, 0) || (!l->threads && !limit(RLIMIT_NPROC, 0)) || !limit(RLIMIT_MEMLOCK, 0) ||
+        !limit(RLIMIT_MSGQUEUE, 0))
         return errno;
     return 0;
 }
@@ -92,9 +93,9 @@ static int add_rules(scmp_filter_ctx filter, bool receives)
     return fault;
 }
 
-int confine_calls(bool receives)
+static int install(uint32_t otherwise, bool receives)
 {
-    const scmp_filter_ctx filter = seccomp_init(SCMP_ACT_KILL_PROCESS);
+    const scmp_filter_ctx filter = seccomp_init(otherwise);
 
     if (!filter) /* the kernel does not support that action, or out of memory */
         return ENOSYS;
@@ -107,4 +108,14 @@ int confine_calls(bool receives)
         fault = seccomp_load(filter);
     seccomp_release(filter);
     return -fault;
+}
+
+int confine_calls(bool receives)
+{
+    return install(SCMP_ACT_KILL_PROCESS, receives);
+}
+
+int confine_calls_softly(void)
+{
+    return install(SCMP_ACT_ERRNO(EPERM), false);
 }

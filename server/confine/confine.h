@@ -13,7 +13,8 @@ struct confine_limits {
     uint64_t file_bytes;  /* size up to which it may write files that it was given */
     unsigned seconds;     /* processor time; SIGXCPU ends the process */
     unsigned descriptors; /* that stay open, counted from 0; those above are closed */
-    unsigned received;    /* more that may be open, received from the socket */
+    unsigned received;    /* more that may be open, received from the socket or opened */
+    bool threads;         /* it may start threads; confine_network keeps it from starting processes */
 };
 
 /* Denies new files, core dumps, processes and privileges, and sets these limits. Returns 0 or errno. */
@@ -23,5 +24,13 @@ int confine_limits(const struct confine_limits *l);
  * (SIGSYS). `receives`: it may also receive descriptors from its socket, close them, and abort. Returns 0, or errno if
  * the kernel has no seccomp. */
 int confine_calls(bool receives);
+/* Likewise, but such a call fails with EPERM: for libraries that try some and do without. */
+int confine_calls_softly(void);
+
+/* Of a process that reads from the network: a seccomp filter that allows internet sockets, threads and what belongs to
+ * them, and Landlock where the kernel has it: of files it may read only those that resolving names and checking
+ * certificates need. Everything else fails with EPERM; starting a program ends the process. Returns 0, or errno if the
+ * kernel has no seccomp; a missing Landlock is no error, then reading files is not limited. */
+int confine_network(void);
 
 #endif

@@ -2,6 +2,9 @@
 
 #include "base/clock.h"
 
+#include <stdio.h>
+#include <string.h>
+
 #define MARGIN_MS 2          /* a frame is ready this long before it is wanted */
 #define UNWATCHED_MS 1000    /* between frames of a computed sky that nobody watches */
 #define WATCH_POLL_MS 20     /* how soon a new viewer is noticed meanwhile */
@@ -22,8 +25,16 @@ struct pull {
     int64_t next_ms;     /* when the next frame is due, if the source has a rate */
     int64_t failure_ms;  /* how long to wait after a bad frame */
     bool failed, ended, reported_end, paused;
-    bool moved; /* the next frame was requested by step or seek: read it although paused */
+    struct reason silence; /* what was reported when `lost` was set */
+    bool lost;             /* a live stream is not connected, which was reported */
+    bool moved;            /* the next frame was requested by step or seek: read it although paused */
 };
+
+/* Frames per second: --rate, else the source's own; 0: as fast as they are lit. */
+static double rate_of(const struct pull *p)
+{
+    return p->shared->config.rate > 0.0 ? p->shared->config.rate : source_rate(p->t->source);
+}
 
 static void relight(struct pull *p)
 {
@@ -78,7 +89,7 @@ static void sleep_until_ms(struct pull *p, int64_t when_ms)
 {
     for (int64_t left = when_ms - clock_ms(); left > 0 && !is_interrupted(p); left = when_ms - clock_ms()) {
         ingest_sleep_ms(left < NAP_MS ? left : NAP_MS);
-        if (p->shared->config.rate > 0.0 && !p->failed)
+        if (rate_of(p) > 0.0 && !p->failed)
             relight(p);
     }
 }
@@ -114,10 +125,26 @@ static void pause_while_unwatched(struct pull *p)
         p->next_ms += passed * each_ms;
 }
 
+/* No new frame: tells viewers if that is because a live stream is lost. */
+static void report_silence(struct pull *p)
+{
+    struct reason state;
+    char text[sizeof(state.text) + 32];
+
+    if (p->paused || source_is_connected(p->t->source, &state))
+        return;
+    if (p->lost && strcmp(state.text, p->silence.text) == 0)
+        return;
+    p->lost = true;
+    p->silence = state;
+    snprintf(text, sizeof(text), "%s%s", state.text, p->count > 0 ? "; the last sky stays" : "");
+    status_set_source(&p->shared->status, SERVER_WAITING, text);
+}
+
 /* A source without a good frame must not spin. */
 static void wait_after_failure(struct pull *p)
 {
-    const double rate = p->shared->config.rate;
+    const double rate = rate_of(p);
 
     p->failure_ms = p->failure_ms ? 2 * p->failure_ms : FAILURE_FIRST_MS;
     p->failure_ms = p->failure_ms < FAILURE_MOST_MS ? p->failure_ms : FAILURE_MOST_MS;
@@ -135,8 +162,8 @@ static void pace(struct pull *p)
         return;
     }
     p->failure_ms = 0;
-    if (p->shared->config.rate > 0.0) {
-        p->next_ms += (int64_t)(1e3 / p->shared->config.rate);
+    if (rate_of(p) > 0.0) {
+        p->next_ms += (int64_t)(1e3 / rate_of(p));
         p->next_ms = p->next_ms > now ? p->next_ms : now;
         sleep_until_ms(p, p->next_ms);
         pause_while_unwatched(p);
@@ -168,9 +195,10 @@ static void take_frame(struct pull *p, enum err read)
     p->count++;
     if (e) /* log each bad file in the first pass only */
         status_frame_unreadable(status, p->why->text, length == 0 || p->count <= length);
-    else if (p->failed || p->count == 1 || p->reported_end)
+    else if (p->failed || p->count == 1 || p->reported_end || p->lost)
         status_set_source(status, p->paused ? SERVER_PAUSED : SERVER_LIVE, "");
     p->failed = e != ERR_OK;
+    p->lost = false;
     p->ended = !e && length == 1 && !p->shared->config.setup.reseed; /* a single picture need not be read again */
     p->reported_end = false;
     p->version = version;
@@ -192,7 +220,8 @@ void ingest_from_source(struct ingest_thread *t, struct reason *why)
             p.ended = true;
             continue;
         }
-        if (!e && p.coming.kind == FRAME_NONE) { /* nothing new in a watched folder */
+        if (!e && p.coming.kind == FRAME_NONE) { /* nothing new in a watched folder or from a live stream */
+            report_silence(&p);
             relight(&p);
             continue;
         }

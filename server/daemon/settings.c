@@ -95,7 +95,7 @@ static enum err check_source_request(const struct settings_store *store, const s
 
     if (!which)
         return ERR_OK;
-    if (store->config->push || store->source_kind == SOURCE_WATCH)
+    if (store->config->push || store->source_kind == SOURCE_WATCH || store->source_kind == SOURCE_LIVE)
         return refuse(clause, which, err_say(why, ERR_USAGE, "a live source cannot be moved to another frame"));
     if (ASKED(c, step) && !s->paused)
         return refuse(clause, "4.13.16", err_say(why, ERR_USAGE, "step is for a source that is paused"));

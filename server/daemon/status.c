@@ -78,14 +78,21 @@ void status_set_cameras(struct status_board *b, const struct scene *scene, const
 
 void status_begin(struct status_board *b, const struct shared *shared)
 {
-    static const char *const kinds[] = { [SOURCE_FILES] = "files", [SOURCE_WATCH] = "folder", [SOURCE_SKY] = "sky" };
+    static const char *const kinds[] = { [SOURCE_FILES] = "files",
+                                         [SOURCE_WATCH] = "folder",
+                                         [SOURCE_SKY] = "sky",
+                                         [SOURCE_VIDEO] = "files",
+                                         [SOURCE_LIVE] = "live" };
     const struct daemon_config *c = &shared->config;
     struct server_figures *f = &b->figures;
+    char name[sizeof(f->sky)];
 
     b->server = shared->server;
     pthread_mutex_lock(&b->lock);
     COPY(f->scene, c->setup.set_desc.scene ? c->setup.set_desc.scene : "the built-in scene");
-    COPY(f->sky, c->computed_sky ? "a computed sky" : c->push ? "a sky sent by a producer" : c->setup.source_desc.spec);
+    COPY(f->sky, c->computed_sky ? "a computed sky"
+                 : c->push       ? "a sky sent by a producer"
+                                 : source_name(c->setup.source_desc.spec, name, sizeof(name)));
     COPY(f->method, method_name(method_by_rule(c->setup.initial.method)));
     COPY(f->kind, c->push ? "producer" : kinds[shared->settings.source_kind]);
     f->samples = c->setup.initial.samples;

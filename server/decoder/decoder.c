@@ -1,11 +1,9 @@
 #define _GNU_SOURCE /* memfd_create, fallocate */
-#include "decoder/decoder.h"
+#include "decoder/parts.h"
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "confine/child.h"
-#include "decoder/wire.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -19,8 +17,10 @@
 #include <unistd.h>
 
 #define PROGRAM "relight-decoder"
+#define VIDEO_PROGRAM "relight-video"
 #define FILE_BYTES ((size_t)256 << 20)
 #define MEMORY_BYTES ((size_t)512 << 20)
+#define VIDEO_MEMORY_BYTES ((size_t)3 << 30) /* decoders of 8K video keep 16 reference pictures of up to 100 MB */
 #define PICTURE_BYTES                                                                                                  \
     (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space; pages that no image has used take no memory */
 #define KEPT_BYTES ((size_t)64 << 20)      /* shared memory that is kept although the current contents are smaller */
@@ -28,28 +28,6 @@
 #define LIFE_S 3600 /* processor time after which the process is replaced, before its limit ends it */
 
 enum { PATIENCE_MS = 10000, WAIT_MIN_MS = 250, WAIT_MAX_MS = 5000 };
-
-/* Memory mapped by both processes. */
-struct shared {
-    int fd; /* -1: none */
-    void *at;
-    size_t bytes;
-    size_t used; /* bytes that may be backed by pages */
-};
-
-struct decoder {
-    char program[4096];
-    size_t file_bytes, memory_bytes;
-    uint32_t timeout_ms;
-    const atomic_bool *stop;
-    struct shared file, picture;
-
-    struct child child;
-    bool confined;
-    unsigned crashes_in_row; /* consecutive crashes */
-    int64_t restart_ms;      /* earliest restart */
-    atomic_uint_fast64_t files, crashed, timed_out, invalid, refused, starts;
-};
 
 /* ---- The process ---- */
 
@@ -76,7 +54,7 @@ static void shared_finish(struct shared *s)
 }
 
 /* Returns memory to the system that only much larger contents needed; keeps KEPT_BYTES. */
-static void trim(struct shared *s, size_t bytes)
+void decoder_trim(struct shared *s, size_t bytes)
 {
     const size_t kept = bytes > KEPT_BYTES ? bytes : KEPT_BYTES;
 
@@ -94,7 +72,8 @@ static enum child_receipt receive(struct decoder *d, void *message, size_t size)
 static enum err start(struct decoder *d, struct reason *why)
 {
     char file[24], picture[24], memory[24];
-    char *const arguments[] = { (char[]){ PROGRAM }, file, picture, memory, NULL };
+    char *const arguments[] = { d->video ? (char[]){ VIDEO_PROGRAM } : (char[]){ PROGRAM }, file, picture, memory,
+                                NULL };
     const int descriptors[] = { d->file.fd, d->picture.fd }; /* in the order of wire.h */
     struct wire_hello hello = { 0 };
 
@@ -105,6 +84,7 @@ static enum err start(struct decoder *d, struct reason *why)
     if (e)
         return e;
     atomic_fetch_add(&d->starts, 1);
+    d->streaming = false;
     if (receive(d, &hello, sizeof(hello)) != CHILD_RECEIVED || hello.magic != WIRE_MAGIC) {
         child_end(&d->child);
         return err_say(why, ERR_IO, "%.200s: is not the " PROGRAM " of this version", d->program);
@@ -129,8 +109,8 @@ static void count_crash(struct decoder *d)
 }
 
 /* The process has ended with `status`. */
-static enum err report_crash(struct decoder *d, enum child_receipt receipt, int status, const char *name,
-                             struct reason *why)
+enum err decoder_report_crash(struct decoder *d, enum child_receipt receipt, int status, const char *name,
+                              struct reason *why)
 {
     char death[64];
 
@@ -145,7 +125,7 @@ static enum err report_crash(struct decoder *d, enum child_receipt receipt, int 
     return err_say(why, ERR_FORMAT, "%s: the decoder %s", name, child_death(status, death, sizeof(death)));
 }
 
-static enum err report_invalid_answer(struct decoder *d, const char *name, struct reason *why)
+enum err decoder_report_invalid(struct decoder *d, const char *name, struct reason *why)
 {
     child_end(&d->child);
     count_crash(d);
@@ -155,7 +135,7 @@ static enum err report_invalid_answer(struct decoder *d, const char *name, struc
 
 /* Copies row by row and sanitises each row while it is in the cache; an uncompromised process sends only valid texels.
  */
-static void take_texels(const struct decoder *d, struct image *im)
+void decoder_take_texels(const struct decoder *d, struct image *im)
 {
     const size_t row = 3 * (size_t)im->width;
     const float *rgb = d->picture.at;
@@ -170,8 +150,8 @@ static void take_texels(const struct decoder *d, struct image *im)
 static enum err take_answer(struct decoder *d, struct wire_answer *a, const char *name, struct image *im,
                             struct reason *why)
 {
-    if (a->magic != WIRE_MAGIC || a->result < ERR_OK || a->result >= ERR_END || a->layout > LAYOUT_FISHEYE)
-        return report_invalid_answer(d, name, why);
+    if (a->magic != WIRE_MAGIC || a->result < ERR_OK || a->result >= ERR_END || a->layout > LAYOUT_LAST)
+        return decoder_report_invalid(d, name, why);
     d->crashes_in_row = 0;
     if (a->result != ERR_OK) {
         char text[sizeof(a->why.text)];
@@ -180,18 +160,19 @@ static enum err take_answer(struct decoder *d, struct wire_answer *a, const char
     }
     const enum err e = image_resize(im, a->width, a->height);
     if (e == ERR_RANGE)
-        return report_invalid_answer(d, name, why);
+        return decoder_report_invalid(d, name, why);
     if (e)
         return err_say(why, e, "%s: out of memory for %ux%u texels", name, a->width, a->height);
     im->layout = (enum layout)a->layout;
     im->faults = (struct image_faults){ a->nan, a->infinite, a->negative, a->clipped };
-    take_texels(d, im);
-    trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
+    im->low_range = a->low_range == 1;
+    decoder_take_texels(d, im);
+    decoder_trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
     return ERR_OK;
 }
 
 /* Returns a running process, starting one if necessary. */
-static enum err ready(struct decoder *d, const char *name, struct reason *why)
+enum err decoder_ready(struct decoder *d, const char *name, struct reason *why)
 {
     struct reason cause;
     clockid_t its;
@@ -218,8 +199,8 @@ static enum err ready(struct decoder *d, const char *name, struct reason *why)
 
 /* Sends the file and waits for the answer. *idle: the process had ended before it had the file, or was killed from
  * outside: neither is the file's fault. Without an answer the process has ended, and *status is waitpid's. */
-static enum child_receipt ask(struct decoder *d, const struct wire_request *q, struct wire_answer *a, int *status,
-                              bool *idle)
+enum child_receipt decoder_ask(struct decoder *d, const struct wire_request *q, struct wire_answer *a, int *status,
+                               bool *idle)
 {
     const bool sent = send(d->child.socket, q, sizeof(*q), MSG_NOSIGNAL) == (ssize_t)sizeof(*q);
     const enum child_receipt receipt = sent ? receive(d, a, sizeof(*a)) : CHILD_GONE;
@@ -241,21 +222,22 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
     atomic_fetch_add(&d->files, 1);
     if (size > d->file_bytes)
         return err_say(why, ERR_RANGE, "%s: larger than %zu bytes", name, d->file_bytes);
-    enum err e = ready(d, name, why);
+    enum err e = decoder_ready(d, name, why);
     if (e)
         return e;
     snprintf(q.name, sizeof(q.name), "%s", name);
     memcpy(d->file.at, bytes, size);
-    trim(&d->file, size);
-    enum child_receipt receipt = ask(d, &q, &a, &status, &idle);
+    decoder_trim(&d->file, size);
+    enum child_receipt receipt = decoder_ask(d, &q, &a, &status, &idle);
     if (idle) { /* once more, with a new process */
         atomic_fetch_add(&d->crashed, 1);
-        e = ready(d, name, why);
+        e = decoder_ready(d, name, why);
         if (e)
             return e;
-        receipt = ask(d, &q, &a, &status, &idle);
+        receipt = decoder_ask(d, &q, &a, &status, &idle);
     }
-    return receipt == CHILD_RECEIVED ? take_answer(d, &a, name, im, why) : report_crash(d, receipt, status, name, why);
+    return receipt == CHILD_RECEIVED ? take_answer(d, &a, name, im, why)
+                                     : decoder_report_crash(d, receipt, status, name, why);
 }
 
 /* ---- Creation and statistics ---- */
@@ -268,10 +250,11 @@ enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, s
         return err_say(why, ERR_NOMEM, "out of memory");
     d->file.fd = d->picture.fd = -1;
     d->file_bytes = desc->file_bytes ? desc->file_bytes : FILE_BYTES;
-    d->memory_bytes = desc->memory_bytes ? desc->memory_bytes : MEMORY_BYTES;
+    d->video = desc->video;
+    d->memory_bytes = desc->memory_bytes ? desc->memory_bytes : desc->video ? VIDEO_MEMORY_BYTES : MEMORY_BYTES;
     d->timeout_ms = desc->timeout_ms ? desc->timeout_ms : PATIENCE_MS;
     d->stop = desc->stop;
-    enum err e = child_find(PROGRAM, desc->program, d->program, sizeof(d->program), why);
+    enum err e = child_find(desc->video ? VIDEO_PROGRAM : PROGRAM, desc->program, d->program, sizeof(d->program), why);
     if (!e)
         e = share(&d->file, "relight-file", d->file_bytes, PROT_READ | PROT_WRITE, why);
     if (!e)

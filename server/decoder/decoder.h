@@ -21,6 +21,7 @@ struct decoder_desc {
     size_t file_bytes;       /* limit of a file; default 256 MiB */
     size_t memory_bytes;     /* memory for decoding besides the file and the image; default 512 MiB */
     uint32_t timeout_ms;     /* per file; default 10 s */
+    bool video;              /* start relight-video, which decodes video too (video.h) */
     const atomic_bool *stop; /* when set, a waiting call returns; may be NULL */
 };
 

@@ -3,5 +3,5 @@
 
 int main(int argc, char **argv)
 {
-    return decoder_serve(argc, argv, &(struct decoder_work){ decode_image });
+    return decoder_serve(argc, argv, &(struct decoder_work){ .decode = decode_image });
 }

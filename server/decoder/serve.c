@@ -42,7 +42,12 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
         struct wire_answer a = { .magic = WIRE_MAGIC };
         q.name[sizeof(q.name) - 1] = 0;
         im.max_side = q.max_side;
-        a.result = (int32_t)work->decode(file, (size_t)q.size, q.name, &im, &a.why);
+        if (q.kind == WIRE_IMAGE)
+            a.result = (int32_t)work->decode(file, (size_t)q.size, q.name, &im, &a.why);
+        else if (work->video)
+            a.result = (int32_t)work->video(work->context, &q, file, &im, &a);
+        else
+            return 1;
         a.width = im.width;
         a.height = im.height;
         a.layout = (uint32_t)im.layout;
@@ -50,6 +55,7 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
         a.infinite = im.faults.infinite;
         a.negative = im.faults.negative;
         a.clipped = im.faults.clipped;
+        a.low_range = im.low_range;
         if (!say(&a, sizeof(a)))
             return 1;
     }
@@ -64,7 +70,7 @@ int decoder_serve(int argc, char **argv, const struct decoder_work *work)
     if (argc != 4 || sscanf(argv[1], "%llu", &file_bytes) != 1 || sscanf(argv[2], "%llu", &picture_bytes) != 1 ||
         sscanf(argv[3], "%llu", &memory_bytes) != 1 || picture_bytes < 3 * sizeof(float) * IMAGE_MAX_TEXELS) {
         fprintf(stderr,
-                "relight-decoder is started by relightd to decode images from the network; it cannot be used alone.\n");
+                "this program is started by others of relightd to decode images or video; it cannot be used alone.\n");
         return 2;
     }
     const uint8_t *file = mmap(NULL, (size_t)file_bytes, PROT_READ, MAP_SHARED, WIRE_FILE, 0);

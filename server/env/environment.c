@@ -171,6 +171,7 @@ static enum err decode_faces(struct environment *e, const struct frame *f, struc
             result = place_face(&e->image, &e->face, k, name, why);
     }
     e->image.layout = LAYOUT_CUBE;
+    e->image.low_range = e->face.low_range;
     return result;
 }
 
@@ -185,6 +186,7 @@ static void take_texels(struct image *im, const struct frame *f)
         image_sanitise_texels(im->rgb + at, f->width, NULL, &im->faults);
     }
     im->layout = LAYOUT_LATLONG;
+    im->low_range = false;
 }
 
 enum err environment_decode(struct environment *e, const struct frame *f, struct reason *why)
@@ -408,9 +410,13 @@ enum err environment_update(struct environment *e, const struct frame *f, struct
 
 void environment_warn_clipped(const struct environment *e, bool *warned)
 {
-    if (*warned || e->image.faults.clipped == 0)
+    if (*warned || (e->image.faults.clipped == 0 && !e->image.low_range))
         return;
     *warned = true;
+    if (e->image.low_range) {
+        log_warning("%s: not HDR: what is brighter than white, such as the sun, is clipped", e->name);
+        return;
+    }
     log_warning("%s: %" PRIu64 " values are 65504, the largest half float: the capture may have been clipped. "
                 "Capture at a lower exposure and compensate with --scale STOPS",
                 e->name, e->image.faults.clipped);

@@ -16,16 +16,32 @@ static const struct layout_face hcross[CUBE_FACES] = {
 static const struct layout_face vcross[CUBE_FACES] = {
     { 0, 1, 3, -2 }, { 2, 1, -3, -2 }, { 1, 0, -1, 3 }, { 1, 2, -1, -3 }, { 1, 1, -1, -2 }, { 1, 3, -1, 2 },
 };
+/* Video: the faces right (-X), left (+X), up, down, front (+Z) and back, with the cross's orientations. */
+static const struct layout_face cube_3x2[CUBE_FACES] = {
+    { 1, 0, 3, -2 }, { 0, 0, -3, -2 }, { 2, 0, -1, 3 }, { 0, 1, -1, -3 }, { 1, 1, -1, -2 }, { 2, 1, 1, -2 },
+};
+static const struct layout_face cube_6x1[CUBE_FACES] = {
+    { 1, 0, 3, -2 }, { 0, 0, -3, -2 }, { 2, 0, -1, 3 }, { 3, 0, -1, -3 }, { 4, 0, -1, -2 }, { 5, 0, 1, -2 },
+};
+
+/* The layouts of cube faces, and their cells. */
+static const struct {
+    const struct layout_face *faces;
+    uint32_t columns, rows;
+} unfolded[LAYOUT_LAST + 1] = {
+    [LAYOUT_CUBE] = { cube, 1, 6 },         [LAYOUT_HCROSS] = { hcross, 4, 3 },     [LAYOUT_VCROSS] = { vcross, 3, 4 },
+    [LAYOUT_CUBE_3X2] = { cube_3x2, 3, 2 }, [LAYOUT_CUBE_6X1] = { cube_6x1, 6, 1 },
+};
 
 const struct layout_face *layout_faces(enum layout layout)
 {
-    return layout == LAYOUT_CUBE ? cube : layout == LAYOUT_HCROSS ? hcross : layout == LAYOUT_VCROSS ? vcross : NULL;
+    return unfolded[layout].faces;
 }
 
 static void count_cells(enum layout layout, uint32_t *columns, uint32_t *rows)
 {
-    *columns = layout == LAYOUT_HCROSS ? 4 : layout == LAYOUT_VCROSS ? 3 : 1;
-    *rows = layout == LAYOUT_HCROSS ? 3 : layout == LAYOUT_VCROSS ? 4 : 6;
+    *columns = unfolded[layout].columns;
+    *rows = unfolded[layout].rows;
 }
 
 uint32_t layout_face_size(enum layout layout, uint32_t width)
@@ -33,7 +49,7 @@ uint32_t layout_face_size(enum layout layout, uint32_t width)
     uint32_t columns, rows;
 
     count_cells(layout, &columns, &rows);
-    return width / columns;
+    return columns ? width / columns : width;
 }
 
 bool layout_is_disc(enum layout layout)
@@ -59,7 +75,7 @@ enum err layout_fits(enum layout layout, uint32_t width, uint32_t height, const 
 
 enum err layout_guess(uint32_t width, uint32_t height, const char *name, enum layout *out, struct reason *why)
 {
-    static const enum layout of_faces[] = { LAYOUT_CUBE, LAYOUT_HCROSS, LAYOUT_VCROSS };
+    static const enum layout of_faces[] = { LAYOUT_CUBE, LAYOUT_HCROSS, LAYOUT_VCROSS, LAYOUT_CUBE_6X1 };
     const char *fits = "latlong, ball or fisheye (with a centred circle)";
 
     *out = width == 2 * height ? LAYOUT_LATLONG : LAYOUT_AUTO;
@@ -67,6 +83,8 @@ enum err layout_guess(uint32_t width, uint32_t height, const char *name, enum la
         return ERR_OK;
     if (width == height)
         fits = "ball or fisheye";
+    if (2 * width == 3 * height) /* also the shape of many cameras' pictures */
+        fits = "cube-3x2, ball or fisheye (with a centred circle)";
     for (size_t k = 0; k < sizeof(of_faces) / sizeof(of_faces[0]); k++)
         if (layout_fits(of_faces[k], width, height, name, NULL) == ERR_OK)
             fits = layout_name(of_faces[k]);

@@ -10,6 +10,8 @@
  *           +Z are the faces +Y and -Y, joined to it.
  * vcross    3:4. The same except -Z, which is upside down at the bottom, joined to -Y (as in Debevec's HDRShop).
  *           The other cells of a cross are ignored.
+ * cube-3x2  3:2. As video's cube maps are stored: in the upper row the faces right (-X), left (+X) and up, in the lower
+ *           one down, front (+Z) and back, all oriented as in hcross. cube-6x1: the same six in one row.
  * ball      A mirror ball photographed from far along +Z: centre +Z (the camera itself), top +Y, right +X, rim -Z.
  *           All texels have the same solid angle.
  * fisheye   A camera that points up: centre +Y, top +Z, right +X; the radius is proportional to the angle from +Y
@@ -35,7 +37,7 @@ struct layout_face {
     int8_t column, row, right, down;
 };
 
-/* The six faces in the order of cube.h for cube, hcross and vcross; NULL for other layouts. */
+/* The six faces in the order of cube.h for layouts of cube faces; NULL for others. */
 const struct layout_face *layout_faces(enum layout layout);
 uint32_t layout_face_size(enum layout layout, uint32_t width); /* texels along an edge */
 

@@ -37,7 +37,8 @@ static enum err open_source(struct render *r, struct reason *why)
     struct source_desc one = r->desc.setup.source_desc;
     enum err e = source_open(&one, &r->source, why);
 
-    if (!e && source_count(r->source) == 0 && !one.frames.given) { /* a sky has no last frame: take its first */
+    if (!e && source_count(r->source) == 0 && !one.frames.given &&
+        source_kind(r->source) != SOURCE_VIDEO) { /* a sky has no last frame: take its first */
         source_close(r->source);
         one.frames.given = true;
         e = source_open(&one, &r->source, why);

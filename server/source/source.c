@@ -4,6 +4,8 @@
 #include "base/log.h"
 #include "source/files.h"
 #include "base/mem.h"
+#include "source/footage.h"
+#include "source/live.h"
 #include "source/sky.h"
 #include "source/watch.h"
 
@@ -25,6 +27,11 @@ struct source {
     uint64_t sky_frame;     /* of the next frame */
     uint64_t position;      /* of the last frame returned */
     bool sky_ended;
+    struct footage *footage; /* SOURCE_VIDEO */
+    struct live *live;       /* SOURCE_LIVE */
+    uint64_t picture;        /* SOURCE_VIDEO: number of the next; SOURCE_LIVE: of the next to be taken */
+    uint64_t length;         /* SOURCE_VIDEO: pictures in a pass, once one is over; 0: not yet known */
+    bool video_ended;        /* the pass is over, or the video broke off */
 };
 
 static bool starts_with(const char *text, const char *start)
@@ -70,8 +77,30 @@ static enum err check_numbers(const struct source *s, const char *spec, struct r
                    FRAME_NUMBER_MAX);
 }
 
-static enum err open_spec(struct source *s, const char *spec, struct reason *why)
+/* A web server's video of known length is read like a file. */
+static enum err open_video(struct source *s, const struct source_desc *d, enum demux_kind kind, struct reason *why)
 {
+    const struct footage_desc desc = { .spec = d->spec, .colour = d->colour };
+    enum err e = ERR_OK;
+
+    s->kind = SOURCE_VIDEO;
+    if (kind == DEMUX_FILE || kind == DEMUX_WEB)
+        e = footage_open(&desc, &s->footage, why);
+    if (e || kind == DEMUX_FILE || (kind == DEMUX_WEB && footage_format(s->footage)->duration_us > 0))
+        return e;
+    e = live_start(&desc, s->footage, &s->live, why);
+    if (!e) {
+        s->kind = SOURCE_LIVE;
+        s->footage = NULL;
+    }
+    return e;
+}
+
+static enum err open_spec(struct source *s, const struct source_desc *d, struct reason *why)
+{
+    const char *spec = d->spec;
+    enum demux_kind video;
+
     if (starts_with(spec, "push:"))
         return err_say(why, ERR_USAGE, "'%s': only relightd accepts frames pushed over the network", spec);
     if (starts_with(spec, "watch:")) {
@@ -88,10 +117,19 @@ static enum err open_spec(struct source *s, const char *spec, struct reason *why
             return err_say(why, ERR_USAGE, "%s: no frame can have a number above %" PRIu64, spec, FRAME_NUMBER_MAX);
         return sky_parse(spec + strlen("sky:"), &s->sky, why);
     }
-    enum err e = files_from_spec(spec, &s->files, why);
+    enum err e = demux_kind_of(spec, &video, why);
+    if (!e && video != DEMUX_NOTHING)
+        return open_video(s, d, video, why);
+    if (!e)
+        e = files_from_spec(spec, &s->files, why);
     if (!e)
         e = cut_to_range(s, spec, why);
     return e ? e : check_numbers(s, spec, why);
+}
+
+const char *source_name(const char *spec, char *out, size_t size)
+{
+    return demux_name(spec, out, size);
 }
 
 enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why)
@@ -106,7 +144,7 @@ enum err source_open(const struct source_desc *desc, struct source **out, struct
     s->kind = SOURCE_FILES;
     s->frames = desc->frames;
     s->loop = desc->loop;
-    const enum err e = open_spec(s, desc->spec, why);
+    const enum err e = open_spec(s, desc, why);
     if (e)
         source_close(s);
     else
@@ -121,6 +159,8 @@ void source_close(struct source *s)
     files_finish(&s->files);
     if (s->kind == SOURCE_WATCH)
         watch_finish(&s->watch);
+    footage_close(s->footage);
+    live_stop(s->live);
     mem_free(s);
 }
 
@@ -190,24 +230,119 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
     return ERR_OK;
 }
 
+static enum err begin_video_again(struct source *s, struct reason *why)
+{
+    const enum err e = footage_restart(s->footage, why);
+
+    s->picture = 0;
+    s->video_ended = e != ERR_OK;
+    return e;
+}
+
+/* The next picture within the range, from wherever in the video it stands. */
+static enum err next_picture(struct source *s, struct frame *f, struct reason *why)
+{
+    bool ready = false;
+    enum err e = ERR_OK;
+
+    do {
+        e = footage_next(s->footage, WATCH_WAIT_MS, &ready, why);
+    } while (!e && (!ready || (s->picture++, !in_range(s, s->picture - 1) && s->picture <= s->frames.last)));
+    if (e == ERR_END)
+        s->length = s->picture;
+    s->video_ended = e != ERR_OK;
+    if (!e && !in_range(s, s->picture - 1)) {
+        s->video_ended = true;
+        e = ERR_END;
+    }
+    if (e)
+        return e;
+    forget(f);
+    f->capture_us = 0;
+    f->number = s->picture - 1;
+    s->position = f->number - (s->frames.given ? s->frames.first : 0);
+    return footage_convert(s->footage, f, why);
+}
+
+static enum err next_video(struct source *s, struct frame *f, struct reason *why)
+{
+    enum err e = ERR_END;
+
+    if (!s->video_ended)
+        e = next_picture(s, f, why);
+    if (e == ERR_END && s->loop) {
+        e = begin_video_again(s, why);
+        if (!e)
+            e = next_picture(s, f, why);
+    }
+    if (e && e != ERR_END)
+        forget(f);
+    return e;
+}
+
+static enum err next_live(struct source *s, struct frame *f, struct reason *why)
+{
+    if (s->frames.given && s->picture > s->frames.last)
+        return ERR_END;
+    forget(f);
+    const enum err e = live_next(s->live, WATCH_WAIT_MS, f, why);
+    if (e || f->kind == FRAME_NONE)
+        return e;
+    f->number = s->picture++;
+    if (!in_range(s, f->number))
+        forget(f);
+    return ERR_OK;
+}
+
 enum err source_next(struct source *s, struct frame *f, struct reason *why)
 {
     switch (s->kind) {
     case SOURCE_FILES: return next_file(s, f, why);
     case SOURCE_WATCH: return next_watched(s, f, why);
     case SOURCE_SKY: return next_sky(s, f, why);
+    case SOURCE_VIDEO: return next_video(s, f, why);
+    case SOURCE_LIVE: return next_live(s, f, why);
     }
     return ERR_END;
+}
+
+/* Pictures within the range: counted in a pass, else by what the container says. */
+static uint64_t video_count(const struct source *s)
+{
+    const struct stream_format *f = footage_format(s->footage);
+    const double by_time = 1e-6 * (double)f->duration_us * footage_rate(s->footage);
+    uint64_t count = s->length ? s->length : f->frames;
+
+    if (count == 0 && by_time >= 1.0 && by_time < 1e9)
+        count = (uint64_t)(by_time + 0.5);
+    if (count > FRAME_NUMBER_MAX)
+        count = 0;
+    if (!s->frames.given || count == 0)
+        return count;
+    const uint64_t end = s->frames.last < count ? s->frames.last + 1 : count;
+    return end > s->frames.first ? end - s->frames.first : 0;
 }
 
 uint64_t source_count(const struct source *s)
 {
     switch (s->kind) {
     case SOURCE_FILES: return s->files.count;
+    case SOURCE_LIVE:
     case SOURCE_WATCH: return 0;
     case SOURCE_SKY: return s->frames.given ? s->frames.last - s->frames.first + 1 : 0;
+    case SOURCE_VIDEO: return video_count(s);
     }
     return 0;
+}
+
+double source_rate(const struct source *s)
+{
+    return s->kind == SOURCE_VIDEO ? footage_rate(s->footage) : 0.0;
+}
+
+bool source_is_connected(struct source *s, struct reason *why)
+{
+    return s->kind != SOURCE_LIVE || live_is_connected(s->live, why);
 }
 
 enum source_kind source_kind(const struct source *s)
@@ -220,14 +355,35 @@ uint64_t source_position(const struct source *s)
     return s->position;
 }
 
+/* By time: exact where the pictures are evenly spaced. */
+static bool seek_video(struct source *s, uint64_t picture)
+{
+    const double rate = footage_rate(s->footage);
+    const double us = 1e6 * ((double)picture - 0.5) / rate;
+    struct reason why;
+
+    if (!(us < 1e15))
+        return false;
+    if (footage_seek(s->footage, picture > 0 ? (int64_t)us : 0, &why) && footage_restart(s->footage, &why)) {
+        log_warning("%s", why.text);
+        s->video_ended = true;
+        return false;
+    }
+    s->picture = picture;
+    s->video_ended = false;
+    return true;
+}
+
 bool source_seek(struct source *s, uint64_t position)
 {
     const uint64_t length = source_count(s);
 
-    if (s->kind == SOURCE_WATCH || (length > 0 && position >= length))
+    if (s->kind == SOURCE_WATCH || s->kind == SOURCE_LIVE || (length > 0 && position >= length))
         return false;
     if (position > FRAME_NUMBER_MAX - (s->frames.given ? s->frames.first : 0))
         return false;
+    if (s->kind == SOURCE_VIDEO)
+        return seek_video(s, position + (s->frames.given ? s->frames.first : 0));
     if (s->kind == SOURCE_FILES) {
         s->files.next = (size_t)position;
     } else {
@@ -245,7 +401,7 @@ bool source_step(struct source *s, int64_t by)
     by = by < -last ? -last : by > last - to ? last - to : by;
     to += by;
 
-    if (s->kind == SOURCE_WATCH)
+    if (s->kind == SOURCE_WATCH || s->kind == SOURCE_LIVE)
         return false;
     if (length > 0 && s->loop)
         to = (to % length + length) % length;

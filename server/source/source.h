@@ -1,5 +1,6 @@
 /* server/source/source.h */
-/* Sources of environment frames: a file, a folder, a printf or glob pattern, a watched folder, or the built-in sky.
+/* Sources of environment frames: a file, a folder, a printf or glob pattern, a watched folder, a video, a live stream,
+ * or the built-in sky.
  *
  * `sky.%04d.exr`  The numbered files that exist between first and last, ascending. One %d, %i or %u with an optional
  *                 width, in the file name; every other character, '%' included, is literal.
@@ -12,6 +13,9 @@
  *                 they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when done.
  * `sky:key=...`   Computed frames (sky.h); never ends by itself. From the largest number that a frame can have on
  *                 (FRAME_NUMBER_MAX), it repeats that frame.
+ * `clip.mp4`      A video (.mp4, .mkv, .mov, .webm and others), or http(s):// of one: its frames, numbered from 0.
+ * `rtsp://...`    A live stream: also rtsps, rtmp, rtmps, srt, http(s) of a live playlist, and v4l2:/dev/video0. Each
+ *                 frame is the newest; frames are numbered as they are taken. Lost connections are retried.
  * A file that exists under exactly the name of the spec takes precedence. `push:` is handled by relightd.
  *
  * Thread: one per source. */
@@ -20,21 +24,28 @@
 
 #include "base/setting.h"
 #include "codec/frame.h"
+#include "decoder/video.h"
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 struct sky_desc;
 struct source;
 
+/* The spec for messages and viewers: a URL without user name and password. Returns out. Any thread. */
+const char *source_name(const char *spec, char *out, size_t size);
+
 struct source_desc {
     const char *spec;             /* as on the command line */
     struct setting_frames frames; /* only frames with these numbers */
     bool loop;                    /* restart after the last frame; numbers repeat */
+    struct video_colour colour;   /* of videos, instead of what they say; zero: as they say */
 };
 
 /* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:
- * nothing found or not readable. ERR_USAGE: an invalid spec or range, or a number above FRAME_NUMBER_MAX. ERR_NOMEM. */
+ * nothing found or not readable. ERR_USAGE: an invalid spec or range, a URL that is no source, or a number above
+ * FRAME_NUMBER_MAX. ERR_UNSUPPORTED: video that this build or program does not read. ERR_NOMEM. */
 MUST_CHECK enum err source_open(const struct source_desc *desc, struct source **out, struct reason *why);
 void source_close(struct source *s); /* NULL is allowed */
 
@@ -43,23 +54,32 @@ void source_close(struct source *s); /* NULL is allowed */
  * 1 GiB), ERR_NOMEM: this frame could not be read (*why says which); f->kind is FRAME_NONE, and the next call continues
  * with the following frame.
  * Capture time: the modification time for `watch:` (0 and a line in the log if it is beyond FRAME_CAPTURE_MAX_US), the
- * time of computation for a sky, else 0 (unknown), since the files may be years old. `watch:` blocks for at most 200 ms
- * and then returns ERR_OK with FRAME_NONE, so that the caller can stop. */
+ * time of computation for a sky, a live stream's time stamp, else 0 (unknown), since the files may be years old.
+ * `watch:` and live streams block for at most 200 ms and then return ERR_OK with FRAME_NONE, so that the caller can
+ * stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 
 /* Opens a source, reads its first frame and closes it. Errors of source_open and source_next; ERR_IO also if there is
  * no frame. */
 MUST_CHECK enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why);
 
-/* Number of frames in one pass; 0 if unknown or infinite. */
+/* Number of frames in one pass; 0 if unknown or infinite. Of a video, what its container says, until a pass is over. */
 uint64_t source_count(const struct source *s);
+/* The frames per second with which a video is to be played; 0: the source has no rate of its own. */
+double source_rate(const struct source *s);
 
-/* ---- Seeking. Watched folders do not support it: these functions then return 0 or false and change nothing. ---- */
+/* Whether frames can be expected. False: a live stream is not connected; *why says why. */
+bool source_is_connected(struct source *s, struct reason *why);
+
+/* ---- Seeking. Watched folders and live streams do not support it: these functions then return 0 or false and change
+ * nothing. ---- */
 
 enum source_kind {
     SOURCE_FILES, /* one file, a folder, a pattern */
     SOURCE_WATCH,
     SOURCE_SKY,
+    SOURCE_VIDEO,
+    SOURCE_LIVE,
 };
 
 enum source_kind source_kind(const struct source *s); /* of an open source */

@@ -17,13 +17,31 @@ every_layout_renders_the_same_picture() {
     local turn shape
     for turn in 0 40; do
         render_sky latlong 512 256 --rotate $turn
-        for shape in 'latlong-bottom 512 256' 'cube 128 768' 'hcross 512 384' 'vcross 384 512' 'fisheye 400 400' \
+        for shape in 'latlong-bottom 512 256' 'cube 128 768' 'hcross 512 384' 'vcross 384 512' 'cube-3x2 384 256' 'cube-6x1 768 128' 'fisheye 400 400' \
             'ball 640 640'; do
             # shellcheck disable=SC2086 # name, width and height
             render_sky $shape --rotate $turn
             "$bin/relight-diff" "$work/${shape%% *}.exr" "$work/latlong.exr" --max-relmse 1e-4 ||
                 fail "$shape differs from lat-long at $turn degrees"
         done
+    done
+}
+
+# As ffmpeg's own filter makes them, from a sky of 8 bits.
+cube_maps_of_video_look_the_same_way() {
+    command -v ffmpeg >/dev/null || { echo "skipped: ffmpeg is not installed"; exit 77; }
+    box_scene "$work"
+    ffmpeg -v error -f lavfi -i 'gradients=s=1024x512:c0=white:c1=blue:c2=red:c3=green:n=4:x0=0:y0=0:x1=1024:y1=512:seed=4:d=1' \
+        -frames:v 1 "$work/flat.png"
+    "$bin/relight-render" --scene "$work/box.json" --source "$work/flat.png" --size 160x90 --samples 256 \
+        --out "$work/flat.exr" 2>"$work/flat.err"
+    grep -q 'not HDR' "$work/flat.err" || fail "no warning that a PNG is not HDR"
+    local name
+    for name in c3x2:cube-3x2 c6x1:cube-6x1; do
+        ffmpeg -v error -i "$work/flat.png" -vf "v360=e:${name%:*}" -y "$work/cube.png"
+        "$bin/relight-render" --scene "$work/box.json" --source "$work/cube.png" --layout "${name#*:}" --size 160x90 \
+            --samples 256 --out "$work/cube.exr"
+        "$bin/relight-diff" "$work/cube.exr" "$work/flat.exr" --max-relmse 1e-3 || fail "$name differs from lat-long"
     done
 }
 

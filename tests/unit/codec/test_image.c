@@ -219,9 +219,10 @@ static void no_texels_are_no_work(void **state)
 
 static void layouts_have_names_that_parse(void **state)
 {
-    static const enum layout layouts[] = { LAYOUT_AUTO, LAYOUT_LATLONG, LAYOUT_LATLONG_BOTTOM_FIRST,
-                                           LAYOUT_CUBE, LAYOUT_HCROSS,  LAYOUT_VCROSS,
-                                           LAYOUT_BALL, LAYOUT_FISHEYE };
+    static const enum layout layouts[] = { LAYOUT_AUTO,   LAYOUT_LATLONG,  LAYOUT_LATLONG_BOTTOM_FIRST,
+                                           LAYOUT_CUBE,   LAYOUT_HCROSS,   LAYOUT_VCROSS,
+                                           LAYOUT_BALL,   LAYOUT_CUBE_3X2, LAYOUT_CUBE_6X1,
+                                           LAYOUT_FISHEYE };
     int got = -1;
     struct reason why;
     (void)state;

@@ -126,5 +126,5 @@ static enum err misbehave(const uint8_t *file, size_t file_size, const char *nam
 
 int main(int argc, char **argv)
 {
-    return decoder_serve(argc, argv, &(struct decoder_work){ misbehave });
+    return decoder_serve(argc, argv, &(struct decoder_work){ .decode = misbehave });
 }

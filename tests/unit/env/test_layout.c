@@ -13,6 +13,7 @@ static const struct {
     { LAYOUT_CUBE, 16, 96, 16 },      { LAYOUT_CUBE, 1, 6, 7 },
     { LAYOUT_CUBE, 33, 198, 16 },     { LAYOUT_HCROSS, 64, 48, 9 },
     { LAYOUT_VCROSS, 63, 84, 16 },    { LAYOUT_VCROSS, 96, 128, 64 },
+    { LAYOUT_CUBE_3X2, 48, 32, 16 },  { LAYOUT_CUBE_6X1, 90, 15, 16 },
     { LAYOUT_BALL, 16, 16, 33 },      { LAYOUT_BALL, 101, 101, 16 },
     { LAYOUT_BALL, 200, 120, 64 },    { LAYOUT_BALL, 64, 65, 1 },
     { LAYOUT_FISHEYE, 16, 16, 33 },   { LAYOUT_FISHEYE, 101, 101, 17 },
@@ -82,7 +83,8 @@ static const struct {
     { LAYOUT_LATLONG, 256, 128, 0.015, 0.06 }, { LAYOUT_LATLONG_BOTTOM_FIRST, 256, 128, 0.015, 0.06 },
     { LAYOUT_CUBE, 64, 384, 0.02, 0.06 },      { LAYOUT_HCROSS, 256, 192, 0.02, 0.06 },
     { LAYOUT_VCROSS, 192, 256, 0.02, 0.06 },   { LAYOUT_BALL, 512, 512, 0.02, 0.06 },
-    { LAYOUT_FISHEYE, 200, 200, 0.02, 0.06 },
+    { LAYOUT_FISHEYE, 200, 200, 0.02, 0.06 },  { LAYOUT_CUBE_3X2, 192, 128, 0.02, 0.06 },
+    { LAYOUT_CUBE_6X1, 384, 64, 0.02, 0.06 },
 };
 #define PICTURES (sizeof(pictures) / sizeof(pictures[0]))
 
@@ -316,6 +318,8 @@ static void unknown_shapes_ask_for_the_layouts_that_fit(void **state)
     check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 10, 60, "--layout cube");
     check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 40, 30, "--layout hcross");
     check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 30, 40, "--layout vcross");
+    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 60, 10, "--layout cube-6x1");
+    check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 60, 40, "--layout cube-3x2, ball or fisheye");
     check_choice(LAYOUT_AUTO, LAYOUT_AUTO, 50, 20, "--layout latlong, ball");
 }
 
@@ -326,6 +330,7 @@ static void shapes_that_cannot_be_the_layout_are_refused_by_name(void **state)
     check_choice(LAYOUT_AUTO, LAYOUT_CUBE, 40, 20, "layout cube");
     check_choice(LAYOUT_HCROSS, LAYOUT_AUTO, 30, 40, "layout hcross");
     check_choice(LAYOUT_HCROSS, LAYOUT_AUTO, 41, 30, "layout hcross");
+    check_choice(LAYOUT_CUBE_3X2, LAYOUT_AUTO, 40, 30, "layout cube-3x2");
     check_choice(LAYOUT_VCROSS, LAYOUT_AUTO, 40, 30, "layout vcross");
     check_choice(LAYOUT_BALL, LAYOUT_AUTO, 15, 40, "too small for a ball");
     check_choice(LAYOUT_FISHEYE, LAYOUT_AUTO, 40, 15, "too small for a fisheye");

@@ -29,6 +29,15 @@ static const struct view views_vcross[6] = {
     { 1, 3, { 0, 0, -1 }, { 0, -1, 0 } }, { 1, 0, { 0, 1, 0 }, { 0, 0, -1 } }, { 1, 2, { 0, -1, 0 }, { 0, 0, 1 } },
 };
 
+static const struct view views_3x2[6] = {
+    { 0, 0, { -1, 0, 0 }, { 0, 1, 0 } }, { 1, 0, { 1, 0, 0 }, { 0, 1, 0 } }, { 2, 0, { 0, 1, 0 }, { 0, 0, -1 } },
+    { 0, 1, { 0, -1, 0 }, { 0, 0, 1 } }, { 1, 1, { 0, 0, 1 }, { 0, 1, 0 } }, { 2, 1, { 0, 0, -1 }, { 0, 1, 0 } },
+};
+static const struct view views_6x1[6] = {
+    { 0, 0, { -1, 0, 0 }, { 0, 1, 0 } }, { 1, 0, { 1, 0, 0 }, { 0, 1, 0 } }, { 2, 0, { 0, 1, 0 }, { 0, 0, -1 } },
+    { 3, 0, { 0, -1, 0 }, { 0, 0, 1 } }, { 4, 0, { 0, 0, 1 }, { 0, 1, 0 } }, { 5, 0, { 0, 0, -1 }, { 0, 1, 0 } },
+};
+
 static inline bool view_direction(const struct view *views, double size, double x, double y, double w[3])
 {
     for (int k = 0; k < 6; k++) {
@@ -59,6 +68,10 @@ static inline bool test_direction(const char *layout, double width, double heigh
         shown = view_direction(views_hcross, width / 4.0, x, y, w);
     } else if (strcmp(layout, "vcross") == 0) {
         shown = view_direction(views_vcross, width / 3.0, x, y, w);
+    } else if (strcmp(layout, "cube-3x2") == 0) {
+        shown = view_direction(views_3x2, width / 3.0, x, y, w);
+    } else if (strcmp(layout, "cube-6x1") == 0) {
+        shown = view_direction(views_6x1, width / 6.0, x, y, w);
     } else if (strcmp(layout, "ball") == 0) {
         /* A ray along -Z is thrown back by the normal (dx, -dy, nz). */
         const double nz = sqrt(fmax(0.0, 1.0 - r * r));

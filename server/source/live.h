@@ -1,0 +1,26 @@
+/* server/source/live.h */
+/* A live stream or a camera: a thread decodes it and converts the newest picture when one is asked for. A lost
+ * connection is retried with growing delays. Private to this room. Thread: one per live, beside its own. */
+#ifndef SOURCE_LIVE_H
+#define SOURCE_LIVE_H
+
+#include "base/setting.h"
+#include "source/footage.h"
+
+struct live;
+
+/* Starts the thread, which connects. first: an open footage that it takes over, or NULL. ERR_NOMEM: then `first` still
+ * belongs to the caller. */
+MUST_CHECK enum err live_start(const struct footage_desc *desc, struct footage *first, struct live **out,
+                               struct reason *why);
+void live_stop(struct live *l); /* waits for the thread; NULL is allowed */
+
+/* The newest picture that was not returned before, waiting up to wait_ms for one; else f->kind is FRAME_NONE. Sets
+ * everything but the number. capture_us: from the time stamps and the sender's clock if the stream states it, else from
+ * when they arrived. Errors of footage_convert. */
+MUST_CHECK enum err live_next(struct live *l, int wait_ms, struct frame *f, struct reason *why);
+
+/* Whether pictures come; else *why says what is wrong, or that it is connecting. */
+bool live_is_connected(struct live *l, struct reason *why);
+
+#endif

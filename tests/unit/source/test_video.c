@@ -1,0 +1,434 @@
+/* Video files as sources, made by ffmpeg: from code values of known ramps to cd/m^2, frame numbers, and damaged files.
+ */
+#include "support/unit.h"
+
+#include "source/clips.h"
+#include "source/source.h"
+
+#include <math.h>
+
+/* The formulas of the standards, written here once more, in the other direction where there is one. */
+static double pq_code(double cdm2) /* the inverse EOTF [ITU-R BT.2100-2, Table 4] */
+{
+    const double y = pow(cdm2 / 10000.0, 0.1593017578125);
+    return pow((0.8359375 + 18.8515625 * y) / (1.0 + 18.6875 * y), 78.84375);
+}
+
+/* cd/m^2 at a signal, by bisection of its inverse. */
+static double pq_light(double signal)
+{
+    double low = 0.0, high = 10000.0;
+
+    for (int i = 0; i < 200; i++) {
+        const double middle = 0.5 * (low + high);
+        *(pq_code(middle) < signal ? &low : &high) = middle;
+    }
+    return low;
+}
+
+static double hlg_code(double scene) /* the OETF [ITU-R BT.2100-2, Table 5] */
+{
+    return scene <= 1.0 / 12.0 ? sqrt(3.0 * scene) : 0.17883277 * log(12.0 * scene - 0.28466892) + 0.55991073;
+}
+
+static double hlg_light(double signal) /* on the reference display of 1000 cd/m^2, for greys */
+{
+    double low = 0.0, high = 1.0;
+
+    for (int i = 0; i < 200; i++) {
+        const double middle = 0.5 * (low + high);
+        *(hlg_code(middle) < signal ? &low : &high) = middle;
+    }
+    return 1000.0 * pow(low, 1.2);
+}
+
+static double bt1886_light(double signal)
+{
+    return 203.0 * pow(signal, 2.4);
+}
+
+static double srgb_light(double signal)
+{
+    return 203.0 * (signal <= 0.04045 ? signal / 12.92 : pow((signal + 0.055) / 1.055, 2.4));
+}
+
+static struct source *open_clip(const struct source_desc *d)
+{
+    struct source *s = NULL;
+    struct reason why = { "" };
+
+    if (source_open(d, &s, &why))
+        fail_msg("%s", why.text);
+    return s;
+}
+
+/* Every band of the frame has the light of its code value, to 1 %, and no colour. */
+static void check_ramp(const struct frame *f, unsigned depth, bool full, double (*light)(double))
+{
+    const double unit = 1u << (depth - 8), black = full ? 0.0 : 16.0 * unit,
+                 span = full ? (double)((1u << depth) - 1u) : 219.0 * unit;
+
+    assert_int_equal(f->kind, FRAME_TEXELS);
+    assert_int_equal(f->width, CLIP_WIDTH);
+    assert_int_equal(f->height, CLIP_HEIGHT);
+    for (unsigned k = 0; k < CLIP_BANDS; k++) {
+        const double want = light((clips_code(depth, full, k) - black) / span);
+        const float *rgb = f->rgb + 3 * ((size_t)CLIP_WIDTH * CLIP_HEIGHT / 2 + 16 * k + 8);
+        for (int c = 0; c < 3; c++)
+            if (fabs((double)rgb[c] - want) > 0.01 * want + 1e-3)
+                fail_msg("band %u, channel %d: %g cd/m^2 instead of %g", k, c, (double)rgb[c], want);
+    }
+}
+
+/* Encodes the ramp with these flags of ffmpeg, and checks the first frame of the clip. */
+static void check_clip(const char *name, unsigned depth, bool full, const char *flags, double (*light)(double),
+                       const struct source_desc *more)
+{
+    struct source_desc d = more ? *more : (struct source_desc){ .spec = NULL };
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+
+    folder_make(&folder);
+    clips_ramp(folder_path(&folder, "ramp.yuv"), depth, full, 3);
+    d.spec = folder_path(&folder, name);
+    if (depth == 8)
+        clips_run(CLIP_RAW8 "%s %s", folder_path(&folder, "ramp.yuv"), flags, d.spec);
+    else
+        clips_run(CLIP_RAW10 "%s %s", folder_path(&folder, "ramp.yuv"), flags, d.spec);
+    struct source *s = open_clip(&d);
+    if (source_next(s, &f, &why))
+        fail_msg("%s", why.text);
+    check_ramp(&f, depth, full, light);
+    assert_int_equal(f.number, 0);
+    assert_int_equal(f.capture_us, 0);
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+#define TAGS(primaries, transfer, matrix)                                                                              \
+    "-color_primaries " primaries " -color_trc " transfer " -colorspace " matrix " -color_range tv "
+#define X265 "-c:v libx265 -x265-params log-level=error:lossless=1:colorprim=bt2020:colormatrix=bt2020nc:transfer="
+
+static void pq_of_hevc_arrives_in_candelas(void **state)
+{
+    (void)state;
+    check_clip("ramp.mp4", 10, false, X265 "smpte2084 " TAGS("bt2020", "smpte2084", "bt2020nc"), pq_light, NULL);
+}
+
+static void pq_of_vp9_arrives_in_candelas(void **state)
+{
+    (void)state;
+    check_clip("ramp.webm", 10, false,
+               "-c:v libvpx-vp9 -lossless 1 -cpu-used 8 -deadline realtime " TAGS("bt2020", "smpte2084", "bt2020nc"),
+               pq_light, NULL);
+}
+
+static void pq_of_av1_arrives_in_candelas(void **state)
+{
+    (void)state;
+    check_clip("ramp.mkv", 10, false,
+               "-c:v libaom-av1 -crf 0 -b:v 0 -cpu-used 8 " TAGS("bt2020", "smpte2084", "bt2020nc"), pq_light, NULL);
+}
+
+static void hlg_arrives_as_on_its_reference_display(void **state)
+{
+    (void)state;
+    check_clip("ramp.mov", 10, false, X265 "arib-std-b67 " TAGS("bt2020", "arib-std-b67", "bt2020nc"), hlg_light, NULL);
+}
+
+static void eight_bits_of_bt709_are_bt1886(void **state)
+{
+    (void)state;
+    check_clip("ramp.mp4", 8, false, "-c:v libx264 -qp 0 " TAGS("bt709", "bt709", "bt709"), bt1886_light, NULL);
+}
+
+static void full_range_and_srgb_are_honoured(void **state)
+{
+    (void)state;
+    check_clip(
+        "ramp.mkv", 8, true,
+        "-c:v libx264 -qp 0 -color_range pc -x264-params fullrange=on:transfer=iec61966-2-1 -color_trc iec61966-2-1",
+        srgb_light, NULL);
+}
+
+static double half_as_bright_srgb(double signal)
+{
+    return 0.5 * srgb_light(signal);
+}
+
+static void flags_override_what_a_stream_says(void **state)
+{
+    (void)state;
+    check_clip("ramp.mp4", 8, false, "-c:v libx264 -qp 0 " TAGS("bt709", "bt709", "bt709"), half_as_bright_srgb,
+               &(struct source_desc){ .colour = { SIGNAL_SRGB, 101.5 } });
+    check_clip("ramp.mp4", 10, false, X265 "bt709 " TAGS("bt2020", "bt709", "bt2020nc"), pq_light,
+               &(struct source_desc){ .colour = { SIGNAL_PQ, 0.0 } });
+}
+
+/* Red, green and blue of BT.2020 and of BT.709 through both matrices: a colour of BT.709 stays itself. */
+static void matrices_and_primaries_are_undone(void **state)
+{
+    static const char *const flags[] = {
+        "scale=out_color_matrix=bt709:out_range=tv,format=yuv444p\" -c:v libx264 -qp 0 -colorspace bt709 "
+        "-color_primaries bt709 -color_trc linear -color_range tv",
+        "scale=out_color_matrix=bt601:out_range=pc,format=yuv444p\" -c:v libx264 -qp 0 -colorspace smpte170m "
+        "-color_primaries bt709 -color_trc linear -color_range pc",
+        "scale=out_color_matrix=bt2020:out_range=tv,format=yuv444p10\" -c:v libx265 -x265-params "
+        "log-level=error:lossless=1 -colorspace bt2020nc -color_primaries bt2020 -color_trc linear -color_range tv",
+    };
+    /* 0.5, 0.25 and 0.75 of BT.2020's primaries, linear, in BT.709 [ITU-R BT.2087-0, Annex 2]. */
+    static const double of_2020[3] = { 1.6605 * 0.5 - 0.5876 * 0.25 - 0.0728 * 0.75,
+                                       -0.1246 * 0.5 + 1.1329 * 0.25 - 0.0083 * 0.75,
+                                       -0.0182 * 0.5 - 0.1006 * 0.25 + 1.1187 * 0.75 };
+    static const double of_709[3] = { 0.5, 0.25, 0.75 };
+    struct folder folder;
+    (void)state;
+
+    folder_make(&folder);
+    for (int k = 0; k < 3; k++) {
+        struct frame f = { 0 };
+        struct reason why = { "" };
+        const char *clip = folder_path(&folder, "colour.mkv");
+        clips_run("ffmpeg -v error -y -f lavfi -i color=0x8040bf:s=64x32:r=25:d=0.1 -vf \"%s %s", flags[k], clip);
+        struct source *s = open_clip(&(struct source_desc){ .spec = clip });
+        assert_int_equal(source_next(s, &f, &why), ERR_OK);
+        for (int c = 0; c < 3; c++) {
+            const double want = 203.0 * (k == 2 ? of_2020 : of_709)[c], got = (double)f.rgb[3 * 1000 + c];
+            if (fabs(got - want) > 0.02 * 203.0)
+                fail_msg("clip %d, channel %d: %g instead of %g", k, c, got, want);
+        }
+        source_close(s);
+        frame_finish(&f);
+    }
+    folder_remove(&folder);
+}
+
+/* Twelve frames of rising grey, with B frames and a keyframe every five: number n has code value 20 + 15 n. */
+static void make_steps(const char *clip)
+{
+    clips_run("ffmpeg -v error -y -f lavfi -i \"color=black:s=64x32:r=10:d=1.2,geq=lum=20+15*N:cb=128:cr=128\" "
+              "-c:v libx264 -qp 0 -g 5 -bf 2 -pix_fmt yuv420p %s",
+              clip);
+}
+
+static unsigned step_of(const struct frame *f)
+{
+    const double signal = pow((double)f->rgb[0] / 203.0, 1.0 / 2.4);
+    return (unsigned)((219.0 * signal + 16.0 - 20.0) / 15.0 + 0.5);
+}
+
+static void frames_come_in_order_and_all_of_them(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    (void)state;
+
+    folder_make(&folder);
+    const char *clip = folder_path(&folder, "steps.mp4");
+    make_steps(clip);
+    struct source *s = open_clip(&(struct source_desc){ .spec = clip });
+    assert_int_equal(source_kind(s), SOURCE_VIDEO);
+    assert_int_equal(source_count(s), 12);
+    assert_true(fabs(source_rate(s) - 10.0) < 1e-6);
+    for (unsigned n = 0; n < 12; n++) {
+        assert_int_equal(source_next(s, &f, &why), ERR_OK);
+        assert_int_equal(f.number, n);
+        assert_int_equal(step_of(&f), n);
+    }
+    assert_int_equal(source_next(s, &f, &why), ERR_END);
+    assert_int_equal(source_next(s, &f, &why), ERR_END);
+    source_close(s);
+
+    s = open_clip(&(struct source_desc){ .spec = clip, .frames = { true, 7, 8 }, .loop = true });
+    assert_int_equal(source_count(s), 2);
+    for (unsigned n = 0; n < 5; n++) { /* and again, as a loop */
+        assert_int_equal(source_next(s, &f, &why), ERR_OK);
+        assert_int_equal(f.number, 7 + n % 2);
+        assert_int_equal(step_of(&f), 7 + n % 2);
+    }
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+static void seeking_goes_to_that_very_frame(void **state)
+{
+    static const unsigned to[] = { 8, 3, 11, 0, 6 };
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    (void)state;
+
+    folder_make(&folder);
+    const char *clip = folder_path(&folder, "steps.mkv");
+    make_steps(clip);
+    struct source *s = open_clip(&(struct source_desc){ .spec = clip, .loop = true });
+    assert_int_equal(source_next(s, &f, &why), ERR_OK);
+    for (size_t i = 0; i < sizeof(to) / sizeof(to[0]); i++) {
+        assert_true(source_seek(s, to[i]));
+        for (unsigned n = to[i]; n < to[i] + 2; n++) {
+            assert_int_equal(source_next(s, &f, &why), ERR_OK);
+            assert_int_equal(f.number, n % 12);
+            assert_int_equal(step_of(&f), n % 12);
+        }
+    }
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+/* Cut at many places, and with bytes overwritten: what can be decoded comes, then an end or an error, never a hang. */
+static void damaged_files_end_or_are_refused(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    (void)state;
+
+    folder_make(&folder);
+    const char *whole = folder_path(&folder, "whole.ts"), *clip = folder_path(&folder, "cut.ts");
+    make_steps(whole);
+    for (int k = 0; k < 12; k++) {
+        struct source *s = NULL;
+        struct reason why = { "" };
+        if (k < 6)
+            clips_run("head -c $(($(stat -c %%s %s) * %d / 6)) %s > %s", whole, k, whole, clip);
+        else
+            clips_run("cp %s %s && head -c 700 /dev/urandom | dd of=%s bs=1 seek=$(($(stat -c %%s %s) * %d / 6)) "
+                      "conv=notrunc status=none",
+                      whole, clip, clip, whole, k - 6);
+        enum err e = source_open(&(struct source_desc){ .spec = clip }, &s, &why);
+        unsigned frames = 0;
+        while (!e && frames < 20) {
+            e = source_next(s, &f, &why);
+            frames += !e;
+        }
+        assert_true(frames <= 12);
+        assert_true(e == ERR_END || why.text[0]);
+        if (k > 7)
+            assert_true(frames > 0);
+        source_close(s);
+    }
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+static void file_without_a_keyframe_says_so(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    struct source *s = NULL;
+    (void)state;
+
+    folder_make(&folder);
+    const char *whole = folder_path(&folder, "whole.mkv"), *clip = folder_path(&folder, "headless.mkv");
+    clips_run("ffmpeg -v error -y -f lavfi -i testsrc2=s=64x32:r=25:d=1 -c:v libx264 -g 100 -pix_fmt yuv420p %s",
+              whole);
+    clips_run("ffmpeg -v error -y -i %s -c copy -bsf:v noise=drop=key -copyinkf %s", whole, clip);
+    enum err e = source_open(&(struct source_desc){ .spec = clip }, &s, &why);
+    if (!e)
+        e = source_next(s, &f, &why);
+    assert_int_equal(e, ERR_FORMAT);
+    assert_non_null(strstr(why.text, "keyframe"));
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+static void size_and_codec_may_change_on_the_way(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    unsigned small = 0, large = 0;
+    (void)state;
+
+    folder_make(&folder);
+    const char *clip = folder_path(&folder, "both.ts"), *a = folder_path(&folder, "a.ts"),
+               *b = folder_path(&folder, "b.ts");
+    clips_run("ffmpeg -v error -y -f lavfi -i testsrc2=s=64x32:r=25:d=0.4 -c:v libx264 -pix_fmt yuv420p %s", a);
+    clips_run("ffmpeg -v error -y -f lavfi -i testsrc2=s=128x64:r=25:d=0.4 -c:v libx264 -pix_fmt yuv420p %s", b);
+    clips_run("cat %s %s > %s", a, b, clip);
+    struct source *s = open_clip(&(struct source_desc){ .spec = clip });
+    while (source_next(s, &f, &why) == ERR_OK) {
+        small += f.width == 64;
+        large += f.width == 128;
+    }
+    assert_int_equal(small, 10);
+    assert_int_equal(large, 10);
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+/* A billion frames a second, in the container and in the codec. */
+static void absurd_rates_are_not_believed(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    (void)state;
+
+    folder_make(&folder);
+    const char *clip = folder_path(&folder, "fast.mkv");
+    clips_run("ffmpeg -v error -y -f lavfi -i testsrc2=s=64x32:r=1000000:d=0.00001 -c:v libx264 -pix_fmt yuv420p "
+              "-default_mode infer %s",
+              clip);
+    struct source *s = open_clip(&(struct source_desc){ .spec = clip });
+    assert_true(source_rate(s) > 0.0 && source_rate(s) <= 240.0);
+    assert_int_equal(source_next(s, &f, &why), ERR_OK);
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
+/* A playlist in a file that names another file; a text file named like a video. */
+static void files_that_refer_to_others_are_refused(void **state)
+{
+    struct folder folder;
+    struct reason why = { "" };
+    struct source *s = NULL;
+    (void)state;
+
+    folder_make(&folder);
+    clips_run(":");
+    folder_put(&folder, "list.mp4", "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\n/etc/passwd\n#EXT-X-ENDLIST\n");
+    assert_true(source_open(&(struct source_desc){ .spec = folder_path(&folder, "list.mp4") }, &s, &why) != ERR_OK);
+    assert_non_null(strstr(why.text, "list.mp4"));
+    folder_put(&folder, "text.mkv", "this is no video\n");
+    assert_true(source_open(&(struct source_desc){ .spec = folder_path(&folder, "text.mkv") }, &s, &why) != ERR_OK);
+    assert_non_null(strstr(why.text, "no video that this program reads"));
+    folder_remove(&folder);
+}
+
+static void urls_of_other_schemes_are_named(void **state)
+{
+    struct source *s = NULL;
+    struct reason why = { "" };
+    char name[64];
+    (void)state;
+
+    assert_int_equal(source_open(&(struct source_desc){ .spec = "ftp://host/sky.mp4" }, &s, &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "ftp:// is no source"));
+    assert_non_null(strstr(why.text, "rtsp://"));
+    assert_int_equal(source_open(&(struct source_desc){ .spec = "file:///etc/passwd" }, &s, &why), ERR_USAGE);
+    assert_int_equal(source_open(&(struct source_desc){ .spec = "v4l2:video0" }, &s, &why), ERR_USAGE);
+    assert_string_equal(source_name("rtsp://user:p@ss@camera/1", name, sizeof(name)), "rtsp://camera/1");
+    assert_string_equal(source_name("sky@home.exr", name, sizeof(name)), "sky@home.exr");
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(pq_of_hevc_arrives_in_candelas),         cmocka_unit_test(pq_of_vp9_arrives_in_candelas),
+    cmocka_unit_test(pq_of_av1_arrives_in_candelas),          cmocka_unit_test(hlg_arrives_as_on_its_reference_display),
+    cmocka_unit_test(eight_bits_of_bt709_are_bt1886),         cmocka_unit_test(full_range_and_srgb_are_honoured),
+    cmocka_unit_test(flags_override_what_a_stream_says),      cmocka_unit_test(matrices_and_primaries_are_undone),
+    cmocka_unit_test(frames_come_in_order_and_all_of_them),   cmocka_unit_test(seeking_goes_to_that_very_frame),
+    cmocka_unit_test(damaged_files_end_or_are_refused),       cmocka_unit_test(file_without_a_keyframe_says_so),
+    cmocka_unit_test(size_and_codec_may_change_on_the_way),   cmocka_unit_test(absurd_rates_are_not_believed),
+    cmocka_unit_test(files_that_refer_to_others_are_refused), cmocka_unit_test(urls_of_other_schemes_are_named),
+};
+
+UNIT_MAIN(tests)
