@@ -3,9 +3,11 @@
 #include "base/file_store.h"
 #include "base/mem.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <openexr.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define HALF_MAX 65504.0f
@@ -66,19 +68,60 @@ static int64_t sink_write(exr_const_context_t ctx, void *user, const void *buffe
     return (int64_t)size;
 }
 
-static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d)
+/* All channels of a file, sorted by name, as the format requires. */
+struct planes {
+    struct exr_channel at[EXR_CHANNELS_MAX + 4];
+    int count;
+    bool half; /* those that are not `full` */
+};
+
+static int by_name(const void *a, const void *b)
 {
-    const exr_pixel_type_t type = d->depth == EXR_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+    const struct exr_channel *p = a, *q = b;
+
+    return strcmp(p->name, q->name);
+}
+
+static void find_planes(const struct exr_desc *d, struct planes *p)
+{
+    static const char *const colours[] = { "R", "G", "B", "A" };
+    const uint32_t stride = d->alpha ? 4 : 3;
+
+    assert(d->channel_count <= EXR_CHANNELS_MAX);
+    p->count = 0;
+    p->half = d->depth == EXR_HALF;
+    for (uint32_t c = 0; c < stride; c++)
+        p->at[p->count++] = (struct exr_channel){ colours[c], d->rgb + c, stride, false };
+    for (size_t c = 0; c < d->channel_count; c++)
+        p->at[p->count++] = d->channels[c];
+    qsort(p->at, (size_t)p->count, sizeof(p->at[0]), by_name);
+}
+
+static bool is_half(const struct planes *p, int c)
+{
+    return p->half && !p->at[c].full;
+}
+
+/* Colours are perceived on a logarithmic scale; alpha, depths, normals and ids are not. */
+static bool is_colour(const char *name)
+{
+    const char *dot = strrchr(name, '.'), *last = dot ? dot + 1 : name;
+
+    return (strcmp(last, "R") == 0 || strcmp(last, "G") == 0 || strcmp(last, "B") == 0) &&
+           strncmp(name, "Crypto", 6) != 0;
+}
+
+static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d, const struct planes *p)
+{
     const exr_attr_chromaticities_t rec709 = { 0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f };
-    static const char *const channels[] = { "A", "B", "G", "R" }; /* sorted, as the format requires */
     int part = 0;
     exr_result_t r = exr_add_part(ctx, "relight", EXR_STORAGE_SCANLINE, &part);
 
     if (r == EXR_ERR_SUCCESS)
         r = exr_initialize_required_attr_simple(ctx, part, (int32_t)d->width, (int32_t)d->height, EXR_COMPRESSION_ZIP);
-    for (int i = d->alpha ? 0 : 1; i < 4 && r == EXR_ERR_SUCCESS; i++)
-        r = exr_add_channel(ctx, part, channels[i], type, i ? EXR_PERCEPTUALLY_LOGARITHMIC : EXR_PERCEPTUALLY_LINEAR, 1,
-                            1);
+    for (int c = 0; c < p->count && r == EXR_ERR_SUCCESS; c++)
+        r = exr_add_channel(ctx, part, p->at[c].name, is_half(p, c) ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT,
+                            is_colour(p->at[c].name) ? EXR_PERCEPTUALLY_LOGARITHMIC : EXR_PERCEPTUALLY_LINEAR, 1, 1);
     if (r == EXR_ERR_SUCCESS)
         r = exr_attr_set_chromaticities(ctx, part, "chromaticities", &rec709);
     for (size_t i = 0; i < d->attribute_count && r == EXR_ERR_SUCCESS; i++)
@@ -86,22 +129,16 @@ static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d)
     return r == EXR_ERR_SUCCESS ? exr_write_header(ctx) : r;
 }
 
-static uint32_t channels_of(const struct exr_desc *d)
+/* A channel's rows of one chunk, side by side, clamped to HALF_MAX: larger values would become infinite. */
+static const float *clamp_rows(const struct exr_channel *c, const struct exr_desc *d, uint32_t y, uint32_t height,
+                               float *scratch)
 {
-    return d->alpha ? 4 : 3;
-}
+    const size_t first = (size_t)y * d->width, count = (size_t)height * d->width;
 
-/* The rows of one chunk for the encoder. Values for half floats are clamped to HALF_MAX, which would otherwise become
- * infinite. */
-static const float *rows(const struct exr_desc *d, uint32_t y, uint32_t height, float *scratch)
-{
-    const size_t row = (size_t)d->width * channels_of(d), count = height * row;
-    const float *from = d->rgb + y * row;
-
-    if (d->depth == EXR_FLOAT)
-        return from;
-    for (size_t i = 0; i < count; i++)
-        scratch[i] = from[i] > HALF_MAX ? HALF_MAX : from[i] < -HALF_MAX ? -HALF_MAX : from[i];
+    for (size_t i = 0; i < count; i++) {
+        const float v = c->values[(first + i) * c->stride];
+        scratch[i] = v > HALF_MAX ? HALF_MAX : v < -HALF_MAX ? -HALF_MAX : v;
+    }
     return scratch;
 }
 
@@ -116,8 +153,9 @@ static exr_result_t store_plain(exr_encode_pipeline_t *pipe)
     return EXR_ERR_SUCCESS;
 }
 
-static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uint32_t y, float *scratch,
-                                exr_encode_pipeline_t *pipe)
+/* scratch: with half floats, the rows of one chunk for each channel. */
+static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, const struct planes *p, uint32_t y,
+                                float *scratch, exr_encode_pipeline_t *pipe)
 {
     exr_chunk_info_t chunk;
     exr_result_t r = exr_write_scanline_chunk_info(ctx, 0, (int)y, &chunk);
@@ -126,14 +164,19 @@ static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uin
         r = y == 0 ? exr_encoding_initialize(ctx, 0, &chunk, pipe) : exr_encoding_update(ctx, 0, &chunk, pipe);
     if (r != EXR_ERR_SUCCESS)
         return r;
-    const uint8_t *from = (const uint8_t *)rows(d, y, (uint32_t)chunk.height, scratch);
-    for (int16_t c = 0; c < pipe->channel_count; c++) {
+    const size_t values = (size_t)chunk.height * d->width;
+    for (int c = 0; c < p->count; c++) {
         exr_coding_channel_info_t *channel = &pipe->channels[c];
+        const struct exr_channel *plane = &p->at[c];
+        const uint32_t stride = is_half(p, c) ? 1 : plane->stride;
+        const float *from = is_half(p, c)
+                                ? clamp_rows(plane, d, y, (uint32_t)chunk.height, scratch + (size_t)c * values)
+                                : plane->values + (size_t)y * d->width * stride;
         channel->user_data_type = EXR_PIXEL_FLOAT;
         channel->user_bytes_per_element = sizeof(float);
-        channel->user_pixel_stride = (int32_t)(channels_of(d) * sizeof(float));
+        channel->user_pixel_stride = (int32_t)(stride * sizeof(float));
         channel->user_line_stride = channel->user_pixel_stride * (int32_t)d->width;
-        channel->encode_from_ptr = from + sizeof(float) * (channels_of(d) - 1u - (uint32_t)c); /* (A,) B, G, R */
+        channel->encode_from_ptr = (const uint8_t *)from;
     }
     if (y == 0)
         r = exr_encoding_choose_default_routines(ctx, 0, pipe);
@@ -141,30 +184,33 @@ static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, uin
     return r == EXR_ERR_SUCCESS ? exr_encoding_run(ctx, 0, pipe) : r;
 }
 
-static exr_result_t write_chunks(exr_context_t ctx, const struct exr_desc *d, float *scratch, uint32_t lines)
+static exr_result_t write_chunks(exr_context_t ctx, const struct exr_desc *d, const struct planes *p, float *scratch,
+                                 uint32_t lines)
 {
     exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
     exr_result_t r = EXR_ERR_SUCCESS;
 
     for (uint32_t y = 0; y < d->height && r == EXR_ERR_SUCCESS; y += lines)
-        r = write_chunk(ctx, d, y, scratch, &pipe);
+        r = write_chunk(ctx, d, p, y, scratch, &pipe);
     const exr_result_t closed = exr_encoding_destroy(ctx, &pipe);
     return r == EXR_ERR_SUCCESS ? closed : r;
 }
 
 static exr_result_t write_all(exr_context_t ctx, const struct exr_desc *d)
 {
+    struct planes p;
     int32_t lines = 0;
-    exr_result_t r = write_header(ctx, d);
 
+    find_planes(d, &p);
+    exr_result_t r = write_header(ctx, d, &p);
     if (r == EXR_ERR_SUCCESS)
         r = exr_get_scanlines_per_chunk(ctx, 0, &lines);
     if (r != EXR_ERR_SUCCESS)
         return r;
-    float *scratch = mem_alloc(d->depth == EXR_HALF ? (size_t)lines * d->width * channels_of(d) : 0, sizeof(float));
+    float *scratch = mem_alloc(p.half ? (size_t)lines * d->width * (size_t)p.count : 0, sizeof(float));
     if (!scratch)
         return EXR_ERR_OUT_OF_MEMORY;
-    r = write_chunks(ctx, d, scratch, (uint32_t)lines);
+    r = write_chunks(ctx, d, &p, scratch, (uint32_t)lines);
     mem_free(scratch);
     return r;
 }

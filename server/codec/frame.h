@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define FRAME_NUMBER_MAX ((UINT64_C(1) << 53) - 1)     /* of any frame (PROTOCOL.md 1.5) */
+#define FRAME_NUMBER_MAX ((UINT64_C(1) << 53) - 1)    /* of any frame (PROTOCOL.md 1.5) */
 #define FRAME_CAPTURE_MAX_US ((INT64_C(1) << 53) - 1) /* of a capture time, which may be as far below 0 */
 
 enum frame_kind {

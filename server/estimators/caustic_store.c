@@ -70,6 +70,7 @@ static struct particle_run run_of(const struct caustic_store *s, uint64_t paths,
     struct particle_run run = {
         .start = s->desc.start,
         .classes = s->desc.classes,
+        .shown = s->desc.classes,
         .particles = paths,
         .seed = rng_mix(s->desc.seed, s->desc.classes),
         .per_particle = 1.0,

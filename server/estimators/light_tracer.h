@@ -40,6 +40,7 @@ struct sky_split;
 struct light_tracer_desc {
     uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT or a part of them; without PATH_INDIRECT_LIT all paths start at a
                          caster, and the boxes are the casters' */
+    uint32_t shown;   /* a part of them, which alone is added to rgb; the particles are the same. 0: all of them */
     uint64_t particles;  /* N; 0: do nothing */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed with the same N continue one
                             low-discrepancy sequence, so that their mean converges faster */

@@ -238,7 +238,7 @@ static void follow(const struct particle_run *run, struct particle *p, struct pa
         if (event == 0 && !(run->classes & PATH_INDIRECT_LIT) && at.delta == DELTA_NONE)
             return;
         b->stats.starts_hit += event == 0;
-        if (at.rough && (class_at(p) & run->classes))
+        if (at.rough && (class_at(p) & run->shown))
             splat(run, p, &at, b);
         if (!go_on(run, p, &at) || !survives(p))
             return;

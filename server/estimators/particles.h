@@ -47,6 +47,7 @@ struct particle_run { /* common to all particles of a run */
     const struct box *boxes;
     uint32_t box_count;
     enum start_kind start;
+    uint32_t shown;           /* of `classes`: those that are splatted */
     uint32_t classes, starts; /* starts per direction */
     uint64_t particles, first_direction, seed;
     double per_particle; /* N: every flux is divided by it */

@@ -374,9 +374,17 @@ static enum err read_primitive(struct gltf *g, struct primitive *p, size_t mode,
     return e || m->triangle_count == 0 ? e : read_vertices(g, p, m);
 }
 
+/* The node's name, else the mesh's. */
+static void name_mesh(const struct primitive *p, struct mesh *m)
+{
+    const char *node = gltf_string(p->node, "name"), *own = gltf_string(p->mesh, "name");
+
+    snprintf(m->name, sizeof(m->name), "%.63s", node && node[0] ? node : own ? own : "");
+}
+
 static enum err add_primitive(struct gltf *g, struct primitive *p, const struct places *places)
 {
-    struct mesh m = { 0 };
+    struct mesh m = { .name = "" };
     size_t mode;
 
     enum err e = gltf_size(g, p->at, "mode", MODE_TRIANGLES, &mode);
@@ -388,6 +396,7 @@ static enum err add_primitive(struct gltf *g, struct primitive *p, const struct 
         g->skipped = true;
         return ERR_OK;
     }
+    name_mesh(p, &m);
     e = read_primitive(g, p, mode, &m);
     primitive_draco_end(p);
     if (!e && m.triangle_count > 0)

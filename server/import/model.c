@@ -132,9 +132,20 @@ static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, cons
     return ERR_OK;
 }
 
-static enum err add_mesh(struct import *in, const struct aiMesh *ai, const double matrix[16])
+/* The mesh's own name, the node's, or that of the file. */
+static void name_mesh(const struct import *in, const struct aiNode *node, const struct aiMesh *ai, struct mesh *m)
 {
-    struct mesh m = { 0 };
+    const char *slash = strrchr(in->desc->path, '/'), *file = slash ? slash + 1 : in->desc->path;
+
+    snprintf(m->name, sizeof(m->name), "%.63s",
+             ai->mName.length > 0     ? ai->mName.data
+             : node->mName.length > 0 ? node->mName.data
+                                      : file);
+}
+
+static enum err add_mesh(struct import *in, const struct aiNode *node, const struct aiMesh *ai, const double matrix[16])
+{
+    struct mesh m = { .name = "" };
     enum err e;
 
     if (!(ai->mPrimitiveTypes & aiPrimitiveType_TRIANGLE))
@@ -142,6 +153,7 @@ static enum err add_mesh(struct import *in, const struct aiMesh *ai, const doubl
     if (ai->mNumVertices > MESH_ELEMENTS_MAX || ai->mNumFaces > MESH_ELEMENTS_MAX)
         return fault(in->desc, in->why, ERR_RANGE, "a mesh has %u vertices and %u faces, too many", ai->mNumVertices,
                      ai->mNumFaces);
+    name_mesh(in, node, ai, &m);
     m.material = in->desc->material != MATERIAL_NONE ? in->desc->material : in->materials[ai->mMaterialIndex];
     e = fill_mesh(in, ai, matrix, &m);
     if (!e) {
@@ -172,7 +184,7 @@ static enum err add_node(struct import *in, const struct aiNode *node, const dou
     node_matrix(&node->mTransformation, local);
     matrix_multiply(parent, local, world);
     for (unsigned i = 0; i < node->mNumMeshes && !e; i++)
-        e = add_mesh(in, in->ai->mMeshes[node->mMeshes[i]], world);
+        e = add_mesh(in, node, in->ai->mMeshes[node->mMeshes[i]], world);
     for (unsigned i = 0; i < node->mNumChildren && !e; i++)
         e = add_node(in, node->mChildren[i], world);
     return e;

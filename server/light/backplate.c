@@ -24,7 +24,7 @@ struct backplate {
     uint32_t *index;
     struct packet_list packets;
     struct lookup_key key; /* of the places */
-    bool placed, sky;
+    bool placed, sky, held;
     double *weights; /* of irradiance_upward */
     uint32_t n;      /* theirs */
     double bare[3];
@@ -150,7 +150,8 @@ enum err backplate_begin(struct backplate *b, const struct environment *e, bool 
         b->n = e->n;
         irradiance_weights(e->n, b->weights);
     }
-    bare_by(e, b->weights, b->bare);
+    if (!b->held)
+        bare_by(e, b->weights, b->bare);
     b->sky = sky;
     if (b->placed && lookup_key_equal(&key, &b->key))
         return ERR_OK;
@@ -160,6 +161,16 @@ enum err backplate_begin(struct backplate *b, const struct environment *e, bool 
     b->key = key;
     b->placed = true;
     return ERR_OK;
+}
+
+void backplate_hold(struct backplate *b, bool hold)
+{
+    b->held = hold;
+}
+
+bool backplate_is_held(const struct backplate *b)
+{
+    return b->held;
 }
 
 const struct packet_list *backplate_packets(const struct backplate *b)

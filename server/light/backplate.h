@@ -30,6 +30,10 @@ MUST_CHECK enum err backplate_bare(const struct environment *e, double rgb[3]);
 /* To be called first for a frame; sky: the picture shows the background. ERR_NOMEM. */
 MUST_CHECK enum err backplate_begin(struct backplate *b, const struct environment *e, bool sky);
 
+/* While held, backplate_begin keeps L0 of the sky before: L / L0 is then the share of a part of that sky's light. */
+void backplate_hold(struct backplate *b, bool hold);
+bool backplate_is_held(const struct backplate *b);
+
 /* The packets with points on the ground. */
 const struct packet_list *backplate_packets(const struct backplate *b);
 

@@ -400,7 +400,8 @@ static enum err steady_ground(struct relighter *r, const struct environment *e, 
     struct direct_stats stats;
     double seconds;
 
-    if (p->cached || p->direct.samples == 0 || backplate_packets(s->backplate)->count == 0)
+    if (p->cached || p->direct.samples == 0 || backplate_packets(s->backplate)->count == 0 ||
+        backplate_is_held(s->backplate))
         return ERR_OK;
     float *lo = backplate_unshadowed(s->backplate);
     if (!lo)
@@ -524,30 +525,42 @@ enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc
     return r->denoiser ? ERR_OK : ERR_NOMEM;
 }
 
+enum err relighter_describe(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                            struct picture_passes *passes, struct relight_stats *stats)
+{
+    *stats = (struct relight_stats){ 0 };
+    enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
+    if (result)
+        return result;
+    make_plan(r, e, desc, &stats->plan);
+    passes_by_plan(r, desc, &stats->plan, passes);
+    result = relighter_denoiser(r, desc, &passes->denoiser);
+    if (!result && passes->denoiser)
+        halve(passes);
+    return result;
+}
+
+void relighter_hold_ground(struct relighter *r, bool hold)
+{
+    if (r->passes.backplate)
+        backplate_hold(r->passes.backplate, hold);
+}
+
 enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,
                        struct relight_stats *stats)
 {
     struct picture_passes passes;
     struct pass_costs costs;
 
-    *stats = (struct relight_stats){ 0 };
     if (method_is_reference(desc->direct.method)) {
+        *stats = (struct relight_stats){ 0 };
         const double start = clock_seconds();
         const enum err failed = reference_run(r->set, e, desc, rgb, stats);
         stats->shade_ms = 1e3 * (clock_seconds() - start);
         return failed;
     }
-    const enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
-    if (result)
-        return result;
-    make_plan(r, e, desc, &stats->plan);
-    passes_by_plan(r, desc, &stats->plan, &passes);
-    const enum err failed = relighter_denoiser(r, desc, &passes.denoiser);
-    if (failed)
-        return failed;
-    if (passes.denoiser)
-        halve(&passes);
-    return relighter_run_passes(r, e, &passes, rgb, stats, &costs);
+    const enum err result = relighter_describe(r, e, desc, &passes, stats);
+    return result ? result : relighter_run_passes(r, e, &passes, rgb, stats, &costs);
 }
 
 struct passes *relighter_passes(struct relighter *r)

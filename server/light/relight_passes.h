@@ -70,6 +70,15 @@ MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct envir
                                          const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
                                          struct pass_costs *costs);
 
+/* What relighter_run does before it runs the passes: prepares what the method needs, plans, and describes the passes.
+ * Writes *stats. Not for references. Errors are those of relighter_run. */
+MUST_CHECK enum err relighter_describe(struct relighter *r, const struct environment *e,
+                                       const struct relight_desc *desc, struct picture_passes *passes,
+                                       struct relight_stats *stats);
+
+/* While held, the ground shows shares of the light of the last picture's sky, whatever sky lights it (backplate.h). */
+void relighter_hold_ground(struct relighter *r, bool hold);
+
 /* The denoiser for pictures of desc, made when first asked for; NULL if desc wants none. ERR_NOMEM. */
 MUST_CHECK enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out);
 

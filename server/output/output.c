@@ -21,6 +21,9 @@ struct output {
     struct exposure exposure;
     bool fixed; /* the gain is 2^stops; else exposure adapts */
     double stops;
+    const struct exr_channel *channels;
+    const struct exr_attribute *attributes;
+    size_t channel_count, attribute_count;
     struct jpeg_encoder *jpeg;
     void *display;   /* [height][width][3 or 4], 8 or 16 bits: the tone-mapped image */
     float *straight; /* [height][width][4]: the foreground, not premultiplied; NULL without alpha */
@@ -37,7 +40,11 @@ static enum err write_exr(struct output *o, const struct image_parts *i, const c
                                 .width = o->width,
                                 .height = o->height,
                                 .depth = o->desc.half ? EXR_HALF : EXR_FLOAT,
-                                .alpha = i->rgba != NULL };
+                                .alpha = i->rgba != NULL,
+                                .channels = o->channels,
+                                .channel_count = o->channel_count,
+                                .attributes = o->attributes,
+                                .attribute_count = o->attribute_count };
 
     return exr_write(&d, name, why); /* linear radiance */
 }
@@ -131,6 +138,8 @@ enum err output_check(const struct output_desc *desc, struct reason *why)
         return e;
     if (!format)
         return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg or .png", desc->pattern);
+    if (desc->layers && format->write != write_exr)
+        return err_say(why, ERR_USAGE, "--layers is for --out in .exr, not in %s", format->extension);
     if (desc->alpha && !format->alpha)
         return err_say(why, ERR_USAGE, "--alpha needs --out in .exr or .png, not in %s", format->extension);
     if (desc->deep && !format->deep)
@@ -195,6 +204,15 @@ void output_fix_exposure(struct output *o, double stops)
 {
     o->fixed = true;
     o->stops = stops;
+}
+
+void output_set_layers(struct output *o, const struct exr_channel *channels, size_t channel_count,
+                       const struct exr_attribute *attributes, size_t attribute_count)
+{
+    o->channels = channels;
+    o->channel_count = channel_count;
+    o->attributes = attributes;
+    o->attribute_count = attribute_count;
 }
 
 enum err output_write(struct output *o, const float *rgb, const float *rgba, uint64_t frame, struct reason *why)

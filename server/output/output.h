@@ -14,6 +14,7 @@ struct output_desc {
     const char *pattern;  /* a file name, with %d or %04d for the frame number; borrowed */
     bool alpha;           /* EXR, PNG: output_write gets a foreground with its alpha */
     bool deep;            /* PNG: 16 bits instead of 8 */
+    bool layers;          /* EXR: output_set_layers will be called */
     bool half;            /* EXR: 16-bit floats instead of 32-bit */
     enum tone_curve tone; /* JPEG, PNG */
     int quality;          /* JPEG: 1 to 100 */
@@ -40,6 +41,13 @@ bool output_is_exposed(const struct output *o);
 
 /* From now on the gain is 2^stops; without, exposure adapts from frame to frame, by rgb. */
 void output_fix_exposure(struct output *o, double stops);
+
+struct exr_channel;
+struct exr_attribute;
+
+/* EXR: every image gets these channels, with the values that they have then, and attributes. Borrowed. */
+void output_set_layers(struct output *o, const struct exr_channel *channels, size_t channel_count,
+                       const struct exr_attribute *attributes, size_t attribute_count);
 
 /* Writes the image of a frame, float rgb[height][width][3], linear, whole or not at all. rgba: with desc.alpha its
  * foreground, float[height][width][4], premultiplied, which is written instead; else NULL. PNG has straight alpha:

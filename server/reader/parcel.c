@@ -12,7 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define MAGIC 0x524c5035u
+#define MAGIC 0x524c5036u
 #define SLACK 1e-4f /* rounding beyond the limits of a value */
 
 struct head {
@@ -28,6 +28,7 @@ struct texture_head {
 struct mesh_head {
     uint32_t vertices, triangles, material;
     uint32_t has_normals, has_uvs, has_tangents, has_colours; /* 0 or 1 */
+    char name[64];
 };
 
 /* ---- Writing ---- */
@@ -62,8 +63,15 @@ static enum err put_texture(int fd, struct texture *t, struct reason *why)
 
 static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
 {
-    const struct mesh_head head = { m->vertex_count, m->triangle_count,   m->material,       m->normals != NULL,
-                                    m->uvs != NULL,  m->tangents != NULL, m->colours != NULL };
+    struct mesh_head head = { .vertices = m->vertex_count,
+                              .triangles = m->triangle_count,
+                              .material = m->material,
+                              .has_normals = m->normals != NULL,
+                              .has_uvs = m->uvs != NULL,
+                              .has_tangents = m->tangents != NULL,
+                              .has_colours = m->colours != NULL };
+
+    memcpy(head.name, m->name, sizeof(head.name));
     enum err e = put(fd, &head, sizeof(head), why);
 
     if (!e)
@@ -358,8 +366,11 @@ static enum err take_mesh(struct parcel *p)
     if (head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 || head.triangles > MESH_ELEMENTS_MAX ||
         head.has_normals > 1 || head.has_uvs > 1 || head.has_tangents > 1 || head.has_colours > 1)
         return forged(p, "the size of a mesh");
+    if (!is_text(head.name, sizeof(head.name)))
+        return forged(p, "the name of a mesh has no end");
     if (head.material >= p->head.materials)
         return forged(p, "a mesh names a material that is not there");
+    memcpy(m.name, head.name, sizeof(m.name));
     m.vertex_count = head.vertices;
     m.triangle_count = head.triangles;
     m.material = head.material;

@@ -93,6 +93,8 @@ static enum err set_up(struct render *r, struct reason *why)
     e = light_lamps(r, why);
     if (!e && d->output.alpha)
         e = keep_alpha(r, why);
+    if (!e && d->layers)
+        e = render_layers_create(r, why);
     if (!e)
         e = render_expose(r, why);
     if (e)
@@ -160,7 +162,9 @@ static enum err render_frame(struct render *r, struct reason *why)
     r->desc.setup.light.turn = r->frame.number;
     const struct frame_request request = request_of(r);
     decide(&r->decider, &request, &r->decision);
-    e = decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);
+    e = r->layers
+            ? render_layers_run(r, &stats)
+            : decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
@@ -226,6 +230,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     mem_free(r->rgb);
     mem_free(r->rgba);
     output_destroy(r->output);
+    render_layers_destroy(r->layers);
     environment_destroy(r->environment);
     prober_destroy(r->prober);
     decider_finish(&r->decider);

@@ -17,6 +17,7 @@ struct render_desc {
     /* With EXPOSURE_AUTO: the number of the frame that is measured; the first one if none is given. */
     bool exposure_frame_given;
     uint64_t exposure_frame;
+    bool layers;                       /* of EXR: not by a reference method, nor with a target or alpha */
     const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };

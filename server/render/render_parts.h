@@ -26,7 +26,8 @@ struct render {
     struct frame frame;
     uint64_t rendered, refused;
     bool warned_clipped;
-    bool unmetered; /* --exposure auto has no value yet */
+    struct render_layers *layers; /* NULL: not asked for */
+    bool unmetered;               /* --exposure auto has no value yet */
 };
 
 /* meter.c. render_expose fixes r->output's exposure, or sets r->unmetered where --exposure auto has to wait for the
@@ -34,6 +35,12 @@ struct render {
  * source_next, environment_decode and relighter_run; ERR_USAGE: --exposure-frame with such a source. */
 MUST_CHECK enum err render_expose(struct render *r, struct reason *why);
 MUST_CHECK enum err render_meter(struct render *r, struct reason *why);
+
+/* layers.c: --layers. render_layers_create makes r->layers, after r->lamps and r->output; render_layers_run lights a
+ * frame in place of decider_run. ERR_NOMEM; errors of relighter_run_layers. */
+MUST_CHECK enum err render_layers_create(struct render *r, struct reason *why);
+MUST_CHECK enum err render_layers_run(struct render *r, struct relight_stats *stats);
+void render_layers_destroy(struct render_layers *l); /* NULL is allowed */
 
 /* Appends the JSON object of the last frame to r->stats. ms: decoding, rebuilding the tables, writing. Thread: the
  * caller's; errors show when the file is closed. */

@@ -32,6 +32,7 @@ enum scene_feature {
 };
 
 struct mesh { /* triangles with one material */
+    char name[64]; /* of the object that it is a part of; "": it has none */
     uint32_t vertex_count, triangle_count;
     float *positions;  /* [vertex_count][3], m; padded by one float, since Embree reads 16 bytes */
     float *normals;    /* [vertex_count][3], unit, or (0,0,0) if undefined; NULL: flat shading by geometric normals */

@@ -48,6 +48,9 @@ static const struct setting rows[] = {
       WHOLE(0, 0x1.fffffffffffffp52), AT(desc.exposure_frame) },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
+    { "layers", NULL,
+      "write EXR with layers: light by class, sun and sky, albedo, normal, position, depth, error, Cryptomatte", NULL,
+      OUTPUT, SWITCH, AT(desc.layers) },
     { "alpha", NULL,
       "with --ground: leave the background out; .exr and .png get an alpha channel, to be laid over another one", NULL,
       OUTPUT, SWITCH, AT(desc.output.alpha) },
@@ -101,11 +104,31 @@ static enum err check_denoise(const struct render *r, struct reason *why)
     return ERR_OK;
 }
 
+/* Layers are made by counts, of shade points. */
+static enum err check_layers(const struct render *r, struct reason *why)
+{
+    const enum method method = r->desc.setup.light.direct.method;
+
+    if (!r->desc.layers)
+        return ERR_OK;
+    if (!r->desc.output.pattern)
+        return err_say(why, ERR_USAGE, "--layers needs --out FILE.exr");
+    if (method_is_reference(method))
+        return err_say(why, ERR_USAGE, "--layers does not work with the reference method %s: choose another --method",
+                       method_name(method));
+    if (r->desc.target.seconds > 0.0 || r->desc.target.error > 0.0)
+        return err_say(why, ERR_USAGE, "--layers takes --samples and --eye-paths, not --fps or --error");
+    if (r->desc.output.alpha)
+        return err_say(why, ERR_USAGE,
+                       "--layers and --alpha exclude each other: layers are parts of the whole picture");
+    return ERR_OK;
+}
+
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = { "out",    "frames", "stats", "fps",     "error",
-                                          "reseed", "half",   "alpha", "denoise", "exposure-frame" };
+    static const char *const others[] = { "out",   "frames",  "stats",          "fps",   "error", "reseed", "half",
+                                          "alpha", "denoise", "exposure-frame", "layers" };
 
     r->desc.exposure_frame_given = command_given(c, "exposure-frame");
     if (r->desc.exposure_frame_given && r->desc.setup.initial.exposure_stops != EXPOSURE_AUTO)
@@ -123,6 +146,7 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
     }
     r->desc.output.pattern = command_get(c, "out");
     r->desc.output.deep = r->bits == 16;
+    r->desc.output.layers = r->desc.layers;
     if (r->desc.output.alpha && method_is_reference(r->desc.setup.light.direct.method))
         return err_say(why, ERR_USAGE, "--alpha does not work with the reference method %s: choose another --method",
                        method_name(r->desc.setup.light.direct.method));
@@ -154,6 +178,8 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
         e = read_target(c, r, why);
     if (!e)
         e = check_denoise(r, why);
+    if (!e)
+        e = check_layers(r, why);
     if (s->threads)
         omp_set_num_threads((int)s->threads);
     return e;

@@ -20,7 +20,8 @@ enum {
     TEXTURE = LIGHT + (int)sizeof(struct punctual_light),
     TEXTURE_HEAD = 20,
     MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
-    POSITIONS = MESH + 28,
+    NAME = MESH + 28,
+    POSITIONS = NAME + 64,
     NORMALS = POSITIONS + CORNERS * 12,
     UVS = NORMALS + CORNERS * 12,
     TANGENTS = UVS + CORNERS * 8,
@@ -59,7 +60,7 @@ static struct scene *make(void)
     const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
     const struct punctual_light l = { .kind = LIGHT_DIRECTIONAL, .direction = { 0, 0, 1 }, .intensity = { 1, 2, 3 } };
     struct texture t;
-    struct mesh m = { .vertex_count = CORNERS, .triangle_count = TRIANGLES, .material = 1 };
+    struct mesh m = { .vertex_count = CORNERS, .triangle_count = TRIANGLES, .material = 1, .name = "pane" };
     static const uint32_t order[6] = { 0, 1, 2, 0, 2, 3 };
 
     assert_non_null(s);
@@ -128,6 +129,7 @@ static void what_was_written_is_read(void **state)
     assert_memory_equal(s->meshes[0].colours, same->meshes[0].colours, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
     assert_int_equal(s->meshes[0].material, 1);
+    assert_string_equal(s->meshes[0].name, "pane");
     assert_int_equal(s->unmodelled, 1u << FEATURE_ALPHA);
     assert_true(s->wants_ground);
     assert_int_equal(s->triangle_count, TRIANGLES);
@@ -245,6 +247,7 @@ static void forged_values_are_refused(void **state)
     memset(name, 'x', sizeof(name));
     forge(MATERIAL, name, sizeof(name), "the name of a material has no end");
     forge(CAMERA, name, sizeof(name), "the name of a camera has no end");
+    forge(NAME, name, sizeof(name), "the name of a mesh has no end");
     for (size_t k = 0; k < sizeof(wrong) / sizeof(wrong[0]); k++) {
         forge_float(MATERIAL + (long)offsetof(struct material, diffuse), wrong[k], "a material is out of range");
         forge_float(MATERIAL + (long)offsetof(struct material, specular), wrong[k], "a material is out of range");

@@ -1,0 +1,41 @@
+/* server/light/layers.h */
+/* A picture in parts: each class of light by itself. The parts are made with the settings, counts and random numbers of
+ * the whole picture, so that
+ *     direct + indirect + caustics + background = the picture without its filter,     sun + sky = direct
+ * up to rounding. One thread of control, that of the relighter. */
+#ifndef LIGHT_LAYERS_H
+#define LIGHT_LAYERS_H
+
+#include "light/relight.h"
+
+enum light_layer {
+    LAYER_DIRECT,     /* E S* D L */
+    LAYER_INDIRECT,   /* interreflection; and what the cache does not tell apart from it */
+    LAYER_CAUSTICS,   /* with stored paths, also interreflection that begins with a caustic */
+    LAYER_BACKGROUND, /* the sky, also in mirrors and through glass */
+    LAYER_SUN,        /* direct light of the texels of the sun, if the sky has one (env/sky_table.h) */
+    LAYER_SKY,        /* the rest of direct light */
+    LAYER_ERROR,      /* [height][width]: standard error of the unfiltered picture's luminance, its noise; no bias */
+    LAYER_COUNT,
+};
+
+struct layers {
+    float *light[LAYER_COUNT]; /* [height][width][3], except LAYER_ERROR */
+    float *unfiltered;         /* [height][width][3]: the sum of the first four */
+
+    /* The environment with nothing but its sun. */
+    struct texel *sun;
+    uint32_t sun_n;
+    float *scratch; /* [height][width][3] */
+};
+
+/* False when out of memory; finish all the same. */
+bool layers_init(struct layers *l, const struct set *set);
+void layers_finish(struct layers *l); /* zeroed memory is allowed */
+
+/* As relighter_run, for methods that are no references, and all layers with it. e is the same again when it returns.
+ */
+MUST_CHECK enum err relighter_run_layers(struct relighter *r, struct environment *e, const struct relight_desc *desc,
+                                         struct layers *l, float *rgb, struct relight_stats *stats);
+
+#endif

@@ -1,0 +1,33 @@
+/* server/scene/first_hits.h */
+/* What a camera sees first in each pixel, be it a mirror or glass, which the G-buffer looks through: position, normal
+ * and distance at the pixel's centre, and the share of each mesh in the pixel. Shares are those of the G-buffer's
+ * sub-pixel coverage: a pixel that holds one shading point or escape is one mesh or none, others get the same
+ * edge_rays^2 rays. Immutable. Thread: any number may read. */
+#ifndef SCENE_FIRST_HITS_H
+#define SCENE_FIRST_HITS_H
+
+#include "scene/gbuffer.h"
+#include "scene/view.h"
+
+#define FIRST_HITS_FAR 1e10f /* depth where nothing is hit */
+
+struct first_part {
+    uint32_t mesh;
+    float share; /* of the pixel, 0..1 */
+};
+
+struct first_hits {
+    float *position; /* [height][width][3]: m, world; 0 where nothing is hit, and so is the next */
+    float *normal;   /* [height][width][3]: unit, shading, on the camera's side */
+    float *depth;    /* [height][width]: m along the camera's axis */
+    struct first_part *parts;
+    uint32_t
+        *first; /* [width * height + 1]: pixel i owns parts first[i] .. first[i + 1], in descending order of share */
+};
+
+/* edge_rays: as in the G-buffer's description; 0: 4. Traces on all OpenMP threads. The caller owns *out. ERR_NOMEM. */
+MUST_CHECK enum err first_hits_create(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
+                                      const struct view *view, uint32_t edge_rays, struct first_hits **out);
+void first_hits_destroy(struct first_hits *f); /* NULL is allowed */
+
+#endif
