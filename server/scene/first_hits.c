@@ -55,11 +55,13 @@ static bool trace(const struct tracing *t, double x, double y, uint32_t side, st
     struct hit h;
 
     for (int k = 0; k < LAYERS_MAX && left > 1e-3f && rays_see(t->rays, origin, dir, from, angle, &h, &varies); k++) {
-        struct surface s;
-        rays_surface(t->rays, &h, vec3_scale(dir, -1.0f), &s);
-        const float covered = left * coverage_seen(t->scene, &h, s.uv, sharp);
-        add_share(p, h.mesh, covered / (float)(side * side));
-        left -= covered;
+        struct scatter at;
+        float passed[3];
+        rays_surface(t->rays, &h, vec3_scale(dir, -1.0f), &at.surface);
+        scatter_on(t->scene, &h, NULL, &at);
+        const float covered = coverage_seen(t->scene, &h, &at, dir, sharp, passed);
+        add_share(p, h.mesh, left * covered / (float)(side * side));
+        left *= covered < 1.0f ? fminf(1.0f - covered, fmaxf(passed[0], fmaxf(passed[1], passed[2]))) : 0.0f;
         if (!found && left < 0.5f) {
             *seen = h;
             found = true;
