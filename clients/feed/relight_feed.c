@@ -112,8 +112,9 @@ int main(int argc, char **argv)
         .name = "relight-feed",
         .synopsis = "[--to ws://HOST:PORT] [--rate N | --lockstep] [flags] SOURCE",
         .about =
-            "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR, or\n"
-            "sky:key=value,... Reconnects and continues when the connection is lost; Ctrl-C ends it cleanly.\n"
+            "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR,\n"
+            "sky:key=value,..., or a video (a file, rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0).\n"
+            "Reconnects and continues when the connection is lost; Ctrl-C ends it cleanly.\n"
             "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent, or\n"
             "in lockstep pictures were lost,\n"
             "2 wrong usage, 3 refused by the server (role, token, version, or already taken).",

@@ -34,7 +34,21 @@ struct stream *stream_create(void)
         return NULL;
     s->packet = av_packet_alloc();
     s->picture = av_frame_alloc();
-    return s->packet && s->picture ? s : NULL; /* the process ends */
+    if (s->packet && s->picture)
+        return s;
+    stream_destroy(s);
+    return NULL;
+}
+
+void stream_destroy(struct stream *s)
+{
+    if (!s)
+        return;
+    avcodec_free_context(&s->codec);
+    av_packet_free(&s->packet);
+    av_frame_free(&s->picture);
+    texels_finish(&s->texels);
+    mem_free(s);
 }
 
 static const char *error_text(int code, char text[AV_ERROR_MAX_STRING_SIZE])

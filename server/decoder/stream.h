@@ -10,7 +10,8 @@ struct stream;
 struct wire_answer;
 struct wire_request;
 
-struct stream *stream_create(void); /* NULL: out of memory */
+struct stream *stream_create(void);    /* NULL: out of memory */
+void stream_destroy(struct stream *s); /* NULL is allowed */
 
 /* As decoder_work.video; `context` is the stream. Errors: ERR_FORMAT: a damaged packet, later ones may do.
  * ERR_UNSUPPORTED: no decoder for this codec, or a colour or pixel format that this program does not know. ERR_RANGE:

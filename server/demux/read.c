@@ -89,6 +89,17 @@ static int is_late(void *context)
 
 /* ---- Opening ---- */
 
+void reading_destroy(struct reading *r)
+{
+    if (!r)
+        return;
+    avformat_close_input(&r->context);
+    input_finish(&r->io);
+    av_packet_free(&r->packet);
+    mem_free(r->extra);
+    mem_free(r);
+}
+
 struct reading *reading_create(const struct reading_desc *desc)
 {
     struct reading *r = mem_alloc(1, sizeof(*r));
@@ -98,7 +109,12 @@ struct reading *reading_create(const struct reading_desc *desc)
     r->desc = *desc;
     r->packet = av_packet_alloc();
     av_log_set_callback(note_complaint);
-    return r->packet ? r : NULL;
+    complaint[0] = 0;
+    refused = false;
+    if (r->packet)
+        return r;
+    reading_destroy(r);
+    return NULL;
 }
 
 /* libavdevice, for cameras. It draws in dozens of libraries, so it is loaded only when it is needed. */

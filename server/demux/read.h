@@ -19,6 +19,7 @@ struct reading_desc {
 };
 
 struct reading *reading_create(const struct reading_desc *desc); /* NULL: out of memory */
+void reading_destroy(struct reading *r);                         /* NULL is allowed */
 
 /* Each fills *a as its wire message says, and returns what goes to a->result. `url` is "" of a file. */
 enum err reading_open(struct reading *r, const char *url, struct demux_answer *a);

@@ -97,5 +97,5 @@ int main(int argc, char **argv)
         avformat_network_init();
     if (!d.device && !confine(&d))
         return 1;
-    _exit(serve(r));
+    _exit(serve(r)); /* libraries clean up by system calls that are gone */
 }

@@ -98,10 +98,14 @@ const struct setting settings_table[] = {
       LIGHT_PROGRAMS, REAL(0.0, ANIMATION_TIME_MAX), OR_WORD(time_choices), AT(time) },
     { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
       AT(set_desc.reading.memory_bytes) },
-    { "source", "S", "environment: file, directory, printf or glob pattern, watch:DIR, push:, or sky:key=value,...",
+    { "source", "S",
+      "environment: file, directory, printf or glob pattern, watch:DIR, push:, sky:key=value,..., or a video: a file, "
+      "rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0",
       "sky:", SCENE, FOR_RELIGHTD, TEXT, AT(source_desc.spec) },
-    { "source", "S", "environment: file, directory, printf or glob pattern, or sky:key=value,...", "sky:", SCENE,
-      FOR_RENDER, TEXT, AT(source_desc.spec) },
+    { "source", "S",
+      "environment: file, directory, printf or glob pattern, sky:key=value,..., or a video: a file, rtsp://, rtmp://, "
+      "srt://, http(s)://, v4l2:/dev/video0",
+      "sky:", SCENE, FOR_RENDER, TEXT, AT(source_desc.spec) },
     { "source", "S", "environment, of which the first frame is used; converted to OpenEXR in memory", "sky:", SCENE,
       FOR_BENCH, TEXT, AT(source_desc.spec) },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL, SCENE, LIGHT_PROGRAMS,

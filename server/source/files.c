@@ -333,7 +333,8 @@ enum err files_from_spec(const char *spec, struct file_list *out, struct reason 
 
     *out = (struct file_list){ .items = NULL };
     if (!spec[0])
-        return err_say(why, ERR_USAGE, "the source is empty; expected a file, folder, pattern, watch:DIR or sky:");
+        return err_say(why, ERR_USAGE,
+                       "the source is empty; expected a file, folder, pattern, watch:DIR, sky: or a URL");
     if (face && stat(spec, &st) != 0)
         e = from_faces(spec, face, out, why);
     else

@@ -7,7 +7,7 @@ root="$(dirname "$(dirname "$here")")"
 seconds="${1:-60}"
 build="${2:-$root/build/fuzz}"
 
-mapfile -t parsers < <(sed -n 's/^fuzz(\([a-z0-9_]*\) .*/\1/p' "$here/CMakeLists.txt")
+mapfile -t parsers < <(sed -n 's/^ *fuzz(\([a-z0-9_]*\) .*/\1/p' "$here/CMakeLists.txt")
 generator=()
 [[ -f "$build/CMakeCache.txt" ]] || generator=(-G Ninja)
 cmake -S "$root" -B "$build" "${generator[@]}" -DCMAKE_C_COMPILER=clang-14 -Wno-dev --log-level=WARNING
