@@ -137,8 +137,10 @@ static bool meet(struct walk *w, const struct hit *h)
     double share[4] = { 0.0 }, albedo[3] = { 0.0 };
 
     scatter_at(w->world->scene, w->world->rays, h, w->dir, &at);
+    for (int c = 0; c < 3; c++)
+        w->weight[c] *= (double)at.weight;
     const uint32_t count = scatter_eye(&at, w->dir, rays);
-    const struct vec3 wo = vec3_scale(w->dir, -1.0f);
+    const struct vec3 wo = scatter_side(&at, vec3_scale(w->dir, -1.0f));
     const struct bounce_spot spot = { .at = surface_start(&at.surface, 1.0f),
                                       .geometric = at.surface.geometric,
                                       .shading = at.surface.shading,

@@ -63,9 +63,8 @@ static void escape(struct walk *w)
 
 /* Next event estimation at a rough surface that continues along its lobe with probability `keep`. The density of the
  * light sample appears in the sum of the balance heuristic and cancels. */
-static void sample_sky(struct walk *w, const struct lobe *lobe, struct vec3 start, double keep)
+static void sample_sky(struct walk *w, const struct lobe *lobe, struct vec3 wo, struct vec3 start, double keep)
 {
-    const struct vec3 wo = vec3_scale(w->dir, -1.0f);
     double x[2] = { w->sky[0], w->sky[1] }, brdf[3];
     float d[3], rgb[3], light;
 
@@ -125,9 +124,11 @@ static bool meet(struct walk *w, const struct hit *h)
     double share[3] = { 0.0, 0.0, 0.0 }; /* of the rough lobe and of the delta rays */
 
     scatter_at(w->frame->scene, w->frame->rays, h, w->dir, &at);
+    for (int c = 0; c < 3; c++)
+        w->weight[c] *= (double)at.weight;
     const uint32_t count = scatter_eye(&at, w->dir, rays);
     const struct lobe lobe = lobe_of(&at);
-    const struct vec3 wo = vec3_scale(w->dir, -1.0f), start = surface_start(&at.surface, 1.0f);
+    const struct vec3 wo = scatter_side(&at, vec3_scale(w->dir, -1.0f)), start = surface_start(&at.surface, 1.0f);
     const bool rough = at.rough && (w->classes & PATH_INDIRECT);
     if (rough)
         share[0] = lobe_albedo(&lobe, wo);
@@ -141,7 +142,7 @@ static bool meet(struct walk *w, const struct hit *h)
      * noise. */
     const double scale = fmin(1.0, 1.0 / total);
     if (rough && (w->classes & PATH_INDIRECT_LIT))
-        sample_sky(w, &lobe, start, share[0] * scale);
+        sample_sky(w, &lobe, wo, start, share[0] * scale);
     const double pick = rng_next(&w->rng) / scale;
     if (pick < share[0]) {
         double x[3];

@@ -92,16 +92,17 @@ static void splat(const struct particle_run *run, const struct particle *p, cons
 
     if (!view_project(&t->view, s->position, &to))
         return;
-    const double out_g = vec3_dot_double(to.to_eye, s->geometric), scale = arrival(s, wi) * out_g * to.response;
+    const double side = at->through ? -1.0 : 1.0; /* of the camera */
+    const double out_g = side * vec3_dot_double(to.to_eye, s->geometric), scale = arrival(s, wi) * out_g * to.response;
     if (!(out_g > 0.0 && scale > 0.0))
         return;
-    lobe_evaluate(&lobe, to.to_eye, wi, brdf);
+    lobe_evaluate(&lobe, scatter_side(at, to.to_eye), wi, brdf);
     for (int c = 0; c < 3; c++)
-        rgb[c] = p->flux[c] * brdf[c] * scale;
+        rgb[c] = p->flux[c] * (double)at->weight * brdf[c] * scale;
     if (!(rgb[0] + rgb[1] + rgb[2] > 0.0))
         return;
     b->stats.rays++;
-    if (rays_blocked(t->rays, surface_start(s, 1.0f), to.to_eye, 0.0f, (float)to.distance))
+    if (rays_blocked(t->rays, surface_start(s, (float)side), to.to_eye, 0.0f, (float)to.distance))
         return;
     b->stats.splats++;
     const bool apart = run->ground_apart && t->scene->materials[at->material].ground;
@@ -134,11 +135,12 @@ static bool go_on_rough(struct particle *p, const struct scatter *at)
     if (!(out_g > 0.0))
         return false;
     const double pdf = part * out_g / PI + (part < 1.0 ? (1.0 - part) * lobe_density(&lobe, wi, w) : 0.0);
-    lobe_evaluate(&lobe, w, wi, brdf);
+    const struct vec3 on = at->through ? vec3_sub(w, vec3_scale(s->geometric, 2.0f * vec3_dot(w, s->geometric))) : w;
+    lobe_evaluate(&lobe, scatter_side(at, on), wi, brdf);
     for (int c = 0; c < 3; c++)
         p->flux[c] *= brdf[c] * in * out_g / pdf;
-    p->origin = surface_start(s, 1.0f);
-    p->dir = w;
+    p->origin = surface_start(s, at->through ? -1.0f : 1.0f);
+    p->dir = on;
     p->rough++;
     return true;
 }
@@ -194,6 +196,8 @@ static bool go_on(const struct particle_run *run, struct particle *p, const stru
     const bool goes_delta = by_delta == 1.0 || (by_delta > 0.0 && rng_next(&p->rng) < by_delta);
     const double chance = goes_delta ? by_delta : 1.0 - by_delta;
     for (int c = 0; c < 3; c++)
+        p->flux[c] *= (double)at->weight;
+    for (int c = 0; c < 3; c++)
         p->flux[c] /= chance;
     if (!goes_delta)
         return go_on_rough(p, at);
@@ -234,7 +238,7 @@ static void follow(const struct particle_run *run, struct particle *p, struct pa
         b->stats.rays++;
         if (!rays_intersect(t->rays, p->origin, p->dir, 0.0f, &h))
             return;
-        scatter_at(t->scene, t->rays, &h, p->dir, &at);
+        scatter_light_at(t->scene, t->rays, &h, p->dir, &at);
         if (event == 0 && !(run->classes & PATH_INDIRECT_LIT) && at.delta == DELTA_NONE)
             return;
         b->stats.starts_hit += event == 0;

@@ -23,6 +23,7 @@ static const struct {
     { "KHR_materials_volume", MODELLED, NULL },
     { "KHR_materials_clearcoat", NOTED, NULL },
     { "KHR_materials_sheen", NOTED, NULL },
+    { "KHR_materials_diffuse_transmission", MODELLED, NULL },
     { "KHR_materials_emissive_strength", MODELLED, NULL },
     { "KHR_materials_pbrSpecularGlossiness", MODELLED, NULL }, /* with a warning */
     { "KHR_materials_unlit", MODELLED, NULL },                 /* with a warning */

@@ -245,6 +245,32 @@ static enum err read_specular(struct source *s, const struct gltf_at *at, struct
     return ERR_OK;
 }
 
+/* KHR_materials_diffuse_transmission. */
+static enum err read_diffuse_transmission(struct source *s, const struct gltf_at *at, struct material *m,
+                                          struct gltf_surface *surface)
+{
+    const struct gltf_at own = gltf_extension(at, "KHR_materials_diffuse_transmission");
+    const struct gltf_at texture = gltf_key(&own, "diffuseTransmissionColorTexture");
+
+    m->through_texture = MATERIAL_NO_TEXTURE;
+    if (!own.value || m->kind != MATERIAL_GGX)
+        return ERR_OK;
+    enum err e = get_share(s, &own, "diffuseTransmissionFactor", 0.0, &m->transmits);
+    if (!e)
+        e = get_colour(s, &own, "diffuseTransmissionColorFactor", 3, 1.0, &m->through);
+    if (gltf_key(&own, "diffuseTransmissionTexture").value)
+        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
+    if (e || !texture.value || !(m->transmits > 0.0f))
+        return e;
+    struct gltf_surface coordinates = *surface;
+    e = gltf_texture_colours(&s->images, &texture, TEXTURE_SRGB, &m->through_texture, &coordinates);
+    if (!e && m->through_texture != MATERIAL_NO_TEXTURE)
+        (void)share_coordinates(s, surface, &coordinates);
+    else
+        m->through = vec3_scale(m->through, GREY);
+    return e;
+}
+
 /* The features of extensions. */
 static enum err note_extensions(struct source *s, const struct gltf_at *at)
 {
@@ -336,6 +362,8 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     /* Light that passes takes the base colour: where that is black, there is a black surface with reflections. */
     if (largest(m.diffuse) < BLACK)
         transmission = 0.0f;
+    if (transmission > 0.0f && gltf_key(&glass, "transmissionTexture").value)
+        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
     if (transmission > 0.0f && transmission < 1.0f)
         scene_note_unmodelled(s->g->scene, FEATURE_PARTIAL_GLASS, s->g->desc->path);
     if (transmission >= 0.5f)
@@ -343,6 +371,8 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     if (m.texture == MATERIAL_NO_TEXTURE && (m.alpha_mode == ALPHA_OPAQUE || m.alpha_texture == MATERIAL_NO_TEXTURE))
         surface->uv_set = GLTF_NONE;
     const bool unlit = m.kind == MATERIAL_LAMBERT;
+    if (!e)
+        e = read_diffuse_transmission(s, at, &m, surface);
     if (!e && !glossy.value && m.kind == MATERIAL_GGX)
         e = read_specular(s, at, &m);
     if (!e && !glossy.value)

@@ -7,6 +7,9 @@
 #include <stdio.h>
 #include <string.h>
 
+static const struct vec3 white = { 1.0f, 1.0f, 1.0f };
+static const double none = 0.0, whole = 1.0;
+
 /* A JSON object being read. */
 struct spot {
     const json_t *object;
@@ -110,9 +113,14 @@ static enum err read_string(const struct spot *s, const char *key, const char **
 
 static enum err read_lambert(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "albedo", "emission", NULL });
+    warn_unknown_keys(
+        s, (const char *const[]){ "type", "alpha", "albedo", "transmission", "transmission_color", "emission", NULL });
     m->kind = MATERIAL_LAMBERT;
-    return read_vec3(s, "albedo", NULL, 0.0, 1.0, &m->diffuse);
+    m->through_texture = MATERIAL_NO_TEXTURE;
+    enum err e = read_vec3(s, "albedo", NULL, 0.0, 1.0, &m->diffuse);
+    if (!e)
+        e = read_number(s, "transmission", &none, 0.0, 1.0, &m->transmits);
+    return e ? e : read_vec3(s, "transmission_color", &white, 0.0, 1.0, &m->through);
 }
 
 static enum err read_phong(const struct spot *s, struct material *m)
@@ -136,24 +144,19 @@ static enum err read_phong(const struct spot *s, struct material *m)
 
 static enum err read_ggx(const struct spot *s, struct material *m)
 {
-    const struct vec3 white = { 1.0f, 1.0f, 1.0f };
-    const double one = 1.0; /* glTF's defaults */
-
     warn_unknown_keys(
         s, (const char *const[]){ "type", "alpha", "base_color", "metallic", "roughness", "emission", NULL });
     m->kind = MATERIAL_GGX;
     enum err e = read_vec3(s, "base_color", &white, 0.0, 1.0, &m->diffuse);
     if (!e)
-        e = read_number(s, "metallic", &one, 0.0, 1.0, &m->metallic);
+        e = read_number(s, "metallic", &whole, 0.0, 1.0, &m->metallic);
     if (!e)
-        e = read_number(s, "roughness", &one, 0.0, 1.0, &m->roughness);
+        e = read_number(s, "roughness", &whole, 0.0, 1.0, &m->roughness);
     return e;
 }
 
 static enum err read_mirror(const struct spot *s, struct material *m)
 {
-    const struct vec3 white = { 1.0f, 1.0f, 1.0f };
-
     warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "reflectance", "emission", NULL });
     m->kind = MATERIAL_MIRROR;
     return read_vec3(s, "reflectance", &white, 0.0, 1.0, &m->diffuse);
@@ -161,8 +164,7 @@ static enum err read_mirror(const struct spot *s, struct material *m)
 
 static enum err read_glass(const struct spot *s, struct material *m)
 {
-    const struct vec3 clear = { 1.0f, 1.0f, 1.0f };
-    const double crown = 1.5, metre = 1.0;
+    const double crown = 1.5;
 
     struct vec3 left;
     float distance;
@@ -174,13 +176,13 @@ static enum err read_glass(const struct spot *s, struct material *m)
     if (thin && !json_is_boolean(thin))
         return err_say(s->why, ERR_FORMAT, "%s: 'thin' is neither true nor false", s->place);
     m->thin = json_is_true(thin);
-    enum err e = read_vec3(s, "tint", &clear, 0.0, 1.0, &m->diffuse);
+    enum err e = read_vec3(s, "tint", &white, 0.0, 1.0, &m->diffuse);
     if (!e)
         e = read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
     if (!e)
-        e = read_vec3(s, "attenuation_color", &clear, 0.0, 1.0, &left);
+        e = read_vec3(s, "attenuation_color", &white, 0.0, 1.0, &left);
     if (!e)
-        e = read_number(s, "attenuation_distance", &metre, 1e-6, 1e15, &distance);
+        e = read_number(s, "attenuation_distance", &whole, 1e-6, 1e15, &distance);
     if (!e)
         m->attenuation = attenuation_from(left, (double)distance);
     return e;
@@ -189,8 +191,6 @@ static enum err read_glass(const struct spot *s, struct material *m)
 /* The fraction of the surface that is there. */
 static enum err read_alpha(const struct spot *s, struct material *m)
 {
-    const double whole = 1.0;
-
     m->alpha_texture = MATERIAL_NO_TEXTURE;
     const enum err e = read_number(s, "alpha", &whole, 0.0, 1.0, &m->alpha);
     if (!e && m->alpha < 1.0f)

@@ -106,9 +106,11 @@ static bool meet(struct walk *w, const struct hit *h)
 
     scatter_at(w->world->scene, w->world->rays, h, w->dir, &at);
     collect(w, h, &at);
+    for (int c = 0; c < 3; c++)
+        w->weight[c] *= (double)at.weight;
     const uint32_t count = scatter_eye(&at, w->dir, delta);
     const struct lobe lobe = lobe_of(&at);
-    const struct vec3 wo = vec3_scale(w->dir, -1.0f), start = surface_start(&at.surface, 1.0f);
+    const struct vec3 wo = scatter_side(&at, vec3_scale(w->dir, -1.0f)), start = surface_start(&at.surface, 1.0f);
     if (at.rough)
         share[0] = lobe_albedo(&lobe, wo);
     for (uint32_t i = 0; i < count; i++)

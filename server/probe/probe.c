@@ -95,8 +95,10 @@ static void find_first(const struct probe_desc *desc, struct probe_result *out)
     struct hit hit;
 
     out->hit = rays_intersect(desc->rays, origin, dir, 0.0f, &hit);
-    if (out->hit)
-        scatter_at(desc->scene, desc->rays, &hit, dir, &out->first);
+    if (!out->hit)
+        return;
+    rays_surface(desc->rays, &hit, vec3_scale(dir, -1.0f), &out->first.surface);
+    scatter_on(desc->scene, &hit, NULL, &out->first);
 }
 
 /* Lists the pixel's packets without duplicates. */

@@ -228,7 +228,9 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !within(&m->exponent, 1, 0.0f, 1e6f) || !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) ||
         !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)) ||
-        !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX) || m->thin > (m->kind == MATERIAL_GLASS))
+        !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX) || m->thin > (m->kind == MATERIAL_GLASS) ||
+        !within(&m->transmits, 1, 0.0f, 1.0f) || !is_colour(m->through) ||
+        (m->transmits > 0.0f && m->kind != MATERIAL_LAMBERT && m->kind != MATERIAL_GGX))
         return forged(p, "a material is out of range");
     if (m->ground != 0) /* is added afterwards */
         return forged(p, "a material says that it is the ground's");
@@ -237,7 +239,8 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         return forged(p, "the alpha of a material is out of range");
     if ((m->texture != MATERIAL_NO_TEXTURE && m->texture >= p->head.textures) ||
         (m->alpha_mode != ALPHA_OPAQUE && m->alpha_texture != MATERIAL_NO_TEXTURE &&
-         m->alpha_texture >= p->head.textures))
+         m->alpha_texture >= p->head.textures) ||
+        (m->transmits > 0.0f && m->through_texture != MATERIAL_NO_TEXTURE && m->through_texture >= p->head.textures))
         return forged(p, "a material names a texture that is not there");
     const enum err e = check_maps(p, m);
     return e ? e : check_emission(p, m);

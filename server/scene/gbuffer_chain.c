@@ -2,7 +2,6 @@
 
 #include "scene/coverage.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -67,10 +66,13 @@ static double pending_weight(const struct chain *c)
 }
 
 /* Radiance over squared index is invariant along a ray [Veach 1997, section 5.2]: a leaf in a medium of index n has a
- * factor n^-2 for the camera, which is in air. */
+ * factor n^-2 for the camera, which is in air. NULL: there are too many. */
 static struct leaf *new_leaf(struct chain *c, const struct branch *b)
 {
-    assert(c->leaf_count < LEAF_MAX);
+    if (c->leaf_count == LEAF_MAX) {
+        c->cut += mean3(b->weight);
+        return NULL;
+    }
     struct leaf *l = &c->leaves[c->leaf_count++];
     memset(l, 0, sizeof(*l));
     for (int k = 0; k < 3; k++)
@@ -81,8 +83,16 @@ static struct leaf *new_leaf(struct chain *c, const struct branch *b)
     return l;
 }
 
-static void fill_leaf(struct leaf *l, const struct scatter *at)
+/* What the branch sees of a rough surface. */
+static void add_rough(struct chain *c, const struct branch *b, const struct hit *h, const struct scatter *at)
 {
+    struct leaf *l = new_leaf(c, b);
+
+    if (!l)
+        return;
+    l->arrival = vec3_scale(scatter_side(at, vec3_scale(b->dir, -1.0f)), -1.0f);
+    l->footprint = (b->distance + h->t) * c->sight->pixel_angle; /* dir is unit */
+
     l->mesh = at->mesh;
     l->material = at->material;
     l->surface = at->surface;
@@ -90,6 +100,14 @@ static void fill_leaf(struct leaf *l, const struct scatter *at)
     l->diffuse = at->diffuse;
     l->specular = at->specular;
     l->gloss = at->gloss;
+}
+
+static void add_escape(struct chain *c, const struct branch *b)
+{
+    struct leaf *l = new_leaf(c, b);
+
+    if (l)
+        l->escaped = true;
 }
 
 /* What the branch hits, and what that emits, with textures averaged over its footprint. Returns how much of that is
@@ -146,10 +164,12 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     pass(c, b, h, coverage, passed);
     if (c->sight->lamps && coverage > 0.0f)
         add_glow(c, b, emission);
-    if (at.rough && coverage > 0.0f) {
-        struct leaf *l = new_leaf(c, b);
-        fill_leaf(l, &at);
-        l->footprint = (b->distance + h->t) * c->sight->pixel_angle; /* dir is unit */
+    if (at.rough && coverage > 0.0f)
+        add_rough(c, b, h, &at);
+    if (at.beyond.x + at.beyond.y + at.beyond.z > 0.0f && coverage > 0.0f) {
+        struct scatter other = at;
+        scatter_turn(&other);
+        add_rough(c, b, h, &other);
     }
     const uint32_t count = scatter_eye(&at, b->dir, out);
     for (uint32_t i = 0; i < count; i++) {
@@ -191,7 +211,7 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
         rays++;
         const bool met = rays_see(s->rays, b.origin, b.dir, b.behind, cone_width(&b.cone), &h, &varies);
         if (!met)
-            new_leaf(&c, &b)->escaped = true;
+            add_escape(&c, &b);
         const bool delta = met && meet(&c, &b, &h);
         if (b.bounces == 0 && (delta || varies))
             found->uneven = true;

@@ -45,6 +45,14 @@ struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct 
                      matte_of(base.z, f0.z, metallic, loss, most));
 }
 
+struct vec3 ggx_below(struct vec3 colour, struct vec3 base, float metallic, struct vec3 more)
+{
+    const struct vec3 f0 = ggx_f0(base, metallic, more);
+    const float gain = (1.0f - metallic) * MATTE_GAIN;
+
+    return vec3_make(gain * colour.x * (1.0f - f0.x), gain * colour.y * (1.0f - f0.y), gain * colour.z * (1.0f - f0.z));
+}
+
 static float attenuation_of(float share, double distance)
 {
     return (float)fmin(-log(fmin(fmax((double)share, 1e-12), 1.0)) / distance, (double)ATTENUATION_MAX);

@@ -47,11 +47,14 @@ struct material {
     uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
     float normal_scale;         /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
-    float ior;                  /* glass */
-    uint32_t thin;              /* glass: 1: a sheet without thickness, which light crosses straight on; else 0 */
-    struct vec3 attenuation;    /* glass that is not thin: light that travels x metres inside is multiplied by
-                                   exp(-attenuation x);    0..ATTENUATION_MAX, m^-1 */
-    uint32_t texture;           /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
+    float transmits;          /* lambert, ggx: the share of the matte part that is scattered to the other side, 0..1, */
+    struct vec3 through;      /* in this colour */
+    uint32_t through_texture; /* multiplies it, if transmits is not 0; an index like `texture` */
+    float ior;                /* glass */
+    uint32_t thin;            /* glass: 1: a sheet without thickness, which light crosses straight on; else 0 */
+    struct vec3 attenuation;  /* glass that is not thin: light that travels x metres inside is multiplied by
+                                 exp(-attenuation x);    0..ATTENUATION_MAX, m^-1 */
+    uint32_t texture;         /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
     enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */
     float alpha, alpha_cutoff;  /* 0..1; of ALPHA_MASK, at least 0 */
     uint32_t alpha_texture;     /* its alpha multiplies `alpha`; an index like `texture` */
@@ -75,6 +78,10 @@ struct vec3 ggx_f0(struct vec3 base, float metallic, struct vec3 more);
  * return in this colour [Kulla and Conty 2017], and m the largest matte part beside which such a reflector still
  * reflects no more than it receives, from any direction. */
 struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct vec3 more);
+
+/* The part of ggx_matte without what several reflections return: what a dielectric of this colour scatters below its
+ * surface. */
+struct vec3 ggx_below(struct vec3 colour, struct vec3 base, float metallic, struct vec3 more);
 
 /* The attenuation by which white light has this colour after `distance` metres, as glTF defines it
  * [KHR_materials_volume]. distance > 0. */

@@ -1,8 +1,10 @@
 #include "scene/scatter.h"
 
+#include "base/rng.h"
 #include "scene/normal_map.h"
 
 #include <math.h>
+#include <string.h>
 
 static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
                                const float (*step)[2])
@@ -61,6 +63,22 @@ static void fill_rough(const struct material *m, struct vec3 base, struct finish
     }
 }
 
+/* Moves a share of the matte part to the other side, in a colour of its own. */
+static void split_matte(const struct scene *scene, const struct material *m, struct vec3 base, struct finish finish,
+                        const float (*step)[2], struct scatter *out)
+{
+    const struct vec3 own =
+        m->through_texture == MATERIAL_NO_TEXTURE
+            ? m->through
+            : vec3_mul(m->through, texture_read(&scene->textures[m->through_texture], out->surface.uv, step));
+    const bool ggx = m->kind == MATERIAL_GGX;
+    const struct vec3 left = ggx ? ggx_below(base, base, finish.metallic, m->specular) : base;
+    const struct vec3 beyond = ggx ? ggx_below(own, base, finish.metallic, m->specular) : own;
+
+    out->diffuse = vec3_sub(out->diffuse, vec3_scale(left, m->transmits));
+    out->beyond = vec3_scale(beyond, m->transmits);
+}
+
 /* What a ray of unit direction that meets glass from inside has left [Bouguer, Lambert and Beer]. */
 static struct vec3 arriving(const struct material *m, const struct hit *h, const struct surface *s)
 {
@@ -71,11 +89,74 @@ static struct vec3 arriving(const struct material *m, const struct hit *h, const
     return vec3_make(expf(-a.x * h->t), expf(-a.y * h->t), expf(-a.z * h->t));
 }
 
+/* A random number in [0, 1) of a ray, the same on every CPU but where rounding decides about 2^-12 of the triangle. */
+static float hash_hit(const struct hit *h, struct vec3 dir)
+{
+    const float u = floorf(4096.0f * h->u), v = floorf(4096.0f * h->v);
+    uint32_t d[3];
+
+    memcpy(d, &dir, sizeof(d));
+    const uint64_t ray = rng_mix((uint64_t)d[0] << 32 | d[1], (uint64_t)d[2] << 32 | ((uint32_t)u << 16 | (uint32_t)v));
+    return (float)(rng_mix(ray, (uint64_t)h->mesh << 32 | h->triangle) >> 40) * 0x1p-24f;
+}
+
+static float brightness(struct vec3 v)
+{
+    return (v.x + v.y + v.z) / 3.0f;
+}
+
+/* Turns s by its share of what the surface scatters. */
+static void choose_side(struct scatter *s, const struct hit *h, struct vec3 dir)
+{
+    const float beyond = brightness(s->beyond), here = brightness(s->diffuse) + brightness(s->specular);
+
+    if (!(beyond > 0.0f))
+        return;
+    const float share = here > 0.0f ? fminf(fmaxf(beyond / (beyond + here), 0.1f), 0.9f) : 1.0f;
+    if (hash_hit(h, dir) < share) {
+        scatter_turn(s);
+        s->weight = 1.0f / share;
+    } else {
+        s->weight = 1.0f / (1.0f - share);
+    }
+}
+
+static void turn_over(struct surface *s)
+{
+    s->geometric = vec3_scale(s->geometric, -1.0f);
+    s->shading = vec3_scale(s->shading, -1.0f);
+    s->outside = !s->outside;
+}
+
+void scatter_turn(struct scatter *s)
+{
+    turn_over(&s->surface);
+    s->diffuse = s->beyond;
+    s->specular = vec3_make(0.0f, 0.0f, 0.0f);
+    s->gloss = 0.0f;
+    s->delta = DELTA_NONE;
+    s->through = true;
+}
+
+struct vec3 scatter_side(const struct scatter *s, struct vec3 w)
+{
+    return s->through ? vec3_sub(w, vec3_scale(s->surface.shading, 2.0f * vec3_dot(w, s->surface.shading))) : w;
+}
+
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out)
 {
     rays_surface(rays, h, vec3_scale(dir, -1.0f), &out->surface);
     scatter_on(scene, h, NULL, out);
+    choose_side(out, h, dir);
+}
+
+void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
+                      struct scatter *out)
+{
+    scatter_at(scene, rays, h, dir, out);
+    if (out->through)
+        turn_over(&out->surface);
 }
 
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out)
@@ -91,8 +172,16 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     out->material = material;
     out->rough = material_is_rough(m);
     fill_rough(m, base, finish, out);
-    if (m->maps & MAP_NORMAL)
-        out->diffuse = vec3_scale(out->diffuse, normal_map_gain(out->kind, &out->surface));
+    out->beyond = vec3_make(0.0f, 0.0f, 0.0f);
+    out->through = false;
+    out->weight = 1.0f;
+    if (m->transmits > 0.0f)
+        split_matte(scene, m, base, finish, uv_step, out);
+    if (m->maps & MAP_NORMAL) {
+        const float gain = normal_map_gain(out->kind, &out->surface);
+        out->diffuse = vec3_scale(out->diffuse, gain);
+        out->beyond = vec3_scale(out->beyond, gain);
+    }
     out->delta = m->kind == MATERIAL_MIRROR  ? DELTA_MIRROR
                  : m->kind == MATERIAL_GLASS ? (m->thin ? DELTA_SHEET : DELTA_GLASS)
                  : is_sharp(m)               ? DELTA_GLOSS

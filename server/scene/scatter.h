@@ -34,12 +34,17 @@ enum delta_kind {
 };
 
 struct scatter {
-    struct surface surface; /* on the side that the ray came from */
+    struct surface
+        surface; /* on the side that the ray came from; with `through`, on that of the light (scatter_turn) */
     uint32_t mesh, material;
     bool rough; /* has a D lobe, described by the next four */
     enum lobe_kind kind;
     struct vec3 diffuse, specular;
     float gloss;
+    struct vec3 beyond; /* in place of `diffuse`, of the D lobe by which the surface scatters light from its other side;
+                           black for most */
+    bool through;       /* this is that lobe */
+    float weight;       /* of paths that go on from here, 1 / the probability that this side was chosen; 1 for most */
     enum delta_kind delta;
     struct vec3
         reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of both glasses, the tint of what passes */
@@ -48,13 +53,25 @@ struct scatter {
                             rays have a part already */
 };
 
-/* Evaluates the material at a hit. dir: direction of the ray, unit; h->t: its length, m. */
+/* Evaluates the material at the hit of a camera path. dir: direction of the ray, unit; h->t: its length, m. Where light
+ * from both sides counts, chooses one: a hash of the ray is the random number. */
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out);
+/* The same of a light path: out->surface stays on the side of the light, which is the ray's. */
+void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
+                      struct scatter *out);
 
 /* The same once out->surface is filled. uv_step[2]: the edges of the area over which textures are averaged, in texture
  * coordinates; NULL: no averaging. */
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
+
+/* Turns what scatter_on found into the lobe that scatters light from the other side. The lobe is that of a surface seen
+ * from the light's side: lobe.h wants the direction to the camera mirrored (scatter_side). */
+void scatter_turn(struct scatter *s);
+
+/* A direction to the side of the surface that the camera is on, as the D lobe wants it: mirrored if the light comes
+ * from the other side. */
+struct vec3 scatter_side(const struct scatter *s, struct vec3 w);
 
 bool material_is_rough(const struct material *m); /* has a D lobe */
 bool material_is_delta(const struct material *m); /* has an S lobe; ggx may have both */

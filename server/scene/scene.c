@@ -18,7 +18,7 @@ const char *scene_feature_name(enum scene_feature feature)
     switch (feature) {
     case FEATURE_BUMP_MAP: return "bump maps";
     case FEATURE_ALPHA: return "alpha masks and blending";
-    case FEATURE_SPECULAR_MAP: return "specular textures";
+    case FEATURE_SPECULAR_MAP: return "specular and transmission textures";
     case FEATURE_CLEARCOAT: return "clearcoat and sheen";
     case FEATURE_ROUGH_GLASS: return "rough glass";
     case FEATURE_TINTED_GLASS: return "tinted glass";

@@ -18,7 +18,7 @@
 enum scene_feature {
     FEATURE_BUMP_MAP,      /* heights; normal maps are supported */
     FEATURE_ALPHA,         /* masks and blending; treated as opaque */
-    FEATURE_SPECULAR_MAP,  /* of KHR_materials_specular; the factors alone count */
+    FEATURE_SPECULAR_MAP,  /* of KHR_materials_specular and of transmission; the factors alone count */
     FEATURE_CLEARCOAT,     /* clearcoat and sheen */
     FEATURE_ROUGH_GLASS,   /* treated as smooth */
     FEATURE_TINTED_GLASS,  /* of other formats than glTF; treated as clear */

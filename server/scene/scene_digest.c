@@ -53,6 +53,11 @@ static void digest_material(struct digest *d, const struct material *m)
     digest_bytes(d, values, sizeof(values));
     if (m->attenuation.x + m->attenuation.y + m->attenuation.z > 0.0f)
         digest_bytes(d, &m->attenuation, sizeof(m->attenuation));
+    if (m->transmits > 0.0f) {
+        const float beyond[] = { m->transmits, m->through.x, m->through.y, m->through.z };
+        digest_u64(d, m->through_texture);
+        digest_bytes(d, beyond, sizeof(beyond));
+    }
     digest_alpha(d, m);
     digest_maps(d, m);
 }

@@ -26,7 +26,7 @@ void chains_scatter(const struct scatter *at, struct vec3 dir, struct vec3 wi, d
 {
     const struct lobe l = lobe_of(at);
 
-    lobe_evaluate(&l, vec3_scale(dir, -1.0f), wi, out); /* 0 unless both cosines are positive */
+    lobe_evaluate(&l, scatter_side(at, vec3_scale(dir, -1.0f)), wi, out); /* 0 unless both cosines are positive */
     const double shading = vec3_dot_double(l.shading, wi), geometric = vec3_dot_double(l.geometric, wi);
     const double factor = geometric > 0.0 ? shading / geometric : 0.0;
     for (int k = 0; k < 3; k++)
@@ -42,16 +42,18 @@ static bool scatter_rough(struct particle *p, struct rng *rng, double share, str
     const double x[3] = { rng_next(rng), rng_next(rng), rng_next(rng) };
     const struct vec3 wo = lobe_sample(&l, wi, x);
     const double density = share * lobe_density(&l, wi, wo), leaving = vec3_dot_double(l.geometric, wo);
+    const struct vec3 g = p->at.surface.geometric,
+                      on = p->at.through ? vec3_sub(wo, vec3_scale(g, 2.0f * vec3_dot(wo, g))) : wo;
     double f[3];
 
-    chains_scatter(&p->at, vec3_scale(wo, -1.0f), wi, f);
+    chains_scatter(&p->at, vec3_scale(on, -1.0f), wi, f);
     if (!(density > 0.0 && leaving > 0.0))
         return false;
     for (int k = 0; k < 3; k++)
         p->flux[k] *= f[k] * leaving / density;
-    p->dir = wo;
+    p->dir = on;
     p->rough_events++;
-    *origin = surface_start(&p->at.surface, 1.0f);
+    *origin = surface_start(&p->at.surface, p->at.through ? -1.0f : 1.0f);
     return largest(p->flux) > 0.0;
 }
 
@@ -118,9 +120,11 @@ void chains_from_sky(const struct path_world *world, const struct box *boxes, ui
         ++*rays;
         if (!rays_intersect(world->rays, origin, p.dir, 0.0f, &h))
             return;
-        scatter_at(world->scene, world->rays, &h, p.dir, &p.at);
+        scatter_light_at(world->scene, world->rays, &h, p.dir, &p.at);
         if (p.at.rough && !meet(data, &p))
             return;
+        for (int k = 0; k < 3; k++)
+            p.flux[k] *= (double)p.at.weight;
         if (!scatter_particle(&p, rng, &origin))
             return;
         const double q = fmin(0.95, largest(p.flux) / before);
@@ -150,6 +154,8 @@ void chains_from_eye(const struct path_world *world, const double xy[2], struct 
         if (!rays_intersect(world->rays, origin, dir, 0.0f, &h))
             return;
         scatter_at(world->scene, world->rays, &h, dir, &at);
+        for (int k = 0; k < 3; k++)
+            weight[k] *= (double)at.weight;
         if (at.rough) {
             double factor[3] = { 1.0, 1.0, 1.0 };
             float still[3]; /* is in path.h's part of the picture */

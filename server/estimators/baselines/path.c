@@ -93,7 +93,7 @@ static void escape(struct walk *w)
  * probability `share`. */
 static void light(struct walk *w, const struct scatter *at, const struct lobe *lobe, double share)
 {
-    const struct vec3 wo = vec3_scale(w->dir, -1.0f);
+    const struct vec3 wo = scatter_side(at, vec3_scale(w->dir, -1.0f));
     const double x[2] = { number(w, PLACE_LIGHT), number(w, PLACE_LIGHT + 1) };
     float d[3], radiance[3], pdf;
     double brdf[3];
@@ -113,7 +113,7 @@ static void light(struct walk *w, const struct scatter *at, const struct lobe *l
 /* Continues by the D lobe, which was selected with probability `share`. */
 static bool follow_lobe(struct walk *w, const struct scatter *at, const struct lobe *lobe, double share)
 {
-    const struct vec3 wo = vec3_scale(w->dir, -1.0f);
+    const struct vec3 wo = scatter_side(at, vec3_scale(w->dir, -1.0f));
     const double x[3] = { number(w, PLACE_LOBE), number(w, PLACE_LOBE + 1), number(w, PLACE_LOBE + 2) };
     const struct vec3 wi = lobe_sample(lobe, wo, x);
     double brdf[3];
@@ -189,6 +189,8 @@ static bool meet(struct walk *w, const struct hit *h)
     double part[3] = { 0.0, 0.0, 0.0 }; /* the two delta rays, the D lobe */
 
     scatter_at(w->world->scene, w->world->rays, h, w->dir, &at);
+    for (int k = 0; k < 3; k++)
+        w->weight[k] *= (double)at.weight;
     if (w->rough_events == 0 && path_shows_ground(w->world, at.material))
         show_ground(w);
     const uint32_t count = scatter_eye(&at, w->dir, delta);

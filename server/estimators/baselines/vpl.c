@@ -44,16 +44,18 @@ static bool leave_light(void *data, const struct particle *p)
 static void connect(struct gather *g, const struct scatter *at, struct vec3 dir, const double weight[3],
                     const struct particle *light)
 {
-    const struct vec3 from = surface_start(&at->surface, 1.0f), to = surface_start(&light->at.surface, 1.0f);
+    const struct vec3 from = surface_start(&at->surface, 1.0f),
+                      to = surface_start(&light->at.surface, light->at.through ? -1.0f : 1.0f);
     const struct vec3 across = vec3_sub(to, from), wi = vec3_normalize(across);
     const struct lobe lobe = lobe_of(at);
     const double distance2 = fmax(vec3_dot(across, across), 1e-20);
-    const double here = vec3_dot(lobe.shading, wi), there = -vec3_dot(light->at.surface.geometric, wi);
+    const float side = light->at.through ? -1.0f : 1.0f;
+    const double here = vec3_dot(lobe.shading, wi), there = -side * vec3_dot(light->at.surface.geometric, wi);
     double received[3], sent[3];
 
     if (!(here > 0.0 && there > 0.0))
         return;
-    lobe_evaluate(&lobe, vec3_scale(dir, -1.0f), wi, received);
+    lobe_evaluate(&lobe, scatter_side(at, vec3_scale(dir, -1.0f)), wi, received);
     chains_scatter(&light->at, wi, vec3_scale(light->dir, -1.0f), sent);
     const double geometry = fmin(here * there / distance2, PI / light->area * g->session->desc->samples);
     const double most = fmax(received[0] * sent[0], fmax(received[1] * sent[1], received[2] * sent[2]));
@@ -63,7 +65,7 @@ static void connect(struct gather *g, const struct scatter *at, struct vec3 dir,
     if (rays_blocked(g->session->world->rays, from, across, 0.0f, 1.0f - 1e-5f))
         return;
     for (int k = 0; k < 3; k++)
-        g->rgb[k] += weight[k] * received[k] * geometry * sent[k] * light->flux[k];
+        g->rgb[k] += weight[k] * received[k] * geometry * sent[k] * light->flux[k] * (double)light->at.weight;
 }
 
 static void light_point(void *data, const struct scatter *at, struct vec3 dir, const double weight[3])

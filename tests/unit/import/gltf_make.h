@@ -114,9 +114,19 @@ static inline int make_array(struct make *m, const void *bytes, size_t size, int
 static inline const char *make_declaration(const struct make *m, const char *rest)
 {
     static const char *const names[] = {
-        "EXT_mesh_gpu_instancing", "EXT_meshopt_compression",    "EXT_texture_webp",      "KHR_draco_mesh_compression",
-        "KHR_mesh_quantization",   "KHR_materials_transmission", "KHR_materials_ior",     "KHR_materials_specular",
-        "KHR_materials_unlit",     "KHR_meshopt_compression",    "KHR_texture_transform", "KHR_materials_volume",
+        "EXT_mesh_gpu_instancing",
+        "EXT_meshopt_compression",
+        "EXT_texture_webp",
+        "KHR_draco_mesh_compression",
+        "KHR_mesh_quantization",
+        "KHR_materials_transmission",
+        "KHR_materials_ior",
+        "KHR_materials_specular",
+        "KHR_materials_unlit",
+        "KHR_meshopt_compression",
+        "KHR_texture_transform",
+        "KHR_materials_volume",
+        "KHR_materials_diffuse_transmission",
     };
     static char text[512];
     const char *head = ",\"extensionsUsed\":[";

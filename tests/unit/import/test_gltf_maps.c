@@ -236,7 +236,7 @@ static void specular_and_ior_make_f0(void **state)
     m = specular_of(&f, "\"metallicFactor\":1", SPECULAR("\"specularFactor\":0"), &said);
     assert_int_equal(m.kind, MATERIAL_GGX);
     m = specular_of(&f, DIELECTRIC, SPECULAR("\"specularTexture\":{\"index\":1}"), &said);
-    assert_int_equal(count_of(said, "not supported: specular textures"), 1);
+    assert_int_equal(count_of(said, "not supported: specular and transmission textures"), 1);
     assert_non_null(
         strstr(make_refused(square_of(&f, "\"extensions\":{" SPECULAR("\"specularColorFactor\":1") "}"), ERR_FORMAT),
                "specularColorFactor"));
@@ -295,6 +295,32 @@ static void volumes_attenuate(void **state)
     make_end(&f);
 }
 
+/* Its colour's texture is that of the base colour here. */
+static void leaves_transmit(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    const struct material m = specular_of(
+        &f, DIELECTRIC,
+        "\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":0.25,\"diffuseTransmissionColorFactor\":"
+        "[0.1,0.2,0.3]}",
+        &said);
+    assert_int_equal(m.kind, MATERIAL_GGX);
+    assert_float_equal(m.transmits, 0.25f, 1e-6f);
+    assert_near(m.through, 0.1f, 0.2f, 0.3f);
+    assert_int_equal(m.through_texture, MATERIAL_NO_TEXTURE);
+    assert_string_equal(said, "");
+    assert_non_null(strstr(make_refused(square_of(&f, "\"extensions\":{\"KHR_materials_diffuse_transmission\":{"
+                                                      "\"diffuseTransmissionFactor\":\"all\"}}"),
+                                        ERR_FORMAT),
+                           "KHR_materials_diffuse_transmission.diffuseTransmissionFactor: is not a number"));
+    make_end(&f);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
@@ -304,5 +330,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(specular_and_ior_make_f0),
     cmocka_unit_test(glass_keeps_its_tint),
     cmocka_unit_test(volumes_attenuate),
+    cmocka_unit_test(leaves_transmit),
 };
 UNIT_MAIN(tests)

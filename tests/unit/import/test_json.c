@@ -418,12 +418,18 @@ static void other_materials_are_read_with_their_defaults(void **state)
         load_text(&f, "{" CAMERA "," MODEL ",\"materials\":{\"grey\":{\"type\":\"mirror\"},"
                       "\"g\":{\"type\":\"glass\",\"attenuation_color\":[0.5,1,1],"
                       "\"attenuation_distance\":2},\"t\":{\"type\":\"glass\",\"tint\":[0.2,0.5,0.8],\"thin\":true},"
+                      "\"l\":{\"type\":\"lambert\",\"albedo\":[0.5,0.5,0.5],\"transmission\":0.25,"
+                      "\"transmission_color\":[0.1,0.2,0.3]},"
                       "\"m\":{\"type\":\"ggx\",\"base_color\":[0.1,0.2,0.3],"
                       "\"metallic\":0.25,\"roughness\":0.5}}}");
     const struct material *glass = &s->materials[scene_find_material(s, "g", 0)];
     const struct material *ggx = &s->materials[scene_find_material(s, "m", 0)];
     assert_int_equal(s->materials[scene_find_material(s, "grey", 0)].kind, MATERIAL_MIRROR);
     assert_float_equal(s->materials[scene_find_material(s, "grey", 0)].diffuse.x, 1.0f, 0.0f);
+    const struct material *leaf = &s->materials[scene_find_material(s, "l", 0)];
+    assert_float_equal(leaf->transmits, 0.25f, 0.0f);
+    assert_float_equal(leaf->through.z, 0.3f, 0.0f);
+    assert_int_equal(leaf->through_texture, MATERIAL_NO_TEXTURE);
     assert_int_equal(glass->kind, MATERIAL_GLASS);
     assert_float_equal(glass->ior, 1.5f, 0.0f);
     assert_float_equal(glass->diffuse.z, 1.0f, 0.0f);

@@ -230,6 +230,8 @@ static void forged_indices_are_refused(void **state)
     forge_u32(MATERIAL + (long)offsetof(struct material, roughness_texture), 1, "a map that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, maps), MAPS_ALL + 1, "maps that it cannot have");
     forge_u32(PANE + (long)offsetof(struct material, maps), MAP_ROUGHNESS, "maps that it cannot have");
+    forge_float(PANE + (long)offsetof(struct material, transmits), 0.5f, "a material is out of range"); /* glass */
+    forge_float(MATERIAL + (long)offsetof(struct material, transmits), 1.5f, "a material is out of range");
     forge_u32(PANE + (long)offsetof(struct material, thin), 2, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, thin), 1, "a material is out of range"); /* not glass */
     forge_u32(PANE + (long)offsetof(struct material, normal_texture), 1, "a map that is not there");
@@ -256,6 +258,7 @@ static void forged_values_are_refused(void **state)
         forge_float(MATERIAL + (long)offsetof(struct material, exponent), wrong[k], "a material is out of range");
         forge_float(MATERIAL + (long)(sizeof(struct material) + offsetof(struct material, ior)), wrong[k],
                     "a material is out of range");
+        forge_float(MATERIAL + (long)offsetof(struct material, through), wrong[k], "a material is out of range");
         forge_float(PANE + (long)offsetof(struct material, attenuation), wrong[k], "a material is out of range");
         forge_float(PANE + (long)offsetof(struct material, alpha), wrong[k], "the alpha of a material");
         forge_float(MATERIAL + (long)offsetof(struct material, emission), wrong[k], "an emission is out of range");

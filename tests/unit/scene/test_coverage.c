@@ -374,6 +374,29 @@ static void fractional_coverage_is_seen_as_a_weight(void **state)
     scene_destroy(s);
 }
 
+/* More sheets than a camera ray has room for: what is left is counted as cut. */
+static void many_sheets_are_cut(void **state)
+{
+    enum { SHEETS = 90 };
+    struct scene *s = scene_create();
+
+    (void)state;
+    const uint32_t material = add_holed(s, ALPHA_BLEND, 0.02f, MATERIAL_NO_TEXTURE);
+    for (int k = 0; k < SHEETS; k++)
+        add_card(s, material, -0.01f * (float)k, 0.0f, 8.0f);
+    struct gbuffer *g = look(s, 1);
+    const size_t pixel = 12 * 24 + 12;
+    const uint32_t points = g->entry_first[pixel + 1] - g->entry_first[pixel];
+    double sum = 0.0;
+    for (uint32_t i = g->entry_first[pixel]; i < g->entry_first[pixel + 1]; i++)
+        sum += (double)g->entries[i].weight[1];
+    assert_int_equal(points, 64);
+    assert_float_equal(sum, 1.0 - pow(0.98, 64), 1e-4);
+    assert_true(g->cut_weight > 0.9 * 144 * pow(0.98, 64)); /* some 12 x 12 pixels and more */
+    gbuffer_destroy(g);
+    scene_destroy(s);
+}
+
 #define SHEET_TINT                                                                                                     \
     {                                                                                                                  \
         1.0f, 0.5f, 0.2f                                                                                               \
@@ -505,6 +528,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(all_hole_is_no_card_and_all_surface_is_opaque),
     cmocka_unit_test(a_fine_mask_lets_half_of_each_pixel_through),
     cmocka_unit_test(a_mask_that_does_not_vary_takes_no_more_rays),
+    cmocka_unit_test(many_sheets_are_cut),
     cmocka_unit_test(a_thin_sheet_stops_what_does_not_pass),
     cmocka_unit_test(a_thin_sheet_is_seen_in_its_colours),
     cmocka_unit_test(fractional_coverage_is_seen_as_a_weight),
