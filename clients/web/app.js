@@ -7,7 +7,7 @@ import { showHelp } from './help.js';
 import { STAGES, latencyParts } from './insight_model.js';
 import { Keys, keyOf } from './keys.js';
 import { makePanel } from './panels.js';
-import { wishedPictures, wishedRole } from './role.js';
+import { keepAccess, wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import { startPlayer, watchPage } from './start.js';
 import {
@@ -123,6 +123,7 @@ function takeWelcome(welcome, role) {
   forgetFigures();
   app.welcome = welcome;
   app.role = role;
+  if (typed) keepAccess({ token: typed, role });
   app.control = null;
   emit('welcome', welcome);
 }
@@ -190,6 +191,22 @@ function takeStatus(status, clock) {
   emit('status', status);
 }
 
+// The token that the user has typed; the field appears when the server needs one.
+let typed;
+
+function showAccess(state) {
+  const wasHidden = $('access').hidden;
+  $('access').hidden = !state.token;
+  setText('access-note', state.token && typed ? 'The server does not accept this token.' : '');
+  if (state.token && wasHidden) $('token').focus();
+}
+
+function useToken(event) {
+  event.preventDefault();
+  typed = $('token').value.trim();
+  if (typed) send({ op: 'token', token: typed });
+}
+
 const setText = (id, text) => setTextOf($(id), text);
 
 function showState(state) {
@@ -201,7 +218,8 @@ function showState(state) {
   setText('veil-sentence', stateSentence(state, seen));
   showCountdown();
   const stuck = state.name === 'reconnecting' || state.name === 'refused';
-  for (const button of document.querySelectorAll('.again')) button.hidden = !stuck;
+  for (const button of document.querySelectorAll('.again')) button.hidden = !stuck || Boolean(state.token);
+  showAccess(state);
   emit('state', state);
 }
 
@@ -296,6 +314,7 @@ function listen() {
   else $('full-button').hidden = true;
   for (const button of document.querySelectorAll('.again'))
     button.onclick = () => send({ op: 'retry', person: true });
+  $('access').addEventListener('submit', useToken);
   document.addEventListener('keydown', pressed);
   watchPage((message) => send(message));
 }

@@ -75,6 +75,13 @@ export class Connection {
     }
   }
 
+  // Connects anew with a token that the user has typed, which may be a controller's or a viewer's.
+  useToken(token) {
+    this.token = token;
+    this.role = 'controller';
+    this.retryNow(true);
+  }
+
   setHidden(hidden) {
     if (this.hidden === hidden) return;
     this.hidden = hidden;
@@ -168,7 +175,7 @@ export class Connection {
     }
     const { policy, text } = closePolicy(code);
     const said = code >= 4000 && reason ? `${text} (${reason})` : text;
-    if (policy === 'never') this.set({ name: 'refused', detail: said });
+    if (policy === 'never') this.set({ name: 'refused', detail: said, token: code === CLOSE_BAD_TOKEN });
     else this.retry(said, policy === 'later' ? LATER_MS : 0);
   }
 

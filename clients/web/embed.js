@@ -19,7 +19,9 @@ function take(event) {
   if (event.op === 'picture') screen.show(event);
   if (event.op !== 'state') return;
   relight.state = event.state;
-  document.getElementById('why').textContent = stateSentence(event.state, relight.frames > 0);
+  document.getElementById('why').textContent = event.state.token
+    ? 'The server requires a token: add #token=… to the address of this page.'
+    : stateSentence(event.state, relight.frames > 0);
 }
 
 let send = () => {};

@@ -23,6 +23,7 @@ export class Player {
       case 'displayed': this.connection.displayed(message.sequence, message.nowMs); break;
       case 'hidden': this.hide(message.hidden); break;
       case 'say': this.connection.say(message.message); break;
+      case 'token': this.connection.useToken(message.token); break;
       case 'retry': this.connection.retryNow(message.person); break;
       case 'stop':
         this.stopped = true;

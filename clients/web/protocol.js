@@ -108,7 +108,7 @@ const CLOSES = {
   4003: ['never', 'The server did not expect a message from this page.'],
   4004: ['never', 'The server does not offer this role.'],
   4005: ['never', 'The server speaks another version of the protocol. Reloading the page may help.'],
-  4006: ['never', 'The server requires a token: add #role=viewer&token=… to the address.'],
+  4006: ['never', 'The server requires a token.'],
   4007: ['later', 'The server has reached its connection limit.'],
   4008: ['again', 'This page did not answer the server in time.'],
   4009: ['again', 'The connection was too slow for the server.'],

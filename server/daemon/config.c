@@ -5,7 +5,9 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/notify.h"
+#include "daemon/links.h"
 #include "daemon/options.h"
+#include "net/tls_self.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -28,6 +30,7 @@ struct config_reading {
     struct daemon_flags flags;
     struct config *config; /* NULL: no file was named */
     char tokens[TOKENS][TOKEN_BYTES];
+    char own_cert[4096], own_key[4096]; /* paths of --tls-self-signed */
     int argc;
     char **argv;
 };
@@ -112,7 +115,8 @@ static enum err try_key(const struct config *c, size_t index, struct reason *why
         return err_say(why, ERR_NOMEM, "out of memory");
     daemon_flags_init(&s->flags);
     why->text[0] = '\0';
-    if (strcmp(config_key(c, index), "config") == 0 || strcmp(config_key(c, index), "check-config") == 0) {
+    if (strcmp(config_key(c, index), "config") == 0 || strcmp(config_key(c, index), "check-config") == 0 ||
+        strcmp(config_key(c, index), "show-link") == 0) {
         e = config_add_location(c, index, err_say(why, ERR_USAGE, "it belongs on a command line"), why);
         goto done;
     }
@@ -253,6 +257,22 @@ static enum err check(const struct config_reading *s, const struct daemon_config
     return ERR_OK;
 }
 
+/* The server's own certificate, where --tls-self-signed is given; makes it if need be. */
+static enum err use_own_certificate(struct config_reading *s, struct daemon_config *d, struct reason *why)
+{
+    struct server_desc *server = &d->server_desc;
+    const char *dir = command_get(&s->flags.command, "tls-self-signed");
+
+    if (!dir)
+        return ERR_OK;
+    if (server->tls_cert || server->tls_key)
+        return err_say(why, ERR_USAGE, "--tls-self-signed and --tls-cert exclude each other");
+    const enum err e = tls_self_signed(dir, server->public_names, s->own_cert, s->own_key, sizeof(s->own_cert), why);
+    server->tls_cert = s->own_cert;
+    server->tls_key = s->own_key;
+    return e;
+}
+
 enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, int argc, char **argv, bool *done,
                             struct reason *why)
 {
@@ -268,6 +288,13 @@ enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, 
     if (command_get(&s->flags.command, "check-config")) {
         *done = true;
         return check(s, c, why);
+    }
+    e = use_own_certificate(s, c, why);
+    if (e)
+        return e;
+    if (command_get(&s->flags.command, "show-link")) {
+        *done = true;
+        return links_print(&c->server_desc, stdout, isatty(STDOUT_FILENO) == 1, why);
     }
     if (c->setup.threads)
         omp_set_num_threads((int)c->setup.threads);
@@ -360,6 +387,8 @@ static enum err reload(struct config_readings *r, struct settings_store *setting
 
     if (!e)
         e = understand(s, &to, why);
+    if (!e)
+        e = use_own_certificate(s, &to, why);
     if (!e)
         e = server_change(server, &to.server_desc, why);
     if (e) {

@@ -40,6 +40,9 @@ static const struct setting table[] = {
       "PEM certificate, followed by its intermediate certificates (full chain); with --tls-key: HTTPS only", NULL,
       NETWORK, TEXT, AT(server_desc.tls_cert) },
     { "tls-key", "FILE", "its private key in PEM, without a password", NULL, NETWORK, TEXT, AT(server_desc.tls_key) },
+    { "tls-self-signed", "DIR",
+      "HTTPS only, with a certificate for this machine's names and addresses, made and kept in DIR", NULL, NETWORK,
+      TEXT },
     { "web", "DIR", "folder of the viewer page; default: the one installed with the program", NULL, NETWORK, TEXT,
       AT(server_desc.web_dir) },
     { "h264-mbit", "N", "maximum bit rate of H.264, in Mbit/s; 0: half a bit per pixel of each frame", "0", NETWORK,
@@ -91,6 +94,8 @@ static const struct setting table[] = {
     { "config", "FILE", "JSON object whose keys are these flags without dashes; command-line flags override the file",
       NULL, FILES, TEXT },
     { "check-config", NULL, "check flags and configuration, report all faults and exit", NULL, FILES, SWITCH },
+    { "show-link", NULL, "print links with tokens for each role, on a terminal with QR codes, and exit", NULL, FILES,
+      SWITCH },
     { .name = NULL },
 };
 

@@ -154,3 +154,40 @@ test('a browser shows snapshots and the stream, but to no other site', async () 
   assert.equal(await page.evaluate(() => document.images[0].naturalWidth), 0);
   await page.close();
 });
+
+test('a server with tokens asks for one, which lasts as long as the tab', async () => {
+  const guarded = await startServer(RELIGHT_RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--method', 'mis',
+    '--source', 'sky:size=128x64,speed=0.5', '--token-viewer', 'look', '--token-controller', 'steer']);
+  const type = async (page, token) => {
+    await page.fill('#token', token);
+    await page.click('#access button');
+  };
+  try {
+    const page = await openWatched(guarded.url);
+    await untilState(page, 'refused');
+    assert.ok(await page.locator('#access').isVisible());
+    await page.screenshot({ path: `${process.env.RELIGHT_SHOTS ?? '/nonexistent'}/token.png` }).catch(() => {});
+    await type(page, 'wrong');
+    await page.waitForFunction(() => document.getElementById('access-note').textContent.includes('does not accept'));
+    await type(page, 'look');
+    await untilFrames(page, 2);
+    assert.equal(await page.locator('#access').isVisible(), false);
+    assert.equal(await page.evaluate(() => window.relight.app.role), 'viewer');
+    await page.reload();
+    await untilFrames(page, 2);
+    assert.equal(await page.evaluate(() => window.relight.app.role), 'viewer');
+    assert.equal(page.url(), guarded.url);
+    assert.deepEqual(page.violations, []);
+    await page.close();
+
+    const other = await openWatched(guarded.url);
+    await untilState(other, 'refused'); // another tab knows nothing of it
+    await type(other, 'steer');
+    await untilFrames(other, 2);
+    assert.equal(await other.evaluate(() => window.relight.app.role), 'controller');
+    await other.close();
+    assert.doesNotMatch(guarded.text(), /look|steer/);
+  } finally {
+    await guarded.stop();
+  }
+});
