@@ -99,13 +99,25 @@ static enum err subdivide_mesh(struct mesh *m)
     return enough ? ERR_OK : ERR_NOMEM;
 }
 
+/* An instance follows its source, which comes before it. */
+static enum err share_again(const struct scene *s, struct mesh *m)
+{
+    const struct placement place = m->place;
+    const uint32_t source = m->source;
+
+    *m = s->meshes[source - 1];
+    m->source = source;
+    m->place = place;
+    return ERR_OK;
+}
+
 enum err subdivide(struct scene *s, int times)
 {
     enum err e = ERR_OK;
 
     for (int k = 0; k < times; k++)
         for (size_t i = 0; i < s->mesh_count && !e; i++)
-            e = subdivide_mesh(&s->meshes[i]);
+            e = s->meshes[i].source ? share_again(s, &s->meshes[i]) : subdivide_mesh(&s->meshes[i]);
     s->triangle_count = 0;
     for (size_t i = 0; i < s->mesh_count; i++)
         s->triangle_count += s->meshes[i].triangle_count;

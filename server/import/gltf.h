@@ -51,6 +51,11 @@ struct gltf_surface {    /* how the meshes of a material get their texture coord
     double transform[6]; /* KHR_texture_transform: u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5 */
 };
 
+struct gltf_use {     /* how a mesh is used */
+    double count;     /* its places, where they are those of nodes without a skin or weights of their own */
+    uint32_t *shared; /* the scene's mesh of each primitive, plus 1, to be shared; 0: none */
+};
+
 struct gltf { /* a file being read */
     struct scene *scene;
     const struct model_desc *desc;
@@ -66,6 +71,7 @@ struct gltf { /* a file being read */
     uint32_t first_material;       /* in the scene */
     uint32_t plain;                /* the scene's material for primitives without one; MATERIAL_NONE: not needed yet */
     double (*worlds)[16];          /* of each node, if the file has skins */
+    struct gltf_use *uses;         /* of each mesh */
     uint64_t dropped;              /* degenerate triangles */
     bool skipped;                  /* points or lines */
 };
@@ -190,6 +196,11 @@ MUST_CHECK enum err gltf_animate(struct gltf *g);
 
 /* Adds a mesh as `node` carries it: with its weights, its skin, and once per instance. */
 MUST_CHECK enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, const double world[16]);
+
+/* ---- gltf_instances.c ---- */
+
+/* Counts the places of a node that occurs `copies` times, each with its instances, as uses of its mesh. */
+void gltf_count_uses(struct gltf *g, size_t node, double copies);
 
 /* ---- gltf_materials.c ---- */
 

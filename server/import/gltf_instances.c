@@ -1,4 +1,4 @@
-/* EXT_mesh_gpu_instancing: copies of a mesh. Each is a mesh of its own in the scene. */
+/* Places of a mesh: of its nodes, and EXT_mesh_gpu_instancing. */
 #include "import/gltf_mesh.h"
 
 #include "base/mem.h"
@@ -96,4 +96,54 @@ enum err places_load(struct gltf *g, const struct gltf_at *node, const double wo
     for (int k = 0; k < PARTS; k++)
         mem_free(numbers[k]);
     return e;
+}
+
+/* ---- Sharing between the places of a mesh ---- */
+
+/* A skin's joints and the weights of a node deform the mesh for this node alone. */
+static bool may_share(const struct gltf_at *node)
+{
+    return !json_object_get(node->value, "skin") && !json_object_get(node->value, "weights");
+}
+
+/* The number of places, as places_load will find it, or a guess for what it will refuse. */
+static double count_places(const struct gltf *g, const struct gltf_at *node)
+{
+    const struct gltf_at at = gltf_extension(node, "EXT_mesh_gpu_instancing");
+    const json_t *attributes = json_object_get(at.value, "attributes");
+
+    for (int i = 0; i < PARTS; i++) {
+        const json_t *index = json_object_get(attributes, parts[i].key);
+        const json_t *accessor = json_array_get(g->lists[GLTF_ACCESSORS].value, (size_t)json_integer_value(index));
+        if (index && accessor)
+            return json_number_value(json_object_get(accessor, "count"));
+    }
+    return 1.0;
+}
+
+void gltf_count_uses(struct gltf *g, size_t node, double copies)
+{
+    const struct gltf_at at = gltf_element(g, GLTF_NODES, node);
+    const json_t *mesh = json_object_get(at.value, "mesh");
+    const json_int_t index = json_integer_value(mesh);
+
+    if (json_is_integer(mesh) && index >= 0 && (size_t)index < g->counts[GLTF_MESHES] && may_share(&at))
+        g->uses[index].count += copies * count_places(g, &at);
+}
+
+enum err sharing_find(struct gltf *g, size_t mesh, const struct gltf_at *node, size_t primitive, struct sharing *out)
+{
+    struct gltf_use *use = &g->uses[mesh];
+    const struct gltf_at at = gltf_element(g, GLTF_MESHES, mesh), list = gltf_key(&at, "primitives");
+    const size_t count = json_array_size(list.value);
+
+    *out = (struct sharing){ 0 };
+    if (use->count < 2.0 || !may_share(node))
+        return ERR_OK;
+    if (!use->shared)
+        use->shared = mem_alloc(count, sizeof(*use->shared));
+    if (!use->shared)
+        return ERR_NOMEM;
+    *out = (struct sharing){ use->count, &use->shared[primitive] };
+    return ERR_OK;
 }

@@ -48,6 +48,9 @@ static void finish(struct gltf *g)
     mem_free(g->buffers);
     mem_free(g->views);
     mem_free(g->surfaces);
+    for (size_t i = 0; g->uses && i < g->counts[GLTF_MESHES]; i++)
+        mem_free(g->uses[i].shared);
+    mem_free(g->uses);
     mem_free(g->worlds);
     json_decref(g->json);
     bytes_finish(&g->file);

@@ -1,4 +1,4 @@
-/* Primitives become meshes in world space. */
+/* Primitives of glTF as meshes. */
 #include "import/gltf_mesh.h"
 
 #include "base/mem.h"
@@ -235,7 +235,7 @@ static enum err read_vertices(struct gltf *g, const struct primitive *p, struct 
     return e ? e : primitive_deform(g, p, m);
 }
 
-/* ---- Placing ---- */
+/* ---- Transforms ---- */
 
 void gltf_transform_point(const double m[16], float p[3])
 {
@@ -267,100 +267,6 @@ void mesh_turn_over(struct mesh *m)
     }
 }
 
-/* A direction in the surface; it becomes unit, or 0. */
-static void transform_tangent(const double m[16], double side, float t[4])
-{
-    double v[3];
-
-    for (int row = 0; row < 3; row++)
-        v[row] = m[row] * t[0] + m[4 + row] * t[1] + m[8 + row] * t[2];
-    const double length = sqrt(dot3(v, v));
-    const double scale = isfinite(length) && length > 0.0 ? 1.0 / length : 0.0;
-    for (int row = 0; row < 3; row++)
-        t[row] = scale > 0.0 ? (float)(v[row] * scale) : 0.0f;
-    t[3] *= (float)side;
-}
-
-/* A reflection turns triangles inside out: the winding is restored. */
-static void transform(struct mesh *m, const double matrix[16])
-{
-    double c[9];
-    const double side = matrix_cofactors(matrix, c) < 0.0 ? -1.0 : 1.0;
-
-    for (size_t i = 0; i < m->vertex_count; i++) {
-        gltf_transform_point(matrix, m->positions + 3 * i);
-        if (m->normals)
-            gltf_transform_normal(c, side, m->normals + 3 * i);
-        if (m->tangents)
-            transform_tangent(matrix, side, m->tangents + 4 * i);
-    }
-    if (side < 0.0)
-        mesh_turn_over(m);
-}
-
-/* Takes over the arrays of *m, also on error. */
-static enum err place(struct gltf *g, struct mesh *m, const double matrix[16])
-{
-    transform(m, matrix);
-    g->dropped += mesh_drop_degenerate(m);
-    enum err e = mesh_join_vertices(m);
-    if (!e && g->desc->normals == NORMALS_SMOOTH && !m->normals)
-        e = mesh_make_normals(m);
-    if (!e && !m->tangents && (g->scene->materials[m->material].maps & MAP_NORMAL))
-        e = mesh_make_tangents(m);
-    if (!e && m->triangle_count > 0)
-        e = scene_add_mesh(g->scene, m);
-    else
-        mesh_finish(m);
-    if (e)
-        mesh_finish(m);
-    return e;
-}
-
-static void *copy_of(const void *array, size_t count, size_t size)
-{
-    void *out = array ? mem_alloc_raw(count, size) : NULL;
-
-    if (out)
-        memcpy(out, array, count * size);
-    return out;
-}
-
-static enum err copy_mesh(const struct mesh *m, struct mesh *out)
-{
-    const size_t n = m->vertex_count;
-
-    *out = *m;
-    out->positions = copy_of(m->positions, 3 * n + 1, sizeof(float));
-    out->normals = copy_of(m->normals, 3 * n, sizeof(float));
-    out->uvs = copy_of(m->uvs, 2 * n, sizeof(float));
-    out->tangents = copy_of(m->tangents, 4 * n, sizeof(float));
-    out->colours = copy_of(m->colours, 3 * n, sizeof(float));
-    out->indices = copy_of(m->indices, m->triangle_count, 3 * sizeof(uint32_t));
-    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->tangents || !m->tangents) &&
-        (out->colours || !m->colours) && out->indices)
-        return ERR_OK;
-    mesh_finish(out);
-    return ERR_NOMEM;
-}
-
-/* One copy per place; takes over the arrays of *m, also on error. */
-static enum err place_all(struct gltf *g, struct mesh *m, const struct places *places)
-{
-    enum err e = places->count > 1 ? mesh_join_vertices(m) : ERR_OK;
-
-    for (size_t i = 0; i + 1 < places->count && !e; i++) {
-        struct mesh copy;
-        e = copy_mesh(m, &copy);
-        if (!e)
-            e = place(g, &copy, places->matrices[i]);
-    }
-    if (!e && places->count > 0)
-        return place(g, m, places->matrices[places->count - 1]);
-    mesh_finish(m);
-    return e;
-}
-
 /* Takes over nothing. */
 static enum err read_primitive(struct gltf *g, struct primitive *p, size_t mode, struct mesh *m)
 {
@@ -375,14 +281,15 @@ static enum err read_primitive(struct gltf *g, struct primitive *p, size_t mode,
 }
 
 /* The node's name, else the mesh's. */
-static void name_mesh(const struct primitive *p, struct mesh *m)
+static void name_mesh(const struct primitive *p, char out[sizeof(((struct mesh *)NULL)->name)])
 {
     const char *node = gltf_string(p->node, "name"), *own = gltf_string(p->mesh, "name");
 
-    snprintf(m->name, sizeof(m->name), "%.63s", node && node[0] ? node : own ? own : "");
+    snprintf(out, sizeof(((struct mesh *)NULL)->name), "%.63s", node && node[0] ? node : own ? own : "");
 }
 
-static enum err add_primitive(struct gltf *g, struct primitive *p, const struct places *places)
+static enum err add_primitive(struct gltf *g, struct primitive *p, const struct places *places,
+                              const struct sharing *with)
 {
     struct mesh m = { .name = "" };
     size_t mode;
@@ -396,11 +303,11 @@ static enum err add_primitive(struct gltf *g, struct primitive *p, const struct 
         g->skipped = true;
         return ERR_OK;
     }
-    name_mesh(p, &m);
+    name_mesh(p, m.name);
     e = read_primitive(g, p, mode, &m);
     primitive_draco_end(p);
     if (!e && m.triangle_count > 0)
-        return place_all(g, &m, places);
+        return place_all(g, &m, places, with);
     mesh_finish(&m);
     return e;
 }
@@ -410,6 +317,8 @@ enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, 
     static const double identity[16] = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 };
     const struct gltf_at at = gltf_element(g, GLTF_MESHES, mesh), list = gltf_key(&at, "primitives");
     struct places places = { 0 };
+    char name[sizeof(((struct mesh *)NULL)->name)];
+    struct sharing with;
     struct skin skin = { 0 };
 
     enum err e = skin_load(g, node, &skin);
@@ -420,7 +329,12 @@ enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, 
         struct primitive p = { .at = &item, .mesh = &at, .node = node, .skin = &skin };
         p.attributes = gltf_key(&item, "attributes");
         p.indices = gltf_key(&item, "indices");
-        e = add_primitive(g, &p, &places);
+        name_mesh(&p, name);
+        e = sharing_find(g, mesh, node, i, &with);
+        if (!e && with.slot && *with.slot)
+            e = place_again(g, *with.slot - 1, name, &places);
+        else if (!e)
+            e = add_primitive(g, &p, &places, &with);
     }
     places_finish(&places);
     skin_finish(&skin);

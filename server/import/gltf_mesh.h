@@ -28,6 +28,12 @@ struct places { /* where copies of a mesh stand */
     size_t count;
 };
 
+/* The slot for the scene's mesh that others share, see struct gltf_use; uses below 2: none do. */
+struct sharing {
+    double uses;
+    uint32_t *slot;
+};
+
 /* As gltf_accessor_vector, where the primitive's data may be compressed. */
 MUST_CHECK enum err primitive_accessor(struct gltf *g, const struct primitive *p, const struct gltf_at *at,
                                        size_t least, size_t most, struct gltf_accessor *out);
@@ -50,6 +56,18 @@ MUST_CHECK enum err primitive_draco_accessor(struct gltf *g, const struct primit
  * ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err places_load(struct gltf *g, const struct gltf_at *node, const double world[16], struct places *out);
 void places_finish(struct places *p); /* zeroed memory is allowed */
+
+/* What a node's mesh shares with other nodes. ERR_NOMEM. */
+MUST_CHECK enum err sharing_find(struct gltf *g, size_t mesh, const struct gltf_at *node, size_t primitive,
+                                 struct sharing *out);
+
+/* ---- gltf_place.c ---- */
+
+/* Adds a mesh, in its own space, at each place: as instances where it has many triangles and uses, else as copies.
+ * Takes over the arrays of *m, also on error. ERR_NOMEM. */
+MUST_CHECK enum err place_all(struct gltf *g, struct mesh *m, const struct places *places, const struct sharing *with);
+/* The same for a mesh that the scene has. */
+MUST_CHECK enum err place_again(struct gltf *g, uint32_t mesh, const char *name, const struct places *places);
 
 /* ---- gltf_deform.c: morph targets and skins, as the nodes stand ---- */
 

@@ -2,6 +2,7 @@
 #include "import/gltf.h"
 
 #include "base/mem.h"
+#include "scene/mesh_read.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -66,8 +67,10 @@ static enum err walk_nodes(struct gltf *g, struct walk *w)
             w->queue[end++] = i;
     }
     for (; at < end && !e; at++) {
-        copies += w->copies[w->queue[at]];
-        e = pass_node(g, w, w->queue[at], &end);
+        const size_t node = w->queue[at];
+        copies += w->copies[node];
+        gltf_count_uses(g, node, w->copies[node]);
+        e = pass_node(g, w, node, &end);
     }
     if (!e && at < w->count)
         e = gltf_fault(g, NULL, ERR_FORMAT, "nodes are their own descendants");
@@ -123,11 +126,12 @@ static enum err check_nodes(struct gltf *g, struct roots *r)
 {
     struct walk w = { .count = g->counts[GLTF_NODES] };
 
+    g->uses = mem_alloc(g->counts[GLTF_MESHES], sizeof(*g->uses));
     w.queue = mem_alloc(w.count, sizeof(*w.queue));
     w.parents = mem_alloc(w.count, sizeof(*w.parents));
     w.depth = mem_alloc(w.count, sizeof(*w.depth));
     w.copies = mem_alloc(w.count, sizeof(*w.copies));
-    enum err e = w.queue && w.parents && w.depth && w.copies ? count_parents(g, &w) : ERR_NOMEM;
+    enum err e = g->uses && w.queue && w.parents && w.depth && w.copies ? count_parents(g, &w) : ERR_NOMEM;
     for (size_t i = 0; i < w.count && !e; i++)
         r->free[i] = w.parents[i] == 0;
     if (!e)
@@ -233,17 +237,11 @@ static void name_camera(const struct gltf *g, const struct gltf_at *node, const 
 /* How far the middle of the bounding box of all meshes lies ahead. */
 static double depth_of_centre(const struct scene *s, struct vec3 position, struct vec3 ahead)
 {
-    struct vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
+    struct box b = { { INFINITY, INFINITY, INFINITY }, { -INFINITY, -INFINITY, -INFINITY } };
 
-    for (size_t i = 0; i < s->mesh_count; i++) {
-        const struct mesh *m = &s->meshes[i];
-        for (size_t k = 0; k < m->vertex_count; k++) {
-            const float *p = m->positions + 3 * k;
-            low = vec3_make(fminf(low.x, p[0]), fminf(low.y, p[1]), fminf(low.z, p[2]));
-            high = vec3_make(fmaxf(high.x, p[0]), fmaxf(high.y, p[1]), fmaxf(high.z, p[2]));
-        }
-    }
-    const struct vec3 centre = vec3_scale(vec3_add(low, high), 0.5f);
+    for (size_t i = 0; i < s->mesh_count; i++)
+        mesh_grow_box(&s->meshes[i], &b);
+    const struct vec3 centre = vec3_scale(vec3_add(b.low, b.high), 0.5f);
     const double depth = vec3_dot_double(vec3_sub(centre, position), ahead);
     return isfinite(depth) && depth > 0.0 ? depth : 0.0;
 }

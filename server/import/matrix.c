@@ -23,3 +23,10 @@ double matrix_cofactors(const double m[16], double c[9])
     }
     return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
 }
+
+void matrix_rows(const double m[16], float rows[3][4])
+{
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 4; column++)
+            rows[row][column] = (float)m[4 * column + row];
+}

@@ -24,7 +24,7 @@ struct model_desc {
     enum model_normals normals;
 };
 
-/* Reads a model, all formats but glTF through Assimp, and adds its meshes in world space, one per node. ERR_IO,
+/* Reads a model, all formats but glTF through Assimp, and adds its meshes, one per node. ERR_IO,
  * ERR_FORMAT, ERR_RANGE, ERR_UNSUPPORTED, ERR_NOMEM. */
 MUST_CHECK enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why);
 
@@ -83,6 +83,12 @@ bool path_ends_in(const char *path, const char *ending);
 void matrix_multiply(const double a[16], const double b[16], double out[16]);
 /* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
 double matrix_cofactors(const double m[16], double c[9]);
+
+/* The rows of a column-major matrix, as mesh_place wants them. */
+void matrix_rows(const double m[16], float rows[3][4]);
+
+/* Whether a mesh that stands at `uses` places is better shared than copied. */
+bool instances_pay(double uses, size_t triangles);
 
 /* Reads a JSON scene into an empty scene. Errors of import_scene. */
 MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);

@@ -2,6 +2,7 @@
 
 #include "base/mem.h"
 #include "scene/coverage.h"
+#include "scene/mesh_read.h"
 #include "scene/scatter.h"
 
 #include <math.h>
@@ -45,14 +46,12 @@ static double luminance(struct vec3 v)
 /* Twice the area. */
 static double double_area(const struct mesh *m, uint32_t triangle)
 {
-    const uint32_t *t = m->indices + 3 * (size_t)triangle;
-    const float *p[3] = { m->positions + 3 * (size_t)t[0], m->positions + 3 * (size_t)t[1],
-                          m->positions + 3 * (size_t)t[2] };
-    double a[3], b[3], sum = 0.0;
+    double p[3][3], a[3], b[3], sum = 0.0;
 
+    mesh_corners(m, triangle, p);
     for (int k = 0; k < 3; k++) {
-        a[k] = (double)p[1][k] - p[0][k];
-        b[k] = (double)p[2][k] - p[0][k];
+        a[k] = p[1][k] - p[0][k];
+        b[k] = p[2][k] - p[0][k];
     }
     for (int k = 0; k < 3; k++) {
         const double c = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
@@ -234,12 +233,12 @@ bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[
                             .triangle = (uint32_t)(index - g->first),
                             .u = (float)(root * (1.0 - x[2])),
                             .v = (float)(root * x[2]) };
-    const uint32_t *t = m->indices + 3 * (size_t)at.triangle;
-    const float *p = m->positions + 3 * (size_t)t[0];
+    struct vec3 p[3];
     struct surface s;
 
+    mesh_corners_rounded(m, at.triangle, p);
     /* Any point of the triangle tells the side that `from` is on. */
-    rays_surface(e->rays, &at, vec3_sub(from, vec3_make(p[0], p[1], p[2])), &s);
+    rays_surface(e->rays, &at, vec3_sub(from, p[0]), &s);
     out->to = vec3_sub(surface_start(&s, 1.0f), from);
     const double distance = vec3_length(out->to);
     out->dir = vec3_scale(out->to, (float)(1.0 / distance));

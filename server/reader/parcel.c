@@ -29,6 +29,8 @@ struct mesh_head {
     uint32_t vertices, triangles, material;
     uint32_t has_normals, has_uvs, has_tangents, has_colours; /* 0 or 1 */
     char name[64];
+    uint32_t source; /* as in struct mesh; not 0: the rest says nothing */
+    uint32_t placed; /* 0 or 1 */
 };
 
 /* ---- Writing ---- */
@@ -69,11 +71,17 @@ static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
                               .has_normals = m->normals != NULL,
                               .has_uvs = m->uvs != NULL,
                               .has_tangents = m->tangents != NULL,
-                              .has_colours = m->colours != NULL };
+                              .has_colours = m->colours != NULL,
+                              .source = m->source,
+                              .placed = m->placed };
 
     memcpy(head.name, m->name, sizeof(head.name));
     enum err e = put(fd, &head, sizeof(head), why);
 
+    if (!e && m->placed)
+        e = put(fd, m->place.matrix, sizeof(m->place.matrix), why);
+    if (e || m->source != 0)
+        return e;
     if (!e)
         e = put(fd, m->positions, 3 * sizeof(float) * m->vertex_count, why);
     if (!e && m->normals)
@@ -358,19 +366,40 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
     return ERR_OK;
 }
 
+static enum err check_place(const struct parcel *p, enum err e)
+{
+    return e == ERR_RANGE ? forged(p, "the place of a mesh is out of range") : e;
+}
+
+static enum err take_instance(struct parcel *p, const struct mesh_head *head, const float matrix[3][4])
+{
+    const struct scene *s = p->scene;
+    const uint32_t of = head->source - 1;
+
+    if (head->placed != 1 || of >= s->mesh_count || !s->meshes[of].placed || s->meshes[of].source != 0)
+        return forged(p, "an instance names a mesh that is not there");
+    return check_place(p, scene_add_instance(p->scene, of, head->name, matrix));
+}
+
 static enum err take_mesh(struct parcel *p)
 {
     struct mesh_head head;
     struct mesh m = { 0 };
+    float matrix[3][4];
 
     enum err e = take(p, &head, sizeof(head));
+    if (!e && head.placed)
+        e = take(p, matrix, sizeof(matrix));
     if (e)
         return e;
-    if (head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 || head.triangles > MESH_ELEMENTS_MAX ||
-        head.has_normals > 1 || head.has_uvs > 1 || head.has_tangents > 1 || head.has_colours > 1)
-        return forged(p, "the size of a mesh");
     if (!is_text(head.name, sizeof(head.name)))
         return forged(p, "the name of a mesh has no end");
+    if (head.source != 0)
+        return take_instance(p, &head, matrix);
+    if (head.placed > 1 || head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 ||
+        head.triangles > MESH_ELEMENTS_MAX || head.has_normals > 1 || head.has_uvs > 1 || head.has_tangents > 1 ||
+        head.has_colours > 1)
+        return forged(p, "the size of a mesh");
     if (head.material >= p->head.materials)
         return forged(p, "a mesh names a material that is not there");
     memcpy(m.name, head.name, sizeof(m.name));
@@ -378,6 +407,8 @@ static enum err take_mesh(struct parcel *p)
     m.triangle_count = head.triangles;
     m.material = head.material;
     e = take_arrays(p, &head, &m);
+    if (!e && head.placed)
+        e = check_place(p, mesh_place(&m, (const float(*)[4])matrix));
     if (!e)
         e = scene_add_mesh(p->scene, &m);
     if (e)

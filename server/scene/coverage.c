@@ -1,6 +1,7 @@
 #include "scene/coverage.h"
 
 #include "base/rng.h"
+#include "scene/mesh_read.h"
 
 #include <math.h>
 #include <string.h>
@@ -101,8 +102,7 @@ static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, fl
     float uv[2];
 
     for (int k = 0; k < 3; k++) {
-        const float *at = mesh->positions + 3 * (size_t)t[k], *own = mesh->colours + 3 * (size_t)t[k];
-        p[k] = vec3_make(at[0], at[1], at[2]);
+        const float *own = mesh->colours + 3 * (size_t)t[k];
         if (mesh->colours)
             colour = vec3_add(colour, vec3_scale(vec3_make(own[0], own[1], own[2]), weight[k]));
     }
@@ -112,6 +112,7 @@ static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, fl
         uv_at(mesh, triangle, u, v, uv);
         tint = vec3_mul(tint, texture_read(m->tint, uv, NULL));
     }
+    mesh_corners_rounded(mesh, triangle, p);
     const struct vec3 n = vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]));
     return sheet_at(m->material->ior, tint, vec3_dot(n, d) / (vec3_length(n) * vec3_length(d))).covers;
 }
@@ -145,10 +146,7 @@ static float texels_per_metre(const struct mask *m, uint32_t triangle)
 
     if (!mesh->uvs)
         return 0.0f;
-    for (int k = 0; k < 3; k++) {
-        const float *at = mesh->positions + 3 * (size_t)t[k];
-        p[k] = vec3_make(at[0], at[1], at[2]);
-    }
+    mesh_corners_rounded(mesh, triangle, p);
     const struct vec3 e1 = vec3_sub(p[1], p[0]), e2 = vec3_sub(p[2], p[0]), n = vec3_cross(e1, e2);
     const struct vec3 across1 = vec3_cross(e2, n), across2 = vec3_cross(n, e1); /* over |n|^2: gradients of u and v */
     for (size_t i = 0; i < 2; i++) {

@@ -1,6 +1,7 @@
 /* Ray differentials: first derivatives of a camera ray's origin and direction with respect to one pixel in x and y,
  * carried through mirrors and glass [Igehy 1999]. */
 #include "scene/gbuffer_build.h"
+#include "scene/mesh_read.h"
 
 #include <math.h>
 
@@ -34,19 +35,14 @@ float cone_width(const struct cone *c)
     return sqrtf(0.5f * (vec3_dot(c->dir[0], c->dir[0]) + vec3_dot(c->dir[1], c->dir[1])));
 }
 
-static struct vec3 vertex(const float *array, uint32_t index)
-{
-    const float *v = array + 3 * (size_t)index;
-    return vec3_make(v[0], v[1], v[2]);
-}
-
 /* The change of the barycentric coordinates u and v for a step in the triangle's plane, as ratios of areas [Igehy 1999,
  * Eq. 13]. False: the triangle is too small for floats. */
 static bool barycentric_change(const struct mesh *m, const struct hit *h, struct vec3 step, float *du, float *dv)
 {
-    const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
-    const struct vec3 p0 = vertex(m->positions, t[0]);
-    const struct vec3 e1 = vec3_sub(vertex(m->positions, t[1]), p0), e2 = vec3_sub(vertex(m->positions, t[2]), p0);
+    struct vec3 p[3];
+
+    mesh_corners_rounded(m, h->triangle, p);
+    const struct vec3 e1 = vec3_sub(p[1], p[0]), e2 = vec3_sub(p[2], p[0]);
     const struct vec3 area = vec3_cross(e1, e2);
     const float area2 = vec3_dot(area, area);
 
@@ -66,8 +62,8 @@ static struct vec3 normal_change(const struct mesh *m, const struct hit *h, stru
 
     if (!m->normals)
         return none;
-    const struct vec3 n0 = vertex(m->normals, t[0]);
-    const struct vec3 n1 = vec3_sub(vertex(m->normals, t[1]), n0), n2 = vec3_sub(vertex(m->normals, t[2]), n0);
+    const struct vec3 n0 = mesh_normal(m, t[0]);
+    const struct vec3 n1 = vec3_sub(mesh_normal(m, t[1]), n0), n2 = vec3_sub(mesh_normal(m, t[2]), n0);
     const struct vec3 raw = vec3_add(n0, vec3_add(vec3_scale(n1, h->u), vec3_scale(n2, h->v)));
     const float along = vec3_dot(raw, shading); /* its length, with the sign of the side */
     if (fabsf(along) < 1e-3f || !barycentric_change(m, h, step, &du, &dv))

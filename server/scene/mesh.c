@@ -10,12 +10,14 @@
 
 void mesh_finish(struct mesh *m)
 {
-    mem_free(m->positions);
-    mem_free(m->normals);
-    mem_free(m->uvs);
-    mem_free(m->tangents);
-    mem_free(m->colours);
-    mem_free(m->indices);
+    if (m->source == 0) {
+        mem_free(m->positions);
+        mem_free(m->normals);
+        mem_free(m->uvs);
+        mem_free(m->tangents);
+        mem_free(m->colours);
+        mem_free(m->indices);
+    }
     *m = (struct mesh){ 0 };
 }
 

@@ -1,5 +1,7 @@
 #include "scene/normal_map.h"
 
+#include "scene/mesh_read.h"
+
 #include <math.h>
 
 #define GGX_SPARED 0.0137f /* the largest difference of the two shares, at any angle, by quadrature */
@@ -14,7 +16,8 @@ static bool tangent_at(const struct mesh *m, const struct hit *h, struct vec3 n,
     float sides = 0.0f;
 
     for (int k = 0; k < 3; k++) {
-        const float *v = m->tangents + 4 * (size_t)t[k];
+        float v[4];
+        mesh_tangent(m, t[k], v);
         sum = vec3_add(sum, vec3_scale(vec3_make(v[0], v[1], v[2]), weight[k]));
         sides += weight[k] * v[3];
     }

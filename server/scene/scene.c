@@ -2,11 +2,13 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "scene/mesh_read.h"
 #include "scene/scatter.h"
 #include "scene/scene_build.h"
 
 #include <assert.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 /* The camera that frames a model without one: field of view in radians, and the narrowest aspect ratio it fits. */
@@ -85,6 +87,18 @@ enum err scene_add_mesh(struct scene *s, const struct mesh *m)
     return ERR_OK;
 }
 
+enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, const float matrix[3][4])
+{
+    struct mesh m = s->meshes[of];
+
+    assert(m.placed);
+    if (m.source == 0)
+        m.source = of + 1;
+    snprintf(m.name, sizeof(m.name), "%.63s", name);
+    const enum err e = mesh_place(&m, matrix);
+    return e ? e : scene_add_mesh(s, &m);
+}
+
 enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index)
 {
     struct texture *grown = one_more(s->textures, s->texture_count, sizeof(*grown));
@@ -144,16 +158,6 @@ const struct camera *scene_camera(const struct scene *s, const char *name)
     return NULL;
 }
 
-/* Enlarges the box to contain the mesh's triangles. */
-static void grow_box(struct box *b, const struct mesh *m)
-{
-    for (size_t i = 0; i < 3 * (size_t)m->triangle_count; i++) {
-        const float *p = m->positions + 3 * (size_t)m->indices[i];
-        b->low = vec3_make(fminf(b->low.x, p[0]), fminf(b->low.y, p[1]), fminf(b->low.z, p[2]));
-        b->high = vec3_make(fmaxf(b->high.x, p[0]), fmaxf(b->high.y, p[1]), fmaxf(b->high.z, p[2]));
-    }
-}
-
 static const struct box no_box = { { INFINITY, INFINITY, INFINITY }, { -INFINITY, -INFINITY, -INFINITY } };
 
 enum err scene_finish(struct scene *s, const char *file, struct reason *why)
@@ -163,7 +167,7 @@ enum err scene_finish(struct scene *s, const char *file, struct reason *why)
     s->triangle_count = 0;
     for (size_t i = 0; i < s->mesh_count; i++) {
         s->triangle_count += s->meshes[i].triangle_count;
-        grow_box(&all, &s->meshes[i]);
+        mesh_grow_box(&s->meshes[i], &all);
     }
     s->low = all.low;
     s->high = all.high;
@@ -286,7 +290,7 @@ size_t scene_casters(const struct scene *s, struct box *out, size_t room)
             continue;
         if (count < room) {
             out[count] = no_box;
-            grow_box(&out[count], &s->meshes[i]);
+            mesh_grow_box(&s->meshes[i], &out[count]);
         }
         count++;
     }

@@ -31,7 +31,19 @@ enum scene_feature {
     FEATURE_COUNT
 };
 
-struct mesh { /* triangles with one material */
+struct box {               /* axis-aligned */
+    struct vec3 low, high; /* m */
+};
+
+/* Where a mesh stands whose arrays are in a space of their own. */
+struct placement {
+    float matrix[3][4];  /* rows: from that space to the world */
+    float normals[3][3]; /* the transpose of the inverse, up to a positive factor */
+    float side;          /* the sign of the determinant; -1: triangles are clockwise seen from outside */
+};
+
+/* Triangles with one material. mesh_read.h reads them in world space. */
+struct mesh {
     char name[64]; /* of the object that it is a part of; "": it has none */
     uint32_t vertex_count, triangle_count;
     float *positions;  /* [vertex_count][3], m; padded by one float, since Embree reads 16 bytes */
@@ -42,6 +54,10 @@ struct mesh { /* triangles with one material */
     float *colours;    /* [vertex_count][3], linear Rec.709, 0..1: multiplies the material's; NULL: white */
     uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise seen from outside */
     uint32_t material; /* index into the scene's materials */
+    uint32_t source;   /* 0: the arrays are its own; else those of mesh source - 1, which comes before it */
+    bool placed;       /* the arrays are in a space of their own, where `bounds` is their box; else in world space */
+    struct box bounds;
+    struct placement place;
 };
 
 struct camera {
@@ -87,7 +103,7 @@ struct scene {
     size_t camera_count;
     struct punctual_light *lights;
     size_t light_count;
-    uint64_t triangle_count; /* of all meshes */
+    uint64_t triangle_count; /* of all meshes, instances too */
     struct vec3 low, high;   /* bounding box of the triangles, m */
     struct ground ground;
     bool wants_ground;   /* its file asks for one */
@@ -104,10 +120,6 @@ void scene_destroy(struct scene *s); /* NULL is allowed */
 
 /* The camera of that name, or the first if name is NULL; NULL if there is none. */
 const struct camera *scene_camera(const struct scene *s, const char *name);
-
-struct box {               /* axis-aligned */
-    struct vec3 low, high; /* m */
-};
 
 /* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, sharp ggx), which cast caustics. Returns their
  * number; writes at most `room`. */

@@ -20,6 +20,9 @@ struct scene *scene_create(void);
 MUST_CHECK enum err scene_add_material(struct scene *s, const struct material *m, uint32_t *index);
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_mesh(struct scene *s, const struct mesh *m);
+/* Adds mesh `of`, which must be placed, once more where `matrix` says: an instance, which shares its arrays. ERR_NOMEM.
+ * ERR_RANGE: the matrix does not suit, see mesh_place. */
+MUST_CHECK enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, const float matrix[3][4]);
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index);
 /* See scene_add_material. */
@@ -49,7 +52,12 @@ struct camera scene_framing_camera(const struct scene *s);
 /* Checks a camera. ERR_RANGE: invalid; the message begins with `place`. */
 MUST_CHECK enum err camera_check(const struct camera *c, const char *place, struct reason *why);
 
-void mesh_finish(struct mesh *m); /* frees the arrays */
+void mesh_finish(struct mesh *m); /* frees the arrays, if they are its own */
+
+/* Places a mesh whose arrays are in a space of their own. ERR_RANGE, and nothing has changed: the matrix is singular,
+ * or stretches one direction 1000 times as much as another, or scales beyond 1e-6 to 1e6, or takes the mesh beyond
+ * MESH_COORDINATE_MAX. */
+MUST_CHECK enum err mesh_place(struct mesh *m, const float matrix[3][4]);
 
 /* Computes m->normals: at each position the mean of the adjacent triangles' normals, weighted by angle [Thuermer and
  * Wuethrich 1998]. ERR_NOMEM. */

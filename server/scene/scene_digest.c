@@ -3,8 +3,20 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+/* Nothing for meshes in world space. True: the arrays are those of an earlier mesh. */
+static bool digest_place(struct digest *d, const struct mesh *m)
+{
+    if (m->placed) {
+        digest_u64(d, m->source);
+        digest_bytes(d, m->place.matrix, sizeof(m->place.matrix));
+    }
+    return m->source != 0;
+}
+
 static void digest_mesh(struct digest *d, const struct mesh *m)
 {
+    if (digest_place(d, m))
+        return;
     digest_u64(d, (uint64_t)m->vertex_count << 32 | m->triangle_count);
     digest_u64(d, m->material);
     digest_bytes(d, m->positions, 3 * sizeof(float) * m->vertex_count);
@@ -111,6 +123,8 @@ void digest_geometry(struct digest *d, const struct scene *scene)
 {
     for (size_t i = 0; i < scene->mesh_count; i++) {
         const struct mesh *m = &scene->meshes[i];
+        if (digest_place(d, m))
+            continue;
         digest_bytes(d, m->positions, 3 * sizeof(float) * m->vertex_count);
         digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
         digest_holes(d, scene, m);

@@ -123,7 +123,7 @@ async def G161_deeply_nested_json(folder):
 
 @row(alone=True, most_s=240)
 async def G162_bombs_of_triangles(folder):
-    """A few hundred bytes that stand for 4 * 10^9 indices, for a mesh 2^200 times, and for one of 180,000 triangles 500 times."""
+    """A few hundred bytes that stand for 4 * 10^9 indices, for a mesh 2^200 times, and for 500 meshes of 180,000 triangles."""
     if SANITIZED:
         skip("a sanitizer's shadow memory exceeds any limit")
     parts = gltf()
@@ -131,7 +131,8 @@ async def G162_bombs_of_triangles(folder):
     await refused(folder, write_gltf(folder, parts), "scene.gltf")
     nodes = [{"children": [i + 1, i + 1]} for i in range(200)] + [{"mesh": 0}]
     twice = await refused(folder, write_gltf(folder, gltf(nodes=nodes)), "scene.gltf", "several parents")
-    parts = gltf(nodes=[{"children": list(range(1, 501))}] + [{"mesh": 0}] * 500)
+    parts = gltf(nodes=[{"children": list(range(1, 501))}] + [{"mesh": i} for i in range(500)])
+    parts["meshes"] *= 500
     side = 300
     points = b"".join(struct.pack("<3f", i % side, i // side, 0) for i in range(side * side))
     faces = b"".join(struct.pack("<6I", i, i + 1, i + side, i + 1, i + side + 1, i + side)

@@ -267,6 +267,80 @@ static void instances_stand_where_they_are_put(void **state)
     make_end(&m);
 }
 
+enum { GRID = 12, STAND = 500 }; /* 2 * GRID^2 triangles; (uses - 1) * triangles is above 100,000 */
+
+/* A bumpy grid; the first of `STAND` places is flattened to nothing, the second mirrored. */
+static void put_grid(struct make *m)
+{
+    static float points[3 * (GRID + 1) * (GRID + 1)], at[3 * STAND], scales[3 * STAND];
+    static uint32_t listed[6 * GRID * GRID];
+    uint32_t n = 0;
+
+    for (uint32_t i = 0; i < (GRID + 1) * (GRID + 1); i++) {
+        const float x = (float)(i % (GRID + 1)) / GRID, y = (float)(i / (GRID + 1)) / GRID;
+        memcpy(points + 3 * i, (const float[]){ x, y, x * y }, 3 * sizeof(float));
+        if (i % (GRID + 1) < GRID && i / (GRID + 1) < GRID) {
+            const uint32_t two[6] = { i, i + 1, i + GRID + 2, i, i + GRID + 2, i + GRID + 1 };
+            memcpy(listed + n, two, sizeof(two));
+            n += 6;
+        }
+    }
+    for (uint32_t i = 0; i < STAND; i++) {
+        memcpy(at + 3 * i, (const float[]){ 2.0f * (float)i, 0, 0 }, 3 * sizeof(float));
+        memcpy(scales + 3 * i, (const float[]){ i == 1 ? -1.0f : 1.0f, 1, i == 0 ? 0.0f : 1.0f }, 3 * sizeof(float));
+    }
+    FLOATS(m, points, "VEC3", (GRID + 1) * (GRID + 1));
+    make_array(m, listed, sizeof(listed), 5125, "SCALAR", n);
+    FLOATS(m, at, "VEC3", STAND);
+    FLOATS(m, scales, "VEC3", STAND);
+}
+
+/* Of instances and of a node; not with weights of its own. What is flat gets a copy. */
+static void large_meshes_are_shared(void **state)
+{
+    struct make m;
+
+    (void)state;
+    make_begin(&m);
+    put_grid(&m);
+    struct scene *s = make_scene(
+        &m, "\"nodes\":[{\"mesh\":0,\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":2,"
+            "\"SCALE\":3}}}},{\"mesh\":0,\"translation\":[0,-50,0]},{\"mesh\":0,\"weights\":[0.5],\"translation\":[0,"
+            "90,0]}],"
+            "\"meshes\":[{\"weights\":[0],\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
+            "\"targets\":[{\"POSITION\":0}]}]}]");
+    assert_int_equal(s->mesh_count, STAND + 2);
+    const struct mesh *flat = &s->meshes[0], *own = &s->meshes[1], *deformed = &s->meshes[STAND + 1];
+    assert_true(!flat->placed && flat->triangle_count > 0); /* a plane has triangles, and no inverse */
+    assert_true(own->placed && own->source == 0 && own->place.side == -1.0f && own->place.matrix[0][3] == 2.0f);
+    for (uint32_t i = 2; i <= STAND; i++) {
+        assert_int_equal(s->meshes[i].source, 2);
+        assert_ptr_equal(s->meshes[i].indices, own->indices);
+    }
+    assert_true(s->meshes[STAND].place.matrix[1][3] == -50.0f);
+    assert_true(!deformed->placed && deformed->source == 0);
+    assert_near(s->low, 0, -50, 0);
+    assert_near(s->high, 2 * STAND - 1, 91.5f, 1.5f);
+    assert_int_equal(s->triangle_count, (STAND + 2) * 2 * GRID * GRID);
+    scene_destroy(s);
+    make_end(&m);
+}
+
+static void small_meshes_are_copied(void **state)
+{
+    struct make m;
+
+    (void)state;
+    make_begin(&m);
+    put_grid(&m);
+    struct scene *s = make_scene(&m, "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"translation\":[0,3,0]}],"
+                                     "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}]");
+    assert_int_equal(s->mesh_count, 2);
+    assert_true(!s->meshes[0].placed && !s->meshes[1].placed && s->meshes[1].source == 0);
+    scene_destroy(s);
+    make_end(&m);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(meshopt_vertices_and_triangles_come_back),
     cmocka_unit_test(meshopt_sequences_and_filters_come_back),
@@ -275,6 +349,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(damaged_draco_is_refused),
     cmocka_unit_test(webp_textures_are_read),
     cmocka_unit_test(instances_stand_where_they_are_put),
+    cmocka_unit_test(large_meshes_are_shared),
+    cmocka_unit_test(small_meshes_are_copied),
 };
 
 UNIT_MAIN(tests)

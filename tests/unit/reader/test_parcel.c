@@ -20,8 +20,10 @@ enum {
     TEXTURE = LIGHT + (int)sizeof(struct punctual_light),
     TEXTURE_HEAD = 20,
     MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
+    MESH_HEAD = 100,
     NAME = MESH + 28,
-    POSITIONS = NAME + 64,
+    PLACE = 48, /* of an instance or a placed mesh */
+    POSITIONS = MESH + MESH_HEAD,
     NORMALS = POSITIONS + CORNERS * 12,
     UVS = NORMALS + CORNERS * 12,
     TANGENTS = UVS + CORNERS * 8,
@@ -214,6 +216,8 @@ static void forged_sizes_are_refused(void **state)
     forge_u32(MESH + 16, 0xffffffff, "the size of a mesh");
     forge_u32(MESH + 20, 2, "the size of a mesh");
     forge_u32(MESH + 24, 2, "the size of a mesh");
+    forge_u32(NAME + 64, 1, "an instance names a mesh that is not there");
+    forge_u32(NAME + 68, 2, "");
 }
 
 static void forged_indices_are_refused(void **state)
@@ -278,6 +282,87 @@ static void forged_values_are_refused(void **state)
     forge_float(CAMERA + (long)offsetof(struct camera, position), NAN, "a.glb: ");
 }
 
+/* Two meshes with places of their own, and four instances of theirs in turn. */
+static int write_instances(void)
+{
+    struct reason why = { "" };
+    struct scene *s = make();
+    struct scene *other = make();
+    struct mesh second = other->meshes[0];
+    const float first[3][4] = { { 1, 0, 0, 7 }, { 0, 2, 0, 0 }, { 0, 0, 1, 0 } };
+    const int fd = memfd_create("parcel", 0);
+
+    assert_true(fd >= 0);
+    assert_int_equal(mesh_place(&s->meshes[0], first), ERR_OK);
+    assert_int_equal(mesh_place(&second, first), ERR_OK);
+    assert_int_equal(scene_add_mesh(s, &second), ERR_OK);
+    other->mesh_count = 0;
+    scene_destroy(other);
+    for (uint32_t i = 0; i < 4; i++) {
+        const float matrix[3][4] = { { 1, 0, 0, (float)i }, { 0, -1, 0, 0 }, { 0, 0, 1, 0 } };
+        assert_int_equal(scene_add_instance(s, i % 2, i == 3 ? "fir" : "", matrix), ERR_OK);
+    }
+    if (parcel_write(fd, s, &why))
+        fail_msg("%s", why.text);
+    scene_destroy(s);
+    return fd;
+}
+
+static void instances_share_what_was_sent_once(void **state)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL;
+    const int fd = write_instances();
+
+    (void)state;
+    assert_int_equal(lseek(fd, 0, SEEK_END), END + (END - MESH) + 4 * MESH_HEAD + 6 * PLACE);
+    if (parcel_read(fd, "a.glb", &s, &why))
+        fail_msg("%s", why.text);
+    assert_int_equal(s->mesh_count, 6);
+    assert_int_equal(s->triangle_count, 6 * TRIANGLES);
+    for (uint32_t i = 0; i < 4; i++) {
+        const struct mesh *m = &s->meshes[2 + i];
+        assert_int_equal(m->source, 1 + i % 2);
+        assert_ptr_equal(m->positions, s->meshes[i % 2].positions);
+        assert_true(m->placed && m->place.matrix[0][3] == (float)i && m->place.side == -1.0f && m->material == 1);
+    }
+    assert_string_equal(s->meshes[5].name, "fir");
+    assert_string_equal(s->meshes[4].name, "");
+    assert_true(s->meshes[0].place.matrix[0][3] == 7.0f && s->meshes[0].place.matrix[1][1] == 2.0f);
+    scene_destroy(s);
+    close(fd);
+}
+
+static void forged_instances_are_refused(void **state)
+{
+    const long first = END + PLACE + (END - MESH) + PLACE; /* the head of the first instance */
+    static const struct {
+        long at;
+        uint32_t value;
+        const char *because;
+    } cases[] = {
+        { 92, 3, "an instance names a mesh that is not there" }, /* itself */
+        { 92, UINT32_MAX, "an instance names a mesh that is not there" },
+        { 92 + 2 * (MESH_HEAD + PLACE), 3, "an instance names a mesh that is not there" }, /* an instance */
+        { 96, 0, "" },
+        { MESH_HEAD, 0, "the place of a mesh is out of range" },
+        { MESH_HEAD, 0x7f800000, "the place of a mesh is out of range" },
+        { MESH_HEAD + 12, 0x7fc00000, "the place of a mesh is out of range" },
+        { MESH + MESH_HEAD - (END + PLACE + (END - MESH) + PLACE), 0, "the place of a mesh is out of range" },
+    };
+
+    (void)state;
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        struct reason why = { "" };
+        struct scene *s = NULL;
+        const int fd = write_instances();
+        assert_int_equal(pwrite(fd, &cases[k].value, 4, first + cases[k].at), 4);
+        if (parcel_read(fd, "a.glb", &s, &why) != ERR_FORMAT || s || !strstr(why.text, cases[k].because))
+            fail_msg("case %zu: not '%s' but %s", k, cases[k].because, why.text);
+        close(fd);
+    }
+}
+
 /* Whatever bytes are changed, a scene that is taken has its indices within its arrays. */
 static void random_bytes_never_get_through_unchecked(void **state)
 {
@@ -312,9 +397,10 @@ static void random_bytes_never_get_through_unchecked(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(what_was_written_is_read),  cmocka_unit_test(a_file_cut_at_any_byte_is_refused),
-    cmocka_unit_test(forged_sizes_are_refused),  cmocka_unit_test(forged_indices_are_refused),
-    cmocka_unit_test(forged_values_are_refused), cmocka_unit_test(random_bytes_never_get_through_unchecked),
+    cmocka_unit_test(what_was_written_is_read),           cmocka_unit_test(a_file_cut_at_any_byte_is_refused),
+    cmocka_unit_test(forged_sizes_are_refused),           cmocka_unit_test(forged_indices_are_refused),
+    cmocka_unit_test(forged_values_are_refused),          cmocka_unit_test(random_bytes_never_get_through_unchecked),
+    cmocka_unit_test(instances_share_what_was_sent_once), cmocka_unit_test(forged_instances_are_refused),
 };
 
 UNIT_MAIN(tests)

@@ -1,6 +1,7 @@
 unit_test(scene test_rays)
 unit_test(scene test_gbuffer import OpenMP::OpenMP_C)
 unit_test(scene test_coverage)
+unit_test(scene test_instances)
 unit_test(scene test_texture)
 unit_test(scene test_chain import)
 unit_test(scene test_builtin)

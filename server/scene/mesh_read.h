@@ -1,0 +1,63 @@
+/* server/scene/mesh_read.h */
+/* Vertices of a mesh in world space, wherever its arrays are. Thread: any. */
+#ifndef SCENE_MESH_READ_H
+#define SCENE_MESH_READ_H
+
+#include "scene/scene.h"
+
+/* 1, or -1: (p1 - p0) x (p2 - p0) points inwards. */
+static inline double mesh_side(const struct mesh *m)
+{
+    return m->placed ? (double)m->place.side : 1.0;
+}
+
+/* The place of a point of the arrays' space. */
+static inline void placement_point(const struct placement *p, const float v[3], double out[3])
+{
+    for (int i = 0; i < 3; i++) {
+        const float *row = p->matrix[i];
+        out[i] = (double)row[0] * v[0] + (double)row[1] * v[1] + (double)row[2] * v[2] + row[3];
+    }
+}
+
+/* m; exact, or in double. */
+static inline void mesh_position(const struct mesh *m, uint32_t vertex, double out[3])
+{
+    const float *v = m->positions + 3 * (size_t)vertex;
+
+    if (m->placed) {
+        placement_point(&m->place, v, out);
+    } else {
+        for (int i = 0; i < 3; i++)
+            out[i] = v[i];
+    }
+}
+
+/* The corners of a triangle. */
+static inline void mesh_corners(const struct mesh *m, uint32_t triangle, double out[3][3])
+{
+    const uint32_t *t = m->indices + 3 * (size_t)triangle;
+
+    for (int k = 0; k < 3; k++)
+        mesh_position(m, t[k], out[k]);
+}
+
+/* The same as floats. */
+static inline void mesh_corners_rounded(const struct mesh *m, uint32_t triangle, struct vec3 out[3])
+{
+    double p[3][3];
+
+    mesh_corners(m, triangle, p);
+    for (int k = 0; k < 3; k++)
+        out[k] = vec3_make((float)p[k][0], (float)p[k][1], (float)p[k][2]);
+}
+
+/* As in struct mesh, whose normals must not be NULL. */
+struct vec3 mesh_normal(const struct mesh *m, uint32_t vertex);
+/* As in struct mesh, whose tangents must not be NULL. */
+void mesh_tangent(const struct mesh *m, uint32_t vertex, float out[4]);
+
+/* Enlarges a box to contain the mesh's triangles. */
+void mesh_grow_box(const struct mesh *m, struct box *b);
+
+#endif

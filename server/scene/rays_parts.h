@@ -1,0 +1,26 @@
+/* server/scene/rays_parts.h */
+/* The parts of rays.h. Private to this room; the only file that includes Embree. Thread: any. */
+#ifndef SCENE_RAYS_PARTS_H
+#define SCENE_RAYS_PARTS_H
+
+#include "scene/coverage.h"
+#include "scene/rays.h"
+
+#include <embree3/rtcore.h>
+
+struct rays {
+    const struct scene *scene;
+    struct mask *masks; /* [mesh_count]; filled for the meshes with holes */
+    bool placed_masks;  /* of placed meshes, too */
+    RTCDevice device;
+    RTCScene bvh;        /* meshes in world space and instances of parts: an id is that of the mesh */
+    RTCScene *parts;     /* [mesh_count], of placed meshes with arrays of their own; NULL: no mesh is placed */
+    int width;           /* lanes of the widest packets that Embree traces natively: 16, 8 or 4 */
+    struct ray_log *log; /* NULL except in benchmarks */
+};
+
+/* Embree's filter function of meshes with holes: drops the hits that meet one. It may be called more than once for a
+ * ray and a triangle. */
+void rays_drop_holes(const struct RTCFilterFunctionNArguments *a);
+
+#endif
