@@ -5,10 +5,12 @@
 #include <math.h>
 
 #define SMOOTH 0.2
-#define FIRST_SAMPLES 8 /* of a denoised picture, */
-#define FIRST_PATHS 2   /* and its eye paths */
-#define HURRY_S 1.5     /* from one picture to the next meanwhile: the cache needs the processors */
-#define SAMPLES 64      /* N_s of the cache's frames, for what is traced of the sun */
+#define FIRST_SAMPLES 8     /* of a denoised picture, */
+#define FIRST_PATHS 2       /* and its eye paths */
+#define HURRY_S 1.5         /* from one picture to the next meanwhile: the cache needs the processors */
+#define BUILDING_SHARE 0.35 /* of the time, for pictures by the cache while it is being computed, */
+#define BUILDING_S 1.0      /* and the longest time from one to the next */
+#define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun */
 
 void decider_finish(struct decider *d)
 {
@@ -61,7 +63,7 @@ static struct relight_desc denoised(const struct relight_desc *light)
 {
     struct relight_desc d = *light;
 
-    d.denoise = true;
+    d.denoise = d.remember = true;
     d.direct.samples = FIRST_SAMPLES;
     d.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
     return d;
@@ -81,6 +83,7 @@ void decide(const struct decider *d, const struct frame_request *request, struct
         out->why = d->cache.last.why;
         out->light = by_cache(request->light);
         out->light.cache_background |= request->background;
+        out->light.remember = request->background;
     } else if (is_first(d, request)) {
         out->by = DECIDED_BY_RULE;
         out->why = "few samples, denoised, until the cache is there";
@@ -139,7 +142,20 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
 
 double decider_interval_s(const struct decider *d)
 {
-    return d->cache.hurried && d->cache.begun && d->cache.share < RELIGHT_DIRECT ? HURRY_S : 0.0;
+    if (!d->cache.begun || d->cache.share >= 1.0)
+        return 0.0;
+    if (d->cache.ready)
+        return fmin(d->cache.picture_s / BUILDING_SHARE, BUILDING_S);
+    return d->cache.hurried ? HURRY_S : 0.0;
+}
+
+/* Of a picture by the cache. */
+static void note_picture(struct decider *d, const struct relight_stats *stats)
+{
+    const double s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->resolve_ms);
+
+    d->cache.picture_s += (d->cache.picture_s > 0.0 ? SMOOTH : 1.0) * (s - d->cache.picture_s);
+    d->cache.share = stats->cache_share;
 }
 
 /* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
@@ -242,7 +258,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         d->cache.ready = d->cache.begun = false;
         d->cache.refused = true;
     } else if (decision->by == DECIDED_BY_CACHE) {
-        d->cache.share = stats->cache_share;
+        note_picture(d, stats);
     }
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
         if (d->cache.begun)

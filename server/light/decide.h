@@ -46,6 +46,7 @@ struct decider {         /* zeroed at first; decider_finish frees it */
         uint64_t measured_frames;
         double sample_s, frame_s; /* seconds per light sample of a point, and per measured frame; smoothed */
         double spent_s;           /* on measured frames */
+        double picture_s;         /* of a picture by the cache while it is being computed; smoothed */
         double error;             /* requested relMSE, else that of the last measured frame */
         double share;             /* of the computation, when last asked */
         struct buy last;          /* the last decision; why NULL: there was none */
@@ -85,8 +86,8 @@ MUST_CHECK enum err decider_prepare(struct decider *d, struct relighter *r, doub
 /* True while the cache is computed in the background. */
 bool decider_is_computing(const struct decider *d, struct relighter *r);
 
-/* Seconds from one picture to the next, at least, until all light of a cache that is computed in the background is
- * there coarsely: the fewer pictures, the sooner. 0: there is no reason to wait. */
+/* Seconds from one picture to the next, at least, while a cache is computed in the background: the fewer pictures, the
+ * sooner it is there. 0: there is no reason to wait. */
 double decider_interval_s(const struct decider *d);
 
 #endif

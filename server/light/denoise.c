@@ -41,9 +41,9 @@ float *denoiser_half(struct denoiser *d, int k)
     return d->half[k];
 }
 
-void denoiser_filter(struct denoiser *d, float *lo)
+void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo)
 {
-    filter_run(d->filter, (const float *const[]){ d->half[0], d->half[1] }, lo);
+    filter_run(d->filter, half, lo);
 }
 
 void denoiser_passes(const struct picture_passes *p, int k, struct picture_passes *out)

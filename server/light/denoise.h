@@ -16,8 +16,8 @@ void denoiser_destroy(struct denoiser *d); /* NULL is allowed */
 /* Where half k, 0 or 1, of the light goes: float[packet_count][3][16]. Owned by d. */
 float *denoiser_half(struct denoiser *d, int k);
 
-/* Writes the halves' filtered mean: float[packet_count][3][16]. */
-void denoiser_filter(struct denoiser *d, float *lo);
+/* Writes the filtered mean of two halves, d's own or others: float[packet_count][3][16]. */
+void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo);
 
 /* The passes of half k, with random numbers of its own. The counts of *p are those of one half. */
 void denoiser_passes(const struct picture_passes *p, int k, struct picture_passes *out);

@@ -5,6 +5,7 @@
 #include "light/backplate.h"
 #include "light/denoise.h"
 #include "light/facts.h"
+#include "light/history.h"
 #include "base/mem.h"
 #include "base/progress.h"
 #include "light/reference.h"
@@ -16,14 +17,17 @@
 
 #include <string.h>
 
+#define BESIDE_SAMPLES 4 /* of direct light in either half, beside a cache that is being computed */
+
 struct relighter {
     const struct set *set;
     const struct kernels *kernels;
     struct passes passes;
     struct relight_cache cache;
     struct relight_caustics caustics;
-    struct denoiser *denoiser; /* NULL until a picture needs it */
-    const float *points;       /* the picture's shade points */
+    struct denoiser *denoiser; /* NULL until a picture needs it, as what follows */
+    struct history *history;
+    const float *points; /* the picture's shade points */
 };
 
 struct relighter *relighter_create(const struct set *set, const struct kernels *kernels)
@@ -46,6 +50,7 @@ void relighter_destroy(struct relighter *r)
 {
     if (!r)
         return;
+    history_destroy(r->history);
     denoiser_destroy(r->denoiser);
     relight_cache_finish(&r->cache);
     relight_caustics_finish(&r->caustics);
@@ -308,6 +313,72 @@ static enum err run_lit(struct relighter *r, const struct environment *e, const 
     return result || !r->passes.backplate ? result : steady_ground(r, e, p, lo);
 }
 
+/* Packets that are lit by more than the cache: its samples cannot tell the one from the other. */
+static void leave_out(const struct relighter *r, const struct picture_passes *p, float *final)
+{
+    const struct gbuffer *g = r->set->gbuffer;
+    const struct packet_list *left = p->eye[1].paths > 0 ? p->eye[1].only : NULL;
+
+    for (uint32_t k = 0; left && k < left->count; k++)
+        final[left->index[k]] = 1.0f;
+    for (uint32_t i = 0; p->eye[0].paths > 0 && i < g->packet_count; i++)
+        if (memchr(g->packets[i].behind, 1, PACKET))
+            final[i] = 1.0f;
+}
+
+/* Few unbiased samples of what the cache gives, as halves, at the packets of a history. */
+static enum err sample_beside_cache(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+                                    struct relight_stats *stats)
+{
+    struct picture_passes few = { .direct = p->cached->direct }, half;
+    struct direct_stats one;
+    struct eye_paths_stats eye;
+    enum err result = ERR_OK;
+    double seconds;
+
+    few.direct.method = METHOD_AUTO;
+    few.direct.samples = BESIDE_SAMPLES;
+    few.direct.only = history_due(p->history);
+    few.direct.pass = history_turn(p->history);
+    few.eye[0] = (struct eye_paths_desc){ .classes = (stats->plan.indirect == PLAN_CACHE ? PATH_INDIRECT_LIT : 0) |
+                                                     (p->eye[0].paths > 0 ? p->eye[0].classes : 0),
+                                          .paths = 1,
+                                          .only = few.direct.only,
+                                          .seed = rng_mix(few.direct.seed, 0x657965),
+                                          .pass = few.direct.pass,
+                                          .cancel = few.direct.cancel,
+                                          .scratch = r->passes.scratch };
+    for (int k = 0; k < 2 && !result; k++) {
+        float *lo = denoiser_half(r->denoiser, k);
+        denoiser_passes(&few, k, &half);
+        result = passes_direct(&r->passes, PASS_PICTURE, e, &half.direct, lo, &one, &seconds);
+        if (!result && half.eye[0].classes)
+            result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &half.eye[0], lo, &eye);
+        stats->direct.rays += one.rays;
+    }
+    return result;
+}
+
+/* lo: the light of a cache that is being computed, corrected by a history, and that of eye paths beside it. */
+static enum err correct(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
+                        struct relight_stats *stats)
+{
+    struct history *h = p->history;
+    struct picture_passes beyond = *p;
+    enum err result = ERR_OK;
+
+    relight_cache_versions(&r->cache, history_final(h), history_changed(h));
+    leave_out(r, p, history_final(h));
+    history_follow(h, lo);
+    if (history_due(h)->count > 0)
+        result = sample_beside_cache(r, e, p, stats);
+    if (!result && !is_cancelled(p->cached->direct.cancel))
+        history_add(h);
+    history_show(h, lo);
+    beyond.eye[0].only = history_beyond(h); /* elsewhere its light is in the history */
+    return result ? result : run_eye_paths(r, e, &beyond, lo, stats);
+}
+
 /* Counts of one of two halves. */
 static void halve(struct picture_passes *p)
 {
@@ -339,11 +410,24 @@ static enum err run_direct_halves(struct relighter *r, const struct environment 
     return result;
 }
 
+/* To r->passes.lo, by way of a history if there is one. */
+static void filter_halves(struct relighter *r, const struct picture_passes *p)
+{
+    const float *const half[2] = { denoiser_half(r->denoiser, 0), denoiser_half(r->denoiser, 1) };
+
+    if (p->history && !is_cancelled(p->direct.cancel)) {
+        history_add(p->history);
+        history_show(p->history, r->passes.lo);
+    } else {
+        denoiser_filter(r->denoiser, half, r->passes.lo);
+    }
+}
+
 /* The light of shade points, r->points. */
 static enum err run_points(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                            struct relight_stats *stats, struct pass_costs *costs)
 {
-    const bool split = passes->denoiser != NULL;
+    const bool split = passes->denoiser != NULL, corrected = passes->history && !split;
     struct picture_passes halves[2];
     const double start = clock_seconds();
     enum err result;
@@ -352,13 +436,15 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
         denoiser_passes(passes, k, &halves[k]);
     r->points = r->passes.lo;
     result = split ? run_direct_halves(r, e, halves, stats) : run_lit(r, e, passes, r->passes.lo, stats);
+    if (corrected && !result)
+        result = correct(r, e, passes, r->passes.lo, stats);
     const double lit = clock_seconds();
-    for (int k = 0; k < (split ? 2 : 1) && !result; k++)
+    for (int k = 0; k < (split ? 2 : corrected ? 0 : 1) && !result; k++)
         result = run_eye_paths(r, e, split ? &halves[k] : passes, split ? denoiser_half(r->denoiser, k) : r->passes.lo,
                                stats);
     const double seen = clock_seconds();
     if (split && !result)
-        denoiser_filter(r->denoiser, r->passes.lo);
+        filter_halves(r, passes);
     costs->direct_s = lit - start;
     costs->eye_s = seen - lit;
     costs->filter_s = split ? clock_seconds() - seen : 0.0;
@@ -398,6 +484,38 @@ enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc
     return r->denoiser ? ERR_OK : ERR_NOMEM;
 }
 
+/* While the cache is rough, or before there is one; afterwards the history is freed. */
+static bool wants_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan)
+{
+    const bool cached = is_cached(desc);
+    const bool rough = cached && r->cache.transport && !relight_cache_is_settled(&r->cache) &&
+                       (plan->indirect == PLAN_CACHE || !(desc->classes & PATH_INDIRECT_LIT));
+
+    if (desc->remember && !r->passes.backplate && (rough || (!cached && desc->denoise)))
+        return true;
+    history_destroy(r->history);
+    r->history = NULL;
+    return false;
+}
+
+static enum err add_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan,
+                            struct picture_passes *passes)
+{
+    if (!wants_history(r, desc, plan))
+        return ERR_OK;
+    if (!r->denoiser)
+        r->denoiser = denoiser_create(r->set, r->kernels);
+    if (r->denoiser && !r->history)
+        r->history = history_create(r->set, r->denoiser);
+    if (!r->history)
+        return ERR_NOMEM;
+    history_begin(r->history, desc->classes);
+    passes->history = r->history;
+    if (passes->denoiser) /* with random numbers of its own */
+        passes->direct.pass = passes->eye[0].pass = passes->eye[1].pass = history_turn(r->history);
+    return ERR_OK;
+}
+
 enum err relighter_describe(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                             struct picture_passes *passes, struct relight_stats *stats)
 {
@@ -408,6 +526,8 @@ enum err relighter_describe(struct relighter *r, const struct environment *e, co
     make_plan(r, e, desc, &stats->plan);
     passes_by_plan(r, desc, &stats->plan, passes);
     result = relighter_denoiser(r, desc, &passes->denoiser);
+    if (!result)
+        result = add_history(r, desc, &stats->plan, passes);
     if (!result && passes->denoiser)
         halve(passes);
     return result;

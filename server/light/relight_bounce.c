@@ -21,11 +21,13 @@ void relight_bounce_replace(struct relight_bounce *b, struct bounce *next, bool 
     b->before = b->bounce;
     b->bounce = next;
     b->weight = 0;
+    b->changed = true;
     relight_bounce_advance(b, at_once);
 }
 
 void relight_bounce_advance(struct relight_bounce *b, bool to_end)
 {
+    b->changed |= b->before != NULL;
     if (b->before && !to_end && ++b->weight < RELIGHT_BOUNCE_FADE)
         return;
     bounce_destroy(b->before);

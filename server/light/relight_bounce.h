@@ -14,6 +14,7 @@ struct relight_bounce { /* zeroed at first */
     struct bounce *bounce;
     struct bounce *before; /* the quick one, while it fades out; NULL: none */
     uint32_t weight;       /* of `bounce` then, in parts of RELIGHT_BOUNCE_FADE */
+    bool changed;          /* what frames get: set here, cleared by relight_cache_versions */
     bool loaded;           /* out of a file */
     bool refused;          /* it exceeds the memory limit, as the log says; eye paths replace it */
 };

@@ -126,6 +126,7 @@ static bool load_bounce(struct relight_builder *b)
         refuse_bounce(b, why.text);
     b->bounce_loaded = made != NULL;
     publish(b, made);
+    atomic_store(&b->ended[WHOLE], b->bounce_loaded);
     return b->bounce_loaded || b->bounce_refused;
 }
 
@@ -260,6 +261,11 @@ static double share_of(const struct relight_builder *b, int stage)
     const struct progress *p = &b->progress[stage];
 
     return atomic_load(&b->ended[stage]) ? 1.0 : p->total ? 0.99 * (double)p->done / (double)p->total : 0.0;
+}
+
+bool relight_builder_has_bounce(const struct relight_builder *b)
+{
+    return !b->wanted || (atomic_load(&b->ended[WHOLE]) && !atomic_load(&b->next));
 }
 
 double relight_builder_share(const struct relight_builder *b)

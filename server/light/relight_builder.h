@@ -42,6 +42,9 @@ struct bounce *relight_builder_take(struct relight_builder *b);
  * none may be used. */
 bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why);
 
+/* True once relight_builder_take has given the finished cache of interreflection, or none is to come. */
+bool relight_builder_has_bounce(const struct relight_builder *b);
+
 /* The share that is computed, 0 to 1; 1 only when complete. Of RELIGHT_COARSE and RELIGHT_DIRECT see relight.h. */
 double relight_builder_share(const struct relight_builder *b);
 

@@ -5,6 +5,7 @@
 #include "base/progress.h"
 #include "light/relight_builder.h"
 #include "base/rng.h"
+#include "transport/live.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -268,4 +269,23 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
     stats->direct.rays += stats->cache_frame.rays;
     return result;
+}
+
+void relight_cache_versions(struct relight_cache *c, float *final, bool *changed)
+{
+    const struct relight_bounce *b = &c->bounce;
+    const bool rough = c->building && !relight_builder_has_bounce(c->builder);
+    const float share = rough ? 0.0f : b->before ? (float)b->weight / RELIGHT_BOUNCE_FADE : 1.0f;
+
+    transport_live_versions(c->transport, final, changed);
+    for (uint32_t k = 0; k < transport_stats(c->transport)->packets; k++) {
+        final[k] *= share;
+        changed[k] |= b->changed;
+    }
+    c->bounce.changed = false;
+}
+
+bool relight_cache_is_settled(const struct relight_cache *c)
+{
+    return !c->building && transport_is_settled(c->transport) && !c->bounce.before;
 }

@@ -43,4 +43,10 @@ MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *
                                         const struct environment *e, const struct relight_desc *desc, float *lo,
                                         struct relight_stats *stats);
 
+/* The packets' versions, [packet_count], as by transport_live_versions, interreflection included. */
+void relight_cache_versions(struct relight_cache *c, float *final, bool *changed);
+
+/* True once frames get the finished cache alone. */
+bool relight_cache_is_settled(const struct relight_cache *c);
+
 #endif

@@ -9,6 +9,7 @@
 
 struct backplate;
 struct denoiser;
+struct history;
 struct resolver;
 
 enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: the picture's, and measurements' */
@@ -20,6 +21,7 @@ struct picture_passes {
     struct eye_paths_desc eye[2];      /* paths 0: left out */
     struct light_tracer_desc light[2]; /* particles 0: left out */
     struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
+    struct history *history;   /* not NULL: the halves, or samples beside the cache, join it (history.h) */
     bool halves; /* each of light[] runs in two halves with seeds of their own, which passes.half keeps; their mean is
                   * added to the picture. relighter_passes was called */
     bool background; /* the sky where the camera sees it */

@@ -71,6 +71,7 @@ struct transport_block {
     uint32_t kind;                /* enum lobe_kind */
     uint32_t rows;                /* with pieces; blocks with narrow lobes have only the matte one */
     bool narrow;                  /* has lobes narrower than a cell, and therefore gazes */
+    bool fine;                    /* of TRANSPORT_FINE; only where it is published */
     struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until built */
     struct transport_piece pieces[TRANSPORT_ROWS];
     struct transport_sight sight;
@@ -206,6 +207,7 @@ struct transport_fade {
     struct transport_block old; /* without pieces: the light in lo, computed by other means */
     uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: there is none yet */
     bool from_cells;            /* old has pieces */
+    bool changed;               /* the block or its weight, since transport_live_versions */
 };
 
 struct transport {

@@ -1,0 +1,261 @@
+#include "light/history.h"
+
+#include "base/mem.h"
+
+#include <math.h>
+#include <string.h>
+
+#define GROUP 128 /* packets, side by side in the picture for the most part, that share w */
+#define FLOATS ((size_t)3 * PACKET)
+#define SOFT 1e-2        /* of relMSE */
+#define WEIGHT_MOST 0.98 /* of the cache's light, against the first samples */
+
+struct group { /* sums of V and D */
+    double own, off;
+};
+
+struct history {
+    struct denoiser *denoiser;
+    uint32_t packets;
+    uint64_t key, turn; /* pictures since it began */
+    bool followed;      /* in this picture */
+    bool has_cache;     /* `cache` is that of the last picture */
+    float *half[2];     /* B, [packets][3][16], as what follows */
+    float *cache;       /* C of the last picture */
+    float *shown;       /* filtered, and changed with C since */
+    float *final;       /* [packets], as what follows */
+    float *count;       /* n; 0: nothing is known, and B is C */
+    bool *changed;
+    struct group *groups;
+    uint32_t *due_index, *beyond_index;
+    struct packet_list due, beyond;
+    double soft; /* 1e-2 mean(shown)^2 */
+};
+
+static uint32_t group_count(const struct history *h)
+{
+    return (h->packets + GROUP - 1) / GROUP;
+}
+
+struct history *history_create(const struct set *set, struct denoiser *denoiser)
+{
+    struct history *h = mem_alloc(1, sizeof(*h));
+    const uint32_t packets = set->gbuffer->packet_count;
+
+    if (!h)
+        return NULL;
+    h->denoiser = denoiser;
+    h->packets = packets;
+    for (int k = 0; k < 2; k++)
+        h->half[k] = mem_alloc(packets, FLOATS * sizeof(float));
+    h->cache = mem_alloc(packets, FLOATS * sizeof(float));
+    h->shown = mem_alloc(packets, FLOATS * sizeof(float));
+    h->final = mem_alloc(packets, sizeof(*h->final));
+    h->count = mem_alloc(packets, sizeof(*h->count));
+    h->changed = mem_alloc(packets, sizeof(*h->changed));
+    h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
+    h->due_index = mem_alloc(packets, sizeof(*h->due_index));
+    h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
+    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->final || !h->count || !h->changed || !h->groups ||
+        !h->due_index || !h->beyond_index) {
+        history_destroy(h);
+        return NULL;
+    }
+    return h;
+}
+
+void history_destroy(struct history *h)
+{
+    if (!h)
+        return;
+    mem_free(h->half[0]);
+    mem_free(h->half[1]);
+    mem_free(h->cache);
+    mem_free(h->shown);
+    mem_free(h->final);
+    mem_free(h->count);
+    mem_free(h->changed);
+    mem_free(h->groups);
+    mem_free(h->due_index);
+    mem_free(h->beyond_index);
+    mem_free(h);
+}
+
+float *history_final(struct history *h)
+{
+    return h->final;
+}
+
+bool *history_changed(struct history *h)
+{
+    return h->changed;
+}
+
+const struct packet_list *history_due(const struct history *h)
+{
+    return &h->due;
+}
+
+uint64_t history_turn(const struct history *h)
+{
+    return h->turn;
+}
+
+const struct packet_list *history_beyond(const struct history *h)
+{
+    return &h->beyond;
+}
+
+static void list_packets(struct history *h)
+{
+    h->due = (struct packet_list){ h->due_index, 0 };
+    h->beyond = (struct packet_list){ h->beyond_index, 0 };
+    for (uint32_t i = 0; i < h->packets; i++) {
+        if (!h->followed || (i % HISTORY_TURNS == h->turn % HISTORY_TURNS && h->final[i] < 1.0f))
+            h->due_index[h->due.count++] = i;
+        if (h->followed && h->final[i] >= 0.5f)
+            h->beyond_index[h->beyond.count++] = i;
+    }
+}
+
+void history_begin(struct history *h, uint64_t key)
+{
+    if (h->key != key) {
+        memset(h->count, 0, h->packets * sizeof(*h->count));
+        memset(h->groups, 0, group_count(h) * sizeof(*h->groups));
+        h->has_cache = false;
+    }
+    h->key = key;
+    h->followed = false;
+    list_packets(h);
+}
+
+/* The cache's light becomes all that is known. */
+static void start_anew(struct history *h, size_t at, const float *lo)
+{
+    memcpy(h->half[0] + at, lo + at, FLOATS * sizeof(float));
+    memcpy(h->half[1] + at, lo + at, FLOATS * sizeof(float));
+    memcpy(h->shown + at, lo + at, FLOATS * sizeof(float));
+}
+
+void history_follow(struct history *h, const float *lo)
+{
+#pragma omp parallel for schedule(static)
+    for (uint32_t i = 0; i < h->packets; i++) {
+        const size_t at = i * FLOATS;
+        if (h->final[i] >= 1.0f)
+            h->count[i] = 0.0f;
+        if (h->count[i] == 0.0f) {
+            start_anew(h, at, lo);
+        } else if (h->has_cache && !h->changed[i]) {
+            for (size_t k = at; k < at + FLOATS; k++) {
+                const float by = lo[k] - h->cache[k];
+                h->half[0][k] += by;
+                h->half[1][k] += by;
+                h->shown[k] += by;
+            }
+        }
+        memcpy(h->cache + at, lo + at, FLOATS * sizeof(float));
+    }
+    h->followed = h->has_cache = true;
+    list_packets(h);
+}
+
+/* Summed in one order. */
+static double softness(const struct history *h)
+{
+    double sum = 0.0;
+
+    for (size_t k = 0; k < h->packets * FLOATS; k++)
+        sum += (double)h->shown[k];
+    const double mean = sum / (double)(h->packets * FLOATS);
+    return SOFT * mean * mean + 1e-30;
+}
+
+/* Sums of V and D over a packet. */
+static void compare(const struct history *h, uint32_t packet, double *own, double *off)
+{
+    const float *a = denoiser_half(h->denoiser, 0), *b = denoiser_half(h->denoiser, 1);
+
+    for (size_t k = packet * FLOATS; k < (packet + 1) * FLOATS; k++) {
+        const double r = (double)h->shown[k], per = 1.0 / (r * r + h->soft);
+        const double apart = (double)a[k] - (double)b[k];
+        const double from = 0.5 * ((double)a[k] + (double)b[k] - (double)h->half[0][k] - (double)h->half[1][k]);
+        *own += 0.25 * apart * apart * per;
+        *off += from * from * per;
+    }
+}
+
+/* share: V / D. Without samples so far, B is the cache's light, or nothing. */
+static double weight_of(const struct history *h, uint32_t packet, double share)
+{
+    const double n = (double)h->count[packet];
+
+    return n > 0.0 ? fmin(n / (n + 1.0), share) : h->followed ? fmin(share, WEIGHT_MOST) : 0.0;
+}
+
+static void add_packet(struct history *h, uint32_t packet, double share)
+{
+    const double w = weight_of(h, packet, share);
+
+    for (int half = 0; half < 2; half++) {
+        const float *s = denoiser_half(h->denoiser, half);
+        float *to = h->half[half];
+        for (size_t k = packet * FLOATS; k < (packet + 1) * FLOATS; k++)
+            to[k] = s[k] + (float)w * (to[k] - s[k]);
+    }
+    h->count[packet] = (float)(1.0 / (1.0 - w));
+}
+
+/* due[0 .. count - 1] are of group g. The means go over about all of its packets: one picture's are too few. */
+static void add_group(struct history *h, uint32_t g, const uint32_t *due, uint32_t count)
+{
+    const uint32_t all = h->packets - g * GROUP < GROUP ? h->packets - g * GROUP : GROUP;
+    const double keep = 1.0 - (double)count / all;
+    struct group *sums = &h->groups[g];
+    double own = 0.0, off = 0.0;
+
+    for (uint32_t i = 0; i < count; i++)
+        if (h->count[due[i]] > 0.0f || h->followed)
+            compare(h, due[i], &own, &off);
+    sums->own = keep * sums->own + own;
+    sums->off = keep * sums->off + off;
+    for (uint32_t i = 0; i < count; i++)
+        add_packet(h, due[i], sums->own < sums->off ? sums->own / sums->off : 1.0);
+}
+
+void history_add(struct history *h)
+{
+    const uint32_t *due = h->due_index;
+    const uint32_t groups = group_count(h);
+    uint32_t *first = mem_alloc(groups + 1, sizeof(*first));
+    uint32_t next = 0;
+
+    if (!first) /* the samples are lost */
+        return;
+    h->soft = softness(h);
+    for (uint32_t g = 0; g <= groups; g++) {
+        while (next < h->due.count && due[next] / GROUP < g)
+            next++;
+        first[g] = next;
+    }
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t g = 0; g < groups; g++)
+        add_group(h, g, due + first[g], first[g + 1] - first[g]);
+    mem_free(first);
+}
+
+void history_show(struct history *h, float *lo)
+{
+    if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
+        denoiser_filter(h->denoiser, (const float *const[]){ h->half[0], h->half[1] }, h->shown);
+#pragma omp parallel for schedule(static)
+    for (uint32_t i = 0; i < h->packets; i++) {
+        const float f = h->followed ? h->final[i] : 0.0f;
+        for (size_t k = i * FLOATS; k < (i + 1) * FLOATS; k++) {
+            const float shown = fmaxf(h->shown[k], 0.0f);
+            lo[k] = f > 0.0f ? shown + f * (h->cache[k] - shown) : shown;
+        }
+    }
+    h->turn++;
+}

@@ -1,0 +1,292 @@
+/* What pictures pass on to the next ones while a cache is being computed (light/history.h). */
+
+#include "base/rng.h"
+#include "compare/metrics.h"
+#include "light/history.h"
+#include "light/relight_bounce.h"
+#include "light/stage.h"
+
+#include <time.h>
+
+enum { WIDTH = 64, HEIGHT = 36 };
+
+struct rig {
+    struct set *set;
+    struct denoiser *denoiser;
+    struct history *history;
+    size_t floats;
+    float *cache, *lo; /* [floats] */
+};
+
+static struct rig rig_make(void)
+{
+    struct rig r = { .set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }) };
+
+    r.floats = (size_t)r.set->gbuffer->packet_count * 3 * PACKET;
+    r.denoiser = denoiser_create(r.set, best_kernels());
+    r.history = history_create(r.set, r.denoiser);
+    r.cache = mem_alloc(r.floats, sizeof(float));
+    r.lo = mem_alloc(r.floats, sizeof(float));
+    assert_true(r.denoiser && r.history && r.cache && r.lo);
+    return r;
+}
+
+static void rig_finish(struct rig *r)
+{
+    mem_free(r->cache);
+    mem_free(r->lo);
+    history_destroy(r->history);
+    denoiser_destroy(r->denoiser);
+    set_destroy(r->set);
+}
+
+/* A picture of due packets that all find a and b in the two halves. cache: its light everywhere; below 0: none. */
+static void picture(struct rig *r, float cache, float a, float b)
+{
+    history_begin(r->history, 1);
+    for (size_t i = 0; i < r->floats; i++)
+        r->cache[i] = cache;
+    if (cache >= 0.0f)
+        history_follow(r->history, r->cache);
+    for (size_t i = 0; i < r->floats; i++) {
+        denoiser_half(r->denoiser, 0)[i] = a;
+        denoiser_half(r->denoiser, 1)[i] = b;
+    }
+    history_add(r->history);
+    history_show(r->history, r->lo);
+}
+
+/* Rough everywhere, with the versions of the picture before. */
+static void versions(struct rig *r, float final, bool changed)
+{
+    for (uint32_t k = 0; k < r->set->gbuffer->packet_count; k++) {
+        history_final(r->history)[k] = final;
+        history_changed(r->history)[k] = changed;
+    }
+}
+
+/* A point that pixels show: others are not filtered. */
+static float shown(const struct rig *r)
+{
+    return r->lo[(size_t)r->set->gbuffer->entries[0].point / PACKET * 3 * PACKET +
+                 r->set->gbuffer->entries[0].point % PACKET];
+}
+
+/* By hand: halves m + x and m - x give V = x^2. Where surfaces differ the filter takes some hundredths of x. */
+static void noise_becomes_the_plain_mean(void **state)
+{
+    struct rig r = rig_make();
+    (void)state;
+
+    picture(&r, -1.0f, 1.5f, 0.5f);
+    assert_float_equal(shown(&r), 1.0, 0.05);
+    picture(&r, -1.0f, 4.0f, 4.0f); /* V = 0: what is known is wrong, and forgotten */
+    assert_float_equal(shown(&r), 4.0, 0.05);
+    picture(&r, -1.0f, 5.0f, 3.0f); /* D = 0: (1 * 4 + 4) / 2 */
+    assert_float_equal(shown(&r), 4.0, 0.05);
+    picture(&r, -1.0f, 8.0f, 3.0f); /* D = 1.5^2 < V = 2.5^2: n / (n + 1) = 2 / 3 */
+    assert_float_equal(shown(&r), 4.0 + 1.5 / 3.0, 0.05);
+    picture(&r, -1.0f, 8.5f, 6.5f); /* D = 3^2, V = 1: w = 1 / 9 */
+    assert_float_equal(shown(&r), 7.5 - 3.0 / 9.0, 0.05);
+    rig_finish(&r);
+}
+
+/* What the cache says of the sky's change counts at once; what it says of its own versions does not. */
+static void the_cache_predicts_what_the_sky_changes(void **state)
+{
+    struct rig r = rig_make();
+    float *before = mem_alloc(r.floats, sizeof(float));
+    (void)state;
+
+    assert_non_null(before);
+    versions(&r, 0.0f, false);
+    for (int k = 0; k < HISTORY_TURNS; k++)
+        picture(&r, 1.0f, 3.0f, 3.0f);
+    assert_float_equal(shown(&r), 3.0, 1e-5);
+    memcpy(before, r.lo, r.floats * sizeof(float));
+    picture(&r, 2.0f, 4.0f, 4.0f); /* one packet in HISTORY_TURNS has a sample */
+    for (size_t k = 0; k < r.floats; k++)
+        assert_float_equal(r.lo[k], before[k] + 1.0, 1e-4);
+    versions(&r, 0.0f, true);
+    picture(&r, 3.5f, 4.0f, 4.0f);
+    assert_float_equal(shown(&r), 4.0, 0.05);
+    versions(&r, 0.25f, false); /* a quarter is the cache's own light by now */
+    picture(&r, 3.5f, 4.0f, 4.0f);
+    assert_float_equal(shown(&r), 4.0 - 0.25 * 0.5, 0.05);
+    versions(&r, 1.0f, false);
+    picture(&r, 3.25f, 9.0f, 9.0f);
+    assert_true(history_due(r.history)->count == 0);
+    assert_true(history_beyond(r.history)->count == r.set->gbuffer->packet_count);
+    for (uint32_t k = 0; k < r.set->gbuffer->packet_count * 3 * PACKET; k++)
+        assert_true(r.lo[k] == 3.25f);
+    mem_free(before);
+    rig_finish(&r);
+}
+
+/* Beside a cache every packet has its turn, once in HISTORY_TURNS pictures; without one it is all of them at once. */
+static void packets_take_turns(void **state)
+{
+    struct rig r = rig_make();
+    const uint32_t packets = r.set->gbuffer->packet_count;
+    uint8_t *turns = mem_alloc(packets, 1);
+    (void)state;
+
+    assert_non_null(turns);
+    picture(&r, -1.0f, 1.0f, 1.0f);
+    assert_true(history_due(r.history)->count == packets);
+    versions(&r, 0.0f, false);
+    for (int k = 0; k < HISTORY_TURNS; k++) {
+        picture(&r, 1.0f, 1.0f, 1.0f);
+        for (uint32_t i = 0; i < history_due(r.history)->count; i++)
+            turns[history_due(r.history)->index[i]]++;
+    }
+    for (uint32_t i = 0; i < packets; i++)
+        assert_true(turns[i] == 1);
+    assert_true(history_turn(r.history) == HISTORY_TURNS + 1);
+    mem_free(turns);
+    rig_finish(&r);
+}
+
+/* Light of other classes is another light. */
+static void another_key_forgets_all(void **state)
+{
+    struct rig r = rig_make();
+    (void)state;
+
+    picture(&r, -1.0f, 8.0f, 2.0f);
+    history_begin(r.history, 2);
+    for (size_t i = 0; i < r.floats; i++)
+        denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
+    history_add(r.history);
+    history_show(r.history, r.lo);
+    assert_float_equal(shown(&r), 1.0, 1e-5);
+    rig_finish(&r);
+}
+
+static double relmse(const float *x, const float *truth)
+{
+    struct metrics m;
+
+    assert_true(metrics_compare(x, truth, NULL, WIDTH, HEIGHT, 0.05, NULL, &m));
+    return m.rel_mse_trimmed;
+}
+
+/* Error of pictures 1, 4 and 16 under a still sky, against 512 samples. Plain means of 16 have a sixteenth of the
+ * variance; the filter takes less from them, since it sees less noise: 0.5 after 4 and 0.25 after 16 leave room for
+ * that, and a history that keeps nothing gives 1. */
+static void pictures_of_a_still_sky_converge(void **state)
+{
+    struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 512 },
+                                  .classes = PATH_ALL,
+                                  .eye_paths = 128 };
+    const size_t values = (size_t)3 * WIDTH * HEIGHT;
+    float *truth = mem_alloc(values, sizeof(float));
+    double error[16];
+    struct relight_stats stats;
+    (void)state;
+
+    assert_non_null(truth);
+    assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+    memcpy(truth, s.rgb, values * sizeof(float));
+    light.direct.samples = 8;
+    light.direct.method = METHOD_AUTO;
+    light.eye_paths = 2;
+    light.denoise = light.remember = true;
+    for (int k = 0; k < 16; k++) {
+        assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+        error[k] = relmse(s.rgb, truth);
+    }
+    print_message("relMSE of pictures 1, 4, 16: %.2e %.2e %.2e\n", error[0], error[3], error[15]);
+    assert_true(error[3] < 0.5 * error[0]);
+    assert_true(error[15] < 0.25 * error[0]);
+    light.remember = false; /* as the first one, but for the random numbers, which are those of pass 0 again */
+    assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+    assert_float_equal(relmse(s.rgb, truth), error[0], 1e-6);
+    mem_free(truth);
+    stage_finish(&s);
+}
+
+/* Mean squared error of what is shown after eight turns beside a cache that says 2 everywhere, where the samples' mean
+ * is `truth` and each half of a packet is off by up to 1.7, evenly: V = 0.5. */
+static double error_beside_cache(float truth)
+{
+    struct rig r = rig_make();
+    struct rng rng = { .state = 11 };
+    double sum = 0.0;
+
+    versions(&r, 0.0f, false);
+    for (size_t i = 0; i < r.floats; i++)
+        r.cache[i] = 2.0f;
+    for (int turn = 0; turn < 8 * HISTORY_TURNS; turn++) {
+        history_begin(r.history, 1);
+        history_follow(r.history, r.cache);
+        for (size_t i = 0; i < r.floats; i += 3 * PACKET)
+            for (int half = 0; half < 2; half++) {
+                const float off = 1.732f * (float)(2.0 * rng_next(&rng) - 1.0);
+                for (size_t k = i; k < i + 3 * PACKET; k++)
+                    denoiser_half(r.denoiser, half)[k] = truth + off;
+            }
+        history_add(r.history);
+        history_show(r.history, r.lo);
+    }
+    for (size_t i = 0; i < r.floats; i++)
+        sum += ((double)r.lo[i] - truth) * ((double)r.lo[i] - truth) / (double)r.floats;
+    rig_finish(&r);
+    return sum;
+}
+
+/* Where the cache is right, by its weight; where it is wrong by 1 and by 4, by eight samples' mean. One sample is off
+ * by 0.5. Without the cache as B to begin with, the first would be as the last; without samples the others would be 1
+ * and 16. */
+static void samples_beside_a_cache_weigh_as_they_deserve(void **state)
+{
+    const double right = error_beside_cache(2.0f), wrong = error_beside_cache(3.0f), far = error_beside_cache(6.0f);
+    (void)state;
+
+    print_message("squared errors: %.3f %.3f %.3f\n", right, wrong, far);
+    assert_true(right < 0.05);
+    assert_true(wrong < 0.15);
+    assert_true(far < 0.35);
+}
+
+/* A picture of the complete cache is that of the cache alone, to the bit. */
+static void a_history_ends_with_the_finished_cache(void **state)
+{
+    struct stage s = stage_make(&(struct set_desc){ .width = 32, .height = 18 }, sky_with_sun(64, 32, 2e3f));
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 64 },
+                                  .classes = PATH_DIRECT | PATH_INDIRECT_LIT | PATH_BACKGROUND,
+                                  .cache_background = true,
+                                  .remember = true };
+    const size_t bytes = (size_t)3 * 32 * 18 * sizeof(float);
+    float *last = mem_alloc(bytes, 1);
+    struct relight_stats stats;
+    (void)state;
+
+    assert_non_null(last);
+    for (int complete = 0; complete < 3 * RELIGHT_BOUNCE_FADE;) {
+        assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+        complete += stats.cache_share == 1.0;
+        nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL); /* pictures come before the cache otherwise */
+    }
+    memcpy(last, s.rgb, bytes);
+    light.remember = light.cache_background = false;
+    assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+    assert_memory_equal(last, s.rgb, bytes);
+    mem_free(last);
+    stage_finish(&s);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(noise_becomes_the_plain_mean),
+        cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
+        cmocka_unit_test(packets_take_turns),
+        cmocka_unit_test(another_key_forgets_all),
+        cmocka_unit_test(pictures_of_a_still_sky_converge),
+        cmocka_unit_test(samples_beside_a_cache_weigh_as_they_deserve),
+        cmocka_unit_test(a_history_ends_with_the_finished_cache),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
