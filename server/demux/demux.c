@@ -214,16 +214,28 @@ static enum err ask_open(struct demux *d, const char *url, struct reason *why)
     return e;
 }
 
+enum err demux_check_build(const char *spec, struct reason *why)
+{
+#ifdef RELIGHT_VIDEO
+    (void)spec;
+    (void)why;
+    return ERR_OK;
+#else
+    char name[200];
+
+    return err_say(why, ERR_UNSUPPORTED, "%s: this build reads no video; that needs libavformat-dev when it is built",
+                   demux_name(spec, name, sizeof(name)));
+#endif
+}
+
 enum err demux_open(const struct demux_desc *desc, struct demux **out, struct reason *why)
 {
     enum demux_kind kind;
 
     *out = NULL;
-#ifndef RELIGHT_VIDEO
-    return err_say(why, ERR_UNSUPPORTED,
-                   "%.200s: this build has no video sources; they need libavformat-dev when it is built", desc->spec);
-#endif
-    enum err e = demux_kind_of(desc->spec, &kind, why);
+    enum err e = demux_check_build(desc->spec, why);
+    if (!e)
+        e = demux_kind_of(desc->spec, &kind, why);
     struct demux *d = e ? NULL : mem_alloc(1, sizeof(*d));
     if (!d)
         return e ? e : err_say(why, ERR_NOMEM, "out of memory");

@@ -32,6 +32,9 @@ MUST_CHECK enum err demux_kind_of(const char *spec, enum demux_kind *out, struct
 /* The spec without user name and password, for messages. Returns out. */
 const char *demux_name(const char *spec, char *out, size_t size);
 
+/* ERR_UNSUPPORTED: this build reads no video, as *why says of the spec. */
+MUST_CHECK enum err demux_check_build(const char *spec, struct reason *why);
+
 struct demux;
 
 struct demux_desc {

@@ -81,10 +81,10 @@ static enum err check_numbers(const struct source *s, const char *spec, struct r
 static enum err open_video(struct source *s, const struct source_desc *d, enum demux_kind kind, struct reason *why)
 {
     const struct footage_desc desc = { .spec = d->spec, .colour = d->colour };
-    enum err e = ERR_OK;
 
     s->kind = SOURCE_VIDEO;
-    if (kind == DEMUX_FILE || kind == DEMUX_WEB)
+    enum err e = demux_check_build(d->spec, why);
+    if (!e && (kind == DEMUX_FILE || kind == DEMUX_WEB))
         e = footage_open(&desc, &s->footage, why);
     if (e || kind == DEMUX_FILE || (kind == DEMUX_WEB && footage_format(s->footage)->duration_us > 0))
         return e;

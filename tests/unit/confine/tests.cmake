@@ -1,0 +1,1 @@
+unit_test(confine test_network Threads::Threads)
