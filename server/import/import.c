@@ -16,8 +16,8 @@ bool path_is_gltf(const char *path)
     return path_ends_in(path, ".gltf") || path_ends_in(path, ".glb");
 }
 
-/* A triangle of a copy takes about 200 bytes with its share of the BVH, an instance about 2 KB; rays are faster through
- * copies. So a mesh becomes instances only where that saves 20 MB. */
+/* A triangle of a copy takes about 200 bytes with its share of the BVH, an instance less than 1 KB; rays are faster
+ * through copies. So a mesh becomes instances only where that saves 20 MB. */
 bool instances_pay(double uses, size_t triangles)
 {
     return triangles >= 100 && (uses - 1.0) * (double)triangles >= 100000.0;

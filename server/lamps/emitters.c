@@ -17,16 +17,28 @@
 
 struct group { /* an emissive mesh */
     uint32_t mesh;
-    uint64_t first; /* of its triangles in the table */
+    uint32_t block;
+    uint64_t first; /* of its triangles, counted over all groups */
+};
+
+/* Groups whose triangles have one table: the meshes that follow one another in world space, or one that is placed,
+ * whose instances use the same table: how triangles share the power within an instance need not be exact. */
+struct block {
+    uint64_t first, count; /* triangles, counted over all groups */
+    uint64_t table;        /* in sums: count + 1 running sums, from 0 to 1 */
+    double power;          /* area x luminance */
+    double below, share;   /* the part of [0, 1) that picks it */
 };
 
 struct emitters {
     const struct scene *scene;
     const struct rays *rays;
     struct group *groups;
-    size_t group_count;
+    struct block *blocks;
+    size_t group_count, block_count;
     uint32_t *group_of; /* [mesh_count]: index of its group, or NO_GROUP */
-    double *sums;       /* [triangle_count + 1]: running sums of area x luminance, divided by the whole */
+    double *sums;       /* the tables */
+    uint64_t sum_count;
     uint64_t triangle_count;
 };
 
@@ -97,35 +109,88 @@ static double mean_emission(const struct scene *s, const struct mesh *m, uint32_
     return sum / ((double)n * n);
 }
 
-/* Running sums of the triangles' power. Without power the table is that of no triangles. */
+/* The factor of areas between two placements of the same arrays, up to what a stretch in one direction changes. */
+static double area_ratio(const struct mesh *m, const struct mesh *source)
+{
+    return pow(mesh_volume_scale(m) / mesh_volume_scale(source), 2.0 / 3.0);
+}
+
+/* Power of the triangles of a group, into its block's table. */
+static void fill_group(struct emitters *e, const struct group *g)
+{
+    const struct mesh *m = &e->scene->meshes[g->mesh];
+    const struct block *b = &e->blocks[g->block];
+    double *out = e->sums + b->table + (g->first - b->first) + 1;
+
+#pragma omp parallel for schedule(dynamic, 256)
+    for (uint32_t t = 0; t < m->triangle_count; t++)
+        out[t] = double_area(m, t) * mean_emission(e->scene, m, t);
+}
+
+/* Makes running sums of a block's table, and its power. */
+static void finish_table(struct emitters *e, struct block *b)
+{
+    double *sums = e->sums + b->table, sum = 0.0;
+
+    for (uint64_t i = 1; i <= b->count; i++)
+        sums[i] = sum += sums[i];
+    for (uint64_t i = 1; i <= b->count && sum > 0.0; i++)
+        sums[i] /= sum;
+    b->power = sum;
+}
+
+/* Without power the table is that of no triangles. */
 static void fill_sums(struct emitters *e)
 {
-    double sum = 0.0;
+    double sum = 0.0, below = 0.0;
 
     for (size_t g = 0; g < e->group_count; g++) {
         const struct mesh *m = &e->scene->meshes[e->groups[g].mesh];
-        double *out = e->sums + e->groups[g].first + 1;
-#pragma omp parallel for schedule(dynamic, 256)
-        for (uint32_t t = 0; t < m->triangle_count; t++)
-            out[t] = double_area(m, t) * mean_emission(e->scene, m, t);
+        struct block *b = &e->blocks[e->groups[g].block];
+        if (m->source == 0)
+            fill_group(e, &e->groups[g]);
+        else
+            b->power = e->blocks[e->groups[e->group_of[m->source - 1]].block].power *
+                       area_ratio(m, &e->scene->meshes[m->source - 1]);
+        if (m->source == 0 && (g + 1 == e->group_count || e->groups[g + 1].block != e->groups[g].block))
+            finish_table(e, b);
     }
-    for (uint64_t i = 1; i <= e->triangle_count; i++)
-        e->sums[i] = sum += e->sums[i];
-    for (uint64_t i = 1; i <= e->triangle_count && sum > 0.0; i++)
-        e->sums[i] /= sum;
+    for (size_t i = 0; i < e->block_count; i++)
+        sum += e->blocks[i].power;
+    for (size_t i = 0; i < e->block_count; i++) {
+        e->blocks[i].below = below / sum;
+        e->blocks[i].share = e->blocks[i].power / sum;
+        below += e->blocks[i].power;
+    }
     if (!(sum > 0.0))
         e->triangle_count = 0;
 }
 
 static void find_groups(struct emitters *e)
 {
-    for (uint32_t i = 0; i < e->scene->mesh_count; i++) {
+    const struct scene *s = e->scene;
+    bool open = false; /* the last block takes further meshes */
+
+    for (uint32_t i = 0; i < s->mesh_count; i++) {
+        const struct mesh *m = &s->meshes[i];
         e->group_of[i] = NO_GROUP;
-        if (!emits(e->scene, i))
+        if (!emits(s, i))
             continue;
+        if (!open || m->placed) {
+            e->blocks[e->block_count] = (struct block){ .first = e->triangle_count, .table = e->sum_count };
+            if (m->source != 0)
+                e->blocks[e->block_count].table = e->blocks[e->groups[e->group_of[m->source - 1]].block].table;
+            else
+                e->sum_count++;
+            e->block_count++;
+        }
+        open = !m->placed;
+        struct block *b = &e->blocks[e->block_count - 1];
+        b->count += m->triangle_count;
+        e->sum_count += m->source == 0 ? m->triangle_count : 0;
         e->group_of[i] = (uint32_t)e->group_count;
-        e->groups[e->group_count++] = (struct group){ i, e->triangle_count };
-        e->triangle_count += e->scene->meshes[i].triangle_count;
+        e->groups[e->group_count++] = (struct group){ i, (uint32_t)e->block_count - 1, e->triangle_count };
+        e->triangle_count += m->triangle_count;
     }
 }
 
@@ -138,10 +203,11 @@ struct emitters *emitters_create(const struct scene *scene, const struct rays *r
     e->scene = scene;
     e->rays = rays;
     e->groups = mem_alloc(scene->mesh_count ? scene->mesh_count : 1, sizeof(*e->groups));
+    e->blocks = mem_alloc(scene->mesh_count ? scene->mesh_count : 1, sizeof(*e->blocks));
     e->group_of = mem_alloc(scene->mesh_count ? scene->mesh_count : 1, sizeof(*e->group_of));
-    if (e->groups && e->group_of) {
+    if (e->groups && e->blocks && e->group_of) {
         find_groups(e);
-        e->sums = mem_alloc(e->triangle_count + 1, sizeof(*e->sums));
+        e->sums = mem_alloc(e->sum_count + 1, sizeof(*e->sums));
     }
     if (!e->sums) {
         emitters_destroy(e);
@@ -156,6 +222,7 @@ void emitters_destroy(struct emitters *e)
     if (!e)
         return;
     mem_free(e->groups);
+    mem_free(e->blocks);
     mem_free(e->group_of);
     mem_free(e->sums);
     mem_free(e);
@@ -173,19 +240,33 @@ uint64_t emitters_lights(const struct emitters *e)
 
 /* ---- Triangles ---- */
 
-/* The triangle whose part of [0, 1) holds x. */
-static uint64_t find_triangle(const struct emitters *e, double x)
+static const struct block *find_block(const struct emitters *e, double x)
 {
-    uint64_t low = 0, high = e->triangle_count;
+    size_t low = 0, high = e->block_count;
 
     while (high - low > 1) {
-        const uint64_t middle = low + (high - low) / 2;
-        if (e->sums[middle] <= x)
+        const size_t middle = low + (high - low) / 2;
+        if (e->blocks[middle].below <= x)
             low = middle;
         else
             high = middle;
     }
-    return low;
+    return &e->blocks[low];
+}
+
+/* The triangle of a block, counted over all groups, whose part of [0, 1) holds x. */
+static uint64_t find_triangle(const struct emitters *e, const struct block *b, double x)
+{
+    uint64_t low = 0, high = b->count;
+
+    while (high - low > 1) {
+        const uint64_t middle = low + (high - low) / 2;
+        if (e->sums[b->table + middle] <= x)
+            low = middle;
+        else
+            high = middle;
+    }
+    return b->first + low;
 }
 
 static const struct group *group_with(const struct emitters *e, uint64_t triangle)
@@ -203,9 +284,12 @@ static const struct group *group_with(const struct emitters *e, uint64_t triangl
 }
 
 /* m^-2, on its whole surface. */
-static double area_density(const struct emitters *e, uint64_t index, const struct mesh *m, uint32_t triangle)
+static double area_density(const struct emitters *e, const struct group *g, uint32_t triangle)
 {
-    return (e->sums[index + 1] - e->sums[index]) / (0.5 * double_area(m, triangle));
+    const struct block *b = &e->blocks[g->block];
+    const double *sum = e->sums + b->table + (g->first - b->first) + triangle;
+
+    return b->share * (sum[1] - sum[0]) / (0.5 * double_area(&e->scene->meshes[g->mesh], triangle));
 }
 
 /* Whether the lamp has surface where a shadow ray ends. The ray itself ends before it, so that nothing else asks. */
@@ -225,7 +309,10 @@ bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[
 {
     if (e->triangle_count == 0)
         return false;
-    const uint64_t index = find_triangle(e, x[0]);
+    const struct block *b = find_block(e, x[0]);
+    if (!(b->share > 0.0)) /* rounding at the end of the list */
+        return false;
+    const uint64_t index = find_triangle(e, b, (x[0] - b->below) / b->share);
     const struct group *g = group_with(e, index);
     const struct mesh *m = &e->scene->meshes[g->mesh];
     const double root = sqrt(x[1]);
@@ -247,7 +334,7 @@ bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[
     if (!(distance > 0.0 && cosine > 0.0 && luminance(emission) > 0.0) || !is_covered(e, &at, from, out->to))
         return false;
     out->tfar = SHADOW_END;
-    out->density = area_density(e, index, m, at.triangle) * distance * distance / cosine;
+    out->density = area_density(e, g, at.triangle) * distance * distance / cosine;
     out->rgb[0] = emission.x;
     out->rgb[1] = emission.y;
     out->rgb[2] = emission.z;
@@ -261,8 +348,7 @@ double emitters_density(const struct emitters *e, const struct hit *h, struct ve
 
     if (group == NO_GROUP || e->triangle_count == 0 || !(cosine > 0.0))
         return 0.0;
-    return area_density(e, e->groups[group].first + h->triangle, &e->scene->meshes[h->mesh], h->triangle) *
-           (double)h->t * h->t / cosine;
+    return area_density(e, &e->groups[group], h->triangle) * (double)h->t * h->t / cosine;
 }
 
 /* ---- Punctual lights ---- */

@@ -168,3 +168,10 @@ void mesh_tangent(const struct mesh *m, uint32_t vertex, float out[4])
     out[2] = turned.z;
     out[3] = m->placed ? t[3] * m->place.side : t[3];
 }
+
+double mesh_volume_scale(const struct mesh *m)
+{
+    struct placement p = m->place;
+
+    return m->placed ? fabs(invert(&p)) : 1.0;
+}

@@ -57,6 +57,9 @@ struct vec3 mesh_normal(const struct mesh *m, uint32_t vertex);
 /* As in struct mesh, whose tangents must not be NULL. */
 void mesh_tangent(const struct mesh *m, uint32_t vertex, float out[4]);
 
+/* How much larger volumes are than in the arrays' space. */
+double mesh_volume_scale(const struct mesh *m);
+
 /* Enlarges a box to contain the mesh's triangles. */
 void mesh_grow_box(const struct mesh *m, struct box *b);
 

@@ -339,7 +339,56 @@ static void triangles_are_picked_by_area_and_luminance(void **state)
     lit_finish(&l);
 }
 
+/* A panel of 1 m^2 that stands once more turned over and stretched to 3 m^2, and small; between them one that is not
+ * placed, of 2 m^2 and twice as bright. The mean of distance^2 / (cosine density) is the whole area. */
+static void instances_are_sampled_with_their_density(void **state)
+{
+    static const float places[3][3][4] = { { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } },
+                                           { { 0, 0, -1, 2 }, { 0, 1, 0, 0.5f }, { 3, 0, 0, 3 } },
+                                           { { 0.5f, 0, 0, -2 }, { 0, 0.5f, 0, 1 }, { 0, 0, -0.5f, 2 } } };
+    const float x[2] = { 0, 1 }, x2[2] = { -3, -1 }, z[2] = { 0, 1 };
+    const struct vec3 from = { 0.3f, 0.1f, 0.2f };
+    struct scene *s = scene_create();
+    uint32_t met[5][2] = { { 0 } };
+    double area = 0.0;
+    struct lit l;
+
+    (void)state;
+    add_quads(s, add_lambert(s, 0.5f), floor_corners, 1);
+    const uint32_t glow = add_glowing(s, 0.0f, vec3_make(2, 2, 2));
+    add_panel(s, glow, x, 2.0f, z);
+    assert_int_equal(mesh_place(&s->meshes[1], places[0]), ERR_OK);
+    add_panel(s, add_glowing(s, 0.0f, vec3_make(4, 4, 4)), x2, 2.0f, z);
+    for (int i = 1; i < 3; i++)
+        assert_int_equal(scene_add_instance(s, 1, "", places[i]), ERR_OK);
+    lit_make(&l, s, &above, 4, 4, false);
+    struct emitters *e = emitters_create(s, l.set.rays);
+    assert_int_equal(emitters_triangles(e), 8);
+    for (uint32_t i = 0; i < 20000; i++) {
+        const double u[3] = { (i + 0.5) / 20000.0, (i * 7 % 1000 + 0.5) / 1000.0, (i * 13 % 997 + 0.5) / 997.0 };
+        struct arrival a;
+        struct hit h;
+        struct surface at;
+        assert_true(emitters_sample(e, from, u, &a));
+        if (!rays_intersect(l.set.rays, from, a.dir, 0.0f, &h))
+            continue; /* at an edge */
+        met[h.mesh][h.triangle]++;
+        rays_surface(l.set.rays, &h, vec3_scale(a.dir, -1.0f), &at);
+        assert_float_equal(emitters_density(e, &h, at.geometric, a.dir) / a.density, 1.0, 1e-4);
+        area += (double)h.t * h.t / (fabs(vec3_dot_double(at.geometric, a.dir)) * a.density) / 20000.0;
+    }
+    assert_float_equal(area, 1.0 + 2.0 + 3.0 + 0.25, 0.02);
+    /* By area, where a stretch counts as the volume's scale to the power of 2/3; the second panel is twice as bright.
+     */
+    const double power[5] = { 0.0, 1.0, 4.0, pow(3.0, 2.0 / 3.0), 0.25 };
+    for (int k = 0; k < 10; k++) /* two triangles each */
+        assert_float_equal(met[k / 2][k % 2] / 20000.0, 0.5 * power[k / 2] / (5.25 + pow(3.0, 2.0 / 3.0)), 0.002);
+    emitters_destroy(e);
+    lit_finish(&l);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(instances_are_sampled_with_their_density),
     cmocka_unit_test(a_point_light_falls_off_by_the_inverse_square),
     cmocka_unit_test(a_spot_fades_between_its_cones_as_gltf_says),
     cmocka_unit_test(a_directional_light_is_the_same_everywhere),
