@@ -113,6 +113,7 @@ export function transportOf(status) {
   if ((kind === 'files' || kind === 'sky') && length > 1)
     return { play: true, step: true, scrub: { least: 0, most: length - 1, step: 1, value: position }, text: `${position + 1} of ${length}` };
   if (kind === 'sky') return { ...none, play: true }; // its hour is known with its first image
+  if (kind === 'files' && length === null) return { ...none, play: true, step: true }; // a video that does not state its length
   if (kind === 'files') return { ...none, text: 'A single sky.' };
   return { ...none, play: true, text: kind === 'folder' ? 'Frames arrive as files are stored.' : 'Frames arrive as they are sent.' };
 }

@@ -58,7 +58,7 @@ enum demux_event {
 
 struct demux_item {
     enum demux_event event;
-    struct stream_format format; /* FORMAT: of the packets that follow; comes first of all */
+    struct stream_format format; /* FORMAT: of the packets that follow; comes first of all. PACKET: realtime_us alone */
     const uint8_t *bytes;        /* of the packet or the codec's extra data; borrowed until the next call */
     size_t size;
     int64_t time_us; /* PACKET: its time stamp, INT64_MIN: none */

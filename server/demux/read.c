@@ -370,6 +370,7 @@ enum err reading_next(struct reading *r, struct demux_answer *a)
     a->kind = DEMUX_PACKET;
     a->size = (uint64_t)r->packet->size;
     a->key = (r->packet->flags & AV_PKT_FLAG_KEY) != 0;
+    a->format.realtime_us = r->context->start_time_realtime > 0 ? r->context->start_time_realtime : 0;
     a->time_us = to_us(r->packet->pts != AV_NOPTS_VALUE ? r->packet->pts : r->packet->dts, st->time_base);
     return ERR_OK;
 }

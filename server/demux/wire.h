@@ -33,7 +33,7 @@ struct demux_answer {
     uint32_t key;   /* PACKET: 1: a keyframe */
     uint64_t size;  /* bytes of the packet, or of the codec's extra data */
     int64_t time_us;
-    struct stream_format format; /* FORMAT */
+    struct stream_format format; /* FORMAT; PACKET: only realtime_us, which may become known late */
     struct reason why;
 };
 

@@ -144,6 +144,7 @@ static enum err take_packet(struct footage *f, const struct demux_item *item, st
     struct reason fault;
 
     f->packets++;
+    f->format.realtime_us = item->format.realtime_us;
     if (f->await_key && !item->key)
         return ERR_OK;
     f->await_key = false;

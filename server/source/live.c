@@ -12,8 +12,9 @@
 #define STEP_MS 50 /* how soon the thread notices that a picture is wanted */
 #define RETRY_FIRST_MS 500
 #define RETRY_MOST_MS 10000
-#define DRIFT 1e-4          /* by how much a sender's clock may be slower than ours */
-#define PICTURELESS_MS 5000 /* then the state says that there is no picture */
+#define DRIFT 1e-4               /* by how much a sender's clock may be slower than ours */
+#define CLOCKS_APART_US 60000000 /* a sender's clock further from ours is wrong */
+#define PICTURELESS_MS 5000      /* then the state says that there is no picture */
 
 struct live {
     struct footage_desc desc;
@@ -49,25 +50,32 @@ static void set_state(struct live *l, bool connected, const char *text)
     pthread_mutex_unlock(&l->lock);
 }
 
-/* When the picture that has just been decoded was captured. Without the sender's clock, the packet that came fastest
- * shows the delay best; the estimate may rise slowly, because clocks differ. */
+/* When the packet of that time stamp would have come with the least delay seen: the one that came fastest shows it
+ * best. The estimate may rise slowly, because clocks differ. */
+static int64_t arrival_of(struct live *l, int64_t stamp, int64_t now)
+{
+    const int64_t risen = l->delay_us + (int64_t)(DRIFT * (double)(now - l->delay_at_us));
+    const bool began_anew = l->has_delay && now - stamp > risen + CLOCKS_APART_US;
+
+    l->delay_us = !l->has_delay || began_anew || now - stamp < risen ? now - stamp : risen;
+    l->delay_at_us = now;
+    l->has_delay = true;
+    return stamp + l->delay_us;
+}
+
+/* When the picture that has just been decoded was captured: by the sender's clock if it states it and it is not far
+ * from ours, else by arrival. */
 static int64_t capture_time(struct live *l)
 {
     const int64_t stamp = footage_time_us(l->footage), now = clock_wall_us(),
                   realtime = footage_format(l->footage)->realtime_us;
 
-    if (stamp == VIDEO_NO_TIME || stamp > FRAME_CAPTURE_MAX_US || stamp < -FRAME_CAPTURE_MAX_US)
+    if (stamp == VIDEO_NO_TIME || stamp > FRAME_CAPTURE_MAX_US / 4 || stamp < -FRAME_CAPTURE_MAX_US / 4)
         return now;
-    if (realtime > 0 && realtime < FRAME_CAPTURE_MAX_US && realtime + stamp <= now)
-        return realtime + stamp;
-    const int64_t risen = l->delay_us + (int64_t)(DRIFT * (double)(now - l->delay_at_us));
-    if (!l->has_delay || now - stamp < risen || now - stamp > risen + 60000000) /* the last: time stamps began anew */
-        l->delay_us = now - stamp;
-    else
-        l->delay_us = risen;
-    l->delay_at_us = now;
-    l->has_delay = true;
-    return stamp + l->delay_us;
+    const int64_t arrival = arrival_of(l, stamp, now);
+    const bool stated = realtime > 0 && realtime < FRAME_CAPTURE_MAX_US / 2;
+    return stated && realtime + stamp <= now && realtime + stamp > arrival - CLOCKS_APART_US ? realtime + stamp
+                                                                                             : arrival;
 }
 
 static bool is_wanted(struct live *l)

@@ -54,7 +54,8 @@ test('the timeline is that of the source', () => {
     { play: true, step: true, scrub: { least: 0, most: 66, step: 1, value: 4 }, text: '5 of 67' });
   assert.equal(of({ kind: 'sky', position: 4, length: null, hour: 14.6 }).scrub.value, 14.6);
   assert.equal(of({ kind: 'sky', position: 4, length: null, hour: 14.6 }).text, '14:36');
-  for (const kind of ['folder', 'producer']) {
+  assert.deepEqual(of({ kind: 'files', position: 4, length: null, hour: null }), { play: true, step: true, scrub: null, text: '' });
+  for (const kind of ['folder', 'live', 'producer']) {
     assert.equal(of({ kind, position: 0, length: null, hour: null }).scrub, null);
     assert.equal(of({ kind, position: 0, length: null, hour: null }).step, false);
     assert.equal(of({ kind, position: 0, length: null, hour: null }).play, true);

@@ -19,6 +19,7 @@ class Party:
         self.link = link
         self.last = {}
         self.gains = []
+        self.captures = []
         self.requests = 0
 
     @classmethod
@@ -40,6 +41,7 @@ class Party:
                     fields = PICTURE.unpack_from(message)
                     await self.say(op="ack", sequence=fields[4])
                     self.gains.append(fields[14])
+                    self.captures.append(fields[6])
                 else:
                     said = json.loads(message)
                     self.last[said["op"]] = said

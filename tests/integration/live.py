@@ -90,17 +90,25 @@ async def frames(party, count):
     await party.until(lambda: len(party.gains) >= start + count)
 
 
+def check_captures(party, least_us):
+    """The pictures tell when their skies were captured: since then, until now, and one after the other."""
+    told = party.captures[-3:]
+    check(all(least_us < t <= 1e6 * time.time() for t in told) and told == sorted(set(told)), f"captured at {told}")
+
+
 async def srt_that_breaks_off_comes_back(folder):
     path = clip(folder)
     port = free_port(socket.SOCK_DGRAM)
     url = f"srt://127.0.0.1:{port}"
     listener = ("-f", "mpegts", url + "?mode=listener")
+    begun_us = 1e6 * time.time()
     async with endless(path, *listener) as sender:
         async with Daemon("--source", url, *SMALL) as daemon:
             party = await Party.come(daemon.url, "viewer")
             await party.until(lambda: source(party)["state"] == "live")
             check(source(party)["kind"] == "live" and source(party)["length"] is None, f"not a live source: {source(party)}")
             await frames(party, 3)
+            check_captures(party, begun_us)
             sender.process.kill()
             await party.until(lambda: source(party)["state"] == "waiting")
             detail = source(party)["detail"]
@@ -139,8 +147,10 @@ async def rtsp_of_gstreamer_is_a_source(folder):
         port = int(await server.process.stdout.readline())
         async with Daemon("--source", f"rtsp://127.0.0.1:{port}/sky", *SMALL) as daemon:
             party = await Party.come(daemon.url, "viewer")
+            begun_us = 1e6 * time.time()
             await party.until(lambda: source(party)["state"] == "live")
-            await frames(party, 3)
+            await frames(party, 5)
+            check_captures(party, begun_us - 5e6)
 
 
 async def live_playlist_is_a_source(folder):
