@@ -1,5 +1,7 @@
 #include "base/command.h"
 
+#include "base/log.h"
+
 #include <assert.h>
 #include <ctype.h>
 #include <errno.h>
@@ -20,7 +22,8 @@ static void add_section(struct command *c, const char *section)
         for (const struct setting *s = c->lists[l].rows; !setting_ends(s); s++)
             if (s->name && choice_has(s->programs, c->program) && strcmp(s->section, section) == 0) {
                 assert(c->flag_count < COMMAND_FLAGS);
-                c->flags[c->flag_count++] = (struct command_flag){ s, &c->lists[l].values, s->initial, s->initial };
+                c->flags[c->flag_count++] =
+                    (struct command_flag){ s, &c->lists[l].values, s->initial, s->initial, false };
             }
 }
 
@@ -81,15 +84,73 @@ bool command_given(const struct command *c, const char *name)
 
 /* ---- Parsing ---- */
 
+#define NAME_MOST 40
+
+/* Insertions, deletions, replacements and swaps of neighbours that turn one name into the other; NAME_MOST: too long.
+ */
+static size_t distance(const char *a, size_t length, const char *b)
+{
+    const size_t other = strlen(b);
+    size_t rows[3][NAME_MOST + 1];
+
+    if (length > NAME_MOST || other > NAME_MOST)
+        return NAME_MOST;
+    for (size_t j = 0; j <= other; j++)
+        rows[0][j] = j;
+    for (size_t i = 1; i <= length; i++) {
+        size_t *now = rows[i % 3];
+        const size_t *last = rows[(i + 2) % 3], *before = rows[(i + 1) % 3];
+        now[0] = i;
+        for (size_t j = 1; j <= other; j++) {
+            const size_t replaced = last[j - 1] + (a[i - 1] != b[j - 1]);
+            now[j] = last[j] < now[j - 1] ? last[j] + 1 : now[j - 1] + 1;
+            now[j] = replaced < now[j] ? replaced : now[j];
+            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] && before[j - 2] + 1 < now[j])
+                now[j] = before[j - 2] + 1;
+        }
+    }
+    return rows[length % 3][other];
+}
+
+/* The flag whose name is nearest, if at most a third of it differs. */
+static const char *nearest(const struct command *c, const char *name, size_t length)
+{
+    size_t least = length / 3 + 1;
+    const char *found = NULL;
+
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const size_t d = distance(name, length, c->flags[k].row->name);
+        if (d < least) {
+            least = d;
+            found = c->flags[k].row->name;
+        }
+    }
+    return found;
+}
+
+static enum err unknown_flag(const struct command *c, const char *given, size_t length, struct reason *why)
+{
+    const char *near = nearest(c, given + 2, length);
+
+    if (near)
+        return err_say(why, ERR_USAGE, "unknown flag '%.*s': did you mean --%s? (see %s --help)", (int)length + 2,
+                       given, near, c->name);
+    return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help)", given, c->name);
+}
+
 /* Parses one flag and its value, given as --name=value or as the next argument. */
 static enum err take_flag(struct command *c, int argc, char **argv, int *i, struct reason *why)
 {
     const char *name = argv[*i] + 2;
     const char *equals = strchr(name, '=');
-    struct command_flag *f = find(c, name, equals ? (size_t)(equals - name) : strlen(name));
+    const size_t length = equals ? (size_t)(equals - name) : strlen(name);
+    struct command_flag *f = find(c, name, length);
 
     if (!f)
-        return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help)", argv[*i], c->name);
+        return unknown_flag(c, argv[*i], length, why);
+    if (f->row->unit && f->seen && !c->quiet)
+        log_warning("--%s is given more than once: the last one counts", f->row->name);
+    f->seen = true;
     if (!f->row->unit && equals)
         return err_say(why, ERR_USAGE, "--%s takes no value", f->row->name);
     if (f->row->unit && !equals && *i + 1 == argc)
@@ -135,6 +196,8 @@ enum err command_parse(struct command *c, int argc, char **argv, bool *done, str
 
     *done = false;
     c->operand_count = 0;
+    for (size_t k = 0; k < c->flag_count; k++)
+        c->flags[k].seen = false;
     for (int i = 1; i < argc && !e; i++) {
         *done = print_asked(c, argv[i]);
         if (*done)

@@ -14,6 +14,7 @@ struct command_flag {
     void *const *values; /* the struct that the row's offset is of */
     const char *initial; /* its default as text; NULL: none */
     const char *given;   /* the value given, else the default ("1" for a switch); NULL: neither */
+    bool seen;           /* in the arguments */
 };
 
 /* The command line of one program. The caller sets the first part. */
@@ -24,6 +25,7 @@ struct command {
     const char *epilogue_title, *epilogue;    /* a heading and lines at the end of --help; NULL: none */
     unsigned program;                         /* FOR_* bit; 0: none of these */
     struct setting_list lists[COMMAND_LISTS]; /* rows NULL: none */
+    bool quiet;                               /* no warning of a flag that is given twice */
     size_t operand_max;                       /* 0: none allowed; at most COMMAND_OPERANDS */
 
     struct command_flag flags[COMMAND_FLAGS]; /* filled by command_begin, section by section, as in the tables */

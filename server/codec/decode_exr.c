@@ -73,9 +73,46 @@ static void give_block(void *p)
     scratch_free(serving, p);
 }
 
+static uint64_t little_endian(const uint8_t *at, size_t bytes)
+{
+    uint64_t v = 0;
+
+    while (bytes-- > 0)
+        v = v << 8 | at[bytes];
+    return v;
+}
+
+/* The byte behind the last chunk, by the chunk table, if the file ends before it; else 0. */
+static uint64_t missing_end(const struct exr_file *x)
+{
+    const size_t leader = x->tiled ? 20 : 8; /* the last number of which is the chunk's size */
+    int32_t count = 0;
+    uint64_t last = 0;
+
+    if (x->table_at == 0 || !x->context || exr_get_chunk_count(x->context, x->part, &count) != EXR_ERR_SUCCESS)
+        return 0;
+    for (int32_t k = 0; k < count; k++) {
+        const uint64_t at = x->table_at + 8 * (uint64_t)k;
+        if (at + 8 > x->size)
+            return at + 8;
+        const uint64_t chunk = little_endian(x->bytes + at, 8);
+        last = chunk > last ? chunk : last;
+    }
+    if (last > x->size || leader > x->size - last)
+        return last > UINT64_MAX - leader ? last : last + leader;
+    const uint64_t end = last + leader + little_endian(x->bytes + last + leader - 4, 4);
+    return end > x->size ? end : 0;
+}
+
 /* Reports an error at `where` with the library's message or, without one, the text of its code. */
 enum err exr_file_say(struct exr_file *x, exr_result_t r, const char *where)
 {
+    const uint64_t end = r == EXR_ERR_OUT_OF_MEMORY || refused ? 0 : missing_end(x);
+
+    if (end > 0)
+        return err_say(x->why, ERR_FORMAT,
+                       "%s: %s: the file is cut off: it has %zu bytes, and its data go up to byte %" PRIu64, x->name,
+                       where, x->size, end);
     const char *text = x->library_fault.text[0] ? x->library_fault.text : exr_get_default_error_message(r);
 
     return err_say(x->why, r == EXR_ERR_OUT_OF_MEMORY || refused ? ERR_NOMEM : ERR_FORMAT, "%s: %s: %s", x->name, where,
@@ -94,7 +131,7 @@ bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpa
 
 /* The library locates each attribute and channel by a linear search, which takes hours for a header with a million of
  * them. Count them first. */
-static enum err check_header(const struct exr_file *x)
+static enum err check_header(struct exr_file *x)
 {
     struct exr_header h = { x->bytes, x->size, 8, x->name, x->why };
     const bool parts = x->size > 5 && x->bytes[5] & FLAG_PARTS;
@@ -103,6 +140,7 @@ static enum err check_header(const struct exr_file *x)
     while (h.at < x->size) {
         struct exr_entry a;
         if (x->bytes[h.at] == 0) { /* end of a part's header; an empty one ends the list */
+            x->table_at = parts ? 0 : h.at + 1;
             if (!parts || (++h.at < x->size && x->bytes[h.at] == 0))
                 return ERR_OK;
             attributes = 0;

@@ -23,6 +23,7 @@ struct exr_source {
 struct exr_file {
     const uint8_t *bytes;
     size_t size;
+    size_t table_at; /* byte of the chunk table; 0: several parts */
     const char *name;
     const struct image *into; /* for its limits */
     struct reason *why;

@@ -7,6 +7,7 @@
 #include "base/notify.h"
 #include "daemon/links.h"
 #include "daemon/options.h"
+#include "daemon/state.h"
 #include "net/tls_self.h"
 
 #include <errno.h>
@@ -175,6 +176,7 @@ static enum err take_file(struct config_reading *s, const char *path, struct rea
     if (e) /* whatever is wrong with it, it is the wrong thing to be told */
         return e == ERR_NOMEM ? e : ERR_USAGE;
     daemon_flags_init(&s->flags);
+    s->flags.command.quiet = true; /* the first reading has warned */
     for (size_t i = 0; i < config_count(s->config) && !e; i++) {
         const char *key = config_key(s->config, i);
         secret |= strncmp(key, "token-", 6) == 0 && strcmp(key + strlen(key) - 5, "-file") != 0;
@@ -227,6 +229,7 @@ static enum err understand(struct config_reading *s, struct daemon_config *d, st
     struct config_reading *line = mem_alloc(1, sizeof(*line));
     if (line) {
         daemon_flags_init(&line->flags);
+        line->flags.command.quiet = true;
         if (!command_parse(&line->flags.command, s->argc, s->argv, &done, &alone) && !try_out(&line->flags, &alone)) {
             alone = *why;
             err_say(why, e, "%s: %s", config_name(s->config), alone.text);
@@ -249,6 +252,8 @@ static enum err check(const struct config_reading *s, const struct daemon_config
     if (!d->push && source_open(&d->setup.source_desc, &source, why) && ++count)
         log_error("source: %s", why->text);
     source_close(source);
+    if (d->state_dir && state_check(d->state_dir, why) && ++count)
+        log_error("%s", why->text);
     if (server_check(&d->server_desc, why) && ++count)
         log_error("%s", why->text);
     if (count)
@@ -271,6 +276,27 @@ static enum err use_own_certificate(struct config_reading *s, struct daemon_conf
     server->tls_cert = s->own_cert;
     server->tls_key = s->own_key;
     return e;
+}
+
+/* Flags that have no effect beside the others. */
+static void report_ignored(struct command *c, const struct daemon_config *d)
+{
+    static const struct {
+        const char *flag, *other, *why;
+        bool given; /* the other flag takes the effect away; else its absence */
+    } rows[] = {
+        { "decoder", "no-sandbox", "--no-sandbox decodes in this process", true },
+        { "decode-seconds", "no-sandbox", "--no-sandbox decodes in this process", true },
+        { "h264-mbit", "no-h264", "--no-h264 is given", true },
+        { "proxy-address", "behind-proxy", "--behind-proxy is not given", false },
+    };
+
+    setup_report_ignored(c, &d->setup);
+    for (size_t k = 0; k < sizeof(rows) / sizeof(rows[0]); k++)
+        if (command_given(c, rows[k].flag) && command_given(c, rows[k].other) == rows[k].given)
+            log_warning("--%s has no effect: %s", rows[k].flag, rows[k].why);
+    if (command_given(c, "converge-passes") && !(d->converge.error > 0.0))
+        log_warning("--converge-passes has no effect: --converge is off");
 }
 
 enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, int argc, char **argv, bool *done,
@@ -296,6 +322,7 @@ enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, 
         *done = true;
         return links_print(&c->server_desc, stdout, isatty(STDOUT_FILENO) == 1, why);
     }
+    report_ignored(&s->flags.command, c);
     if (c->setup.threads)
         omp_set_num_threads((int)c->setup.threads);
     return ERR_OK;

@@ -1,7 +1,9 @@
 #include "daemon/ingest_parts.h"
 
 #include "base/clock.h"
+#include "base/log.h"
 
+#include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -24,6 +26,7 @@ struct pull {
     uint64_t version;    /* light_version with which the current frame was read */
     int64_t next_ms;     /* when the next frame is due, if the source has a rate */
     int64_t failure_ms;  /* how long to wait after a bad frame */
+    uint64_t used;       /* of these, those that gave a picture */
     bool failed, ended, reported_end, paused;
     struct reason silence; /* what was reported when `lost` was set */
     bool lost;             /* a live stream is not connected, which was reported */
@@ -193,6 +196,10 @@ static void take_frame(struct pull *p, enum err read)
         e = ingest_frame(p->t, &p->frame, &none, p->why);
     }
     p->count++;
+    p->used += !e;
+    if (e && p->used == 0 && p->count == length)
+        log_error("none of the %" PRIu64 " frames of --source %s can be used: there is no image until one can", length,
+                  p->shared->config.setup.source_desc.spec);
     if (e) /* log each bad file in the first pass only */
         status_frame_unreadable(status, p->why->text, length == 0 || p->count <= length);
     else if (p->failed || p->count == 1 || p->reported_end || p->lost)

@@ -170,10 +170,14 @@ static enum err apply(struct settings_store *store, const struct server_control 
 {
     const struct settings before = *s;
     struct settings asked;
+    char names[300];
 
     memcpy(&asked, c->values, sizeof(asked));
-    if (ASKED(c, camera) && !scene_camera(store->scene, asked.camera))
-        return refuse(clause, "4.13.15", err_say(why, ERR_USAGE, "there is no camera '%s'", asked.camera));
+    if (ASKED(c, camera) && !scene_camera(store->scene, asked.camera)) {
+        scene_camera_names(store->scene, names, sizeof(names));
+        return refuse(clause, "4.13.15",
+                      err_say(why, ERR_USAGE, "there is no camera '%s'; expected %s", asked.camera, names));
+    }
     for (uint32_t k = 0; settings_table[k].key; k++)
         if (c->asked >> k & 1)
             setting_copy(&settings_table[k], s, &asked);

@@ -113,6 +113,18 @@ static enum err take(struct state_file *f, const char *text, bool *stale, struct
     return e;
 }
 
+enum err state_check(const char *folder, struct reason *why)
+{
+    const bool made = mkdir(folder, 0700) == 0;
+
+    if (made)
+        rmdir(folder);
+    if (made || (errno == EEXIST && access(folder, W_OK | X_OK) == 0))
+        return ERR_OK;
+    return err_say(why, ERR_IO, "state: %s: cannot be written to: %s; name a folder that this user may write", folder,
+                   strerror(errno));
+}
+
 void state_open(struct state_file *f, const struct daemon_config *config, struct settings_store *settings,
                 const char *default_camera)
 {

@@ -14,6 +14,9 @@ struct state_file {
     double retry_s; /* no write before this time (clock_seconds) */
 };
 
+/* Whether the folder can be written, or be made; what is made for that is removed. ERR_IO. */
+MUST_CHECK enum err state_check(const char *folder, struct reason *why);
+
 /* Applies the settings in the file. Problems with the file are logged as warnings. config and settings must outlive
  * f. */
 void state_open(struct state_file *f, const struct daemon_config *config, struct settings_store *settings,

@@ -71,7 +71,7 @@ int decoder_serve(int argc, char **argv, const struct decoder_work *work)
         sscanf(argv[3], "%llu", &memory_bytes) != 1 || picture_bytes < 3 * sizeof(float) * IMAGE_MAX_TEXELS) {
         fprintf(stderr,
                 "this program is started by others of relightd to decode images or video; it cannot be used alone.\n");
-        return 2;
+        return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     const uint8_t *file = mmap(NULL, (size_t)file_bytes, PROT_READ, MAP_SHARED, WIRE_FILE, 0);
     float *picture = mmap(NULL, (size_t)picture_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, WIRE_PICTURE, 0);

@@ -83,7 +83,7 @@ int main(int argc, char **argv)
 
     if (argc != 3 || sscanf(argv[1], "%llu", &bytes) != 1) {
         fprintf(stderr, "this program is started by others of relightd to read video; it cannot be used alone.\n");
-        return 2;
+        return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     d.packet_bytes = (size_t)bytes;
     d.device = strcmp(argv[2], "device") == 0 ? "v4l2" : NULL;

@@ -410,9 +410,17 @@ enum err environment_update(struct environment *e, const struct frame *f, struct
 
 void environment_warn_clipped(const struct environment *e, bool *warned)
 {
-    if (*warned || (e->image.faults.clipped == 0 && !e->image.low_range))
+    const bool stretched = (e->layout == LAYOUT_LATLONG || e->layout == LAYOUT_LATLONG_BOTTOM_FIRST) &&
+                           e->image.width != 2 * e->image.height;
+
+    if (*warned || (e->image.faults.clipped == 0 && !e->image.low_range && !stretched))
         return;
     *warned = true;
+    if (stretched)
+        log_warning("%s: %ux%u is not 2:1, the shape of a lat-long image: it is stretched", e->name, e->image.width,
+                    e->image.height);
+    if (e->image.faults.clipped == 0 && !e->image.low_range)
+        return;
     if (e->image.low_range) {
         log_warning("%s: not HDR: what is brighter than white, such as the sun, is clipped", e->name);
         return;

@@ -116,8 +116,9 @@ bool environment_is_complete(const struct environment *e); /* nothing is deferre
 void environment_complete_pyramid(const struct environment *e);
 bool environment_has_pyramid(const struct environment *e); /* the pyramid is complete */
 
-/* Logs one warning the first time that a sequence contains values at the largest half float, or pictures without HDR:
- * its sun may have been clipped. *warned remembers; initialise it to false. */
+/* Logs one warning the first time that a sequence contains values at the largest half float, or pictures without HDR,
+ * whose sun may have been clipped, or a lat-long image of another shape than 2:1. *warned remembers; initialise it to
+ * false. */
 void environment_warn_clipped(const struct environment *e, bool *warned);
 
 /* Radiance along w (unit, world) from the source image, interpolated bilinearly; on a cube map within each face.

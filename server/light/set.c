@@ -49,9 +49,12 @@ static enum err build_bvh(struct set *s, const struct set_desc *desc, struct rea
 static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
 {
     const struct camera *camera = scene_camera(s->scene, desc->camera);
+    char names[300];
 
-    if (!camera)
-        return err_say(why, ERR_USAGE, "%s: there is no camera '%s'", s->name, desc->camera);
+    if (!camera) {
+        scene_camera_names(s->scene, names, sizeof(names));
+        return err_say(why, ERR_USAGE, "%s: there is no camera '%s'; expected %s", s->name, desc->camera, names);
+    }
     const double start = clock_seconds();
     const struct gbuffer_desc g = {
         .camera = camera,

@@ -2,6 +2,7 @@
 
 #include "base/file_pattern.h"
 #include "base/file_store.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "codec/exr_write.h"
 #include "codec/jpeg.h"
@@ -21,6 +22,7 @@ struct output {
     struct exposure exposure;
     bool fixed; /* the gain is 2^stops; else exposure adapts */
     double stops;
+    bool replaced; /* an existing file, which was reported */
     const struct exr_channel *channels;
     const struct exr_attribute *attributes;
     size_t channel_count, attribute_count;
@@ -223,5 +225,9 @@ enum err output_write(struct output *o, const float *rgb, const float *rgba, uin
     char name[4096];
     const enum err e = file_pattern_name(&o->pattern, frame, name, sizeof(name), why);
 
+    if (!e && !o->replaced && access(name, F_OK) == 0) {
+        log_info("%s exists and is replaced%s", name, o->pattern.length > 0 ? ", and so are others" : "");
+        o->replaced = true;
+    }
     return e ? e : o->format->write(o, &parts, name, why);
 }

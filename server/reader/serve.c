@@ -151,7 +151,7 @@ int reader_serve(int argc, char **argv,
     if (argc != 5 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1 ||
         sscanf(argv[3], "%lf", &host.time) != 1) {
         fprintf(stderr, "relight-reader is started by relightd and others to read scenes; it cannot be used alone.\n");
-        return 2;
+        return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     /* A terminal or service manager sends these to the parent too, which decides. */
     signal(SIGINT, SIG_IGN);

@@ -438,8 +438,10 @@ static void add_counts(struct build *b)
 
 static enum err too_large(const struct build *b, struct reason *why)
 {
-    return err_say(why, ERR_RANGE, "G-buffer of %u x %u pixels: more than the allowed %.1f GiB", b->desc->width,
-                   b->desc->height, (double)b->max_bytes / 1073741824.0);
+    return err_say(
+        why, ERR_RANGE,
+        "G-buffer of %u x %u pixels: more than the allowed %.1f GiB: use a smaller --size or fewer --edge-rays",
+        b->desc->width, b->desc->height, (double)b->max_bytes / 1073741824.0);
 }
 
 static enum err finish(struct build *b, struct reason *why)

@@ -149,6 +149,19 @@ void scene_note_unmodelled(struct scene *s, enum scene_feature feature, const ch
     s->unmodelled |= bit;
 }
 
+void scene_camera_names(const struct scene *s, char *out, size_t size)
+{
+    size_t used = 0;
+
+    out[0] = '\0';
+    for (size_t i = 0; i < s->camera_count && used < size; i++)
+        used += (size_t)snprintf(out + used, size - used, "%s%s",
+                                 i == 0                     ? ""
+                                 : i + 1 == s->camera_count ? " and "
+                                                            : ", ",
+                                 s->cameras[i].name);
+}
+
 const struct camera *scene_camera(const struct scene *s, const char *name)
 {
     for (size_t i = 0; i < s->camera_count; i++) {

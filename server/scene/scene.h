@@ -121,6 +121,9 @@ void scene_destroy(struct scene *s); /* NULL is allowed */
 /* The camera of that name, or the first if name is NULL; NULL if there is none. */
 const struct camera *scene_camera(const struct scene *s, const char *name);
 
+/* "main, side and top": the names of the cameras, cut to size. */
+void scene_camera_names(const struct scene *s, char *out, size_t size);
+
 /* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, sharp ggx), which cast caustics. Returns their
  * number; writes at most `room`. */
 size_t scene_casters(const struct scene *s, struct box *out, size_t room);

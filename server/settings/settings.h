@@ -62,6 +62,9 @@ struct setup {
  * rows of struct settings, too. */
 extern const struct setting settings_table[];
 
+/* Warns of each flag that was given and has no effect beside the others. Once, when the program starts. */
+void setup_report_ignored(struct command *c, const struct setup *s);
+
 /* After command_read: what follows from several flags, or from what this machine is. ERR_USAGE names the flag. */
 MUST_CHECK enum err setup_complete(struct setup *s, struct reason *why);
 

@@ -89,8 +89,11 @@ static enum err read_date(struct sky_desc *d, const char *value, struct reason *
 
     if (strlen(value) == 10 && small_number(value, 4) >= 0 && value[4] == '-') /* the year is ignored */
         date = value + 5;
-    if (!two_numbers(date, '-', &month, &day) || month < 1 || month > 12 || day < 1 || day > month_days[month - 1])
+    if (!two_numbers(date, '-', &month, &day) || month < 1 || month > 12)
         return err_say(why, ERR_USAGE, "sky: date=%s is not MM-DD or YYYY-MM-DD", value);
+    if (day < 1 || day > month_days[month - 1])
+        return err_say(why, ERR_USAGE, "sky: date=%s: there is no such day; month %d has the days 1 to %d", value,
+                       month, month_days[month - 1]);
     d->month = month;
     d->day = day;
     return ERR_OK;

@@ -9,6 +9,7 @@
 #include "source/sky.h"
 
 #include <omp.h>
+#include <string.h>
 
 struct render {
     struct render_desc desc;
@@ -83,7 +84,8 @@ static enum err read_target(const struct command *c, struct render *r, struct re
         return err_say(why, ERR_USAGE, "--fps and --error are for --method auto, not for %s",
                        method_name(r->desc.setup.light.direct.method));
     if (command_given(c, "samples"))
-        return err_say(why, ERR_USAGE, "--samples fixes the sample count; --fps and --error choose it");
+        return err_say(why, ERR_USAGE,
+                       "--samples fixes the sample count; --fps and --error choose it: give one or the other");
     return ERR_OK;
 }
 
@@ -157,6 +159,24 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
                : err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
 }
 
+/* Flags of files in a format that lacks what they set, and of what was not asked for. */
+static void report_ignored(struct command *c, const struct render *r)
+{
+    static const char *const display[] = { "tone", "exposure", "exposure-frame", "bits", "quality" };
+    const char *dot = r->desc.output.pattern ? strrchr(r->desc.output.pattern, '.') : NULL;
+
+    setup_report_ignored(c, &r->desc.setup);
+    for (size_t k = 0; dot && strcmp(dot, ".exr") == 0 && k < sizeof(display) / sizeof(display[0]); k++)
+        if (command_given(c, display[k]))
+            log_warning("--%s has no effect: .exr files are linear", display[k]);
+    if (dot && strcmp(dot, ".png") == 0 && command_given(c, "quality"))
+        log_warning("--quality has no effect: .png files are lossless");
+    if (dot && strcmp(dot, ".exr") != 0 && r->desc.output.half)
+        log_warning("--half has no effect: it is for .exr files");
+    if (!r->components.out.text && command_given(c, "reinhart"))
+        log_warning("--reinhart has no effect without --components");
+}
+
 static enum err read_options(struct command *c, struct render *r, struct reason *why)
 {
     struct render_desc *d = &r->desc;
@@ -180,6 +200,8 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
         e = check_denoise(r, why);
     if (!e)
         e = check_layers(r, why);
+    if (!e)
+        report_ignored(c, r);
     if (s->threads)
         omp_set_num_threads((int)s->threads);
     return e;

@@ -100,7 +100,7 @@ static void bad_command_lines_are_named(void **state)
 
     (void)state;
     assert_int_equal(GIVE(&g, 0, "--sizes", "1x1"), ERR_USAGE);
-    assert_string_equal(g.why.text, "unknown flag '--sizes' (see relight-test --help)");
+    assert_string_equal(g.why.text, "unknown flag '--sizes': did you mean --size? (see relight-test --help)");
     assert_int_equal(GIVE(&g, 0, "--siz", "1x1"), ERR_USAGE); /* no abbreviations */
     assert_int_equal(GIVE(&g, 0, "--=3"), ERR_USAGE);
     assert_int_equal(GIVE(&g, 0, "--fast=1"), ERR_USAGE);

@@ -1,0 +1,122 @@
+#!/usr/bin/env bash
+# What programs answer to wrong or useless arguments and files: what is wrong, and what would be right.
+. "$(dirname "$0")/lib.sh"
+small=(--size 16x9 --samples 1 --paths direct)
+
+a_flag_that_does_not_exist_suggests_the_nearest() {
+    expect 2 "unknown flag '--sampels': did you mean --samples\? \(see relight-render --help\)" "$bin/relight-render" --sampels 3
+    expect 2 "unknown flag '--expsure': did you mean --exposure\?" "$bin/relight-render" --expsure=follow
+    expect 2 "unknown flag '--tokn-viewer': did you mean --token-viewer\?" "$bin/relightd" --tokn-viewer x
+    expect 2 "unknown flag '--form': did you mean --from\?" "$bin/relight-record" --form ws://x
+    expect 2 "unknown flag '--frobnicate' \(see" "$bin/relight-render" --frobnicate
+}
+
+flags_without_effect_are_reported() {
+    local render=("$bin/relight-render" "${small[@]}" --out "$work/x.exr")
+    expect 0 '--eye-paths has no effect: there is neither indirect light' "${render[@]}" --eye-paths 64
+    expect 0 '--caustics has no effect: there are no caustics' "${render[@]}" --caustics eye
+    expect 0 '--tone has no effect: .exr files are linear' "${render[@]}" --tone reinhard
+    expect 0 '--exposure has no effect: .exr' "${render[@]}" --exposure 2
+    expect 0 '--quality has no effect: .exr' "${render[@]}" --quality 40
+    expect 0 '--cache-file has no effect: only --method cached' "${render[@]}" --cache-file "$work/none"
+    expect 0 '--cells has no effect: only --method faces' "${render[@]}" --method brdf --cells 2
+    expect 0 '--lamp-samples has no effect' "${render[@]}" --lamps 0 --lamp-samples 3
+    expect 0 '--reinhart has no effect without' "${render[@]}" --reinhart 2
+    expect 0 '--half has no effect' "$bin/relight-render" "${small[@]}" --half --out "$work/x.jpg"
+    expect 0 '--samples is given more than once: the last one counts' "${render[@]}" --samples 2
+    expect 0 '--threads 1000: this machine has [0-9]+ processors' "${render[@]}" --threads 1000
+    "${render[@]}" 2>"$work/log"
+    if grep -q warning "$work/log"; then cat "$work/log"; fail "warnings without a reason"; fi
+    "$bin/relight-render" --size 16x9 --samples 1 --eye-paths 2 --particles 100 --cells 2 --exposure 1 --tone linear \
+        --quality 50 --out "$work/x.jpg" 2>"$work/log"
+    if grep -q warning "$work/log"; then cat "$work/log"; fail "warnings of flags that have an effect"; fi
+}
+
+an_image_that_is_replaced_is_named_once() {
+    local render=("$bin/relight-render" "${small[@]}" --frames 0-2 --out "$work/%d.exr")
+    "${render[@]}" 2>"$work/log"
+    if grep -q 'is replaced' "$work/log"; then fail "nothing was there"; fi
+    "${render[@]}" 2>"$work/log"
+    [ "$(grep -c '0.exr exists and is replaced, and so are others' "$work/log")" = 1 ] || { cat "$work/log"; fail "not named"; }
+    [ "$(grep -c 'is replaced' "$work/log")" = 1 ] || fail "named more than once"
+}
+
+names_and_dates_that_do_not_exist_list_those_that_do() {
+    expect 2 "there is no camera 'front'; expected main, sundial and gallery" "$bin/relight-render" "${small[@]}" --camera front --out "$work/x.exr"
+    expect 2 'date=2026-02-30: there is no such day; month 2 has the days 1 to 29' "$bin/relight-render" "${small[@]}" \
+        --source sky:date=2026-02-30 --out "$work/x.exr"
+    expect 2 'date=13-01 is not MM-DD or YYYY-MM-DD' "$bin/relight-render" "${small[@]}" --source sky:date=13-01 --out "$work/x.exr"
+    expect 2 "'path' is not available here; expected uniform" "$bin/relightd" --port 0 --method path
+    if "$bin/relightd" --help | grep -A3 -e '^  --method' | grep -q 'photons'; then fail "relightd offers a reference method"; fi
+    expect 1 'nope.gltf: No such file or directory$' "$bin/relight-render" "${small[@]}" --scene "$work/nope.gltf" --out "$work/x.exr"
+    if grep -q 'nope.gltf.*nope.gltf' "$work/stderr"; then fail "the file is named twice"; fi
+    expect 1 'nope.json: No such file or directory$' "$bin/relight-render" "${small[@]}" --scene "$work/nope.json" --out "$work/x.exr"
+}
+
+files_that_are_no_sky_say_what_they_are() {
+    local render=("$bin/relight-render" "${small[@]}" --out "$work/x.exr")
+    "$bin/relight-render" "${small[@]}" --size 64x32 --out "$work/whole.exr"
+    local bytes cut
+    bytes=$(stat -c %s "$work/whole.exr")
+    for cut in 400 500 1000 $((bytes - 1)); do
+        head -c "$cut" "$work/whole.exr" >"$work/cut.exr"
+        if [ "$cut" -gt 450 ]; then
+            expect 1 "cut.exr: .*: the file is cut off: it has $cut bytes, and its data go up to byte [0-9]+" "${render[@]}" \
+                --source "$work/cut.exr"
+        else
+            expect 1 "cut.exr: .*the file ends" "${render[@]}" --source "$work/cut.exr"
+        fi
+    done
+    printf 'II*\0\0\0' >"$work/b.jpg"
+    expect 1 'b.jpg: is a TIFF file; expected OpenEXR, Radiance .hdr' "${render[@]}" --source "$work/b.jpg"
+    printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 3\n' >"$work/odd.hdr"
+    printf '\x80\x80\x80\x81%.0s' 1 2 3 4 5 6 >>"$work/odd.hdr"
+    expect 0 'odd.hdr: 3x2 is not 2:1, the shape of a lat-long image: it is stretched' "${render[@]}" --source "$work/odd.hdr" --layout latlong
+    expect 1 '3x2' "${render[@]}" --source "$work/odd.hdr"
+}
+
+sizes_and_counts_that_cannot_be_say_what_to_change() {
+    expect 1 'more than the allowed [0-9.]+ GiB: use a smaller --size or fewer --edge-rays' "$bin/relight-render" --size 16384x16384 \
+        --out "$work/x.exr"
+    expect 2 '--samples fixes the sample count; --fps and --error choose it: give one or the other' "$bin/relight-render" "${small[@]}" \
+        --fps 5 --out "$work/x.exr"
+}
+
+check_config_finds_a_state_that_cannot_be_written() {
+    expect 2 'state: /proc/nodir: cannot be written to: .*; name a folder that this user may write' "$bin/relightd" --check-config \
+        --state /proc/nodir
+    "$bin/relightd" --check-config --state "$work/new" >/dev/null
+    "$bin/relightd" --check-config --state "$work" >/dev/null
+    [ ! -e "$work/new" ] || fail "a check made the folder"
+}
+
+a_server_without_one_good_frame_says_so() {
+    printf 'II*\0\0\0' >"$work/b.exr"
+    "$bin/relightd" --port 0 --size 16x9 --source "$work/b.exr" 2>"$work/log" &
+    local pid=$! i
+    for ((i = 0; i < 100; i++)); do
+        grep -q 'none of the' "$work/log" && break
+        sleep 0.1
+    done
+    kill -TERM $pid
+    wait $pid || true
+    grep -q "error: none of the 1 frames of --source $work/b.exr can be used: there is no image until one can" "$work/log" ||
+        { cat "$work/log"; fail "no word of it"; }
+    [ "$(grep -c 'none of the' "$work/log")" = 1 ] || fail "more than one word"
+}
+
+servers_that_cannot_be_reached_are_explained() {
+    local code=0
+    timeout 3 "$bin/relight-feed" --to ws://nowhere.invalid:1 sky: 2>"$work/log" || code=$?
+    grep -q "nowhere.invalid:1: cannot be reached: no address is known" "$work/log" || { cat "$work/log"; fail "the name's fault ($code)"; }
+}
+
+helpers_answer_help_with_success() {
+    local program
+    for program in relight-decoder relight-reader; do
+        expect 0 'it cannot be used alone' "$bin/$program" --help
+        expect 2 'it cannot be used alone' "$bin/$program" --halp
+    done
+}
+
+"$1"
