@@ -39,6 +39,7 @@ it_holds_what_is_to_be_installed() {
     done
     [ -x "$root/usr/lib/relightd/relight-decoder" ] || fail "no decoder for what producers send"
     [ -x "$root/usr/lib/relightd/relight-reader" ] || fail "no reader of scene files"
+    [ -x "$root/usr/lib/relightd/relight-demux" ] && [ -x "$root/usr/lib/relightd/relight-video" ] || fail "no video sources"
     [ -s "$root/usr/lib/systemd/system/relightd.service" ] || fail "no unit"
     [ -s "$root/etc/relightd/relightd.json" ] || fail "no configuration"
     grep -qx /etc/relightd/relightd.json "$packed/control/conffiles" || fail "an upgrade would overwrite the configuration"
