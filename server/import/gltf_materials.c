@@ -72,6 +72,42 @@ static bool share_coordinates(struct source *s, struct gltf_surface *surface, co
     return false;
 }
 
+/* A transform of coordinates as a mesh keeps them, v upwards: glTF's are 1 - v. */
+static void upright(const double t[6], double out[6])
+{
+    const double own[6] = { t[0], -t[1], t[1] + t[2], -t[3], t[4], 1.0 - t[4] - t[5] };
+    memcpy(out, own, sizeof(own));
+}
+
+/* Whether a map of numbers can have the texture coordinates of the material's others, or some that are affine in them:
+ * then m->moved_by says so. A normal map, whose frame is the mesh's, must not be turned. */
+static bool place_map(struct source *s, struct material *m, enum material_map map, struct gltf_surface *surface,
+                      const struct gltf_surface *own)
+{
+    const bool normal = map == MAP_NORMAL, same_set = surface->uv_set == own->uv_set;
+    double a[6], b[6], by[6];
+    bool fits = same_set;
+
+    upright(surface->transform, a);
+    upright(own->transform, b);
+    const double det = a[0] * a[4] - a[1] * a[3];
+    if (!same_set || det == 0.0 || memcmp(surface->transform, own->transform, sizeof(own->transform)) == 0)
+        return share_coordinates(s, surface, own);
+    for (int k = 0; k < 6; k += 3) {
+        by[k] = (b[k] * a[4] - b[k + 1] * a[3]) / det;
+        by[k + 1] = (b[k + 1] * a[0] - b[k] * a[1]) / det;
+        by[k + 2] = b[k + 2] - by[k] * a[2] - by[k + 1] * a[5];
+    }
+    for (int k = 0; k < 6; k++) {
+        fits &= fabs(by[k]) <= (double)MOVED_MAX;
+        m->moved_by[normal][k] = fits ? (float)by[k] : 0.0f;
+    }
+    if (!fits || (normal && !(by[0] > 0.0 && by[4] > 0.0 && fabs(by[1]) + fabs(by[3]) < 1e-6 * (by[0] + by[4]))))
+        return share_coordinates(s, surface, own);
+    m->moved |= map;
+    return true;
+}
+
 /* An emissive texture has the coordinates of the base colour's; one that cannot be read emits nothing. */
 static enum err read_emissive_texture(struct source *s, const struct gltf_at *at, struct material *m,
                                       struct gltf_surface *surface)
@@ -119,7 +155,8 @@ static enum err read_roughness_texture(struct source *s, const struct gltf_at *a
         gltf_texture_numbers(&s->images, at, GREEN | BLUE, "the metallic and roughness factors alone count", &t);
     if (e || !t.found)
         return e;
-    if (t.texture != MATERIAL_NO_TEXTURE && m->kind == MATERIAL_GGX && share_coordinates(s, surface, &t.surface)) {
+    if (t.texture != MATERIAL_NO_TEXTURE && m->kind == MATERIAL_GGX &&
+        place_map(s, m, MAP_ROUGHNESS, surface, &t.surface)) {
         m->maps |= MAP_ROUGHNESS;
         m->roughness_texture = t.texture;
         return ERR_OK;
@@ -148,7 +185,7 @@ static enum err read_normal_texture(struct source *s, const struct gltf_at *at, 
     enum err e = gltf_texture_numbers(&s->images, at, 0, "the surfaces are smooth", &t);
     if (!e)
         e = gltf_number(s->g, at, "scale", &scale);
-    if (e || !t.found || scale == 0.0 || is_flat(&t) || !share_coordinates(s, surface, &t.surface))
+    if (e || !t.found || scale == 0.0 || is_flat(&t) || !place_map(s, m, MAP_NORMAL, surface, &t.surface))
         return e;
     m->maps |= MAP_NORMAL;
     m->normal_texture = t.texture;

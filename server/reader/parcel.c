@@ -217,6 +217,8 @@ static enum err check_maps(const struct parcel *p, const struct material *m)
 {
     if ((m->maps & ~(uint32_t)MAPS_ALL) || ((m->maps & MAP_ROUGHNESS) && m->kind != MATERIAL_GGX))
         return forged(p, "a material has maps that it cannot have");
+    if ((m->moved & ~m->maps) || !within(m->moved_by[0], 12, -MOVED_MAX, MOVED_MAX))
+        return forged(p, "the place of a map is out of range");
     if (!within(&m->normal_scale, 1, -NORMAL_SCALE_MAX, NORMAL_SCALE_MAX))
         return forged(p, "the scale of a normal map is out of range");
     if (lacks_map(p, m, MAP_ROUGHNESS, m->roughness_texture) || lacks_map(p, m, MAP_NORMAL, m->normal_texture))

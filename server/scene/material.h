@@ -30,6 +30,7 @@ enum material_map {
 };
 #define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL)
 #define NORMAL_SCALE_MAX 1e3f
+#define MOVED_MAX 1e6f
 #define ATTENUATION_MAX 1e6f /* m^-1: opaque within a tenth of a millimetre */
 
 #define MATERIAL_NO_TEXTURE UINT32_MAX
@@ -44,6 +45,9 @@ struct material {
     float exponent;             /* phong */
     float metallic, roughness;  /* ggx */
     uint32_t maps;              /* enum material_map */
+    uint32_t moved;             /* those of `maps` whose texture coordinates are not the mesh's, but affine in them: */
+    float moved_by[2][6];       /* of MAP_ROUGHNESS and MAP_NORMAL: u' = m0 u + m1 v + m2, v' = m3 u + m4 v + m5;
+                                   at most MOVED_MAX either way. MAP_NORMAL: m1 = m3 = 0 < m0, m4 */
     uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
     float normal_scale;         /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */

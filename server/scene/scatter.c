@@ -31,6 +31,27 @@ bool material_is_rough(const struct material *m)
            (m->kind == MATERIAL_GGX && (!is_sharp(m) || m->metallic < 1.0f));
 }
 
+static void move(const float by[6], const float from[2], float share, float to[2])
+{
+    to[0] = by[0] * from[0] + by[1] * from[1] + share * by[2];
+    to[1] = by[3] * from[0] + by[4] * from[1] + share * by[5];
+}
+
+struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map, const float uv[2],
+                     const float (*uv_step)[2])
+{
+    const bool normal = map == MAP_NORMAL;
+    const struct texture *t = &scene->textures[normal ? m->normal_texture : m->roughness_texture];
+    float place[2], step[2][2] = { { 0.0f } };
+
+    if (!(m->moved & map))
+        return texture_read(t, uv, uv_step);
+    move(m->moved_by[normal], uv, 1.0f, place);
+    for (int k = 0; k < 2 && uv_step; k++)
+        move(m->moved_by[normal], uv_step[k], 0.0f, step[k]);
+    return texture_read(t, place, uv_step ? (const float(*)[2])step : NULL);
+}
+
 struct finish {
     float metallic, roughness;
 };
@@ -41,7 +62,7 @@ static struct finish finish_at(const struct scene *scene, const struct material 
 {
     if (!(m->maps & MAP_ROUGHNESS))
         return (struct finish){ m->metallic, m->roughness };
-    const struct vec3 v = texture_read(&scene->textures[m->roughness_texture], uv, step);
+    const struct vec3 v = map_read(scene, m, MAP_ROUGHNESS, uv, step);
     return (struct finish){ m->metallic * v.z, m->roughness * v.y };
 }
 

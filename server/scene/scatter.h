@@ -73,6 +73,10 @@ void scatter_turn(struct scatter *s);
  * from the other side. */
 struct vec3 scatter_side(const struct scatter *s, struct vec3 w);
 
+/* The mean of one of the material's maps at texture coordinates of the mesh; uv_step as above. */
+struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map, const float uv[2],
+                     const float (*uv_step)[2]);
+
 bool material_is_rough(const struct material *m); /* has a D lobe */
 bool material_is_delta(const struct material *m); /* has an S lobe; ggx may have both */
 

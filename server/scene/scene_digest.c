@@ -53,6 +53,10 @@ static void digest_maps(struct digest *d, const struct material *m)
         digest_u64(d, (uint64_t)MAP_NORMAL << 32 | m->normal_texture);
         digest_bytes(d, &m->normal_scale, sizeof(m->normal_scale));
     }
+    if (m->moved) {
+        digest_u64(d, m->moved);
+        digest_bytes(d, m->moved_by, sizeof(m->moved_by));
+    }
 }
 
 /* Field by field, since padding is undefined. */

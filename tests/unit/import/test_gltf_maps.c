@@ -137,6 +137,49 @@ static void normal_textures_become_maps(void **state)
     make_end(&f);
 }
 
+#define MOVED(members) ",\"extensions\":{\"KHR_texture_transform\":{" members "}}"
+#define BASED(base, rough, normal)                                                                                     \
+    "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":1" base                                                 \
+    "},\"metallicRoughnessTexture\":{\"index\":0" rough "}},\"normalTexture\":{\"index\":0" normal "}"
+
+static void assert_moved(const float by[6], float a, float b, float c, float d, float e, float f)
+{
+    const float want[6] = { a, b, c, d, e, f };
+
+    for (int k = 0; k < 6; k++)
+        assert_float_equal(by[k], want[k], 1e-6f);
+}
+
+/* In upright coordinates, v = 1 - V: V' = 3 V + 0.5 is v' = 3 v - 2.5. */
+static void maps_may_be_scaled_and_moved_against_the_base_colour(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    struct material m = read_material(
+        &f, BASED("", MOVED("\"rotation\":1.5707963267948966"), MOVED("\"scale\":[2,3],\"offset\":[0.25,0.5]")), &said);
+    assert_int_equal(m.maps, MAP_ROUGHNESS | MAP_NORMAL);
+    assert_int_equal(m.moved, MAP_ROUGHNESS | MAP_NORMAL);
+    assert_moved(m.moved_by[0], 0, -1, 1, 1, 0, 1);
+    assert_moved(m.moved_by[1], 2, 0, 0.25f, 0, 3, -2.5f);
+    assert_string_equal(said, "");
+    m = read_material(&f, BASED(MOVED("\"scale\":[2,2]"), MOVED("\"scale\":[2,2]"), ""), &said);
+    assert_int_equal(m.moved, MAP_NORMAL);
+    assert_moved(m.moved_by[1], 0.5f, 0, 0, 0, 0.5f, 0.5f);
+    assert_string_equal(said, "");
+    /* a turned normal map would need another frame, and nothing is affine in a base without extent */
+    m = read_material(&f, BASED("", "", MOVED("\"rotation\":1")), &said);
+    assert_true(m.maps == MAP_ROUGHNESS && m.moved == 0);
+    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    m = read_material(&f, BASED(MOVED("\"scale\":[0,2]"), "", ""), &said);
+    assert_true(m.maps == 0 && m.moved == 0);
+    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    make_end(&f);
+}
+
 static void faults_of_normal_textures_are_named(void **state)
 {
     const char *said;
@@ -325,6 +368,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
     cmocka_unit_test(normal_textures_become_maps),
+    cmocka_unit_test(maps_may_be_scaled_and_moved_against_the_base_colour),
     cmocka_unit_test(faults_of_normal_textures_are_named),
     cmocka_unit_test(tangents_are_the_file_s_or_computed),
     cmocka_unit_test(specular_and_ior_make_f0),

@@ -238,6 +238,8 @@ static void forged_indices_are_refused(void **state)
     forge_float(MATERIAL + (long)offsetof(struct material, transmits), 1.5f, "a material is out of range");
     forge_u32(PANE + (long)offsetof(struct material, thin), 2, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, thin), 1, "a material is out of range"); /* not glass */
+    forge_u32(PANE + (long)offsetof(struct material, moved), MAP_ROUGHNESS, "the place of a map");
+    forge_float(PANE + (long)offsetof(struct material, moved_by), NAN, "the place of a map");
     forge_u32(PANE + (long)offsetof(struct material, normal_texture), 1, "a map that is not there");
     forge_u32(LIGHT + (long)offsetof(struct punctual_light, kind), LIGHT_DIRECTIONAL + 1, "the kind of a light");
     forge_u32(MATERIAL + (long)offsetof(struct material, kind), MATERIAL_GLASS + 1, "a material is out of range");

@@ -90,6 +90,37 @@ static void assert_like(const struct scatter *s, float metallic, float roughness
     assert_float_equal(s->specular.z, f.z, 1e-5f);
 }
 
+/* The map's left half is of a, its right half of b. Scaled by 8 it repeats eight times over the card, and with columns
+ * of a and b in turn, the footprint of one texel holds four of both. */
+static void a_map_may_be_moved_against_the_mesh(void **state)
+{
+    static const uint8_t a[3] = { 0, 102, 204 }, b[3] = { 255, 204, 52 };
+    const float texel[2][2] = { { 1.0f / SIDE, 0 }, { 0, 1.0f / SIDE } };
+    struct material m = worn();
+    m.maps = MAP_ROUGHNESS;
+    struct card c = card_of(&m);
+    struct material *moved = &c.scene->materials[0];
+
+    (void)state;
+    paint(c.map, SIDE / 2, a, b);
+    struct scatter s = at_column(&c, 20, NULL);
+    assert_like(&s, 0.9f * 0.8f, 0.8f * 0.4f);
+    moved->moved = MAP_ROUGHNESS;
+    memcpy(moved->moved_by[0], (const float[6]){ 8, 0, 0, 0, 8, 0 }, sizeof(moved->moved_by[0]));
+    s = at_column(&c, 20, NULL); /* u = 2.5625 */
+    assert_like(&s, 0.9f * 52.0f / 255.0f, 0.8f * 0.8f);
+    memcpy(moved->moved_by[0], (const float[6]){ 8, 0, 0.5f, 0, 8, 0 }, sizeof(moved->moved_by[0]));
+    s = at_column(&c, 20, NULL); /* half a texture further */
+    assert_like(&s, 0.9f * 0.8f, 0.8f * 0.4f);
+    paint(c.map, 1, a, b);
+    s = at_column(&c, 20, texel);
+    assert_like(&s, 0.9f * 128.0f / 255.0f, 0.8f * 0.6f);
+    moved->moved = 0;
+    s = at_column(&c, 20, texel);
+    assert_like(&s, 0.9f * 0.8f, 0.8f * 0.4f);
+    card_end(&c);
+}
+
 /* Red, occlusion in most files, does not count. */
 static void green_is_roughness_and_blue_metallic(void **state)
 {
@@ -348,6 +379,7 @@ static void maps_are_part_of_the_digest(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_map_may_be_moved_against_the_mesh),
     cmocka_unit_test(green_is_roughness_and_blue_metallic),
     cmocka_unit_test(a_map_never_makes_a_mirror),
     cmocka_unit_test(a_pixel_keeps_lobes_apart_that_differ),
