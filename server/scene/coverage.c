@@ -101,10 +101,9 @@ static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, fl
     struct vec3 p[3], tint = m->material->diffuse, colour = { 0.0f, 0.0f, 0.0f };
     float uv[2];
 
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3 && mesh->colours; k++) {
         const float *own = mesh->colours + 3 * (size_t)t[k];
-        if (mesh->colours)
-            colour = vec3_add(colour, vec3_scale(vec3_make(own[0], own[1], own[2]), weight[k]));
+        colour = vec3_add(colour, vec3_scale(vec3_make(own[0], own[1], own[2]), weight[k]));
     }
     if (mesh->colours)
         tint = vec3_mul(tint, colour);
