@@ -4,6 +4,7 @@
 #include "base/log.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdatomic.h>
 #include <unistd.h>
 
@@ -13,10 +14,17 @@
 /* A terminal has one last line, so one flag suffices. */
 static _Atomic bool line_shown;
 
+/* Of the step that is being made, 0..1. */
+static double part_of(const struct progress *p)
+{
+    return p->part ? fmin(1.0, (double)atomic_load(&p->part->done) / (double)p->part->total) : 0.0;
+}
+
 static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
 {
     char left[32] = "";
     const double elapsed_s = (double)(now_ms - p->begun_ms) / 1000.0;
+    const double made = (double)done + part_of(p);
 
     if (!p->terminal && p->total == 0) {
         log_info("%s: %" PRIu64, p->what, done);
@@ -25,11 +33,11 @@ static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
     if (p->total == 0) {
         fprintf(p->stream, "\r\033[K%s  %" PRIu64, p->what, done);
     } else {
-        if (done > 0 && elapsed_s > 1.0) {
-            const unsigned s = (unsigned)(elapsed_s * (double)(p->total - done) / (double)done + 0.5);
+        if (made > 0.0 && elapsed_s > 1.0) {
+            const unsigned s = (unsigned)(elapsed_s * fmax(0.0, (double)p->total - made) / made + 0.5);
             snprintf(left, sizeof(left), "  %u:%02u left", s / 60, s % 60);
         }
-        const unsigned percent = (unsigned)(100 * done / p->total);
+        const unsigned percent = (unsigned)(100.0 * fmin(1.0, made / (double)p->total));
         if (!p->terminal) {
             log_info("%s: %u %%%s%s", p->what, percent, left[0] ? ", about" : "", left + (left[0] ? 1 : 0));
             return;
@@ -54,11 +62,8 @@ void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *
         draw(p, 0, p->begun_ms);
 }
 
-void progress_step(struct progress *p, uint64_t steps)
+static void draw_if_due(struct progress *p, uint64_t done)
 {
-    if (!p)
-        return;
-    uint64_t done = atomic_fetch_add(&p->done, steps) + steps;
     if (!p->stream)
         return;
     if (p->total > 0 && done > p->total)
@@ -68,6 +73,33 @@ void progress_step(struct progress *p, uint64_t steps)
     /* The thread that advances drawn_ms draws; the others go on. */
     if (now - drawn >= (p->terminal ? REDRAW_MS : LOG_MS) && atomic_compare_exchange_strong(&p->drawn_ms, &drawn, now))
         draw(p, done, now);
+}
+
+void progress_step(struct progress *p, uint64_t steps)
+{
+    if (p)
+        draw_if_due(p, atomic_fetch_add(&p->done, steps) + steps);
+}
+
+void progress_part_begin(struct progress_part *part, struct progress *line, uint64_t total)
+{
+    *part = (struct progress_part){ .line = line, .total = total > 0 ? total : 1 };
+    if (line)
+        line->part = part;
+}
+
+void progress_part_step(struct progress_part *part, uint64_t steps)
+{
+    if (!part || !part->line)
+        return;
+    atomic_fetch_add(&part->done, steps);
+    draw_if_due(part->line, atomic_load(&part->line->done));
+}
+
+void progress_part_end(struct progress_part *part)
+{
+    if (part && part->line)
+        part->line->part = NULL;
 }
 
 void progress_end(struct progress *p)

@@ -17,12 +17,27 @@ struct progress {
     _Atomic uint64_t done;
     _Atomic int64_t drawn_ms; /* time of the last redraw */
     int64_t begun_ms;
+    struct progress_part *part; /* of the step that is being made; NULL: its progress is unknown */
+};
+
+/* Progress within a step of a line, which shows it as a part of that step. */
+struct progress_part {
+    struct progress *line;
+    uint64_t total; /* > 0 */
+    _Atomic uint64_t done;
 };
 
 /* Starts a line. `what` must outlive the progress. Steps are counted without a stream, too. */
 void progress_begin(struct progress *p, const char *what, uint64_t total, FILE *stream);
 void progress_step(struct progress *p, uint64_t steps); /* counts finished steps; p may be NULL */
-void progress_end(struct progress *p);                  /* wipes the line; p may be NULL */
+
+/* While a step of the line is made: progress_part_step may come from any thread, the others from the line's. line or
+ * part NULL: they do nothing. */
+void progress_part_begin(struct progress_part *part, struct progress *line, uint64_t total);
+void progress_part_step(struct progress_part *part, uint64_t steps);
+void progress_part_end(struct progress_part *part);
+
+void progress_end(struct progress *p); /* wipes the line; p may be NULL */
 
 /* Draws the caller's own line at once; "" wipes it. */
 void progress_show(FILE *stream, const char *text);

@@ -1,5 +1,6 @@
 #include "estimators/direct.h"
 
+#include "base/progress.h"
 #include "base/cancel.h"
 #include "estimators/denormals.h"
 #include "estimators/direct_log.h"
@@ -223,6 +224,7 @@ static void shade_packets(const struct direct *d, const struct gbuffer *g, const
                 __builtin_prefetch((const char *)&g->packets[next] + at);
             lobes += g->packets[i].count * lobe_count(desc->counts ? desc->counts[i] : desc->samples, frame->brdf_part);
             d->kernels->direct_packet(frame, &g->packets[i], i, lo + (size_t)i * 3 * PACKET, &counts);
+            progress_part_step(desc->progress, desc->samples);
         }
         rays += counts.rays;
         chosen += counts.chosen;

@@ -19,6 +19,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct progress_part;
 struct direct;
 struct direct_log;
 struct kernels;
@@ -67,8 +68,9 @@ struct direct_desc {
     /* Records what one point does with its samples (direct_log.h), without changing the result. NULL: no recording. */
     struct direct_log *log;
 
-    const atomic_bool *cancel; /* once true, remaining packets are not shaded; may be NULL */
-    struct reason *why;        /* explains errors other than ERR_NOMEM; may be NULL */
+    const atomic_bool *cancel;      /* once true, remaining packets are not shaded; may be NULL */
+    struct progress_part *progress; /* stepped by the samples of each packet; may be NULL */
+    struct reason *why;             /* explains errors other than ERR_NOMEM; may be NULL */
 };
 
 struct direct_stats {

@@ -1,5 +1,6 @@
 #include "estimators/eye_paths.h"
 
+#include "base/progress.h"
 #include "base/cancel.h"
 #include "estimators/denormals.h"
 #include "brdf/lobe.h"
@@ -255,6 +256,7 @@ static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, 
                 rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, own, wanted, lo + (size_t)i * 3 * PACKET);
                 paths += own;
             }
+            progress_part_step(desc->progress, (uint64_t)EYE_PATH_STEPS * desc->paths);
         }
         denormals_restore(before);
     }

@@ -28,6 +28,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct progress_part;
+#define EYE_PATH_STEPS 8 /* about the light samples of a point that take as long */
+
 struct eye_paths_desc {
     uint32_t classes;               /* PATH_CAUSTICS | PATH_INDIRECT or a part of them, at points seen directly */
     uint32_t behind_classes;        /* likewise at points seen in mirrors or through glass (shade_packet.behind) */
@@ -36,8 +39,9 @@ struct eye_paths_desc {
     const struct packet_list *only; /* the packets to shade; NULL: all */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed continue one low-discrepancy sequence, so
                             that their mean converges faster */
-    const atomic_bool *cancel; /* once true, remaining packets are not shaded; may be NULL */
-    struct scratch *scratch;   /* memory reused from call to call, exclusive to this caller; NULL: from the system */
+    const atomic_bool *cancel;      /* once true, remaining packets are not shaded; may be NULL */
+    struct progress_part *progress; /* stepped by EYE_PATH_STEPS for each path of a packet; may be NULL */
+    struct scratch *scratch; /* memory reused from call to call, exclusive to this caller; NULL: from the system */
 };
 
 struct eye_paths_stats {

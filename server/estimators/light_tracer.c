@@ -67,6 +67,7 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
         .bright = desc->bright,
         .start = desc->start,
         .classes = desc->classes,
+        .progress = desc->progress,
         .shown = desc->shown ? desc->shown : desc->classes,
         .particles = desc->particles,
         .seed = rng_mix(rng_mix(desc->seed, desc->particles), desc->classes),

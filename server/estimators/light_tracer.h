@@ -34,8 +34,11 @@
 #define STARTS_PER_DIRECTION 16
 #define STARTS_PER_DIRECTION_MAX 1024
 
+struct progress_part;
 struct light_tracer;
 struct sky_split;
+
+#define PARTICLES_A_STEP 4
 
 struct light_tracer_desc {
     uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT or a part of them; without PATH_INDIRECT_LIT all paths start at a
@@ -48,6 +51,7 @@ struct light_tracer_desc {
     uint32_t starts_per_direction; /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
     float *ground; /* float[height][width][3]: gets what arrives on the ground (scene/ground.h); NULL: rgb gets it */
     const struct sky_split *bright; /* of this frame: only its bright part emits light; NULL: the whole sky */
+    struct progress_part *progress; /* stepped by one for each PARTICLES_A_STEP; may be NULL */
     const atomic_bool *cancel;      /* once true, the run ends and adds nothing; may be NULL */
 };
 

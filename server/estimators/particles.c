@@ -1,5 +1,6 @@
 #include "estimators/particles.h"
 
+#include "base/progress.h"
 #include "base/cancel.h"
 #include "brdf/lobe.h"
 #include "base/mem.h"
@@ -379,6 +380,7 @@ enum err particles_trace(struct particles *p, const struct particle_run *run,
             const uint64_t first = (begun + k) * each, last = first + each < directions ? first + each : directions;
             if (!is_cancelled(run->cancel))
                 run_batch(run, first, last, &p->batches[k]);
+            progress_part_step(run->progress, (last - first) * run->starts / PARTICLES_A_STEP);
         }
         if (is_cancelled(run->cancel))
             return ERR_OK;

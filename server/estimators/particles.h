@@ -16,6 +16,7 @@
  * map whose edge divides that, the texel is the one of cube_texel. */
 #define DIRECTION_BITS 14
 
+struct progress_part;
 struct particle_splat {
     uint32_t pixel, from; /* from: the packed direction w that the particle came from */
     float rgb[3];
@@ -47,8 +48,9 @@ struct particle_run { /* common to all particles of a run */
     const struct box *boxes;
     uint32_t box_count;
     enum start_kind start;
-    uint32_t shown;           /* of `classes`: those that are splatted */
-    uint32_t classes, starts; /* starts per direction */
+    struct progress_part *progress; /* may be NULL */
+    uint32_t shown;                 /* of `classes`: those that are splatted */
+    uint32_t classes, starts;       /* starts per direction */
     uint64_t particles, first_direction, seed;
     double per_particle; /* N: every flux is divided by it */
     bool ground_apart;   /* splats on the ground (scene/ground.h) count for pixel + width * height */

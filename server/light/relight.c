@@ -516,6 +516,21 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
     return ERR_OK;
 }
 
+static enum err run_with_progress(struct relighter *r, const struct environment *e, struct progress *line,
+                                  struct picture_passes *p, float *rgb, struct relight_stats *stats)
+{
+    struct progress_part part;
+    struct pass_costs costs;
+
+    progress_part_begin(&part, line, passes_work(r->set, p));
+    p->direct.progress = &part;
+    for (int k = 0; k < 2; k++)
+        p->eye[k].progress = p->light[k].progress = &part;
+    const enum err result = relighter_run_passes(r, e, p, rgb, stats, &costs);
+    progress_part_end(&part);
+    return result;
+}
+
 enum err relighter_describe(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                             struct picture_passes *passes, struct relight_stats *stats)
 {
@@ -543,7 +558,6 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
                        struct relight_stats *stats)
 {
     struct picture_passes passes;
-    struct pass_costs costs;
 
     if (method_is_reference(desc->direct.method)) {
         *stats = (struct relight_stats){ 0 };
@@ -553,7 +567,7 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
         return failed;
     }
     const enum err result = relighter_describe(r, e, desc, &passes, stats);
-    return result ? result : relighter_run_passes(r, e, &passes, rgb, stats, &costs);
+    return result ? result : run_with_progress(r, e, desc->progress, &passes, rgb, stats);
 }
 
 struct passes *relighter_passes(struct relighter *r)

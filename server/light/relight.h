@@ -79,7 +79,8 @@ struct relight_desc {
                              * at least one in either half. Not for references */
     bool remember;          /* live pictures: samples of the pictures before count too (history.h). Before there is a
                              * cache with `denoise`; then until it is complete. Not with a ground */
-    bool unsplit;           /* METHOD_CACHED: no split of the sky: its bright part is not traced */
+    struct progress *progress; /* a line of which the picture is one step; may be NULL. Not for references */
+    bool unsplit;              /* METHOD_CACHED: no split of the sky: its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths, 0: 64 per pixel; one of `renew` parts is
      * redrawn with every turn, 0: none. The picture depends on the turn, not on earlier ones. */
     uint64_t stored_paths, turn;

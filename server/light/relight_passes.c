@@ -105,3 +105,13 @@ enum err passes_halves(struct passes *s, const struct environment *e, const stru
     *seconds = clock_seconds() - start;
     return result;
 }
+
+uint64_t passes_work(const struct set *set, const struct picture_passes *p)
+{
+    const uint64_t packets = set->gbuffer->packet_count, runs = p->denoiser ? 2 : 1;
+    uint64_t steps = p->cached ? 0 : packets * p->direct.samples;
+
+    for (int k = 0; k < 2; k++)
+        steps += EYE_PATH_STEPS * (uint64_t)p->eye[k].paths * (p->eye[k].only ? p->eye[k].only->count : packets);
+    return runs * steps + (p->light[0].particles + p->light[1].particles) / PARTICLES_A_STEP;
+}

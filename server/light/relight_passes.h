@@ -72,6 +72,9 @@ MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct envir
                                          const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
                                          struct pass_costs *costs);
 
+/* Steps of struct progress_part in the passes: light samples of packets, and what takes about as long. */
+uint64_t passes_work(const struct set *set, const struct picture_passes *p);
+
 /* What relighter_run does before it runs the passes: prepares what the method needs, plans, and describes the passes.
  * Writes *stats. Not for references. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_describe(struct relighter *r, const struct environment *e,

@@ -189,10 +189,10 @@ static enum err render_frame(struct render *r, struct reason *why)
 
 static enum err render_all(struct render *r, struct reason *why)
 {
-    struct progress line;
     enum err e = ERR_OK;
 
-    progress_begin(&line, "rendering", source_count(r->source), stderr);
+    r->desc.setup.light.progress = &r->line;
+    progress_begin(&r->line, "rendering", source_count(r->source), stderr);
     while (!e) {
         e = source_next(r->source, &r->frame, why);
         if (e == ERR_END)
@@ -206,9 +206,9 @@ static enum err render_all(struct render *r, struct reason *why)
         } else {
             e = render_frame(r, why);
         }
-        progress_step(&line, 1);
+        progress_step(&r->line, 1);
     }
-    progress_end(&line);
+    progress_end(&r->line);
     return e == ERR_END ? ERR_OK : e;
 }
 

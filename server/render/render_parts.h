@@ -2,6 +2,7 @@
 #ifndef RENDER_RENDER_PARTS_H
 #define RENDER_RENDER_PARTS_H
 
+#include "base/progress.h"
 #include "light/relight_lamps.h"
 #include "render/render.h"
 
@@ -26,6 +27,7 @@ struct render {
     struct frame frame;
     uint64_t rendered, refused;
     bool warned_clipped;
+    struct progress line;         /* of the whole sequence */
     struct render_layers *layers; /* NULL: not asked for */
     bool unmetered;               /* --exposure auto has no value yet */
 };

@@ -123,6 +123,26 @@ denoising_brings_a_noisy_picture_closer() {
     expect 2 'denoise' "$bin/relight-render" --size 16x9 --fps 4 --denoise --out "$work/x.exr"
 }
 
+# On a terminal.
+a_slow_frame_shows_how_far_it_is() {
+    python3 - "$bin/relight-render" "$work/x.exr" <<'PY' || fail "no progress within the frame"
+import os, pty, re, sys
+
+child, end = pty.fork()
+if child == 0:
+    os.execv(sys.argv[1], [sys.argv[1], "--size", "480x270", "--samples", "64", "--out", sys.argv[2]])
+text = b""
+try:
+    while part := os.read(end, 65536):
+        text += part
+except OSError:
+    pass  # the other end is closed
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, text
+shares = [int(n) for n in re.findall(rb"rendering  0/1  (\d+) %", text)]
+assert len({n for n in shares if 0 < n < 100}) > 3 and shares == sorted(shares), shares
+PY
+}
+
 built_in_scene_and_sky_need_no_file() {
     "$bin/relight-render" --frames 0-2 --size 96x54 --samples 8 --out "$work/%d.jpg" --stats - >"$work/stats.json"
     [ -s "$work/0.jpg" ] && [ -s "$work/2.jpg" ] || fail "pictures are missing"

@@ -186,6 +186,19 @@ static void progress_is_drawn_on_a_terminal_and_wiped(void **state)
     assert_non_null(strstr(text, "waiting  0"));
     assert_string_equal(text + strlen(text) - 4, "\r\033[K");
     struct progress p;
+    struct progress_part part;
+    progress_begin(&p, "lighting", 4, out);
+    progress_step(&p, 1);
+    progress_part_begin(&part, &p, 200);
+    progress_part_step(&part, 60);
+    nanosleep(&(struct timespec){ .tv_nsec = 120000000 }, NULL); /* until it is drawn again */
+    progress_part_step(&part, 40);
+    progress_part_end(&part);
+    progress_part_step(NULL, 1);
+    assert_null(p.part);
+    progress_end(&p);
+    read_all(terminal, text, sizeof(text));
+    assert_non_null(strstr(text, "lighting  1/4  37 %")); /* a quarter, and half of the next one */
     progress_begin(&p, "standing", 2, out);
     assert_string_equal(progress_wipe(out), "\r\033[K"); /* another line goes first */
     assert_string_equal(progress_wipe(out), "");         /* once */
