@@ -6,6 +6,7 @@ import {
   stopsOfLamps, stopsText, withPresent, wrapDegrees,
 } from './controls_model.js';
 import { turnByDragging } from './controls_drag.js';
+import { orbitByDragging, isFreeView } from './controls_orbit.js';
 import { Transport } from './controls_time.js';
 import { make, setOptions, setValue } from './dom.js';
 
@@ -18,6 +19,7 @@ class Controls {
     this.build(app.panel('controls', 'Controls'));
     this.transport = new Transport(this);
     turnByDragging(app.canvas, this);
+    orbitByDragging(app.canvas, this);
     this.keys();
     app.on('welcome', (welcome) => this.begin(welcome));
     app.on('control', (control) => this.take(control));
@@ -224,8 +226,9 @@ class Controls {
   showCamera() {
     const cameras = this.offers.cameras ?? [];
     const { preparing } = this.app.status ?? {};
-    this.camera.row.hidden = cameras.length < 2;
-    setOptions(this.camera.select, cameras.map((c) => [c, c]), this.now.camera);
+    const free = isFreeView(this.now.camera);
+    this.camera.row.hidden = cameras.length < 2 && !free;
+    setOptions(this.camera.select, [...cameras.map((c) => [c, c]), ...(free ? [[this.now.camera, 'free view']] : [])], this.now.camera);
     this.preparing.hidden = !preparing;
     if (preparing) this.preparing.value = preparing.share;
   }
@@ -277,9 +280,15 @@ class Controls {
     this.cycle('l', 'Direct light only, or all light', 'paths', () => this.offers.paths, 'Light', (p) => this.pathsText(p));
     this.cycle('m', 'Next method', 'method', () => this.offers.methods, 'Method');
     this.cycle('c', 'Next camera', 'camera', () => this.offers.cameras, 'Camera');
+    app.key('v', 'Save the view under a name', () => this.saveView());
     this.cycle('r', 'Next frame rate limit', 'fps', () => this.within('fps', RATES), 'Frame rate limit');
     app.key('g', 'Next quality', () => this.nextEffort(1));
     app.key('Shift+g', 'Previous quality', () => this.nextEffort(-1));
+  }
+
+  saveView() {
+    const name = this.may ? window.prompt('Save this view as', '')?.trim() : '';
+    if (name !== undefined && (name || !this.may)) this.askAndSay({ save_view: name }, () => `Saved ${name} among the cameras`);
   }
 
   sayIfMay(text) {

@@ -138,7 +138,7 @@ const NAMES = {
   bias_stops: ['the exposure compensation', stopsText],
   paths: ['the light', String],
   lamps: ['the lamps', lampsText],
-  camera: ['the camera', String],
+  camera: ['the camera', (c) => (c.startsWith('@') ? 'a free view' : c)],
   paused: ['time', (p) => (p ? 'paused' : 'running')],
 };
 

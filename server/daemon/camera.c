@@ -17,10 +17,12 @@ static void *build(void *arg)
     struct camera_build *b = &t->camera;
     struct set_desc desc = t->shared->config.setup.set_desc;
 
-    desc.camera = b->name;
+    desc.camera = b->view;
     progress_begin(&b->line, "computing the view", desc.height, NULL);
     if (set_create_view(t->first_set, &desc, &b->line, &b->set, &b->why))
         b->set = NULL;
+    if (b->set) /* a saved view goes by its name */
+        memcpy(b->set->camera, b->name, sizeof(b->name));
     progress_end(&b->line);
     atomic_store(&b->done, true);
     atomic_store(t->shared->new_work, true);
@@ -39,7 +41,13 @@ static void start_build(struct shade_thread *t, const char *name)
 {
     struct camera_build *b = &t->camera;
 
+    struct camera camera;
     memcpy(b->name, name, sizeof(b->name));
+    if (settings_find_camera(&t->shared->settings, name, &camera, &b->why)) { /* forgotten meanwhile */
+        give_up(t, b->why.text);
+        return;
+    }
+    memcpy(b->view, camera.name, sizeof(b->view));
     b->set = NULL;
     atomic_store(&b->done, false);
     atomic_store(&b->line.done, 0);
@@ -104,6 +112,7 @@ static bool switch_to(struct shade_thread *t, struct set *set)
     t->relighter = r;
     if (set == t->first_set)
         t->first_relighter = r;
+    status_set_view(&t->shared->status, set->placed);
     status_camera_progress(&t->shared->status, set->camera, 1.0);
     return true;
 }
@@ -119,7 +128,9 @@ static bool finish_build(struct shade_thread *t)
         return false;
     }
     const struct settings now = settings_now(&t->shared->settings);
-    if (strcmp(now.camera, b->name) == 0)
+    /* While someone drags the view, each one that is ready is shown, and the newest is begun next. */
+    const bool on_the_way = free_view_is(now.camera) && free_view_is(b->name);
+    if (on_the_way || strcmp(now.camera, b->name) == 0)
         return !is_too_costly(t, b->set, &now) && switch_to(t, b->set);
     set_destroy(b->set); /* the settings name another one by now */
     status_camera_progress(&t->shared->status, t->set->camera, 1.0);

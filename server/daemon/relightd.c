@@ -115,7 +115,8 @@ static enum err load_scene(struct daemon *d, struct reason *why)
     s->settings.scene = shade_thread_scene(d->shade);
     s->settings.estimate = shade_thread_estimate;
     s->settings.estimate_user = d->shade;
-    status_set_cameras(&s->status, s->settings.scene, camera);
+    status_set_cameras(&s->status, &s->settings, camera);
+    status_set_view(&s->status, shade_thread_view(d->shade));
     settings_set_camera(&s->settings, camera);
     state_open(&d->state, &s->config, &s->settings, camera);
     settings_send(&s->settings);

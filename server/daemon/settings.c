@@ -164,20 +164,39 @@ static enum err check_cost(struct settings_store *store, const struct server_con
     return settings_cost_too_much(store, s, why) ? refuse(clause, which, ERR_USAGE) : ERR_OK;
 }
 
+/* Last of all, since it cannot be undone: saves the view of the camera in the settings, or forgets one. */
+static enum err keep_views(struct settings_store *store, const struct server_control *c, struct settings *s,
+                           const char **clause, struct reason *why)
+{
+    struct camera camera;
+    char view[FREE_VIEW_TEXT];
+    enum err e = ERR_OK;
+
+    if (ASKED(c, save_view)) {
+        e = settings_find_camera(store, s->camera, &camera, why);
+        if (!e) {
+            free_view_write(&camera, view);
+            e = settings_save_view(store, s->save_view, view, why);
+        }
+    }
+    if (!e && ASKED(c, forget_view))
+        e = strcmp(s->forget_view, s->camera) == 0
+                ? err_say(why, ERR_USAGE, "'%s' is shown now: choose another camera first", s->camera)
+                : settings_forget_view(store, s->forget_view, why);
+    return e ? refuse(clause, "4.13.22", e) : ERR_OK;
+}
+
 /* Ranges and choices were checked by the table. */
 static enum err apply(struct settings_store *store, const struct server_control *c, struct settings *s,
                       const char **clause, struct reason *why)
 {
     const struct settings before = *s;
     struct settings asked;
-    char names[300];
 
     memcpy(&asked, c->values, sizeof(asked));
-    if (ASKED(c, camera) && !scene_camera(store->scene, asked.camera)) {
-        scene_camera_names(store->scene, names, sizeof(names));
-        return refuse(clause, "4.13.15",
-                      err_say(why, ERR_USAGE, "there is no camera '%s'; expected %s", asked.camera, names));
-    }
+    struct camera camera;
+    if (ASKED(c, camera) && settings_find_camera(store, asked.camera, &camera, why))
+        return refuse(clause, "4.13.15", ERR_USAGE);
     for (uint32_t k = 0; settings_table[k].key; k++)
         if (c->asked >> k & 1)
             setting_copy(&settings_table[k], s, &asked);
@@ -193,7 +212,8 @@ static enum err apply(struct settings_store *store, const struct server_control 
                         s->rotation_degrees != before.rotation_degrees || s->scale_stops != before.scale_stops;
     s->display_version += s->tone != before.tone || s->exposure_stops != before.exposure_stops ||
                           s->bias_stops != before.bias_stops || s->lamps != before.lamps;
-    return check_source_request(store, c, s, clause, why);
+    e = check_source_request(store, c, s, clause, why);
+    return e ? e : keep_views(store, c, s, clause, why);
 }
 
 /* Methods other than auto always count their samples. */

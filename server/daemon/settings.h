@@ -25,6 +25,12 @@ struct source_request {
     int64_t step;  /* frames from there, or from the current one */
 };
 
+/* A view that a controller has saved under a name. */
+#define SAVED_VIEWS 16
+struct saved_view {
+    char name[64], view[FREE_VIEW_TEXT];
+};
+
 struct settings_store {
     /* Set before other threads start, then constant. */
     const struct daemon_config *config;
@@ -38,6 +44,9 @@ struct settings_store {
     pthread_mutex_t lock;
     struct settings now;           /* {lock} */
     struct source_request request; /* {lock} */
+    struct saved_view views[SAVED_VIEWS]; /* {lock} in the order of saving */
+    unsigned view_count;                  /* {lock} */
+    atomic_bool views_changed;            /* since the last settings_take_views */
     atomic_bool request_waiting;
     atomic_uint_least64_t proven; /* the latest light_version by which a picture was finished */
     atomic_int jpeg_quality;      /* 1..100, for viewers that do not ask for one */
@@ -56,6 +65,19 @@ void settings_take_control(struct settings_store *store);
 
 /* The camera in use is this one: at the start, or when a change of camera failed. Sends everyone the settings. */
 void settings_set_camera(struct settings_store *store, const char *camera);
+
+/* ---- Cameras: those of the scene, saved and free views (views.c) ---- */
+
+/* ERR_USAGE: neither. */
+MUST_CHECK enum err settings_find_camera(struct settings_store *store, const char *name, struct camera *out,
+                                         struct reason *why);
+/* Saves a view under a name, or forgets that name. ERR_USAGE: *why says why not. */
+MUST_CHECK enum err settings_save_view(struct settings_store *store, const char *name, const char *view,
+                                       struct reason *why);
+MUST_CHECK enum err settings_forget_view(struct settings_store *store, const char *name, struct reason *why);
+/* Copies them to out[SAVED_VIEWS] and returns their number. */
+unsigned settings_views(struct settings_store *store, struct saved_view *out);
+bool settings_take_views(struct settings_store *store); /* whether they have changed since the last call */
 
 /* Whether a picture with `s` would exceed the limit (--max-picture-seconds) and take longer than with the settings in
  * force; *why then says so. Thread: that of the estimate. */

@@ -181,6 +181,8 @@ static enum err apply_controls(struct shade_thread *t, struct reason *why)
     if (atomic_exchange(shared->reload, false))
         daemon_config_reload(&shared->readings, &shared->settings, shared->server);
     settings_take_control(&shared->settings);
+    if (settings_take_views(&shared->settings))
+        status_set_cameras(&shared->status, &shared->settings, t->set->camera);
     if (camera_follow_settings(t) && t->held != HANDOFF_NONE) {
         const struct ingested *in = &shared->frames.slot[t->held];
         const enum err e = in->ticket.lockstep ? ERR_OK : shade_frame(t, in, true, why);
@@ -288,6 +290,11 @@ double shade_thread_estimate(void *t, const struct settings *s)
 const struct scene *shade_thread_scene(const struct shade_thread *t)
 {
     return t->first_set->scene;
+}
+
+const char *shade_thread_view(const struct shade_thread *t)
+{
+    return t->set->placed;
 }
 
 const char *shade_thread_camera(const struct shade_thread *t)

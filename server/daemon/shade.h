@@ -17,6 +17,7 @@ MUST_CHECK enum err shade_thread_create(struct shared *shared, struct shade_thre
 /* The scene, and the camera that pictures are made by. Owned by t. */
 const struct scene *shade_thread_scene(const struct shade_thread *t);
 const char *shade_thread_camera(const struct shade_thread *t);
+const char *shade_thread_view(const struct shade_thread *t); /* the same as a free view */
 
 /* Computes what the method needs before its first frame (a cache of light transport). Errors as relighter_prepare. */
 MUST_CHECK enum err shade_thread_prepare(struct shade_thread *t, struct reason *why);

@@ -43,6 +43,7 @@ struct camera_build {
     bool running;
     atomic_bool done;
     char name[64];
+    char view[64]; /* the camera of the scene, or the free view, that this is */
     struct progress line;
     struct set *set; /* the result; NULL: it failed */
     struct reason why;

@@ -1,7 +1,7 @@
 /* What controllers have set, kept in a file of its own (--state DIR), so that it comes back after a crash or a restart.
  * The file is a control message of PROTOCOL.md 4.13, and goes through the same checks as one from the network; beside
- * it stands, under "said", what the command line said then. When that has changed, who changed it wants what it says
- * now. */
+ * it stand the saved views and, under "said", what the command line said then. When that has changed, who changed it
+ * wants what it says now. */
 #include "daemon/state.h"
 
 #include "base/clock.h"
@@ -44,6 +44,33 @@ static json_t *initial_fields(const struct state_file *f)
     return all;
 }
 
+/* The saved views by name; NULL when out of memory. */
+static json_t *view_fields(struct settings_store *settings)
+{
+    struct saved_view views[SAVED_VIEWS];
+    const unsigned count = settings_views(settings, views);
+    json_t *all = json_object();
+
+    for (unsigned i = 0; all && i < count; i++)
+        json_object_set_new(all, views[i].name, json_string(views[i].view));
+    return all;
+}
+
+/* Views belong to their scene, whatever else the command line says now. */
+static enum err take_views(struct state_file *f, json_t *views, struct reason *why)
+{
+    const char *name;
+    json_t *view;
+    enum err e = ERR_OK;
+
+    json_object_foreach (views, name, view)
+        if (!e)
+            e = json_is_string(view) && strlen(name) < sizeof(((struct saved_view *)0)->name)
+                    ? settings_save_view(f->settings, name, json_string_value(view), why)
+                    : err_say(why, ERR_FORMAT, "'%.80s' is no saved view", name);
+    return e;
+}
+
 /* The whole file's text, of mem_alloc's; NULL when out of memory. */
 static char *text_of(struct state_file *f)
 {
@@ -52,6 +79,7 @@ static char *text_of(struct state_file *f)
 
     if (all && json_object_set_new(all, "op", json_string("control")) == 0 &&
         json_object_set_new(all, "state", json_integer(STATE_VERSION)) == 0 &&
+        json_object_set_new(all, "views", view_fields(f->settings)) == 0 &&
         json_object_set_new(all, "said", initial_fields(f)) == 0) {
         const size_t size = json_dumpb(all, NULL, 0, JSON_INDENT(2) | JSON_SORT_KEYS);
         text = mem_alloc(size + 2, 1);
@@ -104,6 +132,8 @@ static enum err take(struct state_file *f, const char *text, bool *stale, struct
         initial = initial_fields(f);
         *stale = initial && !json_equal(initial, written);
     }
+    if (!e && json_equal(json_object_get(initial, "scene"), json_object_get(written, "scene")))
+        e = take_views(f, json_object_get(all, "views"), why);
     if (!e && !*stale)
         e = settings_from_json(settings_table, FOR_RELIGHTD, all, &c.asked, c.values, &c.clause, why);
     if (!e && !*stale)

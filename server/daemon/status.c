@@ -62,18 +62,43 @@ PRINTF_LIKE(4, 5) static void append(char *text, size_t size, const char *betwee
     va_end(args);
 }
 
-void status_set_cameras(struct status_board *b, const struct scene *scene, const char *shown)
+/* Names of the scene's cameras and the saved views, in one block with their text; NULL: out of memory. */
+static const char **list_cameras(struct settings_store *settings)
 {
-    const char **names = mem_alloc(scene->camera_count + 1, sizeof(*names));
+    const struct scene *scene = settings->scene;
+    struct saved_view views[SAVED_VIEWS];
+    const size_t saved = settings_views(settings, views), count = scene->camera_count + saved;
+    const char **names = mem_alloc(1, (count + 1) * sizeof(*names) + count * sizeof(views[0].name));
+    char *text = (char *)(names + count + 1);
 
-    for (size_t i = 0; names && i < scene->camera_count; i++)
-        names[i] = scene->cameras[i].name;
+    for (size_t i = 0; names && i < count; i++, text += sizeof(views[0].name)) {
+        const bool own = i < scene->camera_count;
+        copy(text, sizeof(views[0].name), own ? scene->cameras[i].name : views[i - scene->camera_count].name);
+        names[i] = text;
+    }
+    return names;
+}
+
+void status_set_cameras(struct status_board *b, struct settings_store *settings, const char *shown)
+{
+    const char **names = list_cameras(settings);
+
     pthread_mutex_lock(&b->lock);
+    const char **old = b->cameras;
     b->figures.cameras = b->cameras = names;
     b->figures.loaded = true;
-    send_figures(b);
+    send_figures(b); /* after which the server reads the old list no more */
+    mem_free(old);
     pthread_mutex_unlock(&b->lock);
     status_camera_progress(b, shown, 1.0);
+}
+
+void status_set_view(struct status_board *b, const char *view)
+{
+    pthread_mutex_lock(&b->lock);
+    COPY(b->figures.view, view);
+    send_figures(b);
+    pthread_mutex_unlock(&b->lock);
 }
 
 void status_begin(struct status_board *b, const struct shared *shared)

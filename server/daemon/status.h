@@ -18,6 +18,7 @@ struct pilot_stats;
 struct relight_desc;
 struct relight_stats;
 struct scene;
+struct settings_store;
 struct shared;
 struct still_stats;
 
@@ -28,7 +29,7 @@ struct status_board {
     pthread_mutex_t lock;
     struct server_figures figures; /* {lock} */
     uint64_t cache_rays;           /* {lock} traced for the present cache */
-    const char **cameras;          /* {lock} of the scene, ended by NULL */
+    const char **cameras;          /* {lock} names, ended by NULL, with their text behind */
 };
 
 /* shared must outlive the board. */
@@ -37,8 +38,10 @@ void status_finish(struct status_board *b);
 
 /* The server runs and the source is open: fills in what the configuration says. */
 void status_begin(struct status_board *b, const struct shared *shared);
-/* The scene is loaded: which cameras there are, and which is shown. */
-void status_set_cameras(struct status_board *b, const struct scene *scene, const char *shown);
+/* The scene is loaded, or views were saved: which cameras there are, and which is shown. */
+void status_set_cameras(struct status_board *b, struct settings_store *settings, const char *shown);
+/* The shown camera as a free view (scene/free_view.h). */
+void status_set_view(struct status_board *b, const char *view);
 
 /* The source's state. detail: a phrase for viewers, "" for none. */
 void status_set_source(struct status_board *b, enum server_source source, const char *detail);

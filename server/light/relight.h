@@ -10,6 +10,7 @@
 #include "env/environment.h"
 #include "base/err.h"
 #include "estimators/eye_paths.h"
+#include "scene/free_view.h"
 #include "scene/gbuffer.h"
 #include "estimators/kernels.h"
 #include "estimators/light_tracer.h"
@@ -31,6 +32,7 @@ struct set {
     char name[256];  /* the scene file, or "the built-in scene" */
     char file[4096]; /* the scene file; empty: the built-in one, or a path that is too long */
     char camera[64]; /* its name */
+    char placed[FREE_VIEW_TEXT]; /* the same camera as a free view */
     struct scene *scene;
     struct rays *rays;
     struct gbuffer *gbuffer;
@@ -44,7 +46,8 @@ struct set_desc {
     const char *scene;            /* a path; NULL: the built-in one */
     struct scene_reading reading; /* of reading it */
     bool ground;                  /* below the model, even if the scene does not ask for one: scene/ground.h */
-    const char *camera;           /* NULL: the first */
+    const char *camera;           /* a name or a free view; NULL: the first of the scene */
+    struct view_change change;    /* of that camera; not by set_create_view */
     uint32_t width, height;
     uint32_t edge_rays;            /* per side; 0: the default of gbuffer.h */
     bool every_pixel;              /* all pixels get the rays of edges */

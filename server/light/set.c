@@ -46,8 +46,12 @@ static enum err build_bvh(struct set *s, const struct set_desc *desc, struct rea
     return s->rays ? ERR_OK : err_say(why, ERR_NOMEM, "%s: the ray structure could not be built", s->name);
 }
 
-static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
+static enum err choose_camera(const struct set *s, const struct set_desc *desc, struct camera *out, struct reason *why)
 {
+    if (desc->camera && free_view_is(desc->camera)) {
+        const enum err e = free_view_read(desc->camera, out, why);
+        return e || s->borrowed ? e : view_change_apply(&desc->change, out, why);
+    }
     const struct camera *camera = scene_camera(s->scene, desc->camera);
     char names[300];
 
@@ -55,9 +59,20 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
         scene_camera_names(s->scene, names, sizeof(names));
         return err_say(why, ERR_USAGE, "%s: there is no camera '%s'; expected %s", s->name, desc->camera, names);
     }
+    *out = *camera;
+    return s->borrowed ? ERR_OK : view_change_apply(&desc->change, out, why);
+}
+
+static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
+{
+    struct camera camera;
+    enum err e = choose_camera(s, desc, &camera, why);
+
+    if (e)
+        return e;
     const double start = clock_seconds();
     const struct gbuffer_desc g = {
-        .camera = camera,
+        .camera = &camera,
         .width = desc->width,
         .height = desc->height,
         .edge_rays = desc->edge_rays,
@@ -65,12 +80,13 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
         .interleave = desc->interleave,
         .progress = line,
     };
-    enum err e = ground_check_camera(s->scene, camera, s->name, why);
+    e = ground_check_camera(s->scene, &camera, s->name, why);
     if (!e)
         e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
     s->gbuffer_ms = 1e3 * (clock_seconds() - start);
-    snprintf(s->camera, sizeof(s->camera), "%s", camera->name);
-    view_init(&s->view, camera, desc->width, desc->height);
+    snprintf(s->camera, sizeof(s->camera), "%s", camera.name);
+    free_view_write(&camera, s->placed);
+    view_init(&s->view, &camera, desc->width, desc->height);
     if (!e)
         facts_of_set(s->scene, s->gbuffer, &s->facts);
     return e;

@@ -84,6 +84,7 @@ const struct figure server_figure_table[] = {
     U64(NULL, FAILURES "{reason=\"waiting\"}", NULL, decoder_waited),
 
     TEXT("camera", camera),
+    TEXT("view", view),
     TEXT("preparing.camera", preparing),
     PLAIN(DOUBLE, "preparing.share", prepared),
     PLAIN(U32, "lamps.samples", lamp_samples),

@@ -31,6 +31,9 @@ struct settings {
     uint64_t seek;
     double hour;
 
+    /* Requests to keep the present view under a name, or to forget one: likewise. */
+    char save_view[64], forget_view[64];
+
     /* Not settings: how often they have changed. */
     uint64_t light_version;   /* the current frame must be lit again */
     uint64_t display_version; /* only exposure or tone curve changed */
@@ -55,6 +58,8 @@ struct setup {
     /* As flags have them; setup_complete puts them where they belong. */
     uint32_t size[2];
     const char *cpu;
+    const char *position, *look_at; /* X,Y,Z; NULL: the camera's */
+    double fov;                     /* degrees; 0: the camera's */
     double time; /* s; TIME_REST: no pose of an animation */
 };
 

@@ -75,11 +75,13 @@ const struct setting settings_table[] = {
       CONTROL("fps", "4.13.13"), .use = SETTING_STATE },
     { "paths", "P", "light in the picture", "all", LIGHTING, LIGHT_PROGRAMS, CHOICE(path_choices), AT(initial.classes),
       .reload = RELOAD_SETTINGS, CONTROL("paths", "4.13.14"), .offers = "paths", .use = SETTING_STATE },
-    { "camera", "NAME", "camera of the scene; default: the first", NULL, SCENE, LIGHT_PROGRAMS, .type = SETTING_NAME,
-      AT(initial.camera), CONTROL("camera", "4.13.15"), .use = SETTING_STATE },
+    { "camera", "NAME", "camera of the scene, or a view as @X,Y,Z;X,Y,Z;DEGREES; default: the first", NULL, SCENE,
+      LIGHT_PROGRAMS, .type = SETTING_NAME, AT(initial.camera), CONTROL("camera", "4.13.15"), .use = SETTING_STATE },
     { "lamps", "SCALE", "factor of the light of the scene's own lamps: emissive surfaces and lights", "1", LIGHTING,
       LIGHT_PROGRAMS, REAL(0.0, 1e6), AT(initial.lamps), .reload = RELOAD_SETTINGS, CONTROL("lamps", "4.13.21"),
       .use = SETTING_STATE },
+    { NO_FLAG, CONTROL("save_view", "4.13.22"), .type = SETTING_NAME, AT(initial.save_view), .use = SETTING_ASKED },
+    { NO_FLAG, CONTROL("forget_view", "4.13.22"), .type = SETTING_NAME, AT(initial.forget_view), .use = SETTING_ASKED },
     { NO_FLAG, CONTROL("paused", "4.13.7"), SWITCH, AT(initial.paused), .use = SETTING_ASKED | SETTING_TOLD },
     { NO_FLAG, CONTROL("step", "4.13.16"), WHOLE(-1000, 1000), AT(initial.step), .use = SETTING_ASKED | SETTING_ADDS,
       .group = GROUP_PLACE },
@@ -92,6 +94,9 @@ const struct setting settings_table[] = {
     { "scene", "FILE",
       "scene to light: .json, .gltf, .glb, .obj, .ply, .stl, .fbx, .dae or .3ds; default: the built-in one", NULL,
       SCENE, .programs = FOR_RELIGHTD | FOR_RENDER | FOR_BENCH, TEXT, AT(set_desc.scene) },
+    { "position", "X,Y,Z", "the camera is there instead, in metres", NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(position) },
+    { "look-at", "X,Y,Z", "and looks at this point", NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(look_at) },
+    { "fov", "DEGREES", "and has this vertical field of view", NULL, SCENE, LIGHT_PROGRAMS, REAL(1.0, 170.0), AT(fov) },
     { "ground", NULL, "put a ground below the model: it shows the environment, with the model's shadows and caustics",
       NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
     { "time", "SECONDS", "pose animated glTF models as at this time of their first animation", "rest", SCENE,
@@ -202,7 +207,9 @@ enum err setup_complete(struct setup *s, struct reason *why)
         s->light.cache_file = s->light.cache_dir && strcmp(s->light.cache_dir, "off") == 0 ? NULL : "";
     else if (strcmp(s->light.cache_file, "off") == 0)
         s->light.cache_file = NULL;
-    const enum err e = kernels_select(s->cpu, &s->kernels, why);
+    enum err e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
+    if (!e)
+        e = kernels_select(s->cpu, &s->kernels, why);
     s->set_desc.kernels = s->kernels;
     return e;
 }

@@ -150,7 +150,7 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
 /* ---- What controllers ask for ---- */
 
 /* The values are those of a struct that the rows of server_desc.controls describe. */
-#define SERVER_CONTROL_BYTES 256
+#define SERVER_CONTROL_BYTES 512
 struct server_control {
     uint32_t asked; /* bit k: row k was asked for */
     _Alignas(8) char values[SERVER_CONTROL_BYTES];

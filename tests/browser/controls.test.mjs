@@ -316,6 +316,34 @@ test('a drag across the image rotates the sky, a click does not', () =>
     assert.equal((await witness.control()).rotate_degrees, -30);
   }));
 
+test('Alt-drag moves the camera and not the sky, and V saves the view', () =>
+  withAll(SKY, async (page, witness) => {
+    const box = await page.locator('#picture').boundingBox();
+    await page.waitForFunction(() => window.relight.status?.view?.startsWith('@'));
+    const before = (await witness.status()).view;
+    await page.keyboard.down('Alt');
+    await page.mouse.move(box.x + 100, box.y + 100);
+    await page.mouse.down();
+    await page.mouse.move(box.x + 100 + box.width / 8, box.y + 100, { steps: 4 });
+    await page.mouse.up();
+    await page.keyboard.up('Alt');
+    await page.waitForFunction((was) => {
+      const { view, camera } = window.relight.status;
+      return camera === view && view !== was && window.relight.app.control.camera === view;
+    }, before, { timeout: 60000 });
+    const { control } = { control: await witness.control() };
+    assert.equal(control.rotate_degrees, 0);
+    // an eighth of the width is an eighth of half a turn about the point looked at, at the same height
+    const [[x, y, z], [tx, ty, tz]] = [before, control.camera].map((v) => v.slice(1).split(';')[0].split(',').map(Number));
+    const [cx, , cz] = before.split(';')[1].split(',').map(Number);
+    assert.ok(Math.abs(y - ty) < 1e-3);
+    const turned = Math.atan2(x - cx, z - cz) - Math.atan2(tx - cx, tz - cz);
+    assert.ok(Math.abs(Math.abs(turned) - Math.PI / 8) < 1e-3, `turned by ${turned}`);
+    page.once('dialog', (dialog) => dialog.accept('my view'));
+    await page.keyboard.press('v');
+    await page.waitForFunction(() => [...document.querySelector('#set-camera').options].some((o) => o.value === 'my view'));
+  }));
+
 test('a viewer sees current settings, and why they cannot be changed', () =>
   withAll(SKY, async (page, witness) => {
     assert.equal(await page.textContent('#role'), 'Watching');

@@ -7,6 +7,7 @@ import {
   wrapDegrees,
 } from '../../clients/web/controls_model.js';
 import { Keys, isTaken, keyName, keyOf } from '../../clients/web/keys.js';
+import { formatView, orbited, parseView } from '../../clients/web/controls_orbit.js';
 import { wishedPictures, wishedRole } from '../../clients/web/role.js';
 
 function wishes() {
@@ -174,4 +175,19 @@ test('the age of a pending request is known until its answer', () => {
   now = 1800;
   wishes.forget();
   assert.equal(wishes.waitedMs, 0);
+});
+
+test('a view is turned about what it looks at', () => {
+  const view = parseView('@0,1,10;0,1,0;40');
+  assert.deepEqual(view, { position: [0, 1, 10], target: [0, 1, 0], fov: 40 });
+  assert.equal(formatView(view), '@0,1,10;0,1,0;40');
+  for (const bad of [null, '', 'main', '@', '@1,2,3;4,5,6', '@1,2;3,4,5;6', '@a,2,3;4,5,6;7', '@1,2,3;4,5,6;0']) assert.equal(parseView(bad), null);
+  const near = (a, b) => a.forEach((x, i) => assert.ok(Math.abs(x - b[i]) < 1e-9, `${a} instead of ${b}`));
+  near(orbited(view, -0.5, 0).position, [10, 1, 0]); // dragged to the left, it comes from the right
+  near(orbited(view, 1, 0).position, [0, 1, -10]);
+  near(orbited(view, 0, 0.25).position, [0, 1 + 10 * Math.SQRT1_2, 10 * Math.SQRT1_2]);
+  near(orbited(view, 0, 0, 2).position, [0, 1, 20]);
+  const steep = orbited(view, 0, 5).position; // not over the top
+  assert.ok(steep[1] > 10.9 && steep[2] > 0);
+  assert.ok(formatView({ position: [-123456.78, -0.123456, 1e-9], target: [0, -0, 1], fov: 39.59 }).length < 64);
 });

@@ -1,4 +1,5 @@
 unit_test(scene test_rays)
+unit_test(scene test_free_view m)
 unit_test(scene test_gbuffer import OpenMP::OpenMP_C)
 unit_test(scene test_coverage)
 unit_test(scene test_instances)
