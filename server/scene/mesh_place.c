@@ -136,17 +136,12 @@ static struct vec3 unit(const double v[3])
     return vec3_make((float)(v[0] * scale), (float)(v[1] * scale), (float)(v[2] * scale));
 }
 
-struct vec3 mesh_normal(const struct mesh *m, uint32_t vertex)
+struct vec3 placement_normal(const struct placement *p, const float n[3])
 {
-    const float *n = m->normals + 3 * (size_t)vertex;
     double v[3];
 
-    if (!m->placed)
-        return vec3_make(n[0], n[1], n[2]);
-    for (int i = 0; i < 3; i++) {
-        const float *row = m->place.normals[i];
-        v[i] = (double)row[0] * n[0] + (double)row[1] * n[1] + (double)row[2] * n[2];
-    }
+    for (int i = 0; i < 3; i++)
+        v[i] = (double)p->normals[i][0] * n[0] + (double)p->normals[i][1] * n[1] + (double)p->normals[i][2] * n[2];
     return unit(v);
 }
 

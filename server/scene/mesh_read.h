@@ -27,10 +27,10 @@ static inline void mesh_position(const struct mesh *m, uint32_t vertex, double o
 
     if (m->placed) {
         placement_point(&m->place, v, out);
-    } else {
-        for (int i = 0; i < 3; i++)
-            out[i] = v[i];
+        return;
     }
+    for (int i = 0; i < 3; i++)
+        out[i] = v[i];
 }
 
 /* The corners of a triangle. */
@@ -38,8 +38,11 @@ static inline void mesh_corners(const struct mesh *m, uint32_t triangle, double 
 {
     const uint32_t *t = m->indices + 3 * (size_t)triangle;
 
-    for (int k = 0; k < 3; k++)
-        mesh_position(m, t[k], out[k]);
+    for (int k = 0; k < 3 && m->placed; k++)
+        placement_point(&m->place, m->positions + 3 * (size_t)t[k], out[k]);
+    for (int k = 0; k < 3 && !m->placed; k++)
+        for (size_t i = 0; i < 3; i++)
+            out[k][i] = m->positions[3 * (size_t)t[k] + i];
 }
 
 /* The same as floats. */
@@ -52,8 +55,16 @@ static inline void mesh_corners_rounded(const struct mesh *m, uint32_t triangle,
         out[k] = vec3_make((float)p[k][0], (float)p[k][1], (float)p[k][2]);
 }
 
+/* The normal of the arrays' space in the world. */
+struct vec3 placement_normal(const struct placement *p, const float n[3]);
+
 /* As in struct mesh, whose normals must not be NULL. */
-struct vec3 mesh_normal(const struct mesh *m, uint32_t vertex);
+static inline struct vec3 mesh_normal(const struct mesh *m, uint32_t vertex)
+{
+    const float *n = m->normals + 3 * (size_t)vertex;
+    return m->placed ? placement_normal(&m->place, n) : vec3_make(n[0], n[1], n[2]);
+}
+
 /* As in struct mesh, whose tangents must not be NULL. */
 void mesh_tangent(const struct mesh *m, uint32_t vertex, float out[4]);
 

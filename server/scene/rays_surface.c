@@ -12,7 +12,7 @@
  *    at most 4 u A_i, A = |e1| x |e2| with plus instead of minus: 4 u A_i D_i / |N|.
  * The bound is doubled for triangles in the same plane whose vertices are further away. It vanishes with the point's
  * height for planes perpendicular to an axis, so that a huge ground plane does not need a huge offset. */
-static double plane_doubt(const double v[3][3], const double p[3], const double n[3], double n_length)
+static inline double plane_doubt(const double v[3][3], const double p[3], const double n[3], double n_length)
 {
     const double u = 0x1p-24;
     double doubt = 0.0;
@@ -32,7 +32,7 @@ static double plane_doubt(const double v[3][3], const double p[3], const double 
 }
 
 /* The point of a triangle and its unit normal, n; returns the normal's length before. */
-static double plane_at(const double v[3][3], const double weight[3], double p[3], double n[3])
+static inline double plane_at(const double v[3][3], const double weight[3], double p[3], double n[3])
 {
     for (int i = 0; i < 3; i++) {
         const int j = (i + 1) % 3, k = (i + 2) % 3;
@@ -51,9 +51,9 @@ static double plane_at(const double v[3][3], const double weight[3], double p[3]
  * same for the determinant; its effect is that on o - t, since A makes b, too;
  *  - rounding b and the sums gives u A_ij (4 |o_j| + 7 |t_j|).
  * There it meets the triangle with the doubt of plane_doubt. With w = M^T n, a displacement d' there is n.M d' = w.d'
- * along the normal here, where the triangle's unit normal is w / |w|. */
-static double placed_doubt(const struct mesh *m, uint32_t triangle, const double weight[3], const double p[3],
-                           const double n[3])
+ * along the normal here, where the triangle's unit normal is w / |w|. Not inlined, so that other meshes pay nothing. */
+__attribute__((noinline)) static double placed_doubt(const struct mesh *m, uint32_t triangle, const double weight[3],
+                                                     const double p[3], const double n[3])
 {
     const uint32_t *t = m->indices + 3 * (size_t)triangle;
     const float(*matrix)[4] = m->place.matrix;
