@@ -2,14 +2,13 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/uio.h>
 #include <unistd.h>
 
-#define PATH_ROOM 4096
+#define PATH_ROOM FILE_STORE_PATH
 #define NAME_TRIES 100 /* processes that may write to one name at the same time */
 
 static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
@@ -88,13 +87,9 @@ static int write_parts(int fd, const struct file_part *parts, size_t count)
     return 0;
 }
 
-/* Writes and syncs. Returns 0 or errno. Pipes and devices do not support fsync. */
-static int write_fully(int fd, const struct file_part *parts, size_t count)
+/* Returns 0 or errno. Pipes and devices do not support fsync. */
+static int sync_file(int fd)
 {
-    const int failed = write_parts(fd, parts, count);
-
-    if (failed)
-        return failed;
     return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
 }
 
@@ -122,34 +117,67 @@ static bool is_replaceable(const char *path)
     return lstat(path, &st) != 0 || S_ISREG(st.st_mode);
 }
 
-enum err file_store_parts(const char *path, const struct file_part *parts, size_t count, struct reason *why)
+enum err file_draft_begin(struct file_draft *d, const char *path, struct reason *why)
 {
-    char temporary[PATH_ROOM];
-    int fd = -1;
-    const bool replace = is_replaceable(path);
+    *d = (struct file_draft){ .fd = -1, .replace = is_replaceable(path) };
+    if (snprintf(d->path, sizeof(d->path), "%s", path) >= (int)sizeof(d->path))
+        return err_say(why, ERR_IO, "%.200s...: the path exceeds %d bytes", path, PATH_ROOM - 1);
+    enum err e = ERR_OK;
+    if (d->replace) {
+        e = open_beside(path, d->temporary, &d->fd, why);
+    } else {
+        memcpy(d->temporary, d->path, sizeof(d->path));
+        d->fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+        e = d->fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
+    }
+    d->begun = !e;
+    return e;
+}
+
+void file_draft_discard(struct file_draft *d)
+{
+    if (!d->begun)
+        return;
+    if (d->replace)
+        unlink(d->temporary);
+    close(d->fd);
+    d->begun = false;
+}
+
+enum err file_draft_commit(struct file_draft *d, struct reason *why)
+{
     enum err e = ERR_OK;
 
-    if (replace) {
-        e = open_beside(path, temporary, &fd, why);
-    } else {
-        fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-        e = fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
+    int failed = sync_file(d->fd);
+    if (failed)
+        e = say_errno(why, d->path, "write the file", failed);
+    else if (d->replace &&
+             rename(d->temporary, d->path) != 0) /* still locked: no other process can have started writing to it */
+        e = say_errno(why, d->path, "rename the finished file", errno);
+    if (e) {
+        file_draft_discard(d);
+        return e;
     }
+    d->begun = false;
+    if (close(d->fd) != 0)
+        e = say_errno(why, d->path, "write the file", errno);
+    if (!e && d->replace && (failed = sync_folder(d->path)) != 0)
+        e = say_errno(why, d->path, "sync its folder", failed);
+    return e;
+}
+
+enum err file_store_parts(const char *path, const struct file_part *parts, size_t count, struct reason *why)
+{
+    struct file_draft d;
+    const enum err e = file_draft_begin(&d, path, why);
+
     if (e)
         return e;
-    int failed = write_fully(fd, parts, count);
-    if (failed)
-        e = say_errno(why, path, "write the file", failed);
-    else if (replace &&
-             rename(temporary, path) != 0) /* still locked: no other process can have started writing to it */
-        e = say_errno(why, path, "rename the finished file", errno);
-    if (e && replace)
-        unlink(temporary);
-    if (close(fd) != 0 && !e)
-        e = say_errno(why, path, "write the file", errno);
-    if (!e && replace && (failed = sync_folder(path)) != 0)
-        e = say_errno(why, path, "sync its folder", failed);
-    return e;
+    const int failed = write_parts(d.fd, parts, count);
+    if (!failed)
+        return file_draft_commit(&d, why);
+    file_draft_discard(&d);
+    return say_errno(why, path, "write the file", failed);
 }
 
 enum err file_store(const char *path, const void *bytes, size_t size, struct reason *why)

@@ -8,8 +8,27 @@
 
 #include "base/err.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+
+/* Longest path, with its NUL. */
+#define FILE_STORE_PATH 4096
+
+/* A file that a library writes by its name. Zeroed memory is one that is not begun. */
+struct file_draft {
+    char path[FILE_STORE_PATH];      /* the finished file */
+    char temporary[FILE_STORE_PATH]; /* write here; the same as path for a pipe, device or symbolic link */
+    int fd;                          /* locked while the file is written */
+    bool begun, replace;             /* replace: temporary is renamed to path */
+};
+
+/* Creates the temporary file, empty. On an error nothing is begun. ERR_IO: as file_store. */
+MUST_CHECK enum err file_draft_begin(struct file_draft *d, const char *path, struct reason *why);
+/* Syncs what was written and puts it in place. On an error the temporary file is removed. */
+MUST_CHECK enum err file_draft_commit(struct file_draft *d, struct reason *why);
+/* Removes the temporary file. Does nothing after file_draft_commit or when nothing is begun. */
+void file_draft_discard(struct file_draft *d);
 
 /* Writes `size` bytes to `path`. A pipe, device or symbolic link is written in place. ERR_IO names path and cause, such
  * as a full disk or a missing folder. */

@@ -13,6 +13,7 @@ enum tone_curve {
     TONE_FILMIC,   /* with toe and shoulder; the default */
     TONE_REINHARD, /* x (1 + x / white^2) / (1 + x) on luminance [Reinhard 2002, Eq. 4] */
     TONE_LINEAR,   /* clamped at 1 */
+    TONE_PQ,       /* none: absolute luminance for HDR screens; by tone_map_pq alone, the functions below clamp at 1 */
 };
 
 /* The exposed value that filmic and Reinhard map to white, 5.8 stops above middle grey (0.18). */
@@ -74,5 +75,17 @@ void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct to
  * becomes 65535. Uses all OpenMP threads. */
 void tone_map_deep(const float *from, uint32_t width, uint32_t height, uint32_t channels, const struct tone_desc *desc,
                    uint16_t *out);
+
+/* HDR: an exposed value of 1 is shown as 203 cd/m2, the reference white of [ITU-R BT.2408]; above the peak, light is
+ * clipped per channel of Rec.2020, which holds all of Rec.709. */
+#define TONE_PQ_WHITE 203.0
+#define TONE_PQ_PEAK 1000.0
+
+/* The inverse EOTF of [ITU-R BT.2100-2, Table 4]: cd/m2, 0..10000, to signal 0..1. */
+double tone_pq(double luminance);
+
+/* Applies gain, primaries of Rec.2020 and PQ and writes uint16_t[height][width][3], of which 65535 is a signal of 1.
+ * NaN and negative light become 0. Uses all OpenMP threads. */
+void tone_map_pq(const float *rgb, uint32_t width, uint32_t height, double gain, uint16_t *out);
 
 #endif

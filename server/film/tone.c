@@ -13,6 +13,8 @@ const struct setting_choice tone_choices[] = {
     { "filmic", TONE_FILMIC, "soft toe and shoulder, close to the ACES curve", 0 },
     { "reinhard", TONE_REINHARD, "compresses highlights by luminance and keeps their colour", 0 },
     { "linear", TONE_LINEAR, "no curve: values above 1 are clipped", 0 },
+    { "pq", TONE_PQ, "HDR video with PQ and Rec.2020: no curve, 1 becomes 203 cd/m2, clipped at 1000 cd/m2",
+      FOR_RENDER },
     { NULL, 0, NULL, 0 },
 };
 
@@ -32,7 +34,8 @@ double tone_value(enum tone_curve curve, double x)
     switch (curve) {
     case TONE_FILMIC: return fmin(filmic(x), 1.0);
     case TONE_REINHARD: return fmin(x * (1.0 + x / (TONE_WHITE * TONE_WHITE)) / (1.0 + x), 1.0);
-    case TONE_LINEAR: break;
+    case TONE_LINEAR:
+    case TONE_PQ: break;
     }
     return fmin(x, 1.0);
 }
@@ -161,5 +164,36 @@ void tone_map_deep(const float *from, uint32_t width, uint32_t height, uint32_t 
             out[channels * i + c] = (uint16_t)lrint(65535.0 * tone_srgb(light[c]));
         if (channels == 4)
             out[4 * i + 3] = (uint16_t)lrint(65535.0 * fmin(fmax((double)pixel[3], 0.0), 1.0));
+    }
+}
+
+double tone_pq(double luminance)
+{
+    const double m1 = 2610.0 / 16384.0, m2 = 2523.0 / 32.0;
+    const double c1 = 3424.0 / 4096.0, c2 = 2413.0 / 128.0, c3 = 2392.0 / 128.0;
+    const double y = pow(fmin(fmax(luminance, 0.0), 10000.0) / 10000.0, m1);
+
+    return pow((c1 + c2 * y) / (1.0 + c3 * y), m2);
+}
+
+void tone_map_pq(const float *rgb, uint32_t width, uint32_t height, double gain, uint16_t *out)
+{
+    /* From Rec.709 primaries to Rec.2020 [ITU-R BT.2087-0, 4, M2]; rows sum to 1. */
+    static const double to_2020[3][3] = {
+        { 0.6274, 0.3293, 0.0433 },
+        { 0.0691, 0.9195, 0.0114 },
+        { 0.0164, 0.0880, 0.8956 },
+    };
+
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < (size_t)width * height; i++) {
+        const float *in = rgb + 3 * i;
+        double x[3];
+        for (int c = 0; c < 3; c++)
+            x[c] = in[c] > 0.0f ? fmin((double)in[c] * gain, 1e30) : 0.0;
+        for (int c = 0; c < 3; c++) {
+            const double light = to_2020[c][0] * x[0] + to_2020[c][1] * x[1] + to_2020[c][2] * x[2];
+            out[3 * i + (size_t)c] = (uint16_t)lrint(65535.0 * tone_pq(fmin(TONE_PQ_WHITE * light, TONE_PQ_PEAK)));
+        }
     }
 }

@@ -7,6 +7,7 @@
 #include "codec/exr_write.h"
 #include "codec/jpeg.h"
 #include "codec/png_write.h"
+#include "video/movie.h"
 
 #include <errno.h>
 #include <math.h>
@@ -27,8 +28,9 @@ struct output {
     const struct exr_attribute *attributes;
     size_t channel_count, attribute_count;
     struct jpeg_encoder *jpeg;
-    void *display;   /* [height][width][3 or 4], 8 or 16 bits: the tone-mapped image */
-    float *straight; /* [height][width][4]: the foreground, not premultiplied; NULL without alpha */
+    struct movie *movie; /* of a format that is one file for all frames; else NULL */
+    void *display;       /* [height][width][3 or 4], 8 or 16 bits: the tone-mapped image */
+    float *straight;     /* [height][width][4]: the foreground, not premultiplied; NULL without alpha */
 };
 
 struct image_parts { /* what output_write gets */
@@ -107,15 +109,29 @@ static enum err write_png(struct output *o, const struct image_parts *i, const c
     return e;
 }
 
+static enum err write_movie(struct output *o, const struct image_parts *i, const char *name, struct reason *why)
+{
+    const struct tone_desc tone = { i->gain, o->desc.tone, o->desc.level };
+    struct reason cause;
+
+    if (o->desc.tone == TONE_PQ)
+        tone_map_pq(i->rgb, o->width, o->height, i->gain, o->display);
+    else
+        tone_map_deep(i->rgb, o->width, o->height, 3, &tone, o->display);
+    const enum err e = movie_add(o->movie, o->display, &cause);
+    return e ? err_say(why, e, "%s: %s", name, cause.text) : ERR_OK;
+}
+
 static const struct format {
     const char *extension;
     bool alpha, deep; /* can be asked for */
     bool exposed;     /* depends on exposure */
+    bool movie;       /* all frames in one file */
     enum err (*write)(struct output *o, const struct image_parts *i, const char *name, struct reason *why);
 } formats[] = {
-    { ".exr", true, false, false, write_exr },
-    { ".jpg", false, false, true, write_jpeg },
-    { ".png", true, true, true, write_png },
+    { ".exr", true, false, false, false, write_exr },  { ".jpg", false, false, true, false, write_jpeg },
+    { ".png", true, true, true, false, write_png },    { ".mp4", false, false, true, true, write_movie },
+    { ".mkv", false, false, true, true, write_movie }, { ".webm", false, false, true, true, write_movie },
 };
 
 static const struct format *format_of(const char *pattern)
@@ -139,7 +155,15 @@ enum err output_check(const struct output_desc *desc, struct reason *why)
     if (e)
         return e;
     if (!format)
-        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg or .png", desc->pattern);
+        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg, .png, .mp4, .mkv or .webm", desc->pattern);
+    if (format->movie && parsed.length > 0)
+        return err_say(why, ERR_USAGE, "--out '%s': a video holds all frames; leave out the %%d", desc->pattern);
+    if (format->movie && !movie_available())
+        return err_say(why, ERR_UNSUPPORTED,
+                       "--out '%s': this build writes no video, as it was made without libavcodec or libavformat",
+                       desc->pattern);
+    if (desc->tone == TONE_PQ && format->exposed && !format->movie)
+        return err_say(why, ERR_USAGE, "--tone pq is for --out in .mp4, .mkv or .webm, not in %s", format->extension);
     if (desc->layers && format->write != write_exr)
         return err_say(why, ERR_USAGE, "--layers is for --out in .exr, not in %s", format->extension);
     if (desc->alpha && !format->alpha)
@@ -147,6 +171,23 @@ enum err output_check(const struct output_desc *desc, struct reason *why)
     if (desc->deep && !format->deep)
         return err_say(why, ERR_USAGE, "--bits 16 is for --out in .png, not in %s", format->extension);
     return ERR_OK;
+}
+
+static enum err create_movie(struct output *o, struct reason *why)
+{
+    const struct movie_desc m = { .path = o->desc.pattern,
+                                  .container = o->format->extension + 1,
+                                  .width = o->width,
+                                  .height = o->height,
+                                  .rate = o->desc.rate,
+                                  .quality = o->desc.quality,
+                                  .pq = o->desc.tone == TONE_PQ };
+    struct reason cause;
+
+    if (access(o->desc.pattern, F_OK) == 0)
+        log_info("%s exists and is replaced", o->desc.pattern);
+    const enum err e = movie_create(&m, &o->movie, &cause);
+    return e ? err_say(why, e, "--out '%s': %s", o->desc.pattern, cause.text) : ERR_OK;
 }
 
 enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
@@ -171,15 +212,29 @@ enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t 
     o->height = height;
     exposure_init(&o->exposure);
     o->jpeg = jpeg_encoder_create();
-    o->display = mem_alloc((size_t)width * height, desc->alpha || desc->deep ? 4 * sizeof(uint16_t) : 3);
+    o->display =
+        mem_alloc((size_t)width * height, desc->alpha || desc->deep || o->format->movie ? 4 * sizeof(uint16_t) : 3);
     o->straight = desc->alpha ? mem_alloc((size_t)width * height, 4 * sizeof(float)) : NULL;
     if (!o->jpeg || !o->display || (desc->alpha && !o->straight) ||
         file_pattern_parse(desc->pattern, "--out", &o->pattern, why)) {
         output_destroy(o);
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", width, height);
     }
+    const enum err movie = o->format->movie ? create_movie(o, why) : ERR_OK;
+    if (movie) {
+        output_destroy(o);
+        return movie;
+    }
     *out = o;
     return ERR_OK;
+}
+
+enum err output_finish(struct output *o, struct reason *why)
+{
+    struct reason cause;
+    const enum err e = o->movie ? movie_finish(o->movie, &cause) : ERR_OK;
+
+    return e ? err_say(why, e, "%s: %s", o->desc.pattern, cause.text) : ERR_OK;
 }
 
 void output_destroy(struct output *o)
@@ -187,6 +242,7 @@ void output_destroy(struct output *o)
     if (!o)
         return;
     jpeg_encoder_destroy(o->jpeg);
+    movie_destroy(o->movie);
     mem_free(o->display);
     mem_free(o->straight);
     mem_free(o);
@@ -194,7 +250,7 @@ void output_destroy(struct output *o)
 
 bool output_is_numbered(const struct output *o)
 {
-    return o->pattern.length > 0;
+    return o->pattern.length > 0 || o->format->movie;
 }
 
 bool output_is_exposed(const struct output *o)
@@ -225,7 +281,7 @@ enum err output_write(struct output *o, const float *rgb, const float *rgba, uin
     char name[4096];
     const enum err e = file_pattern_name(&o->pattern, frame, name, sizeof(name), why);
 
-    if (!e && !o->replaced && access(name, F_OK) == 0) {
+    if (!e && !o->replaced && !o->movie && access(name, F_OK) == 0) {
         log_info("%s exists and is replaced%s", name, o->pattern.length > 0 ? ", and so are others" : "");
         o->replaced = true;
     }

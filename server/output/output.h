@@ -1,6 +1,6 @@
 /* server/output/output.h */
-/* Where images go: a file per frame, whose extension picks the format. A new kind of output is one row of the table in
- * output.c. One thread. */
+/* Where images go: a file per frame, or a video of all; the extension picks the format. A new kind of output is one row
+ * of the table in output.c. One thread. */
 #ifndef OUTPUT_OUTPUT_H
 #define OUTPUT_OUTPUT_H
 
@@ -16,16 +16,17 @@ struct output_desc {
     bool deep;            /* PNG: 16 bits instead of 8 */
     bool layers;          /* EXR: output_set_layers will be called */
     bool half;            /* EXR: 16-bit floats instead of 32-bit */
-    enum tone_curve tone; /* JPEG, PNG */
-    int quality;          /* JPEG: 1 to 100 */
+    enum tone_curve tone; /* JPEG, PNG, video; TONE_PQ: video alone */
+    int quality;          /* JPEG, video: 1 to 100 */
+    double rate;          /* video: frames per second */
     const char *level;    /* CPU level of the tone curve, as kernels_select takes it; NULL: the best */
 };
 
 struct output;
 
-/* ERR_USAGE: no such pattern, or an extension that no format has, or one without alpha or 16 bits that asks
- * for them; the reason lists those there are. ERR_IO: the folder
- * cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
+/* ERR_USAGE: no such pattern, or an extension that no format has, or one without alpha, 16 bits or PQ that asks
+ * for them; the reason lists those there are. ERR_UNSUPPORTED: no video in this build, or not of this size. ERR_IO: the
+ * folder cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
 MUST_CHECK enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
                                   struct reason *why);
 void output_destroy(struct output *o); /* NULL is allowed */
@@ -33,7 +34,11 @@ void output_destroy(struct output *o); /* NULL is allowed */
 /* ERR_USAGE unless desc is one that output_create takes; needs no image size. Touches no file. */
 MUST_CHECK enum err output_check(const struct output_desc *desc, struct reason *why);
 
-/* Whether the pattern has a place for the frame number; without, all frames have one name. */
+/* Puts a video in its place, which takes no more frames; other files are there already. Without it, or without a frame,
+ * there is no video. ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: the encoder failed. */
+MUST_CHECK enum err output_finish(struct output *o, struct reason *why);
+
+/* Whether many frames may go there; else all have one name, without a place for their number. */
 bool output_is_numbered(const struct output *o);
 
 /* Whether the format is tone-mapped, under an exposure. */

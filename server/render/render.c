@@ -10,14 +10,19 @@
 #include <math.h>
 #include <string.h>
 
+#define RATE 30.0 /* frames per second of a video file, where neither flag nor source says */
+
 /* What would fail after the work is found out before it. */
 static enum err open_outputs(struct render *r, struct reason *why)
 {
     const struct render_desc *d = &r->desc;
     enum err e = ERR_OK;
 
-    if (d->output.pattern)
-        e = output_create(&d->output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
+    struct output_desc output = d->output;
+    if (output.rate <= 0.0)
+        output.rate = source_rate(r->source) > 0.0 ? source_rate(r->source) : RATE;
+    if (output.pattern)
+        e = output_create(&output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
     if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
                     "--out '%s' names one file, but the source has %" PRIu64
@@ -209,7 +214,9 @@ static enum err render_all(struct render *r, struct reason *why)
         progress_step(&r->line, 1);
     }
     progress_end(&r->line);
-    return e == ERR_END ? ERR_OK : e;
+    if (e && e != ERR_END)
+        return e;
+    return r->output ? output_finish(r->output, why) : ERR_OK;
 }
 
 static enum err finish(struct render *r, enum err e, struct reason *why)

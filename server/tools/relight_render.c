@@ -41,8 +41,13 @@ static const struct setting_choice bits_choices[] = {
 static const struct setting rows[] = {
     { "fps", "N", "with --method auto: least error at N frames per second, files included; replaces --samples", NULL,
       RENDERING, REAL(1e-4, 1000.0), AT(fps) },
-    { "out", "PATTERN", "file name, with %d or %04d for the frame number; .exr (linear), .jpg or .png (tone-mapped)",
+    { "out", "PATTERN",
+      "file name: .exr (linear), .jpg or .png (tone-mapped), with %d or %04d for the frame number; .mp4, .mkv (H.264) "
+      "or "
+      ".webm (AV1) for a video of all frames",
       NULL, OUTPUT, TEXT },
+    { "rate", "N", "frames per second of a video file; default: the source's, or 30", NULL, OUTPUT, REAL(0.01, 1000.0),
+      AT(desc.output.rate) },
     { "denoise", NULL, "filter noise out of direct and indirect light", NULL, RENDERING, SWITCH,
       AT(desc.setup.light.denoise) },
     { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, OUTPUT,
@@ -173,6 +178,9 @@ static void report_ignored(struct command *c, const struct render *r)
         log_warning("--quality has no effect: .png files are lossless");
     if (dot && strcmp(dot, ".exr") != 0 && r->desc.output.half)
         log_warning("--half has no effect: it is for .exr files");
+    if (dot && r->desc.output.rate > 0.0 &&
+        (strcmp(dot, ".exr") == 0 || strcmp(dot, ".jpg") == 0 || strcmp(dot, ".png") == 0))
+        log_warning("--rate has no effect: it is for video files");
     if (!r->components.out.text && command_given(c, "reinhart"))
         log_warning("--reinhart has no effect without --components");
 }

@@ -8,6 +8,7 @@
 #include <float.h>
 #include <math.h>
 #include <omp.h>
+#include <stdlib.h>
 
 #define CURVES 3
 #define RAMP_FIRST 0x1p-14f
@@ -279,6 +280,31 @@ static void names_are_parsed_and_others_refused(void **state)
     assert_non_null(strstr(why.text, "'aces'"));
 }
 
+/* Table 4 of BT.2100 by hand, and white, grey and red of Rec.709 in Rec.2020 [BT.2087]. */
+static void pq_is_that_of_the_standard(void **state)
+{
+    static const float light[6][3] = { { 1, 1, 1 }, { 100, 100, 100 }, { 0, 0, 0 },
+                                       { 1, 0, 0 }, { -1, NAN, 0 },    { INFINITY, 1, 1 } };
+    uint16_t out[6][3];
+    (void)state;
+
+    assert_float_equal(tone_pq(0.0), 7.3e-7, 1e-7);
+    assert_float_equal(tone_pq(100.0), 0.5081, 1e-4);
+    assert_float_equal(tone_pq(203.0), 0.5807, 1e-4);
+    assert_float_equal(tone_pq(1000.0), 0.7518, 1e-4);
+    assert_float_equal(tone_pq(10000.0), 1.0, 1e-12);
+    tone_map_pq(&light[0][0], 6, 1, 1.0, &out[0][0]);
+    for (int c = 0; c < 3; c++) {
+        static const double red[3] = { 0.6274, 0.0691, 0.0164 };
+        assert_true(abs((int)out[0][c] - (int)lrint(65535.0 * tone_pq(203.0))) <= 2);
+        assert_true(abs((int)out[1][c] - (int)lrint(65535.0 * tone_pq(1000.0))) <= 2);
+        assert_int_equal(out[2][c], 0);
+        assert_true(abs((int)out[3][c] - (int)lrint(65535.0 * tone_pq(203.0 * red[c]))) <= 2);
+        assert_int_equal(out[4][c], 0);
+        assert_true(abs((int)out[5][c] - (int)lrint(65535.0 * tone_pq(1000.0))) <= 2);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ramp_is_the_exact_formula_but_for_one_code_in_a_hundred),
     cmocka_unit_test(ramp_never_falls_and_reaches_every_code),
@@ -292,6 +318,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(picture_has_the_same_bytes_at_any_thread_count),
     cmocka_unit_test(sixteen_bits_are_eight_made_finer),
     cmocka_unit_test(names_are_parsed_and_others_refused),
+    cmocka_unit_test(pq_is_that_of_the_standard),
 };
 
 UNIT_MAIN(tests)

@@ -1,4 +1,5 @@
 #include "video/h264.h"
+#include "video/movie.h"
 
 #include "support/unit.h"
 
@@ -15,7 +16,21 @@ static void without_an_encoder_nothing_is_offered_and_nothing_encoded(void **sta
     h264_encoder_destroy(NULL);
 }
 
+static void without_it_no_video_file_is_begun(void **state)
+{
+    const struct movie_desc desc = { "never.mp4", "mp4", 2, 2, 30.0, 90, false };
+    struct movie *m;
+    struct reason why;
+    (void)state;
+
+    assert_false(movie_available());
+    assert_int_equal(movie_create(&desc, &m, &why), ERR_UNSUPPORTED);
+    assert_null(m);
+    movie_destroy(NULL);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(without_an_encoder_nothing_is_offered_and_nothing_encoded),
+    cmocka_unit_test(without_it_no_video_file_is_begun),
 };
 UNIT_MAIN(tests)

@@ -77,9 +77,62 @@ static void odd_sides_repeat_their_last_pixel_and_nothing_is_written_beyond(void
         }
 }
 
+/* Limited range by the standards' own numbers: 16 to 235 and 128 +- 112, times 4 with 10 bits. */
+static void limited_range_is_that_of_the_standards(void **state)
+{
+    static const double weights[2][3] = { { 0.2126, 0.7152, 0.0722 }, { 0.2627, 0.6780, 0.0593 } };
+    (void)state;
+
+    for (int pq = 0; pq < 2; pq++)
+        for (int n = 0; n < 8; n++) { /* the corners of the cube, and a grey of 1/4 for black */
+            uint16_t rgb[4][3], luma[4] = { 0 }, cb[1] = { 0 }, cr[1] = { 0 };
+            double value[3], y = 0.0;
+            for (int c = 0; c < 3; c++) {
+                value[c] = n == 0 ? 0.25 : n >> c & 1;
+                y += weights[pq][c] * value[c];
+                for (int i = 0; i < 4; i++)
+                    rgb[i][c] = (uint16_t)(65535.0 * value[c]);
+            }
+            const int wide = pq ? 2 : 1;
+            yuv_limited_from_rgb(
+                &rgb[0][0], 2, 2, pq,
+                &(struct yuv_planes){ (uint8_t *)luma, (uint8_t *)cb, (uint8_t *)cr, 2 * wide, wide, wide });
+            const double step = pq ? 4.0 : 1.0, blue = (value[2] - y) / (2.0 * (1.0 - weights[pq][2])),
+                         red = (value[0] - y) / (2.0 * (1.0 - weights[pq][0]));
+            for (int i = 0; i < 4; i++)
+                assert_true(fabs((pq ? luma[i] : ((uint8_t *)luma)[i]) - step * (16.0 + 219.0 * y)) <= 0.51);
+            assert_true(fabs((pq ? cb[0] : ((uint8_t *)cb)[0]) - step * (128.0 + 224.0 * blue)) <= 0.51);
+            assert_true(fabs((pq ? cr[0] : ((uint8_t *)cr)[0]) - step * (128.0 + 224.0 * red)) <= 0.51);
+        }
+}
+
+/* Chroma lies on even columns: of a red column x = 2 a half each belongs to it, and a quarter of x = 1 and x = 3 to
+ * either neighbour. */
+static void chroma_lies_on_even_columns(void **state)
+{
+    uint16_t rgb[2][6][3] = { { { 0 } } };
+    uint8_t y[12], cb[3], cr[3];
+    const struct yuv_planes planes = { y, cb, cr, 6, 3, 3 };
+    (void)state;
+
+    rgb[0][2][0] = rgb[1][2][0] = 65535;
+    yuv_limited_from_rgb(&rgb[0][0][0], 6, 2, false, &planes);
+    assert_int_equal(cr[0], 128);
+    assert_int_equal(cr[1], 128 + 56);
+    assert_int_equal(cr[2], 128);
+    rgb[0][2][0] = rgb[1][2][0] = 0;
+    rgb[0][1][0] = rgb[1][1][0] = 65535;
+    yuv_limited_from_rgb(&rgb[0][0][0], 6, 2, false, &planes);
+    assert_int_equal(cr[0], 128 + 28);
+    assert_int_equal(cr[1], 128 + 28);
+    assert_int_equal(cr[2], 128);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(greys_have_no_colour_and_keep_their_value),
     cmocka_unit_test(colours_are_those_of_the_standard),
     cmocka_unit_test(odd_sides_repeat_their_last_pixel_and_nothing_is_written_beyond),
+    cmocka_unit_test(limited_range_is_that_of_the_standards),
+    cmocka_unit_test(chroma_lies_on_even_columns),
 };
 UNIT_MAIN(tests)

@@ -1,0 +1,61 @@
+/* server/video/mux.h */
+/* Packets of one video stream into a container, through libavformat. Thread: one per muxer. */
+#ifndef VIDEO_MUX_H
+#define VIDEO_MUX_H
+
+#include "base/err.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum mux_codec {
+    MUX_H264, /* access units in Annex B form */
+    MUX_AV1,
+};
+
+enum mux_colour {
+    MUX_BT709, /* limited range */
+    MUX_PQ,    /* limited range, BT.2020, PQ, with mastering metadata */
+};
+
+/* The mastering display of MUX_PQ: primaries of BT.2020, white D65, these luminances in cd/m2. */
+#define MUX_PQ_PEAK 1000
+#define MUX_PQ_BLACK 0.0001
+
+struct mux_stream {
+    enum mux_codec codec;
+    enum mux_colour colour;
+    uint32_t width, height;
+    int tick_num, tick_den; /* seconds per unit of time stamps */
+    int rate_num, rate_den; /* frames per second; 0, 0: variable */
+    const uint8_t *header;  /* parameter sets; H.264: in Annex B form too */
+    size_t header_size;
+};
+
+struct mux_desc {
+    const char *format;  /* libavformat's name: "mp4", "matroska" */
+    const char *path;    /* the file */
+    const char *options; /* "key=value:key=value" of the muxer; NULL: none */
+};
+
+struct mux_packet {
+    const uint8_t *bytes; /* borrowed for the call */
+    size_t size;
+    int64_t shown, decoded, duration; /* in ticks; duration 0: unknown */
+    bool key;
+};
+
+struct mux;
+
+/* Opens the file and writes its header. ERR_UNSUPPORTED: no such muxer. ERR_IO: the file; the reason is the cause
+ * alone. ERR_NOMEM. On ERR_OK the caller owns *out. */
+MUST_CHECK enum err mux_open(const struct mux_desc *desc, const struct mux_stream *stream, struct mux **out,
+                             struct reason *why);
+/* ERR_IO: the file is lost; only mux_close may follow. */
+MUST_CHECK enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason *why);
+/* Writes the trailer where `complete` and closes; m is gone in every case, NULL is allowed. ERR_IO: the end could not
+ * be written. */
+MUST_CHECK enum err mux_close(struct mux *m, bool complete, struct reason *why);
+
+#endif
