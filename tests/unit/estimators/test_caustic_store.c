@@ -241,7 +241,9 @@ static void pixels_are_the_sums_of_their_splats(void **state)
         store_make(&s, &(struct caustic_store_desc){ .classes = BOTH, .paths = 100000, .parts = 1, .seed = 3 });
     const uint64_t paths = caustic_store_stats(store)->paths;
     struct particles particles;
-    struct particle_run run = { .classes = BOTH, .particles = paths, .seed = rng_mix(3, BOTH), .per_particle = 1.0 };
+    struct particle_run run = {
+        .shown = BOTH, .classes = BOTH, .particles = paths, .seed = rng_mix(3, BOTH), .per_particle = 1.0
+    };
     struct sums want = { .environment = e };
     struct light_tracer_stats stats = { 0 };
     float rgb[VALUES];

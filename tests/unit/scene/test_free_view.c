@@ -19,7 +19,7 @@ static void text_and_view_are_the_same(void **state)
         free_view_write(&c, again);
         assert_string_equal(again, texts[i]);
     }
-    assert_int_equal(free_view_read(" @4,2,-4;0,1,0;40" + 1, &c, &why), ERR_OK);
+    assert_int_equal(free_view_read(&" @4,2,-4;0,1,0;40"[1], &c, &why), ERR_OK);
     assert_true(c.position.x == 4.0f && c.position.z == -4.0f && c.look_at.y == 1.0f &&
                 fabsf(c.fov_y - 0.698132f) < 1e-5f);
     assert_true(c.up.y == 1.0f);
