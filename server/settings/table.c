@@ -100,7 +100,7 @@ const struct setting settings_table[] = {
     { "ground", NULL, "put a ground below the model: it shows the environment, with the model's shadows and caustics",
       NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
     { "time", "SECONDS", "pose animated glTF models as at this time of their first animation", "rest", SCENE,
-      LIGHT_PROGRAMS, REAL(0.0, ANIMATION_TIME_MAX), OR_WORD(time_choices), AT(time) },
+      REAL(0.0, ANIMATION_TIME_MAX), OR_WORD(time_choices), AT(time) },
     { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
       AT(set_desc.reading.memory_bytes) },
     { "source", "S",

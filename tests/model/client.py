@@ -282,6 +282,8 @@ class Client:
             allowed = allowed - {bad_order}
             self.unacked = sum(n > fields["sequence"] for n in self.waiting) if self.waiting else 0
             self.waiting = [n for n in self.waiting if n > fields["sequence"]]
+            # It also counts for the same picture of another kind, which may be on its way.
+            self.ahead = max(self.ahead, fields["sequence"])
         elif fields["sequence"] >= 1 << 40:
             return {bad_order}, False
         else:  # it counts if that picture is on its way
