@@ -114,7 +114,7 @@ async def a_picture_that_stands_still_converges(folder):
 
 
 async def a_cached_picture_converges_as_well(folder):
-    async with Daemon("--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "3e-4", "--method", "cached",
+    async with Daemon("--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "3e-4", "--method", "cached", "--paths", "direct",
                       "--cache-file", "off", "--cache-wait") as daemon:
         await converges(daemon, 3e-4)
 
