@@ -321,7 +321,7 @@ wrong_usage_ends_with_2_and_says_why() {
     expect 2 "'magic' is unknown" "$bin/relight-render" --method magic --out x.exr
     expect 2 '--size' "$bin/relight-render" --size 0x5 --out x.exr
     expect 2 '--samples' "$bin/relight-render" --samples 0 --out x.exr
-    expect 2 '\.exr, \.jpg or \.png' "$bin/relight-render" --out x.tiff
+    expect 2 '\.exr, \.jpg, \.png, \.mp4, \.mkv or \.webm' "$bin/relight-render" --out x.tiff
     expect 2 "other '%'" "$bin/relight-render" --out '%s.exr'
     expect 2 '--frames' "$bin/relight-render" --frames 9-3 --out x.exr
     expect 2 'names one file' "$bin/relight-render" --frames 0-3 --size 16x9 --out "$work/x.exr"
