@@ -1,5 +1,7 @@
 #include "video/movie.h"
 
+#include <stddef.h>
+
 bool movie_available(void)
 {
     return false;

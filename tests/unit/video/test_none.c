@@ -11,14 +11,15 @@ static void without_an_encoder_nothing_is_offered_and_nothing_encoded(void **sta
 
     assert_false(h264_available());
     assert_null(h264_encoder_create());
-    assert_int_equal(h264_encode(NULL, rgb, &(struct h264_desc){ 2, 2, 90, false }, &out), ERR_UNSUPPORTED);
+    assert_int_equal(h264_encode(NULL, rgb, &(struct h264_desc){ .width = 2, .height = 2, .quality = 90 }, &out),
+                     ERR_UNSUPPORTED);
     assert_null(out.bytes);
     h264_encoder_destroy(NULL);
 }
 
 static void without_it_no_video_file_is_begun(void **state)
 {
-    const struct movie_desc desc = { "never.mp4", "mp4", 2, 2, 30.0, 90, false };
+    const struct movie_desc desc = { .path = "never.mp4", .container = "mp4", .width = 2, .height = 2, .rate = 30.0 };
     struct movie *m;
     struct reason why;
     (void)state;
