@@ -5,6 +5,14 @@ bool h264_available(void)
     return false;
 }
 
+double h264_max_useful_rate(uint32_t width, uint32_t height, double rate)
+{
+    (void)width;
+    (void)height;
+    (void)rate;
+    return 0.0;
+}
+
 struct h264_encoder *h264_encoder_create(void)
 {
     return NULL;
