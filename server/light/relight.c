@@ -473,15 +473,20 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
     return result;
 }
 
+static struct denoiser *denoiser_of(struct relighter *r)
+{
+    if (!r->denoiser)
+        r->denoiser = denoiser_create(r->set, r->kernels);
+    return r->denoiser;
+}
+
 enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out)
 {
     *out = NULL;
     if (!desc->denoise)
         return ERR_OK;
-    if (!r->denoiser)
-        r->denoiser = denoiser_create(r->set, r->kernels);
-    *out = r->denoiser;
-    return r->denoiser ? ERR_OK : ERR_NOMEM;
+    *out = denoiser_of(r);
+    return *out ? ERR_OK : ERR_NOMEM;
 }
 
 /* While the cache is rough, or before there is one; afterwards the history is freed. */
@@ -503,9 +508,7 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
 {
     if (!wants_history(r, desc, plan))
         return ERR_OK;
-    if (!r->denoiser)
-        r->denoiser = denoiser_create(r->set, r->kernels);
-    if (r->denoiser && !r->history)
+    if (denoiser_of(r) && !r->history)
         r->history = history_create(r->set, r->denoiser);
     if (!r->history)
         return ERR_NOMEM;

@@ -60,7 +60,7 @@ void transport_live_settle(struct transport_live *live);
 
 /* Of the cache to shade with, also once it is complete, for every packet of the G-buffer: final[k] is how much of its
  * light is that of the finished cache, 0 to 1; changed[k], whether another version of it lights frames than at the last
- * call. Packets of no block keep what is there. */
+ * call. Entries of packets outside all blocks stay unchanged. */
 void transport_live_versions(struct transport *t, float *final, bool *changed);
 
 #endif

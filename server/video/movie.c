@@ -163,8 +163,6 @@ static enum err open_mux(struct movie *m, struct reason *why)
         .colour = m->desc.pq ? MUX_PQ : MUX_BT709,
         .width = (uint32_t)c->width,
         .height = (uint32_t)c->height,
-        .tick_num = c->time_base.num,
-        .tick_den = c->time_base.den,
         .rate_num = c->framerate.num,
         .rate_den = c->framerate.den,
         .header = c->extradata,
@@ -201,7 +199,6 @@ static enum err drain(struct movie *m, struct reason *why)
                                                 .size = (size_t)p->size,
                                                 .shown = p->pts,
                                                 .decoded = p->dts,
-                                                .duration = 1,
                                                 .key = p->flags & AV_PKT_FLAG_KEY },
                           why);
         av_packet_unref(m->packet);

@@ -99,8 +99,7 @@ static enum err add_stream(struct mux *m, const struct mux_stream *d)
         p->extradata_size = (int)d->header_size;
     }
     s->time_base = m->tick;
-    if (d->rate_den > 0)
-        s->avg_frame_rate = s->r_frame_rate = (AVRational){ d->rate_num, d->rate_den };
+    s->avg_frame_rate = s->r_frame_rate = (AVRational){ d->rate_num, d->rate_den };
     return d->colour == MUX_PQ ? add_mastering(s) : ERR_OK;
 }
 
@@ -140,8 +139,7 @@ enum err mux_open(const struct mux_desc *desc, const struct mux_stream *stream, 
     *out = NULL;
     if (!m)
         return err_say(why, ERR_NOMEM, "out of memory");
-    av_log_set_level(AV_LOG_QUIET); /* errors are returned */
-    m->tick = (AVRational){ stream->tick_num, stream->tick_den };
+    m->tick = (AVRational){ stream->rate_den, stream->rate_num };
     m->packet = av_packet_alloc();
     const enum err e = m->packet ? open_context(m, desc, stream, why) : err_say(why, ERR_NOMEM, "out of memory");
     if (e) {
@@ -163,7 +161,7 @@ enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason
     memcpy(p->data, packet->bytes, packet->size);
     p->pts = packet->shown;
     p->dts = packet->decoded;
-    p->duration = packet->duration;
+    p->duration = 1;
     p->flags = packet->key ? AV_PKT_FLAG_KEY : 0;
     av_packet_rescale_ts(p, m->tick, m->context->streams[0]->time_base);
     int code = av_write_frame(m->context, p);

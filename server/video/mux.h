@@ -27,8 +27,7 @@ struct mux_stream {
     enum mux_codec codec;
     enum mux_colour colour;
     uint32_t width, height;
-    int tick_num, tick_den; /* seconds per unit of time stamps */
-    int rate_num, rate_den; /* frames per second; 0, 0: variable */
+    int rate_num, rate_den; /* frames per second */
     const uint8_t *header;  /* parameter sets; H.264: in Annex B form too */
     size_t header_size;
 };
@@ -42,7 +41,7 @@ struct mux_desc {
 struct mux_packet {
     const uint8_t *bytes; /* borrowed for the call */
     size_t size;
-    int64_t shown, decoded, duration; /* in ticks; duration 0: unknown */
+    int64_t shown, decoded; /* in frames */
     bool key;
 };
 

@@ -133,8 +133,8 @@ static void a_leaning_shading_normal_counts_as_the_eye_counts_it(void **state)
     environment_destroy(e);
 }
 
-/* Unpolarised light through both faces of a slab, all orders of inner reflection together: with a, what is left after
- * one way through, (1 - F)^2 a / (1 - F^2 a^2). user: double, its thickness times its attenuation. */
+/* Transmittance of a slab for unpolarised light, all inner reflections included: (1 - F)^2 a / (1 - F^2 a^2), where a
+ * is the transmittance of one pass through the inside. user: double, its thickness times its attenuation. */
 static double through_slab(const double w[3], const void *user)
 {
     const double eta = 1.5, c = w[1], t = sqrt(1.0 - (1.0 - c * c) / (eta * eta)), a = exp(-*(const double *)user / t);

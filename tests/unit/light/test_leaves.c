@@ -1,8 +1,8 @@
 /* Surfaces that scatter light to their other side, under every estimator, held to closed forms.
  *
- * A closed convex shell that reflects a share r and transmits a share t of the light, under an even sky of 1: what
- * comes through at once is t in every direction inside, and r of what is there comes back, so that the camera inside
- * sees t by direct light and t r / (1 - r) by indirect light. */
+ * A closed convex shell reflects a share r of the light and transmits a share t, under an even sky of 1. Inside, the
+ * shell has the radiance t by direct light in all directions. Every further bounce multiplies it by r, so the indirect
+ * light is t r / (1 - r). */
 #include "light/agreement.h"
 
 #include "brdf/lobe.h"

@@ -374,7 +374,7 @@ static void fractional_coverage_is_seen_as_a_weight(void **state)
     scene_destroy(s);
 }
 
-/* More sheets than a camera ray has room for: what is left is counted as cut. */
+/* A camera ray has room for fewer sheets: the rest is dropped and counted. */
 static void many_sheets_are_cut(void **state)
 {
     enum { SHEETS = 90 };
