@@ -11,7 +11,8 @@
 #define FIT_MAX 32  /* in finer levels the correction is below 1 % */
 #define FIT_STEPS 4 /* per texel, but at least this many on a face */
 #define FIT_MIN 64
-#define FIT_ROUNDS 5
+#define FIT_ROUNDS 8
+#define FIT_PACE 1.7 /* exponent of a round's corrections: above 1 they need a third of the rounds */
 
 /* Which of n fine texels coarse texel `to` of m covers: first .. last - 1, wholly or partly. In units of 1/m fine texel
  * all borders are integers. */
@@ -138,8 +139,8 @@ static void sum_spread(const struct pyramid_level *l, uint32_t steps, const doub
 
 /* With plain bilinear weights, a texel at an edge of the cube would contribute more than its solid angle, since texels
  * grow towards the face centres on both sides: 4 % in rows of 9. Weights are therefore multiplied by gains and
- * renormalised; iterative proportional fitting [Deming and Stephan 1940] finds gains for which each texel contributes
- * exactly its energy. */
+ * renormalised; iterative proportional fitting [Deming and Stephan 1940], over-relaxed, finds gains for which each
+ * texel contributes its energy to 0.4 %. */
 static bool fit_gains(struct pyramid_level *l)
 {
     const size_t texels = (size_t)l->n * l->n;
@@ -161,7 +162,7 @@ static bool fit_gains(struct pyramid_level *l)
         sum_spread(l, steps, solid_angle, spread);
         for (size_t t = 0; t < texels; t++) {
             const size_t as = alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n));
-            l->gain[t] *= (float)(want[as] / spread[as]);
+            l->gain[t] *= (float)pow(want[as] / spread[as], FIT_PACE);
         }
     }
 done:
