@@ -69,12 +69,9 @@ static void each_part_is_learnt_from_pictures_that_have_it(void **state)
     assert_true(c.sample_s > 1e-5 && c.sample_s < 2e-5);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(nothing_is_known_before_the_first_picture),
-        cmocka_unit_test(an_estimate_follows_samples_method_and_paths),
-        cmocka_unit_test(each_part_is_learnt_from_pictures_that_have_it),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
-}
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(nothing_is_known_before_the_first_picture),
+    cmocka_unit_test(an_estimate_follows_samples_method_and_paths),
+    cmocka_unit_test(each_part_is_learnt_from_pictures_that_have_it),
+};
+UNIT_MAIN(tests)

@@ -288,20 +288,16 @@ static void every_cpu_level_has_the_same_bits(void **state)
     wall_finish(&w);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(light_without_noise_passes_unchanged),
-        cmocka_unit_test(noise_on_a_plain_wall_is_averaged_away),
-        cmocka_unit_test(an_edge_of_light_above_the_noise_stays),
-        cmocka_unit_test(light_does_not_cross_creases),
-        cmocka_unit_test(light_does_not_cross_gaps),
-        cmocka_unit_test(what_a_mirror_shows_stays_apart),
-        cmocka_unit_test(textures_stay_sharp),
-        cmocka_unit_test(small_points_of_a_pixel_are_filtered_too),
-        cmocka_unit_test(a_speck_goes_and_a_light_stays),
-        cmocka_unit_test(every_cpu_level_has_the_same_bits),
-    };
-
-    return cmocka_run_group_tests(tests, NULL, NULL);
-}
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(light_without_noise_passes_unchanged),
+    cmocka_unit_test(noise_on_a_plain_wall_is_averaged_away),
+    cmocka_unit_test(an_edge_of_light_above_the_noise_stays),
+    cmocka_unit_test(light_does_not_cross_creases),
+    cmocka_unit_test(light_does_not_cross_gaps),
+    cmocka_unit_test(what_a_mirror_shows_stays_apart),
+    cmocka_unit_test(textures_stay_sharp),
+    cmocka_unit_test(small_points_of_a_pixel_are_filtered_too),
+    cmocka_unit_test(a_speck_goes_and_a_light_stays),
+    cmocka_unit_test(every_cpu_level_has_the_same_bits),
+};
+UNIT_MAIN(tests)

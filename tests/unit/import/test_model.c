@@ -271,21 +271,18 @@ static void other_formats_are_refused_with_what_to_do(void **state)
     folder_remove(&f);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(kd_alone_is_lambert),
-        cmocka_unit_test(ks_and_ns_are_a_highlight),
-        cmocka_unit_test(black_kd_with_ks_is_metal),
-        cmocka_unit_test(pr_and_pm_come_before_ns),
-        cmocka_unit_test(transparent_and_refracting_is_glass),
-        cmocka_unit_test(d_and_tr_are_coverage),
-        cmocka_unit_test(maps_of_mtl_files_are_read),
-        cmocka_unit_test(a_texture_is_found_beside_the_model),
-        cmocka_unit_test(what_is_missing_is_grey_with_a_warning),
-        cmocka_unit_test(names_of_the_scene_file_come_first),
-        cmocka_unit_test(a_model_alone_is_a_framed_scene),
-        cmocka_unit_test(other_formats_are_refused_with_what_to_do),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
-}
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(kd_alone_is_lambert),
+    cmocka_unit_test(ks_and_ns_are_a_highlight),
+    cmocka_unit_test(black_kd_with_ks_is_metal),
+    cmocka_unit_test(pr_and_pm_come_before_ns),
+    cmocka_unit_test(transparent_and_refracting_is_glass),
+    cmocka_unit_test(d_and_tr_are_coverage),
+    cmocka_unit_test(maps_of_mtl_files_are_read),
+    cmocka_unit_test(a_texture_is_found_beside_the_model),
+    cmocka_unit_test(what_is_missing_is_grey_with_a_warning),
+    cmocka_unit_test(names_of_the_scene_file_come_first),
+    cmocka_unit_test(a_model_alone_is_a_framed_scene),
+    cmocka_unit_test(other_formats_are_refused_with_what_to_do),
+};
+UNIT_MAIN(tests)

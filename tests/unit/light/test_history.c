@@ -277,16 +277,13 @@ static void a_history_ends_with_the_finished_cache(void **state)
     stage_finish(&s);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(noise_becomes_the_plain_mean),
-        cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
-        cmocka_unit_test(packets_take_turns),
-        cmocka_unit_test(another_key_forgets_all),
-        cmocka_unit_test(pictures_of_a_still_sky_converge),
-        cmocka_unit_test(samples_beside_a_cache_weigh_as_they_deserve),
-        cmocka_unit_test(a_history_ends_with_the_finished_cache),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
-}
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(noise_becomes_the_plain_mean),
+    cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
+    cmocka_unit_test(packets_take_turns),
+    cmocka_unit_test(another_key_forgets_all),
+    cmocka_unit_test(pictures_of_a_still_sky_converge),
+    cmocka_unit_test(samples_beside_a_cache_weigh_as_they_deserve),
+    cmocka_unit_test(a_history_ends_with_the_finished_cache),
+};
+UNIT_MAIN(tests)
