@@ -15,6 +15,8 @@ static uint32_t add_middle(struct mesh *m, uint32_t a, uint32_t b)
         m->positions[3 * made + i] = 0.5f * m->positions[3 * (size_t)a + i] + 0.5f * m->positions[3 * (size_t)b + i];
     for (size_t i = 0; m->uvs && i < 2; i++)
         m->uvs[2 * made + i] = 0.5f * (m->uvs[2 * (size_t)a + i] + m->uvs[2 * (size_t)b + i]);
+    for (size_t i = 0; m->more_uvs && i < 2; i++)
+        m->more_uvs[2 * made + i] = 0.5f * (m->more_uvs[2 * (size_t)a + i] + m->more_uvs[2 * (size_t)b + i]);
     for (size_t i = 0; m->colours && i < 3; i++)
         m->colours[3 * made + i] = 0.5f * (m->colours[3 * (size_t)a + i] + m->colours[3 * (size_t)b + i]);
     if (m->normals) {
@@ -65,6 +67,7 @@ static void free_mesh(struct mesh *m)
     mem_free(m->positions);
     mem_free(m->normals);
     mem_free(m->uvs);
+    mem_free(m->more_uvs);
     mem_free(m->colours);
     mem_free(m->indices);
 }
@@ -79,16 +82,19 @@ static enum err subdivide_mesh(struct mesh *m)
     fine.positions = mem_alloc(3 * vertices + 1, sizeof(float));
     fine.normals = m->normals ? mem_alloc(3 * vertices, sizeof(float)) : NULL;
     fine.uvs = m->uvs ? mem_alloc(2 * vertices, sizeof(float)) : NULL;
+    fine.more_uvs = m->more_uvs ? mem_alloc(2 * vertices, sizeof(float)) : NULL;
     fine.colours = m->colours ? mem_alloc(3 * vertices, sizeof(float)) : NULL;
     fine.indices = mem_alloc(4 * (size_t)m->triangle_count, 3 * sizeof(uint32_t));
     const bool enough = fine.positions && (!m->normals || fine.normals) && (!m->uvs || fine.uvs) &&
-                        (!m->colours || fine.colours) && fine.indices;
+                        (!m->more_uvs || fine.more_uvs) && (!m->colours || fine.colours) && fine.indices;
     if (enough) {
         memcpy(fine.positions, m->positions, 3 * (size_t)m->vertex_count * sizeof(float));
         if (m->normals)
             memcpy(fine.normals, m->normals, 3 * (size_t)m->vertex_count * sizeof(float));
         if (m->uvs)
             memcpy(fine.uvs, m->uvs, 2 * (size_t)m->vertex_count * sizeof(float));
+        if (m->more_uvs)
+            memcpy(fine.more_uvs, m->more_uvs, 2 * (size_t)m->vertex_count * sizeof(float));
         if (m->colours)
             memcpy(fine.colours, m->colours, 3 * (size_t)m->vertex_count * sizeof(float));
         split_all(&fine, m);

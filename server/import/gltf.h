@@ -46,7 +46,7 @@ struct gltf_view {       /* a buffer view */
     uint8_t *owned;
 };
 
-struct gltf_surface {    /* how the meshes of a material get their texture coordinates */
+struct gltf_surface {    /* how the meshes of a material get texture coordinates */
     size_t uv_set;       /* GLTF_NONE: they need none */
     double transform[6]; /* KHR_texture_transform: u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5 */
 };
@@ -67,13 +67,13 @@ struct gltf { /* a file being read */
     size_t counts[GLTF_LISTS];
     struct gltf_buffer *buffers;
     struct gltf_view *views;
-    struct gltf_surface *surfaces; /* of each material */
-    uint32_t first_material;       /* in the scene */
-    uint32_t plain;                /* the scene's material for primitives without one; MATERIAL_NONE: not needed yet */
-    double (*worlds)[16];          /* of each node, if the file has skins */
-    struct gltf_use *uses;         /* of each mesh */
-    uint64_t dropped;              /* degenerate triangles */
-    bool skipped;                  /* points or lines */
+    struct gltf_surface (*surfaces)[2]; /* of each material: uvs and more_uvs of its meshes */
+    uint32_t first_material;            /* in the scene */
+    uint32_t plain;        /* the scene's material for primitives without one; MATERIAL_NONE: not needed yet */
+    double (*worlds)[16];  /* of each node, if the file has skins */
+    struct gltf_use *uses; /* of each mesh */
+    uint64_t dropped;      /* degenerate triangles */
+    bool skipped;          /* points or lines */
 };
 
 /* ---- gltf_json.c: values, and where they are ---- */

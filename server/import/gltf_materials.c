@@ -61,17 +61,6 @@ static enum err read_base_texture(struct source *s, const struct gltf_at *above,
     return e;
 }
 
-/* Whether a texture can share the texture coordinates of the material's others; the first decides. */
-static bool share_coordinates(struct source *s, struct gltf_surface *surface, const struct gltf_surface *own)
-{
-    if (surface->uv_set == GLTF_NONE)
-        *surface = *own;
-    if (surface->uv_set == own->uv_set && memcmp(surface->transform, own->transform, sizeof(own->transform)) == 0)
-        return true;
-    scene_note_unmodelled(s->g->scene, FEATURE_TEXTURE_TRANSFORM, s->g->desc->path);
-    return false;
-}
-
 /* A transform of coordinates as a mesh keeps them, v upwards: glTF's are 1 - v. */
 static void upright(const double t[6], double out[6])
 {
@@ -79,20 +68,18 @@ static void upright(const double t[6], double out[6])
     memcpy(out, own, sizeof(own));
 }
 
-/* Whether a map of numbers can have the texture coordinates of the material's others, or some that are affine in them:
- * then m->moved_by says so. A normal map, whose frame is the mesh's, must not be turned. */
-static bool place_map(struct source *s, struct material *m, enum material_map map, struct gltf_surface *surface,
-                      const struct gltf_surface *own)
+/* Whether the coordinates `own` are affine in those of a surface, other than by being the same: then `by` says how. The
+ * frame of a normal map is the mesh's, so that it must not be turned. */
+static bool is_affine(const struct gltf_surface *surface, const struct gltf_surface *own, bool normal, float out[6])
 {
-    const bool normal = map == MAP_NORMAL, same_set = surface->uv_set == own->uv_set;
     double a[6], b[6], by[6];
-    bool fits = same_set;
+    bool fits = true;
 
     upright(surface->transform, a);
     upright(own->transform, b);
     const double det = a[0] * a[4] - a[1] * a[3];
-    if (!same_set || det == 0.0 || memcmp(surface->transform, own->transform, sizeof(own->transform)) == 0)
-        return share_coordinates(s, surface, own);
+    if (surface->uv_set != own->uv_set || det == 0.0)
+        return false;
     for (int k = 0; k < 6; k += 3) {
         by[k] = (b[k] * a[4] - b[k + 1] * a[3]) / det;
         by[k + 1] = (b[k + 1] * a[0] - b[k] * a[1]) / det;
@@ -100,19 +87,39 @@ static bool place_map(struct source *s, struct material *m, enum material_map ma
     }
     for (int k = 0; k < 6; k++) {
         fits &= fabs(by[k]) <= (double)MOVED_MAX;
-        m->moved_by[normal][k] = fits ? (float)by[k] : 0.0f;
+        out[k] = fits ? (float)by[k] : 0.0f;
     }
-    if (!fits || (normal && !(by[0] > 0.0 && by[4] > 0.0 && fabs(by[1]) + fabs(by[3]) < 1e-6 * (by[0] + by[4]))))
-        return share_coordinates(s, surface, own);
-    m->moved |= map;
-    return true;
+    return fits && (!normal || (by[0] > 0.0 && by[4] > 0.0 && fabs(by[1]) + fabs(by[3]) < 1e-6 * (by[0] + by[4])));
 }
 
-/* An emissive texture has the coordinates of the base colour's; one that cannot be read emits nothing. */
+/* Whether a texture can have one of the two sets of texture coordinates of the material's meshes, which the first
+ * textures choose, or if it is one of `maps`, some that are affine in one: then m->moved_by says so. surface[2]. */
+static bool place_texture(struct source *s, struct material *m, enum material_map map, struct gltf_surface *surface,
+                          const struct gltf_surface *own)
+{
+    const bool normal = map == MAP_NORMAL;
+
+    for (int k = 0; k < 2; k++) {
+        if (surface[k].uv_set == GLTF_NONE)
+            surface[k] = *own;
+        const bool same = surface[k].uv_set == own->uv_set &&
+                          memcmp(surface[k].transform, own->transform, sizeof(own->transform)) == 0;
+        const bool moved = !same && (map & MAPS_ALL) && is_affine(&surface[k], own, normal, m->moved_by[normal]);
+        if (!same && !moved)
+            continue;
+        m->second |= k ? (uint32_t)map : 0;
+        m->moved |= moved ? (uint32_t)map : 0;
+        return true;
+    }
+    scene_note_unmodelled(s->g->scene, FEATURE_TEXTURE_TRANSFORM, s->g->desc->path);
+    return false;
+}
+
+/* An emissive texture without a place has the base colour's; one that cannot be read emits nothing. */
 static enum err read_emissive_texture(struct source *s, const struct gltf_at *at, struct material *m,
                                       struct gltf_surface *surface)
 {
-    struct gltf_surface own = *surface;
+    struct gltf_surface own;
 
     const enum err e = gltf_texture_colours(&s->images, at, TEXTURE_SRGB, &m->emission_texture, &own);
     if (e)
@@ -120,7 +127,7 @@ static enum err read_emissive_texture(struct source *s, const struct gltf_at *at
     if (m->emission_texture == MATERIAL_NO_TEXTURE)
         m->emission = vec3_make(0.0f, 0.0f, 0.0f);
     else
-        (void)share_coordinates(s, surface, &own);
+        (void)place_texture(s, m, MAP_EMISSION, surface, &own);
     return ERR_OK;
 }
 
@@ -156,7 +163,7 @@ static enum err read_roughness_texture(struct source *s, const struct gltf_at *a
     if (e || !t.found)
         return e;
     if (t.texture != MATERIAL_NO_TEXTURE && m->kind == MATERIAL_GGX &&
-        place_map(s, m, MAP_ROUGHNESS, surface, &t.surface)) {
+        place_texture(s, m, MAP_ROUGHNESS, surface, &t.surface)) {
         m->maps |= MAP_ROUGHNESS;
         m->roughness_texture = t.texture;
         return ERR_OK;
@@ -185,7 +192,7 @@ static enum err read_normal_texture(struct source *s, const struct gltf_at *at, 
     enum err e = gltf_texture_numbers(&s->images, at, 0, "the surfaces are smooth", &t);
     if (!e)
         e = gltf_number(s->g, at, "scale", &scale);
-    if (e || !t.found || scale == 0.0 || is_flat(&t) || !place_map(s, m, MAP_NORMAL, surface, &t.surface))
+    if (e || !t.found || scale == 0.0 || is_flat(&t) || !place_texture(s, m, MAP_NORMAL, surface, &t.surface))
         return e;
     m->maps |= MAP_NORMAL;
     m->normal_texture = t.texture;
@@ -299,10 +306,10 @@ static enum err read_diffuse_transmission(struct source *s, const struct gltf_at
         scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
     if (e || !texture.value || !(m->transmits > 0.0f))
         return e;
-    struct gltf_surface coordinates = *surface;
-    e = gltf_texture_colours(&s->images, &texture, TEXTURE_SRGB, &m->through_texture, &coordinates);
+    struct gltf_surface place;
+    e = gltf_texture_colours(&s->images, &texture, TEXTURE_SRGB, &m->through_texture, &place);
     if (!e && m->through_texture != MATERIAL_NO_TEXTURE)
-        (void)share_coordinates(s, surface, &coordinates);
+        (void)place_texture(s, m, MAP_THROUGH, surface, &place);
     else
         m->through = vec3_scale(m->through, GREY);
     return e;
@@ -371,6 +378,7 @@ static enum err read_specular_glossiness(struct source *s, const struct gltf_at 
     return read_base_texture(s, at, "diffuseTexture", m, surface);
 }
 
+/* surface[2]: for the material's meshes. */
 static enum err add_material(struct source *s, const struct gltf_at *at, struct gltf_surface *surface)
 {
     struct material m = { .kind = MATERIAL_GGX,
@@ -386,7 +394,7 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     const char *name = gltf_string(at, "name");
     float transmission = 0.0f;
 
-    *surface = (struct gltf_surface){ .uv_set = GLTF_NONE };
+    surface[0] = surface[1] = (struct gltf_surface){ .uv_set = GLTF_NONE };
     snprintf(m.name, sizeof(m.name), "%.63s", name ? name : "");
     enum err e = glossy.value ? read_specular_glossiness(s, &glossy, &m, surface) : read_surface(s, at, &m, surface);
     if (!e)
@@ -434,7 +442,7 @@ enum err gltf_add_materials(struct gltf *g)
     enum err e = g->surfaces ? ERR_OK : ERR_NOMEM;
     for (size_t i = 0; i < g->counts[GLTF_MATERIALS] && !e; i++) {
         const struct gltf_at at = gltf_element(g, GLTF_MATERIALS, i);
-        e = add_material(&s, &at, &g->surfaces[i]);
+        e = add_material(&s, &at, g->surfaces[i]);
     }
     gltf_images_finish(&s.images);
     return e;

@@ -144,7 +144,7 @@ static enum err read_floats(struct gltf *g, const struct primitive *p, const str
     return ERR_OK;
 }
 
-static enum err read_uvs(struct gltf *g, const struct primitive *p, const struct gltf_surface *surface, struct mesh *m)
+static enum err read_uvs(struct gltf *g, const struct primitive *p, const struct gltf_surface *surface, float **out)
 {
     const double *t = surface->transform;
     char name[32];
@@ -153,11 +153,12 @@ static enum err read_uvs(struct gltf *g, const struct primitive *p, const struct
         return ERR_OK;
     snprintf(name, sizeof(name), "TEXCOORD_%zu", surface->uv_set);
     const struct gltf_at at = gltf_key(&p->attributes, name);
-    const enum err e = at.value ? read_floats(g, p, &at, 2, &m->uvs) : ERR_OK;
-    for (size_t i = 0; i < p->count && !e && m->uvs; i++) {
-        const double u = m->uvs[2 * i], v = m->uvs[2 * i + 1];
-        m->uvs[2 * i] = (float)(t[0] * u + t[1] * v + t[2]);
-        m->uvs[2 * i + 1] = 1.0f - (float)(t[3] * u + t[4] * v + t[5]);
+    const enum err e = at.value ? read_floats(g, p, &at, 2, out) : ERR_OK;
+    for (size_t i = 0; i < p->count && !e && *out; i++) {
+        float *uv = *out + 2 * i;
+        const double u = uv[0], v = uv[1];
+        uv[0] = (float)(t[0] * u + t[1] * v + t[2]);
+        uv[1] = 1.0f - (float)(t[3] * u + t[4] * v + t[5]);
     }
     return e;
 }
@@ -196,7 +197,7 @@ static enum err read_colours(struct gltf *g, const struct primitive *p, struct m
     return ERR_OK;
 }
 
-/* The material, and how it wants its texture coordinates; NULL: it wants none. */
+/* The material, and how it wants its two sets of texture coordinates; NULL: it wants none. */
 static enum err find_material(struct gltf *g, const struct primitive *p, struct mesh *m,
                               const struct gltf_surface **surface)
 {
@@ -210,7 +211,7 @@ static enum err find_material(struct gltf *g, const struct primitive *p, struct 
     if (e || index == GLTF_NONE)
         return e ? e : gltf_plain_material(g, &m->material);
     m->material = g->first_material + (uint32_t)index;
-    *surface = &g->surfaces[index];
+    *surface = g->surfaces[index];
     return ERR_OK;
 }
 
@@ -227,8 +228,10 @@ static enum err read_vertices(struct gltf *g, const struct primitive *p, struct 
     if (!e && normal.value && g->desc->normals != NORMALS_FLAT)
         e = read_floats(g, p, &normal, 3, &m->normals);
     if (!e && surface)
-        e = read_uvs(g, p, surface, m);
-    if (!e && m->uvs)
+        e = read_uvs(g, p, &surface[0], &m->uvs);
+    if (!e && surface)
+        e = read_uvs(g, p, &surface[1], &m->more_uvs);
+    if (!e && (g->scene->materials[m->material].second & MAP_NORMAL ? m->more_uvs : m->uvs))
         e = read_tangents(g, p, m);
     if (!e && g->desc->material == MATERIAL_NONE)
         e = read_colours(g, p, m);

@@ -41,12 +41,14 @@ static void transform(struct mesh *m, const double matrix[16])
 /* Makes a mesh ready to be added: without degenerate triangles, with what its material needs. */
 static enum err complete(struct gltf *g, struct mesh *m)
 {
+    const struct material *material = &g->scene->materials[m->material];
+
     g->dropped += mesh_drop_degenerate(m);
     enum err e = mesh_join_vertices(m);
     if (!e && g->desc->normals == NORMALS_SMOOTH && !m->normals)
         e = mesh_make_normals(m);
-    if (!e && !m->tangents && (g->scene->materials[m->material].maps & MAP_NORMAL))
-        e = mesh_make_tangents(m);
+    if (!e && !m->tangents && (material->maps & MAP_NORMAL))
+        e = mesh_make_tangents(m, material->second & MAP_NORMAL);
     return e;
 }
 
@@ -81,11 +83,12 @@ static enum err copy_mesh(const struct mesh *m, struct mesh *out)
     out->positions = copy_of(m->positions, 3 * n + 1, sizeof(float));
     out->normals = copy_of(m->normals, 3 * n, sizeof(float));
     out->uvs = copy_of(m->uvs, 2 * n, sizeof(float));
+    out->more_uvs = copy_of(m->more_uvs, 2 * n, sizeof(float));
     out->tangents = copy_of(m->tangents, 4 * n, sizeof(float));
     out->colours = copy_of(m->colours, 3 * n, sizeof(float));
     out->indices = copy_of(m->indices, m->triangle_count, 3 * sizeof(uint32_t));
-    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->tangents || !m->tangents) &&
-        (out->colours || !m->colours) && out->indices)
+    if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->more_uvs || !m->more_uvs) &&
+        (out->tangents || !m->tangents) && (out->colours || !m->colours) && out->indices)
         return ERR_OK;
     mesh_finish(out);
     return ERR_NOMEM;

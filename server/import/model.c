@@ -162,7 +162,7 @@ static enum err add_mesh(struct import *in, const struct aiNode *node, const str
         if (!e && in->desc->normals == NORMALS_SMOOTH && !m.normals)
             e = mesh_make_normals(&m);
         if (!e && (in->scene->materials[m.material].maps & MAP_NORMAL))
-            e = mesh_make_tangents(&m);
+            e = mesh_make_tangents(&m, false);
     }
     if (!e && m.triangle_count > 0) {
         if (in->desc->material == MATERIAL_NONE && ai->mColors[0])

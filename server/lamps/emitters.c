@@ -73,12 +73,12 @@ static double double_area(const struct mesh *m, uint32_t triangle)
 }
 
 /* How many lookups an edge of the triangle needs, by the length of the longest in its texture. */
-static uint32_t lookups(const struct texture *t, const struct mesh *m, const uint32_t *corner)
+static uint32_t lookups(const struct texture *t, const float *uvs, const uint32_t *corner)
 {
     double longest = 0.0;
 
     for (int k = 0; k < 3; k++) {
-        const float *a = m->uvs + 2 * (size_t)corner[k], *b = m->uvs + 2 * (size_t)corner[(k + 1) % 3];
+        const float *a = uvs + 2 * (size_t)corner[k], *b = uvs + 2 * (size_t)corner[(k + 1) % 3];
         longest = fmax(longest, hypot((a[0] - b[0]) * (double)t->width, (a[1] - b[1]) * (double)t->height));
     }
     return (uint32_t)fmin(fmax(1.0, ceil(longest / TEXELS_A_LOOKUP)), LOOKUPS_MAX); /* 1 for NaN, too */
@@ -89,10 +89,11 @@ static double mean_emission(const struct scene *s, const struct mesh *m, uint32_
 {
     const struct material *material = &s->materials[m->material];
     const uint32_t *corner = m->indices + 3 * (size_t)triangle;
+    const float *uvs = material->second & MAP_EMISSION ? m->more_uvs : m->uvs;
 
-    if (material->emission_texture == MATERIAL_NO_TEXTURE || !m->uvs)
+    if (material->emission_texture == MATERIAL_NO_TEXTURE || !uvs)
         return luminance(scene_emission(s, m->material, (const float[]){ 0.0f, 0.0f }, NULL));
-    const uint32_t n = lookups(&s->textures[material->emission_texture], m, corner);
+    const uint32_t n = lookups(&s->textures[material->emission_texture], uvs, corner);
     double sum = 0.0;
     /* The centres of the n^2 small triangles that lines parallel to the sides make: upright ones, and between them
      * those that stand on a tip. */
@@ -101,9 +102,9 @@ static double mean_emission(const struct scene *s, const struct mesh *m, uint32_
             const double third = j % 2 ? 2.0 / 3.0 : 1.0 / 3.0, u = (i + third) / n, v = (j / 2 + third) / n;
             float uv[2];
             for (int k = 0; k < 2; k++)
-                uv[k] = (float)((1.0 - u - v) * m->uvs[2 * (size_t)corner[0] + (size_t)k] +
-                                u * m->uvs[2 * (size_t)corner[1] + (size_t)k] +
-                                v * m->uvs[2 * (size_t)corner[2] + (size_t)k]);
+                uv[k] =
+                    (float)((1.0 - u - v) * uvs[2 * (size_t)corner[0] + (size_t)k] +
+                            u * uvs[2 * (size_t)corner[1] + (size_t)k] + v * uvs[2 * (size_t)corner[2] + (size_t)k]);
             sum += luminance(scene_emission(s, m->material, uv, NULL));
         }
     return sum / ((double)n * n);
@@ -330,7 +331,8 @@ bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[
     const double distance = vec3_length(out->to);
     out->dir = vec3_scale(out->to, (float)(1.0 / distance));
     const double cosine = -vec3_dot_double(s.geometric, out->dir);
-    const struct vec3 emission = scene_emission(e->scene, m->material, s.uv, NULL);
+    const float *uv = map_uv(&e->scene->materials[m->material], MAP_EMISSION, &s);
+    const struct vec3 emission = scene_emission(e->scene, m->material, uv, NULL);
     if (!(distance > 0.0 && cosine > 0.0 && luminance(emission) > 0.0) || !is_covered(e, &at, from, out->to))
         return false;
     out->tfar = SHADOW_END;

@@ -80,7 +80,8 @@ static void follow_delta(struct walk *w, const struct delta_ray *ray, double kee
 static void collect(struct walk *w, const struct hit *h, const struct scatter *at)
 {
     static const double one[3] = { 1.0, 1.0, 1.0 };
-    const struct vec3 e = scene_emission(w->world->scene, at->material, at->surface.uv, NULL);
+    const struct material *m = &w->world->scene->materials[at->material];
+    const struct vec3 e = scene_emission(w->world->scene, at->material, map_uv(m, MAP_EMISSION, &at->surface), NULL);
     const double rgb[3] = { e.x, e.y, e.z };
 
     if (!(e.x > 0.0f || e.y > 0.0f || e.z > 0.0f))

@@ -27,7 +27,7 @@ struct texture_head {
 
 struct mesh_head {
     uint32_t vertices, triangles, material;
-    uint32_t has_normals, has_uvs, has_tangents, has_colours; /* 0 or 1 */
+    uint32_t has_normals, has_uvs, has_more_uvs, has_tangents, has_colours; /* 0 or 1 */
     char name[64];
     uint32_t source; /* as in struct mesh; not 0: the rest says nothing */
     uint32_t placed; /* 0 or 1 */
@@ -70,6 +70,7 @@ static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
                               .material = m->material,
                               .has_normals = m->normals != NULL,
                               .has_uvs = m->uvs != NULL,
+                              .has_more_uvs = m->more_uvs != NULL,
                               .has_tangents = m->tangents != NULL,
                               .has_colours = m->colours != NULL,
                               .source = m->source,
@@ -88,6 +89,8 @@ static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
         e = put(fd, m->normals, 3 * sizeof(float) * m->vertex_count, why);
     if (!e && m->uvs)
         e = put(fd, m->uvs, 2 * sizeof(float) * m->vertex_count, why);
+    if (!e && m->more_uvs)
+        e = put(fd, m->more_uvs, 2 * sizeof(float) * m->vertex_count, why);
     if (!e && m->tangents)
         e = put(fd, m->tangents, 4 * sizeof(float) * m->vertex_count, why);
     if (!e && m->colours)
@@ -217,7 +220,8 @@ static enum err check_maps(const struct parcel *p, const struct material *m)
 {
     if ((m->maps & ~(uint32_t)MAPS_ALL) || ((m->maps & MAP_ROUGHNESS) && m->kind != MATERIAL_GGX))
         return forged(p, "a material has maps that it cannot have");
-    if ((m->moved & ~m->maps) || !within(m->moved_by[0], 12, -MOVED_MAX, MOVED_MAX))
+    if ((m->second & ~(m->maps | MAPS_COLOURS)) || (m->moved & ~m->maps) ||
+        !within(m->moved_by[0], 12, -MOVED_MAX, MOVED_MAX))
         return forged(p, "the place of a map is out of range");
     if (!within(&m->normal_scale, 1, -NORMAL_SCALE_MAX, NORMAL_SCALE_MAX))
         return forged(p, "the scale of a normal map is out of range");
@@ -347,6 +351,8 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
         e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->normals);
     if (!e && head->has_uvs)
         e = take_array(p, m->vertex_count, 2 * sizeof(float), 0, (void **)&m->uvs);
+    if (!e && head->has_more_uvs)
+        e = take_array(p, m->vertex_count, 2 * sizeof(float), 0, (void **)&m->more_uvs);
     if (!e && head->has_tangents)
         e = take_array(p, m->vertex_count, 4 * sizeof(float), 0, (void **)&m->tangents);
     if (!e && head->has_colours)
@@ -399,8 +405,8 @@ static enum err take_mesh(struct parcel *p)
     if (head.source != 0)
         return take_instance(p, &head, matrix);
     if (head.placed > 1 || head.vertices > MESH_ELEMENTS_MAX || head.triangles < 1 ||
-        head.triangles > MESH_ELEMENTS_MAX || head.has_normals > 1 || head.has_uvs > 1 || head.has_tangents > 1 ||
-        head.has_colours > 1)
+        head.triangles > MESH_ELEMENTS_MAX || head.has_normals > 1 || head.has_uvs > 1 || head.has_more_uvs > 1 ||
+        head.has_tangents > 1 || head.has_colours > 1)
         return forged(p, "the size of a mesh");
     if (head.material >= p->head.materials)
         return forged(p, "a mesh names a material that is not there");

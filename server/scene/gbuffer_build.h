@@ -52,8 +52,8 @@ float cone_width(const struct cone *c);                        /* radians; finit
 void cone_meet(const struct cone *c, const struct scene *scene, const struct hit *h, const struct surface *s,
                struct vec3 dir, struct footprint *out);
 
-/* The same as steps of texture coordinates. */
-void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[2][2]);
+/* The same as steps of texture coordinates, of the mesh's first and second ones (scatter_on). */
+void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[4][2]);
 
 /* The differentials of ray `to`, which scatter_eye produced from dir; back: the reflection it produced. */
 void cone_turn(const struct cone *c, const struct footprint *at, const struct scatter *s, struct vec3 dir,

@@ -115,14 +115,16 @@ static void add_escape(struct chain *c, const struct branch *b)
 static float see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
                  struct scatter *at, struct vec3 *emission, float passed[3])
 {
-    float uv_step[2][2];
+    float uv_step[4][2];
 
     rays_surface(s->rays, h, vec3_scale(b->dir, -1.0f), &at->surface);
     cone_meet(&b->cone, s->scene, h, &at->surface, b->dir, footprint);
     cone_uv(s->scene, h, footprint, uv_step);
     scatter_on(s->scene, h, uv_step, at);
+    const struct material *m = &s->scene->materials[at->material];
     if (s->lamps)
-        *emission = scene_emission(s->scene, at->material, at->surface.uv, uv_step);
+        *emission = scene_emission(s->scene, at->material, map_uv(m, MAP_EMISSION, &at->surface),
+                                   map_step(m, MAP_EMISSION, uv_step));
     return coverage_seen(s->scene, h, at, b->dir, uv_step, passed);
 }
 

@@ -72,22 +72,30 @@ static struct vec3 normal_change(const struct mesh *m, const struct hit *h, stru
     return limit(vec3_sub(change, vec3_scale(shading, vec3_dot(change, shading))), TURN_MAX);
 }
 
-void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[2][2])
+static void step_uvs(const struct mesh *m, const float *uvs, const struct hit *h, const struct footprint *at,
+                     float uv_step[2][2])
 {
-    const struct mesh *m = &scene->meshes[h->mesh];
     const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
     float du, dv;
 
     for (int k = 0; k < 2; k++) {
         uv_step[k][0] = uv_step[k][1] = 0.0f;
-        if (!m->uvs || !barycentric_change(m, h, at->step[k], &du, &dv))
+        if (!uvs || !barycentric_change(m, h, at->step[k], &du, &dv))
             continue;
         for (int i = 0; i < 2; i++) {
-            const float first = m->uvs[2 * (size_t)t[0] + (size_t)i];
-            uv_step[k][i] = du * (m->uvs[2 * (size_t)t[1] + (size_t)i] - first) +
-                            dv * (m->uvs[2 * (size_t)t[2] + (size_t)i] - first);
+            const float first = uvs[2 * (size_t)t[0] + (size_t)i];
+            uv_step[k][i] =
+                du * (uvs[2 * (size_t)t[1] + (size_t)i] - first) + dv * (uvs[2 * (size_t)t[2] + (size_t)i] - first);
         }
     }
+}
+
+void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[4][2])
+{
+    const struct mesh *m = &scene->meshes[h->mesh];
+
+    step_uvs(m, m->uvs, h, at, uv_step);
+    step_uvs(m, m->more_uvs, h, at, uv_step + 2);
 }
 
 /* The derivative of a normalised vector: the part perpendicular to it. */

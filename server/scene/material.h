@@ -22,13 +22,17 @@ enum alpha_mode {
     ALPHA_BLEND,  /* alpha is the fraction of an area that is surface */
 };
 
-/* Textures of numbers that a material has besides its colours, as bits of `maps`. */
+/* Textures that a material has besides its colour's: numbers, as bits of `maps`, then colours, which are bits of
+ * `second` alone. */
 enum material_map {
     MAP_ROUGHNESS = 1, /* ggx: green multiplies roughness, blue metallic [glTF 2.0, section 3.9.2] */
     MAP_NORMAL = 2,    /* every kind: 2 rgb - 1 is the normal in the frame of tangent, bitangent and normal [ibid.,
                           section 3.9.3] */
+    MAP_EMISSION = 4,
+    MAP_THROUGH = 8,
 };
 #define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL)
+#define MAPS_COLOURS (MAP_EMISSION | MAP_THROUGH)
 #define NORMAL_SCALE_MAX 1e3f
 #define MOVED_MAX 1e6f
 #define ATTENUATION_MAX 1e6f /* m^-1: opaque within a tenth of a millimetre */
@@ -45,6 +49,7 @@ struct material {
     float exponent;             /* phong */
     float metallic, roughness;  /* ggx */
     uint32_t maps;              /* enum material_map */
+    uint32_t second;            /* enum material_map: textures at the mesh's second texture coordinates */
     uint32_t moved;             /* those of `maps` whose texture coordinates are not the mesh's, but affine in them: */
     float moved_by[2][6];       /* of MAP_ROUGHNESS and MAP_NORMAL: u' = m0 u + m1 v + m2, v' = m3 u + m4 v + m5;
                                    at most MOVED_MAX either way. MAP_NORMAL: m1 = m3 = 0 < m0, m4 */

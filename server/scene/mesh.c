@@ -14,6 +14,7 @@ void mesh_finish(struct mesh *m)
         mem_free(m->positions);
         mem_free(m->normals);
         mem_free(m->uvs);
+        mem_free(m->more_uvs);
         mem_free(m->tangents);
         mem_free(m->colours);
         mem_free(m->indices);
@@ -116,8 +117,9 @@ static bool same_vertex(const struct welder *w, uint32_t a, uint32_t b)
 {
     const struct mesh *m = w->mesh;
     return same_floats(m->positions, a, b, 3) &&
-           (!w->all || (same_floats(m->normals, a, b, 3) && same_floats(m->uvs, a, b, 2) &&
-                        same_floats(m->tangents, a, b, 4) && same_floats(m->colours, a, b, 3)));
+           (!w->all ||
+            (same_floats(m->normals, a, b, 3) && same_floats(m->uvs, a, b, 2) && same_floats(m->more_uvs, a, b, 2) &&
+             same_floats(m->tangents, a, b, 4) && same_floats(m->colours, a, b, 3)));
 }
 
 /* The first equal vertex among those looked up so far. */
@@ -129,6 +131,7 @@ static uint32_t weld(struct welder *w, uint32_t vertex)
     if (w->all) {
         h = hash_floats(h, m->normals ? m->normals + 3 * (size_t)vertex : NULL, 3);
         h = hash_floats(h, m->uvs ? m->uvs + 2 * (size_t)vertex : NULL, 2);
+        h = hash_floats(h, m->more_uvs ? m->more_uvs + 2 * (size_t)vertex : NULL, 2);
         h = hash_floats(h, m->tangents ? m->tangents + 4 * (size_t)vertex : NULL, 4);
         h = hash_floats(h, m->colours ? m->colours + 3 * (size_t)vertex : NULL, 3);
     }
@@ -147,6 +150,8 @@ static void move_vertex(struct mesh *m, uint32_t from, uint32_t to)
         memmove(m->normals + 3 * (size_t)to, m->normals + 3 * (size_t)from, 3 * sizeof(float));
     if (m->uvs)
         memmove(m->uvs + 2 * (size_t)to, m->uvs + 2 * (size_t)from, 2 * sizeof(float));
+    if (m->more_uvs)
+        memmove(m->more_uvs + 2 * (size_t)to, m->more_uvs + 2 * (size_t)from, 2 * sizeof(float));
     if (m->tangents)
         memmove(m->tangents + 4 * (size_t)to, m->tangents + 4 * (size_t)from, 4 * sizeof(float));
     if (m->colours)

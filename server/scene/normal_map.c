@@ -41,7 +41,7 @@ void normal_map_turn(const struct scene *scene, const struct hit *h, const float
 
     if (!mesh->tangents || !tangent_at(mesh, h, n, &t, &side))
         return;
-    const struct vec3 v = map_read(scene, m, MAP_NORMAL, at->uv, uv_step);
+    const struct vec3 v = map_read(scene, m, MAP_NORMAL, at, uv_step);
     const float x = (2.0f * v.x - 1.0f) * m->normal_scale, y = (2.0f * v.y - 1.0f) * m->normal_scale * side;
     const float z = 2.0f * v.z - 1.0f;
     struct vec3 turned = vec3_add(vec3_add(vec3_scale(t, x), vec3_scale(vec3_cross(n, t), y)), vec3_scale(n, z));

@@ -33,13 +33,13 @@ struct hit { /* the first hit of a ray */
 
 /* The surface at a hit, computed from the mesh in double precision, so that the origins of further rays lie on it. */
 struct surface {
-    struct vec3 position;  /* m */
-    struct vec3 geometric; /* unit normal of the triangle, on the side of `towards` */
-    struct vec3 shading;   /* unit, interpolated if the mesh has normals; on the same side as geometric */
-    bool outside;          /* the ray came from the side where the vertices are counter-clockwise */
-    float uv[2];
-    struct vec3 colour; /* of the mesh, interpolated; white without colours */
-    float offset;       /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
+    struct vec3 position;    /* m */
+    struct vec3 geometric;   /* unit normal of the triangle, on the side of `towards` */
+    struct vec3 shading;     /* unit, interpolated if the mesh has normals; on the same side as geometric */
+    bool outside;            /* the ray came from the side where the vertices are counter-clockwise */
+    float uv[2], more_uv[2]; /* by the mesh's uvs and more_uvs */
+    struct vec3 colour;      /* of the mesh, interpolated; white without colours */
+    float offset;            /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
 };
 
 /* Builds the BVH of the scene's triangles; the scene must outlive it. Embree uses the instructions of `level` at most,

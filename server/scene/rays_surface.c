@@ -110,6 +110,15 @@ static struct vec3 shading_normal(const struct mesh *m, const uint32_t *t, const
     return vec3_dot(s, geometric) < 0.0f ? vec3_scale(s, -1.0f) : s;
 }
 
+static inline void interpolate_uvs(const float *uvs, const uint32_t *t, const double weight[3], float out[2])
+{
+    out[0] = out[1] = 0.0f;
+    for (int k = 0; uvs && k < 3; k++) {
+        out[0] += (float)weight[k] * uvs[2 * (size_t)t[k]];
+        out[1] += (float)weight[k] * uvs[2 * (size_t)t[k] + 1];
+    }
+}
+
 void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out)
 {
     const struct mesh *m = &r->scene->meshes[h->mesh];
@@ -131,11 +140,8 @@ void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards
     out->offset = (float)((m->placed ? placed_doubt(m, h->triangle, weight, p, n)
                                      : plane_doubt((const double(*)[3])v, p, n, length)) +
                           1e-18);
-    out->uv[0] = out->uv[1] = 0.0f;
-    for (int k = 0; m->uvs && k < 3; k++) {
-        out->uv[0] += (float)weight[k] * m->uvs[2 * (size_t)t[k]];
-        out->uv[1] += (float)weight[k] * m->uvs[2 * (size_t)t[k] + 1];
-    }
+    interpolate_uvs(m->uvs, t, weight, out->uv);
+    interpolate_uvs(m->more_uvs, t, weight, out->more_uv);
     out->colour = m->colours ? vec3_make(0.0f, 0.0f, 0.0f) : vec3_make(1.0f, 1.0f, 1.0f);
     for (int k = 0; m->colours && k < 3; k++) {
         const float *c = m->colours + 3 * (size_t)t[k];

@@ -37,19 +37,21 @@ static void move(const float by[6], const float from[2], float share, float to[2
     to[1] = by[3] * from[0] + by[4] * from[1] + share * by[5];
 }
 
-struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map, const float uv[2],
-                     const float (*uv_step)[2])
+struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map,
+                     const struct surface *at, const float (*uv_step)[2])
 {
     const bool normal = map == MAP_NORMAL;
+    const float *uv = map_uv(m, map, at);
+    const float(*own)[2] = map_step(m, map, uv_step);
     const struct texture *t = &scene->textures[normal ? m->normal_texture : m->roughness_texture];
     float place[2], step[2][2] = { { 0.0f } };
 
     if (!(m->moved & map))
-        return texture_read(t, uv, uv_step);
+        return texture_read(t, uv, own);
     move(m->moved_by[normal], uv, 1.0f, place);
-    for (int k = 0; k < 2 && uv_step; k++)
-        move(m->moved_by[normal], uv_step[k], 0.0f, step[k]);
-    return texture_read(t, place, uv_step ? (const float(*)[2])step : NULL);
+    for (int k = 0; k < 2 && own; k++)
+        move(m->moved_by[normal], own[k], 0.0f, step[k]);
+    return texture_read(t, place, own ? (const float(*)[2])step : NULL);
 }
 
 struct finish {
@@ -57,12 +59,12 @@ struct finish {
 };
 
 /* Of ggx, at a place. */
-static struct finish finish_at(const struct scene *scene, const struct material *m, const float uv[2],
+static struct finish finish_at(const struct scene *scene, const struct material *m, const struct surface *at,
                                const float (*step)[2])
 {
     if (!(m->maps & MAP_ROUGHNESS))
         return (struct finish){ m->metallic, m->roughness };
-    const struct vec3 v = map_read(scene, m, MAP_ROUGHNESS, uv, step);
+    const struct vec3 v = map_read(scene, m, MAP_ROUGHNESS, at, step);
     return (struct finish){ m->metallic * v.z, m->roughness * v.y };
 }
 
@@ -91,7 +93,8 @@ static void split_matte(const struct scene *scene, const struct material *m, str
     const struct vec3 own =
         m->through_texture == MATERIAL_NO_TEXTURE
             ? m->through
-            : vec3_mul(m->through, texture_read(&scene->textures[m->through_texture], out->surface.uv, step));
+            : vec3_mul(m->through, texture_read(&scene->textures[m->through_texture],
+                                                map_uv(m, MAP_THROUGH, &out->surface), map_step(m, MAP_THROUGH, step)));
     const bool ggx = m->kind == MATERIAL_GGX;
     const struct vec3 left = ggx ? ggx_below(base, base, finish.metallic, m->specular) : base;
     const struct vec3 beyond = ggx ? ggx_below(own, base, finish.metallic, m->specular) : own;
@@ -188,7 +191,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     if (m->maps & MAP_NORMAL)
         normal_map_turn(scene, h, uv_step, &out->surface);
     const struct vec3 base = vec3_mul(base_colour(scene, m, out->surface.uv, uv_step), out->surface.colour);
-    const struct finish finish = finish_at(scene, m, out->surface.uv, uv_step);
+    const struct finish finish = finish_at(scene, m, &out->surface, uv_step);
     out->mesh = h->mesh;
     out->material = material;
     out->rough = material_is_rough(m);

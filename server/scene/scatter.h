@@ -61,8 +61,8 @@ void scatter_at(const struct scene *scene, const struct rays *rays, const struct
 void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                       struct scatter *out);
 
-/* The same once out->surface is filled. uv_step[2]: the edges of the area over which textures are averaged, in texture
- * coordinates; NULL: no averaging. */
+/* The same once out->surface is filled. uv_step[4]: the two edges of the area over which textures are averaged, in the
+ * mesh's first texture coordinates, then in its second; NULL: no averaging. */
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
 
 /* Turns what scatter_on found into the lobe that scatters light from the other side. The lobe is that of a surface seen
@@ -73,9 +73,20 @@ void scatter_turn(struct scatter *s);
  * from the other side. */
 struct vec3 scatter_side(const struct scatter *s, struct vec3 w);
 
-/* The mean of one of the material's maps at texture coordinates of the mesh; uv_step as above. */
-struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map, const float uv[2],
-                     const float (*uv_step)[2]);
+/* The texture coordinates of one of the material's textures, and its part of an uv_step as above. */
+static inline const float *map_uv(const struct material *m, enum material_map map, const struct surface *at)
+{
+    return m->second & (uint32_t)map ? at->more_uv : at->uv;
+}
+
+static inline const float (*map_step(const struct material *m, enum material_map map, const float (*uv_step)[2]))[2]
+{
+    return uv_step && (m->second & (uint32_t)map) ? uv_step + 2 : uv_step;
+}
+
+/* The mean of one of the material's `maps` at a place; uv_step as above. */
+struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map,
+                     const struct surface *at, const float (*uv_step)[2]);
 
 bool material_is_rough(const struct material *m); /* has a D lobe */
 bool material_is_delta(const struct material *m); /* has an S lobe; ggx may have both */

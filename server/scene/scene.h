@@ -49,6 +49,7 @@ struct mesh {
     float *positions;  /* [vertex_count][3], m; padded by one float, since Embree reads 16 bytes */
     float *normals;    /* [vertex_count][3], unit, or (0,0,0) if undefined; NULL: flat shading by geometric normals */
     float *uvs;        /* [vertex_count][2], v upwards as in OBJ; NULL: none */
+    float *more_uvs;   /* [vertex_count][2], those of the material's textures in `second`; NULL: none */
     float *tangents;   /* [vertex_count][4]: the direction of rising u, unit or 0, and the side on which v rises: the
                           bitangent is w cross(normal, tangent). NULL: no normal map */
     float *colours;    /* [vertex_count][3], linear Rec.709, 0..1: multiplies the material's; NULL: white */
@@ -131,8 +132,8 @@ size_t scene_casters(const struct scene *s, struct box *out, size_t room);
 /* Whether a light or a mesh's material emits light of its own. */
 bool scene_has_lamps(const struct scene *s);
 
-/* The radiance that a surface of this material emits at a place of its texture; black for most. uv_step: see
- * scatter_on. */
+/* The radiance that a surface of this material emits at a place of its texture; black for most. uv, uv_step: of
+ * MAP_EMISSION (map_uv, map_step). */
 struct vec3 scene_emission(const struct scene *s, uint32_t material, const float uv[2], const float (*uv_step)[2]);
 
 #endif

@@ -66,8 +66,8 @@ MUST_CHECK enum err mesh_make_normals(struct mesh *m);
 /* Computes m->tangents from texture coordinates and normals, much as MikkTSpace does: at each vertex the mean of the
  * directions of rising u on its triangles, each turned into the vertex's plane and weighted by its angle. A vertex of
  * triangles that are mirror images of each other in texture space becomes two. Unlike there, triangles need not share
- * an edge for their mean. Nothing without texture coordinates. ERR_NOMEM: only that. */
-MUST_CHECK enum err mesh_make_tangents(struct mesh *m);
+ * an edge for their mean. second: by more_uvs. Nothing without texture coordinates. ERR_NOMEM: only that. */
+MUST_CHECK enum err mesh_make_tangents(struct mesh *m, bool second);
 
 /* Merges identical vertices and drops unused ones. ERR_NOMEM: nothing changed. */
 MUST_CHECK enum err mesh_join_vertices(struct mesh *m);

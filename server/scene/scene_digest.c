@@ -24,6 +24,8 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
     digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->colours, m->colours ? 3 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
+    if (m->more_uvs)
+        digest_bytes(d, m->more_uvs, 2 * sizeof(float) * m->vertex_count);
     if (m->tangents)
         digest_bytes(d, m->tangents, 4 * sizeof(float) * m->vertex_count);
 }
@@ -53,6 +55,8 @@ static void digest_maps(struct digest *d, const struct material *m)
         digest_u64(d, (uint64_t)MAP_NORMAL << 32 | m->normal_texture);
         digest_bytes(d, &m->normal_scale, sizeof(m->normal_scale));
     }
+    if (m->second)
+        digest_u64(d, (uint64_t)m->second << 32);
     if (m->moved) {
         digest_u64(d, m->moved);
         digest_bytes(d, m->moved_by, sizeof(m->moved_by));

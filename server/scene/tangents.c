@@ -41,9 +41,9 @@ static double angle_at(const float *corner, const float *a, const float *b)
 
 /* The direction of rising u on a triangle, and the side on which v rises: 1 counter-clockwise, -1 clockwise, 0 if the
  * texture coordinates enclose no area. */
-static int u_direction(const struct mesh *m, const uint32_t *t, struct vec3d *out)
+static int u_direction(const struct mesh *m, const float *q, const uint32_t *t, struct vec3d *out)
 {
-    const float *p = m->positions, *q = m->uvs;
+    const float *p = m->positions;
     const struct vec3d e1 = difference(p + 3 * (size_t)t[0], p + 3 * (size_t)t[1]),
                        e2 = difference(p + 3 * (size_t)t[0], p + 3 * (size_t)t[2]);
     const double u0 = q[2 * (size_t)t[0]], v0 = q[2 * (size_t)t[0] + 1];
@@ -101,7 +101,7 @@ static enum err add_copies(struct mesh *m, const struct split *s)
         return ERR_OK;
     if (s->count > MESH_ELEMENTS_MAX || !grow(&m->positions, before, s->count, 3, 1) ||
         !grow(&m->normals, before, s->count, 3, 0) || !grow(&m->uvs, before, s->count, 2, 0) ||
-        !grow(&m->colours, before, s->count, 3, 0))
+        !grow(&m->more_uvs, before, s->count, 2, 0) || !grow(&m->colours, before, s->count, 3, 0))
         return ERR_NOMEM;
     for (uint32_t v = 0; v < before; v++) {
         if (s->other[v] == 0)
@@ -109,13 +109,14 @@ static enum err add_copies(struct mesh *m, const struct split *s)
         copy_vertex(m->positions, v, s->other[v], 3);
         copy_vertex(m->normals, v, s->other[v], 3);
         copy_vertex(m->uvs, v, s->other[v], 2);
+        copy_vertex(m->more_uvs, v, s->other[v], 2);
         copy_vertex(m->colours, v, s->other[v], 3);
     }
     m->vertex_count = s->count;
     return ERR_OK;
 }
 
-static enum err split_sides(struct mesh *m)
+static enum err split_sides(struct mesh *m, const float *uvs)
 {
     const uint32_t count = m->vertex_count;
     struct split s = { .side = mem_alloc(count, sizeof(*s.side)),
@@ -126,7 +127,7 @@ static enum err split_sides(struct mesh *m)
 
     for (size_t i = 0; i < m->triangle_count && !e; i++) {
         struct vec3d along;
-        const int side = u_direction(m, m->indices + 3 * i, &along);
+        const int side = u_direction(m, uvs, m->indices + 3 * i, &along);
         for (size_t k = 0; k < 3; k++)
             indices[3 * i + k] = vertex_of(&s, m->indices[3 * i + k], side);
     }
@@ -147,12 +148,12 @@ static enum err split_sides(struct mesh *m)
 
 /* Adds the directions on the triangles to the sums at their corners, each in the corner's plane, and notes the sides.
  */
-static void add_up(const struct mesh *m, struct vec3d *sums, float *tangents)
+static void add_up(const struct mesh *m, const float *uvs, struct vec3d *sums, float *tangents)
 {
     for (size_t i = 0; i < m->triangle_count; i++) {
         const uint32_t *t = m->indices + 3 * i;
         struct vec3d along;
-        const int side = u_direction(m, t, &along);
+        const int side = u_direction(m, uvs, t, &along);
         for (int k = 0; k < 3 && side != 0; k++) {
             const size_t v = t[k];
             const float *p = m->positions, *n = m->normals ? m->normals + 3 * v : NULL;
@@ -165,23 +166,23 @@ static void add_up(const struct mesh *m, struct vec3d *sums, float *tangents)
     }
 }
 
-enum err mesh_make_tangents(struct mesh *m)
+enum err mesh_make_tangents(struct mesh *m, bool second)
 {
     struct vec3d *sums = NULL;
     float *tangents = NULL;
     enum err e = ERR_OK;
 
-    if (!m->uvs)
+    if (!(second ? m->more_uvs : m->uvs))
         return ERR_OK;
     mem_free(m->tangents);
     m->tangents = NULL;
-    e = split_sides(m);
+    e = split_sides(m, second ? m->more_uvs : m->uvs);
     if (e)
         return e;
     sums = mem_alloc(m->vertex_count, sizeof(*sums));
     tangents = mem_alloc(m->vertex_count, 4 * sizeof(*tangents));
     if (sums && tangents) {
-        add_up(m, sums, tangents);
+        add_up(m, second ? m->more_uvs : m->uvs, sums, tangents); /* splitting may have moved them */
         for (size_t v = 0; v < m->vertex_count; v++) {
             const struct vec3d t = unit(sums[v]);
             tangents[4 * v] = (float)t.x;

@@ -60,6 +60,11 @@ static struct material read_material(struct make *m, const char *material, const
     "\"pbrMetallicRoughness\":{" factors "\"baseColorTexture\":{\"index\":1},\"metallicRoughnessTexture\":{" texture   \
     "}}"
 
+#define GLOWS(set) "\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":1,\"texCoord\":" #set "}"
+#define THROUGH(set)                                                                                                   \
+    "\"extensions\":{\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":0.5,"                       \
+    "\"diffuseTransmissionColorTexture\":{\"index\":1,\"texCoord\":" #set "}}}"
+
 static void metallic_roughness_textures_become_maps(void **state)
 {
     const char *said;
@@ -72,12 +77,21 @@ static void metallic_roughness_textures_become_maps(void **state)
     assert_int_equal(m.maps, MAP_ROUGHNESS);
     assert_true(m.metallic == 1.0f && m.roughness == 0.5f && m.roughness_texture != m.texture);
     assert_string_equal(said, "");
-    /* other coordinates than the base colour's: the means, of green and of blue */
+    /* other coordinates than the base colour's */
     m = read_material(&f, ROUGH("\"roughnessFactor\":0.5,", "\"index\":0,\"texCoord\":1"), &said);
-    assert_int_equal(m.maps, 0);
+    assert_true(m.maps == MAP_ROUGHNESS && m.second == MAP_ROUGHNESS && m.moved == 0);
+    assert_string_equal(said, "");
+    /* and a third set: the means, of green and of blue */
+    m = read_material(&f, ROUGH("\"roughnessFactor\":0.5,", "\"index\":0,\"texCoord\":2") "," GLOWS(1), &said);
+    assert_true(m.maps == MAP_ROUGHNESS && m.second == MAP_ROUGHNESS);
+    assert_int_equal(
+        count_of(said, "not supported: a third set of texture coordinates or texture transform in one material"), 1);
+    m = read_material(&f, ROUGH("\"roughnessFactor\":0.5,", "\"index\":0,\"texCoord\":2") "," THROUGH(1), &said);
+    assert_true(m.maps == 0 && m.second == MAP_THROUGH);
     assert_float_equal(m.roughness, 0.5f * (0 + 255 + 0 + 128) / 1020.0f, 1e-6f);
     assert_float_equal(m.metallic, (0 + 0 + 255 + 128) / 1020.0f, 1e-6f);
-    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    assert_int_equal(
+        count_of(said, "not supported: a third set of texture coordinates or texture transform in one material"), 1);
     /* one value is a factor, and may make a mirror */
     folder_write(&f.folder, "map.png", grey16_png, sizeof(grey16_png));
     m = read_material(&f, ROUGH("\"roughnessFactor\":0.03,", "\"index\":0"), &said);
@@ -127,8 +141,13 @@ static void normal_textures_become_maps(void **state)
     m = read_material(&f, ROUGH("", "\"index\":0") "," BUMPY, &said);
     assert_int_equal(m.maps, MAP_ROUGHNESS | MAP_NORMAL);
     m = read_material(&f, ROUGH("", "\"index\":0") ",\"normalTexture\":{\"index\":0,\"texCoord\":1}", &said);
-    assert_int_equal(m.maps, MAP_ROUGHNESS);
-    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    assert_true(m.maps == (MAP_ROUGHNESS | MAP_NORMAL) && m.second == MAP_NORMAL);
+    assert_string_equal(said, "");
+    m = read_material(&f, ROUGH("", "\"index\":0,\"texCoord\":1") ",\"normalTexture\":{\"index\":0,\"texCoord\":2}",
+                      &said);
+    assert_true(m.maps == MAP_ROUGHNESS && m.second == MAP_ROUGHNESS);
+    assert_int_equal(
+        count_of(said, "not supported: a third set of texture coordinates or texture transform in one material"), 1);
     m = read_material(&f, BUMPY ",\"extensions\":{\"KHR_materials_unlit\":{}}", &said);
     assert_int_equal(m.maps, 0);
     folder_write(&f.folder, "map.png", flat_png, sizeof(flat_png));
@@ -170,13 +189,17 @@ static void maps_may_be_scaled_and_moved_against_the_base_colour(void **state)
     assert_int_equal(m.moved, MAP_NORMAL);
     assert_moved(m.moved_by[1], 0.5f, 0, 0, 0, 0.5f, 0.5f);
     assert_string_equal(said, "");
-    /* a turned normal map would need another frame, and nothing is affine in a base without extent */
+    /* a turned normal map needs another frame, and nothing is affine in a base without extent: a second set each */
     m = read_material(&f, BASED("", "", MOVED("\"rotation\":1")), &said);
-    assert_true(m.maps == MAP_ROUGHNESS && m.moved == 0);
-    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    assert_true(m.maps == (MAP_ROUGHNESS | MAP_NORMAL) && m.moved == 0 && m.second == MAP_NORMAL);
     m = read_material(&f, BASED(MOVED("\"scale\":[0,2]"), "", ""), &said);
-    assert_true(m.maps == 0 && m.moved == 0);
-    assert_int_equal(count_of(said, "not supported: texture transforms and second texture coordinates"), 1);
+    assert_true(m.maps == (MAP_ROUGHNESS | MAP_NORMAL) && m.moved == 0 && m.second == m.maps);
+    assert_string_equal(said, "");
+    /* maps may be affine in the second set, too */
+    m = read_material(&f, BASED("", ",\"texCoord\":1", ",\"texCoord\":1" MOVED("\"scale\":[2,2]")), &said);
+    assert_true(m.second == (MAP_ROUGHNESS | MAP_NORMAL) && m.moved == MAP_NORMAL);
+    assert_moved(m.moved_by[1], 2, 0, 0, 0, 2, -1);
+    assert_string_equal(said, "");
     make_end(&f);
 }
 

@@ -312,15 +312,18 @@ static void texture_coordinates_are_chosen_and_transformed(void **state)
             "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"
                  "\"texCoord\":0,"
                  "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5],\"rotation\":1.57079633,"
-                 "\"scale\":[2,3],\"texCoord\":1}}}}}],\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"" GREY_TEXEL
-                 "\"}]");
+                 "\"scale\":[2,3],\"texCoord\":1}}}},\"emissiveFactor\":[1,1,1],"
+                 "\"emissiveTexture\":{\"index\":0,\"texCoord\":1}}],\"textures\":[{\"source\":0}],"
+                 "\"images\":[{\"uri\":\"" GREY_TEXEL "\"}]");
     const struct mesh *mesh = &s->meshes[0];
-    assert_int_equal(s->texture_count, 1);
+    assert_int_equal(s->materials[0].second, MAP_EMISSION);
     assert_int_equal(s->unmodelled, 0);
     for (uint32_t i = 0; i < mesh->vertex_count; i++) {
         const struct vec3 p = vertex(mesh, i);
         assert_float_equal(mesh->uvs[2 * i], 3.0f * 0.5f * p.y + 0.25f, 1e-6f);
         assert_float_equal(mesh->uvs[2 * i + 1], 1.0f - (-2.0f * 0.5f * p.x + 0.5f), 1e-6f);
+        assert_float_equal(mesh->more_uvs[2 * i], 0.5f * p.x, 1e-6f); /* of the emission */
+        assert_float_equal(mesh->more_uvs[2 * i + 1], 1.0f - 0.5f * p.y, 1e-6f);
     }
     scene_destroy(s);
     make_end(&m);

@@ -151,12 +151,15 @@ static void add_textured_panel(struct scene *s)
     m.alpha_mode = ALPHA_BLEND;
     m.alpha = 1.0f;
     m.alpha_texture = m.emission_texture;
+    m.second = MAP_EMISSION; /* at other coordinates than alpha */
     assert_int_equal(scene_add_material(s, &m, &index), ERR_OK);
     add_panel(s, index, x, 2.4f, z);
     struct mesh *panel = &s->meshes[s->mesh_count - 1];
     panel->uvs = mem_alloc(panel->vertex_count, 2 * sizeof(float));
-    const float uvs[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
+    const float uvs[8] = { 0.9f, 0, 0.9f, 0, 0.9f, 1, 0.9f, 1 }, second[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
     memcpy(panel->uvs, uvs, sizeof(uvs));
+    panel->more_uvs = mem_alloc(panel->vertex_count, 2 * sizeof(float));
+    memcpy(panel->more_uvs, second, sizeof(second));
 }
 
 /* Sampling triangles and following lobes alone have the same mean, among mirrors, glass, gloss and a textured lamp. 24

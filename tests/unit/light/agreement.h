@@ -274,7 +274,7 @@ static inline void world_bend(struct world *w)
             m->uvs[2 * v] = 0.5f + 0.5f * (p[0] + 0.4f * p[1]) / reach;
             m->uvs[2 * v + 1] = 0.5f - 0.5f * (p[2] - 0.3f * p[1]) / reach;
         }
-        assert_int_equal(mesh_make_tangents(m), ERR_OK);
+        assert_int_equal(mesh_make_tangents(m, false), ERR_OK);
     }
     w->stream = stream_of(w->stream, "bent");
 }

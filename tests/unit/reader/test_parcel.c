@@ -20,13 +20,14 @@ enum {
     TEXTURE = LIGHT + (int)sizeof(struct punctual_light),
     TEXTURE_HEAD = 20,
     MESH = TEXTURE + TEXTURE_HEAD + (2 * 2 + 1) * 4,
-    MESH_HEAD = 100,
-    NAME = MESH + 28,
+    MESH_HEAD = 104,
+    NAME = MESH + 32,
     PLACE = 48, /* of an instance or a placed mesh */
     POSITIONS = MESH + MESH_HEAD,
     NORMALS = POSITIONS + CORNERS * 12,
     UVS = NORMALS + CORNERS * 12,
-    TANGENTS = UVS + CORNERS * 8,
+    MORE_UVS = UVS + CORNERS * 8,
+    TANGENTS = MORE_UVS + CORNERS * 8,
     COLOURS = TANGENTS + CORNERS * 16,
     INDICES = COLOURS + CORNERS * 12,
     END = INDICES + TRIANGLES * 12,
@@ -58,7 +59,8 @@ static struct scene *make(void)
                                    .alpha = 0.75f,
                                    .alpha_cutoff = 0.5f,
                                    .alpha_texture = 0,
-                                   .maps = MAP_NORMAL };
+                                   .maps = MAP_NORMAL,
+                                   .second = MAP_NORMAL };
     const struct camera c = { .name = "main", .position = { 0, 0, 5 }, .up = { 0, 1, 0 }, .fov_y = 1.0f };
     const struct punctual_light l = { .kind = LIGHT_DIRECTIONAL, .direction = { 0, 0, 1 }, .intensity = { 1, 2, 3 } };
     struct texture t;
@@ -75,6 +77,7 @@ static struct scene *make(void)
     m.positions = floats(3 * CORNERS, -1.0f, 0.7f);
     m.normals = floats(3 * CORNERS, -0.5f, 0.05f);
     m.uvs = floats(2 * CORNERS, -3.0f, 11.0f);
+    m.more_uvs = floats(2 * CORNERS, 5.0f, -2.0f);
     m.tangents = floats(4 * CORNERS, -0.5f, 0.05f);
     m.colours = floats(3 * CORNERS, 0.0f, 0.05f);
     m.indices = mem_alloc(6, sizeof(uint32_t));
@@ -127,6 +130,7 @@ static void what_was_written_is_read(void **state)
     assert_memory_equal(s->meshes[0].positions, same->meshes[0].positions, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].normals, same->meshes[0].normals, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].uvs, same->meshes[0].uvs, 8 * CORNERS);
+    assert_memory_equal(s->meshes[0].more_uvs, same->meshes[0].more_uvs, 8 * CORNERS);
     assert_memory_equal(s->meshes[0].tangents, same->meshes[0].tangents, 16 * CORNERS);
     assert_memory_equal(s->meshes[0].colours, same->meshes[0].colours, 12 * CORNERS);
     assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
@@ -216,6 +220,7 @@ static void forged_sizes_are_refused(void **state)
     forge_u32(MESH + 16, 0xffffffff, "the size of a mesh");
     forge_u32(MESH + 20, 2, "the size of a mesh");
     forge_u32(MESH + 24, 2, "the size of a mesh");
+    forge_u32(MESH + 28, 2, "the size of a mesh");
     forge_u32(NAME + 64, 1, "an instance names a mesh that is not there");
     forge_u32(NAME + 68, 2, "");
 }
@@ -238,6 +243,8 @@ static void forged_indices_are_refused(void **state)
     forge_float(MATERIAL + (long)offsetof(struct material, transmits), 1.5f, "a material is out of range");
     forge_u32(PANE + (long)offsetof(struct material, thin), 2, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, thin), 1, "a material is out of range"); /* not glass */
+    forge_u32(PANE + (long)offsetof(struct material, second), MAP_ROUGHNESS, "the place of a map");
+    forge_u32(PANE + (long)offsetof(struct material, second), 1u << 31, "the place of a map");
     forge_u32(PANE + (long)offsetof(struct material, moved), MAP_ROUGHNESS, "the place of a map");
     forge_float(PANE + (long)offsetof(struct material, moved_by), NAN, "the place of a map");
     forge_u32(PANE + (long)offsetof(struct material, normal_texture), 1, "a map that is not there");
@@ -343,10 +350,10 @@ static void forged_instances_are_refused(void **state)
         uint32_t value;
         const char *because;
     } cases[] = {
-        { 92, 3, "an instance names a mesh that is not there" }, /* itself */
-        { 92, UINT32_MAX, "an instance names a mesh that is not there" },
-        { 92 + 2 * (MESH_HEAD + PLACE), 3, "an instance names a mesh that is not there" }, /* an instance */
-        { 96, 0, "" },
+        { 96, 3, "an instance names a mesh that is not there" }, /* itself */
+        { 96, UINT32_MAX, "an instance names a mesh that is not there" },
+        { 96 + 2 * (MESH_HEAD + PLACE), 3, "an instance names a mesh that is not there" }, /* an instance */
+        { 100, 0, "" },
         { MESH_HEAD, 0, "the place of a mesh is out of range" },
         { MESH_HEAD, 0x7f800000, "the place of a mesh is out of range" },
         { MESH_HEAD + 12, 0x7fc00000, "the place of a mesh is out of range" },

@@ -121,6 +121,60 @@ static void a_map_may_be_moved_against_the_mesh(void **state)
     card_end(&c);
 }
 
+/* Second texture coordinates, the first times 8 with u and v exchanged, and half a texel further: the roughness map and
+ * the emission have them, the base colour and its footprint have not. One texel of the card is then eight texels along
+ * v, which do not matter to a map by columns. */
+static void a_map_may_be_at_the_second_texture_coordinates(void **state)
+{
+    static const float to = 0.5f / SIDE, second[8] = { to, 0, to, 8, 8 + to, 8, 8 + to, 0 };
+    static const uint8_t a[3] = { 0, 102, 204 }, b[3] = { 255, 204, 52 };
+    const float step[4][2] = { { 1.0f / SIDE, 0 }, { 0, 1.0f / SIDE }, { 0, 8.0f / SIDE }, { 8.0f / SIDE, 0 } };
+    struct material m = worn();
+    m.maps = MAP_ROUGHNESS;
+    m.second = MAP_ROUGHNESS | MAP_EMISSION;
+    m.emission = vec3_make(1, 1, 1);
+    struct card c = card_of(&m);
+    struct mesh *mesh = &c.scene->meshes[0];
+
+    (void)state;
+    c.scene->materials[0].emission_texture = 0;
+    mesh->more_uvs = mem_alloc(8, sizeof(float));
+    memcpy(mesh->more_uvs, second, sizeof(second));
+    paint(c.map, SIDE / 2, a, b);
+    struct scatter s = at_column(&c, 20, NULL);
+    assert_float_equal(s.surface.more_uv[0], 8.0f * s.surface.uv[1] + to, 1e-5f);
+    assert_float_equal(s.surface.more_uv[1], 8.0f * s.surface.uv[0], 1e-5f);
+    assert_like(&s, 0.9f * 52.0f / 255.0f, 0.8f * 0.8f); /* u = 7.945 */
+    assert_true(s.surface.uv[0] < 0.5f);                 /* where it would be a */
+    const struct vec3 glow = scene_emission(c.scene, 0, map_uv(&m, MAP_EMISSION, &s.surface), NULL);
+    assert_true(glow.y > 0.79f && glow.y < 0.81f);
+    paint(c.map, 1, a, b); /* eight columns are as many of both */
+    s = at_column(&c, 20, step);
+    assert_like(&s, 0.9f * 128.0f / 255.0f, 0.8f * 0.6f);
+    c.scene->materials[0].second = 0;
+    s = at_column(&c, 20, step);
+    assert_like(&s, 0.9f * 0.8f, 0.8f * 0.4f);
+    card_end(&c);
+}
+
+/* Tangents follow the set that the normal map has. */
+static void tangents_follow_the_second_texture_coordinates(void **state)
+{
+    static const float turned[8] = { 0, 0, 0, 1, 1, 1, 1, 0 }; /* (v, u) */
+    const struct material m = worn();
+    struct card c = card_of(&m);
+    struct mesh *mesh = &c.scene->meshes[0];
+
+    (void)state;
+    mesh->more_uvs = mem_alloc(8, sizeof(float));
+    memcpy(mesh->more_uvs, turned, sizeof(turned));
+    assert_int_equal(mesh_make_tangents(mesh, false), ERR_OK);
+    assert_true(mesh->tangents[0] == 1.0f && mesh->tangents[3] == 1.0f);
+    assert_int_equal(mesh_make_tangents(mesh, true), ERR_OK);
+    assert_true(mesh->tangents[1] == 1.0f && mesh->tangents[3] == -1.0f);
+    card_end(&c);
+}
+
 /* Red, occlusion in most files, does not count. */
 static void green_is_roughness_and_blue_metallic(void **state)
 {
@@ -231,7 +285,7 @@ static struct vec3 bent_normal(const float uvs[8], const uint8_t colour[3], floa
 
     paint(c.map, 1, colour, colour);
     memcpy(c.scene->meshes[0].uvs, uvs, 8 * sizeof(float));
-    assert_int_equal(mesh_make_tangents(&c.scene->meshes[0]), ERR_OK);
+    assert_int_equal(mesh_make_tangents(&c.scene->meshes[0], false), ERR_OK);
     assert_true(rays_intersect(c.rays, vec3_make(0.1f, 0.2f, from), dir, 0.0f, &h));
     scatter_at(c.scene, c.rays, &h, dir, &at);
     card_end(&c);
@@ -279,14 +333,17 @@ static void mirror_images_have_tangents_of_their_own(void **state)
     m.indices = mem_alloc(12, sizeof(uint32_t));
     memcpy(m.positions, places, sizeof(places));
     memcpy(m.uvs, uvs, sizeof(uvs));
+    m.more_uvs = mem_alloc(12, sizeof(float));
+    memcpy(m.more_uvs, uvs, sizeof(uvs));
     memcpy(m.indices, triangles, sizeof(triangles));
-    assert_int_equal(mesh_make_tangents(&m), ERR_OK);
+    assert_int_equal(mesh_make_tangents(&m, false), ERR_OK);
     assert_int_equal(m.vertex_count, 8);
     for (uint32_t i = 0; i < 12; i++) {
         const uint32_t v = m.indices[i];
         const float *t = m.tangents + 4 * (size_t)v, side = i < 6 ? -1.0f : 1.0f;
         assert_memory_equal(m.positions + 3 * (size_t)v, places[triangles[i]], 3 * sizeof(float));
         assert_memory_equal(m.uvs + 2 * (size_t)v, uvs + 2 * (size_t)triangles[i], 2 * sizeof(float));
+        assert_memory_equal(m.more_uvs + 2 * (size_t)v, uvs + 2 * (size_t)triangles[i], 2 * sizeof(float));
         assert_true(t[0] == side && t[1] == 0.0f && t[2] == 0.0f && t[3] == side);
     }
     mesh_finish(&m);
@@ -314,7 +371,7 @@ static void tangents_are_means_in_the_plane_of_the_normal(void **state)
         const uint32_t a = 2 * i, two[6] = { a, a + 2, a + 3, a, a + 3, a + 1 };
         memcpy(m.indices + 6 * (size_t)i, two, sizeof(two));
     }
-    assert_int_equal(mesh_make_tangents(&m), ERR_OK);
+    assert_int_equal(mesh_make_tangents(&m, false), ERR_OK);
     assert_int_equal(m.vertex_count, COUNT);
     for (size_t i = 0; i < COUNT; i++) {
         assert_float_equal(m.tangents[4 * i], m.normals[3 * i + 2], 1e-6f);
@@ -338,7 +395,7 @@ static void slopes_are_averaged_in_a_pixel(void **state)
     m.normal_scale = 1.0f;
     struct card c = card_of(&m);
     paint(c.map, 1, left, right);
-    assert_int_equal(mesh_make_tangents(&c.scene->meshes[0]), ERR_OK);
+    assert_int_equal(mesh_make_tangents(&c.scene->meshes[0], false), ERR_OK);
     const struct gbuffer_desc d = { .camera = &aside, .width = SIDE / 2, .height = SIDE / 2, .every_pixel = true };
     struct gbuffer *g = gbuffer_of(c.scene, c.rays, &d);
     assert_int_equal(g->point_count, SIDE * SIDE / 4);
@@ -371,6 +428,10 @@ static void maps_are_part_of_the_digest(void **state)
     const uint64_t mapped = digest_of(c.scene);
     c.scene->materials[0].roughness_texture = 1;
     assert_true(plain != mapped && mapped != digest_of(c.scene));
+    c.scene->materials[0].second = MAP_ROUGHNESS;
+    const uint64_t second = digest_of(c.scene);
+    c.scene->materials[0].second = 0;
+    assert_true(second != digest_of(c.scene));
     c.scene->materials[0].maps = MAP_NORMAL;
     const uint64_t bent = digest_of(c.scene);
     c.scene->materials[0].normal_scale = 2.0f;
@@ -380,6 +441,8 @@ static void maps_are_part_of_the_digest(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_map_may_be_moved_against_the_mesh),
+    cmocka_unit_test(a_map_may_be_at_the_second_texture_coordinates),
+    cmocka_unit_test(tangents_follow_the_second_texture_coordinates),
     cmocka_unit_test(green_is_roughness_and_blue_metallic),
     cmocka_unit_test(a_map_never_makes_a_mirror),
     cmocka_unit_test(a_pixel_keeps_lobes_apart_that_differ),
