@@ -7,7 +7,7 @@ import { showHelp } from './help.js';
 import { STAGES, latencyParts } from './insight_model.js';
 import { Keys, keyOf } from './keys.js';
 import { makePanel } from './panels.js';
-import { keepAccess, wishedPictures, wishedRole } from './role.js';
+import { keepAccess, wishedHls, wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import { startPlayer, watchPage } from './start.js';
 import {
@@ -20,6 +20,8 @@ import { startTheme, switchTheme } from './theme.js';
 const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js'];
 
 const $ = (id) => document.getElementById(id);
+
+const byHls = wishedHls(location); // hls.js instead of the player
 
 const relight = {
   state: { name: 'connecting' },
@@ -307,8 +309,8 @@ function pressed(event) {
 }
 
 function listen() {
-  withKey(app, $('help-button'), '?', 'Help', () => showHelp($('help'), keys));
-  withKey(app, $('panels-button'), 'i', 'Show or hide the panels', togglePanels);
+  withKey(app, $('help-button'), '?', 'Help', () => showHelp($('help'), keys, byHls));
+  if (!byHls) withKey(app, $('panels-button'), 'i', 'Show or hide the panels', togglePanels);
   withKey(app, $('theme-button'), 'd', 'Dark or light page', () => say(switchTheme() === 'dark' ? 'Dark' : 'Light'));
   if (document.fullscreenEnabled) withKey(app, $('full-button'), 'f', 'Full screen on or off', toggleFullscreen);
   else $('full-button').hidden = true;
@@ -332,10 +334,32 @@ async function mountAll() {
   makePanel('figures', 'Statistics');
 }
 
+// The published stream has neither controls nor figures.
+async function showStream() {
+  document.body.classList.add('plain');
+  $('panels-button').hidden = true;
+  const { watchHls } = await import('./hls.js');
+  send = watchHls($('picture'), { relight, show: showStreamState, drawn: drawnStream });
+}
+
+function showStreamState(state) {
+  if (JSON.stringify(state) !== JSON.stringify(relight.state)) showState(state);
+  else showCountdown();
+}
+
+function drawnStream({ videoWidth, videoHeight }) {
+  document.body.classList.add('seen');
+  setText('about', `A scene relit by a live sky; HLS, ${videoWidth}\u00a0×\u00a0${videoHeight}.`);
+}
+
 startTheme();
 showState(relight.state);
 listen();
-await mountAll();
-setInterval(showFigures, 250);
-setInterval(showWaits, 100);
-send = await startPlayer({ ...wishedRole(location), ...wishedPictures(location) }, take);
+if (byHls) {
+  await showStream();
+} else {
+  await mountAll();
+  setInterval(showFigures, 250);
+  setInterval(showWaits, 100);
+  send = await startPlayer({ ...wishedRole(location), ...wishedPictures(location) }, take);
+}

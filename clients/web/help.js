@@ -5,7 +5,10 @@ import { keyName } from './keys.js';
 const WHAT = 'The server relights one scene for every frame of a moving sky: direct light, and indirect light and caustics if they '
   + 'are on. Drag across the image to rotate the sky; press a panel\u2019s heading to fold it.';
 
-export function showHelp(dialog, keys) {
+const STREAM = 'This is a published stream of a scene relit by a moving sky, some seconds behind live. The server\u2019s own page has '
+  + 'the controls.';
+
+export function showHelp(dialog, keys, isStream) {
   if (dialog.open) {
     dialog.close();
     return;
@@ -15,7 +18,7 @@ export function showHelp(dialog, keys) {
   const names = (row) => row.keys.flatMap((key, i) => [i ? ' ' : '', make('kbd', { text: keyName(key) })]);
   dialog.replaceChildren( // the heading first, so that focus does not scroll the keys away
     make('div', { className: 'dialog-top' }, make('h2', { id: 'help-title', text: 'Help and keys' }), close),
-    make('p', { text: WHAT }),
+    make('p', { text: isStream ? STREAM : WHAT }),
     make('table', {}, make('tbody', {}, ...keys.rows.map((row) =>
       make('tr', {}, make('th', { scope: 'row' }, ...names(row)), make('td', { text: row.label }))))));
   dialog.showModal();

@@ -42,3 +42,6 @@ export function wishedPictures({ search }) {
     maxWidth: Number.isInteger(width) && width > 0 && width <= 16384 ? width : undefined,
   };
 }
+
+// `?from=hls`: watch the published stream instead of connecting to relightd.
+export const wishedHls = ({ search }) => new URLSearchParams(search).get('from') === 'hls';

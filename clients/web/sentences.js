@@ -28,6 +28,7 @@ export function describe(status) {
 
 // The word beside the dot.
 export function stateWord(state) {
+  if (state.name === 'live' && Number.isFinite(state.delayMs)) return `Live, ${milliseconds(state.delayMs)} behind`; // HLS
   return {
     connecting: 'Connecting',
     waiting: 'Waiting',
@@ -49,6 +50,7 @@ export function stateSentence(state, seen) {
   const because = state.detail ? `: ${withoutFolders(state.detail)}` : '';
   switch (state.name) {
     case 'connecting':
+      if (state.detail === 'stream') return 'Loading the stream.';
       return state.detail === 'picture' ? 'Connected. Waiting for the first image.' : 'Connecting to the server.';
     case 'waiting':
       return state.detail ? `Waiting for a sky${because}.` : 'Waiting for a sky. The server is ready but has received no frame yet.';
@@ -58,9 +60,11 @@ export function stateSentence(state, seen) {
       return state.still === 'idle' ? 'Live. No new sky for a while.' : 'Live.';
     case 'paused':
       if (state.detail === 'hidden') return 'Paused while this page is hidden.';
+      if (state.detail === 'press') return 'The browser does not start the stream by itself: press the image.';
       if (!seen && state.made) return 'The sky is paused. Waiting for its image.';
       return seen && still ? `The sky is paused, and ${still}.` : `The sky is paused.${stays}`;
     case 'ended':
+      if (state.detail === 'publishing') return `Publishing has ended.${stays}`;
       if (seen) return still ? `The sky stands still, and ${still}.` : 'The sky sequence has ended. The last image stays on screen.';
       return state.made
         ? 'The sky stands still. Waiting for its image.'
@@ -69,6 +73,8 @@ export function stateSentence(state, seen) {
       return `A sky frame could not be used${because}.${stays}`;
     case 'stalled':
       if (state.late) return `The server has been computing one image for ${state.seconds} s, longer than its limit.${stays}`;
+      if (state.published) return `Nothing new has been published for ${state.seconds} s.${stays}`;
+      if (state.slow) return `The image has stood still for ${state.seconds} s: the stream arrives too slowly.`;
       return state.silent
         ? `Nothing received from the server for ${state.seconds} s.${stays}`
         : `The server answers, but has sent no image for ${state.seconds} s.${stays}`;

@@ -90,7 +90,7 @@ bool http_origin_ok(struct lws *wsi)
 
 #define POLICY                                                                                                         \
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "                     \
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors "
+    "media-src 'self' blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors "
 
 /* Security headers of every answer. The page needs only its own server. */
 const struct lws_protocol_vhost_options *http_headers(void)

@@ -32,6 +32,17 @@ test('every state has a word and a sentence, with an image and without', () => {
     }
 });
 
+test('a published stream says how far behind it is, and why it stands', () => {
+  assert.equal(stateWord({ name: 'live', delayMs: 3170 }), 'Live, 3.2 s behind');
+  assert.equal(stateWord({ name: 'live', delayMs: 640 }), 'Live, 640 ms behind');
+  assert.equal(stateWord({ name: 'live', delayMs: NaN }), 'Live');
+  assert.equal(stateSentence({ name: 'connecting', detail: 'stream' }, false), 'Loading the stream.');
+  assert.match(stateSentence({ name: 'paused', detail: 'press' }, false), /press the image/);
+  assert.match(stateSentence({ name: 'stalled', published: true, seconds: 9 }, true), /^Nothing new has been published for 9 s\. The last image/);
+  assert.match(stateSentence({ name: 'stalled', slow: true, seconds: 9 }, true), /^The image has stood still for 9 s: the stream arrives too slowly/);
+  assert.match(stateSentence({ name: 'ended', detail: 'publishing' }, true), /^Publishing has ended\. The last image/);
+});
+
 test('a stall tells silence from missing images', () => {
   assert.match(stateSentence({ name: 'stalled', silent: false, seconds: 4 }, true), /^The server answers, but has sent no image for 4 s/);
   assert.match(stateSentence({ name: 'stalled', late: true, seconds: 12 }, true), /^The server has been computing one image for 12 s/);
