@@ -11,10 +11,19 @@
 #define PATH_ROOM FILE_STORE_PATH
 #define NAME_TRIES 100 /* processes that may write to one name at the same time */
 
+bool file_is_stdout(const char *path)
+{
+    return strcmp(path, FILE_STORE_STDOUT) == 0;
+}
+
 static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
 {
     char text[128];
 
+    if (number == EPIPE && file_is_stdout(path))
+        return err_say(why, ERR_IO, "standard output: its reader has ended");
+    if (file_is_stdout(path))
+        path = "standard output";
     if (strerror_r(number, text, sizeof(text)) != 0)
         snprintf(text, sizeof(text), "error %d", number);
     return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, text);
@@ -114,7 +123,7 @@ static int sync_folder(const char *path)
 static bool is_replaceable(const char *path)
 {
     struct stat st;
-    return lstat(path, &st) != 0 || S_ISREG(st.st_mode);
+    return !file_is_stdout(path) && (lstat(path, &st) != 0 || S_ISREG(st.st_mode));
 }
 
 enum err file_draft_begin(struct file_draft *d, const char *path, struct reason *why)
@@ -127,7 +136,8 @@ enum err file_draft_begin(struct file_draft *d, const char *path, struct reason 
         e = open_beside(path, d->temporary, &d->fd, why);
     } else {
         memcpy(d->temporary, d->path, sizeof(d->path));
-        d->fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+        d->fd = file_is_stdout(path) ? fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0)
+                                     : open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
         e = d->fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
     }
     d->begun = !e;

@@ -15,10 +15,15 @@
 /* Longest path, with its NUL. */
 #define FILE_STORE_PATH 4096
 
+/* The path that means standard output, which gets the bytes as they are written. */
+#define FILE_STORE_STDOUT "-"
+bool file_is_stdout(const char *path);
+
 /* A file that a library writes by its name. Zeroed memory is one that is not begun. */
 struct file_draft {
     char path[FILE_STORE_PATH];      /* the finished file */
-    char temporary[FILE_STORE_PATH]; /* write here; the same as path for a pipe, device or symbolic link */
+    char temporary[FILE_STORE_PATH]; /* write here; the same as path for a pipe, device or symbolic link, "-" for
+                                        standard output */
     int fd;                          /* locked while the file is written */
     bool begun, replace;             /* replace: temporary is renamed to path */
 };

@@ -109,6 +109,11 @@ static enum err write_png(struct output *o, const struct image_parts *i, const c
     return e;
 }
 
+static const char *place_of(const struct output *o)
+{
+    return file_is_stdout(o->desc.pattern) ? "standard output" : o->desc.pattern;
+}
+
 static enum err write_movie(struct output *o, const struct image_parts *i, const char *name, struct reason *why)
 {
     const struct tone_desc tone = { i->gain, o->desc.tone, o->desc.level };
@@ -119,7 +124,8 @@ static enum err write_movie(struct output *o, const struct image_parts *i, const
     else
         tone_map_deep(i->rgb, o->width, o->height, 3, &tone, o->display);
     const enum err e = movie_add(o->movie, o->display, &cause);
-    return e ? err_say(why, e, "%s: %s", name, cause.text) : ERR_OK;
+    (void)name; /* of a numbered file */
+    return e ? err_say(why, e, "%s: %s", place_of(o), cause.text) : ERR_OK;
 }
 
 static const struct format {
@@ -134,28 +140,52 @@ static const struct format {
     { ".mkv", false, false, true, true, write_movie }, { ".webm", false, false, true, true, write_movie },
 };
 
-static const struct format *format_of(const char *pattern)
+static const struct format *format_of(const struct output_desc *desc)
 {
+    const char *pattern = desc->pattern;
     const size_t length = strlen(pattern);
 
     for (size_t k = 0; k < sizeof(formats) / sizeof(formats[0]); k++) {
-        const size_t end = strlen(formats[k].extension);
-        if (length >= end && strcmp(pattern + length - end, formats[k].extension) == 0)
+        const char *extension = formats[k].extension;
+        const size_t end = strlen(extension);
+        if (file_is_stdout(pattern) ? desc->format && strcmp(desc->format, extension + 1) == 0
+                                    : length >= end && strcmp(pattern + length - end, extension) == 0)
             return &formats[k];
     }
     return NULL;
 }
 
+const char *output_extension(const struct output_desc *desc)
+{
+    const struct format *f = format_of(desc);
+
+    return f ? f->extension : NULL;
+}
+
+static enum err check_format(const struct output_desc *desc, struct reason *why)
+{
+    if (!file_is_stdout(desc->pattern) && desc->format)
+        return err_say(why, ERR_USAGE, "--format is for --out -; the ending of --out '%s' says what it is",
+                       desc->pattern);
+    if (format_of(desc))
+        return ERR_OK;
+    if (!file_is_stdout(desc->pattern))
+        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg, .png, .mp4, .mkv or .webm", desc->pattern);
+    return err_say(why, ERR_USAGE, "%s%s%s: standard output gets exr, jpg, png, mp4, mkv or webm",
+                   desc->format ? "--format '" : "--out - needs --format", desc->format ? desc->format : "",
+                   desc->format ? "'" : "");
+}
+
 enum err output_check(const struct output_desc *desc, struct reason *why)
 {
     struct file_pattern parsed;
-    const enum err e = file_pattern_parse(desc->pattern, "--out", &parsed, why);
-    const struct format *format = format_of(desc->pattern);
+    enum err e = file_pattern_parse(desc->pattern, "--out", &parsed, why);
+    const struct format *format = format_of(desc);
 
+    if (!e)
+        e = check_format(desc, why);
     if (e)
         return e;
-    if (!format)
-        return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg, .png, .mp4, .mkv or .webm", desc->pattern);
     if (format->movie && parsed.length > 0)
         return err_say(why, ERR_USAGE, "--out '%s': a video holds all frames; leave out the %%d", desc->pattern);
     if (format->movie && !movie_available())
@@ -184,30 +214,40 @@ static enum err create_movie(struct output *o, struct reason *why)
                                   .pq = o->desc.tone == TONE_PQ };
     struct reason cause;
 
-    if (access(o->desc.pattern, F_OK) == 0)
+    if (!file_is_stdout(o->desc.pattern) && access(o->desc.pattern, F_OK) == 0)
         log_info("%s exists and is replaced", o->desc.pattern);
     const enum err e = movie_create(&m, &o->movie, &cause);
     return e ? err_say(why, e, "--out '%s': %s", o->desc.pattern, cause.text) : ERR_OK;
 }
 
+static enum err check_place(const char *pattern, struct reason *why)
+{
+    const char *slash = strrchr(pattern, '/');
+    char folder[4096];
+
+    if (file_is_stdout(pattern))
+        return isatty(STDOUT_FILENO)
+                   ? err_say(why, ERR_USAGE,
+                             "--out -: standard output is a terminal; redirect it: '> FILE' or '| PROGRAM'")
+                   : ERR_OK;
+    snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - pattern) + 1 : 1, slash ? pattern : ".");
+    return access(folder, W_OK) != 0 ? err_say(why, ERR_IO, "--out '%s': %s", pattern, strerror(errno)) : ERR_OK;
+}
+
 enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
                        struct reason *why)
 {
-    const char *slash = strrchr(desc->pattern, '/');
-    char folder[4096];
-
     *out = NULL;
-    const enum err e = output_check(desc, why);
+    enum err e = output_check(desc, why);
+    if (!e)
+        e = check_place(desc->pattern, why);
     if (e)
         return e;
-    snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - desc->pattern) + 1 : 1, slash ? desc->pattern : ".");
-    if (access(folder, W_OK) != 0)
-        return err_say(why, ERR_IO, "--out '%s': %s", desc->pattern, strerror(errno));
     struct output *o = mem_alloc(1, sizeof(*o));
     if (!o)
         return err_say(why, ERR_NOMEM, "out of memory");
     o->desc = *desc;
-    o->format = format_of(desc->pattern);
+    o->format = format_of(desc);
     o->width = width;
     o->height = height;
     exposure_init(&o->exposure);
@@ -234,7 +274,7 @@ enum err output_finish(struct output *o, struct reason *why)
     struct reason cause;
     const enum err e = o->movie ? movie_finish(o->movie, &cause) : ERR_OK;
 
-    return e ? err_say(why, e, "%s: %s", o->desc.pattern, cause.text) : ERR_OK;
+    return e ? err_say(why, e, "%s: %s", place_of(o), cause.text) : ERR_OK;
 }
 
 void output_destroy(struct output *o)
@@ -250,7 +290,9 @@ void output_destroy(struct output *o)
 
 bool output_is_numbered(const struct output *o)
 {
-    return o->pattern.length > 0 || o->format->movie;
+    const bool images_in_turn = file_is_stdout(o->desc.pattern) && o->format->exposed; /* for ffmpeg's image2pipe */
+
+    return o->pattern.length > 0 || o->format->movie || images_in_turn;
 }
 
 bool output_is_exposed(const struct output *o)
@@ -281,7 +323,7 @@ enum err output_write(struct output *o, const float *rgb, const float *rgba, uin
     char name[4096];
     const enum err e = file_pattern_name(&o->pattern, frame, name, sizeof(name), why);
 
-    if (!e && !o->replaced && !o->movie && access(name, F_OK) == 0) {
+    if (!e && !o->replaced && !o->movie && !file_is_stdout(name) && access(name, F_OK) == 0) {
         log_info("%s exists and is replaced%s", name, o->pattern.length > 0 ? ", and so are others" : "");
         o->replaced = true;
     }

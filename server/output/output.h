@@ -11,7 +11,8 @@
 #include <stdint.h>
 
 struct output_desc {
-    const char *pattern;  /* a file name, with %d or %04d for the frame number; borrowed */
+    const char *pattern;  /* a file name, with %d or %04d for the frame number, or "-": standard output; borrowed */
+    const char *format;   /* of standard output: "png" and so on; else NULL: as the name ends */
     bool alpha;           /* EXR, PNG: output_write gets a foreground with its alpha */
     bool deep;            /* PNG: 16 bits instead of 8 */
     bool layers;          /* EXR: output_set_layers will be called */
@@ -25,7 +26,7 @@ struct output_desc {
 struct output;
 
 /* ERR_USAGE: no such pattern, or an extension that no format has, or one without alpha, 16 bits or PQ that asks
- * for them; the reason lists those there are. ERR_UNSUPPORTED: no video in this build, or not of this size. ERR_IO: the
+ * for them; the reason lists those there are. Also if standard output is a terminal. ERR_UNSUPPORTED: no video in this build, or not of this size. ERR_IO: the
  * folder cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
 MUST_CHECK enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
                                   struct reason *why);
@@ -37,6 +38,9 @@ MUST_CHECK enum err output_check(const struct output_desc *desc, struct reason *
 /* Puts a video in its place, which takes no more frames; other files are there already. Without it, or without a frame,
  * there is no video. ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: the encoder failed. */
 MUST_CHECK enum err output_finish(struct output *o, struct reason *why);
+
+/* The extension of the format, such as ".png"; NULL: output_check refuses the desc. */
+const char *output_extension(const struct output_desc *desc);
 
 /* Whether many frames may go there; else all have one name, without a place for their number. */
 bool output_is_numbered(const struct output *o);

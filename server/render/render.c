@@ -25,9 +25,9 @@ static enum err open_outputs(struct render *r, struct reason *why)
         e = output_create(&output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
     if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
-                    "--out '%s' names one file, but the source has %" PRIu64
-                    " frames: put %%04d into it, or choose one by --frames",
-                    d->output.pattern, source_count(r->source));
+                    "--out '%s' takes one %s, but the source has %" PRIu64 " frames: %s, or choose one by --frames",
+                    d->output.pattern, output.format ? "EXR" : "file", source_count(r->source),
+                    output.format ? "use another --format" : "put %04d into it");
     if (e || !d->stats_path)
         return e;
     r->stats = strcmp(d->stats_path, "-") == 0 ? stdout : fopen(d->stats_path, "w");

@@ -9,6 +9,7 @@
 #include "source/sky.h"
 
 #include <omp.h>
+#include <signal.h>
 #include <string.h>
 
 struct render {
@@ -43,9 +44,10 @@ static const struct setting rows[] = {
       RENDERING, REAL(1e-4, 1000.0), AT(fps) },
     { "out", "PATTERN",
       "file name: .exr (linear), .jpg or .png (tone-mapped), with %d or %04d for the frame number; .mp4, .mkv (H.264) "
-      "or "
-      ".webm (AV1) for a video of all frames",
+      "or .webm (AV1) for a video of all frames; '-': standard output, with --format",
       NULL, OUTPUT, TEXT },
+    { "format", "F", "format of --out -: exr (one frame), jpg or png (one after the other), mp4, mkv or webm", NULL,
+      OUTPUT, TEXT, AT(desc.output.format) },
     { "rate", "N", "frames per second of a video file; default: the source's, or 30", NULL, OUTPUT, REAL(0.01, 1000.0),
       AT(desc.output.rate) },
     { "denoise", NULL, "filter noise out of direct and indirect light", NULL, RENDERING, SWITCH,
@@ -134,8 +136,8 @@ static enum err check_layers(const struct render *r, struct reason *why)
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = { "out",   "frames",  "stats",          "fps",   "error", "reseed", "half",
-                                          "alpha", "denoise", "exposure-frame", "layers" };
+    static const char *const others[] = { "out",   "frames",  "stats",          "fps",    "error", "reseed", "half",
+                                          "alpha", "denoise", "exposure-frame", "layers", "format" };
 
     r->desc.exposure_frame_given = command_given(c, "exposure-frame");
     if (r->desc.exposure_frame_given && r->desc.setup.initial.exposure_stops != EXPOSURE_AUTO)
@@ -154,6 +156,10 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
     r->desc.output.pattern = command_get(c, "out");
     r->desc.output.deep = r->bits == 16;
     r->desc.output.layers = r->desc.layers;
+    if (r->desc.output.pattern && strcmp(r->desc.output.pattern, "-") == 0 &&
+        (r->probing || (r->desc.stats_path && strcmp(r->desc.stats_path, "-") == 0)))
+        return err_say(why, ERR_USAGE, "--out - and %s both write to standard output: name a file for --out",
+                       r->probing ? "--probe" : "--stats -");
     if (r->desc.output.alpha && method_is_reference(r->desc.setup.light.direct.method))
         return err_say(why, ERR_USAGE, "--alpha does not work with the reference method %s: choose another --method",
                        method_name(r->desc.setup.light.direct.method));
@@ -168,7 +174,7 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
 static void report_ignored(struct command *c, const struct render *r)
 {
     static const char *const display[] = { "tone", "exposure", "exposure-frame", "bits", "quality" };
-    const char *dot = r->desc.output.pattern ? strrchr(r->desc.output.pattern, '.') : NULL;
+    const char *dot = r->desc.output.pattern ? output_extension(&r->desc.output) : NULL;
 
     setup_report_ignored(c, &r->desc.setup);
     for (size_t k = 0; dot && strcmp(dot, ".exr") == 0 && k < sizeof(display) / sizeof(display[0]); k++)
@@ -254,6 +260,7 @@ int main(int argc, char **argv)
     bool done;
 
     log_init("relight-render", LOG_INFO);
+    signal(SIGPIPE, SIG_IGN); /* a reader of standard output that ends is an error of writing */
     command.epilogue = sky_help;
     command_begin(&command);
     command_default(&command, "quality", "92");

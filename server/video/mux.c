@@ -109,7 +109,10 @@ static enum err open_context(struct mux *m, const struct mux_desc *d, const stru
     AVDictionary *options = NULL;
     char url[FILE_STORE_PATH + sizeof("file:")]; /* without "file:", a colon in the path would end a protocol's name */
 
-    snprintf(url, sizeof(url), "file:%s", d->path);
+    if (file_is_stdout(d->path))
+        snprintf(url, sizeof(url), "pipe:1");
+    else
+        snprintf(url, sizeof(url), "file:%s", d->path);
     int code = avformat_alloc_output_context2(&m->context, NULL, d->format, url);
     if (code < 0)
         return say_av(why, code, d->format);

@@ -34,7 +34,7 @@ struct mux_stream {
 
 struct mux_desc {
     const char *format;  /* libavformat's name: "mp4", "matroska" */
-    const char *path;    /* the file */
+    const char *path;    /* the file, or FILE_STORE_STDOUT */
     const char *options; /* "key=value:key=value" of the muxer; NULL: none */
 };
 

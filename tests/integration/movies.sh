@@ -87,6 +87,23 @@ a_video_appears_whole_or_not_at_all() {
     is "$(stream "$work/a.mp4" nb_read_packets)" 3
 }
 
+# A pipe cannot go back: mp4 comes in fragments, and no format ends with an index.
+a_video_can_be_piped_to_another_program() {
+    for kind in mp4:h264 mkv:h264 webm:av1; do
+        "$bin/relight-render" "${sky[@]}" --samples 1 --frames 0-9 --rate 12.5 --out - --format "${kind%%:*}" |
+            ffmpeg -v error -i pipe:0 -c copy -f matroska "$work/a.mkv" -y
+        is "$(stream "$work/a.mkv" codec_name,width,height,avg_frame_rate,nb_read_packets)" "${kind##*:},162,92,25/2,10"
+    done
+    "$bin/relight-render" "${sky[@]}" --samples 1 --frames 0-4 --out - --format jpg |
+        ffmpeg -v error -f image2pipe -c:v mjpeg -i pipe:0 -c copy "$work/b.mkv"
+    is "$(stream "$work/b.mkv" codec_name,nb_read_packets)" mjpeg,5
+    local got=0
+    "$bin/relight-render" "${sky[@]}" --samples 1 --frames 0-99 --out - --format mkv 2>"$work/stderr" | head -c 100 >"$work/head" ||
+        got=${PIPESTATUS[0]}
+    is "$got" 1
+    grep -q 'standard output: writing: Broken pipe' "$work/stderr" || { cat "$work/stderr"; fail "no message"; }
+}
+
 what_no_video_takes_is_refused() {
     expect 2 "must end in .exr, .jpg, .png, .mp4, .mkv or .webm" "$bin/relight-render" "${sky[@]}" --out "$work/a.avi"
     expect 2 "a video holds all frames; leave out the %d" "$bin/relight-render" "${sky[@]}" --out "$work/%d.mp4"

@@ -217,6 +217,33 @@ END
 
 # Lamps at scale 0 are as if there were none, to the bit; else they make the picture brighter, and the statistics count
 # them. The same seed gives the same bits.
+# The bytes of the files, one after the other, and nothing else.
+standard_output_gets_the_bytes_of_the_files() {
+    local render=("$bin/relight-render" --source sky:size=128x64,time=09:00,speed=20 --size 32x18 --samples 1 --paths direct) kind
+    for kind in png jpg; do
+        "${render[@]}" --frames 0-2 --out "$work/%d.$kind"
+        "${render[@]}" --frames 0-2 --out - --format $kind >"$work/all.$kind" 2>"$work/stderr"
+        cat "$work"/[012].$kind | cmp - "$work/all.$kind" || fail "other bytes in $kind"
+    done
+    "${render[@]}" --frames 1 --out "$work/a.exr"
+    "${render[@]}" --frames 1 --out - --format exr | cmp - "$work/a.exr" || fail "other bytes in exr"
+    "${render[@]}" --frames 0-1 --out - --format png >>"$work/0.png" # nothing there is overwritten
+    cat "$work"/[1].png | cmp - <(tail -c "$(stat -c %s "$work/1.png")" "$work/0.png") || fail "not appended"
+    local got=0
+    "${render[@]}" --frames 0-99 --out - --format png 2>"$work/stderr" | head -c 100 >"$work/head" || got=${PIPESTATUS[0]}
+    [ "$got" = 1 ] || fail "exit code $got when the reader ends"
+    grep -q 'standard output: its reader has ended' "$work/stderr" || { cat "$work/stderr"; fail "no message"; }
+    expect 2 '--out - needs --format: .*exr, jpg, png, mp4, mkv or webm' "${render[@]}" --out -
+    expect 2 "--format 'gif': .*exr, jpg, png" "${render[@]}" --out - --format gif
+    expect 2 "--format is for --out -" "${render[@]}" --out "$work/a.png" --format jpg
+    expect 2 'takes one EXR, but the source has 2 frames: use another --format' "${render[@]}" --frames 0-1 --out - --format exr
+    expect 2 '--out - and --stats - both write to standard output' "${render[@]}" --out - --format png --stats -
+    expect 2 '--out - and --probe both write to standard output' "${render[@]}" --out - --format png --probe 1,1
+    ls "$work" | grep -Fxq -- - && fail "a file named -"
+    script -qec "${render[*]} --out - --format png" "$work/typescript" >"$work/tty" && fail "a terminal was accepted"
+    grep -q 'standard output is a terminal; redirect it' "$work/tty" || { cat "$work/tty"; fail "no message about the terminal"; }
+}
+
 lamps_are_a_part_that_a_factor_scales() {
     local dark="$work/dark.json" examples s
     examples=$(cd "$(dirname "$0")/../../docs/examples" && pwd)
