@@ -207,7 +207,7 @@ enum protocol_result protocol_environment_decode(const uint8_t *bytes, size_t le
 
     if (total < header || total - header != d.payload || d.payload == 0)
         return PROTOCOL_LENGTH;
-    if (bytes[6] < PROTOCOL_FILE_EXR || bytes[6] > PROTOCOL_RAW_FLOAT || bytes[7] > PROTOCOL_FISHEYE)
+    if (bytes[6] < PROTOCOL_FILE_EXR || bytes[6] > PROTOCOL_RAW_FLOAT || bytes[7] > PROTOCOL_CUBE_6X1)
         return PROTOCOL_FORMAT;
     if (!environment_size_ok(&d))
         return PROTOCOL_SIZE;

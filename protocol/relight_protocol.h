@@ -92,6 +92,8 @@ enum protocol_layout {
     PROTOCOL_VCROSS = 4, /* 3:4 */
     PROTOCOL_BALL = 5,   /* mirror ball */
     PROTOCOL_FISHEYE = 6,
+    PROTOCOL_CUBE_3X2 = 7,
+    PROTOCOL_CUBE_6X1 = 8,
 };
 
 enum {

@@ -19,7 +19,10 @@ static const enum protocol_layout layouts[] = {
     [LAYOUT_VCROSS] = PROTOCOL_VCROSS,
     [LAYOUT_BALL] = PROTOCOL_BALL,
     [LAYOUT_FISHEYE] = PROTOCOL_FISHEYE,
+    [LAYOUT_CUBE_3X2] = PROTOCOL_CUBE_3X2,
+    [LAYOUT_CUBE_6X1] = PROTOCOL_CUBE_6X1,
 };
+_Static_assert(sizeof(layouts) / sizeof(layouts[0]) == LAYOUT_LAST + 1, "a layout lacks its number in the protocol");
 
 static bool is_exr(const uint8_t *bytes, size_t size)
 {
@@ -66,6 +69,22 @@ static void keep_layout(struct parcel *p)
 {
     if (p->header.layout == PROTOCOL_LAYOUT_AUTO)
         p->header.layout = layouts[p->image.layout];
+}
+
+/* Of texels: a computed sky is lat-long; a video has the layout asked for, else its own. */
+static void state_layout(struct parcel *p, const struct parcel_desc *d)
+{
+    const struct frame *f = &p->frame;
+    struct reason ignored;
+    int own;
+
+    if (!f->layout[0]) {
+        p->header.layout = PROTOCOL_LATLONG;
+        p->header.flags = 0;
+    } else if (d->layout == LAYOUT_AUTO &&
+               choice_parse(layout_choices, 0, "layout", f->layout, &own, &ignored) == ERR_OK) {
+        p->header.layout = layouts[own];
+    }
 }
 
 static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct reason *why)
@@ -115,8 +134,7 @@ enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reaso
         p->header.capture_us = 0;
     enum err e;
     if (f->kind == FRAME_TEXELS) {
-        p->header.layout = PROTOCOL_LATLONG;
-        p->header.flags = 0;
+        state_layout(p, d);
         e = state_texels(p, d, f->rgb, f->width, f->height, why);
     } else {
         e = state_file(p, d, why);

@@ -38,6 +38,10 @@ static const struct setting rows[] = {
     { "source-peak", "CDM2",
       "luminance of a video's white (of its peak with HLG; PQ is clipped there); 0: 203, with HLG 1000, PQ as it is",
       "0", FRAMES, REAL(0.0, 1e6), AT(feeder.reader.source.colour.peak_cdm2) },
+    { "source-ca", "FILE",
+      "PEM file with the authorities that https://, rtsps:// and rtmps:// sources are signed by, instead of the "
+      "system's; none: accept any certificate",
+      NULL, FRAMES, TEXT, AT(feeder.reader.source.ca) },
     { "raw", "FORM", "decode files here and send texels, as computed skies always are", NULL, FRAMES,
       CHOICE(raw_choices), AT(feeder.reader.parcel.raw) },
     { "rate", "N", "frames per second; 0: as fast as the server accepts them", "0", BEHAVIOUR, REAL(0.0, 1000.0),
@@ -57,6 +61,7 @@ static enum err check_options(const struct command *c, struct feeder_desc *f, st
     if (c->operand_count != 1)
         return err_say(why, ERR_USAGE, "SOURCE is missing (see relight-feed --help)");
     source->spec = c->operands[0];
+    source->wait = true;
     f->watched = strncmp(source->spec, "watch:", 6) == 0;
     if (f->lockstep && source->loop)
         return err_say(why, ERR_USAGE, "--loop and --lockstep exclude each other: frame numbers must increase");

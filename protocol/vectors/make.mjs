@@ -19,7 +19,7 @@ function bytesOf(fields) {
 
 const formats = { jpeg: 1, exr_half: 2, exr_float: 3, h264: 4 };
 const encodings = { file_exr: 1, file_hdr: 2, raw_half: 3, raw_float: 4 };
-const layouts = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', 'fisheye'];
+const layouts = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', 'fisheye', 'cube-3x2', 'cube-6x1'];
 
 function picture(h, payload, { magic = 'RLP1', length = 80, extra = [] } = {}) {
   return Buffer.concat([bytesOf([
@@ -109,7 +109,7 @@ badEnvironment('environment_magic', 'the magic of a picture', file, jpeg, '7.1',
 badEnvironment('environment_header', 'a header length of 1028', file, jpeg, '7.2', { length: 1028 });
 badEnvironment('environment_payload', 'a payload length one too large', { ...file, payload: 5 }, jpeg, '7.3');
 badEnvironment('environment_encoding', 'encoding 0', { ...file, encoding: 0 }, jpeg, '7.4');
-badEnvironment('environment_layout', 'layout 7', { ...file, layout: 7 }, jpeg, '7.4');
+badEnvironment('environment_layout', 'layout 9', { ...file, layout: 9 }, jpeg, '7.4');
 badEnvironment('environment_size', 'raw texels that do not fill the payload', { ...raw, height: 2 }, texels, '7.5');
 badEnvironment('environment_wraps', 'raw texels whose size wraps around at 32 bits', { ...raw, encoding: 'raw_float', channels: 4,
   width: 16384, height: 16384, payload: 12 }, texels, '7.5');

@@ -17,6 +17,7 @@
 
 /* The path that means standard output, which gets the bytes as they are written. */
 #define FILE_STORE_STDOUT "-"
+/* Whether the path is that one. */
 bool file_is_stdout(const char *path);
 
 /* A file that a library writes by its name. Zeroed memory is one that is not begun. */

@@ -29,8 +29,9 @@ int confine_calls_softly(void);
 
 /* Of a process that reads from the network: a seccomp filter that allows internet sockets, threads and what belongs to
  * them, and Landlock where the kernel has it: of files it may read only those that resolving names and checking
- * certificates need. Everything else fails with EPERM; starting a program ends the process. Returns 0, or errno if the
- * kernel has no seccomp; a missing Landlock is no error, then reading files is not limited. */
-int confine_network(void);
+ * certificates need, and `file`, which may be NULL. Everything else fails with EPERM; starting a program ends the
+ * process. Returns 0, or errno if the kernel has no seccomp; a missing Landlock is no error, then reading files is not
+ * limited. */
+int confine_network(const char *file);
 
 #endif

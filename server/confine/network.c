@@ -34,7 +34,7 @@ static void allow_below(int ruleset, const char *path)
 }
 
 /* Needs no_new_privs, which confine_limits sets. */
-static void limit_files(void)
+static void limit_files(const char *file)
 {
     static const char *const paths[] = {
         "/etc/hosts",           "/etc/resolv.conf",   "/etc/nsswitch.conf", "/etc/host.conf",
@@ -49,6 +49,8 @@ static void limit_files(void)
         return;
     for (size_t i = 0; i < sizeof(paths) / sizeof(paths[0]); i++)
         allow_below((int)ruleset, paths[i]);
+    if (file)
+        allow_below((int)ruleset, file);
     (void)syscall(SYS_landlock_restrict_self, (int)ruleset, 0);
     close((int)ruleset);
 }
@@ -165,9 +167,9 @@ static int add_rules(scmp_filter_ctx filter)
     return fault;
 }
 
-int confine_network(void)
+int confine_network(const char *file)
 {
-    limit_files();
+    limit_files(file);
     const scmp_filter_ctx filter = seccomp_init(SCMP_ACT_ERRNO(EPERM));
 
     if (!filter)

@@ -149,8 +149,9 @@ enum err ingest_thread_create(struct shared *shared, struct ingest_thread **out,
     if (!t)
         return err_say(why, ERR_NOMEM, "out of memory");
     t->shared = shared;
-    const enum err e =
-        shared->config.push ? start_decoder(t, why) : source_open(&shared->config.setup.source_desc, &t->source, why);
+    struct source_desc source = shared->config.setup.source_desc;
+    source.wait = true;
+    const enum err e = shared->config.push ? start_decoder(t, why) : source_open(&source, &t->source, why);
     if (e) {
         mem_free(t);
         return e;

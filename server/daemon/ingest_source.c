@@ -183,6 +183,18 @@ static void swap_frames(struct pull *p)
     p->coming = before;
 }
 
+/* A web server that was waited for may bring a video that can be moved in. */
+static void take_kind(struct pull *p)
+{
+    struct settings_store *settings = &p->shared->settings;
+
+    if ((int)source_kind(p->t->source) == atomic_load(&settings->source_kind))
+        return;
+    atomic_store(&settings->source_kind, source_kind(p->t->source));
+    atomic_store(&settings->source_length, source_count(p->t->source));
+    status_set_kind(&p->shared->status, p->shared);
+}
+
 /* Publishes the frame that was read, or reports why there is none. */
 static void take_frame(struct pull *p, enum err read)
 {
@@ -223,6 +235,7 @@ void ingest_from_source(struct ingest_thread *t, struct reason *why)
         const enum err e = source_next(t->source, &p.coming, why);
         const bool moved = p.moved;
         p.moved = false;
+        take_kind(&p);
         if (e == ERR_END) {
             p.ended = true;
             continue;

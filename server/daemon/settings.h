@@ -35,15 +35,16 @@ struct settings_store {
     /* Set before other threads start, then constant. */
     const struct daemon_config *config;
     struct server *server;
-    const struct scene *scene; /* whose cameras may be asked for */
-    enum source_kind source_kind;
-    uint64_t source_length;                                   /* frames in a pass; 0: unknown or endless */
+    const struct scene *scene;                                /* whose cameras may be asked for */
     double (*estimate)(void *user, const struct settings *s); /* seconds of a picture, 0: unknown; NULL: no limit */
     void *estimate_user;
 
+    atomic_int source_kind;              /* enum source_kind, */
+    atomic_uint_least64_t source_length; /* frames in a pass, 0: unknown or endless; both by the ingest thread */
+
     pthread_mutex_t lock;
-    struct settings now;           /* {lock} */
-    struct source_request request; /* {lock} */
+    struct settings now;                  /* {lock} */
+    struct source_request request;        /* {lock} */
     struct saved_view views[SAVED_VIEWS]; /* {lock} in the order of saving */
     unsigned view_count;                  /* {lock} */
     atomic_bool views_changed;            /* since the last settings_take_views */

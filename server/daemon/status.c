@@ -101,13 +101,29 @@ void status_set_view(struct status_board *b, const char *view)
     pthread_mutex_unlock(&b->lock);
 }
 
-void status_begin(struct status_board *b, const struct shared *shared)
+/* {lock} */
+static void set_kind(struct status_board *b, const struct shared *shared)
 {
     static const char *const kinds[] = { [SOURCE_FILES] = "files",
                                          [SOURCE_WATCH] = "folder",
                                          [SOURCE_SKY] = "sky",
                                          [SOURCE_VIDEO] = "files",
                                          [SOURCE_LIVE] = "live" };
+
+    COPY(b->figures.kind, shared->config.push ? "producer" : kinds[shared->settings.source_kind]);
+    b->figures.length = shared->settings.source_length;
+}
+
+void status_set_kind(struct status_board *b, const struct shared *shared)
+{
+    pthread_mutex_lock(&b->lock);
+    set_kind(b, shared);
+    send_figures(b);
+    pthread_mutex_unlock(&b->lock);
+}
+
+void status_begin(struct status_board *b, const struct shared *shared)
+{
     const struct daemon_config *c = &shared->config;
     struct server_figures *f = &b->figures;
     char name[sizeof(f->sky)];
@@ -119,11 +135,10 @@ void status_begin(struct status_board *b, const struct shared *shared)
                  : c->push       ? "a sky sent by a producer"
                                  : source_name(c->setup.source_desc.spec, name, sizeof(name)));
     COPY(f->method, method_name(method_by_rule(c->setup.initial.method)));
-    COPY(f->kind, c->push ? "producer" : kinds[shared->settings.source_kind]);
+    set_kind(b, shared);
     f->samples = c->setup.initial.samples;
     f->width = c->setup.set_desc.width;
     f->height = c->setup.set_desc.height;
-    f->length = shared->settings.source_length;
     pthread_mutex_unlock(&b->lock);
 }
 

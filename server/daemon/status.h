@@ -43,6 +43,8 @@ void status_set_cameras(struct status_board *b, struct settings_store *settings,
 /* The shown camera as a free view (scene/free_view.h). */
 void status_set_view(struct status_board *b, const char *view);
 
+/* shared->settings.source_kind or source_length has changed. */
+void status_set_kind(struct status_board *b, const struct shared *shared);
 /* The source's state. detail: a phrase for viewers, "" for none. */
 void status_set_source(struct status_board *b, enum server_source source, const char *detail);
 /* The producer disconnected without ending its stream. */

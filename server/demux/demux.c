@@ -118,12 +118,13 @@ static enum err open_input(const char *path, int *fd, struct reason *why)
 
 static enum err start(struct demux *d, const struct demux_desc *desc, bool is_file, struct reason *why)
 {
-    char program[4096], memory[24], kind[8];
-    char *const arguments[] = { (char[]){ PROGRAM }, memory, kind, NULL };
+    char program[4096], memory[24], kind[8], ca[4096];
+    char *const arguments[] = { (char[]){ PROGRAM }, memory, kind, ca, NULL };
     int input = -1;
 
     snprintf(memory, sizeof(memory), "%zu", MEMORY_BYTES);
     snprintf(kind, sizeof(kind), "%s", is_file ? "file" : starts_with(desc->spec, "v4l2:") ? "device" : "url");
+    snprintf(ca, sizeof(ca), "%s", desc->ca ? desc->ca : "");
     enum err e = child_find(PROGRAM, desc->program, program, sizeof(program), why);
     if (!e && is_file)
         e = open_input(desc->spec, &input, why);
@@ -214,15 +215,31 @@ static enum err ask_open(struct demux *d, const char *url, struct reason *why)
     return e;
 }
 
-enum err demux_check_build(const char *spec, struct reason *why)
+/* libavformat's RTSP does not hand options on to its TLS. */
+static enum err check_trust(const char *spec, const char *ca, struct reason *why)
+{
+    const bool any = ca && strcmp(ca, DEMUX_ANY_CA) == 0;
+    char name[200];
+
+    if (!any && starts_with(spec, "rtsps://"))
+        return err_say(why, ERR_UNSUPPORTED,
+                       "%s: libavformat cannot verify the certificate of an rtsps:// source; in a network that you "
+                       "trust, accept any by --source-ca " DEMUX_ANY_CA,
+                       demux_name(spec, name, sizeof(name)));
+    if (ca && !any && access(ca, R_OK) != 0)
+        return err_say(why, ERR_USAGE, "--source-ca %s: cannot be read: %s", ca, strerror(errno));
+    return ERR_OK;
+}
+
+enum err demux_check(const char *spec, const char *ca, struct reason *why)
 {
 #ifdef RELIGHT_VIDEO
-    (void)spec;
-    (void)why;
-    return ERR_OK;
+    return check_trust(spec, ca, why);
 #else
     char name[200];
 
+    (void)check_trust;
+    (void)ca;
     return err_say(why, ERR_UNSUPPORTED, "%s: this build reads no video; that needs libavformat-dev when it is built",
                    demux_name(spec, name, sizeof(name)));
 #endif
@@ -233,7 +250,7 @@ enum err demux_open(const struct demux_desc *desc, struct demux **out, struct re
     enum demux_kind kind;
 
     *out = NULL;
-    enum err e = demux_check_build(desc->spec, why);
+    enum err e = demux_check(desc->spec, desc->ca, why);
     if (!e)
         e = demux_kind_of(desc->spec, &kind, why);
     struct demux *d = e ? NULL : mem_alloc(1, sizeof(*d));

@@ -32,21 +32,26 @@ MUST_CHECK enum err demux_kind_of(const char *spec, enum demux_kind *out, struct
 /* The spec without user name and password, for messages. Returns out. */
 const char *demux_name(const char *spec, char *out, size_t size);
 
-/* ERR_UNSUPPORTED: this build reads no video, as *why says of the spec. */
-MUST_CHECK enum err demux_check_build(const char *spec, struct reason *why);
+#define DEMUX_ANY_CA "none"
+
+/* What is known without opening: ERR_UNSUPPORTED: this build reads no video, or cannot verify certificates of such a
+ * spec; ERR_USAGE: the file `ca` of demux_desc cannot be read. */
+MUST_CHECK enum err demux_check(const char *spec, const char *ca, struct reason *why);
 
 struct demux;
 
 struct demux_desc {
     const char *spec;        /* of any kind but NOTHING */
+    const char *ca;          /* PEM file with the authorities that TLS servers must be signed by; NULL: the system's;
+                                DEMUX_ANY_CA: any certificate is accepted */
     const char *program;     /* default: relight-demux beside this program, or in ../lib/relightd relative to it */
     uint32_t timeout_ms;     /* to connect, and for each packet; default 15 s */
     const atomic_bool *stop; /* when set, a waiting call returns ERR_END; may be NULL */
 };
 
 /* Opens the source. The caller owns *out, NULL on error. ERR_IO: not there, no connection, no video in it.
- * ERR_UNSUPPORTED: this build has no libavformat, or the source refers to what it may not open. ERR_FORMAT: the process
- * crashed. ERR_NOMEM. */
+ * ERR_UNSUPPORTED: this build has no libavformat, the source refers to what it may not open, or its certificate is not
+ * trusted. ERR_FORMAT: it is no video, or the process crashed. ERR_NOMEM. */
 MUST_CHECK enum err demux_open(const struct demux_desc *desc, struct demux **out, struct reason *why);
 void demux_close(struct demux *d); /* ends the process; NULL is allowed */
 

@@ -29,6 +29,7 @@ struct reading {
     AVFormatContext *context;
     int stream; /* index of the video */
     AVPacket *packet;
+    int (*open)(AVFormatContext *s, AVIOContext **io, const char *url, int flags, AVDictionary **options);
     bool pending;     /* packet holds one that is not yet handed on */
     int64_t until_ms; /* for libavformat's waits */
     int codec;        /* of the format that was handed on */
@@ -39,17 +40,17 @@ struct reading {
 
 /* ---- What libavformat says ---- */
 
-/* The last message about something refused, else the last error: its return codes say less. One process reads one
- * stream, and libavformat's callback has no context of ours. */
+/* The first message about something refused or a certificate, else the last error: its return codes say less. One
+ * process reads one stream, and libavformat's callback has no context of ours. */
 static char complaint[240];
-static bool refused;
+static bool refused, untrusted;
 
 static void note_complaint(void *context, int level, const char *format, va_list arguments)
 {
     char line[sizeof(complaint)];
     int prefix = 0; /* without "[hls @ 0x55...]" */
 
-    if (level > AV_LOG_WARNING || refused)
+    if (level > AV_LOG_WARNING || refused || untrusted)
         return;
     av_log_format_line2(context, level, format, arguments, line, sizeof(line), &prefix);
     const bool barred =
@@ -62,18 +63,27 @@ static void note_complaint(void *context, int level, const char *format, va_list
         return;
     memcpy(complaint, line, sizeof(line));
     refused = barred;
+    untrusted = strstr(line, "certificate") != NULL; /* as libavformat says by GnuTLS and by OpenSSL */
 }
 
 static enum err say_failed(struct demux_answer *a, const char *what, int code)
 {
     char text[AV_ERROR_MAX_STRING_SIZE];
 
+    if (untrusted)
+        return err_say(&a->why, ERR_UNSUPPORTED,
+                       "its certificate is not trusted (%s): name a PEM file with the authority that signed it by "
+                       "--source-ca, or accept any by --source-ca " DEMUX_ANY_CA,
+                       complaint);
     if (refused)
         return err_say(
             &a->why, ERR_UNSUPPORTED,
             "it refers to something that it may not open: %s (network sources may use only network protocols, "
             "no files)",
             complaint);
+    if (code == AVERROR_INVALIDDATA)
+        return err_say(&a->why, ERR_FORMAT, "no video that this program reads%s%s", complaint[0] ? ": " : "",
+                       complaint);
     av_make_error_string(text, sizeof(text), code);
     if (complaint[0])
         return err_say(&a->why, code == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_IO, "%s: %s: %s", what, text, complaint);
@@ -110,7 +120,7 @@ struct reading *reading_create(const struct reading_desc *desc)
     r->packet = av_packet_alloc();
     av_log_set_callback(note_complaint);
     complaint[0] = 0;
-    refused = false;
+    refused = untrusted = false;
     if (r->packet)
         return r;
     reading_destroy(r);
@@ -134,6 +144,16 @@ static const AVInputFormat *find_device(const char *name, struct reason *why)
         (void)err_say(why, ERR_UNSUPPORTED, "cameras need the library %s (Debian's package libavdevice%d)", library,
                       LIBAVFORMAT_VERSION_MAJOR);
     return format;
+}
+
+static void set_trust(const struct reading *r, AVDictionary **options)
+{
+    const char *ca = r->desc.ca;
+    const bool any = ca && strcmp(ca, DEMUX_ANY_CA) == 0;
+
+    av_dict_set(options, "tls_verify", any ? "0" : "1", 0);
+    if (ca && !any)
+        av_dict_set(options, "ca_file", ca, 0);
 }
 
 static enum err set_options(const struct reading *r, const char *url, AVDictionary **options, struct demux_answer *a)
@@ -166,6 +186,20 @@ static int open_nothing(AVFormatContext *s, AVIOContext **io, const char *url, i
     return AVERROR(EACCES);
 }
 
+/* Here and not among a demuxer's options: that of playlists does not hand them on to what it opens. */
+static int open_url(AVFormatContext *s, AVIOContext **io, const char *url, int flags, AVDictionary **options)
+{
+    const struct reading *r = s->opaque;
+    AVDictionary *own = NULL;
+
+    if (!options)
+        options = &own;
+    set_trust(r, options);
+    const int code = r->open(s, io, url, flags, options);
+    av_dict_free(&own);
+    return code;
+}
+
 static int open_context(struct reading *r, const char *url, const AVInputFormat *format, AVDictionary **options)
 {
     r->context = avformat_alloc_context();
@@ -179,6 +213,11 @@ static int open_context(struct reading *r, const char *url, const AVInputFormat 
             return AVERROR(ENOMEM);
         r->context->pb = r->io;
         r->context->io_open = open_nothing;
+    }
+    r->context->opaque = r;
+    if (!r->desc.file && !r->desc.device) {
+        r->open = r->context->io_open;
+        r->context->io_open = open_url;
     }
     return avformat_open_input(&r->context, r->desc.file ? "" : url, format, options);
 }

@@ -13,6 +13,7 @@ struct reading;
 struct reading_desc {
     const uint8_t *file; /* the whole file, or NULL: a URL */
     size_t file_bytes;
+    const char *ca;     /* as struct demux_desc has it */
     const char *device; /* input format of a device ("v4l2"), or NULL */
     uint8_t *packet;    /* where packets go */
     size_t packet_bytes;

@@ -72,7 +72,7 @@ static bool confine(const struct reading_desc *d)
 
     if (confine_limits(&limits) != 0)
         return false;
-    const int error = d->file ? confine_calls_softly() : confine_network();
+    const int error = d->file ? confine_calls_softly() : confine_network(d->ca);
     return error == 0 || error == ENOSYS || error == EINVAL; /* a kernel without seccomp */
 }
 
@@ -81,11 +81,12 @@ int main(int argc, char **argv)
     struct reading_desc d = { .file = NULL };
     unsigned long long bytes;
 
-    if (argc != 3 || sscanf(argv[1], "%llu", &bytes) != 1) {
+    if (argc != 4 || sscanf(argv[1], "%llu", &bytes) != 1) {
         fprintf(stderr, "this program is started by others of relightd to read video; it cannot be used alone.\n");
         return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     d.packet_bytes = (size_t)bytes;
+    d.ca = argv[3][0] ? argv[3] : NULL;
     d.device = strcmp(argv[2], "device") == 0 ? "v4l2" : NULL;
     d.packet = mmap(NULL, d.packet_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, DEMUX_MEMORY, 0);
     if (d.packet == MAP_FAILED || (strcmp(argv[2], "file") == 0 && !map_file(&d)))

@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 struct output_desc {
-    const char *pattern;  /* a file name, with %d or %04d for the frame number, or "-": standard output; borrowed */
+    const char *pattern;  /* a file name, with %d or %04d for the frame number; "-": standard output. Borrowed. */
     const char *format;   /* of standard output: "png" and so on; else NULL: as the name ends */
     bool alpha;           /* EXR, PNG: output_write gets a foreground with its alpha */
     bool deep;            /* PNG: 16 bits instead of 8 */
@@ -26,8 +26,8 @@ struct output_desc {
 struct output;
 
 /* ERR_USAGE: no such pattern, or an extension that no format has, or one without alpha, 16 bits or PQ that asks
- * for them; the reason lists those there are. Also if standard output is a terminal. ERR_UNSUPPORTED: no video in this build, or not of this size. ERR_IO: the
- * folder cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
+ * for them; the reason lists those there are. Also if standard output is a terminal. ERR_UNSUPPORTED: no video in this
+ * build, or not of this size. ERR_IO: the folder cannot be written. ERR_NOMEM. On ERR_OK the caller owns *out. */
 MUST_CHECK enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t height, struct output **out,
                                   struct reason *why);
 void output_destroy(struct output *o); /* NULL is allowed */

@@ -120,6 +120,10 @@ const struct setting settings_table[] = {
     { "source-peak", "CDM2",
       "luminance of a video's white (of its peak with HLG; PQ is clipped there); 0: 203, with HLG 1000, PQ as it is",
       "0", SCENE, LIGHT_PROGRAMS, REAL(0.0, 1e6), AT(source_desc.colour.peak_cdm2) },
+    { "source-ca", "FILE",
+      "PEM file with the authorities that https://, rtsps:// and rtmps:// sources are signed by, instead of the "
+      "system's; none: accept any certificate",
+      NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(source_desc.ca) },
     { "once", NULL, "stop after the last frame and keep its image; default: start again", NULL, SCENE, FOR_RELIGHTD,
       SWITCH_OFF, AT(source_desc.loop) },
     { "layout", "L", "layout of the environment map", "auto", SCENE, LIGHT_PROGRAMS, CHOICE(layout_choices),

@@ -87,7 +87,8 @@ static enum err connect(struct footage *f, struct reason *why)
     f->await_key = true;
     f->least_us = f->time_us = VIDEO_NO_TIME;
     f->packets = f->pictures = f->damaged = 0;
-    enum err e = demux_open(&(struct demux_desc){ .spec = f->desc.spec, .stop = f->desc.stop }, &f->demux, why);
+    enum err e = demux_open(&(struct demux_desc){ .spec = f->desc.spec, .ca = f->desc.ca, .stop = f->desc.stop },
+                            &f->demux, why);
     if (!e)
         e = demux_next(f->demux, 0, &item, why);
     return e ? e : take_format(f, &item, why);

@@ -14,6 +14,7 @@
 struct footage_desc {
     const char *spec; /* must outlive the footage */
     struct video_colour colour;
+    const char *ca;          /* see demux.h; must outlive it too */
     const atomic_bool *stop; /* when set, calls return soon; may be NULL */
 };
 

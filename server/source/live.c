@@ -19,6 +19,7 @@
 struct live {
     struct footage_desc desc;
     char name[200];
+    bool web;                      /* it may turn out to be a recording */
     struct footage *footage;       /* thread's */
     struct frame spare;            /* thread's */
     bool held;                     /* thread's: the footage has a picture that was not converted */
@@ -36,6 +37,7 @@ struct live {
     enum err error;      /* {lock} of the conversion */
     struct reason fault; /* {lock} likewise */
     bool connected;      /* {lock} */
+    bool recording;      /* {lock} */
     struct reason state; /* {lock} */
 };
 
@@ -142,17 +144,32 @@ static void wait_ms(struct live *l, int64_t ms)
         nanosleep(&(struct timespec){ .tv_nsec = 50000000 }, NULL);
 }
 
+static bool leave_recording(struct live *l, bool any)
+{
+    const bool recording = l->web && !any && footage_format(l->footage)->duration_us > 0;
+
+    pthread_mutex_lock(&l->lock);
+    l->recording = recording;
+    pthread_mutex_unlock(&l->lock);
+    return recording;
+}
+
 static void *run(void *arg)
 {
     struct live *l = arg;
     int64_t retry_ms = RETRY_FIRST_MS;
+    bool any = l->footage != NULL;
 
     while (!atomic_load(&l->stop)) {
         struct reason why = { "" };
         char text[sizeof(why.text)];
         const bool open = l->footage || footage_open(&l->desc, &l->footage, &why) == ERR_OK;
-        if (open && play(l, &why))
+        if (open && leave_recording(l, any))
+            break;
+        if (open && play(l, &why)) {
             retry_ms = RETRY_FIRST_MS;
+            any = true;
+        }
         footage_close(l->footage);
         l->footage = NULL;
         if (atomic_load(&l->stop))
@@ -171,6 +188,7 @@ static void *run(void *arg)
 enum err live_start(const struct footage_desc *desc, struct footage *first, struct live **out, struct reason *why)
 {
     struct live *l = mem_alloc(1, sizeof(*l));
+    enum demux_kind kind;
     pthread_condattr_t clock;
 
     *out = NULL;
@@ -178,6 +196,7 @@ enum err live_start(const struct footage_desc *desc, struct footage *first, stru
         return err_say(why, ERR_NOMEM, "out of memory");
     l->desc = *desc;
     l->desc.stop = &l->stop;
+    l->web = demux_kind_of(desc->spec, &kind, why) == ERR_OK && kind == DEMUX_WEB;
     demux_name(desc->spec, l->name, sizeof(l->name));
     snprintf(l->state.text, sizeof(l->state.text), "connecting to %s", l->name);
     pthread_mutex_init(&l->lock, NULL);
@@ -234,6 +253,14 @@ enum err live_next(struct live *l, int timeout_ms, struct frame *f, struct reaso
     }
     pthread_mutex_unlock(&l->lock);
     return e;
+}
+
+bool live_is_recording(struct live *l)
+{
+    pthread_mutex_lock(&l->lock);
+    const bool recording = l->recording;
+    pthread_mutex_unlock(&l->lock);
+    return recording;
 }
 
 bool live_is_connected(struct live *l, struct reason *why)

@@ -9,6 +9,10 @@
 
 struct live;
 
+/* Whether a web server's video has come that is no live stream, as it has a length, where nothing had come before. The
+ * thread has ended: the video can be opened as a file. */
+bool live_is_recording(struct live *l);
+
 /* Starts the thread, which connects. first: an open footage that it takes over, or NULL. ERR_NOMEM: then `first` still
  * belongs to the caller. */
 MUST_CHECK enum err live_start(const struct footage_desc *desc, struct footage *first, struct live **out,

@@ -18,6 +18,7 @@
 #define WATCH_WAIT_MS 200
 
 struct source {
+    struct source_desc desc;
     enum source_kind kind;
     struct setting_frames frames;
     bool loop;
@@ -80,14 +81,18 @@ static enum err check_numbers(const struct source *s, const char *spec, struct r
 /* A web server's video of known length is read like a file. */
 static enum err open_video(struct source *s, const struct source_desc *d, enum demux_kind kind, struct reason *why)
 {
-    const struct footage_desc desc = { .spec = d->spec, .colour = d->colour };
+    const struct footage_desc desc = { .spec = d->spec, .colour = d->colour, .ca = d->ca };
 
     s->kind = SOURCE_VIDEO;
-    enum err e = demux_check_build(d->spec, why);
+    enum err e = demux_check(d->spec, d->ca, why);
     if (!e && (kind == DEMUX_FILE || kind == DEMUX_WEB))
         e = footage_open(&desc, &s->footage, why);
-    if (e || kind == DEMUX_FILE || (kind == DEMUX_WEB && footage_format(s->footage)->duration_us > 0))
+    if (e == ERR_IO && kind == DEMUX_WEB && d->wait) {
+        log_warning("%s; it is waited for", why->text);
+        e = ERR_OK;
+    } else if (e || kind == DEMUX_FILE || (kind == DEMUX_WEB && footage_format(s->footage)->duration_us > 0)) {
         return e;
+    }
     e = live_start(&desc, s->footage, &s->live, why);
     if (!e) {
         s->kind = SOURCE_LIVE;
@@ -141,6 +146,7 @@ enum err source_open(const struct source_desc *desc, struct source **out, struct
     struct source *s = mem_alloc(1, sizeof(*s));
     if (!s)
         return err_say(why, ERR_NOMEM, "%s: out of memory", desc->spec);
+    s->desc = *desc;
     s->kind = SOURCE_FILES;
     s->frames = desc->frames;
     s->loop = desc->loop;
@@ -280,8 +286,23 @@ static enum err next_video(struct source *s, struct frame *f, struct reason *why
     return e;
 }
 
+/* What was waited for is a video of known length. */
+static enum err become_video(struct source *s, struct reason *why)
+{
+    live_stop(s->live);
+    s->live = NULL;
+    const enum err e = open_video(s, &s->desc, DEMUX_WEB, why);
+    if (e)
+        s->kind = SOURCE_LIVE; /* to be tried again */
+    return e;
+}
+
 static enum err next_live(struct source *s, struct frame *f, struct reason *why)
 {
+    if (!s->live || live_is_recording(s->live)) {
+        forget(f);
+        return become_video(s, why);
+    }
     if (s->frames.given && s->picture > s->frames.last)
         return ERR_END;
     forget(f);
@@ -342,7 +363,7 @@ double source_rate(const struct source *s)
 
 bool source_is_connected(struct source *s, struct reason *why)
 {
-    return s->kind != SOURCE_LIVE || live_is_connected(s->live, why);
+    return s->kind != SOURCE_LIVE || (s->live && live_is_connected(s->live, why));
 }
 
 enum source_kind source_kind(const struct source *s)

@@ -41,6 +41,8 @@ struct source_desc {
     struct setting_frames frames; /* only frames with these numbers */
     bool loop;                    /* restart after the last frame; numbers repeat */
     struct video_colour colour;   /* of videos, instead of what they say; zero: as they say */
+    const char *ca;               /* of network sources: see demux.h */
+    bool wait;                    /* a web server that is down is waited for, as other network sources always are */
 };
 
 /* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:
@@ -82,7 +84,8 @@ enum source_kind {
     SOURCE_LIVE,
 };
 
-enum source_kind source_kind(const struct source *s); /* of an open source */
+enum source_kind source_kind(const struct source *s); /* of an open source. One that waits for a web server is LIVE
+                                                         until it comes, then VIDEO if it has a known length. */
 
 /* Position of the last frame returned, from 0 (0 before the first): in the file list, or among the sky's frames in the
  * range. */

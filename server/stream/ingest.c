@@ -255,7 +255,8 @@ static struct ticket *find_ticket(struct ingest *g, const struct server_ticket *
 
 static void set_layout(struct frame *f, const struct protocol_environment *h)
 {
-    static const char *const names[] = { "", "latlong", "cube", "hcross", "vcross", "ball", "fisheye" };
+    static const char *const names[] = { "",     "latlong", "cube",     "hcross",  "vcross",
+                                         "ball", "fisheye", "cube-3x2", "cube-6x1" };
     const bool raw = f->kind == FRAME_TEXELS;
     const char *name = names[h->layout];
 

@@ -5,8 +5,10 @@ import asyncio
 import random
 import signal
 import struct
+import subprocess
 from pathlib import Path
 
+from live import box, ffmpeg, spherical
 from peer import Failed, Frame, Program, Server, check, expect, main, radiance, run, sky_files
 
 
@@ -67,6 +69,26 @@ async def layout_and_range_are_stated(folder):
         expect(await feed(server, "--layout", "latlong-bottom", "--frames", "2-3", pattern), 0)
         expect(await feed(server, "--layout", "fisheye", "--frames", "4", pattern), 0)
     check([(f.number, f.layout, f.flags) for f in frames] == [(2, 1, 1), (3, 1, 1), (4, 6, 0)], "not as asked for")
+
+
+async def videos_state_the_layout_asked_for_or_their_own(folder):
+    still = ("-f", "lavfi", "-i", "testsrc2=s=192x128:r=25:d=0.04", "-c:v", "libx264", "-qp", "0", "-pix_fmt", "yuv420p")
+    subprocess.run(ffmpeg(*still, folder / "plain.mp4"), check=True)
+    spherical(folder / "plain.mp4", folder / "cube.mp4", box(b"cbmp", bytes(12)))
+    subprocess.run(ffmpeg(*still[:3], "testsrc2=s=192x32:r=25:d=0.04", *still[4:], folder / "row.mp4"), check=True)
+    seen = []
+
+    async def script(link):
+        frames = []
+        await obliging(link, frames)
+        seen.extend(f.layout for f in frames)
+
+    asked = (("plain.mp4",), ("plain.mp4", "--layout", "cube-3x2"), ("cube.mp4",), ("cube.mp4", "--layout", "ball"),
+             ("row.mp4", "--layout", "cube-6x1"), ("plain.mp4", "--layout", "fisheye"))
+    async with Server(script) as server:
+        for name, *options in asked:
+            expect(await feed(server, "--frames", "0", *options, folder / name), 0)
+    check(seen == [0, 7, 7, 5, 8, 6], f"not as asked for: {seen}")
 
 
 async def computed_skies_travel_as_texels(folder):

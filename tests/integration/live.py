@@ -7,6 +7,7 @@ import functools
 import http.server
 import shutil
 import socket
+import ssl
 import struct
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from pathlib import Path
 from control import Party
 from peer import check, expect, main, run, skip
 from still import Daemon
+from tls import certificate
 
 SMALL = ("--samples", "1", "--paths", "direct")
 
@@ -45,14 +47,19 @@ class Sender:
 
 
 class Web:
-    """A web server for a folder."""
+    """A web server for a folder, with TLS if there is a certificate with its key."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, port=0, tls=None):
         class Handler(http.server.SimpleHTTPRequestHandler):
             def log_message(self, *_):
                 pass
-        self.server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=folder))
-        self.url = f"http://127.0.0.1:{self.server.server_port}"
+        self.server = http.server.ThreadingHTTPServer(("127.0.0.1", port), functools.partial(Handler, directory=folder))
+        self.server.handle_error = lambda *_: None  # clients that do not trust it break off
+        if tls:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(*tls)
+            self.server.socket = context.wrap_socket(self.server.socket, server_side=True)
+        self.url = f"http{'s' if tls else ''}://localhost:{self.server.server_port}"
 
     def __enter__(self):
         threading.Thread(target=self.server.serve_forever, daemon=True).start()
@@ -60,6 +67,7 @@ class Web:
 
     def __exit__(self, *_):
         self.server.shutdown()
+        self.server.server_close()
 
 
 def ffmpeg(*arguments):
@@ -176,6 +184,65 @@ async def video_of_a_web_server_plays_like_a_file(folder):
         check(sorted(p.name for p in folder.glob("out.*")) == ["out.3.exr", "out.4.exr"], "other frames")
         program = await run("relight-render", "--source", web.url + "/none.mp4", "--out", folder / "none.exr")
         expect(program, 1, "404")
+
+
+async def web_server_that_is_down_is_waited_for(folder):
+    clip(folder)
+    port = free_port(socket.SOCK_STREAM)
+    async with Daemon("--source", f"http://localhost:{port}/clip.mp4", *SMALL) as daemon:
+        party = await Party.come(daemon.url, "controller")
+        await party.until(lambda: "trying again" in source(party)["detail"])
+        check(source(party)["state"] == "waiting" and source(party)["kind"] == "live", f"{source(party)}")
+        with Web(folder, port):
+            await party.until(lambda: source(party)["state"] == "live")
+            await party.until(lambda: source(party)["length"] == 50)
+            check(source(party)["kind"] == "files", f"it is no video that can be moved in: {source(party)}")
+            check(await party.ask(paused=True) is None and await party.ask(seek=37) is None, "it cannot be moved")
+            await party.until_place(37)
+
+
+async def what_is_no_video_is_an_error_at_once(folder):
+    (folder / "page.html").write_text("<!DOCTYPE html><html><body>" + "no video " * 1000 + "</body></html>", encoding="ascii")
+    with Web(folder) as web:
+        for program in (("relightd", "--port", "0"), ("relight-render", "--out", folder / "x.exr"), ("relight-feed",)):
+            url = (web.url + "/page.html",) if program[0] == "relight-feed" else ("--source", web.url + "/page.html")
+            expect(await run(*program, *url), 1, "/page.html: no video that this program reads")
+    expect(await run("relight-render", "--out", folder / "x.exr", "--source", "gopher://x/y"), 2, "gopher:// is no source; sources are rtsp://")
+    expect(await run("relight-render", "--out", folder / "x.exr", "--source", "v4l2:video0"), 2, "expected v4l2:/dev/videoN")
+
+
+async def camera_that_is_missing_is_named(folder):
+    del folder
+    async with Daemon("--source", "v4l2:/dev/video99", *SMALL) as daemon:
+        party = await Party.come(daemon.url, "viewer")
+        await party.until(lambda: "trying again" in source(party)["detail"])
+        detail = source(party)["detail"]
+        check(detail.startswith("v4l2:/dev/video99: cannot be opened: No such file or directory"), f"viewers are told: {detail}")
+
+
+async def certificates_of_sources_are_verified(folder):
+    site, outside = folder / "site", folder / "outside"
+    site.mkdir()
+    outside.mkdir()
+    path = clip(site)
+    cert, key = certificate(folder, "good")
+    other, _ = certificate(folder, "other")
+    alien = certificate(folder, "alien", names="DNS:elsewhere.example.org")
+    render = ("relight-render", "--frames", "0", "--size", "32x18", *SMALL, "--out", folder / "out.exr")
+    with Web(site, tls=(cert, key)) as web, Web(site, tls=alien) as misnamed, Web(outside) as plain:
+        subprocess.run(ffmpeg("-i", path, "-c", "copy", "-f", "hls", "-hls_base_url", web.url + "/", "-hls_segment_filename",
+                              site / "v%d.ts", outside / "v.m3u8"), check=True)
+        for url in (web.url + "/clip.mp4", plain.url + "/v.m3u8"):
+            expect(await run(*render, "--source", url), 1, "its certificate is not trusted (Peer certificate failed verification): name a PEM file")
+            expect(await run(*render, "--source", url, "--source-ca", other), 1, "its certificate is not trusted")
+            check(not (folder / "out.exr").exists(), "a picture all the same")
+            for ca in (cert, "none"):
+                expect(await run(*render, "--source", url, "--source-ca", ca), 0)
+                (folder / "out.exr").unlink()
+        expect(await run(*render, "--source", misnamed.url + "/clip.mp4", "--source-ca", alien[0]), 1, "certificate")
+        expect(await run(*render, "--source", web.url + "/clip.mp4", "--source-ca", folder / "no.pem"), 2, "no.pem: cannot be read")
+        expect(await run(*render, "--source", "rtsps://localhost:1/sky"), 1, "cannot verify the certificate")
+        expect(await run("relight-feed", "--frames", "0", web.url + "/clip.mp4"), 1, "its certificate is not trusted")
 
 
 async def playlists_that_point_at_files_are_refused(folder):

@@ -493,7 +493,7 @@ def frame_faults(data, frame_bytes):
         faults.add(refusal("bad_field", "7.2"))
     if e["header"] + e["payload"] != len(data) or not e["payload"]:
         faults.add(refusal("bad_field", "7.3"))
-    if not 1 <= e["encoding"] <= 4 or e["layout"] > 6:
+    if not 1 <= e["encoding"] <= 4 or e["layout"] > 8:
         faults.add(refusal("bad_field", "7.4"))
     if e["encoding"] in (1, 2):
         if e["width"] or e["height"] or e["channels"]:

@@ -129,7 +129,7 @@ class Writer:
             how["size"] = d.choice(((8, 4), (2, 1), (16, 8), (1, 6), (4, 3), (3, 3), (64, 32)))
             how["channels"] = d.choice((3, 4))
             how["encoding"] = d.choice((3, 4))
-            how["layout"] = d.randint(0, 6)
+            how["layout"] = d.randint(0, 8)
             how["flags"] = d.choice((0, 1, 254, 255))
         elif self.chance(0.3):
             how["encoding"] = d.choice((1, 2))

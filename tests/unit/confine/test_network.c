@@ -28,7 +28,7 @@ static int confined(int (*deed)(void))
         const struct confine_limits limits = {
             .address_bytes = (size_t)4 << 30, .seconds = 60, .descriptors = 3, .received = 64, .threads = true
         };
-        _exit(confine_limits(&limits) || confine_network() ? NO_SANDBOX : deed());
+        _exit(confine_limits(&limits) || confine_network(NULL) ? NO_SANDBOX : deed());
     }
     assert_int_equal(waitpid(pid, &status, 0), pid);
     if (WIFEXITED(status) && WEXITSTATUS(status) == NO_SANDBOX) {

@@ -73,6 +73,11 @@ static void halves_alpha_and_rows_from_the_bottom_are_put_right(void **state)
     assert_string_equal(f.layout, "fisheye");
     const float rgb[6] = { 1, 2, 3, 4, 5, 6 };
     assert_memory_equal(f.rgb, rgb, sizeof(rgb));
+    single.layout = PROTOCOL_CUBE_6X1;
+    single.frame = 3;
+    payload_send(&c, single, floats);
+    take(s, &f, &t, 3);
+    assert_string_equal(f.layout, "cube-6x1");
     client_shut(&c);
     frame_finish(&f);
     server_destroy(s);
@@ -202,7 +207,7 @@ static void encoding(struct client *c)
 }
 static void layout(struct client *c)
 {
-    altered(c, 7, 7);
+    altered(c, 7, 9);
 }
 static void channels(struct client *c)
 {
