@@ -295,6 +295,18 @@ bool output_is_numbered(const struct output *o)
     return o->pattern.length > 0 || o->format->movie || images_in_turn;
 }
 
+bool output_is_movie(const struct output_desc *desc)
+{
+    return format_of(desc->pattern)->movie;
+}
+
+bool output_exists(const struct output *o, uint64_t frame)
+{
+    char name[4096];
+
+    return file_pattern_name(&o->pattern, frame, name, sizeof(name), NULL) == ERR_OK && access(name, F_OK) == 0;
+}
+
 bool output_is_exposed(const struct output *o)
 {
     return o->format->exposed;

@@ -28,7 +28,9 @@ static enum err open_outputs(struct render *r, struct reason *why)
                     "--out '%s' takes one %s, but the source has %" PRIu64 " frames: %s, or choose one by --frames",
                     d->output.pattern, output.format ? "EXR" : "file", source_count(r->source),
                     output.format ? "use another --format" : "put %04d into it");
-    if (e || !d->stats_path)
+    if (!e)
+        e = render_check_shared(r, why);
+    if (e || !d->stats_path || ranks_index(d->ranks) > 0)
         return e;
     r->stats = strcmp(d->stats_path, "-") == 0 ? stdout : fopen(d->stats_path, "w");
     if (!r->stats)
@@ -105,10 +107,31 @@ static enum err set_up(struct render *r, struct reason *why)
     if (e)
         return e;
     d->setup.light.direct.why = why;
+    return ERR_OK;
+}
+
+static enum err prepare_light(struct render *r, struct reason *why)
+{
+    struct render_desc *d = &r->desc;
+
+    d->setup.light.direct.why = why;
     if (d->target.seconds > 0.0 || d->target.error > 0.0)
         return ERR_OK;
     return decider_prepare(&r->decider, r->relighter, d->setup.allow_bias, d->setup.set_desc.progress, &d->setup.light,
                            &r->cache_ms);
+}
+
+/* A cache is computed by rank 0 and kept, so that the others can load it. */
+static enum err prepare(struct render *r, struct reason *why)
+{
+    const bool first = ranks_index(r->desc.ranks) == 0;
+    enum err e = ranks_agree(r->desc.ranks, set_up(r, why), why);
+
+    if (!e)
+        e = ranks_agree(r->desc.ranks, first ? prepare_light(r, why) : ERR_OK, why);
+    if (!e)
+        e = ranks_agree(r->desc.ranks, first ? ERR_OK : prepare_light(r, why), why);
+    return e;
 }
 
 /* The time for light is what reading and writing leave of the frame's. */
@@ -184,8 +207,9 @@ static enum err render_frame(struct render *r, struct reason *why)
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
     if (!e && r->prober)
         e = print_probe(r, why);
-    if (!e && r->stats)
-        render_write_stats(r, &stats, &pilot, ms);
+    if (!e && r->desc.stats_path)
+        e = render_note(r, render_stats_text(r, &stats, &pilot, ms)) ? err_say(why, ERR_NOMEM, "out of memory")
+                                                                     : ERR_OK;
     if (!e)
         decider_learn(&r->decider, r->relighter, &request, &r->decision, &stats, &pilot);
     r->rendered += !e;
@@ -197,9 +221,9 @@ static enum err render_all(struct render *r, struct reason *why)
     enum err e = ERR_OK;
 
     r->desc.setup.light.progress = &r->line;
-    progress_begin(&r->line, "rendering", source_count(r->source), stderr);
+    progress_begin(&r->line, "rendering", source_count(r->source), ranks_index(r->desc.ranks) == 0 ? stderr : NULL);
     while (!e) {
-        e = source_next(r->source, &r->frame, why);
+        e = render_take(r, why);
         if (e == ERR_END)
             break;
         if (e) {
@@ -208,19 +232,42 @@ static enum err render_all(struct render *r, struct reason *why)
             e = ERR_OK;
         } else if (r->frame.kind == FRAME_NONE) {
             continue; /* a watched folder that is quiet */
+        } else if (render_is_kept(r)) {
+            r->kept++;
         } else {
             e = render_frame(r, why);
         }
-        progress_step(&r->line, 1);
+        progress_step(&r->line, r->desc.ranks ? r->position + 1 - r->line.done : 1); /* of all ranks */
     }
     progress_end(&r->line);
-    if (e && e != ERR_END)
+    if (e && e != ERR_END) {
+        ranks_stop(r->desc.ranks);
         return e;
+    }
     return r->output ? output_finish(r->output, why) : ERR_OK;
+}
+
+/* Says what all ranks did. Frames that were refused are an error, after all others are done. */
+static enum err sum_up(struct render *r, enum err e, struct reason *why)
+{
+    struct ranks *ranks = r->desc.ranks;
+
+    e = ranks_agree(ranks, e, why);
+    const uint64_t rendered = ranks_sum(ranks, r->rendered), refused = ranks_sum(ranks, r->refused),
+                   kept = ranks_sum(ranks, r->kept);
+    if (r->desc.resume && kept > 0 && ranks_index(ranks) == 0)
+        log_info("%" PRIu64 " pictures were there and are kept, %" PRIu64 " are new", kept, rendered);
+    if (!e && refused)
+        return err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", refused,
+                       refused + rendered + kept);
+    return e;
 }
 
 static enum err finish(struct render *r, enum err e, struct reason *why)
 {
+    const enum err joined = render_join(r, why);
+
+    e = e ? e : joined;
     if (r->stats) {
         fputs("\n]\n", r->stats);
         const bool failed = fflush(r->stats) != 0 || ferror(r->stats);
@@ -229,13 +276,10 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
         if (failed && !e)
             e = err_say(why, ERR_IO, "%s: cannot be written", r->desc.stats_path);
     }
-    if (!e && r->refused) {
-        e = err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", r->refused,
-                    r->refused + r->rendered);
-    }
     frame_finish(&r->frame);
     mem_free(r->rgb);
     mem_free(r->rgba);
+    mem_free(r->texts.at);
     output_destroy(r->output);
     render_layers_destroy(r->layers);
     environment_destroy(r->environment);
@@ -251,9 +295,9 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
 enum err render_sequence(const struct render_desc *desc, struct reason *why)
 {
     struct render r = { .desc = *desc };
-    enum err e = set_up(&r, why);
+    enum err e = prepare(&r, why);
 
     if (!e)
-        e = render_all(&r, why);
+        e = sum_up(&r, render_all(&r, why), why);
     return finish(&r, e, why);
 }

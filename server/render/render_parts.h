@@ -25,7 +25,12 @@ struct render {
     float *rgba;           /* [height][width][4]: the foreground; NULL: not asked for */
     FILE *stats;           /* NULL: none */
     struct frame frame;
-    uint64_t rendered, refused;
+    uint64_t rendered, refused, kept;
+    uint64_t position; /* of the frame in the source; of a job */
+    struct bytes {     /* of a job: statistics of this rank's frames, as share.c has them */
+        char *at;
+        size_t size, capacity;
+    } texts;
     bool warned_clipped;
     struct progress line;         /* of the whole sequence */
     struct render_layers *layers; /* NULL: not asked for */
@@ -44,9 +49,19 @@ MUST_CHECK enum err render_layers_create(struct render *r, struct reason *why);
 MUST_CHECK enum err render_layers_run(struct render *r, struct relight_stats *stats);
 void render_layers_destroy(struct render_layers *l); /* NULL is allowed */
 
-/* Appends the JSON object of the last frame to r->stats. ms: decoding, rebuilding the tables, writing. Thread: the
- * caller's; errors show when the file is closed. */
-void render_write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
+/* share.c: what ranks of a job share, and what --resume keeps. render_check_shared: ERR_USAGE where frames cannot be
+ * dealt out or kept. render_take: the next frame for this process, in r->frame; errors of source_next. render_is_kept:
+ * whether its picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed here),
+ * and render_join writes those of all ranks, collectively. ERR_NOMEM. */
+MUST_CHECK enum err render_check_shared(const struct render *r, struct reason *why);
+MUST_CHECK enum err render_take(struct render *r, struct reason *why);
+bool render_is_kept(const struct render *r);
+MUST_CHECK enum err render_note(struct render *r, char *text);
+MUST_CHECK enum err render_join(struct render *r, struct reason *why);
+
+/* statistics.c: the JSON object of the last frame, to be freed with free; NULL when out of memory. ms: decoding,
+ * rebuilding the tables, writing. */
+char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3]);
 
 #endif

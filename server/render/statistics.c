@@ -111,7 +111,7 @@ static json_t *auto_stats(const struct buy *b)
                      b->break_even > 0.0 ? json_real(b->break_even) : json_null(), "why", b->why);
 }
 
-void render_write_stats(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
+char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
     const struct relight_desc *light = &r->decision.light;
@@ -122,6 +122,7 @@ void render_write_stats(struct render *r, const struct relight_stats *s, const s
                           measured ? "auto" : method_name(method_by_rule(light->direct.method)), "samples",
                           (int)(measured ? pilot->samples : light->direct.samples));
     json_t *more = picture_stats(r, s, ms);
+    char *text = NULL;
 
     if (j && more) {
         json_object_update(j, more);
@@ -141,9 +142,9 @@ void render_write_stats(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "lamps", lamps_stats_of(r));
         if (measured)
             json_object_set_new(j, "estimate", estimate_stats(r, pilot));
-        fputs(r->rendered ? ",\n" : "\n", r->stats);
-        json_dumpf(j, r->stats, JSON_REAL_PRECISION(6));
+        text = json_dumps(j, JSON_REAL_PRECISION(6));
     }
     json_decref(more);
     json_decref(j);
+    return text;
 }

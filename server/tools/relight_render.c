@@ -10,6 +10,7 @@
 
 #include <omp.h>
 #include <signal.h>
+#include <stdio.h>
 #include <string.h>
 
 struct render {
@@ -19,6 +20,7 @@ struct render {
     struct components_desc components; /* out.text NULL: they are not asked for */
     struct probe_request probe;        /* about a pixel, */
     bool probing;                      /* where one is asked */
+    char name[200];                    /* of a rank, in the log */
 };
 
 #define RENDERING .section = "Rendering"
@@ -55,6 +57,8 @@ static const struct setting rows[] = {
     { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, OUTPUT,
       WHOLE(0, 0x1.fffffffffffffp52), AT(desc.exposure_frame) },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
+    { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
+      OUTPUT, SWITCH, AT(desc.resume) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "layers", NULL,
       "write EXR with layers: light by class, sun and sky, albedo, normal, position, depth, error, Cryptomatte", NULL,
@@ -137,7 +141,7 @@ static enum err check_layers(const struct render *r, struct reason *why)
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
     static const char *const others[] = { "out",   "frames",  "stats",          "fps",    "error", "reseed", "half",
-                                          "alpha", "denoise", "exposure-frame", "layers", "format" };
+                                          "alpha", "denoise", "exposure-frame", "layers", "format", "resume" };
 
     r->desc.exposure_frame_given = command_given(c, "exposure-frame");
     if (r->desc.exposure_frame_given && r->desc.setup.initial.exposure_stops != EXPOSURE_AUTO)
@@ -244,6 +248,34 @@ static enum err export_components(struct render *r, struct reason *why)
     return e;
 }
 
+/* All ranks of a job render one sequence; alone, this process does. */
+static enum err render_together(struct render *r, int argc, char **argv, struct reason *why)
+{
+    const struct setup *s = &r->desc.setup;
+    const struct ranks_desc desc = { s->kernels->level, argc, argv };
+    struct ranks *ranks;
+    enum err e = ranks_create(&desc, &ranks, why);
+    const bool together = ranks || (e && !why->text[0]);
+
+    if (ranks) {
+        snprintf(r->name, sizeof(r->name), "relight-render, %s", ranks_name(ranks));
+        log_init(r->name, LOG_INFO);
+        if (!s->threads)
+            omp_set_num_threads((int)ranks_threads(ranks));
+    }
+    r->desc.ranks = ranks;
+    if (!e && r->components.out.text)
+        e = ranks ? err_say(why, ERR_USAGE, "--components is for one process: start relight-render without mpirun")
+                  : export_components(r, why);
+    else if (!e)
+        e = render_sequence(&r->desc, why);
+    /* Wrong usage is the same on all ranks, and an error that is another rank's is told there. */
+    if (e && !(together && (!why->text[0] || (e == ERR_USAGE && ranks_index(ranks) > 0))))
+        log_error("%s", why->text[0] ? why->text : err_text(e));
+    ranks_destroy(ranks);
+    return e;
+}
+
 int main(int argc, char **argv)
 {
     static struct render r;
@@ -271,8 +303,7 @@ int main(int argc, char **argv)
     if (!e)
         e = read_options(&command, &r, &why);
     if (!e)
-        e = r.components.out.text ? export_components(&r, &why) : render_sequence(&r.desc, &why);
-    if (e)
-        log_error("%s", why.text[0] ? why.text : err_text(e));
+        return err_exit_code(render_together(&r, argc, argv, &why));
+    log_error("%s", why.text[0] ? why.text : err_text(e));
     return err_exit_code(e);
 }

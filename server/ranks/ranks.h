@@ -1,0 +1,53 @@
+/* server/ranks/ranks.h */
+/* The processes of one MPI job, called ranks: mpirun -n 4 relight-render ... starts four. They agree on errors, take
+ * numbers from one shared counter, and give their texts to rank 0. Where no launcher has started several processes,
+ * there is no job: `struct ranks *` is then NULL, which all functions take for one process.
+ *
+ * Collective functions are called by every rank, in the same order; waiting costs no processor time.
+ * Thread: the one that called ranks_create. Without MPI in the build ranks_create refuses to be one of several. */
+#ifndef RANKS_RANKS_H
+#define RANKS_RANKS_H
+
+#include "base/err.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct ranks;
+
+/* What all ranks must have in common, beside the program's file, since it decides the bits of pictures. */
+struct ranks_desc {
+    const char *level; /* CPU level, as kernels_select has it */
+    int argc;          /* of main; the command line */
+    char *const *argv;
+};
+
+/* Collective. Joins the job, if there is one; *out is NULL if not. ERR_USAGE: the ranks differ, in what *why says on
+ * rank 0, and "" on others. ERR_UNSUPPORTED: this build has no MPI, or the MPI does not allow threads. ERR_NOMEM. */
+MUST_CHECK enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct reason *why);
+/* Collective. Leaves the job, once all ranks do. NULL is allowed. */
+void ranks_destroy(struct ranks *r);
+
+uint32_t ranks_index(const struct ranks *r); /* 0 .. ranks_count - 1 */
+uint32_t ranks_count(const struct ranks *r);
+/* "rank 2 of 4 on HOST"; lasts as long as r. */
+const char *ranks_name(const struct ranks *r);
+/* Threads for this rank, so that those of a host together have its processors, once each; 0: without a job. */
+uint32_t ranks_threads(const struct ranks *r);
+
+/* Collective. This rank's error, or ERR_IO if another has one: rank 0 then has a reason that names it, others "". */
+MUST_CHECK enum err ranks_agree(struct ranks *r, enum err own, struct reason *why);
+/* Collective. The sum over all ranks. */
+uint64_t ranks_sum(struct ranks *r, uint64_t own);
+
+/* The next number, from 0, that no rank has taken; UINT64_MAX after ranks_stop. Not for NULL. */
+uint64_t ranks_take(struct ranks *r);
+/* From now on no rank takes a further one. */
+void ranks_stop(struct ranks *r);
+
+/* Collective. Calls take(context, rank, bytes, size) on rank 0 for every rank's bytes, in order of ranks, those of rank
+ * 0 included; on other ranks it is not called. ERR_NOMEM on rank 0. */
+MUST_CHECK enum err ranks_gather(struct ranks *r, const void *bytes, size_t size,
+                                 enum err (*take)(void *context, const void *bytes, size_t size), void *context);
+
+#endif

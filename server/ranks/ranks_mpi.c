@@ -1,0 +1,332 @@
+#define _GNU_SOURCE /* sched_getaffinity */
+#include "ranks/ranks.h"
+
+#include "base/digest.h"
+#include "base/mem.h"
+#include "ranks/ranks_parts.h"
+
+#include <mpi.h>
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#define POLL_NS 1000000             /* MPI's own waits spin, on processors that other ranks may need */
+#define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
+#define TAG_SIZE 1
+#define TAG_BYTES 2
+#define TAG_NONE 3       /* never sent */
+#define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
+
+struct ranks {
+    int own, count, local; /* local: ranks on this host */
+    char name[160];
+    MPI_Win window; /* of the counter, at rank 0 */
+    uint64_t *counter;
+    pthread_t keeper; /* rank 0, where ranks are on several hosts */
+    bool has_keeper;
+    atomic_bool leaving;
+};
+
+static void rest(void)
+{
+    nanosleep(&(struct timespec){ 0, POLL_NS }, NULL);
+}
+
+static void wait_for(MPI_Request *q)
+{
+    int done = 0;
+
+    while (MPI_Test(q, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && !done)
+        rest();
+}
+
+/* Other hosts' access to the counter makes progress only while rank 0 is inside MPI, which may be long in a frame. */
+static void *keep_moving(void *context)
+{
+    struct ranks *r = context;
+    int found;
+
+    while (!atomic_load(&r->leaving)) {
+        MPI_Iprobe(MPI_ANY_SOURCE, TAG_NONE, MPI_COMM_WORLD, &found, MPI_STATUS_IGNORE);
+        rest();
+    }
+    return NULL;
+}
+
+/* ---- What ranks must have in common ---- */
+
+struct identity {
+    char host[64], level[16];
+    struct digest program, arguments;
+};
+
+/* Of the running program's file; on an error, of none of it. */
+static void digest_program(struct digest *d)
+{
+    char block[1 << 16];
+    FILE *f = fopen("/proc/self/exe", "rb");
+    size_t n;
+
+    while (f && (n = fread(block, 1, sizeof(block), f)) > 0)
+        digest_bytes(d, block, n);
+    if (f)
+        fclose(f);
+}
+
+static void identify(const struct ranks_desc *desc, struct identity *own)
+{
+    memset(own, 0, sizeof(*own));
+    gethostname(own->host, sizeof(own->host) - 1);
+    digest_program(&own->program);
+    snprintf(own->level, sizeof(own->level), "%s", desc->level);
+    for (int k = 1; k < desc->argc; k++)
+        digest_bytes(&own->arguments, desc->argv[k], strlen(desc->argv[k]));
+}
+
+/* All ranks see the same list, and so come to the same result. */
+static enum err compare(const struct identity *all, int count, struct reason *why)
+{
+    for (int k = 1; k < count; k++) {
+        if (memcmp(&all[k].program, &all[0].program, sizeof(all[0].program)) != 0)
+            return err_say(why, ERR_USAGE,
+                           "rank 0 on %s and rank %d on %s are different builds of relight-render, whose pictures "
+                           "may differ: install the same one on all hosts",
+                           all[0].host, k, all[k].host);
+        if (strcmp(all[k].level, all[0].level) != 0)
+            return err_say(why, ERR_USAGE,
+                           "rank 0 on %s would use CPU level %s and rank %d on %s %s, whose pictures may differ by "
+                           "rounding: add --cpu %s",
+                           all[0].host, all[0].level, k, all[k].host, all[k].level,
+                           strcmp(all[k].level, all[0].level) < 0 ? all[k].level : all[0].level);
+        if (memcmp(&all[k].arguments, &all[0].arguments, sizeof(all[0].arguments)) != 0)
+            return err_say(why, ERR_USAGE, "rank %d has other flags than rank 0: all ranks take the same", k);
+    }
+    return ERR_OK;
+}
+
+static enum err meet(const struct ranks *r, const struct ranks_desc *desc, struct reason *why)
+{
+    struct identity own, *all = mem_alloc((size_t)r->count, sizeof(*all));
+    MPI_Request q;
+
+    if (!all)
+        MPI_Abort(MPI_COMM_WORLD, 1);
+    identify(desc, &own);
+    MPI_Iallgather(&own, sizeof(own), MPI_BYTE, all, sizeof(own), MPI_BYTE, MPI_COMM_WORLD, &q);
+    wait_for(&q);
+    const enum err e = compare(all, r->count, why);
+    mem_free(all);
+    return e;
+}
+
+/* ---- Joining and leaving ---- */
+
+static void find_place(struct ranks *r)
+{
+    char host[64] = "";
+    MPI_Comm here;
+
+    MPI_Comm_rank(MPI_COMM_WORLD, &r->own);
+    MPI_Comm_size(MPI_COMM_WORLD, &r->count);
+    MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &here);
+    MPI_Comm_size(here, &r->local);
+    MPI_Comm_free(&here);
+    gethostname(host, sizeof(host) - 1);
+    snprintf(r->name, sizeof(r->name), "rank %d of %d on %s", r->own, r->count, host);
+}
+
+static enum err open_counter(struct ranks *r, struct reason *why)
+{
+    MPI_Win_allocate(r->own == 0 ? sizeof(uint64_t) : 0, sizeof(uint64_t), MPI_INFO_NULL, MPI_COMM_WORLD, &r->counter,
+                     &r->window);
+    if (r->own == 0)
+        *r->counter = 0;
+    MPI_Barrier(MPI_COMM_WORLD);
+    MPI_Win_lock_all(0, r->window);
+    r->has_keeper = r->own == 0 && r->local < r->count && pthread_create(&r->keeper, NULL, keep_moving, r) == 0;
+    return r->own == 0 && r->local < r->count && !r->has_keeper ? err_say(why, ERR_NOMEM, "out of memory") : ERR_OK;
+}
+
+enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct reason *why)
+{
+    int level;
+
+    *out = NULL;
+    if (!ranks_launched())
+        return ERR_OK;
+    MPI_Init_thread(NULL, NULL, MPI_THREAD_MULTIPLE, &level);
+    struct ranks *r = mem_alloc(1, sizeof(*r));
+    if (!r)
+        MPI_Abort(MPI_COMM_WORLD, 1);
+    find_place(r);
+    enum err e = level >= MPI_THREAD_MULTIPLE ? ERR_OK
+                                              : err_say(why, ERR_UNSUPPORTED,
+                                                        "this MPI does not allow calls from several threads "
+                                                        "(MPI_THREAD_MULTIPLE); Debian's Open MPI does");
+    if (!e)
+        e = meet(r, desc, why);
+    if (e) {
+        if (r->own != 0) /* rank 0 says it */
+            why->text[0] = '\0';
+        MPI_Finalize();
+        mem_free(r);
+        return e;
+    }
+    *out = r;
+    return ranks_agree(r, open_counter(r, why), why);
+}
+
+void ranks_destroy(struct ranks *r)
+{
+    MPI_Request q;
+
+    if (!r)
+        return;
+    MPI_Ibarrier(MPI_COMM_WORLD, &q);
+    wait_for(&q);
+    atomic_store(&r->leaving, true);
+    if (r->has_keeper)
+        pthread_join(r->keeper, NULL);
+    MPI_Win_unlock_all(r->window);
+    MPI_Win_free(&r->window);
+    MPI_Finalize();
+    mem_free(r);
+}
+
+uint32_t ranks_index(const struct ranks *r)
+{
+    return r ? (uint32_t)r->own : 0;
+}
+
+uint32_t ranks_count(const struct ranks *r)
+{
+    return r ? (uint32_t)r->count : 1;
+}
+
+const char *ranks_name(const struct ranks *r)
+{
+    return r ? r->name : "";
+}
+
+/* Launchers that bind ranks to processors have divided them already. */
+uint32_t ranks_threads(const struct ranks *r)
+{
+    const long all = sysconf(_SC_NPROCESSORS_ONLN);
+    cpu_set_t set;
+
+    if (!r)
+        return 0;
+    CPU_ZERO(&set);
+    const int mine = sched_getaffinity(0, sizeof(set), &set) == 0 ? CPU_COUNT(&set) : (int)all;
+    const int threads = mine < all ? mine : mine / r->local;
+    return threads > 1 ? (uint32_t)threads : 1;
+}
+
+/* ---- Together ---- */
+
+enum err ranks_agree(struct ranks *r, enum err own, struct reason *why)
+{
+    struct {
+        int error, rank;
+    } mine = { own != ERR_OK, r ? r->own : 0 }, worst;
+    MPI_Request q;
+
+    if (!r)
+        return own;
+    MPI_Iallreduce(&mine, &worst, 1, MPI_2INT, MPI_MAXLOC, MPI_COMM_WORLD, &q);
+    wait_for(&q);
+    if (own || !worst.error)
+        return own;
+    why->text[0] = '\0';
+    return r->own == 0 ? err_say(why, ERR_IO, "rank %d has failed, and all end with it", worst.rank) : ERR_IO;
+}
+
+uint64_t ranks_sum(struct ranks *r, uint64_t own)
+{
+    uint64_t sum = own;
+    MPI_Request q;
+
+    if (!r)
+        return own;
+    MPI_Iallreduce(&own, &sum, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD, &q);
+    wait_for(&q);
+    return sum;
+}
+
+static uint64_t add_to_counter(struct ranks *r, uint64_t more)
+{
+    uint64_t before = 0;
+
+    MPI_Fetch_and_op(&more, &before, MPI_UINT64_T, 0, 0, MPI_SUM, r->window);
+    MPI_Win_flush(0, r->window);
+    return before;
+}
+
+uint64_t ranks_take(struct ranks *r)
+{
+    const uint64_t next = add_to_counter(r, 1);
+
+    return next < STOPPED ? next : UINT64_MAX;
+}
+
+void ranks_stop(struct ranks *r)
+{
+    if (r)
+        (void)add_to_counter(r, STOPPED);
+}
+
+/* Sends or receives size bytes in pieces. */
+static void carry(uint8_t *bytes, uint64_t size, int peer, bool sends)
+{
+    for (uint64_t at = 0; at < size; at += PIECE) {
+        const int n = size - at < PIECE ? (int)(size - at) : PIECE;
+        MPI_Request q;
+        if (sends)
+            MPI_Isend(bytes + at, n, MPI_BYTE, peer, TAG_BYTES, MPI_COMM_WORLD, &q);
+        else
+            MPI_Irecv(bytes + at, n, MPI_BYTE, peer, TAG_BYTES, MPI_COMM_WORLD, &q);
+        wait_for(&q);
+    }
+}
+
+/* Without memory, the bytes are received in vain, so that their rank does not wait. */
+static enum err take_from(int rank, enum err (*take)(void *context, const void *bytes, size_t size), void *context)
+{
+    uint64_t size = 0;
+    MPI_Request q;
+
+    MPI_Irecv(&size, 1, MPI_UINT64_T, rank, TAG_SIZE, MPI_COMM_WORLD, &q);
+    wait_for(&q);
+    uint8_t *bytes = mem_alloc(size + 1, 1);
+    if (!bytes)
+        MPI_Abort(MPI_COMM_WORLD, 1);
+    carry(bytes, size, rank, false);
+    const enum err e = take(context, bytes, size);
+    mem_free(bytes);
+    return e;
+}
+
+enum err ranks_gather(struct ranks *r, const void *bytes, size_t size,
+                      enum err (*take)(void *context, const void *bytes, size_t size), void *context)
+{
+    const uint64_t length = size;
+    enum err e = ERR_OK;
+    MPI_Request q;
+
+    if (!r || r->own == 0)
+        e = take(context, bytes, size);
+    if (r && r->own != 0) {
+        MPI_Isend(&length, 1, MPI_UINT64_T, 0, TAG_SIZE, MPI_COMM_WORLD, &q);
+        wait_for(&q);
+        carry((uint8_t *)(uintptr_t)bytes, length, 0, true);
+    }
+    for (int k = 1; r && r->own == 0 && k < r->count; k++) {
+        const enum err one = take_from(k, take, context);
+        e = e ? e : one;
+    }
+    return e;
+}

@@ -1,0 +1,74 @@
+#include "ranks/ranks.h"
+
+#include "ranks/ranks_parts.h"
+
+enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct reason *why)
+{
+    (void)desc;
+    *out = NULL;
+    if (!ranks_launched())
+        return ERR_OK;
+    return err_say(why, ERR_UNSUPPORTED,
+                   "started by an MPI launcher, but this build has no MPI: install libopenmpi-dev and build again, or "
+                   "start it without mpirun");
+}
+
+void ranks_destroy(struct ranks *r)
+{
+    (void)r;
+}
+
+uint32_t ranks_index(const struct ranks *r)
+{
+    (void)r;
+    return 0;
+}
+
+uint32_t ranks_count(const struct ranks *r)
+{
+    (void)r;
+    return 1;
+}
+
+const char *ranks_name(const struct ranks *r)
+{
+    (void)r;
+    return "";
+}
+
+uint32_t ranks_threads(const struct ranks *r)
+{
+    (void)r;
+    return 0;
+}
+
+enum err ranks_agree(struct ranks *r, enum err own, struct reason *why)
+{
+    (void)r;
+    (void)why;
+    return own;
+}
+
+uint64_t ranks_sum(struct ranks *r, uint64_t own)
+{
+    (void)r;
+    return own;
+}
+
+uint64_t ranks_take(struct ranks *r)
+{
+    (void)r;
+    return UINT64_MAX;
+}
+
+void ranks_stop(struct ranks *r)
+{
+    (void)r;
+}
+
+enum err ranks_gather(struct ranks *r, const void *bytes, size_t size,
+                      enum err (*take)(void *context, const void *bytes, size_t size), void *context)
+{
+    (void)r;
+    return take(context, bytes, size);
+}

@@ -1,0 +1,22 @@
+/* Inside the room: whether a launcher has started this process as one of several. */
+#ifndef RANKS_RANKS_PARTS_H
+#define RANKS_RANKS_PARTS_H
+
+#include <stdbool.h>
+#include <stdlib.h>
+
+/* By Open MPI, or by launchers with PMI or PMIx, such as MPICH's and Slurm's. One of one is not one of several. */
+static inline bool ranks_launched(void)
+{
+    static const char *const sizes[] = { "OMPI_COMM_WORLD_SIZE", "PMI_SIZE" };
+    const char *tasks = getenv("SLURM_STEP_NUM_TASKS");
+
+    for (size_t k = 0; k < sizeof(sizes) / sizeof(sizes[0]); k++) {
+        const char *size = getenv(sizes[k]);
+        if (size && atoi(size) > 1)
+            return true;
+    }
+    return getenv("PMIX_RANK") && tasks && atoi(tasks) > 1;
+}
+
+#endif

@@ -1,0 +1,132 @@
+#!/usr/bin/env bash
+# relight-render as an MPI job: several processes share out the frames of a sequence.
+. "$(dirname "$0")/lib.sh"
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 # in containers
+cd "$work"
+mkdir one many
+render=$bin/relight-render
+small=(--source sky:size=64x32,time=09:00,speed=20 --size 64x36)
+
+# job N ARGUMENT...: relight-render on N ranks.
+job() {
+    local n=$1
+    shift
+    mpirun --oversubscribe -n "$n" "$render" "$@"
+}
+
+same_files() {
+    [ "$(ls one)" = "$(ls many)" ] || fail "other files: $(ls many)"
+    for file in one/*; do cmp "$file" "many/${file#one/}"; done
+}
+
+frames_of_all_methods_have_the_bits_of_one_process() {
+    local methods=(auto mis faces brdf path)
+    for k in 0 1 2 3 4; do
+        "$render" "${small[@]}" --frames 0-6 --samples 2 --method "${methods[k]}" --out "one/${methods[k]}.%02d.exr"
+        job $((k % 3 + 2)) "${small[@]}" --frames 0-6 --samples 2 --method "${methods[k]}" --out "many/${methods[k]}.%02d.exr"
+    done
+    same_files
+}
+
+# All light, a cache that rank 0 computes and the others load, and caustics by stored paths; exposure is that of frame 0 on all ranks.
+cached_light_and_exposure_are_those_of_one_process() {
+    "$render" "${small[@]}" --frames 0-5 --method cached --cache-dir "$work/cache1" --out one/%d.jpg
+    job 3 "${small[@]}" --frames 0-5 --method cached --cache-dir "$work/cache3" --out many/%d.jpg 2>log
+    same_files
+    [ "$(find cache3 -name '*.part' -o -type f | wc -l)" -ge 1 ] || fail "no cache was kept"
+}
+
+statistics_are_joined_in_order_of_frames() {
+    job 3 "${small[@]}" --frames 5-24 --samples 1 --out many/%d.exr --stats many/stats.json
+    python3 - many/stats.json <<'PY'
+import json, sys
+frames = [entry["frame"] for entry in json.load(open(sys.argv[1]))]
+assert frames == list(range(5, 25)), frames
+PY
+}
+
+# Whoever is killed, and whenever: what is there is whole, and --resume makes what is missing, once.
+a_killed_rank_loses_nothing_that_is_complete() {
+    local frames=(--frames 0-39 --samples 16 --size 128x72 --source sky:size=64x32,time=09:00,speed=5)
+    "$render" "${frames[@]}" --out one/%02d.exr
+    for round in $(seq "$(count 3 20)"); do
+        rm -f many/*
+        mpirun --oversubscribe -n 3 "$render" "${frames[@]}" --out many/%02d.exr 2>/dev/null &
+        local launcher=$! want=$((round * 37 % 25 + 3)) before
+        while [ "$(find many -name '*.exr' | wc -l)" -lt "$want" ] && kill -0 $launcher 2>/dev/null; do sleep 0.02; done
+        local victims
+        mapfile -t victims < <(pgrep -P $launcher)
+        kill -9 "${victims[round % 3]}" 2>/dev/null || true
+        if wait $launcher; then fail "the job ended well without a rank"; fi
+        before=$(find many -name '*.exr' | wc -l)
+        for file in many/*.exr; do cmp "$file" "one/${file#many/}"; done
+        job 3 "${frames[@]}" --out many/%02d.exr --resume --stats stats.json 2>log
+        grep -q "$before pictures were there and are kept, $((40 - before)) are new" log || { cat log; fail "not $before kept"; }
+        [ "$(grep -c '"frame"' stats.json)" = $((40 - before)) ] || fail "statistics of other frames than the new ones"
+        rm -f many/*.part
+        same_files
+    done
+}
+
+resume_works_alone_and_keeps_what_is_there() {
+    "$render" "${small[@]}" --frames 0-3 --samples 1 --out one/%d.exr
+    echo kept >many/1.exr
+    expect 0 '1 pictures were there and are kept, 3 are new' "$render" "${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr --resume
+    [ "$(cat many/1.exr)" = kept ] || fail "a picture was replaced"
+    cp one/1.exr many/
+    same_files
+}
+
+what_cannot_be_shared_is_refused_by_rank_0() {
+    expect 2 'a video holds all frames in order' job 2 "${small[@]}" --frames 0-3 --out a.mp4
+    [ "$(grep -c relight-render stderr)" = 1 ] || { cat stderr; fail "more than one rank speaks"; }
+    expect 2 'by which a picture depends on those before' job 2 "${small[@]}" --frames 0-3 --exposure follow --out %d.jpg
+    expect 2 'frames can be taken in any order.*not watch:' job 2 --source watch:. --out %d.exr
+    expect 2 '--probe is for one process' job 2 "${small[@]}" --frames 0-3 --probe 1,1
+    expect 2 'a video holds all frames in order' "$render" "${small[@]}" --frames 0-3 --resume --out a.mp4
+    expect 2 '--resume needs --out' "$render" "${small[@]}" --frames 0-3 --resume --probe 1,1
+}
+
+# As on hosts that differ: other flags, another CPU level, another build.
+ranks_that_differ_are_refused_by_name() {
+    local flags=("${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr)
+    expect 2 'rank 1 has other flags than rank 0' mpirun --oversubscribe -n 1 "$render" "${flags[@]}" : -n 1 "$render" "${flags[@]}" --seed 3
+    cp "$render" relight-render
+    ln -s "$bin"/relight-* . 2>/dev/null || true
+    printf 'x' >>relight-render
+    expect 2 'different builds of relight-render' mpirun --oversubscribe -n 1 "$render" "${flags[@]}" : -n 1 ./relight-render "${flags[@]}"
+    [ -z "$(ls many)" ] || fail "pictures were written"
+}
+
+# What only one rank lacks ends all of them, and is said by that one.
+a_file_that_one_rank_cannot_read_is_named_by_it() {
+    constant_sky sky.hdr
+    mkdir elsewhere
+    cat >rank.sh <<RUN
+#!/bin/sh
+[ "\$OMPI_COMM_WORLD_RANK" != 1 ] || cd elsewhere
+exec "$render" --source sky.hdr --size 64x36 --samples 1 --out $work/many/0.exr
+RUN
+    chmod +x rank.sh
+    expect 1 'rank 1 of 3 on .*: error: .*sky.hdr' mpirun --oversubscribe -n 3 ./rank.sh
+    grep -q 'rank 0 of 3 on .*: error: rank 1 has failed, and all end with it' stderr || { cat stderr; fail "rank 0 does not say why it ends"; }
+    [ -z "$(ls many)" ] || fail "pictures were written"
+}
+
+# A file that may not grow stands for a full disk.
+a_full_disk_on_one_rank_ends_all_and_leaves_nothing_half_written() {
+    cat >rank.sh <<RUN
+#!/bin/bash
+[ "\$OMPI_COMM_WORLD_RANK" != 1 ] || { trap '' XFSZ; ulimit -f 4; }
+exec "$render" --source sky:size=64x32,time=09:00,speed=20 --size 64x36 --samples 1 --frames 0-199 --out $work/many/%03d.exr
+RUN
+    chmod +x rank.sh
+    expect 1 'rank 1 of 2 on .*: error: .*\.exr: cannot write the file: File too large' mpirun --oversubscribe -n 2 ./rank.sh
+    [ "$(find many -name '*.exr' | wc -l)" -lt 200 ] || fail "the other rank went on"
+    for file in many/*.exr; do
+        "$bin/relight-diff" "$file" "$file" >/dev/null || fail "$file is not whole"
+    done
+}
+
+command -v mpirun >/dev/null && mpirun --oversubscribe -n 2 "$render" --version >/dev/null 2>&1 || { echo "skipped: no mpirun"; exit 77; }
+"$1"
