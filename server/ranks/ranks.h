@@ -29,7 +29,7 @@ MUST_CHECK enum err ranks_create(const struct ranks_desc *desc, struct ranks **o
 void ranks_destroy(struct ranks *r);
 
 uint32_t ranks_index(const struct ranks *r); /* 0 .. ranks_count - 1 */
-uint32_t ranks_count(const struct ranks *r);
+uint32_t ranks_count(const struct ranks *r); /* at least 1 */
 /* "rank 2 of 4 on HOST"; lasts as long as r. */
 const char *ranks_name(const struct ranks *r);
 /* Threads for this rank, so that those of a host together have its processors, once each; 0: without a job. */

@@ -1,4 +1,4 @@
-/* Inside a rendering: what render.c and statistics.c share. */
+/* Inside a rendering: what the files of this room share. One thread: that of render_sequence. */
 #ifndef RENDER_RENDER_PARTS_H
 #define RENDER_RENDER_PARTS_H
 
