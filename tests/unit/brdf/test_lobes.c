@@ -132,11 +132,11 @@ static struct lobe white(float metallic, float roughness)
 
 /* Under a sky of 1 a white surface should vanish. The lobe alone, one reflection, returns 0.41 on average from the
  * roughest metal. With the matte part it returns at most 1, and a rough metal touches 1 somewhere: 1 % more or less of
- * the table of matte parts is noticed. */
+ * the table of matte parts is noticed. Each commit looks at every third roughness. */
 static void white_surfaces_return_nearly_everything_and_no_more(void **state)
 {
     (void)state;
-    for (int i = 3; i <= 20; i++) {
+    for (int i = 3; i <= 20; i += (int)seeds_count(3, 1)) {
         const struct lobe metal = white(1.0f, 0.05f * (float)i), plastic = white(0.0f, 0.05f * (float)i),
                           half = white(0.5f, 0.05f * (float)i);
         double most = 0.0, mean = 0.0, weights = 0.0;

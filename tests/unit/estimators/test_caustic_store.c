@@ -4,10 +4,10 @@
  * the light tracer, which test_light_tracer.c holds to closed forms. They differ where they are more than 4.5 joint
  * standard errors apart over the picture, 6.5 in one of its sixteenths (few splats: further from normal). Of each
  * comparison the joint error over the picture by 24 seeds (`./test --long`) is asserted, as a share of it: 0.4 %,
- * under the narrow skies 0.7 %; by the 12 of each commit it may be 1.41 times that. A bias of five times what is
- * allowed is caught in 7 of 10 by one comparison if the error is as large as that, and where it is four fifths of it,
- * as measured, in 96 of 100; there are five. Whether every splat is kept with the right light is asserted by itself,
- * far more sharply. The seeds are fixed. */
+ * under the narrow skies 0.7 %; by the 8 of each commit it may be 1.73 times that, and five errors apart. A bias of
+ * five times what is allowed is caught in 7 of 10 by one comparison if the error is as large as that, and where it is
+ * four fifths of it, as measured, in 96 of 100; there are five. Whether every splat is kept with the right light is
+ * asserted by itself, far more sharply. The seeds are fixed. */
 #include "estimators/tracing.h"
 #include "estimators/worlds.h"
 
@@ -17,7 +17,7 @@
 
 #include <omp.h>
 
-enum { SEEDS_FEW = 12, SEEDS_ALL = 24, SIDE = 8, VALUES = 3 * SIDE * SIDE };
+enum { SEEDS_FEW = 8, SEEDS_ALL = 24, SIDE = 8, VALUES = 3 * SIDE * SIDE };
 
 #define BOTH (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)
 
@@ -71,7 +71,7 @@ static void assert_same_mean(const char *what, const struct blocks *got, const s
            100.0 * error / mean[1], (mean[0] - mean[1]) / error, worst);
     fflush(stdout);
     assert_true(mean[1] > 0.0 && error <= allowed * seeds_blur(SEEDS_FEW, SEEDS_ALL) * mean[1]);
-    assert_true(fabs(mean[0] - mean[1]) <= 4.5 * error && worst <= 6.5);
+    assert_true(fabs(mean[0] - mean[1]) <= seeds_count(50, 45) / 10.0 * error && worst <= 6.5);
 }
 
 /* A sky that is dark but for a broad lobe about an azimuth: caustics of it lie on one side. */

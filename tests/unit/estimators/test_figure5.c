@@ -44,7 +44,7 @@ static void compare(const char *scene, const char *sky, double path_times, doubl
 {
     struct seen s;
 
-    seen_open(&s, scene, sky, 160, 90);
+    seen_open(&s, scene, sky, 112, 63);
     seen_refer(&s, scene, 1, REFERENCE, 2);
     uint8_t *region = mem_alloc(s.pixels, 1);
     printf("%s: %u pixels\n", sky, seen_region(&s, 0.1, region));

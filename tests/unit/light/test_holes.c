@@ -62,7 +62,8 @@ static const enum method methods[] = {
     METHOD_MIS,     METHOD_LATLONG, METHOD_LATLONG_ROWS, METHOD_AUTO,
 };
 
-/* Every method's mean, whose error is asserted to be below half a percent, at every CPU level. */
+/* Every method's mean, whose error is asserted to be below half a percent (twice that in each commit, which draws a
+ * quarter of the samples: a bias of 4.5 % is found), at every CPU level. */
 static void assert_direct(struct lit *x, const struct environment *e, double want, double slack)
 {
     for (enum cpu_level level = CPU_BASELINE; level <= cpu_best(); level++) {
@@ -76,7 +77,9 @@ static void assert_direct(struct lit *x, const struct environment *e, double wan
             struct tally tally = { 0 };
             char name[64];
             for (uint64_t seed = 0; seed < SEEDS; seed++) {
-                const struct direct_desc desc = { .method = methods[k], .samples = 512, .seed = rng_mix(seed, k) };
+                const struct direct_desc desc = { .method = methods[k],
+                                                  .samples = seeds_count(128, 512),
+                                                  .seed = rng_mix(seed, k) };
                 struct direct_stats stats;
                 assert_int_equal(direct_shade(d, x->gbuffer, x->rays, e, &desc, x->lo, &stats), ERR_OK);
                 tally_add(&tally, mean_of_points(x));
@@ -84,7 +87,7 @@ static void assert_direct(struct lit *x, const struct environment *e, double wan
             const double error = hypot(tally_error(&tally), slack * want / Z_MAX);
             snprintf(name, sizeof(name), "%s, %s", cpu_names[level], method_name(methods[k]));
             printf("%s: %.5f +- %.5f, want %.5f\n", name, tally_mean(&tally), error, want);
-            assert_true(error < 5e-3 * want && fabs(tally_mean(&tally) - want) < Z_MAX * error);
+            assert_true(error < 5e-3 * seeds_blur(128, 512) * want && fabs(tally_mean(&tally) - want) < Z_MAX * error);
         }
         direct_destroy(d);
     }

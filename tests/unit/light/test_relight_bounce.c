@@ -2,11 +2,11 @@
 #include "light/stage.h"
 #include "scene/files.h"
 
-enum { WIDTH = 64, HEIGHT = 36 };
+enum { WIDTH = 48, HEIGHT = 27, SMALL_WIDTH = 24, SMALL_HEIGHT = 14 };
 
-static struct stage court(void)
+static struct stage court(uint32_t width, uint32_t height)
 {
-    return stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    return stage_make(&(struct set_desc){ .width = width, .height = height }, sky_with_sun(64, 32, 2e3f));
 }
 
 /* The sum over the shade points. */
@@ -21,13 +21,13 @@ static double run(struct stage *s, const struct relight_desc *light, struct reli
 }
 
 /* In the built-in court a fifth of the light is interreflection: taken twice, or not at all, it is ten times what is
- * allowed here. 64 eye paths of each of 18 000 points, a thousandth of noise in the sum. None of its
+ * allowed here. 64 eye paths of each of 10 000 points, a thousandth of noise in the sum. None of its
  * lobes is so narrow that eye paths have to follow it. */
 static void each_light_is_taken_once(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 64 },
                                   .classes = PATH_DIRECT | PATH_INDIRECT };
-    struct stage s = court();
+    struct stage s = court(WIDTH, HEIGHT);
     struct relight_stats stats, again;
     (void)state;
 
@@ -56,7 +56,7 @@ static void each_light_is_taken_once(void **state)
 static void what_has_no_room_is_left_to_eye_paths(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 }, .classes = PATH_DIRECT };
-    struct stage s = court();
+    struct stage s = court(SMALL_WIDTH, SMALL_HEIGHT);
     struct relight_stats stats;
     (void)state;
 
@@ -84,8 +84,8 @@ static void another_run_loads_what_one_has_gathered(void **state)
     folder_make(&folder);
     light.cache_file = folder_write(&folder, "kept", "", 0);
     for (int k = 0; k < 3; k++) {
-        struct stage s = court();
-        const size_t size = (size_t)WIDTH * HEIGHT * 3 * sizeof(float);
+        struct stage s = court(SMALL_WIDTH, SMALL_HEIGHT);
+        const size_t size = (size_t)SMALL_WIDTH * SMALL_HEIGHT * 3 * sizeof(float);
         light.classes = k == 1 ? PATH_DIRECT : PATH_DIRECT | PATH_INDIRECT;
         run(&s, &light, &stats);
         assert_true(stats.cache_loaded == (k > 0) && stats.bounce_loaded == (k == 2));
