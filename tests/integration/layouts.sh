@@ -8,7 +8,7 @@ render_sky() {
     "$bin/make_sky" "$layout" "$2" "$3" >"$work/$layout.hdr"
     shift 3
     "$bin/relight-render" --scene "$work/box.json" --source "$work/$layout.hdr" --layout "$layout" "$@" \
-        --size 160x90 --samples 256 --out "$work/$layout.exr"
+        --size 160x90 --samples 256 --paths direct --out "$work/$layout.exr"
 }
 
 # Without the worst 2 % of pixels, which a shadow's border may cross; rotated by a quarter the relMSE is 5e-2.
@@ -33,14 +33,14 @@ cube_maps_of_video_look_the_same_way() {
     box_scene "$work"
     ffmpeg -v error -f lavfi -i 'gradients=s=1024x512:c0=white:c1=blue:c2=red:c3=green:n=4:x0=0:y0=0:x1=1024:y1=512:seed=4:d=1' \
         -frames:v 1 "$work/flat.png"
-    "$bin/relight-render" --scene "$work/box.json" --source "$work/flat.png" --size 160x90 --samples 256 \
+    "$bin/relight-render" --scene "$work/box.json" --source "$work/flat.png" --size 160x90 --samples 256 --paths direct \
         --out "$work/flat.exr" 2>"$work/flat.err"
     grep -q 'not HDR' "$work/flat.err" || fail "no warning that a PNG is not HDR"
     local name
     for name in c3x2:cube-3x2 c6x1:cube-6x1; do
         ffmpeg -v error -i "$work/flat.png" -vf "v360=e:${name%:*}" -y "$work/cube.png"
         "$bin/relight-render" --scene "$work/box.json" --source "$work/cube.png" --layout "${name#*:}" --size 160x90 \
-            --samples 256 --out "$work/cube.exr"
+            --samples 256 --paths direct --out "$work/cube.exr"
         "$bin/relight-diff" "$work/cube.exr" "$work/flat.exr" --max-relmse 1e-3 || fail "$name differs from lat-long"
     done
 }

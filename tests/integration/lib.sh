@@ -26,6 +26,16 @@ need_data() {
     reference=$RELIGHT_TEST_DATA/../reference
 }
 
+# Other renderers' pictures in $reference are of 640x360. A pixel is the mean of its area: each commit renders a quarter of
+# the pixels, of this size, and compares them with the reference's means of 2x2. of_size NAME prints the picture to compare with.
+size=$(count 320x180 640x360)
+of_size() {
+    if [ "$size" = 640x360 ]; then echo "$reference/$1.exr"; else
+        [ -e "$work/$1.reference.exr" ] || "$bin/shrink" "$reference/$1.exr" 2 "$work/$1.reference.exr"
+        echo "$work/$1.reference.exr"
+    fi
+}
+
 # expect CODE 'PATTERN' COMMAND...: the command exits with that code, and a line of its standard error matches.
 expect() {
     local want=$1 pattern=$2 got=0

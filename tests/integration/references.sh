@@ -3,16 +3,6 @@
 . "$(dirname "$0")/lib.sh"
 references="$(dirname "$(readlink -f "$0")")/../references"
 
-# A pixel is the mean of its area: each commit renders a quarter of the pixels and compares them with the reference's
-# means of 2x2.
-size=$(count 320x180 640x360)
-of_size() {
-    if [ "$size" = 640x360 ]; then echo "$reference/$1.exr"; else
-        "$bin/shrink" "$reference/$1.exr" 2 "$work/$1.reference.exr"
-        echo "$work/$1.reference.exr"
-    fi
-}
-
 # against NAME SCENE SOURCE MEAN RELMSE FLAGS...: relMSE 1e-3 is the bound of pictures of 1024 samples a pixel or more.
 # Each commit makes pictures of fewer paths and allows their noise; the mean is held as sharply.
 against() {
