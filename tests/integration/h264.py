@@ -167,20 +167,28 @@ async def gather(v, seconds):
     return got
 
 
+# Until the slow one has as many pictures as a free machine sends it in two seconds: a busy one may take longer, and sends nobody
+# more than asked for.
 async def video_comes_at_the_rate_and_size_that_was_asked_for(folder):
     async def body(whole, slow, small):
+        viewers, clock = (whole, slow, small), asyncio.get_running_loop().time
+        begun = clock()
         await whole.subscribe("h264")
-        await slow.subscribe("h264", max_rate=4) # which a busy machine manages, too
+        await slow.subscribe("h264", max_rate=4)
         await small.subscribe("h264", max_rate=16, max_width=60)
-        for v in (whole, slow, small):
+        for v in viewers:
             await v.picture()
-        all_of_them = await asyncio.gather(*(gather(v, 4.0) for v in (whole, slow, small)))
-        for pictures, rate, half, size in zip(all_of_them, (30, 3.75, 15), (0, 0, 16), ((160, 90), (160, 90), (40, 22))):
-            check(2 < len(pictures) <= 4 * rate + 2, f"{len(pictures)} pictures in 4 s at {rate} a second")
+        got = ([], [], [])
+        while len(got[1]) < 8:
+            check(clock() - begun < WAIT_S, f"{len(got[1])} pictures in {WAIT_S} s")
+            for pictures, more in zip(got, await asyncio.gather(*(gather(v, 1.0) for v in viewers))):
+                pictures += more
+        seconds = clock() - begun
+        for pictures, rate, half, size in zip(got, (30, 3.75, 15), (0, 0, 16), ((160, 90), (160, 90), (40, 22))):
+            check(2 < len(pictures) <= seconds * rate + 2, f"{len(pictures)} pictures in {seconds} s at {rate} a second")
             check([p[1] for p in pictures] == list(range(pictures[0][1], pictures[0][1] + len(pictures))), f"a broken chain: {pictures}")
             check(all(p[0] & 24 == half and p[2:4] == size for p in pictures), f"not of {size}: {pictures}")
             check(not any(p[0] & KEY for p in pictures), f"key pictures that nobody needs: {pictures}")
-        check(len(all_of_them[1]) < len(all_of_them[0]), "no slower than the other")
 
     await with_server(["--source", "sky:size=256x128,speed=0.1"], 3, body)
 

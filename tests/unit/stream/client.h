@@ -19,7 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define CLIENT_WAIT_MS 8000
+#define CLIENT_WAIT_MS 30000
 #ifndef CLIENT_MESSAGE_MAX
 #define CLIENT_MESSAGE_MAX ((size_t)32 << 20)
 #endif
