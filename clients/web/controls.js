@@ -105,6 +105,8 @@ class Controls {
   build(body) {
     this.why = make('p', { id: 'controls-why', className: 'soft' });
     this.camera = this.choice('set-camera', 'Camera', (camera) => ({ camera }));
+    this.forget = make('button', { id: 'forget-view', type: 'button', text: 'Forget this view', hidden: true });
+    this.forget.onclick = () => this.forgetView();
     this.preparing = make('progress', { id: 'camera-progress', max: 1, hidden: true });
     this.preparing.setAttribute('aria-label', 'Preparing this camera\u2019s view');
     this.rotate = this.range('set-rotate', 'Rotate the sky', -180, 180, 1, (v) => ({ rotate_degrees: v }));
@@ -119,7 +121,7 @@ class Controls {
     this.fps = this.choice('set-fps', 'Frame rate limit', (value) => ({ fps: Number(value) }));
     this.fields = make('fieldset', { id: 'controls-fields' },
       make('legend', { className: 'unseen', text: 'Settings for all viewers' }),
-      this.camera.row, this.preparing, this.rotate.row, this.lamps.row,
+      this.camera.row, this.forget, this.preparing, this.rotate.row, this.lamps.row,
       this.exposureMode.row, this.exposure.row, this.tone.row, this.paths.row, this.method.row, this.effort.row, this.fps.row);
     body.append(this.why, this.fields);
   }
@@ -229,6 +231,7 @@ class Controls {
     const free = isFreeView(this.now.camera);
     this.camera.row.hidden = cameras.length < 2 && !free;
     setOptions(this.camera.select, [...cameras.map((c) => [c, c]), ...(free ? [[this.now.camera, 'free view']] : [])], this.now.camera);
+    this.forget.hidden = !this.may || !this.isSaved;
     this.preparing.hidden = !preparing;
     if (preparing) this.preparing.value = preparing.share;
   }
@@ -281,6 +284,7 @@ class Controls {
     this.cycle('m', 'Next method', 'method', () => this.offers.methods, 'Method');
     this.cycle('c', 'Next camera', 'camera', () => this.offers.cameras, 'Camera');
     app.key('v', 'Save the view under a name', () => this.saveView());
+    app.key('Shift+v', 'Forget the saved view that is shown', () => this.forgetView());
     this.cycle('r', 'Next frame rate limit', 'fps', () => this.within('fps', RATES), 'Frame rate limit');
     app.key('g', 'Next quality', () => this.nextEffort(1));
     app.key('Shift+g', 'Previous quality', () => this.nextEffort(-1));
@@ -289,6 +293,17 @@ class Controls {
   saveView() {
     const name = this.may ? window.prompt('Save this view as', '')?.trim() : '';
     if (name !== undefined && (name || !this.may)) this.askAndSay({ save_view: name }, () => `Saved ${name} among the cameras`);
+  }
+
+  get isSaved() {
+    return Boolean(this.offers.views?.includes(this.now.camera));
+  }
+
+  // What is shown stays, as a free view: a saved one cannot be forgotten while it is the camera.
+  forgetView() {
+    const { camera } = this.now;
+    if (this.may && !this.isSaved) this.app.say('No saved view is shown');
+    else this.askAndSay({ camera: this.app.status.view, forget_view: camera }, () => `Forgot ${camera}`);
   }
 
   sayIfMay(text) {

@@ -12,6 +12,7 @@ export function turnByDragging(canvas, controls) {
   let from = null; // {x, degrees, id, dragging}
 
   canvas.addEventListener('pointerdown', (event) => {
+    if (!event.isPrimary) from = null; // a second finger: they move the camera (controls_orbit.js)
     if (!controls.may || event.button !== 0 || !event.isPrimary || event.altKey) return;
     from = { x: event.clientX, degrees: controls.now.rotate_degrees ?? 0, id: event.pointerId, dragging: false };
   });

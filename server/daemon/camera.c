@@ -1,6 +1,6 @@
 /* Changes to another camera of the scene. A thread of its own computes the new view (its G-buffer) while pictures of
- * the old one go on; then the shade thread switches. The command line's view is kept: it owns scene and rays, lockstep
- * sequences use it, and returning to it costs nothing. */
+ * the old one go on; then the shade thread switches. Free views, which someone moves, are coarse at first. The command
+ * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it costs nothing. */
 #include "daemon/shade_parts.h"
 
 #include "base/log.h"
@@ -18,6 +18,7 @@ static void *build(void *arg)
     struct set_desc desc = t->shared->config.setup.set_desc;
 
     desc.camera = b->view;
+    desc.edge_rays = b->coarse ? 1 : desc.edge_rays;
     progress_begin(&b->line, "computing the view", desc.height, NULL);
     if (set_create_view(t->first_set, &desc, &b->line, &b->set, &b->why))
         b->set = NULL;
@@ -33,11 +34,12 @@ static void *build(void *arg)
 static void give_up(struct shade_thread *t, const char *why)
 {
     log_warning("camera '%s': %s", t->camera.name, why);
+    t->coarse_view &= t->camera.coarse; /* what could not be made finer stays as it is */
     status_camera_progress(&t->shared->status, t->set->camera, 1.0);
     settings_set_camera(&t->shared->settings, t->set->camera);
 }
 
-static void start_build(struct shade_thread *t, const char *name)
+static void start_build(struct shade_thread *t, const char *name, bool coarse)
 {
     struct camera_build *b = &t->camera;
 
@@ -48,6 +50,7 @@ static void start_build(struct shade_thread *t, const char *name)
         return;
     }
     memcpy(b->view, camera.name, sizeof(b->view));
+    b->coarse = coarse;
     b->set = NULL;
     atomic_store(&b->done, false);
     atomic_store(&b->line.done, 0);
@@ -95,7 +98,7 @@ static bool is_too_costly(struct shade_thread *t, struct set *set, const struct 
 }
 
 /* Switches to a view and takes it over. False: out of memory, and the old view stays. */
-static bool switch_to(struct shade_thread *t, struct set *set)
+static bool switch_to(struct shade_thread *t, struct set *set, bool coarse)
 {
     struct relighter *r = set == t->first_set ? t->first_relighter : NULL;
 
@@ -110,6 +113,7 @@ static bool switch_to(struct shade_thread *t, struct set *set)
     leave_view(t);
     t->set = set;
     t->relighter = r;
+    t->coarse_view = coarse;
     if (set == t->first_set)
         t->first_relighter = r;
     status_set_view(&t->shared->status, set->placed);
@@ -128,10 +132,10 @@ static bool finish_build(struct shade_thread *t)
         return false;
     }
     const struct settings now = settings_now(&t->shared->settings);
-    /* While someone drags the view, each one that is ready is shown, and the newest is begun next. */
-    const bool on_the_way = free_view_is(now.camera) && free_view_is(b->name);
+    /* While someone drags the view, each coarse one that is ready is shown, and the newest is begun next. */
+    const bool on_the_way = b->coarse && free_view_is(now.camera) && free_view_is(b->name);
     if (on_the_way || strcmp(now.camera, b->name) == 0)
-        return !is_too_costly(t, b->set, &now) && switch_to(t, b->set);
+        return !is_too_costly(t, b->set, &now) && switch_to(t, b->set, b->coarse);
     set_destroy(b->set); /* the settings name another one by now */
     status_camera_progress(&t->shared->status, t->set->camera, 1.0);
     return false;
@@ -150,11 +154,12 @@ bool camera_follow_settings(struct shade_thread *t)
                                    (double)(t->shared->config.setup.set_desc.height + 1));
         return false;
     }
-    if (strcmp(now.camera, t->set->camera) == 0)
+    const bool same = strcmp(now.camera, t->set->camera) == 0;
+    if (same && !t->coarse_view)
         return false;
     if (strcmp(now.camera, t->first_set->camera) == 0)
-        return switch_to(t, t->first_set);
-    start_build(t, now.camera);
+        return switch_to(t, t->first_set, false);
+    start_build(t, now.camera, !same && free_view_is(now.camera) && t->shared->config.setup.set_desc.edge_rays != 1);
     return false;
 }
 

@@ -44,6 +44,7 @@ struct camera_build {
     atomic_bool done;
     char name[64];
     char view[64]; /* the camera of the scene, or the free view, that this is */
+    bool coarse;   /* with one ray per pixel, to be shown soon */
     struct progress line;
     struct set *set; /* the result; NULL: it failed */
     struct reason why;
@@ -72,6 +73,7 @@ struct shade_thread {
     struct relighter *relighter;       /* of set */
     struct relighter *first_relighter; /* of first_set, which lockstep sequences use; NULL: not needed now */
     struct camera_build camera;
+    bool coarse_view;       /* `set` is coarse: a finer one follows while its camera stays */
     struct decider decider; /* what auto has learnt of `set`, for `relighter` */
     struct shown_lamps lamps;
     struct prober *prober; /* NULL until it is needed */

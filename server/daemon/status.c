@@ -86,6 +86,7 @@ void status_set_cameras(struct status_board *b, struct settings_store *settings,
     pthread_mutex_lock(&b->lock);
     const char **old = b->cameras;
     b->figures.cameras = b->cameras = names;
+    b->figures.views = names ? names + settings->scene->camera_count : NULL; /* the last ones */
     b->figures.loaded = true;
     send_figures(b); /* after which the server reads the old list no more */
     mem_free(old);

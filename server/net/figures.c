@@ -90,6 +90,7 @@ const struct figure server_figure_table[] = {
     PLAIN(U32, "lamps.samples", lamp_samples),
     PLAIN(U32, "lamps.wanted", lamp_samples_wanted),
     LIST("offers.cameras", cameras),
+    LIST("offers.views", views),
     { NULL, NULL, NULL, FIGURE_BOOL, 0 },
 };
 /* clang-format on */

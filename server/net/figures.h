@@ -61,11 +61,12 @@ struct server_figures {
     bool decoder_separate, decoder_confined; /* there is one; the kernel limits its system calls */
     uint64_t decoder_files, decoder_starts, decoder_died, decoder_hung, decoder_lied, decoder_waited;
 
-    char view[64];              /* the shown camera as a free view (scene/free_view.h); "": unknown */
-    char preparing[64];         /* camera whose view is being computed; "": none */
-    double prepared;            /* share of that, 0..1 */
+    char view[64];                              /* the shown camera as a free view (scene/free_view.h); "": unknown */
+    char preparing[64];                         /* camera whose view is being computed; "": none */
+    double prepared;                            /* share of that, 0..1 */
     uint32_t lamp_samples, lamp_samples_wanted; /* of the lamps' light; the second 0: the scene has no lamps */
     const char *const *cameras; /* names, ended by NULL, that live as long as the server; NULL: not known yet */
+    const char *const *views;   /* likewise: those of the cameras that controllers have saved */
 };
 
 /* ---- The table ---- */

@@ -341,8 +341,57 @@ test('Alt-drag moves the camera and not the sky, and V saves the view', () =>
     assert.ok(Math.abs(Math.abs(turned) - Math.PI / 8) < 1e-3, `turned by ${turned}`);
     page.once('dialog', (dialog) => dialog.accept('my view'));
     await page.keyboard.press('v');
-    await page.waitForFunction(() => [...document.querySelector('#set-camera').options].some((o) => o.value === 'my view'));
+    const offered = (there) => page.waitForFunction(
+      (is) => [...document.querySelector('#set-camera').options].some((o) => o.value === 'my view') === is, there);
+    await offered(true);
+    assert.equal(await page.isVisible('#forget-view'), false); // the free view is shown, not the saved one
+    await page.selectOption('#set-camera', 'my view');
+    await inForce(witness, { camera: 'my view' });
+    await page.click('#forget-view');
+    await offered(false);
+    await inForce(witness, { camera: control.camera }); // what was shown stays
+    await page.waitForFunction(() => document.querySelector('#forget-view').hidden);
   }));
+
+// Fingers as Chromium's own input has them: points of {x, y}; none lifts all.
+async function touchScreen(page) {
+  const session = await page.context().newCDPSession(page);
+  return (type, points) => session.send('Input.dispatchTouchEvent', { type, touchPoints: points.map((p, id) => ({ ...p, id })) });
+}
+
+test('two fingers turn the camera and pinch it nearer; one rotates the sky', () =>
+  withAll(SKY, async (page, witness) => {
+    const box = await page.locator('#picture').boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    const touch = await touchScreen(page);
+    const shown = (view) => page.waitForFunction((v) => window.relight.app.control.camera === v, view);
+    const parts = (view) => view.slice(1).split(';').map((p) => p.split(',').map(Number));
+    const far = ([from, to]) => Math.hypot(...from.map((v, i) => v - to[i]));
+    await page.waitForFunction(() => window.relight.status?.view?.startsWith('@'));
+    const before = parts((await witness.status()).view);
+    const pair = (dx, half) => [{ x: x - half + dx, y }, { x: x + half + dx, y }];
+    await touch('touchStart', pair(0, 40));
+    for (let i = 1; i <= 4; i++) await touch('touchMove', pair((i * box.width) / 32, 40));
+    await page.waitForFunction(() => window.relight.app.control.camera?.startsWith('@'));
+    for (let i = 1; i <= 4; i++) await touch('touchMove', pair(box.width / 8, 40 + 10 * i));
+    await touch('touchEnd', []);
+    await page.waitForFunction((d) => {
+      const [from, to] = window.relight.app.control.camera.slice(1).split(';').map((p) => p.split(',').map(Number));
+      return Math.abs(Math.hypot(...from.map((v, i) => v - to[i])) - d) < 0.02 * d; // twice as far apart: half as far away
+    }, far(before) / 2);
+    const { camera, rotate_degrees: turned } = await witness.control();
+    await shown(camera);
+    const angle = ([[px, , pz], [cx, , cz]]) => Math.atan2(px - cx, pz - cz);
+    const by = angle(before) - angle(parts(camera));
+    assert.ok(Math.abs(Math.abs(Math.atan2(Math.sin(by), Math.cos(by))) - Math.PI / 8) < 0.02, `turned by ${by}`);
+    assert.equal(turned, 0);
+    await touch('touchStart', [{ x, y }]);
+    await touch('touchMove', [{ x: x + 30, y }]);
+    await touch('touchMove', [{ x: x + 60, y }]);
+    await touch('touchEnd', []);
+    await witness.until(() => window.said.control.rotate_degrees !== 0);
+    assert.equal((await witness.control()).camera, camera);
+  }, { hasTouch: true }));
 
 test('a viewer sees current settings, and why they cannot be changed', () =>
   withAll(SKY, async (page, witness) => {

@@ -88,8 +88,8 @@ export async function openBrowser() {
 }
 
 // Opens the page; a test that checks `faults` fails on its errors.
-export async function openPage(browser, url, { width = 1000, height = 800 } = {}) {
-  const page = await browser.newPage({ viewport: { width, height } });
+export async function openPage(browser, url, { width = 1000, height = 800, hasTouch = false } = {}) {
+  const page = await browser.newPage({ viewport: { width, height }, hasTouch });
   page.faults = [];
   page.on('pageerror', (error) => page.faults.push(String(error)));
   page.on('console', (message) => {

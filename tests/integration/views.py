@@ -55,6 +55,19 @@ async def a_controller_moves_the_camera_freely(folder):
         await two.until(lambda: two.last["status"]["camera"] == first and two.last["status"]["view"] == status["view"])
 
 
+async def a_moved_view_is_coarse_at_first(folder):
+    del folder
+    async with Daemon(*STILL, "--size", "480x270", "--edge-rays", "16") as daemon:
+        one = await Party.come(daemon.url, "controller")
+        await one.until(lambda: one.gains)
+        await one.ask(camera=SIDE)
+        # It is shown, with a picture, while it is computed once more.
+        await one.until(lambda: one.last["status"]["camera"] == SIDE and one.last["status"]["preparing"])
+        check(one.last["status"]["preparing"]["camera"] == SIDE, one.last["status"])
+        await one.until(lambda: one.last["status"]["preparing"] is None)
+        check(one.last["status"]["view"] == SIDE, one.last["status"])
+
+
 async def views_are_saved_by_name_and_kept(folder):
     keep = ("--state", str(folder / "state"))
     async with Daemon(*STILL, *keep) as daemon:
@@ -63,6 +76,7 @@ async def views_are_saved_by_name_and_kept(folder):
         await one.ask(camera=SIDE)
         check(await one.ask(save_view="from the side") is None, "not saved")
         await one.until(lambda: one.last["status"]["offers"]["cameras"] == cameras + ["from the side"])
+        check(one.last["status"]["offers"]["views"] == ["from the side"], one.last["status"]["offers"])
         check(await one.ask(camera="from the side") is None, "not offered")
         await one.until(lambda: one.last["status"]["camera"] == "from the side" and one.last["status"]["view"] == SIDE)
         for wish in {"save_view": cameras[0]}, {"save_view": "@x"}, {"forget_view": "nothing"}, {"forget_view": "from the side"}:
