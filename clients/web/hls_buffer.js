@@ -3,7 +3,8 @@
 
 import { HlsFault, isFragment, typeOf } from './hls_playlist.js';
 
-const AHEAD = 2; // segments in the buffer when playing begins: fewer stall with every late segment
+const AHEAD = 1.5; // segments in the buffer after a new one: one to last until the next, and what that may be late
+const FASTER = 1.06; // to catch up
 const KEEP_S = 20; // of what was played
 
 export const canBuffer = () => Boolean(globalThis.MediaSource);
@@ -14,6 +15,7 @@ export class HlsBuffer {
     this.video = video;
     this.load = load;
     this.last = null; // the newest segment that was loaded
+    this.begun = false; // has jumped near the end of what was listed at first
     this.placed = []; // {start, end: in the video's time, date}
   }
 
@@ -38,12 +40,12 @@ export class HlsBuffer {
     return same ? same.url !== this.last.url : segments.at(-1).sequence < this.last.sequence;
   }
 
-  // Loads what is new in the playlist, at most `AHEAD` segments.
+  // Loads what is new in the playlist, at most two segments.
   async take(list) {
     const restarted = this.isRestarted(list);
     const fresh = list.segments.filter(({ sequence }) => restarted || !this.last || sequence > this.last.sequence);
     let anew = restarted;
-    for (const segment of fresh.slice(-AHEAD)) {
+    for (const segment of fresh.slice(-2)) {
       const skipped = this.last && segment.sequence !== this.last.sequence + 1;
       const begins = !this.last || anew || segment.broken || segment.map !== this.last.map;
       this.last = segment; // a segment that cannot be had is passed over the next time
@@ -51,13 +53,14 @@ export class HlsBuffer {
       anew = false;
       await this.place(segment, begins || skipped);
     }
-    this.keepUp(list.segments.at(-1)?.seconds || list.target);
+    if (fresh.length) this.keepUp(fresh.at(-1).seconds || list.target);
   }
 
   async begin(map) {
     const init = await this.load(map, 'no-cache'); // its name may stay the same after a restart
     const type = typeOf(init);
-    if (!type || !MediaSource.isTypeSupported(type)) throw new HlsFault(`is ${type ?? 'not H.264'}, which this browser does not play`);
+    if (!type) throw new HlsFault('is not H.264');
+    if (!MediaSource.isTypeSupported(type)) throw new HlsFault(`is ${type}, which this browser does not play`);
     if (this.buffer) {
       this.buffer.changeType(type);
     } else {
@@ -94,12 +97,13 @@ export class HlsBuffer {
     });
   }
 
-  // Stays `AHEAD` segments behind the newest: plays a little faster, or jumps if much is waiting.
+  // After new segments: jumps at the beginning and if much is waiting, else plays a little faster if need be.
   keepUp(seconds) {
     const { video } = this;
     const ahead = this.end() - video.currentTime;
-    if (ahead > (AHEAD + 2.5) * seconds) video.currentTime = this.end() - AHEAD * seconds;
-    video.playbackRate = ahead > (AHEAD + 0.5) * seconds ? 1.06 : 1;
+    if (!this.begun || ahead > (AHEAD + 2.5) * seconds) video.currentTime = Math.max(video.currentTime, this.end() - AHEAD * seconds);
+    this.begun = true;
+    video.playbackRate = ahead > (AHEAD + 0.35) * seconds ? FASTER : 1;
   }
 
   // When the image on screen was recorded, in ms since 1970; NaN: not stated.

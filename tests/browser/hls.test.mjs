@@ -6,7 +6,7 @@ import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync } from 'node:f
 import { createServer } from 'node:http';
 import { tmpdir } from 'node:os';
 import { extname, join } from 'node:path';
-import { after, test } from 'node:test';
+import { describe, test } from 'node:test';
 import { parsePlaylist, typeOf } from '../../clients/web/hls_playlist.js';
 import { beginTests, openPage, readback, sentence, state, untilFrames, untilState } from './lib.mjs';
 
@@ -97,160 +97,163 @@ async function colours(page) {
   return { width, height, left: at(Math.floor(width / 4)), right: at(Math.floor((3 * width) / 4)) };
 }
 
-test('a published stream is shown, with its delay, and no connection to relightd', () => withSite(async (site, page) => {
-  await publish(site);
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  await untilFrames(page, 20);
-  const { width, height, left, right } = await colours(page);
-  assert.deepEqual([width, height], [160, 90]);
-  assert.ok(left[0] > 230 && left[2] < 30, `${left}`);
-  assert.ok(right[2] > 230 && right[0] < 30, `${right}`);
-  assert.match(await page.textContent('#state-word'), /^Live, \d+(\.\d)? (s|ms) behind$/);
-  assert.match(await page.textContent('#about'), /HLS, 160\s×\s90/);
-  assert.equal(await page.isVisible('#panels'), false);
-  assert.ok(await page.isVisible('#picture'));
-  assert.deepEqual(site.asked.filter((path) => path.startsWith('/ws')), []);
-}));
+// Most of their time they wait.
+describe('the page from HLS', { concurrency: 4 }, () => {
+  test('a published stream is shown, with its delay, and no connection to relightd', () => withSite(async (site, page) => {
+    await publish(site);
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    await untilFrames(page, 20);
+    const { width, height, left, right } = await colours(page);
+    assert.deepEqual([width, height], [160, 90]);
+    assert.ok(left[0] > 230 && left[2] < 30, `${left}`);
+    assert.ok(right[2] > 230 && right[0] < 30, `${right}`);
+    assert.match(await page.textContent('#state-word'), /^Live, \d+(\.\d)? (s|ms) behind$/);
+    assert.match(await page.textContent('#about'), /HLS, 160\s×\s90/);
+    assert.equal(await page.isVisible('#panels'), false);
+    assert.ok(await page.isVisible('#picture'));
+    assert.deepEqual(site.asked.filter((path) => path.startsWith('/ws')), []);
+  }));
 
-test('the delay counts from the playlist\u2019s dates, by the server\u2019s clock', () => withSite(async (site, page) => {
-  const HOUR = 3600000;
-  await publish(site);
-  // what was recorded an hour ago
-  const aged = (ms) => readFileSync(join(site.folder, 'live.m3u8'), 'utf8').replace(/(DATE-TIME:)(\S+)/g, (_, tag, date) =>
-    tag + new Date(Date.parse(date.replace(/(\d\d)$/, ':$1')) - ms).toISOString());
-  site.answer = (path) => (path.endsWith('.m3u8') && existsSync(join(site.folder, 'live.m3u8')) ? { body: aged(HOUR) } : null);
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  const delay = () => page.evaluate(() => window.relight.state.delayMs);
-  assert.ok(await delay() > HOUR && await delay() < HOUR + 60000, `${await delay()}`);
-  // and a server whose clock is an hour behind, as the playlist's
-  const timer = setInterval(() => { site.headers = { date: new Date(Date.now() - HOUR).toUTCString() }; }, 100);
-  await page.waitForFunction(() => window.relight.state.delayMs < 60000, null, { timeout: 30000 }).finally(() => clearInterval(timer));
-}));
+  test('the delay counts from the playlist\u2019s dates, by the server\u2019s clock', () => withSite(async (site, page) => {
+    const HOUR = 3600000;
+    await publish(site);
+    // what was recorded an hour ago
+    const aged = (ms) => readFileSync(join(site.folder, 'live.m3u8'), 'utf8').replace(/(DATE-TIME:)(\S+)/g, (_, tag, date) =>
+      tag + new Date(Date.parse(date.replace(/(\d\d)$/, ':$1')) - ms).toISOString());
+    site.answer = (path) => (path.endsWith('.m3u8') && existsSync(join(site.folder, 'live.m3u8')) ? { body: aged(HOUR) } : null);
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    const delay = () => page.evaluate(() => window.relight.state.delayMs);
+    assert.ok(await delay() > HOUR && await delay() < HOUR + 60000, `${await delay()}`);
+    // and a server whose clock is an hour behind, as the playlist's
+    const timer = setInterval(() => { site.headers = { date: new Date(Date.now() - HOUR).toUTCString() }; }, 100);
+    await page.waitForFunction(() => window.relight.state.delayMs < 60000, null, { timeout: 30000 }).finally(() => clearInterval(timer));
+  }));
 
-test('a missing stream is named, and shown as soon as it is there', () => withSite(async (site, page) => {
-  await page.goto(site.url);
-  await untilState(page, 'reconnecting');
-  assert.match(await sentence(page), /^There is no stream at hls\/live\.m3u8 \(404\): nothing is being published there\. Retrying$/);
-  assert.match(await page.textContent('#veil-sentence'), /no stream at/);
-  await publish(site);
-  await untilState(page, 'live');
-}));
+  test('a missing stream is named, and shown as soon as it is there', () => withSite(async (site, page) => {
+    await page.goto(site.url);
+    await untilState(page, 'reconnecting');
+    assert.match(await sentence(page), /^There is no stream at hls\/live\.m3u8 \(404\): nothing is being published there\. Retrying$/);
+    assert.match(await page.textContent('#veil-sentence'), /no stream at/);
+    await publish(site);
+    await untilState(page, 'live');
+  }));
 
-test('a stream that stands still says so, and goes on', () => withSite(async (site, page) => {
-  const publisher = await publish(site);
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  publisher.pause();
-  await untilState(page, 'stalled');
-  assert.match(await sentence(page), /^Nothing new has been published for \d+ s\. The last image stays on screen\.$/);
-  publisher.go();
-  await untilState(page, 'live');
-  await untilFrames(page, 10);
-  // a page that is opened now knows since when
-  publisher.pause();
-  await new Promise((resolve) => { setTimeout(resolve, 7000); });
-  await page.reload();
-  await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 30000 });
-  await untilState(page, 'stalled');
-  assert.ok(await page.evaluate(() => window.relight.state.seconds) >= 7);
-}));
+  test('a stream that stands still says so, and goes on', () => withSite(async (site, page) => {
+    const publisher = await publish(site);
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    publisher.pause();
+    await untilState(page, 'stalled');
+    assert.match(await sentence(page), /^Nothing new has been published for \d+ s\. The last image stays on screen\.$/);
+    publisher.go();
+    await untilState(page, 'live');
+    await untilFrames(page, 10);
+    // a page that is opened now knows since when
+    publisher.pause();
+    await new Promise((resolve) => { setTimeout(resolve, 7000); });
+    await page.reload();
+    await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 30000 });
+    await untilState(page, 'stalled');
+    assert.ok(await page.evaluate(() => window.relight.state.seconds) >= 7);
+  }));
 
-test('a stream that ends and begins anew, from zero and in another size', () => withSite(async (site, page) => {
-  const publisher = await publish(site);
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  await untilFrames(page, 30); // so that the second begins with lower numbers
-  await publisher.stop('SIGINT');
-  await untilState(page, 'ended');
-  assert.equal(await sentence(page), 'Publishing has ended. The last image stays on screen.');
-  await page.evaluate(() => { window.before = window.relight.player.engine; });
-  await publish(site, { left: 'lime', size: '192x108', name: 'other' });
-  await untilState(page, 'live');
-  await page.waitForFunction(() => document.querySelector('#picture').videoWidth === 192, null, { timeout: 30000 });
-  await untilFrames(page, 5);
-  const { left } = await colours(page);
-  assert.ok(left[1] > 200 && left[0] < 30, `${left}`);
-  assert.ok(await page.evaluate(() => window.relight.player.engine === window.before), 'it was noticed late, by a video that stood still');
-}));
+  test('a stream that ends and begins anew, from zero and in another size', () => withSite(async (site, page) => {
+    const publisher = await publish(site);
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    await untilFrames(page, 30); // so that the second begins with lower numbers
+    await publisher.stop('SIGINT');
+    await untilState(page, 'ended');
+    assert.equal(await sentence(page), 'Publishing has ended. The last image stays on screen.');
+    await page.evaluate(() => { window.before = window.relight.player.engine; });
+    await publish(site, { left: 'lime', size: '192x108', name: 'other' });
+    await untilState(page, 'live');
+    await page.waitForFunction(() => document.querySelector('#picture').videoWidth === 192, null, { timeout: 30000 });
+    await untilFrames(page, 5);
+    const { left } = await colours(page);
+    assert.ok(left[1] > 200 && left[0] < 30, `${left}`);
+    assert.ok(await page.evaluate(() => window.relight.player.engine === window.before), 'it was noticed late, by a video that stood still');
+  }));
 
-test('faults of the server are told apart', () => withSite(async (site, page) => {
-  await publish(site);
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  const onPlaylist = (what) => (path) => (path.endsWith('.m3u8') ? what : null);
-  for (const [answer, said] of [
-    [onPlaylist({ body: '<!doctype html><p>Welcome' }), /^hls\/live\.m3u8 is no HLS playlist\./],
-    [onPlaylist({ status: 503 }), /^The server answers 503 for hls\/live\.m3u8\./],
-    [onPlaylist({ status: 403 }), /^The server does not allow hls\/live\.m3u8 \(403\)\./],
-    [(path) => (path.endsWith('.m4s') ? { status: 404 } : null), /^The segment s\d+\.m4s of hls\/live\.m3u8 is missing \(404\)\./],
-    [onPlaylist({ cut: true }), /^The server of hls\/live\.m3u8 does not answer\./],
-  ]) {
-    site.answer = answer;
-    await untilSaid(page, said);
-    assert.equal(await state(page), 'reconnecting');
+  test('faults of the server are told apart', () => withSite(async (site, page) => {
+    await publish(site);
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    const onPlaylist = (what) => (path) => (path.endsWith('.m3u8') ? what : null);
+    for (const [answer, said] of [
+      [onPlaylist({ body: '<!doctype html><p>Welcome' }), /^hls\/live\.m3u8 is no HLS playlist\./],
+      [onPlaylist({ status: 503 }), /^The server answers 503 for hls\/live\.m3u8\./],
+      [onPlaylist({ status: 403 }), /^The server does not allow hls\/live\.m3u8 \(403\)\./],
+      [(path) => (path.endsWith('.m4s') ? { status: 404 } : null), /^The segment s\d+\.m4s of hls\/live\.m3u8 is missing \(404\)\./],
+      [onPlaylist({ cut: true }), /^The server of hls\/live\.m3u8 does not answer\./],
+    ]) {
+      site.answer = answer;
+      await untilSaid(page, said);
+      assert.equal(await state(page), 'reconnecting');
+      site.answer = () => null;
+      await untilState(page, 'live');
+    }
+    site.answer = (path) => (path.endsWith('.m4s') ? { body: Buffer.from('no segment at all, but some text in place of one') } : null);
+    await untilSaid(page, /^The segment s\d+\.m4s of hls\/live\.m3u8 is no fragmented MP4\./);
+    const box = Buffer.concat([Buffer.from([0, 0, 0, 16]), Buffer.from('moof'), Buffer.from([0, 0, 0, 8]), Buffer.from('mfhd')]);
+    site.answer = (path) => (path.endsWith('.m4s') ? { body: box } : null);
+    await untilSaid(page, /^hls\/live\.m3u8 cannot be (decoded|played) by this browser/);
     site.answer = () => null;
     await untilState(page, 'live');
-  }
-  site.answer = (path) => (path.endsWith('.m4s') ? { body: Buffer.from('no segment at all, but some text in place of one') } : null);
-  await untilSaid(page, /^The segment s\d+\.m4s of hls\/live\.m3u8 is no fragmented MP4\./);
-  const box = Buffer.concat([Buffer.from([0, 0, 0, 16]), Buffer.from('moof'), Buffer.from([0, 0, 0, 8]), Buffer.from('mfhd')]);
-  site.answer = (path) => (path.endsWith('.m4s') ? { body: box } : null);
-  await untilSaid(page, /^hls\/live\.m3u8 cannot be (decoded|played) by this browser/);
-  site.answer = () => null;
-  await untilState(page, 'live');
-  await untilFrames(page, 5);
-}));
+    await untilFrames(page, 5);
+  }));
 
-test('without MediaSource the browser\u2019s own player is used, and without both a reason is given', () => withSite(async (site, page) => {
-  await publish(site);
-  await page.addInitScript(() => { delete window.MediaSource; });
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  await untilFrames(page, 20);
-  const { left } = await colours(page);
-  assert.ok(left[0] > 230 && left[2] < 30, `${left}`);
-  assert.match(await page.textContent('#state-word'), /^Live, \d+(\.\d)? (s|ms) behind$/);
-  await page.addInitScript(() => { HTMLVideoElement.prototype.canPlayType = () => ''; });
-  await page.reload();
-  await untilSaid(page, /^hls\/live\.m3u8 needs a browser with MediaSource or HLS\./);
-}));
+  test('without MediaSource the browser\u2019s own player is used, and without both a reason is given', () => withSite(async (site, page) => {
+    await publish(site);
+    await page.addInitScript(() => { delete window.MediaSource; });
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    await untilFrames(page, 20);
+    const { left } = await colours(page);
+    assert.ok(left[0] > 230 && left[2] < 30, `${left}`);
+    assert.match(await page.textContent('#state-word'), /^Live, \d+(\.\d)? (s|ms) behind$/);
+    await page.addInitScript(() => { HTMLVideoElement.prototype.canPlayType = () => ''; });
+    await page.reload();
+    await untilSaid(page, /^hls\/live\.m3u8 needs a browser with MediaSource or HLS\./);
+  }));
 
-test('what is not fragmented MP4 is refused where the browser plays no other', () => withSite(async (site, page) => {
-  await publish(site, { options: ['-hls_segment_type', 'mpegts'], extension: 'ts' });
-  await page.addInitScript(() => { HTMLVideoElement.prototype.canPlayType = () => ''; }); // as Firefox
-  await page.goto(site.url);
-  await untilSaid(page, /^hls\/live\.m3u8 is not fragmented MP4, and this browser plays no other HLS\./);
-}));
+  test('what is not fragmented MP4 is refused where the browser plays no other', () => withSite(async (site, page) => {
+    await publish(site, { options: ['-hls_segment_type', 'mpegts'], extension: 'ts' });
+    await page.addInitScript(() => { HTMLVideoElement.prototype.canPlayType = () => ''; }); // as Firefox
+    await page.goto(site.url);
+    await untilSaid(page, /^hls\/live\.m3u8 is not fragmented MP4, and this browser plays no other HLS\./);
+  }));
 
-test('a hidden page loads nothing, and shows the newest image when it is seen', () => withSite(async (site, page) => {
-  await publish(site);
-  await page.goto(site.url);
-  await untilState(page, 'live');
-  const hide = (hidden) => page.evaluate((h) => {
-    Object.defineProperty(document, 'visibilityState', { value: h ? 'hidden' : 'visible', configurable: true });
-    document.dispatchEvent(new Event('visibilitychange'));
-  }, hidden);
-  await hide(true);
-  await untilState(page, 'paused');
-  await new Promise((resolve) => { setTimeout(resolve, 1000); }); // what was under way
-  const asked = site.asked.length;
-  await new Promise((resolve) => { setTimeout(resolve, 2000); });
-  assert.equal(site.asked.length, asked);
-  await hide(false);
-  await untilState(page, 'live');
-  await untilFrames(page, 5);
-}));
+  test('a hidden page loads nothing, and shows the newest image when it is seen', () => withSite(async (site, page) => {
+    await publish(site);
+    await page.goto(site.url);
+    await untilState(page, 'live');
+    const hide = (hidden) => page.evaluate((h) => {
+      Object.defineProperty(document, 'visibilityState', { value: h ? 'hidden' : 'visible', configurable: true });
+      document.dispatchEvent(new Event('visibilitychange'));
+    }, hidden);
+    await hide(true);
+    await untilState(page, 'paused');
+    await new Promise((resolve) => { setTimeout(resolve, 1000); }); // what was under way
+    const asked = site.asked.length;
+    await new Promise((resolve) => { setTimeout(resolve, 2000); });
+    assert.equal(site.asked.length, asked);
+    await hide(false);
+    await untilState(page, 'live');
+    await untilFrames(page, 5);
+  }));
 
-test('/embed shows the same stream alone', () => withSite(async (site, page) => {
-  await publish(site);
-  await page.goto(site.url.replace('/?', '/embed?'));
-  await untilFrames(page, 10);
-  assert.equal(await page.locator('body').innerText(), '');
-  const { left } = await colours(page);
-  assert.ok(left[0] > 230 && left[2] < 30, `${left}`);
-}));
+  test('/embed shows the same stream alone', () => withSite(async (site, page) => {
+    await publish(site);
+    await page.goto(site.url.replace('/?', '/embed?'));
+    await untilFrames(page, 10);
+    assert.equal(await page.locator('body').innerText(), '');
+    const { left } = await colours(page);
+    assert.ok(left[0] > 230 && left[2] < 30, `${left}`);
+  }));
+});
 
 test('playlists are read as they are written', () => {
   const base = 'https://cdn.example/a/live.m3u8?x';

@@ -81,6 +81,7 @@ it_installs_and_serves_in_a_clean_system() {
     for program in relight-bench relight-chart relight-diff relight-feed relight-record; do
         inside "$program" --version >/dev/null || fail "$program"
     done
+    ! inside sh -c 'ldd /usr/lib/relightd/*' | grep "not found" || fail "a library of a program that they start is missing"
     inside apt-get -qq --yes purge relightd >"$work/log" 2>&1 || { cat "$work/log"; fail "purge"; }
     local left
     left=$(find "$root/usr" "$root/etc" "$root/var/lib" -name '*relight*' ! -path '*/dpkg/*' ! -path "$root/var/lib/relightd*")

@@ -52,7 +52,7 @@ it_depends_on_what_it_is_linked_with() {
     local -A owner=()
     triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
     depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g')
-    for program in $programs ../lib/relightd/relight-decoder ../lib/relightd/relight-reader; do
+    for program in $programs $(cd "$root/usr/bin" && ls ../lib/relightd/*); do
         while read -r library; do
             [ -n "${owner[$library]:-}" ] ||
                 owner[$library]=$(dpkg -S "*/$triple/*$library" | sed -n "s|^\([^:]*\).*/$library\$|\1|p" | sort -u)
@@ -177,6 +177,15 @@ sys.exit(urllib.request.urlopen(sys.argv[1], timeout=10).read() != open(sys.argv
 PY
     kill "$pid"
     wait "$pid" || fail "exit code $?"
+}
+
+# So are the programs that it starts to read scenes and videos.
+what_is_unpacked_reads_models_and_videos() {
+    need ffmpeg
+    ffmpeg -nostdin -loglevel error -f lavfi -i testsrc2=s=64x32:r=5:d=1 -c:v mpeg4 "$work/sky.mp4"
+    (cd / && "$root/usr/bin/relight-render" --scene "$root/usr/share/doc/relightd/examples/steps.json" --source "$work/sky.mp4" \
+        --frames 1-1 --size 32x18 --samples 1 --paths direct --out "$work/out.exr") >"$work/log" 2>&1 || { cat "$work/log"; fail "relight-render"; }
+    [ -s "$work/out.exr" ] || fail "no image"
 }
 
 # `cmake --install` with another prefix puts everything below it, and the unit names that prefix.

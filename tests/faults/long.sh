@@ -68,4 +68,8 @@ two_hundred_viewers_beside_nginx() {
     /usr/bin/python3 -B "$here/crowd.py"
 }
 
+five_hundred_hls_clients_beside_one() {
+    RELIGHT_TOOLS=$build/tools /usr/bin/python3 -B "$here/../deploy/hls_crowd.py"
+}
+
 "$@"
