@@ -295,9 +295,9 @@ bool output_is_numbered(const struct output *o)
     return o->pattern.length > 0 || o->format->movie || images_in_turn;
 }
 
-bool output_is_movie(const struct output_desc *desc)
+bool output_is_stream(const struct output *o)
 {
-    return format_of(desc->pattern)->movie;
+    return o->format->movie || file_is_stdout(o->desc.pattern);
 }
 
 bool output_exists(const struct output *o, uint64_t frame)

@@ -45,8 +45,8 @@ const char *output_extension(const struct output_desc *desc);
 /* Whether many frames may go there; else all have one name, without a place for their number. */
 bool output_is_numbered(const struct output *o);
 
-/* Whether a desc that output_check takes is of a video. */
-bool output_is_movie(const struct output_desc *desc);
+/* Whether frames go one behind another into one file: a video, or standard output. */
+bool output_is_stream(const struct output *o);
 
 /* Whether the file of a frame is there: files appear whole. */
 bool output_exists(const struct output *o, uint64_t frame);

@@ -16,10 +16,10 @@ enum err render_check_shared(const struct render *r, struct reason *why)
 
     if (!d->resume && !d->ranks)
         return ERR_OK;
-    if (d->output.pattern && output_is_movie(&d->output))
+    if (r->output && output_is_stream(r->output))
         return err_say(why, ERR_USAGE,
-                       "%s needs a file per picture: a video holds all frames in order; render 'NAME.%%04d.png', and "
-                       "make the video of these",
+                       "%s needs a file per picture: a video, or standard output, holds all frames in order; render "
+                       "'NAME.%%04d.png', and make the video of these",
                        what);
     if (d->output.pattern && r->output && output_is_exposed(r->output) &&
         d->setup.initial.exposure_stops == EXPOSURE_FOLLOW)

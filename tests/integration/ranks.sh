@@ -78,12 +78,12 @@ resume_works_alone_and_keeps_what_is_there() {
 }
 
 what_cannot_be_shared_is_refused_by_rank_0() {
-    expect 2 'a video holds all frames in order' job 2 "${small[@]}" --frames 0-3 --out a.mp4
+    expect 2 'a video, or standard output, holds all frames in order' job 2 "${small[@]}" --frames 0-3 --out a.mp4
     [ "$(grep -c relight-render stderr)" = 1 ] || { cat stderr; fail "more than one rank speaks"; }
     expect 2 'by which a picture depends on those before' job 2 "${small[@]}" --frames 0-3 --exposure follow --out %d.jpg
     expect 2 'frames can be taken in any order.*not watch:' job 2 --source watch:. --out %d.exr
     expect 2 '--probe is for one process' job 2 "${small[@]}" --frames 0-3 --probe 1,1
-    expect 2 'a video holds all frames in order' "$render" "${small[@]}" --frames 0-3 --resume --out a.mp4
+    expect 2 'a video, or standard output, holds all frames in order' "$render" "${small[@]}" --frames 0-3 --resume --out a.mp4
     expect 2 '--resume needs --out' "$render" "${small[@]}" --frames 0-3 --resume --probe 1,1
 }
 
