@@ -11,7 +11,7 @@ import { keepAccess, wishedHls, wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import { startPlayer, watchPage } from './start.js';
 import {
-  bitsPerSecond, codingName, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence,
+  bitsPerSecond, codingName, describe, lightSentence, milliseconds, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,
 } from './sentences.js';
 import { startTheme, switchTheme } from './theme.js';
@@ -156,7 +156,7 @@ function drawn(picture, nowMs) {
   relight.frames++;
   relight.lastHeader = header;
   document.body.classList.add('seen');
-  figures.drawn.add(performance.now());
+  if (!(header.flags & FLAG_REPEAT)) figures.drawn.add(performance.now());
 
   if (!(header.flags & FLAG_FINER)) measure(picture, nowMs); // refinements of a still sky would count its age as latency
   if (relight.frames === 1) showState(relight.state);
@@ -264,9 +264,18 @@ function showFigures() {
     setText('skipped', String(status.skipped));
     setText('viewers', String(status.viewers));
     setText('light', lightSentence(status.light));
+    showPublishing(status.publish ?? []);
   }
   showStages(stages);
   showCountdown();
+}
+
+function showPublishing(targets) {
+  const list = $('publish');
+  list.hidden = !targets.length;
+  while (list.children.length > targets.length) list.lastChild.remove();
+  while (list.children.length < targets.length) list.append(document.createElement('li'));
+  targets.forEach((target, i) => setTextOf(list.children[i], publishSentence(target)));
 }
 
 function showStages(stages) {

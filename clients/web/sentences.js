@@ -111,6 +111,15 @@ export function lightSentence(light) {
   return `Light: ${light.paths}.${off}${share}${still}${light.left_out ? ` Left out: ${light.left_out}.` : ''}`;
 }
 
+// Where live images are published: "Publishing to rtmp://media.example: live, 3.2 Mbit/s, 12 frames dropped."
+export function publishSentence({ to, state, detail, mbit, dropped }) {
+  const where = to.replace(/^(hls|record):.*\/(?=.)/, '$1:');
+  const word = { waiting: 'waiting', connecting: 'connecting', live: 'live', retrying: 'failed' }[state] ?? state;
+  const why = detail ? ` (${withoutFolders(detail)}${state === 'retrying' ? '; trying again' : ''})` : '';
+  const rate = state === 'live' ? `, ${bitsPerSecond((mbit * 1e6) / 8)}` : '';
+  return `Publishing to ${where}: ${word}${why}${rate}${dropped > 0 ? `, ${dropped} ${dropped === 1 ? 'frame' : 'frames'} dropped` : ''}.`;
+}
+
 const percent = (x) => `${(100 * x).toFixed(x < 0.0995 ? 1 : 0)} %`;
 
 export function milliseconds(ms) {

@@ -22,8 +22,9 @@ static void add_section(struct command *c, const char *section)
         for (const struct setting *s = c->lists[l].rows; !setting_ends(s); s++)
             if (s->name && choice_has(s->programs, c->program) && strcmp(s->section, section) == 0) {
                 assert(c->flag_count < COMMAND_FLAGS);
-                c->flags[c->flag_count++] =
-                    (struct command_flag){ s, &c->lists[l].values, s->initial, s->initial, false };
+                c->flags[c->flag_count++] = (struct command_flag){
+                    .row = s, .values = &c->lists[l].values, .initial = s->initial, .given = s->initial
+                };
             }
 }
 
@@ -80,6 +81,27 @@ bool command_given(const struct command *c, const char *name)
 {
     const struct command_flag *f = known(c, name);
     return f->given != f->initial;
+}
+
+enum err command_give(struct command_flag *f, const char *text, struct reason *why)
+{
+    if (f->row->type == SETTING_TEXTS) {
+        if (f->texts.count == SETTING_TEXTS_MAX)
+            return err_say(why, ERR_USAGE, "--%s: given more than %d times", f->row->name, SETTING_TEXTS_MAX);
+        f->texts.text[f->texts.count++] = text;
+    }
+    f->given = text;
+    return ERR_OK;
+}
+
+bool command_flag_equals(const struct command_flag *a, const struct command_flag *b)
+{
+    bool same = a->given == b->given || (a->given && b->given && strcmp(a->given, b->given) == 0);
+
+    same = same && a->texts.count == b->texts.count;
+    for (uint32_t k = 0; same && k < a->texts.count; k++)
+        same = strcmp(a->texts.text[k], b->texts.text[k]) == 0;
+    return same;
 }
 
 /* ---- Parsing ---- */
@@ -148,15 +170,17 @@ static enum err take_flag(struct command *c, int argc, char **argv, int *i, stru
 
     if (!f)
         return unknown_flag(c, argv[*i], length, why);
-    if (f->row->unit && f->seen && !c->quiet)
+    const bool adds = f->row->type == SETTING_TEXTS;
+    if (adds && !f->seen) /* the command line replaces a configuration file's */
+        f->texts.count = 0;
+    if (f->row->unit && f->seen && !adds && !c->quiet)
         log_warning("--%s is given more than once: the last one counts", f->row->name);
     f->seen = true;
     if (!f->row->unit && equals)
         return err_say(why, ERR_USAGE, "--%s takes no value", f->row->name);
     if (f->row->unit && !equals && *i + 1 == argc)
         return err_say(why, ERR_USAGE, "--%s needs a value: %s", f->row->name, f->row->unit);
-    f->given = !f->row->unit ? "1" : equals ? equals + 1 : argv[++*i];
-    return ERR_OK;
+    return command_give(f, !f->row->unit ? "1" : equals ? equals + 1 : argv[++*i], why);
 }
 
 static bool print_choices(const struct command *c)
@@ -326,6 +350,7 @@ static enum err read_flag(const struct command *c, const struct command_flag *f,
     case SETTING_SIZE: return read_size(s, f->given, at, why);
     case SETTING_FRAMES: return read_frames(s, f->given, at, why);
     case SETTING_NAME: strcpy(at, f->given); break;
+    case SETTING_TEXTS: memcpy(at, &f->texts, sizeof(f->texts)); break;
     case SETTING_TEXT: memcpy(at, &f->given, sizeof(f->given)); break;
     }
     return ERR_OK;

@@ -11,10 +11,11 @@
 
 struct command_flag {
     const struct setting *row;
-    void *const *values; /* the struct that the row's offset is of */
-    const char *initial; /* its default as text; NULL: none */
-    const char *given;   /* the value given, else the default ("1" for a switch); NULL: neither */
-    bool seen;           /* in the arguments */
+    void *const *values;        /* the struct that the row's offset is of */
+    const char *initial;        /* its default as text; NULL: none */
+    const char *given;          /* the value given, else the default ("1" for a switch); NULL: neither */
+    bool seen;                  /* in the arguments */
+    struct setting_texts texts; /* of SETTING_TEXTS: all values, of which `given` is the last */
 };
 
 /* The command line of one program. The caller sets the first part. */
@@ -36,6 +37,13 @@ struct command {
 
 /* Puts all flags at their defaults. c must not be moved afterwards. */
 void command_begin(struct command *c);
+
+/* Gives the flag a value as text: adds it to those of SETTING_TEXTS, else replaces the one before. ERR_USAGE: too many.
+ * text must outlive the command. */
+MUST_CHECK enum err command_give(struct command_flag *f, const char *text, struct reason *why);
+
+/* Whether both flags, of one row, have the same values. */
+bool command_flag_equals(const struct command_flag *a, const struct command_flag *b);
 
 /* Another default of a flag, static, for this program. Between command_begin and command_parse. */
 void command_default(struct command *c, const char *name, const char *initial);

@@ -189,6 +189,26 @@ unsigned config_line(const struct config *c, size_t index)
     return c->entries[index].line;
 }
 
+/* An array of strings, each as one flag on a command line. */
+static enum err apply_list(const struct config *c, const struct entry *entry, struct command_flag *f,
+                           struct reason *why)
+{
+    const json_t *value;
+    size_t index;
+    enum err e = ERR_OK;
+
+    json_array_foreach(entry->value, index, value)
+    {
+        if (!json_is_string(value))
+            return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or an array of strings: %s", c->name,
+                           entry->line, entry->key, f->row->unit);
+        e = command_give(f, json_string_value(value), why);
+        if (e)
+            return err_say(why, e, "%s:%u: %s: more than %d", c->name, entry->line, entry->key, SETTING_TEXTS_MAX);
+    }
+    return e;
+}
+
 enum err config_apply(const struct config *c, size_t index, struct command *to, struct reason *why)
 {
     const struct entry *e = &c->entries[index];
@@ -202,11 +222,12 @@ enum err config_apply(const struct config *c, size_t index, struct command *to, 
         f->given = json_is_true(e->value) ? "1" : NULL;
         return ERR_OK;
     }
+    if (f->row->type == SETTING_TEXTS && json_is_array(e->value))
+        return apply_list(c, e, f, why);
     if (!json_is_string(e->value) && !json_is_number(e->value))
         return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or a number: %s", c->name, e->line, e->key,
                        f->row->unit);
-    f->given = json_is_string(e->value) ? json_string_value(e->value) : e->text;
-    return ERR_OK;
+    return command_give(f, json_is_string(e->value) ? json_string_value(e->value) : e->text, why);
 }
 
 enum err config_add_location(const struct config *c, size_t index, enum err e, struct reason *why)

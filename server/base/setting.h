@@ -20,8 +20,15 @@ enum setting_type {
     SETTING_CHOICE,     /* enum or integer of 4 bytes: the value of a choice */
     SETTING_NAME,       /* char[size]: copied */
     SETTING_TEXT,       /* const char *: points to the argument; for flags alone */
+    SETTING_TEXTS,      /* struct setting_texts: the flag may be given several times; for flags alone */
     SETTING_SIZE,       /* uint32_t[2]: WxH in pixels */
     SETTING_FRAMES,     /* struct setting_frames: A-B */
+};
+
+#define SETTING_TEXTS_MAX 8
+struct setting_texts {
+    const char *text[SETTING_TEXTS_MAX]; /* they point to the arguments */
+    uint32_t count;
 };
 
 struct setting_frames {

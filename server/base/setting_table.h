@@ -17,5 +17,6 @@
 #define OR_WORD(list) .choices = list
 #define CHOICE(list) .type = SETTING_CHOICE, .choices = list
 #define TEXT .type = SETTING_TEXT
+#define TEXTS .type = SETTING_TEXTS
 
 #endif

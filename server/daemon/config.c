@@ -44,6 +44,12 @@ static void config_reading_destroy(struct config_reading *s)
     mem_free(s);
 }
 
+/* Flags that hold tokens, or stream keys: their values are not logged. */
+static bool is_secret(const char *name)
+{
+    return strncmp(name, "token-", 6) == 0 || strcmp(name, "publish") == 0;
+}
+
 /* ---- Tokens in files ---- */
 
 /* The first line of the file. A service manager's own copy of a secret is not ours to complain about. */
@@ -179,11 +185,13 @@ static enum err take_file(struct config_reading *s, const char *path, struct rea
     s->flags.command.quiet = true; /* the first reading has warned */
     for (size_t i = 0; i < config_count(s->config) && !e; i++) {
         const char *key = config_key(s->config, i);
-        secret |= strncmp(key, "token-", 6) == 0 && strcmp(key + strlen(key) - 5, "-file") != 0;
+        secret |= is_secret(key) && strcmp(key + strlen(key) - 5, "-file") != 0;
         e = config_apply(s->config, i, &s->flags.command, why);
     }
     if (secret && config_is_readable_by_others(s->config))
-        log_warning("%s holds tokens, and others than its owner may read it: chmod 600, or token-...-file", path);
+        log_warning(
+            "%s holds tokens or stream keys, and others than its owner may read it: chmod 600, or token-...-file",
+            path);
     return e ? e : command_parse(&s->flags.command, s->argc, s->argv, &done, why);
 }
 
@@ -252,6 +260,9 @@ static enum err check(const struct config_reading *s, const struct daemon_config
     if (!d->push && source_open(&d->setup.source_desc, &source, why) && ++count)
         log_error("source: %s", why->text);
     source_close(source);
+    for (uint32_t i = 0; i < d->publish_urls.count; i++)
+        if (publish_target_check(&d->publish[i], why) && ++count)
+            log_error("%s", why->text);
     if (d->state_dir && state_check(d->state_dir, why) && ++count)
         log_error("%s", why->text);
     if (server_check(&d->server_desc, why) && ++count)
@@ -338,11 +349,6 @@ void config_readings_finish(struct config_readings *r)
 
 /* ---- Once more, while it runs ---- */
 
-static bool same(const char *a, const char *b)
-{
-    return a == b || (a && b && strcmp(a, b) == 0);
-}
-
 /* Which kinds of what can change have changed, as bits 1 << enum setting_reload; the rest is logged as needing a
  * restart. Tokens are named and not shown. TLS neither begins nor ends while it runs, but its files may change. */
 static unsigned compare(const struct config_reading *before, const struct config_reading *after)
@@ -352,14 +358,15 @@ static unsigned compare(const struct config_reading *before, const struct config
 
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *row = c->flags[k].row;
-        const char *name = row->name, *now = c->flags[k].given, *old = before->flags.command.flags[k].given;
-        if (same(old, now))
+        const struct command_flag *flag = &c->flags[k], *flag_before = &before->flags.command.flags[k];
+        const char *name = row->name, *now = flag->given, *old = flag_before->given;
+        if (command_flag_equals(flag_before, flag))
             continue;
         const bool certificate = strncmp(name, "tls-", 4) == 0 && old && now;
         const enum setting_reload reload = certificate ? RELOAD_SERVER : row->reload;
         changed |= 1u << reload;
-        if (strncmp(name, "token-", 6) == 0)
-            log_info("reload: %s has changed", name);
+        if (is_secret(name))
+            log_info("reload: %s has changed%s", name, reload == RELOAD_NEVER ? "; it stays until the next start" : "");
         else if (reload == RELOAD_NEVER)
             log_warning("reload: %s stays %s until the next start (now %s)", name, old ? old : "unset",
                         now ? now : "unset");
@@ -381,7 +388,7 @@ static void change_settings(struct settings_store *settings, const struct daemon
 
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *row = c->flags[k].row;
-        if (row->reload != RELOAD_SETTINGS || same(before->flags.command.flags[k].given, c->flags[k].given))
+        if (row->reload != RELOAD_SETTINGS || command_flag_equals(&before->flags.command.flags[k], &c->flags[k]))
             continue;
         setting_copy(row, &s, n);
         effort |= row->group > 0 || strcmp(row->name, "method") == 0;

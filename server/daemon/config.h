@@ -10,6 +10,7 @@
 #include "env/environment.h"
 #include "light/relight.h"
 #include "light/still.h"
+#include "publish/target.h"
 #include "source/sky.h"
 #include "source/source.h"
 #include "stream/server.h"
@@ -25,6 +26,8 @@ struct daemon_config {
     double picture_s;           /* what controllers ask for must let a picture be made within this time */
     double rate;                /* frames per second from the source; 0: as fast as they are lit */
     double h264_bits;           /* maximum bits per second of the full-size track; 0: chosen by size and rate */
+    struct setting_texts publish_urls;
+    struct publish_target publish[SETTING_TEXTS_MAX]; /* these, taken apart */
     struct server_desc server_desc;
     struct log_desc log;
     const char *state_dir; /* NULL: settings are not kept across restarts */

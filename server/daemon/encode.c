@@ -20,6 +20,8 @@ void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, 
         return;
     }
     picture_set_track(p, track);
+    if (in->header.format == PROTOCOL_H264 && track == SHARED_PUBLISH_TRACK)
+        publisher_push(t->shared->publisher, p, (int64_t)(1e6 * clock_seconds()));
     server_publish_for(t->shared->server, p, &in->ticket);
 }
 
@@ -181,7 +183,7 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
 {
     struct server_demand demand;
 
-    server_demand(t->shared->server, &demand);
+    shared_demand(t->shared, &demand);
     video_drop_unwatched(t, &demand);
     const bool jpeg = in->ticket.lockstep || !demand.h264 || demand.formats >> PROTOCOL_JPEG & 1;
     const enum protocol_format wanted = demand.recorder_format ? demand.recorder_format : PROTOCOL_EXR_FLOAT;
@@ -222,7 +224,7 @@ static void encode_current_again(struct encode_thread *t)
 
     if (t->current.format == 0)
         return;
-    server_demand(t->shared->server, &demand);
+    shared_demand(t->shared, &demand);
     video_drop_unwatched(t, &demand);
     const int quality = demand.jpeg_quality ? demand.jpeg_quality : atomic_load(&t->shared->settings.jpeg_quality);
     bool gone = demand.formats & (1u << PROTOCOL_EXR_HALF | 1u << PROTOCOL_EXR_FLOAT) & ~t->sent_exr;

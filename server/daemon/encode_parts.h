@@ -17,6 +17,7 @@ struct video_track {
     struct h264_encoder *encoder; /* NULL: nobody watches */
     double key_s;                 /* time of the last key picture (clock_seconds) */
     double due_s;                 /* no picture before this time */
+    double coded_s;               /* time of the last picture */
     bool behind;                  /* the current picture was left out */
 };
 

@@ -10,11 +10,26 @@
 
 #define KEY_LEAST_S 0.25 /* between two key pictures */
 
+/* Of what is published: players begin, and files are cut, at key pictures; and players expect a steady stream, so a
+ * still picture is repeated, which costs a few bytes. */
+#define PUBLISH_KEY_S 2.0
+#define PUBLISH_REPEAT_S 0.1
+
+static bool is_published(struct encode_thread *t, unsigned track)
+{
+    bool key;
+
+    return track == SHARED_PUBLISH_TRACK && publisher_wants(t->shared->publisher, &key);
+}
+
 /* A key picture is some ten times as large as another and goes to all viewers of the track, so their number is
  * limited. */
-static bool key_is_due(const struct video_track *v, unsigned track, const struct server_demand *demand)
+static bool key_is_due(struct encode_thread *t, unsigned track, const struct server_demand *demand)
 {
-    return demand->h264_keys >> track & 1 && clock_seconds() - v->key_s >= KEY_LEAST_S;
+    const double passed_s = clock_seconds() - t->video[track].key_s;
+
+    return (demand->h264_keys >> track & 1 && passed_s >= KEY_LEAST_S) ||
+           (is_published(t, track) && passed_s >= PUBLISH_KEY_S);
 }
 
 /* Maximum pictures per second of the track. */
@@ -79,6 +94,7 @@ static double encode(struct encode_thread *t, const struct shaded *in, unsigned 
         return 0.0;
     }
     const double now = clock_seconds(), ms = 1e3 * (now - start);
+    v->coded_s = now;
     if (out.key)
         v->key_s = now;
     coded.header.format = PROTOCOL_H264;
@@ -107,7 +123,7 @@ double video_encode(struct encode_thread *t, const struct shaded *in, unsigned s
 
     for (unsigned track = scale * SERVER_RATES; track < (scale + 1) * SERVER_RATES; track++) {
         struct video_track *v = &t->video[track];
-        const bool key = key_is_due(v, track, demand);
+        const bool key = key_is_due(t, track, demand);
         if (!(demand->h264 >> track & 1))
             continue;
         v->behind = now < v->due_s && !key;
@@ -125,13 +141,13 @@ void video_encode_again(struct encode_thread *t, const struct shaded *in, unsign
     repeated.header.flags |= PROTOCOL_PICTURE_REPEAT;
     for (unsigned track = scale * SERVER_RATES; track < (scale + 1) * SERVER_RATES; track++) {
         const struct video_track *v = &t->video[track];
-        const bool key = key_is_due(v, track, demand);
+        const bool key = key_is_due(t, track, demand);
         if (!(demand->h264 >> track & 1))
             continue;
         if (v->behind && clock_seconds() >= v->due_s)
             encode(t, in, track, 0.0, demand, key);
-        else if (key && !v->behind)
-            encode(t, &repeated, track, 0.0, demand, true);
+        else if (!v->behind && (key || (is_published(t, track) && clock_seconds() - v->coded_s >= PUBLISH_REPEAT_S)))
+            encode(t, &repeated, track, 0.0, demand, key);
     }
 }
 

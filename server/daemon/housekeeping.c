@@ -75,6 +75,15 @@ static void log_progress(struct housekeeping_thread *t)
     log_info("light-transport cache: %.0f %% computed%s", 100.0 * share, left);
 }
 
+static void report_publishing(struct shared *shared)
+{
+    struct server_publish targets[SERVER_PUBLISH_MAX];
+    const uint32_t count = publisher_report(shared->publisher, targets);
+
+    if (count > 0)
+        status_set_publish(&shared->status, targets, count);
+}
+
 static void *run(void *arg)
 {
     struct housekeeping_thread *t = arg;
@@ -89,6 +98,7 @@ static void *run(void *arg)
             show_status(t->shared);
         if (!t->terminal)
             log_progress(t);
+        report_publishing(t->shared);
         log_flush(false);
         state_save(t->state);
     }

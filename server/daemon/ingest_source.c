@@ -109,7 +109,7 @@ static bool is_watched(struct pull *p)
 {
     struct server_demand demand;
 
-    server_demand(p->shared->server, &demand);
+    shared_demand(p->shared, &demand);
     return demand.viewers > 0 || demand.recorder;
 }
 

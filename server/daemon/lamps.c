@@ -94,7 +94,7 @@ bool lamps_have_news(const struct shade_thread *t)
     if (samples == t->lamps.samples ||
         (!relight_lamps_is_complete(part) && samples < PUBLISH_GROWTH * t->lamps.samples))
         return false;
-    server_demand(t->shared->server, &demand);
+    shared_demand(t->shared, &demand);
     return demand.viewers > 0;
 }
 

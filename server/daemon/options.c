@@ -1,6 +1,7 @@
 #include "daemon/options.h"
 
 #include "base/setting_table.h"
+#include "publish/publish.h"
 #include "video/h264.h"
 
 #include <stdio.h>
@@ -48,6 +49,10 @@ static const struct setting table[] = {
     { "h264-mbit", "N", "maximum bit rate of H.264, in Mbit/s; 0: half a bit per pixel of each frame", "0", NETWORK,
       REAL(0.0, 1000.0), .scale = 1e6, AT(h264_bits) },
     { "no-h264", NULL, "do not offer H.264 to viewers", NULL, NETWORK, SWITCH_OFF, AT(server_desc.h264) },
+    { "publish", "URL",
+      "publish live pictures as H.264, to rtmp://, rtsp://, srt://, hls:DIR (for a web server) or record:DIR; may be "
+      "given several times",
+      NULL, NETWORK, TEXTS, AT(publish_urls) },
     { "token-viewer", "T", "token required from viewers", NULL, ACCESS, TEXT, AT(server_desc.tokens[SERVER_VIEWER]),
       .reload = RELOAD_SERVER },
     { "token-controller", "T", "token required from controllers", NULL, ACCESS, TEXT,
@@ -116,6 +121,20 @@ void daemon_flags_init(struct daemon_flags *f)
     command_default(&f->command, "allow-bias", "1e-2");
 }
 
+static enum err read_publish(struct daemon_config *d, struct reason *why)
+{
+    enum err e = d->publish_urls.count > 0 ? publish_available(why) : ERR_OK;
+
+    for (uint32_t i = 0; i < d->publish_urls.count && !e; i++) {
+        e = publish_target_parse(d->publish_urls.text[i], &d->publish[i], why);
+        for (uint32_t k = 0; k < i && !e; k++)
+            if (strcmp(d->publish_urls.text[i], d->publish_urls.text[k]) == 0 ||
+                (d->publish[i].folder[0] && strcmp(d->publish[i].folder, d->publish[k].folder) == 0))
+                e = err_say(why, ERR_USAGE, "--publish %s: given twice", d->publish[i].name);
+    }
+    return e == ERR_UNSUPPORTED ? ERR_USAGE : e;
+}
+
 enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *d, struct reason *why)
 {
     struct command *c = &f->command;
@@ -136,6 +155,8 @@ enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *
     d->computed_sky = strncmp(s->source_desc.spec, "sky:", 4) == 0;
     if (d->computed_sky)
         e = sky_parse(s->source_desc.spec + 4, &d->sky, why);
+    if (!e)
+        e = read_publish(d, why);
     s->set_desc.progress = true;
     server->push = d->push;
     server->h264 &= h264_available();

@@ -48,7 +48,7 @@ bool refine_is_due(struct shade_thread *t)
     const double quiet_s = fmin(fmax(2.0 * r->shown.interval_s, QUIET_LEAST_S), QUIET_MOST_S);
     if (clock_seconds() - r->shown.shown_s < quiet_s)
         return false;
-    server_demand(t->shared->server, &demand);
+    shared_demand(t->shared, &demand);
     return demand.viewers > 0;
 }
 

@@ -22,8 +22,9 @@
 #include <stdio.h>
 #include <unistd.h>
 
-#define OWN_THREADS 6 /* network, ingest, encode, housekeeping, service manager, and one for a camera or a cache */
-#define STOP_S 5      /* from the signal to the end, whatever is under way */
+#define OWN_THREADS 6     /* network, ingest, encode, housekeeping, service manager, and one for a camera or a cache */
+#define PUBLISH_THREADS 4 /* of each target: its own, and those of the SRT library */
+#define STOP_S 5          /* from the signal to the end, whatever is under way */
 
 /* Signal handlers can reach nothing else; struct shared points to them. */
 static atomic_bool stop_asked;
@@ -38,6 +39,7 @@ struct daemon {
     struct housekeeping_thread housekeeping;
     struct service_thread service;
     struct state_file state;
+    bool left_behind; /* a thread that cannot be ended is still there */
 };
 
 /* ---- Signals ---- */
@@ -127,15 +129,18 @@ static enum err load_scene(struct daemon *d, struct reason *why)
 
 static enum err run(struct daemon *d, struct reason *why)
 {
-    enum err e = ingest_thread_start(d->ingest, why);
+    struct shared *s = &d->shared;
+    enum err e = publisher_create(s->config.publish, s->config.publish_urls.count, &s->publisher, why);
 
+    if (!e)
+        e = ingest_thread_start(d->ingest, why);
     if (!e)
         e = encode_thread_start(d->encode, why);
     if (!e)
-        e = housekeeping_start(&d->housekeeping, &d->shared, &d->state, why);
+        e = housekeeping_start(&d->housekeeping, s, &d->state, why);
     if (e)
         return e;
-    log_info("listening on %s", server_url(d->shared.server));
+    log_info("listening on %s", server_url(s->server));
     return shade_thread_run(d->shade, why);
 }
 
@@ -150,6 +155,9 @@ static void tear_down(struct daemon *d)
     encode_thread_destroy(d->encode);
     service_manager_stop(&d->service);
     housekeeping_join(&d->housekeeping);
+    d->left_behind = !publisher_destroy(s->publisher);
+    if (d->left_behind)
+        log_warning("publishing did not end within its time and was left behind");
     state_close(&d->state);
     progress_show(stderr, "");
     server_destroy(s->server);
@@ -158,16 +166,17 @@ static void tear_down(struct daemon *d)
 }
 
 /* Those of OpenMP and of Embree's TBB, which abort the program where one is missing, and our own. */
-static enum err check_threads(struct reason *why)
+static enum err check_threads(const struct daemon *d, struct reason *why)
 {
-    const unsigned count = (unsigned)omp_get_max_threads() + (unsigned)omp_get_num_procs() + OWN_THREADS;
+    const unsigned count = (unsigned)omp_get_max_threads() + (unsigned)omp_get_num_procs() + OWN_THREADS +
+                           PUBLISH_THREADS * d->shared.config.publish_urls.count;
 
     return threads_can_start(count, why) ? ERR_OK : ERR_NOMEM;
 }
 
 static enum err serve(struct daemon *d, struct reason *why)
 {
-    enum err e = check_threads(why);
+    enum err e = check_threads(d, why);
 
     if (e)
         return e;
@@ -209,7 +218,8 @@ int main(int argc, char **argv)
     else if (!done)
         log_info("stopped");
     log_flush(true);
-    if (e) { /* out of memory or threads, libraries may wait in their exit handlers for threads that they never had */
+    /* Out of memory or threads, libraries may wait in their exit handlers for threads that they never had. */
+    if (e || d.left_behind) {
         fflush(NULL);
         _exit(err_exit_code(e));
     }

@@ -165,7 +165,7 @@ static double interval_s(struct shade_thread *t)
 {
     struct server_demand demand;
 
-    server_demand(t->shared->server, &demand);
+    shared_demand(t->shared, &demand);
     if (demand.recorder)
         return 0.0;
     const double asked_s = demand.viewers ? 1.0 / settings_now(&t->shared->settings).fps : 1.0;

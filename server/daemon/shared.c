@@ -29,3 +29,17 @@ bool shared_is_stopping(struct shared *s)
 {
     return atomic_load(s->stop) || handoff_is_closed(&s->frames.handoff);
 }
+
+void shared_demand(struct shared *s, struct server_demand *out)
+{
+    bool key;
+
+    server_demand(s->server, out);
+    if (!publisher_wants(s->publisher, &key))
+        return;
+    out->viewers++;
+    out->max_rate = 0.0;
+    out->formats |= 1u << PROTOCOL_H264;
+    out->h264 |= 1u << SHARED_PUBLISH_TRACK;
+    out->h264_keys |= key ? 1u << SHARED_PUBLISH_TRACK : 0;
+}

@@ -7,6 +7,7 @@
 #include "daemon/settings.h"
 #include "daemon/slots.h"
 #include "daemon/status.h"
+#include "publish/publish.h"
 
 #include <stdatomic.h>
 
@@ -21,6 +22,7 @@ struct shared {
     /* Constant once the threads run. What the pointers show has locks of its own. */
     struct daemon_config config;
     struct server *server;
+    struct publisher *publisher; /* NULL: pictures are published nowhere else */
 
     struct settings_store settings;
     struct status_board status;
@@ -45,5 +47,10 @@ void shared_finish(struct shared *s);
 /* Wakes every thread that waits for a frame or a picture, and makes shared_is_stopping true. Any thread. */
 void shared_close(struct shared *s);
 bool shared_is_stopping(struct shared *s);
+
+/* What clients of the server want and what is published (publish/publish.h), which counts as a viewer of H.264 at full
+ * size. Any thread. */
+void shared_demand(struct shared *s, struct server_demand *out);
+#define SHARED_PUBLISH_TRACK 0 /* full size, no limit on the rate */
 
 #endif

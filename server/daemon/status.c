@@ -393,6 +393,19 @@ void status_decoder(struct status_board *b, const struct decoder_counts *counts,
     pthread_mutex_unlock(&b->lock);
 }
 
+void status_set_publish(struct status_board *b, const struct server_publish *targets, uint32_t count)
+{
+    const size_t size = count * sizeof(*targets);
+
+    pthread_mutex_lock(&b->lock);
+    const bool news = b->figures.publish_count != count || memcmp(b->figures.publish, targets, size) != 0;
+    memcpy(b->figures.publish, targets, size);
+    b->figures.publish_count = count;
+    if (news)
+        send_figures(b);
+    pthread_mutex_unlock(&b->lock);
+}
+
 static struct server_figures figures_now(struct status_board *b)
 {
     pthread_mutex_lock(&b->lock);

@@ -90,6 +90,9 @@ bool status_all_frames_done(struct status_board *b);
 /* By how much shading takes longer than reading a frame, recently, in milliseconds; 0 when it does not. */
 double status_shading_excess_ms(struct status_board *b);
 
+/* Where live pictures are published. */
+void status_set_publish(struct status_board *b, const struct server_publish *targets, uint32_t count);
+
 /* For the terminal: "29.8 pictures/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
 void status_line(struct status_board *b, uint32_t viewers, char *text, size_t size);
 /* The share of a cache of light transport that is computed, 0 to 1; 0: there is none. */

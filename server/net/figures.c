@@ -1,5 +1,12 @@
 #include "net/figures.h"
 
+const char *server_publish_state_name(enum server_publish_state state)
+{
+    static const char *const names[] = { "waiting", "connecting", "live", "retrying" };
+
+    return names[state];
+}
+
 /* clang-format off */
 #define ROW(json, metric, help, type, field) { json, metric, help, type, offsetof(struct server_figures, field) }
 #define U32(json, metric, help, field) ROW(json, metric, help, FIGURE_U32, field)

@@ -18,6 +18,27 @@ enum server_source {
     SERVER_FAILED, /* the last frame could not be used, so the one before stays: `detail` says why */
 };
 
+/* Where live pictures are published (publish/publish.h). */
+#define SERVER_PUBLISH_MAX 8
+enum server_publish_state {
+    SERVER_PUBLISH_WAITING, /* for the first picture, or a receiver's call */
+    SERVER_PUBLISH_CONNECTING,
+    SERVER_PUBLISH_LIVE,
+    SERVER_PUBLISH_RETRYING,
+};
+struct server_publish {
+    char to[128]; /* scheme and host, or folder; no keys */
+    enum server_publish_state state;
+    char detail[sizeof(struct reason)]; /* why it waits or failed; "": nothing to say */
+    double bits_per_second;             /* over the last second or so */
+    uint64_t frames, bytes;             /* passed on */
+    uint64_t dropped;                   /* frames left out because the target was slow */
+    uint64_t retries;                   /* failures after which it was, or will be, tried again */
+};
+
+/* "waiting" and so on, as both formats have it. */
+const char *server_publish_state_name(enum server_publish_state state);
+
 struct server_figures {
     bool loaded; /* the scene is there */
     char scene[1024], sky[1024], method[32], camera[64];
@@ -60,6 +81,9 @@ struct server_figures {
     /* Decoding of producers' files in a process of its own (decoder.h). */
     bool decoder_separate, decoder_confined; /* there is one; the kernel limits its system calls */
     uint64_t decoder_files, decoder_starts, decoder_died, decoder_hung, decoder_lied, decoder_waited;
+
+    struct server_publish publish[SERVER_PUBLISH_MAX];
+    uint32_t publish_count;
 
     char view[64];                              /* the shown camera as a free view (scene/free_view.h); "": unknown */
     char preparing[64];                         /* camera whose view is being computed; "": none */

@@ -259,6 +259,23 @@ static bool set_offers(json_t *all, const struct setting *controls)
     return ok;
 }
 
+/* Where live pictures are published, as PROTOCOL.md 4.8 has it. */
+static bool set_publish(json_t *all, const struct server_figures *f)
+{
+    json_t *list = json_array();
+    bool ok = list != NULL;
+
+    for (uint32_t i = 0; ok && i < f->publish_count; i++) {
+        const struct server_publish *p = &f->publish[i];
+        ok = 0 == json_array_append_new(list, json_pack("{s:o, s:s, s:o, s:f, s:I, s:I, s:I}", "to", words(p->to),
+                                                        "state", server_publish_state_name(p->state), "detail",
+                                                        words(p->detail), "mbit", figure(1e-6 * p->bits_per_second),
+                                                        "frames", (json_int_t)p->frames, "dropped",
+                                                        (json_int_t)p->dropped, "retries", (json_int_t)p->retries));
+    }
+    return json_object_set_new(all, "publish", list) == 0 && ok; /* which takes the list over in either case */
+}
+
 char *message_status_shared(const struct server_figures *f, const struct setting *controls)
 {
     static const char *const sources[] = { "waiting", "live", "paused", "ended", "failed" };
@@ -268,7 +285,8 @@ char *message_status_shared(const struct server_figures *f, const struct setting
     for (const struct figure *row = server_figure_table; row->json || row->metric; row++)
         ok = ok && (!row->json || set_at(all, row->json, value_of(row, f)));
     ok = ok && set_at(all, "source.state", json_string(sources[f->source])) &&
-         set_at(all, "source.since_us", json_integer(f->since_us)) && set_unknown(all, f) && set_offers(all, controls);
+         set_at(all, "source.since_us", json_integer(f->since_us)) && set_unknown(all, f) &&
+         set_offers(all, controls) && set_publish(all, f);
     if (ok)
         return dump(all);
     json_decref(all);

@@ -357,6 +357,53 @@ static void print_states(struct metrics_text *t, const struct server *s, const s
     }
 }
 
+/* A label's value: the text with \, " and line ends escaped. */
+static void escape(const char *text, char *out, size_t size)
+{
+    size_t n = 0;
+
+    for (; *text && n + 3 < size; text++) {
+        if (*text == '\\' || *text == '"' || *text == '\n')
+            out[n++] = '\\';
+        out[n++] = *text == '\n' ? 'n' : *text;
+    }
+    out[n] = '\0';
+}
+
+/* Where live pictures are published. */
+static void print_publish(struct metrics_text *t, const struct server_figures *f)
+{
+    static const struct {
+        const char *name, *help;
+        size_t offset;
+    } counts[] = {
+        { "relightd_publish_frames_total", "Pictures passed on to a target of --publish.",
+          offsetof(struct server_publish, frames) },
+        { "relightd_publish_bytes_total", "Bytes of these.", offsetof(struct server_publish, bytes) },
+        { "relightd_publish_dropped_total", "Pictures left out because the target was slow.",
+          offsetof(struct server_publish, dropped) },
+        { "relightd_publish_retries_total", "Failures of a target, each followed by another attempt.",
+          offsetof(struct server_publish, retries) },
+    };
+    char to[SERVER_PUBLISH_MAX][2 * sizeof(f->publish[0].to)];
+
+    if (f->publish_count == 0)
+        return;
+    for (uint32_t i = 0; i < f->publish_count; i++)
+        escape(f->publish[i].to, to[i], sizeof(to[i]));
+    head(t, "relightd_publish_state", "1 for the present state of a target of --publish.");
+    for (uint32_t i = 0; i < f->publish_count; i++)
+        for (int k = 0; k <= SERVER_PUBLISH_RETRYING; k++)
+            metrics_print(t, "relightd_publish_state{target=\"%u\",to=\"%s\",state=\"%s\"} %d\n", i + 1, to[i],
+                          server_publish_state_name((enum server_publish_state)k), (int)f->publish[i].state == k);
+    for (size_t c = 0; c < sizeof(counts) / sizeof(counts[0]); c++) {
+        head(t, counts[c].name, counts[c].help);
+        for (uint32_t i = 0; i < f->publish_count; i++)
+            metrics_print(t, "%s{target=\"%u\",to=\"%s\"} %llu\n", counts[c].name, i + 1, to[i],
+                          (unsigned long long)*(const uint64_t *)((const char *)&f->publish[i] + counts[c].offset));
+    }
+}
+
 char *metrics_text(struct server *s, size_t *size)
 {
     struct metrics_text t = { 0 };
@@ -367,6 +414,7 @@ char *metrics_text(struct server *s, size_t *size)
     print_states(&t, s, &n.figures);
     print_table(&t, table, &n);
     print_table(&t, server_figure_table, &n.figures);
+    print_publish(&t, &n.figures);
     print_kinds(&t, s, &n);
     print_times(&t, &s->metrics);
     if (t.failed) {

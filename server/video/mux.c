@@ -14,7 +14,12 @@ struct mux {
     AVPacket *packet;
     AVRational tick;
     bool opened; /* the header is written */
+    bool (*write)(void *user, const uint8_t *bytes, size_t size);
+    bool (*cancelled)(void *user);
+    void *user;
 };
+
+#define BUFFER_BYTES (64 << 10)
 
 static enum err say_av(struct reason *why, int code, const char *step)
 {
@@ -69,6 +74,8 @@ static void set_colour(AVCodecParameters *p, enum mux_colour colour)
                         AVCHROMA_LOC_LEFT },
         [MUX_PQ] = { AVCOL_RANGE_MPEG, AVCOL_PRI_BT2020, AVCOL_TRC_SMPTE2084, AVCOL_SPC_BT2020_NCL,
                      AV_PIX_FMT_YUV420P10, AVCHROMA_LOC_LEFT },
+        [MUX_SRGB] = { AVCOL_RANGE_JPEG, AVCOL_PRI_BT709, AVCOL_TRC_IEC61966_2_1, AVCOL_SPC_BT709, AV_PIX_FMT_YUV420P,
+                       AVCHROMA_LOC_CENTER },
     };
 
     p->color_range = of[colour].range;
@@ -99,39 +106,82 @@ static enum err add_stream(struct mux *m, const struct mux_stream *d)
         p->extradata_size = (int)d->header_size;
     }
     s->time_base = m->tick;
-    s->avg_frame_rate = s->r_frame_rate = (AVRational){ d->rate_num, d->rate_den };
+    if (d->rate_num > 0)
+        s->avg_frame_rate = s->r_frame_rate = (AVRational){ d->rate_num, d->rate_den };
     return d->colour == MUX_PQ ? add_mastering(s) : ERR_OK;
+}
+
+static int is_cancelled(void *opaque)
+{
+    const struct mux *m = opaque;
+
+    return m->cancelled(m->user);
+}
+
+static int pass_on(void *opaque, uint8_t *bytes, int size)
+{
+    const struct mux *m = opaque;
+
+    return m->write(m->user, bytes, (size_t)size) ? size : AVERROR(EIO);
+}
+
+/* Sends to m->write what libavformat writes. */
+static int open_callback(struct mux *m)
+{
+    unsigned char *buffer = av_malloc(BUFFER_BYTES);
+
+    m->context->pb = buffer ? avio_alloc_context(buffer, BUFFER_BYTES, 1, m, NULL, pass_on, NULL) : NULL;
+    if (!m->context->pb) {
+        av_free(buffer);
+        return AVERROR(ENOMEM);
+    }
+    m->context->flags |= AVFMT_FLAG_CUSTOM_IO;
+    return 0;
+}
+
+static int open_output(struct mux *m, const char *url, AVDictionary **options)
+{
+    AVFormatContext *c = m->context;
+
+    if (m->write)
+        return open_callback(m);
+    if (c->oformat->flags & AVFMT_NOFILE) /* it connects when it writes the header */
+        return 0;
+    return avio_open2(&c->pb, url, AVIO_FLAG_WRITE, &c->interrupt_callback, options);
 }
 
 static enum err open_context(struct mux *m, const struct mux_desc *d, const struct mux_stream *stream,
                              struct reason *why)
 {
     AVDictionary *options = NULL;
-    char url[FILE_STORE_PATH + sizeof("file:")]; /* without "file:", a colon in the path would end a protocol's name */
+    char file[FILE_STORE_PATH + sizeof("file:")]; /* without "file:", a colon in the path would end a protocol's name */
+    const char *url = d->url ? d->url : file;
 
-    if (file_is_stdout(d->path))
-        snprintf(url, sizeof(url), "pipe:1");
+    if (d->path && file_is_stdout(d->path))
+        snprintf(file, sizeof(file), "pipe:1");
     else
-        snprintf(url, sizeof(url), "file:%s", d->path);
+        snprintf(file, sizeof(file), "file:%s", d->path ? d->path : "");
     int code = avformat_alloc_output_context2(&m->context, NULL, d->format, url);
     if (code < 0)
         return say_av(why, code, d->format);
+    if (d->cancelled)
+        m->context->interrupt_callback = (AVIOInterruptCB){ is_cancelled, m };
     if (add_stream(m, stream))
         return err_say(why, ERR_NOMEM, "out of memory");
     if (d->options && av_dict_parse_string(&options, d->options, "=", ":", 0) < 0) {
         av_dict_free(&options);
         return err_say(why, ERR_NOMEM, "out of memory");
     }
-    code = avio_open(&m->context->pb, url, AVIO_FLAG_WRITE);
+    code = open_output(m, url, &options);
     if (code < 0) {
         av_dict_free(&options);
-        return say_av(why, code, "opening it");
+        return say_av(why, code, d->url ? "connecting" : "opening it");
     }
     m->context->flags |= AVFMT_FLAG_FLUSH_PACKETS;
     code = avformat_write_header(m->context, &options);
     m->opened = code >= 0;
     av_dict_free(&options);
-    return code < 0 ? say_av(why, code, "the beginning") : ERR_OK;
+    return code < 0 ? say_av(why, code, d->url ? "connecting" : "the beginning") : ERR_OK;
 }
 
 enum err mux_open(const struct mux_desc *desc, const struct mux_stream *stream, struct mux **out, struct reason *why)
@@ -142,7 +192,10 @@ enum err mux_open(const struct mux_desc *desc, const struct mux_stream *stream, 
     *out = NULL;
     if (!m)
         return err_say(why, ERR_NOMEM, "out of memory");
-    m->tick = (AVRational){ stream->rate_den, stream->rate_num };
+    m->tick = stream->rate_num > 0 ? (AVRational){ stream->rate_den, stream->rate_num } : (AVRational){ 1, MUX_TICKS };
+    m->write = desc->write;
+    m->cancelled = desc->cancelled;
+    m->user = desc->user;
     m->packet = av_packet_alloc();
     const enum err e = m->packet ? open_context(m, desc, stream, why) : err_say(why, ERR_NOMEM, "out of memory");
     if (e) {
@@ -164,7 +217,7 @@ enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason
     memcpy(p->data, packet->bytes, packet->size);
     p->pts = packet->shown;
     p->dts = packet->decoded;
-    p->duration = 1;
+    p->duration = packet->duration > 0 ? packet->duration : 1;
     p->flags = packet->key ? AV_PKT_FLAG_KEY : 0;
     av_packet_rescale_ts(p, m->tick, m->context->streams[0]->time_base);
     int code = av_write_frame(m->context, p);
@@ -175,6 +228,15 @@ enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason
     if (code < 0)
         return say_av(why, code, "writing");
     return ERR_OK;
+}
+
+static int close_callback(AVFormatContext *c)
+{
+    avio_flush(c->pb);
+    const int code = c->pb->error;
+    av_freep(&c->pb->buffer);
+    avio_context_free(&c->pb);
+    return code;
 }
 
 enum err mux_close(struct mux *m, bool complete, struct reason *why)
@@ -189,7 +251,7 @@ enum err mux_close(struct mux *m, bool complete, struct reason *why)
         if (c->pb) {
             if (code >= 0 && c->pb->error < 0)
                 code = c->pb->error;
-            const int closed = avio_closep(&c->pb);
+            const int closed = m->write ? close_callback(c) : avio_closep(&c->pb);
             if (code >= 0 && complete)
                 code = closed;
         }

@@ -3,7 +3,8 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, codingName, describe, lightSentence, milliseconds, stateSentence, stateWord, sunSentence, withoutFolders,
+  bitsPerSecond, codingName, describe, lightSentence, milliseconds, publishSentence, stateSentence, stateWord, sunSentence,
+  withoutFolders,
 } from '../../clients/web/sentences.js';
 
 const STATES = ['connecting', 'waiting', 'live', 'paused', 'ended', 'failed', 'stalled', 'reconnecting', 'refused'];
@@ -20,6 +21,16 @@ test('one sentence describes what is shown', () => {
   assert.equal(describe({ scene: '/home of/my scenes/a court.json', sky: '*.hdr' }), 'A court.json under *.hdr.');
   assert.equal(describe({ scene: '', sky: 'skies/' }), 'A scene under skies.');
   assert.equal(describe(null), '');
+});
+
+test('a target of publishing has a sentence without folders', () => {
+  const live = { to: 'rtmp://media.example', state: 'live', detail: '', mbit: 3.24, frames: 300, dropped: 0, retries: 1 };
+  assert.equal(publishSentence(live), 'Publishing to rtmp://media.example: live, 3.2 Mbit/s.');
+  assert.equal(publishSentence({ ...live, dropped: 1 }), 'Publishing to rtmp://media.example: live, 3.2 Mbit/s, 1 frame dropped.');
+  assert.equal(publishSentence({ ...live, to: 'hls:/srv/www/hls', state: 'retrying', detail: 'No space left on device', dropped: 12 }),
+    'Publishing to hls:hls: failed (No space left on device; trying again), 12 frames dropped.');
+  assert.equal(publishSentence({ ...live, to: 'srt://0.0.0.0:9000', state: 'waiting', detail: 'no receiver has called yet' }),
+    'Publishing to srt://0.0.0.0:9000: waiting (no receiver has called yet).');
 });
 
 test('every state has a word and a sentence, with an image and without', () => {

@@ -10,6 +10,7 @@ struct values {
     double gain;
     bool fast;
     struct setting_frames frames;
+    struct setting_texts to;
 };
 
 struct given {
@@ -28,6 +29,7 @@ static struct setting rows[] = {
     { "gain", "X", "a factor", NULL, IN, REAL(-100.0, 2.0), AT(gain) },
     { "fast", NULL, "a switch", NULL, IN, SWITCH, AT(fast) },
     { "frames", "A-B", "which", NULL, IN, .type = SETTING_FRAMES, AT(frames) },
+    { "to", "URL", "where to", NULL, IN, TEXTS, AT(to) },
     { .name = NULL },
 };
 
@@ -92,6 +94,41 @@ static void last_of_two_wins(void **state)
     (void)state;
     assert_int_equal(GIVE(&g, 0, "--size", "1x1", "--size", "2x2"), ERR_OK);
     assert_true(g.v.size[0] == 2);
+}
+
+static void flags_that_add_up_keep_all_their_values(void **state)
+{
+    static const char *const words[] = { "--to", "a", "--to=b", "--to", "c", NULL };
+    struct given g;
+    struct command_flag again;
+
+    (void)state;
+    assert_int_equal(give(&g, 0, words), ERR_OK);
+    assert_int_equal(g.v.to.count, 3);
+    for (uint32_t k = 0; k < 3; k++)
+        assert_int_equal(g.v.to.text[k][0], 'a' + k);
+    again = *command_flag(&g.c, "to");
+    assert_true(command_flag_equals(&again, command_flag(&g.c, "to")));
+    again.texts.text[0] = "A"; /* not the last alone */
+    assert_false(command_flag_equals(&again, command_flag(&g.c, "to")));
+    again = *command_flag(&g.c, "to");
+    again.texts.count = 2;
+    assert_false(command_flag_equals(&again, command_flag(&g.c, "to")));
+    assert_int_equal(give(&g, 0, NULL), ERR_OK);
+    assert_int_equal(g.v.to.count, 0);
+}
+
+static void flags_that_add_up_have_a_limit(void **state)
+{
+    struct given g;
+    struct reason why;
+
+    (void)state;
+    assert_int_equal(give(&g, 0, NULL), ERR_OK);
+    for (int k = 0; k < SETTING_TEXTS_MAX; k++)
+        assert_int_equal(command_give(command_flag(&g.c, "to"), "x", &why), ERR_OK);
+    assert_int_equal(command_give(command_flag(&g.c, "to"), "x", &why), ERR_USAGE);
+    assert_string_equal(why.text, "--to: given more than 8 times");
 }
 
 static void bad_command_lines_are_named(void **state)
@@ -264,6 +301,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(defaults_hold_until_something_is_given),
     cmocka_unit_test(values_follow_a_space_or_an_equals_sign),
     cmocka_unit_test(last_of_two_wins),
+    cmocka_unit_test(flags_that_add_up_keep_all_their_values),
+    cmocka_unit_test(flags_that_add_up_have_a_limit),
     cmocka_unit_test(bad_command_lines_are_named),
     cmocka_unit_test(bad_whole_numbers_are_named),
     cmocka_unit_test(whole_numbers_are_decimal_whatever_zeros_lead),

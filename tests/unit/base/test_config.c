@@ -7,6 +7,7 @@ static uint64_t samples;
 static const struct setting rows[] = {
     { "size", "WxH", "the picture's size", "640x360", .section = "in", TEXT },
     { "samples", "N", "how many", "64", .section = "in", WHOLE(1, 9), .size = sizeof(samples) },
+    { "to", "URL", "where to", NULL, .section = "in", TEXTS },
     { "gain", "X", "a factor", NULL, .section = "in", TEXT },
     { "fast", NULL, "a switch", NULL, .section = "in", SWITCH },
     { .name = NULL },
@@ -44,6 +45,42 @@ static void values_become_what_a_command_line_would_have_said(void **state)
         assert_int_equal(config_apply(c, i, &command, &why), ERR_OK);
     assert_null(command_get(&command, "fast"));
     assert_true(strtod(command_get(&command, "gain"), NULL) == 0.30000000000000004);
+    config_destroy(c);
+}
+
+static void arrays_are_for_flags_that_add_up(void **state)
+{
+    static char line[] = "--to", c_text[] = "c";
+    char *argv[] = { NULL, line, c_text };
+    struct config *c;
+    struct reason why;
+    bool done;
+
+    (void)state;
+    assert_int_equal(parse("{\"to\": [\"a\", \"b\"]}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_OK);
+    const struct setting_texts *to = &command_flag(&command, "to")->texts;
+    assert_int_equal(to->count, 2);
+    assert_string_equal(to->text[0], "a");
+    assert_string_equal(to->text[1], "b");
+    assert_int_equal(command_parse(&command, 3, argv, &done, &why), ERR_OK); /* overrides the file */
+    assert_int_equal(to->count, 1);
+    assert_string_equal(to->text[0], "c");
+    config_destroy(c);
+    assert_int_equal(parse("{\"to\": \"a\"}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_OK);
+    assert_int_equal(to->count, 1);
+    config_destroy(c);
+    assert_int_equal(parse("{\"to\": [\"a\", 1]}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_USAGE);
+    assert_string_equal(why.text, "f:1: to: expected a string or an array of strings: URL");
+    config_destroy(c);
+    assert_int_equal(parse("{\"to\": [1,1,1,1,1,1,1,1,1], \"size\": [\"a\"]}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 1, &command, &why), ERR_USAGE);
+    config_destroy(c);
+    assert_int_equal(parse("{\"to\": [\"1\",\"2\",\"3\",\"4\",\"5\",\"6\",\"7\",\"8\",\"9\"]}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_USAGE);
+    assert_string_equal(why.text, "f:1: to: more than 8");
     config_destroy(c);
 }
 
@@ -186,6 +223,7 @@ static void a_file_that_cannot_be_read_is_named(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(values_become_what_a_command_line_would_have_said),
+    cmocka_unit_test(arrays_are_for_flags_that_add_up),
     cmocka_unit_test(every_key_knows_its_line),
     cmocka_unit_test(what_no_flag_takes_is_refused_with_file_line_and_key),
     cmocka_unit_test(what_is_no_json_object_is_refused_with_its_line),

@@ -11,7 +11,9 @@ static enum err texts(void *context, struct reason *why)
 {
     static const char hello[] = "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1,\"minor\":0}}";
     static const char *const cameras[] = { "one", "two", NULL };
-    const struct server_figures status = { .scene = "a scene", .cameras = cameras };
+    const struct server_figures status = {
+        .scene = "a scene", .cameras = cameras, .publish = { { .to = "hls:x" }, { .to = "hls:y" } }, .publish_count = 2
+    };
     static const char control[] = "{\"op\":\"control\",\"method\":\"mis\",\"camera\":\"one\",\"fps\":5}";
     const struct settings settings = { .method = METHOD_MIS, .classes = PATH_ALL };
     struct message m;

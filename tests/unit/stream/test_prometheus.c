@@ -119,6 +119,37 @@ static void what_a_slow_viewer_skips_is_counted_as_such(void **state)
     server_destroy(s);
 }
 
+static void targets_of_publishing_have_labels_and_counts(void **state)
+{
+    struct server *s = server_start(NULL);
+    const struct server_figures f = { .publish = { { .to = "rtmp://a.example",
+                                                     .state = SERVER_PUBLISH_RETRYING,
+                                                     .frames = 7,
+                                                     .bytes = 8000,
+                                                     .dropped = 3,
+                                                     .retries = 2 },
+                                                   { .to = "hls:a\\b\"c\nd", .state = SERVER_PUBLISH_LIVE } },
+                                      .publish_count = 2 };
+    (void)state;
+
+    char *text = get(s, "/metrics", "", 200);
+    assert_non_null(text);
+    assert_null(strstr(text, "relightd_publish"));
+    free(text);
+    server_set_figures(s, &f);
+    text = get(s, "/metrics", "", 200);
+    assert_non_null(text);
+    assert_true(sample(text, "relightd_publish_state{target=\"1\",to=\"rtmp://a.example\",state=\"retrying\"}") == 1);
+    assert_true(sample(text, "relightd_publish_state{target=\"1\",to=\"rtmp://a.example\",state=\"live\"}") == 0);
+    assert_true(sample(text, "relightd_publish_frames_total{target=\"1\",to=\"rtmp://a.example\"}") == 7);
+    assert_true(sample(text, "relightd_publish_bytes_total{target=\"1\",to=\"rtmp://a.example\"}") == 8000);
+    assert_true(sample(text, "relightd_publish_dropped_total{target=\"1\",to=\"rtmp://a.example\"}") == 3);
+    assert_true(sample(text, "relightd_publish_retries_total{target=\"1\",to=\"rtmp://a.example\"}") == 2);
+    assert_non_null(strstr(text, "to=\"hls:a\\\\b\\\"c\\nd\",state=\"live\"} 1\n"));
+    free(text);
+    server_destroy(s);
+}
+
 static void figures_and_times_appear_as_they_were_said(void **state)
 {
     (void)state;
@@ -287,6 +318,7 @@ static void long_work_is_life_and_sleep_is_not(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metrics_count_what_was_sent),
     cmocka_unit_test(what_a_slow_viewer_skips_is_counted_as_such),
+    cmocka_unit_test(targets_of_publishing_have_labels_and_counts),
     cmocka_unit_test(figures_and_times_appear_as_they_were_said),
     cmocka_unit_test(metrics_ask_for_their_token),
     cmocka_unit_test(metrics_for_the_world_ask_for_the_viewers_token),
