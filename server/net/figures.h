@@ -27,7 +27,7 @@ enum server_publish_state {
     SERVER_PUBLISH_RETRYING,
 };
 struct server_publish {
-    char to[128]; /* scheme and host, or folder; no keys */
+    char to[128]; /* scheme and host, or folder; no keys, no quotes and backslashes */
     enum server_publish_state state;
     char detail[sizeof(struct reason)]; /* why it waits or failed; "": nothing to say */
     double bits_per_second;             /* over the last second or so */
@@ -36,7 +36,7 @@ struct server_publish {
     uint64_t retries;                   /* failures after which it was, or will be, tried again */
 };
 
-/* "waiting" and so on, as both formats have it. */
+/* "waiting" and so on, as both formats have it. Any thread. */
 const char *server_publish_state_name(enum server_publish_state state);
 
 struct server_figures {

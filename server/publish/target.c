@@ -114,6 +114,14 @@ static enum err parse_folder(const char *prefix, struct publish_target *out, str
     return ERR_OK;
 }
 
+/* The name is a label of /metrics, too. */
+static void make_plain(char *name)
+{
+    for (; *name; name++)
+        if (*name == '"' || *name == '\\' || (unsigned char)*name < ' ' || *name == 0x7f)
+            *name = '?';
+}
+
 enum err publish_target_parse(const char *url, struct publish_target *out, struct reason *why)
 {
     for (size_t i = 0; i < SCHEMES; i++) {
@@ -121,7 +129,10 @@ enum err publish_target_parse(const char *url, struct publish_target *out, struc
         if (strncmp(url, prefix, strlen(prefix)) != 0)
             continue;
         *out = (struct publish_target){ .kind = schemes[i].kind, .url = url };
-        return schemes[i].kind >= PUBLISH_HLS ? parse_folder(prefix, out, why) : parse_network(prefix, out, why);
+        const enum err e =
+            schemes[i].kind >= PUBLISH_HLS ? parse_folder(prefix, out, why) : parse_network(prefix, out, why);
+        make_plain(out->name);
+        return e;
     }
     return say_unknown(url, why);
 }

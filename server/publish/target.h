@@ -21,8 +21,8 @@ enum publish_kind {
 
 struct publish_target {
     enum publish_kind kind;
-    const char *url;           /* as given; borrowed. It may hold keys: show `name` instead */
-    char name[PUBLISH_NAME];   /* scheme and host, or scheme and folder; a long one is cut */
+    const char *url;         /* as given; borrowed. It may hold keys: show `name` instead */
+    char name[PUBLISH_NAME]; /* scheme and host, or scheme and folder; a long one is cut, quotes and the like are '?' */
     char folder[PUBLISH_PATH]; /* of PUBLISH_HLS and PUBLISH_RECORD */
     double file_s;             /* of PUBLISH_RECORD: length of a file */
     bool listens;              /* of PUBLISH_SRT: it waits for a receiver's call */

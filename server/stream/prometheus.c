@@ -357,19 +357,6 @@ static void print_states(struct metrics_text *t, const struct server *s, const s
     }
 }
 
-/* A label's value: the text with \, " and line ends escaped. */
-static void escape(const char *text, char *out, size_t size)
-{
-    size_t n = 0;
-
-    for (; *text && n + 3 < size; text++) {
-        if (*text == '\\' || *text == '"' || *text == '\n')
-            out[n++] = '\\';
-        out[n++] = *text == '\n' ? 'n' : *text;
-    }
-    out[n] = '\0';
-}
-
 /* Where live pictures are published. */
 static void print_publish(struct metrics_text *t, const struct server_figures *f)
 {
@@ -385,21 +372,19 @@ static void print_publish(struct metrics_text *t, const struct server_figures *f
         { "relightd_publish_retries_total", "Failures of a target, each followed by another attempt.",
           offsetof(struct server_publish, retries) },
     };
-    char to[SERVER_PUBLISH_MAX][2 * sizeof(f->publish[0].to)];
 
     if (f->publish_count == 0)
         return;
-    for (uint32_t i = 0; i < f->publish_count; i++)
-        escape(f->publish[i].to, to[i], sizeof(to[i]));
     head(t, "relightd_publish_state", "1 for the present state of a target of --publish.");
     for (uint32_t i = 0; i < f->publish_count; i++)
         for (int k = 0; k <= SERVER_PUBLISH_RETRYING; k++)
-            metrics_print(t, "relightd_publish_state{target=\"%u\",to=\"%s\",state=\"%s\"} %d\n", i + 1, to[i],
-                          server_publish_state_name((enum server_publish_state)k), (int)f->publish[i].state == k);
+            metrics_print(t, "relightd_publish_state{target=\"%u\",to=\"%s\",state=\"%s\"} %d\n", i + 1,
+                          f->publish[i].to, server_publish_state_name((enum server_publish_state)k),
+                          (int)f->publish[i].state == k);
     for (size_t c = 0; c < sizeof(counts) / sizeof(counts[0]); c++) {
         head(t, counts[c].name, counts[c].help);
         for (uint32_t i = 0; i < f->publish_count; i++)
-            metrics_print(t, "%s{target=\"%u\",to=\"%s\"} %llu\n", counts[c].name, i + 1, to[i],
+            metrics_print(t, "%s{target=\"%u\",to=\"%s\"} %llu\n", counts[c].name, i + 1, f->publish[i].to,
                           (unsigned long long)*(const uint64_t *)((const char *)&f->publish[i] + counts[c].offset));
     }
 }

@@ -26,6 +26,7 @@ static void names_hold_scheme_and_host_and_no_keys(void **state)
         { "srt://key@a.example:9000?streamid=key@key", "srt://a.example:9000", PUBLISH_SRT },
         { "hls:/srv/hls/", "hls:/srv/hls", PUBLISH_HLS },
         { "hls:/", "hls:/", PUBLISH_HLS },
+        { "hls:a \"b\"\\c\nd", "hls:a ?b??c?d", PUBLISH_HLS },
         { "record:films?minutes=5", "record:films", PUBLISH_RECORD },
     };
     (void)state;
