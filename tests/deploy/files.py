@@ -72,10 +72,13 @@ async def the_health_check_sees_health_and_its_end(folder):
 
 async def what_is_watched_is_what_is_told(folder):
     """Every metric and label name in rules and dashboard exists in /metrics."""
-    async with Daemon("--samples", "1") as daemon:
+    async with Daemon("--samples", "1", "--publish", f"record:{folder}") as daemon:
         url = daemon.url.replace("ws:", "http:").removesuffix("ws")
-        with urllib.request.urlopen(url + "metrics", timeout=20) as answer:
-            told = answer.read().decode()
+        told = ""
+        while "relightd_publish_state" not in told:
+            await asyncio.sleep(0.1)
+            with urllib.request.urlopen(url + "metrics", timeout=20) as answer:
+                told = answer.read().decode()
     names = set(re.findall(r"^# TYPE (\S+)", told, re.M))
     names |= {f"{name}_bucket" for name in re.findall(r"^# TYPE (\S+) histogram", told, re.M)}
     names.add("relightd_tls_certificate_expires_seconds")  # only with TLS: tests/integration/tls.py
