@@ -171,12 +171,18 @@ static void count_all(struct caustic_store *s)
 {
     const uint64_t tables = sizeof(*s->parts) + (s->tiles + 1) * sizeof(*s->parts->first);
 
-    s->stats.splats = 0;
+    s->stats.splats = s->stats.filled = 0;
     s->stats.bytes = s->desc.parts * tables;
     for (uint32_t k = 0; k < s->desc.parts; k++) {
+        s->stats.filled += s->parts[k].number > 0;
         s->stats.splats += s->parts[k].count;
         s->stats.bytes += (uint64_t)s->parts[k].capacity * BYTES_PER_SPLAT;
     }
+}
+
+static bool has_part(const struct caustic_store *s, uint64_t number)
+{
+    return s->parts[number % s->desc.parts].number == number + 1;
 }
 
 enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, struct progress *progress,
@@ -189,12 +195,32 @@ enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, struct progr
     s->stats.renewed = 0;
     for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0 && !e; k++) {
         const uint64_t number = turn + k;
-        if (s->parts[number % s->desc.parts].number != number + 1)
+        if (!has_part(s, number))
             e = draw_part(s, number, cancel);
-        whole = whole && s->parts[number % s->desc.parts].number == number + 1;
+        whole = whole && has_part(s, number);
         progress_step(progress, 1);
     }
     s->whole = whole && !e;
+    count_all(s);
+    return e;
+}
+
+enum err caustic_store_grow(struct caustic_store *s, uint64_t turn, uint32_t most, const atomic_bool *cancel)
+{
+    enum err e = ERR_OK;
+
+    s->stats.rays = 0;
+    s->stats.renewed = 0;
+    for (int round = 0; round < 2; round++)
+        for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0 && !e && s->stats.renewed < most; k++) {
+            const uint64_t number = turn + k;
+            if (!has_part(s, number) && (round || s->parts[number % s->desc.parts].number == 0) &&
+                !is_cancelled(cancel))
+                e = draw_part(s, number, cancel);
+        }
+    s->whole = !e;
+    for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0; k++)
+        s->whole = s->whole && has_part(s, turn + k);
     count_all(s);
     return e;
 }
@@ -271,26 +297,41 @@ static void add_part(const struct part *p, uint32_t tile, const float (*sky)[4],
     }
 }
 
-static void light_tile(const struct caustic_store *s, uint32_t tile, float *rgb)
+/* The parts that light a picture: every `step`-th from `first` on. */
+struct chosen {
+    uint32_t first, step;
+    float share; /* 1 / their paths */
+};
+
+static struct chosen choose(const struct caustic_store *s, uint32_t first, uint32_t step)
+{
+    uint64_t filled = 0;
+
+    for (uint32_t k = first; k < s->desc.parts; k += step)
+        filled += s->parts[k].number > 0;
+    return (struct chosen){ first, step, filled ? (float)(1.0 / (double)(filled * s->per_part)) : 0.0f };
+}
+
+static void light_tile(const struct caustic_store *s, const struct chosen *c, uint32_t tile, float *rgb)
 {
     const uint32_t width = s->particles.view.width, height = s->rows;
     const uint32_t x0 = tile % s->tiles_x * TILE, y0 = tile / s->tiles_x * TILE;
-    const float share = (float)(1.0 / (double)s->stats.paths);
     _Alignas(64) float sum[TILE * TILE][4] = { 0 };
     struct ahead ahead = { .count = 0 };
 
-    for (uint32_t k = 0; k < s->desc.parts; k++)
-        add_part(&s->parts[k], tile, (const float(*)[4])s->sky, s->n, &ahead, sum);
+    for (uint32_t k = c->first; k < s->desc.parts; k += c->step)
+        if (s->parts[k].number > 0)
+            add_part(&s->parts[k], tile, (const float(*)[4])s->sky, s->n, &ahead, sum);
     add_all(&ahead, sum);
     for (uint32_t y = y0; y < y0 + TILE && y < height; y++)
         for (uint32_t x = x0; x < x0 + TILE && x < width; x++)
-            for (uint32_t c = 0; c < 3; c++)
-                rgb[3 * ((size_t)y * width + x) + c] += share * sum[(y - y0) * TILE + (x - x0)][c];
+            for (uint32_t k = 0; k < 3; k++)
+                rgb[3 * ((size_t)y * width + x) + k] += c->share * sum[(y - y0) * TILE + (x - x0)][k];
 }
 
-enum err caustic_store_light(struct caustic_store *s, const struct environment *e, float level, float *rgb)
+static enum err light_by(struct caustic_store *s, const struct environment *e, float level, const struct chosen *c,
+                         float *rgb)
 {
-    assert(e->ready && s->whole);
     if (s->stats.splats == 0 || !(level > 0.0f))
         return ERR_OK;
     const enum err failed = take_sky(s, e, level);
@@ -301,10 +342,27 @@ enum err caustic_store_light(struct caustic_store *s, const struct environment *
         const unsigned before = denormals_flush();
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t tile = 0; tile < s->tiles; tile++)
-            light_tile(s, tile, rgb);
+            light_tile(s, c, tile, rgb);
         denormals_restore(before);
     }
     return ERR_OK;
+}
+
+enum err caustic_store_light(struct caustic_store *s, const struct environment *e, float level, float *rgb)
+{
+    const struct chosen all = choose(s, 0, 1);
+
+    assert(e->ready && s->whole);
+    return light_by(s, e, level, &all, rgb);
+}
+
+enum err caustic_store_light_half(struct caustic_store *s, const struct environment *e, float level, uint32_t half,
+                                  float *rgb)
+{
+    const struct chosen every_second = choose(s, half, 2);
+
+    assert(e->ready);
+    return light_by(s, e, level, &every_second, rgb);
 }
 
 /* ---- Creation ---- */

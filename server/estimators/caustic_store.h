@@ -54,8 +54,8 @@ struct caustic_store_stats {
     uint64_t splats;           /* stored */
     uint64_t bytes;            /* in use */
     uint64_t rays;             /* traced at the last turn */
-    uint32_t parts;
-    uint32_t renewed; /* parts computed at the last turn */
+    uint32_t parts, filled;    /* filled: those with paths; as many as there are if it is complete */
+    uint32_t renewed;          /* parts computed at the last turn */
 };
 
 /* Creates an empty store; scene and rays must outlive it, the view is copied. Traces some paths to estimate the number
@@ -74,10 +74,20 @@ MUST_CHECK enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, s
 /* Whether all parts of one turn are present, which is not the case after a cancelled turn. */
 bool caustic_store_is_complete(const struct caustic_store *s);
 
+/* For live pictures, which do not wait for it: computes at most `most` of the missing parts, empty ones first.
+ * Cancelled: likewise. ERR_NOMEM. */
+MUST_CHECK enum err caustic_store_grow(struct caustic_store *s, uint64_t turn, uint32_t most,
+                                       const atomic_bool *cancel);
+
 /* Adds the radiance of the sky's lower part to rgb, float[height][width][3], with ground_apart
  * float[2][height][width][3]. level: that of env/sky_split.h, 0 (nothing) to INFINITY (everything). The store must be
  * complete. ERR_NOMEM: nothing was added. */
 MUST_CHECK enum err caustic_store_light(struct caustic_store *s, const struct environment *e, float level, float *rgb);
+
+/* The same by every second part, from part `half` on, 0 or 1: two independent estimates, also of a store that is not
+ * complete. Adds nothing while it has no such part. */
+MUST_CHECK enum err caustic_store_light_half(struct caustic_store *s, const struct environment *e, float level,
+                                             uint32_t half, float *rgb);
 
 const struct caustic_store_stats *caustic_store_stats(const struct caustic_store *s); /* owned by the store */
 

@@ -22,6 +22,7 @@ struct frame_paths { /* shared by all points; borrowed */
     uint64_t (*numbers)[NUMBER_COUNT]; /* [paths], in units of 2^-64 */
     uint32_t paths;
     uint64_t point_seed, path_seed;
+    double most; /* of a path; infinite: no limit */
 };
 
 /* A path being traced from a shading point. */
@@ -175,6 +176,19 @@ static void walk_on(struct walk *w)
     }
 }
 
+/* The path ends: limits what it added to the sum of those before. */
+static void limit(struct walk *w, const double before[3])
+{
+    double more = 0.0;
+
+    for (int c = 0; c < 3; c++)
+        more += w->sum[c] - before[c];
+    if (!(more > w->frame->most))
+        return;
+    for (int c = 0; c < 3; c++)
+        w->sum[c] = before[c] + w->frame->most / more * (w->sum[c] - before[c]);
+}
+
 /* All paths of one point. The sequence's numbers get a digital shift per point, which keeps each uniform and the set a
  * net. */
 static uint64_t shade_point(const struct frame_paths *f, const struct shade_packet *p, uint32_t l, uint64_t point,
@@ -192,6 +206,7 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
         for (int k = 0; k < NUMBER_COUNT; k++)
             x[k] = rng_unit(f->numbers[i][k] ^ shift[k]);
         w.weight[0] = w.weight[1] = w.weight[2] = 1.0;
+        const double before[3] = { w.sum[0], w.sum[1], w.sum[2] };
         w.met_rough = w.sky_used = false;
         w.events = 0;
         w.sky[0] = x[NUMBER_SKY_X];
@@ -199,6 +214,7 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
         w.rng.state = rng_mix(f->path_seed, point * f->paths + i);
         if (follow_lobe(&w, &lobe, wo, at, (const double[]){ x[NUMBER_LOBE], x[NUMBER_POLAR], x[NUMBER_AZIMUTH] }, 1.0))
             walk_on(&w);
+        limit(&w, before);
     }
     for (int c = 0; c < 3; c++)
         lo[c * PACKET + l] += (float)(w.sum[c] / paths);
@@ -275,6 +291,7 @@ enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, con
         .paths = desc->paths,
         .point_seed = rng_mix(desc->seed, 0),
         .path_seed = rng_mix(rng_mix(desc->seed, 1), desc->pass),
+        .most = desc->most > 0.0 ? desc->most : INFINITY,
     };
 
     const uint32_t found = classes_in(scene), classes[2] = { desc->classes & found, desc->behind_classes & found };

@@ -37,6 +37,7 @@ struct eye_paths_desc {
     uint32_t paths;                 /* per shading point, >= 1 */
     const uint32_t *counts;         /* [packet_count]: per packet, 1..paths; NULL: `paths` for all. See direct.h. */
     const struct packet_list *only; /* the packets to shade; NULL: all */
+    double most;         /* no path contributes more radiance, as the sum of its channels: biased. 0: no limit */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed continue one low-discrepancy sequence, so
                             that their mean converges faster */
     const atomic_bool *cancel;      /* once true, remaining packets are not shaded; may be NULL */

@@ -455,6 +455,55 @@ static void a_turn_that_is_cancelled_is_made_up_for(void **state)
     stage_free(&s);
 }
 
+static double mean_of(const float rgb[VALUES])
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < VALUES; i++)
+        sum += (double)rgb[i] / VALUES;
+    return sum;
+}
+
+/* Two parts give as much light as sixteen, but for noise, and both halves of all of them the picture of the whole. */
+static void it_lights_while_it_grows(void **state)
+{
+    struct stage s = busy_stage();
+    struct environment *e = sky_environment(sky_overcast(64, 32), 64, 0.0);
+    const struct caustic_store_desc d = { .classes = BOTH, .paths = 1600000, .parts = 16 };
+    struct caustic_store *store = store_make(&s, &d), *other = store_make(&s, &d);
+    float half[2][VALUES] = { 0 }, want[VALUES];
+    (void)state;
+
+    turn(other, 3);
+    light(other, e, INFINITY, want);
+    assert_int_equal(caustic_store_light_half(store, e, INFINITY, 0, half[0]), ERR_OK);
+    assert_true(mean_of(half[0]) == 0.0);
+    assert_int_equal(caustic_store_grow(store, 3, 2, NULL), ERR_OK);
+    assert_true(caustic_store_stats(store)->filled == 2 && !caustic_store_is_complete(store));
+    for (uint32_t k = 0; k < 2; k++) {
+        assert_int_equal(caustic_store_light_half(store, e, INFINITY, k, half[k]), ERR_OK);
+        assert_float_equal(mean_of(half[k]) / mean_of(want), 1.0, 0.05);
+    }
+    for (int k = 0; k < 7; k++)
+        assert_int_equal(caustic_store_grow(store, 3, 2, NULL), ERR_OK);
+    assert_true(caustic_store_stats(store)->filled == 16 && caustic_store_is_complete(store));
+    memset(half, 0, sizeof(half));
+    for (uint32_t k = 0; k < 2; k++)
+        assert_int_equal(caustic_store_light_half(store, e, INFINITY, k, half[k]), ERR_OK);
+    for (int i = 0; i < VALUES; i++)
+        assert_float_equal(0.5 * (half[0][i] + half[1][i]), want[i], 1e-5 * want[i]);
+    assert_int_equal(caustic_store_grow(store, 4, 2, NULL), ERR_OK); /* the part that turn 4 lacks */
+    assert_int_equal(caustic_store_stats(store)->renewed, 1);
+    turn(other, 4);
+    light(other, e, INFINITY, want);
+    light(store, e, INFINITY, half[0]);
+    assert_memory_equal(half[0], want, sizeof(want));
+    caustic_store_destroy(other);
+    caustic_store_destroy(store);
+    environment_destroy(e);
+    stage_free(&s);
+}
+
 static void a_scene_without_casters_stores_nothing(void **state)
 {
     struct environment *e = sky_environment(sky_overcast(64, 32), 64, 0.0);
@@ -487,6 +536,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(one_thread_and_two_give_the_same_bits),
     cmocka_unit_test(memory_is_kept_to),
     cmocka_unit_test(a_turn_that_is_cancelled_is_made_up_for),
+    cmocka_unit_test(it_lights_while_it_grows),
     cmocka_unit_test(a_scene_without_casters_stores_nothing),
 };
 UNIT_MAIN(tests)

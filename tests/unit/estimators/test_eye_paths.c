@@ -347,6 +347,42 @@ static void same_seed_gives_the_same_bits_at_any_thread_count(void **state)
     environment_destroy(e);
 }
 
+/* A point's mean is at most what one path may bring; a limit that no path reaches changes no bit. */
+static void no_path_brings_more_than_the_limit(void **state)
+{
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e4f), 64, 0.0);
+    struct lit x = lit_create(white_court(), 12, 10);
+    struct eye_paths_desc desc = { PATH_ALL, PATH_ALL, .paths = 4 };
+    struct eye_paths_stats stats;
+    float *plain = mem_alloc(x.size, sizeof(float));
+    double most = 0.0;
+    (void)state;
+
+    assert_non_null(plain);
+    clear(&x);
+    assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, e, &desc, x.lo, &stats), ERR_OK);
+    memcpy(plain, x.lo, x.size * sizeof(float));
+    for (size_t k = 0; k < x.size; k++)
+        most = fmax(most, (double)x.lo[k]);
+    desc.most = 1e9;
+    clear(&x);
+    assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, e, &desc, x.lo, &stats), ERR_OK);
+    assert_memory_equal(plain, x.lo, x.size * sizeof(float));
+    desc.most = 0.01 * most;
+    clear(&x);
+    assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, e, &desc, x.lo, &stats), ERR_OK);
+    for (uint32_t i = 0; i < x.gbuffer->packet_count; i++)
+        for (uint32_t l = 0; l < x.gbuffer->packets[i].count; l++) {
+            double sum = 0.0;
+            for (size_t c = 0; c < 3; c++)
+                sum += (double)x.lo[((size_t)i * 3 + c) * PACKET + l];
+            assert_true(sum <= desc.most * (1.0 + 1e-6));
+        }
+    mem_free(plain);
+    lit_destroy(&x);
+    environment_destroy(e);
+}
+
 /* Cancelled before it begins, and under a black sky, nothing is added to what was there. */
 static void cancelled_or_black_adds_nothing(void **state)
 {
@@ -409,6 +445,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(both_classes_agree_with_lobe_sampling_alone),
     cmocka_unit_test(classes_add_up_and_keep_to_their_points),
     cmocka_unit_test(same_seed_gives_the_same_bits_at_any_thread_count),
+    cmocka_unit_test(no_path_brings_more_than_the_limit),
     cmocka_unit_test(cancelled_or_black_adds_nothing),
     cmocka_unit_test(passes_continue_one_sequence),
 };
