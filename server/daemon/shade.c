@@ -7,12 +7,9 @@
 #include <math.h>
 #include <time.h>
 
-#define PICTURE_SHARE 0.9 /* of the time between two pictures that a measured picture may use, */
-#define CACHE_SHARE 0.75  /* and while a cache is computed beside: it costs quality, not rate */
-#define POLL_MS 30        /* how soon controls are noticed while no frame comes */
-#define PACE_MS 2         /* likewise while a picture is not due yet */
-#define HURRY_SHARE 0.3   /* of decider_interval_s, that a measured picture may use */
-#define AGAIN_S 0.1       /* after a cancelled picture: how long to wait for its frame with the new settings */
+#define POLL_MS 30  /* how soon controls are noticed while no frame comes */
+#define PACE_MS 2   /* likewise while a picture is not due yet */
+#define AGAIN_S 0.1 /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
 {
@@ -76,8 +73,8 @@ static struct frame_request make_request(struct shade_thread *t, const struct in
 
     if (l->settings.method != METHOD_AUTO || l->settings.counted || in->ticket.lockstep)
         return q;
-    q.target.seconds = (decider_is_computing(&t->decider, t->relighter) ? CACHE_SHARE : PICTURE_SHARE) *
-                       fmin(1.0 / l->settings.fps, t->shared->config.picture_s);
+    q.target.seconds =
+        decider_target_s(&t->decider, t->relighter, fmin(1.0 / l->settings.fps, t->shared->config.picture_s));
     q.target.error = l->settings.error;
     return q;
 }
@@ -94,9 +91,10 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
     l->request = make_request(t, in, l);
     if (!in->ticket.lockstep)
         decider_begin(&t->decider, r, &l->request);
-    const double interval = decider_interval_s(&t->decider);
-    if (l->request.target.seconds > 0.0 && interval > 0.0)
-        l->request.target.seconds = fmin(HURRY_SHARE * interval, shared->config.picture_s);
+    if (l->request.target.seconds > 0.0)
+        l->request.target.seconds =
+            fmin(decider_target_s(&t->decider, r, fmin(1.0 / l->settings.fps, shared->config.picture_s)),
+                 shared->config.picture_s);
     decide(&t->decider, &l->request, &l->decision);
     return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
 }

@@ -10,6 +10,9 @@
 #define HURRY_S 1.5         /* from one picture to the next meanwhile: the cache needs the processors */
 #define BUILDING_SHARE 0.35 /* of the time, for pictures by the cache while it is being computed, */
 #define BUILDING_S 1.0      /* and the longest time from one to the next */
+#define PICTURE_SHARE 0.9   /* of the time between two pictures that a measured picture may use, */
+#define CACHE_SHARE 0.75    /* while a cache is computed beside: it costs quality, not rate, */
+#define HURRY_SHARE 0.3     /* and of decider_interval_s */
 #define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun */
 
 void decider_finish(struct decider *d)
@@ -149,6 +152,15 @@ double decider_interval_s(const struct decider *d)
     return d->cache.hurried ? HURRY_S : 0.0;
 }
 
+double decider_target_s(const struct decider *d, struct relighter *r, double interval_s)
+{
+    const double hurry_s = decider_interval_s(d);
+
+    if (hurry_s > 0.0)
+        return HURRY_SHARE * hurry_s;
+    return (decider_is_computing(d, r) ? CACHE_SHARE : PICTURE_SHARE) * interval_s;
+}
+
 /* Of a picture by the cache. */
 static void note_picture(struct decider *d, const struct relight_stats *stats)
 {
@@ -180,7 +192,7 @@ static void get_cache(struct decider *d, struct relighter *r, const struct frame
     double ms;
 
     cached.cache_if_kept = if_kept;
-    cached.cache_background = request->background;
+    cached.cache_background = cached.remember = request->background;
     cached.direct.why = &why;
     const enum err e = relighter_prepare(r, &cached, true, &ms);
     const double share = relighter_follow(r);

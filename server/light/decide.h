@@ -86,6 +86,9 @@ MUST_CHECK enum err decider_prepare(struct decider *d, struct relighter *r, doub
 /* True while the cache is computed in the background. */
 bool decider_is_computing(const struct decider *d, struct relighter *r);
 
+/* Seconds that a measured picture may take of interval_s, the time from one to the next without a cache. */
+double decider_target_s(const struct decider *d, struct relighter *r, double interval_s);
+
 /* Seconds from one picture to the next, at least, while a cache is computed in the background: the fewer pictures, the
  * sooner it is there. 0: there is no reason to wait. */
 double decider_interval_s(const struct decider *d);

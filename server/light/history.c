@@ -20,6 +20,7 @@ struct history {
     uint64_t key, turn; /* pictures since it began */
     bool followed;      /* in this picture */
     bool has_cache;     /* `cache` is that of the last picture */
+    bool still;         /* the sky is that of the last picture */
     float *half[2];     /* B, [packets][3][16], as what follows */
     float *cache;       /* C of the last picture */
     float *shown;       /* filtered, and changed with C since */
@@ -29,7 +30,8 @@ struct history {
     struct group *groups;
     uint32_t *due_index, *beyond_index;
     struct packet_list due, beyond;
-    double soft; /* 1e-2 mean(shown)^2 */
+    const float *scale; /* what errors are relative to: `shown`, or what the caller gave */
+    double soft;        /* 1e-2 mean(scale)^2 */
 };
 
 static uint32_t group_count(const struct history *h)
@@ -126,8 +128,13 @@ void history_begin(struct history *h, uint64_t key)
         h->has_cache = false;
     }
     h->key = key;
-    h->followed = false;
+    h->followed = h->still = false;
     list_packets(h);
+}
+
+void history_hold(struct history *h, bool still)
+{
+    h->still = still;
 }
 
 /* The cache's light becomes all that is known. */
@@ -167,7 +174,7 @@ static double softness(const struct history *h)
     double sum = 0.0;
 
     for (size_t k = 0; k < h->packets * FLOATS; k++)
-        sum += (double)h->shown[k];
+        sum += (double)h->scale[k];
     const double mean = sum / (double)(h->packets * FLOATS);
     return SOFT * mean * mean + 1e-30;
 }
@@ -178,7 +185,7 @@ static void compare(const struct history *h, uint32_t packet, double *own, doubl
     const float *a = denoiser_half(h->denoiser, 0), *b = denoiser_half(h->denoiser, 1);
 
     for (size_t k = packet * FLOATS; k < (packet + 1) * FLOATS; k++) {
-        const double r = (double)h->shown[k], per = 1.0 / (r * r + h->soft);
+        const double r = (double)h->scale[k], per = 1.0 / (r * r + h->soft);
         const double apart = (double)a[k] - (double)b[k];
         const double from = 0.5 * ((double)a[k] + (double)b[k] - (double)h->half[0][k] - (double)h->half[1][k]);
         *own += 0.25 * apart * apart * per;
@@ -221,10 +228,10 @@ static void add_group(struct history *h, uint32_t g, const uint32_t *due, uint32
     sums->own = keep * sums->own + own;
     sums->off = keep * sums->off + off;
     for (uint32_t i = 0; i < count; i++)
-        add_packet(h, due[i], sums->own < sums->off ? sums->own / sums->off : 1.0);
+        add_packet(h, due[i], sums->own < sums->off && !h->still ? sums->own / sums->off : 1.0);
 }
 
-void history_add(struct history *h)
+void history_add(struct history *h, const float *scale)
 {
     const uint32_t *due = h->due_index;
     const uint32_t groups = group_count(h);
@@ -233,6 +240,7 @@ void history_add(struct history *h)
 
     if (!first) /* the samples are lost */
         return;
+    h->scale = scale ? scale : h->shown;
     h->soft = softness(h);
     for (uint32_t g = 0; g <= groups; g++) {
         while (next < h->due.count && due[next] / GROUP < g)
@@ -245,10 +253,26 @@ void history_add(struct history *h)
     mem_free(first);
 }
 
-void history_show(struct history *h, float *lo)
+/* In the denoiser's own halves, whose samples are taken. */
+static void add_more(struct history *h, const float *const more[2])
 {
+    for (int k = 0; k < 2; k++) {
+        float *to = denoiser_half(h->denoiser, k);
+#pragma omp parallel for schedule(static)
+        for (size_t i = 0; i < h->packets * FLOATS; i++)
+            to[i] = h->half[k][i] + more[k][i];
+    }
+}
+
+void history_show(struct history *h, const float *const more[2], float *lo)
+{
+    const float *own[2] = { more ? denoiser_half(h->denoiser, 0) : h->half[0],
+                            more ? denoiser_half(h->denoiser, 1) : h->half[1] };
+
+    if (more)
+        add_more(h, more);
     if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
-        denoiser_filter(h->denoiser, (const float *const[]){ h->half[0], h->half[1] }, h->shown);
+        denoiser_filter(h->denoiser, own, h->shown);
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
         const float f = h->followed ? h->final[i] : 0.0f;

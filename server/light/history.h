@@ -35,6 +35,9 @@ void history_destroy(struct history *h); /* NULL is allowed */
 /* Begins a picture of light that `key` stands for; another key than the last picture's: all is forgotten. */
 void history_begin(struct history *h, uint64_t key);
 
+/* `still`: the sky is the last picture's. Then B is not wrong, and w is n / (n + 1). For pictures without a cache. */
+void history_hold(struct history *h, bool still);
+
 /* What the cache gives in this picture: lo, float[packet_count][3][16]. The caller writes `final` and `changed` before,
  * as relight_cache_versions does; packets whose `final` is 1 get no samples. Without a call there is no cache. */
 void history_follow(struct history *h, const float *lo);
@@ -48,10 +51,12 @@ uint64_t history_turn(const struct history *h);
 /* After history_follow: the packets whose light is for the most part the cache's. */
 const struct packet_list *history_beyond(const struct history *h);
 
-/* Takes the samples of the due packets from denoiser_half(.., 0 and 1). Not called if they are incomplete. */
-void history_add(struct history *h);
+/* Takes the samples of the due packets from denoiser_half(.., 0 and 1). Not called if they are incomplete. scale: light
+ * that errors are relative to, float[packet_count][3][16]; NULL: the history's own. */
+void history_add(struct history *h, const float *scale);
 
-/* Writes the picture's light to lo, float[packet_count][3][16]. Ends the picture. */
-void history_show(struct history *h, float *lo);
+/* Writes the picture's light to lo, float[packet_count][3][16]. more: two halves of further light of this picture,
+ * likewise, that are filtered together with it, where there is no cache; NULL: none. Ends the picture. */
+void history_show(struct history *h, const float *const more[2], float *lo);
 
 #endif

@@ -3,8 +3,8 @@
 #include "base/cancel.h"
 #include "base/clock.h"
 #include "light/backplate.h"
+#include "light/beside.h"
 #include "light/denoise.h"
-#include "light/facts.h"
 #include "light/history.h"
 #include "base/mem.h"
 #include "base/progress.h"
@@ -12,6 +12,7 @@
 #include "light/relight_cache.h"
 #include "light/relight_caustics.h"
 #include "light/relight_passes.h"
+#include "light/relight_plan.h"
 #include "light/resolve.h"
 #include "base/rng.h"
 
@@ -27,6 +28,7 @@ struct relighter {
     struct relight_caustics caustics;
     struct denoiser *denoiser; /* NULL until a picture needs it, as what follows */
     struct history *history;
+    struct beside *beside;
     const float *points; /* the picture's shade points */
 };
 
@@ -50,6 +52,7 @@ void relighter_destroy(struct relighter *r)
 {
     if (!r)
         return;
+    beside_destroy(r->beside);
     history_destroy(r->history);
     denoiser_destroy(r->denoiser);
     relight_cache_finish(&r->cache);
@@ -61,111 +64,6 @@ void relighter_destroy(struct relighter *r)
 const struct set *relighter_set(const struct relighter *r)
 {
     return r->set;
-}
-
-static bool has_bounce(const struct relighter *r, const struct relight_desc *desc)
-{
-    return r->cache.bounce.bounce && relight_bounce_wanted(r->set, desc);
-}
-
-/* e may be NULL: the estimator of caustics is then open unless they are stored. */
-static void make_plan(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
-                      struct plan *out)
-{
-    const struct plan_wish wish = {
-        .caustics = desc->classes & PATH_CAUSTICS,
-        .indirect = desc->classes & PATH_INDIRECT,
-        .caustics_by = desc->caustics,
-        .indirect_by = desc->indirect,
-        .particles = desc->particles,
-        .eye_paths = desc->eye_paths,
-        .samples = desc->direct.samples,
-        .stored = desc->direct.method == METHOD_CACHED,
-    };
-    struct plan_facts facts = r->set->facts;
-
-    if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0 && e)
-        facts.peakedness = facts_peakedness(e);
-    plan_make(&facts, &wish, out);
-    if (has_bounce(r, desc))
-        out->indirect = PLAN_CACHE;
-}
-
-static bool is_cached(const struct relight_desc *desc)
-{
-    return desc->direct.method == METHOD_CACHED && (desc->classes & PATH_DIRECT || desc->classes == 0);
-}
-
-static uint32_t classes_by(const struct plan *p, enum plan_estimator who)
-{
-    return (p->caustics == who ? PATH_CAUSTICS : 0) | (p->indirect == who ? PATH_INDIRECT_LIT : 0) |
-           (p->indirect_caustics == who ? PATH_INDIRECT_CAUSTIC : 0);
-}
-
-/* Packets whose interreflection the cache leaves to eye paths. */
-static const struct packet_list *left_by_cache(const struct relighter *r, const struct plan *p)
-{
-    const struct packet_list *left =
-        p->indirect == PLAN_CACHE && r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
-
-    return left && left->count > 0 ? left : NULL;
-}
-
-static void add_eye_paths(const struct relighter *r, const struct relight_desc *desc, const struct plan *p,
-                          struct picture_passes *out)
-{
-    const uint32_t behind = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
-    const struct packet_list *left = left_by_cache(r, p);
-    struct eye_paths_desc eye = {
-        .classes = classes_by(p, PLAN_EYE),
-        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? behind : 0),
-        .paths = p->eye_paths,
-        .seed = rng_mix(desc->direct.seed, 0x657965),
-        .pass = desc->direct.pass,
-        .cancel = desc->direct.cancel,
-        .scratch = r->passes.scratch,
-    };
-
-    if (p->eye_paths == 0 || !(eye_paths_can_find(r->set->scene, &eye) || left))
-        return;
-    out->eye[0] = eye;
-    if (!left)
-        return;
-    eye.classes = eye.behind_classes = PATH_INDIRECT_LIT;
-    eye.only = left;
-    out->eye[1] = eye;
-}
-
-/* Particles aimed at the casters, and those for the whole scene: each run has the number of the plan. */
-static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
-{
-    const uint32_t all = classes_by(p, PLAN_LIGHT);
-    const uint32_t runs[2] = { all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC), all & PATH_INDIRECT_LIT };
-
-    for (int k = 0; k < 2; k++)
-        out->light[k] = (struct light_tracer_desc){
-            .classes = runs[k],
-            .particles = runs[k] ? p->particles : 0,
-            .seed = rng_mix(desc->direct.seed, 0x6c6967),
-            .pass = desc->direct.pass,
-            .start = desc->start,
-            .cancel = desc->direct.cancel,
-        };
-}
-
-/* The passes of a picture by the plan and the requested counts. */
-static void passes_by_plan(const struct relighter *r, const struct relight_desc *desc, const struct plan *p,
-                           struct picture_passes *out)
-{
-    *out = (struct picture_passes){ .background = desc->classes & PATH_BACKGROUND || desc->classes == 0 };
-    if (is_cached(desc))
-        out->cached = desc;
-    else if (desc->classes & PATH_DIRECT || desc->classes == 0)
-        out->direct = desc->direct;
-    if (classes_by(p, PLAN_STORED))
-        out->stored = desc;
-    add_eye_paths(r, desc, p, out);
-    add_light_tracer(desc, p, out);
 }
 
 static size_t points_bytes(const struct relighter *r)
@@ -193,10 +91,11 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     struct plan plan;
 
     *ms = 0.0;
-    make_plan(r, NULL, desc, &plan);
-    const uint32_t stored = classes_by(&plan, PLAN_STORED);
-    enum err e = is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
-    if (!e && is_cached(desc) && !r->cache.building)
+    relight_plan(r->set, r->cache.bounce.bounce, NULL, desc, &plan);
+    const uint32_t stored = beside_wanted(r->set, desc) ? 0 : relight_plan_classes(&plan, PLAN_STORED);
+    enum err e =
+        relight_is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
+    if (!e && relight_is_cached(desc) && !r->cache.building)
         e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, &r->cache.keep,
                                 progress, ms);
     if (!e && stored)
@@ -248,13 +147,13 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
                                  float *picture, struct relight_stats *stats, struct pass_costs *costs)
 {
     struct backplate *b = r->passes.backplate;
-    const bool any = p->stored || p->light[0].particles > 0 || p->light[1].particles > 0;
+    const bool any = !p->beside && (p->stored || p->light[0].particles > 0 || p->light[1].particles > 0);
     float *rgb = b && any ? backplate_splats(b) : picture;
     enum err result = rgb ? ERR_OK : ERR_NOMEM;
 
-    if (p->stored && !result)
+    if (any && p->stored && !result)
         result = relight_caustics_run(&r->caustics, r->passes.light, e, p->stored, rgb, stats);
-    for (int k = 0; k < 2 && !result; k++) {
+    for (int k = 0; k < 2 && any && !result; k++) {
         struct light_tracer_stats one = { 0 };
         if (p->light[k].particles > 0)
             result = run_particles(r, e, p, k, rgb, &one, costs);
@@ -330,6 +229,7 @@ static void leave_out(const struct relighter *r, const struct picture_passes *p,
 static enum err sample_beside_cache(struct relighter *r, const struct environment *e, const struct picture_passes *p,
                                     struct relight_stats *stats)
 {
+    const uint32_t lit = stats->plan.indirect == PLAN_CACHE ? PATH_INDIRECT_LIT : 0;
     struct picture_passes few = { .direct = p->cached->direct }, half;
     struct direct_stats one;
     struct eye_paths_stats eye;
@@ -340,8 +240,8 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
     few.direct.samples = BESIDE_SAMPLES;
     few.direct.only = history_due(p->history);
     few.direct.pass = history_turn(p->history);
-    few.eye[0] = (struct eye_paths_desc){ .classes = (stats->plan.indirect == PLAN_CACHE ? PATH_INDIRECT_LIT : 0) |
-                                                     (p->eye[0].paths > 0 ? p->eye[0].classes : 0),
+    few.eye[0] = (struct eye_paths_desc){ .classes = lit | (p->eye[0].paths > 0 ? p->eye[0].classes : 0),
+                                          .behind_classes = lit,
                                           .paths = 1,
                                           .only = few.direct.only,
                                           .seed = rng_mix(few.direct.seed, 0x657965),
@@ -373,8 +273,8 @@ static enum err correct(struct relighter *r, const struct environment *e, const 
     if (history_due(h)->count > 0)
         result = sample_beside_cache(r, e, p, stats);
     if (!result && !is_cancelled(p->cached->direct.cancel))
-        history_add(h);
-    history_show(h, lo);
+        history_add(h, NULL);
+    history_show(h, NULL, lo);
     beyond.eye[0].only = history_beyond(h); /* elsewhere its light is in the history */
     return result ? result : run_eye_paths(r, e, &beyond, lo, stats);
 }
@@ -416,8 +316,8 @@ static void filter_halves(struct relighter *r, const struct picture_passes *p)
     const float *const half[2] = { denoiser_half(r->denoiser, 0), denoiser_half(r->denoiser, 1) };
 
     if (p->history && !is_cancelled(p->direct.cancel)) {
-        history_add(p->history);
-        history_show(p->history, r->passes.lo);
+        history_add(p->history, NULL);
+        history_show(p->history, NULL, r->passes.lo);
     } else {
         denoiser_filter(r->denoiser, half, r->passes.lo);
     }
@@ -460,16 +360,22 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
         result = run_points(r, e, passes, stats, costs);
     if (result)
         return result;
+    const double lit = clock_seconds();
+    if (passes->beside)
+        result = beside_run(passes->beside, &r->passes, &r->caustics, e, passes, stats);
     const double start = clock_seconds();
     resolve(r, e, passes->background, rgb);
     const double resolved = clock_seconds();
-    result = run_light_tracer(r, e, passes, rgb, stats, costs);
+    if (passes->beside)
+        beside_finish(passes->beside, rgb);
+    if (!result)
+        result = run_light_tracer(r, e, passes, rgb, stats, costs);
     costs->pixels_s = resolved - start;
     stats->shade_ms = 1e3 * costs->direct_s;
     stats->eye_ms = 1e3 * costs->eye_s;
     stats->filter_ms = 1e3 * costs->filter_s;
     stats->resolve_ms = 1e3 * costs->pixels_s;
-    stats->light_ms = 1e3 * (clock_seconds() - resolved);
+    stats->light_ms = 1e3 * (clock_seconds() - resolved + start - lit);
     return result;
 }
 
@@ -492,7 +398,7 @@ enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc
 /* While the cache is rough, or before there is one; afterwards the history is freed. */
 static bool wants_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan)
 {
-    const bool cached = is_cached(desc);
+    const bool cached = relight_is_cached(desc);
     const bool rough = cached && r->cache.transport && !relight_cache_is_settled(&r->cache) &&
                        (plan->indirect == PLAN_CACHE || !(desc->classes & PATH_INDIRECT_LIT));
 
@@ -519,6 +425,24 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
     return ERR_OK;
 }
 
+/* Light that the history of the points does not have: with one of its own, for as long as pictures are live. */
+static enum err add_beside(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                           const struct plan *plan, struct picture_passes *passes)
+{
+    if (!beside_wanted(r->set, desc)) {
+        beside_destroy(r->beside);
+        r->beside = NULL;
+        return ERR_OK;
+    }
+    if (denoiser_of(r) && !r->beside)
+        r->beside = beside_create(r->set, r->denoiser);
+    if (!r->beside)
+        return ERR_NOMEM;
+    beside_describe(r->beside, e, desc, plan, passes);
+    const uint32_t later = relight_plan_later(desc, plan);
+    return later ? relight_caustics_begin(&r->caustics, r->set, desc, later) : ERR_OK;
+}
+
 static enum err run_with_progress(struct relighter *r, const struct environment *e, struct progress *line,
                                   struct picture_passes *p, float *rgb, struct relight_stats *stats)
 {
@@ -541,11 +465,13 @@ enum err relighter_describe(struct relighter *r, const struct environment *e, co
     enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
     if (result)
         return result;
-    make_plan(r, e, desc, &stats->plan);
-    passes_by_plan(r, desc, &stats->plan, passes);
+    relight_plan(r->set, r->cache.bounce.bounce, e, desc, &stats->plan);
+    relight_plan_passes(r->set, r->cache.bounce.bounce, r->passes.scratch, desc, &stats->plan, passes);
     result = relighter_denoiser(r, desc, &passes->denoiser);
     if (!result)
         result = add_history(r, desc, &stats->plan, passes);
+    if (!result)
+        result = add_beside(r, e, desc, &stats->plan, passes);
     if (!result && passes->denoiser)
         halve(passes);
     return result;

@@ -81,7 +81,8 @@ struct relight_desc {
     bool denoise;           /* filter the light of shade points (denoise.h): half the samples and paths at a time, and
                              * at least one in either half. Not for references */
     bool remember;          /* live pictures: samples of the pictures before count too (history.h). Before there is a
-                             * cache with `denoise`; then until it is complete. Not with a ground */
+                             * cache with `denoise`; then until it is complete, caustics (beside.h) also later. Not with
+                             * a ground */
     struct progress *progress; /* a line of which the picture is one step; may be NULL. Not for references */
     bool unsplit;              /* METHOD_CACHED: no split of the sky: its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths, 0: 64 per pixel; one of `renew` parts is

@@ -11,6 +11,7 @@
 
 #define PATHS_PER_PIXEL 64 /* stored by default */
 #define PARTS_STILL 64     /* if none is redrawn, for the progress line only */
+#define PARTS_AT_ONCE 2    /* of a live picture: one for either half */
 
 void relight_caustics_finish(struct relight_caustics *c)
 {
@@ -46,11 +47,11 @@ static uint64_t turn_of(const struct relight_desc *desc)
     return desc->renew ? desc->turn : 0;
 }
 
-enum err relight_caustics_make(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
-                               uint32_t classes, bool progress, double *ms)
+static struct caustic_store_desc describe(const struct set *set, const struct relight_desc *desc, uint32_t classes)
 {
     const uint64_t pixels = (uint64_t)set->view.width * set->view.height;
-    const struct caustic_store_desc wish = {
+
+    return (struct caustic_store_desc){
         .classes = classes,
         .paths = desc->stored_paths ? desc->stored_paths : pixels * PATHS_PER_PIXEL,
         .parts = desc->renew ? desc->renew : PARTS_STILL,
@@ -59,13 +60,27 @@ enum err relight_caustics_make(struct relight_caustics *c, const struct set *set
         .max_bytes = desc->cache_bytes,
         .ground_apart = set->scene->ground.radius > 0.0f,
     };
+}
+
+enum err relight_caustics_begin(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
+                                uint32_t classes)
+{
+    const struct caustic_store_desc wish = describe(set, desc, classes);
+
+    return is_for(c, &wish) ? ERR_OK : create(c, set, desc, &wish);
+}
+
+enum err relight_caustics_make(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
+                               uint32_t classes, bool progress, double *ms)
+{
+    const struct caustic_store_desc wish = describe(set, desc, classes);
 
     if (is_for(c, &wish) && caustic_store_is_complete(c->store))
         return ERR_OK;
     struct progress line;
     const bool first = !c->store; /* a chart has one for each of its runs */
     const double start = clock_seconds();
-    enum err e = is_for(c, &wish) ? ERR_OK : create(c, set, desc, &wish);
+    enum err e = relight_caustics_begin(c, set, desc, classes);
     if (e)
         return e;
     progress_begin(&line, "tracing the store of caustics", wish.parts, progress ? stderr : NULL);
@@ -87,6 +102,43 @@ static uint64_t bright_particles(const struct relight_caustics *c, const struct 
                                : 0;
 }
 
+struct light_tracer_desc relight_caustics_bright(const struct relight_caustics *c, const struct environment *e,
+                                                 const struct relight_desc *desc, uint64_t particles)
+{
+    return (struct light_tracer_desc){
+        .classes = c->made.classes,
+        .particles = bright_particles(c, e, particles),
+        .seed = rng_mix(desc->direct.seed, 0x627269676874),
+        .pass = desc->direct.pass,
+        .start = desc->start,
+        .bright = &c->sky,
+        .cancel = desc->direct.cancel,
+    };
+}
+
+enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_desc *desc, double seconds,
+                               struct relight_stats *stats)
+{
+    const double start = clock_seconds();
+    const struct caustic_store_stats *s = caustic_store_stats(c->store);
+    enum err e;
+
+    do
+        e = caustic_store_grow(c->store, turn_of(desc), PARTS_AT_ONCE, desc->direct.cancel);
+    while (!e && s->renewed > 0 && s->filled < s->parts && clock_seconds() - start < seconds);
+    stats->stored = *s;
+    return e;
+}
+
+enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, const struct relight_desc *desc,
+                               uint32_t half, float *rgb)
+{
+    c->sky.unsplit = desc->unsplit;
+    const enum err result = half == 0 ? sky_split_take(&c->sky, e) : ERR_OK;
+
+    return result ? result : caustic_store_light_half(c->store, e, c->sky.level, half, rgb);
+}
+
 enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light, const struct environment *e,
                               const struct relight_desc *desc, float *rgb, struct relight_stats *stats)
 {
@@ -99,16 +151,8 @@ enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *l
     result = sky_split_take(&c->sky, e);
     if (!result)
         result = caustic_store_light(c->store, e, c->sky.level, rgb);
-    const struct light_tracer_desc bright = {
-        .classes = c->made.classes,
-        .particles = bright_particles(c, e, stats->plan.particles),
-        .seed = rng_mix(desc->direct.seed, 0x627269676874),
-        .pass = desc->direct.pass,
-        .start = desc->start,
-        .ground = c->made.ground_apart ? rgb + c->image : NULL,
-        .bright = &c->sky,
-        .cancel = desc->direct.cancel,
-    };
+    struct light_tracer_desc bright = relight_caustics_bright(c, e, desc, stats->plan.particles);
+    bright.ground = c->made.ground_apart ? rgb + c->image : NULL;
     if (!result)
         result = light_tracer_run(light, e, &bright, rgb, &stats->light);
     return result;

@@ -8,6 +8,7 @@
 #include "light/relight.h"
 
 struct backplate;
+struct beside;
 struct denoiser;
 struct history;
 struct resolver;
@@ -22,6 +23,8 @@ struct picture_passes {
     struct light_tracer_desc light[2]; /* particles 0: left out */
     struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
     struct history *history;   /* not NULL: the halves, or samples beside the cache, join it (history.h) */
+    struct beside *beside;     /* not NULL: it runs `stored`, `light` and eye_beside (beside.h) */
+    struct eye_paths_desc eye_beside; /* paths 0: left out */
     bool halves; /* each of light[] runs in two halves with seeds of their own, which passes.half keeps; their mean is
                   * added to the picture. relighter_passes was called */
     bool background; /* the sky where the camera sees it */

@@ -52,8 +52,8 @@ static void picture(struct rig *r, float cache, float a, float b)
         denoiser_half(r->denoiser, 0)[i] = a;
         denoiser_half(r->denoiser, 1)[i] = b;
     }
-    history_add(r->history);
-    history_show(r->history, r->lo);
+    history_add(r->history, NULL);
+    history_show(r->history, NULL, r->lo);
 }
 
 /* Rough everywhere, with the versions of the picture before. */
@@ -157,8 +157,8 @@ static void another_key_forgets_all(void **state)
     history_begin(r.history, 2);
     for (size_t i = 0; i < r.floats; i++)
         denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
-    history_add(r.history);
-    history_show(r.history, r.lo);
+    history_add(r.history, NULL);
+    history_show(r.history, NULL, r.lo);
     assert_float_equal(shown(&r), 1.0, 1e-5);
     rig_finish(&r);
 }
@@ -227,8 +227,8 @@ static double error_beside_cache(float truth)
                 for (size_t k = i; k < i + 3 * PACKET; k++)
                     denoiser_half(r.denoiser, half)[k] = truth + off;
             }
-        history_add(r.history);
-        history_show(r.history, r.lo);
+        history_add(r.history, NULL);
+        history_show(r.history, NULL, r.lo);
     }
     for (size_t i = 0; i < r.floats; i++)
         sum += ((double)r.lo[i] - truth) * ((double)r.lo[i] - truth) / (double)r.floats;

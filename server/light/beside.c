@@ -1,0 +1,241 @@
+#include "light/beside.h"
+
+#include "base/cancel.h"
+#include "base/mem.h"
+#include "light/history.h"
+#include "light/relight_plan.h"
+#include "base/rng.h"
+
+#include <math.h>
+#include <string.h>
+
+#define GROW_S 0.1 /* of a picture, for paths to be stored; none in the first */
+/* Of the light of a white surface below all of the sky: what a path may bring that meets the sky behind mirrors and
+ * glass. Such a path finds a sun once in 10^5 times, and then is as much brighter: a speck, for minutes. */
+#define BRIGHTEST 4.0
+
+struct beside {
+    const struct set *set;
+    struct denoiser *denoiser;
+    struct history *history;
+    size_t points, values; /* floats of all shade points, of a picture */
+    float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
+    float *stored[2];      /* [packet_count][3][16], as the next */
+    float *shown;
+    float *image, *rest; /* [height][width][3]; rest: splats without a shade point, the mean of the halves */
+    uint64_t sky;        /* a digest of the last picture's */
+    const struct relight_desc *grows; /* the picture's, if stored paths are to grow; else NULL */
+};
+
+struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
+{
+    struct beside *b = mem_alloc(1, sizeof(*b));
+    const struct gbuffer *g = set->gbuffer;
+
+    if (!b)
+        return NULL;
+    b->set = set;
+    b->denoiser = denoiser;
+    b->points = (size_t)g->packet_count * 3 * PACKET;
+    b->values = (size_t)g->width * g->height * 3;
+    b->history = history_create(set, denoiser);
+    b->weight = mem_alloc((size_t)g->packet_count * PACKET, sizeof(float));
+    for (int k = 0; k < 2; k++)
+        b->stored[k] = mem_alloc(b->points, sizeof(float));
+    b->shown = mem_alloc(b->points, sizeof(float));
+    b->image = mem_alloc(b->values, sizeof(float));
+    b->rest = mem_alloc(b->values, sizeof(float));
+    if (!b->history || !b->weight || !b->stored[0] || !b->stored[1] || !b->shown || !b->image || !b->rest) {
+        beside_destroy(b);
+        return NULL;
+    }
+    for (uint32_t k = 0; k < g->entry_first[b->values / 3]; k++) {
+        const uint32_t point = g->entries[k].point;
+        if (!g->packets[point / PACKET].behind[point % PACKET])
+            b->weight[point] += g->entries[k].weight[0];
+    }
+    return b;
+}
+
+void beside_destroy(struct beside *b)
+{
+    if (!b)
+        return;
+    history_destroy(b->history);
+    mem_free(b->weight);
+    mem_free(b->stored[0]);
+    mem_free(b->stored[1]);
+    mem_free(b->shown);
+    mem_free(b->image);
+    mem_free(b->rest);
+    mem_free(b);
+}
+
+/* Two skies with the same light on each of six faces are the same. */
+static uint64_t digest_of(const struct environment *e)
+{
+    uint64_t out = rng_mix(e->n, 0);
+
+    for (int f = 0; f < CUBE_FACES; f++) {
+        uint64_t bits;
+        memcpy(&bits, &e->energy[f], sizeof(bits));
+        out = rng_mix(out, bits);
+    }
+    return out;
+}
+
+bool beside_wanted(const struct set *set, const struct relight_desc *desc)
+{
+    return desc->remember && set->facts.casters > 0 && !(set->scene->ground.radius > 0.0f) &&
+           desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+}
+
+static void begin(struct beside *b, uint64_t key, const struct environment *e)
+{
+    const uint64_t sky = digest_of(e);
+
+    history_begin(b->history, key);
+    history_hold(b->history, sky == b->sky);
+    b->sky = sky;
+    memset(b->rest, 0, b->values * sizeof(float));
+}
+
+void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
+                     const struct plan *plan, struct picture_passes *passes)
+{
+    struct eye_paths_desc *eye = &passes->eye[0], *own = &passes->eye_beside;
+
+    begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, e);
+    passes->beside = b;
+    b->grows = relight_plan_later(desc, plan) ? desc : NULL;
+    *own = *eye;
+    own->cancel = desc->direct.cancel;
+    own->classes = 0;
+    own->behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
+    own->most = 3.0 * BRIGHTEST * e->total_energy / PI;
+    own->paths = own->behind_classes ? eye->paths : 0;
+    eye->behind_classes &= PATH_INDIRECT_LIT;
+    if (!(eye->classes | eye->behind_classes))
+        eye->paths = 0;
+}
+
+/* Moves the splats of a pixel to its shade points in lo. */
+static void move_pixel(struct beside *b, size_t pixel, float *lo)
+{
+    const struct gbuffer *g = b->set->gbuffer;
+    float *splats = b->image + 3 * pixel, *rest = b->rest + 3 * pixel;
+    float sum = 0.0f;
+
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
+        if (b->weight[g->entries[k].point] > 0.0f)
+            sum += g->entries[k].weight[0];
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1] && sum > 0.0f; k++) {
+        const uint32_t point = g->entries[k].point;
+        if (!(b->weight[point] > 0.0f))
+            continue;
+        float *to = lo + (size_t)(point / PACKET) * 3 * PACKET + point % PACKET;
+        for (size_t c = 0; c < 3; c++)
+            to[c * PACKET] += g->entries[k].weight[0] / b->weight[point] * splats[c] / sum;
+    }
+    for (int c = 0; c < 3 && !(sum > 0.0f); c++)
+        rest[c] += 0.5f * splats[c];
+    memset(splats, 0, 3 * sizeof(float));
+}
+
+static void move_splats(struct beside *b, float *lo)
+{
+    for (size_t pixel = 0; pixel < b->values / 3; pixel++)
+        if (b->image[3 * pixel] + b->image[3 * pixel + 1] + b->image[3 * pixel + 2] > 0.0f)
+            move_pixel(b, pixel, lo);
+}
+
+/* Both halves of what is stored. Before there is anything else to show, nothing grows but for this picture. */
+static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
+                           const struct picture_passes *p, struct relight_stats *stats)
+{
+    const uint64_t turn = history_turn(b->history);
+    enum err result = ERR_OK;
+
+    for (int k = 0; k < 2; k++)
+        memset(b->stored[k], 0, b->points * sizeof(float));
+    if (b->grows && (turn > 0 || p->stored))
+        result = relight_caustics_grow(c, b->grows, turn > 0 ? GROW_S : 0.0, stats);
+    for (uint32_t k = 0; k < 2 && p->stored && !result; k++) {
+        result = relight_caustics_half(c, e, p->stored, k, b->image);
+        move_splats(b, b->stored[k]);
+    }
+    return result;
+}
+
+static enum err run_particles(struct beside *b, struct passes *s, const struct environment *e,
+                              const struct light_tracer_desc *desc, uint64_t k, struct relight_stats *stats)
+{
+    struct light_tracer_desc own = *desc;
+    struct light_tracer_stats one = { 0 };
+
+    if (desc->particles == 0)
+        return ERR_OK;
+    own.particles = (desc->particles + 1) / 2;
+    own.pass = 0;
+    own.seed = rng_mix(desc->seed, 2 * history_turn(b->history) + k);
+    const enum err result = light_tracer_run(s->light, e, &own, b->image, &one);
+    stats->light.particles += one.particles;
+    stats->light.starts_hit += one.starts_hit;
+    stats->light.rays += one.rays;
+    stats->light.splats += one.splats;
+    return result;
+}
+
+/* New samples, to half k. */
+static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
+                         const struct environment *e, const struct picture_passes *p, int k,
+                         struct relight_stats *stats)
+{
+    struct picture_passes few = { .eye = { p->eye_beside } }, half;
+    float *lo = denoiser_half(b->denoiser, k);
+    struct eye_paths_stats eye = { 0 };
+    struct light_tracer_desc bright = { .particles = 0 };
+    enum err result = ERR_OK;
+
+    few.eye[0].paths = (few.eye[0].paths + 1) / 2;
+    few.eye[0].pass = history_turn(b->history);
+    denoiser_passes(&few, k, &half);
+    memset(lo, 0, b->points * sizeof(float));
+    if (half.eye[0].paths > 0)
+        result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &half.eye[0], lo, &eye);
+    stats->eye.paths += eye.paths;
+    stats->eye.rays += eye.rays;
+    if (p->stored)
+        bright = relight_caustics_bright(c, e, p->stored, stats->plan.particles);
+    for (int i = 0; i < 3 && !result; i++)
+        result = run_particles(b, s, e, i < 2 ? &p->light[i] : &bright, (uint64_t)k, stats);
+    move_splats(b, lo);
+    return result;
+}
+
+enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
+                    const struct picture_passes *passes, struct relight_stats *stats)
+{
+    const atomic_bool *cancel = passes->eye_beside.cancel;
+    enum err result = run_stored(b, caustics, e, passes, stats);
+
+    for (int k = 0; k < 2 && !result; k++)
+        result = run_half(b, s, caustics, e, passes, k, stats);
+    if (result || is_cancelled(cancel))
+        return result;
+    if (!stats->bias && passes->eye_beside.paths > 0)
+        stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
+    history_add(b->history, s->lo);
+    history_show(b->history, (const float *const[]){ b->stored[0], b->stored[1] }, b->shown);
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < b->points; i++)
+        s->lo[i] += b->shown[i];
+    return ERR_OK;
+}
+
+void beside_finish(const struct beside *b, float *rgb)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < b->values; i++)
+        rgb[i] += b->rest[i];
+}
