@@ -20,8 +20,9 @@
 #define INTERVAL_S (1.0 / 30.0) /* between pictures */
 #define TRUTH_SAMPLES 32
 #define TRUTH_EYE_PATHS 32
-#define AFTER 4      /* pictures after the cache is complete, while its last blocks fade in */
-#define AGAIN_S 30.0 /* at most, of the second start */
+#define AFTER 4          /* pictures after the cache is complete, while its last blocks fade in */
+#define PATIENCE_S 900.0 /* for the cache, on a busy machine */
+#define AGAIN_S 30.0     /* at most, of the second start */
 #define SECOND_DIFFERENCES (4 * 255 + 1)
 
 static const double kept_s[] = { 0, 1, 1.5, 2, 3, 4, 5, 7, 10, 14, 20, 30, 45, 60, 90 };
@@ -225,10 +226,9 @@ static enum err make_picture(struct first_minute *m, enum made made)
 /* Pictures until the cache is complete, or the time is over. */
 static enum err live(struct first_minute *m)
 {
-    const double most_s = kept_s[KEPT - 2];
     enum err e = ERR_OK;
 
-    for (int after = 0; !e && after < AFTER && clock_seconds() - m->begun_s < most_s;) {
+    for (int after = 0; !e && after < AFTER && clock_seconds() - m->begun_s < PATIENCE_S;) {
         const double start = clock_seconds();
         e = make_picture(m, MADE_ROW);
         const double wait_s = start + fmax(decider_interval_s(&m->decider), INTERVAL_S) - clock_seconds();

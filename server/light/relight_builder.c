@@ -108,24 +108,29 @@ static void build_whole_bounce(struct relight_builder *b)
         log_info("interreflection: computed in %.1f s beside the pictures, %.0f MB, %u records",
                  clock_seconds() - start, 1e-6 * (double)bounce_stats(made)->bytes, bounce_stats(made)->records);
     b->whole = made;
+    if (made && !b->loaded)
+        relight_keep_save(&b->keep, NULL, made, &b->described);
     publish(b, made);
     atomic_store(&b->ended[WHOLE], true);
 }
 
-/* True if the file of direct light has it as well. */
+/* True if the file has it: that of direct light, or what was stored before that was computed. */
 static bool load_bounce(struct relight_builder *b)
 {
     struct bounce *made = NULL;
     struct reason why;
 
-    if (!b->loaded)
-        return false;
     b->described = relight_bounce_describe(b->set, &b->light, layout_of(b));
     b->bounce_refused = relight_keep_load_bounce(&b->keep, b->kernels, &b->described, &made, &why) != ERR_OK;
     if (b->bounce_refused)
         refuse_bounce(b, why.text);
     b->bounce_loaded = made != NULL;
+    if (made && !b->loaded) { /* the file of direct light will be another */
+        log_info("interreflection: loaded from %s", b->keep.place.path);
+        b->whole = made;
+    }
     publish(b, made);
+    atomic_store(&b->ended[QUICK], b->bounce_loaded);
     atomic_store(&b->ended[WHOLE], b->bounce_loaded);
     return b->bounce_loaded || b->bounce_refused;
 }

@@ -23,7 +23,8 @@ struct relight_builder_desc {
 };
 
 /* Worst error first. Interreflection, if it is needed, quickly: a rough cache that frames use at once; direct light
- * coarsely; interreflection; direct light. What a file has is loaded instead. ERR_NOMEM. */
+ * coarsely; interreflection, which is stored at once, so that a kill does not lose it; direct light. What a file has is
+ * loaded instead. ERR_NOMEM. */
 MUST_CHECK enum err relight_builder_create(const struct relight_builder_desc *desc, struct relight_builder **out,
                                            struct reason *why);
 

@@ -90,7 +90,7 @@ enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
                        const struct bounce_desc *desc)
 {
-    const uint64_t bytes = transport_stats(t)->bytes + (bounce ? bounce_stats(bounce)->bytes : 0);
+    const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (bounce ? bounce_stats(bounce)->bytes : 0);
     struct reason why = { "" };
 
     if (!k->place.path[0] || k->unwritable)
@@ -98,7 +98,8 @@ void relight_keep_save(struct relight_keep *k, const struct transport *t, const 
     struct cache_writer *file = cache_writer_create();
     enum err e = file ? cache_place_prepare(&k->place, bytes, &why) : err_say(&why, ERR_NOMEM, "no memory");
     if (!e) {
-        transport_save(t, &k->key, file);
+        if (t)
+            transport_save(t, &k->key, file);
         if (bounce) {
             const struct digest key = bounce_key(&k->key, desc);
             bounce_save(bounce, &key, file);

@@ -28,7 +28,8 @@ MUST_CHECK enum err relight_keep_load(struct relight_keep *k, const struct set *
 MUST_CHECK enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels,
                                              const struct bounce_desc *desc, struct bounce **out, struct reason *why);
 
-/* Stores direct light, and interreflection of that desc (NULL and NULL: none). */
+/* Stores direct light (NULL: that is not computed yet, and a file of it will replace this one), and interreflection of
+ * that desc (NULL and NULL: none). */
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
                        const struct bounce_desc *desc);
 

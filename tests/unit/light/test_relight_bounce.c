@@ -2,6 +2,9 @@
 #include "light/stage.h"
 #include "scene/files.h"
 
+#include <time.h>
+#include <unistd.h>
+
 enum { WIDTH = 48, HEIGHT = 27, SMALL_WIDTH = 24, SMALL_HEIGHT = 14 };
 
 static struct stage court(uint32_t width, uint32_t height)
@@ -99,9 +102,53 @@ static void another_run_loads_what_one_has_gathered(void **state)
     folder_remove(&folder);
 }
 
+/* Killed once indirect light is computed: the next run loads that, computes direct light, and has the same bits. */
+static void a_killed_run_leaves_what_it_has(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
+                                  .classes = PATH_DIRECT | PATH_INDIRECT };
+    const struct set_desc small = { .width = 32, .height = 18 };
+    const size_t size = (size_t)3 * 32 * 18 * sizeof(float);
+    struct stage s = stage_make(&small, sky_with_sun(64, 32, 2e3f));
+    struct relight_stats stats;
+    struct folder folder;
+    double ms;
+    (void)state;
+
+    folder_make(&folder);
+    const char *file = folder_write(&folder, "kept", "", 0);
+    assert_int_equal(unlink(file), 0);
+    float *want = mem_alloc(size, 1);
+    run(&s, &light, &stats);
+    memcpy(want, s.rgb, size);
+    stage_finish(&s);
+    light.cache_file = file;
+    light.cache_background = true;
+    s = stage_make(&small, sky_with_sun(64, 32, 2e3f));
+    assert_int_equal(relighter_prepare(s.relighter, &light, false, &ms), ERR_OK);
+    while (access(file, F_OK) != 0)
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+    stage_finish(&s);
+    s = stage_make(&small, sky_with_sun(64, 32, 2e3f));
+    assert_int_equal(relighter_prepare(s.relighter, &light, false, &ms), ERR_OK);
+    light.cache_background = false;
+    run(&s, &light, &stats);
+    assert_true(!stats.cache_loaded && stats.bounce_loaded);
+    assert_memory_equal(want, s.rgb, size);
+    stage_finish(&s);
+    s = stage_make(&small, sky_with_sun(64, 32, 2e3f)); /* the file has both by now */
+    run(&s, &light, &stats);
+    assert_true(stats.cache_loaded && stats.bounce_loaded);
+    assert_memory_equal(want, s.rgb, size);
+    mem_free(want);
+    stage_finish(&s);
+    folder_remove(&folder);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_light_is_taken_once),
     cmocka_unit_test(what_has_no_room_is_left_to_eye_paths),
     cmocka_unit_test(another_run_loads_what_one_has_gathered),
+    cmocka_unit_test(a_killed_run_leaves_what_it_has),
 };
 UNIT_MAIN(tests)

@@ -4,6 +4,8 @@
 #include "light/stage.h"
 #include "scene/files.h"
 #include "support/kept.h"
+#include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -202,6 +204,39 @@ static void a_folder_that_cannot_be_used_is_reported_once(void **state)
     stage_finish(&s);
 }
 
+/* No space is left where the file goes, here by a limit on files: said once, nothing half written stays, and a later
+ * run with room keeps it. */
+static void a_full_disk_is_reported_once(void **state)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 4 }, .cache_file = "" };
+    struct stage s = court();
+    struct rlimit before, small;
+    char folder[] = "/tmp/relight-caches-XXXXXX";
+    float *lo;
+    (void)state;
+
+    assert_non_null(mkdtemp(folder));
+    light.cache_dir = folder;
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
+    for (int full = 1; full >= 0; full--) {
+        small = before;
+        small.rlim_cur = full ? 4096 : before.rlim_cur;
+        log_begin();
+        assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+        assert_false(run_anew(&s, &light, &lo));
+        assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
+        const char *log = log_end();
+        if (count_of(log, "not kept for the next run") != full || count_of(log, "kept in") != !full)
+            fail_msg("%s", log);
+        if (full)
+            assert_int_equal(rmdir(folder), 0); /* empty */
+        mem_free(lo);
+    }
+    kept_remove(folder);
+    stage_finish(&s);
+}
+
 /* ---- In the background ---- */
 
 static float *copy_points(const struct stage *s)
@@ -294,6 +329,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(another_run_loads_what_one_has_computed),
     cmocka_unit_test(files_are_where_they_are_asked_for_or_nowhere),
     cmocka_unit_test(a_folder_that_cannot_be_used_is_reported_once),
+    cmocka_unit_test(a_full_disk_is_reported_once),
     cmocka_unit_test(computed_in_the_background_it_ends_as_if_waited_for),
     cmocka_unit_test(refused_in_the_background_it_is_auto),
 };
