@@ -14,6 +14,9 @@ less=(--seeds 8)
 "$bin/relight-chart" --out "$pages/leaves" "${less[@]}" --scenes "leaves=$pages/foliage.json" --techniques mis,brdf,rules,cached,auto
 "$bin/relight-chart" --out "$pages/ring" "${less[@]}" --scenes "ring=$here/../examples/ring.json" \
     --techniques mis/light,mis/eye,rules,cached,auto,path
+python3 "$here/../../tests/references/generate.py" "$pages"
+"$bin/relight-chart" --out "$pages/masks" --size 96x54 --seeds 4 --budgets 16,64,256 --reference 512 --scenes "masked tree=$pages/tree.glb" \
+    --techniques mis,cached,auto
 
 take() { # CHART NAME
     cp "$pages/$1" "$here/chart-$2.svg"
@@ -24,3 +27,4 @@ take court/03-builtin-overcast-direct-light.rel_mse.svg court-overcast-direct
 take court/04-builtin-overcast-all-light.rel_mse.svg court-overcast-all
 take leaves/01-leaves-noon-direct-light.noise.svg leaves-noon-direct
 take ring/02-ring-noon-all-light.delta_e.svg ring-noon-all
+take masks/01-masked-tree-noon-direct-light.rel_mse.svg masks-noon-direct

@@ -1,8 +1,7 @@
-#include "import/parts.h"
+#include "import/json_parts.h"
 
 #include "base/log.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,19 +9,7 @@
 static const struct vec3 white = { 1.0f, 1.0f, 1.0f };
 static const double none = 0.0, whole = 1.0;
 
-/* A JSON object being read. */
-struct spot {
-    const json_t *object;
-    char place[320]; /* beginning of messages: "plaza.json: materials 'wall'" */
-    struct scene *scene;
-    uint32_t named; /* materials of the scene file, which come before those of models */
-    const char *path;
-    const struct host *host;
-    struct reason *why;
-};
-
-/* Enters the object `value` of s, called `name` in messages. ERR_FORMAT: not an object. */
-static enum err spot_enter(const struct spot *s, const json_t *value, const char *name, struct spot *out)
+enum err spot_enter(const struct spot *s, const json_t *value, const char *name, struct spot *out)
 {
     *out = *s;
     out->object = value;
@@ -33,7 +20,7 @@ static enum err spot_enter(const struct spot *s, const json_t *value, const char
 }
 
 /* A misspelt key would otherwise silently leave a default in place. */
-static void warn_unknown_keys(const struct spot *s, const char *const *known)
+void spot_warn_unknown(const struct spot *s, const char *const *known)
 {
     const char *key;
     json_t *value;
@@ -53,9 +40,8 @@ static enum err missing(const struct spot *s, const char *key)
     return err_say(s->why, ERR_FORMAT, "%s: '%s' is missing", s->place, key);
 }
 
-/* Reads a number within [least, most]; the key may be missing if fallback is not NULL. */
-static enum err read_number(const struct spot *s, const char *key, const double *fallback, double least, double most,
-                            float *out)
+enum err spot_number(const struct spot *s, const char *key, const double *fallback, double least, double most,
+                     float *out)
 {
     const json_t *value = json_object_get(s->object, key);
 
@@ -97,7 +83,7 @@ static enum err read_vec3(const struct spot *s, const char *key, const struct ve
     return ERR_OK;
 }
 
-static enum err read_string(const struct spot *s, const char *key, const char **out)
+enum err spot_string(const struct spot *s, const char *key, const char **out)
 {
     const json_t *value = json_object_get(s->object, key);
 
@@ -113,25 +99,25 @@ static enum err read_string(const struct spot *s, const char *key, const char **
 
 static enum err read_lambert(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(
+    spot_warn_unknown(
         s, (const char *const[]){ "type", "alpha", "albedo", "transmission", "transmission_color", "emission", NULL });
     m->kind = MATERIAL_LAMBERT;
     m->through_texture = MATERIAL_NO_TEXTURE;
     enum err e = read_vec3(s, "albedo", NULL, 0.0, 1.0, &m->diffuse);
     if (!e)
-        e = read_number(s, "transmission", &none, 0.0, 1.0, &m->transmits);
+        e = spot_number(s, "transmission", &none, 0.0, 1.0, &m->transmits);
     return e ? e : read_vec3(s, "transmission_color", &white, 0.0, 1.0, &m->through);
 }
 
 static enum err read_phong(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "diffuse", "specular", "exponent", "emission", NULL });
+    spot_warn_unknown(s, (const char *const[]){ "type", "alpha", "diffuse", "specular", "exponent", "emission", NULL });
     m->kind = MATERIAL_PHONG;
     enum err e = read_vec3(s, "diffuse", NULL, 0.0, 1.0, &m->diffuse);
     if (!e)
         e = read_vec3(s, "specular", NULL, 0.0, 1.0, &m->specular);
     if (!e)
-        e = read_number(s, "exponent", NULL, 0.0, 1e6, &m->exponent);
+        e = spot_number(s, "exponent", NULL, 0.0, 1e6, &m->exponent);
     if (e)
         return e;
     const struct vec3 sum = vec3_add(m->diffuse, m->specular);
@@ -144,20 +130,20 @@ static enum err read_phong(const struct spot *s, struct material *m)
 
 static enum err read_ggx(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(
+    spot_warn_unknown(
         s, (const char *const[]){ "type", "alpha", "base_color", "metallic", "roughness", "emission", NULL });
     m->kind = MATERIAL_GGX;
     enum err e = read_vec3(s, "base_color", &white, 0.0, 1.0, &m->diffuse);
     if (!e)
-        e = read_number(s, "metallic", &whole, 0.0, 1.0, &m->metallic);
+        e = spot_number(s, "metallic", &whole, 0.0, 1.0, &m->metallic);
     if (!e)
-        e = read_number(s, "roughness", &whole, 0.0, 1.0, &m->roughness);
+        e = spot_number(s, "roughness", &whole, 0.0, 1.0, &m->roughness);
     return e;
 }
 
 static enum err read_mirror(const struct spot *s, struct material *m)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "reflectance", "emission", NULL });
+    spot_warn_unknown(s, (const char *const[]){ "type", "alpha", "reflectance", "emission", NULL });
     m->kind = MATERIAL_MIRROR;
     return read_vec3(s, "reflectance", &white, 0.0, 1.0, &m->diffuse);
 }
@@ -169,7 +155,7 @@ static enum err read_glass(const struct spot *s, struct material *m)
     struct vec3 left;
     float distance;
 
-    warn_unknown_keys(s, (const char *const[]){ "type", "alpha", "ior", "tint", "attenuation_color",
+    spot_warn_unknown(s, (const char *const[]){ "type", "alpha", "ior", "tint", "attenuation_color",
                                                 "attenuation_distance", "thin", "emission", NULL });
     m->kind = MATERIAL_GLASS;
     const json_t *thin = json_object_get(s->object, "thin");
@@ -178,11 +164,11 @@ static enum err read_glass(const struct spot *s, struct material *m)
     m->thin = json_is_true(thin);
     enum err e = read_vec3(s, "tint", &white, 0.0, 1.0, &m->diffuse);
     if (!e)
-        e = read_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
+        e = spot_number(s, "ior", &crown, 0.25, 4.0, &m->ior);
     if (!e)
         e = read_vec3(s, "attenuation_color", &white, 0.0, 1.0, &left);
     if (!e)
-        e = read_number(s, "attenuation_distance", &whole, 1e-6, 1e15, &distance);
+        e = spot_number(s, "attenuation_distance", &whole, 1e-6, 1e15, &distance);
     if (!e)
         m->attenuation = attenuation_from(left, (double)distance);
     return e;
@@ -192,7 +178,7 @@ static enum err read_glass(const struct spot *s, struct material *m)
 static enum err read_alpha(const struct spot *s, struct material *m)
 {
     m->alpha_texture = MATERIAL_NO_TEXTURE;
-    const enum err e = read_number(s, "alpha", &whole, 0.0, 1.0, &m->alpha);
+    const enum err e = spot_number(s, "alpha", &whole, 0.0, 1.0, &m->alpha);
     if (!e && m->alpha < 1.0f)
         m->alpha_mode = ALPHA_BLEND;
     return e;
@@ -221,7 +207,7 @@ static enum err read_material(const struct spot *root, const char *name, const j
     if (strlen(name) >= sizeof(m.name))
         return err_say(s.why, ERR_RANGE, "%s: the name is longer than %zu bytes", s.place, sizeof(m.name) - 1);
     snprintf(m.name, sizeof(m.name), "%s", name);
-    e = read_string(&s, "type", &type);
+    e = spot_string(&s, "type", &type);
     if (e)
         return e;
     for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
@@ -269,9 +255,9 @@ static enum err read_camera(const struct spot *root, const char *label, const ch
     enum err e = spot_enter(root, value, label, &s);
     if (e)
         return e;
-    warn_unknown_keys(&s, (const char *const[]){ "name", "position", "look_at", "up", "fov_y_degrees", NULL });
+    spot_warn_unknown(&s, (const char *const[]){ "name", "position", "look_at", "up", "fov_y_degrees", NULL });
     if (!name) {
-        e = read_string(&s, "name", &name);
+        e = spot_string(&s, "name", &name);
         if (e)
             return e;
     }
@@ -284,7 +270,7 @@ static enum err read_camera(const struct spot *root, const char *label, const ch
     if (!e)
         e = read_vec3(&s, "up", &y, -1e15, 1e15, &c.up);
     if (!e)
-        e = read_number(&s, "fov_y_degrees", NULL, -1e15, 1e15, &degrees);
+        e = spot_number(&s, "fov_y_degrees", NULL, -1e15, 1e15, &degrees);
     if (e)
         return e;
     c.fov_y = (float)(degrees * (PI / 180.0));
@@ -338,7 +324,7 @@ static enum err read_direction(const struct spot *s, struct vec3 *out)
 
 static enum err read_point(const struct spot *s, struct punctual_light *l)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "position", "intensity", NULL });
+    spot_warn_unknown(s, (const char *const[]){ "type", "position", "intensity", NULL });
     const enum err e = read_vec3(s, "position", NULL, -1e15, 1e15, &l->position);
     return e ? e : read_vec3(s, "intensity", NULL, 0.0, (double)LIGHT_INTENSITY_MAX, &l->intensity);
 }
@@ -348,9 +334,9 @@ static enum err read_cone(const struct spot *s, struct punctual_light *l)
     const double inner = 0.0, outer = 45.0; /* glTF's defaults */
     float degrees[2];
 
-    enum err e = read_number(s, "inner_degrees", &inner, 0.0, 90.0, &degrees[0]);
+    enum err e = spot_number(s, "inner_degrees", &inner, 0.0, 90.0, &degrees[0]);
     if (!e)
-        e = read_number(s, "outer_degrees", &outer, 0.0, 90.0, &degrees[1]);
+        e = spot_number(s, "outer_degrees", &outer, 0.0, 90.0, &degrees[1]);
     if (e)
         return e;
     if (degrees[0] > degrees[1])
@@ -362,7 +348,7 @@ static enum err read_cone(const struct spot *s, struct punctual_light *l)
 
 static enum err read_spot(const struct spot *s, struct punctual_light *l)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "position", "direction", "intensity", "inner_degrees",
+    spot_warn_unknown(s, (const char *const[]){ "type", "position", "direction", "intensity", "inner_degrees",
                                                 "outer_degrees", NULL });
     enum err e = read_vec3(s, "position", NULL, -1e15, 1e15, &l->position);
     if (!e)
@@ -374,7 +360,7 @@ static enum err read_spot(const struct spot *s, struct punctual_light *l)
 
 static enum err read_directional(const struct spot *s, struct punctual_light *l)
 {
-    warn_unknown_keys(s, (const char *const[]){ "type", "direction", "illuminance", NULL });
+    spot_warn_unknown(s, (const char *const[]){ "type", "direction", "illuminance", NULL });
     const enum err e = read_direction(s, &l->direction);
     return e ? e : read_vec3(s, "illuminance", NULL, 0.0, (double)LIGHT_INTENSITY_MAX, &l->intensity);
 }
@@ -398,7 +384,7 @@ static enum err read_light(const struct spot *root, size_t index, const json_t *
     snprintf(label, sizeof(label), "lights[%zu]", index);
     enum err e = spot_enter(root, value, label, &s);
     if (!e)
-        e = read_string(&s, "type", &type);
+        e = spot_string(&s, "type", &type);
     if (e)
         return e;
     for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
@@ -425,143 +411,13 @@ static enum err read_lights(const struct spot *root)
     return e;
 }
 
-/* Models */
-
-static enum err read_transform(const struct spot *s, double out[16])
-{
-    static const double identity[16] = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 };
-    const json_t *value = json_object_get(s->object, "transform");
-
-    memcpy(out, identity, sizeof(identity));
-    if (!value)
-        return ERR_OK;
-    if (!json_is_array(value) || json_array_size(value) != 16)
-        return err_say(s->why, ERR_FORMAT, "%s: 'transform' is not an array of 16 numbers", s->place);
-    for (size_t i = 0; i < 16; i++) {
-        const json_t *number = json_array_get(value, i);
-        if (!json_is_number(number))
-            return err_say(s->why, ERR_FORMAT, "%s: 'transform' is not an array of 16 numbers", s->place);
-        out[i] = json_number_value(number);
-        if (!(fabs(out[i]) <= 1e15))
-            return err_say(s->why, ERR_RANGE, "%s: 'transform' holds %g", s->place, out[i]);
-    }
-    if (out[3] != 0.0 || out[7] != 0.0 || out[11] != 0.0 || out[15] != 1.0)
-        return err_say(s->why, ERR_RANGE,
-                       "%s: 'transform' is not affine: the last row of the column-major matrix (numbers 4, 8, 12, "
-                       "16) must be 0 0 0 1",
-                       s->place);
-    const double det = out[0] * (out[5] * out[10] - out[6] * out[9]) - out[4] * (out[1] * out[10] - out[2] * out[9]) +
-                       out[8] * (out[1] * out[6] - out[2] * out[5]);
-    if (det == 0.0)
-        return err_say(s->why, ERR_RANGE, "%s: 'transform' is singular (its determinant is 0)", s->place);
-    return ERR_OK;
-}
-
-/* By default glTF uses its normals, while OBJ and PLY are flat-shaded. */
-static enum err read_smooth(const struct spot *s, bool gltf, enum model_normals *out)
-{
-    const json_t *value = json_object_get(s->object, "smooth");
-
-    if (value && !json_is_boolean(value))
-        return err_say(s->why, ERR_FORMAT, "%s: 'smooth' is neither true nor false", s->place);
-    if (value)
-        *out = json_is_true(value) ? NORMALS_SMOOTH : NORMALS_FLAT;
-    else
-        *out = gltf ? NORMALS_FILE : NORMALS_FLAT;
-    return ERR_OK;
-}
-
-/* Resolves `file` relative to the scene file's folder. */
-static enum err join_path(const struct spot *s, const char *file, char out[HOST_PATH_MAX])
-{
-    const char *slash = strrchr(s->path, '/');
-    const int folder = slash && file[0] != '/' ? (int)(slash - s->path) + 1 : 0;
-
-    if (snprintf(out, HOST_PATH_MAX, "%.*s%s", folder, s->path, file) >= HOST_PATH_MAX)
-        return err_say(s->why, ERR_RANGE, "%s: the path of the file is too long", s->place);
-    return ERR_OK;
-}
-
-static enum err read_model(const struct spot *root, size_t index, const json_t *value)
-{
-    struct model_desc d = { .material = MATERIAL_NONE };
-    const char *file = NULL, *material = NULL;
-    float time = (float)root->host->time;
-    char label[32], path[HOST_PATH_MAX];
-    struct spot s;
-    enum err e;
-
-    snprintf(label, sizeof(label), "models[%zu]", index);
-    e = spot_enter(root, value, label, &s);
-    if (e)
-        return e;
-    warn_unknown_keys(&s, (const char *const[]){ "file", "material", "transform", "smooth", "time", NULL });
-    e = read_string(&s, "file", &file);
-    if (!e)
-        e = join_path(&s, file, path);
-    if (!e && json_object_get(s.object, "material")) {
-        e = read_string(&s, "material", &material);
-        if (e)
-            return e;
-        d.material = scene_find_material(s.scene, material, 0);
-        if (d.material == MATERIAL_NONE || d.material >= s.named)
-            return err_say(s.why, ERR_FORMAT, "%s: unknown material '%.64s'", s.place, material);
-    }
-    if (!e)
-        e = read_transform(&s, d.transform);
-    if (!e)
-        e = read_smooth(&s, path_is_gltf(path), &d.normals);
-    if (!e && json_object_get(s.object, "time"))
-        e = read_number(&s, "time", NULL, 0.0, ANIMATION_TIME_MAX, &time);
-    if (e)
-        return e;
-    d.time = (double)time;
-    d.host = s.host;
-    d.path = path;
-    d.place = s.place;
-    d.named = s.named;
-    return model_load(s.scene, &d, s.why);
-}
-
-/* Only folders that the scene file itself names may be read; a faulty entry is reported when it is read. */
-static enum err allow_models(const struct spot *root, const json_t *models)
-{
-    enum err e = ERR_OK;
-
-    for (size_t i = 0; i < json_array_size(models) && !e; i++) {
-        const char *file = json_string_value(json_object_get(json_array_get(models, i), "file"));
-        char path[HOST_PATH_MAX];
-        if (file && join_path(root, file, path) == ERR_OK)
-            e = root->host->allow(root->host->context, path, root->why);
-    }
-    return e;
-}
-
-static enum err read_models(const struct spot *root)
-{
-    const json_t *models = json_object_get(root->object, "models");
-
-    if (!models)
-        return err_say(root->why, ERR_FORMAT, "%s: the file contains no models", root->path);
-    if (!json_is_array(models))
-        return err_say(root->why, ERR_FORMAT, "%s: 'models' is not an array", root->path);
-    if (json_array_size(models) == 0)
-        return err_say(root->why, ERR_FORMAT, "%s: the file contains no models", root->path);
-    enum err e = allow_models(root, models);
-    for (size_t i = 0; i < json_array_size(models) && !e; i++) {
-        e = read_model(root, i, json_array_get(models, i));
-        root->host->step(root->host->context);
-    }
-    return e;
-}
-
 static enum err read_root(struct spot *s)
 {
     const json_t *ground = json_object_get(s->object, "ground");
 
     if (!json_is_object(s->object))
         return err_say(s->why, ERR_FORMAT, "%s: is not a JSON object", s->path);
-    warn_unknown_keys(s, (const char *const[]){ "camera", "cameras", "models", "materials", "lights", "ground", NULL });
+    spot_warn_unknown(s, (const char *const[]){ "camera", "cameras", "models", "materials", "lights", "ground", NULL });
     if (ground && !json_is_boolean(ground))
         return err_say(s->why, ERR_FORMAT, "%s: 'ground' is neither true nor false", s->path);
     s->scene->wants_ground = json_is_true(ground);
@@ -571,7 +427,7 @@ static enum err read_root(struct spot *s)
         e = read_cameras(s);
     if (!e)
         e = read_lights(s);
-    return e ? e : read_models(s);
+    return e ? e : json_add_models(s);
 }
 
 enum err json_load_scene(struct scene *scene, const char *path, const struct host *host, struct reason *why)

@@ -1,5 +1,7 @@
 #include "import/parts.h"
 
+#include <math.h>
+
 void matrix_multiply(const double a[16], const double b[16], double out[16])
 {
     for (int column = 0; column < 4; column++) {
@@ -22,6 +24,26 @@ double matrix_cofactors(const double m[16], double c[9])
         }
     }
     return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
+}
+
+bool matrix_inverse(const double m[16], double out[16])
+{
+    double c[9];
+    const double determinant = matrix_cofactors(m, c);
+
+    if (!(fabs(determinant) > 0.0))
+        return false;
+    for (int row = 0; row < 3; row++) {
+        double moved = 0.0;
+        for (int column = 0; column < 3; column++) {
+            out[4 * column + row] = c[3 * row + column] / determinant;
+            moved += out[4 * column + row] * m[12 + column];
+        }
+        out[12 + row] = -moved;
+        out[4 * row + 3] = 0.0;
+    }
+    out[15] = 1.0;
+    return true;
 }
 
 void matrix_rows(const double m[16], float rows[3][4])

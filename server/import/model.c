@@ -32,13 +32,22 @@ static enum err fault(const struct model_desc *d, struct reason *why, enum err e
     return err_say(why, e, "%s%s%s: %s", d->place ? d->place : "", d->place ? ": " : "", d->path, text.text);
 }
 
+/* A mesh of the file in the scene. */
+struct standing {
+    unsigned uses;    /* by nodes */
+    bool added;       /* it is in the scene: */
+    size_t mesh;      /* there, */
+    double world[16]; /* of its first node */
+};
+
 /* State of the node traversal. */
 struct import {
     struct scene *scene;
     const struct model_desc *desc;
     const struct aiScene *ai;
-    uint32_t *materials; /* in the scene, for each of the file's; see model_add_materials */
-    size_t dropped;      /* degenerate triangles */
+    uint32_t *materials;       /* in the scene, for each of the file's; see model_add_materials */
+    size_t dropped;            /* degenerate triangles */
+    struct standing *standing; /* of each of the file's meshes */
     struct reason *why;
 };
 
@@ -143,7 +152,7 @@ static void name_mesh(const struct import *in, const struct aiNode *node, const 
                                       : file);
 }
 
-static enum err add_mesh(struct import *in, const struct aiNode *node, const struct aiMesh *ai, const double matrix[16])
+static enum err add_copy(struct import *in, const struct aiNode *node, const struct aiMesh *ai, const double matrix[16])
 {
     struct mesh m = { .name = "" };
     enum err e;
@@ -175,6 +184,35 @@ static enum err add_mesh(struct import *in, const struct aiNode *node, const str
     return e;
 }
 
+/* Adds a mesh of the file at a node: where many nodes have it, an instance of the first. */
+static enum err add_mesh(struct import *in, const struct aiNode *node, unsigned index, const double world[16])
+{
+    const struct aiMesh *ai = in->ai->mMeshes[index];
+    struct standing *standing = &in->standing[index];
+    const size_t before = in->scene->mesh_count;
+
+    if (standing->added && instances_pay(standing->uses, ai->mNumFaces)) {
+        const enum err e = meshes_repeat(in->scene, standing->mesh, standing->mesh + 1, standing->world, world);
+        if (e != ERR_RANGE)
+            return e;
+    }
+    const enum err e = add_copy(in, node, ai, world);
+    if (!e && in->scene->mesh_count > before && !standing->added) {
+        standing->added = true;
+        standing->mesh = before;
+        memcpy(standing->world, world, sizeof(standing->world));
+    }
+    return e;
+}
+
+static void count_uses(struct import *in, const struct aiNode *node)
+{
+    for (unsigned i = 0; i < node->mNumMeshes; i++)
+        in->standing[node->mMeshes[i]].uses++;
+    for (unsigned i = 0; i < node->mNumChildren; i++)
+        count_uses(in, node->mChildren[i]);
+}
+
 /* Nodes are at most DEPTH_MAX deep, see check_node. */
 static enum err add_node(struct import *in, const struct aiNode *node, const double parent[16])
 {
@@ -184,7 +222,7 @@ static enum err add_node(struct import *in, const struct aiNode *node, const dou
     node_matrix(&node->mTransformation, local);
     matrix_multiply(parent, local, world);
     for (unsigned i = 0; i < node->mNumMeshes && !e; i++)
-        e = add_mesh(in, node, in->ai->mMeshes[node->mMeshes[i]], world);
+        e = add_mesh(in, node, node->mMeshes[i], world);
     for (unsigned i = 0; i < node->mNumChildren && !e; i++)
         e = add_node(in, node->mChildren[i], world);
     return e;
@@ -207,6 +245,10 @@ static enum err take(struct import *in)
 {
     const size_t meshes_before = in->scene->mesh_count;
 
+    in->standing = mem_alloc((size_t)in->ai->mNumMeshes + 1, sizeof(*in->standing));
+    if (!in->standing)
+        return ERR_NOMEM;
+    count_uses(in, in->ai->mRootNode);
     enum err e = add_materials(in);
     if (!e)
         e = add_node(in, in->ai->mRootNode, in->desc->transform);
@@ -388,6 +430,7 @@ enum err model_load(struct scene *s, const struct model_desc *d, struct reason *
         if (!e)
             e = check_grey(&in, &files);
         mem_free(in.materials);
+        mem_free(in.standing);
     }
     aiReleaseImport(ai);
     return e;

@@ -90,6 +90,15 @@ void matrix_rows(const double m[16], float rows[3][4]);
 /* Whether a mesh that stands at `uses` places is better shared than copied. */
 bool instances_pay(double uses, size_t triangles);
 
+/* The inverse of an affine matrix, column-major. False: it is singular. */
+bool matrix_inverse(const double m[16], double out[16]);
+
+/* Adds meshes first..end - 1, which belong to a model that stands by the matrix `from`, once more where it stands by
+ * `to`: as instances, which share their arrays. ERR_RANGE, and nothing has changed: one does not suit (mesh_place).
+ * ERR_NOMEM. */
+MUST_CHECK enum err meshes_repeat(struct scene *s, size_t first, size_t end, const double from[16],
+                                  const double to[16]);
+
 /* Reads a JSON scene into an empty scene. Errors of import_scene. */
 MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);
 

@@ -1,4 +1,5 @@
 #include "scene/scene_build.h"
+#include "scene/vec3d.h"
 
 #include "base/mem.h"
 
@@ -22,20 +23,6 @@ void mesh_finish(struct mesh *m)
     *m = (struct mesh){ 0 };
 }
 
-struct vec3d {
-    double x, y, z;
-};
-
-static struct vec3d edge(const float *from, const float *to)
-{
-    return (struct vec3d){ (double)to[0] - from[0], (double)to[1] - from[1], (double)to[2] - from[2] };
-}
-
-static double dot(struct vec3d a, struct vec3d b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
 static struct vec3d cross(struct vec3d a, struct vec3d b)
 {
     return (struct vec3d){ a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x };
@@ -54,10 +41,10 @@ static bool is_triangle(const struct mesh *m, const uint32_t index[3])
                 return false;
         }
     }
-    const struct vec3d a = edge(p[0], p[1]), b = edge(p[0], p[2]), c = edge(p[1], p[2]);
+    const struct vec3d a = vec3d_between(p[0], p[1]), b = vec3d_between(p[0], p[2]), c = vec3d_between(p[1], p[2]);
     const struct vec3d n = cross(a, b);
-    const double longest2 = fmax(dot(a, a), fmax(dot(b, b), dot(c, c)));
-    return sqrt(dot(n, n)) > FLATNESS * longest2;
+    const double longest2 = fmax(vec3d_dot(a, a), fmax(vec3d_dot(b, b), vec3d_dot(c, c)));
+    return sqrt(vec3d_dot(n, n)) > FLATNESS * longest2;
 }
 
 uint32_t mesh_drop_degenerate(struct mesh *m)
@@ -188,7 +175,7 @@ enum err mesh_join_vertices(struct mesh *m)
 static double angle_between(struct vec3d a, struct vec3d b)
 {
     const struct vec3d n = cross(a, b);
-    return atan2(sqrt(dot(n, n)), dot(a, b));
+    return atan2(sqrt(vec3d_dot(n, n)), vec3d_dot(a, b));
 }
 
 /* Adds each triangle's unit normal, weighted by its angle, to the sums at its three positions. */
@@ -199,10 +186,11 @@ static void add_up_normals(const struct mesh *m, struct welder *w, struct vec3d 
         const float *p[3];
         for (int k = 0; k < 3; k++)
             p[k] = m->positions + 3 * (size_t)t[k];
-        const struct vec3d n = cross(edge(p[0], p[1]), edge(p[0], p[2]));
-        const double length = sqrt(dot(n, n));
+        const struct vec3d n = cross(vec3d_between(p[0], p[1]), vec3d_between(p[0], p[2]));
+        const double length = sqrt(vec3d_dot(n, n));
         for (int k = 0; k < 3; k++) {
-            const double angle = angle_between(edge(p[k], p[(k + 1) % 3]), edge(p[k], p[(k + 2) % 3]));
+            const double angle =
+                angle_between(vec3d_between(p[k], p[(k + 1) % 3]), vec3d_between(p[k], p[(k + 2) % 3]));
             struct vec3d *sum = &sums[weld(w, t[k])];
             sum->x += angle * n.x / length;
             sum->y += angle * n.y / length;
@@ -223,7 +211,7 @@ enum err mesh_make_normals(struct mesh *m)
         for (size_t i = 0; i < 3 * (size_t)m->triangle_count; i++) {
             const uint32_t v = m->indices[i];
             const struct vec3d n = sums[weld(&w, v)];
-            const double length = sqrt(dot(n, n));
+            const double length = sqrt(vec3d_dot(n, n));
             /* If the triangles cancel out, no normal is stored and the geometric one is used. */
             const double scale = length > 1e-6 ? 1.0 / length : 0.0;
             normals[3 * (size_t)v] = (float)(n.x * scale);

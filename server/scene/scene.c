@@ -57,34 +57,32 @@ void scene_destroy(struct scene *s)
     mem_free(s);
 }
 
-/* Makes room for one more element after `count`; the capacity is the next power of two. */
-static void *one_more(void *array, size_t count, size_t size)
+/* Appends a copy of an element to an array, whose address is `array`; the capacity is the next power of two. */
+static enum err append(void *array, size_t *count, const void *element, size_t size)
 {
-    if (array && (count & (count - 1)) != 0)
-        return array;
-    return mem_grow(array, count, count ? 2 * count : 1, size);
+    void *grown;
+
+    memcpy(&grown, array, sizeof(grown));
+    if (!grown || (*count & (*count - 1)) == 0) {
+        grown = mem_grow(grown, *count, *count ? 2 * *count : 1, size);
+        if (!grown)
+            return ERR_NOMEM;
+        memcpy(array, &grown, sizeof(grown));
+    }
+    memcpy((char *)grown + (*count)++ * size, element, size);
+    return ERR_OK;
 }
 
 enum err scene_add_material(struct scene *s, const struct material *m, uint32_t *index)
 {
-    struct material *grown = one_more(s->materials, s->material_count, sizeof(*grown));
-    if (!grown)
-        return ERR_NOMEM;
-    s->materials = grown;
     if (index)
         *index = (uint32_t)s->material_count;
-    grown[s->material_count++] = *m;
-    return ERR_OK;
+    return append(&s->materials, &s->material_count, m, sizeof(*m));
 }
 
 enum err scene_add_mesh(struct scene *s, const struct mesh *m)
 {
-    struct mesh *grown = one_more(s->meshes, s->mesh_count, sizeof(*grown));
-    if (!grown)
-        return ERR_NOMEM;
-    s->meshes = grown;
-    grown[s->mesh_count++] = *m;
-    return ERR_OK;
+    return append(&s->meshes, &s->mesh_count, m, sizeof(*m));
 }
 
 enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, const float matrix[3][4])
@@ -101,34 +99,19 @@ enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, cons
 
 enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index)
 {
-    struct texture *grown = one_more(s->textures, s->texture_count, sizeof(*grown));
-    if (!grown)
-        return ERR_NOMEM;
-    s->textures = grown;
     if (index)
         *index = (uint32_t)s->texture_count;
-    grown[s->texture_count++] = *t;
-    return ERR_OK;
+    return append(&s->textures, &s->texture_count, t, sizeof(*t));
 }
 
 enum err scene_add_camera(struct scene *s, const struct camera *c)
 {
-    struct camera *grown = one_more(s->cameras, s->camera_count, sizeof(*grown));
-    if (!grown)
-        return ERR_NOMEM;
-    s->cameras = grown;
-    grown[s->camera_count++] = *c;
-    return ERR_OK;
+    return append(&s->cameras, &s->camera_count, c, sizeof(*c));
 }
 
 enum err scene_add_light(struct scene *s, const struct punctual_light *l)
 {
-    struct punctual_light *grown = one_more(s->lights, s->light_count, sizeof(*grown));
-    if (!grown)
-        return ERR_NOMEM;
-    s->lights = grown;
-    grown[s->light_count++] = *l;
-    return ERR_OK;
+    return append(&s->lights, &s->light_count, l, sizeof(*l));
 }
 
 uint32_t scene_find_material(const struct scene *s, const char *name, uint32_t first)

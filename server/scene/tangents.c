@@ -1,4 +1,5 @@
 #include "scene/scene_build.h"
+#include "scene/vec3d.h"
 
 #include "base/mem.h"
 
@@ -6,20 +7,6 @@
 #include <string.h>
 
 /* ---- Directions ---- */
-
-struct vec3d {
-    double x, y, z;
-};
-
-static struct vec3d difference(const float *from, const float *to)
-{
-    return (struct vec3d){ (double)to[0] - from[0], (double)to[1] - from[1], (double)to[2] - from[2] };
-}
-
-static double dot(struct vec3d a, struct vec3d b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
 
 static struct vec3d sum(struct vec3d a, struct vec3d b, double scale)
 {
@@ -29,14 +16,14 @@ static struct vec3d sum(struct vec3d a, struct vec3d b, double scale)
 /* Unit, or (0, 0, 0) for what has practically no length. */
 static struct vec3d unit(struct vec3d v)
 {
-    const double length = sqrt(dot(v, v)), scale = length > 0.0 && isfinite(length) ? 1.0 / length : 0.0;
+    const double length = sqrt(vec3d_dot(v, v)), scale = length > 0.0 && isfinite(length) ? 1.0 / length : 0.0;
     return (struct vec3d){ v.x * scale, v.y * scale, v.z * scale };
 }
 
 static double angle_at(const float *corner, const float *a, const float *b)
 {
-    const struct vec3d u = unit(difference(corner, a)), v = unit(difference(corner, b));
-    return acos(fmin(fmax(dot(u, v), -1.0), 1.0));
+    const struct vec3d u = unit(vec3d_between(corner, a)), v = unit(vec3d_between(corner, b));
+    return acos(fmin(fmax(vec3d_dot(u, v), -1.0), 1.0));
 }
 
 /* The direction of rising u on a triangle, and the side on which v rises: 1 counter-clockwise, -1 clockwise, 0 if the
@@ -44,8 +31,8 @@ static double angle_at(const float *corner, const float *a, const float *b)
 static int u_direction(const struct mesh *m, const float *q, const uint32_t *t, struct vec3d *out)
 {
     const float *p = m->positions;
-    const struct vec3d e1 = difference(p + 3 * (size_t)t[0], p + 3 * (size_t)t[1]),
-                       e2 = difference(p + 3 * (size_t)t[0], p + 3 * (size_t)t[2]);
+    const struct vec3d e1 = vec3d_between(p + 3 * (size_t)t[0], p + 3 * (size_t)t[1]),
+                       e2 = vec3d_between(p + 3 * (size_t)t[0], p + 3 * (size_t)t[2]);
     const double u0 = q[2 * (size_t)t[0]], v0 = q[2 * (size_t)t[0] + 1];
     const double u1 = q[2 * (size_t)t[1]] - u0, v1 = q[2 * (size_t)t[1] + 1] - v0;
     const double u2 = q[2 * (size_t)t[2]] - u0, v2 = q[2 * (size_t)t[2] + 1] - v0, area = u1 * v2 - u2 * v1;
@@ -158,7 +145,7 @@ static void add_up(const struct mesh *m, const float *uvs, struct vec3d *sums, f
             const size_t v = t[k];
             const float *p = m->positions, *n = m->normals ? m->normals + 3 * v : NULL;
             const struct vec3d normal = n ? (struct vec3d){ n[0], n[1], n[2] } : (struct vec3d){ 0 };
-            const struct vec3d flat = unit(sum(along, normal, -dot(along, normal)));
+            const struct vec3d flat = unit(sum(along, normal, -vec3d_dot(along, normal)));
             sums[v] =
                 sum(sums[v], flat, angle_at(p + 3 * v, p + 3 * (size_t)t[(k + 1) % 3], p + 3 * (size_t)t[(k + 2) % 3]));
             tangents[4 * v + 3] = (float)side;
