@@ -47,9 +47,10 @@ static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3]
     const float d[3] = { at->diffuse.x, at->diffuse.y, at->diffuse.z };
     const double leave =
         at->kind == LOBE_GGX ? 1.0 - schlick(fmax(1e-3, vec3_dot_double(at->surface.shading, wo))) : 1.0;
+    const double passes = veil_passes(&at->veil, wo);
 
     for (int c = 0; c < 3; c++)
-        out[c] = leave * (double)d[c];
+        out[c] = passes * leave * (double)d[c];
 }
 
 /* Ends the path in the record of a matte surface, or notes the surface. If there is no record, the path may continue by

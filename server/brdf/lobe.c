@@ -6,7 +6,8 @@
 
 struct lobe lobe_of(const struct scatter *s)
 {
-    return (struct lobe){ s->kind, s->surface.geometric, s->surface.shading, s->diffuse, s->specular, s->gloss };
+    return (
+        struct lobe){ s->kind, s->surface.geometric, s->surface.shading, s->diffuse, s->specular, s->gloss, s->veil };
 }
 
 struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l)
@@ -81,7 +82,7 @@ static double masked(double alpha, double cosine)
     return sqrt(alpha * alpha + (1.0 - alpha * alpha) * cosine * cosine);
 }
 
-void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double brdf[3])
+static void evaluate_bare(const struct lobe *l, struct vec3 wo, struct vec3 wi, double brdf[3])
 {
     const double diffuse[3] = { l->diffuse.x, l->diffuse.y, l->diffuse.z };
     const double specular[3] = { l->specular.x, l->specular.y, l->specular.z };
@@ -105,6 +106,16 @@ void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double 
         const double f0 = specular[k];
         brdf[k] = enter * leave * diffuse[k] / PI + (f0 + (1.0 - f0) * fresnel) * shine;
     }
+}
+
+void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double brdf[3])
+{
+    evaluate_bare(l, wo, wi, brdf);
+    if (!(l->veil.coat > 0.0f))
+        return;
+    const double passes = veil_passes(&l->veil, wo);
+    for (int k = 0; k < 3; k++)
+        brdf[k] *= passes;
 }
 
 bool lobe_weight(const struct lobe *l, struct vec3 wo, struct vec3 wi, double density, double weight[3])

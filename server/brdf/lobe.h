@@ -16,9 +16,10 @@ struct lobe { /* the parameters of a BRDF, ready to evaluate */
     struct vec3 geometric, shading;
     struct vec3 diffuse, specular;
     double gloss;
+    struct veil veil; /* dims the lobe; of a packet's lanes, the weights of its points do */
 };
 
-struct lobe lobe_of(const struct scatter *s); /* the rough lobe of s */
+struct lobe lobe_of(const struct scatter *s);                       /* the rough lobe of s */
 struct lobe lobe_of_lane(const struct shade_packet *p, uint32_t l); /* that of lane l */
 
 /* The BRDF, sr^-1, without a cosine. 0 if wi is below the geometric or the shading surface. */

@@ -108,12 +108,12 @@ static size_t list_rest(struct filter *f, uint8_t *taken)
     return count;
 }
 
-/* Lambert surfaces may share light after division by reflectance; others only with the same material. */
+/* Lambert surfaces may share light after division by reflectance; others only with the same layer of a material. */
 static float kind_of(const struct shade_packet *p, uint32_t lane)
 {
     const uint32_t lobe = p->kind == LOBE_LAMBERT ? 0 : 1 + p->material[lane];
 
-    return (float)(2 * lobe + p->behind[lane]);
+    return (float)(2 * lobe + p->behind[lane]) + 0.25f * (float)p->layer[lane];
 }
 
 static void put_surface(const struct filter *f, const struct view *v, uint32_t point, float *surface, size_t count,

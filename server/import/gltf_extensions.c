@@ -21,7 +21,7 @@ static const struct {
     { "KHR_materials_specular", MODELLED, NULL },
     { "KHR_materials_transmission", MODELLED, NULL },
     { "KHR_materials_volume", MODELLED, NULL },
-    { "KHR_materials_clearcoat", NOTED, NULL },
+    { "KHR_materials_clearcoat", MODELLED, NULL },
     { "KHR_materials_sheen", NOTED, NULL },
     { "KHR_materials_diffuse_transmission", MODELLED, NULL },
     { "KHR_materials_emissive_strength", MODELLED, NULL },

@@ -104,7 +104,7 @@ static bool place_texture(struct source *s, struct material *m, enum material_ma
             surface[k] = *own;
         const bool same = surface[k].uv_set == own->uv_set &&
                           memcmp(surface[k].transform, own->transform, sizeof(own->transform)) == 0;
-        const bool moved = !same && (map & MAPS_ALL) && is_affine(&surface[k], own, normal, m->moved_by[normal]);
+        const bool moved = !same && (map & MAPS_MOVED) && is_affine(&surface[k], own, normal, m->moved_by[normal]);
         if (!same && !moved)
             continue;
         m->second |= k ? (uint32_t)map : 0;
@@ -315,22 +315,79 @@ static enum err read_diffuse_transmission(struct source *s, const struct gltf_at
     return e;
 }
 
+/* A map of numbers that multiplies a factor by one of its channels, or by that one's mean where it is the same
+ * everywhere or has no coordinates. */
+static enum err read_factor_map(struct source *s, const struct gltf_at *above, const char *key, enum material_map map,
+                                int channel, struct material *m, struct gltf_surface *surface, float *factor,
+                                uint32_t *texture)
+{
+    const struct gltf_at at = gltf_key(above, key);
+    struct gltf_numbers t;
+
+    if (!at.value)
+        return ERR_OK;
+    const enum err e = gltf_texture_numbers(&s->images, &at, 1u << channel, "the factor alone counts", &t);
+    if (e || !t.found)
+        return e;
+    if (t.texture != MATERIAL_NO_TEXTURE && place_texture(s, m, map, surface, &t.surface)) {
+        m->maps |= (uint32_t)map;
+        *texture = t.texture;
+    } else {
+        *factor *= t.mean[channel];
+    }
+    return ERR_OK;
+}
+
+/* The index that a texture has in the file; GLTF_NONE: there is no texture. */
+static enum err texture_index(struct source *s, const struct gltf_at *at, size_t *out)
+{
+    *out = GLTF_NONE;
+    return at->value ? gltf_index(s->g, at, "index", GLTF_TEXTURES, out) : ERR_OK;
+}
+
+/* KHR_materials_clearcoat. Its normal is that of the mesh, or of the surface's normal map if it names the same. */
+static enum err read_coat(struct source *s, const struct gltf_at *at, struct material *m, struct gltf_surface *surface)
+{
+    const struct gltf_at own = gltf_extension(at, "KHR_materials_clearcoat");
+    const struct gltf_at normal = gltf_key(&own, "clearcoatNormalTexture"), base = gltf_key(at, "normalTexture");
+    size_t bent, of_base;
+
+    enum err e = get_share(s, &own, "clearcoatFactor", 0.0, &m->coat);
+    if (!e)
+        e = get_share(s, &own, "clearcoatRoughnessFactor", 0.0, &m->coat_roughness);
+    if (e || !(m->coat > 0.0f))
+        return e;
+    if (m->kind == MATERIAL_GLASS) {
+        m->coat = 0.0f;
+        scene_note_unmodelled(s->g->scene, FEATURE_COATED_GLASS, s->g->desc->path);
+        return ERR_OK;
+    }
+    e = read_factor_map(s, &own, "clearcoatTexture", MAP_COAT, 0, m, surface, &m->coat, &m->coat_texture);
+    if (!e)
+        e = read_factor_map(s, &own, "clearcoatRoughnessTexture", MAP_COAT_ROUGHNESS, 1, m, surface, &m->coat_roughness,
+                            &m->coat_roughness_texture);
+    if (!e)
+        e = texture_index(s, &normal, &bent);
+    if (!e)
+        e = texture_index(s, &base, &of_base);
+    if (e || bent == GLTF_NONE)
+        return e;
+    m->coat_bent = bent == of_base && (m->maps & MAP_NORMAL);
+    if (bent != of_base)
+        scene_note_unmodelled(s->g->scene, FEATURE_COAT_NORMAL, s->g->desc->path);
+    return ERR_OK;
+}
+
 /* The features of extensions. */
 static enum err note_extensions(struct source *s, const struct gltf_at *at)
 {
-    const struct gltf_at coat = gltf_extension(at, "KHR_materials_clearcoat");
     const struct gltf_at sheen = gltf_extension(at, "KHR_materials_sheen");
     struct vec3 sheen_colour;
-    float coat_share = 0.0f;
 
-    enum err e = get_share(s, &coat, "clearcoatFactor", 0.0, &coat_share);
-    if (!e)
-        e = get_colour(s, &sheen, "sheenColorFactor", 3, 0.0, &sheen_colour);
-    if (e)
-        return e;
-    if (coat_share > 0.0f || largest(sheen_colour) > 0.0f)
-        scene_note_unmodelled(s->g->scene, FEATURE_CLEARCOAT, s->g->desc->path);
-    return ERR_OK;
+    const enum err e = get_colour(s, &sheen, "sheenColorFactor", 3, 0.0, &sheen_colour);
+    if (!e && largest(sheen_colour) > 0.0f)
+        scene_note_unmodelled(s->g->scene, FEATURE_SHEEN, s->g->desc->path);
+    return e;
 }
 
 static enum err read_surface(struct source *s, const struct gltf_at *at, struct material *m,
@@ -424,6 +481,8 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         e = read_roughness_texture(s, &roughness, &m, surface);
     if (!e && !unlit)
         e = read_normal_texture(s, &normal, &m, surface);
+    if (!e && !unlit)
+        e = read_coat(s, at, &m, surface);
     if (m.kind == MATERIAL_GLASS && m.roughness > 0.03f)
         scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
     if (!e)

@@ -220,13 +220,15 @@ static enum err check_maps(const struct parcel *p, const struct material *m)
 {
     if ((m->maps & ~(uint32_t)MAPS_ALL) || ((m->maps & MAP_ROUGHNESS) && m->kind != MATERIAL_GGX))
         return forged(p, "a material has maps that it cannot have");
-    if ((m->second & ~(m->maps | MAPS_COLOURS)) || (m->moved & ~m->maps) ||
+    if ((m->second & ~(m->maps | MAPS_COLOURS)) || (m->moved & ~(m->maps & MAPS_MOVED)) ||
         !within(m->moved_by[0], 12, -MOVED_MAX, MOVED_MAX))
         return forged(p, "the place of a map is out of range");
     if (!within(&m->normal_scale, 1, -NORMAL_SCALE_MAX, NORMAL_SCALE_MAX))
         return forged(p, "the scale of a normal map is out of range");
     if (lacks_map(p, m, MAP_ROUGHNESS, m->roughness_texture) || lacks_map(p, m, MAP_NORMAL, m->normal_texture))
         return forged(p, "a material names a map that is not there");
+    if (lacks_map(p, m, MAP_COAT, m->coat_texture) || lacks_map(p, m, MAP_COAT_ROUGHNESS, m->coat_roughness_texture))
+        return forged(p, "a clear coat names a map that is not there");
     return ERR_OK;
 }
 
@@ -243,8 +245,9 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)) ||
         !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX) || m->thin > (m->kind == MATERIAL_GLASS) ||
-        !within(&m->transmits, 1, 0.0f, 1.0f) || !is_colour(m->through) ||
-        (m->transmits > 0.0f && m->kind != MATERIAL_LAMBERT && m->kind != MATERIAL_GGX))
+        !within(&m->transmits, 1, 0.0f, 1.0f) || !is_colour(m->through) || !within(&m->coat, 2, 0.0f, 1.0f + SLACK) ||
+        m->coat_bent > 1 ||
+        ((m->transmits > 0.0f || m->coat > 0.0f) && m->kind != MATERIAL_LAMBERT && m->kind != MATERIAL_GGX))
         return forged(p, "a material is out of range");
     if (m->ground != 0) /* is added afterwards */
         return forged(p, "a material says that it is the ground's");

@@ -185,6 +185,7 @@ static bool add_point(struct row *r, const struct leaf *l, uint32_t x, uint32_t 
         .mesh = l->mesh,
         .material = l->material,
         .kind = l->kind,
+        .layer = l->layer,
         .behind = l->bounces > 0,
         .x = x,
         .y = y,

@@ -29,6 +29,7 @@ struct shade_packet { /* 16 shading points; lanes >= count repeat the last one a
     int32_t valid[PACKET];                          /* -1: shaded, 0: padding */
     uint32_t mesh[PACKET], material[PACKET];
     uint8_t behind[PACKET]; /* 1: seen in a mirror or through glass; 0: directly */
+    uint8_t layer[PACKET];  /* enum scatter_layer */
     uint32_t kind;          /* enum lobe_kind */
     uint32_t count;         /* 1..16 */
     uint32_t sample_set;    /* set of light samples: (y mod K) K + x mod K, K = interleave; 0 at K = 1 */

@@ -15,6 +15,7 @@ struct leaf {
     struct vec3 arrival;           /* unit: direction of the last ray */
     float weight[3];               /* share of the camera ray */
     uint32_t mesh, material, kind; /* enum lobe_kind; this and the following only if not escaped */
+    uint32_t layer;                /* enum scatter_layer */
     struct surface surface;
     struct vec3 diffuse, specular; /* with textures applied */
     float gloss;
@@ -91,7 +92,7 @@ struct shade_point {
     struct vec3 geometric, shading, wo;
     struct vec3 diffuse, specular;
     float gloss;
-    uint32_t mesh, material, kind;
+    uint32_t mesh, material, kind, layer;
     bool behind;   /* seen in a mirror or through glass */
     uint32_t x, y; /* pixel */
 };

@@ -86,17 +86,22 @@ static struct leaf *new_leaf(struct chain *c, const struct branch *b)
 /* What the branch sees of a rough surface. */
 static void add_rough(struct chain *c, const struct branch *b, const struct hit *h, const struct scatter *at)
 {
+    const struct vec3 wo = scatter_side(at, vec3_scale(b->dir, -1.0f));
+    const float share = at->weight * veil_passes(&at->veil, wo);
     struct leaf *l = new_leaf(c, b);
 
     if (!l)
         return;
-    l->arrival = vec3_scale(scatter_side(at, vec3_scale(b->dir, -1.0f)), -1.0f);
+    for (int k = 0; k < 3; k++)
+        l->weight[k] *= share;
+    l->arrival = vec3_scale(wo, -1.0f);
     l->footprint = (b->distance + h->t) * c->sight->pixel_angle; /* dir is unit */
 
     l->mesh = at->mesh;
     l->material = at->material;
     l->surface = at->surface;
     l->kind = at->kind;
+    l->layer = at->layer;
     l->diffuse = at->diffuse;
     l->specular = at->specular;
     l->gloss = at->gloss;
@@ -153,11 +158,35 @@ static void add_glow(struct chain *c, const struct branch *b, struct vec3 emissi
     c->glow[2] += b->weight[2] * scale * emission.z;
 }
 
-/* Handles the branch's hit: it ends, continues, or both. True if the surface has a delta lobe. */
+/* The branch ends at a layer of the surface, continues, or both. */
+static void end_or_continue(struct chain *c, const struct branch *b, const struct hit *h, const struct scatter *at,
+                            const struct footprint *footprint, float coverage)
+{
+    struct delta_ray out[2];
+
+    if (at->rough && coverage > 0.0f)
+        add_rough(c, b, h, at);
+    const uint32_t count = scatter_eye(at, b->dir, out);
+    for (uint32_t i = 0; i < count; i++) {
+        struct branch next = *b;
+        next.origin = out[i].origin;
+        next.dir = out[i].dir;
+        next.distance += h->t;
+        next.behind = 0.0f;
+        next.bounces++;
+        cone_turn(&b->cone, footprint, at, b->dir, &out[0], &out[i], &next.cone);
+        if (out[i].crosses) /* glass is assumed to be in air */
+            next.ior = at->surface.outside ? at->ior : 1.0f;
+        for (int k = 0; k < 3; k++)
+            next.weight[k] *= at->weight * out[i].weight[k];
+        push(c, &next);
+    }
+}
+
+/* Handles the branch's hit. True if what is seen there has a delta lobe or a coat. */
 static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 {
     struct scatter at;
-    struct delta_ray out[2];
     struct footprint footprint;
     struct vec3 emission;
     float passed[3];
@@ -166,29 +195,17 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     pass(c, b, h, coverage, passed);
     if (c->sight->lamps && coverage > 0.0f)
         add_glow(c, b, emission);
-    if (at.rough && coverage > 0.0f)
-        add_rough(c, b, h, &at);
+    end_or_continue(c, b, h, &at, &footprint, coverage);
     if (at.beyond.x + at.beyond.y + at.beyond.z > 0.0f && coverage > 0.0f) {
         struct scatter other = at;
         scatter_turn(&other);
         add_rough(c, b, h, &other);
     }
-    const uint32_t count = scatter_eye(&at, b->dir, out);
-    for (uint32_t i = 0; i < count; i++) {
-        struct branch next = *b;
-        next.origin = out[i].origin;
-        next.dir = out[i].dir;
-        next.distance += h->t;
-        next.behind = 0.0f;
-        next.bounces++;
-        cone_turn(&b->cone, &footprint, &at, b->dir, &out[0], &out[i], &next.cone);
-        if (out[i].crosses) /* glass is assumed to be in air */
-            next.ior = at.surface.outside ? at.ior : 1.0f;
-        for (int k = 0; k < 3; k++)
-            next.weight[k] *= out[i].weight[k];
-        push(c, &next);
-    }
-    return at.delta != DELTA_NONE;
+    if (!(at.veil.coat > 0.0f))
+        return at.delta != DELTA_NONE;
+    scatter_coat(&at);
+    end_or_continue(c, b, h, &at, &footprint, coverage);
+    return true;
 }
 
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],

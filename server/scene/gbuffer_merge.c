@@ -18,10 +18,12 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
         return false;
     if (a->escaped)
         return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
-    if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || !lobes_alike(a, b))
+    if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || a->layer != b->layer ||
+        !lobes_alike(a, b))
         return false;
     /* A normal map is averaged, as it is over a pixel with a single ray. */
-    const bool mapped = s->scene->materials[a->material].maps & MAP_NORMAL;
+    const struct material *m = &s->scene->materials[a->material];
+    const bool mapped = (m->maps & MAP_NORMAL) && (a->layer == LAYER_BASE || m->coat_bent);
     /* With interpolated normals, the geometric normals only determine what lies below the horizon. */
     const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
     if (vec3_dot(a->surface.shading, b->surface.shading) < (mapped ? COS_30_DEGREES : COS_5_DEGREES) ||
@@ -141,7 +143,7 @@ static struct leaf merge_cluster(const struct sight *s, const struct leaf *leave
                           weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
                           weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
     const uint32_t maps = l.escaped ? 0 : s->scene->materials[l.material].maps;
-    if (maps & MAP_ROUGHNESS)
+    if (maps & (MAP_ROUGHNESS | MAP_COAT_ROUGHNESS))
         merge_lobes(leaves, owner, first, count, &l);
     if (maps & MAP_NORMAL)
         merge_normals(leaves, owner, first, count, &l);

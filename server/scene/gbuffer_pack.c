@@ -40,10 +40,10 @@ static uint64_t normal_cell(struct vec3 n)
     return cell;
 }
 
-/* Sort key: kind (2 bits), sample set (2 bits `phase`), tile in Morton order, material (8), normal (6), position in the
- * tile. Pixels of an image with 2^14 per side take 28 bits together with the sample set, their lowest bits. The sample
- * set is above the tile: below it, each set would leave a packet half filled in each tile. Tiles count the pixels of a
- * set, so that they hold as many points at any interleave. */
+/* Sort key: kind (2 bits), sample set (2 bits `phase`), tile in Morton order, material and layer (8), normal (6),
+ * position in the tile. Pixels of an image with 2^14 per side take 28 bits together with the sample set, their lowest
+ * bits. The sample set is above the tile: below it, each set would leave a packet half filled in each tile. Tiles count
+ * the pixels of a set, so that they hold as many points at any interleave. */
 static uint64_t sort_key(const struct shade_point *p, unsigned phase)
 {
     const uint32_t inside = (1u << TILE_BITS) - 1u, among = (1u << phase) - 1u;
@@ -52,7 +52,7 @@ static uint64_t sort_key(const struct shade_point *p, unsigned phase)
 
     key = key << 2 * phase | (p->y & among) << phase | (p->x & among);
     key = key << (28 - 2 * TILE_BITS - 2 * phase) | morton(x >> TILE_BITS, y >> TILE_BITS);
-    key = key << 8 | ((p->material * 29u + p->mesh) & 0xffu);
+    key = key << 8 | ((p->material * 29u + p->mesh + 128u * p->layer) & 0xffu);
     key = key << 6 | normal_cell(p->shading);
     key = key << 2 * TILE_BITS | morton(x & inside, y & inside);
     return key;
@@ -114,6 +114,7 @@ static void put(struct shade_packet *k, uint32_t lane, const struct shade_point 
     k->mesh[lane] = p->mesh;
     k->material[lane] = p->material;
     k->behind[lane] = p->behind;
+    k->layer[lane] = (uint8_t)p->layer;
     k->valid[lane] = valid;
 }
 
@@ -229,4 +230,5 @@ void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_p
                sizeof(*to->x));
     to->valid[at] = valid;
     to->behind[at] = from->behind[lane];
+    to->layer[at] = from->layer[lane];
 }

@@ -30,9 +30,12 @@ enum material_map {
                           section 3.9.3] */
     MAP_EMISSION = 4,
     MAP_THROUGH = 8,
+    MAP_COAT = 16,           /* red multiplies coat [KHR_materials_clearcoat] */
+    MAP_COAT_ROUGHNESS = 32, /* green multiplies coat_roughness [ibid.] */
 };
-#define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL)
+#define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL | MAP_COAT | MAP_COAT_ROUGHNESS)
 #define MAPS_COLOURS (MAP_EMISSION | MAP_THROUGH)
+#define MAPS_MOVED (MAP_ROUGHNESS | MAP_NORMAL) /* which may be in `moved` */
 #define NORMAL_SCALE_MAX 1e3f
 #define MOVED_MAX 1e6f
 #define ATTENUATION_MAX 1e6f /* m^-1: opaque within a tenth of a millimetre */
@@ -55,7 +58,11 @@ struct material {
                                    at most MOVED_MAX either way. MAP_NORMAL: m1 = m3 = 0 < m0, m4 */
     uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
-    float normal_scale;         /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
+    uint32_t coat_texture, coat_roughness_texture; /* of MAP_COAT and MAP_COAT_ROUGHNESS, likewise */
+    float normal_scale;       /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
+    float coat;               /* lambert, ggx: the share of the surface under a clear coat, 0..1, */
+    float coat_roughness;     /* with a ggx lobe of this roughness, */
+    uint32_t coat_bent;       /* about the normal of MAP_NORMAL: 1; or the mesh's: 0 */
     float transmits;          /* lambert, ggx: the share of the matte part that is scattered to the other side, 0..1, */
     struct vec3 through;      /* in this colour */
     uint32_t through_texture; /* multiplies it, if transmits is not 0; an index like `texture` */

@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#define VEIL_GAIN 1.027f /* of the lobe of roughness 0.3 at a cosine of 0.6, over F(n.o) */
+
 static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
                                const float (*step)[2])
 {
@@ -20,9 +22,15 @@ static bool is_sharp(const struct material *m)
     return m->kind == MATERIAL_GGX && !(m->maps & MAP_ROUGHNESS) && m->roughness * m->roughness < ALPHA_DELTA;
 }
 
+static bool is_sharp_coat(const struct material *m)
+{
+    return !(m->maps & MAP_COAT_ROUGHNESS) && m->coat_roughness * m->coat_roughness < ALPHA_DELTA;
+}
+
 bool material_is_delta(const struct material *m)
 {
-    return m->kind == MATERIAL_MIRROR || m->kind == MATERIAL_GLASS || is_sharp(m);
+    return m->kind == MATERIAL_MIRROR || m->kind == MATERIAL_GLASS || is_sharp(m) ||
+           (m->coat > 0.0f && is_sharp_coat(m));
 }
 
 bool material_is_rough(const struct material *m)
@@ -43,10 +51,14 @@ struct vec3 map_read(const struct scene *scene, const struct material *m, enum m
     const bool normal = map == MAP_NORMAL;
     const float *uv = map_uv(m, map, at);
     const float(*own)[2] = map_step(m, map, uv_step);
-    const struct texture *t = &scene->textures[normal ? m->normal_texture : m->roughness_texture];
+    const uint32_t index = map == MAP_COAT             ? m->coat_texture
+                           : map == MAP_COAT_ROUGHNESS ? m->coat_roughness_texture
+                           : normal                    ? m->normal_texture
+                                                       : m->roughness_texture;
+    const struct texture *t = &scene->textures[index];
     float place[2], step[2][2] = { { 0.0f } };
 
-    if (!(m->moved & map))
+    if (!(m->moved & (uint32_t)map))
         return texture_read(t, uv, own);
     move(m->moved_by[normal], uv, 1.0f, place);
     for (int k = 0; k < 2 && own; k++)
@@ -129,32 +141,101 @@ static float brightness(struct vec3 v)
     return (v.x + v.y + v.z) / 3.0f;
 }
 
-/* Turns s by its share of what the surface scatters. */
-static void choose_side(struct scatter *s, const struct hit *h, struct vec3 dir)
+/* Turns s by its share of what the surface scatters. x in [0, 1): a random number, of which the rest remains. */
+static void choose_side(struct scatter *s, float *x)
 {
     const float beyond = brightness(s->beyond), here = brightness(s->diffuse) + brightness(s->specular);
 
     if (!(beyond > 0.0f))
         return;
     const float share = here > 0.0f ? fminf(fmaxf(beyond / (beyond + here), 0.1f), 0.9f) : 1.0f;
-    if (hash_hit(h, dir) < share) {
+    if (*x < share) {
         scatter_turn(s);
         s->weight = 1.0f / share;
     } else {
+        *x = (*x - share) / (1.0f - share);
         s->weight = 1.0f / (1.0f - share);
     }
 }
 
-static void turn_over(struct surface *s)
+/* A coat of which light from dir meets much is chosen more often. */
+static void choose_layer(struct scatter *s, struct vec3 dir, float x)
 {
-    s->geometric = vec3_scale(s->geometric, -1.0f);
-    s->shading = vec3_scale(s->shading, -1.0f);
-    s->outside = !s->outside;
+    const float shine = 1.0f - veil_passes(&s->veil, vec3_scale(dir, -1.0f));
+    const float below = brightness(s->diffuse) + brightness(s->specular);
+    const float share = fminf(fmaxf(shine / (shine + below), 0.1f), 0.9f); /* 0.1 for NaN */
+
+    if (x < share) {
+        scatter_coat(s);
+        s->weight /= share;
+    } else {
+        s->weight /= 1.0f - share;
+    }
+}
+
+static void choose(struct scatter *s, const struct hit *h, struct vec3 dir)
+{
+    const bool coated = s->veil.coat > 0.0f;
+
+    if (!(brightness(s->beyond) > 0.0f) && !coated)
+        return;
+    float x = hash_hit(h, dir);
+    choose_side(s, &x);
+    if (coated && !s->through)
+        choose_layer(s, dir, x);
+}
+
+static void turn_over(struct scatter *s)
+{
+    s->surface.geometric = vec3_scale(s->surface.geometric, -1.0f);
+    s->surface.shading = vec3_scale(s->surface.shading, -1.0f);
+    s->surface.outside = !s->surface.outside;
+    s->veil.normal = vec3_scale(s->veil.normal, -1.0f);
+}
+
+float veil_passes(const struct veil *v, struct vec3 wo)
+{
+    const float c = 1.0f - fminf(fmaxf(vec3_dot(v->normal, wo), 0.0f), 1.0f), c2 = c * c;
+
+    if (!(v->coat > 0.0f))
+        return 1.0f;
+    return fmaxf(0.0f, 1.0f - v->coat * VEIL_GAIN * (COAT_F0 + (1.0f - COAT_F0) * c2 * c2 * c));
+}
+
+/* The coat at a place. smooth: the shading normal without the map. */
+static void put_coat(const struct scene *scene, const struct material *m, struct vec3 smooth, const float (*step)[2],
+                     struct scatter *out)
+{
+    const struct surface *at = &out->surface;
+    float share = m->coat, roughness = m->coat_roughness;
+
+    if (m->maps & MAP_COAT)
+        share *= map_read(scene, m, MAP_COAT, at, step).x;
+    if (m->maps & MAP_COAT_ROUGHNESS)
+        roughness *= map_read(scene, m, MAP_COAT_ROUGHNESS, at, step).y;
+    const float alpha = is_sharp_coat(m) ? 0.0f : fmaxf(roughness * roughness, ALPHA_DELTA);
+    out->veil = (struct veil){ share, alpha, m->coat_bent ? at->shading : smooth };
+}
+
+void scatter_coat(struct scatter *s)
+{
+    const float alpha = s->veil.alpha;
+
+    s->layer = LAYER_COAT;
+    s->weight *= s->veil.coat;
+    s->surface.shading = s->veil.normal;
+    s->veil.coat = 0.0f;
+    s->kind = LOBE_GGX;
+    s->diffuse = s->beyond = vec3_make(0.0f, 0.0f, 0.0f);
+    s->specular = s->reflectance = vec3_make(COAT_F0, COAT_F0, COAT_F0);
+    s->gloss = alpha;
+    s->rough = alpha > 0.0f;
+    s->delta = s->rough ? DELTA_NONE : DELTA_GLOSS;
 }
 
 void scatter_turn(struct scatter *s)
 {
-    turn_over(&s->surface);
+    turn_over(s);
     s->diffuse = s->beyond;
     s->specular = vec3_make(0.0f, 0.0f, 0.0f);
     s->gloss = 0.0f;
@@ -172,7 +253,7 @@ void scatter_at(const struct scene *scene, const struct rays *rays, const struct
 {
     rays_surface(rays, h, vec3_scale(dir, -1.0f), &out->surface);
     scatter_on(scene, h, NULL, out);
-    choose_side(out, h, dir);
+    choose(out, h, dir);
 }
 
 void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
@@ -180,13 +261,14 @@ void scatter_light_at(const struct scene *scene, const struct rays *rays, const 
 {
     scatter_at(scene, rays, h, dir, out);
     if (out->through)
-        turn_over(&out->surface);
+        turn_over(out);
 }
 
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out)
 {
     const uint32_t material = scene->meshes[h->mesh].material;
     const struct material *m = &scene->materials[material];
+    const struct vec3 smooth = out->surface.shading;
 
     if (m->maps & MAP_NORMAL)
         normal_map_turn(scene, h, uv_step, &out->surface);
@@ -199,6 +281,10 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     out->beyond = vec3_make(0.0f, 0.0f, 0.0f);
     out->through = false;
     out->weight = 1.0f;
+    out->layer = LAYER_BASE;
+    out->veil.coat = 0.0f;
+    if (m->coat > 0.0f)
+        put_coat(scene, m, smooth, uv_step, out);
     if (m->transmits > 0.0f)
         split_matte(scene, m, base, finish, uv_step, out);
     if (m->maps & MAP_NORMAL) {
@@ -341,7 +427,8 @@ uint32_t scatter_eye(const struct scatter *s, struct vec3 dir, struct delta_ray 
         return 1;
     }
     if (s->delta != DELTA_GLASS) {
-        set_ray(&out[0], s, 1.0f, back, reflectance_at(s, -vec3_dot(dir, n)));
+        const float passes = veil_passes(&s->veil, vec3_scale(dir, -1.0f));
+        set_ray(&out[0], s, 1.0f, back, vec3_scale(reflectance_at(s, -vec3_dot(dir, n)), passes));
         return 1;
     }
     const double f = refract(dir, n, eta, &through);
@@ -371,7 +458,7 @@ static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n
         const struct vec3 r = s->delta == DELTA_GLASS   ? grey(f)
                               : s->delta == DELTA_SHEET ? reflectance_of_sheet(s, in_g, out_g)
                                                         : reflectance_at(s, in_n);
-        set_ray(&out[count++], s, 1.0f, back, vec3_scale(r, out_g / in_g));
+        set_ray(&out[count++], s, 1.0f, back, vec3_scale(r, veil_passes(&s->veil, back) * out_g / in_g));
     }
     if (f >= 1.0)
         return count;

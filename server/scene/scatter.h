@@ -33,6 +33,27 @@ enum delta_kind {
     DELTA_SHEET, /* what a thin sheet of glass reflects where it is met; what passes it does not meet it (coverage.h) */
 };
 
+/* The lobes of a coated surface are of two layers, each of which is a surface of its own here: the camera sees both,
+ * other paths choose one at random. */
+enum scatter_layer {
+    LAYER_BASE,
+    LAYER_COAT, /* a clear coat */
+};
+
+#define COAT_F0 0.04f /* of an index of refraction of 1.5 */
+
+/* The clear coat on a surface, which lets less light pass to it. */
+struct veil {
+    float coat;         /* the share of the surface that has one; 0: none */
+    float alpha;        /* of its ggx lobe; 0: a mirror */
+    struct vec3 normal; /* on the side of the surface's */
+};
+
+/* What of the light from below goes on towards wo: 1 - coat F(n.o), F being [Schlick 1994]'s, as glTF has it. Light on
+ * its way in is not dimmed a second time: what the coat reflects back from below makes up for it. F is that of a smooth
+ * coat, enlarged by 2.7 %: no lobe of any roughness reflects more. wo: as for the lobe below (scatter_side). */
+float veil_passes(const struct veil *v, struct vec3 wo);
+
 struct scatter {
     struct surface
         surface; /* on the side that the ray came from; with `through`, on that of the light (scatter_turn) */
@@ -44,7 +65,10 @@ struct scatter {
     struct vec3 beyond; /* in place of `diffuse`, of the D lobe by which the surface scatters light from its other side;
                            black for most */
     bool through;       /* this is that lobe */
-    float weight;       /* of paths that go on from here, 1 / the probability that this side was chosen; 1 for most */
+    enum scatter_layer layer;
+    struct veil veil; /* on this layer, whose rough and delta lobes are dimmed by it */
+    float weight;     /* of paths that go on from here, 1 / the probability that this side and layer were chosen; of
+                         the coat its share, too; 1 for most */
     enum delta_kind delta;
     struct vec3
         reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of both glasses, the tint of what passes */
@@ -54,7 +78,7 @@ struct scatter {
 };
 
 /* Evaluates the material at the hit of a camera path. dir: direction of the ray, unit; h->t: its length, m. Where light
- * from both sides counts, chooses one: a hash of the ray is the random number. */
+ * from both sides counts, or there is a coat, chooses one: a hash of the ray is the random number. */
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out);
 /* The same of a light path: out->surface stays on the side of the light, which is the ray's. */
@@ -68,6 +92,9 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
 /* Turns what scatter_on found into the lobe that scatters light from the other side. The lobe is that of a surface seen
  * from the light's side: lobe.h wants the direction to the camera mirrored (scatter_side). */
 void scatter_turn(struct scatter *s);
+
+/* Turns what scatter_on found into the clear coat that its veil speaks of. */
+void scatter_coat(struct scatter *s);
 
 /* A direction to the side of the surface that the camera is on, as the D lobe wants it: mirrored if the light comes
  * from the other side. */

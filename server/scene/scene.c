@@ -21,7 +21,9 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_BUMP_MAP: return "bump maps";
     case FEATURE_ALPHA: return "alpha masks and blending";
     case FEATURE_SPECULAR_MAP: return "specular and transmission textures";
-    case FEATURE_CLEARCOAT: return "clearcoat and sheen";
+    case FEATURE_SHEEN: return "sheen";
+    case FEATURE_COAT_NORMAL: return "a normal map of its own of a clear coat";
+    case FEATURE_COATED_GLASS: return "clear coats on glass";
     case FEATURE_ROUGH_GLASS: return "rough glass";
     case FEATURE_TINTED_GLASS: return "tinted glass";
     case FEATURE_PARTIAL_GLASS: return "partial transmission";

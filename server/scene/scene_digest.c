@@ -55,6 +55,10 @@ static void digest_maps(struct digest *d, const struct material *m)
         digest_u64(d, (uint64_t)MAP_NORMAL << 32 | m->normal_texture);
         digest_bytes(d, &m->normal_scale, sizeof(m->normal_scale));
     }
+    if (m->maps & MAP_COAT)
+        digest_u64(d, (uint64_t)MAP_COAT << 32 | m->coat_texture);
+    if (m->maps & MAP_COAT_ROUGHNESS)
+        digest_u64(d, (uint64_t)MAP_COAT_ROUGHNESS << 32 | m->coat_roughness_texture);
     if (m->second)
         digest_u64(d, (uint64_t)m->second << 32);
     if (m->moved) {
@@ -77,6 +81,11 @@ static void digest_material(struct digest *d, const struct material *m)
         const float beyond[] = { m->transmits, m->through.x, m->through.y, m->through.z };
         digest_u64(d, m->through_texture);
         digest_bytes(d, beyond, sizeof(beyond));
+    }
+    if (m->coat > 0.0f) {
+        const float coat[] = { m->coat, m->coat_roughness };
+        digest_u64(d, (uint64_t)LAYER_COAT << 32 | m->coat_bent);
+        digest_bytes(d, coat, sizeof(coat));
     }
     digest_alpha(d, m);
     digest_maps(d, m);

@@ -25,12 +25,12 @@ static struct lobe lobe_at(enum lobe_kind kind, float diffuse, float specular, u
 
     frame_about(n, &t, &u);
     *wo = vec3_normalize(vec3_add(vec3_scale(n, (float)cos(a)), vec3_scale(t, (float)sin(a))));
-    return (struct lobe){ kind,
-                          n,
-                          n,
-                          { diffuse, diffuse, diffuse },
-                          { specular, specular, specular },
-                          (double)(kind == LOBE_PHONG ? exponents : alphas)[i / VIEWS] };
+    return (struct lobe){ .kind = kind,
+                          .geometric = n,
+                          .shading = n,
+                          .diffuse = { diffuse, diffuse, diffuse },
+                          .specular = { specular, specular, specular },
+                          .gloss = (double)(kind == LOBE_PHONG ? exponents : alphas)[i / VIEWS] };
 }
 
 static struct gbuffer lobes_make(enum lobe_kind kind, float diffuse, float specular)

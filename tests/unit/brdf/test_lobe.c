@@ -22,7 +22,12 @@ static double cosine(struct vec3 a, struct vec3 b)
 static struct lobe lobe_make(enum lobe_kind kind, float diffuse, float specular, double gloss, struct vec3 n)
 {
     return (struct lobe){
-        kind, n, n, { diffuse, 0.8f * diffuse, 0.5f * diffuse }, { specular, 0.9f * specular, 0.7f * specular }, gloss
+        .kind = kind,
+        .geometric = n,
+        .shading = n,
+        .diffuse = { diffuse, 0.8f * diffuse, 0.5f * diffuse },
+        .specular = { specular, 0.9f * specular, 0.7f * specular },
+        .gloss = gloss,
     };
 }
 

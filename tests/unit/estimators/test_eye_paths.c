@@ -206,12 +206,12 @@ static void own_trace(struct own_tracer *t, struct vec3 origin, struct vec3 dir,
 static struct lobe lane_lobe(const struct shade_packet *p, uint32_t l)
 {
     return (struct lobe){
-        (enum lobe_kind)p->kind,
-        vec3_make(p->ng_x[l], p->ng_y[l], p->ng_z[l]),
-        vec3_make(p->ns_x[l], p->ns_y[l], p->ns_z[l]),
-        vec3_make(p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l]),
-        vec3_make(p->specular[0][l], p->specular[1][l], p->specular[2][l]),
-        p->gloss[l],
+        .kind = (enum lobe_kind)p->kind,
+        .geometric = vec3_make(p->ng_x[l], p->ng_y[l], p->ng_z[l]),
+        .shading = vec3_make(p->ns_x[l], p->ns_y[l], p->ns_z[l]),
+        .diffuse = vec3_make(p->diffuse[0][l], p->diffuse[1][l], p->diffuse[2][l]),
+        .specular = vec3_make(p->specular[0][l], p->specular[1][l], p->specular[2][l]),
+        .gloss = p->gloss[l],
     };
 }
 

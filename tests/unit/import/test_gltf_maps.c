@@ -156,6 +156,47 @@ static void normal_textures_become_maps(void **state)
     make_end(&f);
 }
 
+#define COAT(members) ",\"extensions\":{\"KHR_materials_clearcoat\":{" members "}}"
+#define COAT_MAP(of, texture) ",\"clearcoat" of "Texture\":{" texture "}"
+
+static void clear_coats_have_factors_and_maps(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    struct material m = read_material(
+        &f, ROUGH("", "\"index\":0") COAT("\"clearcoatFactor\":0.5,\"clearcoatRoughnessFactor\":0.25"), &said);
+    assert_true(m.kind == MATERIAL_GGX && m.coat == 0.5f && m.coat_roughness == 0.25f && m.maps == MAP_ROUGHNESS);
+    assert_string_equal(said, "");
+    /* one map is both, at the second coordinates; the normal is the surface's */
+    m = read_material(
+        &f,
+        BUMPY COAT("\"clearcoatFactor\":1,\"clearcoatRoughnessFactor\":1" COAT_MAP("", "\"index\":0,\"texCoord\":1")
+                       COAT_MAP("Roughness", "\"index\":0,\"texCoord\":1") COAT_MAP("Normal", "\"index\":0")),
+        &said);
+    assert_int_equal(m.maps, MAP_NORMAL | MAP_COAT | MAP_COAT_ROUGHNESS);
+    assert_int_equal(m.second, MAP_COAT | MAP_COAT_ROUGHNESS);
+    assert_true(m.coat == 1.0f && m.coat_bent && m.coat_texture != m.coat_roughness_texture);
+    assert_string_equal(said, "");
+    m = read_material(&f, BUMPY COAT("\"clearcoatFactor\":1" COAT_MAP("Normal", "\"index\":1")), &said);
+    assert_true(m.coat == 1.0f && !m.coat_bent);
+    assert_int_equal(count_of(said, "not supported: a normal map of its own of a clear coat"), 1);
+    m = read_material(&f,
+                      "\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1},"
+                      "\"KHR_materials_transmission\":{\"transmissionFactor\":1}}",
+                      &said);
+    assert_true(m.kind == MATERIAL_GLASS && m.coat == 0.0f);
+    assert_int_equal(count_of(said, "not supported: clear coats on glass"), 1);
+    folder_write(&f.folder, "map.png", grey16_png, sizeof(grey16_png));
+    m = read_material(&f, ROUGH("", "\"index\":1") COAT("\"clearcoatFactor\":0.5" COAT_MAP("", "\"index\":0")), &said);
+    assert_true(!(m.maps & MAP_COAT));
+    assert_float_equal(m.coat, 0.5f * 128.0f / 255.0f, 1e-6f);
+    make_end(&f);
+}
+
 #define MOVED(members) ",\"extensions\":{\"KHR_texture_transform\":{" members "}}"
 #define BASED(base, rough, normal)                                                                                     \
     "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":1" base                                                 \
@@ -390,6 +431,7 @@ static void leaves_transmit(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
+    cmocka_unit_test(clear_coats_have_factors_and_maps),
     cmocka_unit_test(normal_textures_become_maps),
     cmocka_unit_test(maps_may_be_scaled_and_moved_against_the_base_colour),
     cmocka_unit_test(faults_of_normal_textures_are_named),

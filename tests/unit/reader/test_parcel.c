@@ -49,7 +49,8 @@ static struct scene *make(void)
     const struct material ground = { .name = "ground",
                                      .kind = MATERIAL_GGX,
                                      .diffuse = { 0.1f, 0.2f, 0.3f },
-                                     .maps = MAP_ROUGHNESS,
+                                     .coat = 0.5f,
+                                     .maps = MAP_ROUGHNESS | MAP_COAT | MAP_COAT_ROUGHNESS,
                                      .emission = { 7, 0, 1 } };
     const struct material pane = { .name = "pane",
                                    .kind = MATERIAL_GLASS,
@@ -239,6 +240,12 @@ static void forged_indices_are_refused(void **state)
     forge_u32(MATERIAL + (long)offsetof(struct material, roughness_texture), 1, "a map that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, maps), MAPS_ALL + 1, "maps that it cannot have");
     forge_u32(PANE + (long)offsetof(struct material, maps), MAP_ROUGHNESS, "maps that it cannot have");
+    forge_float(PANE + (long)offsetof(struct material, coat), 0.5f, "a material is out of range"); /* glass */
+    forge_float(MATERIAL + (long)offsetof(struct material, coat), 1.5f, "a material is out of range");
+    forge_float(MATERIAL + (long)offsetof(struct material, coat_roughness), NAN, "a material is out of range");
+    forge_u32(MATERIAL + (long)offsetof(struct material, coat_bent), 2, "a material is out of range");
+    forge_u32(MATERIAL + (long)offsetof(struct material, coat_texture), 1, "a map that is not there");
+    forge_u32(MATERIAL + (long)offsetof(struct material, coat_roughness_texture), 1, "a map that is not there");
     forge_float(PANE + (long)offsetof(struct material, transmits), 0.5f, "a material is out of range"); /* glass */
     forge_float(MATERIAL + (long)offsetof(struct material, transmits), 1.5f, "a material is out of range");
     forge_u32(PANE + (long)offsetof(struct material, thin), 2, "a material is out of range");
