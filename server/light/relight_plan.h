@@ -1,4 +1,5 @@
-/* From a request to the passes of a picture, by the plan of choose/plan.h and the requested counts. Pure functions. */
+/* From a request to the passes of a picture, by the plan of choose/plan.h and the requested counts. Pure functions;
+ * any thread. */
 #ifndef LIGHT_RELIGHT_PLAN_H
 #define LIGHT_RELIGHT_PLAN_H
 

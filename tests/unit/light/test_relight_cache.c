@@ -174,8 +174,8 @@ static void files_are_where_they_are_asked_for_or_nowhere(void **state)
     stage_finish(&s);
 }
 
-/* A folder that is none, or somebody else's, or on no disk: said once, and the picture comes. Indirect light, in the first, asks
- * for the file a second time. */
+/* A folder that is none, or somebody else's, or on no disk: said once, and the picture comes. Indirect light, in the
+ * first, asks for the file a second time. */
 static void a_folder_that_cannot_be_used_is_reported_once(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 4 }, .cache_file = "" };
