@@ -1,5 +1,5 @@
 // Coordinates of a probe: on the lat-long image and the cube cross of the sky, and on the displayed image. Pure functions;
-// directions are [x, y, z], with the conventions of docs/how-it-works.md.
+// directions are [x, y, z], with the conventions of docs/internals/how-it-works.md.
 
 // u to the right, v downwards, both 0 to 1; the middle is +Z, a quarter to its left +X, the top row +Y.
 export function toLatLong([x, y, z]) {

@@ -1,5 +1,5 @@
 #!/bin/bash
-# Makes the charts of docs/speed-and-accuracy.md and docs/transport-cache.md with relight-chart, on an idle machine:
+# Makes the charts of docs/internals/speed-and-accuracy.md and docs/internals/transport-cache.md with relight-chart, on an idle machine:
 #     docs/pictures/charts.sh [FOLDER OF THE PROGRAMS] [FOLDER FOR THE WHOLE PAGES]
 # Takes an hour on two cores. The complete pages, with tables and images, are in the second folder.
 set -euo pipefail

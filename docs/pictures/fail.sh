@@ -1,5 +1,5 @@
 #!/bin/bash
-# Renders the images of docs/where-methods-fail.md: docs/pictures/fail.sh [FOLDER OF THE PROGRAMS]
+# Renders the images of docs/internals/where-methods-fail.md: docs/pictures/fail.sh [FOLDER OF THE PROGRAMS]
 # Pairs use the same number of samples; seeds are fixed.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"

@@ -9,7 +9,8 @@
  *
  * Cells overlap here: each is a tent over its neighbours' centres, so that a moving sun passes gradually from one to
  * the next. The result is biased: means over cells, a truncated basis, records that are constant over their voxel, and
- * noise of the gather that is smoothed over a group of blocks and stands still. docs/transport-cache.md has figures.
+ * noise of the gather that is smoothed over a group of blocks and stands still. docs/internals/transport-cache.md has
+ * figures.
  *
  * One struct bounce per thread of control. bounce_create and bounce_shade run on all OpenMP threads and give the same
  * bits at any number of them. */

@@ -25,7 +25,7 @@
 #define BUY_MADE 4 /* frames before the clock decides */
 
 /* relMSE of the cache's bias, and of N samples, which is BUY_NOISE / N; for direct light, and with interreflection
- * (docs/transport-cache.md). */
+ * (docs/internals/transport-cache.md). */
 #define BUY_BIAS 4.5e-4
 #define BUY_BIAS_INDIRECT 1e-2
 #define BUY_BIAS_COARSE 3e-3 /* of its coarse blocks, direct light alone */

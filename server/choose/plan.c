@@ -9,7 +9,7 @@
 /* Above it lobe rays find the light that mirrors and glass gather too seldom. In equal time eye paths have 0.4 to 0.6
  * of the light tracer's relMSE under even cloud (2.8), as much as it at 3.8, twice as much at 6.8 and 1.7 to 9 times
  * from 7.3 to 8.7, where caustics bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun that
- * casts shadows is far above: docs/mathematics.md has the figures of more skies. */
+ * casts shadows is far above: docs/internals/mathematics.md has the figures of more skies. */
 #define PEAKED 5.0
 
 static void leave_out(struct plan *p, const char *why)
@@ -58,7 +58,7 @@ void plan_make(const struct plan_facts *f, const struct plan_wish *w, struct pla
     choose_caustics(f, w, p);
     choose_indirect(f, w, p);
     /* Two rays or so for each eye path, three for each particle: for every eight samples one of them costs about as
-     * much as direct light does, as measured in docs/mathematics.md. */
+     * much as direct light does, as measured in docs/internals/mathematics.md. */
     const uint32_t per_point = w->samples / 8 ? w->samples / 8 : 1;
     if (p->caustics == PLAN_LIGHT || p->caustics == PLAN_STORED || p->indirect == PLAN_LIGHT)
         p->particles = w->particles ? w->particles : f->pixels * per_point;

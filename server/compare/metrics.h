@@ -1,5 +1,5 @@
 /* server/compare/metrics.h */
-/* The error of a picture against a reference (docs/how-it-works.md, Conventions). Both are linear,
+/* The error of a picture against a reference (docs/internals/how-it-works.md, Conventions). Both are linear,
  * float[height][width][3]. Any thread. */
 #ifndef COMPARE_METRICS_H
 #define COMPARE_METRICS_H

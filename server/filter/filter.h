@@ -16,7 +16,7 @@
  * Last, a point that is brighter than all 24 pixels around it becomes as bright as the brightest of them, unless its
  * halves agree within 3 %.
  *
- * The filter is biased where light changes within the noise: docs/where-methods-fail.md. */
+ * The filter is biased where light changes within the noise: docs/internals/where-methods-fail.md. */
 #ifndef FILTER_FILTER_H
 #define FILTER_FILTER_H
 

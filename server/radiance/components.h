@@ -2,7 +2,7 @@
 /* A scene's light as daylight coefficients [Tregenza and Waters 1983]: for each patch of Radiance's sky (reinhart.h)
  * the picture under a sky that has a radiance of 1 there and 0 elsewhere. The picture under any sky of such patches is
  * their sum, each times its patch's radiance, which is what Radiance's dctimestep makes of them.
- * docs/transport-cache.md says how.
+ * docs/internals/transport-cache.md says how.
  *
  * With METHOD_CACHED all of a patch goes through the cells: what is exported is the operator itself. Seed, pass and
  * turn are the same for all patches. One thread; all OpenMP threads are used. */

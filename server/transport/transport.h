@@ -10,7 +10,7 @@
  * visibility is stored: there the map is looked up texel by texel.
  *
  * The result is biased: a cell has one radiance, T is a quadrature and is compressed within a tolerance, and the few
- * rays miss thin penumbrae. docs/transport-cache.md has figures.
+ * rays miss thin penumbrae. docs/internals/transport-cache.md has figures.
  *
  * One struct transport per thread of control. transport_create and transport_shade run on all OpenMP threads and give
  * the same bits at any number of them. LAPACK compresses; its rounding may differ between types of processors. */

@@ -1,14 +1,14 @@
 #!/bin/bash
-# Each function that docs/mathematics.md names, as [`name`](../path), is defined in that file, and each other link leads
+# Each function that docs/internals/mathematics.md names, as [`name`](../path), is defined in that file, and each other link leads
 # somewhere. Every finding is one line; exit 1 when there is any.
 # usage: mathematics.sh ROOT
 set -euo pipefail
-cd "$1/docs"
+cd "$1/docs/internals"
 page=mathematics.md
 found=0
 
 finding() {
-    echo "docs/$page: $*"
+    echo "docs/internals/$page: $*"
     found=1
 }
 
@@ -22,9 +22,9 @@ count=0
 while IFS='|' read -r name file; do
     count=$((count + 1))
     if [[ ! -f $file ]]; then
-        finding "$name: there is no ${file#../}"
+        finding "$name: there is no ${file#../../}"
     elif ! defines "$file" "$name"; then
-        finding "${file#../} does not define $name"
+        finding "${file#../../} does not define $name"
     fi
 done < <(grep -oE '\[`[A-Za-z0-9_]+`\]\([^)#]+\)' $page | sed -E 's/^\[`([^`]+)`\]\(([^)]+)\)$/\1|\2/' | sort -u)
 while IFS= read -r file; do
@@ -34,5 +34,5 @@ while IFS= read -r line; do
     finding "line ${line%%:*}: links within a block of code are not shown as links"
 done < <(grep -nE '^    .*\]\(' $page || true)
 ((count >= 50)) || finding "only $count functions are named"
-echo "$count functions are where docs/$page says"
+echo "$count functions are where docs/internals/$page says"
 exit "$found"

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# docs/reliability.md: every row from 1 to 100 is there once, later ones at most once, in order, and each names tests that exist, or says that it does not
+# docs/internals/reliability.md: every row from 1 to 100 is there once, later ones at
+# most once, in order, and each names tests that exist, or says that it does not
 # apply; every row that is tested stands there. usage: reliability.sh ROOT
 set -euo pipefail
 cd "${1:-$(dirname "$0")/../..}"
-page=docs/reliability.md bad=0
+page=docs/internals/reliability.md bad=0
 
 rows=$(sed -n 's/^| \([0-9]\+\) |.*/\1/p' "$page")
 [ "$(head -n 100 <<<"$rows")" = "$(seq 1 100)" ] || { echo "$page: its rows are not 1 to 100: $rows"; bad=1; }

@@ -87,8 +87,8 @@ rooms_tree() { # FILE, text: the same, with a table of its rooms
     for room in base env estimators stream; do
         echo "# $room" >"$tree/server/$room/README.md"
     done
-    mkdir -p "$tree/docs"
-    printf '<!-- rooms -->\n<!-- end -->\n' >"$tree/docs/rooms.md"
+    mkdir -p "$tree/docs/internals"
+    printf '<!-- rooms -->\n<!-- end -->\n' >"$tree/docs/internals/rooms.md"
     "$checks/rooms.sh" "$tree" --write
 }
 rooms_tree README.md 'clean'
@@ -104,8 +104,8 @@ expect 'server/cellar: is not in server/rooms.txt'
 rooms_tree server/env/a.c "$(lines 7001)"
 expect 'lines, at most 7000'
 rooms_tree README.md 'clean'
-sed -i 's/| skies |/| clouds |/' "$tree/docs/rooms.md"
-expect 'docs/rooms.md: does not show'
+sed -i 's/| skies |/| clouds |/' "$tree/docs/internals/rooms.md"
+expect 'docs/internals/rooms.md: does not show'
 
 style="$checks/references.sh"
 plant docs/REFERENCES.md '- [Known 1999] A. Known, "A Title", 1999.'
@@ -116,4 +116,15 @@ printf '/* as in [Known 1999; Nobody and\n * None 2001, Eq. 3] */\n' >"$tree/ser
 expect 'server/base/a.c: [Nobody and None 2001] is not in docs/REFERENCES.md'
 echo 'see [ABC12] for it' >"$tree/docs/a.md"
 expect 'docs/a.md: [ABC12]'
+
+links() { # TREE
+    /usr/bin/python3 -B "$checks/links.py" "$1"
+}
+style=links
+plant docs/a.md "$(for k in {1..100}; do echo "## Part $k"; echo "[see](#part-$k)"; done)"
+"$style" "$tree"
+plant docs/a.md '[see](b.md)'
+expect 'docs/a.md:1: b.md: there is no b.md'
+plant docs/a.md '[see](#here)'
+expect 'docs/a.md:1: #here: this page has no heading #here'
 echo 'every planted fault was named'

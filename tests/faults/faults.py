@@ -1,5 +1,5 @@
 """Shared by the fault suites: one relightd with a well-behaved viewer and producer, clients that misbehave byte by byte, and the
-checks after each fault. A row of docs/reliability.md is one function NUMBER_name(stage) that plays one fault and returns its
+checks after each fault. A row of docs/internals/reliability.md is one function NUMBER_name(stage) that plays one fault and returns its
 result; the stage checks that
   - the server is alive, and the well-behaved viewer stays connected and gets further pictures,
   - no descriptor has leaked once the fault is over, and memory has not grown by more than the row allows,

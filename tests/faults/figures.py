@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""figures.py RESULTS.json...: writes the suites' results into the last column of docs/reliability.md."""
+"""figures.py RESULTS.json...: writes the suites' results into the last column of docs/internals/reliability.md."""
 
 import json
 import re
 import sys
 from pathlib import Path
 
-page = Path(__file__).resolve().parents[2] / "docs/reliability.md"
+page = Path(__file__).resolve().parents[2] / "docs/internals/reliability.md"
 results = {}
 for name in sys.argv[1:]:
     results.update(json.loads(Path(name).read_text(encoding="utf-8")))

@@ -123,7 +123,7 @@ static void the_sun_is_in_the_patch_of_its_azimuth(void **state)
         sky_state_for_sun(&sky, p.altitude, p.azimuth, &at);
         const double *w = at.sun_direction;
         const double u = 0.5 - atan2(w[0], w[2]) / (2.0 * PI),
-                     v = acos(w[1]) / PI; /* lat-long, as docs/how-it-works.md */
+                     v = acos(w[1]) / PI; /* lat-long, as docs/internals/how-it-works.md */
         assert_int_equal(reinhart_at(1, (uint32_t)(u * width) % width, (uint32_t)(v * height)), k);
     }
 }
