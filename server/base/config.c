@@ -225,8 +225,8 @@ enum err config_apply(const struct config *c, size_t index, struct command *to, 
     if (f->row->type == SETTING_TEXTS && json_is_array(e->value))
         return apply_list(c, e, f, why);
     if (!json_is_string(e->value) && !json_is_number(e->value))
-        return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or a number: %s", c->name, e->line, e->key,
-                       f->row->unit);
+        return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or %s: %s", c->name, e->line, e->key,
+                       f->row->type == SETTING_TEXTS ? "an array of strings" : "a number", f->row->unit);
     return command_give(f, json_is_string(e->value) ? json_string_value(e->value) : e->text, why);
 }
 

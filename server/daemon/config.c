@@ -63,7 +63,7 @@ static enum err read_token(const char *path, bool complain, char out[TOKEN_BYTES
     const size_t size = fread(out, 1, TOKEN_BYTES - 1, f);
     const bool more = size == TOKEN_BYTES - 1 && fgetc(f) != EOF;
     if (complain && fstat(fileno(f), &st) == 0 && (st.st_mode & 077))
-        log_warning("%s holds a token, and others than its owner may use it (mode %03o): chmod 600", path,
+        log_warning("%s holds a token and is open to other users (mode %03o): run chmod 600 on it", path,
                     (unsigned)st.st_mode & 0777);
     fclose(f);
     out[size] = '\0';
@@ -189,9 +189,9 @@ static enum err take_file(struct config_reading *s, const char *path, struct rea
         e = config_apply(s->config, i, &s->flags.command, why);
     }
     if (secret && config_is_readable_by_others(s->config))
-        log_warning(
-            "%s holds tokens or stream keys, and others than its owner may read it: chmod 600, or token-...-file",
-            path);
+        log_warning("%s holds tokens or stream keys, and other users may read it: run chmod 600 on it, or keep tokens "
+                    "in files of their own (token-...-file)",
+                    path);
     return e ? e : command_parse(&s->flags.command, s->argc, s->argv, &done, why);
 }
 

@@ -37,13 +37,13 @@ static enum err open_file(struct relight_keep *k, struct cache_reader **out, str
     return e ? e : cache_reader_open(k->place.path, out, why);
 }
 
-/* Says why a file is not used; passes on what is not the file's fault. */
-static enum err refuse(struct relight_keep *k, enum err e, struct reason *why)
+/* Says why the light that is wanted of a file is not used; passes on what is not the file's fault. */
+static enum err refuse(struct relight_keep *k, enum err e, const char *light, struct reason *why)
 {
     if (e == ERR_RANGE || e == ERR_NOMEM)
         return e;
-    if (e == ERR_END) { /* a file of direct light alone is nothing to warn of */
-        log_info("%s; it is computed", why->text);
+    if (e == ERR_END) { /* a file that holds only the other light is nothing to warn of */
+        log_info("%s: holds no %s yet; it is computed", k->place.path, light);
         return ERR_OK;
     }
     k->unreadable = true;
@@ -64,7 +64,7 @@ enum err relight_keep_load(struct relight_keep *k, const struct set *set, const 
         e = transport_load(r, &k->key, set->gbuffer, set->rays, kernels, transport, out, why);
     cache_reader_close(r);
     if (e)
-        return refuse(k, e, why);
+        return refuse(k, e, "direct light", why);
     if (k->place.folder[0])
         cache_folder_touch(k->place.path);
     return ERR_OK;
@@ -84,7 +84,7 @@ enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *
         e = bounce_load(r, &key, desc, kernels, out, why);
     }
     cache_reader_close(r);
-    return e ? refuse(k, e, why) : ERR_OK;
+    return e ? refuse(k, e, "indirect light", why) : ERR_OK;
 }
 
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
@@ -108,7 +108,8 @@ void relight_keep_save(struct relight_keep *k, const struct transport *t, const 
     }
     cache_writer_destroy(file);
     if (!e)
-        log_info("%s: kept in %s", bounce ? "interreflection" : "light transport", k->place.path);
+        log_info("%s%s: kept in %s", t ? "light transport" : "interreflection",
+                 t && bounce ? " and interreflection" : "", k->place.path);
     else
         log_warning("light transport is not kept for the next run: %s", why.text);
     k->unwritable = e != ERR_OK;

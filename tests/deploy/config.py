@@ -92,11 +92,11 @@ async def every_flag_may_stand_in_the_file(folder):
     names = {name: value for name, value in flags().items()
              if name not in ("help", "version", "config", "check-config", "show-link")}
     check(len(names) > 50, f"too few flags: {names}")
-    file = write(folder / "all.json", {name: [] for name in names})
+    file = write(folder / "all.json", {name: {} for name in names})
     code, _, errors = run("--config", file)
     check(code == 2, f"exit code {code}")
     for line, (name, value) in enumerate(names.items(), start=2):
-        wrong = "expected a string or a number" if value else "is a switch; expected true or false"
+        wrong = "expected a string or a" if value else "is a switch; expected true or false"
         check(any(f"{file}:{line}: {name}: {wrong}" in error for error in errors), f"nothing of {name}: {errors}")
     check(len(errors) == len(names) + 1 and f"{len(names)} faults" in errors[-1], f"{errors[-1]}")
 
@@ -160,12 +160,12 @@ async def tokens_come_from_files_of_their_own(folder):
             check(await daemon.close_code(role, token) is None, f"{role} is not let in")
             check(await daemon.close_code(role, "wrong") == BAD_TOKEN, f"{role} is let in with a wrong token")
         log = daemon.log()
-        check(f"{loose} holds a token, and others than its owner may use it (mode 644)" in log, log)
+        check(f"{loose} holds a token and is open to other users (mode 644)" in log, log)
         check(log.count("holds a token") == 1 and "holds tokens" not in log, log)
         check("from-" not in log, f"a token is in the log: {log}")
     file = write(folder / "g.json", SMALL | {"token-viewer": "in-the-file"}, 0o640)
     async with Daemon(file) as daemon:
-        check(f"{file} holds tokens, and others than its owner may read it" in daemon.log(), daemon.log())
+        check(f"{file} holds tokens or stream keys, and other users may read it" in daemon.log(), daemon.log())
     for bad, says in (("", "no token of 1 to"), ("\n", "no token of 1 to"), ("x" * 400, "no token of 1 to"),
                       ("a\0b", "a byte that no token has")):
         write(viewer, bad)

@@ -117,15 +117,16 @@ light_transport_is_computed_beside_the_pictures_and_kept() {
     start --method cached
     says 'beside the pictures'
     says 'there coarsely after'
-    says 'computed in'
-    says 'kept in'
+    says 'interreflection: computed in'
+    says 'light transport: computed in'
+    says 'light transport and interreflection: kept in'
     stop
     [ "$code" = 0 ] || fail "exit code $code"
     start --method cached
     says 'loaded in'
     stop
     [ "$code" = 0 ] || fail "exit code $code"
-    if grep -q 'computing light' "$work/log"; then fail "computed again"; fi
+    if grep -q 'computing light\|computed in' "$work/log"; then fail "computed again"; fi
 }
 
 # A second signal would kill it; one suffices, whatever is under way, and a partial cache is not stored.

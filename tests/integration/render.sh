@@ -352,7 +352,7 @@ wrong_usage_ends_with_2_and_says_why() {
     expect 2 '\.exr, \.jpg, \.png, \.mp4, \.mkv or \.webm' "$bin/relight-render" --out x.tiff
     expect 2 "other '%'" "$bin/relight-render" --out '%s.exr'
     expect 2 '--frames' "$bin/relight-render" --frames 9-3 --out x.exr
-    expect 2 'names one file' "$bin/relight-render" --frames 0-3 --size 16x9 --out "$work/x.exr"
+    expect 2 "takes one file, but the source has 4 frames: put %04d into it" "$bin/relight-render" --frames 0-3 --size 16x9 --out "$work/x.exr"
     expect 2 'nosuch' "$bin/relight-render" --camera nosuch --size 16x9 --out "$work/x.exr"
     expect 2 'turbidty' "$bin/relight-render" --source sky:turbidty=3 --size 16x9 --out "$work/x.exr"
 }
