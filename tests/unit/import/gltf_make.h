@@ -119,6 +119,7 @@ static inline const char *make_declaration(const struct make *m, const char *res
         "EXT_texture_webp",
         "KHR_draco_mesh_compression",
         "KHR_mesh_quantization",
+        "KHR_materials_clearcoat",
         "KHR_materials_transmission",
         "KHR_materials_ior",
         "KHR_materials_specular",

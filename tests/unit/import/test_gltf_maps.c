@@ -14,7 +14,7 @@ static const uint8_t two_triangles[] = { 0, 1, 2, 0, 2, 3 };
     "\"nodes\":[{\"mesh\":0%s}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s},"                      \
     "\"indices\":1,\"material\":0}]}],\"textures\":[{\"source\":0},{\"source\":1}],"                                   \
     "\"images\":[{\"uri\":\"map.png\"},{\"uri\":\"t.png\"}],\"materials\":[{%s}]"
-#define UVS ",\"TEXCOORD_0\":2,\"TEXCOORD_1\":2,\"NORMAL\":3"
+#define UVS ",\"TEXCOORD_0\":2,\"TEXCOORD_1\":2,\"TEXCOORD_2\":2,\"NORMAL\":3"
 #define TANGENTS UVS ",\"TANGENT\":4"
 
 /* A square with a material, further attributes and members of its node. Textures: 0 is map.png, which the test writes,

@@ -11,8 +11,6 @@
 
 enum { WIDTH = 24, HEIGHT = 18 };
 
-#define Z_MAX 4.5
-
 static struct material coated(float metallic, float roughness, float coat, float coat_roughness)
 {
     return (struct material){ .kind = MATERIAL_GGX,
@@ -57,8 +55,9 @@ static struct world world_of(struct scene *s)
     return w;
 }
 
-/* Each technique agrees with the first of its class; `share`: the error allowed to a class, of its light. */
-static void assert_agreement(struct scene *s, const struct technique *of, size_t count, double share)
+/* Each technique agrees with the first of its class by agreement.h; counts make joint errors about two
+ * thirds of what is allowed. */
+static void assert_agreement(struct scene *s, const struct technique *of, size_t count)
 {
     struct world w = world_of(s);
     struct estimate first = { { 0.0 }, { 0.0 } };
@@ -67,16 +66,14 @@ static void assert_agreement(struct scene *s, const struct technique *of, size_t
     for (size_t i = 0; i < count; i++) {
         const struct estimate got = measure(&w, &of[i]);
         const uint32_t own = of[i].who == BY_DIRECT ? PATH_DIRECT : of[i].classes;
-        const double error = hypot(got.error[0], first.error[0]);
         printf("%s, %u: %.6f +- %.6f\n", of[i].name, own, got.mean[0], got.error[0]);
         if (own != class) {
             first = got;
             class = own;
-            assert_true(got.mean[0] > 1e-4 && got.error[0] < share * got.mean[0]);
+            assert_true(got.mean[0] > 1e-4);
             continue;
         }
-        assert_true(error < 1.5 * share * first.mean[0]);
-        assert_true(fabs(got.mean[0] - first.mean[0]) < Z_MAX * error);
+        assert_agree(of[i].name, &got, &first, of[i].worst, of[i].allowed);
     }
     world_finish(&w);
 }
@@ -85,33 +82,33 @@ static void estimators_agree_on_coats(void **state)
 {
     static const struct technique of[] = {
         { "path", BY_PATH, PATH_DIRECT, .count = 512 },
-        { "brdf", BY_DIRECT, .count = 512, .direct = { .method = METHOD_BRDF } },
-        { "mis", BY_DIRECT, .count = 256, .direct = { .method = METHOD_MIS } },
-        { "faces", BY_DIRECT, .count = 256, .direct = { .method = METHOD_FACES } },
+        { "brdf", BY_DIRECT, .count = 512, .direct = { .method = METHOD_BRDF }, .worst = 2e-3 },
+        { "mis", BY_DIRECT, .count = 1024, .direct = { .method = METHOD_MIS }, .worst = 3e-3 },
+        { "faces", BY_DIRECT, .count = 1024, .direct = { .method = METHOD_FACES }, .worst = 3e-3 },
         { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 128 },
-        { "eye paths", BY_EYE, PATH_INDIRECT_LIT, .count = 128 },
-        { "light tracer", BY_LIGHT, PATH_INDIRECT_LIT, .count = 200000 },
-        { "mlt", BY_MLT, PATH_INDIRECT_LIT, .count = 128 },
+        { "eye paths", BY_EYE, PATH_INDIRECT_LIT, .count = 128, .worst = 8e-3 },
+        { "light tracer", BY_LIGHT, PATH_INDIRECT_LIT, .count = 400000, .worst = 1e-2 },
+        { "mlt", BY_MLT, PATH_INDIRECT_LIT, .count = 128, .worst = 8e-3 },
     };
 
     (void)state;
-    assert_agreement(court(coated(0, 0.5f, 0.8f, 0.3f)), of, sizeof(of) / sizeof(of[0]), 1e-2);
+    assert_agreement(court(coated(0, 0.5f, 0.8f, 0.3f)), of, sizeof(of) / sizeof(of[0]));
 }
 
 static void estimators_agree_on_the_caustics_of_coats(void **state)
 {
     static const struct technique of[] = {
         { "path", BY_PATH, PATH_CAUSTICS, .count = 256 },
-        { "eye paths", BY_EYE, PATH_CAUSTICS, .count = 256 },
-        { "light tracer", BY_LIGHT, PATH_CAUSTICS, .count = 200000 },
-        { "stored", BY_STORED, PATH_CAUSTICS, .count = 200000 },
-        { "path", BY_PATH, PATH_INDIRECT_CAUSTIC, .count = 128 },
-        { "eye paths", BY_EYE, PATH_INDIRECT_CAUSTIC, .count = 128 },
+        { "eye paths", BY_EYE, PATH_CAUSTICS, .count = 256, .worst = 5e-3 },
+        { "light tracer", BY_LIGHT, PATH_CAUSTICS, .count = 200000, .worst = 5e-3 },
+        { "stored", BY_STORED, PATH_CAUSTICS, .count = 200000, .worst = 1e-2 },
         { "light tracer", BY_LIGHT, PATH_INDIRECT_CAUSTIC, .count = 200000 },
+        { "path", BY_PATH, PATH_INDIRECT_CAUSTIC, .count = 256, .worst = 2e-2 },
+        { "eye paths", BY_EYE, PATH_INDIRECT_CAUSTIC, .count = 320, .worst = 3e-2 },
     };
 
     (void)state;
-    assert_agreement(court(coated(0, 0.5f, 0.8f, 0.3f)), of, sizeof(of) / sizeof(of[0]), 2e-2);
+    assert_agreement(court(coated(0, 0.5f, 0.8f, 0.3f)), of, sizeof(of) / sizeof(of[0]));
 }
 
 /* The mean of the pixels. */
@@ -168,26 +165,62 @@ static void caches_agree_on_coats(void **state)
     world_finish(&w);
 }
 
-/* The share of an even sky's light that a layer sends to wo, by quadrature over visible half vectors' mirror images:
- * a grid in the cosine's square is too coarse for sharp lobes, so rings are dense about the mirror direction. */
-static double albedo_of(const struct scatter *at, struct vec3 wo)
+/* What the lobe's microfacets reflect of an even sky to wo. The integral is over half vectors, whose density divides
+ * out of the integrand: a grid of directions misses most of a sharp lobe at grazing angles. */
+static double albedo_of_facets(struct lobe l, struct vec3 wo)
 {
-    enum { RINGS = 200, SPOKES = 60 };
-    const struct lobe l = lobe_of(at);
-    const struct vec3 n = l.shading, mirror = vec3_sub(vec3_scale(n, 2.0f * vec3_dot(n, wo)), wo);
-    struct delta_ray out[2];
+    enum { RINGS = 300, SPOKES = 96 };
+    const double a = l.gloss;
     double sum = 0.0;
 
-    for (int i = 0; i < RINGS && at->rough; i++) {
-        const double x = (i + 0.5) / RINGS, gamma = PI * x * x * x, ring = sin(gamma) * 3.0 * PI * x * x / RINGS;
+    l.diffuse = vec3_make(0, 0, 0);
+    for (int i = 0; i < RINGS && a > 0.0; i++) {
+        const double u = (i + 0.5) / RINGS, tangent = a * sqrt(u / (1.0 - u)), z = 1.0 / sqrt(1.0 + tangent * tangent);
+        const double q = a * a + tangent * tangent, density = a * a / (PI * z * z * z * q * q); /* D times cosine */
         for (int k = 0; k < SPOKES; k++) {
-            const double phi = 2.0 * PI * (k + 0.5) / SPOKES;
-            const struct vec3 wi = frame_direction(mirror, sin(gamma) * cos(phi), sin(gamma) * sin(phi), cos(gamma));
+            const double phi = 2.0 * PI * (k + 0.5) / SPOKES, r = z * tangent;
+            const struct vec3 h = frame_direction(l.shading, r * cos(phi), r * sin(phi), z);
+            const double facing = vec3_dot_double(wo, h);
+            const struct vec3 wi = vec3_sub(vec3_scale(h, 2.0f * (float)facing), wo);
             double brdf[3];
+            if (facing <= 0.0)
+                continue;
             lobe_evaluate(&l, wo, wi, brdf);
-            sum += brdf[0] * fmax(0.0, vec3_dot_double(n, wi)) * ring * 2.0 * PI / SPOKES;
+            sum += brdf[0] * vec3_dot_double(l.shading, wi) * 4.0 * facing / density;
         }
     }
+    return sum / (RINGS * SPOKES);
+}
+
+/* Of the matte part, which is what the lobe loses without it. */
+static double albedo_of_matte(const struct lobe *l, struct vec3 wo)
+{
+    enum { RINGS = 500, SPOKES = 4 };
+    struct lobe bare = *l;
+    double sum = 0.0;
+
+    bare.diffuse = vec3_make(0, 0, 0);
+    for (int i = 0; i < RINGS; i++) {
+        const double z2 = (i + 0.5) / RINGS, r = sqrt(1.0 - z2);
+        for (int k = 0; k < SPOKES; k++) {
+            const double phi = 2.0 * PI * (k + 0.25) / SPOKES;
+            const struct vec3 wi = frame_direction(l->shading, r * cos(phi), r * sin(phi), sqrt(z2));
+            double with[3], without[3];
+            lobe_evaluate(l, wo, wi, with);
+            lobe_evaluate(&bare, wo, wi, without);
+            sum += PI * (with[0] - without[0]);
+        }
+    }
+    return sum / (RINGS * SPOKES);
+}
+
+/* The share of an even sky's light that a layer sends to wo. */
+static double albedo_of(const struct scatter *at, struct vec3 wo)
+{
+    const struct lobe l = lobe_of(at);
+    struct delta_ray out[2];
+    double sum = at->rough ? albedo_of_facets(l, wo) + albedo_of_matte(&l, wo) : 0.0;
+
     const uint32_t count = scatter_eye(at, vec3_scale(wo, -1.0f), out);
     for (uint32_t i = 0; i < count; i++)
         sum += (double)out[i].weight[0];
