@@ -1,10 +1,13 @@
 #include "codec/exr_write.h"
 
 #include "base/file_store.h"
+#include "base/half.h"
 #include "base/mem.h"
+#include "codec/exr_zip.h"
 
 #include <assert.h>
 #include <inttypes.h>
+#include <omp.h>
 #include <openexr.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +15,11 @@
 
 #define HALF_MAX 65504.0f
 #define SIDE_MAX 65535
-#define FIRST_ROOM 65536 /* bytes */
+#define FIRST_ROOM 65536              /* bytes */
+#define CHUNKS_EACH 4                 /* packed by a thread before they are written */
+#define SLOT_BYTES ((size_t)64 << 20) /* of packed chunks; with larger ones, one a thread */
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in the file's byte order");
 
 /* The library's output: one growing block. */
 struct sink {
@@ -102,6 +109,12 @@ static bool is_half(const struct planes *p, int c)
     return p->half && !p->at[c].full;
 }
 
+/* Larger values would become infinite. */
+static float clamp_to_half(float v)
+{
+    return v > HALF_MAX ? HALF_MAX : v < -HALF_MAX ? -HALF_MAX : v;
+}
+
 /* Colours are perceived on a logarithmic scale; alpha, depths, normals and ids are not. */
 static bool is_colour(const char *name)
 {
@@ -129,76 +142,113 @@ static exr_result_t write_header(exr_context_t ctx, const struct exr_desc *d, co
     return r == EXR_ERR_SUCCESS ? exr_write_header(ctx) : r;
 }
 
-/* A channel's rows of one chunk, side by side, clamped to HALF_MAX: larger values would become infinite. */
-static const float *clamp_rows(const struct exr_channel *c, const struct exr_desc *d, uint32_t y, uint32_t height,
-                               float *scratch)
+/* One chunk's lines as the file has them: line by line, each one channel after the other. */
+static void gather_lines(const struct exr_desc *d, const struct planes *p, uint32_t first, uint32_t lines, uint8_t *to)
 {
-    const size_t first = (size_t)y * d->width, count = (size_t)height * d->width;
-
-    for (size_t i = 0; i < count; i++) {
-        const float v = c->values[(first + i) * c->stride];
-        scratch[i] = v > HALF_MAX ? HALF_MAX : v < -HALF_MAX ? -HALF_MAX : v;
-    }
-    return scratch;
+    for (uint32_t y = first; y < first + lines; y++)
+        for (int c = 0; c < p->count; c++) {
+            const struct exr_channel *plane = &p->at[c];
+            const float *from = plane->values + (size_t)y * d->width * plane->stride;
+            if (is_half(p, c))
+                for (uint32_t x = 0; x < d->width; x++, to += sizeof(uint16_t)) {
+                    const uint16_t half = half_round(clamp_to_half(from[(size_t)x * plane->stride]));
+                    memcpy(to, &half, sizeof(half));
+                }
+            else
+                for (uint32_t x = 0; x < d->width; x++, to += sizeof(float))
+                    memcpy(to, &from[(size_t)x * plane->stride], sizeof(float));
+        }
 }
 
-/* Runs between compressing and writing. ZIP may produce exactly as many bytes as it got. Readers take a chunk of that
- * size as uncompressed, but OpenEXRCore 3.1 would store the compressed bytes. */
-static exr_result_t store_plain(exr_encode_pipeline_t *pipe)
+/* Chunks are packed several at a time, by all threads, and written in order. */
+struct packed {
+    uint8_t *bytes; /* room for a chunk */
+    size_t size;
+};
+
+struct packing {
+    const struct exr_desc *desc;
+    const struct planes *planes;
+    uint32_t lines;    /* of a chunk; the last one may have fewer */
+    size_t line_bytes; /* unpacked */
+    int workers;
+    struct exr_deflater *deflaters; /* [workers] */
+    int slots;                      /* chunks at a time */
+    struct packed *slot;            /* [slots] */
+};
+
+static uint32_t lines_of(const struct packing *k, uint32_t y)
 {
-    if (pipe->compressed_buffer != pipe->packed_buffer && pipe->compressed_bytes >= pipe->packed_bytes) {
-        memcpy(pipe->compressed_buffer, pipe->packed_buffer, pipe->packed_bytes);
-        pipe->compressed_bytes = pipe->packed_bytes;
-    }
-    return EXR_ERR_SUCCESS;
+    return k->desc->height - y < k->lines ? k->desc->height - y : k->lines;
 }
 
-/* scratch: with half floats, the rows of one chunk for each channel. */
-static exr_result_t write_chunk(exr_context_t ctx, const struct exr_desc *d, const struct planes *p, uint32_t y,
-                                float *scratch, exr_encode_pipeline_t *pipe)
+static void packing_finish(struct packing *k)
 {
-    exr_chunk_info_t chunk;
-    exr_result_t r = exr_write_scanline_chunk_info(ctx, 0, (int)y, &chunk);
-
-    if (r == EXR_ERR_SUCCESS)
-        r = y == 0 ? exr_encoding_initialize(ctx, 0, &chunk, pipe) : exr_encoding_update(ctx, 0, &chunk, pipe);
-    if (r != EXR_ERR_SUCCESS)
-        return r;
-    const size_t values = (size_t)chunk.height * d->width;
-    for (int c = 0; c < p->count; c++) {
-        exr_coding_channel_info_t *channel = &pipe->channels[c];
-        const struct exr_channel *plane = &p->at[c];
-        const uint32_t stride = is_half(p, c) ? 1 : plane->stride;
-        const float *from = is_half(p, c)
-                                ? clamp_rows(plane, d, y, (uint32_t)chunk.height, scratch + (size_t)c * values)
-                                : plane->values + (size_t)y * d->width * stride;
-        channel->user_data_type = EXR_PIXEL_FLOAT;
-        channel->user_bytes_per_element = sizeof(float);
-        channel->user_pixel_stride = (int32_t)(stride * sizeof(float));
-        channel->user_line_stride = channel->user_pixel_stride * (int32_t)d->width;
-        channel->encode_from_ptr = (const uint8_t *)from;
-    }
-    if (y == 0)
-        r = exr_encoding_choose_default_routines(ctx, 0, pipe);
-    pipe->yield_until_ready_fn = store_plain;
-    return r == EXR_ERR_SUCCESS ? exr_encoding_run(ctx, 0, pipe) : r;
+    for (int i = 0; i < k->workers && k->deflaters; i++)
+        exr_deflater_finish(&k->deflaters[i]);
+    for (int i = 0; i < k->slots && k->slot; i++)
+        mem_free(k->slot[i].bytes);
+    mem_free(k->deflaters);
+    mem_free(k->slot);
 }
 
-static exr_result_t write_chunks(exr_context_t ctx, const struct exr_desc *d, const struct planes *p, float *scratch,
-                                 uint32_t lines)
+static enum err packing_init(struct packing *k, const struct exr_desc *d, const struct planes *p, uint32_t lines)
 {
-    exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
+    *k = (struct packing){ .desc = d, .planes = p, .lines = lines };
+    for (int c = 0; c < p->count; c++)
+        k->line_bytes += d->width * (is_half(p, c) ? sizeof(uint16_t) : sizeof(float));
+    const uint32_t chunks = (d->height + lines - 1) / lines;
+    const size_t room = k->line_bytes * (d->height < lines ? d->height : lines);
+    k->workers = omp_get_max_threads();
+    k->slots = room * (size_t)(CHUNKS_EACH * k->workers) > SLOT_BYTES ? k->workers : CHUNKS_EACH * k->workers;
+    k->slots = (uint32_t)k->slots < chunks ? k->slots : (int)chunks;
+    k->workers = k->workers < k->slots ? k->workers : k->slots;
+    k->deflaters = mem_alloc((size_t)k->workers, sizeof(*k->deflaters));
+    k->slot = mem_alloc((size_t)k->slots, sizeof(*k->slot));
+    bool all = k->deflaters && k->slot;
+    for (int i = 0; i < k->workers && all; i++)
+        all = !exr_deflater_init(&k->deflaters[i], room);
+    for (int i = 0; i < k->slots && all; i++) {
+        k->slot[i].bytes = mem_alloc_raw(room, 1);
+        all = k->slot[i].bytes;
+    }
+    if (!all)
+        packing_finish(k);
+    return all ? ERR_OK : ERR_NOMEM;
+}
+
+static void pack_chunk(struct packing *k, int slot, uint32_t y)
+{
+    struct exr_deflater *z = &k->deflaters[omp_get_thread_num()];
+    const uint32_t lines = lines_of(k, y);
+
+    gather_lines(k->desc, k->planes, y, lines, z->plain);
+    k->slot[slot].size = exr_zip_pack(z, k->line_bytes * lines, k->slot[slot].bytes);
+}
+
+/* The bytes do not depend on the number of threads: a chunk is packed by itself. */
+static exr_result_t write_chunks(exr_context_t ctx, struct packing *k)
+{
+    const uint32_t step = k->lines * (uint32_t)k->slots;
     exr_result_t r = EXR_ERR_SUCCESS;
 
-    for (uint32_t y = 0; y < d->height && r == EXR_ERR_SUCCESS; y += lines)
-        r = write_chunk(ctx, d, p, y, scratch, &pipe);
-    const exr_result_t closed = exr_encoding_destroy(ctx, &pipe);
-    return r == EXR_ERR_SUCCESS ? closed : r;
+    for (uint32_t first = 0; first < k->desc->height && r == EXR_ERR_SUCCESS; first += step) {
+        const uint32_t left = (k->desc->height - first + k->lines - 1) / k->lines;
+        const int count = left < (uint32_t)k->slots ? (int)left : k->slots;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(k->workers)
+        for (int i = 0; i < count; i++)
+            pack_chunk(k, i, first + (uint32_t)i * k->lines);
+        for (int i = 0; i < count && r == EXR_ERR_SUCCESS; i++)
+            r = exr_write_scanline_chunk(ctx, 0, (int)(first + (uint32_t)i * k->lines), k->slot[i].bytes,
+                                         k->slot[i].size);
+    }
+    return r;
 }
 
 static exr_result_t write_all(exr_context_t ctx, const struct exr_desc *d)
 {
     struct planes p;
+    struct packing k;
     int32_t lines = 0;
 
     find_planes(d, &p);
@@ -207,11 +257,10 @@ static exr_result_t write_all(exr_context_t ctx, const struct exr_desc *d)
         r = exr_get_scanlines_per_chunk(ctx, 0, &lines);
     if (r != EXR_ERR_SUCCESS)
         return r;
-    float *scratch = mem_alloc(p.half ? (size_t)lines * d->width * (size_t)p.count : 0, sizeof(float));
-    if (!scratch)
+    if (packing_init(&k, d, &p, (uint32_t)lines))
         return EXR_ERR_OUT_OF_MEMORY;
-    r = write_chunks(ctx, d, &p, scratch, (uint32_t)lines);
-    mem_free(scratch);
+    r = write_chunks(ctx, &k);
+    packing_finish(&k);
     return r;
 }
 

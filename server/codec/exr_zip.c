@@ -1,5 +1,7 @@
 #include "codec/exr_zip.h"
 
+#include "base/mem.h"
+
 #include <libdeflate.h>
 #include <stdbool.h>
 #include <string.h>
@@ -7,6 +9,8 @@
 #ifdef __SSE2__
 #include <emmintrin.h>
 #endif
+
+#define LEVEL 1 /* of libdeflate, 1 to 12: see docs/performance.md, "EXR files" */
 
 const char exr_zip_no_memory[] = "out of memory";
 
@@ -104,4 +108,56 @@ const char *exr_zip_unpack(struct exr_zip *z, const uint8_t *packed, size_t pack
     exr_zip_sum(z->bytes, size);
     weave(z->bytes, size, out);
     return NULL;
+}
+
+/* ---- Packing ---- */
+
+enum err exr_deflater_init(struct exr_deflater *z, size_t room)
+{
+    *z = (struct exr_deflater){ .plain = mem_alloc_raw(room, 1),
+                                .halves = mem_alloc_raw(room, 1),
+                                .deflate = libdeflate_alloc_compressor(LEVEL) };
+    if (z->plain && z->halves && z->deflate)
+        return ERR_OK;
+    exr_deflater_finish(z);
+    return ERR_NOMEM;
+}
+
+void exr_deflater_finish(struct exr_deflater *z)
+{
+    mem_free(z->plain);
+    mem_free(z->halves);
+    libdeflate_free_compressor(z->deflate);
+    *z = (struct exr_deflater){ .plain = NULL };
+}
+
+/* The inverse of weave. */
+static void unweave(const uint8_t *restrict from, size_t size, uint8_t *restrict to)
+{
+    uint8_t *restrict second = to + (size + 1) / 2;
+
+    for (size_t i = 0; i < size / 2; i++) {
+        to[i] = from[2 * i];
+        second[i] = from[2 * i + 1];
+    }
+    if (size % 2)
+        to[size / 2] = from[size - 1];
+}
+
+/* The inverse of exr_zip_sum, not in place: each difference needs the byte before it as it was. */
+static void take_differences(const uint8_t *restrict from, size_t size, uint8_t *restrict to)
+{
+    to[0] = from[0];
+    for (size_t i = 1; i < size; i++)
+        to[i] = (uint8_t)(from[i] - from[i - 1] + 128);
+}
+
+size_t exr_zip_pack(struct exr_deflater *z, size_t size, uint8_t *out)
+{
+    unweave(z->plain, size, z->halves);
+    take_differences(z->halves, size, out);
+    /* at most one byte less than the chunk: readers take as many bytes as uncompressed */
+    const size_t packed = size > 1 ? libdeflate_zlib_compress(z->deflate, out, size, z->halves, size - 1) : 0;
+    memcpy(out, packed > 0 ? z->halves : z->plain, packed > 0 ? packed : size);
+    return packed > 0 ? packed : size;
 }

@@ -7,6 +7,7 @@
 
 #include <dirent.h>
 #include <math.h>
+#include <omp.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <sys/resource.h>
@@ -218,6 +219,28 @@ static void same_input_gives_the_same_bytes(void **state)
     }
 }
 
+/* 70 rows are five chunks: several threads share them, and the last is lower. */
+static void any_number_of_threads_gives_the_same_bytes(void **state)
+{
+    static float rgb[SIDE_MOST * SIDE_MOST * 3];
+    const struct exr_desc d = { .rgb = rgb, .width = SIDE_MOST, .height = SIDE_MOST };
+    uint8_t *one, *many;
+    size_t size, size_many;
+    (void)state;
+
+    scatter(rgb, SIDE_MOST * SIDE_MOST * 3, 10.0);
+    omp_set_num_threads(1);
+    assert_int_equal(encode(&d, &one, &size), ERR_OK);
+    for (int threads = 2; threads <= 5; threads++) {
+        omp_set_num_threads(threads);
+        assert_int_equal(encode(&d, &many, &size_many), ERR_OK);
+        assert_int_equal(size_many, size);
+        assert_memory_equal(many, one, size);
+        mem_free(many);
+    }
+    mem_free(one);
+}
+
 static void smooth_pictures_are_compressed(void **state)
 {
     static float rgb[SIDE_MOST * SIDE_MOST * 3];
@@ -358,6 +381,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(half_values_are_rounded_and_cut_at_65504),
     cmocka_unit_test(header_states_primaries_and_attributes),
     cmocka_unit_test(same_input_gives_the_same_bytes),
+    cmocka_unit_test(any_number_of_threads_gives_the_same_bytes),
     cmocka_unit_test(smooth_pictures_are_compressed),
     cmocka_unit_test(sizes_out_of_range_are_refused),
     cmocka_unit_test(file_replaces_the_old_one_whole),

@@ -94,9 +94,44 @@ static void what_is_not_exactly_the_chunk_is_refused(void **state)
     exr_inflater_destroy(inflater);
 }
 
+/* Unpacked by zlib and the format's definition, so that an error made both ways would show. */
+static void what_is_packed_unpacks_by_definition(void **state)
+{
+    enum { MOST = 5000 };
+    static uint8_t packed[MOST], plain[MOST], sums[MOST], got[MOST];
+    struct exr_deflater z;
+    struct rng r = { 5 };
+    size_t smaller = 0, same = 0;
+    (void)state;
+
+    assert_int_equal(exr_deflater_init(&z, MOST), ERR_OK);
+    for (size_t n = 1; n <= MOST; n += 1 + n / 3)
+        for (int noise = 0; noise < 2; noise++) {
+            uLongf back = MOST;
+            for (size_t i = 0; i < n; i++)
+                plain[i] = (uint8_t)(noise ? 256.0 * rng_next(&r) : 3.0 * rng_next(&r) + (double)i / 64.0);
+            memcpy(z.plain, plain, n);
+            const size_t size = exr_zip_pack(&z, n, packed);
+            assert_true(size <= n);
+            if (size == n) {
+                assert_memory_equal(packed, plain, n);
+                same++;
+                continue;
+            }
+            assert_int_equal(uncompress(sums, &back, packed, (uLong)size), Z_OK);
+            assert_int_equal(back, n);
+            expect(sums, n, got);
+            assert_memory_equal(got, plain, n);
+            smaller++;
+        }
+    assert_true(smaller > 5 && same > 5);
+    exr_deflater_finish(&z);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(differences_are_undone_as_specified),
     cmocka_unit_test(chunks_of_any_size_unpack_one_after_the_other),
     cmocka_unit_test(what_is_not_exactly_the_chunk_is_refused),
+    cmocka_unit_test(what_is_packed_unpacks_by_definition),
 };
 UNIT_MAIN(tests)
