@@ -5,6 +5,7 @@
 #include "clients/common/client.h"
 #include "clients/common/message.h"
 #include "clients/feed/feeder.h"
+#include "clients/feed/files.h"
 #include "base/setting_table.h"
 
 #include <inttypes.h>
@@ -12,6 +13,7 @@
 
 struct feed {
     struct feeder_desc feeder;
+    const char *out; /* NULL: frames are sent */
     bool json;
 };
 
@@ -44,6 +46,9 @@ static const struct setting rows[] = {
       NULL, FRAMES, TEXT, AT(feeder.reader.source.ca) },
     { "raw", "FORM", "decode files here and send texels, as computed skies always are", NULL, FRAMES,
       CHOICE(raw_choices), AT(feeder.reader.parcel.raw) },
+    { "out", "PATTERN",
+      "write the frames as .exr files, with %d or %04d for the frame number, instead of sending them", NULL, FRAMES,
+      TEXT, AT(out) },
     { "rate", "N", "frames per second; 0: as fast as the server accepts them", "0", BEHAVIOUR, REAL(0.0, 1000.0),
       AT(feeder.rate) },
     { "lockstep", NULL, "exactly one picture per frame, stored by relight-record --recorder", NULL, BEHAVIOUR, SWITCH,
@@ -53,6 +58,17 @@ static const struct setting rows[] = {
       AT(json) },
     { .name = NULL },
 };
+
+/* What only sending knows. */
+static enum err check_out(const struct command *c, struct reason *why)
+{
+    static const char *const others[] = { "to", "loop", "rate", "lockstep", "sequence", "json" };
+
+    for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
+        if (command_given(c, others[k]))
+            return err_say(why, ERR_USAGE, "--out writes files and --%s sends frames: give one of them", others[k]);
+    return ERR_OK;
+}
 
 static enum err check_options(const struct command *c, struct feeder_desc *f, struct reason *why)
 {
@@ -115,10 +131,11 @@ int main(int argc, char **argv)
     struct feed feed = { .json = false };
     struct command command = {
         .name = "relight-feed",
-        .synopsis = "[--to ws://HOST:PORT] [--rate N | --lockstep] [flags] SOURCE",
+        .synopsis = "[--to ws://HOST:PORT | --out PATTERN.exr] [--rate N | --lockstep] [flags] SOURCE",
         .about =
             "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR,\n"
             "sky:key=value,..., or a video (a file, rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0).\n"
+            "With --out, writes them as EXR files instead.\n"
             "Reconnects and continues when the connection is lost; Ctrl-C ends it cleanly.\n"
             "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent, or\n"
             "in lockstep pictures were lost,\n"
@@ -135,11 +152,13 @@ int main(int argc, char **argv)
         return 0;
     if (!e)
         e = check_options(&command, &feed.feeder, &why);
+    if (!e && feed.out)
+        e = check_out(&command, &why);
     if (!e)
-        e = feeder_create(&feed.feeder, &f, &why);
+        e = feed.out ? files_write(&feed.feeder.reader, feed.out, &why) : feeder_create(&feed.feeder, &f, &why);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));
-    const int code = e ? err_exit_code(e) : run(&feed, f, &why);
+    const int code = e || feed.out ? err_exit_code(e) : run(&feed, f, &why);
     feeder_destroy(f);
     return code;
 }

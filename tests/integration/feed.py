@@ -32,6 +32,30 @@ async def obliging(link, frames=None, credit=2, after=None):
     check(await link.parted() == 1000, "no clean close")
 
 
+# ---- Files ----
+
+async def written_frames_light_as_the_source_does(folder):
+    sky = "sky:time=10:00,speed=60,size=64x32"
+    expect(await run("relight-feed", "--frames", "2-3", "--out", folder / "sky.%04d.exr", sky), 0, "2 frames written")
+    for number, source in enumerate([sky, folder / "sky.%04d.exr"]):
+        expect(await run("relight-render", "--source", source, "--frames", "3", "--size", "32x18", "--samples", "1",
+                         "--out", folder / f"{number}.exr"), 0)
+    check((folder / "0.exr").read_bytes() == (folder / "1.exr").read_bytes(), "the pictures differ")
+
+
+async def what_cannot_be_written_is_refused(folder):
+    out = folder / "x.exr"
+    expect(await run("relight-feed", "--out", out, "sky:"), 2, "never ends: choose frames, as --frames 0-9")
+    expect(await run("relight-feed", "--out", folder / "x.png", "--frames", "0", "sky:"), 2, "the name of an .exr file")
+    expect(await run("relight-feed", "--out", out, "--frames", "0-2", "sky:"), 2, "put %04d into it")
+    expect(await run("relight-feed", "--out", out, "--lockstep", "--frames", "0", "sky:"), 2, "give one of them")
+    expect(await run("relight-feed", "--out", folder / "none" / "x.exr", "--frames", "0", "sky:size=64x32"), 1,
+           "none/x.exr")
+    (folder / "bad.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\nshort")
+    expect(await run("relight-feed", "--out", out, folder / "bad.hdr"), 1, "could not be read: 1")
+    check(not out.exists(), "a file was left")
+
+
 # ---- Frames ----
 
 async def files_arrive_as_they_are(folder):
