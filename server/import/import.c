@@ -1,5 +1,6 @@
 #include "import/import.h"
 
+#include "base/log.h"
 #include "import/parts.h"
 
 #include <string.h>
@@ -40,6 +41,18 @@ static enum err load_model(struct scene *s, const char *path, const struct host 
     return e;
 }
 
+static void tell_of_coarser_textures(const struct scene *s, const char *path)
+{
+    unsigned count = 0;
+
+    for (size_t i = 0; i < s->texture_count; i++)
+        count += s->textures[i].left_out > 0;
+    if (count > 0)
+        log_warning("%s: %u of %zu textures have a lower resolution than their files, so that all take at most %.4g MB "
+                    "(--max-texture-memory)",
+                    path, count, s->texture_count, (double)s->texture_bytes / 1e6);
+}
+
 enum err import_scene(const char *path, const struct host *host, struct scene **out, struct reason *why)
 {
     enum err e;
@@ -48,6 +61,7 @@ enum err import_scene(const char *path, const struct host *host, struct scene **
     struct scene *s = scene_create();
     if (!s)
         return err_say(why, ERR_NOMEM, "%s: out of memory", path);
+    s->texture_bytes = host->texture_bytes;
     if (path_ends_in(path, ".json"))
         e = json_load_scene(s, path, host, why);
     else
@@ -60,9 +74,11 @@ enum err import_scene(const char *path, const struct host *host, struct scene **
     }
     if (e == ERR_NOMEM)
         err_say(why, e, "%s: out of memory", path);
-    if (e)
+    if (e) {
         scene_destroy(s);
-    else
+    } else {
+        tell_of_coarser_textures(s, path);
         *out = s;
+    }
     return e;
 }

@@ -168,5 +168,5 @@ static void host_step(void *context)
 
 struct host scene_files_host(struct scene_files *f)
 {
-    return (struct host){ host_open, host_allow, host_step, f, NAN };
+    return (struct host){ host_open, host_allow, host_step, f, NAN, 0 };
 }

@@ -21,6 +21,7 @@ struct host {
     void (*step)(void *context); /* one model has been read */
     void *context;
     double time; /* s, 0 or more: animations stand as they are then; NAN: models are at rest */
+    uint64_t texture_bytes; /* limit on all textures (scene_add_texture); 0: none */
 };
 
 /* The contents of a file. Free with bytes_finish. */

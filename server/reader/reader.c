@@ -170,8 +170,8 @@ static enum err converse(struct reading *r, struct scene **out)
 
 static enum err start(struct reading *r)
 {
-    char program[HOST_PATH_MAX], memory[24], seconds[24], time[32];
-    char *const arguments[] = { (char[]){ PROGRAM }, memory, seconds, time, (char *)r->path, NULL };
+    char program[HOST_PATH_MAX], memory[24], seconds[24], time[32], textures[24];
+    char *const arguments[] = { (char[]){ PROGRAM }, memory, seconds, time, textures, (char *)r->path, NULL };
 
     r->parcel = memfd_create("relight-scene", MFD_CLOEXEC);
     if (r->parcel < 0)
@@ -181,6 +181,7 @@ static enum err start(struct reading *r)
         return e;
     snprintf(memory, sizeof(memory), "%" PRIu64, r->reading.memory_bytes);
     snprintf(seconds, sizeof(seconds), "%u", r->reading.seconds);
+    snprintf(textures, sizeof(textures), "%" PRIu64, r->reading.texture_bytes);
     snprintf(time, sizeof(time), "%.17g", r->reading.animate ? r->reading.time : (double)NAN);
     r->until_ms = clock_ms() + INT64_C(1000) * PATIENCE * r->reading.seconds;
     return child_start(&r->child, program, arguments, &r->parcel, 1, r->why);
@@ -197,6 +198,7 @@ enum err scene_load(const char *path, const struct scene_reading *reading, struc
     if (reading)
         r.reading = *reading;
     r.reading.memory_bytes = r.reading.memory_bytes ? r.reading.memory_bytes : SCENE_MEMORY_DEFAULT;
+    r.reading.texture_bytes = r.reading.texture_bytes ? r.reading.texture_bytes : SCENE_TEXTURES_DEFAULT;
     r.reading.seconds = r.reading.seconds ? r.reading.seconds : SECONDS;
     enum err e = scene_files_init(&r.files, path, r.reading.memory_bytes);
     if (!e)

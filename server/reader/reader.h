@@ -13,6 +13,7 @@ struct progress;
 /* How to read a scene; zero means the default. */
 struct scene_reading {
     uint64_t memory_bytes; /* for reading, and for the scene itself; SCENE_MEMORY_DEFAULT */
+    uint64_t texture_bytes; /* of all textures, beyond which they lose resolution; SCENE_TEXTURES_DEFAULT */
     unsigned seconds;      /* of processor time; 60. Ten times as long by the clock. */
     const char *program;   /* default: relight-reader beside this program, or in ../lib/relightd relative to it */
     bool animate;          /* models with an animation stand as it has them at */
@@ -20,6 +21,7 @@ struct scene_reading {
 };
 
 #define SCENE_MEMORY_DEFAULT UINT64_C(4000000000)
+#define SCENE_TEXTURES_DEFAULT UINT64_C(450000000)
 
 /* Reads a .json scene or a model of any format of docs/scenes.md. On ERR_OK the caller owns *out; on error *out is NULL
  * and *why names file, place and fault. ERR_IO: a file is missing, is none, or must not be read; no relight-reader.

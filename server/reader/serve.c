@@ -142,14 +142,14 @@ static int confine(uint64_t memory_bytes, unsigned seconds)
 int reader_serve(int argc, char **argv,
                  enum err (*import)(const char *path, const struct host *host, struct scene **out, struct reason *why))
 {
-    struct host host = { ask_to_open, ask_to_allow, tell_step, NULL, NAN };
+    struct host host = { ask_to_open, ask_to_allow, tell_step, NULL, NAN, 0 };
     struct scene *scene = NULL;
     struct reason why = { "" };
     uint64_t memory_bytes;
     unsigned seconds;
 
-    if (argc != 5 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1 ||
-        sscanf(argv[3], "%lf", &host.time) != 1) {
+    if (argc != 6 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1 ||
+        sscanf(argv[3], "%lf", &host.time) != 1 || sscanf(argv[4], "%" SCNu64, &host.texture_bytes) != 1) {
         fprintf(stderr, "relight-reader is started by relightd and others to read scenes; it cannot be used alone.\n");
         return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
@@ -161,7 +161,7 @@ int reader_serve(int argc, char **argv,
     stand_back();
     say(WIRE_HELLO, confine(memory_bytes, seconds), "");
     log_divert(forward_line);
-    enum err e = import(argv[4], &host, &scene, &why);
+    enum err e = import(argv[5], &host, &scene, &why);
     if (!e)
         e = parcel_write(WIRE_PARCEL, scene, &why);
     say(WIRE_DONE, (int)e, why.text);

@@ -6,8 +6,8 @@
 #include "reader/host.h"
 #include "scene/scene.h"
 
-/* argv: bytes of memory, seconds of processor time, the time of animations (host.h), the scene file. `import`:
- * import_scene, or what a test puts in its place. Returns the exit code. */
+/* argv: bytes of memory, seconds of processor time, the time of animations and bytes of textures (host.h), the scene
+ * file. `import`: import_scene, or what a test puts in its place. Returns the exit code. */
 int reader_serve(int argc, char **argv,
                  enum err (*import)(const char *path, const struct host *host, struct scene **out, struct reason *why));
 

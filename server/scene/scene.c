@@ -99,11 +99,34 @@ enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, cons
     return e ? e : scene_add_mesh(s, &m);
 }
 
+/* Without memory for a smaller copy, a texture stays as it is. */
+static void limit_textures(struct scene *s)
+{
+    for (;;) {
+        struct texture *largest = NULL;
+        uint64_t bytes = 0, most = 0;
+        for (size_t i = 0; i < s->texture_count; i++) {
+            struct texture *t = &s->textures[i];
+            const uint64_t own = 4 * texture_texel_count(t->width, t->height);
+            bytes += own;
+            if (own > most && (t->width > TEXTURE_SIDE_KEPT || t->height > TEXTURE_SIDE_KEPT)) {
+                most = own;
+                largest = t;
+            }
+        }
+        if (bytes <= s->texture_bytes || !largest || texture_coarsen(largest))
+            return;
+    }
+}
+
 enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index)
 {
     if (index)
         *index = (uint32_t)s->texture_count;
-    return append(&s->textures, &s->texture_count, t, sizeof(*t));
+    const enum err e = append(&s->textures, &s->texture_count, t, sizeof(*t));
+    if (!e && s->texture_bytes > 0)
+        limit_textures(s);
+    return e;
 }
 
 enum err scene_add_camera(struct scene *s, const struct camera *c)

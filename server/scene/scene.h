@@ -102,6 +102,7 @@ struct scene {
     size_t material_count;
     struct texture *textures;
     size_t texture_count;
+    uint64_t texture_bytes; /* limit on those that are added (scene_add_texture); 0: none */
     struct camera *cameras; /* at least one */
     size_t camera_count;
     struct punctual_light *lights;

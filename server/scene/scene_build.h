@@ -10,6 +10,7 @@
 #define MATERIAL_NONE UINT32_MAX
 
 #define MESH_COORDINATE_MAX 1e15f          /* m; Embree drops triangles beyond it, and its square still fits a double */
+#define TEXTURE_SIDE_KEPT 256              /* texels; smaller textures are left alone */
 #define MESH_ELEMENTS_MAX (UINT32_MAX / 3) /* vertices or triangles of a mesh */
 
 /* Creates an empty scene. NULL: out of memory. */
@@ -23,7 +24,8 @@ MUST_CHECK enum err scene_add_mesh(struct scene *s, const struct mesh *m);
 /* Adds mesh `of`, which must be placed, once more where `matrix` says: an instance, which shares its arrays. ERR_NOMEM.
  * ERR_RANGE: the matrix does not suit, see mesh_place. */
 MUST_CHECK enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, const float matrix[3][4]);
-/* See scene_add_material. */
+/* See scene_add_material. If all textures then take more than s->texture_bytes, the largest lose their finest levels until
+ * they do not, down to TEXTURE_SIDE_KEPT texels a side: no picture shows that many at full resolution. */
 MUST_CHECK enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index);
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_camera(struct scene *s, const struct camera *c);

@@ -30,6 +30,7 @@ struct texture {
     uint32_t width, height;
     enum texture_values values;
     enum texture_wrap wrap_u, wrap_v;
+    uint32_t left_out; /* levels finer than the finest here that its file has */
     uint8_t *texels; /* RGBA, top row first; all levels, the finest first, down to 1 x 1: see texture_level_side */
 };
 
@@ -52,6 +53,9 @@ void texture_finish(struct texture *t); /* zeroed memory is allowed */
 
 /* Computes all levels from the finest. A level's texel is the mean, in linear light, of the area that it covers. */
 void texture_build_levels(struct texture *t);
+
+/* Leaves out the finest level, of more than 1 x 1, and frees its memory. ERR_NOMEM: nothing has changed. */
+MUST_CHECK enum err texture_coarsen(struct texture *t);
 
 /* Bilinear lookup at the finest level; u to the right, v upwards. */
 struct vec3 texture_lookup(const struct texture *t, float u, float v);

@@ -3,6 +3,7 @@
 #include "base/mem.h"
 
 #include <math.h>
+#include <string.h>
 
 /* [IEC 61966-2-1, section 5.2]: byte / 255 in sRGB to linear, to the nearest float. */
 const float texture_srgb[256] = {
@@ -151,6 +152,23 @@ void texture_finish(struct texture *t)
 {
     mem_free(t->texels);
     *t = (struct texture){ 0 };
+}
+
+enum err texture_coarsen(struct texture *t)
+{
+    const uint32_t width = texture_level_side(t->width, 1), height = texture_level_side(t->height, 1);
+    const size_t count = texture_texel_count(width, height);
+    uint8_t *texels = mem_alloc_raw(count, 4);
+
+    if (!texels)
+        return ERR_NOMEM;
+    memcpy(texels, t->texels + 4 * (size_t)t->width * t->height, 4 * count);
+    mem_free(t->texels);
+    t->texels = texels;
+    t->width = width;
+    t->height = height;
+    t->left_out++;
+    return ERR_OK;
 }
 
 void texture_build_levels(struct texture *t)

@@ -103,6 +103,8 @@ const struct setting settings_table[] = {
       REAL(0.0, ANIMATION_TIME_MAX), OR_WORD(time_choices), AT(time) },
     { "max-scene-memory", "MB", "most memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
       AT(set_desc.reading.memory_bytes) },
+    { "max-texture-memory", "MB", "most memory of textures; beyond, the largest lose resolution", "450", SCENE,
+      WHOLE(1, 1 << 30), .scale = 1e6, AT(set_desc.reading.texture_bytes) },
     { "source", "S",
       "environment: file, directory, printf or glob pattern, watch:DIR, push:, sky:key=value,..., or a video: a file, "
       "rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0",

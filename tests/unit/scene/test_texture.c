@@ -2,7 +2,7 @@
 #include "support/unit.h"
 
 #include "base/rng.h"
-#include "scene/texture.h"
+#include "scene/scene_build.h"
 
 #include <math.h>
 
@@ -224,6 +224,45 @@ static void any_number_is_a_place(void **state)
     texture_finish(&t);
 }
 
+static uint64_t bytes_of(const struct scene *s)
+{
+    uint64_t sum = 0;
+
+    for (size_t i = 0; i < s->texture_count; i++)
+        sum += 4 * texture_texel_count(s->textures[i].width, s->textures[i].height);
+    return sum;
+}
+
+/* Beyond the limit the largest textures become what their second level was; small ones stay. */
+static void textures_lose_levels_beyond_a_limit(void **state)
+{
+    static const uint32_t sides[] = { 256, 1024, 512, 1024 };
+    struct texture all[4], half = checkerboard(512);
+    struct scene *s = scene_create();
+
+    (void)state;
+    s->texture_bytes = 9000000; /* all four: 12.9 MB */
+    for (int i = 0; i < 4; i++) {
+        all[i] = checkerboard(sides[i]);
+        assert_int_equal(scene_add_texture(s, &all[i], NULL), ERR_OK);
+        assert_true(bytes_of(s) <= s->texture_bytes);
+    }
+    for (size_t i = 0; i < 512 * 512; i++) /* what a checkerboard becomes */
+        memset(half.texels + 4 * i, 188, 3);
+    texture_build_levels(&half);
+    assert_true(s->textures[0].width == 256 && s->textures[2].width == 512 && s->textures[3].width == 1024);
+    assert_true(s->textures[1].width == 512 && s->textures[1].height == 512 && s->textures[1].left_out == 1);
+    assert_memory_equal(s->textures[1].texels, half.texels, 4 * texture_texel_count(512, 512));
+    s->texture_bytes = 1;
+    struct texture one = checkerboard(2);
+    assert_int_equal(scene_add_texture(s, &one, NULL), ERR_OK);
+    for (size_t i = 0; i < 4; i++)
+        assert_int_equal(s->textures[i].width, TEXTURE_SIDE_KEPT);
+    assert_int_equal(s->textures[4].width, 2);
+    texture_finish(&half);
+    scene_destroy(s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_byte_is_decoded_by_the_srgb_curve),
     cmocka_unit_test(a_checkerboard_far_away_is_its_mean_in_linear_light),
@@ -235,6 +274,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_cutout_keeps_the_colour_of_what_is_there),
     cmocka_unit_test(images_repeat_clamp_or_mirror),
     cmocka_unit_test(any_number_is_a_place),
+    cmocka_unit_test(textures_lose_levels_beyond_a_limit),
 };
 
 UNIT_MAIN(tests)
