@@ -10,6 +10,11 @@
 #define GREY 0.5f   /* in place of a texture that cannot be opened */
 #define BLACK 1e-3f /* a colour below is none */
 
+#define FROSTED 0.4f /* transmission of surfaces that are rougher is diffuse; of others it is that of smooth glass */
+
+enum { GREEN = 2, BLUE = 4 }; /* channels */
+#define ROUGHNESS_ALONE "the metallic and roughness factors alone count"
+
 struct source {
     struct gltf *g;
     struct gltf_images images;
@@ -153,13 +158,11 @@ static enum err read_emission(struct source *s, const struct gltf_at *at, struct
 static enum err read_roughness_texture(struct source *s, const struct gltf_at *at, struct material *m,
                                        struct gltf_surface *surface)
 {
-    enum { GREEN = 2, BLUE = 4 };
     struct gltf_numbers t;
 
     if (!at->value || m->kind == MATERIAL_LAMBERT)
         return ERR_OK;
-    const enum err e =
-        gltf_texture_numbers(&s->images, at, GREEN | BLUE, "the metallic and roughness factors alone count", &t);
+    const enum err e = gltf_texture_numbers(&s->images, at, GREEN | BLUE, ROUGHNESS_ALONE, &t);
     if (e || !t.found)
         return e;
     if (t.texture != MATERIAL_NO_TEXTURE && m->kind == MATERIAL_GGX &&
@@ -315,6 +318,34 @@ static enum err read_diffuse_transmission(struct source *s, const struct gltf_at
     return e;
 }
 
+/* Whether light that passes would be spread more than not: by the roughness, with the mean of its texture. */
+static enum err is_frosted(struct source *s, const struct gltf_at *texture, const struct material *m, bool *out)
+{
+    struct gltf_numbers t = { .found = false };
+
+    const enum err e =
+        texture->value ? gltf_texture_numbers(&s->images, texture, GREEN | BLUE, ROUGHNESS_ALONE, &t) : ERR_OK;
+    *out = m->roughness * (t.found ? t.mean[1] : 1.0f) > FROSTED;
+    return e;
+}
+
+/* KHR_materials_transmission of what does not become glass. Frosted glass transmits diffusely, in the base colour.
+ * Where less than half passes, as much of the surface becomes a hole. */
+static void approximate_transmission(struct source *s, float transmission, bool frosted, struct material *m)
+{
+    if (frosted && !(m->transmits > 0.0f)) {
+        scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
+        m->transmits = transmission;
+        m->through = m->diffuse;
+        m->through_texture = m->texture;
+    } else if (!frosted && m->alpha_mode != ALPHA_MASK) {
+        if (m->alpha_mode == ALPHA_OPAQUE)
+            m->alpha_texture = MATERIAL_NO_TEXTURE;
+        m->alpha = (m->alpha_mode == ALPHA_BLEND ? m->alpha : 1.0f) * (1.0f - transmission);
+        m->alpha_mode = ALPHA_BLEND;
+    }
+}
+
 /* A map of numbers that multiplies a factor by one of its channels, or by that one's mean where it is the same
  * everywhere or has no coordinates. */
 static enum err read_factor_map(struct source *s, const struct gltf_at *above, const char *key, enum material_map map,
@@ -450,6 +481,7 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     const struct gltf_at glass = gltf_extension(at, "KHR_materials_transmission");
     const char *name = gltf_string(at, "name");
     float transmission = 0.0f;
+    bool frosted = false;
 
     surface[0] = surface[1] = (struct gltf_surface){ .uv_set = GLTF_NONE };
     snprintf(m.name, sizeof(m.name), "%.63s", name ? name : "");
@@ -468,13 +500,17 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
     if (transmission > 0.0f && transmission < 1.0f)
         scene_note_unmodelled(s->g->scene, FEATURE_PARTIAL_GLASS, s->g->desc->path);
-    if (transmission >= 0.5f)
+    if (transmission > 0.0f)
+        e = is_frosted(s, &roughness, &m, &frosted);
+    if (!e && transmission >= 0.5f && !frosted)
         e = read_glass(s, at, &m);
     if (m.texture == MATERIAL_NO_TEXTURE && (m.alpha_mode == ALPHA_OPAQUE || m.alpha_texture == MATERIAL_NO_TEXTURE))
         surface->uv_set = GLTF_NONE;
     const bool unlit = m.kind == MATERIAL_LAMBERT;
     if (!e)
         e = read_diffuse_transmission(s, at, &m, surface);
+    if (!e && transmission > 0.0f && m.kind == MATERIAL_GGX)
+        approximate_transmission(s, transmission, frosted, &m);
     if (!e && !glossy.value && m.kind == MATERIAL_GGX)
         e = read_specular(s, at, &m);
     if (!e && !glossy.value)

@@ -12,12 +12,12 @@ struct progress;
 
 /* How to read a scene; zero means the default. */
 struct scene_reading {
-    uint64_t memory_bytes; /* for reading, and for the scene itself; SCENE_MEMORY_DEFAULT */
+    uint64_t memory_bytes;  /* for reading, and for the scene itself; SCENE_MEMORY_DEFAULT */
     uint64_t texture_bytes; /* of all textures, beyond which they lose resolution; SCENE_TEXTURES_DEFAULT */
-    unsigned seconds;      /* of processor time; 60. Ten times as long by the clock. */
-    const char *program;   /* default: relight-reader beside this program, or in ../lib/relightd relative to it */
-    bool animate;          /* models with an animation stand as it has them at */
-    double time;           /* s, 0..1e6; else they are at rest */
+    unsigned seconds;       /* of processor time; 60. Ten times as long by the clock. */
+    const char *program;    /* default: relight-reader beside this program, or in ../lib/relightd relative to it */
+    bool animate;           /* models with an animation stand as it has them at */
+    double time;            /* s, 0..1e6; else they are at rest */
 };
 
 #define SCENE_MEMORY_DEFAULT UINT64_C(4000000000)

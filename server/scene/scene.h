@@ -22,9 +22,9 @@ enum scene_feature {
     FEATURE_SHEEN,
     FEATURE_COAT_NORMAL,   /* normal maps of clear coats that are not the surface's; the coats are smooth */
     FEATURE_COATED_GLASS,  /* without the coat */
-    FEATURE_ROUGH_GLASS,   /* treated as smooth */
+    FEATURE_ROUGH_GLASS,   /* treated as smooth, or as diffuse transmission */
     FEATURE_TINTED_GLASS,  /* of other formats than glTF; treated as clear */
-    FEATURE_PARTIAL_GLASS, /* transmission below 0.5 is treated as 0, else as 1 */
+    FEATURE_PARTIAL_GLASS, /* transmission below 0.5 is treated as a hole, else as 1 */
     FEATURE_VERTEX_COLOUR,
     FEATURE_TEXTURE_TRANSFORM,
     FEATURE_SPECULAR_GLOSSINESS,

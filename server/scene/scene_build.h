@@ -24,8 +24,8 @@ MUST_CHECK enum err scene_add_mesh(struct scene *s, const struct mesh *m);
 /* Adds mesh `of`, which must be placed, once more where `matrix` says: an instance, which shares its arrays. ERR_NOMEM.
  * ERR_RANGE: the matrix does not suit, see mesh_place. */
 MUST_CHECK enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, const float matrix[3][4]);
-/* See scene_add_material. If all textures then take more than s->texture_bytes, the largest lose their finest levels until
- * they do not, down to TEXTURE_SIDE_KEPT texels a side: no picture shows that many at full resolution. */
+/* See scene_add_material. If all textures then take more than s->texture_bytes, the largest lose their finest levels
+ * until they do not, down to TEXTURE_SIDE_KEPT texels a side. */
 MUST_CHECK enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index);
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_camera(struct scene *s, const struct camera *c);

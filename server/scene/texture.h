@@ -31,7 +31,7 @@ struct texture {
     enum texture_values values;
     enum texture_wrap wrap_u, wrap_v;
     uint32_t left_out; /* levels finer than the finest here that its file has */
-    uint8_t *texels; /* RGBA, top row first; all levels, the finest first, down to 1 x 1: see texture_level_side */
+    uint8_t *texels;   /* RGBA, top row first; all levels, the finest first, down to 1 x 1: see texture_level_side */
 };
 
 /* The width or height of a level; 0 is the finest, of `side` texels. Each level is half as wide and high as the one

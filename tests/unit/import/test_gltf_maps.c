@@ -185,6 +185,7 @@ static void clear_coats_have_factors_and_maps(void **state)
     assert_true(m.coat == 1.0f && !m.coat_bent);
     assert_int_equal(count_of(said, "not supported: a normal map of its own of a clear coat"), 1);
     m = read_material(&f,
+                      "\"pbrMetallicRoughness\":{\"roughnessFactor\":0},"
                       "\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1},"
                       "\"KHR_materials_transmission\":{\"transmissionFactor\":1}}",
                       &said);
@@ -368,7 +369,8 @@ static void glass_keeps_its_tint(void **state)
     make_end(&f);
 }
 
-#define GLASS "\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+#define GLASS_ALONE "\"KHR_materials_transmission\":{\"transmissionFactor\":1}"
+#define GLASS GLASS_ALONE ","
 
 /* Half of the red light is left after 2 m, all of the green, and none of the blue. */
 static void volumes_attenuate(void **state)
@@ -391,14 +393,45 @@ static void volumes_attenuate(void **state)
     assert_int_equal(m.thin, 0);
     assert_string_equal(said, "");
     const struct material clear =
-        specular_of(&f, DIELECTRIC, GLASS "\"KHR_materials_volume\":{\"attenuationColor\":[0.1,0.1,0.1]}", &said);
+        specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0",
+                    GLASS "\"KHR_materials_volume\":{\"attenuationColor\":[0.1,0.1,0.1]}", &said);
     assert_float_equal(clear.attenuation.x, 0.0f, 0.0f); /* the distance is infinite */
     assert_int_equal(clear.thin, 1);                     /* the thickness is 0 */
     assert_non_null(
-        strstr(make_refused(square_of(&f, DIELECTRIC ",\"extensions\":{" GLASS
-                                                     "\"KHR_materials_volume\":{\"attenuationDistance\":0}}"),
+        strstr(make_refused(square_of(&f, "\"pbrMetallicRoughness\":{\"roughnessFactor\":0},\"extensions\":{" GLASS
+                                          "\"KHR_materials_volume\":{\"attenuationDistance\":0}}"),
                             ERR_FORMAT),
                "KHR_materials_volume: attenuationDistance is 0; expected more than 0"));
+    make_end(&f);
+}
+
+/* Frosted glass transmits diffusely in its base colour; what lets little light pass becomes a veil. */
+static void rough_and_partial_transmission_are_approximated(void **state)
+{
+    static const char half[] = "\"KHR_materials_transmission\":{\"transmissionFactor\":0.75}",
+                      little[] = "\"KHR_materials_transmission\":{\"transmissionFactor\":0.25}";
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    struct material m =
+        specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0.5,\"baseColorFactor\":[0.9,0.5,0.1,1]", half, &said);
+    assert_true(m.kind == MATERIAL_GGX && m.transmits == 0.75f && m.alpha_mode == ALPHA_OPAQUE);
+    assert_near(m.through, 0.9f, 0.5f, 0.1f);
+    assert_true(m.through_texture == m.texture && m.texture == MATERIAL_NO_TEXTURE);
+    assert_int_equal(count_of(said, "not supported: rough glass"), 1);
+    /* the green of the map has a mean of 0.375: smooth enough */
+    m = read_material(&f, ROUGH("\"roughnessFactor\":1,", "\"index\":0") ",\"extensions\":{" GLASS_ALONE "}", &said);
+    assert_int_equal(m.kind, MATERIAL_GLASS);
+    m = specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0.3", half, &said);
+    assert_int_equal(m.kind, MATERIAL_GLASS);
+    assert_int_equal(count_of(said, "not supported: partial transmission"), 1);
+    m = specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0.3", little, &said);
+    assert_true(m.kind == MATERIAL_GGX && m.transmits == 0.0f && m.alpha_mode == ALPHA_BLEND && m.alpha == 0.75f);
+    assert_int_equal(m.alpha_texture, MATERIAL_NO_TEXTURE);
+    assert_int_equal(count_of(said, "not supported: partial transmission"), 1);
     make_end(&f);
 }
 
@@ -439,6 +472,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(specular_and_ior_make_f0),
     cmocka_unit_test(glass_keeps_its_tint),
     cmocka_unit_test(volumes_attenuate),
+    cmocka_unit_test(rough_and_partial_transmission_are_approximated),
     cmocka_unit_test(leaves_transmit),
 };
 UNIT_MAIN(tests)
