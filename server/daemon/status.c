@@ -109,7 +109,8 @@ static void set_kind(struct status_board *b, const struct shared *shared)
                                          [SOURCE_WATCH] = "folder",
                                          [SOURCE_SKY] = "sky",
                                          [SOURCE_VIDEO] = "files",
-                                         [SOURCE_LIVE] = "live" };
+                                         [SOURCE_LIVE] = "live",
+                                         [SOURCE_DAYLIGHT] = "files" };
 
     COPY(b->figures.kind, shared->config.push ? "producer" : kinds[shared->settings.source_kind]);
     b->figures.length = shared->settings.source_length;

@@ -1,6 +1,7 @@
 #include "import/json_parts.h"
 
 #include "base/log.h"
+#include "scene/free_view.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -245,6 +246,21 @@ static enum err read_materials(const struct spot *root)
 
 /* Cameras */
 
+static enum err read_projection(const struct spot *s, enum camera_projection *out)
+{
+    const char *name = NULL;
+    int value = PROJECTION_PERSPECTIVE;
+
+    if (!json_object_get(s->object, "projection"))
+        return ERR_OK;
+    enum err e = spot_string(s, "projection", &name);
+    if (!e && choice_parse(projection_choices, 0, "projection", name, &value, NULL))
+        e = err_say(s->why, ERR_FORMAT, "%s: projection is '%.40s'; expected perspective, equidistant or equisolid",
+                    s->place, name);
+    *out = (enum camera_projection)value;
+    return e;
+}
+
 static enum err read_camera(const struct spot *root, const char *label, const char *name, const json_t *value)
 {
     const struct vec3 y = { 0.0f, 1.0f, 0.0f };
@@ -255,7 +271,8 @@ static enum err read_camera(const struct spot *root, const char *label, const ch
     enum err e = spot_enter(root, value, label, &s);
     if (e)
         return e;
-    spot_warn_unknown(&s, (const char *const[]){ "name", "position", "look_at", "up", "fov_y_degrees", NULL });
+    spot_warn_unknown(
+        &s, (const char *const[]){ "name", "position", "look_at", "up", "fov_y_degrees", "projection", NULL });
     if (!name) {
         e = spot_string(&s, "name", &name);
         if (e)
@@ -271,6 +288,8 @@ static enum err read_camera(const struct spot *root, const char *label, const ch
         e = read_vec3(&s, "up", &y, -1e15, 1e15, &c.up);
     if (!e)
         e = spot_number(&s, "fov_y_degrees", NULL, -1e15, 1e15, &degrees);
+    if (!e)
+        e = read_projection(&s, &c.projection);
     if (e)
         return e;
     c.fov_y = (float)(degrees * (PI / 180.0));

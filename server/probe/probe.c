@@ -94,7 +94,7 @@ static void find_first(const struct probe_desc *desc, struct probe_result *out)
     const struct vec3 dir = view_direction(v, desc->x + 0.5, desc->y + 0.5);
     struct hit hit;
 
-    out->hit = rays_intersect(desc->rays, origin, dir, 0.0f, &hit);
+    out->hit = view_sees(v, desc->x + 0.5, desc->y + 0.5) && rays_intersect(desc->rays, origin, dir, 0.0f, &hit);
     if (!out->hit)
         return;
     rays_surface(desc->rays, &hit, vec3_scale(dir, -1.0f), &out->first.surface);

@@ -6,6 +6,7 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "radiance/reinhart.h"
+#include "radiance/view_line.h"
 
 #include <errno.h>
 #include <math.h>
@@ -108,33 +109,17 @@ enum err components_picture(struct components *c, const float (*radiance)[3], fl
 
 /* ---- Files ---- */
 
-/* A direction of ours in Radiance's axes. */
-static void turn(const double w[3], double out[3])
-{
-    out[0] = -w[0];
-    out[1] = w[2];
-    out[2] = w[1];
-}
-
-/* The header's lines: what the picture is, and Radiance's view, whose -vd and -vu need not be perpendicular. */
+/* The header's lines: what the picture is, and its view. */
 static void describe(const struct components_desc *d, uint32_t patch, char *out, size_t size)
 {
     const struct reinhart_patch at = reinhart_patch(d->mf, patch);
-    const struct view *v = &d->set->view;
-    double from[3], ahead[3], up[3];
+    char view[RADIANCE_VIEW_LINE];
 
-    turn(v->origin, from);
-    turn(v->ahead, ahead);
-    turn(v->step_y, up); /* which goes down */
-    for (int k = 0; k < 3; k++)
-        up[k] /= -v->step;
+    radiance_view_line(&d->set->view, view);
     snprintf(
         out, size,
-        "relight-render: daylight coefficients of patch %u of Reinhart MF:%u, altitude %.6g, azimuth %.6g, %.6g sr\n"
-        "VIEW= -vtv -vp %.9g %.9g %.9g -vd %.9g %.9g %.9g -vu %.9g %.9g %.9g -vh %.9g -vv %.9g\n",
-        patch, d->mf, DEGREES * at.altitude, DEGREES * at.azimuth, at.solid_angle, from[0], from[1], from[2], ahead[0],
-        ahead[1], ahead[2], up[0], up[1], up[2], 2.0 * DEGREES * atan(0.5 * v->step * v->width),
-        2.0 * DEGREES * atan(0.5 * v->step * v->height));
+        "relight-render: daylight coefficients of patch %u of Reinhart MF:%u, altitude %.6g, azimuth %.6g, %.6g sr\n%s",
+        patch, d->mf, DEGREES * at.altitude, DEGREES * at.azimuth, at.solid_angle, view);
 }
 
 static enum err write_one(const struct components_desc *d, struct components *c, uint32_t patch, float (*radiance)[3],

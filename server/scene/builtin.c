@@ -327,9 +327,9 @@ static enum err add_cypresses(struct scene *scene)
 static enum err add_cameras(struct scene *scene)
 {
     static const struct camera cameras[] = {
-        { "main", { 5.2f, 2.9f, -13.2f }, { -0.45f, 1.75f, 0.0f }, { 0.0f, 1.0f, 0.0f }, 0.575f },
-        { "sundial", { 2.6f, 5.2f, -4.2f }, { 0.0f, 0.55f, 0.5f }, { 0.0f, 1.0f, 0.0f }, 0.72f },
-        { "gallery", { 7.1f, 1.95f, 5.5f }, { 0.9f, 1.75f, 8.7f }, { 0.0f, 1.0f, 0.0f }, 0.95f },
+        { "main", { 5.2f, 2.9f, -13.2f }, { -0.45f, 1.75f, 0.0f }, { 0.0f, 1.0f, 0.0f }, 0.575f, 0 },
+        { "sundial", { 2.6f, 5.2f, -4.2f }, { 0.0f, 0.55f, 0.5f }, { 0.0f, 1.0f, 0.0f }, 0.72f, 0 },
+        { "gallery", { 7.1f, 1.95f, 5.5f }, { 0.9f, 1.75f, 8.7f }, { 0.0f, 1.0f, 0.0f }, 0.95f, 0 },
     };
 
     for (size_t i = 0; i < sizeof(cameras) / sizeof(cameras[0]); i++) {

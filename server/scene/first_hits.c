@@ -49,8 +49,10 @@ static bool trace(const struct tracing *t, double x, double y, uint32_t side, st
     const struct vec3 origin = vec3_make((float)v->origin[0], (float)v->origin[1], (float)v->origin[2]);
     const struct vec3 dir = view_direction(v, x, y);
     const double cosine = v->ahead[0] * dir.x + v->ahead[1] * dir.y + v->ahead[2] * dir.z;
-    const float angle = (float)(v->step * cosine * sqrt(cosine) / side), sharp[2][2] = { { 0.0f } };
-    float left = 1.0f, from = 0.0f;
+    const float angle = v->projection == PROJECTION_PERSPECTIVE ? (float)(v->step * cosine * sqrt(cosine) / side)
+                                                                : (float)(sqrt(view_solid_angle(v, dir)) / side);
+    const float sharp[2][2] = { { 0.0f } };
+    float left = view_sees(v, x, y) ? 1.0f : 0.0f, from = 0.0f;
     bool found = false, varies;
     struct hit h;
 

@@ -30,6 +30,23 @@ static const char *read_point(const char *text, char end, struct vec3 *out)
     return text;
 }
 
+const struct setting_choice projection_choices[] = {
+    { "perspective", PROJECTION_PERSPECTIVE, "as a lens shows it", 0 },
+    { "equidistant", PROJECTION_EQUIDISTANT, "fisheye: angles from the middle are to scale", 0 },
+    { "equisolid", PROJECTION_EQUISOLID, "fisheye: solid angles are to scale", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+/* ";equidistant" and ";equisolid" behind the degrees. False: something else stands there. */
+static bool read_projection(const char *text, enum camera_projection *out)
+{
+    *out = PROJECTION_PERSPECTIVE;
+    for (int k = 1; *text && projection_choices[k].name; k++)
+        if (text[0] == ';' && strcmp(text + 1, projection_choices[k].name) == 0)
+            *out = (enum camera_projection)projection_choices[k].value;
+    return !*text || *out != PROJECTION_PERSPECTIVE;
+}
+
 static enum err complete(struct camera *c, struct reason *why)
 {
     const struct vec3 ahead = vec3_sub(c->look_at, c->position);
@@ -55,7 +72,9 @@ enum err free_view_read(const char *text, struct camera *out, struct reason *why
     const char *at = read_point(text + 1, ';', &c.position);
     at = at ? read_point(at, ';', &c.look_at) : NULL;
     const double degrees = at ? strtod(at, &end) : 0.0;
-    if (!at || end == at || *end || !(degrees >= NARROW && degrees <= WIDE) || strlen(text) >= sizeof(c.name))
+    const bool known = at && end != at && read_projection(end, &c.projection);
+    const double most = known && c.projection != PROJECTION_PERSPECTIVE ? 360.0 : WIDE;
+    if (!known || !(degrees >= NARROW && degrees <= most) || strlen(text) >= sizeof(c.name))
         return err_say(
             why, ERR_USAGE,
             "'%.80s' is no view such as @4,2,4;0,1,0;40: position, point looked at (m, within %g) and field of "
@@ -81,6 +100,8 @@ void free_view_write(const struct camera *c, char out[FREE_VIEW_TEXT])
     snprintf(text, sizeof(text), "@%.6g,%.6g,%.6g;%.6g,%.6g,%.6g;%.4g", rounded(c->position.x), rounded(c->position.y),
              rounded(c->position.z), rounded(c->look_at.x), rounded(c->look_at.y), rounded(c->look_at.z),
              (double)c->fov_y * 180.0 / PI);
+    if (c->projection != PROJECTION_PERSPECTIVE)
+        snprintf(text + strlen(text), sizeof(text) - strlen(text), ";%s", projection_choices[c->projection].name);
     const size_t size = strlen(text) + 1;
     out[0] = '\0';
     if (size <= FREE_VIEW_TEXT)
@@ -107,7 +128,14 @@ enum err view_change_apply(const struct view_change *change, struct camera *c, s
         c->position = change->position;
     if (change->has_look_at)
         c->look_at = change->look_at;
+    if (change->has_projection && change->projection != c->projection) {
+        c->projection = change->projection;
+        if (c->projection != PROJECTION_PERSPECTIVE && !(change->fov_y > 0.0f))
+            c->fov_y = (float)PI;
+    }
     if (change->fov_y > 0.0f)
         c->fov_y = change->fov_y;
-    return change->has_position || change->has_look_at ? complete(c, why) : ERR_OK;
+    return change->has_position || change->has_look_at || change->has_projection || change->fov_y > 0.0f
+               ? complete(c, why)
+               : ERR_OK;
 }

@@ -3,6 +3,7 @@
 #ifndef SCENE_FREE_VIEW_H
 #define SCENE_FREE_VIEW_H
 
+#include "base/choice.h"
 #include "base/err.h"
 #include "scene/scene.h"
 
@@ -19,11 +20,16 @@ MUST_CHECK enum err free_view_read(const char *text, struct camera *out, struct 
 /* Rounded to a tenth of a millimetre, or six digits; "" if the camera is so far away that it does not fit. */
 void free_view_write(const struct camera *c, char out[FREE_VIEW_TEXT]);
 
-/* What --position X,Y,Z, --look-at X,Y,Z and --fov DEGREES change of a camera. */
+/* Cameras' projections by name: "perspective" and so on. */
+extern const struct setting_choice projection_choices[];
+
+/* What --position X,Y,Z, --look-at X,Y,Z, --fov DEGREES and --projection change of a camera. */
 struct view_change {
     bool has_position, has_look_at;
     struct vec3 position, look_at; /* m */
     float fov_y;                   /* radians; 0: none */
+    bool has_projection;
+    enum camera_projection projection; /* a fisheye without fov_y spans 180 degrees */
 };
 
 /* position, look_at: NULL: not given; degrees 0: not given. ERR_USAGE names the flag. */

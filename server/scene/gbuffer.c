@@ -57,7 +57,12 @@ static uint32_t trace(const struct build *b, double x, double y, uint32_t side, 
     const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
     const double *ahead = b->view.ahead, cosine = ahead[0] * dir.x + ahead[1] * dir.y + ahead[2] * dir.z;
 
-    return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, found, count);
+    if (b->view.projection == PROJECTION_PERSPECTIVE)
+        return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, found, count);
+    if (view_sees(&b->view, x, y))
+        return sight_trace(&b->sight, o, dir, (float)(sqrt(view_solid_angle(&b->view, dir)) / side), out, found, count);
+    *found = (struct sighting){ .uneven = false };
+    return 0;
 }
 
 /* The centre sample of each pixel of row y: the heaviest of its leaves; without mirrors there is only one. */
@@ -529,11 +534,13 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     b.g->width = desc->width;
     b.g->height = desc->height;
     b.g->interleave = desc->interleave ? desc->interleave : 1;
-    b.g->pixel_angle = 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height;
+    view_init(&b.view, desc->camera, desc->width, desc->height);
+    b.g->pixel_angle = desc->camera->projection == PROJECTION_PERSPECTIVE
+                           ? 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height
+                           : (float)b.view.step;
     b.sight = (struct sight){
         .scene = scene, .rays = rays, .pixel_angle = b.g->pixel_angle, .lamps = scene_has_lamps(scene)
     };
-    view_init(&b.view, desc->camera, desc->width, desc->height);
     const enum err e = build_all(&b, why);
     free_rows(b.rows, desc->height);
     if (e == ERR_NOMEM)

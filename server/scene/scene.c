@@ -235,9 +235,12 @@ enum err camera_check(const struct camera *c, const char *place, struct reason *
 
     if (!finite3(c->position) || !finite3(c->look_at) || !finite3(c->up) || !finite3(ahead))
         return err_say(why, ERR_RANGE, "%s: a number is not finite", place);
-    if (!(c->fov_y > 0.0f && c->fov_y < (float)PI))
-        return err_say(why, ERR_RANGE, "%s: fov_y_degrees is %g, not between 0 and 180", place,
-                       (double)c->fov_y * 180.0 / PI);
+    const bool fisheye = c->projection == PROJECTION_EQUIDISTANT || c->projection == PROJECTION_EQUISOLID;
+    if (!fisheye && c->projection != PROJECTION_PERSPECTIVE)
+        return err_say(why, ERR_RANGE, "%s: unknown projection", place);
+    if (!(c->fov_y > 0.0f && (fisheye ? c->fov_y <= (float)(2.0 * PI) : c->fov_y < (float)PI)))
+        return err_say(why, ERR_RANGE, "%s: fov_y_degrees is %g, not between 0 and %d", place,
+                       (double)c->fov_y * 180.0 / PI, fisheye ? 360 : 180);
     if (vec3_length(ahead) == 0.0f)
         return err_say(why, ERR_RANGE, "%s: position and look_at are equal", place);
     const struct vec3 right = vec3_cross(vec3_normalize(ahead), vec3_normalize(c->up));

@@ -63,10 +63,17 @@ struct mesh {
     struct placement place;
 };
 
+enum camera_projection {
+    PROJECTION_PERSPECTIVE,
+    PROJECTION_EQUIDISTANT, /* fisheye: the distance from the centre is in proportion to the angle (Radiance's -vta) */
+    PROJECTION_EQUISOLID,   /* fisheye: equal areas are equal solid angles */
+};
+
 struct camera {
     char name[64];
     struct vec3 position, look_at, up; /* m */
-    float fov_y;                       /* radians, vertical field of view */
+    float fov_y;                       /* radians: what the picture's height spans; of a fisheye its circle */
+    enum camera_projection projection;
 };
 
 enum light_kind {

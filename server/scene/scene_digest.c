@@ -115,6 +115,8 @@ void digest_view(struct digest *d, const struct view *view)
     digest_bytes(d, view->step_x, sizeof(view->step_x));
     digest_bytes(d, view->step_y, sizeof(view->step_y));
     digest_u64(d, (uint64_t)view->width << 32 | view->height);
+    if (view->projection != PROJECTION_PERSPECTIVE)
+        digest_u64(d, view->projection);
 }
 
 /* What decides where a mesh has holes. */

@@ -96,7 +96,9 @@ const struct setting settings_table[] = {
       SCENE, .programs = FOR_RELIGHTD | FOR_RENDER | FOR_BENCH, TEXT, AT(set_desc.scene) },
     { "position", "X,Y,Z", "the camera is there instead, in metres", NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(position) },
     { "look-at", "X,Y,Z", "and looks at this point", NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(look_at) },
-    { "fov", "DEGREES", "and has this vertical field of view", NULL, SCENE, LIGHT_PROGRAMS, REAL(1.0, 170.0), AT(fov) },
+    { "fov", "DEGREES", "and has this vertical field of view", NULL, SCENE, LIGHT_PROGRAMS, REAL(1.0, 360.0), AT(fov) },
+    { "projection", "P", "and is of this kind; a fisheye spans 180 degrees unless --fov says else", NULL, SCENE,
+      LIGHT_PROGRAMS, CHOICE(projection_choices), AT(projection) },
     { "ground", NULL, "put a ground below the model: it shows the environment, with the model's shadows and caustics",
       NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
     { "time", "SECONDS", "pose animated glTF models as at this time of their first animation", "rest", SCENE,
@@ -214,6 +216,8 @@ enum err setup_complete(struct setup *s, struct reason *why)
     else if (strcmp(s->light.cache_file, "off") == 0)
         s->light.cache_file = NULL;
     enum err e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
+    s->set_desc.change.has_projection = s->projection != PROJECTION_PERSPECTIVE;
+    s->set_desc.change.projection = (enum camera_projection)s->projection;
     if (!e)
         e = kernels_select(s->cpu, &s->kernels, why);
     s->set_desc.kernels = s->kernels;

@@ -155,16 +155,6 @@ static enum err read_key(struct reading *r, const char *name, const char *value,
         name);
 }
 
-/* 1 January is 1 of 365; 29 February counts as 1 March. */
-static int day_of_year(int month, int day)
-{
-    int n = day;
-
-    for (int m = 1; m < month; m++)
-        n += m == 2 ? 28 : month_days[m - 1];
-    return n;
-}
-
 enum err sky_parse(const char *text, struct sky_desc *out, struct reason *why)
 {
     struct reading r = { .d = out };

@@ -1,20 +1,14 @@
 /* server/source/sky_model.h */
-/* The physics behind sky.h, each part from its paper: the sun's position, atmospheric transmission, and the luminance
+/* The physics behind sky.h, each part from its paper: atmospheric transmission, and the luminance
  * and colour of the clear sky. Private to this room. Stateless. Thread: any. */
 #ifndef SOURCE_SKY_MODEL_H
 #define SOURCE_SKY_MODEL_H
 
+#include "daylight/sun.h"
 #include "source/sky.h"
 
-#define SKY_SUN_RADIUS 0.0046513 /* radians: half of 0.533 degrees */
-#define SKY_EFFICACY 179.0       /* lm/W: luminance in cd m^-2 over the radiance of white [Ward 1994] */
-
-/* Unit direction of the sun (Y up, north +Z, east -X). latitude: radians; hours: local solar time since midnight of day
- * 1 (1 January = 1) of a 365-day year [Spencer 1971]. */
-void sky_sun_place(double latitude, int day, double hours, double w[3]);
-
-/* The equation of time: solar minus mean time, minutes [Spencer 1971]. */
-double sky_equation_of_time(int day, double hours);
+#define SKY_SUN_RADIUS SUN_RADIUS /* radians */
+#define SKY_EFFICACY 179.0        /* lm/W: luminance in cd m^-2 over the radiance of white [Ward 1994] */
 
 /* Radiance of the sun's disc through the atmosphere (linear Rec.709, W sr^-1 m^-2 as in sky.h); elevation in radians.
  */
@@ -25,6 +19,9 @@ double sky_illuminance(double elevation, double turbidity);
 
 /* Computes everything in *s from its sun_direction and sun_elevation. */
 void sky_state_fill(const struct sky_desc *d, struct sky_state *s);
+
+/* Adds the sun's disc to float[height][width][3] of the size in d, by the fields of s that begin with sun_. */
+void sky_add_sun(const struct sky_desc *d, const struct sky_state *s, float *rgb);
 
 /* Chromaticity of twilight's blue, caused by ozone when the sun is low [Hulburt 1953], CIE x and y. */
 #define SKY_TWILIGHT_X 0.245

@@ -203,7 +203,7 @@ static double cover_row(const struct sun_grid *g, uint32_t y, const double gain[
     return sum;
 }
 
-static void render_sun(const struct sky_desc *d, const struct sky_state *s, float *rgb)
+void sky_add_sun(const struct sky_desc *d, const struct sky_state *s, float *rgb)
 {
     struct sun_grid g;
     double sum = 0.0;
@@ -229,5 +229,5 @@ static void render_sun(const struct sky_desc *d, const struct sky_state *s, floa
 void sky_render(const struct sky_desc *d, const struct sky_state *s, float *rgb)
 {
     render_dome(d, s, rgb);
-    render_sun(d, s, rgb);
+    sky_add_sun(d, s, rgb);
 }

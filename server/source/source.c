@@ -2,8 +2,9 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "source/files.h"
 #include "base/mem.h"
+#include "source/daylight.h"
+#include "source/files.h"
 #include "source/footage.h"
 #include "source/live.h"
 #include "source/sky.h"
@@ -28,11 +29,15 @@ struct source {
     uint64_t sky_frame;     /* of the next frame */
     uint64_t position;      /* of the last frame returned */
     bool sky_ended;
-    struct footage *footage; /* SOURCE_VIDEO */
-    struct live *live;       /* SOURCE_LIVE */
-    uint64_t picture;        /* SOURCE_VIDEO: number of the next; SOURCE_LIVE: of the next to be taken */
-    uint64_t length;         /* SOURCE_VIDEO: pictures in a pass, once one is over; 0: not yet known */
-    bool video_ended;        /* the pass is over, or the video broke off */
+    struct daylight *daylight; /* SOURCE_DAYLIGHT */
+    size_t daylight_first;     /* of its frames, the first in the range, */
+    size_t daylight_count;     /* how many of them are, */
+    size_t daylight_next;      /* and the next, from 0 */
+    struct footage *footage;   /* SOURCE_VIDEO */
+    struct live *live;         /* SOURCE_LIVE */
+    uint64_t picture;          /* SOURCE_VIDEO: number of the next; SOURCE_LIVE: of the next to be taken */
+    uint64_t length;           /* SOURCE_VIDEO: pictures in a pass, once one is over; 0: not yet known */
+    bool video_ended;          /* the pass is over, or the video broke off */
 };
 
 static bool starts_with(const char *text, const char *start)
@@ -101,11 +106,35 @@ static enum err open_video(struct source *s, const struct source_desc *d, enum d
     return e;
 }
 
+static enum err open_daylight(struct source *s, const struct source_desc *d, struct reason *why)
+{
+    const enum err e = daylight_open(d->spec, &s->daylight, why);
+
+    if (e)
+        return e;
+    s->kind = SOURCE_DAYLIGHT;
+    for (size_t i = 0; i < s->daylight->count; i++) {
+        if (!in_range(s, daylight_moment(s->daylight, i)->number))
+            continue;
+        s->daylight_first = s->daylight_count == 0 ? i : s->daylight_first;
+        s->daylight_count++;
+    }
+    if (s->daylight_count > 0)
+        return ERR_OK;
+    return err_say(why, ERR_USAGE,
+                   "%s: no daylight in the frames from %" PRIu64 " to %" PRIu64 "; the numbers run from %" PRIu64
+                   " to %" PRIu64,
+                   d->spec, s->frames.first, s->frames.last, daylight_moment(s->daylight, 0)->number,
+                   daylight_moment(s->daylight, s->daylight->count - 1)->number);
+}
+
 static enum err open_spec(struct source *s, const struct source_desc *d, struct reason *why)
 {
     const char *spec = d->spec;
     enum demux_kind video;
 
+    if (daylight_is(spec))
+        return open_daylight(s, d, why);
     if (starts_with(spec, "push:"))
         return err_say(why, ERR_USAGE, "'%s': only relightd accepts frames pushed over the network", spec);
     if (starts_with(spec, "watch:")) {
@@ -167,6 +196,7 @@ void source_close(struct source *s)
         watch_finish(&s->watch);
     footage_close(s->footage);
     live_stop(s->live);
+    daylight_close(s->daylight);
     mem_free(s);
 }
 
@@ -233,6 +263,34 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
         s->sky_ended = true;
     else if (s->sky_frame < FRAME_NUMBER_MAX) /* else it stands still */
         s->sky_frame++;
+    return ERR_OK;
+}
+
+static enum err next_daylight(struct source *s, struct frame *f, struct reason *why)
+{
+    const struct daylight *d = s->daylight;
+    char when[40];
+
+    if (s->daylight_next == s->daylight_count) {
+        if (!s->loop)
+            return ERR_END;
+        s->daylight_next = 0;
+    }
+    forget(f);
+    f->capture_us = clock_wall_us();
+    if (frame_reserve_texels(f, d->width, d->height))
+        return err_say(why, ERR_NOMEM, "%s: out of memory for %" PRIu32 "x%" PRIu32 " texels", s->desc.spec, d->width,
+                       d->height);
+    const struct moment *m = daylight_moment(d, s->daylight_first + s->daylight_next);
+    s->position = s->daylight_next++;
+    f->number = m->number;
+    moment_name(m, when, sizeof(when));
+    if (d->cie)
+        snprintf(f->name, sizeof(f->name), "cie: %s", cie_name(d->cie));
+    else
+        snprintf(f->name, sizeof(f->name), "%.100s: %s, sun at %.1f degrees", d->weather.place, when,
+                 m->altitude * 57.29577951308232);
+    daylight_render(d, m, f->rgb);
     return ERR_OK;
 }
 
@@ -323,6 +381,7 @@ enum err source_next(struct source *s, struct frame *f, struct reason *why)
     case SOURCE_SKY: return next_sky(s, f, why);
     case SOURCE_VIDEO: return next_video(s, f, why);
     case SOURCE_LIVE: return next_live(s, f, why);
+    case SOURCE_DAYLIGHT: return next_daylight(s, f, why);
     }
     return ERR_END;
 }
@@ -352,6 +411,7 @@ uint64_t source_count(const struct source *s)
     case SOURCE_WATCH: return 0;
     case SOURCE_SKY: return s->frames.given ? s->frames.last - s->frames.first + 1 : 0;
     case SOURCE_VIDEO: return video_count(s);
+    case SOURCE_DAYLIGHT: return s->daylight_count;
     }
     return 0;
 }
@@ -407,6 +467,8 @@ bool source_seek(struct source *s, uint64_t position)
         return seek_video(s, position + (s->frames.given ? s->frames.first : 0));
     if (s->kind == SOURCE_FILES) {
         s->files.next = (size_t)position;
+    } else if (s->kind == SOURCE_DAYLIGHT) {
+        s->daylight_next = (size_t)position;
     } else {
         s->sky_frame = position + (s->frames.given ? s->frames.first : 0);
         s->sky_ended = false;
@@ -450,6 +512,11 @@ bool source_set_hour(struct source *s, double hour)
 const struct sky_desc *source_sky(const struct source *s)
 {
     return s->kind == SOURCE_SKY ? &s->sky : NULL;
+}
+
+const struct daylight *source_daylight(const struct source *s)
+{
+    return s->daylight;
 }
 
 enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why)

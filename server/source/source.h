@@ -13,6 +13,8 @@
  *                 they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when done.
  * `sky:key=...`   Computed frames (sky.h); never ends by itself. From the largest number that a frame can have on
  *                 (FRAME_NUMBER_MAX), it repeats that frame.
+ * `epw:FILE,...`  The hours with daylight of a weather file (daylight.h), numbered by their place in the year.
+ * `cie:TYPE,...`  One standard sky, likewise.
  * `clip.mp4`      A video (.mp4, .mkv, .mov, .webm and others), or http(s):// of one: its frames, numbered from 0.
  * `rtsp://...`    A live stream: also rtsps, rtmp, rtmps, srt, http(s) of a live playlist, and v4l2:/dev/video0. Each
  *                 frame is the newest; frames are numbered as they are taken. Lost connections are retried.
@@ -30,6 +32,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+struct daylight;
 struct sky_desc;
 struct source;
 
@@ -82,6 +85,7 @@ enum source_kind {
     SOURCE_SKY,
     SOURCE_VIDEO,
     SOURCE_LIVE,
+    SOURCE_DAYLIGHT,
 };
 
 enum source_kind source_kind(const struct source *s); /* of an open source. One that waits for a web server is LIVE
@@ -103,5 +107,8 @@ bool source_set_hour(struct source *s, double hour);
 
 /* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);
+
+/* The weather or standard sky behind the frames; NULL if the source has none. The source owns it. */
+const struct daylight *source_daylight(const struct source *s);
 
 #endif

@@ -1,5 +1,6 @@
 /* server/tools/relight_render.c */
 /* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
+#include "annual/annual.h"
 #include "base/log.h"
 #include "base/setting_table.h"
 #include "radiance/components.h"
@@ -18,6 +19,7 @@ struct render {
     double fps;                        /* 0: no time is set */
     int bits;                          /* of PNG: 8 or 16 */
     struct components_desc components; /* out.text NULL: they are not asked for */
+    struct annual_desc annual;         /* folder NULL: it is not asked for */
     struct probe_request probe;        /* about a pixel, */
     bool probing;                      /* where one is asked */
     char name[200];                    /* of a rank, in the log */
@@ -71,6 +73,15 @@ static const struct setting rows[] = {
       NULL, OUTPUT, TEXT },
     { "reinhart", "MF", "subdivision of the sky for --components", "1", OUTPUT, CHOICE(reinhart_choices),
       AT(components.mf) },
+    { "annual", "DIR",
+      "instead of images: a year of light under --source epw:FILE; tables, daylight measures, heat maps, false colour",
+      NULL, OUTPUT, TEXT, AT(annual.folder) },
+    { "sensors", "S",
+      "with --annual: measure illuminance there; a file with a line 'x y z nx ny nz' each (metres), or "
+      "grid:SURFACE,spacing=0.5,height=0.8,margin=0",
+      NULL, OUTPUT, TEXT, AT(annual.sensors) },
+    { "pictures", "HOURS", "with --annual: pictures of these hours, MM-DDTHH:MM with commas between; seasons; or none",
+      "seasons", OUTPUT, TEXT, AT(annual.pictures) },
     { "probe", "X,Y", "print where this pixel's light comes from, one JSON object per frame; makes --out optional",
       NULL, OUTPUT, TEXT },
     { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT,
@@ -140,7 +151,7 @@ static enum err check_layers(const struct render *r, struct reason *why)
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = { "out",   "frames",  "stats",          "fps",    "error", "reseed", "half",
+    static const char *const others[] = { "out",   "frames",  "stats",          "fps",    "error",  "reseed", "half",
                                           "alpha", "denoise", "exposure-frame", "layers", "format", "resume" };
 
     r->desc.exposure_frame_given = command_given(c, "exposure-frame");
@@ -156,6 +167,12 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
         if (command_given(c, "scale"))
             return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
         return components_read(command_get(c, "components"), &r->components, why);
+    }
+    if (r->annual.folder) {
+        for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
+            if (strcmp(others[k], "resume") != 0 && command_get(c, others[k]))
+                return err_say(why, ERR_USAGE, "--%s has no meaning with --annual", others[k]);
+        return r->probing ? err_say(why, ERR_USAGE, "--probe has no meaning with --annual") : ERR_OK;
     }
     r->desc.output.pattern = command_get(c, "out");
     r->desc.output.deep = r->bits == 16;
@@ -191,6 +208,8 @@ static void report_ignored(struct command *c, const struct render *r)
     if (dot && r->desc.output.rate > 0.0 &&
         (strcmp(dot, ".exr") == 0 || strcmp(dot, ".jpg") == 0 || strcmp(dot, ".png") == 0))
         log_warning("--rate has no effect: it is for video files");
+    if (!r->annual.folder && (command_given(c, "sensors") || command_given(c, "pictures")))
+        log_warning("--sensors and --pictures have no effect without --annual");
     if (!r->components.out.text && command_given(c, "reinhart"))
         log_warning("--reinhart has no effect without --components");
 }
@@ -248,6 +267,15 @@ static enum err export_components(struct render *r, struct reason *why)
     return e;
 }
 
+/* A year in place of images. */
+static enum err run_annual(struct render *r, struct reason *why)
+{
+    r->annual.setup = r->desc.setup;
+    r->annual.measures = measures_lm83;
+    r->annual.resume = r->desc.resume;
+    return annual_run(&r->annual, why);
+}
+
 /* All ranks of a job render one sequence; alone, this process does. */
 static enum err render_together(struct render *r, int argc, char **argv, struct reason *why)
 {
@@ -267,6 +295,9 @@ static enum err render_together(struct render *r, int argc, char **argv, struct 
     if (!e && r->components.out.text)
         e = ranks ? err_say(why, ERR_USAGE, "--components is for one process: start relight-render without mpirun")
                   : export_components(r, why);
+    else if (!e && r->annual.folder)
+        e = ranks ? err_say(why, ERR_USAGE, "--annual is for one process: start relight-render without mpirun")
+                  : run_annual(r, why);
     else if (!e)
         e = render_sequence(&r->desc, why);
     /* Wrong usage is the same on all ranks, and an error that is another rank's is told there. */

@@ -20,8 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("relightd", "relight-render", "relight-feed", "relight-record", "relight-diff", "relight-chart", "relight-bench")
 TYPED = re.compile(r"^(?:studio\$|rig\$)? *(?:sudo )?(?:RELIGHT_TOKEN=\S+ )?(?:build/bin/)?(?:\./run\b|relightd\b|relight-[a-z]+\b)")
 # Lines around these commands that a shell understands, and that harm nothing.
-SHELL = re.compile(r"^(?:mkdir|recorder=|scene=|wait\b|export PATH=|cat >)")
-BY_OTHERS = re.compile(r"^(?:\./test|docs/examples/producer\.py|deploy/|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|srun|#)")
+SHELL = re.compile(r"^(?:docs/examples/weather\.py|mkdir|recorder=|scene=|wait\b|export PATH=|cat >)")
+BY_OTHERS = re.compile(r"^(?:xdg-open|\./test|docs/examples/producer\.py|deploy/|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|srun|#)")
 
 WRAPPER = """#!/usr/bin/python3
 import os, sys
@@ -45,6 +45,8 @@ for i, a in enumerate(args):
     given.add(a)
     if i and args[i - 1] in few and not (args[i - 1] == "--size" and "--probe" in args):
         args[i] = few[args[i - 1]]
+    if a.startswith("epw:") and "--annual" in args:
+        args[i] = a + ",days=06-21"
     if i and args[i - 1] == "--frames" and "-" in a:
         args[i] = a.split("-")[0] + "-" + str(int(a.split("-")[0]) + 1)
 extra = []
@@ -111,6 +113,8 @@ def furnish(clone):
     subprocess.run(render + ["--source", "sky:speed=5", "--frames", "0-1", "--out", str(clone / "sky.mp4")], check=False, capture_output=True)
     (clone / "studio.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 128, 128, 129]) * 8)
     shutil.copy(clone / "studio.hdr", clone / "park.hdr")
+    with open(clone / "city.epw", "w") as out:
+        subprocess.run([str(ROOT / "docs/examples/weather.py")], check=True, stdout=out)
     shutil.copy(ROOT / "docs/examples/table.obj", clone / "chair.obj")
     glb = subprocess.run(["/usr/bin/python3", "-c", GLB], capture_output=True, check=True).stdout
     for name in ("house.glb", "chair.glb"):

@@ -147,6 +147,8 @@ void chains_from_eye(const struct path_world *world, const double xy[2], struct 
     double weight[3] = { 1.0, 1.0, 1.0 };
     struct hit h;
 
+    if (!view_sees(world->view, xy[0], xy[1]))
+        return;
     for (uint32_t event = 0; event < PATH_EVENTS_MAX; event++) {
         struct scatter at;
         struct delta_ray delta[2];

@@ -240,6 +240,8 @@ void path_sample(const struct path_world *world, uint32_t classes, const double 
     struct hit h;
 
     rgb[0] = rgb[1] = rgb[2] = 0.0;
+    if (!view_sees(world->view, xy[0], xy[1]))
+        return;
     for (; w.event < PATH_EVENTS_MAX; w.event++) {
         ++*rays;
         if (!rays_intersect(world->rays, w.origin, w.dir, 0.0f, &h)) {

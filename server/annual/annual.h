@@ -1,0 +1,31 @@
+/* server/annual/annual.h */
+/* A year of light: every lit hour of a weather file lights a scene and its sensors, and the folder gets
+ *     hours.csv, illuminance.csv   a row for each lit hour (ledger.h)
+ *     sensors.csv                  a row for each sensor: its measures
+ *     summary.json, index.html     the measures of all sensors; a page with everything
+ *     year-*.png, sensors-*.png    heat maps over day and hour, and of the sensors in plan
+ *     picture-MMDD-HHMM.*          chosen hours: .png as seen, .hdr, and -falsecolour.png
+ * One thread of control; light runs on all OpenMP threads. */
+#ifndef ANNUAL_ANNUAL_H
+#define ANNUAL_ANNUAL_H
+
+#include "base/err.h"
+#include "daylight/measures.h"
+#include "settings/settings.h"
+
+#include <stdbool.h>
+
+struct annual_desc {
+    struct setup setup;   /* METHOD_AUTO: the cache. Caustics are left out: the sensors do not get them */
+    const char *folder;   /* made if it is missing */
+    const char *sensors;  /* of points_read; NULL: none */
+    const char *pictures; /* MM-DDTHH:MM, several with commas between; "seasons": three hours of four days; "none" */
+    struct measures_desc measures;
+    bool resume; /* keep the rows of an earlier run with the same settings */
+};
+
+/* Errors are those of daylight_open, points_read, set_create, relighter_run and ledger_open. ERR_USAGE: the source is
+ * no weather file, or a picture's hour is not among its lit hours. */
+MUST_CHECK enum err annual_run(const struct annual_desc *desc, struct reason *why);
+
+#endif

@@ -1,0 +1,18 @@
+/* server/annual/glare_view.h */
+/* Daylight glare probability of a fisheye view's pictures. Thread: one per object. */
+#ifndef ANNUAL_GLARE_VIEW_H
+#define ANNUAL_GLARE_VIEW_H
+
+#include "daylight/glare.h"
+#include "scene/view.h"
+
+struct glare_view;
+
+/* *out is NULL for a view that is no fisheye: it does not see all that reaches the eye. ERR_NOMEM. */
+MUST_CHECK enum err glare_view_create(const struct view *v, struct glare_view **out);
+void glare_view_destroy(struct glare_view *g); /* NULL is allowed */
+
+/* cdm2: [height][width]. ERR_NOMEM. */
+MUST_CHECK enum err glare_view_measure(const struct glare_view *g, const float *cdm2, struct glare *out);
+
+#endif

@@ -1,0 +1,371 @@
+#include "annual/points.h"
+
+#include "base/mem.h"
+#include "base/vec.h"
+#include "scene/mesh_read.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static enum err add(struct points *p, const struct sensor *s, const char *name, struct reason *why)
+{
+    if (p->count == POINTS_MAX)
+        return err_say(why, ERR_RANGE, "%s: more than %d sensors", name, POINTS_MAX);
+    if (!mem_reserve(&p->at, p->count, &p->capacity, sizeof(*p->at)))
+        return err_say(why, ERR_NOMEM, "out of memory");
+    p->at[p->count++] = *s;
+    return ERR_OK;
+}
+
+/* ---- A file ---- */
+
+static enum err take_line(struct points *p, const char *path, unsigned number, const char *line, struct reason *why)
+{
+    double v[6], length;
+    const char *at = line;
+
+    for (int k = 0; k < 6; k++) {
+        char *end;
+        v[k] = strtod(at, &end);
+        if (end == at || !isfinite(v[k]) || fabs(v[k]) > 1e7)
+            return err_say(why, ERR_FORMAT, "%s: line %u: number %d of x y z nx ny nz is missing or none", path, number,
+                           k + 1);
+        at = end + strspn(end, ",");
+    }
+    if (at[strspn(at, " \t\r\n")])
+        return err_say(why, ERR_FORMAT, "%s: line %u: more than the six numbers x y z nx ny nz", path, number);
+    length = sqrt(dot3(v + 3, v + 3));
+    if (!(length > 1e-6))
+        return err_say(why, ERR_FORMAT, "%s: line %u: the normal has no length", path, number);
+    const struct sensor s = { vec3_make((float)v[0], (float)v[1], (float)v[2]),
+                              vec3_make((float)(v[3] / length), (float)(v[4] / length), (float)(v[5] / length)) };
+    return add(p, &s, path, why);
+}
+
+static enum err read_file(const char *path, struct points *out, struct reason *why)
+{
+    char line[512];
+    unsigned number = 0;
+    enum err e = ERR_OK;
+    FILE *f = fopen(path, "r");
+
+    if (!f)
+        return err_say(why, ERR_IO, "--sensors %s: %s; expected a file, or grid:NAME", path, strerror(errno));
+    while (!e && fgets(line, sizeof(line), f)) {
+        number++;
+        if (!strchr(line, '\n') && !feof(f))
+            e = err_say(why, ERR_FORMAT, "%s: line %u is too long", path, number);
+        line[strcspn(line, "#")] = '\0';
+        if (!e && line[strspn(line, " \t\r\n")])
+            e = take_line(out, path, number, line, why);
+    }
+    if (!e && ferror(f))
+        e = err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
+    if (!e && out->count == 0)
+        e = err_say(why, ERR_FORMAT, "%s: there is no sensor; expected a line x y z nx ny nz for each", path);
+    fclose(f);
+    return e;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* The median distance to the nearest neighbour. */
+static double median_spacing(const struct points *p)
+{
+    double *near = mem_alloc(p->count, sizeof(*near));
+    double median = 0.0;
+
+    for (size_t i = 0; near && i < p->count; i++) {
+        near[i] = INFINITY;
+        for (size_t k = 0; k < p->count && p->count <= 4000; k++) {
+            const struct vec3 d = vec3_sub(p->at[i].position, p->at[k].position);
+            if (k != i)
+                near[i] = fmin(near[i], (double)vec3_length(d));
+        }
+    }
+    if (near && p->count > 1) {
+        qsort(near, p->count, sizeof(*near), ascending);
+        median = isfinite(near[p->count / 2]) ? near[p->count / 2] : 0.0;
+    }
+    mem_free(near);
+    return median;
+}
+
+/* ---- A grid ---- */
+
+struct grid {
+    char name[80];
+    double spacing, height, margin;
+    double normal[3], u[3], v[3]; /* unit */
+    double low[2], high[2];       /* of its corners along u and v, m */
+};
+
+static enum err take_key(struct grid *g, const char *key, struct reason *why)
+{
+    static const struct {
+        const char *name;
+        double least, most;
+    } keys[] = { { "spacing", 0.01, 1000.0 }, { "height", -1000.0, 1000.0 }, { "margin", 0.0, 1000.0 } };
+    double *const out[] = { &g->spacing, &g->height, &g->margin };
+
+    for (size_t k = 0; k < 3; k++) {
+        const size_t n = strlen(keys[k].name);
+        char *end;
+        if (strncmp(key, keys[k].name, n) != 0 || key[n] != '=')
+            continue;
+        *out[k] = strtod(key + n + 1, &end);
+        if (end == key + n + 1 || *end || !(*out[k] >= keys[k].least && *out[k] <= keys[k].most))
+            return err_say(why, ERR_USAGE, "--sensors: %s is not a number from %g to %g (metres)", key, keys[k].least,
+                           keys[k].most);
+        return ERR_OK;
+    }
+    return err_say(why, ERR_USAGE, "--sensors: unknown key '%s'; expected spacing, height or margin", key);
+}
+
+static enum err read_spec(const char *spec, struct grid *g, struct reason *why)
+{
+    const char *at = spec + strlen("grid:");
+    size_t length = strcspn(at, ",");
+
+    *g = (struct grid){ .spacing = 0.5, .height = 0.8 };
+    if (length == 0 || length >= sizeof(g->name))
+        return err_say(why, ERR_USAGE, "--sensors %s: the surface's name is missing; expected grid:NAME", spec);
+    memcpy(g->name, at, length);
+    for (at += length; *at; at += length) {
+        char key[64];
+        at++;
+        length = strcspn(at, ",");
+        snprintf(key, sizeof(key), "%.*s", (int)(length < 63 ? length : 63), at);
+        const enum err e = take_key(g, key, why);
+        if (e)
+            return e;
+    }
+    return ERR_OK;
+}
+
+static bool is_of(const struct scene *s, const struct mesh *m, const char *name)
+{
+    return strcmp(m->name, name) == 0 || strcmp(s->materials[m->material].name, name) == 0;
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Twice the triangle's area along its normal. */
+static void area(const double p[3][3], double out[3])
+{
+    const double a[3] = { p[1][0] - p[0][0], p[1][1] - p[0][1], p[1][2] - p[0][2] };
+    const double b[3] = { p[2][0] - p[0][0], p[2][1] - p[0][1], p[2][2] - p[0][2] };
+    cross(a, b, out);
+}
+
+/* The sum of the areas of the triangles that face the way of the largest one: a slab has two sides. */
+static bool find_normal(const struct scene *s, struct grid *g)
+{
+    double largest = 0.0, towards[3] = { 0.0, 1.0, 0.0 }, n[3];
+
+    for (int pass = 0; pass < 2; pass++)
+        for (size_t i = 0; i < s->mesh_count; i++) {
+            const struct mesh *m = &s->meshes[i];
+            for (uint32_t t = 0; is_of(s, m, g->name) && t < m->triangle_count; t++) {
+                double p[3][3];
+                mesh_corners(m, t, p);
+                area((const double(*)[3])p, n);
+                const double size = mesh_side(m) * sqrt(dot3(n, n)), up = mesh_side(m) * n[1];
+                if (pass == 0 && fabs(size) + up > largest) { /* of two sides the upper one */
+                    largest = fabs(size) + up;
+                    for (int k = 0; k < 3; k++)
+                        towards[k] = mesh_side(m) * n[k];
+                } else if (pass == 1 &&
+                           mesh_side(m) * dot3(n, towards) > 0.5 * fabs(size) * sqrt(dot3(towards, towards))) {
+                    for (int k = 0; k < 3; k++)
+                        g->normal[k] += mesh_side(m) * n[k];
+                }
+            }
+        }
+    const double length = sqrt(dot3(g->normal, g->normal));
+    for (int k = 0; k < 3 && length > 0.0; k++)
+        g->normal[k] /= length;
+    return length > 0.0;
+}
+
+/* u horizontal where that is possible; on a floor u and v are the axes of x and z. */
+static void find_axes(struct grid *g)
+{
+    const bool flat = fabs(g->normal[1]) > 0.9999;
+    const double up[3] = { 0.0, 1.0, 0.0 };
+
+    if (flat) {
+        g->u[0] = 1.0;
+        g->v[2] = 1.0;
+        return;
+    }
+    cross(up, g->normal, g->u);
+    const double length = sqrt(dot3(g->u, g->u));
+    for (int k = 0; k < 3; k++)
+        g->u[k] /= length;
+    cross(g->normal, g->u, g->v);
+}
+
+/* Calls for all triangles of the surface that face along its normal: corners along u, v and the normal. */
+static bool next_triangle(const struct scene *s, const struct grid *g, size_t *mesh, uint32_t *triangle,
+                          double out[3][3])
+{
+    for (; *mesh < s->mesh_count; (*mesh)++, *triangle = 0) {
+        const struct mesh *m = &s->meshes[*mesh];
+        if (!is_of(s, m, g->name))
+            continue;
+        while (*triangle < m->triangle_count) {
+            double p[3][3], n[3];
+            mesh_corners(m, (*triangle)++, p);
+            area((const double(*)[3])p, n);
+            if (!(mesh_side(m) * dot3(n, g->normal) > 0.5 * sqrt(dot3(n, n))))
+                continue;
+            for (int k = 0; k < 3; k++) {
+                out[k][0] = dot3(p[k], g->u);
+                out[k][1] = dot3(p[k], g->v);
+                out[k][2] = dot3(p[k], g->normal);
+            }
+            return true;
+        }
+    }
+    return false;
+}
+
+static void find_bounds(const struct scene *s, struct grid *g)
+{
+    size_t mesh = 0;
+    uint32_t triangle = 0;
+    double p[3][3];
+
+    g->low[0] = g->low[1] = INFINITY;
+    g->high[0] = g->high[1] = -INFINITY;
+    while (next_triangle(s, g, &mesh, &triangle, p))
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 2; a++) {
+                g->low[a] = fmin(g->low[a], p[k][a]);
+                g->high[a] = fmax(g->high[a], p[k][a]);
+            }
+}
+
+/* The height of the surface at (u, v), the topmost. False: it is not there. */
+static bool height_at(const struct scene *s, const struct grid *g, double u, double v, double *out)
+{
+    size_t mesh = 0;
+    uint32_t triangle = 0;
+    double p[3][3];
+    bool found = false;
+
+    while (next_triangle(s, g, &mesh, &triangle, p)) {
+        const double a[2] = { p[1][0] - p[0][0], p[1][1] - p[0][1] }, b[2] = { p[2][0] - p[0][0], p[2][1] - p[0][1] };
+        const double x[2] = { u - p[0][0], v - p[0][1] }, det = a[0] * b[1] - a[1] * b[0];
+        const double i = (x[0] * b[1] - x[1] * b[0]) / det, j = (a[0] * x[1] - a[1] * x[0]) / det;
+        if (!(fabs(det) > 1e-12) || i < -1e-9 || j < -1e-9 || i + j > 1.0 + 1e-9)
+            continue;
+        const double h = p[0][2] + i * (p[1][2] - p[0][2]) + j * (p[2][2] - p[0][2]);
+        *out = found ? fmax(*out, h) : h;
+        found = true;
+    }
+    return found;
+}
+
+/* Points in the middle of whole cells; the rest is left free at either side. */
+static enum err lay_grid(const struct scene *s, const struct grid *g, struct points *out, struct reason *why)
+{
+    uint64_t cells[2];
+    double first[2];
+    enum err e = ERR_OK;
+
+    for (int a = 0; a < 2; a++) {
+        const double length = g->high[a] - g->low[a] - 2.0 * g->margin;
+        cells[a] = length > 0.0 ? (uint64_t)fmax(1.0, floor(length / g->spacing + 1e-6)) : 0;
+        first[a] = 0.5 * (g->low[a] + g->high[a] - g->spacing * (double)cells[a]) + 0.5 * g->spacing;
+    }
+    if (cells[0] * cells[1] > 50 * (uint64_t)POINTS_MAX)
+        return err_say(why, ERR_RANGE, "--sensors: %s is %.3g m x %.3g m: more than %d sensors at spacing=%g", g->name,
+                       g->high[0] - g->low[0], g->high[1] - g->low[1], POINTS_MAX, g->spacing);
+    for (uint64_t j = 0; j < cells[1] && !e; j++)
+        for (uint64_t i = 0; i < cells[0] && !e; i++) {
+            const double u = first[0] + g->spacing * (double)i, v = first[1] + g->spacing * (double)j;
+            double h;
+            if (!height_at(s, g, u, v, &h))
+                continue;
+            h += g->height;
+            const struct sensor one = {
+                vec3_make((float)(u * g->u[0] + v * g->v[0] + h * g->normal[0]),
+                          (float)(u * g->u[1] + v * g->v[1] + h * g->normal[1]),
+                          (float)(u * g->u[2] + v * g->v[2] + h * g->normal[2])),
+                vec3_make((float)g->normal[0], (float)g->normal[1], (float)g->normal[2]),
+            };
+            e = add(out, &one, g->name, why);
+        }
+    out->spacing = g->spacing;
+    return e;
+}
+
+/* "floor, wall and 3 more" */
+static void list_names(const struct scene *s, char *out, size_t size)
+{
+    size_t used = 0, named = 0;
+
+    out[0] = '\0';
+    for (size_t i = 0; i < s->mesh_count + s->material_count && used + 80 < size; i++) {
+        const char *name = i < s->mesh_count ? s->meshes[i].name : s->materials[i - s->mesh_count].name;
+        if (!name[0] || strstr(out, name))
+            continue;
+        used += (size_t)snprintf(out + used, size - used, "%s%s", named++ ? ", " : "", name);
+    }
+    if (named == 0)
+        snprintf(out, size, "nothing: its surfaces have no names");
+}
+
+static enum err make_grid(const char *spec, const struct scene *scene, struct points *out, struct reason *why)
+{
+    struct grid g;
+    char names[200];
+    enum err e = read_spec(spec, &g, why);
+
+    if (e)
+        return e;
+    if (!find_normal(scene, &g)) {
+        list_names(scene, names, sizeof(names));
+        return err_say(why, ERR_USAGE, "--sensors: the scene has no surface '%s'; it has %s", g.name, names);
+    }
+    find_axes(&g);
+    find_bounds(scene, &g);
+    e = lay_grid(scene, &g, out, why);
+    if (!e && out->count == 0)
+        e = err_say(why, ERR_USAGE,
+                    "--sensors %s: no point of the grid lies over the surface, which is %.3g m x %.3g m", spec,
+                    g.high[0] - g.low[0], g.high[1] - g.low[1]);
+    return e;
+}
+
+enum err points_read(const char *spec, const struct scene *scene, struct points *out, struct reason *why)
+{
+    *out = (struct points){ .count = 0 };
+    const bool grid = strncmp(spec, "grid:", 5) == 0;
+    const enum err e = grid ? make_grid(spec, scene, out, why) : read_file(spec, out, why);
+    if (!e && !grid)
+        out->spacing = median_spacing(out);
+    if (e)
+        points_finish(out);
+    return e;
+}
+
+void points_finish(struct points *p)
+{
+    mem_free(p->at);
+    *p = (struct points){ .count = 0 };
+}

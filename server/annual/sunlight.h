@@ -1,0 +1,16 @@
+/* server/annual/sunlight.h */
+/* The illuminance of sensors by the sun's disc alone, without reflections: what annual sunlight exposure counts.
+ * Sixteen rays go to places all over the disc. Thread: one; all OpenMP threads are used. */
+#ifndef ANNUAL_SUNLIGHT_H
+#define ANNUAL_SUNLIGHT_H
+
+#include "scene/rays.h"
+#include "scene/sensors.h"
+
+#include <stddef.h>
+
+/* sun: unit, towards its centre. normal_lux: its illuminance at normal incidence. lux: [count]. */
+void sunlight_lux(const struct rays *rays, const struct sensor *sensors, size_t count, const double sun[3],
+                  double normal_lux, float *lux);
+
+#endif

@@ -1,0 +1,14 @@
+/* server/radiance/view_line.h */
+/* A camera's view in Radiance's words, for the header of a picture. Thread: any. */
+#ifndef RADIANCE_VIEW_LINE_H
+#define RADIANCE_VIEW_LINE_H
+
+#include "scene/view.h"
+
+#define RADIANCE_VIEW_LINE 512
+
+/* "VIEW= -vtv -vp ...\n" in Radiance's axes: x east, y north, z up. -vd and -vu need not be perpendicular.
+ * "" for an equisolid fisheye, which Radiance does not know. */
+void radiance_view_line(const struct view *v, char out[RADIANCE_VIEW_LINE]);
+
+#endif

@@ -1,0 +1,114 @@
+#!/usr/bin/env bash
+# relight-render --annual: tables, measures and maps of some days, what a killed run leaves, and what is refused.
+. "$(dirname "$0")/lib.sh"
+render=$bin/relight-render
+examples="$(dirname "$(readlink -f "$0")")/../../docs/examples"
+
+weather() {
+    "$examples/weather.py" --latitude 48 --longitude 11 --zone 1 >"$work/x.epw"
+}
+
+# A flat floor under an open sky: every sensor gets what the weather file says. year FOLDER KEYS FLAGS...
+year() {
+    local folder=$1 keys=$2
+    shift 2
+    cat >"$work/floor.obj" <<'OBJ'
+v -5 0 -5
+v -5 0 5
+v 5 0 5
+v 5 0 -5
+usemtl floor
+f 1 2 3 4
+OBJ
+    printf '%s' '{"camera": {"position": [0, 5, 9], "look_at": [0, 0, 0], "fov_y_degrees": 50},
+        "models": [{"file": "floor.obj"}], "materials": {"floor": {"type": "lambert", "albedo": [0.5, 0.5, 0.5]}}}' \
+        >"$work/floor.json"
+    "$render" --scene "$work/floor.json" --source "epw:$work/x.epw,size=256x128$keys" --annual "$work/$folder" \
+        --sensors grid:floor,spacing=5,height=1 --size 32x18 --method mis --samples 64 --cells 4 --sun "$@" 2>"$work/stderr" ||
+        { cat "$work/stderr"; fail "relight-render --annual"; }
+}
+
+a_year_has_its_tables_measures_and_maps() {
+    weather
+    year out ,days=06-20:06-22 --pictures 06-21T12:30
+    python3 - "$work/out" <<'PY'
+import csv, json, pathlib, sys
+
+out = pathlib.Path(sys.argv[1])
+hours = list(csv.DictReader(open(out / "hours.csv")))
+lux = list(csv.DictReader(open(out / "illuminance.csv")))
+summary = json.load(open(out / "summary.json"))
+sensors = list(csv.DictReader(open(out / "sensors.csv")))
+assert len(hours) == len(lux) >= 45, len(hours)
+assert len(sensors) == 4 and summary["sensors"] == 4
+occupied = autonomous = 0
+for h, l in zip(hours, lux):
+    want = float(h["open_horizontal_lx"])
+    assert h["number"] == l["number"]
+    assert abs(float(h["rendered_open_horizontal_lx"]) - want) < 0.03 * want + 1, h  # a coarse sky
+    for k in range(4):
+        assert abs(float(l[f"lx_{k}"]) / want - 1) < 0.1, (h, l)
+    if 8 <= float(h["clock_h"]) < 18:
+        occupied += 1
+        autonomous += float(l["lx_0"]) >= 300
+assert summary["occupied_hours"] == 30 == occupied
+assert abs(float(sensors[0]["daylight_autonomy"]) - autonomous / 30) < 1e-4
+assert summary["sda"] == 1 and abs(summary["mean_daylight_factor"] - 1) < 0.02
+for name in ("index.html", "year-sensors.png", "year-view.png", "year-open.png", "sensors-autonomy.png",
+             "sensors-useful.png", "sensors-sunlit.png", "sensors-factor.png", "picture-0621-1230.png",
+             "picture-0621-1230-falsecolour.png", "picture-0621-1230.hdr"):
+    assert (out / name).stat().st_size > 200, name
+assert b"VIEW= -vtv " in (out / "picture-0621-1230.hdr").read_bytes()[:2000]
+PY
+}
+
+a_killed_year_goes_on_where_it_ended() {
+    weather
+    year whole ,days=03-21 --pictures none
+    cp -r "$work/whole" "$work/broken"
+    # The last row of one table is cut in the middle, two more of the other are missing.
+    head -c -20 "$work/whole/hours.csv" >"$work/broken/hours.csv"
+    head -n -3 "$work/whole/illuminance.csv" >"$work/broken/illuminance.csv"
+    rm "$work/broken/summary.json"
+    year broken ,days=03-21 --pictures none --resume
+    grep -q 'hours are there already' "$work/stderr" || fail "nothing was kept"
+    for f in hours.csv illuminance.csv sensors.csv summary.json; do
+        cmp "$work/whole/$f" "$work/broken/$f" || fail "$f differs after --resume"
+    done
+    expect 2 'tables of a run with another scene, weather, sensors or settings' "$render" --scene "$work/floor.json" \
+        --source "epw:$work/x.epw,size=256x128,days=03-22" --annual "$work/broken" --sensors grid:floor,spacing=5,height=1 \
+        --size 32x18 --method mis --samples 64 --resume
+}
+
+what_makes_no_year_is_refused() {
+    weather
+    expect 2 'needs the weather of a year: --source epw:FILE' "$render" --annual "$work/no" --source sky:
+    expect 1 "$work/none.epw: No such file" "$render" --annual "$work/no" --source "epw:$work/none.epw"
+    expect 2 "has no surface 'roof'; it has ground, " "$render" --annual "$work/no" --source "epw:$work/x.epw" \
+        --sensors grid:roof --size 16x9
+    expect 2 'out has no meaning with --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --out x.exr
+    expect 2 '03-21T02:00 is not among the lit hours' "$render" --annual "$work/no" --source "epw:$work/x.epw" \
+        --pictures 03-21T02:00
+    printf '1 2 3 0 1 0\n1 2 3 0 0\n' >"$work/sensors.txt"
+    expect 1 'sensors.txt: line 2: number 6 of x y z nx ny nz is missing' "$render" --annual "$work/no" \
+        --source "epw:$work/x.epw" --sensors "$work/sensors.txt" --size 16x9
+    sed -i '12s/^2021,1,1,\([0-9]*\),/2021,1,1,\1x,/' "$work/x.epw"
+    expect 1 "line 12: field 4, the hour, is '4x', which is not a number" "$render" --annual "$work/no" \
+        --source "epw:$work/x.epw"
+}
+
+a_fisheye_view_gets_glare() {
+    weather
+    year out ,days=06-21,hours=11-13 --pictures none --projection equidistant --position 0,1.5,0 --look-at 0,1.5,-4 \
+        --size 64x64
+    python3 - "$work/out" <<'PY'
+import csv, pathlib, sys
+for h in csv.DictReader(open(pathlib.Path(sys.argv[1]) / "hours.csv")):
+    eye, dgp = float(h["eye_vertical_lx"]), float(h["dgp"])
+    assert min(1, 5.87e-5 * eye + 0.16) <= dgp + 1e-6 <= 1.000002, h
+    assert 0.2 < eye / float(h["open_horizontal_lx"]) < 2, h
+PY
+    [ -s "$work/out/year-glare.png" ] || fail "no map of glare"
+}
+
+"$1"

@@ -1,0 +1,3 @@
+unit_test(daylight test_epw m)
+unit_test(daylight test_pattern m)
+unit_test(daylight test_measures m)

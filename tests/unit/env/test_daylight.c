@@ -1,0 +1,198 @@
+/* Skies of weather files and of the standard as environment maps: the horizontal illuminance of the open plane, by the
+ * function that lights scenes. */
+#include "daylight/weather.h"
+#include "env/environment.h"
+#include "env/irradiance.h"
+#include "source/daylight.h"
+#include "source/source.h"
+#include "support/unit.h"
+
+#include <math.h>
+#include <unistd.h>
+
+#define N 256
+
+/* A year at 62 degrees north, where the sun is low for long. */
+static void write_weather(char path[64])
+{
+    char *text = weather_text(2), *latitude = strstr(text, ",40,");
+
+    strcpy(path, "/tmp/weather.XXXXXX");
+    const int fd = mkstemp(path);
+    assert_true(fd >= 0);
+    latitude[1] = '6';
+    latitude[2] = '2';
+    assert_true(write(fd, text, strlen(text)) == (ssize_t)strlen(text));
+    close(fd);
+    free(text);
+}
+
+struct light {
+    struct environment *environment;
+    double *weights;
+    struct frame frame;
+};
+
+static void begin(struct light *l)
+{
+    const struct environment_desc d = { .n = N, .layout = LAYOUT_LATLONG, .lean = true };
+
+    *l = (struct light){ .environment = environment_create(&d), .weights = malloc(2 * N * N * sizeof(double)) };
+    irradiance_weights(N, l->weights);
+}
+
+static void end(struct light *l)
+{
+    environment_destroy(l->environment);
+    free(l->weights);
+    frame_finish(&l->frame);
+}
+
+/* Illuminance of the open plane, lx. */
+static double open_lux(struct light *l, const struct daylight *d, const struct moment *m)
+{
+    struct reason why;
+    double rgb[3];
+
+    assert_int_equal(frame_reserve_texels(&l->frame, d->width, d->height), ERR_OK);
+    snprintf(l->frame.name, sizeof(l->frame.name), "a test");
+    daylight_render(d, m, l->frame.rgb);
+    assert_int_equal(environment_update(l->environment, &l->frame, &why), ERR_OK);
+    irradiance_upward(l->environment, l->weights, rgb);
+    return DAYLIGHT_EFFICACY * rgb[1];
+}
+
+static struct daylight *open_sky(const char *format, const char *path)
+{
+    char spec[200];
+    struct daylight *d;
+    struct reason why = { "" };
+
+    snprintf(spec, sizeof(spec), format, path);
+    if (daylight_open(spec, &d, &why) != ERR_OK)
+        fail_msg("%s: %s", spec, why.text);
+    return d;
+}
+
+/* Some hours of all heights of the sun, and those in which it is lowest. */
+static void open_illuminance_is_the_files(void **state)
+{
+    char path[64];
+    struct light l;
+    int low = 0;
+
+    (void)state;
+    write_weather(path);
+    struct daylight *d = open_sky("epw:%s", path);
+    assert_int_equal(d->year.missing, 2);
+    begin(&l);
+    for (size_t i = 0; i < d->count; i++) {
+        const struct moment *m = daylight_moment(d, i);
+        const int lowest = m->altitude > 0.0 && m->altitude < 0.03 && low < 15;
+        low += lowest;
+        if (i % 83 != 0 && !lowest)
+            continue;
+        const double error = open_lux(&l, d, m) / moment_global_lux(m) - 1.0;
+        if (fabs(error) > 0.01)
+            fail_msg("sun at %.2f degrees: %.3f %% off", m->altitude * 57.3, 100.0 * error);
+    }
+    assert_true(low == 15);
+    end(&l);
+    daylight_close(d);
+    unlink(path);
+}
+
+static void standard_skies_have_the_illuminance_asked_for(void **state)
+{
+    struct light l;
+
+    (void)state;
+    begin(&l);
+    for (int type = 1; type <= CIE_SKIES; type++) {
+        char number[8];
+        snprintf(number, sizeof(number), "%d", type);
+        struct daylight *d = open_sky("cie:%s,lux=8000,altitude=35,direct=30000,size=512x256", number);
+        const double want = 8000.0 + 30000.0 * sin(35.0 * 0.017453292519943295);
+        assert_true(fabs(open_lux(&l, d, daylight_moment(d, 0)) / want - 1.0) < 0.005);
+        daylight_close(d);
+    }
+    end(&l);
+}
+
+/* The brightest texel is the sun's, east of south in the morning; north= turns it clockwise. */
+static void north_turns_the_sky(void **state)
+{
+    double azimuth[2];
+    char path[64];
+
+    (void)state;
+    write_weather(path);
+    for (int k = 0; k < 2; k++) {
+        struct daylight *d =
+            open_sky(k ? "epw:%s,days=06-21,hours=9-10,north=30" : "epw:%s,days=06-21,hours=9-10", path);
+        double w[3];
+        daylight_sun(d, daylight_moment(d, 0), w);
+        azimuth[k] = atan2(-w[0], w[2]) * 57.29577951308232;
+        daylight_close(d);
+    }
+    assert_true(azimuth[0] > 100.0 && azimuth[0] < 150.0);
+    assert_true(fabs(azimuth[1] - azimuth[0] - 30.0) < 1e-6);
+    unlink(path);
+}
+
+static void sources_step_through_the_lit_hours(void **state)
+{
+    char path[64], spec[100];
+    struct source *s;
+    struct frame f = { .kind = FRAME_NONE };
+    struct reason why;
+
+    (void)state;
+    write_weather(path);
+    snprintf(spec, sizeof(spec), "epw:%s,size=64x32", path);
+    const struct source_desc desc = { .spec = spec, .frames = { .given = true, .first = 24, .last = 71 } };
+    assert_int_equal(source_open(&desc, &s, &why), ERR_OK);
+    assert_int_equal(source_count(s), 14); /* two days of eight hours, two of them missing */
+    assert_int_equal(source_next(s, &f, &why), ERR_OK);
+    assert_int_equal(f.number, 24 + 8);
+    assert_true(source_seek(s, 13));
+    assert_int_equal(source_next(s, &f, &why), ERR_OK);
+    assert_int_equal(f.number, 48 + 15);
+    assert_int_equal(source_next(s, &f, &why), ERR_END);
+    source_close(s);
+    frame_finish(&f);
+    unlink(path);
+}
+
+static void refuse(const char *spec, const char *expected)
+{
+    struct daylight *d;
+    struct reason why = { "" };
+
+    assert_int_not_equal(daylight_open(spec, &d, &why), ERR_OK);
+    assert_null(d);
+    if (!strstr(why.text, expected))
+        fail_msg("%s: '%s'; expected '%s'", spec, why.text, expected);
+}
+
+static void bad_specs_are_refused(void **state)
+{
+    (void)state;
+    refuse("epw:", "the weather file is missing");
+    refuse("epw:/nowhere/x.epw", "/nowhere/x.epw: No such file");
+    refuse("epw:x.epw,days=02-30", "'02-30' is no day");
+    refuse("epw:x.epw,hours=18-8", "hours=18-8 is not A-B");
+    refuse("epw:x.epw,efficacy=high", "efficacy=high is not perez, file or a number");
+    refuse("epw:x.epw,cloud=3", "unknown key 'cloud'");
+    refuse("cie:17", "there is no such sky");
+    refuse("cie:1,days=03-21", "unknown key 'days'");
+    refuse("cie:1,lux=-1", "lux=-1 is not a number from 0 to 200000");
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(open_illuminance_is_the_files), cmocka_unit_test(standard_skies_have_the_illuminance_asked_for),
+    cmocka_unit_test(north_turns_the_sky),           cmocka_unit_test(sources_step_through_the_lit_hours),
+    cmocka_unit_test(bad_specs_are_refused),
+};
+
+UNIT_MAIN(tests)
