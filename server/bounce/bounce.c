@@ -51,11 +51,21 @@ static void sky_taken(void *self)
     bounce_kernels_of(b->kernels)->take(&b->basis, sky, b->y); /* faster than waking a thread */
 }
 
+static bool is_wanted(const struct bounce *b, const struct bounce_group *g, transport_wants *wants, const void *context)
+{
+    for (uint32_t i = g->first; wants && i < g->first + g->count; i++)
+        if (wants(context, b->blocks[i].first))
+            return true;
+    return !wants;
+}
+
 /* Multiplies a group's V by the sky. */
-static void prepare_group(void *self, uint32_t k)
+static void prepare_group(void *self, uint32_t k, transport_wants *wants, const void *context)
 {
     struct bounce *b = self;
 
+    if (!is_wanted(b, &b->groups[k], wants, context))
+        return;
     for (uint32_t r = 0; r < b->groups[k].rows; r++)
         if (b->groups[k].pieces[r].bytes)
             bounce_kernels_of(b->kernels)->project(&b->groups[k].pieces[r], b->y, b->basis.count, b->groups[k].z[r]);
@@ -89,6 +99,8 @@ void bounce_set_indirect(struct bounce *b)
         .take = take_sky,
         .take_parts = BOUNCE_SKY_PARTS,
         .taken = sky_taken,
+        .sky = b->y,
+        .sky_count = 3 * b->basis.count,
         .prepare = prepare_group,
         .parts = b->group_count,
         .rows = indirect_rows,
@@ -129,7 +141,7 @@ void bounce_shade_part(struct bounce *b, const struct environment *e, float weig
         sky_taken(b);
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < b->group_count; k++)
-            prepare_group(b, k);
+            prepare_group(b, k, NULL, NULL);
 #pragma omp for schedule(dynamic, 16)
         for (uint32_t k = 0; k < b->block_count; k++)
             if (!is_cancelled(cancel))

@@ -63,7 +63,7 @@ static void start_build(struct shade_thread *t, const char *name, bool coarse)
 }
 
 /* Frees what only the old view needed. The first view keeps its G-buffer, and its relighter where a lockstep sequence
- * may come. */
+ * may come, or other ranks light its pictures. */
 static void leave_view(struct shade_thread *t)
 {
     refine_forget(t);
@@ -76,7 +76,7 @@ static void leave_view(struct shade_thread *t)
     if (t->set != t->first_set) {
         relighter_destroy(t->relighter);
         set_destroy(t->set);
-    } else if (!t->shared->config.push) {
+    } else if (!t->shared->config.push && !t->shared->ranks) {
         relighter_destroy(t->relighter);
         t->first_relighter = NULL;
     }

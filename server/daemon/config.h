@@ -18,10 +18,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* How ranks of a job send the light of shade points, and whether one process rounds it likewise. */
+enum part_floats { PART_AUTO, PART_HALF, PART_FLOAT };
+
 /* Strings belong to struct config_readings. */
 struct daemon_config {
     struct setup setup; /* `initial`: of lockstep sequences, too, since controllers cannot change it. Method, samples,
                            classes, rotation and scale come from the settings of the moment instead */
+    int part_floats;    /* enum part_floats */
     struct still_wish converge; /* error 0: still images are not refined */
     double picture_s;           /* what controllers ask for must let a picture be made within this time */
     double rate;                /* frames per second from the source; 0: as fast as they are lit */

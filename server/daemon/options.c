@@ -24,6 +24,13 @@ static const struct setting_choice off_choices[] = {
     { NULL, 0, NULL, 0 },
 };
 
+static const struct setting_choice part_choices[] = {
+    { "auto", PART_AUTO, "half between ranks of a job, float in one process", 0 },
+    { "half", PART_HALF, "half floats; one process rounds light to them, too", 0 },
+    { "float", PART_FLOAT, "floats", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
 /* The flags that relightd alone has. */
 static const struct setting table[] = {
     { "rate", "N", "frames per second from the source; 0: as fast as they are shown", "0", SCENE, REAL(0.0, 1000.0),
@@ -34,6 +41,8 @@ static const struct setting table[] = {
       WHOLE(2, 1u << 20), AT(converge.passes) },
     { "max-picture-seconds", "N", "refuse settings from controllers by which a picture would take longer", "10",
       RENDERING, REAL(0.1, 86400.0), AT(picture_s) },
+    { "part-floats", "F", "as a job of mpirun: numbers in which ranks send the light of their parts of a picture",
+      "auto", RENDERING, CHOICE(part_choices), AT(part_floats) },
     { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1", NETWORK, TEXT,
       AT(server_desc.address) },
     { "port", "P", "port to listen on; 0: any free one", "8080", NETWORK, WHOLE(0, 65535), AT(server_desc.port) },

@@ -7,6 +7,7 @@
 #include "daemon/encode.h"
 #include "daemon/housekeeping.h"
 #include "daemon/ingest.h"
+#include "daemon/job.h"
 #include "daemon/service_manager.h"
 #include "daemon/shade.h"
 #include "daemon/shared.h"
@@ -15,6 +16,7 @@
 #include "base/log.h"
 #include "base/progress.h"
 #include "base/threads.h"
+#include "ranks/ranks.h"
 
 #include <omp.h>
 #include <signal.h>
@@ -39,6 +41,7 @@ struct daemon {
     struct housekeeping_thread housekeeping;
     struct service_thread service;
     struct state_file state;
+    struct job job;
     bool left_behind; /* a thread that cannot be ended is still there */
 };
 
@@ -101,7 +104,6 @@ static enum err open_outside(struct daemon *d, struct reason *why)
     return service_manager_start(&d->service, s, why);
 }
 
-/* Loads the scene, computes what the method needs and restores the settings of the last run. */
 static enum err load_scene(struct daemon *d, struct reason *why)
 {
     struct shared *s = &d->shared;
@@ -109,8 +111,16 @@ static enum err load_scene(struct daemon *d, struct reason *why)
 
     if (!e)
         e = encode_thread_create(s, &d->encode, why);
-    if (!e)
-        e = shade_thread_prepare(d->shade, why);
+    return e;
+}
+
+/* Computes what the method needs, and restores the settings of the last run. */
+static enum err prepare(struct daemon *d, struct reason *why)
+{
+    struct shared *s = &d->shared;
+    enum err e = shade_thread_prepare(d->shade, why);
+
+    e = job_lead(&d->job, s, shade_thread_relighter(d->shade), e, why);
     if (e)
         return e;
     const char *camera = shade_thread_camera(d->shade);
@@ -148,6 +158,7 @@ static void tear_down(struct daemon *d)
 {
     struct shared *s = &d->shared;
 
+    job_leave(&d->job);
     if (s->server)
         server_drain(s->server);
     shared_close(s);
@@ -176,16 +187,15 @@ static enum err check_threads(const struct daemon *d, struct reason *why)
 
 static enum err serve(struct daemon *d, struct reason *why)
 {
-    enum err e = check_threads(d, why);
-
-    if (e)
-        return e;
-    e = shared_init(&d->shared, why);
+    enum err e = shared_init(&d->shared, why);
 
     if (!e)
         e = open_outside(d, why);
     if (!e)
         e = load_scene(d, why);
+    e = ranks_agree(d->shared.ranks, e, why);
+    if (!e)
+        e = prepare(d, why);
     if (!e)
         e = run(d, why);
     tear_down(d);
@@ -198,6 +208,7 @@ int main(int argc, char **argv)
     struct shared *s = &d.shared;
     struct reason why = { "" };
     bool done = false;
+    uint32_t rank = 0;
 
     threads_wait_passively(argv);
     log_init("relightd", LOG_INFO);
@@ -210,12 +221,18 @@ int main(int argc, char **argv)
     s->config.server_desc.leave = &stop_asked;
     if (!e && !done) {
         log_configure(&s->config.log);
-        e = serve(&d, &why);
+        e = job_join(&d.job, s, argc, argv, &why);
+        if (!e)
+            e = ranks_agree(s->ranks, check_threads(&d, &why), &why);
+        if (!e)
+            e = ranks_index(s->ranks) > 0 ? job_serve(&d.job, s, &why) : serve(&d, &why);
+        rank = ranks_index(s->ranks);
+        ranks_destroy(s->ranks);
     }
     config_readings_finish(&s->readings);
-    if (e)
+    if (e && !(d.job.joined && !why.text[0])) /* else another rank says it */
         log_error("%s", why.text[0] ? why.text : err_text(e));
-    else if (!done)
+    else if (!done && rank == 0)
         log_info("stopped");
     log_flush(true);
     /* Out of memory or threads, libraries may wait in their exit handlers for threads that they never had. */

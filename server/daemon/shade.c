@@ -33,7 +33,9 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.direct.cancel = in->ticket.lockstep ? t->shared->stop : &t->shared->watch.cancel;
     desc.direct.why = why;
     /* --cache-wait is for the method of the command line: no controller can make others wait for a cache. */
-    desc.cache_background = (desc.cache_background || now->method != c->setup.initial.method) && !in->ticket.lockstep;
+    desc.cache_background = (desc.cache_background || now->method != c->setup.initial.method ||
+                             (t->shared->ranks && t->set != t->first_set)) &&
+                            !in->ticket.lockstep;
     return desc;
 }
 
@@ -283,6 +285,11 @@ failed:
 double shade_thread_estimate(void *t, const struct settings *s)
 {
     return picture_seconds(t, ((struct shade_thread *)t)->set, s);
+}
+
+struct relighter *shade_thread_relighter(struct shade_thread *t)
+{
+    return t->first_relighter;
 }
 
 const struct scene *shade_thread_scene(const struct shade_thread *t)

@@ -5,6 +5,7 @@
 
 #include "base/err.h"
 
+struct relighter;
 struct scene;
 struct settings;
 struct shade_thread;
@@ -18,6 +19,9 @@ MUST_CHECK enum err shade_thread_create(struct shared *shared, struct shade_thre
 const struct scene *shade_thread_scene(const struct shade_thread *t);
 const char *shade_thread_camera(const struct shade_thread *t);
 const char *shade_thread_view(const struct shade_thread *t); /* the same as a free view */
+
+/* The one of the first view, which stays in a job. Owned by t. */
+struct relighter *shade_thread_relighter(struct shade_thread *t);
 
 /* Computes what the method needs before its first frame (a cache of light transport). Errors as relighter_prepare. */
 MUST_CHECK enum err shade_thread_prepare(struct shade_thread *t, struct reason *why);

@@ -22,6 +22,7 @@ struct shared {
     /* Constant once the threads run. What the pointers show has locks of its own. */
     struct daemon_config config;
     struct server *server;
+    struct ranks *ranks;         /* NULL: this process is no rank of a job */
     struct publisher *publisher; /* NULL: pictures are published nowhere else */
 
     struct settings_store settings;

@@ -303,6 +303,22 @@ static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
         pyramid_band(e->pyramid, face, b);
 }
 
+/* From the totals of rows, which face_cdf holds, to its sums and the energies. */
+static void sum_faces(struct environment *e)
+{
+    const uint32_t n = e->n;
+
+    e->total_energy = 0.0;
+    for (uint32_t f = 0; f < CUBE_FACES; f++) {
+        double sum = 0.0;
+        for (uint32_t i = 0; i < n; i++)
+            e->face_cdf[(size_t)f * n + i] = sum += e->face_cdf[(size_t)f * n + i];
+        e->energy[f] = sum;
+        e->total_energy += sum;
+    }
+    e->ready = true;
+}
+
 enum err environment_rebuild(struct environment *e, struct reason *why)
 {
     const uint32_t n = e->n, bands = (n + BAND - 1) / BAND;
@@ -323,16 +339,37 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
         pyramid_end(e->pyramid);
     atomic_store(&e->rest->made, !e->lean);
     atomic_store(&e->rest->pyramid_made, !e->lean);
-    e->total_energy = 0.0;
-    for (uint32_t f = 0; f < CUBE_FACES; f++) {
-        double sum = 0.0;
-        for (uint32_t i = 0; i < n; i++) /* holds the rows' totals */
-            e->face_cdf[(size_t)f * n + i] = sum += e->face_cdf[(size_t)f * n + i];
-        e->energy[f] = sum;
-        e->total_energy += sum;
-    }
-    e->ready = true;
+    sum_faces(e);
     return ERR_OK;
+}
+
+/* ---- Faces of another process ---- */
+
+void environment_get_faces(const struct environment *e, float *rgb)
+{
+    for (size_t k = 0; k < (size_t)CUBE_FACES * e->n * e->n; k++)
+        memcpy(rgb + 3 * k, &e->texels[k].r, 3 * sizeof(*rgb));
+}
+
+void environment_set_faces(struct environment *e, const float *rgb)
+{
+    const uint32_t n = e->n;
+
+#pragma omp parallel for schedule(static)
+    for (uint32_t row = 0; row < CUBE_FACES * n; row++) {
+        double sum = 0.0;
+        for (uint32_t j = 0; j < n; j++) {
+            const size_t at = (size_t)row * n + j;
+            const float r = rgb[3 * at], g = rgb[3 * at + 1], b = rgb[3 * at + 2];
+            const double weight = importance_of(e->importance, r, g, b) * e->solid_angle[(size_t)(row % n) * n + j];
+            e->texels[at] = (struct texel){ r, g, b, (float)(weight * (0.25 * n * n)) };
+            sum += weight;
+        }
+        e->face_cdf[row] = sum;
+    }
+    atomic_store(&e->rest->made, false);
+    atomic_store(&e->rest->pyramid_made, false);
+    sum_faces(e);
 }
 
 bool environment_is_complete(const struct environment *e)

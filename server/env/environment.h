@@ -116,6 +116,12 @@ bool environment_is_complete(const struct environment *e); /* nothing is deferre
 void environment_complete_pyramid(const struct environment *e);
 bool environment_has_pyramid(const struct environment *e); /* the pyramid is complete */
 
+/* The radiance of the cube map, float[6][n][n][3], for another process, whose environment of the same n and importance
+ * then samples and evaluates as e does, to the bit. It has no image: environment_lookup and what calls it are not for
+ * it. environment_set_faces has the threads and the deferred steps of a lean rebuild. */
+void environment_get_faces(const struct environment *e, float *rgb);
+void environment_set_faces(struct environment *e, const float *rgb);
+
 /* Logs one warning the first time that a sequence contains values at the largest half float, or pictures without HDR,
  * whose sun may have been clipped, or a lat-long image of another shape than 2:1. *warned remembers; initialise it to
  * false. */

@@ -8,6 +8,7 @@
 #include "light/history.h"
 #include "base/mem.h"
 #include "base/progress.h"
+#include "light/part.h"
 #include "light/reference.h"
 #include "light/relight_cache.h"
 #include "light/relight_caustics.h"
@@ -29,7 +30,10 @@ struct relighter {
     struct denoiser *denoiser; /* NULL until a picture needs it, as what follows */
     struct history *history;
     struct beside *beside;
-    const float *points; /* the picture's shade points */
+    const float *points;           /* the picture's shade points */
+    const struct light_team *team; /* NULL: this process lights them alone */
+    bool half;                     /* rounds them */
+    uint32_t *packets;             /* [packet_count]: their numbers, for lists of a part; NULL until one is run */
 };
 
 struct relighter *relighter_create(const struct set *set, const struct kernels *kernels)
@@ -58,6 +62,7 @@ void relighter_destroy(struct relighter *r)
     relight_cache_finish(&r->cache);
     relight_caustics_finish(&r->caustics);
     passes_finish(&r->passes);
+    mem_free(r->packets);
     mem_free(r);
 }
 
@@ -79,7 +84,7 @@ static enum err run_direct(struct relighter *r, const struct environment *e, con
     double seconds;
 
     if (p->cached)
-        return relight_cache_shade(&r->cache, s->direct[PASS_PICTURE], r->set, e, p->cached, lo, stats);
+        return relight_cache_shade(&r->cache, s->direct[PASS_PICTURE], r->set, e, p->cached, NULL, lo, stats);
     if (p->direct.samples > 0)
         return passes_direct(s, PASS_PICTURE, e, &p->direct, lo, &stats->direct, &seconds);
     memset(lo, 0, points_bytes(r));
@@ -323,6 +328,18 @@ static void filter_halves(struct relighter *r, const struct picture_passes *p)
     }
 }
 
+/* Together with other processes, in r->points. */
+static enum err run_dealt(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+                          struct relight_stats *stats, struct pass_costs *costs)
+{
+    const double start = clock_seconds();
+
+    r->points = r->passes.lo;
+    const enum err result = r->team->points(r->team->context, r, e, passes, r->passes.lo, stats);
+    costs->direct_s = clock_seconds() - start;
+    return result;
+}
+
 /* The light of shade points, r->points. */
 static enum err run_points(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                            struct relight_stats *stats, struct pass_costs *costs)
@@ -357,7 +374,10 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
     *costs = (struct pass_costs){ .eye_s = 0.0 };
     enum err result = r->passes.backplate ? backplate_begin(r->passes.backplate, e, passes->background) : ERR_OK;
     if (!result)
-        result = run_points(r, e, passes, stats, costs);
+        result = r->team && relighter_can_deal(r, passes) ? run_dealt(r, e, passes, stats, costs)
+                                                          : run_points(r, e, passes, stats, costs);
+    if (r->half && !result)
+        light_round(r->passes.lo, points_bytes(r) / sizeof(float));
     if (result)
         return result;
     const double lit = clock_seconds();
@@ -497,6 +517,88 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
     }
     const enum err result = relighter_describe(r, e, desc, &passes, stats);
     return result ? result : run_with_progress(r, e, desc->progress, &passes, rgb, stats);
+}
+
+/* ---- Parts of a picture (part.h) ---- */
+
+void relighter_join(struct relighter *r, const struct light_team *team)
+{
+    r->team = team;
+}
+
+void relighter_round(struct relighter *r, bool half)
+{
+    r->half = half;
+}
+
+/* A cache that is being computed changes from picture to picture, and only here. */
+struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
+{
+    return passes->cached && r->cache.transport && !r->cache.refused && relight_cache_is_settled(&r->cache)
+               ? r->cache.transport
+               : NULL;
+}
+
+const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
+                                                    const struct plan *plan)
+{
+    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.bounce.bounce
+               ? bounce_indirect(r->cache.bounce.bounce)
+               : NULL;
+}
+
+const struct packet_list *relighter_left(const struct relighter *r)
+{
+    return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+}
+
+bool relighter_can_deal(const struct relighter *r, const struct picture_passes *p)
+{
+    const struct direct_desc *d = &p->direct;
+    bool own = !p->denoiser && !p->history && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
+
+    own = own && (!p->eye[1].only || p->eye[1].only == relighter_left(r)) && !p->eye[1].counts;
+    return own &&
+           (p->cached ? relighter_transport(r, p) != NULL
+                      : !d->only && !d->keep && !d->counts && !d->log && d->cells <= 1 && light_deals(d->method));
+}
+
+static bool number_packets(struct relighter *r)
+{
+    const uint32_t count = r->set->gbuffer->packet_count;
+
+    if (r->packets)
+        return true;
+    r->packets = mem_alloc_raw(count, sizeof(*r->packets));
+    for (uint32_t k = 0; r->packets && k < count; k++)
+        r->packets[k] = k;
+    return r->packets != NULL;
+}
+
+enum err relighter_run_part(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+                            const struct light_part *part, float *lo, struct relight_stats *stats)
+{
+    struct picture_passes own = *passes;
+    struct packet_list lists[3];
+    enum err result = number_packets(r) ? ERR_OK : ERR_NOMEM;
+
+    if (result)
+        return result;
+    lists[2] = (struct packet_list){ r->packets + part->first, part->end - part->first };
+    own.direct.only = &lists[2];
+    for (int k = 0; k < 2; k++) {
+        lists[k] = own.eye[k].only ? light_part_list(own.eye[k].only, part) : lists[2];
+        own.eye[k].only = &lists[k];
+        if (lists[k].count == 0)
+            own.eye[k].paths = 0;
+    }
+    if (own.cached)
+        result = relight_cache_shade(&r->cache, r->passes.direct[PASS_PICTURE], r->set, e, own.cached, part, lo, stats);
+    else if (own.direct.samples > 0 && part->end > part->first)
+        result = run_direct(r, e, &own, lo, stats);
+    else
+        memset(lo + (size_t)part->first * 3 * PACKET, 0, lists[2].count * 3 * PACKET * sizeof(float));
+    return result ? result : run_eye_paths(r, e, &own, lo, stats);
 }
 
 struct passes *relighter_passes(struct relighter *r)

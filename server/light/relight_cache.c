@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/progress.h"
+#include "light/part.h"
 #include "light/relight_builder.h"
 #include "base/rng.h"
 #include "transport/live.h"
@@ -230,11 +231,14 @@ static enum err sample(struct direct *direct, const struct set *set, const struc
 }
 
 enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
-                             const struct environment *e, const struct relight_desc *desc, float *lo,
-                             struct relight_stats *stats)
+                             const struct environment *e, const struct relight_desc *desc,
+                             const struct light_part *part, float *lo, struct relight_stats *stats)
 {
-    struct transport_frame frame = { desc->direct.samples, desc->direct.seed, desc->direct.pass,
-                                     desc->direct.cancel,  desc->unsplit,     NULL };
+    struct transport_frame frame = { .samples = desc->direct.samples,
+                                     .seed = desc->direct.seed,
+                                     .pass = desc->direct.pass,
+                                     .cancel = desc->direct.cancel,
+                                     .unsplit = desc->unsplit };
     const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
     const uint32_t samples = desc->direct.samples;
     struct reason why;
@@ -251,6 +255,12 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     }
     if (!c->building)
         transport_gather(c->transport);
+    if (part) {
+        frame.first = part->first;
+        frame.end = part->end;
+        frame.narrow = part->narrow;
+        frame.sky_taken = part->sky_taken;
+    }
     const struct packet_list *unbuilt = transport_unbuilt(c->transport);
     enum err result = ERR_OK;
     if (unbuilt->count > 0)

@@ -8,6 +8,7 @@
 #include "light/relight_keep.h"
 #include "transport/transport.h"
 
+struct light_part;
 struct relight_builder;
 
 struct relight_cache {               /* zeroed at first */
@@ -37,11 +38,11 @@ MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set
 double relight_cache_follow(struct relight_cache *c);
 
 /* Direct light into lo by the cache, and packets that it lacks by direct_shade with METHOD_AUTO; and interreflection,
- * if stats->plan assigns it to the cache. Fills stats->direct, stats->cache_* and stats->bounce_*. Errors are those of
- * transport_shade and direct_shade. */
+ * if stats->plan assigns it to the cache. part: only for those packets, of a complete cache; NULL: for all. Fills
+ * stats->direct, stats->cache_* and stats->bounce_*. Errors are those of transport_shade and direct_shade. */
 MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
-                                        const struct environment *e, const struct relight_desc *desc, float *lo,
-                                        struct relight_stats *stats);
+                                        const struct environment *e, const struct relight_desc *desc,
+                                        const struct light_part *part, float *lo, struct relight_stats *stats);
 
 /* The packets' versions, [packet_count], as by transport_live_versions, interreflection included. */
 void relight_cache_versions(struct relight_cache *c, float *final, bool *changed);

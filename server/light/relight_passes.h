@@ -90,6 +90,9 @@ void relighter_hold_ground(struct relighter *r, bool hold);
 /* The denoiser for pictures of desc, made when first asked for; NULL if desc wants none. ERR_NOMEM. */
 MUST_CHECK enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out);
 
+/* What the cache of indirect light leaves to eye paths; NULL: there is no such cache. */
+const struct packet_list *relighter_left(const struct relighter *r);
+
 /* The relighter's own, after passes_measure: for the pilot. NULL when out of memory. */
 struct passes *relighter_passes(struct relighter *r);
 

@@ -10,6 +10,7 @@
 
 #include "base/err.h"
 
+#include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -17,8 +18,9 @@ struct ranks;
 
 /* What all ranks must have in common, beside the program's file, since it decides the bits of pictures. */
 struct ranks_desc {
-    const char *level; /* CPU level, as kernels_select has it */
-    int argc;          /* of main; the command line */
+    const char *program; /* its name, for messages */
+    const char *level;   /* CPU level, as kernels_select has it */
+    int argc;            /* of main; the command line */
     char *const *argv;
 };
 
@@ -44,6 +46,19 @@ uint64_t ranks_sum(struct ranks *r, uint64_t own);
 uint64_t ranks_take(struct ranks *r);
 /* From now on no rank takes a further one. */
 void ranks_stop(struct ranks *r);
+
+/* From now on no wait lasts longer than a second once *stop is true: a rank that is gone would never answer. The job
+ * then ends without ranks_destroy's farewell. Borrowed. */
+void ranks_set_stop(struct ranks *r, const atomic_bool *stop);
+
+/* Collective. Rank 0's bytes for all. ERR_IO: stopped while it waited. */
+MUST_CHECK enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size);
+
+/* Rank 0 expects bytes from another rank, into memory that stays until ranks_receive, which waits for all that is
+ * expected; others send theirs. At most 2 GB each. ERR_IO: stopped while it waited. ERR_NOMEM. */
+MUST_CHECK enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size);
+MUST_CHECK enum err ranks_receive(struct ranks *r);
+MUST_CHECK enum err ranks_send(struct ranks *r, const void *bytes, size_t size);
 
 /* Collective. Calls take(context, rank, bytes, size) on rank 0 for every rank's bytes, in order of ranks, those of rank
  * 0 included; on other ranks it is not called. ERR_NOMEM on rank 0. */

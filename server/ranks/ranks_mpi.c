@@ -1,6 +1,7 @@
 #define _GNU_SOURCE /* sched_getaffinity */
 #include "ranks/ranks.h"
 
+#include "base/clock.h"
 #include "base/digest.h"
 #include "base/mem.h"
 #include "ranks/ranks_parts.h"
@@ -15,10 +16,14 @@
 #include <unistd.h>
 
 #define POLL_NS 1000000             /* MPI's own waits spin, on processors that other ranks may need */
+#define SOON_NS 100000              /* likewise, for the first */
+#define SOON 100                    /* polls: an answer within a frame comes as soon as it can */
+#define GONE_S 0.3                  /* after the signal to stop, a rank that does not answer is taken to be gone */
 #define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
 #define TAG_SIZE 1
 #define TAG_BYTES 2
-#define TAG_NONE 3       /* never sent */
+#define TAG_NONE 3 /* never sent */
+#define TAG_PART 4
 #define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
 
 struct ranks {
@@ -29,6 +34,9 @@ struct ranks {
     pthread_t keeper; /* rank 0, where ranks are on several hosts */
     bool has_keeper;
     atomic_bool leaving;
+    const atomic_bool *stop;
+    bool lost;             /* stopped while it waited for a rank */
+    MPI_Request *expected; /* [count]: rank 0's */
 };
 
 static void rest(void)
@@ -40,8 +48,25 @@ static void wait_for(MPI_Request *q)
 {
     int done = 0;
 
-    while (MPI_Test(q, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && !done)
-        rest();
+    for (int k = 0; MPI_Test(q, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && !done; k++)
+        nanosleep(&(struct timespec){ 0, k < SOON ? SOON_NS : POLL_NS }, NULL);
+}
+
+/* Until it is done, or the program is to stop and it does not come. */
+static enum err wait_or_stop(struct ranks *r, MPI_Request *q)
+{
+    double stopped_s = 0.0;
+    int done = 0;
+
+    for (int k = 0; !r->lost && MPI_Test(q, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && !done; k++) {
+        nanosleep(&(struct timespec){ 0, k < SOON ? SOON_NS : POLL_NS }, NULL);
+        if (!r->stop || !atomic_load(r->stop))
+            continue;
+        if (stopped_s == 0.0)
+            stopped_s = clock_seconds();
+        r->lost = clock_seconds() - stopped_s > GONE_S;
+    }
+    return r->lost ? ERR_IO : ERR_OK;
 }
 
 /* Other hosts' access to the counter makes progress only while rank 0 is inside MPI, which may be long in a frame. */
@@ -88,14 +113,14 @@ static void identify(const struct ranks_desc *desc, struct identity *own)
 }
 
 /* All ranks see the same list, and so come to the same result. */
-static enum err compare(const struct identity *all, int count, struct reason *why)
+static enum err compare(const struct identity *all, int count, const char *program, struct reason *why)
 {
     for (int k = 1; k < count; k++) {
         if (memcmp(&all[k].program, &all[0].program, sizeof(all[0].program)) != 0)
             return err_say(why, ERR_USAGE,
-                           "rank 0 on %s and rank %d on %s are different builds of relight-render, whose pictures "
+                           "rank 0 on %s and rank %d on %s are different builds of %s, whose pictures "
                            "may differ: install the same one on all hosts",
-                           all[0].host, k, all[k].host);
+                           all[0].host, k, all[k].host, program);
         if (strcmp(all[k].level, all[0].level) != 0)
             return err_say(why, ERR_USAGE,
                            "rank 0 on %s would use CPU level %s and rank %d on %s %s, whose pictures may differ by "
@@ -118,7 +143,7 @@ static enum err meet(const struct ranks *r, const struct ranks_desc *desc, struc
     identify(desc, &own);
     MPI_Iallgather(&own, sizeof(own), MPI_BYTE, all, sizeof(own), MPI_BYTE, MPI_COMM_WORLD, &q);
     wait_for(&q);
-    const enum err e = compare(all, r->count, why);
+    const enum err e = compare(all, r->count, desc->program, why);
     mem_free(all);
     return e;
 }
@@ -186,6 +211,11 @@ void ranks_destroy(struct ranks *r)
 
     if (!r)
         return;
+    if (r->lost) { /* MPI's own end would wait for that rank */
+        mem_free(r->expected);
+        mem_free(r);
+        return;
+    }
     MPI_Ibarrier(MPI_COMM_WORLD, &q);
     wait_for(&q);
     atomic_store(&r->leaving, true);
@@ -194,7 +224,14 @@ void ranks_destroy(struct ranks *r)
     MPI_Win_unlock_all(r->window);
     MPI_Win_free(&r->window);
     MPI_Finalize();
+    mem_free(r->expected);
     mem_free(r);
+}
+
+void ranks_set_stop(struct ranks *r, const atomic_bool *stop)
+{
+    if (r)
+        r->stop = stop;
 }
 
 uint32_t ranks_index(const struct ranks *r)
@@ -277,6 +314,50 @@ void ranks_stop(struct ranks *r)
 {
     if (r)
         (void)add_to_counter(r, STOPPED);
+}
+
+enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size)
+{
+    enum err e = ERR_OK;
+
+    for (size_t at = 0; at < size && !e; at += PIECE) {
+        const int n = size - at < PIECE ? (int)(size - at) : PIECE;
+        MPI_Request q;
+        MPI_Ibcast((uint8_t *)bytes + at, n, MPI_BYTE, 0, MPI_COMM_WORLD, &q);
+        e = wait_or_stop(r, &q);
+    }
+    return e;
+}
+
+enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size)
+{
+    if (!r->expected) {
+        r->expected = mem_alloc((size_t)r->count, sizeof(*r->expected));
+        for (int k = 0; r->expected && k < r->count; k++)
+            r->expected[k] = MPI_REQUEST_NULL;
+    }
+    if (!r->expected)
+        return ERR_NOMEM;
+    MPI_Irecv(bytes, (int)size, MPI_BYTE, (int)from, TAG_PART, MPI_COMM_WORLD, &r->expected[from]);
+    return ERR_OK;
+}
+
+enum err ranks_receive(struct ranks *r)
+{
+    enum err e = ERR_OK;
+
+    for (int k = 1; k < r->count && r->expected && !e; k++)
+        if (r->expected[k] != MPI_REQUEST_NULL)
+            e = wait_or_stop(r, &r->expected[k]);
+    return e;
+}
+
+enum err ranks_send(struct ranks *r, const void *bytes, size_t size)
+{
+    MPI_Request q;
+
+    MPI_Isend(bytes, (int)size, MPI_BYTE, 0, TAG_PART, MPI_COMM_WORLD, &q);
+    return wait_or_stop(r, &q);
 }
 
 /* Sends or receives size bytes in pieces. */

@@ -131,7 +131,7 @@ static enum err prepare(struct render *r, struct reason *why)
         e = ranks_agree(r->desc.ranks, first ? prepare_light(r, why) : ERR_OK, why);
     if (!e)
         e = ranks_agree(r->desc.ranks, first ? ERR_OK : prepare_light(r, why), why);
-    return e;
+    return e || !r->desc.ranks || !r->desc.split ? e : render_split_begin(r, why);
 }
 
 /* The time for light is what reading and writing leave of the frame's. */
@@ -237,11 +237,12 @@ static enum err render_all(struct render *r, struct reason *why)
         } else {
             e = render_frame(r, why);
         }
-        progress_step(&r->line, r->desc.ranks ? r->position + 1 - r->line.done : 1); /* of all ranks */
+        progress_step(&r->line, render_deals(r) ? r->position + 1 - r->line.done : 1); /* of all ranks */
     }
     progress_end(&r->line);
     if (e && e != ERR_END) {
-        ranks_stop(r->desc.ranks);
+        if (render_deals(r))
+            ranks_stop(r->desc.ranks);
         return e;
     }
     return r->output ? output_finish(r->output, why) : ERR_OK;
@@ -286,6 +287,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     prober_destroy(r->prober);
     decider_finish(&r->decider);
     relight_lamps_destroy(r->lamps);
+    team_destroy(r->team);
     relighter_destroy(r->relighter);
     set_destroy(r->set);
     source_close(r->source);
@@ -297,7 +299,13 @@ enum err render_sequence(const struct render_desc *desc, struct reason *why)
     struct render r = { .desc = *desc };
     enum err e = prepare(&r, why);
 
-    if (!e)
-        e = sum_up(&r, render_all(&r, why), why);
+    if (!e && r.team && ranks_index(desc->ranks) > 0)
+        e = render_split_serve(&r, why);
+    else if (!e)
+        e = render_all(&r, why);
+    else
+        return finish(&r, e, why);
+    render_split_end(&r);
+    e = sum_up(&r, e, why);
     return finish(&r, e, why);
 }

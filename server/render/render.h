@@ -1,8 +1,8 @@
 /* server/render/render.h */
 /* Renders a sequence: every frame of a source, one after another, to an output and to statistics. What relight-render
  * does once its flags are read. The ranks of a job deal its frames out among themselves: each renders those whose
- * numbers it takes, and rank 0 writes the statistics of all. One thread of control; the light runs on all OpenMP
- * threads. */
+ * numbers it takes, and rank 0 writes the statistics of all; or they light each frame together (team/team.h), which
+ * rank 0 reads and writes. One thread of control; the light runs on all OpenMP threads. */
 #ifndef RENDER_RENDER_H
 #define RENDER_RENDER_H
 
@@ -23,6 +23,7 @@ struct render_desc {
     const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
     bool resume;                       /* keep pictures that are there */
     struct ranks *ranks;               /* NULL: this process renders all frames */
+    bool split;                        /* ranks light each frame together, instead of one rank per frame */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };
 

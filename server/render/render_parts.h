@@ -5,6 +5,7 @@
 #include "base/progress.h"
 #include "light/relight_lamps.h"
 #include "render/render.h"
+#include "team/team.h"
 
 #include <stdio.h>
 
@@ -13,6 +14,7 @@ struct render {
     struct source *source;
     struct set *set;
     struct relighter *relighter;
+    struct team *team;           /* NULL: one process per frame */
     struct relight_lamps *lamps; /* NULL: the scene has none, or they are off */
     struct decider decider;
     struct decision decision; /* of the frame */
@@ -53,11 +55,19 @@ void render_layers_destroy(struct render_layers *l); /* NULL is allowed */
  * dealt out or kept. render_take: the next frame for this process, in r->frame; errors of source_next. render_is_kept:
  * whether its picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed here),
  * and render_join writes those of all ranks, collectively. ERR_NOMEM. */
+bool render_deals(const struct render *r); /* one rank per frame */
 MUST_CHECK enum err render_check_shared(const struct render *r, struct reason *why);
 MUST_CHECK enum err render_take(struct render *r, struct reason *why);
 bool render_is_kept(const struct render *r);
 MUST_CHECK enum err render_note(struct render *r, char *text);
 MUST_CHECK enum err render_join(struct render *r, struct reason *why);
+
+/* split.c: ranks light each frame together. render_split_begin joins them, collectively; then rank 0 renders and the
+ * others do what render_split_serve does, until render_split_end, which also says what it took. Errors are those of
+ * team.h; ERR_USAGE: a ground. */
+MUST_CHECK enum err render_split_begin(struct render *r, struct reason *why);
+MUST_CHECK enum err render_split_serve(struct render *r, struct reason *why);
+void render_split_end(struct render *r);
 
 /* statistics.c: the JSON object of the last frame, to be freed with free; NULL when out of memory. ms: decoding,
  * rebuilding the tables, writing. */

@@ -8,14 +8,21 @@
 #include <stdlib.h>
 #include <string.h>
 
+bool render_deals(const struct render *r)
+{
+    return r->desc.ranks && !r->desc.split;
+}
+
 /* Each needs frames that do not depend on those before. */
 enum err render_check_shared(const struct render *r, struct reason *why)
 {
     const struct render_desc *d = &r->desc;
     const char *what = d->resume ? "--resume" : "rendering on several ranks";
 
-    if (!d->resume && !d->ranks)
-        return ERR_OK;
+    if (!d->resume && !render_deals(r))
+        return d->ranks && d->probe
+                   ? err_say(why, ERR_USAGE, "--probe is for one process: start relight-render without mpirun")
+                   : ERR_OK;
     if (r->output && output_is_stream(r->output))
         return err_say(why, ERR_USAGE,
                        "%s needs a file per picture: a video, or standard output, holds all frames in order; render "
@@ -31,7 +38,7 @@ enum err render_check_shared(const struct render *r, struct reason *why)
         return err_say(why, ERR_USAGE, "--resume needs --out");
     if (d->ranks && d->probe)
         return err_say(why, ERR_USAGE, "--probe is for one process: start relight-render without mpirun");
-    if (d->ranks && (source_count(r->source) == 0 || !source_seek(r->source, 0)))
+    if (render_deals(r) && (source_count(r->source) == 0 || !source_seek(r->source, 0)))
         return err_say(why, ERR_USAGE,
                        "several ranks need a source whose frames can be taken in any order: files, a video, or sky: "
                        "with --frames; not %s",
@@ -41,7 +48,7 @@ enum err render_check_shared(const struct render *r, struct reason *why)
 
 enum err render_take(struct render *r, struct reason *why)
 {
-    if (r->desc.ranks) {
+    if (render_deals(r)) {
         r->position = ranks_take(r->desc.ranks);
         if (r->position >= source_count(r->source) || !source_seek(r->source, r->position))
             return ERR_END;
@@ -68,7 +75,7 @@ enum err render_note(struct render *r, char *text)
 
     if (!text)
         return ERR_NOMEM;
-    if (!r->desc.ranks) {
+    if (!render_deals(r)) {
         fprintf(r->stats, "%s%s", r->rendered ? ",\n" : "\n", text);
         free(text);
         return ERR_OK;
@@ -142,7 +149,7 @@ enum err render_join(struct render *r, struct reason *why)
 {
     struct notes notes = { 0 };
 
-    if (!r->desc.ranks || !r->desc.stats_path)
+    if (!render_deals(r) || !r->desc.stats_path)
         return ERR_OK;
     const enum err e = ranks_gather(r->desc.ranks, r->texts.at, r->texts.size, take_notes, &notes);
     sort_notes(&notes);

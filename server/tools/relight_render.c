@@ -3,6 +3,7 @@
 #include "annual/annual.h"
 #include "base/log.h"
 #include "base/setting_table.h"
+#include "light/part.h"
 #include "radiance/components.h"
 #include "render/render.h"
 #include "settings/probe_options.h"
@@ -61,6 +62,8 @@ static const struct setting rows[] = {
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
     { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
       OUTPUT, SWITCH, AT(desc.resume) },
+    { "split-frames", NULL, "as a job of mpirun: all ranks light each frame together, instead of one rank per frame",
+      NULL, RENDERING, SWITCH, AT(desc.split) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "layers", NULL,
       "write EXR with layers: light by class, sun and sky, albedo, normal, position, depth, error, Cryptomatte", NULL,
@@ -145,6 +148,33 @@ static enum err check_layers(const struct render *r, struct reason *why)
     if (r->desc.output.alpha)
         return err_say(why, ERR_USAGE,
                        "--layers and --alpha exclude each other: layers are parts of the whole picture");
+    return ERR_OK;
+}
+
+/* Ranks light shade points of their own: what adds to pixels, filters, or follows the clock is not theirs. */
+static enum err check_split(const struct render *r, struct reason *why)
+{
+    const struct render_desc *d = &r->desc;
+    const enum method method = d->setup.light.direct.method;
+    const char *what = d->setup.light.denoise                             ? "--denoise"
+                       : d->layers                                        ? "--layers"
+                       : d->output.alpha                                  ? "--alpha"
+                       : d->target.seconds > 0.0 || d->target.error > 0.0 ? "--fps or --error"
+                       : d->setup.light.direct.cells > 1                  ? "--cells"
+                                                                          : NULL;
+
+    if (!d->split)
+        return ERR_OK;
+    if (r->components.out.text)
+        return err_say(why, ERR_USAGE, "--split-frames has no meaning with --components");
+    if (!light_deals(method))
+        return err_say(why, ERR_USAGE,
+                       "--split-frames does not work with --method %s, which needs more than the faces of the sky and "
+                       "the shade points of a rank: without it, each rank renders frames of its own",
+                       method_name(method));
+    if (what)
+        return err_say(why, ERR_USAGE,
+                       "--split-frames does not go with %s: without it, each rank renders frames of its own", what);
     return ERR_OK;
 }
 
@@ -238,6 +268,8 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
     if (!e)
         e = check_layers(r, why);
     if (!e)
+        e = check_split(r, why);
+    if (!e)
         report_ignored(c, r);
     if (s->threads)
         omp_set_num_threads((int)s->threads);
@@ -280,7 +312,7 @@ static enum err run_annual(struct render *r, struct reason *why)
 static enum err render_together(struct render *r, int argc, char **argv, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
-    const struct ranks_desc desc = { s->kernels->level, argc, argv };
+    const struct ranks_desc desc = { "relight-render", s->kernels->level, argc, argv };
     struct ranks *ranks;
     enum err e = ranks_create(&desc, &ranks, why);
     const bool together = ranks || (e && !why->text[0]);

@@ -163,14 +163,19 @@ struct transport_rows {
 
 /* How indirect light joins a frame of transport_shade. bounce/ fills it in, since transport/ may not include bounce/.
  * The functions are called in this order, each step after the previous one has ended. Thread: any, unless noted. */
+typedef bool transport_wants(const void *context, uint32_t packet);
+
 struct transport_indirect {
     void *self;
     /* Reads part 0 .. take_parts - 1 of the map, whose pyramid is complete. */
     void (*take)(void *self, const struct environment *e, uint32_t part);
     uint32_t take_parts;
     void (*taken)(void *self); /* one thread */
-    /* Computes part 0 .. parts - 1 of the data that blocks share. */
-    void (*prepare)(void *self, uint32_t part);
+    float *sky;                /* [sky_count]: what was taken, which may come from another process instead */
+    uint32_t sky_count;
+    /* Computes part 0 .. parts - 1 of the data that blocks share, if one of these blocks, by its first packet, is
+     * wanted. wants: NULL: all are. */
+    void (*prepare)(void *self, uint32_t part, transport_wants *wants, const void *context);
     uint32_t parts;
     /* Writes the rows of the block that begins with packet `first`. */
     void (*rows)(const void *self, uint32_t first, struct transport_rows *out);

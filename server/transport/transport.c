@@ -74,6 +74,11 @@ const struct transport_stats *transport_stats(const struct transport *t)
     return &t->stats;
 }
 
+const struct packet_list *transport_narrow(const struct transport *t)
+{
+    return &t->narrow;
+}
+
 const struct packet_list *transport_unbuilt(const struct transport *t)
 {
     return &t->unbuilt;
@@ -161,13 +166,58 @@ static enum err take_cells(struct sky_split *s, const struct environment *e, con
     return ERR_OK;
 }
 
+enum err transport_take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame)
+{
+    t->sky.unsplit = frame->unsplit;
+    return take_cells(&t->sky, e, frame->indirect);
+}
+
 /* Splits the frame's sky and draws samples of its bright part. */
 static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame)
 {
     assert(frame->samples >= 1 && !(frame->indirect && t->fades));
-    t->sky.unsplit = frame->unsplit;
-    const enum err result = take_cells(&t->sky, e, frame->indirect);
+    const enum err result = frame->sky_taken ? ERR_OK : transport_take_sky(t, e, frame);
     return result ? result : transport_bright_draw(t, e, frame);
+}
+
+static bool is_asked_for(const struct transport_frame *f, const struct transport_block *b)
+{
+    if (b->narrow && f->narrow != TRANSPORT_NARROW_OWN)
+        return f->narrow == TRANSPORT_NARROW_ALL;
+    return f->end == 0 || (b->first >= f->first && b->first < f->end);
+}
+
+static const struct transport_block *block_of(const struct transport *t, uint32_t packet)
+{
+    uint32_t low = 0, high = t->block_count;
+
+    while (high - low > 1) { /* blocks[low] begins at packet or before, blocks[high] behind */
+        const uint32_t middle = low + (high - low) / 2;
+        if (t->blocks[middle].first <= packet)
+            low = middle;
+        else
+            high = middle;
+    }
+    return &t->blocks[low];
+}
+
+uint32_t transport_cut(const struct transport *t, uint32_t packet)
+{
+    return packet < t->gbuffer->packet_count && t->block_count > 0 ? block_of(t, packet)->first
+                                                                   : t->gbuffer->packet_count;
+}
+
+/* A part of a frame, for those who ask which blocks it has. */
+struct wanted {
+    const struct transport *transport;
+    const struct transport_frame *frame;
+};
+
+static bool wants(const void *context, uint32_t packet)
+{
+    const struct wanted *w = context;
+
+    return is_asked_for(w->frame, block_of(w->transport, packet));
 }
 
 enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
@@ -180,7 +230,7 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
     const enum err result = take_sky(t, e, frame);
     if (result)
         return result;
-    if (t->stats.narrow > 0)
+    if (t->stats.narrow > 0 && frame->narrow != TRANSPORT_NARROW_NONE)
         environment_complete_pyramid(e);
     const struct transport_look look = {
         .environment = e,
@@ -188,18 +238,19 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
         .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
     };
     const uint32_t parts = frame->indirect ? frame->indirect->parts : 0;
+    const struct wanted part = { t, frame };
 #pragma omp parallel reduction(+ : rays, penumbra)
     {
         const unsigned before = denormals_flush();
         struct transport_rows more;
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < parts; k++)
-            frame->indirect->prepare(frame->indirect->self, k);
+            frame->indirect->prepare(frame->indirect->self, k, frame->end ? wants : NULL, &part);
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < t->block_count; k++) {
             const struct transport_block *b = &t->blocks[k];
             float *out = lo + (size_t)b->first * 3 * PACKET;
-            if (is_cancelled(frame->cancel))
+            if (is_cancelled(frame->cancel) || !is_asked_for(frame, b))
                 continue;
             if (t->fades && t->fades[k].weight < TRANSPORT_FADE) {
                 penumbra += shade_fading(t, &look, k, out, &rays);

@@ -61,6 +61,13 @@ struct transport_stats {
     double rank;                  /* mean rank of compressed pieces */
 };
 
+/* What a part of a frame does with blocks that have narrow lobes, which look the map up texel by texel. */
+enum transport_narrow {
+    TRANSPORT_NARROW_OWN,  /* it shades those of the part */
+    TRANSPORT_NARROW_NONE, /* it leaves their places in lo as they are, and needs no texels for them */
+    TRANSPORT_NARROW_ALL,  /* it shades all, of the part or not */
+};
+
 struct transport_frame {
     uint32_t samples;          /* N >= 1; N / 64 to N / 8 rays a point go to the bright part */
     uint64_t seed, pass;       /* choose the samples of the bright part */
@@ -69,6 +76,11 @@ struct transport_frame {
     /* Indirect light of the same cache (bounce_indirect), added before colours multiply; NULL: none. Only once
      * transport_is_settled. */
     const struct transport_indirect *indirect;
+    /* A part of the frame: the blocks that begin with packets first .. end - 1; other places in lo are unchanged. end
+     * 0: all of it. */
+    uint32_t first, end;
+    enum transport_narrow narrow;
+    bool sky_taken; /* the sky is there, by transport_take_sky or transport_unpack_sky */
 };
 
 struct transport_frame_stats {
@@ -99,11 +111,29 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
                                     const struct transport_frame *frame, float *lo,
                                     struct transport_frame_stats *stats);
 
+/* The first packet of the block that contains a packet, where a part of a frame may begin; packet_count for that. */
+uint32_t transport_cut(const struct transport *t, uint32_t packet);
+
+/* A frame on several processes, which have the same cache: the first takes the sky of e and packs what the others need
+ * of it. These unpack it, and light their parts with sky_taken by an environment of the same size, of which only the
+ * bright texels are written: it serves no narrow lobes. transport_take_sky: ERR_NOMEM. transport_unpack_sky: ERR_FORMAT
+ * if the bytes are not those of such a sky; ERR_NOMEM. */
+MUST_CHECK enum err transport_take_sky(struct transport *t, const struct environment *e,
+                                       const struct transport_frame *frame);
+size_t transport_sky_bytes(const struct transport *t, const struct transport_indirect *indirect);
+void transport_pack_sky(const struct transport *t, const struct environment *e,
+                        const struct transport_indirect *indirect, uint8_t *out);
+MUST_CHECK enum err transport_unpack_sky(struct transport *t, const uint8_t *bytes, size_t size,
+                                         const struct transport_indirect *indirect, struct environment *e);
+
 /* Valid as long as t. */
 const struct transport_stats *transport_stats(const struct transport *t);
 
 /* True once all blocks are built and faded in. */
 bool transport_is_settled(const struct transport *t);
+
+/* Packets with lobes narrower than a cell, ascending. Valid as long as t. */
+const struct packet_list *transport_narrow(const struct transport *t);
 
 /* Packets whose block is missing or still fading in, of a cache that is being built (transport/live.h); empty
  * otherwise. Valid until the next transport_live_advance. */

@@ -1,0 +1,131 @@
+#include "daemon/job.h"
+
+#include "base/log.h"
+#include "daemon/shared.h"
+#include "light/part.h"
+#include "ranks/ranks.h"
+#include "team/team.h"
+
+#include <inttypes.h>
+#include <omp.h>
+#include <stdio.h>
+
+#define CACHED_SAMPLES 64 /* N_s of the cache's pictures, as auto has them */
+
+/* auto follows the clock of one process. In a job it is the cache, whose pictures all ranks can light. */
+static void choose_method(struct daemon_config *c)
+{
+    struct settings *now = &c->setup.initial;
+
+    c->setup.light.cache_background = false; /* the ranks compute it before the first picture */
+    if (now->method != METHOD_AUTO || now->counted || now->error > 0.0)
+        return;
+    now->method = c->setup.light.direct.method = METHOD_CACHED;
+    now->samples = c->setup.light.direct.samples = CACHED_SAMPLES;
+}
+
+static struct team_desc describe(const struct shared *s, struct relighter *r)
+{
+    const struct setup *setup = &s->config.setup;
+
+    return (struct team_desc){ s->ranks,
+                               r,
+                               &setup->environment,
+                               setup->light.cache_file,
+                               setup->light.cache_dir,
+                               s->config.part_floats != PART_FLOAT };
+}
+
+enum err job_join(struct job *j, struct shared *s, int argc, char **argv, struct reason *why)
+{
+    const struct ranks_desc desc = { "relightd", s->config.setup.kernels->level, argc, argv };
+    const enum err e = ranks_create(&desc, &s->ranks, why);
+
+    j->joined = s->ranks || (e && !why->text[0]);
+    if (e || !s->ranks)
+        return e;
+    snprintf(j->name, sizeof(j->name), "relightd, %s", ranks_name(s->ranks));
+    log_init(j->name, s->config.log.level);
+    log_configure(&s->config.log);
+    if (!s->config.setup.threads)
+        omp_set_num_threads((int)ranks_threads(s->ranks));
+    ranks_set_stop(s->ranks, s->stop);
+    choose_method(&s->config);
+    return ERR_OK;
+}
+
+enum err job_lead(struct job *j, struct shared *s, struct relighter *r, enum err own, struct reason *why)
+{
+    const struct team_desc desc = describe(s, r);
+
+    if (!s->ranks) {
+        relighter_round(r, s->config.part_floats == PART_HALF);
+        return own;
+    }
+    enum err e = ranks_agree(s->ranks, own, why); /* its cache is in the file, */
+    if (!e)
+        e = ranks_agree(s->ranks, ERR_OK, why); /* and the others have read it */
+    if (!e)
+        e = team_create(&desc, &j->team, why);
+    if (!e)
+        log_info("%u ranks light the pictures of the first camera; those of others, and refinement of still ones, are "
+                 "rank 0's",
+                 ranks_count(s->ranks));
+    return e;
+}
+
+static enum err make(const struct shared *s, struct set **set, struct relighter **r, struct reason *why)
+{
+    enum err e = set_create(&s->config.setup.set_desc, set, why);
+
+    if (e)
+        return e;
+    *r = relighter_create(*set, s->config.setup.kernels);
+    return *r ? ERR_OK : err_say(why, ERR_NOMEM, "no memory for this rank's part of the pictures");
+}
+
+static enum err prepare(const struct shared *s, struct relighter *r, struct reason *why)
+{
+    struct relight_desc light = s->config.setup.light;
+    double ms;
+
+    light.direct.cancel = s->stop;
+    light.direct.why = why;
+    return relighter_prepare(r, &light, false, &ms);
+}
+
+enum err job_serve(struct job *j, struct shared *s, struct reason *why)
+{
+    struct set *set = NULL;
+    struct relighter *r = NULL;
+
+    s->config.setup.set_desc.progress = false;
+    enum err e = ranks_agree(s->ranks, make(s, &set, &r, why), why);
+    if (!e)
+        e = ranks_agree(s->ranks, ERR_OK, why); /* rank 0 has prepared */
+    if (!e)
+        e = ranks_agree(s->ranks, prepare(s, r, why), why);
+    const struct team_desc desc = describe(s, r);
+    if (!e)
+        e = team_create(&desc, &j->team, why);
+    if (!e)
+        e = team_serve(j->team, why);
+    team_destroy(j->team);
+    relighter_destroy(r);
+    set_destroy(set);
+    return e;
+}
+
+void job_leave(struct job *j)
+{
+    if (!j->team)
+        return;
+    const struct team_stats s = *team_stats(j->team);
+    team_destroy(j->team);
+    j->team = NULL;
+    if (s.dealt > 0)
+        log_info("%" PRIu64
+                 " pictures were lit by all ranks: %.1f KB to each rank and %.2f MB from all of them for the "
+                 "last; %.2f s for rank 0's parts, %.2f s of waiting for others",
+                 s.dealt, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s, s.wait_s);
+}

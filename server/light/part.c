@@ -1,0 +1,79 @@
+#include "light/part.h"
+
+#include "base/half.h"
+#include "light/relight_plan.h"
+
+/* Whatever points into this process's memory. */
+static void forget_pointers(struct direct_desc *d)
+{
+    d->only = NULL;
+    d->counts = NULL;
+    d->log = NULL;
+    d->cancel = NULL;
+    d->progress = NULL;
+    d->why = NULL;
+}
+
+void light_work_pack(const struct picture_passes *passes, const struct relight_stats *stats, struct light_work *work)
+{
+    *work = (struct light_work){ .by_cache = passes->cached != NULL,
+                                 .eye_left = passes->eye[1].only != NULL,
+                                 .direct = passes->direct,
+                                 .eye = { passes->eye[0], passes->eye[1] },
+                                 .plan = stats->plan };
+    for (uint32_t k = 0; k < PLAN_LEFT_OUT_MAX; k++)
+        work->plan.left_out[k] = NULL;
+    work->plan.left_out_count = 0;
+    if (passes->cached)
+        work->cached = *passes->cached;
+    work->cached.cache_file = work->cached.cache_dir = NULL;
+    work->cached.progress = NULL;
+    forget_pointers(&work->cached.direct);
+    forget_pointers(&work->direct);
+    for (int k = 0; k < 2; k++) {
+        work->eye[k].counts = NULL;
+        work->eye[k].only = NULL;
+        work->eye[k].cancel = NULL;
+        work->eye[k].progress = NULL;
+        work->eye[k].scratch = NULL;
+    }
+}
+
+enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct picture_passes *passes,
+                           struct relight_stats *stats)
+{
+    *passes = (struct picture_passes){ .cached = work->by_cache ? &work->cached : NULL,
+                                       .direct = work->direct,
+                                       .eye = { work->eye[0], work->eye[1] } };
+    *stats = (struct relight_stats){ .plan = work->plan };
+    if (work->eye_left)
+        passes->eye[1].only = relighter_left(r);
+    const bool complete = !work->by_cache || relighter_transport(r, passes);
+    return complete && (!work->eye_left || passes->eye[1].only) &&
+                   (work->plan.indirect != PLAN_CACHE || !work->by_cache || relighter_left(r))
+               ? ERR_OK
+               : ERR_IO;
+}
+
+struct packet_list light_part_list(const struct packet_list *all, const struct light_part *part)
+{
+    uint32_t first = 0, end = all->count;
+
+    while (first < end && all->index[first] < part->first)
+        first++;
+    while (end > first && all->index[end - 1] >= part->end)
+        end--;
+    return (struct packet_list){ all->index + first, end - first };
+}
+
+void light_round(float *lo, size_t count)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < count; i++)
+        lo[i] = half_widen(half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f));
+}
+
+bool light_deals(enum method method)
+{
+    return !method_is_reference(method) && method != METHOD_LATLONG && method != METHOD_LATLONG_ROWS;
+}

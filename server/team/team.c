@@ -1,0 +1,448 @@
+#include "team/team.h"
+
+#include "base/cancel.h"
+#include "base/clock.h"
+#include "base/half.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "light/part.h"
+#include "scene/scene_digest.h"
+
+#include <string.h>
+
+#define SMOOTH 0.1 /* weight of a picture in a rank's measured speed */
+#define LEAST 0.02 /* of the fastest rank's speed: with no share at all, it would never be measured again */
+#define BLOCK (3 * PACKET)
+#define RETRY 100     /* pictures that rank 0 lights alone after a rank lacked the cache */
+#define NARROW_MOST 4 /* rank 0 lights the narrow lobes of all if they are at most a share / this of the packets */
+
+/* The first message of a picture, followed by the cuts, the packed sky and the faces. */
+struct order {
+    bool leave;
+    bool narrow; /* ranks light those of their parts: faces follow */
+    uint64_t sky, faces;
+    struct light_work work;
+};
+
+/* What a rank sends before its part's light. */
+struct answer {
+    int64_t error;
+    double seconds;
+    uint64_t rays;
+    uint64_t packets;
+};
+
+struct team {
+    struct team_desc desc;
+    uint32_t own, count;
+    struct light_team light;
+    struct team_stats stats;
+    struct environment *environment; /* of other ranks */
+    double *speed;                   /* [count]: packets a second; 0: not measured yet */
+    uint32_t alone;                  /* of RETRY, those to come */
+    uint32_t *cuts;                  /* [count + 1]: rank k has packets cuts[k] .. cuts[k + 1] - 1 */
+    struct bytes {
+        uint8_t *at;
+        size_t capacity;
+    } out, in; /* of messages */
+};
+
+static uint32_t packets_of(const struct team *t)
+{
+    return relighter_set(t->desc.relighter)->gbuffer->packet_count;
+}
+
+static uint8_t *room_for(struct bytes *b, size_t size)
+{
+    if (size <= b->capacity)
+        return b->at;
+    mem_free(b->at);
+    b->at = mem_alloc_raw(size, 1);
+    b->capacity = b->at ? size : 0;
+    return b->at;
+}
+
+static size_t value_bytes(const struct team *t)
+{
+    return t->desc.half ? sizeof(uint16_t) : sizeof(float);
+}
+
+static size_t answer_bytes(const struct team *t, uint32_t packets)
+{
+    return sizeof(struct answer) + (size_t)packets * BLOCK * value_bytes(t);
+}
+
+/* ---- Light in messages ---- */
+
+static void pack_light(const struct team *t, const float *lo, size_t values, uint8_t *out)
+{
+    if (!t->desc.half) {
+        memcpy(out, lo, values * sizeof(float));
+        return;
+    }
+    uint16_t *to = (uint16_t *)(void *)out;
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < values; i++)
+        to[i] = half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f);
+}
+
+static void unpack_light(const struct team *t, const uint8_t *in, float *lo, size_t values)
+{
+    if (!t->desc.half) {
+        memcpy(lo, in, values * sizeof(float));
+        return;
+    }
+    const uint16_t *from = (const uint16_t *)(const void *)in;
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < values; i++)
+        lo[i] = half_widen(from[i]);
+}
+
+/* ---- Rank 0 ---- */
+
+/* Shares by measured speed; a rank that was not measured yet counts as the mean of the others. Parts of pictures by the
+ * cache begin with a block. */
+static void cut(struct team *t, const struct transport *cache)
+{
+    const uint32_t packets = packets_of(t);
+    double sum = 0.0, known = 0.0, at = 0.0;
+
+    for (uint32_t k = 0; k < t->count; k++) {
+        known += t->speed[k] > 0.0 ? 1.0 : 0.0;
+        sum += t->speed[k];
+    }
+    const double mean = known > 0.0 ? sum / known : 1.0, whole = sum + mean * (t->count - known);
+    t->cuts[0] = 0;
+    for (uint32_t k = 0; k < t->count; k++) {
+        at += t->speed[k] > 0.0 ? t->speed[k] : mean;
+        const uint32_t place = (uint32_t)(at / whole * packets + 0.5);
+        t->cuts[k + 1] = k + 1 == t->count ? packets : cache ? transport_cut(cache, place) : place;
+    }
+}
+
+static void learn(struct team *t, uint32_t rank, double seconds)
+{
+    const uint32_t packets = t->cuts[rank + 1] - t->cuts[rank];
+    double most = 0.0;
+
+    if (packets == 0 || !(seconds > 0.0))
+        return;
+    const double speed = packets / seconds;
+    t->speed[rank] += (t->speed[rank] > 0.0 ? SMOOTH : 1.0) * (speed - t->speed[rank]);
+    for (uint32_t k = 0; k < t->count; k++)
+        most = t->speed[k] > most ? t->speed[k] : most;
+    if (t->speed[rank] < LEAST * most)
+        t->speed[rank] = LEAST * most;
+}
+
+/* Sends what the other ranks need of this picture. */
+static enum err send_order(struct team *t, const struct environment *e, const struct picture_passes *passes,
+                           const struct transport *cache, const struct transport_indirect *indirect, bool faces,
+                           const struct relight_stats *stats)
+{
+    const size_t cuts = ((size_t)t->count + 1) * sizeof(*t->cuts);
+    struct order order;
+
+    memset(&order, 0, sizeof(order));
+    light_work_pack(passes, stats, &order.work);
+    order.narrow = faces;
+    order.sky = cache ? transport_sky_bytes(cache, indirect) : 0;
+    order.faces = faces ? 3 * sizeof(float) * CUBE_FACES * (uint64_t)e->n * e->n : 0;
+    const size_t size = cuts + order.sky + order.faces;
+    uint8_t *bytes = room_for(&t->out, size);
+    if (!bytes)
+        return ERR_NOMEM;
+    memcpy(bytes, t->cuts, cuts);
+    if (faces) /* first: floats are aligned there */
+        environment_get_faces(e, (float *)(void *)(bytes + cuts));
+    if (cache)
+        transport_pack_sky(cache, e, indirect, bytes + cuts + order.faces);
+    t->stats.sent = sizeof(order) + size;
+    t->stats.faces += faces;
+    const enum err result = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
+    return result ? result : ranks_broadcast(t->desc.ranks, bytes, size);
+}
+
+static enum err expect_all(struct team *t, uint8_t **at)
+{
+    size_t size = 0;
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 1; k < t->count; k++)
+        size += answer_bytes(t, t->cuts[k + 1] - t->cuts[k]);
+    *at = room_for(&t->in, size + 1);
+    if (!*at)
+        return ERR_NOMEM;
+    uint8_t *to = *at;
+    for (uint32_t k = 1; k < t->count && !e; k++) {
+        const size_t one = answer_bytes(t, t->cuts[k + 1] - t->cuts[k]);
+        e = ranks_expect(t->desc.ranks, k, to, one);
+        to += one;
+    }
+    t->stats.received = size;
+    return e;
+}
+
+/* A rank lacks the cache: rank 0 lights its part, and the next pictures alone. */
+static enum err light_for(struct team *t, const struct environment *e, const struct picture_passes *passes,
+                          uint32_t rank, float *lo, struct relight_stats *stats)
+{
+    const struct light_part part = { t->cuts[rank], t->cuts[rank + 1], TRANSPORT_NARROW_OWN, true };
+
+    if (t->alone == 0)
+        log_info("rank %u cannot load the cache of light transport from --cache-dir: rank 0 goes on alone for now",
+                 rank);
+    t->alone = RETRY;
+    return relighter_run_part(t->desc.relighter, e, passes, &part, lo, stats);
+}
+
+/* Puts the parts of other ranks into place, except what rank 0 has lit there itself. */
+static enum err take_all(struct team *t, const struct environment *env, const struct picture_passes *passes,
+                         const uint8_t *at, const struct packet_list *own, float *lo, struct relight_stats *stats)
+{
+    float *kept = own->count ? mem_alloc_raw((size_t)own->count * BLOCK, sizeof(*kept)) : NULL;
+    enum err e = own->count && !kept ? ERR_NOMEM : ERR_OK;
+
+    for (uint32_t i = 0; i < own->count && !e; i++)
+        memcpy(kept + (size_t)i * BLOCK, lo + (size_t)own->index[i] * BLOCK, BLOCK * sizeof(float));
+    for (uint32_t k = 1; k < t->count && !e; k++) {
+        const uint32_t packets = t->cuts[k + 1] - t->cuts[k];
+        struct answer a;
+        memcpy(&a, at, sizeof(a));
+        e = (enum err)a.error;
+        if (!e)
+            unpack_light(t, at + sizeof(a), lo + (size_t)t->cuts[k] * BLOCK, (size_t)packets * BLOCK);
+        else if (e == ERR_END)
+            e = light_for(t, env, passes, k, lo, stats);
+        stats->direct.rays += a.rays;
+        learn(t, k, a.seconds);
+        at += answer_bytes(t, packets);
+    }
+    for (uint32_t i = 0; i < own->count && !e; i++)
+        memcpy(lo + (size_t)own->index[i] * BLOCK, kept + (size_t)i * BLOCK, BLOCK * sizeof(float));
+    mem_free(kept);
+    return e;
+}
+
+static bool has_paths(const struct picture_passes *p)
+{
+    return p->eye[0].paths > 0 || p->eye[1].paths > 0;
+}
+
+static enum err alone(struct team *t, struct relighter *r, const struct environment *e,
+                      const struct picture_passes *passes, float *lo, struct relight_stats *stats)
+{
+    const struct light_part all = { 0, packets_of(t), TRANSPORT_NARROW_OWN, false };
+
+    t->alone--;
+    return relighter_run_part(r, e, passes, &all, lo, stats);
+}
+
+/* Lights the shade points of a picture on all ranks. */
+static enum err points(void *context, struct relighter *r, const struct environment *e,
+                       const struct picture_passes *passes, float *lo, struct relight_stats *stats)
+{
+    static const struct packet_list nothing = { NULL, 0 };
+    struct team *t = context;
+    struct transport *cache = relighter_transport(r, passes);
+    const struct transport_indirect *indirect = relighter_indirect(r, passes, &stats->plan);
+    const struct packet_list *narrow = cache ? transport_narrow(cache) : &nothing;
+    const bool faces = !cache || has_paths(passes) || narrow->count * (uint64_t)NARROW_MOST * t->count > packets_of(t);
+    uint8_t *answers;
+    enum err result = ERR_OK;
+
+    if (cache && t->alone > 0)
+        return alone(t, r, e, passes, lo, stats);
+    if (cache) {
+        transport_gather(cache);
+        result = transport_take_sky(
+            cache, e, &(struct transport_frame){ .unsplit = passes->cached->unsplit, .indirect = indirect });
+    }
+    cut(t, cache);
+    if (!result)
+        result = send_order(t, e, passes, cache, indirect, faces, stats);
+    if (!result)
+        result = expect_all(t, &answers);
+    const struct light_part own = { t->cuts[0], t->cuts[1], faces ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_ALL,
+                                    cache != NULL };
+    const double start = clock_seconds();
+    if (!result)
+        result = relighter_run_part(r, e, passes, &own, lo, stats);
+    const double lit = clock_seconds();
+    if (!result)
+        result = ranks_receive(t->desc.ranks);
+    t->stats.part_s += lit - start;
+    t->stats.wait_s += clock_seconds() - lit;
+    t->stats.dealt++;
+    if (!is_cancelled(passes->direct.cancel))
+        learn(t, 0, lit - start);
+    return result ? result : take_all(t, e, passes, answers, faces ? &nothing : narrow, lo, stats);
+}
+
+/* ---- Other ranks ---- */
+
+static enum err take_sky(struct team *t, const struct order *order, const struct picture_passes *passes,
+                         const struct plan *plan)
+{
+    const size_t cuts = ((size_t)t->count + 1) * sizeof(*t->cuts);
+    struct transport *cache = relighter_transport(t->desc.relighter, passes);
+
+    if (order->faces)
+        environment_set_faces(t->environment, (const float *)(const void *)(t->in.at + cuts));
+    if (!order->sky)
+        return ERR_OK;
+    transport_gather(cache);
+    t->environment->ready = true;
+    return transport_unpack_sky(cache, t->in.at + cuts + order->faces, order->sky,
+                                relighter_indirect(t->desc.relighter, passes, plan), t->environment);
+}
+
+/* The passes of the order. A cache that rank 0 has computed since is in its file. ERR_END: not there. */
+static enum err take_order(struct team *t, const struct order *order, struct picture_passes *passes,
+                           struct relight_stats *stats)
+{
+    struct relighter *r = t->desc.relighter;
+    struct relight_desc cached = order->work.cached;
+    struct reason why = { "" };
+    double ms;
+
+    if (!light_work_unpack(r, &order->work, passes, stats))
+        return ERR_OK;
+    cached.cache_file = t->desc.cache_file;
+    cached.cache_dir = t->desc.cache_dir;
+    cached.cache_if_kept = true;
+    cached.cache_background = false;
+    cached.direct.why = &why;
+    return relighter_prepare(r, &cached, false, &ms) || light_work_unpack(r, &order->work, passes, stats) ? ERR_END
+                                                                                                          : ERR_OK;
+}
+
+/* Lights this rank's part and sends it, or an error in its stead. */
+static enum err serve_one(struct team *t, const struct order *order, float *lo)
+{
+    struct picture_passes passes;
+    struct relight_stats stats;
+
+    memcpy(t->cuts, t->in.at, ((size_t)t->count + 1) * sizeof(*t->cuts));
+    const struct light_part part = { t->cuts[t->own], t->cuts[t->own + 1],
+                                     order->narrow ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_NONE, order->sky > 0 };
+    const uint32_t packets = part.end - part.first;
+    const double start = clock_seconds();
+    enum err e = take_order(t, order, &passes, &stats);
+    if (!e)
+        e = take_sky(t, order, &passes, &stats.plan);
+    if (!e)
+        e = relighter_run_part(t->desc.relighter, t->environment, &passes, &part, lo, &stats);
+    const size_t size = answer_bytes(t, packets);
+    uint8_t *out = room_for(&t->out, size);
+    const double seconds = clock_seconds() - start;
+    t->stats.part_s += seconds;
+    e = e || out ? e : ERR_NOMEM;
+    const struct answer a = { e, seconds, stats.direct.rays, packets };
+    if (e) { /* in place of the light */
+        const enum err said = ranks_send(t->desc.ranks, &a, sizeof(a));
+        return said || e == ERR_END ? said : e;
+    }
+    memcpy(out, &a, sizeof(a));
+    pack_light(t, lo + (size_t)part.first * BLOCK, (size_t)packets * BLOCK, out + sizeof(a));
+    return ranks_send(t->desc.ranks, out, size);
+}
+
+enum err team_serve(struct team *t, struct reason *why)
+{
+    float *lo = mem_alloc(packets_of(t), BLOCK * sizeof(*lo));
+    struct order order = { .leave = false };
+    enum err e = lo ? ERR_OK : ERR_NOMEM;
+
+    while (!e) {
+        e = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
+        if (e || order.leave)
+            break;
+        const size_t size = ((size_t)t->count + 1) * sizeof(*t->cuts) + order.sky + order.faces;
+        e = room_for(&t->in, size) ? ranks_broadcast(t->desc.ranks, t->in.at, size) : ERR_NOMEM;
+        if (!e)
+            e = serve_one(t, &order, lo);
+    }
+    mem_free(lo);
+    if (!e)
+        return ERR_OK;
+    return err_say(why, e,
+                   e == ERR_IO ? "rank 0 does not answer any more" : "no memory for this rank's part of a picture");
+}
+
+/* ---- Begin and end ---- */
+
+/* Points that differ between hosts, by another scene file or another library, would be lit as others. */
+static enum err compare_sets(const struct team *t, struct reason *why)
+{
+    const struct set *set = relighter_set(t->desc.relighter);
+    struct digest own = { { 0 } }, first;
+
+    digest_points(&own, set->gbuffer);
+    digest_geometry(&own, set->scene);
+    first = own;
+    enum err e = ranks_broadcast(t->desc.ranks, &first, sizeof(first));
+    if (!e && memcmp(&own, &first, sizeof(own)) != 0)
+        e = err_say(why, ERR_USAGE,
+                    "%s: this rank reads another scene than rank 0, or computes other points: give all hosts the same "
+                    "files and programs",
+                    set->name);
+    return ranks_agree(t->desc.ranks, e, why);
+}
+
+enum err team_create(const struct team_desc *desc, struct team **out, struct reason *why)
+{
+    struct team *t = mem_alloc(1, sizeof(*t));
+
+    *out = NULL;
+    if (t) {
+        t->desc = *desc;
+        t->own = ranks_index(desc->ranks);
+        t->count = ranks_count(desc->ranks);
+        t->speed = mem_alloc(t->count, sizeof(*t->speed));
+        t->cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
+        struct environment_desc sky = *desc->environment;
+        sky.lean = true;
+        t->environment = t->own > 0 ? environment_create(&sky) : NULL;
+    }
+    const bool all = t && t->speed && t->cuts && (t->environment || t->own == 0);
+    enum err e = ranks_agree(desc->ranks, all ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory"), why);
+    if (!e)
+        e = compare_sets(t, why);
+    if (e) {
+        if (t)
+            t->desc.relighter = NULL; /* nobody serves */
+        team_destroy(t);
+        return e;
+    }
+    relighter_round(desc->relighter, desc->half);
+    t->light = (struct light_team){ points, t };
+    if (t->own == 0)
+        relighter_join(desc->relighter, &t->light);
+    *out = t;
+    return ERR_OK;
+}
+
+void team_destroy(struct team *t)
+{
+    struct order order = { .leave = true };
+
+    if (!t)
+        return;
+    if (t->desc.relighter && t->own == 0) {
+        relighter_join(t->desc.relighter, NULL);
+        if (ranks_broadcast(t->desc.ranks, &order, sizeof(order)))
+            log_warning("a rank does not answer; it is left behind");
+    }
+    environment_destroy(t->environment);
+    mem_free(t->speed);
+    mem_free(t->cuts);
+    mem_free(t->out.at);
+    mem_free(t->in.at);
+    mem_free(t);
+}
+
+const struct team_stats *team_stats(const struct team *t)
+{
+    return &t->stats;
+}

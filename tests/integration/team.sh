@@ -1,0 +1,83 @@
+#!/usr/bin/env bash
+# Pictures that all ranks of an MPI job light together: relight-render --split-frames, and relightd.
+. "$(dirname "$0")/lib.sh"
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 # in containers
+cd "$work"
+mkdir one many
+render=$bin/relight-render
+small=(--source sky:size=64x32,time=09:00,speed=20 --size 64x36 --frames 0-1)
+
+# job N ARGUMENT...: relight-render on N ranks.
+job() {
+    local n=$1
+    shift
+    mpirun --oversubscribe -n "$n" "$render" "$@"
+}
+
+same_files() {
+    [ "$(ls one)" = "$(ls many)" ] || fail "other files: $(ls many)"
+    for file in one/*; do cmp "$file" "many/${file#one/}"; done
+}
+
+# 1 to 4 ranks, of one thread or two; eye paths of the ring's mirror and glass are dealt too.
+parts_of_all_methods_have_the_bits_of_one_process() {
+    local methods=(auto mis faces-uniform faces brdf uniform light)
+    for k in "${!methods[@]}"; do
+        local method=${methods[k]} ranks=$((k % 4 + 1))
+        "$render" "${small[@]}" --samples 4 --method "$method" --out "one/$method.%d.exr"
+        job $ranks "${small[@]}" --samples 4 --method "$method" --out "many/$method.%d.exr" --split-frames --threads $((k % 2 + 1)) 2>log
+        [ $ranks = 1 ] || grep -q "2 pictures by $ranks ranks" log || { cat log; fail "$method was not dealt"; }
+    done
+    same_files
+}
+
+# The cache without its texels goes to others in a few KB; narrow lobes, and indirect light of their matte parts, stay right.
+parts_by_the_cache_have_the_bits_of_one_process() {
+    "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr
+    for ranks in 2 3 4; do
+        job $ranks "${small[@]}" --method cached --cache-dir "$work/cache" --out many/%d.exr --split-frames 2>log
+        same_files
+        grep -Eq "2 pictures by $ranks ranks: [12][0-9]\.[0-9] KB to each rank" log || { cat log; fail "more of the sky was sent"; }
+        rm many/*
+    done
+}
+
+what_ranks_cannot_light_is_refused_by_name() {
+    expect 2 'does not work with --method path' job 2 "${small[@]}" --method path --samples 1 --out many/%d.exr --split-frames
+    expect 2 'does not work with --method latlong' job 2 "${small[@]}" --method latlong --samples 1 --out many/%d.exr --split-frames
+    expect 2 'does not go with --denoise' job 2 "${small[@]}" --denoise --out many/%d.exr --split-frames
+    expect 2 'does not go with --fps or --error' job 2 "${small[@]}" --fps 1 --out many/%d.exr --split-frames
+    expect 2 'does not go with a ground' job 2 "${small[@]}" --ground --out many/%d.exr --split-frames
+    [ -z "$(ls many)" ] || fail "pictures were written"
+}
+
+# A server on three ranks: its pictures, to the bit those of one process that rounds alike; a rank that is killed ends it.
+a_live_job_shows_the_pictures_of_one_process() {
+    local flags=(--source sky:size=64x32,time=09:00,speed=0 --size 64x36 --port 0 --converge off --cache-dir "$work/cache" --part-floats half --exposure 0)
+    "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr 2>log # makes the cache
+    timeout 100 "$bin/relightd" "${flags[@]}" --method cached --samples 64 --cache-wait 2>one.log &
+    local single=$!
+    timeout 100 mpirun --oversubscribe -n 3 "$bin/relightd" "${flags[@]}" 2>many.log &
+    local launcher=$!
+    local which
+    for which in one many; do
+        for _ in $(seq 300); do
+            grep -q 'listening on' $which.log && break
+            sleep 0.1
+        done
+        timeout 60 "$bin/relight-record" --from "$(sed -n 's/.*listening on http/ws/p' $which.log)" --once --quiet --out $which.exr 2>>$which.log || { cat $which.log; fail "no picture of $which"; }
+    done
+    cmp one.exr many.exr || fail "other pictures"
+    kill $single
+    wait $single || true
+    local victims status=0
+    mapfile -t victims < <(pgrep -P "$(pgrep -P $launcher)")
+    [ ${#victims[@]} = 3 ] || fail "not three ranks"
+    kill -9 "${victims[1]}"
+    wait $launcher || status=$?
+    [ $status != 0 ] || fail "the job ended well without a rank"
+    grep -q 'exited on signal 9' many.log || { cat many.log; fail "mpirun does not say which rank"; }
+}
+
+command -v mpirun >/dev/null && mpirun --oversubscribe -n 2 "$render" --version >/dev/null 2>&1 || { echo "skipped: no mpirun"; exit 77; }
+"$1"
