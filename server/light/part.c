@@ -1,7 +1,8 @@
 #include "light/part.h"
 
 #include "base/half.h"
-#include "light/relight_plan.h"
+#include "base/mem.h"
+#include "light/relighter.h"
 
 /* Whatever points into this process's memory. */
 static void forget_pointers(struct direct_desc *d)
@@ -76,4 +77,58 @@ void light_round(float *lo, size_t count)
 bool light_deals(enum method method)
 {
     return !method_is_reference(method) && method != METHOD_LATLONG && method != METHOD_LATLONG_ROWS;
+}
+
+void relighter_join(struct relighter *r, const struct light_team *team)
+{
+    r->team = team;
+}
+
+void relighter_round(struct relighter *r, bool half)
+{
+    r->half = half;
+}
+
+/* A cache that is being computed changes from picture to picture, and only here. */
+struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
+{
+    return passes->cached && r->cache.transport && !r->cache.refused && relight_cache_is_settled(&r->cache)
+               ? r->cache.transport
+               : NULL;
+}
+
+const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
+                                                    const struct plan *plan)
+{
+    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.bounce.bounce
+               ? bounce_indirect(r->cache.bounce.bounce)
+               : NULL;
+}
+
+const struct packet_list *relighter_left(const struct relighter *r)
+{
+    return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+}
+
+bool relighter_can_deal(const struct relighter *r, const struct picture_passes *p)
+{
+    const struct direct_desc *d = &p->direct;
+    bool own = !p->denoiser && !p->history && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
+
+    own = own && (!p->eye[1].only || p->eye[1].only == relighter_left(r)) && !p->eye[1].counts;
+    return own &&
+           (p->cached ? relighter_transport(r, p) != NULL
+                      : !d->only && !d->keep && !d->counts && !d->log && d->cells <= 1 && light_deals(d->method));
+}
+
+bool relighter_number_packets(struct relighter *r)
+{
+    const uint32_t count = r->set->gbuffer->packet_count;
+
+    if (r->packets)
+        return true;
+    r->packets = mem_alloc_raw(count, sizeof(*r->packets));
+    for (uint32_t k = 0; r->packets && k < count; k++)
+        r->packets[k] = k;
+    return r->packets != NULL;
 }

@@ -10,31 +10,14 @@
 #include "base/progress.h"
 #include "light/part.h"
 #include "light/reference.h"
-#include "light/relight_cache.h"
-#include "light/relight_caustics.h"
-#include "light/relight_passes.h"
 #include "light/relight_plan.h"
+#include "light/relighter.h"
 #include "light/resolve.h"
 #include "base/rng.h"
 
 #include <string.h>
 
 #define BESIDE_SAMPLES 4 /* of direct light in either half, beside a cache that is being computed */
-
-struct relighter {
-    const struct set *set;
-    const struct kernels *kernels;
-    struct passes passes;
-    struct relight_cache cache;
-    struct relight_caustics caustics;
-    struct denoiser *denoiser; /* NULL until a picture needs it, as what follows */
-    struct history *history;
-    struct beside *beside;
-    const float *points;           /* the picture's shade points */
-    const struct light_team *team; /* NULL: this process lights them alone */
-    bool half;                     /* rounds them */
-    uint32_t *packets;             /* [packet_count]: their numbers, for lists of a part; NULL until one is run */
-};
 
 struct relighter *relighter_create(const struct set *set, const struct kernels *kernels)
 {
@@ -521,66 +504,12 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
 
 /* ---- Parts of a picture (part.h) ---- */
 
-void relighter_join(struct relighter *r, const struct light_team *team)
-{
-    r->team = team;
-}
-
-void relighter_round(struct relighter *r, bool half)
-{
-    r->half = half;
-}
-
-/* A cache that is being computed changes from picture to picture, and only here. */
-struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
-{
-    return passes->cached && r->cache.transport && !r->cache.refused && relight_cache_is_settled(&r->cache)
-               ? r->cache.transport
-               : NULL;
-}
-
-const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
-                                                    const struct plan *plan)
-{
-    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.bounce.bounce
-               ? bounce_indirect(r->cache.bounce.bounce)
-               : NULL;
-}
-
-const struct packet_list *relighter_left(const struct relighter *r)
-{
-    return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
-}
-
-bool relighter_can_deal(const struct relighter *r, const struct picture_passes *p)
-{
-    const struct direct_desc *d = &p->direct;
-    bool own = !p->denoiser && !p->history && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
-
-    own = own && (!p->eye[1].only || p->eye[1].only == relighter_left(r)) && !p->eye[1].counts;
-    return own &&
-           (p->cached ? relighter_transport(r, p) != NULL
-                      : !d->only && !d->keep && !d->counts && !d->log && d->cells <= 1 && light_deals(d->method));
-}
-
-static bool number_packets(struct relighter *r)
-{
-    const uint32_t count = r->set->gbuffer->packet_count;
-
-    if (r->packets)
-        return true;
-    r->packets = mem_alloc_raw(count, sizeof(*r->packets));
-    for (uint32_t k = 0; r->packets && k < count; k++)
-        r->packets[k] = k;
-    return r->packets != NULL;
-}
-
 enum err relighter_run_part(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                             const struct light_part *part, float *lo, struct relight_stats *stats)
 {
     struct picture_passes own = *passes;
     struct packet_list lists[3];
-    enum err result = number_packets(r) ? ERR_OK : ERR_NOMEM;
+    enum err result = relighter_number_packets(r) ? ERR_OK : ERR_NOMEM;
 
     if (result)
         return result;

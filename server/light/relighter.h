@@ -1,0 +1,29 @@
+/* Inside the room: what a relighter holds. Only relight.c and part.c include this. Thread: the relighter's. */
+#ifndef LIGHT_RELIGHTER_H
+#define LIGHT_RELIGHTER_H
+
+#include "light/relight_cache.h"
+#include "light/relight_caustics.h"
+#include "light/relight_passes.h"
+
+struct light_team;
+
+struct relighter {
+    const struct set *set;
+    const struct kernels *kernels;
+    struct passes passes;
+    struct relight_cache cache;
+    struct relight_caustics caustics;
+    struct denoiser *denoiser; /* NULL until a picture needs it, as what follows */
+    struct history *history;
+    struct beside *beside;
+    const float *points;           /* the picture's shade points */
+    const struct light_team *team; /* NULL: this process lights them alone */
+    bool half;                     /* rounds them */
+    uint32_t *packets;             /* [packet_count]: their numbers, for lists of a part; NULL until one is run */
+};
+
+/* Fills r->packets. False: out of memory. */
+bool relighter_number_packets(struct relighter *r);
+
+#endif
