@@ -48,7 +48,8 @@ class Site(Nginx):
             return ""
         text = substituted((DEPLOY / "nginx-rtmp.conf").read_text(), (r"listen 1935", f"listen 127.0.0.1:{self.rtmp}", 1),
                            (r"127\.0\.0\.1:1935", f"127.0.0.1:{self.rtmp}", 1), (r"(?<!www-data )/var/lib/nginx/relightd-hls", str(self.hls), 2),
-                           (r"/usr/bin/ffmpeg", find("ffmpeg"), 1))
+                           (r"/usr/bin/ffmpeg", find("ffmpeg"), 1), # without nginx installed there is no /var/log/nginx
+                           (r"rtmp \{", f"rtmp {{ access_log {self.folder}/rtmp.log;", 1))
         return f"load_module {module()};\n{text}"
 
     def site(self):

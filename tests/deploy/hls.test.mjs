@@ -12,9 +12,9 @@ async function start(way) {
   const child = spawn('/usr/bin/python3', ['-B', new URL('hls_run.py', import.meta.url).pathname, way, '--size', '160x90', '--samples', '1',
     '--method', 'mis', '--paths', 'direct', '--converge', 'off', '--source', 'sky:size=64x32,time=12:00,speed=10'], { stdio: ['pipe', 'pipe', 'inherit'] });
   const ended = new Promise((resolve) => { child.on('exit', resolve); });
-  const url = await new Promise((resolve) => {
+  const url = await new Promise((resolve, reject) => {
     createInterface(child.stdout).once('line', resolve);
-    child.on('exit', (code) => resolve(`skipped: exit code ${code}`));
+    child.on('exit', (code) => reject(new Error(`hls_run.py ended with code ${code}`)));
   });
   return {
     url,

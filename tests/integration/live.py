@@ -217,7 +217,7 @@ async def camera_that_is_missing_is_named(folder):
         party = await Party.come(daemon.url, "viewer")
         await party.until(lambda: "trying again" in source(party)["detail"])
         detail = source(party)["detail"]
-        check(detail.startswith("v4l2:/dev/video99: cannot be opened: No such file or directory"), f"viewers are told: {detail}")
+        check(detail.startswith("v4l2:/dev/video99: cannot be opened: Cannot open video device /dev/video99: No such file"), f"viewers are told: {detail}")
 
 
 async def certificates_of_sources_are_verified(folder):
