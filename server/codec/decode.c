@@ -52,6 +52,10 @@ static const char *other_format(const uint8_t *bytes, size_t size)
         return "an AVIF or HEIC";
     if (begins(bytes, size, 4, "ftyp", 4))
         return "an MP4 video";
+    if (begins(bytes, size, 0, "\x1a\x45\xdf\xa3", 4))
+        return "a Matroska or WebM video";
+    if (begins(bytes, size, 0, "#EXTM3U", 7))
+        return "an HLS playlist";
     return begins(bytes, size, 0, "GIF8", 4) ? "a GIF" : NULL;
 }
 

@@ -61,6 +61,33 @@ static size_t scheme_length(const char *spec)
     return n > 0 && strncmp(spec + n, "://", 3) == 0 ? n : 0;
 }
 
+/* What can be told of a camera's name without opening it; one that is not there may be plugged in later. */
+static enum err check_device(const char *spec, struct reason *why)
+{
+    struct stat st;
+
+    if (spec[5] != '/')
+        return err_say(why, ERR_USAGE, "%s: expected v4l2:/dev/videoN", spec);
+    if (stat(spec + 5, &st) == 0 && !S_ISCHR(st.st_mode))
+        return err_say(why, ERR_USAGE, "%s: is not a camera; expected v4l2:/dev/videoN", spec);
+    return ERR_OK;
+}
+
+/* What is wrong with a URL whatever the network does. */
+static enum err check_url(const char *spec, struct reason *why)
+{
+    char name[256];
+    const char *host = strstr(demux_name(spec, name, sizeof(name)), "://") + 3;
+    const size_t length = strcspn(host, "/?#");
+
+    if (length == 0 || (host[0] == ':' && !starts_with(name, "srt://"))) /* srt://:9000?mode=listener has none */
+        return err_say(why, ERR_USAGE, "%s: the host is missing; expected %.*s://HOST...", name,
+                       (int)scheme_length(name), name);
+    if (starts_with(name, "srt://") && host[length - 1] != ']' && !memchr(host, ':', length))
+        return err_say(why, ERR_USAGE, "%s: the port is missing; expected srt://HOST:PORT", name);
+    return ERR_OK;
+}
+
 enum err demux_kind_of(const char *spec, enum demux_kind *out, struct reason *why)
 {
     static const char *const live[] = { "rtsp://", "rtsps://", "rtmp://", "rtmps://", "srt://" };
@@ -70,8 +97,12 @@ enum err demux_kind_of(const char *spec, enum demux_kind *out, struct reason *wh
     *out = DEMUX_NOTHING;
     if (starts_with(spec, "v4l2:")) {
         *out = DEMUX_DEVICE;
-        return spec[5] == '/' ? ERR_OK : err_say(why, ERR_USAGE, "%s: expected v4l2:/dev/videoN", spec);
+        return check_device(spec, why);
     }
+    if (starts_with(spec, "/dev/video"))
+        return err_say(why, ERR_USAGE, "%s: a camera is named v4l2:%s", spec, spec);
+    if (starts_with(spec, "file://"))
+        return err_say(why, ERR_USAGE, "%s: name files without file://, as %s", spec, spec + strlen("file://"));
     if (starts_with(spec, "http://") || starts_with(spec, "https://"))
         *out = DEMUX_WEB;
     for (size_t i = 0; i < sizeof(live) / sizeof(live[0]); i++)
@@ -82,7 +113,9 @@ enum err demux_kind_of(const char *spec, enum demux_kind *out, struct reason *wh
                        "%.120s: %.*s:// is no source; sources are " DEMUX_SCHEMES
                        ", files, folders, patterns, watch:DIR and sky:",
                        spec, (int)(scheme < 20 ? scheme : 20), spec);
-    if (!scheme && ends_as_video(spec) && stat(spec, &st) == 0 && S_ISREG(st.st_mode))
+    if (scheme)
+        return check_url(spec, why);
+    if (ends_as_video(spec) && stat(spec, &st) == 0 && S_ISREG(st.st_mode))
         *out = DEMUX_FILE;
     return ERR_OK;
 }

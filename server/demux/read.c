@@ -66,7 +66,7 @@ static void note_complaint(void *context, int level, const char *format, va_list
     untrusted = strstr(line, "certificate") != NULL; /* as libavformat says by GnuTLS and by OpenSSL */
 }
 
-static enum err say_failed(struct demux_answer *a, const char *what, int code)
+static enum err say_failed(const struct reading *r, struct demux_answer *a, const char *what, int code)
 {
     char text[AV_ERROR_MAX_STRING_SIZE];
 
@@ -75,6 +75,8 @@ static enum err say_failed(struct demux_answer *a, const char *what, int code)
                        "its certificate is not trusted (%s): name a PEM file with the authority that signed it by "
                        "--source-ca, or accept any by --source-ca " DEMUX_ANY_CA,
                        complaint);
+    if (refused && r->desc.file && strstr(complaint, "Format not on whitelist"))
+        return err_say(&a->why, ERR_FORMAT, "it is no video that this program reads, whatever its name says");
     if (refused)
         return err_say(
             &a->why, ERR_UNSUPPORTED,
@@ -85,9 +87,10 @@ static enum err say_failed(struct demux_answer *a, const char *what, int code)
         return err_say(&a->why, ERR_FORMAT, "no video that this program reads%s%s", complaint[0] ? ": " : "",
                        complaint);
     av_make_error_string(text, sizeof(text), code);
-    if (complaint[0])
-        return err_say(&a->why, code == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_IO, "%s: %s: %s", what, text, complaint);
-    return err_say(&a->why, code == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_IO, "%s: %s", what, text);
+    const enum err e = code == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_IO;
+    if (strstr(complaint, text)) /* it says both */
+        return err_say(&a->why, e, "%s: %s", what, complaint);
+    return err_say(&a->why, e, "%s: %s%s%s", what, text, complaint[0] ? ": " : "", complaint);
 }
 
 static int is_late(void *context)
@@ -337,11 +340,11 @@ enum err reading_open(struct reading *r, const char *url, struct demux_answer *a
     int code = e ? 0 : open_context(r, url, format, &options);
     av_dict_free(&options);
     if (!e && code < 0)
-        return say_failed(a, r->desc.file ? "no video that this program reads" : "cannot be opened", code);
+        return say_failed(r, a, r->desc.file ? "no video that this program reads" : "cannot be opened", code);
     if (!e)
         code = avformat_find_stream_info(r->context, NULL);
     if (!e && code < 0)
-        return say_failed(a, "its format cannot be found out", code);
+        return say_failed(r, a, "its format cannot be found out", code);
     if (!e)
         e = choose_stream(r, a);
     return e ? e : hand_on_format(r, a);
@@ -375,11 +378,11 @@ static enum err read_packet(struct reading *r, struct demux_answer *a)
         if (code == AVERROR(EAGAIN) && !is_late(r))
             continue;
         if (code == AVERROR_EOF && refused)
-            return say_failed(a, "", code);
+            return say_failed(r, a, "", code);
         if (code == AVERROR_EOF)
             return ERR_END;
         if (code < 0)
-            return say_failed(a, is_late(r) ? "nothing came for 12 s" : "broke off", code);
+            return say_failed(r, a, is_late(r) ? "nothing came for 12 s" : "broke off", code);
         if (r->packet->stream_index == r->stream && r->packet->size > 0)
             return ERR_OK;
     }
