@@ -3,6 +3,9 @@
 . "$(dirname "$0")/lib.sh"
 references="$(dirname "$(readlink -f "$0")")/../references"
 
+# A planted fault costs as much as the comparison itself, so only `./test --long` renders it.
+planted=$(count "" 1)
+
 # against NAME SCENE SOURCE MEAN RELMSE FLAGS...: relMSE 1e-3 is the bound of pictures of 1024 samples a pixel or more.
 # Each commit makes pictures of fewer paths and allows their noise; the mean is held as sharply.
 against() {
@@ -19,7 +22,7 @@ interreflection_agrees_with_cycles_under_a_low_sun() {
     need_data
     local sky="$data/sky/sky.0012.exr" relmse
     relmse=$(count 5e-3 1e-3)
-    if against plaza_all_sky0012 plaza "$sky" 0.005 "$relmse" --samples 64 --indirect none; then
+    if [ "$planted" ] && against plaza_all_sky0012 plaza "$sky" 0.005 "$relmse" --samples 64 --indirect none; then
         fail "a picture without interreflection passes"
     fi
     against plaza_all_sky0012 plaza "$sky" 0.005 "$relmse" --eye-paths "$(count 128 704)"
@@ -30,7 +33,7 @@ mirror_glass_and_caustics_agree_with_cycles_under_overcast() {
     need_data
     local sky="$data/env/overcast_city_1k.hdr" relmse
     relmse=$(count 3e-3 1e-3)
-    if against ring_all_overcast_city ring "$sky" 0.01 "$relmse" --samples 64 --caustics none; then
+    if [ "$planted" ] && against ring_all_overcast_city ring "$sky" 0.01 "$relmse" --samples 64 --caustics none; then
         fail "a picture without caustics passes"
     fi
     against ring_all_overcast_city ring "$sky" 0.01 "$relmse" --eye-paths "$(count 48 128)"
@@ -56,10 +59,10 @@ light_transport_agrees_with_cycles_on_the_plaza() {
     fi
     prepared plaza_direct_overcast_city plaza "$data/env/overcast_city_1k.hdr" 3e-3 --paths direct
     prepared plaza_all_sky0012 plaza "$sun" "$(count 3.5e-3 2.5e-3)" --paths all
-    if prepared plaza_direct_sky0012 plaza "$sun" 5e-4 --paths direct --rotate 1; then
+    if [ "$planted" ] && prepared plaza_direct_sky0012 plaza "$sun" 5e-4 --paths direct --rotate 1; then
         fail "a sky turned by a degree passes"
     fi
-    if prepared plaza_all_sky0012 plaza "$sun" 2.5e-3 --paths all --indirect none; then
+    if [ "$planted" ] && prepared plaza_all_sky0012 plaza "$sun" 2.5e-3 --paths all --indirect none; then
         fail "a picture without interreflection passes"
     fi
 }
@@ -69,7 +72,7 @@ light_transport_and_stored_caustics_agree_with_cycles_on_the_ring() {
     need_data
     local sky="$data/env/overcast_city_1k.hdr"
     prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --stored-paths "$(count 5000000 20000000)"
-    if prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --caustics none; then
+    if [ "$planted" ] && prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --caustics none; then
         fail "a picture without caustics passes"
     fi
 }

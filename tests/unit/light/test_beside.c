@@ -106,7 +106,8 @@ static void they_are_the_light_of_other_pictures(void **state)
     for (int k = 0; k < 4; k++) {
         struct stage s = ring(k / 2 ? sky_with_sun(64, 32, 2e1f) : sky_overcast(64, 32));
         struct relight_desc light = caustics;
-        converge(&s, &light, want);
+        if (k % 2 == 0) /* for both estimators of this sky */
+            converge(&s, &light, want);
         light.caustics = by[k % 2];
         for (light.turn = 0; light.turn < PICTURES; light.turn++)
             run(&s, &light, &stats);
