@@ -16,7 +16,7 @@
 #define PLAIN_MAX 128
 #define BIAS 128 /* exponent bias */
 
-/* The largest channel gets a mantissa of 128..255: v = m / 256 x 2^(exponent - 128). */
+/* The largest channel gets a mantissa of 128..255, which Radiance reads as v = (m + 1/2) / 256 x 2^(exponent - 128). */
 static void encode_texel(const float rgb[3], uint8_t out[4])
 {
     const float most = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
@@ -26,6 +26,8 @@ static void encode_texel(const float rgb[3], uint8_t out[4])
     if (!(most > 1e-32f)) /* Radiance's own threshold */
         return;
     (void)frexpf(most, &exponent);
+    /* Of (255 + 1/2) / 512 and (128 + 1/2) / 256 the nearer one: an exact power of two lies between them. */
+    exponent -= ldexpf(most, 8 - exponent) < 128.125f && exponent > -BIAS + 1;
     exponent = exponent > 255 - BIAS ? 255 - BIAS : exponent;
     for (int c = 0; c < 3; c++) {
         const float m = rgb[c] > 0.0f ? ldexpf(rgb[c], 8 - exponent) : 0.0f;

@@ -5,7 +5,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "radiance/reinhart.h"
+#include "daylight/reinhart.h"
 #include "radiance/view_line.h"
 
 #include <errno.h>

@@ -3,6 +3,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "daylight/reinhart.h"
 #include "daylight/sun.h"
 #include "source/sky.h"
 
@@ -25,15 +26,16 @@ const char *const daylight_help =
     "lux=10000         horizontal illuminance of that sky without the sun\n"
     "altitude=45       of the sun, degrees; azimuth=180: from north over east\n"
     "direct=0          normal illuminance of that sun, lux\n"
-    "north=0           both: where north is, degrees from +Z towards east, as seen from above\n"
-    "ground=0.2        both: albedo of the ground below the horizon\n"
-    "only=all          both: sun or sky alone\n"
-    "scale=1           both: output units per W sr^-1 m^-2\n"
-    "size=1024x512     both: texels; must be 2:1 with an even height\n";
+    "mtx: FILE         a matrix of Radiance's gendaymtx; one frame for each time step with light, numbered from 0\n"
+    "north=0           epw and cie: where north is, degrees from +Z towards east, as seen from above\n"
+    "ground=0.2        likewise: albedo of the ground below the horizon\n"
+    "only=all          likewise: sun or sky alone\n"
+    "scale=1           all: output units per W sr^-1 m^-2\n"
+    "size=1024x512     epw and cie: texels; must be 2:1 with an even height\n";
 
 bool daylight_is(const char *spec)
 {
-    return strncmp(spec, "epw:", 4) == 0 || strncmp(spec, "cie:", 4) == 0;
+    return strncmp(spec, "epw:", 4) == 0 || strncmp(spec, "cie:", 4) == 0 || strncmp(spec, "mtx:", 4) == 0;
 }
 
 /* ---- Parsing ---- */
@@ -168,6 +170,9 @@ static enum err take_key(struct keys *k, const char *name, const char *value, st
 {
     const bool epw = !k->d->cie;
     bool known;
+
+    if (strcmp(k->scheme, "mtx:") == 0 && strcmp(name, "scale") != 0)
+        return err_say(why, ERR_USAGE, "mtx: unknown key '%s'; expected scale", name);
     const enum err e = take_common(k, name, value, &known, why);
 
     if (e || known)
@@ -286,6 +291,33 @@ static enum err open_standard(struct keys *k, struct reason *why)
     return list_lit(d, why);
 }
 
+/* A moment for each time step; 8,760 of them are the hours of a year. */
+static enum err open_matrix(struct daylight *d, struct reason *why)
+{
+    static const int lengths[12] = { 31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
+    const enum err e = sky_matrix_read(d->file, &d->matrix, why);
+
+    if (e)
+        return e;
+    reinhart_size(d->matrix.mf, &d->width, &d->height);
+    d->year.at = mem_alloc(d->matrix.steps, sizeof(*d->year.at));
+    if (!d->year.at)
+        return err_say(why, ERR_NOMEM, "%s: out of memory", d->file);
+    d->year.count = d->year.capacity = d->matrix.steps;
+    for (size_t i = 0; i < d->matrix.steps; i++) {
+        int day = (int)(i / 24 % 365) + 1, month = 1;
+        while (day > lengths[month - 1])
+            day -= lengths[month++ - 1];
+        d->year.at[i] = (struct moment){ .number = i,
+                                         .month = month,
+                                         .day = day,
+                                         .clock = (double)(i % 24) + 0.5,
+                                         .span = 1.0,
+                                         .lit = sky_matrix_is_lit(&d->matrix, i) };
+    }
+    return list_lit(d, why);
+}
+
 static enum err read_type(struct daylight *d, const char *text, size_t length, struct reason *why)
 {
     char type[16];
@@ -320,17 +352,19 @@ enum err daylight_open(const char *spec, struct daylight **out, struct reason *w
     *d =
         (struct daylight){ .ground_albedo = 0.2, .sun = true, .sky = true, .scale = 1.0, .width = 1024, .height = 512 };
     const bool cie = strncmp(spec, "cie:", 4) == 0;
-    keys.scheme = cie ? "cie:" : "epw:";
+    const bool matrix = strncmp(spec, "mtx:", 4) == 0;
+    keys.scheme = cie ? "cie:" : matrix ? "mtx:" : "epw:";
     if (cie)
         e = read_type(d, text, length, why);
     else if (length == 0 || length >= sizeof(d->file))
-        e = err_say(why, ERR_USAGE, "%s: the weather file is missing; expected epw:FILE.epw", spec);
+        e = err_say(why, ERR_USAGE, "%s: the %s is missing; expected %s", spec, matrix ? "matrix" : "weather file",
+                    matrix ? "mtx:FILE" : "epw:FILE.epw");
     else
         memcpy(d->file, text, length);
     if (!e)
         e = take_keys(&keys, list, why);
     if (!e)
-        e = cie ? open_standard(&keys, why) : open_weather(&keys, why);
+        e = cie ? open_standard(&keys, why) : matrix ? open_matrix(d, why) : open_weather(&keys, why);
     if (e)
         daylight_close(d);
     else
@@ -343,6 +377,7 @@ void daylight_close(struct daylight *d)
     if (!d)
         return;
     epw_finish(&d->weather);
+    sky_matrix_finish(&d->matrix);
     moments_finish(&d->year);
     mem_free(d->lit);
     mem_free(d);

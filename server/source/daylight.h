@@ -1,12 +1,13 @@
 /* server/source/daylight.h */
-/* Environment frames from weather files (`epw:FILE`) and of the standard skies (`cie:TYPE`), in W sr^-1 m^-2: grey,
- * with luminance = 179 cd m^-2 per unit, in lat-long with OpenEXR's orientation, north +Z and east -X unless `north`
- * turns them. Thread: any, after daylight_open. */
+/* Environment frames from weather files (`epw:FILE`), of the standard skies (`cie:TYPE`), which are grey, and from
+ * matrices of Radiance's gendaymtx (`mtx:FILE`), in W sr^-1 m^-2 with luminance = 179 cd m^-2 per unit, in lat-long
+ * with OpenEXR's orientation, north +Z and east -X unless `north` turns them. Thread: any, after daylight_open. */
 #ifndef SOURCE_DAYLIGHT_H
 #define SOURCE_DAYLIGHT_H
 
 #include "base/err.h"
 #include "daylight/moments.h"
+#include "daylight/sky_matrix.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -18,10 +19,11 @@
 extern const char *const daylight_help;
 
 struct daylight {
-    char file[4096];     /* of epw: */
-    struct epw weather;  /* of epw: */
-    struct moments year; /* of epw: every moment that was chosen, dark ones included */
-    size_t *lit;         /* [count]: those that make a frame; cie: one moment */
+    char file[4096];          /* of epw: and mtx: */
+    struct sky_matrix matrix; /* of mtx: */
+    struct epw weather;       /* of epw: */
+    struct moments year;      /* of epw: every moment that was chosen, dark ones included */
+    size_t *lit;              /* [count]: those that make a frame; cie: one moment */
     size_t count;
     int cie;                /* type; 0: Perez et al. */
     double north;           /* radians: where north is, clockwise from +Z as seen from above */
@@ -34,9 +36,9 @@ struct daylight {
 /* Whether a spec is of this kind. */
 bool daylight_is(const char *spec);
 
-/* Reads "epw:FILE,key=value,..." or "cie:TYPE,key=value,...", and the file. Missing hours are named in the log. The
- * caller frees *out with daylight_close. ERR_USAGE names an unknown key or a value out of range; errors of epw_read and
- * moments_choose. */
+/* Reads "epw:FILE,key=value,...", "cie:TYPE,key=value,..." or "mtx:FILE,key=value,...", and the file. Missing hours are
+ * named in the log. The caller frees *out with daylight_close. ERR_USAGE names an unknown key or a value out of range;
+ * errors of epw_read, moments_choose and sky_matrix_read. */
 MUST_CHECK enum err daylight_open(const char *spec, struct daylight **out, struct reason *why);
 void daylight_close(struct daylight *d); /* NULL is allowed */
 

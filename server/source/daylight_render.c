@@ -2,6 +2,7 @@
 
 #include "base/mem.h"
 #include "base/vec.h"
+#include "daylight/reinhart.h"
 #include "daylight/sun.h"
 #include "source/sky_model.h"
 
@@ -77,20 +78,48 @@ static void render_dome(struct dome *dome, double irradiance, float *rgb)
  * and less on walls: some 100 lx, for a few minutes. */
 #define LOWEST_SUN (1.5 * PI / 180.0)
 
+/* Horizontal irradiance from the rows of texels around an elevation, by closed forms. */
+static double rows_irradiance(const struct daylight *d, double elevation, const float *rgb)
+{
+    const double middle = (0.5 * PI - elevation) / PI * d->height, reach = 2.0 + SUN_RADIUS / PI * d->height;
+    const uint32_t first = middle > reach ? (uint32_t)(middle - reach) : 0;
+    double total = 0.0;
+
+    for (uint32_t y = first; y < d->height / 2 && y < middle + reach; y++) {
+        const double top = sin(PI * y / d->height), bottom = sin(PI * (y + 1.0) / d->height);
+        double sum = 0.0;
+        for (uint32_t x = 0; x < d->width; x++)
+            sum += (double)rgb[3 * ((size_t)y * d->width + x)];
+        total += sum * PI / d->width * (bottom * bottom - top * top);
+    }
+    return total;
+}
+
+/* The sun's disc, whose light on the ground is the file's, although a texel's is that of its middle height: of a low
+ * sun that would be some per cent more or less. */
 static void render_sun(const struct daylight *d, const struct moment *m, const double w[3], float *rgb)
 {
     const double solid_angle = 2.0 * PI * (1.0 - cos(SUN_RADIUS)), elevation = fmax(m->altitude, LOWEST_SUN);
-    const double lux = m->direct_normal_lux * sin(m->altitude) / sin(elevation);
-    const double radiance = d->scale * lux / (DAYLIGHT_EFFICACY * solid_angle);
+    const double want = d->scale * m->direct_normal_lux * sin(m->altitude) / DAYLIGHT_EFFICACY;
     const struct sky_desc size = { .width = d->width, .height = d->height };
-    const struct sky_state sun = { .sun_elevation = elevation,
-                                   .sun_direction = { w[0], w[1], w[2] },
-                                   .sun_radiance = { radiance, radiance, radiance },
-                                   .sun_solid_angle = solid_angle,
-                                   .sun_visible = 1.0 };
+    struct sky_state sun = { .sun_elevation = elevation,
+                             .sun_direction = { w[0], w[1], w[2] },
+                             .sun_solid_angle = solid_angle,
+                             .sun_visible = 1.0 };
+    double radiance = want / (sin(elevation) * solid_angle);
 
-    if (d->sun && radiance > 0.0)
+    if (!d->sun || !(radiance > 0.0))
+        return;
+    const double before = rows_irradiance(d, elevation, rgb);
+    for (int k = 0; k < 2; k++) {
+        for (int c = 0; c < 3; c++)
+            sun.sun_radiance[c] = radiance;
         sky_add_sun(&size, &sun, rgb);
+        const double have = rows_irradiance(d, elevation, rgb) - before;
+        radiance = have > 0.0 ? radiance * (want / have - 1.0) : 0.0;
+        if (k == 0 && !(fabs(radiance) > 0.0))
+            return;
+    }
 }
 
 void daylight_render(const struct daylight *d, const struct moment *m, float *rgb)
@@ -98,6 +127,12 @@ void daylight_render(const struct daylight *d, const struct moment *m, float *rg
     struct dome dome = { .width = d->width, .height = d->height };
     double w[3];
 
+    if (d->matrix.mf) {
+        reinhart_sky(d->matrix.mf, (const float(*)[3])d->matrix.radiance + m->number * d->matrix.patches, rgb);
+        for (size_t i = 0; d->scale != 1.0 && i < (size_t)3 * d->width * d->height; i++)
+            rgb[i] *= (float)d->scale;
+        return;
+    }
     assert(d->width == 2 * d->height && d->height % 2 == 0 && d->width <= SKY_SIDE_MAX);
     daylight_sun(d, m, w);
     dome.theta = 0.5 * PI - fmax(m->altitude, 0.0);

@@ -281,12 +281,15 @@ static enum err next_daylight(struct source *s, struct frame *f, struct reason *
     if (frame_reserve_texels(f, d->width, d->height))
         return err_say(why, ERR_NOMEM, "%s: out of memory for %" PRIu32 "x%" PRIu32 " texels", s->desc.spec, d->width,
                        d->height);
+    snprintf(f->layout, sizeof(f->layout), "%s", d->matrix.mf ? "latlong" : "");
     const struct moment *m = daylight_moment(d, s->daylight_first + s->daylight_next);
     s->position = s->daylight_next++;
     f->number = m->number;
     moment_name(m, when, sizeof(when));
     if (d->cie)
         snprintf(f->name, sizeof(f->name), "cie: %s", cie_name(d->cie));
+    else if (d->matrix.mf)
+        snprintf(f->name, sizeof(f->name), "%.200s: time step %" PRIu64, d->file, m->number);
     else
         snprintf(f->name, sizeof(f->name), "%.100s: %s, sun at %.1f degrees", d->weather.place, when,
                  m->altitude * 57.29577951308232);

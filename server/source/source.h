@@ -15,6 +15,7 @@
  *                 (FRAME_NUMBER_MAX), it repeats that frame.
  * `epw:FILE,...`  The hours with daylight of a weather file (daylight.h), numbered by their place in the year.
  * `cie:TYPE,...`  One standard sky, likewise.
+ * `mtx:FILE,...`  The time steps with light of a matrix of Radiance's gendaymtx, numbered from 0.
  * `clip.mp4`      A video (.mp4, .mkv, .mov, .webm and others), or http(s):// of one: its frames, numbered from 0.
  * `rtsp://...`    A live stream: also rtsps, rtmp, rtmps, srt, http(s) of a live playlist, and v4l2:/dev/video0. Each
  *                 frame is the newest; frames are numbered as they are taken. Lost connections are retried.

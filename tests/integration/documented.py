@@ -113,6 +113,7 @@ def furnish(clone):
     subprocess.run(render + ["--source", "sky:speed=5", "--frames", "0-1", "--out", str(clone / "sky.mp4")], check=False, capture_output=True)
     (clone / "studio.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 128, 128, 129]) * 8)
     shutil.copy(clone / "studio.hdr", clone / "park.hdr")
+    (clone / "city.mtx").write_text("#?RADIANCE\nNROWS=146\nNCOLS=1\nNCOMP=3\nFORMAT=ascii\n\n" + "1 1 1\n" * 146)
     with open(clone / "city.epw", "w") as out:
         subprocess.run([str(ROOT / "docs/examples/weather.py")], check=True, stdout=out)
     shutil.copy(ROOT / "docs/examples/table.obj", clone / "chair.obj")

@@ -164,6 +164,55 @@ static void sources_step_through_the_lit_hours(void **state)
     unlink(path);
 }
 
+/* A matrix of Tregenza's 146 patches and two steps: the first is dark, in the second patch p has a radiance of p. */
+static void write_matrix(char path[64], const char *format, size_t values)
+{
+    strcpy(path, "/tmp/matrix.XXXXXX");
+    const int fd = mkstemp(path);
+    FILE *f = fdopen(fd, "wb");
+
+    assert_non_null(f);
+    fprintf(f, "#?RADIANCE\ngendaymtx -m 1\nNROWS=146\nNCOLS=2\nNCOMP=3\nFORMAT=%s\n\n", format);
+    for (size_t k = 0; k < values; k++) {
+        const float v = k / 3 % 2 ? (float)(k / 6) : 0.0f;
+        if (strcmp(format, "ascii") == 0)
+            fprintf(f, "%g%s", (double)v, k % 3 == 2 ? "\n" : " ");
+        else
+            fwrite(&v, sizeof(v), 1, f);
+    }
+    fclose(f);
+}
+
+/* Radiance's patches: the ground is patch 0, the zenith the last, patch 1 lies in the north and the next ones east of
+ * it. North is the middle of the picture and east lies to its right. */
+static void matrices_are_read_as_gendaymtx_writes_them(void **state)
+{
+    static const char *const formats[] = { "ascii", "float" };
+    char path[64], spec[100];
+
+    (void)state;
+    for (int k = 0; k < 2; k++) {
+        struct reason why;
+        struct source *s;
+        struct frame f = { .kind = FRAME_NONE };
+        write_matrix(path, formats[k], 6 * 146);
+        snprintf(spec, sizeof(spec), "mtx:%s,scale=2", path);
+        const struct source_desc desc = { .spec = spec };
+        assert_int_equal(source_open(&desc, &s, &why), ERR_OK);
+        assert_int_equal(source_count(s), 1);
+        assert_int_equal(source_next(s, &f, &why), ERR_OK);
+        assert_int_equal(f.number, 1);
+        assert_string_equal(f.layout, "latlong");
+        const float *horizon = f.rgb + 3 * (size_t)(f.height / 2 - 1) * f.width;
+        assert_true(f.rgb[0] == 2.0f * 145.0f && f.rgb[3 * (size_t)(f.height - 1) * f.width] == 0.0f);
+        assert_true(horizon[3 * (size_t)(f.width / 2)] == 2.0f);
+        assert_true(horizon[3 * (size_t)(f.width / 2 + f.width / 30)] == 4.0f);
+        source_close(s);
+        frame_finish(&f);
+        unlink(path);
+    }
+}
+
 static void refuse(const char *spec, const char *expected)
 {
     struct daylight *d;
@@ -184,14 +233,28 @@ static void bad_specs_are_refused(void **state)
     refuse("epw:x.epw,hours=18-8", "hours=18-8 is not A-B");
     refuse("epw:x.epw,efficacy=high", "efficacy=high is not perez, file or a number");
     refuse("epw:x.epw,cloud=3", "unknown key 'cloud'");
+    char matrix[64], spec[100];
+    write_matrix(matrix, "float", 6 * 40 + 1);
+    snprintf(spec, sizeof(spec), "mtx:%s", matrix);
+    refuse(spec, "ends, or has no number, at patch 40, time step 0");
+    unlink(matrix);
+    write_matrix(matrix, "rgbe", 0);
+    snprintf(spec, sizeof(spec), "mtx:%s", matrix);
+    refuse(spec, "FORMAT=rgbe: expected ascii, float or double");
+    unlink(matrix);
+    refuse("mtx:/nowhere/x.mtx", "/nowhere/x.mtx: No such file");
+    refuse("mtx:x,north=3", "unknown key 'north'; expected scale");
     refuse("cie:17", "there is no such sky");
     refuse("cie:1,days=03-21", "unknown key 'days'");
     refuse("cie:1,lux=-1", "lux=-1 is not a number from 0 to 200000");
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(open_illuminance_is_the_files), cmocka_unit_test(standard_skies_have_the_illuminance_asked_for),
-    cmocka_unit_test(north_turns_the_sky),           cmocka_unit_test(sources_step_through_the_lit_hours),
+    cmocka_unit_test(open_illuminance_is_the_files),
+    cmocka_unit_test(standard_skies_have_the_illuminance_asked_for),
+    cmocka_unit_test(north_turns_the_sky),
+    cmocka_unit_test(sources_step_through_the_lit_hours),
+    cmocka_unit_test(matrices_are_read_as_gendaymtx_writes_them),
     cmocka_unit_test(bad_specs_are_refused),
 };
 

@@ -3,7 +3,7 @@
 #include "codec/decode.h"
 #include "codec/hdr_write.h"
 #include "compare/metrics.h"
-#include "radiance/reinhart.h"
+#include "daylight/reinhart.h"
 #include "light/resolve.h"
 #include "estimators/points.h"
 #include "source/sky.h"
@@ -271,7 +271,7 @@ static void rgbe_is_as_radiance_has_it(void **state)
     float few[3 * 2] = { 1.0f, 0.5f, 0.25f, 0.0f, -1.0f, 0.0f };
     const struct hdr_desc flat = { few, 2, 1, "VIEW= -vtv\n" };
     static const char header[] = "#?RADIANCE\nVIEW= -vtv\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n";
-    static const uint8_t texels[8] = { 128, 64, 32, 129, 0, 0, 0, 0 };
+    static const uint8_t texels[8] = { 255, 128, 64, 128, 0, 0, 0, 0 }; /* 255.5 / 256, not 128.5 / 128 */
     enum { W = 300, H = 5 };
     static float rgb[3 * W * H], back[3 * W * H];
     struct rng r = { 3 };

@@ -1,4 +1,4 @@
-/* server/radiance/reinhart.h */
+/* server/daylight/reinhart.h */
 /* Radiance's subdivision of the sky, which is Tregenza's 145 patches with each side cut by MF [Tregenza 1987; Reinhart
  * and Walkenhorst 2001], in the order of its reinhart.cal and gendaymtx: patch 0 is the ground, all of the lower
  * hemisphere; then come 7 MF rows from the horizon up, each 90 / (7 MF + 1/2) degrees high, whose first patch is
@@ -8,8 +8,8 @@
  *     (x, y, z) here  =  (-X, Z, Y) there.
  * Patches are rectangles of a lat-long picture. The one that reinhart_sky fills has borders of texels at all of theirs,
  * so that no texel is of two patches. Pure functions; any thread. */
-#ifndef RADIANCE_REINHART_H
-#define RADIANCE_REINHART_H
+#ifndef DAYLIGHT_REINHART_H
+#define DAYLIGHT_REINHART_H
 
 #include <stdint.h>
 

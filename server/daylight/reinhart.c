@@ -1,4 +1,4 @@
-#include "radiance/reinhart.h"
+#include "daylight/reinhart.h"
 
 #include "base/vec.h"
 
