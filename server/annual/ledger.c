@@ -230,7 +230,7 @@ enum err ledger_add(struct ledger *l, const struct ledger_row *row, const float 
     fputc('\n', l->hours);
     fprintf(l->lux, "%.0f", row->value[LEDGER_NUMBER]);
     for (size_t i = 0; i < l->sensors; i++)
-        fprintf(l->lux, ",%.6g", (double)lux[i]);
+        fprintf(l->lux, ",%.9g", (double)lux[i]);
     fputc('\n', l->lux);
     if (fflush(l->hours) || fflush(l->lux) || ferror(l->hours) || ferror(l->lux))
         return io_error(l->folder, why);

@@ -44,7 +44,7 @@ struct ledger {
     FILE *hours, *lux;
 };
 
-/* Takes a row that an earlier run left. lux: [sensors], 0.01 lx exact. */
+/* Takes a row that an earlier run left. lux: [sensors]; the very values that it had. */
 typedef void ledger_replay(void *self, const struct ledger_row *row, const float *lux);
 
 /* Opens the tables in a folder that exists. resume: keeps the rows of an earlier run with the same key and replays
