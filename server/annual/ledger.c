@@ -225,7 +225,7 @@ enum err ledger_add(struct ledger *l, const struct ledger_row *row, const float 
         if (k)
             fputc(',', l->hours);
         if (!isnan(row->value[k]))
-            fprintf(l->hours, k == LEDGER_NUMBER ? "%.0f" : "%.7g", row->value[k]);
+            fprintf(l->hours, k == LEDGER_NUMBER ? "%.0f" : "%.12g", row->value[k]);
     }
     fputc('\n', l->hours);
     fprintf(l->lux, "%.0f", row->value[LEDGER_NUMBER]);
