@@ -1,0 +1,1 @@
+unit_test(annual test_points m)
