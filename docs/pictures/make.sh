@@ -10,9 +10,19 @@ picture() { # NAME SKY [more flags]
     "$bin/relight-render" --source "sky:$sky" --samples 256 --size 640x360 --quality 90 --out "$here/$name.jpg" "$@"
 }
 
-picture morning time=06:40 --eye-paths 128
-picture noon time=11:30 --eye-paths 128
-picture evening time=18:50 --eye-paths 128
+parts="$(mktemp -d)"
+trap 'rm -rf "$parts"' EXIT
+
+# A day over the court: a frame every twelve minutes.
+"$bin/relight-render" --method cached --eye-paths 16 --source sky:latitude=48,date=08-21,time=05:40,speed=12 --frames 0-69 \
+    --exposure follow --size 640x360 --out "$parts/day.%03d.png"
+ffmpeg -v error -y -framerate 12 -i "$parts/day.%03d.png" -c:v libwebp_anim -quality 62 -compression_level 6 -loop 0 \
+    "$here/day.webp"
+
+# The house, as README renders it.
+python3 "$here/../examples/house.py" "$parts"
+"$bin/relight-render" --scene "$parts/house.glb" --source sky:date=05-10,time=10:00,latitude=48 --denoise --size 1280x720 \
+    --samples 64 --eye-paths 48 --particles 16000000 --quality 90 --out "$here/house.jpg"
 
 # The denoiser.
 for name in noisy denoised; do
@@ -29,8 +39,6 @@ picture caustics-from-the-eye time=08:30 "${ring[@]}" --caustics eye --eye-paths
 
 # Path tracing, Metropolis sampling and auto with the light tracer, left to right, under a sun of 1000 times the sky's mean
 # [DH09, Fig. 5], in equal time: 20 s on one core.
-parts="$(mktemp -d)"
-trap 'rm -rf "$parts"' EXIT
 panel() { # NAME flags
     local name=$1
     shift

@@ -20,8 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("relightd", "relight-render", "relight-feed", "relight-record", "relight-diff", "relight-chart", "relight-bench")
 TYPED = re.compile(r"^(?:studio\$|rig\$)? *(?:sudo )?(?:RELIGHT_TOKEN=\S+ )?(?:build/bin/)?(?:\./run\b|relightd\b|relight-[a-z]+\b)")
 # Lines around these commands that a shell understands, and that harm nothing.
-SHELL = re.compile(r"^(?:docs/examples/weather\.py|mkdir|recorder=|scene=|wait\b|export PATH=|cat >)")
-BY_OTHERS = re.compile(r"^(?:xdg-open|\./test|docs/examples/producer\.py|deploy/|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|srun|#)")
+SHELL = re.compile(r"^ *(?:mkdir|recorder=|scene=|wait\b|cat >|export PATH=|umask|for role in|(?:python3 )?docs/examples/(?:house|weather)\.py)")
+BY_OTHERS = re.compile(r"^(?:xdg-open|\./test|docs/examples/producer\.py|deploy/|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|srun|xdg-open|#)")
 
 WRAPPER = """#!/usr/bin/python3
 import os, sys
@@ -62,7 +62,7 @@ if name == "relightd":
     if "--size" not in given:
         extra += ["--size", "64x64"]
 if name in ("relight-feed", "relight-record"):
-    if "--to" not in given and "--from" not in given:
+    if not given & {"--to", "--from", "--out"} or (name == "relight-record" and "--from" not in given):
         extra += ["--to" if name == "relight-feed" else "--from", "ws://127.0.0.1:" + os.environ["PORT"]]
 os.execv(os.path.join(os.environ["RELIGHT_BIN"], name), [name] + args + extra)
 """
@@ -91,7 +91,7 @@ def commands(page):
                     blocks.append([(number, code)])
     if block:
         blocks.append(block)
-    return [b for b in blocks if any(TYPED.match(text) for _, text in b)]
+    return [b for b in blocks if any(TYPED.match(text) or SHELL.match(text) for _, text in b)]
 
 
 def furnish(clone):
@@ -152,7 +152,7 @@ def free_port():
 
 def script_of(block, page):
     """A block as a shell script, and whether its server is to run; None: nothing of ours in it."""
-    lines, remote = ["set -e"], False
+    lines = ["set -e"]
     serves = any(re.match(r"relightd\b.*&$", text) for _, text in block)
     for number, text in block:
         text = re.sub(r"^(?:studio|rig)\$ *", "", text)
@@ -161,8 +161,7 @@ def script_of(block, page):
             continue
         check(TYPED.match(text) or SHELL.match(text), f"{page}:{number}: is not known to this test: {text}")
         name = re.sub(r"^RELIGHT_TOKEN=\S+ ", "", text).split()[0]
-        if re.search(r"relight-(?:feed|record)$", name) and not serves:
-            remote = True
+        if re.search(r"relight-(?:feed|record)$", name) and not serves and not ("feed" in name and "--out" in text):
             text = f"timeout 2 {text} || {{ code=$?; [ $code != 2 ]; }}" if "RELIGHT_TOKEN" not in text else \
                 text.replace("relight-feed", "timeout 2 relight-feed") + " || { code=$?; [ $code != 2 ]; }"
         if " | " in text and "ffplay" in text:
