@@ -199,8 +199,9 @@ async def commands_of_the_readme_run(folder):
 async def commands_of_the_pages_run(folder):
     clone = Path(folder) / "clone"
     furnish(clone)
-    count = sum([run_page(page, clone) for page in sorted((ROOT / "docs").glob("*.md"))])
-    check(count >= 50, f"only {count} commands found; are they still indented by four spaces?")
+    pages = [page for page in sorted((ROOT / "docs").glob("*.md")) if page.name != "inputs-and-outputs.md"]  # commands.py
+    count = sum([run_page(page, clone) for page in pages])
+    check(count >= 30, f"only {count} commands found; are they still indented by four spaces?")
 
 
 async def a_wrong_flag_would_be_seen(folder):
