@@ -7,10 +7,12 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "env/irradiance.h"
 
 #include <math.h>
 
-#define SIDE 160 /* pixels of the longer side, at most */
+#define LUMINOUS_EFFICACY 179.0 /* lm/W [Ward 1994] */
+#define SIDE 160                /* pixels of the longer side, at most */
 #define SAMPLES 8
 #define EYE_PATHS 2
 #define PARTICLES 50000 /* where there are mirrors or glass */
@@ -121,4 +123,35 @@ enum err render_expose(struct render *r, struct reason *why)
                    : ERR_OK;
     r->unmetered = false;
     return meter_first(r, why);
+}
+
+/* ---- --calibrate ---- */
+
+enum err render_calibrate(struct render *r, struct reason *why)
+{
+    struct environment_desc *d = &r->desc.setup.environment;
+    const uint32_t n = r->environment->n;
+    struct frame frame = { .kind = FRAME_NONE };
+    double rgb[3];
+
+    if (!(r->desc.calibrate_lux > 0.0))
+        return ERR_OK;
+    double *weights = mem_alloc((size_t)2 * n * n, sizeof(*weights));
+    enum err e =
+        weights ? source_first(&r->desc.setup.source_desc, &frame, why) : err_say(why, ERR_NOMEM, "out of memory");
+    if (!e)
+        e = environment_update(r->environment, &frame, why);
+    if (!e) {
+        irradiance_weights(n, weights);
+        irradiance_upward(r->environment, weights, rgb);
+        const double lux = LUMINOUS_EFFICACY * (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]);
+        if (!(lux > 0.0 && isfinite(lux)))
+            e = err_say(why, ERR_RANGE, "--calibrate: %s has no light from above", frame.name);
+        else
+            d->scale_stops += log2(r->desc.calibrate_lux / lux);
+    }
+    environment_configure(r->environment, d);
+    mem_free(weights);
+    frame_finish(&frame);
+    return e;
 }

@@ -98,6 +98,8 @@ static enum err set_up(struct render *r, struct reason *why)
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width,
                        d->setup.set_desc.height);
     e = light_lamps(r, why);
+    if (!e)
+        e = render_calibrate(r, why);
     if (!e && d->output.alpha)
         e = keep_alpha(r, why);
     if (!e && d->layers)

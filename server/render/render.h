@@ -19,11 +19,13 @@ struct render_desc {
     /* With EXPOSURE_AUTO: the number of the frame that is measured; the first one if none is given. */
     bool exposure_frame_given;
     uint64_t exposure_frame;
-    bool layers;                       /* of EXR: not by a reference method, nor with a target or alpha */
-    const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
-    bool resume;                       /* keep pictures that are there */
-    struct ranks *ranks;               /* NULL: this process renders all frames */
-    bool split;                        /* ranks light each frame together, instead of one rank per frame */
+    double calibrate_lux;   /* scale the environment so that the first frame's horizontal illuminance in the open is
+                               this; 0: as it is */
+    bool layers;            /* of EXR: not by a reference method, nor with a target or alpha */
+    const char *stats_path; /* JSON, one object per frame; "-": standard output; NULL: none */
+    bool resume;            /* keep pictures that are there */
+    struct ranks *ranks;    /* NULL: this process renders all frames */
+    bool split;             /* ranks light each frame together, instead of one rank per frame */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };
 

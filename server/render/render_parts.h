@@ -45,6 +45,10 @@ struct render {
 MUST_CHECK enum err render_expose(struct render *r, struct reason *why);
 MUST_CHECK enum err render_meter(struct render *r, struct reason *why);
 
+/* meter.c, too: sets the scale of r->environment by --calibrate, where it is given. ERR_RANGE: the first frame has no
+ * light from above; else as render_expose. */
+MUST_CHECK enum err render_calibrate(struct render *r, struct reason *why);
+
 /* layers.c: --layers. render_layers_create makes r->layers, after r->lamps and r->output; render_layers_run lights a
  * frame in place of decider_run. ERR_NOMEM; errors of relighter_run_layers. */
 MUST_CHECK enum err render_layers_create(struct render *r, struct reason *why);

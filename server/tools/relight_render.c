@@ -59,6 +59,9 @@ static const struct setting rows[] = {
       AT(desc.setup.light.denoise) },
     { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, OUTPUT,
       WHOLE(0, 0x1.fffffffffffffp52), AT(desc.exposure_frame) },
+    { "calibrate", "LUX",
+      "scale the environment to real units: the first frame's horizontal illuminance in the open was LUX", NULL,
+      RENDERING, REAL(1e-6, 1e9), AT(desc.calibrate_lux) },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
     { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
       OUTPUT, SWITCH, AT(desc.resume) },
@@ -181,8 +184,9 @@ static enum err check_split(const struct render *r, struct reason *why)
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
 static enum err read_out(const struct command *c, struct render *r, struct reason *why)
 {
-    static const char *const others[] = { "out",   "frames",  "stats",          "fps",    "error",  "reseed", "half",
-                                          "alpha", "denoise", "exposure-frame", "layers", "format", "resume" };
+    static const char *const others[] = { "out",    "frames",    "stats",  "fps",     "error",
+                                          "reseed", "half",      "alpha",  "denoise", "exposure-frame",
+                                          "layers", "calibrate", "format", "resume" };
 
     r->desc.exposure_frame_given = command_given(c, "exposure-frame");
     if (r->desc.exposure_frame_given && r->desc.setup.initial.exposure_stops != EXPOSURE_AUTO)
@@ -198,6 +202,8 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
             return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
         return components_read(command_get(c, "components"), &r->components, why);
     }
+    if (r->desc.calibrate_lux > 0.0 && command_given(c, "scale"))
+        return err_say(why, ERR_USAGE, "--calibrate has no meaning with --scale: give one or the other");
     if (r->annual.folder) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
             if (strcmp(others[k], "resume") != 0 && command_get(c, others[k]))

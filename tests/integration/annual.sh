@@ -97,6 +97,19 @@ what_makes_no_year_is_refused() {
         --source "epw:$work/x.epw"
 }
 
+# A uniform map has pi times its radiance; after --calibrate it is the standard's uniform sky of as many lux, over a white ground.
+a_captured_map_is_calibrated() {
+    constant_sky "$work/captured.hdr"
+    local size=(--size 32x18 --samples 4 --paths direct)
+    "$render" "${size[@]}" --source "$work/captured.hdr" --calibrate 20000 --out "$work/calibrated.exr"
+    "$render" "${size[@]}" --source cie:5,lux=20000,ground=1 --out "$work/uniform.exr"
+    "$bin/relight-diff" "$work/calibrated.exr" "$work/uniform.exr" --max-mean 0.003 --max-relmse 1e-4 ||
+        fail "the calibrated map is not the sky of 20,000 lx"
+    expect 2 'calibrate has no meaning with --scale' "$render" --calibrate 5 --scale 1 --out "$work/x.exr"
+    printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\0\0\0\0\0\0\0\0' >"$work/black.hdr"
+    expect 1 'has no light from above' "$render" --source "$work/black.hdr" --calibrate 5 --size 16x9 --out "$work/x.exr"
+}
+
 a_fisheye_view_gets_glare() {
     weather
     year out ,days=06-21,hours=11-13 --pictures none --projection equidistant --position 0,1.5,0 --look-at 0,1.5,-4 \
