@@ -11,7 +11,7 @@ import { keepAccess, wishedHls, wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import { startPlayer, watchPage } from './start.js';
 import {
-  bitsPerSecond, codingName, describe, lightSentence, milliseconds, publishSentence, stateSentence, stateWord, sunSentence,
+  bitsPerSecond, codingName, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,
 } from './sentences.js';
 import { startTheme, switchTheme } from './theme.js';
@@ -37,6 +37,7 @@ window.relight = relight;
 // The interface for modules.
 const listeners = new Map();
 const keys = new Keys();
+const pace = new Pace(); // of the light-transport cache
 const app = {
   canvas: $('picture'),
   state: relight.state,
@@ -263,7 +264,7 @@ function showFigures() {
     setText('refusal', last ? `Last refused: ${withoutFolders(last)}` : '');
     setText('skipped', String(status.skipped));
     setText('viewers', String(status.viewers));
-    setText('light', lightSentence(status.light));
+    setText('light', lightSentence(status.light, pace.take(status.light?.computed, now)));
     showPublishing(status.publish ?? []);
   }
   showStages(stages);

@@ -99,12 +99,24 @@ export function sunSentence(light) {
   return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
 }
 
+// The time that a computation has left by its pace so far: take(share, now) with shares of 0 to 1 and milliseconds; seconds, or null
+// while the pace is unknown. A share below the last one, or none, is another computation.
+export class Pace {
+  take(share, now) {
+    if (typeof share !== 'number') this.first = null;
+    else if (!this.first || share < this.last) this.first = { share, now };
+    this.last = share;
+    const done = this.first ? share - this.first.share : 0;
+    return done > 0.05 && now > this.first.now ? ((1 - share) / done) * ((now - this.first.now) / 1000) : null;
+  }
+}
+
 // Which light the image contains, its estimated noise, the progress of the light-transport cache, the passes of a still sky, and
-// what was left out.
-export function lightSentence(light) {
+// what was left out. left: seconds until the cache is complete; null: unknown.
+export function lightSentence(light, left = null) {
   if (!light?.paths) return '';
   const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
-  const share = typeof light.computed === 'number' ? ` Light-transport cache: ${Math.floor(100 * light.computed)} % computed.` : '';
+  const share = typeof light.computed === 'number' ? ` Light-transport cache: ${Math.floor(100 * light.computed)} % computed${left === null ? '' : `, about ${Math.max(1, Math.round(left))} s left`}.` : '';
   const still = light.passes > 0
     ? ` Still sky: ${light.passes} ${light.passes === 1 ? 'pass' : 'passes'}, ${light.converged ? 'converged' : 'refining'}.`
     : '';

@@ -27,6 +27,7 @@ struct bench_desc {
     struct scene_reading reading; /* of reading it */
     const char *scene_fine;       /* the same with 16 times the triangles; NULL: made by halving edges twice */
     const char *source;           /* its first frame is used */
+    const char *scenes, *sources; /* of bench_first_minute instead: lists as relight-chart's (chart/chart.h) */
     const char *cpu;              /* level of the kernels; NULL: the best */
     uint32_t width, height;       /* of the pictures, pixels */
     enum method method;
@@ -68,9 +69,10 @@ struct bench_report {
  * ERR_NOMEM. */
 MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
 
-/* The first minute of a live picture: prints how its error against unbiased light falls as caches are computed beside
- * it, by the clock and by processor time, which other programs do not stretch. The reference has 2 x desc->rounds
- * passes. Errors as bench_run's. */
+/* The first minute of a live picture of each scene under each source: prints how its error against unbiased light falls
+ * as caches are computed beside it, by the clock and by processor time, which other programs do not stretch; how it
+ * flickers, and what it states of its error; then a table with the targets. The reference has 2 x desc->rounds passes.
+ * At most 16 pictures. Errors as bench_run's. */
 MUST_CHECK enum err bench_first_minute(const struct bench_desc *desc, FILE *to, struct reason *why);
 
 /* True when the row has a target and meets it. */

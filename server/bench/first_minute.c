@@ -1,11 +1,7 @@
-/* The first minute of a live picture: how its error falls from the start of the process on, how it flickers, and how
- * long a second start takes, which finds the cache on disk. */
-#include "bench/bench.h"
+#include "bench/first_minute.h"
 
 #include "base/clock.h"
-#include "base/log.h"
 #include "base/mem.h"
-#include "cache/cache_folder.h"
 #include "film/film.h"
 #include "light/decide.h"
 #include "source/source.h"
@@ -15,26 +11,30 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include <unistd.h>
 
 #define INTERVAL_S (1.0 / 30.0) /* between pictures */
 #define TRUTH_SAMPLES 32
 #define TRUTH_EYE_PATHS 32
-#define AFTER 4          /* pictures after the cache is complete, while its last blocks fade in */
-#define PATIENCE_S 900.0 /* for the cache, on a busy machine */
-#define AGAIN_S 30.0     /* at most, of the second start */
+#define AFTER 4           /* pictures after the cache is complete, while its last blocks fade in */
+#define PATIENCE_S 600.0  /* for the cache, on a busy machine */
+#define AGAIN_S 4.0       /* of pictures by the finished cache after the second start, */
+#define AGAIN_MOST_S 30.0 /* and for the first of them */
 #define SECOND_DIFFERENCES (4 * 255 + 1)
+#define STATED_LEAST 0.67 /* of the true error, */
+#define STATED_MOST 1.5   /* likewise */
 
 static const double kept_s[] = { 0, 1, 1.5, 2, 3, 4, 5, 7, 10, 14, 20, 30, 45, 60, 90 };
-enum { KEPT = sizeof(kept_s) / sizeof(kept_s[0]) + 1 }; /* and the last picture */
+enum { KEPT = sizeof(kept_s) / sizeof(kept_s[0]) };
+_Static_assert(KEPT < FIRST_MINUTE_ROWS, "and a row for the last picture");
 
-struct kept {
-    double wall_s, processor_s;
-    double share; /* of the cache */
-    const char *by;
-    int flicker; /* since the row before, 8-bit codes: 99 % of the second differences in time are at most that; below 0:
-                  * there were fewer than three pictures */
-    float *rgb;  /* NULL: there is none */
+struct changes { /* second differences of all values, by size */
+    uint64_t of[SECOND_DIFFERENCES];
+};
+
+/* A picture with its error. */
+struct seen {
+    struct first_minute_row row;
+    bool cached; /* by the finished cache */
 };
 
 struct first_minute {
@@ -48,17 +48,16 @@ struct first_minute {
     struct relight_desc light;
     struct reason why;
     double begun_s, begun_processor_s;
-    uint64_t pictures, changes[SECOND_DIFFERENCES]; /* since the last row, of all values, by size */
-    uint8_t *codes[3];                              /* the last pictures as shown, the newest first */
+    uint64_t pictures;
+    struct changes since, all; /* the last row; the start */
+    uint8_t *codes[3];         /* the last pictures as shown, the newest first */
     double gain;
-    char folder[64];   /* of caches */
-    struct kept again; /* a picture by the finished cache after the second start */
-    bool complete;     /* the cache became so */
-    struct kept kept[KEPT];
-    size_t count;   /* of kept */
     size_t values;  /* of a picture */
     float *rgb;     /* the newest one */
-    float *half[2]; /* of the reference: independent */
+    float *half[2]; /* of the truth: independent */
+    float *per;     /* weights of relMSE */
+    size_t next;    /* of kept_s */
+    struct first_minute_result *out;
 };
 
 static double processor_seconds(void)
@@ -69,14 +68,17 @@ static double processor_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* What a process has: made again for the second start. */
-static enum err begin(struct first_minute *m, struct reason *why)
+/* ---- What a process has: made again for each start ---- */
+
+static enum err begin(struct first_minute *m, const char *folder, struct reason *why)
 {
     const struct bench_desc *d = m->desc;
     const struct set_desc set = { .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height };
 
     m->begun_s = clock_seconds();
     m->begun_processor_s = processor_seconds();
+    m->pictures = 0;
+    m->light.cache_dir = folder;
     const enum err e = set_create(&set, &m->set, why);
     if (e)
         return e;
@@ -112,24 +114,70 @@ static enum err prepare(struct first_minute *m, struct reason *why)
         return e;
     m->values = 3 * (size_t)d->width * d->height;
     m->rgb = mem_alloc(m->values, sizeof(*m->rgb));
+    m->per = mem_alloc(m->values, sizeof(*m->per));
     for (int k = 0; k < 3; k++)
         m->codes[k] = mem_alloc(m->values, 1);
-    if (!m->rgb || !m->codes[0] || !m->codes[1] || !m->codes[2])
+    for (int k = 0; k < 2; k++)
+        m->half[k] = mem_alloc(m->values, sizeof(float));
+    if (!m->rgb || !m->per || !m->codes[0] || !m->codes[1] || !m->codes[2] || !m->half[0] || !m->half[1])
         return err_say(why, ERR_NOMEM, "out of memory");
-    strcpy(m->folder, "/tmp/relight-bench-XXXXXX");
-    if (!mkdtemp(m->folder)) {
-        m->folder[0] = '\0';
-        return err_say(why, ERR_IO, "/tmp: no folder for the cache can be made");
-    }
     m->light = (struct relight_desc){ .direct = { .method = METHOD_AUTO, .samples = 16, .why = &m->why },
                                       .classes = PATH_ALL,
                                       .cache_file = "",
-                                      .cache_dir = m->folder,
                                       .renew = CAUSTIC_PARTS };
     return ERR_OK;
 }
 
-/* Adds to m->changes how the newest picture continues the two before. */
+/* ---- The truth ---- */
+
+/* Weights from the truth's own mean. */
+static void weigh(struct first_minute *m)
+{
+    double mean = 0.0;
+
+    for (size_t v = 0; v < m->values; v++)
+        mean += 0.5 * ((double)m->half[0][v] + (double)m->half[1][v]) / (double)m->values;
+    for (size_t v = 0; v < m->values; v++) {
+        const double x = 0.5 * ((double)m->half[0][v] + (double)m->half[1][v]);
+        m->per[v] = (float)(1.0 / (x * x + 1e-2 * mean * mean + 1e-30));
+    }
+}
+
+/* Two halves of unbiased passes of all light. */
+static enum err make_truth(struct first_minute *m)
+{
+    struct relight_desc light = m->light;
+    struct relight_stats stats;
+    enum err e = ERR_OK;
+
+    light.direct.method = METHOD_MIS;
+    light.direct.samples = TRUTH_SAMPLES;
+    light.direct.seed = 77;
+    light.eye_paths = TRUTH_EYE_PATHS;
+    for (int i = 0; i < 2 * m->desc->rounds && !e; i++) {
+        light.direct.pass = (uint64_t)i;
+        e = relighter_run(m->relighter, m->environment, &light, m->rgb, &stats);
+        for (size_t v = 0; v < m->values; v++)
+            m->half[i % 2][v] += m->rgb[v] / (float)m->desc->rounds;
+    }
+    weigh(m);
+    return e;
+}
+
+/* relMSE without the noise of the truth: the product of the differences from its two halves. */
+static double error_of(const struct first_minute *m)
+{
+    double sum = 0.0;
+
+#pragma omp parallel for schedule(static) reduction(+ : sum)
+    for (size_t v = 0; v < m->values; v++)
+        sum += (double)((m->rgb[v] - m->half[0][v]) * (m->rgb[v] - m->half[1][v]) * m->per[v]);
+    return sum / (double)m->values;
+}
+
+/* ---- Flicker ---- */
+
+/* How the newest picture continues the two before. */
 static void watch(struct first_minute *m)
 {
     const struct bench_desc *d = m->desc;
@@ -143,61 +191,30 @@ static void watch(struct first_minute *m)
     m->codes[1] = m->codes[0];
     m->codes[0] = oldest;
     tone_map(m->rgb, d->width, d->height, &(struct tone_desc){ .gain = m->gain }, m->codes[0]);
-    for (size_t v = 0; v < m->values && m->pictures >= 3; v++)
-        m->changes[abs(m->codes[0][v] - 2 * m->codes[1][v] + m->codes[2][v])]++;
+    for (size_t v = 0; v < m->values && m->pictures >= 3; v++) {
+        const int by = abs(m->codes[0][v] - 2 * m->codes[1][v] + m->codes[2][v]);
+        m->since.of[by]++;
+        m->all.of[by]++;
+    }
 }
 
-/* Of m->changes, which it clears. */
-static int flicker_of(struct first_minute *m)
+static int flicker_of(const struct changes *c)
 {
     uint64_t all = 0, below = 0;
     int code = 0;
 
     for (int k = 0; k < SECOND_DIFFERENCES; k++)
-        all += m->changes[k];
-    while (all > 0 && below + m->changes[code] < 0.99 * (double)all)
-        below += m->changes[code++];
-    memset(m->changes, 0, sizeof(m->changes));
-    return all > 0 ? code : -1;
+        all += c->of[k];
+    if (all == 0)
+        return -1;
+    while (below + c->of[code] < 0.99 * (double)all)
+        below += c->of[code++];
+    return code;
 }
 
-static enum err copy(const struct first_minute *m, const struct decision *decision, const struct relight_stats *stats,
-                     struct kept *out)
-{
-    *out = (struct kept){ clock_seconds() - m->begun_s,
-                          processor_seconds() - m->begun_processor_s,
-                          stats->cache_share,
-                          decision->by == DECIDED_BY_CACHE ? "cache"
-                          : decision->light.denoise        ? "denoised"
-                                                           : "samples",
-                          -1,
-                          mem_alloc(m->values, sizeof(float)) };
-    if (!out->rgb)
-        return ERR_NOMEM;
-    memcpy(out->rgb, m->rgb, m->values * sizeof(float));
-    return ERR_OK;
-}
+/* ---- Pictures ---- */
 
-/* Keeps the newest picture if it is the first after one of the times, or the last. */
-static enum err keep(struct first_minute *m, const struct decision *decision, const struct relight_stats *stats,
-                     bool last)
-{
-    const double wall_s = clock_seconds() - m->begun_s;
-
-    if (!last && (m->count + 1 >= KEPT || wall_s < kept_s[m->count]))
-        return ERR_OK;
-    struct kept *k = &m->kept[m->count++];
-    while (m->count + 1 < KEPT && kept_s[m->count] <= wall_s)
-        m->count++; /* times without a picture of their own */
-    const enum err e = copy(m, decision, stats, k);
-    k->flicker = flicker_of(m);
-    return e;
-}
-
-/* What becomes of a picture. */
-enum made { MADE_ROW, MADE_LAST, MADE_AGAIN };
-
-static enum err make_picture(struct first_minute *m, enum made made)
+static enum err make_picture(struct first_minute *m, struct seen *seen)
 {
     struct frame_request request = { .light = &m->light, .background = true, .allow_bias = INFINITY };
     struct decision decision;
@@ -209,155 +226,160 @@ static enum err make_picture(struct first_minute *m, enum made made)
     decider_begin(&m->decider, m->relighter, &request);
     request.target.seconds = decider_target_s(&m->decider, m->relighter, INTERVAL_S);
     decide(&m->decider, &request, &decision);
-    enum err e = decider_run(&m->decider, m->relighter, m->environment, &request, &decision, m->rgb, &stats, &measured);
+    const enum err e =
+        decider_run(&m->decider, m->relighter, m->environment, &request, &decision, m->rgb, &stats, &measured);
     if (e)
         return e;
-    if (made != MADE_AGAIN) {
-        watch(m);
-        e = keep(m, &decision, &stats, made == MADE_LAST);
-    } else if (decision.by == DECIDED_BY_CACHE && stats.cache_share >= 1.0 && !m->again.rgb) {
-        e = copy(m, &decision, &stats, &m->again);
-    }
-    if (!e)
-        decider_learn(&m->decider, m->relighter, &request, &decision, &stats, &measured);
-    return e;
+    const bool cached = decision.by == DECIDED_BY_CACHE;
+    *seen = (struct seen){ { .wall_s = clock_seconds() - m->begun_s,
+                             .processor_s = processor_seconds() - m->begun_processor_s,
+                             .share = stats.cache_share,
+                             .error = error_of(m),
+                             .stated = stats.error,
+                             .flicker = -1,
+                             .by = cached                   ? "cache"
+                                   : decision.light.denoise ? "denoised"
+                                                            : "samples" },
+                           cached && stats.cache_share >= 1.0 };
+    decider_learn(&m->decider, m->relighter, &request, &decision, &stats, &measured);
+    return ERR_OK;
 }
 
-/* Pictures until the cache is complete, or the time is over. */
-static enum err live(struct first_minute *m)
+static void reach(double *when, bool is, const struct first_minute_row *row)
+{
+    if (!is)
+        *when = -1.0;
+    else if (*when < 0.0)
+        *when = row->wall_s;
+}
+
+static void note(struct first_minute *m, const struct seen *seen, bool last)
+{
+    struct first_minute_result *out = m->out;
+    const struct first_minute_row *row = &seen->row;
+
+    if (m->pictures == 1)
+        out->first_s = row->wall_s;
+    reach(&out->good_s, row->error <= FIRST_MINUTE_GOOD, row);
+    reach(&out->better_s, row->error <= FIRST_MINUTE_BETTER, row);
+    out->stated += row->stated > 0.0;
+    out->held += row->stated >= STATED_LEAST * row->error && row->stated <= STATED_MOST * row->error;
+    if (!last && (m->next >= KEPT || row->wall_s < kept_s[m->next]))
+        return;
+    while (m->next < KEPT && kept_s[m->next] <= row->wall_s)
+        m->next++; /* also of times without a picture of their own */
+    if (m->desc->progress)
+        fprintf(stderr, "%s under %s: %.1f s, relMSE %.1e, states %.1e, %.0f %% of the cache\n", m->set->name,
+                m->desc->source, row->wall_s, row->error, row->stated, 100.0 * row->share);
+    out->rows[out->count] = *row;
+    out->rows[out->count++].flicker = flicker_of(&m->since);
+    memset(&m->since, 0, sizeof(m->since));
+}
+
+static void wait_until(double when_s)
+{
+    const double wait_s = when_s - clock_seconds();
+
+    if (wait_s > 0.0)
+        nanosleep(&(struct timespec){ (time_t)wait_s, (long)(1e9 * fmod(wait_s, 1.0)) }, NULL);
+}
+
+static enum err live(struct first_minute *m, double least_s, bool until_complete)
 {
     enum err e = ERR_OK;
+    bool going = true;
 
-    for (int after = 0; !e && after < AFTER && clock_seconds() - m->begun_s < PATIENCE_S;) {
+    for (int after = 0; !e && going;) {
+        struct seen seen;
         const double start = clock_seconds();
-        e = make_picture(m, MADE_ROW);
-        const double wait_s = start + fmax(decider_interval_s(&m->decider), INTERVAL_S) - clock_seconds();
-        if (wait_s > 0.0)
-            nanosleep(&(struct timespec){ (time_t)wait_s, (long)(1e9 * fmod(wait_s, 1.0)) }, NULL);
-        m->complete = m->decider.cache.begun && !decider_is_computing(&m->decider, m->relighter);
-        after += m->complete;
+        e = make_picture(m, &seen);
+        if (e)
+            break;
+        m->out->complete = m->decider.cache.begun && !decider_is_computing(&m->decider, m->relighter);
+        after += m->out->complete;
+        const double past_s = clock_seconds() - m->begun_s;
+        going = until_complete ? (after < AFTER || past_s < least_s) && past_s < PATIENCE_S : past_s < least_s;
+        watch(m);
+        note(m, &seen, !going);
+        if (going)
+            wait_until(start + fmax(decider_interval_s(&m->decider), INTERVAL_S));
     }
-    while (m->count > 0 && !m->kept[m->count - 1].rgb)
-        m->count--;
-    return e ? e : make_picture(m, MADE_LAST);
+    m->out->flicker = flicker_of(&m->all);
+    return e;
 }
 
-/* What is in memory is lost; the file is not. */
-static enum err start_again(struct first_minute *m, struct reason *why)
+/* By the finished cache: the last picture's error is what it reaches; and when the first of them was as good. */
+static enum err start_again(struct first_minute *m, const char *folder, struct reason *why)
 {
+    enum { MOST = 256 };
+    struct first_minute_row rows[MOST];
+    double first_s = -1.0;
+    size_t count = 0;
+
     end(m);
-    m->pictures = 0;
-    enum err e = begin(m, why);
-    while (!e && !m->again.rgb && clock_seconds() - m->begun_s < AGAIN_S)
-        e = make_picture(m, MADE_AGAIN);
-    return e;
-}
-
-/* Two halves of unbiased passes of all light. */
-static enum err make_truth(struct first_minute *m)
-{
-    struct relight_desc light = m->light;
-    struct relight_stats stats;
-    enum err e = ERR_OK;
-
-    light.direct.method = METHOD_MIS;
-    light.direct.samples = TRUTH_SAMPLES;
-    light.eye_paths = TRUTH_EYE_PATHS;
-    for (int k = 0; k < 2; k++)
-        if (!(m->half[k] = mem_alloc(m->values, sizeof(float))))
-            return ERR_NOMEM;
-    for (int i = 0; i < 2 * m->desc->rounds && !e; i++) {
-        light.direct.pass = (uint64_t)i;
-        light.direct.seed = 77;
-        e = relighter_run(m->relighter, m->environment, &light, m->rgb, &stats);
-        for (size_t v = 0; v < m->values; v++)
-            m->half[i % 2][v] += m->rgb[v] / (float)m->desc->rounds;
+    enum err e = begin(m, folder, why);
+    while (!e && count < MOST) {
+        struct seen seen;
+        const double start = clock_seconds(), past_s = start - m->begun_s;
+        if (first_s < 0.0 ? past_s > AGAIN_MOST_S : past_s > first_s + AGAIN_S)
+            break;
+        e = make_picture(m, &seen);
+        if (!e && seen.cached) {
+            rows[count++] = seen.row;
+            first_s = first_s < 0.0 ? seen.row.wall_s : first_s;
+        }
+        wait_until(start + INTERVAL_S);
     }
-    return e;
-}
-
-/* relMSE without the noise of the reference: the product of the differences from its two halves. The weights are those
- * of the last picture, which has no noise. */
-static double error_of(const struct first_minute *m, const float *x)
-{
-    const float *last = m->kept[m->count - 1].rgb;
-    double mean = 0.0, sum = 0.0;
-
-    for (size_t v = 0; v < m->values; v++)
-        mean += (double)last[v] / (double)m->values;
-    for (size_t v = 0; v < m->values; v++)
-        sum += (double)(x[v] - m->half[0][v]) * (double)(x[v] - m->half[1][v]) /
-               ((double)last[v] * (double)last[v] + 1e-2 * mean * mean);
-    return sum / (double)m->values;
-}
-
-static void print_row(const struct first_minute *m, const struct kept *k, FILE *to)
-{
-    char flicker[16] = "-";
-
-    if (k->flicker >= 0)
-        snprintf(flicker, sizeof(flicker), "%d", k->flicker);
-    fprintf(to, "%10.2f %14.2f  %-8s %7.0f %% %10.2e %8s\n", k->wall_s, k->processor_s, k->by, 100.0 * k->share,
-            error_of(m, k->rgb), flicker);
-}
-
-static void print(const struct first_minute *m, const char *name, FILE *to)
-{
-    fprintf(to,
-            "the first minute of %s, %ux%u, %d threads, all light; relMSE over all pixels, against 2 x %d samples;\n"
-            "flicker: 99 %% of the second differences in time are at most as many codes of 8 bits\n",
-            name, m->desc->width, m->desc->height, omp_get_max_threads(), m->desc->rounds * TRUTH_SAMPLES);
-    fprintf(to, "%10s %14s  %-8s %9s %10s %8s\n", "seconds", "processor s", "by", "computed", "relMSE", "flicker");
-    for (size_t k = 0; k < m->count; k++)
-        if (m->kept[k].rgb)
-            print_row(m, &m->kept[k], to);
-    if (m->again.rgb) {
-        fputs("a second start, with the cache from disk\n", to);
-        print_row(m, &m->again, to);
-    } else {
-        fputs("a second start was not measured: the cache was not complete in time\n", to);
-    }
+    if (e || count == 0)
+        return e;
+    m->out->finished_error = rows[count - 1].error;
+    for (size_t k = 0; k < count; k++)
+        reach(&m->out->again_s, rows[k].error <= FIRST_MINUTE_EQUAL * m->out->finished_error, &rows[k]);
+    return ERR_OK;
 }
 
 static void release(struct first_minute *m)
 {
-    struct reason why;
-
     end(m);
     frame_finish(&m->frame);
-    for (size_t k = 0; k < KEPT; k++)
-        mem_free(m->kept[k].rgb);
-    mem_free(m->again.rgb);
     for (int k = 0; k < 3; k++)
         mem_free(m->codes[k]);
     for (int k = 0; k < 2; k++)
         mem_free(m->half[k]);
+    mem_free(m->per);
     mem_free(m->rgb);
-    if (m->folder[0] && (cache_folder_trim(m->folder, NULL, 0, 0, &why) || rmdir(m->folder)))
-        log_warning("%s could not be removed", m->folder);
     mem_free(m);
 }
 
-enum err bench_first_minute(const struct bench_desc *desc, FILE *to, struct reason *why)
+enum err first_minute_run(const struct bench_desc *desc, const char *folder, const char *finished, double least_s,
+                          bool until_complete, struct first_minute_result *out, struct reason *why)
 {
     struct first_minute *m = mem_alloc(1, sizeof(*m));
-    char name[sizeof(m->set->name)];
 
+    *out = (struct first_minute_result){
+        .first_s = -1.0,
+        .good_s = -1.0,
+        .better_s = -1.0,
+        .equal_s = -1.0,
+        .again_s = -1.0,
+        .finished_error = -1.0,
+    };
     if (!m)
         return err_say(why, ERR_NOMEM, "out of memory");
     m->desc = desc;
+    m->out = out;
     enum err e = prepare(m, why);
     if (!e)
-        e = begin(m, why);
-    if (!e) {
-        strcpy(name, m->set->name);
-        if ((e = live(m)) || (e = make_truth(m)))
-            err_say(why, e, "%s", m->why.text[0] ? m->why.text : err_text(e));
-    }
-    if (!e && m->complete)
-        e = start_again(m, why);
+        e = begin(m, folder, why);
+    if (!e && (e = make_truth(m)))
+        err_say(why, e, "%s", m->why.text[0] ? m->why.text : err_text(e));
+    end(m);
     if (!e)
-        print(m, name, to);
+        e = begin(m, folder, why);
+    if (!e && (e = live(m, least_s, until_complete)))
+        err_say(why, e, "%s", m->why.text[0] ? m->why.text : err_text(e));
+    if (!e && finished && (out->complete || finished != folder))
+        e = start_again(m, finished, why);
     release(m);
     return e;
 }

@@ -299,7 +299,7 @@ void status_picture_shaded(struct status_board *b, const struct picture_report *
     note_sun(s, report->in);
     note_plan(s, report);
     note_work(b, report);
-    s->error = report->pilot ? report->pilot->error : 0.0;
+    s->error = report->pilot ? report->pilot->error : report->stats->error;
     s->passes = 0;
     s->converged = false;
     send_figures(b);

@@ -225,12 +225,18 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
         return result;
     if (!stats->bias && passes->eye_beside.paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
-    history_add(b->history, s->lo);
-    history_show(b->history, (const float *const[]){ b->stored[0], b->stored[1] }, b->shown);
+    const float *const stored[2] = { b->stored[0], b->stored[1] };
+    history_add(b->history, stored, s->lo);
+    history_show(b->history, stored, b->shown);
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < b->points; i++)
         s->lo[i] += b->shown[i];
     return ERR_OK;
+}
+
+struct stated *beside_stated(struct beside *b)
+{
+    return history_stated(b->history);
 }
 
 void beside_finish(const struct beside *b, float *rgb)

@@ -14,10 +14,11 @@
 
 #include "light/denoise.h"
 #include "light/relight_caustics.h"
+#include "light/stated.h"
 
 struct beside;
 
-/* 90 bytes a shade point and 24 a pixel. set and denoiser, whose halves take the samples, must outlive it. NULL when
+/* 90 bytes a shade point and 36 a pixel. set and denoiser, whose halves take the samples, must outlive it. NULL when
  * out of memory. */
 struct beside *beside_create(const struct set *set, struct denoiser *denoiser);
 void beside_destroy(struct beside *b); /* NULL is allowed */
@@ -35,6 +36,9 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
 MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
                                const struct environment *e, const struct picture_passes *passes,
                                struct relight_stats *stats);
+
+/* The error of its light, while there is a history. Borrowed. */
+struct stated *beside_stated(struct beside *b);
 
 /* Adds to rgb, float[height][width][3], the splats that no shade point takes. */
 void beside_finish(const struct beside *b, float *rgb);

@@ -101,12 +101,20 @@ enum err decider_run(struct decider *d, struct relighter *r, const struct enviro
                      const struct frame_request *request, const struct decision *decision, float *rgb,
                      struct relight_stats *stats, struct pilot_stats *measured)
 {
+    enum err result;
+
     *measured = (struct pilot_stats){ 0 };
-    if (decision->by != DECIDED_BY_MEASURES)
-        return relighter_run(r, e, &decision->light, rgb, stats);
-    if (!d->pilot)
-        d->pilot = pilot_create(r, NULL);
-    return d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
+    if (decision->by != DECIDED_BY_MEASURES) {
+        result = relighter_run(r, e, &decision->light, rgb, stats);
+    } else {
+        if (!d->pilot)
+            d->pilot = pilot_create(r, NULL);
+        result =
+            d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
+    }
+    if (!result && d->cache.begun && !d->cache.ready) /* it is computed beside pictures that do not use it yet */
+        stats->cache_share = d->cache.share;
+    return result;
 }
 
 enum err decider_prepare(struct decider *d, struct relighter *r, double allow_bias, bool progress,

@@ -24,8 +24,9 @@ struct history {
     float *half[2];     /* B, [packets][3][16], as what follows */
     float *cache;       /* C of the last picture */
     float *shown;       /* filtered, and changed with C since */
-    float *final;       /* [packets], as what follows */
-    float *count;       /* n; 0: nothing is known, and B is C */
+    struct stated *stated;
+    float *final; /* [packets], as what follows */
+    float *count; /* n; 0: nothing is known, and B is C */
     bool *changed;
     struct group *groups;
     uint32_t *due_index, *beyond_index;
@@ -52,14 +53,15 @@ struct history *history_create(const struct set *set, struct denoiser *denoiser)
         h->half[k] = mem_alloc(packets, FLOATS * sizeof(float));
     h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
+    h->stated = stated_create(set);
     h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
     h->changed = mem_alloc(packets, sizeof(*h->changed));
     h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
     h->due_index = mem_alloc(packets, sizeof(*h->due_index));
     h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
-    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->final || !h->count || !h->changed || !h->groups ||
-        !h->due_index || !h->beyond_index) {
+    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->stated || !h->final || !h->count || !h->changed ||
+        !h->groups || !h->due_index || !h->beyond_index) {
         history_destroy(h);
         return NULL;
     }
@@ -74,6 +76,7 @@ void history_destroy(struct history *h)
     mem_free(h->half[1]);
     mem_free(h->cache);
     mem_free(h->shown);
+    stated_destroy(h->stated);
     mem_free(h->final);
     mem_free(h->count);
     mem_free(h->changed);
@@ -96,6 +99,11 @@ bool *history_changed(struct history *h)
 const struct packet_list *history_due(const struct history *h)
 {
     return &h->due;
+}
+
+struct stated *history_stated(struct history *h)
+{
+    return h->stated;
 }
 
 uint64_t history_turn(const struct history *h)
@@ -126,6 +134,7 @@ void history_begin(struct history *h, uint64_t key)
         memset(h->count, 0, h->packets * sizeof(*h->count));
         memset(h->groups, 0, group_count(h) * sizeof(*h->groups));
         h->has_cache = false;
+        stated_forget(h->stated);
     }
     h->key = key;
     h->followed = h->still = false;
@@ -231,7 +240,30 @@ static void add_group(struct history *h, uint32_t g, const uint32_t *due, uint32
         add_packet(h, due[i], sums->own < sums->off && !h->still ? sums->own / sums->off : 1.0);
 }
 
-void history_add(struct history *h, const float *scale)
+/* Of all packets, of what was known. */
+static double mean_weight(const struct history *h)
+{
+    double sum = 0.0;
+
+    for (uint32_t i = 0; i < h->packets; i++)
+        sum += 1.0 - 1.0 / fmax((double)h->count[i], 1.0);
+    return sum / h->packets;
+}
+
+/* Of what was shown so far, which the new samples do not know: w weighs its error and theirs, so that what is known now
+ * has w of it. Beside a cache samples are too few. */
+static void state_error(struct history *h, const float *const more[2])
+{
+    const float *const half[2] = { denoiser_half(h->denoiser, 0), denoiser_half(h->denoiser, 1) };
+    const float *const none[2] = { NULL, NULL };
+
+    if (h->followed || mean_weight(h) == 0.0)
+        stated_forget(h->stated);
+    else
+        stated_take(h->stated, half, more ? more : none, h->shown, mean_weight(h));
+}
+
+void history_add(struct history *h, const float *const more[2], const float *scale)
 {
     const uint32_t *due = h->due_index;
     const uint32_t groups = group_count(h);
@@ -250,6 +282,7 @@ void history_add(struct history *h, const float *scale)
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t g = 0; g < groups; g++)
         add_group(h, g, due + first[g], first[g + 1] - first[g]);
+    state_error(h, more);
     mem_free(first);
 }
 

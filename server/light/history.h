@@ -23,12 +23,14 @@
 #define LIGHT_HISTORY_H
 
 #include "light/denoise.h"
+#include "light/stated.h"
 
 #define HISTORY_TURNS 8 /* once there is a cache, a picture samples one in so many packets */
 
 struct history;
 
-/* 50 bytes a shade point. set and denoiser, whose halves take the samples, must outlive it. NULL when out of memory. */
+/* 50 bytes a shade point, 12 a pixel. set and denoiser, whose halves take the samples, must outlive it. NULL when out
+ * of memory. */
 struct history *history_create(const struct set *set, struct denoiser *denoiser);
 void history_destroy(struct history *h); /* NULL is allowed */
 
@@ -51,9 +53,13 @@ uint64_t history_turn(const struct history *h);
 /* After history_follow: the packets whose light is for the most part the cache's. */
 const struct packet_list *history_beyond(const struct history *h);
 
-/* Takes the samples of the due packets from denoiser_half(.., 0 and 1). Not called if they are incomplete. scale: light
- * that errors are relative to, float[packet_count][3][16]; NULL: the history's own. */
-void history_add(struct history *h, const float *scale);
+/* Takes the samples of the due packets from denoiser_half(.., 0 and 1). Not called if they are incomplete. more: as
+ * history_show gets it. scale: light that errors are relative to, float[packet_count][3][16]; NULL: the history's own.
+ */
+void history_add(struct history *h, const float *const more[2], const float *scale);
+
+/* The error of what is shown (stated.h); unknown in the first picture, and beside a cache. Borrowed. */
+struct stated *history_stated(struct history *h);
 
 /* Writes the picture's light to lo, float[packet_count][3][16]. more: two halves of further light of this picture,
  * likewise, that are filtered together with it, where there is no cache; NULL: none. Ends the picture. */

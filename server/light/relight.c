@@ -156,26 +156,26 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
     return result;
 }
 
-/* Direct light on the ground without shadows, by the same samples, takes most of its noise away. */
-static enum err steady_ground(struct relighter *r, const struct environment *e, const struct picture_passes *p,
-                              float *lit)
+/* Direct light on the ground without shadows, by the samples of `by`, takes most of its noise away. only: of its
+ * packets, and perhaps others. */
+static enum err steady_ground(struct relighter *r, const struct environment *e, const struct direct_desc *by,
+                              const struct packet_list *only, float *lit)
 {
     struct passes *s = &r->passes;
-    struct direct_desc bare = p->direct;
+    struct direct_desc bare = *by;
     struct direct_stats stats;
     double seconds;
 
-    if (p->cached || p->direct.samples == 0 || backplate_packets(s->backplate)->count == 0 ||
-        backplate_is_held(s->backplate))
+    if (bare.samples == 0 || only->count == 0 || backplate_is_held(s->backplate))
         return ERR_OK;
     float *lo = backplate_unshadowed(s->backplate);
     if (!lo)
         return ERR_NOMEM;
     bare.no_visibility = bare.keep = true;
-    bare.only = backplate_packets(s->backplate);
+    bare.only = only;
     bare.log = NULL;
     const enum err result = passes_direct(s, PASS_PICTURE, e, &bare, lo, &stats, &seconds);
-    if (!result && !is_cancelled(p->direct.cancel))
+    if (!result && !is_cancelled(by->cancel))
         backplate_steady(s->backplate, lit);
     return result;
 }
@@ -197,7 +197,9 @@ static enum err run_lit(struct relighter *r, const struct environment *e, const 
 {
     const enum err result = run_direct(r, e, p, lo, stats);
 
-    return result || !r->passes.backplate ? result : steady_ground(r, e, p, lo);
+    if (result || !r->passes.backplate || p->cached)
+        return result;
+    return steady_ground(r, e, &p->direct, backplate_packets(r->passes.backplate), lo);
 }
 
 /* Packets that are lit by more than the cache: its samples cannot tell the one from the other. */
@@ -240,6 +242,8 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
         float *lo = denoiser_half(r->denoiser, k);
         denoiser_passes(&few, k, &half);
         result = passes_direct(&r->passes, PASS_PICTURE, e, &half.direct, lo, &one, &seconds);
+        if (!result && r->passes.backplate)
+            result = steady_ground(r, e, &half.direct, few.direct.only, lo);
         if (!result && half.eye[0].classes)
             result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &half.eye[0], lo, &eye);
         stats->direct.rays += one.rays;
@@ -261,7 +265,7 @@ static enum err correct(struct relighter *r, const struct environment *e, const 
     if (history_due(h)->count > 0)
         result = sample_beside_cache(r, e, p, stats);
     if (!result && !is_cancelled(p->cached->direct.cancel))
-        history_add(h, NULL);
+        history_add(h, NULL, NULL);
     history_show(h, NULL, lo);
     beyond.eye[0].only = history_beyond(h); /* elsewhere its light is in the history */
     return result ? result : run_eye_paths(r, e, &beyond, lo, stats);
@@ -304,7 +308,7 @@ static void filter_halves(struct relighter *r, const struct picture_passes *p)
     const float *const half[2] = { denoiser_half(r->denoiser, 0), denoiser_half(r->denoiser, 1) };
 
     if (p->history && !is_cancelled(p->direct.cancel)) {
-        history_add(p->history, NULL);
+        history_add(p->history, NULL, NULL);
         history_show(p->history, NULL, r->passes.lo);
     } else {
         denoiser_filter(r->denoiser, half, r->passes.lo);
@@ -351,6 +355,20 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     return result;
 }
 
+/* What live pictures know of their error (stated.h), and what it is relative to in the next one. */
+static void state_error(const struct picture_passes *p, const float *rgb, struct relight_stats *stats)
+{
+    struct stated *own = p->history ? history_stated(p->history) : NULL;
+    struct stated *beside = own && p->beside ? beside_stated(p->beside) : NULL;
+
+    if (own)
+        stated_see(own, rgb);
+    if (beside)
+        stated_see(beside, rgb);
+    if (own && stated_error(own) > 0.0)
+        stats->error = stated_error(own) + (beside ? stated_error(beside) : 0.0);
+}
+
 enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                               float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
@@ -373,6 +391,8 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
         beside_finish(passes->beside, rgb);
     if (!result)
         result = run_light_tracer(r, e, passes, rgb, stats, costs);
+    if (!result)
+        state_error(passes, rgb, stats);
     costs->pixels_s = resolved - start;
     stats->shade_ms = 1e3 * costs->direct_s;
     stats->eye_ms = 1e3 * costs->eye_s;
@@ -405,7 +425,7 @@ static bool wants_history(struct relighter *r, const struct relight_desc *desc, 
     const bool rough = cached && r->cache.transport && !relight_cache_is_settled(&r->cache) &&
                        (plan->indirect == PLAN_CACHE || !(desc->classes & PATH_INDIRECT_LIT));
 
-    if (desc->remember && !r->passes.backplate && (rough || (!cached && desc->denoise)))
+    if (desc->remember && (rough || (!cached && desc->denoise)))
         return true;
     history_destroy(r->history);
     r->history = NULL;

@@ -29,9 +29,9 @@ struct progress;
 
 /* A scene before a camera: geometry, BVH and G-buffer. */
 struct set {
-    char name[256];  /* the scene file, or "the built-in scene" */
-    char file[4096]; /* the scene file; empty: the built-in one, or a path that is too long */
-    char camera[64]; /* its name */
+    char name[256];              /* the scene file, or "the built-in scene" */
+    char file[4096];             /* the scene file; empty: the built-in one, or a path that is too long */
+    char camera[64];             /* its name */
     char placed[FREE_VIEW_TEXT]; /* the same camera as a free view */
     struct scene *scene;
     struct rays *rays;
@@ -81,8 +81,8 @@ struct relight_desc {
     bool denoise;           /* filter the light of shade points (denoise.h): half the samples and paths at a time, and
                              * at least one in either half. Not for references */
     bool remember;          /* live pictures: samples of the pictures before count too (history.h). Before there is a
-                             * cache with `denoise`; then until it is complete, caustics (beside.h) also later. Not with
-                             * a ground */
+                             * cache with `denoise`; then until it is complete, caustics (beside.h) also later, those
+                             * not with a ground */
     struct progress *progress; /* a line of which the picture is one step; may be NULL. Not for references */
     bool unsplit;              /* METHOD_CACHED: no split of the sky: its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths, 0: 64 per pixel; one of `renew` parts is
@@ -112,6 +112,8 @@ struct relight_stats {           /* of one picture */
     double cache_ms;
     struct bounce_stats bounce; /* if the cache has interreflection too, */
     bool bounce_loaded;         /* and whether from a file */
+    double error;               /* of live pictures while caches are computed: estimated relMSE against the truth
+                                 * (stated.h); 0: unknown */
     const char *bias;           /* the bias of the picture in words; NULL: none */
 };
 

@@ -33,6 +33,10 @@ static const struct setting rows[] = {
     { "cached-only", NULL, "measure that cache alone", NULL, .section = "Measurement", SWITCH, AT(cached_only) },
     { "first-minute", NULL, "measure how the error of a live picture falls while its cache is computed, instead", NULL,
       .section = "Measurement", SWITCH, AT(first_minute) },
+    { "scenes", "LIST", "with --first-minute: scene files or builtin, separated by ;  TITLE=FILE gives one a title",
+      "builtin", .section = "Measurement", TEXT, AT(desc.scenes) },
+    { "sources", "LIST", "with --first-minute: sources, separated by ;  TITLE=SOURCE gives one a title",
+      "noon=sky:hour=12", .section = "Measurement", TEXT, AT(desc.sources) },
     { "json", NULL, "print JSON instead of a table", NULL, .section = "Output", SWITCH, AT(json) },
     { .name = NULL },
 };

@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, codingName, describe, lightSentence, milliseconds, publishSentence, stateSentence, stateWord, sunSentence,
+  bitsPerSecond, codingName, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,
 } from '../../clients/web/sentences.js';
 
@@ -117,10 +117,25 @@ test('the sun sentence gives time, elevation and direction', () => {
   assert.equal(sunSentence({ sun: null, time: '' }), '');
 });
 
+test('the time left follows the pace since the computation began', () => {
+  const pace = new Pace();
+  assert.equal(pace.take(null, 0), null);
+  assert.equal(pace.take(0.1, 1000), null);
+  assert.equal(pace.take(0.12, 3000), null); // too little to tell
+  assert.ok(Math.abs(pace.take(0.3, 5000) - 14) < 1e-9); // 0.2 in four seconds, 0.7 to go
+  assert.ok(Math.abs(pace.take(0.5, 7000) - 7.5) < 1e-9);
+  assert.equal(pace.take(0.2, 8000), null); // another camera's cache
+  assert.ok(Math.abs(pace.take(0.6, 12000) - 4) < 1e-9);
+  assert.equal(pace.take(null, 13000), null);
+  assert.equal(pace.take(0.6, 14000), null);
+});
+
 test('the light sentence gives noise, progress and what was left out', () => {
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0004 }), 'Light: direct light. Noise about 2.0 %.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, computed: 0.439 }),
     'Light: direct light. Light-transport cache: 43 % computed.');
+  assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, computed: 0.439 }, 12.4),
+    'Light: direct light. Light-transport cache: 43 % computed, about 12 s left.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: false }),
     'Light: direct light. Noise about 1.0 %. Still sky: 120 passes, refining.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: true }),

@@ -52,7 +52,7 @@ static void picture(struct rig *r, float cache, float a, float b)
         denoiser_half(r->denoiser, 0)[i] = a;
         denoiser_half(r->denoiser, 1)[i] = b;
     }
-    history_add(r->history, NULL);
+    history_add(r->history, NULL, NULL);
     history_show(r->history, NULL, r->lo);
 }
 
@@ -157,7 +157,7 @@ static void another_key_forgets_all(void **state)
     history_begin(r.history, 2);
     for (size_t i = 0; i < r.floats; i++)
         denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
-    history_add(r.history, NULL);
+    history_add(r.history, NULL, NULL);
     history_show(r.history, NULL, r.lo);
     assert_float_equal(shown(&r), 1.0, 1e-5);
     rig_finish(&r);
@@ -174,9 +174,10 @@ static double relmse(const float *x, const float *truth)
 /* Error of pictures 1, 4 and 16 under a still sky, against 512 samples. Plain means of 16 have a sixteenth of the
  * variance; the filter takes less from them, since it sees less noise: 0.5 after 4 and 0.25 after 16 leave room for
  * that, and a history that keeps nothing gives 1. */
-static void pictures_of_a_still_sky_converge(void **state)
+static void converge(bool ground)
 {
-    struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT, .ground = ground },
+                                sky_with_sun(64, 32, 2e3f));
     struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 512 },
                                   .classes = PATH_ALL,
                                   .eye_paths = 128 };
@@ -184,7 +185,6 @@ static void pictures_of_a_still_sky_converge(void **state)
     float *truth = mem_alloc(values, sizeof(float));
     double error[16];
     struct relight_stats stats;
-    (void)state;
 
     assert_non_null(truth);
     assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
@@ -207,6 +207,19 @@ static void pictures_of_a_still_sky_converge(void **state)
     stage_finish(&s);
 }
 
+static void pictures_of_a_still_sky_converge(void **state)
+{
+    (void)state;
+    converge(false);
+}
+
+/* A shadow catcher has a history as well. */
+static void pictures_with_a_ground_converge(void **state)
+{
+    (void)state;
+    converge(true);
+}
+
 /* Mean squared error of what is shown after eight turns beside a cache that says 2 everywhere, where the samples' mean
  * is `truth` and each half of a packet is off by up to 1.7, evenly: V = 0.5. */
 static double error_beside_cache(float truth)
@@ -227,7 +240,7 @@ static double error_beside_cache(float truth)
                 for (size_t k = i; k < i + 3 * PACKET; k++)
                     denoiser_half(r.denoiser, half)[k] = truth + off;
             }
-        history_add(r.history, NULL);
+        history_add(r.history, NULL, NULL);
         history_show(r.history, NULL, r.lo);
     }
     for (size_t i = 0; i < r.floats; i++)
@@ -283,6 +296,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(packets_take_turns),
     cmocka_unit_test(another_key_forgets_all),
     cmocka_unit_test(pictures_of_a_still_sky_converge),
+    cmocka_unit_test(pictures_with_a_ground_converge),
     cmocka_unit_test(samples_beside_a_cache_weigh_as_they_deserve),
     cmocka_unit_test(a_history_ends_with_the_finished_cache),
 };

@@ -1,0 +1,169 @@
+/* The stated error of live pictures (light/stated.h) against the true one. */
+
+#include "base/rng.h"
+#include "light/denoise.h"
+#include "light/stage.h"
+#include "light/stated.h"
+
+#include <math.h>
+
+enum { WIDTH = 96, HEIGHT = 54, VALUES = 3 * WIDTH * HEIGHT, SEEDS = 4, PICTURES = 3, TRUTH = 96 };
+
+struct rig {
+    struct set *set;
+    struct stated *stated;
+    size_t floats;
+    float *half[2], *shown, *rgb;
+};
+
+static struct rig rig_make(void)
+{
+    struct rig r = { .set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }) };
+
+    r.floats = (size_t)r.set->gbuffer->packet_count * 3 * PACKET;
+    r.stated = stated_create(r.set);
+    r.half[0] = mem_alloc(r.floats, sizeof(float));
+    r.half[1] = mem_alloc(r.floats, sizeof(float));
+    r.shown = mem_alloc(r.floats, sizeof(float));
+    r.rgb = mem_alloc(VALUES, sizeof(float));
+    assert_true(r.stated && r.half[0] && r.half[1] && r.shown && r.rgb);
+    for (size_t v = 0; v < VALUES; v++)
+        r.rgb[v] = 1.0f;
+    return r;
+}
+
+static void rig_finish(struct rig *r)
+{
+    mem_free(r->half[0]);
+    mem_free(r->half[1]);
+    mem_free(r->shown);
+    mem_free(r->rgb);
+    stated_destroy(r->stated);
+    set_destroy(r->set);
+}
+
+/* What is shown is 1, the samples' mean 1.2, each half has noise of its own, even over +-1. Half of the light is
+ * `more`. */
+static void take(struct rig *r, double by, struct rng *rng)
+{
+    for (size_t i = 0; i < r->floats; i++) {
+        r->shown[i] = 1.0f;
+        for (int k = 0; k < 2; k++)
+            r->half[k][i] = 0.6f + (float)rng_next(rng) - 0.5f;
+    }
+    const float *const half[2] = { r->half[0], r->half[1] };
+    stated_take(r->stated, half, half, r->shown, by);
+}
+
+/* The mean over all pixels of the light of a point, squared, relative to 1.01. */
+static double covered(const struct set *set)
+{
+    const struct gbuffer *g = set->gbuffer;
+    double sum = 0.0;
+
+    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++)
+        for (int c = 0; c < 3; c++) {
+            double w = 0.0;
+            for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
+                w += (double)g->entries[k].weight[c];
+            sum += w * w / (1.01 * VALUES);
+        }
+    return sum;
+}
+
+/* By hand: 0.2^2, where a surface is. The product of two halves' noise, of variance 1/3, over 11,700 values has a
+ * standard deviation of 0.003 in one picture and 0.0006 in the mean of 24; noise itself would be 1/6. */
+static void samples_tell_the_squared_error_without_their_noise(void **state)
+{
+    struct rig r = rig_make();
+    struct rng rng = { .state = 5 };
+    double sum = 0.0;
+    (void)state;
+
+    take(&r, 1.0, &rng);
+    assert_true(stated_error(r.stated) == 0.0); /* without a picture it is relative to nothing */
+    stated_see(r.stated, r.rgb);
+    for (int k = 0; k < 24; k++) {
+        take(&r, 0.5, &rng);
+        sum += stated_error(r.stated) / 24.0;
+    }
+    const double expected = 0.5 * 0.04 * covered(r.set);
+    print_message("stated %.4f, true %.4f\n", sum, expected);
+    assert_float_equal(sum, expected, 0.0015);
+    stated_forget(r.stated);
+    assert_true(stated_error(r.stated) == 0.0);
+    rig_finish(&r);
+}
+
+/* relMSE against a truth in two halves, whose own noise cancels. */
+static double error_of(const float *x, float *const half[2])
+{
+    double mean = 0.0, sum = 0.0;
+
+    for (size_t v = 0; v < VALUES; v++)
+        mean += 0.5 * ((double)half[0][v] + (double)half[1][v]) / VALUES;
+    for (size_t v = 0; v < VALUES; v++) {
+        const double t = 0.5 * ((double)half[0][v] + (double)half[1][v]);
+        sum += ((double)x[v] - (double)half[0][v]) * ((double)x[v] - (double)half[1][v]) / (t * t + 1e-2 * mean * mean);
+    }
+    return sum / VALUES;
+}
+
+static void make_truth(struct stage *s, float *const half[2])
+{
+    struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = TRUTH },
+                                  .classes = PATH_DIRECT | PATH_INDIRECT_LIT | PATH_BACKGROUND,
+                                  .eye_paths = TRUTH };
+    struct relight_stats stats;
+
+    for (int k = 0; k < 2; k++) {
+        light.direct.seed = 900 + (uint64_t)k;
+        assert_int_equal(stage_run(s, &light, &stats), ERR_OK);
+        memcpy(half[k], s->rgb, VALUES * sizeof(float));
+    }
+}
+
+/* The second and third picture of the court under clouds, denoised, four times each: their stated errors must be within
+ * 0.4 to 1.5 of the true ones in the mean of the four. The first states none. That of noise alone, without the bias,
+ * would be at a tenth, that of the picture before, which the samples tell of, at twice as much. */
+static void denoised_pictures_state_their_error(void **state)
+{
+    struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_overcast(64, 32));
+    float *half[2] = { mem_alloc(VALUES, sizeof(float)), mem_alloc(VALUES, sizeof(float)) };
+    struct relight_desc light = {
+        .direct = { .method = METHOD_AUTO, .samples = 8 }, .eye_paths = 2, .denoise = true, .remember = true
+    };
+    double is[PICTURES] = { 0.0 }, says[PICTURES] = { 0.0 };
+    struct relight_stats stats;
+    (void)state;
+
+    assert_true(half[0] && half[1]);
+    make_truth(&s, half);
+    for (int seed = 0; seed < SEEDS; seed++) {
+        light.direct.seed = (uint64_t)seed;
+        light.classes = PATH_DIRECT; /* another light: the history forgets */
+        light.remember = false;
+        assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+        light.remember = true;
+        light.classes = PATH_DIRECT | PATH_INDIRECT_LIT | PATH_BACKGROUND;
+        for (int k = 0; k < PICTURES; k++) {
+            assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+            is[k] += error_of(s.rgb, half) / SEEDS;
+            says[k] += stats.error / SEEDS;
+        }
+    }
+    for (int k = 0; k < PICTURES; k++)
+        print_message("picture %d: states %.2e, is %.2e\n", k + 1, says[k], is[k]);
+    assert_true(says[0] == 0.0);
+    for (int k = 1; k < PICTURES; k++)
+        assert_true(says[k] > 0.4 * is[k] && says[k] < 1.5 * is[k]);
+    mem_free(half[0]);
+    mem_free(half[1]);
+    stage_finish(&s);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(samples_tell_the_squared_error_without_their_noise),
+    cmocka_unit_test(denoised_pictures_state_their_error),
+};
+UNIT_MAIN(tests)
