@@ -37,7 +37,8 @@ async def shares_and_pictures(url):
 
 async def a_viewer_is_told_how_much_is_computed(folder):
     server = await asyncio.create_subprocess_exec(
-        str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--rate", "5", "--method", "cached", "--cache-file", "off",
+        str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--rate", "5", "--method", "cached", "--paths", "direct",
+        "--cache-file", "off",
         stderr=asyncio.subprocess.PIPE)
     try:
         line = ""

@@ -173,6 +173,7 @@ static void gets_it_in_the_background(double error)
     assert_int_equal(decision.by, DECIDED_BY_CACHE);
     assert_true(decision.light.cache_background);
     for (steps = 0; share < 1.0 && steps < 30000; steps++) {
+        nanosleep(&(struct timespec){ .tv_nsec = 50000000 }, NULL); /* leaves the processor to the cache */
         run(r, &decision.light, rgb, &stats);
         share = stats.cache_share;
         assert_true(share >= RELIGHT_COARSE && stats.cache_ms == 0.0 && stats.cache.bytes > 0);

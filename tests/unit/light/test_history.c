@@ -280,7 +280,7 @@ static void a_history_ends_with_the_finished_cache(void **state)
     for (int complete = 0; complete < 3 * RELIGHT_BOUNCE_FADE;) {
         assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
         complete += stats.cache_share == 1.0;
-        nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL); /* pictures come before the cache otherwise */
+        nanosleep(&(struct timespec){ .tv_nsec = 100000000 }, NULL); /* leaves the processor to the cache */
     }
     memcpy(last, s.rgb, bytes);
     light.remember = light.cache_background = false;

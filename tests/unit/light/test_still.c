@@ -154,7 +154,7 @@ static void a_cached_picture_goes_over_to_the_unbiased_one(void **state)
     struct still_stats stats;
     (void)state;
 
-    make_reference(s, 0, 512, 24);
+    make_reference(s, 0, 512, seeds_count(12, 24));
     make(s, &light, s->first);
     const double biased = error_of(s, s->first, s->want);
     double error = biased;
@@ -189,7 +189,7 @@ static void a_noisy_picture_becomes_a_clean_one(void **state)
     struct still_stats stats;
     (void)state;
 
-    make_reference(s, classes, 128, 32);
+    make_reference(s, classes, 128, seeds_count(16, 32));
     make(s, &light, s->first);
     const double noisy = error_of(s, s->first, s->want);
     still_begin(s->still, s->first);
