@@ -111,7 +111,7 @@ static void evaluate_bare(const struct lobe *l, struct vec3 wo, struct vec3 wi, 
 void lobe_evaluate(const struct lobe *l, struct vec3 wo, struct vec3 wi, double brdf[3])
 {
     evaluate_bare(l, wo, wi, brdf);
-    if (!(l->veil.coat > 0.0f))
+    if (!veil_is(&l->veil))
         return;
     const double passes = veil_passes(&l->veil, wo);
     for (int k = 0; k < 3; k++)

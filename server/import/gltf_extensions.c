@@ -7,7 +7,6 @@
 
 enum support {
     UNKNOWN,  /* ignored, and named */
-    NOTED,    /* ignored; a feature names what it would do (scene_note_unmodelled) */
     MODELLED, /* also approximations */
 };
 
@@ -22,7 +21,7 @@ static const struct {
     { "KHR_materials_transmission", MODELLED, NULL },
     { "KHR_materials_volume", MODELLED, NULL },
     { "KHR_materials_clearcoat", MODELLED, NULL },
-    { "KHR_materials_sheen", NOTED, NULL },
+    { "KHR_materials_sheen", MODELLED, NULL },
     { "KHR_materials_diffuse_transmission", MODELLED, NULL },
     { "KHR_materials_emissive_strength", MODELLED, NULL },
     { "KHR_materials_pbrSpecularGlossiness", MODELLED, NULL }, /* with a warning */

@@ -1,5 +1,5 @@
 /* Materials of glTF: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
-#include "import/gltf_textures.h"
+#include "import/gltf_source.h"
 
 #include "base/mem.h"
 
@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define GREY 0.5f   /* in place of a texture that cannot be opened */
 #define BLACK 1e-3f /* a colour below is none */
 
 #define FROSTED 0.4f /* transmission of surfaces that are rougher is diffuse; of others it is that of smooth glass */
@@ -15,18 +14,12 @@
 enum { GREEN = 2, BLUE = 4 }; /* channels */
 #define ROUGHNESS_ALONE "the metallic and roughness factors alone count"
 
-struct source {
-    struct gltf *g;
-    struct gltf_images images;
-    bool unlit; /* has been named */
-};
-
 static float share(double v)
 {
     return (float)fmin(fmax(v, 0.0), 1.0);
 }
 
-static enum err get_share(struct source *s, const struct gltf_at *at, const char *key, double fallback, float *out)
+enum err gltf_share(struct gltf_source *s, const struct gltf_at *at, const char *key, double fallback, float *out)
 {
     double v = fallback;
     const enum err e = gltf_number(s->g, at, key, &v);
@@ -35,9 +28,8 @@ static enum err get_share(struct source *s, const struct gltf_at *at, const char
     return e;
 }
 
-/* A colour whose first three of `count` numbers matter. */
-static enum err get_colour(struct source *s, const struct gltf_at *at, const char *key, size_t count, double fallback,
-                           struct vec3 *out)
+enum err gltf_colour(struct gltf_source *s, const struct gltf_at *at, const char *key, size_t count, double fallback,
+                     struct vec3 *out)
 {
     double c[4] = { fallback, fallback, fallback };
     const enum err e = gltf_numbers(s->g, at, key, count, c);
@@ -46,13 +38,8 @@ static enum err get_colour(struct source *s, const struct gltf_at *at, const cha
     return e;
 }
 
-static float largest(struct vec3 v)
-{
-    return fmaxf(v.x, fmaxf(v.y, v.z));
-}
-
-static enum err read_base_texture(struct source *s, const struct gltf_at *above, const char *key, struct material *m,
-                                  struct gltf_surface *surface)
+static enum err read_base_texture(struct gltf_source *s, const struct gltf_at *above, const char *key,
+                                  struct material *m, struct gltf_surface *surface)
 {
     const struct gltf_at at = gltf_key(above, key);
 
@@ -97,10 +84,8 @@ static bool is_affine(const struct gltf_surface *surface, const struct gltf_surf
     return fits && (!normal || (by[0] > 0.0 && by[4] > 0.0 && fabs(by[1]) + fabs(by[3]) < 1e-6 * (by[0] + by[4])));
 }
 
-/* Whether a texture can have one of the two sets of texture coordinates of the material's meshes, which the first
- * textures choose, or if it is one of `maps`, some that are affine in one: then m->moved_by says so. surface[2]. */
-static bool place_texture(struct source *s, struct material *m, enum material_map map, struct gltf_surface *surface,
-                          const struct gltf_surface *own)
+bool gltf_place_texture(struct gltf_source *s, struct material *m, enum material_map map, struct gltf_surface *surface,
+                        const struct gltf_surface *own)
 {
     const bool normal = map == MAP_NORMAL;
 
@@ -121,7 +106,7 @@ static bool place_texture(struct source *s, struct material *m, enum material_ma
 }
 
 /* An emissive texture without a place has the base colour's; one that cannot be read emits nothing. */
-static enum err read_emissive_texture(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_emissive_texture(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                                       struct gltf_surface *surface)
 {
     struct gltf_surface own;
@@ -132,11 +117,11 @@ static enum err read_emissive_texture(struct source *s, const struct gltf_at *at
     if (m->emission_texture == MATERIAL_NO_TEXTURE)
         m->emission = vec3_make(0.0f, 0.0f, 0.0f);
     else
-        (void)place_texture(s, m, MAP_EMISSION, surface, &own);
+        (void)gltf_place_texture(s, m, MAP_EMISSION, surface, &own);
     return ERR_OK;
 }
 
-static enum err read_emission(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_emission(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                               struct gltf_surface *surface)
 {
     const struct gltf_at extension = gltf_extension(at, "KHR_materials_emissive_strength");
@@ -144,7 +129,7 @@ static enum err read_emission(struct source *s, const struct gltf_at *at, struct
     struct vec3 factor;
     double strength = 1.0;
 
-    enum err e = get_colour(s, at, "emissiveFactor", 3, 0.0, &factor);
+    enum err e = gltf_colour(s, at, "emissiveFactor", 3, 0.0, &factor);
     if (!e)
         e = gltf_number(s->g, &extension, "emissiveStrength", &strength);
     gltf_set_emission(m, factor, strength);
@@ -155,7 +140,7 @@ static enum err read_emission(struct source *s, const struct gltf_at *at, struct
 
 /* Metallic and roughness vary over the surface if they have a texture (blue and green channels). Its means are used
  * where it cannot share the coordinates, and of glass. */
-static enum err read_roughness_texture(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_roughness_texture(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                                        struct gltf_surface *surface)
 {
     struct gltf_numbers t;
@@ -166,7 +151,7 @@ static enum err read_roughness_texture(struct source *s, const struct gltf_at *a
     if (e || !t.found)
         return e;
     if (t.texture != MATERIAL_NO_TEXTURE && m->kind == MATERIAL_GGX &&
-        place_texture(s, m, MAP_ROUGHNESS, surface, &t.surface)) {
+        gltf_place_texture(s, m, MAP_ROUGHNESS, surface, &t.surface)) {
         m->maps |= MAP_ROUGHNESS;
         m->roughness_texture = t.texture;
         return ERR_OK;
@@ -184,7 +169,7 @@ static bool is_flat(const struct gltf_numbers *t)
 }
 
 /* A map that cannot share the coordinates is ignored. */
-static enum err read_normal_texture(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_normal_texture(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                                     struct gltf_surface *surface)
 {
     double scale = 1.0;
@@ -195,7 +180,7 @@ static enum err read_normal_texture(struct source *s, const struct gltf_at *at, 
     enum err e = gltf_texture_numbers(&s->images, at, 0, "the surfaces are smooth", &t);
     if (!e)
         e = gltf_number(s->g, at, "scale", &scale);
-    if (e || !t.found || scale == 0.0 || is_flat(&t) || !place_texture(s, m, MAP_NORMAL, surface, &t.surface))
+    if (e || !t.found || scale == 0.0 || is_flat(&t) || !gltf_place_texture(s, m, MAP_NORMAL, surface, &t.surface))
         return e;
     m->maps |= MAP_NORMAL;
     m->normal_texture = t.texture;
@@ -215,8 +200,8 @@ static enum alpha_mode alpha_mode(const struct gltf_at *at)
 }
 
 /* colour: the object with the colour whose fourth number is alpha's factor. */
-static enum err read_alpha(struct source *s, const struct gltf_at *at, const struct gltf_at *colour, const char *key,
-                           struct material *m)
+static enum err read_alpha(struct gltf_source *s, const struct gltf_at *at, const struct gltf_at *colour,
+                           const char *key, struct material *m)
 {
     double factor[4] = { 1.0, 1.0, 1.0, 1.0 }, cutoff = 0.5;
 
@@ -230,13 +215,13 @@ static enum err read_alpha(struct source *s, const struct gltf_at *at, const str
 
 /* KHR_materials_volume; without it, or with a thickness of 0, the glass is a thin sheet. The real distance inside
  * counts, not the thickness, by which viewers without rays guess it. */
-static enum err read_volume(struct source *s, const struct gltf_at *at, struct material *m)
+static enum err read_volume(struct gltf_source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at volume = gltf_extension(at, "KHR_materials_volume");
     double distance = INFINITY, thickness = 0.0;
     struct vec3 colour;
 
-    enum err e = get_colour(s, &volume, "attenuationColor", 3, 1.0, &colour);
+    enum err e = gltf_colour(s, &volume, "attenuationColor", 3, 1.0, &colour);
     if (!e)
         e = gltf_number(s->g, &volume, "attenuationDistance", &distance);
     if (!e)
@@ -248,7 +233,7 @@ static enum err read_volume(struct source *s, const struct gltf_at *at, struct m
     return e;
 }
 
-static enum err read_glass(struct source *s, const struct gltf_at *at, struct material *m)
+static enum err read_glass(struct gltf_source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at extension = gltf_extension(at, "KHR_materials_ior");
     double ior = 1.5;
@@ -265,7 +250,7 @@ static enum err read_glass(struct source *s, const struct gltf_at *at, struct ma
 
 /* KHR_materials_specular and KHR_materials_ior. Without its specular part a dielectric is matte; a share of it reflects
  * as much at grazing angles as the whole. */
-static enum err read_specular(struct source *s, const struct gltf_at *at, struct material *m)
+static enum err read_specular(struct gltf_source *s, const struct gltf_at *at, struct material *m)
 {
     const struct gltf_at own = gltf_extension(at, "KHR_materials_specular"),
                          index = gltf_extension(at, "KHR_materials_ior");
@@ -293,7 +278,7 @@ static enum err read_specular(struct source *s, const struct gltf_at *at, struct
 }
 
 /* KHR_materials_diffuse_transmission. */
-static enum err read_diffuse_transmission(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_diffuse_transmission(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                                           struct gltf_surface *surface)
 {
     const struct gltf_at own = gltf_extension(at, "KHR_materials_diffuse_transmission");
@@ -302,9 +287,9 @@ static enum err read_diffuse_transmission(struct source *s, const struct gltf_at
     m->through_texture = MATERIAL_NO_TEXTURE;
     if (!own.value || m->kind != MATERIAL_GGX)
         return ERR_OK;
-    enum err e = get_share(s, &own, "diffuseTransmissionFactor", 0.0, &m->transmits);
+    enum err e = gltf_share(s, &own, "diffuseTransmissionFactor", 0.0, &m->transmits);
     if (!e)
-        e = get_colour(s, &own, "diffuseTransmissionColorFactor", 3, 1.0, &m->through);
+        e = gltf_colour(s, &own, "diffuseTransmissionColorFactor", 3, 1.0, &m->through);
     if (gltf_key(&own, "diffuseTransmissionTexture").value)
         scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
     if (e || !texture.value || !(m->transmits > 0.0f))
@@ -312,14 +297,14 @@ static enum err read_diffuse_transmission(struct source *s, const struct gltf_at
     struct gltf_surface place;
     e = gltf_texture_colours(&s->images, &texture, TEXTURE_SRGB, &m->through_texture, &place);
     if (!e && m->through_texture != MATERIAL_NO_TEXTURE)
-        (void)place_texture(s, m, MAP_THROUGH, surface, &place);
+        (void)gltf_place_texture(s, m, MAP_THROUGH, surface, &place);
     else
         m->through = vec3_scale(m->through, GREY);
     return e;
 }
 
 /* Whether light that passes would be spread more than not: by the roughness, with the mean of its texture. */
-static enum err is_frosted(struct source *s, const struct gltf_at *texture, const struct material *m, bool *out)
+static enum err is_frosted(struct gltf_source *s, const struct gltf_at *texture, const struct material *m, bool *out)
 {
     struct gltf_numbers t = { .found = false };
 
@@ -331,7 +316,7 @@ static enum err is_frosted(struct source *s, const struct gltf_at *texture, cons
 
 /* KHR_materials_transmission of what does not become glass. Frosted glass transmits diffusely, in the base colour.
  * Where less than half passes, as much of the surface becomes a hole. */
-static void approximate_transmission(struct source *s, float transmission, bool frosted, struct material *m)
+static void approximate_transmission(struct gltf_source *s, float transmission, bool frosted, struct material *m)
 {
     if (frosted && !(m->transmits > 0.0f)) {
         scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
@@ -346,91 +331,16 @@ static void approximate_transmission(struct source *s, float transmission, bool 
     }
 }
 
-/* A map of numbers that multiplies a factor by one of its channels, or by that one's mean where it is the same
- * everywhere or has no coordinates. */
-static enum err read_factor_map(struct source *s, const struct gltf_at *above, const char *key, enum material_map map,
-                                int channel, struct material *m, struct gltf_surface *surface, float *factor,
-                                uint32_t *texture)
-{
-    const struct gltf_at at = gltf_key(above, key);
-    struct gltf_numbers t;
-
-    if (!at.value)
-        return ERR_OK;
-    const enum err e = gltf_texture_numbers(&s->images, &at, 1u << channel, "the factor alone counts", &t);
-    if (e || !t.found)
-        return e;
-    if (t.texture != MATERIAL_NO_TEXTURE && place_texture(s, m, map, surface, &t.surface)) {
-        m->maps |= (uint32_t)map;
-        *texture = t.texture;
-    } else {
-        *factor *= t.mean[channel];
-    }
-    return ERR_OK;
-}
-
-/* The index that a texture has in the file; GLTF_NONE: there is no texture. */
-static enum err texture_index(struct source *s, const struct gltf_at *at, size_t *out)
-{
-    *out = GLTF_NONE;
-    return at->value ? gltf_index(s->g, at, "index", GLTF_TEXTURES, out) : ERR_OK;
-}
-
-/* KHR_materials_clearcoat. Its normal is that of the mesh, or of the surface's normal map if it names the same. */
-static enum err read_coat(struct source *s, const struct gltf_at *at, struct material *m, struct gltf_surface *surface)
-{
-    const struct gltf_at own = gltf_extension(at, "KHR_materials_clearcoat");
-    const struct gltf_at normal = gltf_key(&own, "clearcoatNormalTexture"), base = gltf_key(at, "normalTexture");
-    size_t bent, of_base;
-
-    enum err e = get_share(s, &own, "clearcoatFactor", 0.0, &m->coat);
-    if (!e)
-        e = get_share(s, &own, "clearcoatRoughnessFactor", 0.0, &m->coat_roughness);
-    if (e || !(m->coat > 0.0f))
-        return e;
-    if (m->kind == MATERIAL_GLASS) {
-        m->coat = 0.0f;
-        scene_note_unmodelled(s->g->scene, FEATURE_COATED_GLASS, s->g->desc->path);
-        return ERR_OK;
-    }
-    e = read_factor_map(s, &own, "clearcoatTexture", MAP_COAT, 0, m, surface, &m->coat, &m->coat_texture);
-    if (!e)
-        e = read_factor_map(s, &own, "clearcoatRoughnessTexture", MAP_COAT_ROUGHNESS, 1, m, surface, &m->coat_roughness,
-                            &m->coat_roughness_texture);
-    if (!e)
-        e = texture_index(s, &normal, &bent);
-    if (!e)
-        e = texture_index(s, &base, &of_base);
-    if (e || bent == GLTF_NONE)
-        return e;
-    m->coat_bent = bent == of_base && (m->maps & MAP_NORMAL);
-    if (bent != of_base)
-        scene_note_unmodelled(s->g->scene, FEATURE_COAT_NORMAL, s->g->desc->path);
-    return ERR_OK;
-}
-
-/* The features of extensions. */
-static enum err note_extensions(struct source *s, const struct gltf_at *at)
-{
-    const struct gltf_at sheen = gltf_extension(at, "KHR_materials_sheen");
-    struct vec3 sheen_colour;
-
-    const enum err e = get_colour(s, &sheen, "sheenColorFactor", 3, 0.0, &sheen_colour);
-    if (!e && largest(sheen_colour) > 0.0f)
-        scene_note_unmodelled(s->g->scene, FEATURE_SHEEN, s->g->desc->path);
-    return e;
-}
-
-static enum err read_surface(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_surface(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                              struct gltf_surface *surface)
 {
     const struct gltf_at pbr = gltf_key(at, "pbrMetallicRoughness");
 
-    enum err e = get_colour(s, &pbr, "baseColorFactor", 4, 1.0, &m->diffuse);
+    enum err e = gltf_colour(s, &pbr, "baseColorFactor", 4, 1.0, &m->diffuse);
     if (!e)
-        e = get_share(s, &pbr, "metallicFactor", 1.0, &m->metallic);
+        e = gltf_share(s, &pbr, "metallicFactor", 1.0, &m->metallic);
     if (!e)
-        e = get_share(s, &pbr, "roughnessFactor", 1.0, &m->roughness);
+        e = gltf_share(s, &pbr, "roughnessFactor", 1.0, &m->roughness);
     if (!e)
         e = read_base_texture(s, &pbr, "baseColorTexture", m, surface);
     if (gltf_extension(at, "KHR_materials_unlit").value) {
@@ -443,18 +353,18 @@ static enum err read_surface(struct source *s, const struct gltf_at *at, struct 
 }
 
 /* A material of KHR_materials_pbrSpecularGlossiness: a metal where the diffuse colour is black, else a dielectric. */
-static enum err read_specular_glossiness(struct source *s, const struct gltf_at *at, struct material *m,
+static enum err read_specular_glossiness(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                                          struct gltf_surface *surface)
 {
     struct vec3 specular;
     float glossiness;
 
     scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_GLOSSINESS, s->g->desc->path);
-    enum err e = get_colour(s, at, "diffuseFactor", 4, 1.0, &m->diffuse);
+    enum err e = gltf_colour(s, at, "diffuseFactor", 4, 1.0, &m->diffuse);
     if (!e)
-        e = get_colour(s, at, "specularFactor", 3, 1.0, &specular);
+        e = gltf_colour(s, at, "specularFactor", 3, 1.0, &specular);
     if (!e)
-        e = get_share(s, at, "glossinessFactor", 1.0, &glossiness);
+        e = gltf_share(s, at, "glossinessFactor", 1.0, &glossiness);
     if (e)
         return e;
     m->metallic = largest(m->diffuse) < BLACK ? 1.0f : 0.0f;
@@ -467,7 +377,7 @@ static enum err read_specular_glossiness(struct source *s, const struct gltf_at 
 }
 
 /* surface[2]: for the material's meshes. */
-static enum err add_material(struct source *s, const struct gltf_at *at, struct gltf_surface *surface)
+static enum err add_material(struct gltf_source *s, const struct gltf_at *at, struct gltf_surface *surface)
 {
     struct material m = { .kind = MATERIAL_GGX,
                           .texture = MATERIAL_NO_TEXTURE,
@@ -490,7 +400,7 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
         e = glossy.value ? read_alpha(s, at, &glossy, "diffuseFactor", &m)
                          : read_alpha(s, at, &pbr, "baseColorFactor", &m);
     if (!e)
-        e = get_share(s, &glass, "transmissionFactor", 0.0, &transmission);
+        e = gltf_share(s, &glass, "transmissionFactor", 0.0, &transmission);
     if (e)
         return e;
     /* Light that passes takes the base colour: where that is black, there is a black surface with reflections. */
@@ -518,19 +428,19 @@ static enum err add_material(struct source *s, const struct gltf_at *at, struct 
     if (!e && !unlit)
         e = read_normal_texture(s, &normal, &m, surface);
     if (!e && !unlit)
-        e = read_coat(s, at, &m, surface);
+        e = gltf_read_coat(s, at, &m, surface);
     if (m.kind == MATERIAL_GLASS && m.roughness > 0.03f)
         scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
     if (!e)
         e = read_emission(s, at, &m, surface);
-    if (!e)
-        e = note_extensions(s, at);
+    if (!e && !unlit)
+        e = gltf_read_sheen(s, at, &m, surface);
     return e ? e : scene_add_material(s->g->scene, &m, NULL);
 }
 
 enum err gltf_add_materials(struct gltf *g)
 {
-    struct source s = { .g = g, .images.g = g };
+    struct gltf_source s = { .g = g, .images.g = g };
 
     g->first_material = (uint32_t)g->scene->material_count;
     g->surfaces = mem_alloc(g->counts[GLTF_MATERIALS], sizeof(*g->surfaces));

@@ -229,6 +229,9 @@ static enum err check_maps(const struct parcel *p, const struct material *m)
         return forged(p, "a material names a map that is not there");
     if (lacks_map(p, m, MAP_COAT, m->coat_texture) || lacks_map(p, m, MAP_COAT_ROUGHNESS, m->coat_roughness_texture))
         return forged(p, "a clear coat names a map that is not there");
+    if (m->sheen.x + m->sheen.y + m->sheen.z > 0.0f && m->sheen_texture != MATERIAL_NO_TEXTURE &&
+        m->sheen_texture >= p->head.textures)
+        return forged(p, "a sheen names a texture that is not there");
     return ERR_OK;
 }
 
@@ -246,8 +249,9 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)) ||
         !within(&m->attenuation.x, 3, 0.0f, ATTENUATION_MAX) || m->thin > (m->kind == MATERIAL_GLASS) ||
         !within(&m->transmits, 1, 0.0f, 1.0f) || !is_colour(m->through) || !within(&m->coat, 2, 0.0f, 1.0f + SLACK) ||
-        m->coat_bent > 1 ||
-        ((m->transmits > 0.0f || m->coat > 0.0f) && m->kind != MATERIAL_LAMBERT && m->kind != MATERIAL_GGX))
+        m->coat_bent > 1 || !is_colour(m->sheen) || !within(&m->sheen_roughness, 1, 0.0f, 1.0f + SLACK) ||
+        ((m->transmits > 0.0f || m->coat > 0.0f || m->sheen.x + m->sheen.y + m->sheen.z > 0.0f) &&
+         m->kind != MATERIAL_LAMBERT && m->kind != MATERIAL_GGX))
         return forged(p, "a material is out of range");
     if (m->ground != 0) /* is added afterwards */
         return forged(p, "a material says that it is the ground's");

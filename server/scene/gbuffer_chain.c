@@ -201,6 +201,11 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
         scatter_turn(&other);
         add_rough(c, b, h, &other);
     }
+    if (at.veil.sheen > 0.0f && coverage > 0.0f) {
+        struct scatter sheen = at;
+        scatter_sheen(&sheen);
+        add_rough(c, b, h, &sheen);
+    }
     if (!(at.veil.coat > 0.0f))
         return at.delta != DELTA_NONE;
     scatter_coat(&at);

@@ -52,7 +52,7 @@ static uint64_t sort_key(const struct shade_point *p, unsigned phase)
 
     key = key << 2 * phase | (p->y & among) << phase | (p->x & among);
     key = key << (28 - 2 * TILE_BITS - 2 * phase) | morton(x >> TILE_BITS, y >> TILE_BITS);
-    key = key << 8 | ((p->material * 29u + p->mesh + 128u * p->layer) & 0xffu);
+    key = key << 8 | ((p->material * 29u + p->mesh + 85u * p->layer) & 0xffu);
     key = key << 6 | normal_cell(p->shading);
     key = key << 2 * TILE_BITS | morton(x & inside, y & inside);
     return key;

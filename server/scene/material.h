@@ -32,9 +32,10 @@ enum material_map {
     MAP_THROUGH = 8,
     MAP_COAT = 16,           /* red multiplies coat [KHR_materials_clearcoat] */
     MAP_COAT_ROUGHNESS = 32, /* green multiplies coat_roughness [ibid.] */
+    MAP_SHEEN = 64,          /* multiplies `sheen` */
 };
 #define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL | MAP_COAT | MAP_COAT_ROUGHNESS)
-#define MAPS_COLOURS (MAP_EMISSION | MAP_THROUGH)
+#define MAPS_COLOURS (MAP_EMISSION | MAP_THROUGH | MAP_SHEEN)
 #define MAPS_MOVED (MAP_ROUGHNESS | MAP_NORMAL) /* which may be in `moved` */
 #define NORMAL_SCALE_MAX 1e3f
 #define MOVED_MAX 1e6f
@@ -63,6 +64,9 @@ struct material {
     float coat;               /* lambert, ggx: the share of the surface under a clear coat, 0..1, */
     float coat_roughness;     /* with a ggx lobe of this roughness, */
     uint32_t coat_bent;       /* about the normal of MAP_NORMAL: 1; or the mesh's: 0 */
+    struct vec3 sheen;        /* lambert, ggx: the colour of a sheen on top, below the coat; 0: none, */
+    float sheen_roughness;    /* of this roughness */
+    uint32_t sheen_texture;   /* multiplies it, if it is not 0; an index like `texture` */
     float transmits;          /* lambert, ggx: the share of the matte part that is scattered to the other side, 0..1, */
     struct vec3 through;      /* in this colour */
     uint32_t through_texture; /* multiplies it, if transmits is not 0; an index like `texture` */

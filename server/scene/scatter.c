@@ -2,11 +2,17 @@
 
 #include "base/rng.h"
 #include "scene/normal_map.h"
+#include "scene/sheen.h"
 
 #include <math.h>
 #include <string.h>
 
 #define VEIL_GAIN 1.027f /* of the lobe of roughness 0.3 at a cosine of 0.6, over F(n.o) */
+
+static float brightness(struct vec3 v)
+{
+    return (v.x + v.y + v.z) / 3.0f;
+}
 
 static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
                                const float (*step)[2])
@@ -35,7 +41,7 @@ bool material_is_delta(const struct material *m)
 
 bool material_is_rough(const struct material *m)
 {
-    return m->kind == MATERIAL_LAMBERT || m->kind == MATERIAL_PHONG ||
+    return m->kind == MATERIAL_LAMBERT || m->kind == MATERIAL_PHONG || brightness(m->sheen) > 0.0f ||
            (m->kind == MATERIAL_GGX && (!is_sharp(m) || m->metallic < 1.0f));
 }
 
@@ -136,11 +142,6 @@ static float hash_hit(const struct hit *h, struct vec3 dir)
     return (float)(rng_mix(ray, (uint64_t)h->mesh << 32 | h->triangle) >> 40) * 0x1p-24f;
 }
 
-static float brightness(struct vec3 v)
-{
-    return (v.x + v.y + v.z) / 3.0f;
-}
-
 /* Turns s by its share of what the surface scatters. x in [0, 1): a random number, of which the rest remains. */
 static void choose_side(struct scatter *s, float *x)
 {
@@ -158,30 +159,66 @@ static void choose_side(struct scatter *s, float *x)
     }
 }
 
-/* A coat of which light from dir meets much is chosen more often. */
+/* What a coat lets pass from below, and what white sheen reflects, towards wo. */
+static float coat_passes(const struct veil *v, struct vec3 wo)
+{
+    const float c = 1.0f - fminf(fmaxf(vec3_dot(v->normal, wo), 0.0f), 1.0f), c2 = c * c;
+
+    return fmaxf(0.0f, 1.0f - v->coat * VEIL_GAIN * (COAT_F0 + (1.0f - COAT_F0) * c2 * c2 * c));
+}
+
+static float sheen_shine(const struct veil *v, struct vec3 wo)
+{
+    return sheen_albedo(vec3_dot(v->sheen_normal, wo), v->sheen_roughness);
+}
+
+float veil_passes(const struct veil *v, struct vec3 wo)
+{
+    float passes = 1.0f;
+
+    if (v->coat > 0.0f)
+        passes = coat_passes(v, wo);
+    if (v->sheen > 0.0f)
+        passes *= v->of_sheen ? sheen_shine(v, wo) : 1.0f - v->sheen * sheen_shine(v, wo);
+    return passes;
+}
+
+/* Whether a layer that reflects `own` is chosen before the `rest` below it. x: as of choose_side. */
+static bool choose_this(struct scatter *s, float own, float rest, float *x)
+{
+    const float share = fminf(fmaxf(own / (own + rest), 0.1f), 0.9f); /* 0.1 for NaN */
+
+    if (*x < share) {
+        s->weight /= share;
+        return true;
+    }
+    *x = (*x - share) / (1.0f - share);
+    s->weight /= 1.0f - share;
+    return false;
+}
+
+/* A layer of which light from dir meets much is chosen more often. */
 static void choose_layer(struct scatter *s, struct vec3 dir, float x)
 {
-    const float shine = 1.0f - veil_passes(&s->veil, vec3_scale(dir, -1.0f));
+    const struct vec3 wo = vec3_scale(dir, -1.0f);
     const float below = brightness(s->diffuse) + brightness(s->specular);
-    const float share = fminf(fmaxf(shine / (shine + below), 0.1f), 0.9f); /* 0.1 for NaN */
+    const float sheen = s->veil.sheen > 0.0f ? brightness(s->veil.sheen_colour) * sheen_shine(&s->veil, wo) : 0.0f;
 
-    if (x < share) {
+    if (s->veil.coat > 0.0f && choose_this(s, 1.0f - coat_passes(&s->veil, wo), below + sheen, &x))
         scatter_coat(s);
-        s->weight /= share;
-    } else {
-        s->weight /= 1.0f - share;
-    }
+    else if (s->veil.sheen > 0.0f && choose_this(s, sheen, below, &x))
+        scatter_sheen(s);
 }
 
 static void choose(struct scatter *s, const struct hit *h, struct vec3 dir)
 {
-    const bool coated = s->veil.coat > 0.0f;
+    const bool veiled = veil_is(&s->veil);
 
-    if (!(brightness(s->beyond) > 0.0f) && !coated)
+    if (!(brightness(s->beyond) > 0.0f) && !veiled)
         return;
     float x = hash_hit(h, dir);
     choose_side(s, &x);
-    if (coated && !s->through)
+    if (veiled && !s->through)
         choose_layer(s, dir, x);
 }
 
@@ -191,15 +228,7 @@ static void turn_over(struct scatter *s)
     s->surface.shading = vec3_scale(s->surface.shading, -1.0f);
     s->surface.outside = !s->surface.outside;
     s->veil.normal = vec3_scale(s->veil.normal, -1.0f);
-}
-
-float veil_passes(const struct veil *v, struct vec3 wo)
-{
-    const float c = 1.0f - fminf(fmaxf(vec3_dot(v->normal, wo), 0.0f), 1.0f), c2 = c * c;
-
-    if (!(v->coat > 0.0f))
-        return 1.0f;
-    return fmaxf(0.0f, 1.0f - v->coat * VEIL_GAIN * (COAT_F0 + (1.0f - COAT_F0) * c2 * c2 * c));
+    s->veil.sheen_normal = vec3_scale(s->veil.sheen_normal, -1.0f);
 }
 
 /* The coat at a place. smooth: the shading normal without the map. */
@@ -214,7 +243,34 @@ static void put_coat(const struct scene *scene, const struct material *m, struct
     if (m->maps & MAP_COAT_ROUGHNESS)
         roughness *= map_read(scene, m, MAP_COAT_ROUGHNESS, at, step).y;
     const float alpha = is_sharp_coat(m) ? 0.0f : fmaxf(roughness * roughness, ALPHA_DELTA);
-    out->veil = (struct veil){ share, alpha, m->coat_bent ? at->shading : smooth };
+    out->veil.coat = share;
+    out->veil.alpha = alpha;
+    out->veil.normal = m->coat_bent ? at->shading : smooth;
+}
+
+static void put_sheen(const struct scene *scene, const struct material *m, const float (*step)[2], struct scatter *out)
+{
+    struct vec3 c = m->sheen;
+
+    if (m->sheen_texture != MATERIAL_NO_TEXTURE)
+        c = vec3_mul(c, texture_read(&scene->textures[m->sheen_texture], map_uv(m, MAP_SHEEN, &out->surface),
+                                     map_step(m, MAP_SHEEN, step)));
+    out->veil.sheen = fmaxf(c.x, fmaxf(c.y, c.z));
+    out->veil.sheen_roughness = m->sheen_roughness;
+    out->veil.sheen_colour = c;
+    out->veil.sheen_normal = out->surface.shading;
+}
+
+void scatter_sheen(struct scatter *s)
+{
+    s->layer = LAYER_SHEEN;
+    s->veil.of_sheen = true;
+    s->kind = LOBE_LAMBERT;
+    s->diffuse = s->veil.sheen_colour;
+    s->beyond = s->specular = vec3_make(0.0f, 0.0f, 0.0f);
+    s->gloss = 0.0f;
+    s->rough = true;
+    s->delta = DELTA_NONE;
 }
 
 void scatter_coat(struct scatter *s)
@@ -224,7 +280,7 @@ void scatter_coat(struct scatter *s)
     s->layer = LAYER_COAT;
     s->weight *= s->veil.coat;
     s->surface.shading = s->veil.normal;
-    s->veil.coat = 0.0f;
+    s->veil.coat = s->veil.sheen = 0.0f;
     s->kind = LOBE_GGX;
     s->diffuse = s->beyond = vec3_make(0.0f, 0.0f, 0.0f);
     s->specular = s->reflectance = vec3_make(COAT_F0, COAT_F0, COAT_F0);
@@ -282,9 +338,11 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     out->through = false;
     out->weight = 1.0f;
     out->layer = LAYER_BASE;
-    out->veil.coat = 0.0f;
+    out->veil = (struct veil){ .coat = 0.0f };
     if (m->coat > 0.0f)
         put_coat(scene, m, smooth, uv_step, out);
+    if (brightness(m->sheen) > 0.0f)
+        put_sheen(scene, m, uv_step, out);
     if (m->transmits > 0.0f)
         split_matte(scene, m, base, finish, uv_step, out);
     if (m->maps & MAP_NORMAL) {

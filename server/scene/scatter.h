@@ -37,21 +37,32 @@ enum delta_kind {
  * other paths choose one at random. */
 enum scatter_layer {
     LAYER_BASE,
-    LAYER_COAT, /* a clear coat */
+    LAYER_COAT,  /* a clear coat */
+    LAYER_SHEEN, /* below it: the sheen of cloth */
 };
 
 #define COAT_F0 0.04f /* of an index of refraction of 1.5 */
 
-/* The clear coat on a surface, which lets less light pass to it. */
+/* The clear coat and the sheen on a surface, which let less light pass to it. */
 struct veil {
-    float coat;         /* the share of the surface that has one; 0: none */
+    float coat;         /* the share of the surface that has a coat; 0: none */
     float alpha;        /* of its ggx lobe; 0: a mirror */
     struct vec3 normal; /* on the side of the surface's */
+    float sheen;        /* the largest channel of the sheen's colour; 0: none */
+    float sheen_roughness;
+    struct vec3 sheen_colour, sheen_normal;
+    bool of_sheen; /* what is below the coat is the sheen itself */
 };
+
+static inline bool veil_is(const struct veil *v)
+{
+    return v->coat > 0.0f || v->sheen > 0.0f;
+}
 
 /* What of the light from below goes on towards wo: 1 - coat F(n.o), F being [Schlick 1994]'s, as glTF has it. Light on
  * its way in is not dimmed a second time: what the coat reflects back from below makes up for it. F is that of a smooth
- * coat, enlarged by 2.7 %: no lobe of any roughness reflects more. wo: as for the lobe below (scatter_side). */
+ * coat, enlarged by 2.7 %: no lobe of any roughness reflects more. Of sheen, likewise glTF's 1 - max(colour) E(o), with
+ * E of sheen.h; the sheen itself is matte with the albedo E(o) towards wo. wo: as for the lobe below (scatter_side). */
 float veil_passes(const struct veil *v, struct vec3 wo);
 
 struct scatter {
@@ -95,6 +106,9 @@ void scatter_turn(struct scatter *s);
 
 /* Turns what scatter_on found into the clear coat that its veil speaks of. */
 void scatter_coat(struct scatter *s);
+
+/* Likewise, into its sheen. */
+void scatter_sheen(struct scatter *s);
 
 /* A direction to the side of the surface that the camera is on, as the D lobe wants it: mirrored if the light comes
  * from the other side. */

@@ -16,10 +16,10 @@
 /* Features of files that are not supported: each is named once in a warning and recorded in `unmodelled` for the
  * statistics. */
 enum scene_feature {
-    FEATURE_BUMP_MAP,     /* heights; normal maps are supported */
-    FEATURE_ALPHA,        /* masks and blending; treated as opaque */
-    FEATURE_SPECULAR_MAP, /* of KHR_materials_specular and of transmission; the factors alone count */
-    FEATURE_SHEEN,
+    FEATURE_BUMP_MAP,      /* heights; normal maps are supported */
+    FEATURE_ALPHA,         /* masks and blending; treated as opaque */
+    FEATURE_SPECULAR_MAP,  /* of KHR_materials_specular and of transmission; the factors alone count */
+    FEATURE_SHEEN,         /* roughness textures of sheen; sheen on glass */
     FEATURE_COAT_NORMAL,   /* normal maps of clear coats that are not the surface's; the coats are smooth */
     FEATURE_COATED_GLASS,  /* without the coat */
     FEATURE_ROUGH_GLASS,   /* treated as smooth, or as diffuse transmission */

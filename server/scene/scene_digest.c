@@ -87,6 +87,11 @@ static void digest_material(struct digest *d, const struct material *m)
         digest_u64(d, (uint64_t)LAYER_COAT << 32 | m->coat_bent);
         digest_bytes(d, coat, sizeof(coat));
     }
+    if (m->sheen.x + m->sheen.y + m->sheen.z > 0.0f) {
+        const float sheen[] = { m->sheen.x, m->sheen.y, m->sheen.z, m->sheen_roughness };
+        digest_u64(d, (uint64_t)LAYER_SHEEN << 32 | m->sheen_texture);
+        digest_bytes(d, sheen, sizeof(sheen));
+    }
     digest_alpha(d, m);
     digest_maps(d, m);
 }

@@ -120,6 +120,7 @@ static inline const char *make_declaration(const struct make *m, const char *res
         "KHR_draco_mesh_compression",
         "KHR_mesh_quantization",
         "KHR_materials_clearcoat",
+        "KHR_materials_sheen",
         "KHR_materials_transmission",
         "KHR_materials_ior",
         "KHR_materials_specular",

@@ -105,7 +105,8 @@ static void what_is_not_modelled_is_named_once(void **state)
     (void)state;
     folder_make(&f);
     write_gltf(&f, "a.gltf",
-               "{" ONE_NODE MATERIAL("\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[0,1,0]}}") TAIL);
+               "{" ONE_NODE MATERIAL("\"pbrMetallicRoughness\":{\"roughnessFactor\":0},\"extensions\":{"
+                                     "\"KHR_materials_transmission\":{\"transmissionFactor\":0.75}}") TAIL);
     const char *path = folder_text(&f, "s.json",
                                    "{\"camera\":{\"position\":[0,1,5],\"look_at\":[0,0,0],\"fov_y_degrees\":40},"
                                    "\"models\":[{\"file\":\"a.gltf\"},{\"file\":\"a.gltf\"}]}");
@@ -113,8 +114,8 @@ static void what_is_not_modelled_is_named_once(void **state)
     struct scene *s = load_or_fail(path);
     const char *said = log_end();
     assert_int_equal(count_of(said, "not supported"), 1);
-    assert_int_equal(count_of(said, "a.gltf: not supported: sheen"), 1);
-    assert_int_equal(s->unmodelled, 1u << FEATURE_SHEEN);
+    assert_int_equal(count_of(said, "a.gltf: not supported: partial transmission"), 1);
+    assert_int_equal(s->unmodelled, 1u << FEATURE_PARTIAL_GLASS);
     scene_destroy(s);
     folder_remove(&f);
 }

@@ -405,6 +405,30 @@ static void volumes_attenuate(void **state)
     make_end(&f);
 }
 
+static void sheen_has_a_colour_and_its_texture(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", four_png, sizeof(four_png));
+    struct material m =
+        specular_of(&f, DIELECTRIC,
+                    "\"KHR_materials_sheen\":{\"sheenColorFactor\":[0.1,0.2,0.3],\"sheenRoughnessFactor\":0.5}", &said);
+    assert_near(m.sheen, 0.1f, 0.2f, 0.3f);
+    assert_true(m.sheen_roughness == 0.5f && m.sheen_texture == MATERIAL_NO_TEXTURE);
+    assert_string_equal(said, "");
+    m = read_material(&f,
+                      ROUGH("", "\"index\":0") ",\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1],"
+                                               "\"sheenColorTexture\":{\"index\":1,\"texCoord\":1},"
+                                               "\"sheenRoughnessTexture\":{\"index\":1}}}",
+                      &said);
+    assert_true(m.sheen_texture != MATERIAL_NO_TEXTURE && m.second == MAP_SHEEN);
+    assert_int_equal(count_of(said, "not supported: roughness textures of sheen, and sheen on glass"), 1);
+    make_end(&f);
+}
+
 /* Frosted glass transmits diffusely in its base colour; what lets little light pass becomes a veil. */
 static void rough_and_partial_transmission_are_approximated(void **state)
 {
@@ -472,6 +496,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(specular_and_ior_make_f0),
     cmocka_unit_test(glass_keeps_its_tint),
     cmocka_unit_test(volumes_attenuate),
+    cmocka_unit_test(sheen_has_a_colour_and_its_texture),
     cmocka_unit_test(rough_and_partial_transmission_are_approximated),
     cmocka_unit_test(leaves_transmit),
 };

@@ -1,10 +1,11 @@
-/* Clear coats: what they and the surfaces below reflect, by quadrature, and under every estimator.
+/* Clear coats and sheen: what they and the surfaces below reflect, by quadrature, and under every estimator.
  *
  * The scene of the estimators is a court seen from above: a floor with a rough coat, which the camera sees alone, and
  * around it walls with coats as smooth as mirrors, over a matte and over a sharp metal surface, which cast caustics. */
 #include "light/agreement.h"
 
 #include "brdf/lobe.h"
+#include "scene/sheen.h"
 #include "bounce/bounce.h"
 #include "estimators/courts.h"
 #include "transport/transports.h"
@@ -245,8 +246,13 @@ static double whole_albedo(struct material m, double cosine, double *of_coat)
     assert_true(rays_intersect(r, wo, vec3_scale(wo, -1.0f), 0.0f, &h));
     rays_surface(r, &h, wo, &at.surface);
     scatter_on(s, &h, NULL, &at);
-    const double below = albedo_of(&at, wo);
+    double below = albedo_of(&at, wo);
     *of_coat = 0.0;
+    if (at.veil.sheen > 0.0f) {
+        struct scatter sheen = at;
+        scatter_sheen(&sheen);
+        below += albedo_of(&sheen, wo);
+    }
     if (at.veil.coat > 0.0f) {
         scatter_coat(&at);
         *of_coat = albedo_of(&at, wo);
@@ -281,6 +287,99 @@ static void coats_return_no_more_than_they_get(void **state)
                     }
                 }
     printf("at most %.5f; a smooth coat takes at most %.5f\n", most, -least);
+}
+
+static struct material cloth(float metallic, float roughness, float sheen_roughness, float coat)
+{
+    struct material m = coated(metallic, roughness, coat, 0.3f);
+
+    m.sheen = vec3_make(0.9f, 0.7f, 0.8f);
+    m.sheen_roughness = sheen_roughness;
+    m.sheen_texture = MATERIAL_NO_TEXTURE;
+    return m;
+}
+
+/* Lambda of [Estevez and Kulla 2017], by the fit of KHR_materials_sheen. */
+static double sheen_slope(double x, double alpha)
+{
+    static const double a[5] = { 25.3245, 3.32435, 0.16801, -1.27393, -4.85967 },
+                        b[5] = { 21.5473, 3.82987, 0.19823, -1.97760, -4.32054 };
+    const double t = (1.0 - alpha) * (1.0 - alpha);
+    double k[5];
+
+    for (int i = 0; i < 5; i++)
+        k[i] = t * a[i] + (1.0 - t) * b[i];
+    return k[0] / (1.0 + k[1] * pow(x, k[2])) + k[3] * x + k[4];
+}
+
+static double sheen_lambda(double cosine, double alpha)
+{
+    return exp(cosine < 0.5 ? sheen_slope(cosine, alpha)
+                            : 2.0 * sheen_slope(0.5, alpha) - sheen_slope(1.0 - cosine, alpha));
+}
+
+/* The table against the integral of D V cos, between its own places. */
+static void sheen_reflects_what_its_lobe_does(void **state)
+{
+    enum { RINGS = 150, SPOKES = 50 };
+    double worst[2] = { 0.0, 0.0 }; /* below a roughness of 0.2, where the lobe is sharp, and above */
+
+    (void)state;
+    for (double roughness = 0.15; roughness < 1.0; roughness += 0.2)
+        for (double c = 0.02; c < 1.0; c += 0.13) {
+            const double alpha = roughness * roughness, s = sqrt(1.0 - c * c), own = sheen_lambda(c, alpha);
+            double sum = 0.0;
+            for (int i = 0; i < RINGS; i++) {
+                const double theta = (i + 0.5) / RINGS * 0.5 * PI, z = cos(theta), r = sin(theta);
+                const double v = fmin(1.0, 1.0 / ((1.0 + own + sheen_lambda(z, alpha)) * 4.0 * c * z));
+                for (int k = 0; k < SPOKES; k++) {
+                    const double phi = (k + 0.5) / SPOKES * PI, x = s + r * cos(phi), y = r * sin(phi);
+                    const double sine = sqrt((x * x + y * y) / (x * x + y * y + (c + z) * (c + z)));
+                    sum += v * z * r * (2.0 + 1.0 / alpha) * pow(sine, 1.0 / alpha);
+                }
+            }
+            const double want = fmin(1.0, sum / SPOKES / RINGS * 0.5 * PI);
+            double *most = &worst[roughness > 0.2];
+            *most = fmax(*most, fabs((double)sheen_albedo((float)c, (float)roughness) - want));
+        }
+    printf("off by at most %.4f and %.4f\n", worst[0], worst[1]);
+    assert_true(worst[0] < 0.06 && worst[1] < 0.012);
+    assert_true(sheen_albedo(0.05f, 0.0f) == sheen_albedo(0.05f, 0.1f));
+}
+
+/* Sheen adds what it reflects, and takes as much from below as its largest channel; the red is that of whole_albedo. */
+static void sheen_returns_no_more_than_it_gets(void **state)
+{
+    double most = 0.0, coat, none;
+
+    (void)state;
+    for (int k = 0; k < 8; k++)
+        for (double cosine = 0.05; cosine < 1.0; cosine += 0.15) {
+            const struct material m = cloth((float)(k & 1), k & 2 ? 0.3f : 1.0f, k & 4 ? 0.3f : 0.9f, 0.0f);
+            struct material bare = m, both = m;
+            bare.sheen = vec3_make(0, 0, 0);
+            both.coat = 1.0f;
+            const double e = (double)sheen_albedo((float)cosine, m.sheen_roughness);
+            const double whole = whole_albedo(m, cosine, &none), below = whole_albedo(bare, cosine, &none);
+            assert_float_equal(whole, below * (1.0 - 0.9 * e) + 0.9 * e, 1e-4);
+            most = fmax(fmax(most, whole), whole_albedo(both, cosine, &coat));
+        }
+    printf("at most %.5f\n", most);
+    assert_true(most <= 1.0 + 5e-4);
+}
+
+static void estimators_agree_on_sheen(void **state)
+{
+    static const struct technique of[] = {
+        { "path", BY_PATH, PATH_DIRECT, .count = 512 },
+        { "mis", BY_DIRECT, .count = 512, .direct = { .method = METHOD_MIS }, .worst = 3e-3 },
+        { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 128 },
+        { "eye paths", BY_EYE, PATH_INDIRECT_LIT, .count = 128, .worst = 8e-3 },
+        { "light tracer", BY_LIGHT, PATH_INDIRECT_LIT, .count = 400000, .worst = 1e-2 },
+    };
+
+    (void)state;
+    assert_agreement(court(cloth(0, 0.5f, 0.6f, 0.5f)), of, sizeof(of) / sizeof(of[0]));
 }
 
 /* Half a coat is half of its light, and half of what it takes from below. */
@@ -330,6 +429,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(coats_return_no_more_than_they_get),
     cmocka_unit_test(a_coat_may_cover_a_part),
     cmocka_unit_test(the_camera_sees_both_layers),
+    cmocka_unit_test(sheen_reflects_what_its_lobe_does),
+    cmocka_unit_test(sheen_returns_no_more_than_it_gets),
+    cmocka_unit_test(estimators_agree_on_sheen),
     cmocka_unit_test(estimators_agree_on_coats),
     cmocka_unit_test(estimators_agree_on_the_caustics_of_coats),
     cmocka_unit_test(caches_agree_on_coats),
