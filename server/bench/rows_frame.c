@@ -5,6 +5,7 @@
 #include "base/handoff.h"
 #include "base/mem.h"
 #include "env/resample_table.h"
+#include "reader/builtin.h"
 
 #include <math.h>
 #include <omp.h>

@@ -5,6 +5,7 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "light/facts.h"
+#include "reader/builtin.h"
 #include "scene/ground.h"
 
 #include <stdio.h>

@@ -124,9 +124,6 @@ struct scene {
 /* A short description, such as "normal maps". */
 const char *scene_feature_name(enum scene_feature feature);
 
-/* The built-in scene. The caller owns it. NULL: out of memory. */
-struct scene *scene_create_builtin(void);
-
 void scene_destroy(struct scene *s); /* NULL is allowed */
 
 /* The camera of that name, or the first if name is NULL; NULL if there is none. */

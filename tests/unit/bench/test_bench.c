@@ -1,6 +1,7 @@
 #include "bench/bench_parts.h"
 
 #include "base/mem.h"
+#include "reader/builtin.h"
 #include "scene/scene.h"
 #include "support/unit.h"
 

@@ -3,6 +3,7 @@
 #include "estimators/direct.h"
 #include "estimators/kernels.h"
 #include "estimators/worlds.h"
+#include "reader/builtin.h"
 
 #include <omp.h>
 

@@ -26,6 +26,7 @@
 #include "estimators/baselines/path.h"
 #include "estimators/caustic_store.h"
 #include "estimators/eye_paths.h"
+#include "reader/builtin.h"
 #include "reader/reader.h"
 #include "scene/gbuffer.h"
 #include "scene/scene_build.h"

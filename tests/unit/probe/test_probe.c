@@ -4,6 +4,7 @@
 #include "light/relight.h"
 #include "light/resolve.h"
 #include "estimators/worlds.h"
+#include "reader/builtin.h"
 
 #include <math.h>
 

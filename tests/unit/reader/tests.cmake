@@ -5,3 +5,4 @@ target_compile_definitions(test_reader_test_reader PRIVATE MISBEHAVE="$<TARGET_F
                                                            EXAMPLES="${CMAKE_SOURCE_DIR}/docs/examples")
 add_dependencies(test_reader_test_reader misbehaving_reader relight-reader)
 unit_test(reader test_parcel)
+unit_test(reader test_builtin)

@@ -1,3 +1,4 @@
+#include "reader/builtin.h"
 #include "scene/files.h"
 #include "scene/load.h"
 #include "support/gbuffers.h"

@@ -2,6 +2,7 @@
 #include "support/unit.h"
 #include "support/gbuffers.h"
 
+#include "reader/builtin.h"
 #include "scene/gbuffer.h"
 #include "base/mem.h"
 

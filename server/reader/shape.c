@@ -1,4 +1,4 @@
-#include "scene/shape.h"
+#include "reader/shape.h"
 
 #include "base/mem.h"
 

@@ -1,9 +1,9 @@
 /* The built-in scene: a court with a sundial that shows the hour under the built-in sky. North is +Z, as in the sky:
  * the sun rises at -X, is over -Z at noon and sets at +X; the colonnade opens to the south. */
-#include "scene/scene.h"
+#include "reader/builtin.h"
 
+#include "reader/shape.h"
 #include "scene/scene_build.h"
-#include "scene/shape.h"
 
 #include <math.h>
 #include <stdio.h>

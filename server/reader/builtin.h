@@ -1,0 +1,11 @@
+/* server/reader/builtin.h */
+/* The scene that is shown without a file. Thread: any. */
+#ifndef READER_BUILTIN_H
+#define READER_BUILTIN_H
+
+#include "scene/scene.h"
+
+/* The caller owns it. NULL: out of memory. */
+struct scene *scene_create_builtin(void);
+
+#endif
