@@ -133,7 +133,7 @@ static int ascending(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* The power of ten above 95 % of the pixels: three decades below it take the scale. */
+/* The power of ten above 99 % of the pixels: three decades below it take the scale. */
 static double ceiling(const struct annual *a)
 {
     const size_t pixels = (size_t)a->set->view.width * a->set->view.height;
@@ -143,7 +143,7 @@ static double ceiling(const struct annual *a)
     if (sorted) {
         memcpy(sorted, a->cdm2, pixels * sizeof(*sorted));
         qsort(sorted, pixels, sizeof(*sorted), ascending);
-        top = fmax(sorted[(size_t)(0.95 * (double)(pixels - 1))], 0.01);
+        top = fmax(sorted[(size_t)(0.99 * (double)(pixels - 1))], 0.01);
     }
     mem_free(sorted);
     return pow(10.0, ceil(log10(top)));
