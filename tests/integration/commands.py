@@ -49,6 +49,9 @@ def prepare(folder):
                        if shutil.which("oiiotool") else ("cp", folder / "sky.hdr", folder / f"sky.{number:04}.exr"), check=True)
     clip(folder, "sky.mp4")
     subprocess.run(ffmpeg("-i", folder / "sky.mp4", "-frames:v", "1", folder / "sky.jpg"), check=True)
+    (folder / "city.mtx").write_text("#?RADIANCE\nNROWS=146\nNCOLS=1\nNCOMP=3\nFORMAT=ascii\n\n" + "1 1 1\n" * 146)
+    with open(folder / "city.epw", "w", encoding="ascii") as out:
+        subprocess.run((DOCUMENT.parent / "examples" / "weather.py",), stdout=out, check=True)
     (folder / "captures").mkdir()
     (folder / "live").mkdir()
 
@@ -111,7 +114,7 @@ async def every_input_of_the_docs_works_as_typed(folder):
     prepare(folder)
     ports = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
     rows = commands("Inputs")
-    check(len(rows) == 14, f"{len(rows)} rows")
+    check(len(rows) >= 14, f"{len(rows)} rows")
     for _, given in rows:
         command = local(given[0], folder, ports)
         if command.startswith("relight-render"):
