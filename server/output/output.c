@@ -9,9 +9,11 @@
 #include "codec/png_write.h"
 #include "video/movie.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -305,6 +307,51 @@ bool output_exists(const struct output *o, uint64_t frame)
     char name[4096];
 
     return file_pattern_name(&o->pattern, frame, name, sizeof(name), NULL) == ERR_OK && access(name, F_OK) == 0;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+    return (x > y) - (x < y);
+}
+
+enum err output_numbers(const struct output *o, uint64_t **out, size_t *count)
+{
+    const char *slash = strrchr(o->pattern.text, '/');
+    const size_t length = slash ? (size_t)(slash - o->pattern.text) : 0, before = slash ? length + 1 : 0;
+    char folder[4096], name[4096];
+    size_t capacity = 0;
+    struct dirent *d;
+
+    *out = NULL;
+    *count = 0;
+    if (o->pattern.length == 0 || o->pattern.at < before || length >= sizeof(folder)) /* the number is a folder's */
+        return ERR_OK;
+    snprintf(folder, sizeof(folder), "%.*s", (int)(slash == o->pattern.text ? 1 : length),
+             slash ? o->pattern.text : ".");
+    if (!slash)
+        strcpy(folder, ".");
+    DIR *dir = opendir(folder);
+    while (dir && (d = readdir(dir)) != NULL) {
+        if (strlen(d->d_name) <= o->pattern.at - before)
+            continue;
+        const uint64_t number = strtoull(d->d_name + (o->pattern.at - before), NULL, 10);
+        if (file_pattern_name(&o->pattern, number, name, sizeof(name), NULL) || strcmp(name + before, d->d_name) != 0)
+            continue;
+        if (!mem_reserve(out, *count, &capacity, sizeof(**out))) {
+            closedir(dir);
+            mem_free(*out);
+            *out = NULL;
+            return ERR_NOMEM;
+        }
+        (*out)[(*count)++] = number;
+    }
+    if (dir)
+        closedir(dir);
+    if (*count > 1)
+        qsort(*out, *count, sizeof(**out), by_number);
+    return ERR_OK;
 }
 
 bool output_is_exposed(const struct output *o)

@@ -51,6 +51,9 @@ bool output_is_stream(const struct output *o);
 /* Whether the file of a frame is there: files appear whole. */
 bool output_exists(const struct output *o, uint64_t frame);
 
+/* The numbers of the frames whose files are there, ascending, to be freed with mem_free; of a numbered pattern. */
+MUST_CHECK enum err output_numbers(const struct output *o, uint64_t **out, size_t *count);
+
 /* Whether the format is tone-mapped, under an exposure. */
 bool output_is_exposed(const struct output *o);
 

@@ -11,6 +11,7 @@
 #include "base/err.h"
 
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -59,6 +60,14 @@ MUST_CHECK enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size);
 MUST_CHECK enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size);
 MUST_CHECK enum err ranks_receive(struct ranks *r);
 MUST_CHECK enum err ranks_send(struct ranks *r, const void *bytes, size_t size);
+
+/* Other ranks post bytes to rank 0, at most 2 GB each, which are copied: waits for the post before, not for this one.
+ * No bytes are a rank's last post. ERR_NOMEM; ERR_RANGE: too many. */
+MUST_CHECK enum err ranks_post(struct ranks *r, const void *bytes, size_t size);
+/* Rank 0: calls take for each post that is there; with `all`, until every rank's last one. The first error of take is
+ * the result, and later posts are received in vain. ERR_NOMEM. */
+MUST_CHECK enum err ranks_collect(struct ranks *r, bool all,
+                                  enum err (*take)(void *context, const void *bytes, size_t size), void *context);
 
 /* Collective. Calls take(context, rank, bytes, size) on rank 0 for every rank's bytes, in order of ranks, those of rank
  * 0 included; on other ranks it is not called. ERR_NOMEM on rank 0. */

@@ -24,6 +24,7 @@
 #define TAG_BYTES 2
 #define TAG_NONE 3 /* never sent */
 #define TAG_PART 4
+#define TAG_POST 5
 #define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
 
 struct ranks {
@@ -37,6 +38,9 @@ struct ranks {
     const atomic_bool *stop;
     bool lost;             /* stopped while it waited for a rank */
     MPI_Request *expected; /* [count]: rank 0's */
+    MPI_Request posted;    /* of another rank: its last post, */
+    uint8_t *post;         /* and its bytes */
+    int ended;             /* rank 0: ranks whose last post has come */
 };
 
 static void rest(void)
@@ -188,6 +192,7 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
     if (!r)
         MPI_Abort(MPI_COMM_WORLD, 1);
     find_place(r);
+    r->posted = MPI_REQUEST_NULL;
     enum err e = level >= MPI_THREAD_MULTIPLE ? ERR_OK
                                               : err_say(why, ERR_UNSUPPORTED,
                                                         "this MPI does not allow calls from several threads "
@@ -223,7 +228,9 @@ void ranks_destroy(struct ranks *r)
         pthread_join(r->keeper, NULL);
     MPI_Win_unlock_all(r->window);
     MPI_Win_free(&r->window);
+    wait_for(&r->posted);
     MPI_Finalize();
+    mem_free(r->post);
     mem_free(r->expected);
     mem_free(r);
 }
@@ -358,6 +365,61 @@ enum err ranks_send(struct ranks *r, const void *bytes, size_t size)
 
     MPI_Isend(bytes, (int)size, MPI_BYTE, 0, TAG_PART, MPI_COMM_WORLD, &q);
     return wait_or_stop(r, &q);
+}
+
+enum err ranks_post(struct ranks *r, const void *bytes, size_t size)
+{
+    if (size > INT32_MAX)
+        return ERR_RANGE;
+    wait_for(&r->posted);
+    mem_free(r->post);
+    r->post = mem_alloc_raw(size + 1, 1);
+    if (!r->post)
+        return ERR_NOMEM;
+    if (size > 0)
+        memcpy(r->post, bytes, size);
+    MPI_Isend(r->post, (int)size, MPI_BYTE, 0, TAG_POST, MPI_COMM_WORLD, &r->posted);
+    return ERR_OK;
+}
+
+/* A post that was announced. */
+static enum err receive_post(struct ranks *r, const MPI_Status *status,
+                             enum err (*take)(void *context, const void *bytes, size_t size), void *context)
+{
+    MPI_Request q;
+    int size;
+
+    MPI_Get_count(status, MPI_BYTE, &size);
+    uint8_t *bytes = mem_alloc_raw((size_t)size + 1, 1);
+    if (!bytes)
+        MPI_Abort(MPI_COMM_WORLD, 1); /* its rank would wait for ever */
+    MPI_Irecv(bytes, size, MPI_BYTE, status->MPI_SOURCE, TAG_POST, MPI_COMM_WORLD, &q);
+    wait_for(&q);
+    r->ended += size == 0;
+    const enum err e = size > 0 && take ? take(context, bytes, (size_t)size) : ERR_OK;
+    mem_free(bytes);
+    return e;
+}
+
+enum err ranks_collect(struct ranks *r, bool all, enum err (*take)(void *context, const void *bytes, size_t size),
+                       void *context)
+{
+    enum err e = ERR_OK;
+
+    while (r->ended < r->count - 1) {
+        MPI_Status status;
+        int found = 0;
+        MPI_Iprobe(MPI_ANY_SOURCE, TAG_POST, MPI_COMM_WORLD, &found, &status);
+        if (!found && !all)
+            break;
+        if (!found) {
+            rest();
+            continue;
+        }
+        const enum err one = receive_post(r, &status, e ? NULL : take, context);
+        e = e ? e : one;
+    }
+    return e;
 }
 
 /* Sends or receives size bytes in pieces. */

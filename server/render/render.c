@@ -21,7 +21,7 @@ static enum err open_outputs(struct render *r, struct reason *why)
     struct output_desc output = d->output;
     if (output.rate <= 0.0)
         output.rate = source_rate(r->source) > 0.0 ? source_rate(r->source) : RATE;
-    if (output.pattern)
+    if (output.pattern && !(render_collects(r) && ranks_index(d->ranks) > 0)) /* these may not see its folder */
         e = output_create(&output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
     if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
@@ -133,6 +133,8 @@ static enum err prepare(struct render *r, struct reason *why)
         e = ranks_agree(r->desc.ranks, first ? prepare_light(r, why) : ERR_OK, why);
     if (!e)
         e = ranks_agree(r->desc.ranks, first ? ERR_OK : prepare_light(r, why), why);
+    if (!e)
+        e = render_collect_begin(r, why);
     return e || !r->desc.ranks || !r->desc.split ? e : render_split_begin(r, why);
 }
 
@@ -203,6 +205,8 @@ static enum err render_frame(struct render *r, struct reason *why)
         relighter_split(r->relighter, r->environment, r->rgb, r->rgba);
     if (r->output)
         e = output_write(r->output, r->rgb, r->rgba, r->frame.number, why);
+    if (!e && render_collects(r))
+        e = ranks_index(r->desc.ranks) > 0 ? render_collect_post(r, why) : render_collect_take(r, false, why);
     ms[2] = 1e3 * (clock_seconds() - start);
     const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
     if (r->rendered > 0) /* the first makes tables that stay */
@@ -242,11 +246,12 @@ static enum err render_all(struct render *r, struct reason *why)
         progress_step(&r->line, render_deals(r) ? r->position + 1 - r->line.done : 1); /* of all ranks */
     }
     progress_end(&r->line);
-    if (e && e != ERR_END) {
-        if (render_deals(r))
-            ranks_stop(r->desc.ranks);
+    e = e == ERR_END ? ERR_OK : e;
+    if (e && render_deals(r))
+        ranks_stop(r->desc.ranks);
+    e = render_collect_end(r, e, why);
+    if (e)
         return e;
-    }
     return r->output ? output_finish(r->output, why) : ERR_OK;
 }
 
@@ -283,6 +288,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     mem_free(r->rgb);
     mem_free(r->rgba);
     mem_free(r->texts.at);
+    mem_free(r->there);
     output_destroy(r->output);
     render_layers_destroy(r->layers);
     environment_destroy(r->environment);

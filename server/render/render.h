@@ -25,6 +25,7 @@ struct render_desc {
     const char *stats_path; /* JSON, one object per frame; "-": standard output; NULL: none */
     bool resume;            /* keep pictures that are there */
     struct ranks *ranks;    /* NULL: this process renders all frames */
+    bool collect;           /* rank 0 writes the pictures of all ranks */
     bool split;             /* ranks light each frame together, instead of one rank per frame */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };

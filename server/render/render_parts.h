@@ -28,6 +28,8 @@ struct render {
     FILE *stats;           /* NULL: none */
     struct frame frame;
     uint64_t rendered, refused, kept;
+    uint64_t *there; /* [there_count]: numbers of the pictures that rank 0 has, ascending; with desc.collect */
+    size_t there_count;
     uint64_t position; /* of the frame in the source; of a job */
     struct bytes {     /* of a job: statistics of this rank's frames, as share.c has them */
         char *at;
@@ -65,6 +67,16 @@ MUST_CHECK enum err render_take(struct render *r, struct reason *why);
 bool render_is_kept(const struct render *r);
 MUST_CHECK enum err render_note(struct render *r, char *text);
 MUST_CHECK enum err render_join(struct render *r, struct reason *why);
+
+/* collect.c: --collect. render_collect_begin, collectively, tells all ranks which pictures are there. Other ranks post
+ * each picture; rank 0 writes those that have come, with `all` until the end, which render_collect_end is on all ranks.
+ * Errors are those of output_write; ERR_NOMEM; ERR_RANGE. */
+bool render_collects(const struct render *r);
+MUST_CHECK enum err render_collect_begin(struct render *r, struct reason *why);
+bool render_collect_has(const struct render *r, uint64_t number);
+MUST_CHECK enum err render_collect_post(struct render *r, struct reason *why);
+MUST_CHECK enum err render_collect_take(struct render *r, bool all, struct reason *why);
+MUST_CHECK enum err render_collect_end(struct render *r, enum err own, struct reason *why);
 
 /* split.c: ranks light each frame together. render_split_begin joins them, collectively; then rank 0 renders and the
  * others do what render_split_serve does, until render_split_end, which also says what it took. Errors are those of

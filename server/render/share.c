@@ -58,6 +58,8 @@ enum err render_take(struct render *r, struct reason *why)
 
 bool render_is_kept(const struct render *r)
 {
+    if (render_collects(r))
+        return r->desc.resume && render_collect_has(r, r->frame.number);
     return r->desc.resume && r->output && output_exists(r->output, r->frame.number);
 }
 

@@ -65,6 +65,8 @@ static const struct setting rows[] = {
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
     { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
       OUTPUT, SWITCH, AT(desc.resume) },
+    { "collect", NULL, "as a job of mpirun: rank 0 writes the pictures of all ranks, where they share no file system",
+      NULL, OUTPUT, SWITCH, AT(desc.collect) },
     { "split-frames", NULL, "as a job of mpirun: all ranks light each frame together, instead of one rank per frame",
       NULL, RENDERING, SWITCH, AT(desc.split) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
@@ -166,6 +168,8 @@ static enum err check_split(const struct render *r, struct reason *why)
                        : d->setup.light.direct.cells > 1                  ? "--cells"
                                                                           : NULL;
 
+    if (d->collect && d->layers)
+        return err_say(why, ERR_USAGE, "--collect does not go with --layers: let all ranks write to a shared folder");
     if (!d->split)
         return ERR_OK;
     if (r->components.out.text)

@@ -68,6 +68,50 @@ a_killed_rank_loses_nothing_that_is_complete() {
     done
 }
 
+# Rank 0 alone sees the folder: others have one of their own, which stays empty.
+rank_0_collects_the_pictures_of_all() {
+    local flags=(--source sky:size=64x32,time=09:00,speed=20 --size 64x36 --samples 1 --frames 3-14 --collect)
+    cat >rank.sh <<RUN
+#!/bin/sh
+[ "\$OMPI_COMM_WORLD_RANK" = 0 ] || cd elsewhere
+exec "$render" "\$@"
+RUN
+    chmod +x rank.sh
+    mkdir elsewhere
+    for ending in exr jpg; do
+        "$render" "${flags[@]}" --out one/%02d.$ending
+        mpirun --oversubscribe -n 3 ./rank.sh "${flags[@]}" --out many/%02d.$ending --stats many.json
+        same_files
+    done
+    python3 -c 'import json; assert [e["frame"] for e in json.load(open("many.json"))] == list(range(3, 15))'
+    rm many/05.exr many/11.exr
+    echo kept >many/09.exr
+    mpirun --oversubscribe -n 3 ./rank.sh "${flags[@]}" --out many/%02d.exr --resume 2>log
+    grep -q '10 pictures were there and are kept, 2 are new' log || { cat log; fail "other pictures were kept"; }
+    [ "$(cat many/09.exr)" = kept ] || fail "a picture was replaced"
+    cp one/09.exr many/
+    same_files
+    [ -z "$(ls elsewhere)" ] || fail "another rank wrote"
+    expect 2 '--collect does not go with --layers' job 2 "${flags[@]}" --layers --out many/%02d.exr
+}
+
+# mpirun passes the signal on; what is there is whole.
+a_job_that_is_told_to_end_ends_and_can_be_resumed() {
+    local frames=(--frames 0-99 --samples 16 --size 128x72 --source sky:size=64x32,time=09:00,speed=5) status=0
+    mpirun --oversubscribe -n 2 "$render" "${frames[@]}" --out many/%02d.exr 2>log &
+    local launcher=$!
+    while [ "$(find many -name '*.exr' | wc -l)" -lt 3 ] && kill -0 $launcher 2>/dev/null; do sleep 0.02; done
+    kill -TERM $launcher
+    wait $launcher || status=$?
+    [ $status != 0 ] || fail "the job ended as if it were complete"
+    local before
+    before=$(find many -name '*.exr' | wc -l)
+    [ "$before" -lt 100 ] || fail "it went on to the end"
+    for file in many/*.exr; do "$bin/relight-diff" "$file" "$file" >/dev/null || fail "$file is not whole"; done
+    "$render" "${frames[@]}" --frames 0-"$before" --out many/%02d.exr --resume 2>log
+    grep -q 'pictures were there and are kept' log || { cat log; fail "nothing was kept"; }
+}
+
 resume_works_alone_and_keeps_what_is_there() {
     "$render" "${small[@]}" --frames 0-3 --samples 1 --out one/%d.exr
     echo kept >many/1.exr
@@ -90,6 +134,9 @@ what_cannot_be_shared_is_refused_by_rank_0() {
 # As on hosts that differ: other flags, another CPU level, another build.
 ranks_that_differ_are_refused_by_name() {
     local flags=("${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr)
+    if [ -n "$(grep -o -m1 avx512f /proc/cpuinfo)" ]; then
+        expect 2 'rank 0 on .* would use CPU level v4 and rank 1 on .* v3.*add --cpu v3' mpirun --oversubscribe -n 1 "$render" "${flags[@]}" : -n 1 "$render" "${flags[@]}" --cpu v3
+    fi
     expect 2 'rank 1 has other flags than rank 0' mpirun --oversubscribe -n 1 "$render" "${flags[@]}" : -n 1 "$render" "${flags[@]}" --seed 3
     cp "$render" relight-render
     ln -s "$bin"/relight-* . 2>/dev/null || true
