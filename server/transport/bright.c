@@ -2,6 +2,7 @@
  * most points do, even near the border of a shadow. */
 #include "transport/parts.h"
 
+#include "env/cube.h"
 #include "base/mem.h"
 #include "base/rng.h"
 
@@ -45,6 +46,63 @@ static void find_cells(struct transport_bright *b, const struct sky_split *s)
     }
 }
 
+#define CONE_COSINE 0.9f /* of the widest cone */
+#define CONE_EDGE 64     /* texels along a face from which on one direction stands for a texel */
+#define CONE_TEXELS 4096 /* at most, so that finding the cone takes no time */
+
+static void texel_direction(const struct sky_split *s, uint32_t at, double w[3])
+{
+    const double n = s->n;
+
+    cube_direction(at / (s->n * s->n), -1.0 + (2.0 * (at % s->n) + 1.0) / n,
+                   -1.0 + (2.0 * (at / s->n % s->n) + 1.0) / n, w);
+    const double length = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+    for (int i = 0; i < 3; i++)
+        w[i] /= length;
+}
+
+/* Finds the cone about the bright part, and its light. */
+static void find_cone(struct transport_bright *b, const struct sky_split *s, const struct environment *e)
+{
+    double flux[3][3] = { { 0.0 } }, axis[3], least = 1.0, length = 0.0;
+
+    b->cosine = -2.0f;
+    b->sine = 2.0f;
+    if (s->n < CONE_EDGE || s->bright_count > CONE_TEXELS)
+        return;
+    for (uint32_t k = 0; k < s->bright_count; k++) {
+        const struct texel *t = &e->texels[s->bright[k]];
+        const float g = importance_of(e->importance, t->r, t->g, t->b);
+        const double part = (1.0 - (double)sky_lower(s->level, g)) * e->solid_angle[s->bright[k] % (s->n * s->n)];
+        double w[3];
+        texel_direction(s, s->bright[k], w);
+        for (int i = 0; i < 3; i++) {
+            flux[0][i] += part * (double)t->r * w[i];
+            flux[1][i] += part * (double)t->g * w[i];
+            flux[2][i] += part * (double)t->b * w[i];
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        axis[i] = flux[0][i] + flux[1][i] + flux[2][i];
+        length += axis[i] * axis[i];
+    }
+    for (uint32_t k = 0; k < s->bright_count; k++) {
+        double w[3];
+        texel_direction(s, s->bright[k], w);
+        least = fmin(least, (axis[0] * w[0] + axis[1] * w[1] + axis[2] * w[2]) / sqrt(length));
+    }
+    const double radius = acos(fmax(least, -1.0)) + sqrt(2.0) / s->n + 1e-4; /* to the corners of a texel */
+    if (!(cos(radius) > (double)CONE_COSINE))
+        return;
+    b->cosine = (float)cos(radius);
+    b->sine = (float)sin(radius);
+    for (int i = 0; i < 3; i++) {
+        b->axis[i] = (float)(axis[i] / sqrt(length));
+        for (int c = 0; c < 3; c++)
+            b->flux[c][i] = (float)flux[c][i];
+    }
+}
+
 /* Each variant is one point of a sequence, shifted from stratum to stratum in the second number. */
 enum err transport_bright_draw(struct transport *t, const struct environment *e, const struct transport_frame *f)
 {
@@ -60,6 +118,7 @@ enum err transport_bright_draw(struct transport *t, const struct environment *e,
         return ERR_NOMEM;
     b->strata = TRANSPORT_MORE * b->few;
     find_cells(b, &t->sky);
+    find_cone(b, &t->sky, e);
 #pragma omp parallel for schedule(dynamic, 16)
     for (uint32_t v = 0; v < TRANSPORT_VARIANTS; v++) {
         double x[2];
@@ -91,7 +150,9 @@ static void choose_variants(const struct transport_bright *b, uint32_t index, ui
         variant[l] = base + l;
 }
 
-#define DAPPLED 4 /* points of a packet in penumbrae, from which on all its points count as such */
+#define DAPPLED 4      /* points of a packet in penumbrae, from which on all its points count as such */
+#define DAPPLED_PART 3 /* or one in so many of a block's points near a border, for the whole block */
+#define CROWDED 14     /* points of a packet that need a round, from which on all get it */
 
 /* Visibility of the bright part from a block. */
 enum side { SIDE_LIT, SIDE_DARK, SIDE_UNKNOWN };
@@ -148,9 +209,17 @@ static void shine(struct shining *s, const struct rays *rays, uint32_t k, const 
         s->taken[k][l] += samples_of(r);
 }
 
-static bool is_mixed(const struct transport_view *v)
+/* A packet that sees everything: matte ones in closed form, others by a round of samples. */
+static void shine_openly(struct shining *s, uint32_t k, const struct transport_round *r)
 {
-    return v->lit && v->dark;
+    const struct transport *t = s->transport;
+
+    if (s->block->kind != LOBE_LAMBERT || !t->kernels->bright->open(&t->bright, &s->packets[k], s->sum[k])) {
+        shine(s, NULL, k, r);
+        return;
+    }
+    for (uint32_t l = 0; l < PACKET; l++)
+        s->taken[k][l] = 1;
 }
 
 /* Points of several packets, collected in one. */
@@ -179,30 +248,45 @@ static void shine_on_crowd(struct shining *s, struct crowd *c, const struct tran
         for (int q = 0; q < 3; q++)
             s->sum[k][q][l] += sum[q][i];
         s->taken[k][l] += samples_of(r);
+        s->view[k].lit |= (view.lit >> i & 1u) << l;
+        s->view[k].dark |= (view.dark >> i & 1u) << l;
     }
     c->points.count = 0;
 }
 
-/* The points of a packet that need all samples: those with both visible and occluded samples. At a plain shadow border
- * the others are on one side of it. If there are many, as under leaves, the others are penumbrae too, whose few rays
- * agreed by chance; leaving them out would make dappled shade too dark. */
-static uint32_t needy(const struct shining *s, uint32_t k)
+/* The points that need all samples: those with both visible and occluded samples. At a plain shadow border the others
+ * are on one side of it. If there are many in a packet, or among the block's points near a border, as under leaves, the
+ * others are in penumbrae too, whose few rays agreed by chance; leaving them out would make dappled shade too dark. */
+static void find_needy(const struct shining *s, const uint32_t near[TRANSPORT_PACKETS],
+                       uint32_t needy[TRANSPORT_PACKETS])
 {
-    const uint32_t both = s->view[k].lit & s->view[k].dark;
+    uint32_t all = 0, some = 0;
 
-    return __builtin_popcount(both) < DAPPLED ? both : s->view[k].lit | s->view[k].dark;
+    for (uint32_t k = 0; k < s->block->packets; k++) {
+        needy[k] = s->view[k].lit & s->view[k].dark;
+        some += (uint32_t)__builtin_popcount(needy[k]);
+        all += (uint32_t)__builtin_popcount(near[k]);
+    }
+    for (uint32_t k = 0; k < s->block->packets; k++)
+        if (__builtin_popcount(needy[k]) >= DAPPLED || some * DAPPLED_PART >= all)
+            needy[k] = s->view[k].lit | s->view[k].dark;
 }
 
-/* Traces a round for those points, sixteen at a time, across packets. */
-static void shine_on_mixed(struct shining *s, const struct transport_round *r)
+/* Traces a round for some points of the block, sixteen at a time, across packets. A packet of which most points need it
+ * is traced as it is: its other points get these samples too, unless `had` has points that got them before. */
+static void shine_on_some(struct shining *s, const uint32_t lanes[TRANSPORT_PACKETS],
+                          const uint32_t had[TRANSPORT_PACKETS], const struct transport_round *r)
 {
     struct crowd c = { .points = { .kind = s->packets[0].kind } };
 
-    for (uint32_t k = 0; k < s->block->packets; k++)
-        for (uint32_t both = needy(s, k), l = 0; both >> l; l++) {
-            if (!(both >> l & 1u))
-                continue;
-            const uint32_t i = c.points.count++;
+    if (samples_of(r) == 0)
+        return;
+    for (uint32_t k = 0; k < s->block->packets; k++) {
+        const bool most = !(had && had[k]) && __builtin_popcount(lanes[k]) >= CROWDED;
+        if (most)
+            shine(s, s->transport->rays, k, r);
+        for (uint32_t left = most ? 0 : lanes[k]; left; left &= left - 1) {
+            const uint32_t l = (uint32_t)__builtin_ctz(left), i = c.points.count++;
             shade_packet_put(&c.points, i, &s->packets[k], l, -1);
             c.variant[i] = s->variant[k][l];
             c.packet[i] = k;
@@ -210,36 +294,53 @@ static void shine_on_mixed(struct shining *s, const struct transport_round *r)
             if (c.points.count == PACKET)
                 shine_on_crowd(s, &c, r);
         }
+    }
     shine_on_crowd(s, &c, r);
 }
 
-/* Traces half of the first rays; if the block's points differ, the other half; if a packet's points differ, as many
- * again; then the rest of the strata for each point whose own samples differ, or for all if there are many of these.
- * Returns the number of packets whose points differ. */
+/* Traces the first half of the strata without those of the first round. */
+static void shine_more(struct shining *s, const uint32_t lanes[TRANSPORT_PACKETS],
+                       const uint32_t had[TRANSPORT_PACKETS], uint32_t half, uint32_t few)
+{
+    const struct transport_round second = { { half, few }, { 0, 1 } }, third = { { 0, few }, { 1, 2 } };
+
+    shine_on_some(s, lanes, had, &second);
+    shine_on_some(s, lanes, had, &third);
+}
+
+/* Traces half of the first rays. If the block's points differ, those near the edge of a shadow get half of the strata,
+ * and of these the needy ones all. Packets without either that see the bright part see all of it. Returns the number of
+ * packets with points near an edge. */
 static uint32_t find_shadows(struct shining *s, uint32_t few)
 {
-    const struct rays *rays = s->transport->rays;
+    const struct transport *t = s->transport;
     const uint32_t half = (few + 1) / 2, packets = s->block->packets;
     const struct transport_round first = { { 0, half }, { 0, 1 } }, second = { { half, few }, { 0, 1 } },
-                                 third = { { 0, few }, { 1, 2 } }, rest = { { 0, few }, { 2, TRANSPORT_MORE } };
+                                 rest = { { 0, few }, { 2, TRANSPORT_MORE } };
     struct transport_view all = { 0, 0 };
-    uint32_t mixed = 0;
+    uint32_t near[TRANSPORT_PACKETS] = { 0 }, needy[TRANSPORT_PACKETS] = { 0 }, late[TRANSPORT_PACKETS], mixed = 0;
 
     for (uint32_t k = 0; k < packets; k++) {
-        shine(s, rays, k, &first);
+        shine(s, t->rays, k, &first);
         all.lit |= s->view[k].lit;
         all.dark |= s->view[k].dark;
     }
-    for (uint32_t k = 0; k < packets; k++) {
-        if (half < few && all.lit)
-            shine(s, all.dark ? rays : NULL, k, &second);
-        if (!is_mixed(&s->view[k]))
-            continue;
-        shine(s, rays, k, &third);
-        mixed++;
+    if (all.lit && all.dark) {
+        t->kernels->bright->edges(s->packets, packets, s->view, near);
+        shine_more(s, near, NULL, half, few);
     }
-    if (mixed > 0)
-        shine_on_mixed(s, &rest);
+    for (uint32_t k = 0; k < packets; k++)
+        mixed += near[k] != 0;
+    if (mixed > 0) {
+        find_needy(s, near, needy);
+        for (uint32_t k = 0; k < packets; k++)
+            late[k] = needy[k] & ~near[k];
+        shine_more(s, late, near, half, few);
+        shine_on_some(s, needy, NULL, &rest);
+    }
+    for (uint32_t k = 0; k < packets; k++)
+        if (!near[k] && !needy[k] && s->view[k].lit && !s->view[k].dark)
+            shine_openly(s, k, &second);
     return mixed;
 }
 
@@ -255,7 +356,7 @@ uint32_t transport_bright_add(const struct transport *t, const struct transport_
     for (uint32_t k = 0; k < b->packets; k++)
         choose_variants(&t->bright, b->first + k, s.variant[k]);
     for (uint32_t k = 0; side == SIDE_LIT && k < b->packets; k++)
-        shine(&s, NULL, k, &few);
+        shine_openly(&s, k, &few);
     if (side == SIDE_UNKNOWN)
         mixed = find_shadows(&s, t->bright.few);
     for (uint32_t k = 0; k < b->packets; k++)

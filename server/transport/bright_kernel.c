@@ -164,5 +164,94 @@ static uint64_t probe(const struct rays *rays, const struct transport_bright *b,
     return (uint64_t)faced;
 }
 
+static bool open(const struct transport_bright *b, const struct shade_packet *p, float sum[3][PACKET])
+{
+    int32_t cut = 0;
+    struct lanes whole;
+
+    LANES(l)
+    {
+        const float shading = p->ns_x[l] * b->axis[0] + p->ns_y[l] * b->axis[1] + p->ns_z[l] * b->axis[2];
+        const float geometric = p->ng_x[l] * b->axis[0] + p->ng_y[l] * b->axis[1] + p->ng_z[l] * b->axis[2];
+        const float least = shading < geometric ? shading : geometric;
+        whole.v[l] = least > b->sine ? (float)(1.0 / PI) : 0.0f;
+        cut |= (least <= b->sine) & (least >= -b->sine);
+    }
+    if (cut)
+        return false;
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            const float cosine = p->ns_x[l] * b->flux[c][0] + p->ns_y[l] * b->flux[c][1] + p->ns_z[l] * b->flux[c][2];
+            sum[c][l] = p->diffuse[c][l] * cosine * whole.v[l];
+        }
+    return true;
+}
+
+#define NEAR_SQUARE 4.0f /* points within twice their spacing are neighbours */
+
+/* The square of the distance up to which points of a block are neighbours. A square grid of n points with spacing s has
+ * variances of n s^2 / 6 in all; where a block is stretched, or lies at two depths, the distance is larger. */
+static float near_square(const struct shade_packet *packets, uint32_t count)
+{
+    struct lanes sum[3] = { { { 0.0f } } }, square = { { 0.0f } };
+    const float x = packets->x[0], y = packets->y[0], z = packets->z[0];
+    float mean[3] = { 0.0f }, squares = 0.0f;
+
+    for (uint32_t k = 0; k < count; k++)
+        LANES(l)
+        {
+            const float dx = packets[k].x[l] - x, dy = packets[k].y[l] - y, dz = packets[k].z[l] - z;
+            sum[0].v[l] += dx;
+            sum[1].v[l] += dy;
+            sum[2].v[l] += dz;
+            square.v[l] += dx * dx + dy * dy + dz * dz;
+        }
+    for (uint32_t l = 0; l < PACKET; l++) {
+        for (int c = 0; c < 3; c++)
+            mean[c] += sum[c].v[l];
+        squares += square.v[l];
+    }
+    const float n = (float)(count * PACKET);
+    const float variance = (squares - (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]) / n) / n;
+    return variance * (NEAR_SQUARE * 6.0f / n);
+}
+
+static void edges(const struct shade_packet *packets, uint32_t count, const struct transport_view *view,
+                  uint32_t near[TRANSPORT_PACKETS])
+{
+    const float most = near_square(packets, count);
+    uint32_t lit = 0, dark = 0;
+
+    for (uint32_t k = 0; k < count; k++) {
+        near[k] = view[k].lit & view[k].dark;
+        lit += (uint32_t)__builtin_popcount(view[k].lit);
+        dark += (uint32_t)__builtin_popcount(view[k].dark);
+    }
+    const bool few_lit = lit < dark;
+    for (uint32_t k = 0; k < count; k++)
+        for (uint32_t few = few_lit ? view[k].lit : view[k].dark; few; few &= few - 1) {
+            const uint32_t at = (uint32_t)__builtin_ctz(few);
+            const float x = packets[k].x[at], y = packets[k].y[at], z = packets[k].z[at];
+            bool some = false;
+            for (uint32_t q = 0; q < count; q++) {
+                const struct shade_packet *p = &packets[q];
+                _Alignas(64) int32_t is_near[PACKET];
+                uint32_t bits = 0;
+                LANES(l)
+                {
+                    const float dx = p->x[l] - x, dy = p->y[l] - y, dz = p->z[l] - z;
+                    is_near[l] = dx * dx + dy * dy + dz * dz <= most ? 1 << l : 0;
+                }
+                for (uint32_t l = 0; l < PACKET; l++)
+                    bits |= (uint32_t)is_near[l];
+                bits &= few_lit ? view[q].dark : view[q].lit;
+                near[q] |= bits;
+                some |= bits != 0;
+            }
+            near[k] |= some ? 1u << at : 0u;
+        }
+}
+
 extern const struct bright_kernels KERNEL(bright_kernels);
-const struct bright_kernels KERNEL(bright_kernels) = { light, probe };
+const struct bright_kernels KERNEL(bright_kernels) = { light, open, edges, probe };

@@ -270,6 +270,9 @@ static inline void look_at(const struct transport_look *look, const float w[3], 
     look_low(look, w, density, rgb);
     if (!(look->level < INFINITY))
         return;
+    const float *axis = look->bright->axis; /* spares most gazes the texel, which is outside the near caches */
+    if (w[0] * axis[0] + w[1] * axis[1] + w[2] * axis[2] < look->bright->cosine)
+        return;
     const uint32_t at = cube_texel(e->n, w, &u, &v);
     const struct texel *x = &e->texels[at];
     const float g = importance_of(e->importance, x->r, x->g, x->b), above = 1.0f - sky_lower(look->level, g);

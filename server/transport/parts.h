@@ -106,12 +106,16 @@ struct transport_bright {
     float *density;               /* sr^-1, of all `few` together */
     uint64_t seed;
     uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain some of it */
+    /* A cone that contains all of it, which is a point's light in closed form where the whole cone is visible. */
+    float axis[3], cosine, sine; /* unit; of the radius. Too wide a cone: -2 and 2, which no direction meets */
+    float flux[3][3];            /* per colour: the integral of radiance times direction */
 };
 
 /* A frame's sky as narrow lobes look it up, texel by texel. */
 struct transport_look {
     const struct environment *environment;
-    float level;       /* of sky_split */
+    float level; /* of sky_split */
+    const struct transport_bright *bright;
     double per_energy; /* few n^2 / 4 / energy of the bright part; 0: no bright part */
 };
 
@@ -148,6 +152,13 @@ struct bright_kernels {
     uint64_t (*light)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
                       bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
                       float sum[3][PACKET], struct transport_view *view);
+    /* Writes to sum[3][16] the light of a packet of LOBE_LAMBERT that sees all of the bright part, without sampling.
+     * False, and nothing is written, if a horizon cuts its cone. */
+    bool (*open)(const struct transport_bright *b, const struct shade_packet *p, float sum[3][PACKET]);
+    /* Finds a block's points near the edge of a shadow: near[count] gets bits of the lanes that see some of the bright
+     * part and are occluded from some, and of those with a neighbour of the other kind. */
+    void (*edges)(const struct shade_packet *packets, uint32_t count, const struct transport_view *view,
+                  uint32_t near[TRANSPORT_PACKETS]);
     /* Traces one ray to the bright part from each of 16 points, spread over a block's packets. Returns the number of
      * rays. */
     uint64_t (*probe)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *packets,

@@ -235,6 +235,7 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
     const struct transport_look look = {
         .environment = e,
         .level = t->sky.level,
+        .bright = &t->bright,
         .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
     };
     const uint32_t parts = frame->indirect ? frame->indirect->parts : 0;
