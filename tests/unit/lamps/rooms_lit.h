@@ -80,7 +80,7 @@ static inline void add_light(struct scene *s, struct punctual_light l)
 
 /* A floor at y = 0, seen from above. */
 static const float floor_corners[4][3] = { { -9, 0, -9 }, { -9, 0, 9 }, { 9, 0, 9 }, { 9, 0, -9 } };
-static const struct camera above = { "above", { 0, 6, 4 }, { 0, 0, 0 }, { 0, 1, 0 }, 0.7f };
+static const struct camera above = { "above", { 0, 6, 4 }, { 0, 0, 0 }, { 0, 1, 0 }, 0.7f, PROJECTION_PERSPECTIVE };
 
 /* A rectangle at height y that faces down, from (x0, z0) to (x1, z1). */
 static inline void add_panel(struct scene *s, uint32_t material, const float x[2], float y, const float z[2])
