@@ -1,5 +1,5 @@
 /* One picture on several processes that hold the same set. The first, which has the picture's environment, deals the
- * shade points out: it describes the passes in a struct light_work, others run them for a part of the packets, and
+ * shade points out: it describes the passes (team/work.h), others run them for a part of the packets, and
  * their light comes together in one array. The bits are those of one process, since a packet's light depends on no
  * other packet.
  *
@@ -14,15 +14,6 @@ struct light_part {
     uint32_t first, end;          /* packets first .. end - 1 */
     enum transport_narrow narrow; /* of the cache */
     bool sky_taken;               /* by transport_take_sky or transport_unpack_sky */
-};
-
-/* The passes at the shade points without pointers, so that another process of the same program can have them. */
-struct light_work {
-    bool by_cache, eye_left; /* eye[1] is for the packets that the cache leaves out */
-    struct relight_desc cached;
-    struct direct_desc direct;
-    struct eye_paths_desc eye[2];
-    struct plan plan;
 };
 
 /* Lights all shade points of a picture into lo by several processes; *stats is that of the caller's part. */
@@ -52,12 +43,6 @@ bool relighter_can_deal(const struct relighter *r, const struct picture_passes *
 struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes);
 const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
                                                     const struct plan *plan);
-
-/* The passes and *stats from one process to another, where *work lasts as long as *passes. light_work_unpack: ERR_IO if
- * the passes need a cache and this process has none. */
-void light_work_pack(const struct picture_passes *passes, const struct relight_stats *stats, struct light_work *work);
-MUST_CHECK enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct picture_passes *passes,
-                                      struct relight_stats *stats);
 
 /* The packets of a list, which is ascending, that belong to a part. */
 struct packet_list light_part_list(const struct packet_list *all, const struct light_part *part);

@@ -7,6 +7,7 @@
 #include "base/mem.h"
 #include "light/part.h"
 #include "scene/scene_digest.h"
+#include "team/work.h"
 
 #include <string.h>
 
