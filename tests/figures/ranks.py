@@ -53,6 +53,8 @@ class Runs:
         return max(w - o for w, o in zip(whole, one)) / (many - 1) / threads
 
     def pictures(self, ranks, *flags):
+        for path in self.out.iterdir():
+            path.unlink()
         self.cpu(ranks, 2, *flags)
         kept = {path.name: path.read_bytes() for path in self.out.iterdir()}
         for path in self.out.iterdir():
