@@ -1,7 +1,7 @@
 /* server/scene/coverage.h */
 /* Where a surface is and where it has holes: alpha masks and fractional coverage (material.h). A ray that meets a hole
- * goes on as if there were nothing; rays.h asks for each hit. Thin glass has holes in this sense, too: the mean of what
- * passes it is the share of rays that do not meet it. Thread: any. */
+ * continues unchanged; rays.h tests every hit. Thin glass counts as having holes, too: its mean transmittance is the
+ * share of rays that pass straight through. Thread: any. */
 #ifndef SCENE_COVERAGE_H
 #define SCENE_COVERAGE_H
 
@@ -18,7 +18,7 @@ enum coverage {
 /* From the smallest and largest alpha of the material's texture. */
 enum coverage material_coverage(const struct scene *s, const struct material *m);
 
-/* What a hit's coverage depends on. Refers to the scene. */
+/* The data that a hit's coverage depends on. Borrows from the scene. */
 struct mask {
     const struct mesh *mesh;
     const struct material *material;
@@ -29,20 +29,21 @@ struct mask {
 
 void mask_init(struct mask *m, const struct scene *s, uint32_t mesh); /* mesh: an index */
 
-/* Whether there is surface where a ray hits a triangle; u and v as in struct hit. With ALPHA_BLEND the answer is random
- * with probability alpha, with thin glass by what passes it, the random number being a hash of the ray and the
- * triangle: the same for the same ray, and as independent as random numbers for others [Enderton et al. 2010]. origin
- * and dir: the ray, as it was queried. */
+/* Whether a ray hits surface, not a hole, at a point of a triangle; u and v are as in struct hit. With ALPHA_BLEND the
+ * answer is true with probability alpha; with thin glass the probability follows from its transmittance. The random
+ * number is a hash of the ray and the triangle, so that a repeated ray gets the same answer and different rays get
+ * independent ones [Enderton et al. 2010]. origin and dir: the ray, as it was queried. */
 bool mask_covers(const struct mask *m, uint32_t triangle, float u, float v, const float origin[3], const float dir[3]);
 
-/* The same for a ray of rays_see, for which only masks have holes. */
+/* As mask_covers, for a ray of rays_see, for which only masks have holes. */
 bool mask_covers_seen(const struct mask *m, uint32_t triangle, float u, float v);
 
-/* Whether there may be both surface and holes within `width` metres, measured on the surface, of a hit. */
+/* Whether both surface and holes may lie within `width` metres of a hit, measured on the surface. */
 bool mask_varies(const struct mask *m, uint32_t triangle, float u, float v, float width);
 
 /* The fraction of surface that a ray from the camera sees at a hit of rays_see: 1, except with ALPHA_BLEND and on thin
- * glass; passed: what goes on behind it, by colours. at: the hit's; dir: the ray's; uv_step: as in scatter_on. */
+ * glass; passed: the share of light from behind that gets through, per channel. at: the hit's; dir: the ray's; uv_step:
+ * as in scatter_on. */
 float coverage_seen(const struct scene *s, const struct hit *h, const struct scatter *at, struct vec3 dir,
                     const float uv_step[2][2], float passed[3]);
 

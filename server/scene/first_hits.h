@@ -1,8 +1,8 @@
 /* server/scene/first_hits.h */
-/* What a camera sees first in each pixel, be it a mirror or glass, which the G-buffer looks through: position, normal
- * and distance at the pixel's centre, and the share of each mesh in the pixel. Shares are those of the G-buffer's
- * sub-pixel coverage: a pixel that holds one shading point or escape is one mesh or none, others get the same
- * edge_rays^2 rays. Immutable. Thread: any number may read. */
+/* The first surface in each pixel, including mirrors and glass, which the G-buffer looks through: position, normal and
+ * distance at the pixel's centre, and each mesh's share of the pixel. Shares match the G-buffer's sub-pixel coverage: a
+ * pixel with one shading point or escape holds one mesh or none; other pixels get the same edge_rays^2 rays. Immutable.
+ * Thread: any number may read. */
 #ifndef SCENE_FIRST_HITS_H
 #define SCENE_FIRST_HITS_H
 
@@ -17,7 +17,7 @@ struct first_part {
 };
 
 struct first_hits {
-    float *position; /* [height][width][3]: m, world; 0 where nothing is hit, and so is the next */
+    float *position; /* [height][width][3]: m, world; 0 where nothing is hit, as is `normal` */
     float *normal;   /* [height][width][3]: unit, shading, on the camera's side */
     float *depth;    /* [height][width]: m along the camera's axis */
     struct first_part *parts;

@@ -1,5 +1,5 @@
-/* Views beside a scene's own cameras, as text: "@X,Y,Z;X,Y,Z;DEGREES", the position, the point looked at and the
- * vertical field of view. No camera's name begins so. Thread: any. */
+/* Free views, in addition to the scene's cameras, as text: "@X,Y,Z;X,Y,Z;DEGREES" gives the position, the target and
+ * the vertical field of view. No camera's name begins with "@". Thread: any. */
 #ifndef SCENE_FREE_VIEW_H
 #define SCENE_FREE_VIEW_H
 
@@ -11,10 +11,10 @@
 
 #define FREE_VIEW_TEXT sizeof(((struct camera *)0)->name)
 
-bool free_view_is(const char *name); /* by the first letter */
+bool free_view_is(const char *name); /* tests the first character */
 
-/* The camera of that text, which is also its name. Up is +Y, or +Z where that is the viewing direction. ERR_USAGE: *why
- * says what is wrong. */
+/* Parses a free view; the text becomes the camera's name. Up is +Y, or +Z where that is the viewing direction.
+ * ERR_USAGE: *why says what is wrong. */
 MUST_CHECK enum err free_view_read(const char *text, struct camera *out, struct reason *why);
 
 /* Rounded to a tenth of a millimetre, or six digits; "" if the camera is so far away that it does not fit. */
@@ -23,7 +23,7 @@ void free_view_write(const struct camera *c, char out[FREE_VIEW_TEXT]);
 /* Cameras' projections by name: "perspective" and so on. */
 extern const struct setting_choice projection_choices[];
 
-/* What --position X,Y,Z, --look-at X,Y,Z, --fov DEGREES and --projection change of a camera. */
+/* The changes that --position X,Y,Z, --look-at X,Y,Z, --fov DEGREES and --projection make to a camera. */
 struct view_change {
     bool has_position, has_look_at;
     struct vec3 position, look_at; /* m */

@@ -53,8 +53,8 @@ struct gbuffer_entry {
 struct gbuffer_escape {
     struct vec3 direction; /* unit, world */
     float weight[3];
-    float width; /* radians, > 0: edge of the square of directions that it represents, after spreading by mirrors and
-                    glass; the width for environment_lookup_wide */
+    float width; /* radians, > 0: edge of the square of directions that it covers, after mirrors and glass spread it;
+                    the filter width for environment_lookup_wide */
 };
 
 struct gbuffer {
@@ -67,13 +67,13 @@ struct gbuffer {
     struct gbuffer_entry *entries;
     uint32_t *escape_first; /* likewise, for escapes */
     struct gbuffer_escape *escapes;
-    float *glow; /* [height][width][3]: what the surfaces that a pixel shows, also in mirrors and through glass,
-                    emit themselves; NULL: the scene has no lamps */
+    float *glow; /* [height][width][3]: emission of the surfaces in a pixel, including those in mirrors and behind
+                    glass; NULL: the scene has no lamps */
     uint64_t edge_pixels; /* pixels that got more than one camera ray */
     uint64_t camera_rays; /* including those that continue through mirrors and glass */
     double cut_weight;    /* total weight of all camera rays lost where chains of mirrors and glass were cut */
     uint64_t bytes;       /* memory in use after construction */
-    float pixel_angle;    /* radians, height of a pixel at the image centre */
+    float pixel_angle;    /* radians: height of a pixel at the image centre */
 };
 
 struct gbuffer_desc {
@@ -81,8 +81,8 @@ struct gbuffer_desc {
     uint32_t width, height; /* 1..16384 */
     uint32_t edge_rays;  /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no extra ones; at most 64 */
     bool every_pixel;    /* treat all pixels as edges */
-    uint32_t interleave; /* K = 1, 2 or 4: a packet holds pixels of one position in the K x K pattern, each of which can
-                            have its own light samples [Keller and Heidrich 2001]; 0: 1 */
+    uint32_t interleave; /* K = 1, 2 or 4: all pixels of a packet have the same position in the K x K pattern, and each
+                            position can have its own light samples [Keller and Heidrich 2001]; 0: 1 */
     uint64_t max_bytes;  /* limit of memory during construction, about 1.3 times the final size; 0: 4 GiB */
     struct progress *progress; /* may be NULL; stepped once per row */
 };

@@ -53,7 +53,7 @@ float cone_width(const struct cone *c);                        /* radians; finit
 void cone_meet(const struct cone *c, const struct scene *scene, const struct hit *h, const struct surface *s,
                struct vec3 dir, struct footprint *out);
 
-/* The same as steps of texture coordinates, of the mesh's first and second ones (scatter_on). */
+/* The same as steps in the mesh's first and second texture coordinates (scatter_on). */
 void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[4][2]);
 
 /* The differentials of ray `to`, which scatter_eye produced from dir; back: the reflection it produced. */
@@ -66,10 +66,10 @@ struct sight_count {
     double cut; /* sum of the weights cut off, over all camera rays */
 };
 
-/* What a camera ray found besides its leaves. */
+/* The results of a camera ray other than its leaves. */
 struct sighting {
     bool uneven;   /* the first surface is a mirror, glass or a mask that has both holes and surface in the pixel */
-    float glow[3]; /* the light that the surfaces it met emit, times their weights */
+    float glow[3]; /* the emission of the surfaces it hit, times their weights */
 };
 
 /* Traces a camera ray whose neighbours are `angle` radians away. Returns the number of leaves, 0 only if everything was

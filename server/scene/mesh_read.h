@@ -1,17 +1,17 @@
 /* server/scene/mesh_read.h */
-/* Vertices of a mesh in world space, wherever its arrays are. Thread: any. */
+/* Vertices of a mesh in world space, for placed meshes and others. Thread: any. */
 #ifndef SCENE_MESH_READ_H
 #define SCENE_MESH_READ_H
 
 #include "scene/scene.h"
 
-/* 1, or -1: (p1 - p0) x (p2 - p0) points inwards. */
+/* 1, or -1 if (p1 - p0) x (p2 - p0) points inwards. */
 static inline double mesh_side(const struct mesh *m)
 {
     return m->placed ? (double)m->place.side : 1.0;
 }
 
-/* The place of a point of the arrays' space. */
+/* Transforms a point from the arrays' space to world space. */
 static inline void placement_point(const struct placement *p, const float v[3], double out[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -20,7 +20,7 @@ static inline void placement_point(const struct placement *p, const float v[3], 
     }
 }
 
-/* m; exact, or in double. */
+/* m; exact, or rounded to double. */
 static inline void mesh_position(const struct mesh *m, uint32_t vertex, double out[3])
 {
     const float *v = m->positions + 3 * (size_t)vertex;
@@ -55,7 +55,7 @@ static inline void mesh_corners_rounded(const struct mesh *m, uint32_t triangle,
         out[k] = vec3_make((float)p[k][0], (float)p[k][1], (float)p[k][2]);
 }
 
-/* The normal of the arrays' space in the world. */
+/* Transforms a normal from the arrays' space to world space. */
 struct vec3 placement_normal(const struct placement *p, const float n[3]);
 
 /* As in struct mesh, whose normals must not be NULL. */
@@ -68,7 +68,7 @@ static inline struct vec3 mesh_normal(const struct mesh *m, uint32_t vertex)
 /* As in struct mesh, whose tangents must not be NULL. */
 void mesh_tangent(const struct mesh *m, uint32_t vertex, float out[4]);
 
-/* How much larger volumes are than in the arrays' space. */
+/* Volume in world space over volume in the arrays' space. */
 double mesh_volume_scale(const struct mesh *m);
 
 /* Enlarges a box to contain the mesh's triangles. */

@@ -7,15 +7,16 @@
 #include "scene/scatter.h"
 #include "scene/scene.h"
 
-/* Turns at->shading, as rays_surface has set it, by the normal map of the material at a hit; a map's normals are
- * averaged over the footprint. A result that would face behind the triangle is turned until it no longer does. Nothing
- * where the mesh has no tangents. uv_step: see scatter_on. */
+/* Applies the material's normal map to at->shading, as set by rays_surface; normals are averaged over the footprint. A
+ * normal that would face behind the triangle is tilted until it no longer does. Does nothing if the mesh has no
+ * tangents. uv_step: see scatter_on. */
 void normal_map_turn(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct surface *at);
 
-/* What the matte part is multiplied by below such a normal. Of the light that it would reflect by the cosine about its
- * normal, the triangle hides what comes from below: x = (1 - cos) / 2 of an even sky, by the angle of the two normals.
- * 1 / (1 - x) brings it back: a white surface under an even sky stays white. The matte part of ggx loses less, since
- * little of that light enters it: at least x - 0.0137. What a specular lobe loses is lost. */
+/* Factor for the matte part under a normal map. Of the light that the matte part would reflect by the cosine with its
+ * shading normal, the triangle hides the part from below: x = (1 - cos) / 2 of a uniform sky, by the angle between the
+ * two normals. The factor 1 / (1 - x) restores it, so that a white surface under a uniform sky stays white. The matte
+ * part of ggx loses less, since little of that light enters it: at least x - 0.0137. The loss of a specular lobe is not
+ * restored. */
 float normal_map_gain(enum lobe_kind kind, const struct surface *at);
 
 #endif

@@ -1,5 +1,5 @@
 /* server/scene/rays.h */
-/* Ray queries on a scene, through Embree, which no other file uses. Rays go through holes of surfaces (coverage.h).
+/* Ray queries on a scene, through Embree, which no other file uses. Rays pass through holes in surfaces (coverage.h).
  * Thread: any, once rays_create has returned. The caller owns all arrays. */
 #ifndef SCENE_RAYS_H
 #define SCENE_RAYS_H
@@ -31,7 +31,7 @@ struct hit { /* the first hit of a ray */
     float u, v; /* barycentric: p = (1-u-v) p0 + u p1 + v p2 */
 };
 
-/* The surface at a hit, computed from the mesh in double precision, so that the origins of further rays lie on it. */
+/* The surface at a hit, computed from the mesh in double precision, so that secondary rays start on it. */
 struct surface {
     struct vec3 position;    /* m */
     struct vec3 geometric;   /* unit normal of the triangle, on the side of `towards` */
@@ -42,9 +42,9 @@ struct surface {
     float offset;            /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
 };
 
-/* Builds the BVH of the scene's triangles; the scene must outlive it. Embree uses the instructions of `level` at most,
- * so that one machine can test what another runs. The caller owns the result. NULL when out of memory or when Embree
- * fails, which is logged. Runs on all OpenMP threads. */
+/* Builds the BVH of the scene's triangles; the scene must outlive it. Embree uses no instructions above `level`, so
+ * that one machine can test the code path of another. The caller owns the result. NULL when out of memory or when
+ * Embree fails, which is logged. Runs on all OpenMP threads. */
 struct rays *rays_create_for(const struct scene *scene, enum cpu_level level);
 struct rays *rays_create(const struct scene *scene); /* for the best level of this CPU */
 void rays_destroy(struct rays *r);                   /* NULL is allowed */
@@ -56,7 +56,7 @@ enum ray_spread {
 };
 
 /* Sets tfar to -inf in each lane whose valid is -1 and whose ray meets anything between tnear and tfar; leaves the
- * other lanes alone. valid: 0 or -1 a lane. Where Embree has no native packets of 16 it gets packets of 8 or 4. */
+ * other lanes alone. valid: 0 or -1 a lane. Without native packets of 16, Embree gets packets of 8 or 4. */
 void rays_occluded16(const struct rays *r, enum ray_spread spread, const int32_t valid[PACKET], struct ray16 *packet);
 
 struct ray_single { /* a query of rays_intersect or rays_blocked */
@@ -70,7 +70,7 @@ struct ray_log {
     struct ray16 *packets; /* from rays_occluded16, before the query */
     int32_t (*valid)[PACKET];
     enum ray_spread *spread;
-    size_t count, capacity; /* further queries are not recorded */
+    size_t count, capacity; /* further queries are dropped */
     struct ray_single *singles;
     size_t single_count, single_capacity; /* likewise */
 };
@@ -88,9 +88,9 @@ uint64_t rays_replay_singles(const struct rays *r, const struct ray_log *log, si
 /* The first hit of a ray beyond tnear, in *out. False: no hit. */
 bool rays_intersect(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, struct hit *out);
 
-/* As rays_intersect, for a unit dir from the camera whose neighbours are `angle` radians away. With ALPHA_BLEND
- * and thin glass, which other queries answer at random, every hit counts; the caller weighs it by coverage_seen and
- * goes on behind it, with tnear just beyond. *varies: up to the hit a mask (ALPHA_MASK) has both holes and surface
+/* As rays_intersect, for a unit dir from the camera whose neighbours are `angle` radians away. With ALPHA_BLEND and
+ * thin glass, which other queries resolve at random, every hit counts; the caller weights it by coverage_seen and
+ * continues behind it with tnear just beyond. *varies: a mask (ALPHA_MASK) up to the hit has both holes and surface
  * within the angle. */
 bool rays_see(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float angle, struct hit *out,
               bool *varies);

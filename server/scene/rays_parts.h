@@ -19,8 +19,8 @@ struct rays {
     struct ray_log *log; /* NULL except in benchmarks */
 };
 
-/* Embree's filter function of meshes with holes: drops the hits that meet one. It may be called more than once for a
- * ray and a triangle. */
+/* Embree's filter function for meshes with holes: rejects hits in holes. Embree may call it more than once per ray and
+ * triangle. */
 void rays_drop_holes(const struct RTCFilterFunctionNArguments *a);
 
 #endif
