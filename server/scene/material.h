@@ -22,8 +22,8 @@ enum alpha_mode {
     ALPHA_BLEND,  /* alpha is the fraction of an area that is surface */
 };
 
-/* Textures that a material has besides its colour's: numbers, as bits of `maps`, then colours, which are bits of
- * `second` alone. */
+/* Textures of a material other than its colour's: first numbers, as bits of `maps`, then colours, which are bits of
+ * `second` only. */
 enum material_map {
     MAP_ROUGHNESS = 1, /* ggx: green multiplies roughness, blue metallic [glTF 2.0, section 3.9.2] */
     MAP_NORMAL = 2,    /* every kind: 2 rgb - 1 is the normal in the frame of tangent, bitangent and normal [ibid.,
@@ -47,21 +47,23 @@ enum material_map {
 struct material {
     char name[64];
     enum material_kind kind;
-    struct vec3 diffuse;        /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance;
-                                   glass: what passes the surface is multiplied by it */
-    struct vec3 specular;       /* phong; ggx: what F0 of its dielectric part has above 0.04, from -0.04 to 0.96 */
+    struct vec3 diffuse;        /* lambert: albedo; phong: diffuse; ggx: base colour; mirror: reflectance; glass: tint
+                                   of the light that passes the surface */
+    struct vec3 specular;       /* phong: specular; ggx: what to add to 0.04 for F0 of the dielectric part, from -0.04
+                                   to 0.96 */
     float exponent;             /* phong */
     float metallic, roughness;  /* ggx */
     uint32_t maps;              /* enum material_map */
     uint32_t second;            /* enum material_map: textures at the mesh's second texture coordinates */
-    uint32_t moved;             /* those of `maps` whose texture coordinates are not the mesh's, but affine in them: */
+    uint32_t moved;             /* the bits of `maps` whose texture coordinates are affine in the mesh's instead of
+                                   equal to them: */
     float moved_by[2][6];       /* of MAP_ROUGHNESS and MAP_NORMAL: u' = m0 u + m1 v + m2, v' = m3 u + m4 v + m5;
                                    at most MOVED_MAX either way. MAP_NORMAL: m1 = m3 = 0 < m0, m4 */
     uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
     uint32_t coat_texture, coat_roughness_texture; /* of MAP_COAT and MAP_COAT_ROUGHNESS, likewise */
     float normal_scale;       /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
-    float coat;               /* lambert, ggx: the share of the surface under a clear coat, 0..1, */
+    float coat;               /* lambert, ggx: the share of the surface with a clear coat, 0..1, */
     float coat_roughness;     /* with a ggx lobe of this roughness, */
     uint32_t coat_bent;       /* about the normal of MAP_NORMAL: 1; or the mesh's: 0 */
     struct vec3 sheen;        /* lambert, ggx: the colour of a sheen on top, below the coat; 0: none, */
@@ -71,11 +73,12 @@ struct material {
     struct vec3 through;      /* in this colour */
     uint32_t through_texture; /* multiplies it, if transmits is not 0; an index like `texture` */
     float ior;                /* glass */
-    uint32_t thin;            /* glass: 1: a sheet without thickness, which light crosses straight on; else 0 */
+    uint32_t thin;            /* glass: 1: an infinitely thin sheet, which light crosses without a change of direction;
+                                 else 0 */
     struct vec3 attenuation;  /* glass that is not thin: light that travels x metres inside is multiplied by
                                  exp(-attenuation x);    0..ATTENUATION_MAX, m^-1 */
     uint32_t texture;         /* multiplies diffuse; an index into the scene's textures, or MATERIAL_NO_TEXTURE */
-    enum alpha_mode alpha_mode; /* if not ALPHA_OPAQUE, the next three count */
+    enum alpha_mode alpha_mode; /* unless ALPHA_OPAQUE, the next three apply */
     float alpha, alpha_cutoff;  /* 0..1; of ALPHA_MASK, at least 0 */
     uint32_t alpha_texture;     /* its alpha multiplies `alpha`; an index like `texture` */
     struct vec3 emission;       /* radiance that both sides emit in every direction, 0..EMISSION_MAX */
@@ -87,23 +90,23 @@ struct material {
  * [glTF 2.0, appendix B]. */
 struct vec3 ggx_f0(struct vec3 base, float metallic, struct vec3 more);
 
-/* The matte reflectance beside the lobe, for the BRDF S(n.w) S(n.o) matte / pi with S(c) = 1 - (1 - c)^5, which
- * reflects 20/21 S(n.o) matte. Two parts, per channel with f = F0:
+/* The matte albedo below a GGX lobe, for the BRDF S(n.w) S(n.o) matte / pi with S(c) = 1 - (1 - c)^5, which reflects
+ * 20/21 S(n.o) matte. It has two parts, per channel with f = F0:
  *
- * (1 - metallic) base (1 - f) 21/20: light passes the surface, is scattered below it, and what the surface turns back
- * inside is scattered again until it has left. A white dielectric then reflects everything.
+ * (1 - metallic) base (1 - f) 21/20: light enters the surface and scatters below it; light that is reflected back
+ * inside scatters again until it has left. A white dielectric then reflects everything.
  *
  * f^2 (1 - l) / (1 - f l) m, f and l being means over the hemisphere: the light that a lobe of this roughness loses
- * because it knows one reflection only. l is that loss of a perfect reflector, the quotient what further reflections
- * return in this colour [Kulla and Conty 2017], and m the largest matte part beside which such a reflector still
- * reflects no more than it receives, from any direction. */
+ * because it models single scattering only. l is the loss of a perfect reflector, the quotient is the light that
+ * multiple scattering returns in this colour [Kulla and Conty 2017], and m is the largest matte part with which a
+ * perfect reflector conserves energy for every direction. */
 struct vec3 ggx_matte(struct vec3 base, float metallic, float roughness, struct vec3 more);
 
-/* The part of ggx_matte without what several reflections return: what a dielectric of this colour scatters below its
+/* The part of ggx_matte without multiple scattering: the light that a dielectric of this colour scatters below its
  * surface. */
 struct vec3 ggx_below(struct vec3 colour, struct vec3 base, float metallic, struct vec3 more);
 
-/* The attenuation by which white light has this colour after `distance` metres, as glTF defines it
+/* The attenuation that gives white light this colour after `distance` metres, as glTF defines it
  * [KHR_materials_volume]. distance > 0. */
 struct vec3 attenuation_from(struct vec3 colour, double distance);
 

@@ -2,9 +2,9 @@
 /* Scattering at a surface: its rough (D) lobe and its delta (S) lobe, with textures applied. Shared by everything that
  * traces paths: the G-buffer, eye paths, the light tracer and the reference. Thread: any.
  *
- * Delta lobes reflect and refract about the shading normal, or about the geometric one if that would send a ray to the
- * wrong side of the triangle. For camera paths this is a rule about the direction to the camera; scatter_light is its
- * exact adjoint, so that both count the same paths [Veach 1997, section 5.3]. */
+ * Delta lobes reflect and refract about the shading normal, or about the geometric one if the shading normal would send
+ * the ray to the wrong side of the triangle. For camera paths the rule depends on the direction to the camera;
+ * scatter_light is its exact adjoint, so that both cover the same paths [Veach 1997, section 5.3]. */
 #ifndef SCENE_SCATTER_H
 #define SCENE_SCATTER_H
 
@@ -30,11 +30,11 @@ enum delta_kind {
     DELTA_MIRROR, /* the same reflectance at all angles */
     DELTA_GLOSS,  /* a sharp GGX lobe: reflectance rises to 1 at grazing angles [Schlick 1994, Eq. 15] */
     DELTA_GLASS,  /* reflection and refraction by Fresnel */
-    DELTA_SHEET, /* what a thin sheet of glass reflects where it is met; what passes it does not meet it (coverage.h) */
+    DELTA_SHEET,  /* reflection of a thin sheet of glass; rays that it transmits do not hit it
+                     (coverage.h) */
 };
 
-/* The lobes of a coated surface are of two layers, each of which is a surface of its own here: the camera sees both,
- * other paths choose one at random. */
+/* A coated surface has two layers with lobes of their own. The camera sees both; other paths choose one at random. */
 enum scatter_layer {
     LAYER_BASE,
     LAYER_COAT,  /* a clear coat */
@@ -43,7 +43,7 @@ enum scatter_layer {
 
 #define COAT_F0 0.04f /* of an index of refraction of 1.5 */
 
-/* The clear coat and the sheen on a surface, which let less light pass to it. */
+/* The clear coat and the sheen on a surface, which attenuate the light from the layer below. */
 struct veil {
     float coat;         /* the share of the surface that has a coat; 0: none */
     float alpha;        /* of its ggx lobe; 0: a mirror */
@@ -51,7 +51,7 @@ struct veil {
     float sheen;        /* the largest channel of the sheen's colour; 0: none */
     float sheen_roughness;
     struct vec3 sheen_colour, sheen_normal;
-    bool of_sheen; /* what is below the coat is the sheen itself */
+    bool of_sheen; /* the layer below the coat is the sheen itself */
 };
 
 static inline bool veil_is(const struct veil *v)
@@ -59,10 +59,11 @@ static inline bool veil_is(const struct veil *v)
     return v->coat > 0.0f || v->sheen > 0.0f;
 }
 
-/* What of the light from below goes on towards wo: 1 - coat F(n.o), F being [Schlick 1994]'s, as glTF has it. Light on
- * its way in is not dimmed a second time: what the coat reflects back from below makes up for it. F is that of a smooth
- * coat, enlarged by 2.7 %: no lobe of any roughness reflects more. Of sheen, likewise glTF's 1 - max(colour) E(o), with
- * E of sheen.h; the sheen itself is matte with the albedo E(o) towards wo. wo: as for the lobe below (scatter_side). */
+/* Transmittance of the coat and sheen for light from below towards wo. For the coat it is 1 - coat F(n.o), with F by
+ * [Schlick 1994] as in glTF. Light is not attenuated on its way in, because the coat's internal reflection compensates
+ * for that loss. F is that of a smooth coat, enlarged by 2.7 %, so that no lobe of any roughness reflects more. For
+ * sheen it is glTF's 1 - max(colour) E(o), with E from sheen.h; the sheen itself is matte with albedo E(o) towards wo.
+ * wo: as for the lobe below (scatter_side). */
 float veil_passes(const struct veil *v, struct vec3 wo);
 
 struct scatter {
@@ -73,45 +74,46 @@ struct scatter {
     enum lobe_kind kind;
     struct vec3 diffuse, specular;
     float gloss;
-    struct vec3 beyond; /* in place of `diffuse`, of the D lobe by which the surface scatters light from its other side;
-                           black for most */
-    bool through;       /* this is that lobe */
+    struct vec3 beyond; /* replaces `diffuse` in the D lobe for light from the surface's other side; black
+                           for most */
+    bool through;       /* this is the lobe for light from the other side */
     enum scatter_layer layer;
-    struct veil veil; /* on this layer, whose rough and delta lobes are dimmed by it */
-    float weight;     /* of paths that go on from here, 1 / the probability that this side and layer were chosen; of
-                         the coat its share, too; 1 for most */
+    struct veil veil; /* on this layer; attenuates its rough and delta lobes */
+    float weight;     /* of paths that continue from here: 1 / the probability of the chosen side and layer;
+                         the coat's includes its share; 1 for most */
     enum delta_kind delta;
     struct vec3
         reflectance; /* of DELTA_MIRROR; of DELTA_GLOSS at normal incidence; of both glasses, the tint of what passes */
     float ior;       /* of both glasses, which are assumed to be in air */
-    struct vec3 arrives; /* of DELTA_GLASS: the share of light that the glass has left of it along the ray, in which its
-                            rays have a part already */
+    struct vec3 arrives; /* of DELTA_GLASS: the transmittance of the glass along the ray, which its rays
+                            already include */
 };
 
 /* Evaluates the material at the hit of a camera path. dir: direction of the ray, unit; h->t: its length, m. Where light
- * from both sides counts, or there is a coat, chooses one: a hash of the ray is the random number. */
+ * from both sides counts, or there is a coat, chooses one side or layer, with a hash of the ray as the random
+ * number. */
 void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                 struct scatter *out);
-/* The same of a light path: out->surface stays on the side of the light, which is the ray's. */
+/* As scatter_at, for a light path: out->surface stays on the side of the light, which is the ray's. */
 void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
                       struct scatter *out);
 
-/* The same once out->surface is filled. uv_step[4]: the two edges of the area over which textures are averaged, in the
- * mesh's first texture coordinates, then in its second; NULL: no averaging. */
+/* As scatter_at, with out->surface already filled. uv_step[4]: the two edges of the area over which textures are
+ * averaged, in the mesh's first texture coordinates, then in its second; NULL: no averaging. */
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
 
-/* Turns what scatter_on found into the lobe that scatters light from the other side. The lobe is that of a surface seen
- * from the light's side: lobe.h wants the direction to the camera mirrored (scatter_side). */
+/* Replaces the result of scatter_on by the lobe for light from the other side. That lobe belongs to a surface seen from
+ * the light's side, so lobe.h needs a mirrored direction to the camera (scatter_side). */
 void scatter_turn(struct scatter *s);
 
-/* Turns what scatter_on found into the clear coat that its veil speaks of. */
+/* Replaces the result of scatter_on by the clear coat that its veil describes. */
 void scatter_coat(struct scatter *s);
 
-/* Likewise, into its sheen. */
+/* As scatter_coat, for the sheen. */
 void scatter_sheen(struct scatter *s);
 
-/* A direction to the side of the surface that the camera is on, as the D lobe wants it: mirrored if the light comes
- * from the other side. */
+/* Mirrors a direction to the camera's side of the surface if the light comes from the other side, as the D lobe
+ * requires. */
 struct vec3 scatter_side(const struct scatter *s, struct vec3 w);
 
 /* The texture coordinates of one of the material's textures, and its part of an uv_step as above. */
