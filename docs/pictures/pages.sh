@@ -1,5 +1,5 @@
 #!/bin/sh
-# Takes the screenshots of docs/viewer.md, one per state of the page, from running servers in Debian's Chromium.
+# Takes the screenshots that docs/internals/testing.md lists, one per state of the page, from running servers in Debian's Chromium.
 #     docs/pictures/pages.sh BUILD [NAME ...]        uses BUILD/bin/relightd; with names, only those
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)

@@ -1,4 +1,4 @@
-// Takes the screenshots of docs/viewer.md into a folder; docs/pictures/pages.sh calls it.
+// Takes the screenshots of docs/internals/testing.md into a folder; docs/pictures/pages.sh calls it.
 import { mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
