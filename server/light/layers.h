@@ -1,6 +1,6 @@
 /* server/light/layers.h */
-/* A picture in parts: each class of light by itself. The parts are made with the settings, counts and random numbers of
- * the whole picture, so that
+/* Splits a picture into layers, one per class of light. The layers use the settings, counts and random numbers of the
+ * whole picture, so that
  *     direct + indirect + caustics + background = the picture without its filter,     sun + sky = direct
  * up to rounding. One thread of control, that of the relighter. */
 #ifndef LIGHT_LAYERS_H
@@ -10,12 +10,12 @@
 
 enum light_layer {
     LAYER_DIRECT,     /* E S* D L */
-    LAYER_INDIRECT,   /* interreflection; and what the cache does not tell apart from it */
+    LAYER_INDIRECT,   /* interreflection, and the light that the cache cannot separate from it */
     LAYER_CAUSTICS,   /* with stored paths, also interreflection that begins with a caustic */
     LAYER_BACKGROUND, /* the sky, also in mirrors and through glass */
-    LAYER_SUN,        /* direct light of the texels of the sun, if the sky has one (env/sky_table.h) */
+    LAYER_SUN,        /* direct light from the sun's texels, if the sky has a sun (env/sky_table.h) */
     LAYER_SKY,        /* the rest of direct light */
-    LAYER_ERROR,      /* [height][width]: standard error of the unfiltered picture's luminance, its noise; no bias */
+    LAYER_ERROR,      /* [height][width]: standard error (noise, not bias) of the unfiltered picture's luminance */
     LAYER_COUNT,
 };
 
@@ -23,17 +23,17 @@ struct layers {
     float *light[LAYER_COUNT]; /* [height][width][3], except LAYER_ERROR */
     float *unfiltered;         /* [height][width][3]: the sum of the first four */
 
-    /* The environment with nothing but its sun. */
+    /* The environment with everything but its sun set to black. */
     struct texel *sun;
     uint32_t sun_n;
     float *scratch; /* [height][width][3] */
 };
 
-/* False when out of memory; finish all the same. */
+/* False when out of memory; call layers_finish even then. */
 bool layers_init(struct layers *l, const struct set *set);
 void layers_finish(struct layers *l); /* zeroed memory is allowed */
 
-/* As relighter_run, for methods that are no references, and all layers with it. e is the same again when it returns.
+/* As relighter_run, for methods other than references, with all layers. e is restored when it returns.
  */
 MUST_CHECK enum err relighter_run_layers(struct relighter *r, struct environment *e, const struct relight_desc *desc,
                                          struct layers *l, float *rgb, struct relight_stats *stats);

@@ -1,20 +1,19 @@
 /* server/light/pilot.h */
-/* METHOD_AUTO with a time or an error: measures time and error of each way to make the parts of the picture, and
- * divides the frame's time so that the error is least (choose/budget.h). The relighter runs the choice.
+/* METHOD_AUTO with a time or an error: measures time and error of each technique for each part of the picture, and
+ * divides the frame's time so that the error is minimal (choose/budget.h). The relighter runs the choice.
  *
- * Measurements. A group of pixels, spread over the picture, is shaded twice with random numbers of the pilot's own.
- * Half of the squared difference is the variance of either, relative as relMSE is; the product is the error of leaving
- * the part out. Groups take turns, and all ways are measured on the same ones. The differences within a group show
- * which pixels are hard. Particles run in two halves, whose mean is the picture and whose difference gives the error.
- * The clock gives the times. The first frame may take 0.3 s longer; then three tenths of the time are for measurements
- * until each way is known, and later a twentieth.
+ * Measurements. The pilot shades a group of pixels, spread over the picture, twice with its own random numbers. Half of
+ * the squared difference is the variance of each, relative as relMSE is; the product is the error of omitting the part.
+ * Groups take turns, and all techniques are measured on the same groups. The differences within a group show which
+ * pixels are difficult. Particles run in two halves, whose mean is the picture and whose difference gives the error.
+ * The clock gives the times. The first frame may take 0.3 s longer. Measurements then take three tenths of the time
+ * until every technique is known, and a twentieth afterwards.
  *
- * Choices. Direct light: a technique and a number of samples, more of them where it is hard (choose/pilot_allot.h). The
- * rest: eye paths; particles aimed at mirrors and glass, with eye paths; particles for the whole scene; each with a
- * count, or left out if its time gains more elsewhere.
+ * Choices. Direct light: a technique and a number of samples, with more samples where pixels are difficult
+ * (choose/pilot_allot.h). Other light: eye paths; particles aimed at mirrors and glass, with eye paths; particles for
+ * the whole scene; each with a count, or omitted if its time is better spent elsewhere.
  *
- * Choices depend on the clock, so that the same input does not give the same bits. One thread of control, that of the
- * relighter. */
+ * Choices depend on the clock, so the same input does not give the same bits. Thread: the relighter's. */
 #ifndef LIGHT_PILOT_H
 #define LIGHT_PILOT_H
 
@@ -31,47 +30,47 @@ enum pilot_part {
 };
 
 struct pilot_work {       /* what was computed */
-    enum pilot_part part; /* PILOT_PARTS: from points to pixels */
+    enum pilot_part part; /* PILOT_PARTS: the resolve from points to pixels */
     uint64_t points, rays;
     double n; /* samples or paths a point, particles */
 };
 
 struct pilot_desc {
-    double (*price)(const struct pilot_work *work); /* seconds, instead of the clock's: for tests; NULL: the clock */
+    double (*price)(const struct pilot_work *work); /* replaces the clock's seconds in tests; NULL: use the clock */
 };
 
-struct pilot_target { /* one of the two is above 0; with both, the error is lowered within the time only */
-    double seconds;   /* for a picture, the pilot's work included; 0: none */
+struct pilot_target { /* at least one is above 0; with both, the error is lowered within the time only */
+    double seconds;   /* for a picture, including the pilot's work; 0: no limit */
     double error;     /* relMSE; 0: none */
 };
 
 struct pilot_part_stats {
-    bool there;       /* the scene has such a part and it was requested */
-    const char *name; /* how it is made; static; "" where it is left out */
-    double n;         /* samples a point, paths a point, in the mean; particles; 0: left out */
+    bool there;       /* the scene has this part and the request includes it */
+    const char *name; /* of the technique; static; "" if omitted */
+    double n;         /* mean samples or paths per point; or particles; 0: omitted */
     double seconds, expected_seconds;
-    double error; /* estimated part of relMSE: its variance, or the error of leaving it out */
+    double error; /* estimated share of relMSE: its variance, or the error of omitting it */
 };
 
 struct pilot_stats {
     struct pilot_part_stats part[PILOT_PARTS];
-    uint32_t samples;     /* N_s of direct light, the mean over the shade points */
-    double seconds;       /* the picture and the pilot */
-    double pilot_seconds; /* of these */
+    uint32_t samples;     /* N_s of direct light, averaged over the shade points */
+    double seconds;       /* of the picture and the pilot */
+    double pilot_seconds; /* of these, the pilot's */
     double error;         /* relMSE, estimated: sum over the parts */
-    bool met;             /* the target is met, as far as is known */
-    uint32_t readings;    /* of the part with the fewest, under this sky */
-    double more;          /* relMSE expected in twice the time */
+    bool met;             /* the target is met, according to the estimates */
+    uint32_t readings;    /* of the least measured part, under this sky */
+    double more;          /* expected relMSE in twice the time */
     uint64_t frames;      /* since the sky last changed much, including this one */
 };
 
-/* r must outlive it and keep its set; desc is copied, NULL: the clock. NULL when out of memory. */
+/* r must outlive the pilot and keep its set. desc is copied; NULL: use the clock. NULL when out of memory. */
 struct pilot *pilot_create(struct relighter *r, const struct pilot_desc *desc);
 void pilot_destroy(struct pilot *p); /* NULL is allowed */
 
 /* As relighter_run: rgb float[height][width][3]. It uses seed, pass, interleave, no_visibility, cancel and why of
- * light->direct, and keeps to particles, eye_paths and estimators that are given. stats->plan has the choice; its
- * sentences are valid until the next run. Cancelled frames teach nothing. Errors are those of relighter_run. */
+ * light->direct, and respects explicit particles, eye_paths and estimators. stats->plan receives the choice; its
+ * sentences are valid until the next run. Cancelled frames are not measured. Errors are those of relighter_run. */
 MUST_CHECK enum err pilot_run(struct pilot *p, const struct environment *e, const struct relight_desc *light,
                               const struct pilot_target *target, float *rgb, struct relight_stats *stats,
                               struct pilot_stats *measured);

@@ -1,5 +1,5 @@
 /* server/light/reference.h */
-/* One function for all methods that render whole pictures, camera rays included: the reference and the baselines of
+/* One entry point for all methods that render whole pictures, camera rays included: the reference and the baselines of
  * server/estimators/baselines. */
 #ifndef LIGHT_REFERENCE_H
 #define LIGHT_REFERENCE_H
@@ -7,7 +7,7 @@
 #include "light/relight.h"
 
 /* Fills rgb float[height][width][3] by desc->direct.method, which must be one of them, with desc->direct.samples per
- * pixel. Sets the fields of *stats that are a reference's. ERR_NOMEM. Runs on all OpenMP threads. */
+ * pixel. Sets the reference fields of *stats. ERR_NOMEM. Runs on all OpenMP threads. */
 MUST_CHECK enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc,
                                   float *rgb, struct relight_stats *stats);
 

@@ -1,5 +1,5 @@
-/* The file of a relighter's cache, at the place of cache_place.h: read before the computation, written after it. Each
- * fault is logged once, and what cannot be loaded is computed. One thread at a time. */
+/* The file of a relighter's cache, at the path of cache_place.h: read before the computation, written after it. Each
+ * fault is logged once, and parts that cannot be loaded are computed. Thread: one at a time. */
 #ifndef LIGHT_RELIGHT_KEEP_H
 #define LIGHT_RELIGHT_KEEP_H
 
@@ -12,10 +12,10 @@
 struct relight_keep {
     struct cache_place place;
     struct digest key;
-    bool unreadable, unwritable; /* a warning said so */
+    bool unreadable, unwritable; /* a warning was logged */
 };
 
-/* desc: names the file; transport: what is computed, by these kernels. */
+/* desc: names the file; transport: the cache to compute, with these kernels. */
 void relight_keep_init(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
                        const struct relight_desc *desc, const struct transport_desc *transport);
 
@@ -24,12 +24,12 @@ MUST_CHECK enum err relight_keep_load(struct relight_keep *k, const struct set *
                                       const struct transport_desc *transport, struct transport **out,
                                       struct reason *why);
 
-/* Interreflection from the same file, as relight_keep_load. */
+/* Loads interreflection from the same file, as relight_keep_load. */
 MUST_CHECK enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels,
                                              const struct bounce_desc *desc, struct bounce **out, struct reason *why);
 
-/* Stores direct light (NULL: that is not computed yet, and a file of it will replace this one), and interreflection of
- * that desc (NULL and NULL: none). */
+/* Stores direct light and interreflection. t NULL: direct light is not computed yet, and a file with it will replace
+ * this one. bounce and its desc NULL: no interreflection. */
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
                        const struct bounce_desc *desc);
 

@@ -1,7 +1,8 @@
 /* server/light/relight_passes.h */
-/* The passes of a picture: direct light and eye paths at the shade points, from points to pixels, particles from the
- * light. A struct picture_passes describes them: relighter_run fills it by rule, the pilot by measurement, and one
- * function runs it (relight.c). A struct passes holds their working memory. One thread of control. */
+/* The passes of a picture: direct light and eye paths at the shade points, the resolve from points to pixels, and
+ * particles from the light. A struct picture_passes describes them: relighter_run fills it by rules, the pilot by
+ * measurements, and one function runs it (relight.c). A struct passes holds their working memory. One thread of
+ * control. */
 #ifndef LIGHT_RELIGHT_PASSES_H
 #define LIGHT_RELIGHT_PASSES_H
 
@@ -13,24 +14,24 @@ struct denoiser;
 struct history;
 struct resolver;
 
-enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: the picture's, and measurements' */
+enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: one for pictures, one for measurements */
 
 struct picture_passes {
-    const struct relight_desc *cached; /* direct light by its cache instead of `direct`; NULL: by `direct` */
-    const struct relight_desc *stored; /* the store of light paths adds its caustics; NULL: it does not */
-    struct direct_desc direct;         /* samples 0: it is dark */
-    struct eye_paths_desc eye[2];      /* paths 0: left out */
-    struct light_tracer_desc light[2]; /* particles 0: left out */
+    const struct relight_desc *cached; /* direct light from its cache instead of `direct`; NULL: from `direct` */
+    const struct relight_desc *stored; /* adds caustics from the store of light paths; NULL: does not */
+    struct direct_desc direct;         /* samples 0: no direct light */
+    struct eye_paths_desc eye[2];      /* paths 0: omitted */
+    struct light_tracer_desc light[2]; /* particles 0: omitted */
     struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
-    struct history *history;   /* not NULL: the halves, or samples beside the cache, join it (history.h) */
-    struct beside *beside;     /* not NULL: it runs `stored`, `light` and eye_beside (beside.h) */
-    struct eye_paths_desc eye_beside; /* paths 0: left out */
-    bool halves; /* each of light[] runs in two halves with seeds of their own, which passes.half keeps; their mean is
-                  * added to the picture. relighter_passes was called */
-    bool background; /* the sky where the camera sees it */
+    struct history *history;   /* not NULL: takes the halves, or samples in addition to the cache (history.h) */
+    struct beside *beside;     /* not NULL: runs `stored`, `light` and eye_beside (beside.h) */
+    struct eye_paths_desc eye_beside; /* paths 0: omitted */
+    bool halves; /* run each of light[] in two halves with different seeds, kept in passes.half, and add their mean to
+                    the picture. Requires relighter_passes */
+    bool background; /* add the sky where the camera sees it */
 };
 
-struct pass_costs { /* seconds by the clock; of particles, without what adds their halves to the picture */
+struct pass_costs { /* wall-clock seconds; of particles, without adding their halves to the picture */
     double direct_s, eye_s, filter_s, pixels_s, light_s[2];
     uint64_t light_rays[2];
 };
@@ -44,28 +45,28 @@ struct passes {
     struct backplate *backplate; /* NULL: the scene has no ground */
     struct scratch *scratch;     /* of the eye paths */
     float *lo;                   /* [packet_count][3][16]: the sum of the passes over shade points */
-    float *half[2][2]; /* [height][width][3]: of light[0], of light[1]; NULL until passes_measure. With a ground
-                          twice as many, the second half for what arrives on it */
+    float *half[2][2]; /* [height][width][3]: of light[0], of light[1]; NULL until passes_measure. With a ground twice
+                          the size; the second half is for light on the ground */
 };
 
-/* False when out of memory; finish all the same. The set and kernels must outlive it. */
+/* False when out of memory; call passes_finish even then. The set and kernels must outlive it. */
 bool passes_init(struct passes *s, const struct set *set, const struct kernels *kernels);
 void passes_finish(struct passes *s); /* zeroed memory is allowed */
 
-/* Makes room for measurements and halves, once. ERR_NOMEM: what there is stays as it is. */
+/* Allocates memory for measurements and halves, once. ERR_NOMEM: nothing changes. */
 MUST_CHECK enum err passes_measure(struct passes *s);
 
-/* direct_shade by one of the sets of tables, and the seconds it took. Errors are those of direct_shade. */
+/* Runs direct_shade with one of the sets of tables and measures its seconds. Errors are those of direct_shade. */
 MUST_CHECK enum err passes_direct(struct passes *s, int tables, const struct environment *e,
                                   const struct direct_desc *desc, float *lo, struct direct_stats *stats,
                                   double *seconds);
 
-/* Eye paths alone: writes the packets of desc->only instead of adding. ERR_NOMEM. */
+/* Runs eye paths alone: overwrites the packets of desc->only instead of adding. ERR_NOMEM. */
 MUST_CHECK enum err passes_eye(struct passes *s, const struct environment *e, const struct eye_paths_desc *desc,
                                float *lo, struct eye_paths_stats *stats, double *seconds);
 
-/* desc->particles in two halves, into half[0] and half[1]: float[height][width][3], with a ground twice that, written.
- * ERR_NOMEM. */
+/* Runs desc->particles in two halves and writes them to half[0] and half[1]: float[height][width][3], with a ground
+ * twice that. ERR_NOMEM. */
 MUST_CHECK enum err passes_halves(struct passes *s, const struct environment *e, const struct light_tracer_desc *desc,
                                   float *const half[2], struct light_tracer_stats *stats, double *seconds);
 
@@ -75,25 +76,25 @@ MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct envir
                                          const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
                                          struct pass_costs *costs);
 
-/* Steps of struct progress_part in the passes: light samples of packets, and what takes about as long. */
+/* Steps of struct progress_part in the passes: light samples of packets, and work of about the same duration. */
 uint64_t passes_work(const struct set *set, const struct picture_passes *p);
 
-/* What relighter_run does before it runs the passes: prepares what the method needs, plans, and describes the passes.
- * Writes *stats. Not for references. Errors are those of relighter_run. */
+/* The part of relighter_run before the passes: prepares the method, plans, and describes the passes. Writes *stats. Not
+ * for references. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_describe(struct relighter *r, const struct environment *e,
                                        const struct relight_desc *desc, struct picture_passes *passes,
                                        struct relight_stats *stats);
 
-/* While held, the ground shows shares of the light of the last picture's sky, whatever sky lights it (backplate.h). */
+/* While held, the ground shows the share of the last picture's sky light, whichever sky lights it (backplate.h). */
 void relighter_hold_ground(struct relighter *r, bool hold);
 
-/* The denoiser for pictures of desc, made when first asked for; NULL if desc wants none. ERR_NOMEM. */
+/* The denoiser for pictures of desc, created on first use; NULL if desc does not need one. ERR_NOMEM. */
 MUST_CHECK enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out);
 
-/* What the cache of indirect light leaves to eye paths; NULL: there is no such cache. */
+/* The packets that the cache of indirect light leaves to eye paths; NULL without such a cache. */
 const struct packet_list *relighter_left(const struct relighter *r);
 
-/* The relighter's own, after passes_measure: for the pilot. NULL when out of memory. */
+/* The relighter's own passes, after passes_measure: for the pilot. NULL when out of memory. */
 struct passes *relighter_passes(struct relighter *r);
 
 #endif

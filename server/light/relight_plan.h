@@ -1,22 +1,22 @@
-/* From a request to the passes of a picture, by the plan of choose/plan.h and the requested counts. Pure functions;
- * any thread. */
+/* Turns a request into the passes of a picture, with the plan of choose/plan.h and the requested counts. Pure
+ * functions. Thread: any. */
 #ifndef LIGHT_RELIGHT_PLAN_H
 #define LIGHT_RELIGHT_PLAN_H
 
 #include "light/relight_passes.h"
 
-/* Direct light by METHOD_CACHED. */
+/* Whether METHOD_CACHED computes direct light. */
 bool relight_is_cached(const struct relight_desc *desc);
 
-/* bounce: the cache of interreflection, or NULL. e may be NULL: the estimator of caustics is then open unless they are
- * stored. */
+/* bounce: the cache of interreflection, or NULL. e may be NULL: the estimator of caustics is then undecided unless they
+ * are stored. */
 void relight_plan(const struct set *set, const struct bounce *bounce, const struct environment *e,
                   const struct relight_desc *desc, struct plan *out);
 
-/* The classes that the plan gives to `who`. */
+/* The classes that the plan assigns to `who`. */
 uint32_t relight_plan_classes(const struct plan *p, enum plan_estimator who);
 
-/* Those that pictures by the cache will have from stored light paths, though these may not yet; 0: none. */
+/* The classes that pictures with the cache will take from stored light paths, even if this one cannot yet; 0: none. */
 uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *p);
 
 /* *out borrows desc, bounce and scratch. */

@@ -1,4 +1,4 @@
-/* Inside the room: what a relighter holds. Only relight.c and part.c include this. Thread: the relighter's. */
+/* The relighter's state. Private to this room: only relight.c and part.c include it. Thread: the relighter's. */
 #ifndef LIGHT_RELIGHTER_H
 #define LIGHT_RELIGHTER_H
 
@@ -14,13 +14,13 @@ struct relighter {
     struct passes passes;
     struct relight_cache cache;
     struct relight_caustics caustics;
-    struct denoiser *denoiser; /* NULL until a picture needs it, as what follows */
+    struct denoiser *denoiser; /* this and the next two: NULL until a picture needs them */
     struct history *history;
     struct beside *beside;
     const float *points;           /* the picture's shade points */
-    const struct light_team *team; /* NULL: this process lights them alone */
-    bool half;                     /* rounds them */
-    uint32_t *packets;             /* [packet_count]: their numbers, for lists of a part; NULL until one is run */
+    const struct light_team *team; /* NULL: this process lights the points alone */
+    bool half;                     /* round them to half floats */
+    uint32_t *packets;             /* [packet_count]: packet numbers, for lists of a part; NULL until a part is run */
 };
 
 /* Fills r->packets. False: out of memory. */

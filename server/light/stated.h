@@ -1,12 +1,12 @@
-/* The stated error of live pictures that no cache lights yet: an estimate of their relMSE against the truth T, the
- * filter's bias included. New samples S of a picture have independent halves a and b, of which the light P that was
- * shown before knows nothing:
+/* The stated error of live pictures before a cache exists: an estimate of their relMSE against the truth T, including
+ * the filter's bias. New samples S of a picture have independent halves a and b, which are also independent of the
+ * previously displayed light P:
  *
  *     E[(S_a - P) (S_b - P)] = (T - P)^2
  *
- * The product is taken over pixels, relative to x^2 + 1e-2 m^2: x is the picture before, m its mean. A pixel that is
- * too dark by chance would count too much, so that x is at least the mean of the nine pixels around. What samples do
- * not find is not stated, such as light beyond a limit (beside.h). One thread of control. */
+ * The product is taken over pixels, relative to x^2 + 1e-2 m^2: x is the previous picture, m its mean. A pixel that is
+ * too dark by chance would count too much, so x is at least the mean over 3 x 3 pixels. The estimate excludes light
+ * that the samples cannot find, such as light beyond a limit (beside.h). One thread of control. */
 #ifndef LIGHT_STATED_H
 #define LIGHT_STATED_H
 
@@ -14,18 +14,18 @@
 
 struct stated;
 
-/* 12 bytes a pixel; set must outlive it. NULL when out of memory. */
+/* Needs 12 bytes per pixel; set must outlive it. NULL when out of memory. */
 struct stated *stated_create(const struct set *set);
 void stated_destroy(struct stated *s); /* NULL is allowed */
 
-/* Other light is shown from now on: the error is unknown. */
+/* Call it when other light is shown: the error becomes unknown. */
 void stated_forget(struct stated *s);
 
-/* x: float[height][width][3]. Before, nothing is known of an error. */
+/* Takes the displayed picture x: float[height][width][3]. The error is unknown before the first call. */
 void stated_see(struct stated *s, const float *rgb);
 
-/* half: a and b, and more: further light of both, or NULLs; shown: P; all float[packet_count][3][16]. by: what is shown
- * next has so much of the error that the samples tell of. */
+/* half: a and b, and more: further light of both halves, or NULLs; shown: P; all float[packet_count][3][16]. by: the
+ * share of the measured error that remains in the next displayed picture. */
 void stated_take(struct stated *s, const float *const half[2], const float *const more[2], const float *shown,
                  double by);
 

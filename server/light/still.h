@@ -1,7 +1,7 @@
-/* Refines the picture of a still sky. The first picture, y, was made in little time: with few samples, or by a cache
- * with a bias. While no new frame comes, unbiased passes of the same frame follow, each with random numbers of its own:
- * direct light by the requested method (METHOD_AUTO instead of METHOD_CACHED), eye paths and light tracer by the plan.
- * m is their mean, and V estimates its squared error from the scatter of the passes so far:
+/* Refines the picture of a still sky. The first picture, y, is quick: it has few samples, or comes from a biased cache.
+ * While no new frame arrives, unbiased passes of the same frame follow, each with its own random numbers: direct light
+ * by the requested method (METHOD_AUTO instead of METHOD_CACHED), eye paths and light tracer by the plan. m is their
+ * mean, and V estimates its squared error from the scatter of the passes so far:
  *
  *     V = 1 / (N (N - 1))  sum over the passes of (x_k - m)^2,     D = (m - y)^2
  *
@@ -11,13 +11,13 @@
  *     m + w (y - m),     w = min(1, V / D)
  *
  * with the best w: the estimator of [James and Stein 1961], towards y instead of 0, as used by [Gu et al. 2022] for
- * pictures; w is interpolated between tiles. It is y as long as the passes are worse than y, and m as V goes to 0,
- * without a jump. Its error is
+ * pictures; w is interpolated between tiles. The picture is y while the passes are worse than y, and changes smoothly
+ * to m as V goes to 0. Its error is
  *
  *     w^2 (D - V) + (1 - w)^2 V
  *
  * and is reported as at least V / 4, since D - V is the difference of two noisy figures. Passes of eye paths and of the
- * light tracer continue one sequence each, so that m is then a little better than V says.
+ * light tracer continue one sequence each, so m is slightly better than V suggests.
  *
  * The same passes give the same bits, at any number of threads. One thread of control. */
 #ifndef LIGHT_STILL_H
@@ -27,35 +27,35 @@
 
 struct still;
 
-/* When to stop. */
+/* When to stop refining. */
 struct still_wish {
-    double error;    /* estimated relMSE of the displayed picture; 0: never */
-    uint64_t passes; /* or this many; 0: any number */
+    double error;    /* estimated relMSE of the displayed picture; 0: no target */
+    uint64_t passes; /* maximum number of passes; 0: no limit */
 };
 
 struct still_stats {
     uint64_t passes;
     double error; /* estimated relMSE of the displayed picture, and */
-    double mean;  /* of the passes' mean; 0: fewer than two passes */
-    double first; /* w: the share of the first picture, in the mean over the pixels */
+    double mean;  /* of the mean of the passes; 0: fewer than two passes */
+    double first; /* w: the share of the first picture, averaged over the pixels */
     bool converged;
 };
 
-/* 60 bytes a pixel. set and kernels must outlive it. NULL when out of memory. */
+/* Needs 60 bytes per pixel. set and kernels must outlive it. NULL when out of memory. */
 struct still *still_create(const struct set *set, const struct kernels *kernels);
 void still_destroy(struct still *s); /* NULL is allowed */
 
-/* Starts anew for another frame or other light. first: float[height][width][3], copied. */
+/* Restarts for another frame or other light. first: float[height][width][3], copied. */
 void still_begin(struct still *s, const float *first);
 
-/* Runs one pass under e, the frame of still_begin, with the first picture's light. If light->direct.cancel became true
- * meanwhile, the pass does not count and there is no error. Errors are those of relighter_run. */
+/* Runs one pass under e, the frame of still_begin, with the first picture's light. If light->direct.cancel becomes true
+ * meanwhile, the pass does not count, which is not an error. Errors are those of relighter_run. */
 MUST_CHECK enum err still_pass(struct still *s, const struct environment *e, const struct relight_desc *light);
 
 /* Computes weights and errors from the passes so far. */
 void still_look(struct still *s, const struct still_wish *wish, struct still_stats *out);
 
-/* rgb: float[height][width][3], the displayed picture as of the last still_look; before one, the first. */
+/* rgb: float[height][width][3], the displayed picture as of the last still_look; before that, the first picture. */
 void still_picture(const struct still *s, float *rgb);
 
 #endif

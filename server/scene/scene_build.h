@@ -1,5 +1,6 @@
 /* server/scene/scene_build.h */
-/* Construction of scenes, for this room, import and reader. The scene owns what is added to it. Thread: one at a time.
+/* Construction of scenes. Private to this room, import and reader. The scene owns everything added to it. Thread: one
+ * at a time.
  */
 #ifndef SCENE_SCENE_BUILD_H
 #define SCENE_SCENE_BUILD_H
@@ -10,7 +11,7 @@
 #define MATERIAL_NONE UINT32_MAX
 
 #define MESH_COORDINATE_MAX 1e15f          /* m; Embree drops triangles beyond it, and its square still fits a double */
-#define TEXTURE_SIDE_KEPT 256              /* texels; smaller textures are left alone */
+#define TEXTURE_SIDE_KEPT 256              /* texels; smaller textures are never reduced */
 #define MESH_ELEMENTS_MAX (UINT32_MAX / 3) /* vertices or triangles of a mesh */
 
 /* Creates an empty scene. NULL: out of memory. */
@@ -21,11 +22,11 @@ struct scene *scene_create(void);
 MUST_CHECK enum err scene_add_material(struct scene *s, const struct material *m, uint32_t *index);
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_mesh(struct scene *s, const struct mesh *m);
-/* Adds mesh `of`, which must be placed, once more where `matrix` says: an instance, which shares its arrays. ERR_NOMEM.
- * ERR_RANGE: the matrix does not suit, see mesh_place. */
+/* Adds an instance: mesh `of`, which must be placed, again with another placement `matrix`. It shares the arrays.
+ * ERR_NOMEM. ERR_RANGE: the matrix is unusable, see mesh_place. */
 MUST_CHECK enum err scene_add_instance(struct scene *s, uint32_t of, const char *name, const float matrix[3][4]);
 /* See scene_add_material. If all textures then take more than s->texture_bytes, the largest lose their finest levels
- * until they do not, down to TEXTURE_SIDE_KEPT texels a side. */
+ * until the limit holds, down to TEXTURE_SIDE_KEPT texels per side. */
 MUST_CHECK enum err scene_add_texture(struct scene *s, const struct texture *t, uint32_t *index);
 /* See scene_add_material. */
 MUST_CHECK enum err scene_add_camera(struct scene *s, const struct camera *c);
@@ -54,10 +55,10 @@ struct camera scene_framing_camera(const struct scene *s);
 /* Checks a camera. ERR_RANGE: invalid; the message begins with `place`. */
 MUST_CHECK enum err camera_check(const struct camera *c, const char *place, struct reason *why);
 
-void mesh_finish(struct mesh *m); /* frees the arrays, if they are its own */
+void mesh_finish(struct mesh *m); /* frees the arrays if the mesh owns them */
 
-/* Places a mesh whose arrays are in a space of their own. ERR_RANGE, and nothing has changed: the matrix is singular,
- * or stretches one direction 1000 times as much as another, or scales beyond 1e-6 to 1e6, or takes the mesh beyond
+/* Places a mesh whose arrays are in object space. ERR_RANGE, with no change: the matrix is singular, or stretches one
+ * direction 1000 times as much as another, or scales beyond 1e-6 to 1e6, or moves the mesh beyond
  * MESH_COORDINATE_MAX. */
 MUST_CHECK enum err mesh_place(struct mesh *m, const float matrix[3][4]);
 
@@ -65,10 +66,11 @@ MUST_CHECK enum err mesh_place(struct mesh *m, const float matrix[3][4]);
  * Wuethrich 1998]. ERR_NOMEM. */
 MUST_CHECK enum err mesh_make_normals(struct mesh *m);
 
-/* Computes m->tangents from texture coordinates and normals, much as MikkTSpace does: at each vertex the mean of the
- * directions of rising u on its triangles, each turned into the vertex's plane and weighted by its angle. A vertex of
- * triangles that are mirror images of each other in texture space becomes two. Unlike there, triangles need not share
- * an edge for their mean. second: by more_uvs. Nothing without texture coordinates. ERR_NOMEM: only that. */
+/* Computes m->tangents from texture coordinates and normals, similar to MikkTSpace: at each vertex the mean of the
+ * directions of increasing u on its triangles, each projected to the vertex's tangent plane and weighted by its angle.
+ * A vertex whose triangles have both orientations in texture space is split in two. Unlike in MikkTSpace, triangles
+ * need not share an edge to be averaged. second: use more_uvs. Does nothing without texture coordinates. ERR_NOMEM is
+ * the only error. */
 MUST_CHECK enum err mesh_make_tangents(struct mesh *m, bool second);
 
 /* Merges identical vertices and drops unused ones. ERR_NOMEM: nothing changed. */

@@ -11,12 +11,12 @@
 /* Geometry, materials and textures. */
 void digest_scene(struct digest *d, const struct scene *scene);
 
-/* The geometry and its holes alone, without colours. */
+/* Geometry and its holes only, without colours. */
 void digest_geometry(struct digest *d, const struct scene *scene);
 
 void digest_view(struct digest *d, const struct view *view); /* camera and image size */
 
-/* Shading points with their colours, and the image size; not the assignment to pixels. */
+/* Shading points with their colours, and the image size, but not the assignment to pixels. */
 void digest_points(struct digest *d, const struct gbuffer *g);
 
 #endif

@@ -1,6 +1,6 @@
 /* server/scene/sensors.h */
-/* Points of measurement in a G-buffer: each is lit like a white matte surface of the same place and normal, so that its
- * illuminance is pi times its radiance. They follow the camera's packets and belong to no pixel. Thread: one. */
+/* Light sensors in a G-buffer: each is lit like a white matte surface with its position and normal, so its illuminance
+ * is pi times its radiance. They follow the camera's packets and belong to no pixel. Thread: one. */
 #ifndef SCENE_SENSORS_H
 #define SCENE_SENSORS_H
 
@@ -11,12 +11,12 @@ struct sensor {
     struct vec3 normal;   /* unit */
 };
 
-/* Adds one packet a sensor, of 16 equal points, whose random numbers differ: their mean has less noise. Returns the
- * index of the first packet in *first. Call it before anything else has seen g. ERR_NOMEM: g is unchanged. */
+/* Adds one packet per sensor, with 16 equal points whose random numbers differ, so that their mean has less noise.
+ * Returns the index of the first packet in *first. Call it before anything else uses g. ERR_NOMEM: g is unchanged. */
 MUST_CHECK enum err gbuffer_add_sensors(struct gbuffer *g, const struct sensor *sensors, uint32_t count,
                                         uint32_t *first);
 
-/* The mean radiance of a sensor's points: lo is of all packets, float[packet_count][3][16]. */
+/* The mean radiance of a sensor's points: lo holds all packets, float[packet_count][3][16]. */
 void sensor_radiance(const float *lo, uint32_t packet, double rgb[3]);
 
 #endif
