@@ -1,16 +1,17 @@
 /* The cache of indirect light. While camera, geometry and materials stay the same, the light that reaches a shade point
- * by way of other surfaces is linear in the environment map. It holds the paths of PATH_INDIRECT_LIT
- * (estimators/paths.h), E D (S* D)+ L, sun included; a frame traces nothing.
+ * by way of other surfaces is linear in the environment map. The cache covers the paths of PATH_INDIRECT_LIT
+ * (estimators/paths.h), E D (S* D)+ L, sun included; frames trace no rays.
  *
- * Records lie on the surfaces, one for each voxel and range of normals. A record stores what it receives from the map,
- * by cells and by rays traced at eight places, and from other records. Shade points gather from records. All of it is
- * expressed in one basis of the cells, the eigenvectors of what some thousand points gather: records and points store
- * 3 x K coefficients (K <= 128), those of points compressed, 16 neighbouring blocks of 64 points to one set of rows.
+ * Records lie on the surfaces, one for each voxel and range of normals. A record stores the light that it receives from
+ * the map, per cell, by rays from eight places, and the light from other records. Shade points gather from records. All
+ * light is expressed in one basis over the cells, the eigenvectors of the light gathered at a few thousand points.
+ * Records and points store 3 x K coefficients (K <= 128); those of points are compressed, with one set of rows for 16
+ * neighbouring blocks of 64 points.
  *
- * Cells overlap here: each is a tent over its neighbours' centres, so that a moving sun passes gradually from one to
- * the next. The result is biased: means over cells, a truncated basis, records that are constant over their voxel, and
- * noise of the gather that is smoothed over a group of blocks and stands still. docs/internals/transport-cache.md has
- * figures.
+ * Cells overlap in this cache: each is a tent function over its neighbours' centres, so that a moving sun crosses
+ * gradually from one to the next. The result is biased by means over cells, a truncated basis, records that are
+ * constant over their voxel, and static gather noise that is smoothed over a group of blocks.
+ * docs/internals/transport-cache.md has figures.
  *
  * One struct bounce per thread of control. bounce_create and bounce_shade run on all OpenMP threads and give the same
  * bits at any number of them. */
@@ -37,41 +38,41 @@ struct bounce_desc {
     const struct scene *scene;
     const struct rays *rays;
     const struct gbuffer *gbuffer;
-    const struct transport *direct; /* supplies the blocks, except those with narrow lobes; read while
-                                     * building only */
-    struct vec3 eye;                /* the camera's position, m: distant records are larger */
-    uint32_t gather;                /* rays for a shade point's matte part, and as many for a lobe; 0: 64 */
+    const struct transport *direct; /* supplies the blocks, except those with narrow lobes; read during building only */
+    struct vec3 eye;                /* the camera's position, m: records are larger at a distance */
+    uint32_t gather;                /* rays for a shade point's matte part, and the same number for a lobe; 0: 64 */
     uint32_t records;               /* limit; 0: half the number of points, within 4000..24000 */
-    uint64_t max_bytes;             /* limit of what is kept (cache/memory.h); building takes some 100 MB more */
+    uint64_t max_bytes;             /* limit of the stored size (cache/memory.h); building takes some 100 MB more */
     uint64_t seed;
-    bool quick; /* a rough cache in a tenth of the time, for frames until the full one is there; gather, records: 0 */
+    bool quick; /* a rough cache in a tenth of the time, for frames until the full one is complete; gather, records:
+                   0 */
     struct progress *progress; /* NULL, or stepped bounce_steps times in all */
     const atomic_bool *cancel; /* NULL, or a flag that ends the building (base/cancel.h) */
 };
 
 struct bounce_stats {
-    uint64_t bytes; /* held */
-    uint64_t rays;  /* traced to build it */
+    uint64_t bytes; /* of the cache */
+    uint64_t rays;  /* traced during building */
     uint32_t records;
     uint32_t basis;    /* K */
-    double basis_rest; /* share of its input that the basis leaves out, by Frobenius norms */
-    uint32_t bounces;  /* iterations of light between records */
+    double basis_rest; /* share of the input that the basis omits, by Frobenius norms */
+    uint32_t bounces;  /* iterations of light exchange between records */
     uint32_t pieces;   /* rows of all blocks */
     double rank;       /* mean rank of the pieces */
-    double shared;     /* mean rank of the rows that a group shares */
+    double shared;     /* mean rank of the rows shared by a group */
 };
 
-/* Steps of a progress line that building takes. */
+/* Number of progress steps that building takes. */
 uint64_t bounce_steps(const struct gbuffer *g);
 
 /* Builds the cache. desc->gbuffer and kernels are borrowed and must outlive *out, which the caller frees with
- * bounce_destroy. ERR_RANGE: max_bytes is too small. ERR_NOMEM. On an error *out is NULL; when cancelled it is NULL
- * too, and the result ERR_OK. */
+ * bounce_destroy. ERR_RANGE: max_bytes is too small. ERR_NOMEM. *out is NULL on an error and when cancelled;
+ * cancellation returns ERR_OK. */
 MUST_CHECK enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
                                   struct reason *why);
 void bounce_destroy(struct bounce *b); /* NULL is allowed */
 
-/* For transport_frame.indirect of the transport that b was built with; valid as long as b. */
+/* The value for transport_frame.indirect with the transport that b was built with; valid as long as b. */
 const struct transport_indirect *bounce_indirect(const struct bounce *b);
 
 /* Adds the indirect light under e, times `weight`, to lo: float[packet_count][3][16], radiance, for use without
@@ -85,8 +86,8 @@ void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bo
 /* Valid as long as b. */
 const struct bounce_stats *bounce_stats(const struct bounce *b);
 
-/* Packets that the cache leaves out, ascending: their lobes are so narrow that they would mirror the records. Valid as
- * long as b. */
+/* Packets that the cache omits, ascending: their lobes are so narrow that the records would be visible as reflections.
+ * Valid as long as b. */
 const struct packet_list *bounce_left(const struct bounce *b);
 
 #endif

@@ -1,5 +1,5 @@
-/* The cache of indirect light in a file (cache/cache_file.h), beside that of direct light. What is loaded has the same
- * bits as what was saved. One thread per reader and writer. */
+/* Stores the cache of indirect light in a file (cache/cache_file.h), next to the cache of direct light. A loaded cache
+ * has the same bits as the saved one. Thread: one per reader and writer. */
 #ifndef BOUNCE_FILE_H
 #define BOUNCE_FILE_H
 
@@ -14,8 +14,7 @@ struct digest bounce_key(const struct digest *direct, const struct bounce_desc *
 /* Adds the sections of b to w, which borrows them: b must outlive w. */
 void bounce_save(const struct bounce *b, const struct digest *key, struct cache_writer *w);
 
-/* Reads what bounce_create would compute. The caller frees *out with bounce_destroy. Errors are those of
- * transport_load. */
+/* Loads the result of bounce_create. The caller frees *out with bounce_destroy. Errors are those of transport_load. */
 MUST_CHECK enum err bounce_load(struct cache_reader *r, const struct digest *key, const struct bounce_desc *desc,
                                 const struct kernels *kernels, struct bounce **out, struct reason *why);
 

@@ -1,6 +1,7 @@
 /* Private to the cache of indirect light (bounce.h). The light that leaves a place is stored as a row: K numbers per
- * colour, by which the K coefficients of the sky are multiplied. `sources` holds the rows of the records, followed by
- * those of the cells themselves, for paths that leave the scene. Thread: one per object, unless stated otherwise. */
+ * colour, whose product with the K coefficients of the sky is the radiance. `sources` holds the rows of the records,
+ * followed by the rows of the cells, for paths that leave the scene. Thread: one per object, unless stated
+ * otherwise. */
 #ifndef BOUNCE_PARTS_H
 #define BOUNCE_PARTS_H
 
@@ -21,7 +22,8 @@ struct bounce_spot { /* a hit on a rough surface */
     struct vec3 at;  /* m, offset from the surface */
     struct vec3 geometric, shading;
     float length;   /* m: of the ray that hit it */
-    uint64_t order; /* random: decides which spots a record keeps, independently of the number of threads */
+    uint64_t order; /* random: decides which spots a record keeps, so that the choice is independent of the number of
+                       threads */
     uint64_t key;   /* of the voxel that contains it */
     uint32_t kind;  /* enum lobe_kind */
 };
@@ -37,7 +39,7 @@ struct bounce_records {
     struct vec3 eye;
     float angle; /* size of a voxel / distance from the eye, before rounding to a power of two */
     uint32_t count;
-    struct bounce_spot *spots; /* [count + 1][BOUNCE_SPOTS]; a voxel with fewer repeats them */
+    struct bounce_spot *spots; /* [count + 1][BOUNCE_SPOTS]; a voxel with fewer spots repeats them */
     uint32_t *table;           /* [mask + 1]: hash table by key of record + 1; 0: empty */
     uint32_t mask;
 };
@@ -70,7 +72,7 @@ struct bounce_world { /* borrowed */
     const struct scene *scene;
     const struct rays *rays;
     const struct bounce_records *records;
-    struct bounce_spots *found; /* not NULL: records hits on matte surfaces here and finds no ends */
+    struct bounce_spots *found; /* not NULL: records hits on matte surfaces here and returns no ends */
 };
 
 /* Traces a path from a rough surface and adds its ends: the light that arrives via other rough surfaces. Returns the
@@ -86,17 +88,17 @@ bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *d
 struct bounce_basis {
     uint32_t count; /* K */
     float *rows;    /* [K][SKY_CELLS], orthonormal */
-    double rest;    /* share of the input's norm that the basis leaves out */
+    double rest;    /* share of the input's norm that the basis omits */
 };
 
-/* The basis of at most `most` rows, a multiple of 16 up to BOUNCE_BASIS_MAX, that represents m[rows][SKY_CELLS] best.
+/* Computes the best basis for m[rows][SKY_CELLS] with at most `most` rows, a multiple of 16 up to BOUNCE_BASIS_MAX.
  * ERR_NOMEM. */
 MUST_CHECK enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows, uint32_t most);
 void bounce_basis_finish(struct bounce_basis *b); /* zeroed memory is allowed */
 
 /* ---- The sky ---- */
 
-#define BOUNCE_WIDE (SKY_EDGE + 2) /* cells along a face's edge, with one of each neighbour */
+#define BOUNCE_WIDE (SKY_EDGE + 2) /* cells along a face's edge, plus one of each neighbour */
 #define BOUNCE_SKY_FACE_PARTS 4u   /* parts of a face, summed separately */
 #define BOUNCE_SKY_PARTS (CUBE_FACES * BOUNCE_SKY_FACE_PARTS)
 
@@ -108,8 +110,9 @@ struct bounce_tents {
     struct bounce_tent_sums parts[CUBE_FACES][BOUNCE_SKY_FACE_PARTS];
 };
 
-/* Mean radiance of the sky over each cell's tent, in two steps: each of BOUNCE_SKY_PARTS parts, on any thread, of an
- * environment whose pyramid is complete; then the means, W sr^-1 m^-2, of all cells. */
+/* Computes the sky's mean radiance over each cell's tent in two steps. The first step sums each of BOUNCE_SKY_PARTS
+ * parts, on any thread, of an environment whose pyramid is complete. The second computes the means, W sr^-1 m^-2, of
+ * all cells. */
 void bounce_sky_part(const struct environment *e, uint32_t part, struct bounce_tents *t);
 void bounce_sky_deal(const struct bounce_tents *t, float out[3][SKY_CELLS]); /* second step */
 
@@ -138,11 +141,11 @@ struct bounce_block {
 
 /* Where a block's bytes are. */
 struct bounce_place {
-    uint32_t at;            /* offset in bounce.stream / 8 */
+    uint32_t at;            /* offset in bounce.stream, divided by 8 */
     uint16_t rows, packets; /* 0: no block begins with this packet */
 };
 
-/* The head of a block's bytes has one of these per row. */
+/* A block's bytes begin with one of these per row. */
 struct bounce_row {
     uint32_t z; /* of its group: offset in bounce.z */
     uint16_t rank, columns;
@@ -216,8 +219,9 @@ struct bounce {
 struct bounce_effort {                                /* of a build: the full one, or a quick one */
     uint32_t gather;                                  /* rays per point */
     uint32_t records;                                 /* maximum number; 0: by the number of points */
-    uint32_t basis_points, basis_records, basis_rays; /* whose light, by so many rays each, gives the basis, */
-    uint32_t basis;                                   /* of at most so many rows */
+    uint32_t basis_points, basis_records, basis_rays; /* points and records whose light, by this many rays each,
+                                                         determines the basis, */
+    uint32_t basis;                                   /* and the maximum number of its rows */
     uint32_t reach; /* smoothing: blocks on either side within the group; BOUNCE_GROUP: the whole group */
 };
 
@@ -258,7 +262,7 @@ MUST_CHECK enum err bounce_lay_out(struct bounce *b);
 /* Fills b->indirect. */
 void bounce_set_indirect(struct bounce *b);
 
-/* A row's bytes of a block, after bounce_lay_out; valid as long as b. */
+/* A block's bytes of a row, after bounce_lay_out; valid as long as b. */
 const int8_t *bounce_block_row(const struct bounce *b, const struct bounce_block *block, uint32_t row);
 
 /* Returns ERR_RANGE with a reason that names the limit. */

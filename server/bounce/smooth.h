@@ -1,4 +1,5 @@
-/* Inside the cache of indirect light: smooths the noise of the gather over a group of blocks. One smoother per thread.
+/* Smooths the noise of the gather over a group of blocks. Private to the cache of indirect light. Thread: one per
+ * smoother.
  */
 #ifndef BOUNCE_SMOOTH_H
 #define BOUNCE_SMOOTH_H
@@ -7,7 +8,7 @@
 
 #define BOUNCE_GROUP_POINTS (BOUNCE_GROUP * TRANSPORT_POINTS)
 
-struct bounce_smoother { /* a group's points, 64 to a block */
+struct bounce_smoother { /* a group's points, 64 per block */
     float at[3][BOUNCE_GROUP_POINTS], normal[3][BOUNCE_GROUP_POINTS];
     float near[BOUNCE_GROUP_POINTS]; /* harmonic mean distance to surrounding surfaces, m, above 0 */
     bool used[BOUNCE_GROUP_POINTS];
@@ -17,8 +18,8 @@ struct bounce_smoother { /* a group's points, 64 to a block */
 struct bounce_smoother *bounce_smoother_create(void);    /* NULL when out of memory */
 void bounce_smoother_destroy(struct bounce_smoother *s); /* NULL is allowed */
 
-/* from, to: float[64 blocks][wide], no overlap; unused points neither give nor receive. A block gets from itself and so
- * many on either side: reach. */
+/* from, to: float[64 blocks][wide], no overlap; unused points are ignored. Each block is averaged with `reach` blocks
+ * on either side. */
 void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
                    float *to);
 

@@ -2,9 +2,9 @@
 /* Direct light at the shading points of a G-buffer: the paths E S* D L. At point p with normal n, seen from o,
  *     Lo = integral of f(o, w) max(0, n.w) V(p, w) L(w) dw,
  * estimated by multiple importance sampling with the balance heuristic over the strata of the sky and the lobes of the
- * BRDF [LPG13, Eq. 4 and 6]. Visibility V is ray-traced, which the paper omits. A direction counts only if its cosines
- * with the geometric and the shading normal are both positive.
- * Thread: one per struct direct. direct_shade runs on all OpenMP threads; its result does not depend on their number.
+ * BRDF [LPG13, Eq. 4 and 6]. Visibility V, which the paper omits, is ray-traced. A direction counts only if its cosines
+ * with the geometric and the shading normal are both positive. Thread: one per struct direct. direct_shade runs on all
+ * OpenMP threads; its result does not depend on their number.
  */
 #ifndef ESTIMATORS_DIRECT_H
 #define ESTIMATORS_DIRECT_H
@@ -28,8 +28,8 @@ struct kernels;
 enum compensate {
     COMPENSATE_OFF,
     COMPENSATE_ON,
-    COMPENSATE_AUTO, /* if the sky has no sun (sky_table.h), or if it is a separate stratum: measurements show losses
-                        otherwise */
+    COMPENSATE_AUTO, /* if the sky has no sun (sky_table.h), or if the sun is a separate stratum: in other cases
+                        compensation increased the error in measurements */
 };
 
 struct direct_desc {
@@ -38,17 +38,16 @@ struct direct_desc {
     uint64_t seed, pass; /* determine all random numbers */
     bool no_visibility;  /* V = 1, as in the paper */
 
-    /* Extensions of the paper; all zero is the paper's method. The first three apply only to methods whose strata are
-     * faces (faces, faces-uniform, mis and auto) and are otherwise ignored.
+    /* Extensions of the paper; all zero selects the paper's method. The first three apply only to methods whose strata
+     * are faces (faces, faces-uniform, mis and auto) and are otherwise ignored.
      *
      * cells: strata per edge of a face: 1, 2, 4 or 8, a divisor of the cube map's size; 0: 1, the faces themselves.
      * From 2 on, a packet draws integer counts for all its points at once by systematic resampling: the expected count
-     * is N q, where q is the mean of its points' shares. beta of Eq. 5 then applies only to the sun.
-     * sun: make the sun, if there is one, a separate stratum.
-     * compensate: only effective if BRDF lobes are sampled too.
-     * scatter: each packet takes one of 16 sets of light samples, by its index, instead of all sharing those of
-     * `interleave`: what a set gets wrong then looks like noise, which a filter removes, and no longer like a tint.
-     * interleave: K, for K x K sets of light samples, a divisor of the G-buffer's own; 0: 1. */
+     * is N q, where q is the mean of its points' shares. beta of Eq. 5 then applies only to the sun. sun: make the sun,
+     * if there is one, a separate stratum. compensate: only effective if BRDF lobes are sampled too. scatter: each
+     * packet takes one of 16 sets of light samples, by its index, instead of sharing those of `interleave`. The error
+     * of a set then looks like noise, which a filter removes, instead of a tint. interleave: K, for K x K sets of light
+     * samples, a divisor of the G-buffer's own; 0: 1. */
     uint32_t cells;
     bool sun;
     enum compensate compensate;
@@ -61,11 +60,11 @@ struct direct_desc {
     const struct packet_list *only;
     bool keep;
 
-    /* [packet_count]: N_s per packet, 1..samples; NULL: `samples` for all. Counts must not depend on the random numbers
-     * to be drawn: adapting them to the values of the first samples causes bias [Kirk and Arvo 1991]. */
+    /* [packet_count]: N_s per packet, 1..samples; NULL: `samples` for all. Counts must be independent of the random
+     * numbers: adapting them to the first samples' values causes bias [Kirk and Arvo 1991]. */
     const uint32_t *counts;
 
-    /* Records what one point does with its samples (direct_log.h), without changing the result. NULL: no recording. */
+    /* Records a point's samples (direct_log.h) without changing the result. NULL: no recording. */
     struct direct_log *log;
 
     const atomic_bool *cancel;      /* once true, remaining packets are not shaded; may be NULL */
@@ -96,9 +95,9 @@ MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, cons
                                  struct direct_stats *stats);
 
 /* The first set of light samples of the last direct_shade (no strata under a black sky), for benchmarks, tests and the
- * page; owned by d. Their number is the paper's N_s / 2 per face, N_s for methods without BRDF samples, and as many for
- * the sun. A cell gets the largest count that any packet needs, at most ceil(N q) for the largest share q that it has
- * at a packet. */
+ * page; owned by d. Their number is the paper's N_s / 2 per face, N_s for methods without BRDF samples, and the same
+ * for the sun. A cell gets the largest count that any packet needs, at most ceil(N q) for the largest share q that it
+ * has at a packet. */
 const struct light_samples *direct_samples(const struct direct *d);
 
 #endif

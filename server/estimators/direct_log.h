@@ -1,7 +1,7 @@
 /* server/estimators/direct_log.h */
-/* A recording of what one shading point does with its samples, made by the kernel while it shades (direct_desc.log).
- * The values are those of the actual run, so that their sum equals the point's radiance exactly. Thread: that of
- * direct_shade. The log owns its arrays. */
+/* A log of one shading point's samples, which the kernel records while it shades (direct_desc.log). The values are
+ * those of the actual run, so their sum equals the point's radiance exactly. Thread: that of direct_shade. The log owns
+ * its arrays. */
 #ifndef ESTIMATORS_DIRECT_LOG_H
 #define ESTIMATORS_DIRECT_LOG_H
 

@@ -1,8 +1,8 @@
 /* server/estimators/eye_paths.h */
 /* Indirect light at the shading points of a G-buffer by path tracing: caustics and interreflection (paths.h), at points
- * seen directly and at those seen in mirrors and through glass, which paths from the light cannot reach. At each point,
+ * seen directly and at points seen in mirrors and through glass, which light paths cannot reach. At each point,
  *     Lo = integral of f(wo, w) max(0, n.w) L(w) dw,
- * where w is sampled from the rough lobe and L(w) is what a path along w finds:
+ * where w is sampled from the rough lobe and L(w) is the light that a path along w finds:
  *  - the sky, directly: direct light, which is direct.h's and counts 0 here;
  *  - the sky after delta events alone: caustics;
  *  - a rough surface y, possibly after delta events: interreflection. At y, and at every further rough surface, the sky
@@ -29,7 +29,7 @@
 #include <stdint.h>
 
 struct progress_part;
-#define EYE_PATH_STEPS 8 /* about the light samples of a point that take as long */
+#define EYE_PATH_STEPS 8 /* cost in light samples of a point, approximately */
 
 struct eye_paths_desc {
     uint32_t classes;               /* PATH_CAUSTICS | PATH_INDIRECT or a part of them, at points seen directly */
@@ -37,12 +37,12 @@ struct eye_paths_desc {
     uint32_t paths;                 /* per shading point, >= 1 */
     const uint32_t *counts;         /* [packet_count]: per packet, 1..paths; NULL: `paths` for all. See direct.h. */
     const struct packet_list *only; /* the packets to shade; NULL: all */
-    double most;         /* no path contributes more radiance, as the sum of its channels: biased. 0: no limit */
+    double most;         /* limit on a path's contribution, as the sum of its channels: biased. 0: no limit */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed continue one low-discrepancy sequence, so
                             that their mean converges faster */
     const atomic_bool *cancel;      /* once true, remaining packets are not shaded; may be NULL */
-    struct progress_part *progress; /* stepped by EYE_PATH_STEPS for each path of a packet; may be NULL */
-    struct scratch *scratch; /* memory reused from call to call, exclusive to this caller; NULL: from the system */
+    struct progress_part *progress; /* stepped by EYE_PATH_STEPS per path of a packet; may be NULL */
+    struct scratch *scratch;        /* memory reused between calls, exclusive to this caller; NULL: from the system */
 };
 
 struct eye_paths_stats {
@@ -50,7 +50,7 @@ struct eye_paths_stats {
     uint64_t rays;  /* traced, including shadow rays */
 };
 
-/* Whether the scene can contain any of the requested light at all. */
+/* Whether the scene can contain any of the requested light. */
 bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *desc);
 
 /* Adds to lo, float[packet_count][3][16], the radiance towards the viewer. The result does not depend on the number of

@@ -1,7 +1,7 @@
 /* server/estimators/kernels.h */
-/* The inner loops, compiled from the same source once per CPU level; kernels_select picks one at start. Results are the
- * same everywhere within a level; between levels they may differ by rounding only. (No contraction and the same order
- * of sums: levels differ in vector width, not in arithmetic, so in practice they are equal:
+/* The inner loops, compiled from the same source once per CPU level; kernels_select picks one at start. Within a level,
+ * results are the same on all machines; between levels they may differ by rounding only. (In practice they are equal,
+ * since levels differ in vector width only, without contraction and with the same order of sums:
  * tests/unit/estimators/kernelcheck.c.) Thread: any. */
 #ifndef ESTIMATORS_KERNELS_H
 #define ESTIMATORS_KERNELS_H
@@ -31,7 +31,7 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     const struct sky_table *table;      /* of the strata; NULL: the environment's own faces, or one stratum */
     const struct light_samples *lights; /* [sets] */
     uint8_t set_of[LIGHT_SETS_MAX];     /* maps shade_packet.sample_set to an index of `lights`, */
-    bool scatter;                       /* unless packets take one of LIGHT_SETS_MAX sets by their index */
+    bool scatter;                       /* false: packets choose one of LIGHT_SETS_MAX sets by their index instead */
     const struct rays *rays;            /* NULL: no occlusion */
     enum share share;
     bool systematic;             /* integer counts per packet; else N_f per point */

@@ -1,6 +1,6 @@
 /* server/estimators/light_tracer.h */
 /* The light tracer: traces paths from the sky into the scene and connects them to the camera at every rough surface
- * [DH09]: caustics, which paths from the eye do not find under a sun, and interreflection (paths.h).
+ * [DH09]: it finds caustics, which eye paths miss under a sun, and interreflection (paths.h).
  *
  * A particle starts with flux L / (p_w p_y) / N: its direction is sampled from the whole sky (environment_sample), its
  * line from boxes (start.h): those of the specular casters if only caustics and their interreflection are requested,
@@ -43,13 +43,13 @@ struct sky_split;
 struct light_tracer_desc {
     uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT or a part of them; without PATH_INDIRECT_LIT all paths start at a
                          caster, and the boxes are the casters' */
-    uint32_t shown;   /* a part of them, which alone is added to rgb; the particles are the same. 0: all of them */
+    uint32_t shown;   /* the classes to add to rgb; the particles stay the same. 0: all */
     uint64_t particles;  /* N; 0: do nothing */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed with the same N continue one
                             low-discrepancy sequence, so that their mean converges faster */
     enum start_kind start;
     uint32_t starts_per_direction; /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
-    float *ground; /* float[height][width][3]: gets what arrives on the ground (scene/ground.h); NULL: rgb gets it */
+    float *ground; /* float[height][width][3]: receives light on the ground (scene/ground.h); NULL: rgb receives it */
     const struct sky_split *bright; /* of this frame: only its bright part emits light; NULL: the whole sky */
     struct progress_part *progress; /* stepped by one for each PARTICLES_A_STEP; may be NULL */
     const atomic_bool *cancel;      /* once true, the run ends and adds nothing; may be NULL */
@@ -57,8 +57,8 @@ struct light_tracer_desc {
 
 struct light_tracer_stats {
     uint64_t particles;  /* started */
-    uint64_t starts_hit; /* of these, hits of the first surface that counts: a caster if only caustics are requested,
-                            else any */
+    uint64_t starts_hit; /* of these, particles that hit a first surface that counts: a caster if only caustics are
+                            requested, else any surface */
     uint64_t rays;       /* traced, including those to the camera */
     uint64_t splats;
 };

@@ -22,8 +22,8 @@ enum method {
     METHOD_PHOTONS,       /* likewise by photon mapping, biased: baselines/photons.h */
     METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
     METHOD_CACHED,        /* direct light from the cache, biased: transport/transport.h */
-    METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse in
-                    measurements (tests/unit/estimators/test_gain.c) */
+    METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse than
+                    METHOD_MIS in measurements (tests/unit/estimators/test_gain.c) */
     METHOD_COUNT,
 };
 
@@ -38,21 +38,21 @@ struct method_recipe {
     enum strata_kind strata;
     enum share share;
     float light_part; /* share of light samples in N_s; 0: none */
-    float brdf_part;  /* share of BRDF samples in N_s; both sum to 1 */
+    float brdf_part;  /* share of BRDF samples in N_s; the two sum to 1 */
     bool sun_apart;   /* the sun, if there is one, is a separate stratum, and the tables are compensated */
 };
 
 /* The recipe of a method. Static; never NULL. */
 const struct method_recipe *method_recipe(enum method m);
 
-/* The method that METHOD_AUTO is a variant of, for reports; other methods are their own. */
+/* The method that METHOD_AUTO is a variant of, for reports; the identity for other methods. */
 enum method method_by_rule(enum method m);
 
 /* All methods. */
 extern const struct setting_choice method_choices[];
 const char *method_name(enum method m); /* static; any thread */
 
-/* Whether the method renders a whole image by itself. It then has no recipe. */
+/* Whether the method renders a whole image without a G-buffer. It then has no recipe. */
 bool method_is_reference(enum method m);
 
 #endif

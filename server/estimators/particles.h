@@ -2,8 +2,8 @@
 /* Particles from the sky and their splats: shared by light_tracer.h and caustic_store.h. Private to this room.
  *
  * A particle starts with flux L / (p_w p_y) / N on a line of direction -w, is traced through the scene, and leaves a
- * splat wherever the camera sees it on a rough surface; light_tracer.h has the equations. The run determines which
- * directions are sampled, and with what L. Thread: one at a time per struct particles. */
+ * splat wherever the camera sees it on a rough surface; light_tracer.h has the equations. The run determines the
+ * sampled directions and their L. Thread: one at a time per struct particles. */
 #ifndef ESTIMATORS_PARTICLES_H
 #define ESTIMATORS_PARTICLES_H
 
@@ -49,7 +49,7 @@ struct particle_run { /* common to all particles of a run */
     uint32_t box_count;
     enum start_kind start;
     struct progress_part *progress; /* may be NULL */
-    uint32_t shown;                 /* of `classes`: those that are splatted */
+    uint32_t shown;                 /* the classes to splat, a part of `classes` */
     uint32_t classes, starts;       /* starts per direction */
     uint64_t particles, first_direction, seed;
     double per_particle; /* N: every flux is divided by it */

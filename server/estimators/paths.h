@@ -27,8 +27,8 @@ enum path_class { /* bits */
                   PATH_ALL = 31,
 };
 
-/* Maximum number of events of a path. Russian roulette ends lossy paths long before; what lossless mirrors and glass
- * reflect among themselves is cut off here. */
+/* Maximum number of events of a path. Russian roulette ends lossy paths much earlier; the limit cuts off reflections
+ * between lossless mirrors and glass. */
 #define PATH_EVENTS_MAX 256
 
 #endif

@@ -1,7 +1,7 @@
 /* server/estimators/sky_lanes.h */
 /* Sky lookups for 16 directions at once: radiance and densities, bit-identical to environment_evaluate and
- * sky_table_evaluate. One by one these took a quarter of a frame, since each waits for a texel outside the near caches;
- * sixteen can wait together. Kernels only. */
+ * sky_table_evaluate. Scalar lookups took a quarter of a frame, since each waits for a texel outside the near caches;
+ * sixteen lookups overlap their waits. Included by kernels only. */
 #ifndef ESTIMATORS_SKY_LANES_H
 #define ESTIMATORS_SKY_LANES_H
 
@@ -21,8 +21,8 @@ struct sky_places {
     int32_t at[PACKET]; /* texel index, as cube_texel */
 };
 
-/* As cube_texel, branch-free: face and position on it. Prefetches what sky_lookup will read, since the sky's texels
- * exceed the near caches; do other work in between. t may be NULL. */
+/* As cube_texel, branch-free: face and position on it. Prefetches the texels for sky_lookup, since the sky exceeds the
+ * near caches; do other work in between. t may be NULL. */
 static inline void sky_locate(const struct environment *e, const struct sky_table *t, const struct lanes d[3],
                               struct sky_places *out)
 {
@@ -57,7 +57,7 @@ static inline void gather_texels(const struct texel *texels, const struct sky_pl
     LANES(l) out[l] = texels[p->at[l]];
 }
 
-/* For the environment's own faces. */
+/* Lookup in the environment's own faces. */
 static inline void environment_lanes(const struct environment *e, const struct sky_places *p, struct sky_lanes *out)
 {
     _Alignas(64) struct texel x[PACKET];

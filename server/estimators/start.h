@@ -45,9 +45,9 @@ struct start { /* the setup for one direction */
 void start_init(struct start *s, enum start_kind kind, const struct box *boxes, uint32_t count,
                 const struct box *bounds, struct vec3 along);
 
-/* Samples a point on a line along `along` from x in [0, 1)^2, outside the scene's bounds, so that the ray meets
- * whatever is in the way. False if there is nothing to hit: the line misses the bounds (*density is set), or no shape
- * has an area. */
+/* Samples a line along `along` from x in [0, 1)^2 and returns a point on it outside the scene's bounds, so that the ray
+ * hits any occluder. False if there is nothing to hit: the line misses the bounds (*density is set), or no shape has an
+ * area. */
 bool start_sample(const struct start *s, const double x[2], struct vec3 *origin, double *density);
 
 /* The density, m^-2, of the line through p; 0 if it cannot be sampled. */

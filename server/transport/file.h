@@ -1,5 +1,5 @@
-/* The cache of direct light in a file (cache/cache_file.h), which a later run loads instead of computing it. What is
- * loaded has the same bits as what was saved. One thread per reader and writer. */
+/* Stores the cache of direct light in a file (cache/cache_file.h), which a later run loads instead of computing it. A
+ * loaded cache has the same bits as the saved one. Thread: one per reader and writer. */
 #ifndef TRANSPORT_FILE_H
 #define TRANSPORT_FILE_H
 
@@ -11,10 +11,10 @@
  * and cancel. */
 struct digest transport_key(const struct gbuffer *g, const struct scene *scene, const struct transport_desc *desc);
 
-/* Adds the sections of t to w, which borrows them: t must outlive w. Lack of memory shows in cache_writer_store. */
+/* Adds the sections of t to w, which borrows them: t must outlive w. cache_writer_store reports a lack of memory. */
 void transport_save(const struct transport *t, const struct digest *key, struct cache_writer *w);
 
-/* Reads what transport_create would compute. The caller frees *out with transport_destroy; on an error it is NULL. The
+/* Loads the result of transport_create. The caller frees *out with transport_destroy; on an error it is NULL. The
  * caller may compute the cache after ERR_FORMAT (damaged sections), ERR_UNSUPPORTED (another key), ERR_END (no such
  * sections) and ERR_IO. ERR_RANGE: max_bytes is too small. ERR_NOMEM. */
 MUST_CHECK enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,

@@ -9,7 +9,7 @@
 #include <immintrin.h>
 #endif
 
-/* Sixteen half floats. */
+/* Converts sixteen half floats. */
 static inline void widen_lanes(const uint16_t *in, struct lanes *out)
 {
 #if defined(__AVX512F__)
@@ -22,7 +22,7 @@ static inline void widen_lanes(const uint16_t *in, struct lanes *out)
 #endif
 }
 
-/* Sixteen bytes. */
+/* Converts sixteen bytes. */
 static inline void widen_bytes(const int8_t *in, struct lanes *out)
 {
 #if defined(__AVX512F__)
@@ -37,8 +37,8 @@ static inline void widen_bytes(const int8_t *in, struct lanes *out)
 #endif
 }
 
-/* Sums the sixteen lanes of each of three, in the same order at all levels: (((0 + 8) + (4 + 12)) + ((2 + 10) + (6 +
- * 14))) + the same of the odd ones. The three are summed in parallel. */
+/* Sums the sixteen lanes of each of three vectors, in the same order at all CPU levels: (((0 + 8) + (4 + 12)) + ((2 +
+ * 10) + (6 + 14))) + the same for odd lanes. The three sums run in parallel. */
 static inline void sum_lanes(const struct lanes x[3], float out[3])
 {
     struct {

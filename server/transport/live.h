@@ -1,10 +1,10 @@
 /* A cache of direct light that lights frames while it is being built. The builder's thread computes the blocks, first
- * coarsely and then finely; the frame's thread shades with what there is. Blocks that are missing are lit by other
- * means (transport_unbuilt), and a new block fades in over TRANSPORT_FADE frames.
+ * coarsely and then finely; the frame's thread shades with the blocks built so far. Other techniques light the missing
+ * blocks (transport_unbuilt), and a new block fades in over TRANSPORT_FADE frames.
  *
  * The builder hands a block over in a slot by one atomic exchange. The frame's thread collects the slots at the start
- * of a frame (transport_live_advance) and frees what they replace. Once all blocks are built and faded in, the cache
- * equals that of transport_create to the bit. */
+ * of a frame (transport_live_advance) and frees the blocks that they replace. Once all blocks are built and faded in,
+ * the cache equals that of transport_create to the bit. */
 #ifndef TRANSPORT_LIVE_H
 #define TRANSPORT_LIVE_H
 
@@ -28,15 +28,15 @@ enum transport_stage {
 };
 
 /* Builds all blocks of a stage on `threads` OpenMP threads of the caller (0: all). Call it once per stage, in order, or
- * for the last stage only. ERR_RANGE: max_bytes is too small; *why says what would do. ERR_NOMEM. When cancelled:
- * ERR_OK, with blocks missing. */
+ * for the last stage only. ERR_RANGE: max_bytes is too small; *why states a sufficient limit. ERR_NOMEM. When
+ * cancelled: ERR_OK, with blocks missing. */
 MUST_CHECK enum err transport_live_build(struct transport_live *live, enum transport_stage stage, uint32_t threads,
                                          struct reason *why);
 
 /* The finished cache for transport_save, NULL before the last stage ends; valid until transport_live_destroy. */
 const struct transport *transport_live_built(const struct transport_live *live);
 
-/* The finished cache as far as it is built, for its blocks' places, which are known from the start. */
+/* The finished cache as far as it is built. Its block layout is valid from the start. */
 const struct transport *transport_live_layout(const struct transport_live *live);
 
 /* ---- Any thread ---- */
@@ -52,14 +52,14 @@ double transport_live_share(const struct transport_live *live, enum transport_st
 /* The cache to shade with; valid as long as `live`. */
 struct transport *transport_live_cache(struct transport_live *live);
 
-/* Takes over what is built. Call it before each frame. */
+/* Takes over newly built blocks. Call it before each frame. */
 void transport_live_advance(struct transport_live *live);
 
-/* The same without fading, for callers that waited for the finished cache. */
+/* As transport_live_advance, without fading, for callers that waited for the finished cache. */
 void transport_live_settle(struct transport_live *live);
 
-/* Of the cache to shade with, also once it is complete, for every packet of the G-buffer: final[k] is how much of its
- * light is that of the finished cache, 0 to 1; changed[k], whether another version of it lights frames than at the last
+/* Versions in the cache to shade with, complete or not, for every packet of the G-buffer: final[k] is the share of its
+ * light that comes from the finished cache, 0 to 1; changed[k] tells whether its version has changed since the last
  * call. Entries of packets outside all blocks stay unchanged. */
 void transport_live_versions(struct transport *t, float *final, bool *changed);
 

@@ -1,8 +1,9 @@
-/* Private to the cache of direct light (transport.h) and to the cache of indirect light, which shares its blocks: data
- * structures, and the loops that are compiled once per CPU level. Thread: one per object, unless stated otherwise.
+/* Private to the cache of direct light (transport.h) and to the cache of indirect light, which shares its blocks.
+ * Contains data structures and the loops that are compiled once per CPU level. Thread: one per object, unless stated
+ * otherwise.
  *
- * A row is the part of BRDF times cosine that one colour multiplies, so that the cache holds no colours or textures
- * (lobes.h has the BRDFs; F0 is the specular colour):
+ * A row is a part of BRDF times cosine, without the colour that multiplies it, so that the cache is independent of
+ * colours and textures (lobes.h has the BRDFs; F0 is the specular colour):
  *     lambert  row 0: cos / pi, by diffuse
  *     phong    row 0: cos / pi, by diffuse;   row 1: its lobe, by specular
  *     ggx      row 0: (1 - F(n.w)) (1 - F(n.o)) cos / pi of F0 = 0, by (1 - F0)^2 diffuse;
@@ -22,7 +23,7 @@
 #define TRANSPORT_UNIT 4       /* directions of a unit (transport_directions) */
 #define TRANSPORT_GAZES 32     /* stored directions of a narrow lobe */
 #define TRANSPORT_FADE 8       /* frames in which a new block fades in */
-#define TRANSPORT_MORE 4       /* strata of the bright part for each ray of the first round; a power of two */
+#define TRANSPORT_MORE 4       /* strata of the bright part per ray of the first round; a power of two */
 
 /* A block's row as traced, before compression: [cell][point]. */
 struct transport_matrix {
@@ -39,11 +40,11 @@ enum transport_form {
 /* A compressed row: T = U V. Its bytes are the gains of V's rows (form bytes only), V, and U. V is stored in groups of
  * TRANSPORT_TOGETHER rows (the last group may have fewer), each group chunk by chunk. U is half floats, packet by
  * packet: [points / 16][rank][16]. Raw: T instead of V, one row per point. Chunks of cells that are zero for all points
- * are left out. */
+ * are omitted. */
 struct transport_piece {
-    struct transport_shape { /* files hold it as it is in memory */
-        uint32_t rank;       /* rows of V; 0: all is zero, and there are no bytes */
-        float scale;         /* a power of two, by which V's halves are divided: their largest is about 2^14 */
+    struct transport_shape { /* files store it in its memory layout */
+        uint32_t rank;       /* rows of V; 0: all entries are zero, and there are no bytes */
+        float scale;         /* a power of two that V's halves are divided by, so that the largest is about 2^14 */
         uint8_t form;        /* enum transport_form */
         uint8_t chunk_count;
         uint8_t chunks[SKY_CHUNKS]; /* ascending */
@@ -52,16 +53,16 @@ struct transport_piece {
     uint8_t *bytes; /* aligned to 64 */
 };
 
-/* One of the directions that a packet's narrow lobes sample by their own densities, with its visibility. */
+/* A direction that a packet's narrow lobes sample by their own densities, and its visibility. */
 struct transport_gaze {
     float x[PACKET], y[PACKET], z[PACKET]; /* unit */
     float by_specular[PACKET];             /* row 1 / density; 0 where the sky is occluded */
     float by_one[PACKET];                  /* row 2 / density, likewise */
-    float density[PACKET];                 /* sr^-1, of all TRANSPORT_GAZES together */
+    float density[PACKET];                 /* sr^-1, sum over all TRANSPORT_GAZES */
 };
 
-/* Visibility of the cells from a block, over all points and directions above their horizon: bits of the cells of which
- * some part is visible, and of those of which some part is occluded. */
+/* Visibility of the cells from a block, over all points and directions above their horizon: bits of the cells that are
+ * partly or fully visible, and of the cells that are partly or fully occluded. */
 struct transport_sight {
     uint64_t seen[SKY_CELLS / 64], hidden[SKY_CELLS / 64];
 };
@@ -69,9 +70,9 @@ struct transport_sight {
 struct transport_block {
     uint32_t first, packets;      /* of the G-buffer */
     uint32_t kind;                /* enum lobe_kind */
-    uint32_t rows;                /* with pieces; blocks with narrow lobes have only the matte one */
+    uint32_t rows;                /* rows with pieces; blocks with narrow lobes have only the matte row */
     bool narrow;                  /* has lobes narrower than a cell, and therefore gazes */
-    bool fine;                    /* of TRANSPORT_FINE; only where it is published */
+    bool fine;                    /* its stage is TRANSPORT_FINE; valid only for published blocks */
     struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until built */
     struct transport_piece pieces[TRANSPORT_ROWS];
     struct transport_sight sight;
@@ -86,7 +87,7 @@ struct transport_directions {
     float *weight;      /* 1 / density, sr; sums to the group's solid angle */
     /* A unit is a square with TRANSPORT_UNIT directions: a cell or a chunk. If its first direction and those of the
      * eight units around it agree for all lanes of a packet, the other directions need not be traced. */
-    uint32_t units;        /* 0: squares have other numbers of directions, and all are traced */
+    uint32_t units;        /* 0: groups have other numbers of directions, and all are traced */
     uint16_t (*around)[8]; /* [units] */
 };
 
@@ -103,15 +104,15 @@ struct transport_bright {
     uint32_t strata;              /* TRANSPORT_MORE * few; 0: no bright part */
     uint32_t few;                 /* samples of a point where no shadow is near */
     float *x, *y, *z, *r, *g, *b; /* direction, radiance / density */
-    float *density;               /* sr^-1, of all `few` together */
+    float *density;               /* sr^-1, sum over all `few` */
     uint64_t seed;
-    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain some of it */
-    /* A cone that contains all of it, which is a point's light in closed form where the whole cone is visible. */
+    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain part of it */
+    /* A cone that contains the whole bright part. Points that see the whole cone get its light in closed form. */
     float axis[3], cosine, sine; /* unit; of the radius. Too wide a cone: -2 and 2, which no direction meets */
     float flux[3][3];            /* per colour: the integral of radiance times direction */
 };
 
-/* A frame's sky as narrow lobes look it up, texel by texel. */
+/* A frame's sky for narrow lobes, which look it up texel by texel. */
 struct transport_look {
     const struct environment *environment;
     float level; /* of sky_split */
@@ -132,7 +133,8 @@ static inline size_t transport_head(const struct transport_shape *s)
            (size_t)s->rank * s->chunk_count * SKY_CHUNK * (s->form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
 }
 
-/* Visibility of the bright part from a packet: bits of the lanes that see some of it and that are occluded from some.
+/* Visibility of the bright part from a packet: bits of the lanes that see some of it, and of the lanes for which some
+ * of it is occluded.
  */
 struct transport_view {
     uint32_t lit, dark;
@@ -146,17 +148,17 @@ struct transport_round {
 };
 
 struct bright_kernels {
-    /* Adds to sum[3][16] the light of a round of samples, before division by their number, and to *view their
-     * visibility. Returns the number of rays. rays: NULL if everything is visible. narrow: the packet has gazes too,
-     * and the lobes count with their balance heuristic share. variant: per lane, below TRANSPORT_VARIANTS. */
+    /* Adds the light of a round of samples to sum[3][16], before division by their number, and their visibility to
+     * *view. Returns the number of rays. rays: NULL if everything is visible. narrow: the packet has gazes too, and the
+     * lobes count with their balance heuristic share. variant: per lane, below TRANSPORT_VARIANTS. */
     uint64_t (*light)(const struct rays *rays, const struct transport_bright *b, const struct shade_packet *p,
                       bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
                       float sum[3][PACKET], struct transport_view *view);
-    /* Writes to sum[3][16] the light of a packet of LOBE_LAMBERT that sees all of the bright part, without sampling.
+    /* Writes the light of a LOBE_LAMBERT packet that sees all of the bright part to sum[3][16], without sampling.
      * False, and nothing is written, if a horizon cuts its cone. */
     bool (*open)(const struct transport_bright *b, const struct shade_packet *p, float sum[3][PACKET]);
-    /* Finds a block's points near the edge of a shadow: near[count] gets bits of the lanes that see some of the bright
-     * part and are occluded from some, and of those with a neighbour of the other kind. */
+    /* Finds a block's points near the edge of a shadow: near[count] receives bits of the lanes that see only a part of
+     * the bright part, and of the lanes whose visibility differs from a neighbour's. */
     void (*edges)(const struct shade_packet *packets, uint32_t count, const struct transport_view *view,
                   uint32_t near[TRANSPORT_PACKETS]);
     /* Traces one ray to the bright part from each of 16 points, spread over a block's packets. Returns the number of
@@ -182,10 +184,10 @@ struct transport_indirect {
     void (*take)(void *self, const struct environment *e, uint32_t part);
     uint32_t take_parts;
     void (*taken)(void *self); /* one thread */
-    float *sky;                /* [sky_count]: what was taken, which may come from another process instead */
+    float *sky;                /* [sky_count]: the result of `take`, which may come from another process instead */
     uint32_t sky_count;
-    /* Computes part 0 .. parts - 1 of the data that blocks share, if one of these blocks, by its first packet, is
-     * wanted. wants: NULL: all are. */
+    /* Computes part 0 .. parts - 1 of the data that blocks share, if `wants` accepts the first packet of one of these
+     * blocks. wants NULL: accept all. */
     void (*prepare)(void *self, uint32_t part, transport_wants *wants, const void *context);
     uint32_t parts;
     /* Writes the rows of the block that begins with packet `first`. */
@@ -197,8 +199,8 @@ struct transport_kernels {
      * *sight. Returns the number of rays. */
     uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
                       struct transport_matrix *out, uint32_t first, struct transport_sight *sight);
-    /* Writes the block's light from the sky's lower part to lo[packets][3][16]: rows times the sky, plus `more` unless
-     * NULL, times colours. */
+    /* Writes the block's light from the sky's lower part to lo[packets][3][16]: (rows times the sky, plus `more` unless
+     * NULL) times colours. */
     void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct sky_split *sky,
                   const struct transport_rows *more, float *lo);
     /* out[c][point] = sum over cells of T L. points: a multiple of 16. */
@@ -206,7 +208,8 @@ struct transport_kernels {
                    float out[3][TRANSPORT_POINTS]);
     /* Traces a packet's gazes to out[TRANSPORT_GAZES]. Returns the number of rays. */
     uint64_t (*aim)(const struct transport_world *w, const struct shade_packet *p, struct transport_gaze *out);
-    /* Adds to lo[3][16] the light of a packet's gazes; the bright part has its share of the balance heuristic. */
+    /* Adds to lo[3][16] the light of a packet's gazes; the balance heuristic combines them with the bright part's
+     * samples. */
     void (*gaze)(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
                  float *lo);
     const struct bright_kernels *bright;
@@ -217,13 +220,13 @@ struct transport_kernels {
 /* The loops for the CPU level of k. Never NULL; any thread. */
 const struct transport_kernels *transport_kernels_of(const struct kernels *k);
 
-/* The previous version of a block while the cache is being built (transport/live.h), from which the new one fades in.
+/* The previous version of a block while the cache is being built (transport/live.h); the new version fades in from it.
  */
 struct transport_fade {
-    struct transport_block old; /* without pieces: the light in lo, computed by other means */
-    uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: there is none yet */
+    struct transport_block old; /* without pieces: light in lo, computed by other techniques */
+    uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: not built yet */
     bool from_cells;            /* old has pieces */
-    bool changed;               /* the block or its weight, since transport_live_versions */
+    bool changed;               /* the block or its weight changed since transport_live_versions */
 };
 
 struct transport {
@@ -263,12 +266,12 @@ static inline float transport_mean_colour(const struct shade_packet *p, uint32_t
 /* desc with its defaults filled in. */
 struct transport_desc transport_resolve(const struct transport_desc *desc);
 
-/* A cache whose blocks are laid out but have no pieces yet; desc: only no_visibility is read. Free with
+/* Creates a cache with the layout of its blocks, but without pieces. Reads only no_visibility of desc. Free with
  * transport_destroy. NULL when out of memory. */
 struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                                   const struct transport_desc *desc);
 
-/* Adds a finished block to the statistics; once all are, transport_close_stats. */
+/* Adds a finished block to the statistics; call transport_close_stats after the last one. */
 void transport_count_block(struct transport *t, const struct transport_block *b);
 void transport_close_stats(struct transport *t);
 
@@ -283,17 +286,18 @@ struct transport_live;
 MUST_CHECK enum err transport_live_publish(struct transport_live *live, uint32_t index, const struct transport_block *b,
                                            bool fine);
 
-/* Bytes of the cache with the newest version of each block; between two batches the same at any number of threads. */
+/* Bytes of the cache with the newest version of each block; between two batches independent of the number of
+ * threads. */
 uint64_t transport_live_bytes(struct transport_live *live);
 
-/* Builds all blocks. desc: from transport_resolve. to: blocks are published there as they are finished; NULL: nowhere.
- * Coarse blocks are only published; fine ones stay in t as well, where their pieces are borrowed if they were
- * published. *all: the build was not cancelled. Errors: those of transport_create. */
+/* Builds all blocks. desc: from transport_resolve. to: publishes finished blocks there; NULL: nowhere. Coarse blocks
+ * are only published; fine ones also stay in t, where the pieces of published blocks are borrowed. *all: the build was
+ * not cancelled. Errors: those of transport_create. */
 MUST_CHECK enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse,
                                     uint32_t threads, struct transport_live *to, bool *all, struct reason *why);
 
 /* The norm that compression preserves: sum over points of scale^2 (sum over cells of T^2 + sum over chunks of (sum over
- * their cells of T)^2): the expected square under skies whose cells vary as much alone as together with their chunk. */
+ * their cells of T)^2): the expected square under skies whose cells vary individually as much as with their chunk. */
 double transport_weigh(const struct transport_matrix *m, uint32_t points, const float *scale);
 
 /* The memory that compression needs; one per thread. NULL when out of memory. */
@@ -320,7 +324,7 @@ uint64_t transport_gaze_bytes(const struct transport_block *b);
 uint64_t transport_block_bytes(const struct transport_block *b);
 void transport_block_finish(struct transport_block *b); /* frees its pieces and gazes */
 
-/* Call it once before several threads call transport_compress: turns off the linear algebra library's own threads. */
+/* Turns off the linear algebra library's own threads. Call it once before several threads call transport_compress. */
 void transport_compress_begin(void);
 
 /* Draws side x side jittered directions in each group; edge: 1 or 2, cells along a group's edge. ERR_NOMEM. */

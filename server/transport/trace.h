@@ -15,11 +15,11 @@ struct tracer {
     struct ray16 rays;
     uint32_t rows;
     uint64_t traced;
-    bool seen, hidden; /* by some lane above whose horizon a direction was, since the last reset */
+    bool seen, hidden; /* by some lane for which a direction was above the horizon, since the last reset */
 };
 
-/* Colours of the three channels with which lobes_evaluate returns, in this order: the part of the lobe that no colour
- * multiplies, the lobe for a specular colour of 1, and the first plus the matte part. */
+/* Sets colours such that the three channels of lobes_evaluate return, in this order: the part of the lobe that no
+ * colour multiplies, the lobe for a specular colour of 1, and the first plus the matte part. */
 static void set_up_tracer(struct tracer *t)
 {
     static const float diffuse[3] = { 0.0f, 0.0f, 1.0f }, specular[3] = { 0.0f, 1.0f, 0.0f };
@@ -37,7 +37,7 @@ static void set_up_tracer(struct tracer *t)
     lobes_rays(p, &t->rays);
 }
 
-/* Finds the lanes above whose horizon d is, and their cosines. False: none. */
+/* Finds the lanes with d above their horizon, and their cosines. False: none. */
 static bool face(const struct tracer *t, const struct lanes d[3], struct lanes *cosine, int32_t valid[PACKET])
 {
     int32_t some = 0;
@@ -66,7 +66,7 @@ static void ask(struct tracer *t, enum ray_spread spread, const struct lanes d[3
 }
 
 /* BRDF times cosine by rows in the lanes that see the sky along d; 0 in the others. False: no lane sees it. pdf: of the
- * specular lobe. known: bits of the lanes that see it, if no rays are needed; NULL: unknown. */
+ * specular lobe. known: bits of the lanes that see it, if no rays are needed; NULL: trace rays. */
 static bool see_rows(struct tracer *t, enum ray_spread spread, const struct lanes d[3], const uint32_t *known,
                      struct lanes row[TRANSPORT_ROWS], struct lanes *pdf)
 {
@@ -126,7 +126,8 @@ static void set_direction(const struct transport_directions *dirs, uint32_t k, s
 /* Visibility of the first direction of each unit (transport_directions). */
 struct outlook {
     uint32_t first[SKY_CELLS]; /* bits of the lanes that see it */
-    uint8_t sides[SKY_CELLS];  /* of the lanes above whose horizon it is, bit 0: some see it, bit 1: some do not */
+    uint8_t sides[SKY_CELLS];  /* of the lanes for which it is above the horizon, bit 0: some see it, bit 1: some do
+                                  not */
 };
 
 /* Traces one direction of each unit. */
@@ -153,8 +154,8 @@ static void look_out(struct tracer *t, struct outlook *o)
     }
 }
 
-/* Where all lanes' first directions of a unit and of the eight about it have seen the sky, or none has, so it is by the
- * others. */
+/* If the first directions of a unit and of its eight neighbours all have the same visibility for all lanes, the unit's
+ * other directions are assumed to have it, too. */
 static const uint32_t *known_of(const struct transport_directions *dirs, const struct outlook *o, uint32_t k)
 {
     static const uint32_t all = UINT32_MAX, none = 0;

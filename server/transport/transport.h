@@ -4,10 +4,10 @@
  * where L(c) is the map's mean radiance over cell c of 6 x 16 x 16. T is traced once and stored without colours, one
  * row for each part of the BRDF (transport/parts.h); a frame multiplies the rows by the point's colours.
  *
- * A mean over 5.6 degrees would blur the shadows of the sun. So env/sky_split.h splits the map: the lower part goes
- * through T, and the bright part is traced in every frame, with few rays where neighbours agree on what they see of it
- * and up to eight times as many where they do not. Lobes narrower than a cell use directions of their own, whose
- * visibility is stored: there the map is looked up texel by texel.
+ * A mean over 5.6 degrees would blur the shadows of the sun. So env/sky_split.h splits the map: T transports the lower
+ * part, and every frame traces rays to the bright part, few where neighbouring points agree on its visibility and up to
+ * eight times as many elsewhere. Lobes narrower than a cell have directions of their own with stored visibility, and
+ * look up the map texel by texel.
  *
  * The result is biased: a cell has one radiance, T is a quadrature and is compressed within a tolerance, and the few
  * rays miss thin penumbrae. docs/internals/transport-cache.md has figures.
@@ -27,9 +27,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* A lobe is narrow if it falls to a half within less than a cell's 5.6 degrees: above this Phong exponent, or below
- * this alpha of ggx. cos^150 falls to a half at 5.5 degrees; D of ggx at 1.29 alpha, about a half vector that turns
- * half as fast. */
+/* A lobe is narrow if it falls to half its peak within a cell's 5.6 degrees: above this Phong exponent, or below this
+ * ggx alpha. cos^150 falls to a half at 5.5 degrees; D of ggx falls to a half at 1.29 alpha, measured on the half
+ * vector, which turns half as fast. */
 #define TRANSPORT_EXPONENT 150.0f
 #define TRANSPORT_ALPHA 0.075f
 
@@ -38,12 +38,12 @@ struct transport_indirect;
 struct progress;
 
 struct transport_desc {
-    uint32_t per_cell;     /* directions along a cell's edge, 1..8: 2 means 4 a cell; 0: 2 */
-    uint32_t lobe_samples; /* further directions for a glossy point's lobe, at most 4096; 0: 64 */
-    /* Compression: the Frobenius norm of what a block of 64 points may lose, relative to that of its transport, colours
-     * included. 0: 0.015 for matte and 0.01 for glossy blocks; below 0: no compression. */
+    uint32_t per_cell;     /* directions along a cell's edge, 1..8: 2 means 4 per cell; 0: 2 */
+    uint32_t lobe_samples; /* additional directions for a glossy point's lobe, at most 4096; 0: 64 */
+    /* Compression tolerance: Frobenius norm of the error of a block of 64 points, relative to the norm of its
+     * transport, colours included. 0: 0.015 for matte and 0.01 for glossy blocks; below 0: no compression. */
     float tolerance, tolerance_glossy;
-    uint64_t max_bytes; /* limit of what is kept (cache/memory.h); building takes some 2 MB a thread more */
+    uint64_t max_bytes; /* limit of the stored size (cache/memory.h); building takes some 2 MB more per thread */
     uint64_t seed;
     bool no_visibility;        /* V = 1 */
     struct progress *progress; /* NULL, or stepped transport_steps times in all */
@@ -51,28 +51,28 @@ struct transport_desc {
 };
 
 struct transport_stats {
-    uint64_t bytes; /* held */
+    uint64_t bytes; /* of the cache */
     uint64_t dense; /* bytes of all entries as half floats, uncompressed */
-    uint64_t rays;  /* traced to build it */
+    uint64_t rays;  /* traced during building */
     uint32_t packets;
     uint32_t narrow;              /* packets with lobes narrower than a cell */
     uint32_t blocks, pieces, raw; /* a piece is one row of a block; raw: uncompressed pieces */
-    uint32_t halves;              /* pieces compressed to half floats, where bytes were too coarse */
+    uint32_t halves;              /* pieces compressed to half floats, because bytes were too coarse */
     double rank;                  /* mean rank of compressed pieces */
 };
 
-/* What a part of a frame does with blocks that have narrow lobes, which look the map up texel by texel. */
+/* How a part of a frame treats blocks with narrow lobes, which look up the map texel by texel. */
 enum transport_narrow {
-    TRANSPORT_NARROW_OWN,  /* it shades those of the part */
-    TRANSPORT_NARROW_NONE, /* it leaves their places in lo as they are, and needs no texels for them */
-    TRANSPORT_NARROW_ALL,  /* it shades all, of the part or not */
+    TRANSPORT_NARROW_OWN,  /* shades those in the part */
+    TRANSPORT_NARROW_NONE, /* leaves their lanes of lo unchanged and needs no texels for them */
+    TRANSPORT_NARROW_ALL,  /* shades all, in the part or not */
 };
 
 struct transport_frame {
-    uint32_t samples;          /* N >= 1; N / 64 to N / 8 rays a point go to the bright part */
+    uint32_t samples;          /* N >= 1; the bright part gets N / 64 to N / 8 rays per point */
     uint64_t seed, pass;       /* choose the samples of the bright part */
     const atomic_bool *cancel; /* NULL, or a flag that ends the frame early */
-    bool unsplit;              /* no bright part: cells alone, linear in the map up to rounding */
+    bool unsplit;              /* no bright part: cells only, linear in the map up to rounding */
     /* Indirect light of the same cache (bounce_indirect), added before colours multiply; NULL: none. Only once
      * transport_is_settled. */
     const struct transport_indirect *indirect;
@@ -80,28 +80,29 @@ struct transport_frame {
      * 0: all of it. */
     uint32_t first, end;
     enum transport_narrow narrow;
-    bool sky_taken; /* the sky is there, by transport_take_sky or transport_unpack_sky */
+    bool sky_taken; /* the sky is set already, by transport_take_sky or transport_unpack_sky */
 };
 
 struct transport_frame_stats {
-    uint64_t rays;     /* traced to the bright part */
+    uint64_t rays;     /* traced towards the bright part */
     uint32_t bright;   /* texels of the bright part */
     uint32_t penumbra; /* packets in penumbrae, which got more rays */
     double share;      /* of the map's energy that is bright, 0..1 */
 };
 
-/* Steps of a progress line that building takes. */
+/* Number of progress steps that building takes. */
 uint64_t transport_steps(const struct gbuffer *g);
 
 /* Traces and compresses. g, rays and kernels are borrowed and must outlive *out, which the caller frees with
- * transport_destroy. rays: NULL means that everything is visible. ERR_RANGE: max_bytes is too small; *why says what
- * would do. ERR_NOMEM. On an error *out is NULL; when cancelled it is NULL too, and the result ERR_OK. */
+ * transport_destroy. rays: NULL means that everything is visible. ERR_RANGE: max_bytes is too small; *why states a
+ * sufficient limit. ERR_NOMEM. *out is NULL on an error and when cancelled; cancellation returns ERR_OK. */
 MUST_CHECK enum err transport_create(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                                      const struct transport_desc *desc, struct transport **out, struct reason *why);
 void transport_destroy(struct transport *t); /* NULL is allowed */
 
-/* Moves the pieces together in memory, in the order in which frames read them. Call it on the frame's thread, between
- * frames. Does nothing while a background build runs, when the pieces are together already, or when memory is out. */
+/* Moves the pieces into one contiguous array, in the order in which frames read them. Call it on the frame's thread,
+ * between frames. Does nothing while a background build runs, when the pieces are contiguous already, or when out of
+ * memory. */
 void transport_gather(struct transport *t);
 
 /* Lights the shade points under the map e. lo: float[packet_count][3][16], radiance, linear Rec.709; every lane is
@@ -111,13 +112,14 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
                                     const struct transport_frame *frame, float *lo,
                                     struct transport_frame_stats *stats);
 
-/* The first packet of the block that contains a packet, where a part of a frame may begin; packet_count for that. */
+/* The first packet of the block that contains a packet: a part of a frame may begin there. packet_count maps to
+ * itself. */
 uint32_t transport_cut(const struct transport *t, uint32_t packet);
 
-/* A frame on several processes, which have the same cache: the first takes the sky of e and packs what the others need
- * of it. These unpack it, and light their parts with sky_taken by an environment of the same size, of which only the
- * bright texels are written: it serves no narrow lobes. transport_take_sky: ERR_NOMEM. transport_unpack_sky: ERR_FORMAT
- * if the bytes are not those of such a sky; ERR_NOMEM. */
+/* Distributes a frame over several processes with the same cache. The first process takes the sky of e and packs the
+ * data that the others need. The others unpack it and light their parts with sky_taken under an environment of the same
+ * size that contains only the bright texels, so it does not serve narrow lobes. transport_take_sky: ERR_NOMEM.
+ * transport_unpack_sky: ERR_FORMAT if the bytes are not those of such a sky; ERR_NOMEM. */
 MUST_CHECK enum err transport_take_sky(struct transport *t, const struct environment *e,
                                        const struct transport_frame *frame);
 size_t transport_sky_bytes(const struct transport *t, const struct transport_indirect *indirect);
@@ -135,8 +137,8 @@ bool transport_is_settled(const struct transport *t);
 /* Packets with lobes narrower than a cell, ascending. Valid as long as t. */
 const struct packet_list *transport_narrow(const struct transport *t);
 
-/* Packets whose block is missing or still fading in, of a cache that is being built (transport/live.h); empty
- * otherwise. Valid until the next transport_live_advance. */
+/* Packets whose block is missing or fading in, in a cache that is being built (transport/live.h); otherwise empty.
+ * Valid until the next transport_live_advance. */
 const struct packet_list *transport_unbuilt(const struct transport *t);
 
 #endif
