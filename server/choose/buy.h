@@ -1,17 +1,19 @@
-/* Decides whether `auto` uses the cache of light transport (transport/transport.h), which costs much once and little
- * per frame, and is biased: never unless its bias is allowed (--allow-bias), and never for an error below it. Pure
- * functions; any thread.
+/* Decides whether `auto` uses the light transport cache (transport/transport.h), which has a high initial cost, a low
+ * cost per frame, and a bias. It is never used unless its bias is allowed (--allow-bias), and never for a target error
+ * below the bias. Pure functions. Thread: any.
  *
  *     break-even, in frames = precomputation / (a frame without the cache - a frame with it)
  *
- * By counts the number of frames does not matter, so that a picture never depends on it. By the clock, a known number
- * of frames is compared with that. For an unknown number the cache is computed once as much time has gone into frames
- * as it takes: the total is then at most twice the optimum [Karlin et al. 1988]. Or once as many frames came as would
- * have taken that time with 64 samples: with fewer samples, a frame by the cache takes about as long and is far better.
+ * With sample counts the number of frames has no influence, so a picture never depends on it. By the clock, a known
+ * number of frames is compared with the break-even. With an unknown number, the cache is computed once frames have
+ * taken as much time as the cache would: the total is then at most twice the optimum [Karlin et al. 1988]. It is also
+ * computed after as many frames as would take that time with 64 samples: with fewer samples, a frame with the cache
+ * takes about as long and is far more accurate.
  *
- * Where bits must not depend on a clock, everything is counted in light samples per point, whose relative times hardly
- * depend on the machine: the cache of direct light takes as long as 2048 (measured: 1920 under an overcast sky, 2210 at
- * noon), that of interreflection as 1250 more, a frame by the cache as 4, and eye paths as the samples beside them. */
+ * If the bits must not depend on a clock, times are measured in light samples per point, whose relative costs hardly
+ * depend on the machine: the cache of direct light costs 2048 (measured: 1920 under an overcast sky, 2210 at noon), the
+ * cache of interreflection 1250 more, a frame with the cache 4, and eye paths as much as the light samples of the same
+ * frame. */
 #ifndef CHOOSE_BUY_H
 #define CHOOSE_BUY_H
 
@@ -22,25 +24,25 @@
 #define BUY_SAMPLES_INDIRECT 1250.0
 #define BUY_FRAME_SAMPLES 4.0
 #define BUY_GOOD_SAMPLES 64.0
-#define BUY_MADE 4 /* frames before the clock decides */
+#define BUY_MADE 4 /* frames before the decision by the clock */
 
-/* relMSE of the cache's bias, and of N samples, which is BUY_NOISE / N; for direct light, and with interreflection
+/* relMSE of the cache's bias, and of N samples, which is BUY_NOISE / N; for direct light and with interreflection
  * (docs/internals/transport-cache.md). */
 #define BUY_BIAS 4.5e-4
 #define BUY_BIAS_INDIRECT 1e-2
-#define BUY_BIAS_COARSE 3e-3 /* of its coarse blocks, direct light alone */
+#define BUY_BIAS_COARSE 3e-3 /* of its coarse blocks, direct light only */
 #define BUY_NOISE 0.3
 #define BUY_NOISE_INDIRECT 4.0
 
 struct buy_facts {
-    uint64_t frames; /* by the clock: still to come; 0: unknown */
-    double allowed;  /* relMSE of a bias that is allowed; 0: none */
-    bool indirect;   /* interreflection is requested, and the cache has it too */
-    /* By counts. */
+    uint64_t frames; /* by the clock: remaining frames; 0: unknown */
+    double allowed;  /* relMSE of the allowed bias; 0: none */
+    bool indirect;   /* interreflection is requested; the cache includes it */
+    /* With sample counts. */
     uint32_t samples; /* N_s of a frame without the cache */
     /* By the clock. */
     uint64_t points;
-    double error;    /* relMSE that is requested, else estimated; 0: unknown */
+    double error;    /* requested or else estimated relMSE; 0: unknown */
     double sample_s; /* seconds per light sample of a point */
     double frame_s;  /* seconds per frame without the cache */
     double spent_s;  /* on frames so far */
@@ -49,7 +51,7 @@ struct buy_facts {
 
 struct buy {
     bool yes;
-    double break_even; /* frames; 0: it never pays */
+    double break_even; /* frames; 0: the cache never pays off */
     double build_s;    /* by the clock: expected seconds of the precomputation */
     const char *why;   /* a phrase; static */
 };
@@ -57,10 +59,10 @@ struct buy {
 /* Whether the cache's bias is allowed. */
 bool buy_is_allowed(const struct buy_facts *f);
 
-/* Whether it is, and a picture of this error may have it. */
+/* Whether it is, and the target error permits it. */
 bool buy_suits(const struct buy_facts *f);
 
-/* By counts of samples: no clock decides. By the clock: from measured frames. Both fill *out. */
+/* buy_by_counts uses sample counts and no clock; buy_by_clock uses measured frames. Both fill *out. */
 void buy_by_counts(const struct buy_facts *f, struct buy *out);
 void buy_by_clock(const struct buy_facts *f, struct buy *out);
 

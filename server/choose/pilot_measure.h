@@ -1,6 +1,7 @@
 /* server/choose/pilot_measure.h */
-/* Groups of pixels spread over the picture, with the packets that hold their shade points, and what two independent
- * estimates of a group tell about the whole. One thread of control; loops over pixels run on all OpenMP threads. */
+/* Groups of pixels spread over the picture, with the packets that hold their shade points, and error estimates for the
+ * whole picture from two independent estimates of a group. Thread: one at a time; loops over pixels run on all OpenMP
+ * threads. */
 #ifndef CHOOSE_PILOT_MEASURE_H
 #define CHOOSE_PILOT_MEASURE_H
 
@@ -12,11 +13,11 @@
 #define GROUPS_MAX 24
 
 struct group {
-    uint32_t *pixels; /* that hold a shade point */
+    uint32_t *pixels; /* pixels with a shade point */
     uint32_t pixel_count;
     uint32_t *index;         /* of packets */
-    struct packet_list list; /* into it */
-    uint64_t points;         /* in those packets, including points of other pixels */
+    struct packet_list list; /* view of `index` */
+    uint64_t points;         /* in those packets, including points of pixels outside the group */
 };
 
 struct tile_mean {
@@ -37,43 +38,43 @@ struct groups {
     struct group all; /* the whole picture */
 };
 
-/* Divides the picture of a G-buffer, which must outlive it. False when out of memory; finish it all the same. */
+/* Divides the picture of a G-buffer, which must outlive it. False when out of memory; call groups_finish even then. */
 bool groups_init(struct groups *s, const struct gbuffer *g);
 void groups_finish(struct groups *s); /* zeroed memory is allowed */
 
-/* The picture r by which errors are made relative, as relMSE is: r^2 + 1e-2 mean(r)^2. In a noisy one the mean of 3 x 3
- * pixels replaces r, since a pixel that is far off must not be measured by itself. All is borrowed. */
+/* The picture r that errors are relative to, as in relMSE: they are divided by r^2 + 1e-2 mean(r)^2. In a noisy picture
+ * the mean over 3 x 3 pixels replaces r, so that an outlier is not divided by itself. All pointers are borrowed. */
 struct yardstick {
     const float *rgb;    /* float[height][width][3] */
     const float *more;   /* likewise, added: light that the picture lacks or has few particles of; NULL: nothing */
     const uint8_t *mask; /* [height][width]: 0 where there is no shade point */
     uint32_t width, height;
     bool noisy;
-    bool lacks_part; /* the picture is without the part: the mean of both estimates over a tile is added */
+    bool lacks_part; /* the picture lacks the part: adds the mean of both estimates over a tile */
     double soft;     /* 1e-2 mean(r)^2 */
 };
 
-/* Of a picture float[height][width][3] and its mask, both borrowed. */
+/* From a picture float[height][width][3] and its mask, both borrowed. */
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
 
-/* The mean of two sparse pictures over 9 x 9 pixels, less the pixel's own mean if the picture has it already, into out.
- * All float[height][width][3]; spare too, which is scratch. */
+/* Writes the mean of two sparse pictures over 9 x 9 pixels to out, minus the pixel's own mean if the picture contains
+ * it already. All are float[height][width][3], including spare, which is scratch memory. */
 void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t width, uint32_t height, float *spare,
                       float *out);
 
 /* Means over a group's pixels and channels, relative as relMSE is. */
 struct pair {
-    double error;  /* of either estimate: half of the squared difference */
-    double energy; /* the product: the part itself, squared */
+    double error;  /* of each estimate: half of the squared difference */
+    double energy; /* the product: the square of the part itself */
 };
 
-/* From two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Unless NULL,
+/* Compares two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Unless NULL,
  * error[packet_count][16] receives each shade point's part of the error, summed over the group's pixels, for the
  * group's packets; it may be negative by chance. */
 struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
                            const struct yardstick *y, float (*error)[PACKET]);
 
-/* From two pictures of a part, float[height][width][3]. */
+/* Compares two pictures of a part, float[height][width][3]. */
 struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);
 
 #endif

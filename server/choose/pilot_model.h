@@ -1,6 +1,7 @@
 /* server/choose/pilot_model.h */
-/* Predicts error and time of one way to make a part of the picture from its count n (samples or paths per point, units
- * of particles). Readings are few, noisy and grow old. Plain data; zeroed memory knows nothing. Any thread. */
+/* Predicts error and time of one technique for a part of the picture from its count n (samples or paths per point,
+ * units of particles). Readings are few, noisy and grow old. Plain data; zeroed memory means no readings. Thread:
+ * any. */
 #ifndef CHOOSE_PILOT_MODEL_H
 #define CHOOSE_PILOT_MODEL_H
 
@@ -8,21 +9,21 @@
 #include <stdint.h>
 
 struct reading {
-    double n, error, energy; /* relMSE at n; relMSE of leaving the part out */
+    double n, error, energy; /* relMSE at n; relMSE of omitting the part */
 };
 
 struct model {
     double variance;               /* error = variance / n */
-    double energy, energy_most;    /* as read; and with one standard error more */
+    double energy, energy_most;    /* as measured; and one standard error above */
     double weight, light, scatter; /* running means of n^2, n^2 energy, and the squared deviation of the latter */
     double begin_s, unit_s;        /* seconds of a whole picture = begin_s + unit_s n */
-    uint32_t count;                /* readings that `variance` is the mean of */
+    uint32_t count;                /* readings averaged in `variance` */
     uint32_t fresh;                /* readings since the sky changed */
-    bool known, timed;             /* the error is known, perhaps from another sky; the times are */
+    bool known, timed;             /* the error is known, perhaps from an earlier sky; the times are known */
     bool ran;                      /* a whole picture has corrected the times */
 };
 
-/* Adds a reading; the latest twelve count most. */
+/* Adds a reading; the latest twelve have the most weight. */
 void model_read(struct model *m, const struct reading *r);
 
 /* Adds a measured run: begin_s once, `seconds` for n on a share 0..1 of the picture's samples. */
@@ -30,11 +31,11 @@ void model_time(struct model *m, double begin_s, double n, double seconds, doubl
 /* Adds the time of a whole picture. */
 void model_ran(struct model *m, double n, double seconds);
 
-/* Multiplies all errors: the samples are distributed differently. */
+/* Multiplies all errors, after a change of the distribution of samples. */
 void model_scale_errors(struct model *m, double factor);
-/* Errors are measured against another picture: older readings count as one. */
+/* Errors are now relative to another picture: older readings together count as one. */
 void model_doubt(struct model *m);
-/* The sky has changed: what is known serves until the first new reading replaces it. */
+/* The sky has changed: old readings serve until the first new one replaces them. */
 void model_age(struct model *m);
 
 double model_error(const struct model *m, double n);   /* relMSE at n */

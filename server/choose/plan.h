@@ -1,7 +1,7 @@
 /* server/choose/plan.h */
 /* Assigns the classes of light paths (estimators/paths.h) to estimators and counts of samples: each class to exactly
- * one estimator, or it is left out with a reason. Direct light is not decided here: it is never left out. Pure
- * functions; any thread. */
+ * one estimator, or to none with a reason. Direct light is always included and not part of the plan. Pure functions.
+ * Thread: any. */
 #ifndef CHOOSE_PLAN_H
 #define CHOOSE_PLAN_H
 
@@ -11,23 +11,23 @@
 #include <stdint.h>
 
 enum plan_estimator {
-    PLAN_AUTO,   /* in a request: choose; never in a plan */
-    PLAN_NONE,   /* left out */
-    PLAN_LIGHT,  /* the light tracer; points behind mirrors and glass, which it cannot reach, by eye paths */
+    PLAN_AUTO,   /* only in a request: let the planner choose */
+    PLAN_NONE,   /* omitted */
+    PLAN_LIGHT,  /* the light tracer; eye paths at points behind mirrors and glass, which it cannot reach */
     PLAN_EYE,    /* eye paths */
-    PLAN_STORED, /* caustics and their interreflection: stored light paths, and the light tracer for the sun. Not in a
-                  * request for interreflection */
-    PLAN_CACHE,  /* interreflection: the cache. Neither in a request nor from plan_make: the relighter with such a cache
-                  * replaces PLAN_EYE by it */
+    PLAN_STORED, /* caustics and their interreflection: stored light paths, and the light tracer for the sun. Not
+                    allowed in a request for interreflection */
+    PLAN_CACHE,  /* interreflection: the cache. Neither in a request nor from plan_make: a relighter with this cache
+                    replaces PLAN_EYE */
 };
 
 /* Facts about scene, picture and sky. */
 struct plan_facts {
-    uint64_t casters; /* meshes that scatter by a delta lobe */
+    uint64_t casters; /* meshes with a delta lobe */
     uint64_t points;  /* shade points */
-    uint64_t behind;  /* of them, seen in a mirror or through glass */
+    uint64_t behind;  /* of these, seen in a mirror or through glass */
     uint64_t pixels;
-    double albedo;     /* mean luminance that the shade points reflect of a white sky, 0..1 */
+    double albedo;     /* mean luminance of the shade points under a white sky, 0..1 */
     double peakedness; /* mean square of the sky's luminance over the square of its mean, >= 1; 0: unknown, black */
 };
 
@@ -37,18 +37,18 @@ struct plan_wish {
     uint64_t particles; /* 0: choose */
     uint32_t eye_paths; /* per shade point; 0: choose */
     uint32_t samples;   /* N_s of direct light, from which the other counts follow */
-    bool stored;        /* caustics by stored light paths, unless caustics_by names another estimator */
+    bool stored;        /* use stored light paths for caustics, unless caustics_by names another estimator */
 };
 
 #define PLAN_LEFT_OUT_MAX 10
 
 struct plan {
-    enum plan_estimator caustics, indirect;  /* at points that the camera sees directly */
+    enum plan_estimator caustics, indirect;  /* at directly visible points */
     enum plan_estimator indirect_caustics;   /* interreflection of caustics */
-    bool behind_caustics, behind_indirect;   /* at the others, by eye paths */
+    bool behind_caustics, behind_indirect;   /* at the other points, by eye paths */
     uint64_t particles;                      /* 0: no light tracer */
     uint32_t eye_paths;                      /* per shade point; 0: no eye paths */
-    const char *left_out[PLAN_LEFT_OUT_MAX]; /* sentences without a full stop */
+    const char *left_out[PLAN_LEFT_OUT_MAX]; /* one sentence per omitted class, without a full stop */
     uint32_t left_out_count;
 };
 

@@ -8,13 +8,14 @@
  *     w = h(dx) h(dy) * max(0, n.n')^64 * (1 - (d / s)^2)+ * (1 - |y - y'|^2 / (9 (v + v')))+^2
  *
  * h is the B-spline (1, 4, 6, 4, 1) / 16, n the shading normal, d the distance from the point's tangent plane, s twice
- * the width of 2^k pixels there, y the light of the other half, v its variance; points of other lobes, or seen in a
- * mirror, have weight 0. Since a's weights come from b and b's from a, noise cannot choose its own weights [Rousselle
- * et al. 2012]. The variance is (a - b)^2 / 2, averaged over the 7 x 7 points around with the first three factors, and
- * then carried through the levels. Where both halves agree, nothing changes: sharp shadows of the sun stay sharp.
+ * the width of 2^k pixels there, y the light of the other half and v its variance. Points with other lobes, or seen in
+ * a mirror, have weight 0. Since a's weights come from b and b's from a, weights are not correlated with the noise that
+ * they average [Rousselle et al. 2012]. The variance is (a - b)^2 / 2, averaged over 7 x 7 points with the first three
+ * factors, and then propagated through the levels. Where both halves agree, nothing changes, so sharp sun shadows stay
+ * sharp.
  *
- * Last, a point that is brighter than all 24 pixels around it becomes as bright as the brightest of them, unless its
- * halves agree within 3 %.
+ * Finally, a point that is brighter than all 24 pixels around it is clamped to the brightest of them, unless its halves
+ * agree within 3 %.
  *
  * The filter is biased where light changes within the noise: docs/internals/where-methods-fail.md. */
 #ifndef FILTER_FILTER_H
@@ -25,14 +26,14 @@
 
 struct filter;
 
-/* g and v, its camera's view, must outlive it. level: of the CPU (base/cpu.h); NULL: the best. 96 bytes a pixel, and as
- * much for each further shade point. NULL when out of memory. */
+/* g and v, its camera's view, must outlive the filter. level: the CPU level (base/cpu.h); NULL: the best. Needs 96
+ * bytes per pixel, and the same for each additional shade point. NULL when out of memory. */
 struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level);
 void filter_destroy(struct filter *f); /* NULL is allowed */
 
-/* half: two independent estimates with the same expectation, float[packet_count][3][16] as direct_shade writes them.
- * out: likewise, their filtered mean; it may be half[0] or half[1]. On all OpenMP threads, with the same bits at any
- * number of them. One thread of control. */
+/* Writes the filtered mean of two independent estimates with the same expectation. half, out:
+ * float[packet_count][3][16] as direct_shade writes them; out may be half[0] or half[1]. Runs on all OpenMP threads;
+ * the bits do not depend on their number. Thread: one at a time. */
 void filter_run(struct filter *f, const float *const half[2], float *out);
 
 #endif

@@ -10,16 +10,16 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What the camera sees at the pixels of a row or an image: planes of floats. */
+/* The surfaces at the pixels of a row or an image: planes of floats. */
 enum {
     SURFACE_NORMAL = 0, /* x, y, z of the shading normal; 0, 0, 0: no surface */
     SURFACE_PLACE = 3,  /* x, y, z, m */
     SURFACE_WIDTH = 6,  /* of a pixel there, m */
-    SURFACE_KIND = 7,   /* equal where light may be mixed */
+    SURFACE_KIND = 7,   /* equal for points that may be averaged */
     SURFACE_PLANES = 8,
 };
 
-/* Light and its variance there. */
+/* The light at the pixels and its variance. */
 enum {
     LIGHT_HALF = 0,     /* r, g, b of half a, then of half b */
     LIGHT_VARIANCE = 6, /* of one half, summed over r, g and b */
@@ -28,9 +28,9 @@ enum {
 
 #define FILTER_LEVELS 5
 #define FILTER_RADIUS 2 /* of a level, in steps */
-#define SPREAD_RADIUS 3 /* of the mean over first variances, in pixels */
+#define SPREAD_RADIUS 3 /* of the mean over initial variances, in pixels */
 
-/* The picture from which neighbours are taken. */
+/* The picture that supplies the neighbours. */
 struct filter_picture {
     const float *surface[SURFACE_PLANES]; /* [height][pitch] */
     const float *light[LIGHT_PLANES];     /* likewise */
@@ -38,7 +38,7 @@ struct filter_picture {
     size_t pitch;
 };
 
-/* Points to filter: `count` pixels side by side, of row y from column x on. */
+/* Points to filter: `count` adjacent pixels of row y, beginning at column x. */
 struct filter_points {
     const float *surface[SURFACE_PLANES]; /* [count] */
     const float *light[LIGHT_PLANES];

@@ -1,6 +1,6 @@
-/* The radiance of a G-buffer's shading points by the scene's own emitters, refined by one batch of samples after
- * another. Sample i of a point is the same whatever the batches are; sums are in float, in the order of batches.
- * Thread: one at a time; runs on all OpenMP threads, and the result does not depend on their number. */
+/* Computes the radiance of a G-buffer's shading points from the scene's own emitters, in successive batches of samples.
+ * Sample i of a point does not depend on the batch sizes; sums are in float, in the order of batches. Thread: one at a
+ * time; runs on all OpenMP threads, and the result does not depend on their number. */
 #ifndef LAMPS_LAMPS_H
 #define LAMPS_LAMPS_H
 
@@ -29,15 +29,15 @@ struct lamps_stats {
     uint64_t rays;
 };
 
-/* 192 bytes per packet of shading points. The caller owns the result. NULL when out of memory. */
+/* Needs 192 bytes per packet of shading points. The caller owns the result. NULL when out of memory. */
 struct lamps *lamps_create(const struct lamps_desc *desc);
 void lamps_destroy(struct lamps *l); /* NULL is allowed */
 
-/* Adds `samples` paths per shading point. Once *cancel (may be NULL) is true the batch is abandoned: false, and the
- * sums are of no more use. */
+/* Adds `samples` paths per shading point. Once *cancel is true (NULL: never), abandons the batch and returns false; the
+ * sums are then invalid. */
 bool lamps_refine(struct lamps *l, uint32_t samples, const atomic_bool *cancel);
 
-/* float[packet_count][3][16]: the sums over all samples, as resolve_pixels takes them. Borrowed. */
+/* float[packet_count][3][16]: the sums over all samples, in the layout for resolve_pixels. Borrowed. */
 const float *lamps_sums(const struct lamps *l);
 void lamps_get_stats(const struct lamps *l, struct lamps_stats *out);
 

@@ -1,11 +1,12 @@
-/* Inside the room: whether a launcher has started this process as one of several. */
+/* Tests whether a launcher has started this process as one of several. Private to this room. */
 #ifndef RANKS_RANKS_PARTS_H
 #define RANKS_RANKS_PARTS_H
 
 #include <stdbool.h>
 #include <stdlib.h>
 
-/* By Open MPI, or by launchers with PMI or PMIx, such as MPICH's and Slurm's. One of one is not one of several. */
+/* True if started by Open MPI, or by a launcher with PMI or PMIx, such as MPICH's and Slurm's. A single process is not
+ * one of several. */
 static inline bool ranks_launched(void)
 {
     static const char *const sizes[] = { "OMPI_COMM_WORLD_SIZE", "PMI_SIZE" };

@@ -1,7 +1,7 @@
-/* The ranks of a job light one picture after another together. Each rank has a relighter of the same set; rank 0's is
- * the one that makes pictures, and it deals their shade points out. What cannot be dealt (light/part.h) rank 0 lights
- * alone. Bits are those of one process: floats without `half`; with it, those of relighter_round.
- * Thread: the relighter's, which is the one that called ranks_create. */
+/* Lets the ranks of a job light each picture together. Each rank has a relighter of the same set; rank 0's makes the
+ * pictures and distributes their shade points. Rank 0 alone lights pictures that cannot be distributed (light/part.h).
+ * The bits are those of one process; with `half`, those of one process with relighter_round. Thread: the relighter's,
+ * which is the one that called ranks_create. */
 #ifndef TEAM_TEAM_H
 #define TEAM_TEAM_H
 
@@ -15,25 +15,25 @@ struct team_desc {
     struct relighter *relighter;
     const struct environment_desc *environment; /* of rank 0's skies */
     const char *cache_file, *cache_dir;         /* as in struct relight_desc, for caches that rank 0 computes later */
-    bool half;                                  /* light comes back as half floats, and is rounded to them everywhere */
+    bool half;                                  /* transfer light as half floats; all ranks round to half floats */
 };
 
 struct team_stats {
-    uint64_t pictures, dealt; /* of rank 0; those that all ranks lit */
-    uint64_t sent, received;  /* bytes of the last dealt picture: to each rank, from all ranks */
-    uint64_t faces;           /* dealt pictures that needed the whole sky */
-    double wait_s;            /* rank 0's, for other ranks, in all dealt pictures */
+    uint64_t pictures, dealt; /* made by rank 0; of these, lit by all ranks */
+    uint64_t sent, received;  /* bytes of the last distributed picture: to each rank, from all ranks */
+    uint64_t faces;           /* distributed pictures that needed the whole sky */
+    double wait_s;            /* time that rank 0 waited for other ranks, in all distributed pictures */
     double part_s;            /* seconds of this rank's own parts */
 };
 
-/* Collective. Joins rank 0's relighter to the team. Everything borrowed must outlive the team. ERR_USAGE: the ranks
+/* Collective. Joins rank 0's relighter to the team. All borrowed objects must outlive the team. ERR_USAGE: the ranks
  * have different scenes. ERR_NOMEM. */
 MUST_CHECK enum err team_create(const struct team_desc *desc, struct team **out, struct reason *why);
 
-/* Ranks other than 0: lights parts until rank 0 destroys its team. ERR_IO: stopped (ranks_set_stop) without it. */
+/* Ranks other than 0: lights parts until rank 0 destroys its team. ERR_IO: stopped (ranks_set_stop) before that. */
 MUST_CHECK enum err team_serve(struct team *t, struct reason *why);
 
-/* On rank 0 collective with the end of team_serve. NULL is allowed. */
+/* On rank 0, collective with the end of team_serve on the others. NULL is allowed. */
 void team_destroy(struct team *t);
 
 /* Valid as long as t. */

@@ -1,20 +1,20 @@
-/* The passes of a picture as one process describes them to another. Thread: the relighter's. */
+/* Serialises the passes of a picture for another process. Thread: the relighter's. */
 #ifndef TEAM_WORK_H
 #define TEAM_WORK_H
 
 #include "light/part.h"
 
-/* The passes at the shade points without pointers, so that another process of the same program can have them. */
+/* The passes at the shade points without pointers, for another process of the same program. */
 struct light_work {
-    bool by_cache, eye_left; /* eye[1] is for the packets that the cache leaves out */
+    bool by_cache, eye_left; /* eye[1] covers the packets that the cache omits */
     struct relight_desc cached;
     struct direct_desc direct;
     struct eye_paths_desc eye[2];
     struct plan plan;
 };
 
-/* The passes and *stats from one process to another, where *work lasts as long as *passes. light_work_unpack: ERR_IO if
- * the passes need a cache and this process has none. */
+/* Pack the passes and *stats in one process and unpack them in another, where *work must live as long as *passes.
+ * light_work_unpack: ERR_IO if the passes need a cache and this process has none. */
 void light_work_pack(const struct picture_passes *passes, const struct relight_stats *stats, struct light_work *work);
 MUST_CHECK enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct picture_passes *passes,
                                       struct relight_stats *stats);
