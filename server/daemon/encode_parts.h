@@ -1,4 +1,4 @@
-/* The encode thread's own data. Only encode*.c include this. */
+/* The encode thread's private data. Only encode*.c include this. */
 #ifndef DAEMON_ENCODE_PARTS_H
 #define DAEMON_ENCODE_PARTS_H
 
@@ -12,24 +12,24 @@
 
 #include <pthread.h>
 
-/* H.264 pictures of one size and rate (stream/server.h). */
+/* An H.264 track of one size and rate (stream/server.h). */
 struct video_track {
-    struct h264_encoder *encoder; /* NULL: nobody watches */
-    double key_s;                 /* time of the last key picture (clock_seconds) */
+    struct h264_encoder *encoder; /* NULL: no viewers */
+    double key_s;                 /* time of the last keyframe (clock_seconds) */
     double due_s;                 /* no picture before this time */
     double coded_s;               /* time of the last picture */
-    bool behind;                  /* the current picture was left out */
+    bool behind;                  /* the current picture was skipped */
 };
 
 struct encode_thread {
     struct shared *shared;
     struct jpeg_encoder *jpeg;
     struct exposure exposure;
-    uint64_t exposed; /* number of the last frame that exposure has seen */
-    bool held;        /* the last picture was under EXPOSURE_AUTO */
-    float gain;       /* automatic exposure's, without the bias */
+    uint64_t exposed; /* number of the last frame that updated the exposure */
+    bool held;        /* the last picture used EXPOSURE_AUTO */
+    float gain;       /* automatic exposure without the bias */
     struct video_track video[SERVER_TRACKS];
-    bool h264_failed; /* and this was logged */
+    bool h264_failed; /* H.264 failed, and that was logged */
 
     /* The current picture, uint8_t[height][width][3] sRGB, at full, half and quarter size. */
     uint8_t *display[SERVER_SCALES];
@@ -40,8 +40,8 @@ struct encode_thread {
     float *small;                    /* scratch, float[height / 2][width / 2][3] */
 
     struct scaler *scaler;
-    uint64_t rendered[SERVER_RENDITIONS]; /* serials of the renditions published of the current picture */
-    double still_due_s;                   /* none for single pictures before this time (clock_seconds) */
+    uint64_t rendered[SERVER_RENDITIONS]; /* serials of the current picture's published renditions */
+    double still_due_s;                   /* no single pictures before this time (clock_seconds) */
 
     pthread_t thread;
     bool running;
@@ -49,28 +49,29 @@ struct encode_thread {
 
 /* Encode thread, all of what follows. */
 
-/* Publishes an encoded picture; in->header says what it is. track: of H.264, else 0. bytes are copied. */
+/* Publishes an encoded picture that in->header describes. track: of H.264, else 0. bytes are copied. Thread: encode, as
+ * for all functions below. */
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size);
 
 /* ---- encode_rendition.c ---- */
 
-/* Publishes the wanted renditions of the current picture that are missing. in->rgb NULL: the linear picture is gone.
- * False: one needs it. */
+/* Publishes the missing renditions of the current picture that are in demand. in->rgb NULL: the linear picture is gone.
+ * Returns false if a rendition needs it. */
 bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
                        int quality);
 
 /* ---- encode_video.c ---- */
 
-/* Destroys the encoders of tracks that nobody watches. A new viewer needs a key picture, which a new encoder makes. */
+/* Destroys the encoders of tracks without viewers. A new viewer needs a keyframe, with which a new encoder begins. */
 void video_drop_unwatched(struct encode_thread *t, const struct server_demand *demand);
-/* Encodes the new picture in t->display[scale] for each watched track of that scale. tone_ms: time spent on the tone
- * curve. Returns the milliseconds spent. */
+/* Encodes the new picture in t->display[scale] for each track of that scale with viewers. tone_ms: time spent on the
+ * tone curve. Returns the milliseconds spent. */
 double video_encode(struct encode_thread *t, const struct shaded *in, unsigned scale, double tone_ms,
                     const struct server_demand *demand);
-/* While no newer picture comes: encodes the current one for tracks that left it out or need a key picture. */
+/* While no newer picture arrives: encodes the current one for tracks that skipped it or need a keyframe. */
 void video_encode_again(struct encode_thread *t, const struct shaded *in, unsigned scale,
                         const struct server_demand *demand);
-/* Milliseconds until a track that left out the current picture may have it; most_ms at most, 1 at least. */
+/* Milliseconds until a track that skipped the current picture may encode it; at most most_ms, at least 1. */
 int video_wait_ms(struct encode_thread *t, int most_ms);
 void video_finish(struct encode_thread *t);
 

@@ -1,5 +1,5 @@
-/* The housekeeping thread: the picture that is being made, the status line on a terminal and elsewhere the progress of
- * a cache in the log, log lines that were held back, and the file that keeps the settings. */
+/* The housekeeping thread. It watches the time of the current picture, prints the status line on a terminal or else
+ * logs a cache's progress, logs held-back lines, and saves the settings file. */
 #ifndef DAEMON_HOUSEKEEPING_H
 #define DAEMON_HOUSEKEEPING_H
 
@@ -12,17 +12,17 @@
 struct shared;
 struct state_file;
 
-/* Zeroed at first. */
+/* Zero it first. */
 struct housekeeping_thread {
     struct shared *shared;
     struct state_file *state;
     pthread_t thread;
     bool running;
-    unsigned turns;              /* of its loop */
-    int64_t late_ms;             /* begun_ms of the picture that is reported as late; 0: none is */
-    bool terminal;               /* standard error is one */
-    int64_t begun_ms, logged_ms; /* when a cache's computation was first seen, and last logged; 0: there is none */
-    double begun_share;          /* of it, then */
+    unsigned turns;              /* iterations of its loop */
+    int64_t late_ms;             /* begun_ms of the picture that was reported as late; 0: none */
+    bool terminal;               /* standard error is a terminal */
+    int64_t begun_ms, logged_ms; /* when a cache's computation was first seen, and last logged; 0: none is running */
+    double begun_share;          /* its share at that time */
 };
 
 /* shared and state must outlive the thread, which ends when shared_is_stopping. ERR_NOMEM: no thread. Main thread. */

@@ -1,5 +1,5 @@
-/* The ingest thread: reads frames from the source or from producers, one after another at the source's rate, decodes
- * them and builds their sampling tables; pauses, steps and seeks as controllers ask. */
+/* The ingest thread: reads frames from the source or from producers in order, at the source's rate, decodes them and
+ * builds their sampling tables. It pauses, steps and seeks on controllers' requests. */
 #ifndef DAEMON_INGEST_H
 #define DAEMON_INGEST_H
 
@@ -9,13 +9,13 @@ struct ingest_thread;
 struct shared;
 
 /* Opens the source, or starts the process that decodes producers' files. shared must outlive the thread. On any error
- * *out is NULL and *why says why: as source_open and decoder_create. Main thread. */
+ * *out is NULL and *why explains it. Errors are those of source_open and decoder_create. Main thread. */
 MUST_CHECK enum err ingest_thread_create(struct shared *shared, struct ingest_thread **out, struct reason *why);
 
 /* Starts reading. ERR_NOMEM: no thread. Main thread. */
 MUST_CHECK enum err ingest_thread_start(struct ingest_thread *t, struct reason *why);
 
-/* Waits for the thread, which ends when shared_is_stopping. Main thread; NULL is allowed. */
+/* Waits for the thread, which ends when shared_is_stopping. Main thread. NULL is allowed. */
 void ingest_thread_destroy(struct ingest_thread *t);
 
 #endif

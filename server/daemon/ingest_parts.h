@@ -1,4 +1,4 @@
-/* The ingest thread's own data. Only ingest*.c include this. */
+/* The ingest thread's private data. Only ingest*.c include this. */
 #ifndef DAEMON_INGEST_PARTS_H
 #define DAEMON_INGEST_PARTS_H
 
@@ -18,11 +18,12 @@ struct ingest_thread {
 
 /* Ingest thread, all of what follows. */
 
-/* Decodes f into a free slot and publishes it to the shade thread. Errors are those of environment_update. */
+/* Decodes f into a free slot and publishes it to the shade thread. Errors are those of environment_update. Thread:
+ * ingest, as for all functions below. */
 MUST_CHECK enum err ingest_frame(struct ingest_thread *t, const struct frame *f, const struct server_ticket *ticket,
                                  struct reason *why);
 
-/* If settings of the light changed since *seen, publishes the current frame once more with the new ones. */
+/* If light settings changed since *seen, publishes the current frame again with the new settings. */
 void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t version, uint64_t *seen,
                     struct reason *why);
 

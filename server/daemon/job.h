@@ -1,5 +1,5 @@
 /* relightd as a job of mpirun: rank 0 is the server, and the other ranks light parts of its pictures (team/team.h).
- * Main thread. Without a launcher there is no job, and these do nothing. */
+ * Without a launcher there is no job, and these functions do nothing. Main thread. */
 #ifndef DAEMON_JOB_H
 #define DAEMON_JOB_H
 
@@ -11,23 +11,24 @@ struct relighter;
 struct shared;
 struct team;
 
-struct job { /* zeroed at first */
+struct job { /* zero it first */
     struct team *team;
     bool joined;    /* several ranks were started */
     char name[200]; /* of this rank, in the log */
 };
 
-/* Collective, after the configuration was read: sets s->ranks, and what a job lights by. Errors are those of
+/* Collective, after the configuration was read: sets s->ranks and the light settings for a job. Errors are those of
  * ranks_create. */
 MUST_CHECK enum err job_join(struct job *j, struct shared *s, int argc, char **argv, struct reason *why);
 
-/* Ranks other than 0, in place of the server: lights parts until rank 0 leaves. */
+/* Runs ranks other than 0 instead of the server: lights parts until rank 0 leaves. */
 MUST_CHECK enum err job_serve(struct job *j, struct shared *s, struct reason *why);
 
-/* Rank 0, once its relighter is prepared, or was not for the error `own`: the other ranks prepare theirs and join. */
+/* On rank 0, after relighter_prepare succeeded or failed with `own`: lets the other ranks prepare their relighters and
+ * join. */
 MUST_CHECK enum err job_lead(struct job *j, struct shared *s, struct relighter *r, enum err own, struct reason *why);
 
-/* Rank 0: the other ranks leave. */
+/* On rank 0: ends the job on the other ranks. */
 void job_leave(struct job *j);
 
 #endif

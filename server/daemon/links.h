@@ -1,4 +1,4 @@
-/* relightd --show-link: the addresses by which people and programs reach the server, with their tokens. */
+/* relightd --show-link: the server's URLs for people and programs, with their tokens. */
 #ifndef DAEMON_LINKS_H
 #define DAEMON_LINKS_H
 
@@ -6,7 +6,7 @@
 
 #include <stdio.h>
 
-/* Prints them; codes: with QR codes of the page's. ERR_USAGE: the port is not known beforehand. Main thread. */
+/* Prints the URLs; codes: with QR codes for the page's. ERR_USAGE: the port is not known in advance. Main thread. */
 MUST_CHECK enum err links_print(const struct server_desc *desc, FILE *out, bool codes, struct reason *why);
 
 #endif

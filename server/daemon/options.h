@@ -1,4 +1,4 @@
-/* The flags of relightd. A configuration file has the same ones as keys. Main thread. */
+/* The flags of relightd, which are also the keys of a configuration file. Main thread. */
 #ifndef DAEMON_OPTIONS_H
 #define DAEMON_OPTIONS_H
 
@@ -6,15 +6,16 @@
 
 #include "base/command.h"
 
-/* All flags with the value each was given. */
+/* All flags and their values. */
 struct daemon_flags {
-    struct command command; /* points into itself: do not copy */
+    struct command command; /* contains pointers into itself: do not copy */
 };
 
-/* Every flag at its default. */
+/* Sets every flag to its default. */
 void daemon_flags_init(struct daemon_flags *f);
 
-/* Translates the flags into *c, which is zeroed. Strings stay those of the table. ERR_USAGE names the flag. */
+/* Translates the flags into *c, which must be zeroed. The table keeps the ownership of strings. ERR_USAGE names the
+ * flag. */
 MUST_CHECK enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *c, struct reason *why);
 
 #endif

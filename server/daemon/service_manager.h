@@ -1,5 +1,5 @@
-/* The service manager's thread (systemd's Type=notify, base/notify.h): reports that the start goes on, that pictures
- * can be seen, status, watchdog and stop. It runs only under a service manager. */
+/* The service manager's thread (systemd's Type=notify, base/notify.h): reports startup progress, readiness, status,
+ * watchdog and stop. It runs only under a service manager. */
 #ifndef DAEMON_SERVICE_MANAGER_H
 #define DAEMON_SERVICE_MANAGER_H
 
@@ -11,7 +11,7 @@
 
 struct shared;
 
-/* Zeroed at first. */
+/* Zero it first. */
 struct service_thread {
     struct shared *shared;
     pthread_t thread;
@@ -19,7 +19,8 @@ struct service_thread {
     atomic_bool stop;
 };
 
-/* shared->server runs and outlives the thread. ERR_NOMEM: no thread. ERR_OK without a service manager. Main thread. */
+/* shared->server must run and outlive the thread. ERR_NOMEM: no thread. ERR_OK without a service manager. Main
+ * thread. */
 MUST_CHECK enum err service_manager_start(struct service_thread *t, struct shared *shared, struct reason *why);
 void service_manager_stop(struct service_thread *t);
 

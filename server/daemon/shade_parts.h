@@ -1,4 +1,4 @@
-/* The shade thread's own data. Only shade.c, refine.c, camera.c and probe.c include this. */
+/* The shade thread's private data. Only shade.c, refine.c, camera.c and probe.c include this. */
 #ifndef DAEMON_SHADE_PARTS_H
 #define DAEMON_SHADE_PARTS_H
 
@@ -16,139 +16,141 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-/* The picture shown and what it was made from. */
+/* The displayed picture and its inputs. */
 struct shown_picture {
     const struct ingested *in;   /* the shade thread holds this slot until it takes the next frame */
-    const struct shaded *latest; /* the newest picture of it: nobody writes to it until the next one is begun */
+    const struct shaded *latest; /* the newest picture of the frame; nobody writes to it until the next one begins */
     struct relight_desc light;
     struct protocol_picture header;
-    double shown_s, interval_s; /* when it was made (clock_seconds), and how long after the one before */
+    double shown_s, interval_s; /* when it was made (clock_seconds), and the time since the previous one */
 };
 
 /* Refinement of a still image: unbiased passes of the same frame. */
 struct refinement {
-    struct still *still; /* NULL until it is needed */
+    struct still *still; /* NULL until needed */
     struct shown_picture shown;
-    bool known; /* shown is the picture on display, and of the present view */
+    bool known; /* `shown` is the displayed picture and belongs to the current view */
     bool open;  /* passes may run */
     bool begun;
-    double pass_s;                /* time that the passes took */
-    double published_s, logged_s; /* when a picture was last published, an end last logged; 0: never */
-    uint64_t published_passes;    /* passes in that picture; 0: none was published */
+    double pass_s;                /* total time of the passes */
+    double published_s, logged_s; /* when a picture was last published, and when the end was last logged; 0: never */
+    uint64_t published_passes;    /* passes in the published picture; 0: none was published */
 };
 
-/* Another camera's view, computed on a thread of its own. */
+/* Another camera's view, computed on a separate thread. */
 struct camera_build {
     pthread_t thread;
     bool running;
     atomic_bool done;
     char name[64];
-    char view[64]; /* the camera of the scene, or the free view, that this is */
-    bool coarse;   /* with one ray per pixel, to be shown soon */
+    char view[64]; /* the scene camera or free view of this build */
+    bool coarse;   /* one ray per pixel, for quick display */
     struct progress line;
     struct set *set; /* the result; NULL: it failed */
     struct reason why;
 };
 
-/* The last answer to a question about the sky alone. */
+/* The last answer to a query about the sky only. */
 struct sky_answer {
     char *text; /* NULL: none */
     uint64_t frame;
     double made_s, rotation;
 };
 
-/* The part of the scene's own lamps, lamps.c. */
+/* Light of the scene's own lamps (lamps.c). */
 struct shown_lamps {
-    struct relight_lamps *first, *other; /* of first_set, and of another view shown; NULL: not begun */
+    struct relight_lamps *first, *other; /* of first_set, and of another displayed view; NULL: not started */
     float *sky;                          /* the sky's part of the newest picture; NULL: the scene has no lamps */
     uint32_t samples;                    /* of the part in the newest picture */
-    double published_s;                  /* when that was */
-    bool failed;                         /* no memory or thread: do not try again */
+    double published_s;                  /* the time of that picture */
+    bool failed;                         /* no memory or thread: do not retry */
 };
 
 struct shade_thread {
     struct shared *shared;
-    struct set *set;                   /* the view shown */
-    struct set *first_set;             /* the one of the command line; owns the scene and rays of all views */
+    struct set *set;                   /* the displayed view */
+    struct set *first_set;             /* the command line's view; owns the scene and rays of all views */
     struct relighter *relighter;       /* of set */
-    struct relighter *first_relighter; /* of first_set, which lockstep sequences use; NULL: not needed now */
+    struct relighter *first_relighter; /* of first_set, for lockstep sequences; NULL: not needed now */
     struct camera_build camera;
-    bool coarse_view;       /* `set` is coarse: a finer one follows while its camera stays */
-    struct decider decider; /* what auto has learnt of `set`, for `relighter` */
+    bool coarse_view;       /* `set` is coarse: a finer one follows while its camera stays selected */
+    struct decider decider; /* auto's measurements of `set`, for `relighter` */
     struct shown_lamps lamps;
-    struct prober *prober; /* NULL until it is needed */
+    struct prober *prober; /* NULL until needed */
     struct sky_answer sky;
     struct refinement refine;
-    const struct shaded *last; /* the last picture published; NULL: none */
-    uint64_t display_version;  /* of the settings with which it was published */
-    uint64_t pictures;         /* made outside lockstep sequences */
-    struct cost cost;          /* of pictures, as far as measured */
-    unsigned cuts;             /* pictures in a row that new settings cancelled */
-    double cut_s;              /* when the last one was (clock_seconds); 0: a picture was finished since */
-    bool cut_new_view;         /* it was the first of another camera */
-    int held;                  /* slot of the frame that is shown, or HANDOFF_NONE */
-    double begun_s, shaded_s;  /* when the last picture was due, and when it was done; 0: none yet */
+    const struct shaded *last; /* the last published picture; NULL: none */
+    uint64_t display_version;  /* version of the settings it was published with */
+    uint64_t pictures;         /* number made outside lockstep sequences */
+    struct cost cost;          /* measured cost of pictures */
+    unsigned cuts;             /* consecutive pictures cancelled by new settings */
+    double cut_s;              /* time of the last one (clock_seconds); 0: a picture was finished since */
+    bool cut_new_view;         /* it was the first picture of another camera */
+    int held;                  /* slot of the displayed frame, or HANDOFF_NONE */
+    double begun_s, shaded_s;  /* when the last picture was due, and when it was finished; 0: none yet */
 };
 
 /* Shade thread, all of what follows. */
 
 /* ---- refine.c ---- */
 
-/* A picture of a new frame was published: it may be refined while no newer frame comes. */
+/* Call it after publishing a picture of a new frame: refinement may run while no newer frame arrives. Thread: shade, as
+ * for all functions below. */
 void refine_open(struct shade_thread *t, const struct shown_picture *shown);
-/* A newer frame is being taken. */
+/* Call it when taking a newer frame. */
 void refine_close(struct shade_thread *t);
-/* The view has changed: the picture on display no longer fits it. */
+/* Call it when the view has changed, so that the displayed picture no longer matches. */
 void refine_forget(struct shade_thread *t);
-/* Publishes the current picture again, for another tone curve or exposure. Does nothing for a lockstep picture. */
+/* Republishes the current picture with another tone curve or exposure. Does nothing for a lockstep picture. */
 void refine_republish(struct shade_thread *t);
-/* Whether a pass should run now: the source is quiet, someone watches, and the error is still too large. */
+/* Whether a pass should run now: the source is idle, there are viewers, and the error is too large. */
 bool refine_is_due(struct shade_thread *t);
-/* Runs one pass, and publishes the picture when that pays. new_work ends it early and discards it. ERR_NOMEM. */
+/* Runs one pass, and publishes the picture if it has improved enough. new_work ends the pass early and discards it.
+ * ERR_NOMEM. */
 MUST_CHECK enum err refine_pass(struct shade_thread *t, struct reason *why);
 
 /* ---- lamps.c ---- */
 
-/* Keeps memory for the sky's part if the scene has lamps. False: out of memory. */
+/* Allocates memory for the sky's part if the scene has lamps. False: out of memory. */
 bool lamps_create_canvas(struct shade_thread *t);
-/* A picture of the sky's light alone was made: keeps it. */
+/* Copies a new picture of the sky's light only. */
 void lamps_take_sky(struct shade_thread *t, const float *rgb);
 /* The newest picture without lamps; NULL: the scene has none. */
 const float *lamps_sky(const struct shade_thread *t);
-/* Adds the lamps as far as they are computed; lockstep pictures, which are of the first view, wait for all of it. */
+/* Adds the lamps' light computed so far. Lockstep pictures, which use the first view, wait for all of it. */
 void lamps_add(struct shade_thread *t, bool lockstep, double scale, float *rgb);
-/* Whether the picture on display should be published again, with better lamps. */
+/* Whether to republish the displayed picture with better lamps. */
 bool lamps_have_news(const struct shade_thread *t);
-/* Whether refinement of the sky's part should wait for them. */
+/* Whether refinement of the sky's part should wait for the lamps. */
 bool lamps_come_first(const struct shade_thread *t);
-/* The part at a pixel of the view shown. */
+/* The lamps' part at a pixel of the displayed view. */
 void lamps_pixel(const struct shade_thread *t, uint32_t x, uint32_t y, struct probe_lamps *out);
-/* The view shown changes; the end. */
+/* Call it when the displayed view changes, and at the end. */
 void lamps_leave_view(struct shade_thread *t);
 void lamps_finish(struct shade_thread *t);
 
 /* ---- picture_limit.c ---- */
 
-/* Seconds that a picture of that view would take with these settings; 0: unknown, or within the limit in any case.
- * Makes one to measure if none was made yet. */
+/* Seconds that a picture of that view would take with these settings; 0: unknown, or certainly within the limit.
+ * Renders a picture to measure if none was made yet. */
 double picture_seconds(struct shade_thread *t, const struct set *set, const struct settings *s);
-/* Brackets the making of a picture, whose cancel flag is shared->watch.cancel; lockstep pictures have shared->stop. The
- * end says whether a new setting cancelled it, so that it must not be published. */
+/* Bracket the making of a picture, whose cancel flag is shared->watch.cancel; lockstep pictures use shared->stop.
+ * picture_end tells whether a new setting cancelled it, so that it must not be published. */
 void picture_begin(struct shade_thread *t, bool lockstep);
 bool picture_end(struct shade_thread *t);
 
 /* ---- camera.c ---- */
 
-/* Starts, continues or finishes a change to the camera in the settings. True when t->set and t->relighter have just
- * become those of another camera, so that the current frame must be lit again. */
+/* Starts, continues or finishes a change to the camera in the settings. Returns true when t->set and t->relighter have
+ * just changed to another camera, so that the current frame must be lit again. */
 bool camera_follow_settings(struct shade_thread *t);
 void camera_finish(struct shade_thread *t); /* frees all views and relighters */
 
 /* ---- probe.c ---- */
 
-/* A picture is about to be published: sends its radiance to those who follow a pixel. */
+/* Call it before publishing a picture: sends its radiance to clients that follow a pixel. */
 void probe_report_picture(struct shade_thread *t, const struct shaded *picture);
-/* Answers at most one question about a pixel, and all about the sky. */
+/* Answers at most one query about a pixel, and all queries about the sky. */
 void probe_result(struct shade_thread *t);
 void probe_finish(struct shade_thread *t);
 

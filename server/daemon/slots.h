@@ -1,5 +1,5 @@
-/* What the threads hand on: frames from ingest to shade, pictures from shade to encode. Three slots each
- * (base/handoff.h): the newest wins, and a slot is written or read by one thread at a time. */
+/* Handoff between threads: frames from ingest to shade, pictures from shade to encode. Three slots each
+ * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. */
 #ifndef DAEMON_SLOTS_H
 #define DAEMON_SLOTS_H
 
@@ -16,10 +16,10 @@ struct ingested {
     struct environment *environment;
     struct server_ticket ticket; /* id 0: not from a producer */
     double decode_ms;
-    int64_t ready_ms;    /* clock_ms when it was published */
+    int64_t ready_ms;    /* clock_ms of its publication */
     uint64_t position;   /* in the source */
-    bool has_sky;        /* the frame was computed */
-    struct sky_desc sky; /* from this, where has_sky */
+    bool has_sky;        /* a computed sky, described by */
+    struct sky_desc sky; /* this */
 };
 
 /* A linear picture, float[height][width][3], ready to encode. */
@@ -27,7 +27,7 @@ struct shaded {
     float *rgb;
     struct protocol_picture header;
     struct server_ticket ticket;
-    bool new_view; /* first picture of another camera: automatic exposure starts afresh */
+    bool new_view; /* first picture of another camera: automatic exposure restarts */
 };
 
 struct frame_slots {
@@ -41,7 +41,7 @@ struct picture_slots {
     struct shaded slot[HANDOFF_SLOTS];
 };
 
-/* Main thread, before the others start. ERR_NOMEM. Call finish in either case; it accepts zeroed memory. */
+/* Main thread, before the others start. ERR_NOMEM; call finish in either case, which accepts zeroed memory. */
 MUST_CHECK enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config);
 void frame_slots_finish(struct frame_slots *s);
 MUST_CHECK enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t height);

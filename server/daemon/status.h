@@ -1,6 +1,6 @@
-/* What relightd reports about itself: to viewers (status), to /metrics (figures), to the terminal and to the service
- * manager. Each thread reports its events here; the board adds them up and passes them to the server. Any thread; the
- * board locks. */
+/* What relightd reports about itself: status for viewers, figures for /metrics, lines for the terminal and the service
+ * manager. Each thread reports its events here; the board aggregates them and passes them to the server. The board
+ * locks. Thread: any. */
 #ifndef DAEMON_STATUS_H
 #define DAEMON_STATUS_H
 
@@ -28,19 +28,19 @@ struct status_board {
 
     pthread_mutex_t lock;
     struct server_figures figures; /* {lock} */
-    uint64_t cache_rays;           /* {lock} traced for the present cache */
-    const char **cameras;          /* {lock} names, ended by NULL, with their text behind */
+    uint64_t cache_rays;           /* {lock} traced for the current cache */
+    const char **cameras;          /* {lock} names, terminated by NULL, followed by their text */
 };
 
 /* shared must outlive the board. */
 void status_init(struct status_board *b, struct shared *shared);
 void status_finish(struct status_board *b);
 
-/* The server runs and the source is open: fills in what the configuration says. */
+/* The server runs and the source is open: fills in the configuration's values. */
 void status_begin(struct status_board *b, const struct shared *shared);
-/* The scene is loaded, or views were saved: which cameras there are, and which is shown. */
+/* The scene was loaded or views were saved: the available cameras, and the current one. */
 void status_set_cameras(struct status_board *b, struct settings_store *settings, const char *shown);
-/* The shown camera as a free view (scene/free_view.h). */
+/* The current camera as a free view (scene/free_view.h). */
 void status_set_view(struct status_board *b, const char *view);
 
 /* shared->settings.source_kind or source_length has changed. */
@@ -50,52 +50,52 @@ void status_set_source(struct status_board *b, enum server_source source, const 
 /* The producer disconnected without ending its stream. */
 void status_producer_left(struct status_board *b);
 
-/* A frame arrived and could not be read; log: also log why. */
+/* A frame arrived but could not be read; log: also log `why`. */
 void status_frame_unreadable(struct status_board *b, const char *why, bool log);
 /* A frame arrived and was read; replaced: an earlier one was dropped for it. */
 void status_frame_received(struct status_board *b, const struct image_faults *faults, bool replaced);
-/* A frame was read, but the method in force cannot use it. */
+/* A frame was read, but the current method cannot use it. */
 void status_frame_unusable(struct status_board *b, const char *why);
 
-/* A picture of a frame: what it was made from, how and how long after the one before. */
+/* A picture of a frame: its inputs, its statistics and the time since the previous one. */
 struct picture_report {
     const struct ingested *in;
     struct protocol_picture header;
     const struct relight_desc *light;
     const struct relight_stats *stats;
     const struct pilot_stats *pilot; /* NULL: the pilot did not choose */
-    double interval_s;               /* 0: it is the first */
+    double interval_s;               /* 0: the first picture */
 };
-/* Takes the report into the figures and publishes them. Nothing of it is kept. Thread: shade. */
+/* Adds the report to the figures and publishes them. Keeps no pointers. Thread: shade. */
 void status_picture_shaded(struct status_board *b, const struct picture_report *report);
 /* The next picture is a refinement of the same frame. */
 void status_picture_refined(struct status_board *b, const struct still_stats *stats);
 void status_picture_encoded(struct status_board *b, double ms);
 
-/* The picture that is being made takes longer than the limit, so many seconds until now; 0: it is finished. first: this
- * was not reported of it before. */
+/* The current picture exceeds its time limit; seconds so far, or 0: it is finished. first: not reported for this
+ * picture before. */
 void status_picture_late(struct status_board *b, double seconds, bool first);
 
-/* Decoding of producers' files; confined: the kernel limits the decoder's system calls. */
+/* Counts of the decoder for producers' files; confined: the kernel limits its system calls. */
 void status_decoder(struct status_board *b, const struct decoder_counts *counts, bool confined);
 
-/* This share, 0..1, of the camera's view is computed; 1: it is shown now. */
+/* The computed share of the camera's view, 0..1; 1: it is displayed now. */
 void status_camera_progress(struct status_board *b, const char *camera, double share);
 
-/* The scene has lamps: how many samples of their light the newest picture has, of how many in the end. */
+/* The scene has lamps: samples of their light in the newest picture, and the final number. */
 void status_set_lamps(struct status_board *b, uint32_t samples, uint32_t wanted);
 
 /* Whether every received frame was shaded, dropped or refused. */
 bool status_all_frames_done(struct status_board *b);
-/* By how much shading takes longer than reading a frame, recently, in milliseconds; 0 when it does not. */
+/* Milliseconds by which shading recently takes longer than reading a frame; 0 if it does not. */
 double status_shading_excess_ms(struct status_board *b);
 
-/* Where live pictures are published. */
+/* The targets of live pictures. */
 void status_set_publish(struct status_board *b, const struct server_publish *targets, uint32_t count);
 
 /* For the terminal: "29.8 pictures/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
 void status_line(struct status_board *b, uint32_t viewers, char *text, size_t size);
-/* The share of a cache of light transport that is computed, 0 to 1; 0: there is none. */
+/* The computed share of a light transport cache, 0 to 1; 0: there is none. */
 double status_cache_share(struct status_board *b);
 /* For the service manager: one sentence without line ends. */
 void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_t size);

@@ -112,19 +112,19 @@ MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *wh
 void environment_complete(const struct environment *e);
 bool environment_is_complete(const struct environment *e); /* nothing is deferred */
 
-/* The same for the pyramid alone, which wide lookups need. */
+/* As environment_complete, for the pyramid only, which wide lookups need. */
 void environment_complete_pyramid(const struct environment *e);
 bool environment_has_pyramid(const struct environment *e); /* the pyramid is complete */
 
-/* The radiance of the cube map, float[6][n][n][3], for another process, whose environment of the same n and importance
- * then samples and evaluates as e does, to the bit. It has no image: environment_lookup and what calls it are not for
- * it. environment_set_faces has the threads and the deferred steps of a lean rebuild. */
+/* Transfer the radiance of the cube map, float[6][n][n][3], to another process, whose environment with the same n and
+ * importance then samples and evaluates with the same bits as e. That environment has no image, so environment_lookup
+ * and its callers must not use it. environment_set_faces uses the threads of a lean rebuild and defers the same
+ * steps. */
 void environment_get_faces(const struct environment *e, float *rgb);
 void environment_set_faces(struct environment *e, const float *rgb);
 
-/* Logs one warning the first time that a sequence contains values at the largest half float, or pictures without HDR,
- * whose sun may have been clipped, or a lat-long image of another shape than 2:1. *warned remembers; initialise it to
- * false. */
+/* Logs one warning, the first time that a sequence contains values at the largest half float, LDR images (either may
+ * clip the sun), or a lat-long image whose shape is not 2:1. *warned remembers the warning; initialise it to false. */
 void environment_warn_clipped(const struct environment *e, bool *warned);
 
 /* Radiance along w (unit, world) from the source image, interpolated bilinearly; on a cube map within each face.

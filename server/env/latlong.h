@@ -1,7 +1,7 @@
 /* server/env/latlong.h */
-/* Sampling tables on the texels of a lat-long source itself, as is usual in the literature: an alternative to the cube
- * map, for comparison. The sampled function is the source, nearest texel, times gain: piecewise constant, so that
- * sampling and evaluation agree.
+/* Sampling tables on the texels of the lat-long source, as is usual in the literature: an alternative to the cube map,
+ * for comparison. The sampled function is the source, nearest texel, times gain: piecewise constant, so that sampling
+ * and evaluation agree.
  *
  * Both variants weight a texel by importance x solid angle. Rows [Scotty3D]: one row-major CDF over all texels, a
  * position within the texel uniform in (u, v), and pdf(w) = p(texel) w h / (2 pi^2 sin theta) at the sampled theta.

@@ -20,11 +20,11 @@
 #define LOOKUP_NONE 0x80000000u  /* no place: use environment_lookup_wide */
 
 struct lookup_place {
-    uint32_t texel; /* the upper left of four, and where the others are */
+    uint32_t texel; /* the upper left of four, and the offsets of the others */
     float x, y;     /* weights of the right and the lower texels */
 };
 
-/* What places depend on: places computed for another key must not be used. e must be ready. */
+/* The properties that places depend on: places for another key must not be used. e must be ready. */
 struct lookup_key {
     enum layout layout;
     uint32_t width, height;

@@ -2,9 +2,9 @@
  * cells, and a bright part, held as single texels. The caches of direct and indirect light, the light tracer and the
  * caustic store use it.
  *
- * Of a texel of importance g above the level, the lower part keeps the share (level / g)^2. This is continuous at the
- * level and leaves next to nothing of a sun in the lower part. The energies of both parts add up to the map's. The
- * level is sky_level's (env/sky_table.h). A map of which less than 1/16 is lit has no level and is bright as a whole. A
+ * The lower part keeps the share (level / g)^2 of a texel with importance g above the level. This is continuous at the
+ * level and leaves almost none of a sun in the lower part. The energies of both parts add up to the map's. The level is
+ * sky_level's (env/sky_table.h). A map with less than 1/16 of the sphere lit has no level and is entirely bright. A
  * bright part with less than a thousandth of the energy stays in the cells.
  *
  * Thread: one per struct sky_split; then any number may read. The results do not depend on the number of threads. */
@@ -56,7 +56,8 @@ MUST_CHECK enum err sky_split_take(struct sky_split *s, const struct environment
 
 #define SKY_SPLIT_PARTS (CUBE_FACES * SKY_EDGE)
 
-/* The same in two steps: everything but the cells, then each of SKY_SPLIT_PARTS parts of the cells. ERR_NOMEM. */
+/* As sky_split_take in two steps: everything but the cells, then each of SKY_SPLIT_PARTS parts of the cells.
+ * ERR_NOMEM. */
 MUST_CHECK enum err sky_split_begin(struct sky_split *s, const struct environment *e);
 void sky_split_part(struct sky_split *s, const struct environment *e, uint32_t part); /* thread: any */
 

@@ -1,7 +1,7 @@
 /* server/publish/publish.h */
 /* Live pictures for other programs: H.264 to RTMP, RTSP and SRT, to a folder as HLS, and to recordings. Each target has
- * a thread and a bounded queue: a slow or dead one costs only its own pictures and is tried again, after 0.5 to 10 s.
- * All targets share the encoded pictures with the viewers. */
+ * a thread and a bounded queue: a slow or dead target loses only its own pictures and is retried after 0.5 to 10 s. All
+ * targets share the encoded pictures with the viewers. */
 #ifndef PUBLISH_PUBLISH_H
 #define PUBLISH_PUBLISH_H
 
@@ -18,22 +18,22 @@ struct publisher;
 /* Whether this build and this machine can publish. ERR_UNSUPPORTED: the reason says what is missing. Thread: any. */
 MUST_CHECK enum err publish_available(struct reason *why);
 
-/* Starts a thread for each target. What the targets point to must outlive the publisher. ERR_NOMEM: *out is NULL. */
+/* Starts a thread for each target. The targets' strings must outlive the publisher. ERR_NOMEM: *out is NULL. */
 MUST_CHECK enum err publisher_create(const struct publish_target *targets, uint32_t count, struct publisher **out,
                                      struct reason *why);
 
-/* Whether a target wants pictures now; *key: and one of them needs a key picture. p may be NULL: false. Any thread. */
+/* Whether a target accepts pictures now; *key: one of them needs a keyframe. p may be NULL: false. Thread: any. */
 bool publisher_wants(struct publisher *p, bool *key);
 
-/* Offers a picture whose payload is an access unit of H.264 in Annex B form, to all targets; never waits. Call it
- * before the picture is published elsewhere. time_us: any monotonic clock. p may be NULL. One thread at a time. */
+/* Offers a picture whose payload is an H.264 access unit in Annex B format to all targets; never blocks. Call it before
+ * the picture is published elsewhere. time_us: any monotonic clock. p may be NULL. One thread at a time. */
 void publisher_push(struct publisher *p, struct picture *picture, int64_t time_us);
 
-/* Writes what is known of each target. Returns their number. p may be NULL: 0. Any thread. */
+/* Writes the status of each target. Returns their number. p may be NULL: 0. Thread: any. */
 uint32_t publisher_report(struct publisher *p, struct server_publish out[SERVER_PUBLISH_MAX]);
 
-/* Completes files, closes connections and ends the threads, within a second. False: a thread waits for a name server
- * and was left behind with its memory, so the program should end by _exit. NULL is allowed. */
+/* Completes files, closes connections and ends the threads, within a second. False: a thread still waits for a name
+ * server and keeps its memory, so the program should end with _exit. NULL is allowed. */
 bool publisher_destroy(struct publisher *p);
 
 #endif

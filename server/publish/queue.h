@@ -1,7 +1,7 @@
 /* server/publish/queue.h */
-/* Pictures on their way to one target: from the encode thread, which never waits, to the target's thread. A full queue
- * drops what is oldest up to the next key picture, because a picture of a chain is useless without the one before; if
- * it holds none, it drops all that comes until one does. Any thread; the queue locks. */
+/* Queues pictures for one target, from the encode thread, which never blocks, to the target's thread. A full queue
+ * drops the oldest pictures up to the next keyframe, because a predicted picture is useless without the one before. If
+ * it holds no keyframe, it drops all new pictures until one arrives. The queue locks. Thread: any. */
 #ifndef PUBLISH_QUEUE_H
 #define PUBLISH_QUEUE_H
 
@@ -13,7 +13,7 @@
 struct picture;
 
 #define PUBLISH_QUEUE 128                      /* pictures: four seconds at 30 per second */
-#define PUBLISH_QUEUE_BYTES ((size_t)32 << 20) /* a single larger picture is taken all the same */
+#define PUBLISH_QUEUE_BYTES ((size_t)32 << 20) /* a single larger picture is accepted even so */
 
 struct publish_entry {
     struct picture *picture; /* one access unit as payload, with a reference */
@@ -24,37 +24,38 @@ struct publish_entry {
 struct publish_queue {
     pthread_mutex_t lock;
     pthread_cond_t changed;
-    struct publish_entry entries[PUBLISH_QUEUE]; /* {lock} from first on, in a ring */
+    struct publish_entry entries[PUBLISH_QUEUE]; /* {lock} a ring that begins at `first` */
     unsigned first, count;                       /* {lock} */
     size_t bytes;                                /* {lock} */
-    bool open;                                   /* {lock} it takes pictures */
-    bool needs_key;                              /* {lock} nothing can follow but a key picture, */
+    bool open;                                   /* {lock} accepts pictures */
+    bool needs_key;                              /* {lock} the next picture must be a keyframe, */
     bool broken;                                 /* {lock} because pictures were dropped */
-    bool closed;                                 /* {lock} for good */
+    bool closed;                                 /* {lock} permanently */
     uint64_t dropped;                            /* {lock} pictures since the start */
 };
 
-/* Zeroed memory becomes an empty queue that takes no pictures. */
+/* Initialises an empty queue that accepts no pictures. */
 void publish_queue_init(struct publish_queue *q);
-void publish_queue_finish(struct publish_queue *q); /* lets go of all pictures; no other call may follow */
+void publish_queue_finish(struct publish_queue *q); /* releases all pictures; no other call may follow */
 
-/* Begins to take pictures, the first of which will be a key picture; or stops, and lets go of those it holds, which do
- * not count as dropped. */
+/* Starts to accept pictures, beginning with a keyframe; or stops, and releases the queued ones, which do not count as
+ * dropped. */
 void publish_queue_open(struct publish_queue *q, bool open);
 
-/* Adds a picture, with a reference of its own, if the queue is open. */
+/* Adds a picture and takes a reference to it, if the queue is open. */
 void publish_queue_push(struct publish_queue *q, const struct publish_entry *entry);
 
-/* Takes the oldest picture, whose reference the caller then owns. False: none came within timeout_ms, or the queue is
+/* Removes the oldest picture; the caller owns its reference. False: none arrived within timeout_ms, or the queue is
  * closed. */
 bool publish_queue_take(struct publish_queue *q, struct publish_entry *out, int timeout_ms);
 
-/* Whether it is open; *key: and only a key picture is of use. */
+/* Whether the queue is open; *key: the next picture must be a keyframe. */
 bool publish_queue_wants(struct publish_queue *q, bool *key);
 uint64_t publish_queue_dropped(struct publish_queue *q);
 
-/* Waits until the queue is closed, timeout_ms at most. Returns whether it is. */
+/* Waits up to timeout_ms for the queue to close. Returns whether it is closed. */
 bool publish_queue_wait_closed(struct publish_queue *q, int64_t timeout_ms);
-void publish_queue_close(struct publish_queue *q); /* wakes all that wait; it takes and gives no pictures any more */
+void publish_queue_close(struct publish_queue *q); /* wakes all waiting threads; the queue accepts and returns no more
+                                                      pictures */
 
 #endif

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Borrowed until sink_close, but `header` until sink_open returns. */
+/* Borrowed until sink_close, except `header`, which is borrowed until sink_open returns. */
 struct sink_desc {
     const struct publish_target *target;
     const uint8_t *header; /* parameter sets of the stream, Annex B */
@@ -23,9 +23,9 @@ struct sink_desc {
 
 /* One access unit. */
 struct sink_unit {
-    const uint8_t *bytes; /* Annex B; a key picture starts with its parameter sets */
+    const uint8_t *bytes; /* Annex B; a keyframe starts with its parameter sets */
     size_t size;
-    int64_t time_us; /* any monotonic clock; later than the unit before */
+    int64_t time_us; /* any monotonic clock; later than the previous unit */
     bool key;
 };
 
@@ -33,9 +33,9 @@ struct sink;
 
 /* ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: the reason names no URL. On ERR_OK the caller owns *out. */
 MUST_CHECK enum err sink_open(const struct sink_desc *desc, struct sink **out, struct reason *why);
-/* The first unit is a key picture. After an error only sink_close may follow. */
+/* The first unit must be a keyframe. After an error only sink_close may follow. */
 MUST_CHECK enum err sink_write(struct sink *s, const struct sink_unit *unit, struct reason *why);
-/* Completes what can be completed, also after an error; s is gone. NULL is allowed. */
+/* Completes the output as far as possible, also after an error, and frees s. NULL is allowed. */
 void sink_close(struct sink *s);
 
 /* ---- For the kinds of sinks ---- */
@@ -44,7 +44,7 @@ void sink_close(struct sink *s);
 struct sink_stream {
     struct mux *mux;
     bool begun;
-    bool bare; /* parameter sets go into the header alone, as "avc1" of MP4 and FLV has them */
+    bool bare; /* put parameter sets into the header only, as "avc1" in MP4 and FLV requires */
     int64_t first_us, last;
 };
 /* Opens the muxer for the stream that desc describes. Errors as mux_open. */
@@ -60,12 +60,12 @@ struct sink_ops {
     void (*close)(struct sink *s);
 };
 
-/* The first member of each kind. */
+/* The first member of each sink type. */
 struct sink {
     const struct sink_ops *ops;
 };
 
-/* sink_open of each kind: RTMP, RTSP and SRT; a folder of HLS; a folder of recordings. */
+/* sink_open for each sink type: RTMP, RTSP and SRT; a folder of HLS; a folder of recordings. */
 MUST_CHECK enum err network_open(const struct sink_desc *desc, struct sink **out, struct reason *why);
 /* As network_open. */
 MUST_CHECK enum err hls_open(const struct sink_desc *desc, struct sink **out, struct reason *why);
@@ -74,8 +74,8 @@ MUST_CHECK enum err record_open(const struct sink_desc *desc, struct sink **out,
 
 /* ---- folder.c: files of the last two ---- */
 
-/* Creates the folder if need be and locks it against other processes. public: a new one is readable for everyone,
- * whatever our umask is. *fd: to be closed by the caller; -1 after an error. ERR_IO. */
+/* Creates the folder if necessary and locks it against other processes. public: a new folder is world-readable
+ * regardless of the umask. *fd: to be closed by the caller; -1 after an error. ERR_IO. */
 MUST_CHECK enum err sink_folder_lock(const char *folder, bool public, int *fd, struct reason *why);
 
 /* Writes all bytes to a file. Returns 0 or errno. */
