@@ -1,6 +1,6 @@
-/* Assembles an environment message (PROTOCOL.md section 7) from network pieces, directly in the memory that the frame
- * will keep. Checks the size against the limit as soon as the header is complete, before it allocates. No sockets, no
- * clock. One thread per assembly. */
+/* Assembles an environment message (PROTOCOL.md section 7) from network pieces, directly in the frame's final memory.
+ * Checks the size against the limit as soon as the header is complete, before it allocates. No sockets, no clock. One
+ * thread per assembly. */
 #ifndef STREAM_ASSEMBLY_H
 #define STREAM_ASSEMBLY_H
 
@@ -32,16 +32,16 @@ struct assembly {
     bool under_way, whole;
 };
 
-/* Adds a piece, in[length]. `coming`: bytes of the same WebSocket fragment still to come. `last`: it is the message's
- * last fragment. With the last piece a->whole is set: the caller takes header and payload, and the next piece begins a
- * new message. FAULT_NONE, or *fault says what is wrong and the message is dropped. */
+/* Adds a piece, in[length]. `coming`: remaining bytes of the same WebSocket fragment. `last`: it is the message's last
+ * fragment. With the last piece a->whole is set: the caller takes header and payload, and the next piece begins a new
+ * message. Returns FAULT_NONE, or drops the message and describes the error in *fault. */
 enum fault_code assembly_add(struct assembly *a, const uint8_t *in, size_t length, size_t coming, bool last,
                              struct fault *fault);
 
 /* Drops the message and frees the block. Zeroed memory is allowed; the limit stays. */
 void assembly_finish(struct assembly *a);
 
-/* Makes room for size bytes of undefined content. ERR_NOMEM leaves {NULL, 0}. */
+/* Allocates size bytes with undefined contents. ERR_NOMEM leaves {NULL, 0}. */
 MUST_CHECK enum err block_reserve(struct block *b, size_t size);
 void block_finish(struct block *b);
 

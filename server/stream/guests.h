@@ -1,9 +1,9 @@
-/* Fair shares of connections. A guest is a TCP connection. It arrives, and becomes a client when its hello is accepted;
- * until then it costs little and has proved nothing, so arriving guests have places of their own. A request for
- * pictures by plain HTTP (watcher.c) makes it a client, too, until that is answered. When these are taken, the address
- * with most of them loses its oldest: a newcomer from another address always gets a place. When the places of clients
- * are taken, a newcomer whose address has fewer clients takes the place of the newest viewer of the address with most.
- * Thread: service. */
+/* Fair shares of connections. A guest is a TCP connection. It begins as an arriving guest and becomes a client when its
+ * hello is accepted. Arriving guests are cheap but unauthenticated, so they have a separate pool of places. A request
+ * for pictures by plain HTTP (watcher.c) also makes a guest a client, until the request is answered. When the arriving
+ * places are full, the address with the most of them loses its oldest guest, so a newcomer from another address always
+ * gets a place. When the client places are full, a newcomer whose address has fewer clients replaces the newest viewer
+ * of the address with the most clients. Thread: service. */
 #ifndef STREAM_GUESTS_H
 #define STREAM_GUESTS_H
 
@@ -26,7 +26,7 @@ enum guest_state {
 };
 
 struct guest {
-    struct guest *previous, *next; /* in guests.first, oldest first, while it arrives */
+    struct guest *previous, *next; /* in guests.first, oldest first, while arriving */
     struct lws *wsi;
     struct visitor *visitor; /* its address */
     enum guest_state state;
@@ -34,37 +34,38 @@ struct guest {
 };
 
 struct guests {
-    struct guest *first, *last; /* those that arrive */
+    struct guest *first, *last; /* arriving guests */
     uint32_t arriving, clients; /* their numbers */
-    uint32_t most_arriving;     /* places; those of clients are server.max_connections */
+    uint32_t most_arriving;     /* places for arriving guests; those for clients are server.max_connections */
 };
 
-/* The guest of a connection; NULL: none, since it was refused. */
+/* The guest of a connection; NULL if it was refused. */
 struct guest *guest_of(struct lws *wsi);
 
-/* A TCP connection opens (-1: refused, too many from its address, or out of memory) and closes. */
+/* guest_arrive: a TCP connection opens; -1: refused, because its address has too many or memory is out. guest_leave: it
+ * closes. */
 int guest_arrive(struct server *s, struct lws *wsi);
 void guest_leave(struct server *s, struct lws *wsi);
 
-/* The guest turns out to be of another address (behind a proxy). */
+/* The guest's address changes to that of its client (behind a proxy). */
 void guest_move(struct guest *g, struct visitor *to);
 
 enum guest_room {
     GUEST_ROOM,
     GUEST_FULL,    /* all places are taken */
-    GUEST_CROWDED, /* the address has its share */
+    GUEST_CROWDED, /* the address has reached its share */
 };
 
 /* Whether the guest could become a client now. */
 enum guest_room guest_room(const struct server *s, const struct guest *g);
 
-/* Makes the guest a client, in place of another one if need be; only after guest_room returned GUEST_ROOM. False: it
- * has lost its place meanwhile. */
+/* Makes the guest a client, replacing another one if necessary. Call it only after guest_room returned GUEST_ROOM.
+ * False: the guest has lost its place meanwhile. */
 bool guest_admit(struct server *s, struct guest *g);
-/* The client's request is answered: it becomes a guest that arrives. */
+/* The client's request is answered: it becomes an arriving guest again. */
 void guest_dismiss(struct server *s, struct guest *g);
 
-/* guest_room, with the refusal counted and logged. Text for the client; NULL: there is room. */
+/* As guest_room, and counts and logs a refusal. Returns a text for the client; NULL: there is room. */
 const char *guest_refusal(struct server *s, const struct guest *g, char *text, size_t size);
 
 #endif

@@ -1,10 +1,9 @@
-/* Frames from producers and their fate: the state between the service thread, which receives frames, and the threads
- * that take them and return pictures. No sockets here. The server's lock guards these structures unless noted.
+/* Frames from producers and their fates: the state shared by the service thread, which receives frames, and the threads
+ * that take them and return pictures. Uses no sockets. The server's lock guards these structures unless noted.
  *
  * A live frame stays in `live` until it is taken or replaced. A lockstep sequence outlives its connections: IDLE ->
  * WAITING (frame accepted) -> WORKING (taken) -> KEPT (its picture is ready) -> IDLE (stored), or WORKING -> IDLE when
- * the frame is refused. Frames are accepted in IDLE only, so either end may disconnect at any time and finds its place
- * when it returns. */
+ * the frame is refused. Frames are accepted in IDLE only, so either end may disconnect at any time and resume later. */
 #ifndef STREAM_INGEST_H
 #define STREAM_INGEST_H
 
@@ -48,8 +47,8 @@ struct sequence {
     enum protocol_format format;  /* of its pictures; 0 before a recorder has subscribed */
     bool recording;               /* its recorder has subscribed */
     int64_t touched_us;           /* when a connection last came or went */
-    int64_t left_us;    /* when its recorder last left; 0: never */
-    uint8_t owner[16];  /* address of its recorder, or else of who named it first */
+    int64_t left_us;              /* when its recorder last left; 0: never */
+    uint8_t owner[16];            /* address of its recorder, or else of who named it first */
 
     /* The service thread's own: who is connected. */
     struct viewer *producer, *recorder;

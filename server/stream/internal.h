@@ -53,7 +53,7 @@ enum {
 
 /* Rate limit of bytes beside messages (flood.c). */
 struct flood {
-    int64_t read, messages; /* bytes read when it began, and of messages since */
+    int64_t read, messages; /* bytes read at the start, and bytes of messages since */
     int64_t beside;         /* the most that other bytes have been */
     double left;            /* in the bucket */
     int64_t refilled_us;
@@ -78,7 +78,7 @@ struct viewer {
 
     struct picture *current; /* being sent, or NULL */
     bool repeated;           /* current is older than since_us */
-    size_t offset;           /* bytes of current passed to libwebsockets */
+    size_t offset;           /* bytes of current handed to libwebsockets */
     struct {
         uint64_t sequence;
         int64_t placed_us; /* monotonic */

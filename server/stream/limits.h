@@ -1,4 +1,4 @@
-/* Limits that clients run into: counted for /metrics, and logged at most once a minute each. */
+/* Limits that clients reach: counted for /metrics, and logged at most once a minute each. */
 #ifndef STREAM_LIMITS_H
 #define STREAM_LIMITS_H
 
@@ -17,10 +17,10 @@ enum limit {
 };
 
 struct limit_count {
-    uint64_t reached;             /* how often, since the start */
-    uint64_t logged;              /* of these, those that the log has told */
-    int64_t logged_us;            /* when; 0: never */
-    char address[64];             /* of the last one; "": unknown */
+    uint64_t reached;  /* how often, since the start */
+    uint64_t logged;   /* of these, those that the log has told */
+    int64_t logged_us; /* when; 0: never */
+    char address[64];  /* of the last one; "": unknown */
 };
 
 /* As in the labels of /metrics. */

@@ -20,7 +20,7 @@ struct picture *picture_create(const struct protocol_picture *header, const uint
 void picture_set_track(struct picture *p, unsigned track);
 unsigned picture_track(const struct picture *p);
 
-/* Before publication: it is a rendition (server.h) and no picture for viewers; its header's format is ignored. */
+/* Before publication: marks it as a rendition (server.h), which is not for viewers; its header's format is ignored. */
 void picture_set_rendition(struct picture *p, unsigned slot, uint64_t serial);
 
 struct picture *picture_ref(struct picture *p); /* returns p */

@@ -1,5 +1,5 @@
-/* Questions about pixels (PROTOCOL.md 4.15 to 4.17): questions not taken, answers not sent, and pixels followed from
- * picture to picture. Guarded by the server's lock. */
+/* Queries about pixels (PROTOCOL.md 4.15 to 4.17): pending queries, unsent answers, and pixels followed from picture to
+ * picture. Guarded by the server's lock. */
 #ifndef STREAM_PIXEL_PROBE_H
 #define STREAM_PIXEL_PROBE_H
 
@@ -27,7 +27,7 @@ struct probe_followed {
 struct probes {
     struct server_probe waiting[PROBES_WAITING];
     unsigned waiting_count;
-    struct probe_reply answers[PROBES_ANSWERS]; /* to send; when full the oldest is dropped */
+    struct probe_reply answers[PROBES_ANSWERS]; /* to send; when full, the oldest is dropped */
     unsigned answer_count;
     struct probe_followed followed[SERVER_FOLLOWED_MAX];
     unsigned followed_count;
@@ -35,7 +35,7 @@ struct probes {
     int64_t tokens_us; /* 0: never used */
 };
 
-/* Frees the answers that were not sent; zeroed memory is allowed. Thread: the owner's, when no other uses p. */
+/* Frees the unsent answers; zeroed memory is allowed. Thread: the owner's, when no other thread uses p. */
 void probes_finish(struct probes *p);
 
 #endif

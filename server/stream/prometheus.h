@@ -1,5 +1,5 @@
 /* Measurements of the running server, and their text for Prometheus (exposition format 0.0.4). Any thread adds to
- * histograms, without a lock; the service thread makes the text. */
+ * histograms without a lock; the service thread formats the text. */
 #ifndef STREAM_PROMETHEUS_H
 #define STREAM_PROMETHEUS_H
 
@@ -30,7 +30,7 @@ struct metrics {
     atomic_int_fast64_t loop_us;      /* last tick of the service thread (viewer_now_us) */
     atomic_int_fast64_t loop_most_us; /* its longest piece of work */
     atomic_int_fast64_t loop_late_us; /* the longest delay of its tick */
-    int64_t tick_due_us;              /* service thread's own */
+    int64_t tick_due_us;              /* private to the service thread */
 
     atomic_int_fast64_t beat_ms;    /* of server_beat, on clock_ms; 0: never */
     atomic_int_fast64_t worked_ms;  /* when its thread last used a processor */
@@ -61,7 +61,7 @@ char *metrics_text(struct server *s, size_t *size);
 /* Thread: service. The half-second tick; every_us: its period. */
 void metrics_tick(struct server *s, int64_t now_us, int64_t every_us);
 
-/* Thread: service. A piece of its work that began at begun_us is done. */
+/* Thread: service. Reports the end of work that began at begun_us. */
 void metrics_worked(struct server *s, int64_t begun_us);
 
 #endif

@@ -1,7 +1,7 @@
 /* HTTP and WebSocket on one port: the viewer page, /healthz, /readyz, /metrics, and relight.v1 (protocol/PROTOCOL.md)
- * on /ws. A thread of its own, the service thread, owns all sockets. Other threads pass it immutable pictures and
- * figures; the newest picture wins, slow viewers skip, and no call waits for a viewer. Unless noted, any thread may
- * call any function while the server exists. */
+ * on /ws. A separate thread, the service thread, owns all sockets. Other threads pass it immutable pictures and
+ * figures; the newest picture wins, slow viewers skip pictures, and no call waits for a viewer. Unless noted, any
+ * thread may call any function while the server exists. */
 #ifndef STREAM_SERVER_H
 #define STREAM_SERVER_H
 
@@ -44,11 +44,11 @@ struct server_desc {
     const char *token_metrics;        /* required for /metrics; NULL: see monitor.c */
     const char *tls_cert, *tls_key;   /* PEM files (tls.h): HTTPS and WSS only; NULL: plain */
     bool push;                        /* offer the producer role */
-    bool h264;                        /* offer H.264: the caller must heed server_demand.h264_keys */
+    bool h264;                        /* offer H.264: the caller must respect server_demand.h264_keys */
     size_t max_frame_bytes;           /* largest environment message that a producer may send; default 256 MiB */
-    const struct setting *controls;   /* static rows, those with keys first: what controllers may ask for and all
-                                       * clients are sent; NULL: nothing */
-    atomic_bool *new_work;            /* set when a request from a controller waits; may be NULL */
+    const struct setting *controls;   /* static rows, those with keys first: settings that controllers may change and
+                                         that all clients receive; NULL: none */
+    atomic_bool *new_work;            /* set when a controller's request is pending; may be NULL */
     const atomic_bool *leave;         /* once set, the server tells all clients that it stops; may be NULL */
     uint32_t frame_ms;                /* time limit for receiving a frame; default 30 s */
 };
@@ -58,11 +58,11 @@ struct server_desc {
  * loopback nor allow_remote. ERR_NOMEM. */
 MUST_CHECK enum err server_create(const struct server_desc *desc, struct server **out, struct reason *why);
 
-/* Tells every client that the server stops (close code 1001), accepts no new ones and returns at once. */
+/* Tells every client that the server stops (close code 1001), accepts no new clients and returns at once. */
 void server_drain(struct server *s);
 
 /* Tells every client that the server stops (close code 1001), waits at most two seconds for them and ends the thread.
- * No other call may be under way or follow. NULL is allowed. */
+ * No other call may run at the same time or follow. NULL is allowed. */
 void server_destroy(struct server *s);
 
 /* Checks a description without listening. Errors as server_create. */
@@ -73,13 +73,13 @@ MUST_CHECK enum err server_check(const struct server_desc *desc, struct reason *
  * error nothing changes; errors as server_create. Any thread but the service thread. */
 MUST_CHECK enum err server_change(struct server *s, const struct server_desc *desc, struct reason *why);
 
-/* The port that it listens on, also where 0 was asked for. Any thread. */
+/* The port that it listens on, even if the description has port 0. Any thread. */
 uint16_t server_port(const struct server *s);
 const char *server_url(const struct server *s); /* "http://127.0.0.1:8080/", to print; owned by s */
 
 /* H.264 comes in tracks, each its own chain of pictures: three scales (full, half and quarter size) times eight rates
- * (unlimited, 60 per second, 30, ...). The caller encodes the tracks that are watched (server_demand), at their rates,
- * because no picture of a chain can be left out later. */
+ * (unlimited, 60 per second, 30, ...). The caller encodes the tracks with viewers (server_demand) at their rates,
+ * because no picture of a chain can be skipped later. */
 #define SERVER_SCALES 3
 #define SERVER_RATES 8
 #define SERVER_TRACKS (SERVER_SCALES * SERVER_RATES)
@@ -93,10 +93,10 @@ static inline unsigned server_track_scale(unsigned track)
 /* The tracks of one scale, as bits 1 << track. */
 #define SERVER_TRACKS_OF(scale) (((1u << SERVER_RATES) - 1) << ((scale)*SERVER_RATES))
 
-double server_track_rate(unsigned track); /* pictures a second; 0: no limit */
+double server_track_rate(unsigned track); /* pictures per second; 0: no limit */
 
-/* Plain HTTP shows pictures in other formats and widths than viewers get: renditions. Each width of each format has a
- * slot while someone asks for it, and the caller makes what server_demand lists. */
+/* Plain HTTP serves pictures in more formats and widths than viewers get: renditions. Each width of each format has a
+ * slot while there are requests for it, and the caller makes the renditions listed in server_demand. */
 #define SERVER_RENDITIONS 8
 enum server_image {
     SERVER_NO_IMAGE,
@@ -106,12 +106,12 @@ enum server_image {
 };
 struct server_rendition {
     enum server_image image; /* SERVER_NO_IMAGE: the slot is free */
-    bool still;              /* only single pictures are asked for, no stream */
-    uint32_t width;          /* at most; 0: the picture's */
-    uint64_t serial;         /* rises with each new use of a slot: for picture_set_rendition */
+    bool still;              /* only single pictures are requested, no stream */
+    uint32_t width;          /* maximum; 0: the picture's width */
+    uint64_t serial;         /* increases with each new use of a slot: for picture_set_rendition */
 };
 
-/* The caller begins to encode another picture: those published before now show an older one. */
+/* The caller starts to encode another picture: pictures published earlier are now outdated. */
 void server_begin_picture(struct server *s);
 
 /* Gives the picture its sequence number and time and offers it to all viewers of its format. Takes over the caller's
@@ -120,7 +120,7 @@ void server_publish(struct server *s, struct picture *picture);
 
 /* ---- Frames that producers push ---- */
 
-/* Names a taken frame until its fate is reported. id 0: no frame; the calls below then do nothing for it. */
+/* Identifies a taken frame until its fate is reported. id 0: no frame, for which the calls below do nothing. */
 struct server_ticket {
     uint64_t id;
     bool lockstep; /* gets exactly one picture, reproducibly */
@@ -133,9 +133,9 @@ struct server_ticket {
 bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms);
 
 enum server_fate {
-    SERVER_USED,       /* became a picture */
+    SERVER_USED,       /* a picture was made */
     SERVER_SUPERSEDED, /* a newer one replaced it */
-    SERVER_REFUSED,    /* unusable: `why` says why */
+    SERVER_REFUSED,    /* unusable: `why` gives the reason */
 };
 
 /* Reports the fate of a taken frame to its producer, if still connected, and returns credit. Lockstep frames are never
@@ -152,17 +152,17 @@ void server_publish_for(struct server *s, struct picture *picture, const struct 
 /* The values are those of a struct that the rows of server_desc.controls describe. */
 #define SERVER_CONTROL_BYTES 512
 struct server_control {
-    uint32_t asked; /* bit k: row k was asked for */
+    uint32_t asked; /* bit k: the request sets row k */
     _Alignas(8) char values[SERVER_CONTROL_BYTES];
-    uint64_t by, request; /* the connection that asked and the number of its request, which the answer repeats */
-    const char *clause;   /* of PROTOCOL.md, static: set beside an error by the caller; NULL: 4.13 */
+    uint64_t by, request; /* the requesting connection and the number of its request, which the answer repeats */
+    const char *clause;   /* of PROTOCOL.md, static: the caller sets it with an error; NULL: 4.13 */
 };
 
-/* The next request. Consecutive requests of one controller are merged; the newest value wins. Ranges and choices are
- * checked by the rows; the caller checks what depends on scene and source. False: none. */
+/* The next request. Consecutive requests of one controller are merged; the newest value wins. The rows define the
+ * checks of ranges and choices; the caller checks values that depend on scene and source. False: none. */
 bool server_take_control(struct server *s, struct server_control *out);
 
-/* Whether server_take_control has one. */
+/* Whether a request is pending for server_take_control. */
 bool server_control_waits(struct server *s);
 
 /* Sends the current values, a struct that the rows describe, to all controllers and viewers, and to later ones.
@@ -177,14 +177,14 @@ struct server_probe {
     uint32_t x, y;        /* within the picture, if its size is known */
     uint32_t samples;     /* 0: default */
     bool figure, sky;     /* the preset of [LPG13, Fig. 1]; include a picture of the sky */
-    bool sky_alone;       /* only the sky is asked for, no pixel */
+    bool sky_alone;       /* the query is about the sky only, not a pixel */
 };
 
-/* The next question. False: none. */
+/* The next query. False: none. */
 bool server_take_probe(struct server *s, struct server_probe *out);
 
-/* Answers a question: text is a JSON object, copied; NULL: none, and error says why. Every question taken needs an
- * answer. */
+/* Answers a query: text is a JSON object, copied; NULL: none, and error gives the reason. The caller must answer every
+ * query that it takes. */
 void server_answer_probe(struct server *s, const struct server_probe *asked, const char *text, const char *error);
 
 /* The pixels that clients follow from picture to picture. Returns their number. */
@@ -203,7 +203,7 @@ struct server_radiance {
     bool finer;         /* a refined picture of the same frame */
     float rgb[3];
 };
-/* Copies *r for the client that follows f; nothing happens if it no longer does. Any thread. */
+/* Copies *r for the client that follows f; does nothing if it no longer follows. Any thread. */
 void server_send_radiance(struct server *s, const struct server_follow *f, const struct server_radiance *r);
 
 /* ---- Figures out, demand in ---- */
@@ -212,13 +212,13 @@ void server_send_radiance(struct server *s, const struct server_follow *f, const
  * Copied. Any thread. */
 void server_set_figures(struct server *s, const struct server_figures *figures);
 
-/* What clients want now, so that nothing is rendered or encoded for nobody. */
+/* The clients' current demand, so that the caller renders and encodes only what is needed. */
 struct server_demand {
     uint32_t viewers;      /* subscribed and not paused */
-    uint32_t formats;      /* watched formats, as bits 1 << enum protocol_format */
-    bool halves, quarters; /* JPEG at half or quarter size is watched (flags of the picture's header) */
-    uint32_t h264;         /* watched H.264 tracks, as bits 1 << track */
-    uint32_t h264_keys;    /* of these, those that need a key picture (flag of its header) */
+    uint32_t formats;      /* formats with viewers, as bits 1 << enum protocol_format */
+    bool halves, quarters; /* JPEG at half or quarter size has viewers (flags of the picture's header) */
+    uint32_t h264;         /* H.264 tracks with viewers, as bits 1 << track */
+    uint32_t h264_keys;    /* of these, tracks that need a keyframe (flag of its header) */
     struct server_rendition renditions[SERVER_RENDITIONS];
     int jpeg_quality; /* the highest requested, 1..100; 0: none requested */
     double max_rate;  /* the highest requested, pictures per second; 0: no limit */
@@ -229,13 +229,13 @@ struct server_demand {
     bool recorder;                        /* its recorder has subscribed */
     enum protocol_format recorder_format; /* 0: it never subscribed */
 };
-/* Writes the present demand to *out. Any thread. */
+/* Writes the current demand to *out. Any thread. */
 void server_demand(struct server *s, struct server_demand *out);
 
 /* ---- Measurements: /metrics, /healthz and /readyz ---- */
 
-/* Heartbeat of the shade thread, which alone calls this, at least once a second while it waits. While it computes, its
- * processor time counts instead, for at most SERVER_BUSY_MS. /healthz requires it from the first call on. */
+/* Heartbeat of the shade thread, the only caller, at least once a second while it waits. While it computes, its
+ * processor time counts as a heartbeat, for at most SERVER_BUSY_MS. /healthz requires it from the first call on. */
 void server_beat(struct server *s);
 #define SERVER_BEAT_MS 2000
 #define SERVER_BUSY_MS 300000
@@ -243,11 +243,11 @@ void server_beat(struct server *s);
 struct server_health {
     bool alive;               /* the service thread and the shade thread make progress */
     bool ready;               /* alive, and a new viewer will get a picture */
-    const char *reason;       /* why not, static; "ok" */
+    const char *reason;       /* why not alive or ready, static; "ok" otherwise */
     int64_t loop_ms, beat_ms; /* time since the last sign of each; beat_ms -1: server_beat was never called */
 };
 
-/* Writes the present state to *out. Any thread. */
+/* Writes the current state to *out. Any thread. */
 void server_health(struct server *s, struct server_health *out);
 
 /* Times reported as histograms. */
@@ -263,7 +263,7 @@ enum server_timing {
     SERVER_TIMINGS,
 };
 
-/* Adds one time. Takes no lock. The caller reports the first three; the server itself the others. */
+/* Adds one time without a lock. The caller reports the first three kinds; the server reports the others. */
 void server_observe(struct server *s, enum server_timing timing, double seconds);
 
 /* Counters since the start. */
@@ -274,11 +274,11 @@ struct server_counters {
     uint64_t errors;      /* protocol errors, fatal or not */
     uint64_t published;   /* pictures */
     uint64_t sent;        /* whole pictures, to any viewer */
-    uint64_t skipped;     /* pictures that a viewer missed: slow, paused or rate-limited */
+    uint64_t skipped;     /* pictures that a viewer skipped: slow, paused or rate-limited */
     uint64_t acked;
     uint64_t bytes;   /* of pictures passed to the kernel */
     uint64_t stalled; /* connections closed because they took no bytes */
-    uint64_t crowded; /* of those refused: too many from one address */
+    uint64_t crowded; /* of those refused: the address had too many */
     uint64_t wrong_tokens;
     uint64_t too_fast; /* connections closed because they sent too many messages */
 

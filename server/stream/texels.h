@@ -5,8 +5,8 @@
 #include "stream/assembly.h"
 #include "codec/frame.h"
 
-/* Fills *f as FRAME_TEXELS, top row first, and leaves its other fields. Float texels are not copied: frame and payload
- * swap blocks. ERR_NOMEM leaves FRAME_NONE. */
+/* Fills *f as FRAME_TEXELS, top row first, and leaves its other fields unchanged. Float texels are not copied: frame
+ * and payload swap blocks. ERR_NOMEM leaves FRAME_NONE. */
 MUST_CHECK enum err texels_take(struct frame *f, const struct protocol_environment *header, struct block *payload);
 
 /* A half float's value [IEEE 754-2019, 3.4]: exact, NaN and infinity included. */
