@@ -1,4 +1,4 @@
-/* The basis of the sky's cells: how the light that points gather varies with them. */
+/* Computes the basis over the sky's cells from the variation of the light that points gather. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 

@@ -1,4 +1,4 @@
-/* Gathers the light that shade points receive from records: by cells, to find the basis; by the basis, for the blocks.
+/* Gathers the light that shade points receive from records: per cell, to find the basis; in the basis, for the blocks.
  */
 #include "bounce/compress.h"
 

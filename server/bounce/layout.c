@@ -1,5 +1,5 @@
-/* Stores the blocks' bytes for frames: one after another in the order in which direct light is computed, not in that of
- * their groups, each block behind a head that describes it. */
+/* Lays out the blocks' bytes for frames: in the order in which direct light is computed, not by group, each block after
+ * a head that describes it. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 

@@ -1,4 +1,4 @@
-/* The records: their places, their direct light from the sky, and the light between them. */
+/* The records: their positions, their direct light from the sky, and the light exchanged between them. */
 #include "bounce/parts.h"
 
 #include "base/cancel.h"

@@ -1,4 +1,4 @@
-/* Records: finds the voxel of a place and its record. */
+/* Finds the voxel of a position and its record. */
 #include "bounce/parts.h"
 #include "base/mem.h"
 

@@ -1,6 +1,6 @@
-/* Changes to another camera of the scene. A thread of its own computes the new view (its G-buffer) while pictures of
- * the old one go on; then the shade thread switches. Free views, which someone moves, are coarse at first. The command
- * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it costs nothing. */
+/* Changes to another camera of the scene. A separate thread computes the new view (its G-buffer) while pictures of the
+ * old one continue; then the shade thread switches. Free views, which users drag, are coarse at first. The command
+ * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it is free. */
 #include "daemon/shade_parts.h"
 
 #include "base/log.h"

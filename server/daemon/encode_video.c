@@ -1,6 +1,6 @@
-/* H.264: one encoder for each track that someone watches (stream/server.h). Each picture of a chain needs the one
- * before, so none can be left out after encoding: a track that has reached its rate is not given the next picture at
- * all. The last picture of a pause reaches every track, as soon as its rate allows. */
+/* H.264: one encoder for each track with viewers (stream/server.h). Each picture of a chain needs the previous one, so
+ * none can be dropped after encoding. A track that has reached its rate therefore skips the next picture before
+ * encoding. The last picture before a pause reaches every track as soon as its rate allows. */
 #include "daemon/encode_parts.h"
 
 #include "base/clock.h"

@@ -1,6 +1,6 @@
-/* The part of the scene's own lamps (light/relight_lamps.h) in relightd's pictures. A picture's sky part is kept, so
- * that another factor, or more samples of the lamps' part, need no light to be computed again. Each view has its own
- * part, refined on a thread of its own; that of the command line's view is kept when the camera changes. */
+/* Adds the light of the scene's own lamps (light/relight_lamps.h) to relightd's pictures. The sky's part of a picture
+ * is kept, so that another factor, or more samples of the lamps' part, need no relighting. Each view has its own lamps'
+ * part, refined on a separate thread; that of the command line's view is kept when the camera changes. */
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"

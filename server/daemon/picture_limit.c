@@ -1,5 +1,5 @@
-/* The limit on the time that one picture may take (--max-picture-seconds): what settings would cost, and the start and
- * end of each picture for the housekeeping thread, which watches over it. */
+/* The limit on the time per picture (--max-picture-seconds): estimates the cost of settings, and reports the start and
+ * end of each picture to the housekeeping thread, which enforces the limit. */
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"

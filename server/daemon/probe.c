@@ -1,6 +1,6 @@
-/* Answers questions about a pixel: where its light comes from (PROTOCOL.md 4.15). The shade thread does it between two
- * pictures, because it holds the frame; so no picture can change by it. An answer takes some hundredths of a second,
- * and the server passes on only a few questions a second. */
+/* Answers queries about a pixel: where its light comes from (PROTOCOL.md 4.15). The shade thread answers between two
+ * pictures, because it holds the frame; so queries cannot change a picture. An answer takes some hundredths of a
+ * second, and the server passes on only a few queries per second. */
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"

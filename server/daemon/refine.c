@@ -1,5 +1,5 @@
-/* While no frame comes, the shade thread refines the last picture (light/still.h). Live streams never see this: passes
- * start after a quiet time only, and any new work ends the one under way. */
+/* While no frame arrives, the shade thread refines the last picture (light/still.h). Refinement does not affect live
+ * streams: passes start only after an idle time, and any new work ends the current pass. */
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"

@@ -1,9 +1,9 @@
-/* The server, from top to bottom: a sky comes in, pictures go out. Three threads pass work on to the next:
+/* The server's main program: a sky comes in, pictures go out. Three threads form a pipeline:
  *     ingest   source or producer -> decode -> cube map and sampling tables       ingest.h
  *     shade    (main) light at the shade points -> linear picture; refines it     shade.h
  *     encode   exposure -> tone curve -> JPEG, H.264 or EXR                       encode.h
- * Between two of them is a handoff of three slots (slots.h): the newest wins, and nobody waits for a copy. The network
- * thread belongs to stream/server.h; housekeeping.h and service_manager.h look after the process. */
+ * A handoff of three slots connects two threads (slots.h): the newest wins, and no thread waits for a copy. The network
+ * thread belongs to stream/server.h; housekeeping.h and service_manager.h monitor the process. */
 #include "daemon/encode.h"
 #include "daemon/housekeeping.h"
 #include "daemon/ingest.h"

@@ -1,4 +1,4 @@
-/* A scene before a camera: light/relight.h. */
+/* Creates a scene as seen by one camera: light/relight.h. */
 #include "light/relight.h"
 
 #include "base/clock.h"

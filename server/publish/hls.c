@@ -1,6 +1,6 @@
-/* HLS [RFC 8216] with CMAF segments of at least SEGMENT_US, cut at key pictures, in a folder that a web server serves:
- * live.m3u8, init-EPOCH.mp4 and live-EPOCH-N.m4s. EPOCH is the time when the sink was opened, so that no name comes
- * back. The list has no end, also after the program's: players then go on when it is started again. */
+/* HLS [RFC 8216] with CMAF segments of at least SEGMENT_US, cut at keyframes, in a folder that a web server serves:
+ * live.m3u8, init-EPOCH.mp4 and live-EPOCH-N.m4s. EPOCH is the time when the sink was opened, so that names are never
+ * reused. The playlist is never ended, even at exit: players thus continue after a restart. */
 #include "base/clock.h"
 #include "base/file_store.h"
 #include "base/mem.h"

@@ -1,5 +1,5 @@
 /* Recordings: relightd-YYYYMMDDThhmmssZ.mp4, each of the target's length. A file is fragmented MP4, complete up to its
- * last key picture at any moment, and called .part until it is closed. */
+ * last keyframe at any moment, and named .part until it is closed. */
 #include "base/clock.h"
 #include "base/file_store.h"
 #include "base/log.h"

@@ -1,4 +1,4 @@
-/* Meshes whose arrays are in a space of their own, so that instances can share them. */
+/* Placed meshes: their arrays are in object space, so that instances can share them. */
 #include "scene/mesh_read.h"
 #include "scene/scene_build.h"
 

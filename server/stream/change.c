@@ -1,5 +1,5 @@
-/* Reconfigures a running server: the new description becomes a server that never runs, from which the service thread
- * takes over what can change. */
+/* Reconfigures a running server: the new description becomes a server that never runs, and the service thread copies
+ * the changeable parts from it. */
 #include "stream/server.h"
 
 #include "base/clock.h"

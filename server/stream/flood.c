@@ -1,5 +1,5 @@
-/* What a client sends beside messages: pings, pongs and empty frames. libwebsockets answers and drops these itself and
- * reports few of them, so count bytes: those that TCP has delivered, without those of messages. */
+/* Limits the bytes that a client sends outside messages: pings, pongs and empty frames. libwebsockets handles these
+ * itself and reports few of them, so this file counts bytes: those that TCP has delivered, minus those of messages. */
 #include "stream/internal.h"
 
 #include <linux/tcp.h> /* not netinet/tcp.h, whose tcp_info ends before tcpi_bytes_received */

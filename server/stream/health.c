@@ -1,4 +1,4 @@
-/* Whether the server lives and can be used: /healthz, /readyz, and how late the network thread is. */
+/* Tests whether the server is alive and ready: /healthz, /readyz, and the delay of the network thread. */
 #include "stream/internal.h"
 
 #include "base/clock.h"

@@ -1,6 +1,6 @@
 /* Pictures by plain HTTP: /snapshot.jpg, .png and .exr, and /stream.mjpeg. A watcher is one such request, and counts as
- * a viewer until it is answered. It gets the newest picture whenever the line is clear; pictures are encoded once for
- * all watchers and viewers of a format and width. The token comes in a header, since logs keep addresses. */
+ * a viewer until it is answered. It gets the newest picture whenever the connection can accept one; pictures are
+ * encoded once for all watchers and viewers of a format and width. The token is in a header, since logs record URLs. */
 #include "stream/internal.h"
 
 #include "base/log.h"

@@ -1,5 +1,5 @@
-/* Chooses the rays to the bright part of a frame's sky. Few rays suffice for points that see all of it or nothing, and
- * most points do, even near the border of a shadow. */
+/* Chooses the rays to the bright part of a frame's sky. Few rays suffice for points that see all or none of it, which
+ * includes most points near a shadow's border. */
 #include "transport/parts.h"
 
 #include "env/cube.h"

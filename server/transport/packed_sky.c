@@ -1,5 +1,5 @@
-/* The sky of a frame as another process needs it: cells, indirect light's coefficients and the bright texels, some 20
- * KB in place of 4.7 MB of faces. */
+/* Packs a frame's sky for another process: cells, coefficients of indirect light and the bright texels, some 20 KB
+ * instead of 4.7 MB of faces. */
 #include "transport/transport.h"
 
 #include "base/mem.h"
