@@ -267,11 +267,14 @@ static enum err points(void *context, struct relighter *r, const struct environm
     const struct light_part own = { t->cuts[0], t->cuts[1], faces ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_ALL,
                                     cache != NULL };
     const double start = clock_seconds();
+    const bool expects = !result;
     if (!result)
         result = relighter_run_part(r, e, passes, &own, lo, stats);
     const double lit = clock_seconds();
-    if (!result)
-        result = ranks_receive(t->desc.ranks);
+    if (expects) { /* after an error, too: MPI writes into t->in until then */
+        const enum err received = ranks_receive(t->desc.ranks);
+        result = result ? result : received;
+    }
     t->stats.part_s += lit - start;
     t->stats.wait_s += clock_seconds() - lit;
     t->stats.dealt++;
@@ -287,15 +290,17 @@ static enum err take_sky(struct team *t, const struct order *order, const struct
 {
     const size_t cuts = ((size_t)t->count + 1) * sizeof(*t->cuts);
     struct transport *cache = relighter_transport(t->desc.relighter, passes);
+    enum err e = ERR_OK;
 
-    if (order->faces)
+    if (order->sky) {
+        transport_gather(cache);
+        t->environment->ready = true;
+        e = transport_unpack_sky(cache, t->in.at + cuts + order->faces, order->sky,
+                                 relighter_indirect(t->desc.relighter, passes, plan), t->environment);
+    }
+    if (!e && order->faces) /* last: the unpacking clears the texels that were bright in the picture before */
         environment_set_faces(t->environment, (const float *)(const void *)(t->in.at + cuts));
-    if (!order->sky)
-        return ERR_OK;
-    transport_gather(cache);
-    t->environment->ready = true;
-    return transport_unpack_sky(cache, t->in.at + cuts + order->faces, order->sky,
-                                relighter_indirect(t->desc.relighter, passes, plan), t->environment);
+    return e;
 }
 
 /* The passes of the order. A cache that rank 0 has computed since is in its file. ERR_END: not there. */
