@@ -210,6 +210,13 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
     return ranks_agree(r, open_counter(r, why), why);
 }
 
+static void end_keeper(struct ranks *r)
+{
+    atomic_store(&r->leaving, true);
+    if (r->has_keeper)
+        pthread_join(r->keeper, NULL);
+}
+
 void ranks_destroy(struct ranks *r)
 {
     MPI_Request q;
@@ -217,15 +224,14 @@ void ranks_destroy(struct ranks *r)
     if (!r)
         return;
     if (r->lost) { /* MPI's own end would wait for that rank */
+        end_keeper(r);
         mem_free(r->expected);
         mem_free(r);
         return;
     }
     MPI_Ibarrier(MPI_COMM_WORLD, &q);
     wait_for(&q);
-    atomic_store(&r->leaving, true);
-    if (r->has_keeper)
-        pthread_join(r->keeper, NULL);
+    end_keeper(r);
     MPI_Win_unlock_all(r->window);
     MPI_Win_free(&r->window);
     wait_for(&r->posted);
