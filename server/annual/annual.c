@@ -258,10 +258,10 @@ static enum err run_moment(struct annual *a, const struct moment *m, struct reas
         count_moment(a, m, a->lux);
         e = ledger_add(&a->ledger, &row, a->lux, why);
     }
-    if (!e && picture)
+    for (; !e && picture; picture = annual_picture_of(a, m)) { /* one moment may be asked for by several times */
         e = annual_picture_write(a, m, why);
-    if (picture)
         picture->done = !e;
+    }
     return e;
 }
 

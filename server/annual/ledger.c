@@ -70,7 +70,9 @@ static bool parse_row(char *line, struct ledger_row *row)
             return false;
         at = end + 1;
     }
-    return true;
+    const double *v = row->value; /* maps are drawn from these; false for NAN, too */
+    return v[LEDGER_MONTH] >= 1.0 && v[LEDGER_MONTH] <= 12.0 && v[LEDGER_DAY] >= 1.0 && v[LEDGER_DAY] <= 31.0 &&
+           v[LEDGER_CLOCK] >= 0.0 && v[LEDGER_CLOCK] <= 24.0;
 }
 
 static bool parse_lux(char *line, size_t sensors, double number, float *out)

@@ -47,7 +47,7 @@ void measures_summarise(const struct measures_desc *d, const struct sensor_year 
     *out = (struct measures_summary){ .sda = 0.0 };
     for (size_t i = 0; i < count; i++) {
         const struct sensor_year *s = &sensors[i];
-        out->sda += s->autonomous >= d->autonomy_share * occupied - 1e-9 ? 1.0 : 0.0;
+        out->sda += s->autonomous > 0.0 && s->autonomous >= d->autonomy_share * occupied - 1e-9 ? 1.0 : 0.0;
         out->ase += s->sunlit > sun_hours + 1e-9 ? 1.0 : 0.0;
         out->autonomy += s->autonomous / occupied;
         out->lux_hours += s->lux_hours;

@@ -30,7 +30,7 @@ OBJ
 
 a_year_has_its_tables_measures_and_maps() {
     weather
-    year out ,days=06-20:06-22 --pictures 06-21T12:30
+    year out ,days=06-20:06-22 --pictures 06-21T12:10,06-21T12:30
     python3 - "$work/out" <<'PY'
 import csv, json, pathlib, sys
 
@@ -56,7 +56,7 @@ assert abs(float(sensors[0]["daylight_autonomy"]) - autonomous / 30) < 1e-4
 assert summary["sda"] == 1 and abs(summary["mean_daylight_factor"] - 1) < 0.02
 for name in ("index.html", "year-sensors.png", "year-view.png", "year-open.png", "sensors-autonomy.png",
              "sensors-useful.png", "sensors-sunlit.png", "sensors-factor.png", "picture-0621-1230.png",
-             "picture-0621-1230-falsecolour.png", "picture-0621-1230.hdr"):
+             "picture-0621-1230-falsecolour.png", "picture-0621-1230.hdr", "picture-0621-1210.png"):
     assert (out / name).stat().st_size > 200, name
 assert b"VIEW= -vtv " in (out / "picture-0621-1230.hdr").read_bytes()[:2000]
 PY

@@ -40,6 +40,10 @@ static void a_year_is_summed_up(void **state)
     assert_true(fabs(m.sda - 2.0 / 3.0) < 1e-12); /* sensors 0 and 2: 50 % counts */
     assert_true(fabs(m.ase - 1.0 / 3.0) < 1e-12); /* sensor 1: more than 250 hours */
     assert_true(fabs(m.udi[0] - 1.0 / 3.0) < 1e-12 && fabs(m.autonomy - (0.8 + 0.5) / 3.0) < 1e-12);
+
+    const struct sensor_year night = { .lux_hours = 50.0 };
+    measures_summarise(&measures_lm83, &night, 1, 1e-9, &m); /* no occupied hour: nothing is autonomous */
+    assert_true(m.sda == 0.0 && m.ase == 0.0);
 }
 
 /* ---- Glare ---- */
