@@ -7,7 +7,8 @@
 
 #include <math.h>
 
-/* The quick one takes a tenth of the time. Its 24 rays within three blocks are as noisy as 1500 of one point's. */
+/* The effort of the quick cache takes a tenth of the time. Its 24 rays, smoothed over three blocks, have the noise of
+ * 1500 rays of one point. */
 static const struct bounce_effort full = { 64, 0, 1536, 512, 512, BOUNCE_BASIS_MAX, BOUNCE_GROUP };
 static const struct bounce_effort quick = { 8, 700, 256, 64, 256, 32, 1 };
 
@@ -19,7 +20,7 @@ uint64_t bounce_steps(const struct gbuffer *g)
     return g->packet_count;
 }
 
-/* Lobes that fall to a half within 1.5 degrees would show the records, which are constant over a voxel. */
+/* Lobes that fall to a half within 1.5 degrees would make the records visible, which are constant over a voxel. */
 static bool is_sharp(const struct shade_packet *p, uint32_t l)
 {
     return p->kind == LOBE_PHONG ? p->gloss[l] > 2000.0f

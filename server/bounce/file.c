@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Increase it when the same scene gets another cache, or the file changes. */
+/* Increase it when the cache of the same scene or the file format changes. */
 #define FORMAT 2
 
 #define GAIN_MOST 1e20f
@@ -103,7 +103,7 @@ static enum err read_basis(struct cache_reader *r, struct bounce *b, struct reas
     return e;
 }
 
-/* Whatever the ranks are, the loops that read the pieces stay within them, the basis and their own memory. */
+/* Checks the ranks, so that the loops that read the pieces stay within them, the basis and their own memory. */
 static bool is_sound(const struct bounce *b, const struct bounce_group *g)
 {
     uint32_t points = 0;

@@ -61,7 +61,7 @@ static struct bounce_spot spot_of_lane(const struct shade_packet *p, uint32_t l)
                                  .kind = LOBE_LAMBERT };
 }
 
-/* Traces rays from the shade points, evenly over all of them, and the second time from the hits of the first. */
+/* Traces rays from the shade points, evenly over all of them, and then from the hits of the first rays. */
 static void probe_all(struct bounce_build *b, struct bounce_spots *all, bool second)
 {
     const uint32_t probes = PROBES * b->most;

@@ -51,8 +51,8 @@ static void solve3(const double a[3][3], const double b[3], double x[3])
     x[2] = (c2 * b[0] + d2 * b[1] + e2 * b[2]) / determinant;
 }
 
-/* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a slope
- * causes no error where they all lie to one side, as at a group's border [Cleveland 1979]. */
+/* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a gradient
+ * causes no error if all of them are on one side, as at a group's border [Cleveland 1979]. */
 static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *w)
 {
     double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];

@@ -202,7 +202,7 @@ void backplate_steady(const struct backplate *b, float *lo)
     }
 }
 
-/* T and what is seen of the background, from the radiances before and after they were replaced. */
+/* T and the visible background, from the radiances before and after their replacement. */
 static void keep_pixel(const struct backplate *b, const struct environment *e, const float *lo, uint32_t x, uint32_t y)
 {
     const struct gbuffer *g = b->set->gbuffer;

@@ -10,8 +10,9 @@
 #include <string.h>
 
 #define GROW_S 0.1 /* of a picture, for paths to be stored; none in the first */
-/* Of the light of a white surface below all of the sky: what a path may bring that meets the sky behind mirrors and
- * glass. Such a path finds a sun once in 10^5 times, and then is as much brighter: a speck, for minutes. */
+/* Relative to a white surface under the whole sky: the limit on a path that hits the sky behind mirrors and glass. Such
+ * a path finds a sun once in 10^5 times and is then brighter by the same factor, which would leave a speck for
+ * minutes. */
 #define BRIGHTEST 4.0
 
 struct beside {
@@ -149,7 +150,7 @@ static void move_splats(struct beside *b, float *lo)
             move_pixel(b, pixel, lo);
 }
 
-/* Both halves of what is stored. Before there is anything else to show, nothing grows but for this picture. */
+/* Both halves of the stored light. Until there is other light to show, the store grows only enough for this picture. */
 static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
                            const struct picture_passes *p, struct relight_stats *stats)
 {

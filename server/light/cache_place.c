@@ -11,7 +11,7 @@
 
 #define PART 64 /* bytes of a name's part */
 
-/* A name as a part of a file's: what is neither a letter nor a digit becomes a low line. */
+/* Makes a name safe for file names: replaces characters other than letters and digits by underscores. */
 static void plain_name(const char *name, char out[PART])
 {
     snprintf(out, PART, "%.*s", PART - 1, name);

@@ -21,7 +21,7 @@ void decider_finish(struct decider *d)
     *d = (struct decider){ .pilot = NULL };
 }
 
-/* Direct light by METHOD_AUTO, with shadows and without any settings of its sampling. */
+/* Direct light by METHOD_AUTO, with shadows and the default sampling settings. */
 static bool cache_may_serve(const struct relight_desc *light)
 {
     const struct direct_desc *d = &light->direct;
@@ -54,8 +54,8 @@ static struct buy_facts facts_of(const struct relighter *r, const struct relight
     };
 }
 
-/* While the cache is not there even coarsely, and indirect light is wanted: a picture of few samples that is filtered
- * is nearer to the truth than one of many without indirect light. */
+/* Until the cache exists coarsely, if indirect light is requested: a filtered picture with few samples is closer to the
+ * truth than one with many samples but no indirect light. */
 static bool is_first(const struct decider *d, const struct frame_request *request)
 {
     return d->cache.hurried && !d->cache.ready && !d->cache.refused && request->background && is_measured(request) &&
@@ -178,7 +178,7 @@ static void note_picture(struct decider *d, const struct relight_stats *stats)
     d->cache.share = stats->cache_share;
 }
 
-/* Black skies and cancelled frames trace nothing: nothing is learnt from them. */
+/* Black skies and cancelled frames trace nothing, so they are not measured. */
 static void note_frame(struct decider *d, const struct relight_stats *stats, const struct pilot_stats *measured)
 {
     if (stats->direct.rays > 0) {

@@ -1,6 +1,6 @@
 #include "light/facts.h"
 
-/* What a point gives back of a white sky: its diffuse part, and of its lobe what it reflects at normal incidence. */
+/* The reflectance of a point under a white sky: its diffuse part, plus its lobe at normal incidence. */
 static double albedo_of(const struct shade_packet *p, uint32_t lane)
 {
     const double d = rgb_luminance(p->diffuse[0][lane], p->diffuse[1][lane], p->diffuse[2][lane]);

@@ -202,7 +202,7 @@ static void compare(const struct history *h, uint32_t packet, double *own, doubl
     }
 }
 
-/* share: V / D. Without samples so far, B is the cache's light, or nothing. */
+/* share: V / D. Before the first samples, B is the cache's light, or 0. */
 static double weight_of(const struct history *h, uint32_t packet, double share)
 {
     const double n = (double)h->count[packet];
@@ -223,7 +223,8 @@ static void add_packet(struct history *h, uint32_t packet, double share)
     h->count[packet] = (float)(1.0 / (1.0 - w));
 }
 
-/* due[0 .. count - 1] are of group g. The means go over about all of its packets: one picture's are too few. */
+/* due[0 .. count - 1] belong to group g. The means cover all packets of the group, because those of one picture are too
+ * few. */
 static void add_group(struct history *h, uint32_t g, const uint32_t *due, uint32_t count)
 {
     const uint32_t all = h->packets - g * GROUP < GROUP ? h->packets - g * GROUP : GROUP;
@@ -250,8 +251,8 @@ static double mean_weight(const struct history *h)
     return sum / h->packets;
 }
 
-/* Of what was shown so far, which the new samples do not know: w weighs its error and theirs, so that what is known now
- * has w of it. Beside a cache samples are too few. */
+/* The error of the displayed light, which is independent of the new samples: w weights the old light and the new
+ * samples, so the new light keeps w of the old error. With a cache, samples are too few. */
 static void state_error(struct history *h, const float *const more[2])
 {
     const float *const half[2] = { denoiser_half(h->denoiser, 0), denoiser_half(h->denoiser, 1) };

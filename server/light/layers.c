@@ -99,7 +99,7 @@ static void drop_particles(struct picture_passes *p)
     p->stored = NULL;
 }
 
-/* The passes' light before the denoiser: the mean of what it would filter, two halves, and particles. */
+/* The passes' light before the denoiser: the mean of its two input halves, plus particles. */
 static enum err run_unfiltered(struct relighter *r, const struct environment *e, const struct picture_passes *p,
                                bool halves, float *scratch, float *rgb, struct relight_stats *stats)
 {
@@ -122,7 +122,8 @@ static enum err run_unfiltered(struct relighter *r, const struct environment *e,
     return result;
 }
 
-/* A layer of a class. Interreflection of the cache comes with its direct light: what it adds to that. */
+/* The layer of one class. Interreflection by the cache comes together with direct light, so its layer is the
+ * difference. */
 static enum err run_class(struct relighter *r, const struct environment *e, const struct picture_passes *all,
                           enum light_layer layer, struct layers *l, struct relight_stats *stats)
 {
@@ -144,7 +145,7 @@ static enum err run_class(struct relighter *r, const struct environment *e, cons
 
 /* ---- Sun and sky ---- */
 
-/* l->sun: the environment's texels, black but for the sun. False: there is none. */
+/* Fills l->sun with the environment's texels, all black except the sun. False: there is no sun. */
 static bool find_sun(struct layers *l, const struct environment *e, enum err *result)
 {
     const size_t count = (size_t)CUBE_FACES * e->n * e->n;
@@ -166,8 +167,8 @@ static bool find_sun(struct layers *l, const struct environment *e, enum err *re
     return found;
 }
 
-/* Direct light by the same samples, of which only those that meet the sun count. What has tables of its own, the cache
- * and the texels of a lat-long map, samples the sun afresh. */
+/* Direct light by the same samples, of which only those that hit the sun count. Techniques with tables of their own,
+ * the cache and lat-long texels, sample the sun anew. */
 static enum err run_sun(struct relighter *r, struct environment *e, const struct picture_passes *all, struct layers *l,
                         struct relight_stats *stats)
 {
@@ -214,8 +215,8 @@ static enum err split_direct(struct relighter *r, struct environment *e, const s
 
 /* ---- Error ---- */
 
-/* Mean of the squared differences around a pixel; a picture of half the samples has twice the variance, so that the
- * difference has three times the picture's. */
+/* Mean of the squared differences around a pixel. A picture with half the samples has twice the variance, so the
+ * difference has three times the picture's variance. */
 static float error_at(const struct layers *l, const struct gbuffer *g, uint32_t x, uint32_t y)
 {
     double sum = 0.0, count = 0.0;

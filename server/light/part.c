@@ -37,7 +37,7 @@ void relighter_round(struct relighter *r, bool half)
     r->half = half;
 }
 
-/* A cache that is being computed changes from picture to picture, and only here. */
+/* A cache under construction changes from picture to picture, and only in this process. */
 struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
 {
     return passes->cached && r->cache.transport && !r->cache.refused && relight_cache_is_settled(&r->cache)

@@ -96,7 +96,7 @@ void pilot_destroy(struct pilot *p)
     mem_free(p);
 }
 
-/* Half of the samples by light, half by lobes: an odd count takes the time of the next even one. */
+/* Half of the samples are light samples, half BRDF samples: an odd count costs as much as the next even one. */
 struct allot_count pilot_count(const struct pilot *p, uint32_t way, double n)
 {
     const float lobes = way < WAY_EYE_ALL ? method_recipe(techniques[way].desc.method)->brdf_part : 0.0f;
@@ -173,7 +173,7 @@ static struct picture_passes passes_of(struct pilot *p, uint64_t pass)
     return out;
 }
 
-/* Learns the times of a whole picture's parts. A black sky takes no time, and teaches nothing. */
+/* Learns the times of a whole picture's parts. A black sky takes no time and is not measured. */
 static void learn_times(struct pilot *p, const struct relight_stats *stats, const struct pass_costs *costs)
 {
     const struct gbuffer *g = p->set->gbuffer;
@@ -202,7 +202,7 @@ static bool cancelled(const struct pilot *p)
     return c && atomic_load_explicit(c, memory_order_relaxed);
 }
 
-/* Makes the picture of the choice and learns from it, unless it was cancelled. */
+/* Renders the picture of the choice and learns from it, unless it was cancelled. */
 static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
 {
     const struct gbuffer *g = p->set->gbuffer;
@@ -229,8 +229,8 @@ static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct 
     return ERR_OK;
 }
 
-/* Before the first picture: a quick one as a yardstick, and direct light twice over all of it, which tells where it is
- * hard. */
+/* Before the first picture: a quick one as a yardstick, and direct light twice over the whole picture, to find where it
+ * is difficult. */
 static enum err begin(struct pilot *p, const struct pilot_target *target, float *rgb, struct relight_stats *stats)
 {
     pilot_choose(p, target);

@@ -44,8 +44,8 @@ static void offer(struct pilot *p, uint32_t way, bool offered, uint32_t classes,
     p->offered[way] = offered && (p->find[way].classes || p->find[way].behind);
 }
 
-/* Lobe samples alone find a sun rarely, and their readings are small until one is large: where there may be a sun they
- * are not offered. Light and lobe samples together are safe everywhere [Veach 1997, section 9.2]. */
+/* BRDF samples alone rarely find a sun, and their readings are small until one is large, so they are not offered if
+ * there may be a sun. Combined light and BRDF samples are safe everywhere [Veach 1997, section 9.2]. */
 void pilot_offer_ways(struct pilot *p)
 {
     const uint32_t all = p->classes, aimed = all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
@@ -96,8 +96,8 @@ void pilot_take_request(struct pilot *p, const struct relight_desc *light)
     p->frames = 0;
 }
 
-/* What a model knows, for the budget. Of several ways one looks good by chance: another than the present one must
- * promise more. */
+/* Converts a model for the budget. Among several techniques one looks good by chance, so a replacement must promise a
+ * clear gain over the current one. */
 static struct budget_part budget_of(const struct pilot *p, uint32_t way)
 {
     const struct model *m = &p->model[way];
@@ -135,7 +135,7 @@ static bool usable(const struct pilot *p, uint32_t way)
     return way != WAY_NONE && p->offered[way] && p->model[way].known && p->model[way].timed;
 }
 
-/* Whether all that the route needs is known. Without a route there is direct light alone. */
+/* Whether everything about the route is known. Without a route there is only direct light. */
 static bool possible(const struct pilot *p, uint32_t route)
 {
     const uint32_t *way = pilot_routes[route];
@@ -155,7 +155,7 @@ struct trial {
     struct choice choice;
 };
 
-/* Direct light by a way, the rest by a route without the parts in the mask left_out. False: that is not allowed. */
+/* Direct light by one technique, other light by a route without the parts in the mask left_out. False: not allowed. */
 static bool try_ways(const struct pilot *p, uint32_t route, uint32_t direct, uint32_t left_out,
                      const struct budget_target *target, struct trial *t)
 {
@@ -204,8 +204,8 @@ static struct trial try_all(const struct pilot *p, const struct budget_target *t
     return best;
 }
 
-/* Keeps the counts of the same ways where others would gain little, so that noise stands still in a still picture: near
- * the optimum the error hardly depends on how the time is divided. */
+/* Keeps the counts of the same techniques if others would gain little, so that noise is static in a still picture: near
+ * the optimum the error hardly depends on the division of time. */
 static void hold_counts(const struct pilot *p, const struct budget_target *target, struct trial *t)
 {
     double seconds = 0.0, error = t->budget.error;
@@ -255,7 +255,7 @@ double pilot_missing(const struct pilot *p, enum pilot_part part)
     return usable(p, way) ? p->model[way].energy : 0.0;
 }
 
-/* Several parts that are left out may be missing in the same places: then their roots add up, which is the worst case.
+/* Several omitted parts may be missing in the same places. In that worst case their roots add up.
  */
 double pilot_error(const struct pilot *p)
 {

@@ -99,7 +99,7 @@ static double pay(struct pilot *p, const struct pilot_work *work, double by_cloc
     return seconds;
 }
 
-/* After all groups have been read, or `all` at once, the shares of samples follow. */
+/* Updates the shares of samples after all groups were read, or at once with `all`. */
 static void read_hard(struct pilot *p, uint32_t way, const struct allot_count *count, const struct group *g, bool all)
 {
     const enum pilot_part part = pilot_part_of(way);
@@ -138,7 +138,7 @@ static enum err run(struct pilot *p, uint32_t way, double n, const struct group 
     return e;
 }
 
-/* Twice with n samples or paths, the second time with the tables of the first: their time is the difference. */
+/* Runs twice with n samples or paths, the second time with the tables of the first: the time is the difference. */
 static enum err probe_points(struct pilot *p, uint32_t way, double n, const struct group *g)
 {
     const enum pilot_part part = pilot_part_of(way);
@@ -191,7 +191,7 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, float *const half
     model_read(&p->model[way], &(struct reading){ n, 0.5 * pair.error, pair.energy });
 }
 
-/* Particles that the picture does not use; its own are read when they are made. */
+/* Runs particles for measurement only; those of the picture are read when it is made. */
 static enum err probe_light(struct pilot *p, uint32_t way)
 {
     float *const *half = p->passes->half[pilot_part_of(way) - PILOT_AIMED];

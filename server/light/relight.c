@@ -59,7 +59,7 @@ static size_t points_bytes(const struct relighter *r)
     return (size_t)r->set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
 }
 
-/* Direct light, or darkness if it is not requested; with interreflection if the cache has that. */
+/* Writes direct light, or zeros if it is not requested; with interreflection if the cache includes it. */
 static enum err run_direct(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
                            struct relight_stats *stats)
 {
@@ -112,7 +112,7 @@ static enum err run_eye_paths(struct relighter *r, const struct environment *e, 
     return result;
 }
 
-/* One run, or two halves, whose mean is added to the picture; with a ground, to that of backplate_splats. */
+/* Runs once, or in two halves whose mean is added to the picture; with a ground, to that of backplate_splats. */
 static enum err run_particles(struct relighter *r, const struct environment *e, const struct picture_passes *p, int k,
                               float *rgb, struct light_tracer_stats *stats, struct pass_costs *costs)
 {
@@ -156,8 +156,8 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
     return result;
 }
 
-/* Direct light on the ground without shadows, by the samples of `by`, takes most of its noise away. only: of its
- * packets, and perhaps others. */
+/* Unshadowed direct light on the ground, with the samples of `by`, removes most of its noise. only: the ground's
+ * packets, and possibly others. */
 static enum err steady_ground(struct relighter *r, const struct environment *e, const struct direct_desc *by,
                               const struct packet_list *only, float *lit)
 {
@@ -202,7 +202,7 @@ static enum err run_lit(struct relighter *r, const struct environment *e, const 
     return steady_ground(r, e, &p->direct, backplate_packets(r->passes.backplate), lo);
 }
 
-/* Packets that are lit by more than the cache: its samples cannot tell the one from the other. */
+/* Packets that other techniques light, too: the history's samples cannot separate that light from the cache's. */
 static void leave_out(const struct relighter *r, const struct picture_passes *p, float *final)
 {
     const struct gbuffer *g = r->set->gbuffer;
@@ -215,7 +215,7 @@ static void leave_out(const struct relighter *r, const struct picture_passes *p,
             final[i] = 1.0f;
 }
 
-/* Few unbiased samples of what the cache gives, as halves, at the packets of a history. */
+/* Samples the cache's light without bias, with few samples, as halves, at the packets of a history. */
 static enum err sample_beside_cache(struct relighter *r, const struct environment *e, const struct picture_passes *p,
                                     struct relight_stats *stats)
 {
@@ -251,7 +251,7 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
     return result;
 }
 
-/* lo: the light of a cache that is being computed, corrected by a history, and that of eye paths beside it. */
+/* lo: the light of a cache under construction, corrected by a history, plus the light of eye paths. */
 static enum err correct(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
                         struct relight_stats *stats)
 {
@@ -279,7 +279,7 @@ static void halve(struct picture_passes *p)
         p->eye[k].paths = (p->eye[k].paths + 1) / 2;
 }
 
-/* Direct light of both halves; what the cache gives has no noise and is the same in both. */
+/* Direct light of both halves; the cache's light has no noise and is the same in both. */
 static enum err run_direct_halves(struct relighter *r, const struct environment *e, const struct picture_passes *halves,
                                   struct relight_stats *stats)
 {
@@ -355,7 +355,7 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     return result;
 }
 
-/* What live pictures know of their error (stated.h), and what it is relative to in the next one. */
+/* Updates the live pictures' error estimate (stated.h) and the picture that the next estimate is relative to. */
 static void state_error(const struct picture_passes *p, const float *rgb, struct relight_stats *stats)
 {
     struct stated *own = p->history ? history_stated(p->history) : NULL;
@@ -418,7 +418,7 @@ enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc
     return *out ? ERR_OK : ERR_NOMEM;
 }
 
-/* While the cache is rough, or before there is one; afterwards the history is freed. */
+/* While the cache is rough or missing; afterwards the history is freed. */
 static bool wants_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan)
 {
     const bool cached = relight_is_cached(desc);
@@ -448,7 +448,7 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
     return ERR_OK;
 }
 
-/* Light that the history of the points does not have: with one of its own, for as long as pictures are live. */
+/* Light that the points' history does not contain: it has its own history while pictures are live. */
 static enum err add_beside(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            const struct plan *plan, struct picture_passes *passes)
 {

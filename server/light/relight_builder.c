@@ -14,8 +14,8 @@
 #include <stdatomic.h>
 #include <sys/resource.h>
 
-/* Of the builder's threads: they take what the pictures' leave over, which are to leave something (relightd.c). With 10
- * each of a picture's parallel loops still waits for a thread that makes room too late. */
+/* Niceness of the builder's threads, so that they use only the time that the pictures' threads leave over (relightd.c
+ * leaves some). With 10, each parallel loop of a picture still waits for a thread that yields too late. */
 #define NICENESS 19
 
 enum { QUICK, WHOLE, STAGES }; /* of interreflection */
@@ -43,7 +43,7 @@ struct relight_builder {
     struct reason why;
 };
 
-/* On Linux a niceness is a thread's own. OpenMP gives a thread the same helpers again and again. */
+/* On Linux, niceness is per thread. OpenMP gives a thread the same helpers again and again. */
 void relight_stand_back(uint32_t threads)
 {
 #pragma omp parallel num_threads(threads)
@@ -114,7 +114,8 @@ static void build_whole_bounce(struct relight_builder *b)
     atomic_store(&b->ended[WHOLE], true);
 }
 
-/* True if the file has it: that of direct light, or what was stored before that was computed. */
+/* True if a file contains interreflection: the one with direct light, or the one stored before direct light was
+ * computed. */
 static bool load_bounce(struct relight_builder *b)
 {
     struct bounce *made = NULL;
@@ -157,7 +158,7 @@ static const struct transport *build_direct(struct relight_builder *b)
     return t;
 }
 
-/* Direct light takes its share of the memory first, whatever was computed first. */
+/* Direct light reserves its share of the memory first, whichever is computed first. */
 static void check_memory(struct relight_builder *b, const struct transport *t)
 {
     const uint64_t rest = cache_memory_rest(b->light.cache_bytes, transport_stats(t)->bytes);

@@ -126,7 +126,7 @@ static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *can
     return e;
 }
 
-/* Direct light unless it was loaded, and interreflection if it is needed. */
+/* Computes direct light unless it was loaded, and interreflection if needed. */
 static enum err begin(struct relight_cache *c, const struct relight_builder_desc *desc, struct reason *why)
 {
     const enum err e = relight_builder_create(desc, &c->builder, why);

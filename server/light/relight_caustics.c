@@ -94,8 +94,8 @@ enum err relight_caustics_make(struct relight_caustics *c, const struct set *set
     return e;
 }
 
-/* The part of plan->particles that the bright part has for its own: as many as would go to it of all that are drawn by
- * the whole sky. */
+/* The particles of the bright part: the same number as would start there if plan->particles were drawn from the whole
+ * sky. */
 static uint64_t bright_particles(const struct relight_caustics *c, const struct environment *e, uint64_t particles)
 {
     return c->sky.bright_count ? (uint64_t)ceil((double)particles * fmin(1.0, c->sky.bright_energy / e->total_energy))

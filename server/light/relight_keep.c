@@ -37,7 +37,7 @@ static enum err open_file(struct relight_keep *k, struct cache_reader **out, str
     return e ? e : cache_reader_open(k->place.path, out, why);
 }
 
-/* Says why the light that is wanted of a file is not used; passes on what is not the file's fault. */
+/* Logs why the requested light in a file is not used; returns errors that are not the file's fault. */
 static enum err refuse(struct relight_keep *k, enum err e, const char *light, struct reason *why)
 {
     if (e == ERR_RANGE || e == ERR_NOMEM)

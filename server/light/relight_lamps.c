@@ -77,7 +77,7 @@ void relight_lamps_destroy(struct relight_lamps *l)
     mem_free(l);
 }
 
-/* The image of the sums: what is seen to glow, and the mean of the samples. */
+/* Updates the image from the sums: the visible emission, and the mean of the samples. */
 static void resolve(struct relight_lamps *l, uint64_t samples)
 {
     const struct gbuffer *g = l->desc.set->gbuffer;
@@ -90,7 +90,8 @@ static void resolve(struct relight_lamps *l, uint64_t samples)
         l->fresh[i] = g->glow[i] + share * l->fresh[i];
 }
 
-/* One batch, and the image with it. Batches grow, so that a first image comes soon. False: cancelled, or no memory. */
+/* Runs one batch and updates the image. Batches grow, so that a first image is available soon. False: cancelled, or no
+ * memory. */
 static bool refine(struct relight_lamps *l)
 {
     const double start = clock_seconds();

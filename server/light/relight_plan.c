@@ -85,7 +85,7 @@ static void add_eye_paths(const struct set *set, const struct bounce *bounce, st
     out->eye[1] = eye;
 }
 
-/* Particles aimed at the casters, and those for the whole scene: each run has the number of the plan. */
+/* Particles aimed at the casters, and particles for the whole scene: each run has the plan's number. */
 static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
 {
     const uint32_t all = relight_plan_classes(p, PLAN_LIGHT);

@@ -6,13 +6,13 @@
 #include <stdbool.h>
 #include <string.h>
 
-/* What most pixels are: one shade point, or one escape that has a place, whose weight is 1. Their sum is that very
- * light, so that nothing else needs to be read for them. The rest is MIXED. */
+/* The common kinds of pixels: one shade point, or one escape with a place, of weight 1. Such a pixel equals that light,
+ * so nothing else is read for it. All others are MIXED. */
 #define PLAIN_SKY 0x80000000u /* then the escape's number, else the point's */
 #define MIXED 0xffffffffu
 
-/* The rest, with its entries side by side, by squares of SQUARE x SQUARE pixels: that is how shade points lie in the
- * packets, and what one pixel has read of them is still at hand for its neighbours. */
+/* The mixed pixels, with contiguous entries, in squares of SQUARE x SQUARE pixels: shade points have that order in the
+ * packets, so data that one pixel reads is still cached for its neighbours. */
 #define SQUARE 16u
 #define AHEAD 24       /* entries whose points are prefetched, */
 #define AHEAD_PIXELS 8 /* and pixels */
@@ -165,7 +165,7 @@ static uint32_t plain_of(const struct resolver *r, size_t pixel)
     return MIXED;
 }
 
-/* All that is mixed, square by square; counts alone where r->mixed is NULL. */
+/* Fills in all mixed pixels, square by square; only counts if r->mixed is NULL. */
 static void gather_mixed(struct resolver *r, uint32_t *pixels, uint32_t *entries)
 {
     const struct gbuffer *g = r->g;

@@ -149,7 +149,7 @@ static double shown_at(const struct still *s, size_t value, double first)
     return s->passes ? mean + first * ((double)s->first[value] - mean) : (double)s->first[value];
 }
 
-/* 1e-2 mean(r)^2, of the passes, whose mean is known better than any pixel. */
+/* 1e-2 mean(r)^2 of the passes, whose mean is more accurate than any pixel. */
 static double softness(const struct still *s)
 {
     const size_t count = (size_t)s->set->gbuffer->width * s->set->gbuffer->height;
@@ -189,7 +189,7 @@ static void sum_tile(const struct still *s, uint32_t index, double soft, struct 
         }
 }
 
-/* A tile's sums with those of its neighbours, by 1 2 1 along either axis. */
+/* A tile's sums plus those of its neighbours, weighted by 1 2 1 along either axis. */
 static void spread_tile(const struct still *s, uint32_t index, double *own, double *off)
 {
     const int64_t i = index % s->across, j = index / s->across;

@@ -72,7 +72,7 @@ static uint64_t bits(float high, float low)
     return (uint64_t)b[1] << 32 | b[0];
 }
 
-/* In [0, 1). u and v are left out: they differ in the last bit between packets of different widths. */
+/* In [0, 1). u and v are not hashed because their last bit differs between packets of different widths. */
 static float hash_ray(const struct mask *m, uint32_t triangle, const float origin[3], const float dir[3])
 {
     const uint64_t from = rng_mix(bits(origin[0], origin[1]), bits(origin[2], dir[0]));
@@ -91,7 +91,7 @@ static float alpha_at(const struct mask *m, uint32_t triangle, float u, float v)
     return m->material->alpha * texture_alpha(m->texture, uv[0], uv[1]);
 }
 
-/* Of thin glass: the share of rays of this direction, of any length, that meets it. */
+/* For thin glass: the share of rays in this direction, of any length, that hit it. */
 static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, float v, const float dir[3])
 {
     const struct mesh *mesh = m->mesh;

@@ -41,8 +41,8 @@ static void add_share(struct pile *p, uint32_t mesh, float share)
     p->at[k].share += share;
 }
 
-/* Adds what the ray through (x, y), one of side^2, meets first; *seen is the hit that leaves less than half of the ray
- * to what is behind it. False: there is none. */
+/* Adds the first hit of the ray through (x, y), one of side^2; *seen is the hit that leaves less than half of the ray
+ * to surfaces behind it. False: there is none. */
 static bool trace(const struct tracing *t, double x, double y, uint32_t side, struct pile *p, struct hit *seen)
 {
     const struct view *v = t->view;
@@ -104,7 +104,7 @@ static bool is_plain(const struct gbuffer *g, size_t pixel)
     return escapes == 1 || !g->packets[g->entries[first].point / PACKET].behind[g->entries[first].point % PACKET];
 }
 
-/* One ray through the centre, and for shares side^2 with the G-buffer's jitter where a pixel has edges. */
+/* One ray through the centre; for shares, side^2 rays with the G-buffer's jitter in pixels with edges. */
 static void see_pixel(const struct tracing *t, uint32_t x, uint32_t y, struct pile *p)
 {
     const size_t pixel = (size_t)y * t->g->width + x;

@@ -13,7 +13,8 @@
 #define WIDE 170.0
 #define PI 3.14159265358979323846
 
-/* Three numbers with commas, up to `end`. NULL: they are not; else what follows. */
+/* Parses three numbers separated by commas, up to `end`. Returns the position after them, or NULL if they are
+ * malformed. */
 static const char *read_point(const char *text, char end, struct vec3 *out)
 {
     float v[3];
@@ -37,7 +38,7 @@ const struct setting_choice projection_choices[] = {
     { NULL, 0, NULL, 0 },
 };
 
-/* ";equidistant" and ";equisolid" behind the degrees. False: something else stands there. */
+/* Parses ";equidistant" or ";equisolid" after the degrees. False: the text is something else. */
 static bool read_projection(const char *text, enum camera_projection *out)
 {
     *out = PROJECTION_PERSPECTIVE;

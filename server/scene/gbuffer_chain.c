@@ -115,8 +115,8 @@ static void add_escape(struct chain *c, const struct branch *b)
         l->escaped = true;
 }
 
-/* What the branch hits, and what that emits, with textures averaged over its footprint. Returns how much of that is
- * surface; passed: of each colour, how much goes on behind it. */
+/* The surface that the branch hits, and its emission, with textures averaged over the footprint. Returns the covered
+ * share; passed: the share of light from behind, per channel. */
 static float see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
                  struct scatter *at, struct vec3 *emission, float passed[3])
 {
@@ -133,7 +133,7 @@ static float see(const struct sight *s, const struct branch *b, const struct hit
     return coverage_seen(s->scene, h, at, b->dir, uv_step, passed);
 }
 
-/* Where only a part of the branch meets surface, the rest goes on behind it. */
+/* If only a part of the branch hits surface, the rest continues behind it. */
 static void pass(struct chain *c, struct branch *b, const struct hit *h, float coverage, const float passed[3])
 {
     struct branch rest = *b;
@@ -183,7 +183,7 @@ static void end_or_continue(struct chain *c, const struct branch *b, const struc
     }
 }
 
-/* Handles the branch's hit. True if what is seen there has a delta lobe or a coat. */
+/* Handles the branch's hit. Returns true if the visible surface has a delta lobe or a coat. */
 static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 {
     struct scatter at;

@@ -110,7 +110,7 @@ static enum err add_parts(struct scene *s, const struct disc *d)
     return e ? e : add_ring(s, d, GROUND_SOLID, GROUND_FAR, &m);
 }
 
-/* A camera that frames the model steps back, to show the ground around it. */
+/* Moves a framing camera back to show the ground around the model. */
 static void step_back(struct scene *s)
 {
     const struct camera framing = scene_framing_camera(s);

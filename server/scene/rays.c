@@ -24,7 +24,7 @@ SAME_PLACE(flags);
 _Static_assert(sizeof(struct ray16) == sizeof(struct RTCRay16), "ray16 and RTCRay16 differ in size");
 _Static_assert(_Alignof(struct ray16) == _Alignof(struct RTCRay16), "ray16 and RTCRay16 differ in alignment");
 
-/* What the filter functions of masked meshes need to know of a query. Every query has one. */
+/* The data of a query for the filter functions of masked meshes. Every query has one. */
 struct query {
     struct RTCIntersectContext context; /* first: Embree passes its address on */
     float angle;                        /* rays_see: between neighbouring rays, radians; else 0 */

@@ -8,7 +8,7 @@ static void log_embree_error(void *user, enum RTCError code, const char *text)
     log_error("Embree: error %d: %s", (int)code, text);
 }
 
-/* Meshes without holes have no filter and cost nothing; meshes without surface are left out. */
+/* Meshes without holes have no filter and no cost; meshes without surface are omitted. */
 static void attach_mask(struct rays *r, RTCGeometry g, uint32_t mesh)
 {
     rtcSetGeometryUserData(g, &r->masks[mesh]);
@@ -106,8 +106,7 @@ static bool attach_meshes(struct rays *r)
     return good;
 }
 
-/* The widest packets with instructions of their own. Wider ones Embree 3 answers through its streams, which do not look
- * at `valid`. */
+/* The widest packets with native traversal. Embree 3 routes wider ones through its streams, which ignore `valid`. */
 static int native_width(RTCDevice device)
 {
     if (rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED))

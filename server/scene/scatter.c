@@ -22,7 +22,7 @@ static struct vec3 base_colour(const struct scene *scene, const struct material 
     return vec3_mul(m->diffuse, texture_read(&scene->textures[m->texture], uv, step));
 }
 
-/* A map never makes a mirror: whether a path has an S or a D vertex must not depend on how a texture is filtered. */
+/* A roughness map never creates a mirror: the type of a path vertex, S or D, must not depend on texture filtering. */
 static bool is_sharp(const struct material *m)
 {
     return m->kind == MATERIAL_GGX && !(m->maps & MAP_ROUGHNESS) && m->roughness * m->roughness < ALPHA_DELTA;

@@ -256,7 +256,8 @@ static void shine_on_crowd(struct shining *s, struct crowd *c, const struct tran
 
 /* The points that need all samples: those with both visible and occluded samples. At a plain shadow border the others
  * are on one side of it. If there are many in a packet, or among the block's points near a border, as under leaves, the
- * others are in penumbrae too, whose few rays agreed by chance; leaving them out would make dappled shade too dark. */
+ * others are in penumbrae, too, and their few rays agreed by chance; omitting them would make dappled shade too
+ * dark. */
 static void find_needy(const struct shining *s, const uint32_t near[TRANSPORT_PACKETS],
                        uint32_t needy[TRANSPORT_PACKETS])
 {
@@ -272,8 +273,9 @@ static void find_needy(const struct shining *s, const uint32_t near[TRANSPORT_PA
             needy[k] = s->view[k].lit | s->view[k].dark;
 }
 
-/* Traces a round for some points of the block, sixteen at a time, across packets. A packet of which most points need it
- * is traced as it is: its other points get these samples too, unless `had` has points that got them before. */
+/* Traces a round for some points of the block, sixteen at a time, across packets. If most points of a packet need the
+ * round, the whole packet is traced: its other points get these samples, too, unless `had` marks points that got them
+ * before. */
 static void shine_on_some(struct shining *s, const uint32_t lanes[TRANSPORT_PACKETS],
                           const uint32_t had[TRANSPORT_PACKETS], const struct transport_round *r)
 {
@@ -309,8 +311,8 @@ static void shine_more(struct shining *s, const uint32_t lanes[TRANSPORT_PACKETS
 }
 
 /* Traces half of the first rays. If the block's points differ, those near the edge of a shadow get half of the strata,
- * and of these the needy ones all. Packets without either that see the bright part see all of it. Returns the number of
- * packets with points near an edge. */
+ * and those of them that need it get all strata. Packets without either that see the bright part see all of it. Returns
+ * the number of packets with points near an edge. */
 static uint32_t find_shadows(struct shining *s, uint32_t few)
 {
     const struct transport *t = s->transport;

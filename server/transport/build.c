@@ -79,8 +79,8 @@ static void fill_scales(const struct build *b, const struct transport_block *blo
             scale[r][p] = most > 0.0f ? fmaxf(scale[r][p] / most, 1e-3f) : 1.0f;
 }
 
-/* Distributes the allowed error of the block evenly to its rows. A row that is much darker than the others may be left
- * out entirely. */
+/* Distributes the block's allowed error evenly over its rows. A row that is much darker than the others may be omitted
+ * entirely. */
 static void share_tolerance(const struct build *b, const struct transport_block *block,
                             const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS],
                             double allowed[TRANSPORT_ROWS])
@@ -120,7 +120,7 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     return e;
 }
 
-/* Builds and publishes a block. A coarse block is only published; in t it stays empty. */
+/* Builds and publishes a block. A coarse block is only published and stays empty in t. */
 static enum err make_block(struct build *b, struct bench *bench, uint32_t index, uint64_t *rays)
 {
     struct transport_block made = b->t->blocks[index];

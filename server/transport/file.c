@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Increase it when the same scene gets another transport (directions, weights, rows, blocks) or the file changes. */
+/* Increase it when the transport of the same scene (directions, weights, rows, blocks) or the file format changes. */
 #define FORMAT 7
 
 /* One section: the number of rays, then block by block the pieces, each behind its shape, the gazes and the sight. */
@@ -57,7 +57,7 @@ static enum err no_memory(struct reason *why)
     return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
 }
 
-/* Whatever a shape says, the loops that read the piece stay within its bytes and the sky's cells. */
+/* Checks a shape, so that the loops that read the piece stay within its bytes and the sky's cells. */
 static bool is_sound(const struct transport_shape *s, uint32_t points)
 {
     int exponent;
@@ -116,7 +116,7 @@ static enum err read_piece(struct cache_reader *r, uint32_t points, struct trans
     return e || has_sound_numbers(q, bytes) ? e : cache_reader_refuse(r, why);
 }
 
-/* Directions may have any length but zero; light is finite and not negative. */
+/* Directions may have any length except zero; light must be finite and not negative. */
 static bool is_sound_gaze(const struct transport_gaze *q)
 {
     for (uint32_t l = 0; l < PACKET; l++) {

@@ -42,7 +42,7 @@ static size_t place_of(const struct transport_piece *q, const struct transport_b
     return (bytes + MEM_ALIGN - 1) / MEM_ALIGN * MEM_ALIGN;
 }
 
-/* Blocks are built in no particular order by several threads. A frame that finds them in order takes two thirds of the
+/* Several threads build blocks in no particular order. With the blocks in order, a frame takes two thirds of the
  * time. */
 void transport_gather(struct transport *t)
 {
@@ -141,8 +141,8 @@ static uint32_t shade_fading(const struct transport *t, const struct transport_l
     return penumbra;
 }
 
-/* Computes the cells' means and what indirect light needs of the map side by side: waking the threads twice would cost
- * a measurable part of the frame. */
+/* Computes the cells' means and the data of indirect light at the same time: waking the threads twice would cost a
+ * measurable part of the frame. */
 static enum err take_cells(struct sky_split *s, const struct environment *e, const struct transport_indirect *indirect)
 {
     const enum err result = sky_split_begin(s, e);
