@@ -12,7 +12,7 @@
 #define ROUNDS 20 /* of bringing a mean within limits; six are enough for 1e-6 */
 #define GOLDEN 0.6180339887498949
 
-/* How much of a packet is seen: each of a pixel's k points has a k-th of its error if their noise is alike. */
+/* The weight of a packet in the picture: each of a pixel's k points has a k-th of its error if their noise is equal. */
 static void guess(struct allotment *a)
 {
     const struct gbuffer *g = a->gbuffer;
@@ -84,7 +84,8 @@ void allot_finish(struct allotment *a)
     *a = (struct allotment){ 0 };
 }
 
-/* Packets below the least count get it, and the others share what is left: then more of them may be below. */
+/* Packets below the minimum count are raised to it, and the others share the rest, which may push more of them
+ * below. */
 double allot_factor(const struct allotment *a, const struct allot_count *mean)
 {
     double factor = mean->n, before = INFINITY;

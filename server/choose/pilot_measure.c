@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Pixels a side. Packets hold points of a neighbourhood of 16 x 16 (gbuffer_pack.c): where the picture is large enough
+/* Pixels per side. Packets hold points from a neighbourhood of 16 x 16 (gbuffer_pack.c): if the picture is large enough
  * for groups of many such tiles, no packet is in two groups. */
 #define TILE 16u
 #define TILE_SMALL 8u
@@ -30,7 +30,7 @@ static void cut(struct tiles *t, const struct gbuffer *g, uint32_t side)
     t->count = t->across * ((g->height + side - 1) / side);
 }
 
-/* Deals the tiles that hold shade points by a sequence that spreads each group over the picture. */
+/* Assigns the tiles with shade points by a sequence that spreads each group over the picture. */
 static void deal(const struct tiles *t, const struct gbuffer *g, uint32_t groups)
 {
     uint32_t rank = 0;
@@ -119,7 +119,7 @@ void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, 
     *y = (struct yardstick){ .rgb = rgb, .mask = mask, .width = width, .height = height, .soft = 1e-2 * mean * mean };
 }
 
-/* Means along rows of 3 values, or along columns of a row's values: `count` places `step` values apart. */
+/* Means of 3 values along rows, or along columns of row means: `count` positions `step` values apart. */
 static void spread_line(const float *from, size_t step, uint32_t count, float *to)
 {
     for (uint32_t i = 0; i < count; i++) {
@@ -199,8 +199,8 @@ static struct pair pair_of(const double a[3], const double b[3], const double me
     return out;
 }
 
-/* A pixel's difference is D = sum w_k d_k over its points. Each point gets w_k d_k D, so that together they get D^2,
- * whether their errors are independent or, as they share light samples, alike. */
+/* A pixel's difference is D = sum w_k d_k over its points. Each point gets w_k d_k D, so that their sum is D^2, whether
+ * their errors are independent or, because of shared light samples, correlated. */
 static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, const float *b, const double apart[3],
                        const double measure[3], float (*error)[PACKET])
 {

@@ -14,8 +14,8 @@ static double within(double x, double factor)
     return fmin(factor, fmax(1.0 / factor, x));
 }
 
-/* The product of two noisy estimates scatters as 1 / n, so that readings of the energy count by n^2 and not by their
- * own error: where a group has much of the light it has much of the noise too. */
+/* The product of two noisy estimates scatters as 1 / n, so readings of the energy are weighted by n^2 instead of by
+ * their own error: where a group has much of the light, it has much of the noise, too. */
 void model_read(struct model *m, const struct reading *r)
 {
     const double step = 1.0 / fmin(++m->fresh, READINGS), weight = r->n * r->n;

@@ -3,13 +3,13 @@
 #include <math.h>
 #include <string.h>
 
-/* One bounce between surfaces of this albedo changes a pixel by at most as much of its direct light: below 4 % it is
- * hard to see. */
+/* One bounce between surfaces of this albedo changes a pixel by at most this share of its direct light: below 4 % the
+ * change is hardly visible. */
 #define ALBEDO_LEAST 0.04
-/* Above it lobe rays find the light that mirrors and glass gather too seldom. In equal time eye paths have 0.4 to 0.6
- * of the light tracer's relMSE under even cloud (2.8), as much as it at 3.8, twice as much at 6.8 and 1.7 to 9 times
- * from 7.3 to 8.7, where caustics bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun that
- * casts shadows is far above: docs/internals/mathematics.md has the figures of more skies. */
+/* Above it BRDF rays find caustics too rarely. In equal time eye paths have 0.4 to 0.6 of the light tracer's relMSE
+ * under uniform cloud (2.8), the same at 3.8, twice as much at 6.8 and 1.7 to 9 times from 7.3 to 8.7, where caustics
+ * bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun that casts shadows is far above:
+ * docs/internals/mathematics.md has the figures of more skies. */
 #define PEAKED 5.0
 
 static void leave_out(struct plan *p, const char *why)

@@ -62,8 +62,8 @@ static void start_build(struct shade_thread *t, const char *name, bool coarse)
         give_up(t, "a thread could not be started");
 }
 
-/* Frees what only the old view needed. The first view keeps its G-buffer, and its relighter where a lockstep sequence
- * may come, or other ranks light its pictures. */
+/* Frees what only the old view needed. The first view keeps its G-buffer, and also its relighter if a lockstep sequence
+ * may come or other ranks light its pictures. */
 static void leave_view(struct shade_thread *t)
 {
     refine_forget(t);
@@ -82,7 +82,8 @@ static void leave_view(struct shade_thread *t)
     }
 }
 
-/* Whether the view's pictures would exceed the limit, and take longer than the present ones. Then it is given up. */
+/* Whether the view's pictures would exceed the limit and take longer than the current ones. The view is then
+ * discarded. */
 static bool is_too_costly(struct shade_thread *t, struct set *set, const struct settings *now)
 {
     const double seconds = picture_seconds(t, set, now), most = t->shared->config.picture_s;
@@ -97,7 +98,7 @@ static bool is_too_costly(struct shade_thread *t, struct set *set, const struct 
     return true;
 }
 
-/* Switches to a view and takes it over. False: out of memory, and the old view stays. */
+/* Switches to a view and takes ownership of it. False: out of memory, and the old view stays. */
 static bool switch_to(struct shade_thread *t, struct set *set, bool coarse)
 {
     struct relighter *r = set == t->first_set ? t->first_relighter : NULL;

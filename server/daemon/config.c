@@ -52,7 +52,8 @@ static bool is_secret(const char *name)
 
 /* ---- Tokens in files ---- */
 
-/* The first line of the file. A service manager's own copy of a secret is not ours to complain about. */
+/* The first line of the file. Permissions of a service manager's copy of a secret are not reported, because we do not
+ * control them. */
 static enum err read_token(const char *path, bool complain, char out[TOKEN_BYTES], struct reason *why)
 {
     struct stat st;
@@ -112,7 +113,7 @@ static enum err try_out(struct daemon_flags *f, struct reason *why)
     return daemon_config_from_flags(f, &c, why);
 }
 
-/* That key of the file alone, everything else being at its default: so each fault is found, and not the first only. */
+/* Applies one key of the file with all others at their defaults, so that every fault is found, not only the first. */
 static enum err try_key(const struct config *c, size_t index, struct reason *why)
 {
     struct config_reading *s = mem_alloc(1, sizeof(*s));
@@ -224,8 +225,8 @@ failed:
     return e;
 }
 
-/* What all of it means for d. Where each key alone made sense, and the command line alone does, the two together do
- * not. */
+/* Translates all settings together for d. If that fails although each key alone and the command line alone are valid,
+ * *why blames the combination. */
 static enum err understand(struct config_reading *s, struct daemon_config *d, struct reason *why)
 {
     const enum err e = daemon_config_from_flags(&s->flags, d, why);
@@ -247,8 +248,8 @@ static enum err understand(struct config_reading *s, struct daemon_config *d, st
     return e;
 }
 
-/* What can be found out without starting: files that are not there, a source that gives nothing, an address that wants
- * tokens. Each fault is a line in the log. */
+/* Checks that are possible without starting: missing files, an empty source, an address that requires tokens. Logs each
+ * fault on a line of its own. */
 static enum err check(const struct config_reading *s, const struct daemon_config *d, struct reason *why)
 {
     const char *name = s->config ? config_name(s->config) : "the command line";
@@ -273,7 +274,7 @@ static enum err check(const struct config_reading *s, const struct daemon_config
     return ERR_OK;
 }
 
-/* The server's own certificate, where --tls-self-signed is given; makes it if need be. */
+/* The server's own certificate for --tls-self-signed; creates it if necessary. */
 static enum err use_own_certificate(struct config_reading *s, struct daemon_config *d, struct reason *why)
 {
     struct server_desc *server = &d->server_desc;
@@ -349,8 +350,8 @@ void config_readings_finish(struct config_readings *r)
 
 /* ---- Once more, while it runs ---- */
 
-/* Which kinds of what can change have changed, as bits 1 << enum setting_reload; the rest is logged as needing a
- * restart. Tokens are named and not shown. TLS neither begins nor ends while it runs, but its files may change. */
+/* The kinds of reloadable settings that have changed, as bits 1 << enum setting_reload; logs others as needing a
+ * restart. Tokens are named, not shown. TLS cannot be switched on or off at run time, but its files may change. */
 static unsigned compare(const struct config_reading *before, const struct config_reading *after)
 {
     const struct command *c = &after->flags.command;
@@ -376,7 +377,7 @@ static unsigned compare(const struct config_reading *before, const struct config
     return changed;
 }
 
-/* The settings that the file speaks of, and of these the changed ones only: what controllers have set beside stays. */
+/* The changed settings among those in the file; other settings by controllers are kept. */
 static void change_settings(struct settings_store *settings, const struct daemon_config *to,
                             const struct config_reading *before, const struct config_reading *after)
 {

@@ -42,7 +42,7 @@ void cost_learn(struct cost *c, uint64_t points, const struct relight_desc *ligh
     c->fixed_s = smooth(c->fixed_s, 1e-3 * stats->resolve_ms);
 }
 
-/* Under a sky of this peakedness, by which the plan chooses the estimator of caustics. */
+/* The estimate under a sky of this peakedness, by which the plan chooses the estimator of caustics. */
 static double estimate(const struct cost *c, const struct plan_facts *facts, const struct relight_desc *light,
                        double peakedness)
 {

@@ -58,7 +58,7 @@ static double encode_jpeg(struct encode_thread *t, struct shaded *in, const uint
 }
 
 /* Makes t->display[scale], half or a quarter of the size: means of 2 x 2 or 4 x 4 linear pixels, then the tone curve.
- * An incomplete block at the border is left out. Returns the milliseconds spent. */
+ * Drops an incomplete block at the border. Returns the milliseconds spent. */
 static double make_small_display(struct encode_thread *t, const struct shaded *in, unsigned scale)
 {
     const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone,
@@ -140,7 +140,8 @@ static void encode_exr(struct encode_thread *t, struct shaded *in, enum protocol
     mem_free(bytes);
 }
 
-/* Makes t->display[0], which is kept for viewers that come before the next picture. Returns the milliseconds spent. */
+/* Makes t->display[0], which is kept for viewers that connect before the next picture. Returns the milliseconds
+ * spent. */
 static double make_display(struct encode_thread *t, const struct shaded *in)
 {
     const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone,
@@ -177,8 +178,8 @@ static void expose(struct encode_thread *t, struct shaded *in)
     in->header.gain = (float)fmin(gain, 0x1p120);
 }
 
-/* Encodes once per format, however many viewers it has. JPEG is also made for nobody, for the next viewer to come. The
- * format that a lockstep recorder stores goes last, because its acknowledgement lets the next frame in. */
+/* Encodes once per format, independent of the number of viewers. JPEG is also encoded without viewers, for the next one
+ * to connect. The format of a lockstep recorder is last, because its acknowledgement admits the next frame. */
 void encode_picture(struct encode_thread *t, struct shaded *in)
 {
     struct server_demand demand;
@@ -215,8 +216,8 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
     renditions_encode(t, in, &demand, quality);
 }
 
-/* While no picture comes: encodes the current one again for viewers that came since, or were at their rate. What needs
- * the linear picture, which is gone, is requested from the shade thread. */
+/* While no picture arrives: encodes the current one again for viewers that connected since, or had reached their rate.
+ * Requests renditions of the linear picture, which is gone, from the shade thread. */
 static void encode_current_again(struct encode_thread *t)
 {
     const struct shaded in = { .header = t->current };

@@ -10,8 +10,8 @@
 
 #define KEY_LEAST_S 0.25 /* between two key pictures */
 
-/* Of what is published: players begin, and files are cut, at key pictures; and players expect a steady stream, so a
- * still picture is repeated, which costs a few bytes. */
+/* For publishing: players start and files are cut at keyframes, and players expect a steady stream, so a still picture
+ * is repeated, which costs a few bytes. */
 #define PUBLISH_KEY_S 2.0
 #define PUBLISH_REPEAT_S 0.1
 
@@ -22,7 +22,7 @@ static bool is_published(struct encode_thread *t, unsigned track)
     return track == SHARED_PUBLISH_TRACK && publisher_wants(t->shared->publisher, &key);
 }
 
-/* A key picture is some ten times as large as another and goes to all viewers of the track, so their number is
+/* A keyframe is some ten times as large as another picture and goes to all viewers of the track, so keyframes are
  * limited. */
 static bool key_is_due(struct encode_thread *t, unsigned track, const struct server_demand *demand)
 {
@@ -40,8 +40,8 @@ static double track_rate(struct encode_thread *t, unsigned track)
     return rate > 0.0 ? fmin(rate, all) : all;
 }
 
-/* Maximum bits per second of the track. --h264-mbit is for the full size and rate; other tracks get the same share of
- * what is enough for them. */
+/* Maximum bits per second of the track. --h264-mbit applies to the full size and rate; other tracks get the same
+ * fraction of their sufficient rate. */
 static double track_bits(struct encode_thread *t, unsigned track, const struct shaded *in)
 {
     const struct daemon_config *c = &t->shared->config;

@@ -64,7 +64,7 @@ static void shrink_idle_slots(struct frame_slots *frames, int slot)
     }
 }
 
-/* Decodes f and builds its tables with the settings of the moment; a lockstep frame with the initial ones. */
+/* Decodes f and builds its tables with the current settings; for a lockstep frame, with the initial settings. */
 static enum err decode(struct ingest_thread *t, struct environment *out, const struct frame *f, bool lockstep,
                        struct reason *why)
 {

@@ -3,7 +3,7 @@
 #define TAKE_MS 100
 #define PAUSE_MS 30
 
-/* Without a frame to take: reports that the producer ended its stream or left. Returns the state now reported. */
+/* Without a frame to take: reports that the producer ended its stream or left. Returns the state reported. */
 static enum server_source report_idle(struct ingest_thread *t, enum server_source reported)
 {
     struct server_demand demand;
@@ -18,8 +18,8 @@ static enum server_source report_idle(struct ingest_thread *t, enum server_sourc
     return demand.ended ? SERVER_ENDED : SERVER_WAITING;
 }
 
-/* A paused source takes no frames, which producers and viewers are told. any: a frame was taken before. Returns the
- * state now reported. */
+/* A paused source takes no frames; producers and viewers are notified. any: a frame was taken before. Returns the state
+ * reported. */
 static enum server_source report_pause(struct ingest_thread *t, bool paused, bool any, enum server_source reported)
 {
     struct status_board *status = &t->shared->status;

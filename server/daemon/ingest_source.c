@@ -58,8 +58,8 @@ static void apply_source_request(struct pull *p)
         p->moved |= source_step(source, r.step);
 }
 
-/* Handles pause, requests and the end of the source. True when a next frame should be read; else relights the current
- * frame if the settings changed, and sleeps a little. */
+/* Handles pause, requests and the end of the source. Returns true when the next frame should be read; otherwise
+ * relights the current frame if the settings changed, and sleeps briefly. */
 static bool wants_frame(struct pull *p)
 {
     struct status_board *status = &p->shared->status;
@@ -97,7 +97,8 @@ static void sleep_until_ms(struct pull *p, int64_t when_ms)
     }
 }
 
-/* Without a rate, the next frame is read just before shading of this one ends: earlier, it would only grow old. */
+/* Without a rate, reads the next frame just before shading of the current one ends: earlier it would only become
+ * outdated. */
 static void wait_until_wanted(struct pull *p)
 {
     while (!handoff_wait_taken(&p->shared->frames.handoff, 100) && !is_interrupted(p))
@@ -113,8 +114,8 @@ static bool is_watched(struct pull *p)
     return demand.viewers > 0 || demand.recorder;
 }
 
-/* Skips frames of a computed sky while nobody watches: after a second, or when a viewer comes, the next frame is the
- * one of that moment. Files are all read, because their frames are counted. */
+/* Skips frames of a computed sky while there are no viewers: after a second, or when a viewer connects, the next frame
+ * is the current one. Files are never skipped, because their frames are counted. */
 static void pause_while_unwatched(struct pull *p)
 {
     const int64_t each_ms = (int64_t)(1e3 / p->shared->config.rate), until_ms = p->next_ms + UNWATCHED_MS - each_ms;

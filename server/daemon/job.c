@@ -12,7 +12,7 @@
 
 #define CACHED_SAMPLES 64 /* N_s of the cache's pictures, as auto has them */
 
-/* auto follows the clock of one process. In a job it is the cache, whose pictures all ranks can light. */
+/* auto depends on the clock of one process. In a job it becomes the cache, whose pictures all ranks can light. */
 static void choose_method(struct daemon_config *c)
 {
     struct settings *now = &c->setup.initial;

@@ -11,8 +11,8 @@
 #define MEASURE_SAMPLES 4 /* of the picture that is made to know what pictures cost */
 #define CUTS_MOST 2       /* pictures in a row that new settings may cancel: however many come, some are finished */
 
-/* Nothing is known before the first picture: makes one under a grey sky, twice, because the first one also pays for
- * memory that is touched for the first time. On failure nothing stays known, and nothing is refused. */
+/* No cost is known before the first picture: renders one under a grey sky, twice, because the first one also pays for
+ * page faults. On failure the cost stays unknown, and nothing is refused. */
 static void measure(struct shade_thread *t)
 {
     const struct set_desc *size = &t->shared->config.setup.set_desc;

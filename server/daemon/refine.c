@@ -70,7 +70,7 @@ static bool begin(struct shade_thread *t)
     return true;
 }
 
-/* Publishes the picture of the passes; without passes the one that was published last. */
+/* Publishes the picture of the passes, or, without passes, the last published one again. */
 static void publish_picture(struct shade_thread *t, uint64_t passes)
 {
     struct refinement *r = &t->refine;

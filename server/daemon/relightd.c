@@ -55,8 +55,8 @@ static void on_stop(int signal_number)
     alarm(STOP_S);
 }
 
-/* Loading a scene or a large frame cannot be interrupted. Leaving it loses nothing: files are renamed when they are
- * complete, and the network thread has told every client. */
+/* Loading a scene or a large frame cannot be interrupted. Exiting during it loses nothing: files are renamed when
+ * complete, and the network thread has notified every client. */
 static void on_alarm(int signal_number)
 {
     static const char words[] = "relightd: warning: stopped in the middle of work that did not end\n";

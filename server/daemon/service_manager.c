@@ -38,7 +38,7 @@ static void send_status(struct shared *shared, struct sent *s, double now)
     }
 }
 
-/* Only while the network thread and the shade thread make progress: the manager restarts a service that hangs. */
+/* Sent only while the network thread and the shade thread make progress: the manager restarts a service that hangs. */
 static void send_watchdog(struct sent *s, bool alive, double now)
 {
     if (s->watchdog_s <= 0.0 || !alive || (s->alive_s > 0.0 && now - s->alive_s < s->watchdog_s / 4.0))

@@ -65,8 +65,8 @@ static uint32_t bit_of(size_t offset)
     return (uint32_t)1 << k;
 }
 
-/* A sample count, or an error to stop at: the last one asked for counts, and the second is for auto alone, which
- * estimates its error. */
+/* A sample count or a target error: the latest request wins. A target error requires auto, which estimates its
+ * error. */
 static enum err apply_effort(const struct server_control *c, const struct settings *asked, struct settings *s,
                              const char **clause, struct reason *why)
 {
@@ -164,7 +164,7 @@ static enum err check_cost(struct settings_store *store, const struct server_con
     return settings_cost_too_much(store, s, why) ? refuse(clause, which, ERR_USAGE) : ERR_OK;
 }
 
-/* Last of all, since it cannot be undone: saves the view of the camera in the settings, or forgets one. */
+/* Last, because it cannot be undone: saves the view of the camera in the settings, or deletes a view. */
 static enum err keep_views(struct settings_store *store, const struct server_control *c, struct settings *s,
                            const char **clause, struct reason *why)
 {

@@ -65,8 +65,7 @@ struct lighting {
 };
 
 /* Lockstep renders must be reproducible, so they always use the sample counts from the command line. Otherwise auto
- * gets a share of the interval, which leaves room for encoding and reading: they run on other threads and slow this one
- * down. */
+ * gets a share of the interval, which leaves time for encoding and reading, since their threads slow this one down. */
 static struct frame_request make_request(struct shade_thread *t, const struct ingested *in, const struct lighting *l)
 {
     struct frame_request q = { .light = &l->asked,
@@ -159,8 +158,8 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
 
 /* ---- The loop ---- */
 
-/* Seconds between pictures. Without viewers, one a second keeps the last one fresh; a recorder waits for every frame,
- * so its frames are made as fast as possible. */
+/* Seconds between pictures. Without viewers, one picture per second keeps the last one current; a recorder waits for
+ * every frame, so its frames are made as fast as possible. */
 static double interval_s(struct shade_thread *t)
 {
     struct server_demand demand;
@@ -172,7 +171,7 @@ static double interval_s(struct shade_thread *t)
     return fmax(asked_s, decider_interval_s(&t->decider));
 }
 
-/* Applies what controllers and signals asked for. After a change of camera the current frame is lit again, unless it
+/* Applies requests of controllers and signals. After a change of camera the current frame is lit again, unless it
  * belongs to a lockstep sequence. */
 static enum err apply_controls(struct shade_thread *t, struct reason *why)
 {
@@ -195,7 +194,7 @@ static enum err apply_controls(struct shade_thread *t, struct reason *why)
     return ERR_OK;
 }
 
-/* Takes the newest frame, lets go of the one before and lights it. due_s: when this picture was due. */
+/* Takes the newest frame, releases the previous one and lights the new one. due_s: when this picture was due. */
 static enum err shade_next(struct shade_thread *t, double due_s, double now_s, struct reason *why)
 {
     struct frame_slots *frames = &t->shared->frames;
@@ -213,7 +212,7 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
     return shade_frame(t, &frames->slot[t->held], t->cut_new_view, why);
 }
 
-/* Lights the frame of a cancelled picture again, unless ingest has brought it or another one meanwhile. */
+/* Lights the frame of a cancelled picture again, unless ingest has published it again or a newer one meanwhile. */
 static enum err shade_again(struct shade_thread *t, double now_s, struct reason *why)
 {
     if (!(t->cut_s > 0.0) || now_s - t->cut_s < AGAIN_S)

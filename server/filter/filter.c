@@ -16,8 +16,8 @@ struct points {
     float *surface, *light, *next; /* [SURFACE_PLANES], [LIGHT_PLANES], [LIGHT_PLANES] planes */
 };
 
-/* The pixel image holds of every pixel the point with the largest weight, from which all points take their light. The
- * others, at edges, are `rest`. */
+/* The pixel image holds each pixel's point with the largest weight; all points take their neighbours' light from it.
+ * The other points, at edges, are `rest`. */
 struct filter {
     const struct gbuffer *g;
     const struct filter_kernel *kernel;
@@ -86,7 +86,7 @@ static void choose_points(struct filter *f, uint8_t *taken)
         }
 }
 
-/* The points that no pixel of the image has. Returns their number; f->rest_point NULL: counts only. */
+/* The points that are not in the pixel image. Returns their number; f->rest_point NULL: only counts. */
 static size_t list_rest(struct filter *f, uint8_t *taken)
 {
     const struct gbuffer *g = f->g;
@@ -226,8 +226,8 @@ static float brightest(const struct filter *f, uint32_t pixel, int c)
     return most;
 }
 
-/* A point keeps its noise if it has no like neighbours, or if both halves found something bright by chance. Unless they
- * agree, it is no brighter than the brightest pixel around. */
+/* A point keeps its noise if it has no similar neighbours, or if both halves found something bright by chance. Unless
+ * they agree, it is clamped to the brightest pixel around it. */
 static float without_speck(const struct filter *f, uint32_t pixel, int c, float a, float b)
 {
     const float mean = 0.5f * (a + b);
@@ -293,7 +293,7 @@ static void run_image(struct filter *f, uint32_t step)
         }
 }
 
-/* The points that are not in the image take filtered light from pixels around, whose noise was that of `first`. */
+/* Points outside the image take filtered light from the pixels around them, whose noise was that of `first`. */
 static void run_rest(struct filter *f)
 {
     struct filter_picture p = picture_of(f);

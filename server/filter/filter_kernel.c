@@ -35,7 +35,7 @@ static inline float positive(float x)
     return x > 0.0f ? x : 0.0f;
 }
 
-/* The part of a weight that the surfaces give. a and b are planes, read at i and k. */
+/* The factor of a weight that depends on the surfaces. a and b are planes, read at i and k. */
 static inline float likeness(const float *const a[], uint32_t i, const float *const b[], ptrdiff_t k, float reach)
 {
     const float *const *n = a + SURFACE_NORMAL, *const *m = b + SURFACE_NORMAL;

@@ -7,8 +7,8 @@
 
 #include <math.h>
 
-/* A shadow ray ends this share before a lamp: float directions may err by 1e-7 of the distance, a few times that where
- * they graze the lamp. */
+/* A shadow ray ends this share of its length before a lamp: float directions may err by 1e-7 of the distance, and by a
+ * few times that at grazing angles. */
 #define SHADOW_END 0.99999f
 
 #define LOOKUPS_MAX 32      /* texture lookups along the edge of a triangle, at most; and */
@@ -21,8 +21,8 @@ struct group { /* an emissive mesh */
     uint64_t first; /* of its triangles, counted over all groups */
 };
 
-/* Groups whose triangles have one table: the meshes that follow one another in world space, or one that is placed,
- * whose instances use the same table: how triangles share the power within an instance need not be exact. */
+/* Groups of triangles with one table: consecutive meshes in world space, or one placed mesh, whose instances share the
+ * table, since the distribution of power within an instance need not be exact. */
 struct block {
     uint64_t first, count; /* triangles, counted over all groups */
     uint64_t table;        /* in sums: count + 1 running sums, from 0 to 1 */
@@ -72,7 +72,7 @@ static double double_area(const struct mesh *m, uint32_t triangle)
     return sqrt(sum);
 }
 
-/* How many lookups an edge of the triangle needs, by the length of the longest in its texture. */
+/* The number of lookups along a triangle's edge, by the length of its longest edge in texels. */
 static uint32_t lookups(const struct texture *t, const float *uvs, const uint32_t *corner)
 {
     double longest = 0.0;
@@ -84,7 +84,8 @@ static uint32_t lookups(const struct texture *t, const float *uvs, const uint32_
     return (uint32_t)fmin(fmax(1.0, ceil(longest / TEXELS_A_LOOKUP)), LOOKUPS_MAX); /* 1 for NaN, too */
 }
 
-/* The mean luminance that the triangle emits. An estimate suffices: it only says how often the triangle is sampled. */
+/* The mean luminance that the triangle emits. An estimate suffices, because it only determines the sampling
+ * probability. */
 static double mean_emission(const struct scene *s, const struct mesh *m, uint32_t triangle)
 {
     const struct material *material = &s->materials[m->material];
@@ -110,7 +111,7 @@ static double mean_emission(const struct scene *s, const struct mesh *m, uint32_
     return sum / ((double)n * n);
 }
 
-/* The factor of areas between two placements of the same arrays, up to what a stretch in one direction changes. */
+/* The ratio of areas between two placements of the same arrays, exact except for anisotropic scaling. */
 static double area_ratio(const struct mesh *m, const struct mesh *source)
 {
     return pow(mesh_volume_scale(m) / mesh_volume_scale(source), 2.0 / 3.0);
@@ -293,7 +294,8 @@ static double area_density(const struct emitters *e, const struct group *g, uint
     return b->share * (sum[1] - sum[0]) / (0.5 * double_area(&e->scene->meshes[g->mesh], triangle));
 }
 
-/* Whether the lamp has surface where a shadow ray ends. The ray itself ends before it, so that nothing else asks. */
+/* Whether the lamp has surface, not a hole, where a shadow ray ends. The ray itself ends before the lamp and cannot
+ * test it. */
 static bool is_covered(const struct emitters *e, const struct hit *at, struct vec3 from, struct vec3 to)
 {
     const struct material *m = &e->scene->materials[e->scene->meshes[at->mesh].material];

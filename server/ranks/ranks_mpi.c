@@ -73,7 +73,7 @@ static enum err wait_or_stop(struct ranks *r, MPI_Request *q)
     return r->lost ? ERR_IO : ERR_OK;
 }
 
-/* Other hosts' access to the counter makes progress only while rank 0 is inside MPI, which may be long in a frame. */
+/* Other hosts' access to the counter progresses only while rank 0 is inside MPI, which may be rare during a frame. */
 static void *keep_moving(void *context)
 {
     struct ranks *r = context;
@@ -442,7 +442,7 @@ static void carry(uint8_t *bytes, uint64_t size, int peer, bool sends)
     }
 }
 
-/* Without memory, the bytes are received in vain, so that their rank does not wait. */
+/* Without memory, receives and discards the bytes, so that their rank does not wait. */
 static enum err take_from(int rank, enum err (*take)(void *context, const void *bytes, size_t size), void *context)
 {
     uint64_t size = 0;

@@ -101,8 +101,8 @@ static void unpack_light(const struct team *t, const uint8_t *in, float *lo, siz
 
 /* ---- Rank 0 ---- */
 
-/* Shares by measured speed; a rank that was not measured yet counts as the mean of the others. Parts of pictures by the
- * cache begin with a block. */
+/* Shares by measured speed; a rank without a measurement counts as the mean of the others. Parts of pictures with the
+ * cache begin at a block. */
 static void cut(struct team *t, const struct transport *cache)
 {
     const uint32_t packets = packets_of(t);
@@ -197,7 +197,7 @@ static enum err light_for(struct team *t, const struct environment *e, const str
     return relighter_run_part(t->desc.relighter, e, passes, &part, lo, stats);
 }
 
-/* Puts the parts of other ranks into place, except what rank 0 has lit there itself. */
+/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. */
 static enum err take_all(struct team *t, const struct environment *env, const struct picture_passes *passes,
                          const uint8_t *at, const struct packet_list *own, float *lo, struct relight_stats *stats)
 {
@@ -303,7 +303,8 @@ static enum err take_sky(struct team *t, const struct order *order, const struct
     return e;
 }
 
-/* The passes of the order. A cache that rank 0 has computed since is in its file. ERR_END: not there. */
+/* Receives the passes of an order. Loads a cache that rank 0 has computed meanwhile from its file. ERR_END: not
+ * there. */
 static enum err take_order(struct team *t, const struct order *order, struct picture_passes *passes,
                            struct relight_stats *stats)
 {
@@ -378,7 +379,8 @@ enum err team_serve(struct team *t, struct reason *why)
 
 /* ---- Begin and end ---- */
 
-/* Points that differ between hosts, by another scene file or another library, would be lit as others. */
+/* Points that differ between hosts, because of another scene file or library version, would get the light of other
+ * points. */
 static enum err compare_sets(const struct team *t, struct reason *why)
 {
     const struct set *set = relighter_set(t->desc.relighter);
