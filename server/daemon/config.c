@@ -225,8 +225,8 @@ failed:
     return e;
 }
 
-/* Translates all settings together for d. If that fails although each key alone and the command line alone are valid,
- * *why blames the combination. */
+/* Translates all settings together for d. If that fails although the command line alone is valid, *why begins with
+ * the configuration file's name. */
 static enum err understand(struct config_reading *s, struct daemon_config *d, struct reason *why)
 {
     const enum err e = daemon_config_from_flags(&s->flags, d, why);

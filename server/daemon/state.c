@@ -1,7 +1,7 @@
-/* What controllers have set, kept in a file of its own (--state DIR), so that it comes back after a crash or a restart.
- * The file is a control message of PROTOCOL.md 4.13, and goes through the same checks as one from the network; beside
- * it stand the saved views and, under "said", what the command line said then. When that has changed, who changed it
- * wants what it says now. */
+/* Saves controllers' settings in a file (--state DIR) and restores them after a crash or a restart. The file is a
+ * control message of PROTOCOL.md 4.13 and passes the same checks as one from the network. It also contains the saved
+ * views and, under "said", the command line's settings at that time. If the command line has changed since, its new
+ * values take precedence. */
 #include "daemon/state.h"
 
 #include "base/clock.h"

@@ -154,7 +154,7 @@ static void set_source(struct status_board *b, enum server_source source, const 
     send_figures(b);
 }
 
-/* {lock} A paused source stays so in the status, or producers would wait in vain for it to take their frames. */
+/* {lock} A paused source stays paused in the status, so that producers do not wait in vain for it to take frames. */
 static void set_failed(struct status_board *b, const char *why)
 {
     b->figures.refused++;
