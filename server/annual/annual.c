@@ -34,9 +34,28 @@ static struct digest key_of(const struct annual *a)
                               m->altitude,       m->direct_normal_lux, m->diffuse_lux };
         digest_bytes(&d, v, sizeof(v));
     }
-    const double numbers[] = { (double)a->light.direct.method,  (double)a->light.direct.samples,
-                               (double)a->light.classes,        (double)a->light.eye_paths,
-                               s->environment.rotation_degrees, (double)a->light.direct.seed };
+    const struct relight_desc *l = &a->light;
+    const double numbers[] = { l->direct.method,
+                               l->direct.samples,
+                               (double)l->direct.seed,
+                               l->direct.no_visibility,
+                               l->direct.cells,
+                               l->direct.sun,
+                               l->direct.compensate,
+                               l->direct.interleave,
+                               l->classes,
+                               l->caustics,
+                               l->indirect,
+                               (double)l->particles,
+                               l->eye_paths,
+                               l->start,
+                               (double)l->cache_bytes,
+                               s->environment.n,
+                               s->environment.layout,
+                               s->environment.rotation_degrees,
+                               s->environment.scale_stops,
+                               s->environment.importance,
+                               s->initial.lamps };
     digest_bytes(&d, numbers, sizeof(numbers));
     digest_bytes(&d, &a->desc.measures, sizeof(a->desc.measures));
     return d;

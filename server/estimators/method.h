@@ -22,8 +22,8 @@ enum method {
     METHOD_PHOTONS,       /* likewise by photon mapping, biased: baselines/photons.h */
     METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
     METHOD_CACHED,        /* direct light from the cache, biased: transport/transport.h */
-    METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse than
-                    METHOD_MIS in measurements (tests/unit/estimators/test_gain.c) */
+    METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse in
+                    measurements (tests/unit/estimators/test_gain.c) */
     METHOD_COUNT,
 };
 

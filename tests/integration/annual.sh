@@ -75,9 +75,12 @@ a_killed_year_goes_on_where_it_ended() {
     for f in hours.csv illuminance.csv sensors.csv summary.json; do
         cmp "$work/whole/$f" "$work/broken/$f" || fail "$f differs after --resume"
     done
-    expect 2 'tables of a run with another scene, weather, sensors or settings' "$render" --scene "$work/floor.json" \
-        --source "epw:$work/x.epw,size=256x128,days=03-22" --annual "$work/broken" --sensors grid:floor,spacing=5,height=1 \
-        --size 32x18 --method mis --samples 64 --resume
+    for other in days=03-22 'days=03-21 --no-visibility' 'days=03-21 --cells 2' 'days=03-21 --lamps 5'; do
+        # shellcheck disable=SC2086 # several words
+        expect 2 'tables of a run with another scene, weather, sensors or settings' "$render" --scene "$work/floor.json" \
+            --source "epw:$work/x.epw,size=256x128,"${other} --annual "$work/broken" \
+            --sensors grid:floor,spacing=5,height=1 --size 32x18 --method mis --samples 64 --pictures none --resume
+    done
 }
 
 what_makes_no_year_is_refused() {
@@ -87,6 +90,7 @@ what_makes_no_year_is_refused() {
     expect 2 "has no surface 'roof'; it has ground, " "$render" --annual "$work/no" --source "epw:$work/x.epw" \
         --sensors grid:roof --size 16x9
     expect 2 'out has no meaning with --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --out x.exr
+    expect 2 'not for --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --split-frames
     expect 2 '03-21T02:00 is not among the lit hours' "$render" --annual "$work/no" --source "epw:$work/x.epw" \
         --pictures 03-21T02:00
     printf '1 2 3 0 1 0\n1 2 3 0 0\n' >"$work/sensors.txt"
