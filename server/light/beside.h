@@ -18,12 +18,11 @@
 struct beside;
 
 /* Needs 90 bytes per shade point and 36 per pixel. set and denoiser, whose halves take the samples, must outlive it.
- * NULL when out of memory. */
+ * NULL: no memory. */
 struct beside *beside_create(const struct set *set, struct denoiser *denoiser);
 void beside_destroy(struct beside *b); /* NULL is allowed */
 
-/* Whether pictures of desc need a struct beside: live pictures of a scene with mirrors or glass, but without a
- * ground. */
+/* Whether pictures of desc need a struct beside: live, of a scene with mirrors or glass, but without a ground. */
 bool beside_wanted(const struct set *set, const struct relight_desc *desc);
 
 /* Begins a picture under e. Moves everything but interreflection behind mirrors and glass from its passes to

@@ -16,10 +16,8 @@
  * in light/still.h. When a new version of the cache takes over, C - C' is not a change of the sky and is omitted.
  *
  * The halves are filtered (light/denoise.h) once every packet was sampled. The picture's light is the filter's output
- * plus the change of C since then, and C itself as far as it is final.
- *
- * One thread of control. The bits depend on the order of pictures and the progress of the cache, so lockstep renders
- * must not use it. */
+ * plus the change of C since then, and C itself as far as it is final. One thread of control. The bits depend on
+ * the order of pictures and the progress of the cache, so lockstep renders must not use it. */
 #ifndef LIGHT_HISTORY_H
 #define LIGHT_HISTORY_H
 
@@ -38,8 +36,7 @@ void history_destroy(struct history *h); /* NULL is allowed */
 /* Begins a picture with the light that `key` identifies; a key other than the last picture's discards the history. */
 void history_begin(struct history *h, uint64_t key);
 
-/* `still`: the sky is the last picture's. B is then still correct, and w is n / (n + 1). For pictures without a
- * cache. */
+/* `still`: the sky is the last picture's; B is then still correct, and w is n / (n + 1). Without a cache only. */
 void history_hold(struct history *h, bool still);
 
 /* Takes the cache's light for this picture, lo, float[packet_count][3][16]. The caller writes `final` and `changed`

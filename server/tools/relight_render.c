@@ -213,7 +213,8 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
             if (strcmp(others[k], "resume") != 0 && command_get(c, others[k]))
                 return err_say(why, ERR_USAGE, "--%s has no meaning with --annual", others[k]);
         if (command_get(c, "split-frames") || command_get(c, "collect"))
-            return err_say(why, ERR_USAGE, "--split-frames and --collect are for sequences of pictures, not for --annual");
+            return err_say(why, ERR_USAGE,
+                           "--split-frames and --collect are for sequences of pictures, not for --annual");
         return r->probing ? err_say(why, ERR_USAGE, "--probe has no meaning with --annual") : ERR_OK;
     }
     r->desc.output.pattern = command_get(c, "out");
