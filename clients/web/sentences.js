@@ -112,7 +112,7 @@ export class Pace {
 }
 
 // Which light the image contains, its estimated noise, the progress of the light-transport cache, the passes of a still sky, and
-// what was left out. left: seconds until the cache is complete; null: unknown.
+// the light it leaves out. left: seconds until the cache is complete; null if unknown.
 export function lightSentence(light, left = null) {
   if (!light?.paths) return '';
   const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
