@@ -2,7 +2,7 @@
 
 #include "base/cancel.h"
 #include "base/mem.h"
-#include "light/history.h"
+#include "history/history.h"
 #include "light/relight_plan.h"
 #include "base/rng.h"
 
@@ -39,7 +39,7 @@ struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
     b->denoiser = denoiser;
     b->points = (size_t)g->packet_count * 3 * PACKET;
     b->values = (size_t)g->width * g->height * 3;
-    b->history = history_create(set, denoiser);
+    b->history = history_create(g, denoiser);
     b->weight = mem_alloc((size_t)g->packet_count * PACKET, sizeof(float));
     for (int k = 0; k < 2; k++)
         b->stored[k] = mem_alloc(b->points, sizeof(float));
@@ -200,7 +200,7 @@ static enum err run_half(struct beside *b, struct passes *s, const struct religh
 
     few.eye[0].paths = (few.eye[0].paths + 1) / 2;
     few.eye[0].pass = history_turn(b->history);
-    denoiser_passes(&few, k, &half);
+    passes_half(&few, k, &half);
     memset(lo, 0, b->points * sizeof(float));
     if (half.eye[0].paths > 0)
         result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &half.eye[0], lo, &eye);

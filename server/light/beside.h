@@ -11,9 +11,10 @@
 #ifndef LIGHT_BESIDE_H
 #define LIGHT_BESIDE_H
 
-#include "light/denoise.h"
+#include "history/denoise.h"
 #include "light/relight_caustics.h"
-#include "light/stated.h"
+#include "light/relight_passes.h"
+#include "history/stated.h"
 
 struct beside;
 

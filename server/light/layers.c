@@ -5,7 +5,7 @@
 #include "env/sky_table.h"
 #include "estimators/method.h"
 #include "light/backplate.h"
-#include "light/denoise.h"
+#include "history/denoise.h"
 #include "light/relight_passes.h"
 
 #include <math.h>
@@ -112,7 +112,7 @@ static enum err run_unfiltered(struct relighter *r, const struct environment *e,
     rest.eye[0].paths = rest.eye[1].paths = 0;
     result = run(r, e, &rest, rgb, stats);
     for (int k = 0; k < 2 && !result; k++) {
-        denoiser_passes(p, k, &half);
+        passes_half(p, k, &half);
         half.background = false;
         drop_particles(&half);
         result = run(r, e, &half, scratch, stats);

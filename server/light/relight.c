@@ -4,8 +4,8 @@
 #include "base/clock.h"
 #include "light/backplate.h"
 #include "light/beside.h"
-#include "light/denoise.h"
-#include "light/history.h"
+#include "history/denoise.h"
+#include "history/history.h"
 #include "base/mem.h"
 #include "base/progress.h"
 #include "light/part.h"
@@ -240,7 +240,7 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
                                           .scratch = r->passes.scratch };
     for (int k = 0; k < 2 && !result; k++) {
         float *lo = denoiser_half(r->denoiser, k);
-        denoiser_passes(&few, k, &half);
+        passes_half(&few, k, &half);
         result = passes_direct(&r->passes, PASS_PICTURE, e, &half.direct, lo, &one, &seconds);
         if (!result && r->passes.backplate)
             result = steady_ground(r, e, &half.direct, few.direct.only, lo);
@@ -337,7 +337,7 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     enum err result;
 
     for (int k = 0; k < 2 && split; k++)
-        denoiser_passes(passes, k, &halves[k]);
+        passes_half(passes, k, &halves[k]);
     r->points = r->passes.lo;
     result = split ? run_direct_halves(r, e, halves, stats) : run_lit(r, e, passes, r->passes.lo, stats);
     if (corrected && !result)
@@ -405,7 +405,7 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
 static struct denoiser *denoiser_of(struct relighter *r)
 {
     if (!r->denoiser)
-        r->denoiser = denoiser_create(r->set, r->kernels);
+        r->denoiser = denoiser_create(r->set->gbuffer, &r->set->view, r->kernels ? r->kernels->level : NULL);
     return r->denoiser;
 }
 
@@ -438,7 +438,7 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
     if (!wants_history(r, desc, plan))
         return ERR_OK;
     if (denoiser_of(r) && !r->history)
-        r->history = history_create(r->set, r->denoiser);
+        r->history = history_create(r->set->gbuffer, r->denoiser);
     if (!r->history)
         return ERR_NOMEM;
     history_begin(r->history, desc->classes);

@@ -115,3 +115,14 @@ uint64_t passes_work(const struct set *set, const struct picture_passes *p)
         steps += EYE_PATH_STEPS * (uint64_t)p->eye[k].paths * (p->eye[k].only ? p->eye[k].only->count : packets);
     return runs * steps + (p->light[0].particles + p->light[1].particles) / PARTICLES_A_STEP;
 }
+
+void passes_half(const struct picture_passes *p, int k, struct picture_passes *out)
+{
+    *out = *p;
+    out->direct.pass = 2 * p->direct.pass + (uint64_t)k;
+    out->direct.scatter = true;
+    for (int i = 0; i < 2; i++) {
+        out->eye[i].pass = 2 * p->eye[i].pass + (uint64_t)k;
+        out->eye[i].seed = rng_mix(p->eye[i].seed, (uint64_t)k);
+    }
+}

@@ -1,8 +1,8 @@
-/* What pictures pass on to the next ones while a cache is being computed (light/history.h). */
+/* What pictures pass on to the next ones while a cache is being computed (history/history.h). */
 
 #include "base/rng.h"
 #include "compare/metrics.h"
-#include "light/history.h"
+#include "history/history.h"
 #include "light/relight_bounce.h"
 #include "light/stage.h"
 
@@ -23,8 +23,8 @@ static struct rig rig_make(void)
     struct rig r = { .set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }) };
 
     r.floats = (size_t)r.set->gbuffer->packet_count * 3 * PACKET;
-    r.denoiser = denoiser_create(r.set, best_kernels());
-    r.history = history_create(r.set, r.denoiser);
+    r.denoiser = denoiser_create(r.set->gbuffer, &r.set->view, NULL);
+    r.history = history_create(r.set->gbuffer, r.denoiser);
     r.cache = mem_alloc(r.floats, sizeof(float));
     r.lo = mem_alloc(r.floats, sizeof(float));
     assert_true(r.denoiser && r.history && r.cache && r.lo);

@@ -1,9 +1,9 @@
-/* The stated error of live pictures (light/stated.h) against the true one. */
+/* The stated error of live pictures (history/stated.h) against the true one. */
 
 #include "base/rng.h"
-#include "light/denoise.h"
+#include "history/denoise.h"
 #include "light/stage.h"
-#include "light/stated.h"
+#include "history/stated.h"
 
 #include <math.h>
 
@@ -21,7 +21,7 @@ static struct rig rig_make(void)
     struct rig r = { .set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }) };
 
     r.floats = (size_t)r.set->gbuffer->packet_count * 3 * PACKET;
-    r.stated = stated_create(r.set);
+    r.stated = stated_create(r.set->gbuffer);
     r.half[0] = mem_alloc(r.floats, sizeof(float));
     r.half[1] = mem_alloc(r.floats, sizeof(float));
     r.shown = mem_alloc(r.floats, sizeof(float));

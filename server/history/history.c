@@ -1,4 +1,4 @@
-#include "light/history.h"
+#include "history/history.h"
 
 #include "base/mem.h"
 
@@ -40,10 +40,10 @@ static uint32_t group_count(const struct history *h)
     return (h->packets + GROUP - 1) / GROUP;
 }
 
-struct history *history_create(const struct set *set, struct denoiser *denoiser)
+struct history *history_create(const struct gbuffer *g, struct denoiser *denoiser)
 {
     struct history *h = mem_alloc(1, sizeof(*h));
-    const uint32_t packets = set->gbuffer->packet_count;
+    const uint32_t packets = g->packet_count;
 
     if (!h)
         return NULL;
@@ -53,7 +53,7 @@ struct history *history_create(const struct set *set, struct denoiser *denoiser)
         h->half[k] = mem_alloc(packets, FLOATS * sizeof(float));
     h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
-    h->stated = stated_create(set);
+    h->stated = stated_create(g);
     h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
     h->changed = mem_alloc(packets, sizeof(*h->changed));

@@ -1,4 +1,4 @@
-#include "light/stated.h"
+#include "history/stated.h"
 
 #include "base/mem.h"
 
@@ -8,20 +8,20 @@
 #define LEAST 1e-12f /* of an estimate, which may be below 0 */
 
 struct stated {
-    const struct set *set;
+    const struct gbuffer *g;
     float *scale; /* [height][width][3]: 1 / (x^2 + 1e-2 m^2) */
     bool seen;    /* it is filled */
     double error; /* 0: unknown */
 };
 
-struct stated *stated_create(const struct set *set)
+struct stated *stated_create(const struct gbuffer *g)
 {
     struct stated *s = mem_alloc(1, sizeof(*s));
 
     if (!s)
         return NULL;
-    s->set = set;
-    s->scale = mem_alloc((size_t)set->gbuffer->width * set->gbuffer->height, 3 * sizeof(float));
+    s->g = g;
+    s->scale = mem_alloc((size_t)g->width * g->height, 3 * sizeof(float));
     if (s->scale)
         return s;
     stated_destroy(s);
@@ -54,7 +54,7 @@ static float light_at(const struct gbuffer *g, const float *rgb, uint32_t x, uin
 
 void stated_see(struct stated *s, const float *rgb)
 {
-    const struct gbuffer *g = s->set->gbuffer;
+    const struct gbuffer *g = s->g;
     const size_t values = 3 * (size_t)g->width * g->height;
     double mean = 0.0;
 
@@ -73,7 +73,7 @@ void stated_see(struct stated *s, const float *rgb)
 static double pixel_error(const struct stated *s, uint32_t pixel, const float *const half[2],
                           const float *const more[2], const float *shown)
 {
-    const struct gbuffer *g = s->set->gbuffer;
+    const struct gbuffer *g = s->g;
     float off[2][3] = { { 0.0f } };
     double out = 0.0;
 
@@ -94,7 +94,7 @@ static double pixel_error(const struct stated *s, uint32_t pixel, const float *c
 void stated_take(struct stated *s, const float *const half[2], const float *const more[2], const float *shown,
                  double by)
 {
-    const uint32_t pixels = s->set->gbuffer->width * s->set->gbuffer->height;
+    const uint32_t pixels = s->g->width * s->g->height;
     double sum = 0.0;
 
     for (uint32_t pixel = 0; pixel < pixels && s->seen; pixel++)

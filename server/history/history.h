@@ -15,22 +15,22 @@
  * than the cache predicts, thus loses its weight at once: the estimator of [James and Stein 1961] between S and B, as
  * in light/still.h. When a new version of the cache takes over, C - C' is not a change of the sky and is omitted.
  *
- * The halves are filtered (light/denoise.h) once every packet was sampled. The picture's light is the filter's output
+ * The halves are filtered (history/denoise.h) once every packet was sampled. The picture's light is the filter's output
  * plus the change of C since then, and C itself as far as it is final. One thread of control. The bits depend on
  * the order of pictures and the progress of the cache, so lockstep renders must not use it. */
-#ifndef LIGHT_HISTORY_H
-#define LIGHT_HISTORY_H
+#ifndef HISTORY_HISTORY_H
+#define HISTORY_HISTORY_H
 
-#include "light/denoise.h"
-#include "light/stated.h"
+#include "history/denoise.h"
+#include "history/stated.h"
 
 #define HISTORY_TURNS 8 /* once a cache exists, a picture samples one packet in so many */
 
 struct history;
 
-/* Needs 50 bytes per shade point and 12 per pixel. set and denoiser, whose halves take the samples, must outlive it.
+/* Needs 50 bytes per shade point and 12 per pixel. g and denoiser, whose halves take the samples, must outlive it.
  * NULL when out of memory. */
-struct history *history_create(const struct set *set, struct denoiser *denoiser);
+struct history *history_create(const struct gbuffer *g, struct denoiser *denoiser);
 void history_destroy(struct history *h); /* NULL is allowed */
 
 /* Begins a picture with the light that `key` identifies; a key other than the last picture's discards the history. */

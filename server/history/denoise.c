@@ -1,7 +1,6 @@
-#include "light/denoise.h"
+#include "history/denoise.h"
 
 #include "base/mem.h"
-#include "base/rng.h"
 #include "filter/filter.h"
 
 struct denoiser {
@@ -9,14 +8,13 @@ struct denoiser {
     float *half[2]; /* [packet_count][3][16] */
 };
 
-struct denoiser *denoiser_create(const struct set *set, const struct kernels *kernels)
+struct denoiser *denoiser_create(const struct gbuffer *g, const struct view *v, const char *level)
 {
     struct denoiser *d = mem_alloc(1, sizeof(*d));
-    const struct gbuffer *g = set->gbuffer;
 
     if (!d)
         return NULL;
-    d->filter = filter_create(g, &set->view, kernels ? kernels->level : NULL);
+    d->filter = filter_create(g, v, level);
     for (int k = 0; k < 2; k++)
         d->half[k] = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
     if (!d->filter || !d->half[0] || !d->half[1]) {
@@ -44,15 +42,4 @@ float *denoiser_half(struct denoiser *d, int k)
 void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo)
 {
     filter_run(d->filter, half, lo);
-}
-
-void denoiser_passes(const struct picture_passes *p, int k, struct picture_passes *out)
-{
-    *out = *p;
-    out->direct.pass = 2 * p->direct.pass + (uint64_t)k;
-    out->direct.scatter = true;
-    for (int i = 0; i < 2; i++) {
-        out->eye[i].pass = 2 * p->eye[i].pass + (uint64_t)k;
-        out->eye[i].seed = rng_mix(p->eye[i].seed, (uint64_t)k);
-    }
 }

@@ -7,15 +7,15 @@
  * The product is taken over pixels, relative to x^2 + 1e-2 m^2: x is the previous picture, m its mean. A pixel that is
  * too dark by chance would count too much, so x is at least the mean over 3 x 3 pixels. The estimate excludes light
  * that the samples cannot find, such as light beyond a limit (beside.h). One thread of control. */
-#ifndef LIGHT_STATED_H
-#define LIGHT_STATED_H
+#ifndef HISTORY_STATED_H
+#define HISTORY_STATED_H
 
-#include "light/relight.h"
+#include "scene/gbuffer.h"
 
 struct stated;
 
-/* Needs 12 bytes per pixel; set must outlive it. NULL when out of memory. */
-struct stated *stated_create(const struct set *set);
+/* Needs 12 bytes per pixel; g must outlive it. NULL when out of memory. */
+struct stated *stated_create(const struct gbuffer *g);
 void stated_destroy(struct stated *s); /* NULL is allowed */
 
 /* Call it when other light is shown: the error becomes unknown. */
