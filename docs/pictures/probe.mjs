@@ -1,5 +1,5 @@
 #!/usr/bin/env node
-// Takes the screenshot of the pixel probe in docs/viewer.md: the page of a server with these arguments, one pixel probed
+// Takes the screenshot of the pixel probe in docs/probe.md: the page of a server with these arguments, one pixel probed
 // with the preset of Fig. 1 of Lu, Pacanowski and Granier 2013.
 // usage: probe.mjs BIN OUT.jpg X,Y relightd's arguments ...   (npm ci in tests/browser first)
 import { openBrowser, openPage, startServer } from '../../tests/browser/lib.mjs';
