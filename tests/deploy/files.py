@@ -4,13 +4,17 @@ metric names of the monitoring against /metrics, the example configuration again
 
 import asyncio
 import json
+import os
 import re
+import socket
 import subprocess
 import sys
+import urllib.error
 import urllib.request
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "integration"))
+from live import free_port  # noqa: E402
 from peer import BIN, check, main  # noqa: E402
 from still import Daemon  # noqa: E402
 
@@ -50,11 +54,44 @@ async def the_container_is_made_of_what_is_there(folder):
     owned = re.search(r"install -d -o relightd -g relightd -m 0700 ([a-z/ ]+)", runs)[1].split()
     check(owned == ["/var/lib/relightd", "/var/cache/relightd"] == last["VOLUME"].split(), f"it may write to {owned}")
     check("--no-create-home" in runs and "chmod o-w" in runs, "it may write elsewhere")
-    entry, command = json.loads(last["ENTRYPOINT"]), json.loads(last["CMD"])
-    check(entry == ["/usr/bin/relightd"], f"{entry}")
-    known = subprocess.run([BIN / "relightd", "--help"], capture_output=True, text=True, check=True).stdout
-    for word in command:
-        check(not word.startswith("--") or f"  {word} " in known, f"relightd has no {word}")
+    entry = json.loads(last["ENTRYPOINT"])
+    check(any(name == "COPY" and words.split() == ["deploy/container.sh", *entry] for name, words in steps), f"{entry} is not copied")
+
+
+async def a_container_without_configuration_prints_links_with_tokens(folder):
+    """container.sh, which the container runs, twice: the second start keeps the tokens."""
+    state = folder / "state"
+    state.mkdir()
+    env = dict(os.environ, PATH=f"{BIN}:{os.environ['PATH']}", RELIGHT_CONFIG=str(folder / "none"), RELIGHT_STATE=str(state))
+    links = []
+    for _ in range(2):
+        small = ("--port", str(free_port(socket.SOCK_STREAM)), "--size", "64x36", "--samples", "1", "--paths", "direct")
+        daemon = subprocess.Popen([DEPLOY / "container.sh", *small], env=env, stderr=subprocess.PIPE, text=True)
+        port, text = None, ""
+        while port is None and (line := daemon.stderr.readline()):
+            text += line
+            port = re.search(r"listening on http://[^ ]*?:(\d+)/", line)
+        check(port, f"it does not listen: {text}")
+        links.append(dict(re.findall(r"^(viewer|controller) .*token=(\S+)$", text, re.M)))
+        check(len(links[-1]) == 2, f"no links: {text}")
+        def code(token):
+            ask = urllib.request.Request(f"http://localhost:{port[1]}/snapshot.jpg", headers={"Authorization": f"Bearer {token}"})
+            try:
+                return urllib.request.urlopen(ask, timeout=60).status
+            except urllib.error.HTTPError as error:
+                return error.code
+        while (answer := code(links[-1]["viewer"])) == 503:  # no image yet
+            await asyncio.sleep(0.1)
+        check(answer == 200, f"the printed token is refused: {answer}")
+        check(code("another") in (401, 403), "any token is good")
+        daemon.terminate()
+        daemon.communicate(timeout=60)
+        check(daemon.returncode == 0, f"the signal does not reach it: {daemon.returncode}")
+    check(links[0] == links[1], "a restart makes new tokens")
+    check(all(path.stat().st_mode & 0o077 == 0 for path in state.iterdir()), "others may read the tokens")
+    (folder / "none").write_text('{ "port": "x" }\n')
+    done = subprocess.run([DEPLOY / "container.sh"], env=env, capture_output=True, text=True, timeout=60)
+    check(done.returncode == 2 and "none:1: port" in done.stderr, f"the configuration is not read: {done.stderr}")
 
 
 async def the_health_check_sees_health_and_its_end(folder):
