@@ -58,6 +58,7 @@ static struct digest key_of(const struct annual *a)
                                s->initial.lamps };
     digest_bytes(&d, numbers, sizeof(numbers));
     digest_bytes(&d, &a->desc.measures, sizeof(a->desc.measures));
+    digest_u64(&d, a->desc.weights);
     return d;
 }
 
@@ -75,7 +76,8 @@ static void count_moment(struct annual *a, const struct moment *m, const float *
         sun[0] = cos(turn) * w[0] + sin(turn) * w[2];
         sun[1] = w[1];
         sun[2] = cos(turn) * w[2] - sin(turn) * w[0];
-        sunlight_lux(a->set->rays, a->points.at, a->points.count, sun, m->direct_normal_lux, a->sun_lux);
+        sunlight_lux(a->set->scene, a->set->rays, a->points.at, a->points.count, sun,
+                     a->weather->sun ? m->direct_normal_lux : 0.0, a->sun_lux);
     }
     measures_add(d, m->clock, m->span, lux, lux ? a->sun_lux : NULL, a->points.count, a->sensors);
     a->occupied += measures_occupied(d, m->clock) ? m->span : 0.0;
@@ -188,14 +190,14 @@ static enum err light_frame(struct annual *a, double *open_lux, struct reason *w
     if (e)
         return e;
     irradiance_upward(a->environment, a->weights, rgb);
-    *open_lux = DAYLIGHT_EFFICACY * (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]);
+    *open_lux = LUMINOUS_EFFICACY * luminance_of(a->desc.weights, rgb);
     e = relighter_run(a->relighter, a->environment, &a->light, a->rgb, &stats);
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for its light", a->frame.name) : e;
     const float *lo = relighter_points(a->relighter);
     for (size_t i = 0; i < a->points.count; i++) {
         sensor_radiance(lo, a->first_packet + (uint32_t)i, rgb);
-        a->lux[i] = (float)(PI * DAYLIGHT_EFFICACY * (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]));
+        a->lux[i] = (float)(PI * LUMINOUS_EFFICACY * luminance_of(a->desc.weights, rgb));
     }
     return ERR_OK;
 }
@@ -206,7 +208,8 @@ static double picture_mean(struct annual *a)
     double sum = 0.0;
 
     for (size_t i = 0; i < pixels; i++) {
-        a->cdm2[i] = (float)DAYLIGHT_EFFICACY * rgb_luminance(a->rgb[3 * i], a->rgb[3 * i + 1], a->rgb[3 * i + 2]);
+        const double rgb[3] = { a->rgb[3 * i], a->rgb[3 * i + 1], a->rgb[3 * i + 2] };
+        a->cdm2[i] = (float)(LUMINOUS_EFFICACY * luminance_of(a->desc.weights, rgb));
         sum += a->cdm2[i];
     }
     return sum / (double)pixels;
@@ -236,7 +239,7 @@ static void fill_row(struct annual *a, const struct moment *m, double open_lux, 
         [LEDGER_AZIMUTH] = azimuth < 0.0 ? azimuth + 360.0 : azimuth,
         [LEDGER_DIRECT_NORMAL] = m->direct_normal,
         [LEDGER_DIFFUSE] = m->diffuse,
-        [LEDGER_OPEN_LUX] = moment_global_lux(m),
+        [LEDGER_OPEN_LUX] = moment_open_lux(m, a->weather->sun, a->weather->sky),
         [LEDGER_RENDERED_LUX] = open_lux,
         [LEDGER_MEAN_LUX] = any ? sum / (double)a->points.count : NAN,
         [LEDGER_LEAST_LUX] = any ? least : NAN,

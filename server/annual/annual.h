@@ -10,6 +10,7 @@
 #define ANNUAL_ANNUAL_H
 
 #include "base/err.h"
+#include "base/luminance.h"
 #include "daylight/measures.h"
 #include "settings/settings.h"
 
@@ -21,7 +22,8 @@ struct annual_desc {
     const char *sensors;  /* of points_read; NULL: none */
     const char *pictures; /* MM-DDTHH:MM, several with commas between; "seasons": three hours of four days; "none" */
     struct measures_desc measures;
-    bool resume; /* keep the rows of an earlier run with the same settings */
+    enum luminance_weights weights; /* of illuminances and luminances */
+    bool resume;                    /* keep the rows of an earlier run with the same settings */
 };
 
 /* Errors are those of daylight_open, points_read, set_create, relighter_run and ledger_open. ERR_USAGE: the source is

@@ -21,7 +21,7 @@ enum ledger_column {
     LEDGER_AZIMUTH,       /* from north over east, degrees */
     LEDGER_DIRECT_NORMAL, /* W m^-2 */
     LEDGER_DIFFUSE,       /* W m^-2 */
-    LEDGER_OPEN_LUX,      /* horizontal in the open, of the weather, */
+    LEDGER_OPEN_LUX,      /* horizontal in the open, of the weather (of what only= leaves), */
     LEDGER_RENDERED_LUX,  /* and of the sky that lit the scene */
     LEDGER_MEAN_LUX,      /* of the sensors */
     LEDGER_LEAST_LUX,

@@ -35,12 +35,15 @@ static const struct moment *moment_of(const struct annual *a, const struct annua
 
 static enum err read_one(struct annual *a, const char *text, struct reason *why)
 {
-    int month = 0, day = 0, hour = 0, minute = 0, used = 0;
+    unsigned month = 0, day = 0, hour = 0, minute = 0;
+    int used = 0;
 
-    if (sscanf(text, "%2d-%2dT%2d:%2d%n", &month, &day, &hour, &minute, &used) != 4 || text[used])
+    if (sscanf(text, "%2u-%2uT%2u:%2u%n", &month, &day, &hour, &minute, &used) != 4 || text[used])
         return err_say(why, ERR_USAGE, "--pictures: '%s' is not MM-DDTHH:MM, as 03-21T09:30; or seasons, or none",
                        text);
-    enum err e = add(a, month, day, hour + minute / 60.0, why);
+    if (hour > 23 || minute > 59)
+        return err_say(why, ERR_USAGE, "--pictures: %s has no time of day; expected 00:00 to 23:59", text);
+    enum err e = add(a, (int)month, (int)day, hour + minute / 60.0, why);
     if (!e && !moment_of(a, &a->pictures[a->picture_count - 1]))
         e = err_say(why, ERR_USAGE, "--pictures: %s is not among the lit hours of %s", text, a->weather->file);
     return e;

@@ -33,7 +33,8 @@ static enum err take_line(struct points *p, const char *path, unsigned number, c
         if (end == at || !isfinite(v[k]) || fabs(v[k]) > 1e7)
             return err_say(why, ERR_FORMAT, "%s: line %u: number %d of x y z nx ny nz is missing or none", path, number,
                            k + 1);
-        at = end + strspn(end, ",");
+        at = end + strspn(end, " \t");
+        at += k < 5 && *at == ',';
     }
     if (at[strspn(at, " \t\r\n")])
         return err_say(why, ERR_FORMAT, "%s: line %u: more than the six numbers x y z nx ny nz", path, number);
@@ -259,49 +260,48 @@ static void find_bounds(const struct scene *s, struct grid *g)
             }
 }
 
-/* The height of the surface at (u, v), the topmost. False: it is not there. */
-static bool height_at(const struct scene *s, const struct grid *g, double u, double v, double *out)
-{
-    size_t mesh = 0;
-    uint32_t triangle = 0;
-    double p[3][3];
-    bool found = false;
+/* The points of the grid: u = first[0] + i spacing, v = first[1] + j spacing. */
+struct lattice {
+    uint32_t cells[2];
+    double first[2];
+    double *height; /* [cells[1]][cells[0]]: of the surface there, the topmost, m; -INFINITY: it is not there */
+};
 
-    while (next_triangle(s, g, &mesh, &triangle, p)) {
-        const double a[2] = { p[1][0] - p[0][0], p[1][1] - p[0][1] }, b[2] = { p[2][0] - p[0][0], p[2][1] - p[0][1] };
-        const double x[2] = { u - p[0][0], v - p[0][1] }, det = a[0] * b[1] - a[1] * b[0];
-        const double i = (x[0] * b[1] - x[1] * b[0]) / det, j = (a[0] * x[1] - a[1] * x[0]) / det;
-        if (!(fabs(det) > 1e-12) || i < -1e-9 || j < -1e-9 || i + j > 1.0 + 1e-9)
-            continue;
-        const double h = p[0][2] + i * (p[1][2] - p[0][2]) + j * (p[2][2] - p[0][2]);
-        *out = found ? fmax(*out, h) : h;
-        found = true;
+/* Raises the points that lie over one triangle. */
+static void raise_points(const struct grid *g, const double p[3][3], struct lattice *l)
+{
+    const double a[2] = { p[1][0] - p[0][0], p[1][1] - p[0][1] }, b[2] = { p[2][0] - p[0][0], p[2][1] - p[0][1] };
+    const double det = a[0] * b[1] - a[1] * b[0];
+    int64_t from[2], until[2];
+
+    if (!(fabs(det) > 1e-12))
+        return;
+    for (int k = 0; k < 2; k++) {
+        const double low = fmin(p[0][k], fmin(p[1][k], p[2][k])), high = fmax(p[0][k], fmax(p[1][k], p[2][k]));
+        from[k] = (int64_t)fmax(0.0, floor((low - l->first[k]) / g->spacing));
+        until[k] = (int64_t)fmin(l->cells[k] - 1.0, ceil((high - l->first[k]) / g->spacing));
     }
-    return found;
+    for (int64_t j = from[1]; j <= until[1]; j++)
+        for (int64_t i = from[0]; i <= until[0]; i++) {
+            const double x = l->first[0] + g->spacing * (double)i - p[0][0];
+            const double y = l->first[1] + g->spacing * (double)j - p[0][1];
+            const double s = (x * b[1] - y * b[0]) / det, t = (a[0] * y - a[1] * x) / det;
+            double *height = &l->height[(size_t)j * l->cells[0] + (size_t)i];
+            if (s >= -1e-9 && t >= -1e-9 && s + t <= 1.0 + 1e-9)
+                *height = fmax(*height, p[0][2] + s * (p[1][2] - p[0][2]) + t * (p[2][2] - p[0][2]));
+        }
 }
 
-/* Points in the middle of whole cells; the rest is left free at either side. */
-static enum err lay_grid(const struct scene *s, const struct grid *g, struct points *out, struct reason *why)
+static enum err add_points(const struct grid *g, const struct lattice *l, struct points *out, struct reason *why)
 {
-    uint64_t cells[2];
-    double first[2];
     enum err e = ERR_OK;
 
-    for (int a = 0; a < 2; a++) {
-        const double length = g->high[a] - g->low[a] - 2.0 * g->margin;
-        cells[a] = length > 0.0 ? (uint64_t)fmax(1.0, floor(length / g->spacing + 1e-6)) : 0;
-        first[a] = 0.5 * (g->low[a] + g->high[a] - g->spacing * (double)cells[a]) + 0.5 * g->spacing;
-    }
-    if (cells[0] * cells[1] > 50 * (uint64_t)POINTS_MAX)
-        return err_say(why, ERR_RANGE, "--sensors: %s is %.3g m x %.3g m: more than %d sensors at spacing=%g", g->name,
-                       g->high[0] - g->low[0], g->high[1] - g->low[1], POINTS_MAX, g->spacing);
-    for (uint64_t j = 0; j < cells[1] && !e; j++)
-        for (uint64_t i = 0; i < cells[0] && !e; i++) {
-            const double u = first[0] + g->spacing * (double)i, v = first[1] + g->spacing * (double)j;
-            double h;
-            if (!height_at(s, g, u, v, &h))
+    for (uint32_t j = 0; j < l->cells[1] && !e; j++)
+        for (uint32_t i = 0; i < l->cells[0] && !e; i++) {
+            const double u = l->first[0] + g->spacing * i, v = l->first[1] + g->spacing * j;
+            const double h = l->height[(size_t)j * l->cells[0] + i] + g->height;
+            if (!isfinite(h))
                 continue;
-            h += g->height;
             const struct sensor one = {
                 vec3_make((float)(u * g->u[0] + v * g->v[0] + h * g->normal[0]),
                           (float)(u * g->u[1] + v * g->v[1] + h * g->normal[1]),
@@ -310,7 +310,40 @@ static enum err lay_grid(const struct scene *s, const struct grid *g, struct poi
             };
             e = add(out, &one, g->name, why);
         }
+    return e;
+}
+
+/* Points in the middle of whole cells; the rest is left free at either side. */
+static enum err lay_grid(const struct scene *s, const struct grid *g, struct points *out, struct reason *why)
+{
+    struct lattice l = { .height = NULL };
+    size_t mesh = 0;
+    uint32_t triangle = 0;
+    double p[3][3], cells[2];
+
+    for (int a = 0; a < 2; a++) {
+        const double length = g->high[a] - g->low[a] - 2.0 * g->margin;
+        cells[a] = length > 0.0 ? fmax(1.0, floor(length / g->spacing + 1e-6)) : 0.0;
+        l.first[a] = 0.5 * (g->low[a] + g->high[a] - g->spacing * cells[a]) + 0.5 * g->spacing;
+    }
+    if (cells[0] * cells[1] > 50.0 * POINTS_MAX)
+        return err_say(why, ERR_RANGE, "--sensors: %s is %.3g m x %.3g m: more than %d sensors at spacing=%g", g->name,
+                       g->high[0] - g->low[0], g->high[1] - g->low[1], POINTS_MAX, g->spacing);
     out->spacing = g->spacing;
+    if (!(cells[0] * cells[1] > 0.0))
+        return ERR_OK;
+    for (int a = 0; a < 2; a++)
+        l.cells[a] = (uint32_t)cells[a];
+    const size_t count = (size_t)l.cells[0] * l.cells[1];
+    l.height = mem_alloc_raw(count, sizeof(*l.height));
+    if (!l.height)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    for (size_t i = 0; i < count; i++)
+        l.height[i] = -INFINITY;
+    while (next_triangle(s, g, &mesh, &triangle, p))
+        raise_points(g, (const double(*)[3])p, &l);
+    const enum err e = add_points(g, &l, out, why);
+    mem_free(l.height);
     return e;
 }
 

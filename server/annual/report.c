@@ -99,17 +99,40 @@ static void set_real(json_t *j, const char *key, double v)
     json_object_set_new(j, key, isnan(v) ? json_null() : json_real(v));
 }
 
+/* Text that is not UTF-8 counts as Latin-1, as many weather files have it. */
+static void text_in_utf8(const char *text, char *out, size_t size)
+{
+    json_t *valid = json_string(text);
+    size_t used = 0;
+
+    for (const unsigned char *c = (const unsigned char *)text; *c && used + 3 < size; c++) {
+        if (!valid && *c >= 0x80)
+            out[used++] = (char)(0xc0 | *c >> 6);
+        out[used++] = (char)(!valid && *c >= 0x80 ? 0x80 | (*c & 0x3f) : *c);
+    }
+    out[used] = '\0';
+    json_decref(valid);
+}
+
+static json_t *text_json(const char *text)
+{
+    char utf8[LEDGER_PATH];
+
+    text_in_utf8(text, utf8, sizeof(utf8));
+    return json_string(utf8);
+}
+
 static json_t *summary_json(const struct annual *a, const struct measures_summary *m)
 {
     const struct daylight *w = a->weather;
     json_t *j = json_object(), *place = json_object();
 
-    json_object_set_new(place, "name", json_string(w->weather.place));
+    json_object_set_new(place, "name", text_json(w->weather.place));
     set_real(place, "latitude", w->weather.latitude);
     set_real(place, "longitude", w->weather.longitude);
     json_object_set_new(j, "place", place);
-    json_object_set_new(j, "weather_file", json_string(w->file));
-    json_object_set_new(j, "scene", json_string(a->set->name));
+    json_object_set_new(j, "weather_file", text_json(w->file));
+    json_object_set_new(j, "scene", text_json(a->set->name));
     json_object_set_new(j, "method", json_string(method_name(a->light.direct.method)));
     json_object_set_new(j, "lit_hours", json_integer((json_int_t)a->ledger.count));
     json_object_set_new(j, "missing_hours", json_integer((json_int_t)w->year.missing));
@@ -251,9 +274,12 @@ static enum err map_hours(struct annual *a, struct reason *why)
 /* ---- The page ---- */
 
 /* Text for HTML. */
-static void print_text(FILE *f, const char *text)
+static void print_text(FILE *f, const char *bytes)
 {
-    for (; *text; text++)
+    char utf8[LEDGER_PATH];
+
+    text_in_utf8(bytes, utf8, sizeof(utf8));
+    for (const char *text = utf8; *text; text++)
         switch (*text) {
         case '<': fputs("&lt;", f); break;
         case '>': fputs("&gt;", f); break;

@@ -1,11 +1,14 @@
 #include "annual/sunlight.h"
 
+#include "base/luminance.h"
 #include "base/vec.h"
+#include "scene/coverage.h"
 #include "daylight/sun.h"
 
 #include <math.h>
 
-#define NEAR 1e-4f /* m: a sensor on a surface does not meet it */
+#define NEAR 1e-4f    /* m: a sensor on a surface does not meet it */
+#define LAYERS_MAX 32 /* panes and partly transparent surfaces of a ray */
 
 /* Directions of equal shares of the disc: Vogel's spiral. */
 static void fill_directions(const double sun[3], struct ray16 *ray)
@@ -22,6 +25,53 @@ static void fill_directions(const double sun[3], struct ray16 *ray)
         ray->dir_y[k] = d.y;
         ray->dir_z[k] = d.z;
     }
+}
+
+/* Whether rays pass surfaces at random: through thin glass and fractional coverage. */
+static bool has_panes(const struct scene *s)
+{
+    for (size_t k = 0; k < s->material_count; k++)
+        if (s->materials[k].thin || s->materials[k].alpha_mode == ALPHA_BLEND)
+            return true;
+    return false;
+}
+
+/* The share of the sun's luminance that gets to a point along one direction, through all panes in between. */
+static double passed_along(const struct scene *scene, const struct rays *rays, struct vec3 from, struct vec3 dir)
+{
+    const float sharp[2][2] = { { 0.0f } };
+    double left[3] = { 1.0, 1.0, 1.0 };
+    float near = NEAR, passed[3];
+    struct hit h;
+    bool varies;
+
+    for (int k = 0; k < LAYERS_MAX && rays_see(rays, from, dir, near, 0.0f, &h, &varies); k++) {
+        struct scatter at;
+        rays_surface(rays, &h, vec3_scale(dir, -1.0f), &at.surface);
+        scatter_on(scene, &h, NULL, &at);
+        (void)coverage_seen(scene, &h, &at, dir, sharp, passed);
+        for (int c = 0; c < 3; c++)
+            left[c] *= passed[c];
+        if (!(left[0] + left[1] + left[2] > 1e-4))
+            return 0.0;
+        near = nextafterf(h.t, INFINITY);
+    }
+    return luminance_of(LUMINANCE_REC709, left);
+}
+
+/* The mean over the disc. Only where some ray meets the sun are all of them weighted by the panes on their way. */
+static double seen_through(const struct scene *scene, const struct rays *rays, const struct ray16 *directions,
+                           const struct sensor *s, double open)
+{
+    double sum = 0.0;
+
+    for (int k = 0; k < PACKET; k++) {
+        const struct vec3 d = vec3_make(directions->dir_x[k], directions->dir_y[k], directions->dir_z[k]);
+        sum += passed_along(scene, rays, s->position, d);
+        if (!(open > 0.0) && !(sum > 0.0) && k >= 1) /* two rays: a dark pane may have let none of sixteen pass */
+            return 0.0;
+    }
+    return sum / PACKET;
 }
 
 static double seen(const struct rays *rays, const struct ray16 *directions, const struct sensor *s)
@@ -47,9 +97,10 @@ static double seen(const struct rays *rays, const struct ray16 *directions, cons
     return (double)open / PACKET;
 }
 
-void sunlight_lux(const struct rays *rays, const struct sensor *sensors, size_t count, const double sun[3],
-                  double normal_lux, float *lux)
+void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
+                  const double sun[3], double normal_lux, float *lux)
 {
+    const bool panes = has_panes(scene);
     struct ray16 directions;
 
     fill_directions(sun, &directions);
@@ -57,7 +108,12 @@ void sunlight_lux(const struct rays *rays, const struct sensor *sensors, size_t 
     for (size_t i = 0; i < count; i++) {
         const struct vec3 n = sensors[i].normal;
         const double cosine = n.x * sun[0] + n.y * sun[1] + n.z * sun[2];
-        const bool lit = normal_lux > 0.0 && sun[1] > 0.0 && cosine > 0.0;
-        lux[i] = lit ? (float)(normal_lux * cosine * seen(rays, &directions, &sensors[i])) : 0.0f;
+        lux[i] = 0.0f;
+        if (!(normal_lux > 0.0 && sun[1] > 0.0 && cosine > 0.0))
+            continue;
+        double share = seen(rays, &directions, &sensors[i]);
+        if (panes)
+            share = seen_through(scene, rays, &directions, &sensors[i], share);
+        lux[i] = (float)(normal_lux * cosine * share);
     }
 }

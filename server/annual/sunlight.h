@@ -1,6 +1,7 @@
 /* server/annual/sunlight.h */
 /* The illuminance of sensors by the sun's disc alone, without reflections: what annual sunlight exposure counts.
- * Sixteen rays go to places all over the disc. Thread: one; all OpenMP threads are used. */
+ * Sixteen rays go to places all over the disc; panes of thin glass weight each by their transmittance, for luminance.
+ * Thread: one; all OpenMP threads are used. */
 #ifndef ANNUAL_SUNLIGHT_H
 #define ANNUAL_SUNLIGHT_H
 
@@ -10,7 +11,7 @@
 #include <stddef.h>
 
 /* sun: unit, towards its centre. normal_lux: its illuminance at normal incidence. lux: [count]. */
-void sunlight_lux(const struct rays *rays, const struct sensor *sensors, size_t count, const double sun[3],
-                  double normal_lux, float *lux);
+void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
+                  const double sun[3], double normal_lux, float *lux);
 
 #endif

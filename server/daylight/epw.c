@@ -25,16 +25,17 @@ struct field {
     const char *name;
     double least, most, missing;
     bool optional; /* older files end before it */
+    bool whole;
 };
 
-static const struct field month_field = { 1, "month", 1, 12, INFINITY, false };
-static const struct field day_field = { 2, "day", 1, 31, INFINITY, false };
-static const struct field hour_field = { 3, "hour", 1, 24, INFINITY, false };
-static const struct field dew_field = { 7, "dew point temperature", -90, 70, 99.9, false };
-static const struct field direct_field = { 14, "direct normal radiation", 0, 1500, 9999, false };
-static const struct field diffuse_field = { 15, "diffuse horizontal radiation", 0, 1500, 9999, false };
-static const struct field direct_lux_field = { 17, "direct normal illuminance", 0, 200000, 999900, true };
-static const struct field diffuse_lux_field = { 18, "diffuse horizontal illuminance", 0, 200000, 999900, true };
+static const struct field month_field = { 1, "month", 1, 12, INFINITY, false, true };
+static const struct field day_field = { 2, "day", 1, 31, INFINITY, false, true };
+static const struct field hour_field = { 3, "hour", 1, 24, INFINITY, false, true };
+static const struct field dew_field = { 7, "dew point temperature", -90, 70, 99.9, false, false };
+static const struct field direct_field = { 14, "direct normal radiation", 0, 1500, 9999, false, false };
+static const struct field diffuse_field = { 15, "diffuse horizontal radiation", 0, 1500, 9999, false, false };
+static const struct field direct_lux_field = { 17, "direct normal illuminance", 0, 200000, 999900, true, false };
+static const struct field diffuse_lux_field = { 18, "diffuse horizontal illuminance", 0, 200000, 999900, true, false };
 
 /* ---- Lines and fields ---- */
 
@@ -87,6 +88,9 @@ static enum err take_number(const struct line *l, const struct field *f, double 
     if (*out < f->least || *out > f->most)
         return err_say(why, ERR_RANGE, "%s: line %u: field %d, the %s, is %g; expected %g to %g", l->file, l->number,
                        f->index + 1, f->name, *out, f->least, f->most);
+    if (f->whole && *out != floor(*out))
+        return err_say(why, ERR_FORMAT, "%s: line %u: field %d, the %s, is %.20s; expected a whole number", l->file,
+                       l->number, f->index + 1, f->name, text);
     return ERR_OK;
 }
 
@@ -94,9 +98,9 @@ static enum err take_number(const struct line *l, const struct field *f, double 
 
 static enum err take_location(const struct line *l, struct epw *out, struct reason *why)
 {
-    static const struct field latitude = { 6, "latitude", -90, 90, INFINITY, false };
-    static const struct field longitude = { 7, "longitude", -180, 180, INFINITY, false };
-    static const struct field zone = { 8, "time zone", -12, 14, INFINITY, false };
+    static const struct field latitude = { 6, "latitude", -90, 90, INFINITY, false, false };
+    static const struct field longitude = { 7, "longitude", -180, 180, INFINITY, false, false };
+    static const struct field zone = { 8, "time zone", -12, 14, INFINITY, false, false };
     enum err e = take_number(l, &latitude, &out->latitude, why);
 
     if (!e)
@@ -111,7 +115,7 @@ static enum err take_location(const struct line *l, struct epw *out, struct reas
 /* Lines up to DATA PERIODS, which says how many records an hour has. */
 static enum err take_header(char **text, struct line *l, struct epw *out, struct reason *why)
 {
-    static const struct field per_hour = { 2, "number of records per hour", 1, 60, INFINITY, false };
+    static const struct field per_hour = { 2, "number of records per hour", 1, 60, INFINITY, false, false };
     double n = 1.0;
     enum err e;
 
@@ -202,14 +206,31 @@ static enum err take_records(char **text, struct line *l, struct epw *out, struc
     return ERR_OK;
 }
 
+/* A zero byte would end the text before the file does. */
+static enum err refuse_zero_byte(const char *name, const char *text, size_t size, struct reason *why)
+{
+    const char *zero = memchr(text, '\0', size);
+    unsigned line = 1, field = 1;
+
+    for (const char *c = text; zero && c < zero; c++) {
+        field = *c == '\n' ? 1 : field + (*c == ',');
+        line += *c == '\n';
+    }
+    return zero ? err_say(why, ERR_FORMAT, "%s: line %u: field %u has a zero byte; expected text", name, line, field)
+                : ERR_OK;
+}
+
 enum err epw_parse(const char *name, char *text, size_t size, struct epw *out, struct reason *why)
 {
     struct line line = { .file = name };
 
     *out = (struct epw){ .count = 0 };
+    enum err e = refuse_zero_byte(name, text, size, why);
+    if (e)
+        return e;
     if (size >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) /* of UTF-8 */
         text += 3;
-    enum err e = take_header(&text, &line, out, why);
+    e = take_header(&text, &line, out, why);
     if (!e)
         e = take_records(&text, &line, out, why);
     if (e)

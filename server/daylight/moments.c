@@ -85,9 +85,9 @@ static void light(const struct epw *w, const struct moments_desc *d, double dew_
         m->direct_normal_lux = m->diffuse_lux = 0.0;
 }
 
-double moment_global_lux(const struct moment *m)
+double moment_open_lux(const struct moment *m, bool sun, bool sky)
 {
-    return m->diffuse_lux + (m->sun[1] > 0.0 ? m->sun[1] * m->direct_normal_lux : 0.0);
+    return (sky ? m->diffuse_lux : 0.0) + (sun ? m->direct_normal_lux * fmax(m->sun[1], 0.0) : 0.0);
 }
 
 /* ---- Choosing ---- */

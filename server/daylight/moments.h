@@ -51,8 +51,8 @@ MUST_CHECK enum err moments_choose(const struct epw *w, const struct moments_des
                                    struct moments *out, struct reason *why);
 void moments_finish(struct moments *m); /* zeroed memory is allowed */
 
-/* Horizontal illuminance in the open, lx. */
-double moment_global_lux(const struct moment *m);
+/* Horizontal illuminance in the open by the sun, the sky, or both, lx. */
+double moment_open_lux(const struct moment *m, bool sun, bool sky);
 
 /* "21 March, 9:30" into out. */
 void moment_name(const struct moment *m, char *out, size_t size);

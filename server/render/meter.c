@@ -6,13 +6,13 @@
 #include "render/render_parts.h"
 
 #include "base/log.h"
+#include "base/luminance.h"
 #include "base/mem.h"
 #include "env/irradiance.h"
 
 #include <math.h>
 
-#define LUMINOUS_EFFICACY 179.0 /* lm/W [Ward 1994] */
-#define SIDE 160                /* pixels of the longer side, at most */
+#define SIDE 160 /* pixels of the longer side, at most */
 #define SAMPLES 8
 #define EYE_PATHS 2
 #define PARTICLES 50000 /* where there are mirrors or glass */
@@ -144,7 +144,7 @@ enum err render_calibrate(struct render *r, struct reason *why)
     if (!e) {
         irradiance_weights(n, weights);
         irradiance_upward(r->environment, weights, rgb);
-        const double lux = LUMINOUS_EFFICACY * (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]);
+        const double lux = LUMINOUS_EFFICACY * luminance_of(r->desc.weights, rgb);
         if (!(lux > 0.0 && isfinite(lux)))
             e = err_say(why, ERR_RANGE, "--calibrate: %s has no light from above", frame.name);
         else

@@ -6,6 +6,7 @@
 #ifndef RENDER_RENDER_H
 #define RENDER_RENDER_H
 
+#include "base/luminance.h"
 #include "light/decide.h"
 #include "output/output.h"
 #include "probe/probe_report.h"
@@ -19,14 +20,15 @@ struct render_desc {
     /* With EXPOSURE_AUTO: the number of the frame that is measured; the first one if none is given. */
     bool exposure_frame_given;
     uint64_t exposure_frame;
-    double calibrate_lux;   /* scale the environment so that the first frame's horizontal illuminance in the open is
-                               this; 0: as it is */
-    bool layers;            /* of EXR: not by a reference method, nor with a target or alpha */
-    const char *stats_path; /* JSON, one object per frame; "-": standard output; NULL: none */
-    bool resume;            /* keep pictures that are there */
-    struct ranks *ranks;    /* NULL: this process renders all frames */
-    bool collect;           /* rank 0 writes the pictures of all ranks */
-    bool split;             /* ranks light each frame together, instead of one rank per frame */
+    double calibrate_lux; /* scale the environment so that the first frame's horizontal illuminance in the open is
+                             this; 0: as it is */
+    enum luminance_weights weights;    /* of calibrate_lux */
+    bool layers;                       /* of EXR: not by a reference method, nor with a target or alpha */
+    const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
+    bool resume;                       /* keep pictures that are there */
+    struct ranks *ranks;               /* NULL: this process renders all frames */
+    bool collect;                      /* rank 0 writes the pictures of all ranks */
+    bool split;                        /* ranks light each frame together, instead of one rank per frame */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };
 

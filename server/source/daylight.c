@@ -1,6 +1,7 @@
 #include "source/daylight.h"
 
 #include "base/log.h"
+#include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
 #include "daylight/reinhart.h"
@@ -283,8 +284,8 @@ static enum err open_standard(struct keys *k, struct reason *why)
         .lit = true,
         .diffuse_lux = k->lux,
         .direct_normal_lux = k->direct,
-        .diffuse = k->lux / DAYLIGHT_EFFICACY,
-        .direct_normal = k->direct / DAYLIGHT_EFFICACY,
+        .diffuse = k->lux / LUMINOUS_EFFICACY,
+        .direct_normal = k->direct / LUMINOUS_EFFICACY,
         .altitude = k->altitude,
         .sun = { -cos(k->altitude) * sin(k->azimuth), sin(k->altitude), cos(k->altitude) * cos(k->azimuth) },
     };

@@ -13,8 +13,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DAYLIGHT_EFFICACY 179.0 /* lm/W: luminance in cd m^-2 over the radiance of white [Ward 1994] */
-
 /* The keys of specs, one line each, for --help and the documentation. */
 extern const char *const daylight_help;
 

@@ -1,5 +1,6 @@
 #include "source/daylight.h"
 
+#include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
 #include "daylight/reinhart.h"
@@ -100,7 +101,7 @@ static double rows_irradiance(const struct daylight *d, double elevation, const 
 static void render_sun(const struct daylight *d, const struct moment *m, const double w[3], float *rgb)
 {
     const double solid_angle = 2.0 * PI * (1.0 - cos(SUN_RADIUS)), elevation = fmax(m->altitude, LOWEST_SUN);
-    const double want = d->scale * m->direct_normal_lux * sin(m->altitude) / DAYLIGHT_EFFICACY;
+    const double want = d->scale * m->direct_normal_lux * sin(m->altitude) / LUMINOUS_EFFICACY;
     const struct sky_desc size = { .width = d->width, .height = d->height };
     struct sky_state sun = { .sun_elevation = elevation,
                              .sun_direction = { w[0], w[1], w[2] },
@@ -143,10 +144,9 @@ void daylight_render(const struct daylight *d, const struct moment *m, float *rg
     else
         perez_pattern(dome.theta, m->clearness, m->brightness, &dome.pattern);
     fill_table(&dome);
-    render_dome(&dome, d->sky ? d->scale * m->diffuse_lux / DAYLIGHT_EFFICACY : 0.0, rgb);
-    const double global =
-        (d->sky ? m->diffuse_lux : 0.0) + (d->sun ? m->direct_normal_lux * fmax(m->sun[1], 0.0) : 0.0);
-    const float ground = (float)(d->ground_albedo * d->scale * global / (DAYLIGHT_EFFICACY * PI));
+    render_dome(&dome, d->sky ? d->scale * m->diffuse_lux / LUMINOUS_EFFICACY : 0.0, rgb);
+    const float ground =
+        (float)(d->ground_albedo * d->scale * moment_open_lux(m, d->sun, d->sky) / (LUMINOUS_EFFICACY * PI));
     for (size_t i = (size_t)d->height / 2 * d->width * 3; i < (size_t)d->height * d->width * 3; i++)
         rgb[i] = ground;
     render_sun(d, m, w, rgb);

@@ -1,5 +1,6 @@
 #include "source/sky_model.h"
 
+#include "base/luminance.h"
 #include "base/vec.h"
 
 #include <assert.h>
@@ -75,7 +76,7 @@ void sky_sun_radiance(double elevation, double turbidity, double rgb[3])
         const double watts = solar_spectrum(um) * exp(-mass * optical_depth(um, turbidity)) * 1e-3 * step;
         colour_matching(nm, match);
         for (int c = 0; c < 3; c++)
-            xyz[c] += 683.0 / SKY_EFFICACY * watts * match[c];
+            xyz[c] += 683.0 / LUMINOUS_EFFICACY * watts * match[c];
     }
     const double solid_angle = 2.0 * PI * (1.0 - cos(SKY_SUN_RADIUS)), sum = xyz[0] + xyz[1] + xyz[2];
     sky_rgb_from_xyy(xyz[0] / sum, xyz[1] / sum, xyz[1] / solid_angle, rgb);
@@ -313,7 +314,7 @@ void sky_state_fill(const struct sky_desc *d, struct sky_state *s)
 {
     struct sky_dome *dome = &s->dome;
     double mean[3], irradiance[3];
-    const double units = d->scale / SKY_EFFICACY; /* per cd m^-2 */
+    const double units = d->scale / LUMINOUS_EFFICACY; /* per cd m^-2 */
 
     dome_shape(d, s->sun_elevation, dome);
     /* Measure the distribution at level 1, then set the level: first the night's, whose distribution is the gradation

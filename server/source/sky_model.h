@@ -8,7 +8,6 @@
 #include "source/sky.h"
 
 #define SKY_SUN_RADIUS SUN_RADIUS /* radians */
-#define SKY_EFFICACY 179.0        /* lm/W: luminance in cd m^-2 over the radiance of white [Ward 1994] */
 
 /* Radiance of the sun's disc through the atmosphere (linear Rec.709, W sr^-1 m^-2 as in sky.h); elevation in radians.
  */

@@ -19,6 +19,7 @@ struct render {
     struct render_desc desc;
     double fps;                        /* 0: no time is set */
     int bits;                          /* of PNG: 8 or 16 */
+    int weights;                       /* enum luminance_weights */
     struct components_desc components; /* out.text NULL: they are not asked for */
     struct annual_desc annual;         /* folder NULL: it is not asked for */
     struct probe_request probe;        /* about a pixel, */
@@ -40,6 +41,12 @@ static const struct setting_choice reinhart_choices[] = {
 static const struct setting_choice bits_choices[] = {
     { "8", 8, "as screens have them", 0 },
     { "16", 16, "for further processing", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+static const struct setting_choice luminance_choices[] = {
+    { "rec709", LUMINANCE_REC709, "0.2126 R + 0.7152 G + 0.0722 B", 0 },
+    { "radiance", LUMINANCE_RADIANCE, "0.265 R + 0.670 G + 0.065 B, as Radiance's programs have it", 0 },
     { NULL, 0, NULL, 0 },
 };
 
@@ -90,6 +97,8 @@ static const struct setting rows[] = {
       NULL, OUTPUT, TEXT, AT(annual.sensors) },
     { "pictures", "HOURS", "with --annual: pictures of these hours, MM-DDTHH:MM with commas between; seasons; or none",
       "seasons", OUTPUT, TEXT, AT(annual.pictures) },
+    { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
+      OUTPUT, CHOICE(luminance_choices), AT(weights) },
     { "probe", "X,Y", "print where this pixel's light comes from, one JSON object per frame; makes --out optional",
       NULL, OUTPUT, TEXT },
     { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT,
@@ -253,6 +262,8 @@ static void report_ignored(struct command *c, const struct render *r)
         log_warning("--rate has no effect: it is for video files");
     if (!r->annual.folder && (command_given(c, "sensors") || command_given(c, "pictures")))
         log_warning("--sensors and --pictures have no effect without --annual");
+    if (!r->annual.folder && r->desc.calibrate_lux <= 0.0 && command_given(c, "luminance"))
+        log_warning("--luminance has no effect without --annual or --calibrate");
     if (!r->components.out.text && command_given(c, "reinhart"))
         log_warning("--reinhart has no effect without --components");
 }
@@ -270,6 +281,7 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
     if (!e)
         e = read_out(c, r, why);
     s->set_desc.progress = true;
+    d->weights = (enum luminance_weights)r->weights;
     d->probe = r->probing ? &r->probe : NULL;
     d->output.tone = s->initial.tone;
     d->output.quality = (int)s->quality;
@@ -318,6 +330,7 @@ static enum err run_annual(struct render *r, struct reason *why)
     r->annual.setup = r->desc.setup;
     r->annual.measures = measures_lm83;
     r->annual.resume = r->desc.resume;
+    r->annual.weights = (enum luminance_weights)r->weights;
     return annual_run(&r->annual, why);
 }
 

@@ -93,12 +93,31 @@ what_makes_no_year_is_refused() {
     expect 2 'not for --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --split-frames
     expect 2 '03-21T02:00 is not among the lit hours' "$render" --annual "$work/no" --source "epw:$work/x.epw" \
         --pictures 03-21T02:00
+    expect 2 '03-21T09:75 has no time of day; expected 00:00 to 23:59' "$render" --annual "$work/no" \
+        --source "epw:$work/x.epw" --pictures 03-21T09:75
     printf '1 2 3 0 1 0\n1 2 3 0 0\n' >"$work/sensors.txt"
     expect 1 'sensors.txt: line 2: number 6 of x y z nx ny nz is missing' "$render" --annual "$work/no" \
         --source "epw:$work/x.epw" --sensors "$work/sensors.txt" --size 16x9
     sed -i '12s/^2021,1,1,\([0-9]*\),/2021,1,1,\1x,/' "$work/x.epw"
     expect 1 "line 12: field 4, the hour, is '4x', which is not a number" "$render" --annual "$work/no" \
         --source "epw:$work/x.epw"
+}
+
+# Only the sky: the weather's column has the sky alone too. A name in Latin-1 becomes UTF-8.
+what_is_left_out_is_left_out_of_the_weather() {
+    weather
+    sed -i '1s/Generated/Malm\xf6/' "$work/x.epw"
+    year sky ,days=06-21,hours=10-14,only=sky --pictures none --luminance radiance
+    python3 - "$work/sky" <<'PY'
+import csv, json, pathlib, sys
+out = pathlib.Path(sys.argv[1])
+for h in csv.DictReader(open(out / "hours.csv")):
+    want = float(h["open_horizontal_lx"])
+    assert abs(float(h["rendered_open_horizontal_lx"]) / want - 1) < 0.03, h
+assert json.load(open(out / "summary.json"))["place"]["name"].startswith("Malm\u00f6, ")
+assert "Malm\u00f6, " in (out / "index.html").read_text()
+assert all(float(s["sunlit_hours"]) == 0 for s in csv.DictReader(open(out / "sensors.csv")))
+PY
 }
 
 # A uniform map has pi times its radiance; after --calibrate it is the standard's uniform sky of as many lux, over a white ground.

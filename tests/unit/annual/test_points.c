@@ -1,7 +1,9 @@
 /* Sensors: grids over surfaces, files, their light and the sun's disc alone. */
 #include "annual/points.h"
 #include "annual/sunlight.h"
+#include "base/luminance.h"
 #include "base/mem.h"
+#include "scene/scatter.h"
 #include "scene/sensors.h"
 #include "support/unit.h"
 
@@ -84,7 +86,7 @@ static void bad_grids_are_refused(void **state)
 
 static void files_are_read_line_by_line(void **state)
 {
-    static const char text[] = "# a comment\n1 2 3 0 0 -2\n\n1.5,2,3, 0,1,0 # above\n";
+    static const char text[] = "# a comment\n1 2 3 0 0 -2\n\n1.5,2 , 3,\t0,1,0 # above\n";
     char path[] = "/tmp/points.XXXXXX";
     const int fd = mkstemp(path);
     struct points p;
@@ -99,6 +101,30 @@ static void files_are_read_line_by_line(void **state)
     assert_true(fabs(p.spacing - 0.5) < 1e-6);
     points_finish(&p);
     unlink(path);
+}
+
+static void bad_lines_are_refused(void **state)
+{
+    static const struct {
+        const char *text, *expected;
+    } cases[] = { { "1 2 3 0 1 0\n1,,2 3 0 1 0\n", "line 2: number 2 of" },
+                  { "1 2 3 0 1 0,\n", "line 1: more than the six numbers" },
+                  { "1 2 3 0 1\n", "line 1: number 6 of" },
+                  { "1 2 3 0 0 0\n", "line 1: the normal has no length" } };
+
+    (void)state;
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        char path[] = "/tmp/points.XXXXXX";
+        const int fd = mkstemp(path);
+        struct points p;
+        struct reason why = { "" };
+        assert_true(write(fd, cases[k].text, strlen(cases[k].text)) == (ssize_t)strlen(cases[k].text));
+        close(fd);
+        assert_int_equal(points_read(path, NULL, &p, &why), ERR_FORMAT);
+        unlink(path);
+        if (!strstr(why.text, cases[k].expected))
+            fail_msg("'%s'; expected '%s'", why.text, cases[k].expected);
+    }
 }
 
 /* Above the slab: all of the sun, times the cosine; below it, nothing; on its edge, about half; facing away, nothing.
@@ -117,10 +143,36 @@ static void the_suns_disc_is_seen_or_not(void **state)
 
     (void)state;
     struct rays *rays = rays_create(s);
-    sunlight_lux(rays, at, 4, sun, 50000.0, lux);
+    sunlight_lux(s, rays, at, 4, sun, 50000.0, lux);
     assert_true(fabsf(lux[0] - 40000.0f) < 0.1f && lux[1] == 0.0f && lux[2] == 0.0f);
     assert_true(lux[3] > 40000.0f * 0.3f && lux[3] < 40000.0f * 0.7f);
     rays_destroy(rays);
+    discard(s);
+}
+
+/* Below a slab of tinted thin glass, whose two sides the sun crosses: its light times their transmittance, twice. */
+static void the_sun_behind_a_tinted_pane_is_weighted_by_its_transmittance(void **state)
+{
+    static const float tints[3] = { 0.05f, 0.5f, 0.97f };
+    const double sun[3] = { 0.6, 0.8, 0.0 };
+    const struct sensor at = { { 0.0f, 0.5f, 0.0f }, { 0.0f, 1.0f, 0.0f } };
+    struct scene *s = slab();
+
+    (void)state;
+    for (int k = 0; k < 3; k++) {
+        const struct vec3 tint = vec3_make(tints[k], 0.8f * tints[k], 0.5f * tints[k]);
+        float lux;
+        s->materials[0] = (struct material){ .kind = MATERIAL_GLASS, .diffuse = tint, .ior = 1.5f, .thin = 1 };
+        s->materials[0].texture = s->materials[0].alpha_texture = MATERIAL_NO_TEXTURE;
+        const struct vec3 once = sheet_at(1.5f, tint, 0.8f).passed;
+        const double twice[3] = { once.x * once.x, once.y * once.y, once.z * once.z };
+        struct rays *rays = rays_create(s);
+        sunlight_lux(s, rays, &at, 1, sun, 50000.0, &lux);
+        const double want = 40000.0 * luminance_of(LUMINANCE_REC709, twice);
+        if (!(fabs(lux - want) < 2e-3 * want)) /* the disc is not a point */
+            fail_msg("a tint of %g: %g lx; expected %g", (double)tints[k], (double)lux, want);
+        rays_destroy(rays);
+    }
     discard(s);
 }
 
@@ -148,8 +200,12 @@ static void sensors_follow_the_cameras_packets(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(a_grid_lies_over_the_upper_side),    cmocka_unit_test(bad_grids_are_refused),
-    cmocka_unit_test(files_are_read_line_by_line),        cmocka_unit_test(the_suns_disc_is_seen_or_not),
+    cmocka_unit_test(a_grid_lies_over_the_upper_side),
+    cmocka_unit_test(bad_grids_are_refused),
+    cmocka_unit_test(files_are_read_line_by_line),
+    cmocka_unit_test(bad_lines_are_refused),
+    cmocka_unit_test(the_sun_behind_a_tinted_pane_is_weighted_by_its_transmittance),
+    cmocka_unit_test(the_suns_disc_is_seen_or_not),
     cmocka_unit_test(sensors_follow_the_cameras_packets),
 };
 

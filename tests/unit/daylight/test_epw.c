@@ -71,12 +71,25 @@ static void bad_files_are_refused_with_line_and_field(void **state)
     refuse(",600,", ",-600,", "line 5: field 15, the direct normal radiation, is -600; expected 0 to 1500");
     refuse(",80,", ",8O,", "line 5: field 16, the diffuse horizontal radiation, is '8O'");
     refuse(",3,21,", ",13,21,", "line 5: field 2, the month, is 13");
+    refuse(",3,21,", ",3.5,21,", "line 5: field 2, the month, is 3.5; expected a whole number");
+    refuse(",21,12,", ",21,11.5,", "line 5: field 4, the hour, is 11.5; expected a whole number");
     refuse(",3,21,", ",2,30,", "line 5: field 3: month 2 has no day 30");
     refuse("9999,0,600,80,999999,999999,999999,9999,0,0,0,0\n", "9999,0\n",
            "line 5: has 14 fields; field 15, the direct normal radiation, is missing");
     refuse("2021,3,21,12,0,?9,10.0,5.0,70,101325,9999,9999,9999,0,600,80,999999,999999,999999,9999,0,0,0,0\n", "",
            "the file ends after the header");
     refuse("DATA PERIODS,1,1,Data,Sunday, 1/ 1,12/31\n2021", "2021", "before DATA PERIODS");
+}
+
+static void a_zero_byte_is_refused_with_line_and_field(void **state)
+{
+    char text[] = "LOCATION,x,y\nDESIGN\n2021,3,2\0001,12\n";
+    struct reason why = { "" };
+    struct epw w;
+
+    (void)state;
+    assert_int_equal(epw_parse("x.epw", text, sizeof(text) - 1, &w, &why), ERR_FORMAT);
+    assert_string_equal(why.text, "x.epw: line 3: field 3 has a zero byte; expected text");
 }
 
 static void choose(const struct epw *w, const struct moments_desc *d, struct moments *out)
@@ -197,7 +210,7 @@ static void efficacies_are_applied(void **state)
     d.lm_per_w = 179.0;
     choose(&w, &d, &m);
     assert_true(m.at[12].direct_normal_lux == 500.0 * 179.0 && m.at[12].diffuse_lux == 100.0 * 179.0);
-    assert_true(fabs(moment_global_lux(&m.at[12]) - 179.0 * (100.0 + 500.0 * m.at[12].sun[1])) < 1e-6);
+    assert_true(fabs(moment_open_lux(&m.at[12], true, true) - 179.0 * (100.0 + 500.0 * m.at[12].sun[1])) < 1e-6);
     moments_finish(&m);
     w.records[12].diffuse_lux = 7000.0;
     w.records[12].direct_normal_lux = 40000.0;
@@ -212,6 +225,7 @@ static void efficacies_are_applied(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_year_is_read),
     cmocka_unit_test(bad_files_are_refused_with_line_and_field),
+    cmocka_unit_test(a_zero_byte_is_refused_with_line_and_field),
     cmocka_unit_test(moments_cover_the_year_and_missing_hours_are_named),
     cmocka_unit_test(days_hours_and_steps_are_chosen),
     cmocka_unit_test(the_sun_is_where_it_should_be),

@@ -1,5 +1,6 @@
 /* Skies of weather files and of the standard as environment maps: the horizontal illuminance of the open plane, by the
  * function that lights scenes. */
+#include "base/luminance.h"
 #include "daylight/weather.h"
 #include "env/environment.h"
 #include "env/irradiance.h"
@@ -59,7 +60,7 @@ static double open_lux(struct light *l, const struct daylight *d, const struct m
     daylight_render(d, m, l->frame.rgb);
     assert_int_equal(environment_update(l->environment, &l->frame, &why), ERR_OK);
     irradiance_upward(l->environment, l->weights, rgb);
-    return DAYLIGHT_EFFICACY * rgb[1];
+    return LUMINOUS_EFFICACY * rgb[1];
 }
 
 static struct daylight *open_sky(const char *format, const char *path)
@@ -92,7 +93,7 @@ static void open_illuminance_is_the_files(void **state)
         low += lowest;
         if (i % 83 != 0 && !lowest)
             continue;
-        const double error = open_lux(&l, d, m) / moment_global_lux(m) - 1.0;
+        const double error = open_lux(&l, d, m) / moment_open_lux(m, true, true) - 1.0;
         if (fabs(error) > 0.01)
             fail_msg("sun at %.2f degrees: %.3f %% off", m->altitude * 57.3, 100.0 * error);
     }

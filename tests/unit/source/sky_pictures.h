@@ -8,6 +8,7 @@
 #include "source/sky.h"
 #include "source/sky_model.h"
 #include "source/sky_sun.h"
+#include "base/luminance.h"
 #include "base/vec.h"
 
 #include <math.h>
@@ -35,7 +36,7 @@ static inline double luminance(const double rgb[3])
 /* Illuminance in lux out of an irradiance in output units. */
 static inline double lux(const struct sky_desc *d, const double irradiance[3])
 {
-    return luminance(irradiance) * SKY_EFFICACY / d->scale;
+    return luminance(irradiance) * LUMINOUS_EFFICACY / d->scale;
 }
 
 static inline float *render(const struct sky_desc *d, const struct sky_state *s)

@@ -1,0 +1,22 @@
+/* server/base/luminance.h */
+/* Photometric units of pictures: linear Rec.709 in W sr^-1 m^-2 to luminance in cd m^-2, by Radiance's convention of
+ * 179 lm/W for white [Ward 1994]. Thread: any. */
+#ifndef BASE_LUMINANCE_H
+#define BASE_LUMINANCE_H
+
+#define LUMINOUS_EFFICACY 179.0 /* lm/W: luminance in cd m^-2 over the radiance of white */
+
+/* Weights of red, green and blue; each triple adds up to 1, so that grey light has the same luminance by all. */
+enum luminance_weights {
+    LUMINANCE_REC709,   /* 0.2126, 0.7152, 0.0722 [ITU-R BT.709-6] */
+    LUMINANCE_RADIANCE, /* 0.265, 0.670, 0.065, those of Radiance's own primaries [Ward 1994] */
+};
+
+/* In the unit of rgb; times LUMINOUS_EFFICACY: cd m^-2. */
+static inline double luminance_of(enum luminance_weights w, const double rgb[3])
+{
+    return w == LUMINANCE_RADIANCE ? 0.265 * rgb[0] + 0.670 * rgb[1] + 0.065 * rgb[2]
+                                   : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+#endif
