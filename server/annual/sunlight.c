@@ -27,8 +27,7 @@ static void fill_directions(const double sun[3], struct ray16 *ray)
     }
 }
 
-/* Whether rays pass surfaces at random: through thin glass and fractional coverage. */
-static bool has_panes(const struct scene *s)
+bool sunlight_has_panes(const struct scene *s)
 {
     for (size_t k = 0; k < s->material_count; k++)
         if (s->materials[k].thin || s->materials[k].alpha_mode == ALPHA_BLEND)
@@ -100,7 +99,7 @@ static double seen(const struct rays *rays, const struct ray16 *directions, cons
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
                   const double sun[3], double normal_lux, float *lux)
 {
-    const bool panes = has_panes(scene);
+    const bool panes = sunlight_has_panes(scene);
     struct ray16 directions;
 
     fill_directions(sun, &directions);

@@ -8,7 +8,11 @@
 #include "scene/rays.h"
 #include "scene/sensors.h"
 
+#include <stdbool.h>
 #include <stddef.h>
+
+/* Whether rays pass surfaces at random: through thin glass and fractional coverage. */
+bool sunlight_has_panes(const struct scene *s);
 
 /* sun: unit, towards its centre. normal_lux: its illuminance at normal incidence. lux: [count]. */
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,

@@ -63,11 +63,12 @@ static const struct packet_list *left_by_cache(const struct bounce *bounce, cons
 static void add_eye_paths(const struct set *set, const struct bounce *bounce, struct scratch *scratch,
                           const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
 {
-    const uint32_t behind = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
+    const uint32_t lit = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
+    const uint32_t behind = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? lit : 0);
     const struct packet_list *left = left_by_cache(bounce, p);
     struct eye_paths_desc eye = {
-        .classes = relight_plan_classes(p, PLAN_EYE),
-        .behind_classes = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? behind : 0),
+        .classes = desc->classes & relight_plan_classes(p, PLAN_EYE),
+        .behind_classes = desc->classes & behind,
         .paths = p->eye_paths,
         .seed = rng_mix(desc->direct.seed, 0x657965),
         .pass = desc->direct.pass,
@@ -88,7 +89,7 @@ static void add_eye_paths(const struct set *set, const struct bounce *bounce, st
 /* Particles aimed at the casters, and particles for the whole scene: each run has the plan's number. */
 static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
 {
-    const uint32_t all = relight_plan_classes(p, PLAN_LIGHT);
+    const uint32_t all = desc->classes & relight_plan_classes(p, PLAN_LIGHT);
     const uint32_t runs[2] = { all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC), all & PATH_INDIRECT_LIT };
 
     for (int k = 0; k < 2; k++)

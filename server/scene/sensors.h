@@ -6,12 +6,14 @@
 
 #include "scene/gbuffer.h"
 
+#define SENSOR_RADIUS 0.005f /* m: as of the head of a photometer */
+
 struct sensor {
     struct vec3 position; /* m */
     struct vec3 normal;   /* unit */
 };
 
-/* Adds one packet per sensor, with 16 equal points whose random numbers differ, so that their mean has less noise.
+/* Adds one packet per sensor, with 16 points spread over a disc of SENSOR_RADIUS, so that their mean has less noise.
  * Returns the index of the first packet in *first. Call it before anything else uses g. ERR_NOMEM: g is unchanged. */
 MUST_CHECK enum err gbuffer_add_sensors(struct gbuffer *g, const struct sensor *sensors, uint32_t count,
                                         uint32_t *first);

@@ -191,7 +191,13 @@ static void sensors_follow_the_cameras_packets(void **state)
     assert_int_equal(first, 3);
     assert_int_equal(g.packet_count, 5);
     assert_int_equal(g.point_count, 40 + 32);
-    assert_true(g.packets[1].x[3] == 7.0f && g.packets[4].y[15] == 5.0f && g.packets[4].ns_x[0] == 1.0f);
+    assert_true(g.packets[1].x[3] == 7.0f && g.packets[4].x[15] == 4.0f && g.packets[4].ns_x[0] == 1.0f);
+    for (int l = 0; l < PACKET; l++) { /* all at places of their own, across the normal */
+        const float y = g.packets[4].y[l] - 5.0f, z = g.packets[4].z[l] - 6.0f;
+        assert_true(y * y + z * z <= SENSOR_RADIUS * SENSOR_RADIUS * 1.001f);
+        for (int k = 0; k < l; k++)
+            assert_true(g.packets[4].y[k] != g.packets[4].y[l] || g.packets[4].z[k] != g.packets[4].z[l]);
+    }
     for (int l = 0; l < PACKET; l++)
         lo[(4 * 3 + 1) * PACKET + l] = (float)l;
     sensor_radiance(lo, 4, rgb);
