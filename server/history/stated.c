@@ -6,12 +6,15 @@
 
 #define SOFT 1e-2    /* of relMSE */
 #define LEAST 1e-12f /* of an estimate, which may be below 0 */
+#define AROUND 0.25f /* of the mean of the pixels around: x at least */
+#define COUNTS 4     /* measurements */
 
 struct stated {
     const struct gbuffer *g;
-    float *scale; /* [height][width][3]: 1 / (x^2 + 1e-2 m^2) */
-    bool seen;    /* it is filled */
-    double error; /* 0: unknown */
+    float *scale;   /* [height][width][3]: 1 / (x^2 + 1e-2 m^2) */
+    bool seen;      /* it is filled */
+    double error;   /* 0: unknown */
+    uint32_t taken; /* measurements in it */
 };
 
 struct stated *stated_create(const struct gbuffer *g)
@@ -39,9 +42,10 @@ void stated_destroy(struct stated *s)
 void stated_forget(struct stated *s)
 {
     s->error = 0.0;
+    s->taken = 0;
 }
 
-/* At least the mean of the pixels around. */
+/* At least a part of the mean of the pixels around. */
 static float light_at(const struct gbuffer *g, const float *rgb, uint32_t x, uint32_t y, size_t c)
 {
     float sum = 0.0f, count = 0.0f;
@@ -49,7 +53,7 @@ static float light_at(const struct gbuffer *g, const float *rgb, uint32_t x, uin
     for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < g->height; v++)
         for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < g->width; u++, count += 1.0f)
             sum += rgb[3 * ((size_t)v * g->width + u) + c];
-    return fmaxf(rgb[3 * ((size_t)y * g->width + x) + c], sum / count);
+    return fmaxf(rgb[3 * ((size_t)y * g->width + x) + c], AROUND * sum / count);
 }
 
 void stated_see(struct stated *s, const float *rgb)
@@ -99,7 +103,11 @@ void stated_take(struct stated *s, const float *const half[2], const float *cons
 
     for (uint32_t pixel = 0; pixel < pixels && s->seen; pixel++)
         sum += pixel_error(s, pixel, half, more, shown);
-    s->error = s->seen ? fmax(by * sum / (3.0 * pixels), LEAST) : 0.0;
+    if (!s->seen)
+        return;
+    s->taken = s->taken < COUNTS ? s->taken + 1 : COUNTS;
+    const double to = STATED_PER * sum / (3.0 * pixels);
+    s->error = fmax(sqrt(by) * (s->error + (to - s->error) / s->taken), LEAST);
 }
 
 double stated_error(const struct stated *s)

@@ -1,5 +1,6 @@
 #include "light/beside.h"
 
+#include "light/backplate.h"
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "history/history.h"
@@ -15,16 +16,20 @@
  * minutes. */
 #define BRIGHTEST 4.0
 
+#define MOST_PATHS 2 /* of a point, where eye paths find caustics */
+
 struct beside {
     const struct set *set;
     struct denoiser *denoiser;
     struct history *history;
     size_t points, values; /* floats of all shade points, of a picture */
+    size_t images;         /* 1; with a ground 2: the second is for splats on it */
     float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
     float *stored[2];      /* [packet_count][3][16], as the next */
     float *shown;
-    float *image, *rest; /* [height][width][3]; rest: splats without a shade point, the mean of the halves */
-    uint64_t sky;        /* a digest of the last picture's */
+    float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over pictures */
+    uint32_t pictures;   /* in rest: since the sky or the estimator changed */
+    uint64_t key, sky;   /* of the last picture; sky: a digest */
     const struct relight_desc *grows; /* the picture's, if stored paths are to grow; else NULL */
 };
 
@@ -39,13 +44,14 @@ struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
     b->denoiser = denoiser;
     b->points = (size_t)g->packet_count * 3 * PACKET;
     b->values = (size_t)g->width * g->height * 3;
+    b->images = set->scene->ground.radius > 0.0f ? 2 : 1;
     b->history = history_create(g, denoiser);
     b->weight = mem_alloc((size_t)g->packet_count * PACKET, sizeof(float));
     for (int k = 0; k < 2; k++)
         b->stored[k] = mem_alloc(b->points, sizeof(float));
     b->shown = mem_alloc(b->points, sizeof(float));
-    b->image = mem_alloc(b->values, sizeof(float));
-    b->rest = mem_alloc(b->values, sizeof(float));
+    b->image = mem_alloc(b->images * b->values, sizeof(float));
+    b->rest = mem_alloc(b->images * b->values, sizeof(float));
     if (!b->history || !b->weight || !b->stored[0] || !b->stored[1] || !b->shown || !b->image || !b->rest) {
         beside_destroy(b);
         return NULL;
@@ -87,8 +93,7 @@ static uint64_t digest_of(const struct environment *e)
 
 bool beside_wanted(const struct set *set, const struct relight_desc *desc)
 {
-    return desc->remember && set->facts.casters > 0 && !(set->scene->ground.radius > 0.0f) &&
-           desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+    return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
 
 static void begin(struct beside *b, uint64_t key, const struct environment *e)
@@ -97,8 +102,13 @@ static void begin(struct beside *b, uint64_t key, const struct environment *e)
 
     history_begin(b->history, key);
     history_hold(b->history, sky == b->sky);
+    if (key != b->key || sky != b->sky) {
+        memset(b->rest, 0, b->images * b->values * sizeof(float));
+        b->pictures = 0;
+    }
+    b->pictures++;
+    b->key = key;
     b->sky = sky;
-    memset(b->rest, 0, b->values * sizeof(float));
 }
 
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
@@ -111,28 +121,37 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     b->grows = relight_plan_later(desc, plan) ? desc : NULL;
     *own = *eye;
     own->cancel = desc->direct.cancel;
-    own->classes = 0;
+    own->classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
     own->behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
     own->most = 3.0 * BRIGHTEST * e->total_energy / PI;
-    own->paths = own->behind_classes ? eye->paths : 0;
+    own->paths = own->classes ? MOST_PATHS : own->behind_classes ? eye->paths : 0;
+    eye->classes &= PATH_INDIRECT_LIT;
     eye->behind_classes &= PATH_INDIRECT_LIT;
     if (!(eye->classes | eye->behind_classes))
         eye->paths = 0;
 }
 
-/* Moves the splats of a pixel to its shade points in lo. */
-static void move_pixel(struct beside *b, size_t pixel, float *lo)
+/* Whether a point takes splats of image 0 or 1. */
+static bool takes(const struct beside *b, uint32_t point, size_t image)
+{
+    const uint32_t material = b->set->gbuffer->packets[point / PACKET].material[point % PACKET];
+
+    return b->weight[point] > 0.0f && (b->images == 1 || b->set->scene->materials[material].ground == (image == 1));
+}
+
+/* Moves a pixel's splats of image 0 or 1 to its shade points in lo. */
+static void move_pixel(struct beside *b, size_t pixel, size_t image, float *lo)
 {
     const struct gbuffer *g = b->set->gbuffer;
-    float *splats = b->image + 3 * pixel, *rest = b->rest + 3 * pixel;
+    float *splats = b->image + image * b->values + 3 * pixel, *rest = b->rest + image * b->values + 3 * pixel;
     float sum = 0.0f;
 
     for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
-        if (b->weight[g->entries[k].point] > 0.0f)
+        if (takes(b, g->entries[k].point, image))
             sum += g->entries[k].weight[0];
     for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1] && sum > 0.0f; k++) {
         const uint32_t point = g->entries[k].point;
-        if (!(b->weight[point] > 0.0f))
+        if (!takes(b, point, image))
             continue;
         float *to = lo + (size_t)(point / PACKET) * 3 * PACKET + point % PACKET;
         for (size_t c = 0; c < 3; c++)
@@ -145,9 +164,9 @@ static void move_pixel(struct beside *b, size_t pixel, float *lo)
 
 static void move_splats(struct beside *b, float *lo)
 {
-    for (size_t pixel = 0; pixel < b->values / 3; pixel++)
-        if (b->image[3 * pixel] + b->image[3 * pixel + 1] + b->image[3 * pixel + 2] > 0.0f)
-            move_pixel(b, pixel, lo);
+    for (size_t k = 0; k < b->images * b->values; k += 3)
+        if (b->image[k] + b->image[k + 1] + b->image[k + 2] > 0.0f)
+            move_pixel(b, k % b->values / 3, k / b->values, lo);
 }
 
 /* Both halves of the stored light. Until there is other light to show, the store grows only enough for this picture. */
@@ -176,6 +195,7 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
 
     if (desc->particles == 0)
         return ERR_OK;
+    own.ground = b->images > 1 ? b->image + b->values : NULL;
     own.particles = (desc->particles + 1) / 2;
     own.pass = 0;
     own.seed = rng_mix(desc->seed, 2 * history_turn(b->history) + k);
@@ -222,8 +242,10 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
 
     for (int k = 0; k < 2 && !result; k++)
         result = run_half(b, s, caustics, e, passes, k, stats);
-    if (result || is_cancelled(cancel))
+    if (result || is_cancelled(cancel)) {
+        b->sky = 0; /* rest has a part of this picture: it begins anew */
         return result;
+    }
     if (!stats->bias && passes->eye_beside.paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
     const float *const stored[2] = { b->stored[0], b->stored[1] };
@@ -240,9 +262,17 @@ struct stated *beside_stated(struct beside *b)
     return history_stated(b->history);
 }
 
-void beside_finish(const struct beside *b, float *rgb)
+enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e, float *rgb)
 {
+    const float share = 1.0f / (float)b->pictures;
+    float *to = ground ? backplate_splats(ground) : rgb;
+
+    if (!to)
+        return ERR_NOMEM;
 #pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < b->values; i++)
-        rgb[i] += b->rest[i];
+    for (size_t i = 0; i < b->images * b->values; i++)
+        to[i] += share * b->rest[i];
+    if (ground)
+        backplate_add_splats(ground, e, rgb);
+    return ERR_OK;
 }

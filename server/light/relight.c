@@ -79,7 +79,7 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     struct plan plan;
 
     *ms = 0.0;
-    relight_plan(r->set, r->cache.bounce.bounce, NULL, desc, &plan);
+    relight_plan(r->set, r->cache.bounce.bounce, NULL, desc, false, &plan);
     const uint32_t stored = beside_wanted(r->set, desc) ? 0 : relight_plan_classes(&plan, PLAN_STORED);
     enum err e =
         relight_is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
@@ -210,7 +210,7 @@ static void leave_out(const struct relighter *r, const struct picture_passes *p,
 
     for (uint32_t k = 0; left && k < left->count; k++)
         final[left->index[k]] = 1.0f;
-    for (uint32_t i = 0; p->eye[0].paths > 0 && i < g->packet_count; i++)
+    for (uint32_t i = 0; p->eye[0].paths > 0 && p->eye[0].behind_classes && i < g->packet_count; i++)
         if (memchr(g->packets[i].behind, 1, PACKET))
             final[i] = 1.0f;
 }
@@ -387,8 +387,8 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
     const double start = clock_seconds();
     resolve(r, e, passes->background, rgb);
     const double resolved = clock_seconds();
-    if (passes->beside)
-        beside_finish(passes->beside, rgb);
+    if (passes->beside && !result)
+        result = beside_finish(passes->beside, r->passes.backplate, e, rgb);
     if (!result)
         result = run_light_tracer(r, e, passes, rgb, stats, costs);
     if (!result)
@@ -488,7 +488,7 @@ enum err relighter_describe(struct relighter *r, const struct environment *e, co
     enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
     if (result)
         return result;
-    relight_plan(r->set, r->cache.bounce.bounce, e, desc, &stats->plan);
+    relight_plan(r->set, r->cache.bounce.bounce, e, desc, relight_caustics_serve(&r->caustics), &stats->plan);
     relight_plan_passes(r->set, r->cache.bounce.bounce, r->passes.scratch, desc, &stats->plan, passes);
     result = relighter_denoiser(r, desc, &passes->denoiser);
     if (!result)

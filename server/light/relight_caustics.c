@@ -11,6 +11,7 @@
 
 #define PATHS_PER_PIXEL 64 /* stored by default */
 #define PARTS_STILL 64     /* if none is redrawn, for the progress line only */
+#define SERVES 8           /* 1 / the share of its parts from which a live picture's store is better than eye paths */
 #define PARTS_AT_ONCE 2    /* of a live picture: one for either half */
 
 void relight_caustics_finish(struct relight_caustics *c)
@@ -121,13 +122,23 @@ enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_
 {
     const double start = clock_seconds();
     const struct caustic_store_stats *s = caustic_store_stats(c->store);
-    enum err e;
+    enum err e = ERR_OK;
 
+    stats->stored = *s;
+    if (relight_caustics_serve(c) && s->splats == 0) /* the camera sees none of them */
+        return ERR_OK;
     do
         e = caustic_store_grow(c->store, turn_of(desc), PARTS_AT_ONCE, desc->direct.cancel);
     while (!e && s->renewed > 0 && s->filled < s->parts && clock_seconds() - start < seconds);
     stats->stored = *s;
     return e;
+}
+
+bool relight_caustics_serve(const struct relight_caustics *c)
+{
+    const struct caustic_store_stats *s = c->store ? caustic_store_stats(c->store) : NULL;
+
+    return s && s->filled * SERVES >= s->parts;
 }
 
 enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, const struct relight_desc *desc,

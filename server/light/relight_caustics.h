@@ -24,6 +24,9 @@ MUST_CHECK enum err relight_caustics_begin(struct relight_caustics *c, const str
 MUST_CHECK enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_desc *desc, double seconds,
                                           struct relight_stats *stats);
 
+/* True once the store of live pictures has grown enough to light them better than eye paths. */
+bool relight_caustics_serve(const struct relight_caustics *c);
+
 /* Adds the light of one half of the store, 0 or 1, to rgb, as far as it has grown. Call it for half 0 first. ERR_NOMEM.
  */
 MUST_CHECK enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e,

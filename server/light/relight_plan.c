@@ -6,8 +6,9 @@
 #include "base/rng.h"
 
 void relight_plan(const struct set *set, const struct bounce *bounce, const struct environment *e,
-                  const struct relight_desc *desc, struct plan *out)
+                  const struct relight_desc *desc, bool grown, struct plan *out)
 {
+    const bool live = beside_wanted(set, desc);
     struct plan_wish wish = {
         .caustics = desc->classes & PATH_CAUSTICS,
         .indirect = desc->classes & PATH_INDIRECT,
@@ -16,13 +17,12 @@ void relight_plan(const struct set *set, const struct bounce *bounce, const stru
         .particles = desc->particles,
         .eye_paths = desc->eye_paths,
         .samples = desc->direct.samples,
-        .stored = desc->direct.method == METHOD_CACHED,
+        .stored = desc->direct.method == METHOD_CACHED && (grown || !live),
     };
     struct plan_facts facts = set->facts;
 
     if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0 && e)
         facts.peakedness = facts_peakedness(e);
-    const bool live = beside_wanted(set, desc);
     if (live && wish.particles == 0) /* those of the pictures before count too */
         wish.particles = facts.pixels;
     plan_make(&facts, &wish, out);

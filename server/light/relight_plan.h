@@ -9,9 +9,9 @@
 bool relight_is_cached(const struct relight_desc *desc);
 
 /* bounce: the cache of interreflection, or NULL. e may be NULL: the estimator of caustics is then undecided unless they
- * are stored. */
+ * are stored. grown: relight_caustics_serve, before which live pictures under a soft sky take eye paths. */
 void relight_plan(const struct set *set, const struct bounce *bounce, const struct environment *e,
-                  const struct relight_desc *desc, struct plan *out);
+                  const struct relight_desc *desc, bool grown, struct plan *out);
 
 /* The classes that the plan assigns to `who`. */
 uint32_t relight_plan_classes(const struct plan *p, enum plan_estimator who);

@@ -157,6 +157,28 @@ static void pictures_learn_and_forget(void **state)
     stage_finish(&other);
 }
 
+/* Under cloud, eye paths find caustics until the store has grown. Then it takes over, and they must not count twice:
+ * the light that the points' history keeps has none. Caustics are 5 % of this picture's light. */
+static void another_estimator_takes_over(void **state)
+{
+    struct stage s = ring(sky_overcast(64, 32));
+    struct relight_desc light = caustics;
+    struct relight_stats stats;
+    float want[VALUES];
+    (void)state;
+
+    light.classes = PATH_ALL;
+    converge(&s, &light, want);
+    for (light.turn = 0; light.turn < PICTURES; light.turn++) {
+        light.caustics = light.turn < PICTURES / 2 ? PLAN_EYE : PLAN_STORED;
+        run(&s, &light, &stats);
+        printf("%s: %+.2f %%, relMSE %.1e\n", plan_estimator_name(stats.plan.caustics),
+               100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
+        assert_float_equal(brightness(s.rgb) / brightness(want), 1.0, 0.02);
+    }
+    stage_finish(&s);
+}
+
 /* A path that meets a sun behind glass is a speck: in live pictures it has a limit, and interreflection behind glass
  * joins the history of the points. */
 static void paths_behind_glass_have_a_limit(void **state)
@@ -184,6 +206,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_store_grows_while_pictures_are_made),
     cmocka_unit_test(they_are_the_light_of_other_pictures),
     cmocka_unit_test(pictures_learn_and_forget),
+    cmocka_unit_test(another_estimator_takes_over),
     cmocka_unit_test(paths_behind_glass_have_a_limit),
 };
 UNIT_MAIN(tests)

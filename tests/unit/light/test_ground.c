@@ -319,6 +319,60 @@ static void caustics_of_a_sun_agree(void **state)
     stand_destroy(s);
 }
 
+static double brightness(const float *rgb)
+{
+    double sum = 0.0;
+
+    for (int v = 0; v < 3 * PIXELS; v++)
+        sum += (double)rgb[v] / (3 * PIXELS);
+    return sum;
+}
+
+/* The squared difference of two pictures. */
+static double apart(const float *a, const float *b)
+{
+    double sum = 0.0;
+
+    for (int v = 0; v < 3 * PIXELS; v++)
+        sum += ((double)a[v] - (double)b[v]) * ((double)a[v] - (double)b[v]);
+    return sum;
+}
+
+/* Live pictures carry caustics on the ground over from picture to picture: they are the light of other pictures, within
+ * 6 %, and change less and less: without a history, the eighth differs from the seventh as much as the second from the
+ * first. */
+static void live_caustics_get_better(void **state)
+{
+    struct stand *s = stand_on(shop(), true, false, sky_with_sun(64, 32, 200.0f));
+    struct relight_desc light = { .direct = { .method = METHOD_AUTO, .samples = 4 },
+                                  .classes = PATH_CAUSTICS,
+                                  .particles = 500000,
+                                  .caustics = PLAN_LIGHT };
+    static float before[3 * PIXELS];
+    double change[8];
+    (void)state;
+
+    run(s, &light);
+    const double want = brightness(s->rgb);
+    for (int k = 0; k < 2; k++) {
+        light.caustics = k ? PLAN_STORED : PLAN_LIGHT;
+        light.particles = 4000;
+        light.stored_paths = 100000;
+        light.renew = 64;
+        light.denoise = light.remember = true;
+        for (light.turn = 0; light.turn < 8; light.turn++) {
+            memcpy(before, s->rgb, sizeof(before));
+            run(s, &light);
+            change[light.turn] = apart(s->rgb, before);
+        }
+        printf("%s: %+.1f %%, changes by %.3g, then by %.3g\n", plan_estimator_name(light.caustics),
+               100.0 * (brightness(s->rgb) / want - 1.0), change[1], change[7]);
+        assert_float_equal(brightness(s->rgb) / want, 1.0, 0.06);
+        assert_true(change[7] < 0.3 * change[1]);
+    }
+    stand_destroy(s);
+}
+
 /* Foreground and alpha over the background are the picture; the sky has alpha 0, the models 1. */
 static void a_split_picture_adds_up(void **state)
 {
@@ -425,6 +479,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(beside_nothing_it_is_the_background),
     cmocka_unit_test(all_light_agrees_by_every_estimator),
     cmocka_unit_test(caustics_of_a_sun_agree),
+    cmocka_unit_test(live_caustics_get_better),
     cmocka_unit_test(a_split_picture_adds_up),
     cmocka_unit_test(a_sky_without_light_from_above_stays),
     cmocka_unit_test(what_cannot_stand_is_refused),
