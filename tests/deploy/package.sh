@@ -22,6 +22,21 @@ a_package_can_be_made() {
     dpkg-deb -e "$packed/relightd.deb" "$packed/control"
 }
 
+# Made again later and with another umask, it is the same to the bit. (Uncompressed, which takes less time.)
+it_can_be_reproduced() {
+    need dpkg-shlibdeps
+    local mask
+    for mask in 022 002; do
+        mkdir "$work/$mask"
+        (cd "$work" && umask $mask &&
+            cpack -G DEB --config "${RELIGHT_BUILD:?}/CPackConfig.cmake" -D CPACK_DEBIAN_COMPRESSION_TYPE=none -B "$work/$mask") \
+            >"$work/log" 2>&1 || { cat "$work/log"; fail "cpack"; }
+        sleep 1.1 # times in the archive are in seconds
+    done
+    cmp "$work"/022/*.deb "$work"/002/*.deb || fail "two packages of one build differ"
+    [ "$(dpkg-deb -f "$work"/002/*.deb Package)" = relightd ] || fail "no package"
+}
+
 it_holds_what_is_to_be_installed() {
     local program file
     for program in $programs; do
