@@ -201,16 +201,16 @@ static bool print_choices(const struct command *c)
 /* A flag that prints something and ends the program. */
 static bool print_asked(const struct command *c, const char *flag)
 {
+    static const char completion[] = "--print-completion-";
+
     if (strcmp(flag, "--help") == 0 || strcmp(flag, "-h") == 0)
         command_print_help(c);
     else if (strcmp(flag, "--version") == 0)
         printf("%s %s\n", c->name, RELIGHT_VERSION);
     else if (strcmp(flag, "--print-manual") == 0)
         command_print_manual(c);
-    else if (strcmp(flag, "--print-completion") == 0)
-        command_print_completion(c);
     else
-        return false;
+        return strncmp(flag, completion, strlen(completion)) == 0 && command_print_completion(c, flag + strlen(completion));
     return true;
 }
 

@@ -49,7 +49,7 @@ bool command_flag_equals(const struct command_flag *a, const struct command_flag
 void command_default(struct command *c, const char *name, const char *initial);
 
 /* Parses argv. --help, --version and `--FLAG help` of a flag with choices print to stdout and set *done; the program
- * then exits with 0. So do --print-manual and --print-completion, which the build uses to generate man pages and
+ * then exits with 0. So do --print-manual and --print-completion-SHELL, which the build uses to generate man pages and
  * completions and which --help omits. ERR_USAGE names the offending argument. Values point into argv. */
 MUST_CHECK enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why);
 
@@ -67,7 +67,9 @@ bool command_given(const struct command *c, const char *name);
 
 /* command_print.c: to stdout. */
 void command_print_help(const struct command *c);
-void command_print_manual(const struct command *c);     /* a man(1) page */
-void command_print_completion(const struct command *c); /* a bash completion script */
+void command_print_manual(const struct command *c); /* a man(1) page */
+
+/* command_complete.c: to stdout. shell: bash, zsh or fish; false: another one. */
+bool command_print_completion(const struct command *c, const char *shell);
 
 #endif

@@ -42,7 +42,9 @@ it_holds_what_is_to_be_installed() {
     for program in $programs; do
         [ -x "$root/usr/bin/$program" ] || fail "no $program"
         [ -s "$root/usr/share/man/man1/$program.1.gz" ] || fail "no manual page of $program"
-        [ -s "$root/usr/share/bash-completion/completions/$program" ] || fail "no completion of $program"
+        for file in bash-completion/completions/$program zsh/vendor-completions/_$program fish/vendor_completions.d/$program.fish; do
+            [ -s "$root/usr/share/$file" ] || fail "no $file"
+        done
         [ "$("$root/usr/bin/$program" --version)" = "$("$bin/$program" --version)" ] || fail "another $program"
     done
     [ "$(ls "$root/usr/bin" | wc -w)" = "$(wc -w <<<"$programs")" ] || fail "more programs than are known here"
@@ -154,6 +156,22 @@ bash_completes_flags_and_files_of_every_program() {
     [ "$(completed relightd --scene "$work/some sc")" = "$work/some scene.json" ] || fail "no file for --scene"
     [ "$(completed relightd --web "$work/some ")" = "$work/some folder" ] || fail "no folder for --web"
     [ -z "$(completed relightd --port 80)" ] || fail "something for --port"
+    [ "$(completed relightd --method cac)" = cached ] || fail "no method"
+}
+
+zsh_and_fish_can_read_their_completions() {
+    local program shells=0
+    for program in $programs; do
+        if command -v zsh >/dev/null; then zsh -n "$root/usr/share/zsh/vendor-completions/_$program" || fail "zsh: $program"; fi
+        if command -v fish >/dev/null; then fish -n "$root/usr/share/fish/vendor_completions.d/$program.fish" || fail "fish: $program"; fi
+    done
+    if command -v fish >/dev/null; then
+        shells=1
+        fish -c "source $root/usr/share/fish/vendor_completions.d/relightd.fish; complete -C 'relightd --method cac'" >"$work/offers"
+        grep -q '^cached' "$work/offers" || fail "fish offers $(cat "$work/offers")"
+    fi
+    if command -v zsh >/dev/null; then shells=1; fi
+    [ $shells = 1 ] || { echo "skipped: neither zsh nor fish here"; exit 77; }
 }
 
 # systemd-analyze looks for programs and manual pages at their installed paths; here they are below $root.

@@ -6,10 +6,12 @@
 
 #define IN .section = "what goes in"
 
+static const struct setting_choice curves[] = { { .name = "soft" }, { .name = "hard" }, { .name = NULL } };
 static const struct setting rows[] = {
     { "scene", "FILE", ".json, or 'json' \\ both", NULL, IN, TEXT },
     { "out-dir", "DIR", "where to", "a-b", IN, TEXT },
     { "samples", "N", "how many", "64", IN, TEXT },
+    { "tone", "T", "which [curve]", "soft", IN, .type = SETTING_CHOICE, .choices = curves },
     { .name = NULL },
 };
 static const struct setting shared[] = {
@@ -29,7 +31,7 @@ static const char *printed(const char *word, size_t operand_max)
                          .epilogue = ".first = 1\n  second\n",
                          .lists = { { rows, NULL }, { shared, NULL } },
                          .operand_max = operand_max };
-    char copy[32], *argv[] = { copy, copy };
+    char copy[64], *argv[] = { copy, copy };
     struct reason why;
     bool done = false;
     FILE *to = tmpfile();
@@ -72,23 +74,72 @@ static void the_manual_has_every_part_and_escapes_what_roff_obeys(void **state)
             fail_msg("no '%s' in\n%s", parts[i], text);
 }
 
-static void completion_knows_files_folders_and_flags_of_both_tables(void **state)
+static void expect_all(const char *text, const char *const *parts, size_t count)
 {
+    for (size_t i = 0; i < count; i++)
+        if (!strstr(text, parts[i]))
+            fail_msg("no '%s' in\n%s", parts[i], text);
+}
+
+static void bash_completes_files_folders_choices_and_flags_of_both_tables(void **state)
+{
+    static const char *const parts[] = {
+        "\n_relight_test()\n",
+        "    --scene|--map) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f ",
+        "    --out-dir) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d ",
+        "    --samples) ",
+        "    --tone) mapfile -t COMPREPLY < <(compgen -W 'soft hard help' -- ",
+        "' --scene --out-dir --samples --tone --map --fast --help --version'",
+        "complete -F _relight_test relight-test\n",
+    };
+
     (void)state;
-    const char *text = printed("--print-completion", 0);
-    assert_non_null(strstr(text, "\n_relight_test()\n"));
-    assert_non_null(strstr(text, "    --scene|--map) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f "));
-    assert_non_null(strstr(text, "    --out-dir) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d "));
-    assert_non_null(strstr(text, "    --samples) "));
-    assert_non_null(strstr(text, "' --scene --out-dir --samples --map --fast --help --version'"));
-    assert_non_null(strstr(text, "complete -F _relight_test relight-test\n"));
+    const char *text = printed("--print-completion-bash", 0);
+    expect_all(text, parts, sizeof(parts) / sizeof(parts[0]));
     assert_null(strstr(text, "    else\n")); /* operands, of which there are none, */
-    assert_non_null(strstr(printed("--print-completion", 1), "    else\n"));
+    assert_non_null(strstr(printed("--print-completion-bash", 1), "    else\n"));
+}
+
+static void zsh_completes_the_same(void **state)
+{
+    static const char *const parts[] = {
+        "#compdef relight-test\n",
+        "'--scene=[.json, or '\\''json'\\'' \\\\ both]:FILE:_files' \\\n",
+        "'--out-dir=[where to]:DIR:_files -/' \\\n",
+        "'--samples=[how many]:N: ' \\\n",
+        "'--tone=[which \\[curve\\]]:T:(soft hard help)' \\\n",
+        "'--fast[a switch]' \\\n",
+    };
+
+    (void)state;
+    const char *text = printed("--print-completion-zsh", 0);
+    expect_all(text, parts, sizeof(parts) / sizeof(parts[0]));
+    assert_null(strstr(text, "'*:file:_files'"));
+    assert_non_null(strstr(printed("--print-completion-zsh", 1), "'*:file:_files'"));
+}
+
+static void fish_completes_the_same(void **state)
+{
+    static const char *const parts[] = {
+        "complete -c relight-test -f\n",
+        " -l scene -d '.json, or '\\''json'\\'' \\\\ both' -rF\n",
+        " -l out-dir -d 'where to' -xa '(__fish_complete_directories)'\n",
+        " -l samples -d 'how many' -x\n",
+        " -l tone -d 'which [curve]' -xa 'soft hard help'\n",
+        " -l fast -d 'a switch'\n",
+    };
+
+    (void)state;
+    const char *text = printed("--print-completion-fish", 0);
+    expect_all(text, parts, sizeof(parts) / sizeof(parts[0]));
+    assert_null(strstr(printed("--print-completion-fish", 1), " -f\n"));
 }
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_manual_has_every_part_and_escapes_what_roff_obeys),
-    cmocka_unit_test(completion_knows_files_folders_and_flags_of_both_tables),
+    cmocka_unit_test(bash_completes_files_folders_choices_and_flags_of_both_tables),
+    cmocka_unit_test(zsh_completes_the_same),
+    cmocka_unit_test(fish_completes_the_same),
 };
 
 UNIT_MAIN(tests)

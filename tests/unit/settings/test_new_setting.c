@@ -206,7 +206,7 @@ static void help_and_manual_show_them(void **state)
     assert_non_null(strstr(printed("--help", NULL), "tone curve: filmic, reinhard, linear or aces [filmic]\n"));
     assert_non_null(strstr(printed("--tone", "help"), "aces             the curve of films\n"));
     assert_non_null(strstr(printed("--print-manual", NULL), "\\fIPERCENT\\fR\nfilm grain [1.5]\n"));
-    assert_non_null(strstr(printed("--print-completion", NULL), " --grain "));
+    assert_non_null(strstr(printed("--print-completion-bash", NULL), " --grain "));
     assert_null(strstr(printed("--method", "help"), "vpl")); /* nor what the program refuses */
 }
 
