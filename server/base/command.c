@@ -210,7 +210,8 @@ static bool print_asked(const struct command *c, const char *flag)
     else if (strcmp(flag, "--print-manual") == 0)
         command_print_manual(c);
     else
-        return strncmp(flag, completion, strlen(completion)) == 0 && command_print_completion(c, flag + strlen(completion));
+        return strncmp(flag, completion, strlen(completion)) == 0 &&
+               command_print_completion(c, flag + strlen(completion));
     return true;
 }
 

@@ -138,8 +138,8 @@ static void print_fish(const struct command *c)
         }
         printf("\n");
     }
-    printf("complete -c %s -l help -d 'print help and exit'\ncomplete -c %s -l version -d 'print the version and exit'\n",
-           c->name, c->name);
+    printf("complete -c %s -l help -d 'print help and exit'\n", c->name);
+    printf("complete -c %s -l version -d 'print the version and exit'\n", c->name);
 }
 
 bool command_print_completion(const struct command *c, const char *shell)
