@@ -26,10 +26,10 @@ _Static_assert(_Alignof(struct ray16) == _Alignof(struct RTCRay16), "ray16 and R
 
 /* The data of a query for the filter functions of masked meshes. Every query has one. */
 struct query {
-    struct RTCIntersectContext context; /* first: Embree passes its address on */
-    float angle;                        /* rays_see: between neighbouring rays, radians; else 0 */
-    bool seen;                          /* by rays_see: fractional coverage is left to the caller */
-    float varies;                       /* the nearest distance where a mask has holes and surface within `angle` */
+    struct embree_query embree; /* first: Embree passes its address on */
+    float angle;                /* rays_see: between neighbouring rays, radians; else 0 */
+    bool seen;                  /* by rays_see: fractional coverage is left to the caller */
+    float varies;               /* the nearest distance where a mask has holes and surface within `angle` */
     const struct rays *rays;
     float world[6][PACKET]; /* origin and direction of each ray, by its id, where a placed mesh has holes: within an
                                instance Embree turns them */
@@ -122,13 +122,12 @@ void rays_drop_holes(const struct RTCFilterFunctionNArguments *a)
 /* Embree 3.13 never returns from some coherent packets that meet instances. */
 static void set_spread(const struct rays *r, struct query *q, enum ray_spread spread)
 {
-    q->context.flags = spread == RAYS_TOGETHER && !r->parts ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT
-                                                            : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+    embree_query_spread(&q->embree, spread == RAYS_TOGETHER && !r->parts);
 }
 
 static void query_init(const struct rays *r, struct query *q)
 {
-    rtcInitIntersectContext(&q->context);
+    embree_query_init(&q->embree);
     q->seen = false;
     q->rays = r;
 }
@@ -165,14 +164,13 @@ static void narrow_to(const struct ray16 *packet, int first, int width, void *ou
 /* valid is aligned to 64 bytes, as Embree wants it. */
 static void ask_packet(const struct rays *r, struct query *q, const int32_t *valid, struct ray16 *packet)
 {
-    struct RTCIntersectContext *context = &q->context;
     struct RTCRay8 eight;
     struct RTCRay4 four;
 
     if (r->placed_masks)
         keep_packet(q, packet);
     if (r->width == 16) {
-        rtcOccluded16(valid, r->bvh, context, (struct RTCRay16 *)packet);
+        embree_occluded16(valid, r->bvh, &q->embree, (struct RTCRay16 *)packet);
         return;
     }
     for (int first = 0; first < PACKET; first += r->width) {
@@ -180,9 +178,9 @@ static void ask_packet(const struct rays *r, struct query *q, const int32_t *val
 
         narrow_to(packet, first, r->width, narrow);
         if (r->width == 8)
-            rtcOccluded8(valid + first, r->bvh, context, &eight);
+            embree_occluded8(valid + first, r->bvh, &q->embree, &eight);
         else
-            rtcOccluded4(valid + first, r->bvh, context, &four);
+            embree_occluded4(valid + first, r->bvh, &q->embree, &four);
         memcpy(packet->tfar + first, r->width == 8 ? eight.tfar : four.tfar, (size_t)r->width * sizeof(float));
     }
 }
@@ -249,7 +247,7 @@ static bool first_hit(const struct rays *r, struct query *q, struct RTCRay ray, 
 
     if (r->placed_masks)
         keep_ray(q, &ray);
-    rtcIntersect1(r->bvh, &q->context, &h);
+    embree_intersect1(r->bvh, &q->embree, &h);
     if (h.hit.geomID == RTC_INVALID_GEOMETRY_ID)
         return false;
     const uint32_t mesh = h.hit.instID[0] == RTC_INVALID_GEOMETRY_ID ? h.hit.geomID : h.hit.instID[0];
@@ -261,7 +259,7 @@ static bool is_blocked(const struct rays *r, struct query *q, struct RTCRay ray)
 {
     if (r->placed_masks)
         keep_ray(q, &ray);
-    rtcOccluded1(r->bvh, &q->context, &ray);
+    embree_occluded1(r->bvh, &q->embree, &ray);
     return ray.tfar < 0.0f;
 }
 

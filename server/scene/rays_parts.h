@@ -1,12 +1,11 @@
 /* server/scene/rays_parts.h */
-/* The parts of rays.h. Private to this room; the only file that includes Embree. Thread: any. */
+/* The parts of rays.h. Private to this room. Thread: any. */
 #ifndef SCENE_RAYS_PARTS_H
 #define SCENE_RAYS_PARTS_H
 
 #include "scene/coverage.h"
+#include "scene/embree.h"
 #include "scene/rays.h"
-
-#include <embree3/rtcore.h>
 
 struct rays {
     const struct scene *scene;

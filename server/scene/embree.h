@@ -1,0 +1,102 @@
+/* server/scene/embree.h */
+/* Embree 3 or 4, whichever the build found: what the two call differently. A query's context comes first, so that a
+ * filter function gets the query from it. Private to this room; the only file that includes Embree. Thread: any; a query
+ * belongs to one thread. */
+#ifndef SCENE_EMBREE_H
+#define SCENE_EMBREE_H
+
+#include <stdbool.h>
+
+#if RELIGHT_EMBREE == 4
+#include <embree4/rtcore.h>
+
+struct embree_query {
+    struct RTCRayQueryContext context;
+    enum RTCRayQueryFlags flags;
+};
+
+static inline void embree_query_init(struct embree_query *q)
+{
+    rtcInitRayQueryContext(&q->context);
+    q->flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
+}
+
+/* Whether the rays of the packets that follow lie close together. */
+static inline void embree_query_spread(struct embree_query *q, bool coherent)
+{
+    q->flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
+}
+
+static inline struct RTCOccludedArguments embree_arguments(struct embree_query *q)
+{
+    struct RTCOccludedArguments a;
+
+    rtcInitOccludedArguments(&a);
+    a.context = &q->context;
+    a.flags = q->flags;
+    return a;
+}
+
+#define EMBREE_OCCLUDED(n)                                                                                            \
+    static inline void embree_occluded##n(const int *valid, RTCScene scene, struct embree_query *q, struct RTCRay##n *r)\
+    {                                                                                                                 \
+        struct RTCOccludedArguments a = embree_arguments(q);                                                          \
+        rtcOccluded##n(valid, scene, r, &a);                                                                          \
+    }
+
+static inline void embree_occluded1(RTCScene scene, struct embree_query *q, struct RTCRay *ray)
+{
+    struct RTCOccludedArguments a = embree_arguments(q);
+
+    rtcOccluded1(scene, ray, &a);
+}
+
+static inline void embree_intersect1(RTCScene scene, struct embree_query *q, struct RTCRayHit *hit)
+{
+    struct RTCIntersectArguments a;
+
+    rtcInitIntersectArguments(&a);
+    a.context = &q->context;
+    a.flags = q->flags;
+    rtcIntersect1(scene, hit, &a);
+}
+
+#else
+#include <embree3/rtcore.h>
+
+struct embree_query {
+    struct RTCIntersectContext context;
+};
+
+static inline void embree_query_init(struct embree_query *q)
+{
+    rtcInitIntersectContext(&q->context);
+}
+
+static inline void embree_query_spread(struct embree_query *q, bool coherent)
+{
+    q->context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+}
+
+#define EMBREE_OCCLUDED(n)                                                                                            \
+    static inline void embree_occluded##n(const int *valid, RTCScene scene, struct embree_query *q, struct RTCRay##n *r)\
+    {                                                                                                                 \
+        rtcOccluded##n(valid, scene, &q->context, r);                                                                 \
+    }
+
+static inline void embree_occluded1(RTCScene scene, struct embree_query *q, struct RTCRay *ray)
+{
+    rtcOccluded1(scene, &q->context, ray);
+}
+
+static inline void embree_intersect1(RTCScene scene, struct embree_query *q, struct RTCRayHit *hit)
+{
+    rtcIntersect1(scene, &q->context, hit);
+}
+#endif
+
+EMBREE_OCCLUDED(4)
+EMBREE_OCCLUDED(8)
+EMBREE_OCCLUDED(16)
+
+#endif
