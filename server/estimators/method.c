@@ -14,7 +14,7 @@ const struct setting_choice method_choices[] = {
     { "path", METHOD_PATH, "reference: path tracing of the whole image", FOR_RENDER },
     { "mlt", METHOD_MLT, "reference: Metropolis light transport, the whole image", FOR_RENDER },
     { "photons", METHOD_PHOTONS, "reference: photon mapping of the whole image, biased", FOR_RENDER },
-    { "vpl", METHOD_VPL, "reference: virtual point lights, the whole image, biased", FOR_RENDER },
+    { "vpl", METHOD_VPL, "reference: virtual point lights; no caustics, corners too dark", FOR_RENDER },
     { "cached", METHOD_CACHED, "cached light transport of the static scene, biased; auto for narrow lobes",
       FOR_RELIGHTD | FOR_RENDER | FOR_CONTROL },
     { "auto", METHOD_AUTO, "chosen for scene and environment", 0 },

@@ -140,8 +140,7 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "auto", auto_stats(&r->decider.cache.last));
         if (r->lamps)
             json_object_set_new(j, "lamps", lamps_stats_of(r));
-        if (measured)
-            json_object_set_new(j, "estimate", estimate_stats(r, pilot));
+        json_object_set_new(j, "estimate", measured ? estimate_stats(r, pilot) : json_null()); /* null: not known */
         text = json_dumps(j, JSON_REAL_PRECISION(6));
     }
     json_decref(more);

@@ -270,6 +270,7 @@ a_wish_for_a_rate_or_an_error_is_kept_to_and_told() {
         --stats "$work/rate.json"
     "$bin/relight-render" --source sky:hour=12 --size 96x54 --paths direct --frames 0-5 --error 0.02 \
         --out "$work/error%d.jpg" --stats "$work/error.json"
+    "$bin/relight-render" --size 16x9 --samples 2 --frames 0 --out "$work/none.exr" --stats "$work/none.json"
     python3 - "$work" <<'PY'
 import json
 import sys
@@ -280,6 +281,7 @@ for f in rate:
     assert "caustics: the scene has no mirror and no glass" in f["plan"]["left_out"], f["plan"]
     assert f["light_paths"]["particles"] == 0 or f["plan"]["caustics"] == "none", f["plan"]
 last = json.load(open(f"{sys.argv[1]}/error.json"))[-1]["estimate"]
+assert json.load(open(f"{sys.argv[1]}/none.json"))[0]["estimate"] is None
 assert last["wished_error"] == 0.02 and last["met"] and 0.0 < last["error"] < 0.04, last
 PY
     local render=("$bin/relight-render" --size 16x9 --out "$work/none.exr")

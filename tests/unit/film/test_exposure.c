@@ -71,6 +71,19 @@ static void log_average_is_the_geometric_mean(void **state)
     assert_near(log2_mean(&p), want / COUNT, 1e-6);
 }
 
+/* 1 and 4096: half of two pixels are below 2, the upper end of the bin of 1. The other counts as 2 times 2^8: stops 0
+ * and 9. Of 1, 4 and 4096 the middle is half way through the bin of 4: 2.5 stops, and 10.5 at most. */
+static void outliers_count_as_eight_stops_from_the_median(void **state)
+{
+    static const float two[] = { 1, 1, 1, 4096, 4096, 4096 }, three[] = { 1, 1, 1, 4, 4, 4, 4096, 4096, 4096 };
+    double mean = NAN;
+    (void)state;
+    assert_true(exposure_log2_mean(two, NULL, 2, 1, &mean));
+    assert_near(mean, 4.5, 1e-5);
+    assert_true(exposure_log2_mean(three, NULL, 3, 1, &mean));
+    assert_near(mean, (0.0 + 2.0 + 10.5) / 3.0, 1e-5);
+}
+
 static void black_and_no_numbers_do_not_count(void **state)
 {
     static const float odd[] = { 0.0f, -1.0f, NAN, -INFINITY };
@@ -263,6 +276,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(log_average_of_a_constant_is_the_constant),
     cmocka_unit_test(log_average_is_the_geometric_mean),
     cmocka_unit_test(black_and_no_numbers_do_not_count),
+    cmocka_unit_test(outliers_count_as_eight_stops_from_the_median),
     cmocka_unit_test(masked_pixels_do_not_count),
     cmocka_unit_test(near_black_pulls_no_further_than_eight_stops),
     cmocka_unit_test(one_sun_hardly_moves_the_average),

@@ -105,6 +105,36 @@ static void a_frame_follows_a_fault_as_if_nothing_had_been(void **state)
     assembly_finish(&a);
 }
 
+/* 2 x 2 texels: 10 y + x and the next two numbers, alpha 99, as floats and as half floats, upright and turned over. */
+static void texels_come_without_alpha_and_the_right_way_up(void **state)
+{
+    static const uint16_t halves[] = { 0, 0x3c00, 0x4000, 0x4200, 0x4400, 0x4500, 0x4600, 0x4700, 0x4800 }; /* 0 .. 8 */
+    (void)state;
+    for (int k = 0; k < 8; k++) {
+        const unsigned channels = k & 1 ? 4 : 3;
+        const bool half = k & 2, turned = k & 4;
+        const struct protocol_environment header = { .encoding = half ? PROTOCOL_RAW_HALF : PROTOCOL_RAW_FLOAT,
+                                                     .flags = turned ? PROTOCOL_BOTTOM_FIRST : 0,
+                                                     .width = 2,
+                                                     .height = 2,
+                                                     .channels = (uint8_t)channels };
+        struct block payload = { mem_alloc(16, sizeof(float)), 16 * sizeof(float) };
+        struct frame f = { 0 };
+        for (unsigned i = 0; i < 4 * channels; i++) {
+            const unsigned value = i % channels == 3 ? 8 : i / channels + i % channels; /* 0 .. 5, alpha 8 */
+            const float real = (float)value;
+            memcpy(payload.bytes + i * (half ? 2 : 4), half ? (const void *)&halves[value] : &real, half ? 2 : 4);
+        }
+        assert_int_equal(texels_take(&f, &header, &payload), ERR_OK);
+        for (unsigned i = 0; i < 12; i++) {
+            const unsigned texel = turned ? (i / 3 + 2) % 4 : i / 3;
+            assert_true(f.rgb[i] == (float)(texel + i % 3));
+        }
+        frame_finish(&f);
+        mem_free(payload.bytes);
+    }
+}
+
 static void every_half_float_is_exact(void **state)
 {
     (void)state;
@@ -128,5 +158,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(no_memory_is_taken_for_what_is_above_the_limit),
     cmocka_unit_test(a_frame_follows_a_fault_as_if_nothing_had_been),
     cmocka_unit_test(every_half_float_is_exact),
+    cmocka_unit_test(texels_come_without_alpha_and_the_right_way_up),
 };
 UNIT_MAIN(tests)

@@ -165,6 +165,87 @@ static void close_reasons_fit_a_close_frame(void **state)
     assert_non_null(strstr(fault_reason(&fault, reason), "clause 4.3.2: ???"));
 }
 
+/* The table of PROTOCOL.md section 8, by hand. */
+static void close_codes_are_those_of_the_protocol(void **state)
+{
+    static const struct {
+        enum fault_code code;
+        const char *name;
+        uint16_t close;
+    } want[] = {
+        { FAULT_BAD_UTF8, "bad_utf8", 1007 },
+        { FAULT_TOO_BIG, "too_big", 1009 },
+        { FAULT_BAD_JSON, "bad_json", 4001 },
+        { FAULT_BAD_FIELD, "bad_field", 4002 },
+        { FAULT_BAD_ORDER, "bad_order", 4003 },
+        { FAULT_WRONG_ROLE, "wrong_role", 4004 },
+        { FAULT_BAD_VERSION, "bad_version", 4005 },
+        { FAULT_BAD_TOKEN, "bad_token", 4006 },
+        { FAULT_FULL, "full", 4007 },
+        { FAULT_NO_HELLO, "no_hello", 4008 },
+        { FAULT_STALLED, "stalled", 4009 },
+        { FAULT_TOO_FAST, "too_fast", 4010 },
+        { FAULT_SUPERSEDED, "superseded", 4011 },
+        { FAULT_BUSY, "busy", 4012 },
+        { FAULT_TOO_SLOW, "too_slow", 4013 },
+        { FAULT_NO_CREDIT, "no_credit", 4014 },
+        { FAULT_UNKNOWN_OP, "unknown_op", 0 },
+        { FAULT_NOT_OFFERED, "not_offered", 0 },
+        { FAULT_BAD_FRAME, "bad_frame", 0 },
+    };
+    (void)state;
+    assert_int_equal(sizeof(want) / sizeof(want[0]), FAULT_CODES - 1); /* all but FAULT_NONE */
+    for (size_t i = 0; i < sizeof(want) / sizeof(want[0]); i++) {
+        struct fault fault;
+        fault_say(&fault, want[i].code, "1", "x");
+        assert_string_equal(fault_name(want[i].code), want[i].name);
+        assert_int_equal(fault_close_code(&fault), want[i].close);
+    }
+}
+
+static void welcome_says_what_it_is_told(void **state)
+{
+    const struct welcome w = { .session = "s",
+                               .id = 7,
+                               .max_connections = 9,
+                               .controllers = true,
+                               .producers = true,
+                               .producer = true,
+                               .has_after = true,
+                               .after = 11,
+                               .credit = 4,
+                               .frame_bytes = 123 };
+    static const char *const parts[] = {
+        "\"op\":\"welcome\"",
+        "\"version\":{\"major\":1,\"minor\":",
+        "\"session\":\"s\"",
+        "\"id\":\"7\"",
+        "\"connections\":9}",
+        "\"formats\":[\"jpeg\",\"exr_half\",\"exr_float\"]",
+        "\"roles\":[\"viewer\",\"controller\",\"producer\"]",
+        "\"producer\":{\"resume_after\":11,\"credit\":4,\"frame_bytes\":123,\"raw\":true}",
+    };
+    char *text = message_welcome(&w);
+    (void)state;
+    for (size_t i = 0; i < sizeof(parts) / sizeof(parts[0]); i++)
+        if (!strstr(text, parts[i]))
+            fail_msg("%s is not in %s", parts[i], text);
+    message_free(text);
+}
+
+static void status_has_every_place_where_pictures_are_published(void **state)
+{
+    const struct server_figures status = { .publish_count = 2,
+                                           .publish = { { .to = "rtmp://a/", .frames = 3, .dropped = 5, .retries = 7 },
+                                                        { .to = "srt://b/", .frames = 9 } } };
+    char *shared = message_status_shared(&status, NULL);
+    (void)state;
+    assert_non_null(strstr(shared, "\"publish\":[{\"to\":\"rtmp://a/\""));
+    assert_non_null(strstr(shared, "\"frames\":3,\"dropped\":5,\"retries\":7},{\"to\":\"srt://b/\""));
+    assert_non_null(strstr(shared, "\"frames\":9,\"dropped\":0,\"retries\":0}]"));
+    message_free(shared);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(parse_names_the_clause_that_was_broken),
     cmocka_unit_test(parse_refuses_what_is_cut_at_any_byte),
@@ -172,5 +253,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(parse_refuses_a_token_too_long),
     cmocka_unit_test(status_survives_words_that_are_not_utf8),
     cmocka_unit_test(close_reasons_fit_a_close_frame),
+    cmocka_unit_test(close_codes_are_those_of_the_protocol),
+    cmocka_unit_test(welcome_says_what_it_is_told),
+    cmocka_unit_test(status_has_every_place_where_pictures_are_published),
 };
 UNIT_MAIN(tests)

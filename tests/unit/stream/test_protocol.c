@@ -224,6 +224,23 @@ static void environment_is_judged_before_its_payload_arrives(void **state)
                      PROTOCOL_LENGTH);
 }
 
+static void only_a_whole_pictures_number_is_read(void **state)
+{
+    const struct protocol_picture p = {
+        .sequence = 77, .format = PROTOCOL_JPEG, .width = 4, .height = 3, .payload = 9
+    };
+    uint8_t bytes[PROTOCOL_PICTURE_BYTES];
+    (void)state;
+    protocol_picture_encode(&p, bytes);
+    assert_int_equal(protocol_picture_sequence(bytes, sizeof(bytes)), 77);
+    assert_int_equal(protocol_picture_sequence(bytes, sizeof(bytes) - 1), 0);
+    bytes[0] = 'X';
+    assert_int_equal(protocol_picture_sequence(bytes, sizeof(bytes)), 0);
+    bytes[0] = 'R';
+    bytes[15] = 0xff; /* beyond the numbers of clause 1.5 */
+    assert_int_equal(protocol_picture_sequence(bytes, sizeof(bytes)), 0);
+}
+
 static void every_result_has_words_and_a_clause(void **state)
 {
     (void)state;
@@ -241,5 +258,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(decode_survives_any_flipped_bit),
     cmocka_unit_test(environment_is_judged_before_its_payload_arrives),
     cmocka_unit_test(every_result_has_words_and_a_clause),
+    cmocka_unit_test(only_a_whole_pictures_number_is_read),
 };
 UNIT_MAIN(tests)

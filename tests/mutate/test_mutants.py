@@ -1,0 +1,49 @@
+"""test_mutants.py CLAIM: mutants.py on a few lines whose mutants are known."""
+
+import sys
+
+import mutants
+
+SOURCE = """
+#define SIZE (3 + 4)
+static int table[9 + 1]; /* 1 + 2 */
+enum { A = 2 };
+static float scaled(const float *x, int n)
+{
+    float sum = 0.0f; // 5 < 6
+    assert(n < 7);
+    for (int i = 0; i < n; i++)
+        sum += x[i] * 2e-3f;
+    mem_free(x);
+    report("1 + 1 < 3", n);
+    return fminf(sum, 0x10);
+}
+"""
+
+
+def lines_changed(source):
+    return [(m.what, *mutants.line_of(source, m)) for m in mutants.mutants_of(source)]
+
+
+def nothing_but_code_is_changed():
+    found = lines_changed(SOURCE)
+    assert {line for _, line, _, _ in found} == {7, 9, 10, 12, 13}, found
+    assert not any('"1 - 1' in after or "5 <=" in after for _, _, _, after in found), found
+
+
+def each_kind_is_found():
+    found = [(what, after) for what, _, _, after in lines_changed(SOURCE)]
+    for want in [("constant", "float sum = 1.0f; // 5 < 6"), ("operator", "for (int i = 0; i <= n; i++)"),
+                 ("operator", "sum -= x[i] * 2e-3f;"), ("constant", "sum += x[i] * (1.05f * 2e-3f);"), ("term dropped", "sum += x[i] ;"),
+                 ("statement dropped", ";"), ("function", "return fmaxf(sum, 0x10);"), ("constant", "return fminf(sum, 17);"),
+                 ("arguments swapped", 'report(n, "1 + 1 < 3");')]:
+        assert want in found, (want, found)
+
+
+def a_mutant_differs_from_its_source():
+    for m in mutants.mutants_of(SOURCE):
+        assert mutants.applied(SOURCE, m) != SOURCE, m
+
+
+if __name__ == "__main__":
+    globals()[sys.argv[1]]()
