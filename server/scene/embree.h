@@ -1,7 +1,7 @@
 /* server/scene/embree.h */
 /* Embree 3 or 4, whichever the build found: what the two call differently. A query's context comes first, so that a
- * filter function gets the query from it. Private to this room; the only file that includes Embree. Thread: any; a query
- * belongs to one thread. */
+ * filter function gets the query from it. Private to this room; the only file that includes Embree. Thread: any; a
+ * query belongs to one thread. */
 #ifndef SCENE_EMBREE_H
 #define SCENE_EMBREE_H
 
@@ -38,10 +38,10 @@ static inline struct RTCOccludedArguments embree_arguments(struct embree_query *
 }
 
 #define EMBREE_OCCLUDED(n)                                                                                            \
-    static inline void embree_occluded##n(const int *valid, RTCScene scene, struct embree_query *q, struct RTCRay##n *r)\
+    static inline void embree_occluded##n(const int *valid, RTCScene bvh, struct embree_query *q, struct RTCRay##n *r)\
     {                                                                                                                 \
         struct RTCOccludedArguments a = embree_arguments(q);                                                          \
-        rtcOccluded##n(valid, scene, r, &a);                                                                          \
+        rtcOccluded##n(valid, bvh, r, &a);                                                                            \
     }
 
 static inline void embree_occluded1(RTCScene scene, struct embree_query *q, struct RTCRay *ray)
@@ -79,9 +79,9 @@ static inline void embree_query_spread(struct embree_query *q, bool coherent)
 }
 
 #define EMBREE_OCCLUDED(n)                                                                                            \
-    static inline void embree_occluded##n(const int *valid, RTCScene scene, struct embree_query *q, struct RTCRay##n *r)\
+    static inline void embree_occluded##n(const int *valid, RTCScene bvh, struct embree_query *q, struct RTCRay##n *r)\
     {                                                                                                                 \
-        rtcOccluded##n(valid, scene, &q->context, r);                                                                 \
+        rtcOccluded##n(valid, bvh, &q->context, r);                                                                   \
     }
 
 static inline void embree_occluded1(RTCScene scene, struct embree_query *q, struct RTCRay *ray)
