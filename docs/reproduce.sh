@@ -1,0 +1,96 @@
+#!/bin/bash
+# Recomputes figures of the documentation from what the project ships: docs/reproduce.sh [--list | --all | CLAIM...]
+# Prints each claim, where it is made, the commit, the machine and the date, and then what was measured. RELIGHT_BIN: the folder
+# of the programs and tests (build/bin). Run it on an idle machine: some claims compare times.
+# Exit code: 0 all ran, 1 one failed, 2 wrong usage.
+set -euo pipefail
+root="$(dirname "$(dirname "$(readlink -f "$0")")")"
+bin="${RELIGHT_BIN:-$root/build/bin}"
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+export RELIGHT_LONG=1 # unit tests draw all of their seeds
+
+# name | where | what
+claims() {
+    cat <<'END'
+gains | mathematics.md 6 | variance times rays of every kind of direct light relative to plain mis
+shares | mathematics.md 6 | shares of the six faces and of cells against numbers worked out by hand
+variance | mathematics.md 16 | a sample's variance against its closed form
+furnace | mathematics.md 16 | a white furnace is white by every method of direct light and by path tracing
+vpl | mathematics.md 13 | the indirect light of virtual point lights over that of path tracing, six seeds
+photons | mathematics.md 13 | photons and virtual point lights within their bias
+materials | mathematics.md 8 | what white surfaces return, by roughness
+figure5 | mathematics.md 14 | relMSE times time of eye paths over the light tracer's, and the errors of path and mlt in equal time
+stated | where-methods-fail.md | the error that images state over their true error
+faults | testing.md | faults that once passed are noticed by a unit test of their own room
+END
+}
+
+unit() { # ROOM_FILE CLAIM...: what a unit test prints of itself
+    local program="$bin/test_$1" name
+    shift
+    for name in "$@"; do
+        "$program" "$name" 2>&1 | grep -v '^\[ *\(=\|RUN\|PASSED\)' || return 1
+    done
+}
+
+gains() { unit estimators_test_gain sun_as_a_stratum_wins_where_it_is_not_seen; }
+shares() { unit estimators_test_shares upright_under_an_even_sky towards_a_corner_of_the_cube cells_have_corners_of_their_own; }
+variance() { unit estimators_test_lpg13 a_single_sample_has_the_closed_form_variance; }
+furnace() { unit estimators_test_direct a_white_furnace_is_white_at_every_method; }
+photons() { unit estimators_test_baselines photons_bring_caustics point_lights_bring_interreflection; }
+materials() { unit brdf_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
+figure5() { "$bin/figure5"; }
+stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py"; }
+faults() { "$root/tests/mutate/run.sh" --planted; }
+
+vpl() {
+    local render=("$bin/relight-render" --source sky: --frames 1 --size 48x27 --paths indirect) lights seed
+    "${render[@]}" --method path --samples 2048 --out "$work/path.exr" 2>"$work/log"
+    for lights in 256 4096; do
+        for seed in 1 2 3 4 5 6; do
+            "${render[@]}" --method vpl --samples $lights --seed $seed --out "$work/vpl.exr" 2>"$work/log"
+            echo "$lights lights, seed $seed: $("$bin/relight-diff" --json "$work/vpl.exr" "$work/path.exr" |
+                sed 's/.*"mean_ratio": \([0-9.e-]*\).*/\1/')"
+        done
+    done
+}
+
+stamp() {
+    local commit changed=""
+    commit="$(git -C "$root" rev-parse --short HEAD 2>/dev/null || echo "no git")"
+    git -C "$root" diff --quiet HEAD 2>/dev/null || changed=", with changes"
+    echo "commit $commit$changed; $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -n 1), $(nproc) processors; $(date +%F)"
+}
+
+one() { # CLAIM
+    local row
+    row="$(claims | grep "^$1 |" || true)"
+    if [[ -z $row ]]; then
+        echo "there is no claim '$1'; docs/reproduce.sh --list names them" >&2
+        exit 2
+    fi
+    echo "== $row"
+    stamp
+    "$1" || { echo "$1 FAILED"; return 1; }
+}
+
+case "${1:---list}" in
+    --list) claims; exit 0 ;;
+    --check) # that each claim can be made: its function is here, and the unit tests that it names are in the tree
+        while read -r claim _; do declare -F "$claim" >"$work/log" || { echo "$claim has no function"; exit 1; }; done < <(claims)
+        while read -r _ _ program names; do
+            for name in ${names%%;*}; do
+                grep -q "^static void $name(" "$root/tests/unit/${program/_test_//test_}.c" || { echo "$program has no $name"; exit 1; }
+            done
+        done < <(sed -n 's/^\([a-z0-9]*()\) { unit /\1 { /p' "$0")
+        exit 0 ;;
+    --all) mapfile -t wanted < <(claims | cut -d ' ' -f 1) ;;
+    -*) sed -n 's/^# //p' "$0" | head -n 4; exit 2 ;;
+    *) wanted=("$@") ;;
+esac
+failed=0
+for claim in "${wanted[@]}"; do
+    one "$claim" || failed=1
+done
+exit "$failed"
