@@ -23,7 +23,8 @@ struct history {
     bool still;         /* the sky is that of the last picture */
     float *half[2];     /* B, [packets][3][16], as what follows */
     float *cache;       /* C of the last picture */
-    float *shown;       /* filtered, and changed with C since */
+    float *shown;       /* P, changed with C */
+    float *target;      /* what it moves to: the filter's output, likewise */
     struct stated *stated;
     float *final; /* [packets], as what follows */
     float *count; /* n; 0: nothing is known, and B is C */
@@ -53,6 +54,7 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
         h->half[k] = mem_alloc(packets, FLOATS * sizeof(float));
     h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
+    h->target = mem_alloc(packets, FLOATS * sizeof(float));
     h->stated = stated_create(g);
     h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
@@ -60,8 +62,8 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
     h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
     h->due_index = mem_alloc(packets, sizeof(*h->due_index));
     h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
-    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->stated || !h->final || !h->count || !h->changed ||
-        !h->groups || !h->due_index || !h->beyond_index) {
+    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->stated || !h->final || !h->count ||
+        !h->changed || !h->groups || !h->due_index || !h->beyond_index) {
         history_destroy(h);
         return NULL;
     }
@@ -76,6 +78,7 @@ void history_destroy(struct history *h)
     mem_free(h->half[1]);
     mem_free(h->cache);
     mem_free(h->shown);
+    mem_free(h->target);
     stated_destroy(h->stated);
     mem_free(h->final);
     mem_free(h->count);
@@ -152,6 +155,7 @@ static void start_anew(struct history *h, size_t at, const float *lo)
     memcpy(h->half[0] + at, lo + at, FLOATS * sizeof(float));
     memcpy(h->half[1] + at, lo + at, FLOATS * sizeof(float));
     memcpy(h->shown + at, lo + at, FLOATS * sizeof(float));
+    memcpy(h->target + at, lo + at, FLOATS * sizeof(float));
 }
 
 void history_follow(struct history *h, const float *lo)
@@ -169,6 +173,7 @@ void history_follow(struct history *h, const float *lo)
                 h->half[0][k] += by;
                 h->half[1][k] += by;
                 h->shown[k] += by;
+                h->target[k] += by;
             }
         }
         memcpy(h->cache + at, lo + at, FLOATS * sizeof(float));
@@ -306,11 +311,13 @@ void history_show(struct history *h, const float *const more[2], float *lo)
     if (more)
         add_more(h, more);
     if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
-        denoiser_filter(h->denoiser, own, h->shown);
+        denoiser_filter(h->denoiser, own, h->target);
+    const float step = h->followed ? 1.0f / (float)(HISTORY_TURNS - (h->turn + 1) % HISTORY_TURNS) : 1.0f;
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
         const float f = h->followed ? h->final[i] : 0.0f;
         for (size_t k = i * FLOATS; k < (i + 1) * FLOATS; k++) {
+            h->shown[k] = step < 1.0f ? h->shown[k] + step * (h->target[k] - h->shown[k]) : h->target[k];
             const float shown = fmaxf(h->shown[k], 0.0f);
             lo[k] = f > 0.0f ? shown + f * (h->cache[k] - shown) : shown;
         }

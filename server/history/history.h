@@ -15,8 +15,9 @@
  * than the cache predicts, thus loses its weight at once: the estimator of [James and Stein 1961] between S and B, as
  * in light/still.h. When a new version of the cache takes over, C - C' is not a change of the sky and is omitted.
  *
- * The halves are filtered (history/denoise.h) once every packet was sampled. The picture's light is the filter's output
- * plus the change of C since then, and C itself as far as it is final. One thread of control. The bits depend on
+ * The halves are filtered (history/denoise.h) once every packet was sampled. Beside a cache, the displayed light moves
+ * to the filter's output in equal steps until the next one, so that it does not jump. It also changes with C, and is C
+ * itself as far as that is final. One thread of control. The bits depend on
  * the order of pictures and the progress of the cache, so lockstep renders must not use it. */
 #ifndef HISTORY_HISTORY_H
 #define HISTORY_HISTORY_H
@@ -28,7 +29,7 @@
 
 struct history;
 
-/* Needs 50 bytes per shade point and 12 per pixel. g and denoiser, whose halves take the samples, must outlive it.
+/* Needs 62 bytes per shade point and 12 per pixel. g and denoiser, whose halves take the samples, must outlive it.
  * NULL when out of memory. */
 struct history *history_create(const struct gbuffer *g, struct denoiser *denoiser);
 void history_destroy(struct history *h); /* NULL is allowed */
