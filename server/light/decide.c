@@ -6,8 +6,10 @@
 
 #define SMOOTH 0.2
 #define FIRST_SAMPLES 8     /* of a denoised picture, */
+#define FIRST_OF_ALL 4      /* of the very first one, */
 #define FIRST_PATHS 2       /* and its eye paths */
-#define HURRY_S 1.5         /* from one picture to the next meanwhile: the cache needs the processors */
+#define HURRY_S 1.5         /* from one picture to the next meanwhile: the cache needs the processors, */
+#define AT_ONCE 2           /* but not before so many pictures (RELIGHT_GIVE_WAY_S) */
 #define BUILDING_SHARE 0.35 /* of the time, for pictures by the cache while it is being computed, */
 #define BUILDING_S 1.0      /* and the longest time from one to the next */
 #define PICTURE_SHARE 0.9   /* of the time between two pictures that a measured picture may use, */
@@ -62,14 +64,14 @@ static bool is_first(const struct decider *d, const struct frame_request *reques
            request->light->classes & PATH_INDIRECT_LIT && cache_may_serve(request->light);
 }
 
-static struct relight_desc denoised(const struct relight_desc *light)
+static struct relight_desc denoised(const struct decider *d, const struct relight_desc *light)
 {
-    struct relight_desc d = *light;
+    struct relight_desc out = *light;
 
-    d.denoise = d.remember = true;
-    d.direct.samples = FIRST_SAMPLES;
-    d.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
-    return d;
+    out.denoise = out.remember = true;
+    out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
+    out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
+    return out;
 }
 
 void decide(const struct decider *d, const struct frame_request *request, struct decision *out)
@@ -90,7 +92,7 @@ void decide(const struct decider *d, const struct frame_request *request, struct
     } else if (is_first(d, request)) {
         out->by = DECIDED_BY_RULE;
         out->why = "few samples, denoised, until the cache is there";
-        out->light = denoised(request->light);
+        out->light = denoised(d, request->light);
     } else {
         out->by = DECIDED_BY_MEASURES;
         out->why = "a time or an error was given";
@@ -157,7 +159,7 @@ double decider_interval_s(const struct decider *d)
         return 0.0;
     if (d->cache.ready)
         return fmin(d->cache.picture_s / BUILDING_SHARE, BUILDING_S);
-    return d->cache.hurried ? HURRY_S : 0.0;
+    return d->cache.hurried && d->cache.pictures >= AT_ONCE ? HURRY_S : 0.0;
 }
 
 double decider_target_s(const struct decider *d, struct relighter *r, double interval_s)
@@ -281,6 +283,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         note_picture(d, stats);
     }
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
+        d->cache.pictures++;
         if (d->cache.begun)
             follow_cache(d, r, request);
         else

@@ -35,14 +35,15 @@ struct decision {
     struct relight_desc light; /* of the request, or of the cache */
 };
 
-struct decider {         /* zero it first; decider_finish frees it */
-    struct pilot *pilot; /* NULL until a frame is decided by measurement */
-    struct {             /* auto's cache, which belongs to the relighter */
-        bool looked_for; /* a file was searched for */
-        bool begun;      /* its computation has started */
-        bool hurried;    /* wanted in the background, including indirect light, which pictures lack without it */
-        bool ready;      /* frames use it */
-        bool refused;    /* it needs too much memory */
+struct decider {           /* zero it first; decider_finish frees it */
+    struct pilot *pilot;   /* NULL until a frame is decided by measurement */
+    struct {               /* auto's cache, which belongs to the relighter */
+        bool looked_for;   /* a file was searched for */
+        bool begun;        /* its computation has started */
+        bool hurried;      /* wanted in the background, including indirect light, which pictures lack without it */
+        bool ready;        /* frames use it */
+        bool refused;      /* it needs too much memory */
+        uint64_t pictures; /* made before it could be used, if hurried */
         uint64_t measured_frames;
         double sample_s, frame_s; /* seconds per light sample of a point, and per measured frame; smoothed */
         double spent_s;           /* on measured frames */

@@ -14,6 +14,7 @@
 #include "light/relighter.h"
 #include "light/resolve.h"
 #include "base/rng.h"
+#include "light/splats.h"
 
 #include <string.h>
 
@@ -136,7 +137,11 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
 {
     struct backplate *b = r->passes.backplate;
     const bool any = !p->beside && (p->stored || p->light[0].particles > 0 || p->light[1].particles > 0);
-    float *rgb = b && any ? backplate_splats(b) : picture;
+    const struct gbuffer *g = r->set->gbuffer;
+    const size_t values = 3 * (size_t)g->width * g->height;
+    const bool apart = any && p->denoiser && !b; /* from the picture, to be spread */
+    float *own = apart ? mem_alloc(values, sizeof(*own)) : NULL;
+    float *rgb = b && any ? backplate_splats(b) : apart ? own : picture;
     enum err result = rgb ? ERR_OK : ERR_NOMEM;
 
     if (any && p->stored && !result)
@@ -151,8 +156,13 @@ static enum err run_light_tracer(struct relighter *r, const struct environment *
         stats->light.rays += one.rays;
         stats->light.splats += one.splats;
     }
+    for (uint32_t k = 0; k < (b ? 2 : 1) && any && p->denoiser && !result; k++)
+        result = splats_spread(rgb + k * values, g->width, g->height);
+    for (size_t i = 0; i < values && apart && !result; i++)
+        picture[i] += own[i];
     if (b && any && !result)
         backplate_add_splats(b, e, picture);
+    mem_free(own);
     return result;
 }
 

@@ -13,6 +13,7 @@
 #include <pthread.h>
 #include <stdatomic.h>
 #include <sys/resource.h>
+#include <time.h>
 
 /* Niceness of the builder's threads, so that they use only the time that the pictures' threads leave over (relightd.c
  * leaves some). With 10, each parallel loop of a picture still waits for a thread that yields too late. */
@@ -169,10 +170,21 @@ static void check_memory(struct relight_builder *b, const struct transport *t)
     }
 }
 
+static void give_way(const struct relight_builder *b)
+{
+    const double until_s = clock_seconds() + RELIGHT_GIVE_WAY_S;
+
+    while (clock_seconds() < until_s && !is_cancelled(&b->cancelled))
+        nanosleep(&(struct timespec){ .tv_nsec = 20000000 }, NULL);
+}
+
 static void *build_main(void *arg)
 {
     struct relight_builder *b = arg;
     const bool bounce = b->wanted && !load_bounce(b);
+
+    if (bounce && b->light.cache_background)
+        give_way(b);
 
     omp_set_num_threads((int)b->threads);
     if (bounce)

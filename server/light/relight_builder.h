@@ -9,6 +9,9 @@
 
 struct relight_builder;
 
+/* Before it begins with what takes long, so that a second picture can follow the first at once. */
+#define RELIGHT_GIVE_WAY_S 1.0
+
 /* Permanently gives the calling thread and its OpenMP helpers the lowest priority. */
 void relight_stand_back(uint32_t threads);
 

@@ -195,6 +195,32 @@ static void a_stream_of_frames_gets_it_in_the_background(void **state)
     gets_it_in_the_background(0.9 * BUY_BIAS_COARSE);
 }
 
+/* The first live picture takes few samples, the second follows it at once; then the cache needs the processors. */
+static void first_pictures_hurry(void **state)
+{
+    struct relight_desc light = sampled;
+    const struct frame_request request = {
+        .light = &light, .target.seconds = 0.1, .allow_bias = 1.0, .background = true
+    };
+    const struct relight_stats stats = { .shade_ms = 1.0 };
+    struct relighter *r = make();
+    struct decider d = { .pilot = NULL };
+    struct decision first, next;
+    (void)state;
+
+    light.classes = PATH_ALL;
+    decider_begin(&d, r, &request);
+    decide(&d, &request, &first);
+    assert_true(first.by == DECIDED_BY_RULE && first.light.denoise && first.light.remember);
+    decider_learn(&d, r, &request, &first, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+    assert_true(d.cache.begun && decider_interval_s(&d) == 0.0);
+    decide(&d, &request, &next);
+    assert_true(next.light.denoise && next.light.direct.samples == 2 * first.light.direct.samples);
+    decider_learn(&d, r, &request, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+    assert_true(decider_interval_s(&d) > 0.0);
+    relighter_destroy(r);
+}
+
 /* What some earlier run has left is taken after the first frame; a better picture than it can make is not given up. */
 static void a_file_is_taken_after_one_frame(void **state)
 {
@@ -234,6 +260,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test_setup_teardown(bias_is_allowed_and_wishes_are_kept_to, set_up, tear_down),
     cmocka_unit_test_setup_teardown(its_pictures_are_those_of_the_cache, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(first_pictures_hurry, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
 };
 UNIT_MAIN(tests)
