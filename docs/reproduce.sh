@@ -21,7 +21,7 @@ vpl | mathematics.md 13 | the indirect light of virtual point lights over that o
 photons | mathematics.md 13 | photons and virtual point lights within their bias
 materials | mathematics.md 8 | what white surfaces return, by roughness
 figure5 | mathematics.md 14 | relMSE times time of eye paths over the light tracer's, and the errors of path and mlt in equal time
-stated | where-methods-fail.md | the error that images state over their true error
+stated | speed-and-accuracy.md | the error that images state over their true error
 faults | testing.md | faults that once passed are noticed by a unit test of their own room
 END
 }

@@ -2,6 +2,7 @@
 #include "support/unit.h"
 
 #include "codec/colour.h"
+#include "codec/signal.h"
 
 #include <math.h>
 
@@ -136,6 +137,38 @@ static void sameness_has_a_tolerance_and_excludes_nan(void **state)
     assert_false(colour_same(&colour_rec709, &other, 1e-4));
 }
 
+/* R'G'B' of 255: 10 000 cd/m^2 in PQ unless it is clipped, 203 or what is asked for in BT.709; black is 0. */
+static void white_of_a_video_has_its_luminance(void **state)
+{
+    static const struct {
+        uint8_t transfer; /* H.273 */
+        double peak, want;
+    } cases[] = {
+        { 16, 0.0, 10000.0 }, { 16, 500.0, 500.0 }, { 16, 20000.0, 10000.0 }, { 1, 0.0, 203.0 }, { 1, 80.0, 80.0 }
+    };
+    static const float white = 255.0f, black = 0.0f;
+    static struct signal s;
+    (void)state;
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        const struct signal_desc d = { .primaries = 9,
+                                       .transfer = cases[k].transfer,
+                                       .matrix = 9,
+                                       .full_range = true,
+                                       .rgb = true,
+                                       .depth = 8,
+                                       .peak_cdm2 = cases[k].peak };
+        struct reason why;
+        float rgb[3];
+        assert_int_equal(signal_prepare(&d, "x", &s, &why), ERR_OK);
+        signal_row(&s, &white, &white, &white, 1, rgb);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabs((double)rgb[c] / cases[k].want - 1.0) < 1e-3);
+        signal_row(&s, &black, &black, &black, 1, rgb);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(rgb[c]) < 1e-3f);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(rec709_is_itself),
     cmocka_unit_test(published_matrices_are_met),
@@ -143,6 +176,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(xyz_agrees_with_a_space_whose_white_is_e),
     cmocka_unit_test(primaries_that_span_nothing_are_refused),
     cmocka_unit_test(sameness_has_a_tolerance_and_excludes_nan),
+    cmocka_unit_test(white_of_a_video_has_its_luminance),
 };
 
 UNIT_MAIN(tests)

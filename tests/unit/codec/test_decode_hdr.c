@@ -1,6 +1,8 @@
 /* Radiance pictures: each encoding and orientation, what the header may say of the light, and what is refused. */
 #include "codec/decoding.h"
 
+#include "base/mem.h"
+#include "codec/hdr_write.h"
 #include "codec/make_hdr.h"
 
 #define RGBE "FORMAT=32-bit_rle_rgbe"
@@ -126,6 +128,30 @@ static void each_orientation_comes_out_upright(void **state)
         }
     }
     image_finish(&im);
+}
+
+/* Numbers that RGBE holds exactly, in runs and singly, in rows too short to be packed and in others. */
+static void what_hdr_write_packs_is_read_back(void **state)
+{
+    static const uint32_t widths[] = { 1, 7, 8, 40, 300 };
+    static float rgb[2 * 300 * 3];
+    (void)state;
+    for (size_t k = 0; k < sizeof(widths) / sizeof(widths[0]); k++) {
+        const uint32_t width = widths[k], count = 2 * width * 3;
+        const struct hdr_desc d = { .rgb = rgb, .width = width, .height = 2 };
+        struct image im = { 0 };
+        struct reason why;
+        uint8_t *bytes;
+        size_t size;
+        for (uint32_t i = 0; i < count; i++) /* 129 .. 201 of 256: the same exponent in all channels */
+            rgb[i] = (float)(i / 3 % 50 < 20 ? 160 : 129 + i / 3 * (7 + i % 3) % 73) / 128.0f;
+        assert_int_equal(hdr_encode(&d, &bytes, &size, &why), ERR_OK);
+        assert_int_equal(decode_alone(bytes, size, &im, &why), ERR_OK);
+        assert_int_equal(im.width, width);
+        assert_memory_equal(im.rgb, rgb, count * sizeof(float));
+        image_finish(&im);
+        mem_free(bytes);
+    }
 }
 
 static void every_exponent_is_a_power_of_two_and_zero_is_black(void **state)
@@ -342,6 +368,7 @@ static void headers_without_an_end_are_refused(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_encoding_decodes),
     cmocka_unit_test(each_orientation_comes_out_upright),
+    cmocka_unit_test(what_hdr_write_packs_is_read_back),
     cmocka_unit_test(every_exponent_is_a_power_of_two_and_zero_is_black),
     cmocka_unit_test(exposure_and_correction_divide_and_multiply_up),
     cmocka_unit_test(primaries_are_brought_to_rec709),

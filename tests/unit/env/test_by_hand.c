@@ -179,6 +179,25 @@ static void the_first_row_is_the_top_or_the_bottom(void **state)
     }
 }
 
+/* Columns of 1, 2, 4, 8. Between the centres of the last and the first, which meet at the seam, light is linear in
+ * azimuth, as anywhere: at columns -0.5, -0.25, 0, 0.25 and 0.5 of 4. */
+static void light_is_linear_across_the_seam(void **state)
+{
+    static const double want[] = { 8.0, 6.25, 4.5, 2.75, 1.0 };
+    struct frame f = sky_constant(4, 2, 1.0f);
+    (void)state;
+    for (uint32_t k = 0; k < 8; k++)
+        sky_paint(&f, k % 4, k / 4, (float)(1u << k % 4), (float)(1u << k % 4), (float)(1u << k % 4));
+    struct environment *e = sky_environment_of(f, LAYOUT_LATLONG, 8, 0.0);
+    for (int k = 0; k < 5; k++) {
+        const double phi = PI - 2.0 * PI * (0.25 * k - 0.5) / 4.0;
+        float rgb[3];
+        environment_lookup(e, vec3_make((float)sin(phi), 0.0f, (float)cos(phi)), rgb);
+        expect_near((double)rgb[1], want[k], 1e-5);
+    }
+    environment_destroy(e);
+}
+
 /* Of 60 samples by the source's own texels, 50 are drawn in the row of 5. */
 static void samples_prefer_the_bright_row_whichever_it_is(void **state)
 {
@@ -262,6 +281,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_frame_leaves_nothing_to_the_next),
     cmocka_unit_test(the_first_row_is_the_top_or_the_bottom),
     cmocka_unit_test(samples_prefer_the_bright_row_whichever_it_is),
+    cmocka_unit_test(light_is_linear_across_the_seam),
     cmocka_unit_test(a_texel_gives_off_its_own_solid_angle),
 };
 UNIT_MAIN(tests)
