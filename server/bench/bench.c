@@ -241,8 +241,6 @@ static enum err make_picture(struct bench *b, struct reason *why)
     b->relighter = relighter_create(b->set, b->kernels);
     if (!b->rgb || !b->display || !b->relighter)
         return err_say(why, ERR_NOMEM, "out of memory");
-    b->light.direct.method = b->desc->method;
-    b->light.direct.samples = b->desc->samples;
     const enum err e = relighter_run(b->relighter, b->environment, &b->light, b->rgb, &stats);
     if (e)
         return err_say(why, e, "no picture could be made: %s", err_text(e));
@@ -253,13 +251,12 @@ static enum err make_picture(struct bench *b, struct reason *why)
     return ERR_OK;
 }
 
-static enum err set_up(struct bench *b, struct reason *why)
+enum err bench_begin(struct bench *b, struct reason *why)
 {
     const struct bench_desc *d = b->desc;
     struct set_desc set = {
         .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height, .progress = d->progress
     };
-    const struct source_desc source = { .spec = d->source };
 
     if (d->threads)
         omp_set_num_threads(d->threads);
@@ -267,21 +264,29 @@ static enum err set_up(struct bench *b, struct reason *why)
     enum err e = kernels_select(d->cpu, &b->kernels, why);
     set.kernels = b->kernels;
     if (!e)
-        e = source_first(&source, &b->frame, why);
-    if (!e)
         e = set_create(&set, &b->set, why);
     if (e)
         return e;
+    b->light.direct.method = d->method;
+    b->light.direct.samples = d->samples;
     b->environment = environment_create(&(struct environment_desc){ .n = 0 });
-    if (!b->environment)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    e = environment_update(b->environment, &b->frame, why);
-    if (!e)
-        e = make_file(b, why);
-    return e ? e : make_picture(b, why);
+    return b->environment ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
 }
 
-static void tear_down(struct bench *b)
+enum err bench_take_sky(struct bench *b, const char *source, struct reason *why)
+{
+    const struct source_desc desc = { .spec = source };
+
+    frame_finish(&b->frame);
+    mem_free(b->exr);
+    b->exr = NULL;
+    enum err e = source_first(&desc, &b->frame, why);
+    if (!e)
+        e = environment_update(b->environment, &b->frame, why);
+    return e ? e : make_file(b, why);
+}
+
+void bench_end(struct bench *b)
 {
     cached_destroy(b->cached);
     relighter_destroy(b->relighter);
@@ -322,7 +327,11 @@ enum err bench_run(const struct bench_desc *desc, struct bench_report *out, stru
 
     _Static_assert(ROWS <= BENCH_ROWS, "a row for each");
     *out = (struct bench_report){ .count = 0 };
-    enum err e = set_up(&b, why);
+    enum err e = bench_begin(&b, why);
+    if (!e)
+        e = bench_take_sky(&b, desc->source, why);
+    if (!e)
+        e = make_picture(&b, why);
     if (!e)
         write_title(&b, out);
     for (size_t i = 0; i < ROWS && !e; i++) {
@@ -338,6 +347,6 @@ enum err bench_run(const struct bench_desc *desc, struct bench_report *out, stru
         if (e)
             err_say(why, e, "%s: %s", rows[i].name, err_text(e));
     }
-    tear_down(&b);
+    bench_end(&b);
     return e;
 }

@@ -37,6 +37,7 @@ struct pipeline {
     float *picture[HANDOFF_SLOTS];
     struct handoff skies, pictures;
     int count;          /* of pictures in one run */
+    uint64_t turn;      /* of the next picture */
     enum err failed[3]; /* by stage */
     double seconds;     /* per picture, of the last run */
     double processor;   /* of all threads, the mean over the runs */
@@ -85,6 +86,7 @@ static void *encode_main(void *arg)
 /* No picture is dropped: each waits until the one before has been taken. */
 static void light_all(struct pipeline *p)
 {
+    struct relight_desc light = *p->maker.light;
     struct relight_stats stats;
     double start = 0.0, processor = 0.0;
 
@@ -94,7 +96,8 @@ static void light_all(struct pipeline *p)
             if (handoff_is_closed(&p->skies))
                 return;
         const int slot = handoff_begin(&p->pictures);
-        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky], p->maker.light, p->picture[slot], &stats);
+        light.turn = p->turn++;
+        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky], &light, p->picture[slot], &stats);
         handoff_release(&p->skies, sky);
         handoff_publish(&p->pictures, slot);
         while (!handoff_wait_taken(&p->pictures, 100) && !p->failed[2])

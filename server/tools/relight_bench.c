@@ -12,7 +12,7 @@
 struct bench_program {
     struct setup setup; /* of which size, scene, source, cpu and threads are used */
     struct bench_desc desc;
-    bool json, cached, cached_only, first_minute;
+    bool json, cached, cached_only, first_minute, speed;
 };
 
 #define AT(field) SETTING_AT(bench_program, field)
@@ -33,9 +33,11 @@ static const struct setting rows[] = {
     { "cached-only", NULL, "measure that cache alone", NULL, .section = "Measurement", SWITCH, AT(cached_only) },
     { "first-minute", NULL, "measure how the error of a live picture falls while its cache is computed, instead", NULL,
       .section = "Measurement", SWITCH, AT(first_minute) },
-    { "scenes", "LIST", "with --first-minute: scene files or builtin, separated by ;  TITLE=FILE gives one a title",
+    { "speed", NULL, "measure the cost of images by the cache for several scenes and skies in one table, instead", NULL,
+      .section = "Measurement", SWITCH, AT(speed) },
+    { "scenes", "LIST", "with --first-minute or --speed: scene files or builtin, separated by ;  TITLE=FILE gives one a title",
       "builtin", .section = "Measurement", TEXT, AT(desc.scenes) },
-    { "sources", "LIST", "with --first-minute: sources, separated by ;  TITLE=SOURCE gives one a title",
+    { "sources", "LIST", "with --first-minute or --speed: sources, separated by ;  TITLE=SOURCE gives one a title",
       "noon=sky:hour=12", .section = "Measurement", TEXT, AT(desc.sources) },
     { "json", NULL, "print JSON instead of a table", NULL, .section = "Output", SWITCH, AT(json) },
     { .name = NULL },
@@ -84,9 +86,11 @@ int main(int argc, char **argv)
         e = read_options(&command, &b, &why);
     if (!e && b.first_minute)
         e = bench_first_minute(&b.desc, stdout, &why);
+    else if (!e && b.speed)
+        e = bench_speed(&b.desc, stdout, &why);
     else if (!e)
         e = bench_run(&b.desc, &report, &why);
-    if (!e && !b.first_minute)
+    if (!e && !b.first_minute && !b.speed)
         (b.json ? bench_print_json : bench_print_table)(&report, stdout);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));

@@ -1,0 +1,238 @@
+#include "bench/speed.h"
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "bench/cached.h"
+#include "chart/chart.h"
+#include "codec/exr_write.h"
+
+#include <string.h>
+
+struct speed {
+    struct bench b;
+    struct cached *c;
+    struct relight_desc all, direct;
+    struct part *part;                /* whose rays are the bare ones */
+    double per_picture;               /* all of the picture's bare rays over those of the part */
+    double all_s, direct_s;           /* of the last pictures */
+    const struct relight_desc *light; /* of the next picture to an EXR */
+};
+
+static enum err shade(struct speed *s, const struct relight_desc *light, double *seconds)
+{
+    struct relight_stats *stats = &s->c->stats;
+    const enum err e = relighter_run(s->c->relighter, s->b.environment, light, s->c->rgb, stats);
+
+    *seconds = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms);
+    return e;
+}
+
+static enum err shade_all(void *context)
+{
+    struct speed *s = context;
+
+    s->all.turn++;
+    return shade(s, &s->all, &s->all_s);
+}
+
+static enum err shade_direct(void *context)
+{
+    struct speed *s = context;
+
+    return shade(s, &s->direct, &s->direct_s);
+}
+
+static enum err bare(void *context)
+{
+    return bench_part_replay(((struct speed *)context)->part);
+}
+
+/* The rays of a picture by `mis` under this sky. */
+static enum err record_bare(struct speed *s)
+{
+    const struct direct_desc mis = { .method = METHOD_MIS, .samples = CACHED_SAMPLES };
+    uint64_t rays = 0;
+
+    const enum err e = bench_part_create(&s->b, &mis, &s->part, &rays);
+    s->per_picture = rays ? CACHED_SAMPLES * (double)s->b.set->gbuffer->point_count / (double)rays : 0.0;
+    return e == ERR_RANGE ? ERR_OK : e;
+}
+
+static enum err measure_shading(struct speed *s, struct speed_sky *out)
+{
+    struct bench_row row = { .name = NULL };
+    const struct bench_pair against = {
+        { shade_all, shade_direct }, s, { 1e3, 1e3 }, .seconds = { &s->all_s, &s->direct_s }
+    };
+    enum err e = bench_time(&s->b, &against, &row);
+
+    if (e)
+        return e;
+    out->all_ms = row.ours;
+    out->direct_ms = row.bare;
+    out->all_over_direct = row.ratio;
+    e = record_bare(s);
+    const struct bench_pair pair[2] = {
+        { { bare, shade_all }, s, { s->per_picture, 1.0 }, .seconds = { NULL, &s->all_s } },
+        { { bare, shade_direct }, s, { s->per_picture, 1.0 }, .seconds = { NULL, &s->direct_s } },
+    };
+    double *const ratio[2] = { &out->bare_all, &out->bare_direct };
+    for (int k = 0; k < 2 && !e && s->per_picture > 0.0; k++) {
+        e = bench_time(&s->b, &pair[k], &row);
+        *ratio[k] = row.ratio;
+    }
+    bench_part_destroy(s->part);
+    s->part = NULL;
+    return e;
+}
+
+/* From the sky's file to a float EXR in memory. */
+static enum err write_exr(void *context)
+{
+    struct speed *s = context;
+    const struct bench *b = &s->b;
+    const struct frame file = { .kind = FRAME_FILE, .name = "a sky", .bytes = b->exr, .size = b->exr_size };
+    const struct exr_desc d = { .rgb = s->c->rgb, .width = b->desc->width, .height = b->desc->height };
+    struct reason why;
+    uint8_t *bytes = NULL;
+    size_t size;
+    enum err e = environment_update(b->environment, &file, &why);
+
+    if (!e)
+        e = relighter_run(s->c->relighter, b->environment, s->light, s->c->rgb, &s->c->stats);
+    if (!e)
+        e = exr_encode(&d, &bytes, &size, &why);
+    mem_free(bytes);
+    return e;
+}
+
+static enum err time_exr(void *context)
+{
+    struct speed *s = context;
+    struct bench_row row = { .name = NULL };
+    const struct bench_pair pair = { { write_exr }, s, .scale = { 1e3 } };
+    const enum err e = bench_time(&s->b, &pair, &row);
+
+    s->all_s = row.ours;
+    return e;
+}
+
+static enum err measure_pictures(struct speed *s, struct speed_sky *out)
+{
+    const struct relight_desc *const light[2] = { &s->all, &s->direct };
+    double *const jpeg[2] = { &out->jpeg_all, &out->jpeg_direct }, *const exr[2] = { &out->exr_all, &out->exr_direct };
+    struct bench_row row = { .name = NULL };
+    enum err e = ERR_OK;
+
+    for (int k = 0; k < 2 && !e; k++) {
+        e = bench_pipeline_rate(&s->b, s->c->relighter, light[k], &row, jpeg[k]);
+        *jpeg[k] *= 1e3;
+        s->light = light[k];
+        if (!e)
+            e = bench_threads(&s->b, 1, time_exr, s);
+        *exr[k] = s->all_s;
+    }
+    return e;
+}
+
+/* Of the cache and of `mis`, with this light. */
+static enum err judge(struct speed *s, const struct relight_desc *light, double *ours, double *theirs)
+{
+    const struct relight_desc mis = { .direct = { .method = METHOD_MIS, .samples = SPEED_MIS_SAMPLES },
+                                      .classes = light->classes };
+    struct cached_truth truth = { .samples = 0 };
+    double ignored;
+
+    s->c->light.classes = light->classes; /* those of the truth */
+    enum err e = cached_truth_make(s->c, s->b.environment, &truth);
+    if (!e)
+        e = shade(s, light, &ignored);
+    if (!e)
+        e = cached_rel_mse(&s->b, &truth, s->c->rgb, ours);
+    if (!e)
+        e = shade(s, &mis, &ignored);
+    if (!e)
+        e = cached_rel_mse(&s->b, &truth, s->c->rgb, theirs);
+    cached_truth_finish(&truth);
+    return e;
+}
+
+static enum err measure_sky(struct speed *s, const char *source, bool judged, struct speed_sky *out, struct reason *why)
+{
+    out->error_direct = out->error_all = -1.0;
+    enum err e = bench_take_sky(&s->b, source, why);
+    if (e)
+        return e;
+    e = measure_shading(s, out);
+    out->bright = s->c->stats.cache_frame.bright > 0;
+    if (!e)
+        e = measure_pictures(s, out);
+    if (!e && judged)
+        e = judge(s, &s->direct, &out->error_direct, &out->mis_direct);
+    if (!e && judged)
+        e = judge(s, &s->all, &out->error_all, &out->mis_all);
+    return e ? err_say(why, e, "%s: %s", out->title, err_text(e)) : ERR_OK;
+}
+
+/* The cache of direct light and what all light needs besides. */
+static enum err precompute(struct speed *s, struct speed_case *out, struct reason *why)
+{
+    struct bench_row row = { .name = NULL };
+    const double start = clock_seconds(), busy = clock_processor();
+    double ms;
+    enum err e = cached_get(&s->b, &row, &s->c);
+
+    if (!e && !s->c)
+        return err_say(why, ERR_RANGE, "%s", row.skipped);
+    if (e)
+        return err_say(why, e, "%s", err_text(e));
+    s->direct = s->all = s->c->light;
+    s->all.classes = PATH_ALL;
+    s->all.renew = CAUSTIC_PARTS;
+    e = relighter_prepare(s->c->relighter, &s->all, false, &ms);
+    if (!e)
+        e = relighter_run(s->c->relighter, s->b.environment, &s->all, s->c->rgb, &s->c->stats);
+    out->wall_s = clock_seconds() - start;
+    out->processor_s = clock_processor() - busy;
+    out->direct_bytes = s->c->stats.cache.bytes;
+    out->bytes = out->direct_bytes + s->c->stats.bounce.bytes + s->c->stats.stored.bytes;
+    return e ? err_say(why, e, "%s", s->c->why.text[0] ? s->c->why.text : err_text(e)) : ERR_OK;
+}
+
+static enum err measure_growth(struct speed *s, struct speed_case *out, struct reason *why)
+{
+    out->pixels.name = "four times the pixels";
+    out->growth.name = "16 times the triangles";
+    enum err e = bench_pixels(&s->b, &out->pixels);
+    if (!e)
+        e = bench_triangles(&s->b, &out->growth);
+    return e ? err_say(why, e, "%s", err_text(e)) : ERR_OK;
+}
+
+enum err speed_measure(const struct bench_desc *desc, bool judged, struct speed_case *out, struct reason *why)
+{
+    struct speed *s = mem_alloc(1, sizeof(*s));
+    const char *skies = desc->sources;
+    char title[128], spec[4096];
+
+    if (!s)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    s->b.desc = desc;
+    enum err e = bench_begin(&s->b, why);
+    while (!e && out->count < SPEED_SKIES && chart_next_item(&skies, title, spec)) {
+        struct speed_sky *sky = &out->skies[out->count++];
+        snprintf(sky->title, sizeof(sky->title), "%.*s", SPEED_TITLE - 1, title);
+        if (!s->c && !(e = bench_take_sky(&s->b, spec, why)))
+            e = precompute(s, out, why);
+        if (!e)
+            e = measure_sky(s, spec, judged, sky, why);
+    }
+    if (!e && judged && s->c)
+        e = measure_growth(s, out, why);
+    out->level = s->b.kernels ? s->b.kernels->level : "";
+    out->width = desc->width;
+    out->height = desc->height;
+    bench_end(&s->b);
+    mem_free(s);
+    return e;
+}

@@ -1,0 +1,162 @@
+/* relight-bench --speed: every scene by both CPU levels at two sizes, and one table with the targets. */
+#include "bench/speed.h"
+
+#include "chart/chart.h"
+#include "chart/machine.h"
+#include "base/mem.h"
+
+#include <string.h>
+
+#define CASES 32
+#define MB 1e-6
+
+/* Targets by size, of the usual two sizes only: bare over shading (noon, overcast), milliseconds from EXR to JPEG. */
+static const struct target {
+    uint32_t width, height;
+    double bare[2], jpeg[2], exr, seconds, bytes; /* [0]: with a bright part; 0: there is none */
+} targets[] = {
+    { 640, 360, { 60.0, 250.0 }, { 0.0, 0.0 }, 40.0, 5.0, 0.0 },
+    { 1280, 720, { 80.0, 300.0 }, { 66.0, 33.0 }, 0.0, 0.0, 50e6 },
+};
+
+static const struct target *target_of(const struct speed_case *c)
+{
+    static const struct target none = { .width = 0 };
+
+    for (size_t k = 0; k < sizeof(targets) / sizeof(targets[0]); k++)
+        if (targets[k].width == c->width && targets[k].height == c->height)
+            return &targets[k];
+    return &none;
+}
+
+/* "41.2", with a mark where a target is missed: "<" below the least, ">" above the most; 0: there is no target. */
+static const char *text_of(double v, double least, double most, char out[16])
+{
+    snprintf(out, 16, "%.3g%s", v, least > 0.0 && v < least ? " <" : most > 0.0 && v > most ? " >" : "");
+    return out;
+}
+
+static const char *error_text(double v, double most, char out[16])
+{
+    if (v < 0.0)
+        return "-";
+    snprintf(out, 16, "%.1e%s", v, v > most ? " >" : "");
+    return out;
+}
+
+static void print_skies(const struct speed_case *c, FILE *to)
+{
+    const struct target *t = target_of(c);
+    char cell[10][16];
+
+    for (size_t k = 0; k < c->count; k++) {
+        const struct speed_sky *s = &c->skies[k];
+        const int kind = s->bright ? 0 : 1;
+        fprintf(to, "%-10.10s %4ux%-4u %-8.8s %-10.10s %8s %8s %8s %8s %8s %8s %8s %8s %9s %9s %8s %8s\n", c->scene,
+                c->width, c->height, c->level, s->title, text_of(s->all_ms, 0, 0, cell[0]),
+                text_of(s->direct_ms, 0, 0, cell[1]), text_of(s->bare_all, t->bare[kind], 0, cell[2]),
+                text_of(s->bare_direct, 0, 0, cell[3]), text_of(s->all_over_direct, 0, 2.0, cell[4]),
+                text_of(s->jpeg_all, 0, t->jpeg[kind], cell[5]), text_of(s->jpeg_direct, 0, 0, cell[6]),
+                text_of(s->exr_direct, 0, kind ? t->exr : 0.0, cell[7]),
+                error_text(s->error_direct, s->mis_direct, cell[8]), error_text(s->error_all, s->mis_all, cell[9]),
+                s->error_direct < 0.0 ? "-" : error_text(s->mis_direct, 1e30, (char[16]){ "" }),
+                s->error_all < 0.0 ? "-" : error_text(s->mis_all, 1e30, (char[16]){ "" }));
+    }
+}
+
+static void print_growth(const struct bench_row *r, double most, FILE *to)
+{
+    char cell[16];
+
+    if (!r->name)
+        return;
+    if (r->skipped[0])
+        fprintf(to, "; %s: %s", r->name, r->skipped);
+    else
+        fprintf(to, "; %s: %s times the time", r->name, text_of(r->ratio, 0, most, cell));
+}
+
+static void print_caches(const struct speed_case *c, FILE *to)
+{
+    const struct target *t = target_of(c);
+    char cell[2][16];
+
+    fprintf(
+        to,
+        "%-10.10s %4ux%-4u %-8.8s precomputation of all light %s s, %.3g s of processor time; %s MB of direct light, "
+        "%.3g of all",
+        c->scene, c->width, c->height, c->level, text_of(c->wall_s, 0, t->seconds, cell[0]), c->processor_s,
+        text_of(MB * (double)c->direct_bytes, 0, MB * t->bytes, cell[1]), MB * (double)c->bytes);
+    print_growth(&c->pixels, 3.1, to);
+    print_growth(&c->growth, 1.7, to);
+    fputc('\n', to);
+}
+
+static void print_all(const struct speed_case *cases, size_t count, FILE *to)
+{
+    static const char *const heads[2][12] = {
+        { "shading", "shading", "bare/", "bare/", "all/", "to JPEG", "to JPEG", "to EXR", "relMSE", "relMSE", "mis 256",
+          "mis 256" },
+        { "all", "direct", "all", "direct", "direct", "all", "direct", "direct", "direct", "all", "direct", "all" },
+    };
+    struct machine m;
+
+    machine_describe(&m, cases[0].level);
+    fprintf(
+        to,
+        "%s, commit %s, %s\n"
+        "milliseconds; shading: the clock's, all threads; bare: 64 shadow rays at each shade point; to JPEG: "
+        "processor\n"
+        "time from EXR to JPEG; to EXR: from EXR to a float EXR on one thread; < and >: below or above the target\n",
+        m.cpu, m.commit, m.date);
+    for (int line = 0; line < 2; line++) {
+        fprintf(to, "%-10s %-9s %-8s %-10s", line ? "" : "scene", line ? "" : "size", line ? "" : "kernels",
+                line ? "" : "sky");
+        for (int k = 0; k < 12; k++)
+            fprintf(to, " %*s", k == 8 || k == 9 ? 9 : 8, heads[line][k]);
+        fputc('\n', to);
+    }
+    for (size_t k = 0; k < count; k++)
+        print_skies(&cases[k], to);
+    for (size_t k = 0; k < count; k++)
+        print_caches(&cases[k], to);
+}
+
+/* One scene: by the best kernels first, then by those for AVX2, each at both sizes. */
+static enum err run_scene(const struct bench_desc *desc, const char *title, const char *scene, struct speed_case *cases,
+                          size_t *count, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    for (int run = 0; run < 4 && !e && *count < CASES; run++) {
+        struct bench_desc own = *desc;
+        struct speed_case *c = &cases[*count];
+        own.scene = strcmp(scene, "builtin") == 0 ? NULL : scene;
+        own.width <<= run % 2;
+        own.height <<= run % 2;
+        if (run >= 2 && (desc->cpu || strcmp(c[-2].level, "v3") == 0))
+            break; /* there is one level only */
+        own.cpu = run >= 2 ? "v3" : desc->cpu;
+        *c = (struct speed_case){ .level = "" };
+        snprintf(c->scene, sizeof(c->scene), "%.*s", SPEED_TITLE - 1, title);
+        e = speed_measure(&own, run == 0, c, why);
+        *count += !e;
+    }
+    return e;
+}
+
+enum err bench_speed(const struct bench_desc *desc, FILE *to, struct reason *why)
+{
+    struct speed_case *cases = mem_alloc(CASES, sizeof(*cases));
+    const char *scenes = desc->scenes;
+    char title[128], spec[4096];
+    size_t count = 0;
+    enum err e = cases ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
+
+    while (!e && count < CASES && chart_next_item(&scenes, title, spec))
+        e = run_scene(desc, title, spec, cases, &count, why);
+    if (!e)
+        print_all(cases, count, to);
+    mem_free(cases);
+    return e;
+}
