@@ -251,14 +251,6 @@ static MUST_CHECK enum err take_sky(struct caustic_store *s, const struct enviro
     return ERR_OK;
 }
 
-/* Index of w's texel in a table of n texels per edge. */
-static inline uint32_t texel_of(uint32_t from, uint32_t n)
-{
-    const uint32_t mask = (1u << DIRECTION_BITS) - 1, row = from >> DIRECTION_BITS & mask, column = from & mask;
-
-    return ((from >> 2 * DIRECTION_BITS) * n + (row * n >> DIRECTION_BITS)) * n + (column * n >> DIRECTION_BITS);
-}
-
 /* A batch of a tile's splats. Their directions are scattered over the sky table, which exceeds the second-level cache,
  * so all are prefetched before the first is used. */
 struct ahead {
@@ -287,7 +279,7 @@ static void add_part(const struct part *p, uint32_t tile, const float (*sky)[4],
                      float sum[][4])
 {
     for (uint32_t k = p->first[tile]; k < p->first[tile + 1]; k++) {
-        const float *light = sky[texel_of(p->from[k], n)];
+        const float *light = sky[direction_texel(p->from[k], n)];
         __builtin_prefetch(light);
         a->light[a->count] = light;
         a->power[a->count] = p->power[k];

@@ -2,6 +2,7 @@
 
 #include "base/progress.h"
 #include "base/cancel.h"
+#include "base/mem.h"
 #include "estimators/denormals.h"
 #include "brdf/lobe.h"
 #include "base/rng.h"
@@ -25,6 +26,11 @@ struct frame_paths { /* shared by all points; borrowed */
     double most; /* of a path; infinite: no limit */
 };
 
+struct record { /* of one packet */
+    struct eye_path_end *ends;
+    uint32_t count, lane;
+};
+
 /* A path being traced from a shading point. */
 struct walk {
     const struct frame_paths *frame;
@@ -38,7 +44,8 @@ struct walk {
     double sky[2]; /* numbers of the first light sample */
     bool sky_used;
     struct rng rng;
-    double sum[3]; /* contribution so far */
+    double sum[3];         /* contribution so far */
+    struct record *record; /* gets the path's end instead; NULL: there is a sky */
     uint64_t rays;
 };
 
@@ -46,6 +53,15 @@ static void add(struct walk *w, const double brdf[3], double scale, const float 
 {
     for (int c = 0; c < 3; c++)
         w->sum[c] += w->weight[c] * (brdf ? brdf[c] : 1.0) * scale * rgb[c];
+}
+
+static void record_end(const struct walk *w)
+{
+    struct eye_path_end *end = &w->record->ends[w->record->count++];
+
+    *end = (struct eye_path_end){ { w->dir.x, w->dir.y, w->dir.z }, { 0.0f }, w->record->lane };
+    for (int c = 0; c < 3; c++)
+        end->weight[c] = (float)w->weight[c];
 }
 
 /* The ray left the scene. */
@@ -59,6 +75,10 @@ static void escape(struct walk *w)
 
     if (!(w->classes & class))
         return;
+    if (w->record) {
+        record_end(w);
+        return;
+    }
     const double light = environment_sample_density(w->frame->environment, dir, rgb);
     add(w, NULL, w->specular ? 1.0 : w->density / (w->density + light), rgb);
 }
@@ -192,12 +212,12 @@ static void limit(struct walk *w, const double before[3])
 /* All paths of one point. The sequence's numbers get a digital shift per point, which keeps each uniform and the set a
  * net. */
 static uint64_t shade_point(const struct frame_paths *f, const struct shade_packet *p, uint32_t l, uint64_t point,
-                            uint32_t paths, uint32_t classes, float *lo)
+                            uint32_t paths, uint32_t classes, struct record *record, float *lo)
 {
     const struct lobe lobe = lobe_of_lane(p, l);
     const struct vec3 wo = vec3_make(p->wo_x[l], p->wo_y[l], p->wo_z[l]), at = vec3_make(p->x[l], p->y[l], p->z[l]);
     uint64_t shift[NUMBER_COUNT];
-    struct walk w = { .frame = f, .classes = classes };
+    struct walk w = { .frame = f, .classes = classes, .record = record };
 
     for (uint64_t k = 0; k < NUMBER_COUNT; k++)
         shift[k] = rng_mix(f->point_seed, point * NUMBER_COUNT + k);
@@ -216,7 +236,7 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
             walk_on(&w);
         limit(&w, before);
     }
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3 && lo; c++)
         lo[c * PACKET + l] += (float)(w.sum[c] / paths);
     return w.rays;
 }
@@ -269,7 +289,7 @@ static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, 
                 const uint32_t wanted = classes[p->behind[l] != 0];
                 if (!wanted)
                     continue;
-                rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, own, wanted, lo + (size_t)i * 3 * PACKET);
+                rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, own, wanted, NULL, lo + (size_t)i * 3 * PACKET);
                 paths += own;
             }
             progress_part_step(desc->progress, (uint64_t)EYE_PATH_STEPS * desc->paths);
@@ -280,11 +300,10 @@ static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, 
     stats->paths = paths;
 }
 
-enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
-                         const struct environment *e, const struct eye_paths_desc *desc, float *lo,
-                         struct eye_paths_stats *stats)
+static struct frame_paths frame_of(const struct scene *scene, const struct rays *rays, const struct environment *e,
+                                   const struct eye_paths_desc *desc)
 {
-    struct frame_paths f = {
+    return (struct frame_paths){
         .scene = scene,
         .rays = rays,
         .environment = e,
@@ -293,6 +312,13 @@ enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, con
         .path_seed = rng_mix(rng_mix(desc->seed, 1), desc->pass),
         .most = desc->most > 0.0 ? desc->most : INFINITY,
     };
+}
+
+enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
+                         const struct environment *e, const struct eye_paths_desc *desc, float *lo,
+                         struct eye_paths_stats *stats)
+{
+    struct frame_paths f = frame_of(scene, rays, e, desc);
 
     const uint32_t found = classes_in(scene), classes[2] = { desc->classes & found, desc->behind_classes & found };
 
@@ -310,4 +336,61 @@ enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, con
     shade_packets(&f, g, desc, classes, lo, stats);
     scratch_free(desc->scratch, f.numbers);
     return ERR_OK;
+}
+
+/* A packet's paths into r. Returns the number of rays. */
+static uint64_t record_packet(const struct frame_paths *f, const struct shade_packet *p, uint32_t packet,
+                              const uint32_t classes[2], struct record *r)
+{
+    uint64_t rays = 0;
+
+    r->count = 0;
+    for (r->lane = 0; r->lane < p->count; r->lane++) {
+        const uint32_t wanted = classes[p->behind[r->lane] != 0];
+        if (wanted)
+            rays += shade_point(f, p, r->lane, (uint64_t)packet * PACKET + r->lane, f->paths, wanted, r, NULL);
+    }
+    return rays;
+}
+
+enum err eye_paths_record(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
+                          const struct eye_paths_desc *desc, eye_paths_take *take, void *context,
+                          struct eye_paths_stats *stats)
+{
+    struct frame_paths f = frame_of(scene, rays, NULL, desc);
+    const uint32_t found = classes_in(scene), classes[2] = { desc->classes & found, desc->behind_classes & found };
+    const uint32_t packets = desc->only ? desc->only->count : g->packet_count;
+    uint64_t traced = 0;
+    enum err result = ERR_OK;
+
+    assert(desc->paths >= 1 && !((desc->classes | desc->behind_classes) & ~(PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)));
+    *stats = (struct eye_paths_stats){ 0 };
+    f.numbers = mem_alloc(desc->paths, sizeof(*f.numbers));
+    if (!f.numbers)
+        return ERR_NOMEM;
+    fill_numbers(rng_mix(desc->seed, 2), (uint32_t)(desc->pass * desc->paths), desc->paths, f.numbers);
+#pragma omp parallel reduction(+ : traced)
+    {
+        struct record r = { .ends = mem_alloc((size_t)desc->paths * PACKET, sizeof(*r.ends)) };
+        enum err own = r.ends ? ERR_OK : ERR_NOMEM;
+        const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t k = 0; k < packets; k++) {
+            const uint32_t i = desc->only ? desc->only->index[k] : k;
+            if (own || is_cancelled(desc->cancel))
+                continue;
+            traced += record_packet(&f, &g->packets[i], i, classes, &r);
+            if (r.count > 0)
+                own = take(context, i, r.ends, r.count);
+        }
+        denormals_restore(before);
+        mem_free(r.ends);
+        if (own) {
+#pragma omp critical(eye_paths_record)
+            result = own;
+        }
+    }
+    stats->rays = traced;
+    mem_free(f.numbers);
+    return result;
 }

@@ -50,6 +50,22 @@ struct eye_paths_stats {
     uint64_t rays;  /* traced, including shadow rays */
 };
 
+/* Where a path of a packet's lane meets the sky. It adds L(dir) times weight / desc->paths to the lane's light. */
+struct eye_path_end {
+    float dir[3], weight[3];
+    uint32_t lane;
+};
+
+/* Receives the ends of a packet's paths, lane by lane; called for each packet that has some, by several threads at once
+ * and in no particular order. An error that it returns ends the run. */
+typedef enum err eye_paths_take(void *context, uint32_t packet, const struct eye_path_end *ends, uint32_t count);
+
+/* Traces the same paths without a sky, for light that meets it after a mirror or glass: desc's classes are among
+ * PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC, and `most` is ignored. ERR_NOMEM and errors of `take`. */
+MUST_CHECK enum err eye_paths_record(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
+                                     const struct eye_paths_desc *desc, eye_paths_take *take, void *context,
+                                     struct eye_paths_stats *stats);
+
 /* Whether the scene can contain any of the requested light. */
 bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *desc);
 

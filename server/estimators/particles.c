@@ -285,12 +285,6 @@ static void line_numbers(uint64_t seed, uint64_t line, double x[2])
     x[1] = scrambled(second, (uint32_t)(next >> 32)) * 0x1p-32;
 }
 
-static uint32_t pack_direction(const float w[3])
-{
-    float u, v;
-    return cube_texel(1u << DIRECTION_BITS, w, &u, &v); /* face, row and column have separate bits */
-}
-
 /* Samples a direction w from x in [0, 1)^2, with its radiance and density. False: the sky is black. */
 static bool draw_direction(const struct particle_run *run, const double x[2], float w[3], float rgb[3], float *pdf)
 {
@@ -333,7 +327,7 @@ static void follow_direction(const struct particle_run *run, uint64_t direction,
         for (int c = 0; c < 3; c++)
             p.flux[c] = rgb[c] / (pdf * density * run->per_particle);
         p.first_flux = luminance(p.flux);
-        p.from = pack_direction(w);
+        p.from = direction_pack(w);
         if (p.first_flux > 0.0)
             follow(run, &p, b);
     }

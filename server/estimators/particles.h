@@ -8,13 +8,10 @@
 #define ESTIMATORS_PARTICLES_H
 
 #include "estimators/light_tracer.h"
+#include "estimators/packed_direction.h"
 #include "env/sky_split.h"
 
 #define PARTICLE_ROUND 128u /* batches between two calls of `take` for each of them */
-
-/* Packed directions: 3 bits of face, 14 of row and 14 of column of a cube map with 2^14 texels per edge. On any cube
- * map whose edge divides that, the texel is the one of cube_texel. */
-#define DIRECTION_BITS 14
 
 struct progress_part;
 struct particle_splat {

@@ -89,6 +89,9 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
                                 progress, ms);
     if (!e && stored)
         e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
+    const uint32_t behind = relight_plan_behind(r->set, desc, &plan);
+    if (!e && behind)
+        e = relight_caustics_make_behind(&r->caustics, r->set, desc, behind, plan.eye_paths, ms);
     return e;
 }
 
@@ -387,6 +390,10 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
     if (!result)
         result = r->team && relighter_can_deal(r, passes) ? run_dealt(r, e, passes, stats, costs)
                                                           : run_points(r, e, passes, stats, costs);
+    const double seen = clock_seconds();
+    if (!result && passes->stored_behind)
+        relight_caustics_behind(&r->caustics, e, r->passes.lo, stats);
+    costs->eye_s += clock_seconds() - seen;
     if (r->half && !result)
         light_round(r->passes.lo, points_bytes(r) / sizeof(float));
     if (result)

@@ -10,6 +10,7 @@
 #include "env/environment.h"
 #include "base/err.h"
 #include "estimators/eye_paths.h"
+#include "estimators/eye_store.h"
 #include "scene/free_view.h"
 #include "scene/gbuffer.h"
 #include "estimators/kernels.h"
@@ -103,6 +104,7 @@ struct relight_stats {           /* of one picture */
     struct eye_paths_stats eye;
     struct light_tracer_stats light;
     struct caustic_store_stats stored; /* PLAN_STORED; `light` is then that of the bright part */
+    struct eye_store_stats stored_behind; /* of points behind mirrors and glass, with METHOD_CACHED */
     /* Of reference methods, which report their whole time in shade_ms. */
     uint64_t reference_rays;
     /* METHOD_CACHED: the cache, this frame's use of it, and cache_ms, the time of computing or loading it in this run;

@@ -12,10 +12,12 @@
 #define PATHS_PER_PIXEL 64 /* stored by default */
 #define PARTS_STILL 64     /* if none is redrawn, for the progress line only */
 #define SERVES 8           /* 1 / the share of its parts from which a live picture's store is better than eye paths */
+#define BEHIND_FOR_EACH 8  /* stored eye paths for each that would be traced in a frame: a frame hardly notices them */
 #define PARTS_AT_ONCE 2    /* of a live picture: one for either half */
 
 void relight_caustics_finish(struct relight_caustics *c)
 {
+    eye_store_destroy(c->behind);
     caustic_store_destroy(c->store);
     sky_split_finish(&c->sky);
     *c = (struct relight_caustics){ .store = NULL };
@@ -34,7 +36,8 @@ static MUST_CHECK enum err create(struct relight_caustics *c, const struct set *
 {
     struct reason why;
 
-    relight_caustics_finish(c);
+    caustic_store_destroy(c->store);
+    c->store = NULL;
     const enum err e = caustic_store_create(set->scene, set->rays, &set->view, wish, &c->store, &why);
     if (e)
         return err_say(desc->direct.why, e, "%s%s", why.text, e == ERR_RANGE ? "; --cache-memory allows less" : "");
@@ -167,4 +170,42 @@ enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *l
     if (!result)
         result = light_tracer_run(light, e, &bright, rgb, &stats->light);
     return result;
+}
+
+enum err relight_caustics_make_behind(struct relight_caustics *c, const struct set *set,
+                                      const struct relight_desc *desc, uint32_t classes, uint32_t paths, double *ms)
+{
+    const struct eye_store_desc wish = {
+        .classes = classes,
+        .paths = BEHIND_FOR_EACH * paths,
+        .seed = rng_mix(desc->direct.seed, 0x657965),
+        .max_bytes = desc->cache_bytes,
+    };
+    const struct eye_store_desc *made = &c->behind_made;
+    struct eye_store_desc own = wish;
+
+    if (c->behind && made->classes == wish.classes && made->paths == wish.paths && made->seed == wish.seed &&
+        made->max_bytes == wish.max_bytes)
+        return ERR_OK;
+    const double start = clock_seconds();
+    const bool first = !c->behind;
+    eye_store_destroy(c->behind);
+    own.cancel = desc->direct.cancel;
+    const enum err e = eye_store_create(set->scene, set->rays, set->gbuffer, &own, &c->behind);
+    c->behind_made = wish;
+    *ms += 1e3 * (clock_seconds() - start);
+    if (!e && first && c->behind)
+        log_info("store of caustics behind mirrors and glass: %.1f s, %.1f million paths, %.1f MB",
+                 clock_seconds() - start, 1e-6 * (double)eye_store_stats(c->behind)->paths,
+                 1e-6 * (double)eye_store_stats(c->behind)->bytes);
+    return e;
+}
+
+void relight_caustics_behind(const struct relight_caustics *c, const struct environment *e, float *lo,
+                             struct relight_stats *stats)
+{
+    if (!c->behind) /* cancelled */
+        return;
+    eye_store_light(c->behind, e, lo);
+    stats->stored_behind = *eye_store_stats(c->behind);
 }

@@ -5,12 +5,15 @@
 
 #include "light/relight.h"
 #include "env/sky_split.h"
+#include "estimators/eye_store.h"
 
 struct relight_caustics { /* zero it first */
     struct caustic_store *store;
     struct caustic_store_desc made; /* the settings it was built with */
     struct sky_split sky;
-    size_t image; /* floats in one picture */
+    size_t image;                      /* floats in one picture */
+    struct eye_store *behind;          /* of points behind mirrors and glass; NULL: not asked for */
+    struct eye_store_desc behind_made; /* the settings it was built with */
 };
 
 /* Frees it and leaves it zeroed. */
@@ -48,5 +51,15 @@ MUST_CHECK enum err relight_caustics_make(struct relight_caustics *c, const stru
 MUST_CHECK enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light,
                                          const struct environment *e, const struct relight_desc *desc, float *rgb,
                                          struct relight_stats *stats);
+
+/* Stores eye paths of these classes at points behind mirrors and glass (eye_store.h), 8 for each of `paths`, if they are
+ * missing, and adds the milliseconds to *ms. ERR_NOMEM. */
+MUST_CHECK enum err relight_caustics_make_behind(struct relight_caustics *c, const struct set *set,
+                                                 const struct relight_desc *desc, uint32_t classes, uint32_t paths,
+                                                 double *ms);
+
+/* Adds their light to the shade points, if there are any. */
+void relight_caustics_behind(const struct relight_caustics *c, const struct environment *e, float *lo,
+                             struct relight_stats *stats);
 
 #endif

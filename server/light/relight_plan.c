@@ -52,6 +52,16 @@ uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *
     return relight_plan_classes(p, PLAN_STORED);
 }
 
+/* Live pictures do not wait for stored paths; they have histories instead (beside.h). */
+uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *desc, const struct plan *p)
+{
+    const bool stored = relight_is_cached(desc) && desc->caustics == PLAN_AUTO && p->caustics == PLAN_STORED;
+
+    if (!stored || !p->behind_caustics || desc->cache_background || desc->denoise || beside_wanted(set, desc))
+        return 0;
+    return PATH_CAUSTICS | (p->behind_indirect ? PATH_INDIRECT_CAUSTIC : 0);
+}
+
 /* Packets whose interreflection the cache leaves to eye paths. */
 static const struct packet_list *left_by_cache(const struct bounce *bounce, const struct plan *p)
 {
@@ -76,9 +86,13 @@ static void add_eye_paths(const struct set *set, const struct bounce *bounce, st
         .scratch = scratch,
     };
 
+    out->stored_behind = relight_plan_behind(set, desc, p);
+    out->behind_paths = p->eye_paths;
+    eye.behind_classes &= ~out->stored_behind;
     if (p->eye_paths == 0 || !(eye_paths_can_find(set->scene, &eye) || left))
         return;
-    out->eye[0] = eye;
+    if (eye.classes | eye.behind_classes)
+        out->eye[0] = eye;
     if (!left)
         return;
     eye.classes = eye.behind_classes = PATH_INDIRECT_LIT;

@@ -19,6 +19,9 @@ uint32_t relight_plan_classes(const struct plan *p, enum plan_estimator who);
 /* The classes that pictures with the cache will take from stored light paths, even if this one cannot yet; 0: none. */
 uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *p);
 
+/* The classes that stored eye paths light at points behind mirrors and glass; 0: none. */
+uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *desc, const struct plan *p);
+
 /* *out borrows desc, bounce and scratch. */
 void relight_plan_passes(const struct set *set, const struct bounce *bounce, struct scratch *scratch,
                          const struct relight_desc *desc, const struct plan *p, struct picture_passes *out);

@@ -117,6 +117,21 @@ assert 0 <= rows["cached: seams"]["ours"] <= 100 and 0 <= rows["cached: temporal
     done
 }
 
+# One line for each scene, size, CPU level and sky, and one for each scene, size and level.
+speed_prints_one_table_of_all_scenes_and_skies() {
+    box_scene "$work"
+    constant_sky "$work/flat.hdr"
+    "$bin/relight-bench" --help | grep -q -- --speed || fail "no --speed in --help"
+    "$bin/relight-bench" --speed --cpu v3 --size 16x9 --samples 2 --rounds 3 --scenes "crate=$work/box.json" \
+        --sources "noon=sky:size=64x32,hour=12;flat=$work/flat.hdr" >"$work/table"
+    [ "$(grep -c '^crate .* noon ' "$work/table")" = 2 ] || { cat "$work/table"; fail "lines of noon"; }
+    [ "$(grep -c '^crate .* flat ' "$work/table")" = 2 ] || { cat "$work/table"; fail "lines of flat"; }
+    [ "$(grep -c 'precomputation of all light' "$work/table")" = 2 ] || fail "lines of precomputation"
+    grep -q '^crate *16x9 .*four times the pixels: .* 16 times the triangles: ' "$work/table" || fail "no growth"
+    awk '/^crate.*(noon|flat)/ { for (k = 5; k <= NF; k++) if ($k !~ /^([<>-]|[0-9.e+-]+)$/) exit 1 }' "$work/table" ||
+        { cat "$work/table"; fail "a figure is no number"; }
+}
+
 what_it_cannot_measure_is_refused() {
     expect 2 "'path' is not available here" "$bin/relight-bench" --method path
     expect 2 'rounds' "$bin/relight-bench" --rounds 2
