@@ -27,7 +27,7 @@ struct bench_desc {
     struct scene_reading reading; /* of reading it */
     const char *scene_fine;       /* the same with 16 times the triangles; NULL: made by halving edges twice */
     const char *source;           /* its first frame is used */
-    const char *scenes, *sources; /* of bench_first_minute and bench_speed instead: lists as relight-chart's (chart/chart.h) */
+    const char *scenes, *sources; /* of bench_first_minute and bench_speed: lists as relight-chart's (chart/chart.h) */
     const char *cpu;              /* level of the kernels; NULL: the best */
     uint32_t width, height;       /* of the pictures, pixels */
     enum method method;
@@ -75,9 +75,9 @@ MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report
  * At most 16 pictures. Errors as bench_run's. */
 MUST_CHECK enum err bench_first_minute(const struct bench_desc *desc, FILE *to, struct reason *why);
 
-/* What a picture by the cache of light transport costs, of each scene under each source, at desc's size and at twice its
- * width and height, by the best kernels and by those for AVX2 (or by desc->cpu alone): prints one table with the targets.
- * Errors as bench_run's. */
+/* What a picture by the cache of light transport costs, of each scene under each source, at desc's size and at twice
+ * its width and height, by the best kernels and by those for AVX2 (or by desc->cpu alone): prints one table with the
+ * targets. Errors as bench_run's. */
 MUST_CHECK enum err bench_speed(const struct bench_desc *desc, FILE *to, struct reason *why);
 
 /* True when the row has a target and meets it. */

@@ -34,8 +34,8 @@ struct bench {
     struct progress line;
 };
 
-/* Threads, kernels, scene and an empty environment, of a bench that has its desc alone; then a sky, which replaces the one
- * before. Errors as bench_run's; bench_end all the same. */
+/* Threads, kernels, scene and an empty environment, of a bench that has its desc alone; then a sky, which replaces the
+ * one before. Errors as bench_run's; bench_end all the same. */
 MUST_CHECK enum err bench_begin(struct bench *b, struct reason *why);
 MUST_CHECK enum err bench_take_sky(struct bench *b, const char *source, struct reason *why);
 void bench_end(struct bench *b);

@@ -52,8 +52,8 @@ MUST_CHECK enum err relight_caustics_run(struct relight_caustics *c, struct ligh
                                          const struct environment *e, const struct relight_desc *desc, float *rgb,
                                          struct relight_stats *stats);
 
-/* Stores eye paths of these classes at points behind mirrors and glass (eye_store.h), 8 for each of `paths`, if they are
- * missing, and adds the milliseconds to *ms. ERR_NOMEM. */
+/* Stores eye paths of these classes at points behind mirrors and glass (eye_store.h), 8 for each of `paths`, if they
+ * are missing, and adds the milliseconds to *ms. ERR_NOMEM. */
 MUST_CHECK enum err relight_caustics_make_behind(struct relight_caustics *c, const struct set *set,
                                                  const struct relight_desc *desc, uint32_t classes, uint32_t paths,
                                                  double *ms);

@@ -78,11 +78,11 @@ static json_t *stored_stats(const struct relight_stats *s)
     const struct caustic_store_stats *c = &s->stored;
     const struct eye_store_stats *b = &s->stored_behind;
 
-    return json_pack("{s:I, s:I, s:I, s:I, s:i, s:i, s:I, s:{s:I, s:I, s:I, s:I}}", "paths", (json_int_t)c->paths, "wished_paths",
-                     (json_int_t)c->requested, "splats", (json_int_t)c->splats, "bytes", (json_int_t)c->bytes, "parts",
-                     (int)c->parts, "renewed_parts", (int)c->renewed, "rays", (json_int_t)c->rays, "behind", "paths",
-                     (json_int_t)b->paths, "ends", (json_int_t)b->ends, "bytes", (json_int_t)b->bytes, "rays",
-                     (json_int_t)b->rays);
+    return json_pack("{s:I, s:I, s:I, s:I, s:i, s:i, s:I, s:{s:I, s:I, s:I, s:I}}", "paths", (json_int_t)c->paths,
+                     "wished_paths", (json_int_t)c->requested, "splats", (json_int_t)c->splats, "bytes",
+                     (json_int_t)c->bytes, "parts", (int)c->parts, "renewed_parts", (int)c->renewed, "rays",
+                     (json_int_t)c->rays, "behind", "paths", (json_int_t)b->paths, "ends", (json_int_t)b->ends, "bytes",
+                     (json_int_t)b->bytes, "rays", (json_int_t)b->rays);
 }
 
 static json_t *bounce_stats_of(const struct relight_stats *s)

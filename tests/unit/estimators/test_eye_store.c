@@ -1,5 +1,5 @@
-/* Stored eye paths against traced ones: the same paths, so the same light under each sky, but for the rounding of what is
- * stored. */
+/* Stored eye paths against traced ones: the same paths, so the same light under each sky, but for the rounding of what
+ * is stored. */
 #include "estimators/courts.h"
 #include "estimators/points.h"
 
