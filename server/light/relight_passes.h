@@ -17,13 +17,12 @@ struct resolver;
 enum { PASS_PICTURE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: one for pictures, one for measurements */
 
 struct picture_passes {
-    const struct relight_desc *cached;    /* direct light from its cache instead of `direct`; NULL: from `direct` */
-    const struct relight_desc *stored;    /* adds caustics from the store of light paths; NULL: does not */
-    uint32_t stored_behind, behind_paths; /* classes that stored eye paths light at points behind mirrors and glass, and
-                                             their number for each of 8; 0: none */
-    struct direct_desc direct;            /* samples 0: no direct light */
-    struct eye_paths_desc eye[2];         /* paths 0: omitted */
-    struct light_tracer_desc light[2];    /* particles 0: omitted */
+    const struct relight_desc *cached; /* direct light from its cache instead of `direct`; NULL: from `direct` */
+    const struct relight_desc *stored; /* adds caustics from the store of light paths; NULL: does not */
+    uint32_t stored_behind;            /* classes that stored eye paths light behind mirrors and glass; 0: none */
+    struct direct_desc direct;         /* samples 0: no direct light */
+    struct eye_paths_desc eye[2];      /* paths 0: omitted */
+    struct light_tracer_desc light[2]; /* particles 0: omitted */
     struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
     struct history *history;   /* not NULL: takes the halves, or samples in addition to the cache (history.h) */
     struct beside *beside;     /* not NULL: runs `stored`, `light` and eye_beside (beside.h) */

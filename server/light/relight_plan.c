@@ -59,7 +59,7 @@ uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *d
 
     if (!stored || !p->behind_caustics || desc->cache_background || desc->denoise || beside_wanted(set, desc))
         return 0;
-    return PATH_CAUSTICS | (p->behind_indirect ? PATH_INDIRECT_CAUSTIC : 0);
+    return desc->classes & (PATH_CAUSTICS | (p->behind_indirect ? PATH_INDIRECT_CAUSTIC : 0));
 }
 
 /* Packets whose interreflection the cache leaves to eye paths. */
@@ -87,7 +87,6 @@ static void add_eye_paths(const struct set *set, const struct bounce *bounce, st
     };
 
     out->stored_behind = relight_plan_behind(set, desc, p);
-    out->behind_paths = p->eye_paths;
     eye.behind_classes &= ~out->stored_behind;
     if (p->eye_paths == 0 || !(eye_paths_can_find(set->scene, &eye) || left))
         return;
