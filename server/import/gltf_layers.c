@@ -82,10 +82,10 @@ enum err gltf_read_sheen(struct gltf_source *s, const struct gltf_at *at, struct
         scene_note_unmodelled(s->g->scene, FEATURE_SHEEN, s->g->desc->path);
         return ERR_OK;
     }
-    if (gltf_key(&own, "sheenRoughnessTexture").value)
-        scene_note_unmodelled(s->g->scene, FEATURE_SHEEN, s->g->desc->path);
-    if (!texture.value)
-        return ERR_OK;
+    e = read_factor_map(s, &own, "sheenRoughnessTexture", MAP_SHEEN_ROUGHNESS, 3, m, surface, &m->sheen_roughness,
+                        &m->sheen_roughness_texture);
+    if (e || !texture.value)
+        return e;
     e = gltf_texture_colours(&s->images, &texture, TEXTURE_SRGB, &m->sheen_texture, &place);
     if (!e && m->sheen_texture != MATERIAL_NO_TEXTURE)
         (void)gltf_place_texture(s, m, MAP_SHEEN, surface, &place);

@@ -11,6 +11,8 @@
     "is KTX2 (KHR_texture_basisu), which is not supported; convert it to PNG, for instance with "                      \
     "'gltf-transform ktxdecompress IN OUT'"
 
+enum { ALPHA = 8 }; /* alone, of `channels` */
+
 /* How a material uses an image. */
 struct use {
     size_t image;
@@ -26,7 +28,7 @@ struct gltf_known_image {
     bool missing;
     uint32_t texture; /* of the scene; MATERIAL_NO_TEXTURE: missing, or uniform */
     bool uniform;     /* of TEXTURE_LINEAR: the channels that count are the same everywhere */
-    float mean[3];    /* of TEXTURE_LINEAR, 0..1 */
+    float mean[4];    /* of TEXTURE_LINEAR, 0..1 */
 };
 
 static enum err decode_view(struct gltf_images *s, const struct gltf_at *at, size_t view, enum texture_values values,
@@ -142,21 +144,30 @@ static enum err find_image(struct gltf_images *s, const struct gltf_at *at, stru
     return e;
 }
 
-/* The means of the colour channels, and whether those that count are the same everywhere. */
+/* The means of the channels, and whether those that count are the same everywhere. */
 static void measure(const struct texture *t, unsigned channels, struct gltf_known_image *out)
 {
     const size_t count = (size_t)t->width * t->height;
-    uint64_t sum[3] = { 0 };
+    uint64_t sum[4] = { 0 };
 
     out->uniform = channels != 0;
     for (size_t i = 0; i < count; i++) {
-        for (unsigned k = 0; k < 3; k++) {
+        for (unsigned k = 0; k < 4; k++) {
             sum[k] += t->texels[4 * i + k];
             out->uniform &= !(channels >> k & 1u) || t->texels[4 * i + k] == t->texels[k];
         }
     }
-    for (int k = 0; k < 3; k++)
+    for (int k = 0; k < 4; k++)
         out->mean[k] = (float)((double)sum[k] / (255.0 * (double)count));
+}
+
+/* Alpha instead of the colours, which lookups do not return it with. */
+static void spread_alpha(struct texture *t)
+{
+    const uint64_t count = texture_texel_count(t->width, t->height);
+
+    for (uint64_t i = 0; i < count; i++)
+        memset(t->texels + 4 * i, t->texels[4 * i + 3], 3);
 }
 
 /* Takes over *t unless it fails. */
@@ -170,6 +181,8 @@ static enum err remember(struct gltf_images *s, const struct use *use, struct te
     *k = (struct gltf_known_image){ .use = *use, .missing = !t->texels, .texture = MATERIAL_NO_TEXTURE };
     t->wrap_u = use->wrap_u;
     t->wrap_v = use->wrap_v;
+    if (t->texels && use->channels == ALPHA)
+        spread_alpha(t);
     if (t->texels && use->values == TEXTURE_LINEAR)
         measure(t, use->channels, k);
     if (k->uniform)

@@ -229,8 +229,9 @@ static enum err check_maps(const struct parcel *p, const struct material *m)
         return forged(p, "a material names a map that is not there");
     if (lacks_map(p, m, MAP_COAT, m->coat_texture) || lacks_map(p, m, MAP_COAT_ROUGHNESS, m->coat_roughness_texture))
         return forged(p, "a clear coat names a map that is not there");
-    if (m->sheen.x + m->sheen.y + m->sheen.z > 0.0f && m->sheen_texture != MATERIAL_NO_TEXTURE &&
-        m->sheen_texture >= p->head.textures)
+    if ((m->sheen.x + m->sheen.y + m->sheen.z > 0.0f && m->sheen_texture != MATERIAL_NO_TEXTURE &&
+         m->sheen_texture >= p->head.textures) ||
+        lacks_map(p, m, MAP_SHEEN_ROUGHNESS, m->sheen_roughness_texture))
         return forged(p, "a sheen names a texture that is not there");
     return ERR_OK;
 }

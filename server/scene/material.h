@@ -22,19 +22,20 @@ enum alpha_mode {
     ALPHA_BLEND,  /* alpha is the fraction of an area that is surface */
 };
 
-/* Textures of a material other than its colour's: first numbers, as bits of `maps`, then colours, which are bits of
- * `second` only. */
+/* Textures of a material other than its colour's. Those of numbers are bits of `maps`, those of colours of `second`
+ * only. */
 enum material_map {
     MAP_ROUGHNESS = 1, /* ggx: green multiplies roughness, blue metallic [glTF 2.0, section 3.9.2] */
     MAP_NORMAL = 2,    /* every kind: 2 rgb - 1 is the normal in the frame of tangent, bitangent and normal [ibid.,
                           section 3.9.3] */
     MAP_EMISSION = 4,
     MAP_THROUGH = 8,
-    MAP_COAT = 16,           /* red multiplies coat [KHR_materials_clearcoat] */
-    MAP_COAT_ROUGHNESS = 32, /* green multiplies coat_roughness [ibid.] */
-    MAP_SHEEN = 64,          /* multiplies `sheen` */
+    MAP_COAT = 16,             /* red multiplies coat [KHR_materials_clearcoat] */
+    MAP_COAT_ROUGHNESS = 32,   /* green multiplies coat_roughness [ibid.] */
+    MAP_SHEEN = 64,            /* multiplies `sheen` */
+    MAP_SHEEN_ROUGHNESS = 128, /* red multiplies sheen_roughness */
 };
-#define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL | MAP_COAT | MAP_COAT_ROUGHNESS)
+#define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL | MAP_COAT | MAP_COAT_ROUGHNESS | MAP_SHEEN_ROUGHNESS)
 #define MAPS_COLOURS (MAP_EMISSION | MAP_THROUGH | MAP_SHEEN)
 #define MAPS_MOVED (MAP_ROUGHNESS | MAP_NORMAL) /* which may be in `moved` */
 #define NORMAL_SCALE_MAX 1e3f
@@ -62,13 +63,14 @@ struct material {
     uint32_t roughness_texture; /* of MAP_ROUGHNESS; an index like `texture` */
     uint32_t normal_texture;    /* of MAP_NORMAL, likewise */
     uint32_t coat_texture, coat_roughness_texture; /* of MAP_COAT and MAP_COAT_ROUGHNESS, likewise */
-    float normal_scale;       /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
-    float coat;               /* lambert, ggx: the share of the surface with a clear coat, 0..1, */
-    float coat_roughness;     /* with a ggx lobe of this roughness, */
-    uint32_t coat_bent;       /* about the normal of MAP_NORMAL: 1; or the mesh's: 0 */
-    struct vec3 sheen;        /* lambert, ggx: the colour of a sheen on top, below the coat; 0: none, */
-    float sheen_roughness;    /* of this roughness */
-    uint32_t sheen_texture;   /* multiplies it, if it is not 0; an index like `texture` */
+    float normal_scale;               /* of MAP_NORMAL: multiplies its x and y; at most NORMAL_SCALE_MAX either way */
+    float coat;                       /* lambert, ggx: the share of the surface with a clear coat, 0..1, */
+    float coat_roughness;             /* with a ggx lobe of this roughness, */
+    uint32_t coat_bent;               /* about the normal of MAP_NORMAL: 1; or the mesh's: 0 */
+    struct vec3 sheen;                /* lambert, ggx: the colour of a sheen on top, below the coat; 0: none, */
+    float sheen_roughness;            /* of this roughness */
+    uint32_t sheen_texture;           /* multiplies it, if it is not 0; an index like `texture` */
+    uint32_t sheen_roughness_texture; /* of MAP_SHEEN_ROUGHNESS, likewise */
     float transmits;          /* lambert, ggx: the share of the matte part that is scattered to the other side, 0..1, */
     struct vec3 through;      /* in this colour */
     uint32_t through_texture; /* multiplies it, if transmits is not 0; an index like `texture` */

@@ -57,10 +57,11 @@ struct vec3 map_read(const struct scene *scene, const struct material *m, enum m
     const bool normal = map == MAP_NORMAL;
     const float *uv = map_uv(m, map, at);
     const float(*own)[2] = map_step(m, map, uv_step);
-    const uint32_t index = map == MAP_COAT             ? m->coat_texture
-                           : map == MAP_COAT_ROUGHNESS ? m->coat_roughness_texture
-                           : normal                    ? m->normal_texture
-                                                       : m->roughness_texture;
+    const uint32_t index = map == MAP_COAT              ? m->coat_texture
+                           : map == MAP_COAT_ROUGHNESS  ? m->coat_roughness_texture
+                           : map == MAP_SHEEN_ROUGHNESS ? m->sheen_roughness_texture
+                           : normal                     ? m->normal_texture
+                                                        : m->roughness_texture;
     const struct texture *t = &scene->textures[index];
     float place[2], step[2][2] = { { 0.0f } };
 
@@ -251,12 +252,15 @@ static void put_coat(const struct scene *scene, const struct material *m, struct
 static void put_sheen(const struct scene *scene, const struct material *m, const float (*step)[2], struct scatter *out)
 {
     struct vec3 c = m->sheen;
+    float roughness = m->sheen_roughness;
 
+    if (m->maps & MAP_SHEEN_ROUGHNESS)
+        roughness *= map_read(scene, m, MAP_SHEEN_ROUGHNESS, &out->surface, step).x;
     if (m->sheen_texture != MATERIAL_NO_TEXTURE)
         c = vec3_mul(c, texture_read(&scene->textures[m->sheen_texture], map_uv(m, MAP_SHEEN, &out->surface),
                                      map_step(m, MAP_SHEEN, step)));
     out->veil.sheen = fmaxf(c.x, fmaxf(c.y, c.z));
-    out->veil.sheen_roughness = m->sheen_roughness;
+    out->veil.sheen_roughness = roughness;
     out->veil.sheen_colour = c;
     out->veil.sheen_normal = out->surface.shading;
 }

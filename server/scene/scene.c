@@ -21,7 +21,7 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_BUMP_MAP: return "bump maps";
     case FEATURE_ALPHA: return "alpha masks and blending";
     case FEATURE_SPECULAR_MAP: return "specular and transmission textures";
-    case FEATURE_SHEEN: return "roughness textures of sheen, and sheen on glass";
+    case FEATURE_SHEEN: return "sheen on glass";
     case FEATURE_COAT_NORMAL: return "a normal map of its own of a clear coat";
     case FEATURE_COATED_GLASS: return "clear coats on glass";
     case FEATURE_ROUGH_GLASS: return "rough glass";

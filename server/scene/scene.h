@@ -19,7 +19,7 @@ enum scene_feature {
     FEATURE_BUMP_MAP,      /* heights; normal maps are supported */
     FEATURE_ALPHA,         /* masks and blending; treated as opaque */
     FEATURE_SPECULAR_MAP,  /* of KHR_materials_specular and of transmission; only their factors count */
-    FEATURE_SHEEN,         /* roughness textures of sheen; sheen on glass */
+    FEATURE_SHEEN,         /* on glass */
     FEATURE_COAT_NORMAL,   /* normal maps of clear coats other than the surface's; the coats are smooth */
     FEATURE_COATED_GLASS,  /* rendered without the coat */
     FEATURE_ROUGH_GLASS,   /* treated as smooth, or as diffuse transmission */

@@ -59,6 +59,8 @@ static void digest_maps(struct digest *d, const struct material *m)
         digest_u64(d, (uint64_t)MAP_COAT << 32 | m->coat_texture);
     if (m->maps & MAP_COAT_ROUGHNESS)
         digest_u64(d, (uint64_t)MAP_COAT_ROUGHNESS << 32 | m->coat_roughness_texture);
+    if (m->maps & MAP_SHEEN_ROUGHNESS)
+        digest_u64(d, (uint64_t)MAP_SHEEN_ROUGHNESS << 32 | m->sheen_roughness_texture);
     if (m->second)
         digest_u64(d, (uint64_t)m->second << 32);
     if (m->moved) {

@@ -424,8 +424,47 @@ static void sheen_has_a_colour_and_its_texture(void **state)
                                                "\"sheenColorTexture\":{\"index\":1,\"texCoord\":1},"
                                                "\"sheenRoughnessTexture\":{\"index\":1}}}",
                       &said);
-    assert_true(m.sheen_texture != MATERIAL_NO_TEXTURE && m.second == MAP_SHEEN);
-    assert_int_equal(count_of(said, "not supported: roughness textures of sheen, and sheen on glass"), 1);
+    assert_true(m.sheen_texture != MATERIAL_NO_TEXTURE && m.second == MAP_SHEEN && m.maps == MAP_ROUGHNESS);
+    assert_string_equal(said, "");
+    m = specular_of(&f, DIELECTRIC ",\"roughnessFactor\":0",
+                    "\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1]},"
+                    "\"KHR_materials_transmission\":{\"transmissionFactor\":1}",
+                    &said);
+    assert_true(m.kind == MATERIAL_GLASS && m.sheen.x == 0.0f);
+    assert_int_equal(count_of(said, "not supported: sheen on glass"), 1);
+    make_end(&f);
+}
+
+#define FUZZY(set)                                                                                                     \
+    "\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1],\"sheenRoughnessFactor\":0.8,"              \
+    "\"sheenRoughnessTexture\":{\"index\":0,\"texCoord\":" #set "}}}"
+
+/* The roughness of sheen is the alpha of its texture, here 0, 51, 102 and 255, whatever its colours. */
+static void sheen_takes_its_roughness_from_alpha(void **state)
+{
+    const char *said;
+    struct make f;
+
+    (void)state;
+    make_begin(&f);
+    folder_write(&f.folder, "map.png", faint_png, sizeof(faint_png));
+    struct scene *s = load_or_fail(square_of(&f, ROUGH("", "\"index\":1") "," FUZZY(1)));
+    struct material m = s->materials[0];
+    const struct texture *t = &s->textures[m.sheen_roughness_texture];
+    assert_true(m.maps == (MAP_ROUGHNESS | MAP_SHEEN_ROUGHNESS) && m.second == MAP_SHEEN_ROUGHNESS);
+    assert_true(m.sheen_roughness == 0.8f && t->values == TEXTURE_LINEAR);
+    for (int k = 0; k < 3; k++) { /* the last is the coarser level, their mean */
+        assert_int_equal(t->texels[4 + k], 51);
+        assert_int_equal(t->texels[8 + k], 102);
+        assert_int_equal(t->texels[16 + k], 102);
+    }
+    scene_destroy(s);
+    /* a third set of coordinates: the mean, of 102 */
+    m = read_material(&f, ROUGH("", "\"index\":1") "," GLOWS(1) "," FUZZY(2), &said);
+    assert_int_equal(m.maps, MAP_ROUGHNESS);
+    assert_float_equal(m.sheen_roughness, 0.8f * 102.0f / 255.0f, 1e-6f);
+    assert_int_equal(
+        count_of(said, "not supported: a third set of texture coordinates or texture transform in one material"), 1);
     make_end(&f);
 }
 
@@ -497,6 +536,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(glass_keeps_its_tint),
     cmocka_unit_test(volumes_attenuate),
     cmocka_unit_test(sheen_has_a_colour_and_its_texture),
+    cmocka_unit_test(sheen_takes_its_roughness_from_alpha),
     cmocka_unit_test(rough_and_partial_transmission_are_approximated),
     cmocka_unit_test(leaves_transmit),
 };

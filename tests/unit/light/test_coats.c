@@ -129,10 +129,10 @@ static double mean_of_pixels(const struct lit *x)
 }
 
 /* Both caches, whose rays are drawn once, against the reference. The caustics of the walls belong to no cache. */
-static void caches_agree_on_coats(void **state)
+static void assert_caches_agree(struct material floor)
 {
-    struct world w = world_of(court(coated(0, 0.5f, 0.8f, 0.3f)));
-    struct lit x = lit_create(court(coated(0, 0.5f, 0.8f, 0.3f)), WIDTH, HEIGHT);
+    struct world w = world_of(court(floor));
+    struct lit x = lit_create(court(floor), WIDTH, HEIGHT);
     struct environment *e = sky();
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 1 });
     const struct bounce_desc desc = { .scene = x.scene,
@@ -148,7 +148,6 @@ static void caches_agree_on_coats(void **state)
     struct bounce *b;
     struct reason why;
 
-    (void)state;
     clear(&x);
     assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
     const double got = mean_of_pixels(&x);
@@ -164,6 +163,12 @@ static void caches_agree_on_coats(void **state)
     environment_destroy(e);
     lit_destroy(&x);
     world_finish(&w);
+}
+
+static void caches_agree_on_coats(void **state)
+{
+    (void)state;
+    assert_caches_agree(coated(0, 0.5f, 0.8f, 0.3f));
 }
 
 /* What the lobe's microfacets reflect of an even sky to wo. The integral is over half vectors, whose density divides
@@ -372,14 +377,24 @@ static void estimators_agree_on_sheen(void **state)
 {
     static const struct technique of[] = {
         { "path", BY_PATH, PATH_DIRECT, .count = 512 },
-        { "mis", BY_DIRECT, .count = 512, .direct = { .method = METHOD_MIS }, .worst = 3e-3 },
+        { "brdf", BY_DIRECT, .count = 512, .direct = { .method = METHOD_BRDF }, .worst = 2e-3 },
         { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 128 },
         { "eye paths", BY_EYE, PATH_INDIRECT_LIT, .count = 128, .worst = 8e-3 },
         { "light tracer", BY_LIGHT, PATH_INDIRECT_LIT, .count = 400000, .worst = 1e-2 },
+        { "mlt", BY_MLT, PATH_INDIRECT_LIT, .count = 128, .worst = 8e-3 },
+        { "path", BY_PATH, PATH_CAUSTICS, .count = 256 },
+        { "light tracer", BY_LIGHT, PATH_CAUSTICS, .count = 200000, .worst = 5e-3 },
+        { "stored", BY_STORED, PATH_CAUSTICS, .count = 200000, .worst = 1e-2 },
     };
 
     (void)state;
     assert_agreement(court(cloth(0, 0.5f, 0.6f, 0.5f)), of, sizeof(of) / sizeof(of[0]));
+}
+
+static void caches_agree_on_sheen(void **state)
+{
+    (void)state;
+    assert_caches_agree(cloth(0, 0.5f, 0.6f, 0.0f));
 }
 
 /* Half a coat is half of its light, and half of what it takes from below. */
@@ -432,6 +447,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(sheen_reflects_what_its_lobe_does),
     cmocka_unit_test(sheen_returns_no_more_than_it_gets),
     cmocka_unit_test(estimators_agree_on_sheen),
+    cmocka_unit_test(caches_agree_on_sheen),
     cmocka_unit_test(estimators_agree_on_coats),
     cmocka_unit_test(estimators_agree_on_the_caustics_of_coats),
     cmocka_unit_test(caches_agree_on_coats),

@@ -51,7 +51,7 @@ static struct scene *make(void)
                                      .diffuse = { 0.1f, 0.2f, 0.3f },
                                      .coat = 0.5f,
                                      .sheen = { 0.5f, 0.5f, 0.5f },
-                                     .maps = MAP_ROUGHNESS | MAP_COAT | MAP_COAT_ROUGHNESS,
+                                     .maps = MAP_ROUGHNESS | MAP_COAT | MAP_COAT_ROUGHNESS | MAP_SHEEN_ROUGHNESS,
                                      .emission = { 7, 0, 1 } };
     const struct material pane = { .name = "pane",
                                    .kind = MATERIAL_GLASS,
@@ -248,6 +248,7 @@ static void forged_indices_are_refused(void **state)
     forge_float(PANE + (long)offsetof(struct material, sheen), 0.5f, "a material is out of range"); /* glass */
     forge_float(MATERIAL + (long)offsetof(struct material, sheen_roughness), -1.0f, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, sheen_texture), 1, "a texture that is not there");
+    forge_u32(MATERIAL + (long)offsetof(struct material, sheen_roughness_texture), 1, "a texture that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, coat_bent), 2, "a material is out of range");
     forge_u32(MATERIAL + (long)offsetof(struct material, coat_texture), 1, "a map that is not there");
     forge_u32(MATERIAL + (long)offsetof(struct material, coat_roughness_texture), 1, "a map that is not there");

@@ -195,6 +195,26 @@ static void green_is_roughness_and_blue_metallic(void **state)
     card_end(&c);
 }
 
+/* Red, where the reader puts the alpha of glTF's texture. */
+static void red_is_the_roughness_of_sheen(void **state)
+{
+    static const uint8_t a[3] = { 51, 255, 255 }, b[3] = { 153, 255, 255 };
+    const float wide[2][2] = { { 1, 0 }, { 0, 1 } };
+    struct material m = worn();
+    m.maps = MAP_SHEEN_ROUGHNESS;
+    m.sheen = vec3_make(0.5f, 0.5f, 0.5f);
+    m.sheen_texture = MATERIAL_NO_TEXTURE;
+    m.sheen_roughness = 0.5f;
+    struct card c = card_of(&m);
+
+    (void)state;
+    paint(c.map, 1, a, b);
+    assert_float_equal(at_column(&c, 0, NULL).veil.sheen_roughness, 0.5f * 0.2f, 1e-6f);
+    assert_float_equal(at_column(&c, 33, NULL).veil.sheen_roughness, 0.5f * 0.6f, 1e-6f);
+    assert_float_equal(at_column(&c, 33, wide).veil.sheen_roughness, 0.5f * 0.4f, 1e-3f);
+    card_end(&c);
+}
+
 /* A path would else be a caustic or not as a texture is filtered. */
 static void a_map_never_makes_a_mirror(void **state)
 {
@@ -444,6 +464,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_map_may_be_at_the_second_texture_coordinates),
     cmocka_unit_test(tangents_follow_the_second_texture_coordinates),
     cmocka_unit_test(green_is_roughness_and_blue_metallic),
+    cmocka_unit_test(red_is_the_roughness_of_sheen),
     cmocka_unit_test(a_map_never_makes_a_mirror),
     cmocka_unit_test(a_pixel_keeps_lobes_apart_that_differ),
     cmocka_unit_test(normals_turn_along_the_texture),
