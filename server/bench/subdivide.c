@@ -17,8 +17,8 @@ static uint32_t add_middle(struct mesh *m, uint32_t a, uint32_t b)
         m->uvs[2 * made + i] = 0.5f * (m->uvs[2 * (size_t)a + i] + m->uvs[2 * (size_t)b + i]);
     for (size_t i = 0; m->more_uvs && i < 2; i++)
         m->more_uvs[2 * made + i] = 0.5f * (m->more_uvs[2 * (size_t)a + i] + m->more_uvs[2 * (size_t)b + i]);
-    for (size_t i = 0; m->colours && i < 3; i++)
-        m->colours[3 * made + i] = 0.5f * (m->colours[3 * (size_t)a + i] + m->colours[3 * (size_t)b + i]);
+    for (size_t i = 0; m->colours && i < 4; i++)
+        m->colours[4 * made + i] = 0.5f * (m->colours[4 * (size_t)a + i] + m->colours[4 * (size_t)b + i]);
     if (m->normals) {
         float n[3], square = 0.0f;
         for (size_t i = 0; i < 3; i++) {
@@ -83,7 +83,7 @@ static enum err subdivide_mesh(struct mesh *m)
     fine.normals = m->normals ? mem_alloc(3 * vertices, sizeof(float)) : NULL;
     fine.uvs = m->uvs ? mem_alloc(2 * vertices, sizeof(float)) : NULL;
     fine.more_uvs = m->more_uvs ? mem_alloc(2 * vertices, sizeof(float)) : NULL;
-    fine.colours = m->colours ? mem_alloc(3 * vertices, sizeof(float)) : NULL;
+    fine.colours = m->colours ? mem_alloc(4 * vertices, sizeof(float)) : NULL;
     fine.indices = mem_alloc(4 * (size_t)m->triangle_count, 3 * sizeof(uint32_t));
     const bool enough = fine.positions && (!m->normals || fine.normals) && (!m->uvs || fine.uvs) &&
                         (!m->more_uvs || fine.more_uvs) && (!m->colours || fine.colours) && fine.indices;
@@ -96,7 +96,7 @@ static enum err subdivide_mesh(struct mesh *m)
         if (m->more_uvs)
             memcpy(fine.more_uvs, m->more_uvs, 2 * (size_t)m->vertex_count * sizeof(float));
         if (m->colours)
-            memcpy(fine.colours, m->colours, 3 * (size_t)m->vertex_count * sizeof(float));
+            memcpy(fine.colours, m->colours, 4 * (size_t)m->vertex_count * sizeof(float));
         split_all(&fine, m);
     }
     free_mesh(enough ? m : &fine);

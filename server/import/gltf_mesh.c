@@ -177,7 +177,7 @@ static enum err read_tangents(struct gltf *g, const struct primitive *p, struct 
     return e;
 }
 
-/* COLOR_0, which multiplies the base colour; its alpha is not used. */
+/* COLOR_0, which multiplies the base colour and its alpha; three components: the alpha is 1. */
 static enum err read_colours(struct gltf *g, const struct primitive *p, struct mesh *m)
 {
     const struct gltf_at at = gltf_key(&p->attributes, "COLOR_0");
@@ -188,11 +188,15 @@ static enum err read_colours(struct gltf *g, const struct primitive *p, struct m
     const enum err e = primitive_attribute(g, p, &at, 3, 4, &a);
     if (e)
         return e;
-    m->colours = mem_alloc_raw(p->count, 3 * sizeof(*m->colours));
+    m->colours = mem_alloc_raw(p->count, 4 * sizeof(*m->colours));
     if (!m->colours)
         return ERR_NOMEM;
-    gltf_accessor_floats(&a, p->first, p->count, 3, m->colours);
-    for (size_t i = 0; i < 3 * p->count; i++)
+    gltf_accessor_floats(&a, p->first, p->count, a.components, m->colours);
+    for (size_t i = p->count; i-- > 0 && a.components == 3;) {
+        memmove(m->colours + 4 * i, m->colours + 3 * i, 3 * sizeof(*m->colours));
+        m->colours[4 * i + 3] = 1.0f;
+    }
+    for (size_t i = 0; i < 4 * p->count; i++)
         m->colours[i] = m->colours[i] > 0.0f ? fminf(m->colours[i], 1.0f) : 0.0f; /* NaN becomes 0 */
     return ERR_OK;
 }

@@ -85,7 +85,7 @@ static enum err copy_mesh(const struct mesh *m, struct mesh *out)
     out->uvs = copy_of(m->uvs, 2 * n, sizeof(float));
     out->more_uvs = copy_of(m->more_uvs, 2 * n, sizeof(float));
     out->tangents = copy_of(m->tangents, 4 * n, sizeof(float));
-    out->colours = copy_of(m->colours, 3 * n, sizeof(float));
+    out->colours = copy_of(m->colours, 4 * n, sizeof(float));
     out->indices = copy_of(m->indices, m->triangle_count, 3 * sizeof(uint32_t));
     if (out->positions && (out->normals || !m->normals) && (out->uvs || !m->uvs) && (out->more_uvs || !m->more_uvs) &&
         (out->tangents || !m->tangents) && (out->colours || !m->colours) && out->indices)

@@ -94,7 +94,7 @@ static enum err put_mesh(int fd, struct mesh *m, struct reason *why)
     if (!e && m->tangents)
         e = put(fd, m->tangents, 4 * sizeof(float) * m->vertex_count, why);
     if (!e && m->colours)
-        e = put(fd, m->colours, 3 * sizeof(float) * m->vertex_count, why);
+        e = put(fd, m->colours, 4 * sizeof(float) * m->vertex_count, why);
     if (!e)
         e = put(fd, m->indices, 3 * sizeof(uint32_t) * m->triangle_count, why);
     mesh_finish(m);
@@ -364,7 +364,7 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
     if (!e && head->has_tangents)
         e = take_array(p, m->vertex_count, 4 * sizeof(float), 0, (void **)&m->tangents);
     if (!e && head->has_colours)
-        e = take_array(p, m->vertex_count, 3 * sizeof(float), 0, (void **)&m->colours);
+        e = take_array(p, m->vertex_count, 4 * sizeof(float), 0, (void **)&m->colours);
     if (!e)
         e = take_array(p, m->triangle_count, 3 * sizeof(uint32_t), 0, (void **)&m->indices);
     if (e)
@@ -375,7 +375,7 @@ static enum err take_arrays(struct parcel *p, const struct mesh_head *head, stru
         return forged(p, "a normal is out of range");
     if (m->tangents && !within(m->tangents, 4 * (size_t)m->vertex_count, -1.0f - SLACK, 1.0f + SLACK))
         return forged(p, "a tangent is out of range");
-    if (m->colours && !within(m->colours, 3 * (size_t)m->vertex_count, 0.0f, 1.0f))
+    if (m->colours && !within(m->colours, 4 * (size_t)m->vertex_count, 0.0f, 1.0f))
         return forged(p, "a colour is out of range");
     if (!indices_are_below(m->indices, 3 * (uint64_t)m->triangle_count, m->vertex_count))
         return forged(p, "a triangle names a vertex that is not there");

@@ -40,6 +40,17 @@ enum coverage material_coverage(const struct scene *s, const struct material *m)
     return is_none(m, m->alpha * high) ? COVERAGE_NONE : COVERAGE_PARTIAL;
 }
 
+enum coverage mesh_coverage(const struct scene *s, const struct mesh *m, enum coverage of_material)
+{
+    if (of_material != COVERAGE_FULL || !m->colours || s->materials[m->material].alpha_mode == ALPHA_OPAQUE)
+        return of_material;
+    for (size_t i = 0; i < m->vertex_count; i++) {
+        if (m->colours[4 * i + 3] < 1.0f)
+            return COVERAGE_PARTIAL;
+    }
+    return COVERAGE_FULL;
+}
+
 void mask_init(struct mask *m, const struct scene *s, uint32_t mesh)
 {
     m->mesh = &s->meshes[mesh];
@@ -81,14 +92,29 @@ static float hash_ray(const struct mask *m, uint32_t triangle, const float origi
     return (float)(rng_mix(ray ^ HASH_SEED, (uint64_t)m->index << 32 | triangle) >> 40) * 0x1p-24f;
 }
 
+/* The alpha of the mesh's colours at a hit. */
+static float vertex_alpha(const struct mesh *m, uint32_t triangle, float u, float v)
+{
+    const uint32_t *t = m->indices + 3 * (size_t)triangle;
+    const float weight[3] = { 1.0f - u - v, u, v };
+    float alpha = 0.0f;
+
+    if (!m->colours)
+        return 1.0f;
+    for (int k = 0; k < 3; k++)
+        alpha += weight[k] * m->colours[4 * (size_t)t[k] + 3];
+    return alpha;
+}
+
 static float alpha_at(const struct mask *m, uint32_t triangle, float u, float v)
 {
+    const float alpha = m->material->alpha * vertex_alpha(m->mesh, triangle, u, v);
     float uv[2];
 
     if (!m->texture)
-        return m->material->alpha;
+        return alpha;
     uv_at(m->mesh, triangle, u, v, uv);
-    return m->material->alpha * texture_alpha(m->texture, uv[0], uv[1]);
+    return alpha * texture_alpha(m->texture, uv[0], uv[1]);
 }
 
 /* For thin glass: the share of rays in this direction, of any length, that hit it. */
@@ -102,7 +128,7 @@ static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, fl
     float uv[2];
 
     for (int k = 0; k < 3 && mesh->colours; k++) {
-        const float *own = mesh->colours + 3 * (size_t)t[k];
+        const float *own = mesh->colours + 4 * (size_t)t[k];
         colour = vec3_add(colour, vec3_scale(vec3_make(own[0], own[1], own[2]), weight[k]));
     }
     if (mesh->colours)
@@ -157,10 +183,22 @@ static float texels_per_metre(const struct mask *m, uint32_t triangle)
     return sqrtf(sum) / vec3_dot(n, n);
 }
 
+static bool vertices_vary(const struct mesh *m, uint32_t triangle)
+{
+    const uint32_t *t = m->indices + 3 * (size_t)triangle;
+    bool vary = false;
+
+    for (int k = 1; k < 3 && m->colours; k++)
+        vary |= m->colours[4 * (size_t)t[k] + 3] != m->colours[4 * (size_t)t[0] + 3];
+    return vary;
+}
+
 bool mask_varies(const struct mask *m, uint32_t triangle, float u, float v, float width)
 {
     float uv[2], low = 1.0f, high = 1.0f;
 
+    if (vertices_vary(m->mesh, triangle))
+        return true;
     if (!m->texture)
         return false;
     const float texels = width * texels_per_metre(m, triangle);
@@ -180,7 +218,8 @@ float coverage_seen(const struct scene *s, const struct hit *h, const struct sca
     if (m->alpha_mode == ALPHA_BLEND) {
         const struct texture *t = alpha_texture(s, m);
         const float *uv = at->surface.uv;
-        alpha = m->alpha * (t ? texture_filter_alpha(t, uv[0], uv[1], uv_step) : 1.0f);
+        alpha = m->alpha * vertex_alpha(&s->meshes[h->mesh], h->triangle, h->u, h->v) *
+                (t ? texture_filter_alpha(t, uv[0], uv[1], uv_step) : 1.0f);
     }
     passed[0] = passed[1] = passed[2] = 1.0f - alpha;
     if (at->delta != DELTA_SHEET)

@@ -18,6 +18,9 @@ enum coverage {
 /* From the smallest and largest alpha of the material's texture. */
 enum coverage material_coverage(const struct scene *s, const struct material *m);
 
+/* The coverage of a mesh, given that of its material: vertices may have an alpha, too. */
+enum coverage mesh_coverage(const struct scene *s, const struct mesh *m, enum coverage of_material);
+
 /* The data that a hit's coverage depends on. Borrows from the scene. */
 struct mask {
     const struct mesh *mesh;

@@ -106,7 +106,7 @@ static bool same_vertex(const struct welder *w, uint32_t a, uint32_t b)
     return same_floats(m->positions, a, b, 3) &&
            (!w->all ||
             (same_floats(m->normals, a, b, 3) && same_floats(m->uvs, a, b, 2) && same_floats(m->more_uvs, a, b, 2) &&
-             same_floats(m->tangents, a, b, 4) && same_floats(m->colours, a, b, 3)));
+             same_floats(m->tangents, a, b, 4) && same_floats(m->colours, a, b, 4)));
 }
 
 /* The first equal vertex among those looked up so far. */
@@ -120,7 +120,7 @@ static uint32_t weld(struct welder *w, uint32_t vertex)
         h = hash_floats(h, m->uvs ? m->uvs + 2 * (size_t)vertex : NULL, 2);
         h = hash_floats(h, m->more_uvs ? m->more_uvs + 2 * (size_t)vertex : NULL, 2);
         h = hash_floats(h, m->tangents ? m->tangents + 4 * (size_t)vertex : NULL, 4);
-        h = hash_floats(h, m->colours ? m->colours + 3 * (size_t)vertex : NULL, 3);
+        h = hash_floats(h, m->colours ? m->colours + 4 * (size_t)vertex : NULL, 4);
     }
     for (size_t i = h & w->mask;; i = (i + 1) & w->mask) {
         if (w->slots[i] == 0)
@@ -142,7 +142,7 @@ static void move_vertex(struct mesh *m, uint32_t from, uint32_t to)
     if (m->tangents)
         memmove(m->tangents + 4 * (size_t)to, m->tangents + 4 * (size_t)from, 4 * sizeof(float));
     if (m->colours)
-        memmove(m->colours + 3 * (size_t)to, m->colours + 3 * (size_t)from, 3 * sizeof(float));
+        memmove(m->colours + 4 * (size_t)to, m->colours + 4 * (size_t)from, 4 * sizeof(float));
 }
 
 enum err mesh_join_vertices(struct mesh *m)

@@ -101,7 +101,7 @@ static bool attach_meshes(struct rays *r)
     for (size_t i = 0; i < s->material_count && good; i++)
         of[i] = material_coverage(s, &s->materials[i]);
     for (size_t i = 0; i < s->mesh_count && good; i++)
-        good = attach_mesh(r, (uint32_t)i, of[s->meshes[i].material]);
+        good = attach_mesh(r, (uint32_t)i, mesh_coverage(s, &s->meshes[i], of[s->meshes[i].material]));
     mem_free(of);
     return good;
 }

@@ -144,7 +144,7 @@ void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards
     interpolate_uvs(m->more_uvs, t, weight, out->more_uv);
     out->colour = m->colours ? vec3_make(0.0f, 0.0f, 0.0f) : vec3_make(1.0f, 1.0f, 1.0f);
     for (int k = 0; m->colours && k < 3; k++) {
-        const float *c = m->colours + 3 * (size_t)t[k];
+        const float *c = m->colours + 4 * (size_t)t[k];
         out->colour = vec3_add(out->colour, vec3_scale(vec3_make(c[0], c[1], c[2]), (float)weight[k]));
     }
 }

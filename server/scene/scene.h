@@ -54,7 +54,7 @@ struct mesh {
     float *more_uvs;   /* [vertex_count][2], those of the material's textures in `second`; NULL: none */
     float *tangents;   /* [vertex_count][4]: the direction of increasing u, unit or 0, and the sign w of increasing v:
                           the bitangent is w cross(normal, tangent). NULL: no normal map */
-    float *colours;    /* [vertex_count][3], linear Rec.709, 0..1: multiplies the material's; NULL: white */
+    float *colours;    /* [vertex_count][4], linear Rec.709 and alpha, 0..1: multiply the material's; NULL: white */
     uint32_t *indices; /* [triangle_count][3], each < vertex_count, counter-clockwise seen from outside */
     uint32_t material; /* index into the scene's materials */
     uint32_t source;   /* 0: the mesh owns its arrays; else it shares those of mesh source - 1, which precedes it */

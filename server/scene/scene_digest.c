@@ -22,7 +22,7 @@ static void digest_mesh(struct digest *d, const struct mesh *m)
     digest_bytes(d, m->positions, 3 * sizeof(float) * m->vertex_count);
     digest_bytes(d, m->normals, m->normals ? 3 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->uvs, m->uvs ? 2 * sizeof(float) * m->vertex_count : 0);
-    digest_bytes(d, m->colours, m->colours ? 3 * sizeof(float) * m->vertex_count : 0);
+    digest_bytes(d, m->colours, m->colours ? 4 * sizeof(float) * m->vertex_count : 0);
     digest_bytes(d, m->indices, 3 * sizeof(uint32_t) * m->triangle_count);
     if (m->more_uvs)
         digest_bytes(d, m->more_uvs, 2 * sizeof(float) * m->vertex_count);
@@ -141,8 +141,8 @@ static void digest_holes(struct digest *d, const struct scene *scene, const stru
         digest_texture(d, &scene->textures[material->alpha_texture]);
     if (tinted)
         digest_texture(d, &scene->textures[material->texture]);
-    if (material->thin && m->colours)
-        digest_bytes(d, m->colours, 3 * sizeof(float) * m->vertex_count);
+    if ((material->thin || material->alpha_mode != ALPHA_OPAQUE) && m->colours)
+        digest_bytes(d, m->colours, 4 * sizeof(float) * m->vertex_count);
 }
 
 void digest_geometry(struct digest *d, const struct scene *scene)

@@ -88,7 +88,7 @@ static enum err add_copies(struct mesh *m, const struct split *s)
         return ERR_OK;
     if (s->count > MESH_ELEMENTS_MAX || !grow(&m->positions, before, s->count, 3, 1) ||
         !grow(&m->normals, before, s->count, 3, 0) || !grow(&m->uvs, before, s->count, 2, 0) ||
-        !grow(&m->more_uvs, before, s->count, 2, 0) || !grow(&m->colours, before, s->count, 3, 0))
+        !grow(&m->more_uvs, before, s->count, 2, 0) || !grow(&m->colours, before, s->count, 4, 0))
         return ERR_NOMEM;
     for (uint32_t v = 0; v < before; v++) {
         if (s->other[v] == 0)
@@ -97,7 +97,7 @@ static enum err add_copies(struct mesh *m, const struct split *s)
         copy_vertex(m->normals, v, s->other[v], 3);
         copy_vertex(m->uvs, v, s->other[v], 2);
         copy_vertex(m->more_uvs, v, s->other[v], 2);
-        copy_vertex(m->colours, v, s->other[v], 3);
+        copy_vertex(m->colours, v, s->other[v], 4);
     }
     m->vertex_count = s->count;
     return ERR_OK;

@@ -306,15 +306,14 @@ static void texture_coordinates_are_chosen_and_transformed(void **state)
     FLOATS(&m, first, "VEC2", 4);
     FLOATS(&m, uvs, "VEC2", 4);
     struct scene *s = make_scene(
-        &m,
-        "\"extensionsRequired\":[\"KHR_texture_transform\"]," NODE "," MESH(
-            "\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":2,\"TEXCOORD_1\":3},\"indices\":1,\"material\":"
-            "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"
-                 "\"texCoord\":0,"
-                 "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5],\"rotation\":1.57079633,"
-                 "\"scale\":[2,3],\"texCoord\":1}}}},\"emissiveFactor\":[1,1,1],"
-                 "\"emissiveTexture\":{\"index\":0,\"texCoord\":1}}],\"textures\":[{\"source\":0}],"
-                 "\"images\":[{\"uri\":\"" GREY_TEXEL "\"}]");
+        &m, "\"extensionsRequired\":[\"KHR_texture_transform\"]," NODE
+            "," MESH("\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":2,\"TEXCOORD_1\":3},\"indices\":1,\"material\":"
+                     "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"
+                          "\"texCoord\":0,"
+                          "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5],\"rotation\":1.57079633,"
+                          "\"scale\":[2,3],\"texCoord\":1}}}},\"emissiveFactor\":[1,1,1],"
+                          "\"emissiveTexture\":{\"index\":0,\"texCoord\":1}}],\"textures\":[{\"source\":0}],"
+                          "\"images\":[{\"uri\":\"" GREY_TEXEL "\"}]");
     const struct mesh *mesh = &s->meshes[0];
     assert_int_equal(s->materials[0].second, MAP_EMISSION);
     assert_int_equal(s->unmodelled, 0);
@@ -353,6 +352,7 @@ static void vertex_colours_multiply_the_base_colour(void **state)
     scatter_at(s, r, &hit, down, &at);
     const struct vec3 want = ggx_matte(vec3_make(0.3f, 0.2f, 0.1f), 0.0f, 1.0f, (struct vec3){ 0 });
     assert_near(at.diffuse, want.x, want.y, want.z);
+    assert_float_equal(s->meshes[0].colours[4 * 3 + 3], 9.0f / 65535.0f, 1e-9f);
     assert_int_equal(s->unmodelled, 0);
     rays_destroy(r);
     scene_destroy(s);

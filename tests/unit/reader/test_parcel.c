@@ -29,7 +29,7 @@ enum {
     MORE_UVS = UVS + CORNERS * 8,
     TANGENTS = MORE_UVS + CORNERS * 8,
     COLOURS = TANGENTS + CORNERS * 16,
-    INDICES = COLOURS + CORNERS * 12,
+    INDICES = COLOURS + CORNERS * 16,
     END = INDICES + TRIANGLES * 12,
 };
 
@@ -81,7 +81,7 @@ static struct scene *make(void)
     m.uvs = floats(2 * CORNERS, -3.0f, 11.0f);
     m.more_uvs = floats(2 * CORNERS, 5.0f, -2.0f);
     m.tangents = floats(4 * CORNERS, -0.5f, 0.05f);
-    m.colours = floats(3 * CORNERS, 0.0f, 0.05f);
+    m.colours = floats(4 * CORNERS, 0.0f, 0.05f);
     m.indices = mem_alloc(6, sizeof(uint32_t));
     assert_non_null(m.indices);
     memcpy(m.indices, order, sizeof(order));
@@ -134,7 +134,7 @@ static void what_was_written_is_read(void **state)
     assert_memory_equal(s->meshes[0].uvs, same->meshes[0].uvs, 8 * CORNERS);
     assert_memory_equal(s->meshes[0].more_uvs, same->meshes[0].more_uvs, 8 * CORNERS);
     assert_memory_equal(s->meshes[0].tangents, same->meshes[0].tangents, 16 * CORNERS);
-    assert_memory_equal(s->meshes[0].colours, same->meshes[0].colours, 12 * CORNERS);
+    assert_memory_equal(s->meshes[0].colours, same->meshes[0].colours, 16 * CORNERS);
     assert_memory_equal(s->meshes[0].indices, same->meshes[0].indices, 12 * TRIANGLES);
     assert_int_equal(s->meshes[0].material, 1);
     assert_string_equal(s->meshes[0].name, "pane");

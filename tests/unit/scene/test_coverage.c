@@ -310,6 +310,42 @@ static double escapes_of(const struct gbuffer *g, float range[2])
     return sum;
 }
 
+/* The card with white vertices whose alpha grows from 0 at the left to 1 at the right. */
+static void fade_card(struct scene *s)
+{
+    static const float fade[16] = { 1, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0 };
+    struct mesh *m = &s->meshes[s->mesh_count - 1];
+
+    m->colours = mem_alloc(16, sizeof(float));
+    assert_non_null(m->colours);
+    memcpy(m->colours, fade, sizeof(fade));
+}
+
+static bool near_middle(struct vec3 o, struct vec3 d)
+{
+    return fabsf(o.x - o.z / d.z * d.x) < 1e-4f;
+}
+
+/* Blended, half of the rays of a card are stopped, times the material's alpha; masked, those through its right half.
+ * The camera sees the exact share. */
+static void alpha_may_be_of_the_vertices(void **state)
+{
+    (void)state;
+    for (enum alpha_mode mode = ALPHA_MASK; mode <= ALPHA_BLEND; mode++) {
+        struct scene *s = scene_create();
+        float range[2];
+
+        add_card(s, add_holed(s, mode, mode == ALPHA_MASK ? 1.0f : 0.8f, MATERIAL_NO_TEXTURE), 0.0f, 0.0f, 0.5f);
+        fade_card(s);
+        assert_float_equal(stopped(s, 1000, near_middle), mode == ALPHA_MASK ? 0.5 : 0.4, 0.015);
+        struct gbuffer *g = look(s, 64);
+        assert_float_equal(escapes_of(g, range), mode == ALPHA_MASK ? 0.5 : 0.6, 2e-3);
+        assert_true(mode == ALPHA_MASK ? range[0] == 0.0f && range[1] == 1.0f : range[0] < 0.5f && range[1] > 0.7f);
+        gbuffer_destroy(g);
+        scene_destroy(s);
+    }
+}
+
 /* Squares of two texels, three to a pixel: no single ray sees both holes and surface, but 64 do. */
 static void a_fine_mask_lets_half_of_each_pixel_through(void **state)
 {
@@ -523,6 +559,7 @@ static void a_digest_of_geometry_tells_its_holes(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_mask_stops_the_rays_that_meet_it),
     cmocka_unit_test(coverage_stops_its_fraction_of_rays),
+    cmocka_unit_test(alpha_may_be_of_the_vertices),
     cmocka_unit_test(sheets_multiply),
     cmocka_unit_test(coverage_is_known_from_the_texture),
     cmocka_unit_test(all_hole_is_no_card_and_all_surface_is_opaque),

@@ -62,7 +62,7 @@ static struct mesh shards(uint32_t material)
     m.normals = random_floats(3 * (size_t)n, 2);
     m.uvs = random_floats(2 * (size_t)n, 3);
     m.tangents = random_floats(4 * (size_t)n, 4);
-    m.colours = random_floats(3 * (size_t)n, 5);
+    m.colours = random_floats(4 * (size_t)n, 5);
     m.indices = mem_alloc(n, sizeof(uint32_t));
     assert_non_null(m.indices);
     for (uint32_t i = 0; i < n; i++)
@@ -71,10 +71,11 @@ static struct mesh shards(uint32_t material)
         for (uint32_t a = 0; a < 3; a++) {
             /* normals near that of the triangle are not needed, but alike ones: their mean must not vanish */
             m.normals[3 * i + a] = (a == 1 ? 1.0f : 0.0f) + 0.4f * m.normals[3 * i + a];
-            m.colours[3 * i + a] = fabsf(m.colours[3 * i + a]);
             m.tangents[4 * i + a] = (a == 0 ? 1.0f : 0.0f) + 0.3f * m.tangents[4 * i + a];
             m.positions[3 * i + a] = (float)draw(&k);
         }
+    for (uint32_t i = 0; i < 4 * n; i++)
+        m.colours[i] = fabsf(m.colours[i]);
     make_unit(m.normals, n, 3);
     make_unit(m.tangents, n, 4);
     for (uint32_t i = 0; i < n; i++) /* one side for each triangle */
