@@ -26,9 +26,11 @@ after(() => {
 const SKY = ['--source', 'sky:size=256x128,time=10:00,speed=1'];
 const files = () => ['--source', join(folder, 'sky.%d.hdr')];
 
-// An observing connection: witness.control() and witness.status() are the server's latest messages.
+// An observing connection, from one page for all tests: witness.control() and witness.status() are the server's latest messages.
+let witnessPage;
 async function openWitness(url) {
-  const page = await chromium.browser.newPage();
+  witnessPage ??= await chromium.browser.newPage();
+  const page = witnessPage;
   await page.goto(new URL('/healthz', url).href);
   await page.evaluate(() => {
     window.said = {};
@@ -49,7 +51,7 @@ async function openWitness(url) {
     control: () => page.evaluate(() => window.said.control),
     status: () => page.evaluate(() => window.said.status),
     say: (message) => page.evaluate((m) => window.tell(m), message),
-    close: () => page.close(),
+    close: () => page.goto('about:blank'),
   };
 }
 
@@ -58,7 +60,7 @@ const inForce = (witness, wanted) => witness.until(
   (want) => Object.entries(want).every(([key, value]) => window.said.control[key] === value), wanted);
 
 async function withAll(args, body, { hash = '', ...options } = {}) {
-  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--fps', '15', ...args]);
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '15', '--threads', '1', ...args]);
   const page = await openPage(chromium.browser, server.url + hash, options);
   const witness = await openWitness(server.url);
   try {
@@ -96,9 +98,10 @@ test('every control of the panel changes its setting', () =>
     assert.equal(await page.textContent('#role'), 'Controlling');
     await setRange(page, 'set-rotate', 90);
     await inForce(witness, { rotate_degrees: 90 });
+    const before = await page.evaluate(() => window.relight.lastHeader.gain);
     await setRange(page, 'set-exposure', 2);
     await inForce(witness, { bias_stops: 2, exposure_stops: null });
-    await page.waitForTimeout(500); // with that in the image
+    await page.waitForFunction((gain) => window.relight.lastHeader.gain > 2.5 * gain, before, { timeout: 60000 }); // with that in the image
     const { gain } = await page.evaluate(() => window.relight.lastHeader);
     await page.selectOption('#exposure-mode', 'fixed');
     await witness.until(() => typeof window.said.control.exposure_stops === 'number');
@@ -132,7 +135,7 @@ test('every control of the panel changes its setting', () =>
   }));
 
 test('the old image stays while the page shows the new camera’s progress', () =>
-  withAll(['--size', '640x360', ...SKY], async (page, witness) => {
+  withAll(['--size', '480x270', ...SKY], async (page, witness) => {
     const seen = await page.evaluate(() => {
       window.shares = [];
       window.relight.app.on('status', (status) => { if (status.preparing) window.shares.push(status.preparing.share); });

@@ -1,5 +1,5 @@
 #!/bin/bash
-# style.sh, prototypes.py, rooms.sh and references.sh are trusted because they were seen to fail: each planted fault must be
+# style.sh, prototypes.py, rooms.sh and references.py are trusted because they were seen to fail: each planted fault must be
 # named, and a clean tree must pass.
 set -euo pipefail
 style="$(dirname "$(readlink -f "$0")")/style.sh"
@@ -107,7 +107,7 @@ rooms_tree README.md 'clean'
 sed -i 's/| skies |/| clouds |/' "$tree/docs/internals/rooms.md"
 expect 'docs/internals/rooms.md: does not show'
 
-style="$checks/references.sh"
+style="$checks/references.py"
 plant docs/REFERENCES.md '- [Known 1999] A. Known, "A Title", 1999.'
 mkdir -p "$tree/protocol"
 echo '/* [Known 1999, Eq. 1] and a [link](a.md) */ int a[LENGTH + 2000];' >"$tree/server/base/a.c"

@@ -54,7 +54,7 @@ class Relightd:
     """A server of 64x36 pictures; by default its frames come from producers."""
 
     def __init__(self, *arguments, before=(), env=None, source="push:"):
-        self.arguments = [*before, str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "4",
+        self.arguments = [*before, str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "4", "--paths", "direct",
                           "--source", source, *arguments]
         self.env = {**os.environ, "OMP_WAIT_POLICY": "passive", **(env or {})}
         self.lines = []

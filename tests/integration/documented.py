@@ -29,7 +29,7 @@ name = os.path.basename(sys.argv[0])
 args = sys.argv[1:]
 if name == "run":
     name = "relightd"
-few = {"--size": "64x64", "--samples": "1", "--eye-paths": "1", "--particles": "2000", "--rate": "60", "--fps": "60",
+few = {"--size": "32x32", "--samples": "1", "--eye-paths": "1", "--particles": "2000", "--rate": "60", "--fps": "60",
        "--budgets": "1,2", "--edge-rays": "1", "--error": "0.5"}
 given = set()
 def local(word):
@@ -54,13 +54,15 @@ if name == "relight-render":
     for flag in ("--size", "--samples", "--eye-paths", "--particles"):
         if flag not in given and not given & {"--fps", "--error"} and not (flag == "--size" and "--probe" in given):
             extra += [flag, few[flag]]
+    if "cached" in given and "--paths" not in given:  # most of its time is indirect light's
+        extra += ["--paths", "direct"]
 if name == "relight-chart":
     extra += ["--size", "16x9", "--seeds", "4", "--reference", "4", "--techniques", "mis", "--sources", "sky:"]
     extra += [] if "--budgets" in given else ["--budgets", "1,2"]
 if name == "relightd":
     extra += ["--port", os.environ["PORT"]] if os.environ["SERVE"] else ["--check-config"]
     if "--size" not in given:
-        extra += ["--size", "64x64"]
+        extra += ["--size", few["--size"]]
 if name in ("relight-feed", "relight-record"):
     if not given & {"--to", "--from", "--out"} or (name == "relight-record" and "--from" not in given):
         extra += ["--to" if name == "relight-feed" else "--from", "ws://127.0.0.1:" + os.environ["PORT"]]
@@ -105,10 +107,10 @@ def furnish(clone):
         (clone / name).symlink_to(ROOT / name)
     (clone / "captures").mkdir()
     render = [str(BIN / "relight-render"), "--size", "32x16", "--samples", "1", "--paths", "direct"]
-    for frame in range(2):
-        for name in ("captures/sky", "sky"):
-            subprocess.run(render + ["--out", str(clone / f"{name}.{frame:04d}.exr")], check=True, capture_output=True)
-    shutil.copy(clone / "sky.0000.exr", clone / "park.exr")
+    subprocess.run(render + ["--out", str(clone / "park.exr")], check=True, capture_output=True)
+    for name in ("captures/sky", "sky"):
+        for frame in range(2):
+            shutil.copy(clone / "park.exr", clone / f"{name}.{frame:04d}.exr")
     subprocess.run(render + ["--out", str(clone / "sky.jpg")], check=True, capture_output=True)
     subprocess.run(render + ["--source", "sky:speed=5", "--frames", "0-1", "--out", str(clone / "sky.mp4")], check=False, capture_output=True)
     (clone / "studio.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 128, 128, 129]) * 8)
@@ -166,9 +168,11 @@ def script_of(block, page):
                 text.replace("relight-feed", "timeout 2 relight-feed") + " || { code=$?; [ $code != 2 ]; }"
         if " | " in text and "ffplay" in text:
             text = text.split(" | ")[0] + " >piped"
-        lines.append(f"# line {number}\n{text}")
-        if serves and re.match(r"relightd\b.*&$", text):
-            lines.append("server=$!; trap 'kill $server; wait $server' EXIT; until (echo >/dev/tcp/127.0.0.1/$PORT) 2>/dev/null; do sleep 0.1; done")
+        server = serves and re.match(r"relightd\b.*&$", text)
+        lines.append(f"# line {number}\n{text[:-1] + '2>server.log &' if server else text}")
+        if server: # it takes connections before it can be stopped in good order
+            lines.append("server=$!; trap 'kill $server || true; wait $server || { cat server.log >&2; false; }' EXIT\n"
+                         "until grep -q 'listening on' server.log; do kill -0 $server; sleep 0.1; done")
     return "\n".join(lines), serves
 
 

@@ -18,8 +18,8 @@ picture() {
 # that see another leaf by rounding get other random numbers; a picture of another seed has them everywhere.
 instances_look_as_copies_do() {
     local flags=(--samples 32 --lamp-samples 16 --paths direct) error noise
-    /usr/bin/python3 -B "$forest" "$work/shared.glb" 24 16000
-    /usr/bin/python3 -B "$forest" "$work/copied.glb" 24 16000 copies
+    /usr/bin/python3 -B "$forest" "$work/shared.glb" 12 4000
+    /usr/bin/python3 -B "$forest" "$work/copied.glb" 12 4000 copies
     picture shared shared "${flags[@]}"
     picture copied copied "${flags[@]}"
     picture other copied "${flags[@]}" --seed 9

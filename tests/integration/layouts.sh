@@ -8,7 +8,7 @@ render_sky() {
     "$bin/make_sky" "$layout" "$2" "$3" >"$work/$layout.hdr"
     shift 3
     "$bin/relight-render" --scene "$work/box.json" --source "$work/$layout.hdr" --layout "$layout" "$@" \
-        --size 160x90 --samples 256 --paths direct --out "$work/$layout.exr"
+        --size 96x54 --samples 128 --paths direct --out "$work/$layout.exr"
 }
 
 # Without the worst 2 % of pixels, which a shadow's border may cross; rotated by a quarter the relMSE is 5e-2.

@@ -13,7 +13,7 @@ against() {
     shift 5
     "$bin/relight-render" --scene "$scenes/$scene.json" --source "$source" --size "$size" --samples "$(count 256 512)" \
         --paths all "$@" --out "$work/$name.exr"
-    "$bin/relight-diff" "$work/$name.exr" "$(of_size "$name")" --trim 0.02 --max-relmse "$relmse" --max-mean "$mean"
+    "$bin/relight-diff" "$work/$name.exr" "$(of_size "$name")" --trim "$trim" --max-relmse "$relmse" --max-mean "$mean"
 }
 
 # The mean square of a picture's noise falls from 1.3e-2 at 32 eye paths a point to 3.5e-3 at 128 and 9.5e-4 at 640;
@@ -45,15 +45,15 @@ prepared() {
     shift 4
     "$bin/relight-render" --method cached --cache-file "$work/$scene.transport" --scene "$scenes/$scene.json" \
         --source "$source" --size "$size" --samples 256 "$@" --out "$work/$name.exr"
-    "$bin/relight-diff" "$work/$name.exr" "$(of_size "$name")" --trim 0.02 --max-relmse "$relmse" --max-mean 0.005
+    "$bin/relight-diff" "$work/$name.exr" "$(of_size "$name")" --trim "$trim" --max-relmse "$relmse" --max-mean 0.005
 }
 
 # Seen: 1.3e-4 against 2048 samples a pixel, 5.1e-4 and 1.4e-3 against 256, whose noise is most of it; with all paths
-# 1.5e-3, where records and tents leave 1.7e-3 of the bounce; 2.7e-3 at a quarter of the pixels.
+# 1.5e-3, where records and tents leave 1.7e-3 of the bounce. At a sixteenth of the pixels 4.6e-4, 2.0e-4 and 3.3e-3.
 light_transport_agrees_with_cycles_on_the_plaza() {
     need_data
     local sun="$data/sky/sky.0012.exr"
-    prepared plaza_direct_sky0012 plaza "$sun" 5e-4 --paths direct
+    prepared plaza_direct_sky0012 plaza "$sun" "$(count 8e-4 5e-4)" --paths direct
     if [ -n "${RELIGHT_LONG:-}" ]; then
         prepared plaza_direct_kloppenheim plaza "$data/env/partlycloudy_kloppenheim_05_1k.hdr" 2e-3 --paths direct
     fi
@@ -71,7 +71,7 @@ light_transport_agrees_with_cycles_on_the_plaza() {
 light_transport_and_stored_caustics_agree_with_cycles_on_the_ring() {
     need_data
     local sky="$data/env/overcast_city_1k.hdr"
-    prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --stored-paths "$(count 5000000 20000000)"
+    prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --stored-paths "$(count 1500000 20000000)"
     if [ "$planted" ] && prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --caustics none; then
         fail "a picture without caustics passes"
     fi
@@ -111,11 +111,12 @@ compare() {
 
 shadows_seen_directly_in_a_mirror_and_through_glass_agree_with_cycles_made_now() {
     compare 4 2e4 192x108 256 --direct || fail "another picture"
-    if compare 4 2e4 192x108 256 --direct -- --rotate 1; then fail "a sky turned by a degree is not found out"; fi
+    if [ "$planted" ] && compare 4 2e4 192x108 256 --direct -- --rotate 1; then fail "a sky turned by a degree is not found out"; fi
 }
 
 all_paths_through_mirror_and_glass_agree_with_cycles_made_now() {
     compare 60 30 160x90 256 || fail "another picture"
+    [ "$planted" ] || return 0
     sed 's/0.6, 0.55, 0.5/0.63, 0.5775, 0.525/' "$references/blocks.json" >"$work/blocks.json"
     cp "$references/blocks.obj" "$work"
     if compare 60 30 160x90 256 -- --scene "$work/blocks.json"; then

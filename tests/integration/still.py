@@ -109,12 +109,12 @@ async def converges(daemon, error):
 
 
 async def a_picture_that_stands_still_converges(folder):
-    async with Daemon("--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "2e-3") as daemon:
+    async with Daemon("--size", "48x27", "--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "2e-3") as daemon:
         await converges(daemon, 2e-3)
 
 
 async def a_cached_picture_converges_as_well(folder):
-    async with Daemon("--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "3e-4", "--method", "cached", "--paths", "direct",
+    async with Daemon("--size", "48x27", "--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "3e-4", "--method", "cached", "--paths", "direct",
                       "--cache-file", "off", "--cache-wait") as daemon:
         await converges(daemon, 3e-4)
 
@@ -133,7 +133,7 @@ def frame(number, payload):
 
 
 async def a_new_frame_ends_the_passes_of_the_old(folder):
-    async with Daemon("--source", "push:", "--samples", "64") as daemon, connect(daemon.url) as link, \
+    async with Daemon("--source", "push:", "--size", "48x27", "--samples", "64") as daemon, connect(daemon.url) as link, \
             connect(daemon.url) as producer:
         watch = await watching(link)
         await producer.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 0}}))

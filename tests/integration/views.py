@@ -57,7 +57,7 @@ async def a_controller_moves_the_camera_freely(folder):
 
 async def a_moved_view_is_coarse_at_first(folder):
     del folder
-    async with Daemon(*STILL, "--size", "480x270", "--edge-rays", "16") as daemon:
+    async with Daemon(*STILL, "--size", "320x180", "--edge-rays", "16") as daemon:
         one = await Party.come(daemon.url, "controller")
         await one.until(lambda: one.gains)
         await one.ask(camera=SIDE)

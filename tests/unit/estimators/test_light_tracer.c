@@ -144,7 +144,8 @@ static double through_slab(const double w[3], const void *user)
 }
 
 /* A thin slab floats where the sun's rays to the picture's patch of floor pass through it; the camera looks past it.
- * What is trapped in the slab leaves by its narrow sides, and misses the patch. */
+ * What is trapped in the slab leaves by its narrow sides, and misses the patch. The error is below 0.2 %, by the ten
+ * seeds of each commit 0.36 %: 0.9 % too much or too little is found, or 1.6 %. */
 static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
 {
     static const double elevations[] = { 45.0, 25.0, 45.0 };
@@ -166,8 +167,8 @@ static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
         const double depth = 0.005 * (double)attenuations[k];
         const double want = 0.5 / PI * tint * sky_integral(e, through_slab, &depth);
         const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 16 };
-        const struct tally whole = stage_trace(&g, e, d, 32, pixels);
-        compare("slab", &whole, want, 2e-3);
+        const struct tally whole = stage_trace(&g, e, d, seeds_count(10, 32), pixels);
+        compare("slab", &whole, want, 2e-3 * seeds_blur(10, 32));
         stage_free(&g);
         environment_destroy(e);
     }

@@ -86,10 +86,11 @@ static struct scene *make_sphere(void)
 
 /* One convex object of albedo 1 alone under a sky of 1 is 1: its shadow rays must not meet the object itself. By its
  * lobes each point is exact, so the first point that loses one ray in 512 is caught; by light the mean over seeds is
- * tested, |z| < 4.5 with a standard error below 0.3 %. */
+ * tested, |z| < 4.5 with a standard error below 0.3 %, by the 16 seeds of each commit 0.52 %. */
 static void a_convex_object_in_a_white_furnace_is_white(void **state)
 {
-    enum { SEEDS = 48 };
+    const uint32_t seeds = seeds_count(16, 48);
+    const double worst = 3e-3 * seeds_blur(16, 48);
     (void)state;
     struct environment *e = sky_environment(sky_constant(16, 8, 1.0f), 16, 0.0);
     struct lit x = lit_create(make_sphere(), 48, 48);
@@ -97,7 +98,7 @@ static void a_convex_object_in_a_white_furnace_is_white(void **state)
     assert_true(x.gbuffer->point_count > 500);
     for (size_t m = 0; m < METHODS; m++) {
         double sum = 0.0, squares = 0.0;
-        for (uint64_t seed = 0; seed < SEEDS; seed++) {
+        for (uint64_t seed = 0; seed < seeds; seed++) {
             struct direct_stats stats;
             double mean = 0.0;
             const struct direct_desc desc = { .method = all_methods[m], .samples = 512, .seed = seed };
@@ -112,11 +113,11 @@ static void a_convex_object_in_a_white_furnace_is_white(void **state)
             sum += mean;
             squares += mean * mean;
         }
-        const double mean = sum / SEEDS;
-        const double error = sqrt(fmax(0.0, squares / SEEDS - mean * mean) / (SEEDS - 1)) + 2e-6;
-        if (fabs(mean - 1.0) >= 4.5 * error || error >= 3e-3)
+        const double mean = sum / seeds;
+        const double error = sqrt(fmax(0.0, squares / seeds - mean * mean) / (seeds - 1)) + 2e-6;
+        if (fabs(mean - 1.0) >= 4.5 * error || error >= worst)
             printf("%s: %.6f +- %.6f\n", method_name(all_methods[m]), mean, error);
-        assert_true(error < 3e-3);
+        assert_true(error < worst);
         assert_true(fabs(mean - 1.0) < 4.5 * error);
     }
     direct_destroy(d);
