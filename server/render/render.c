@@ -232,12 +232,14 @@ static enum err render_all(struct render *r, struct reason *why)
         e = render_take(r, why);
         if (e == ERR_END)
             break;
-        if (e) {
+        if (e && source_gave_up(r->source)) {
+            break;
+        } else if (e) {
             log_error("%s", why->text);
             r->refused++;
             e = ERR_OK;
         } else if (r->frame.kind == FRAME_NONE) {
-            continue; /* a watched folder that is quiet */
+            continue; /* a quiet watched folder, or a live stream that does not come yet */
         } else if (render_is_kept(r)) {
             r->kept++;
         } else {

@@ -20,6 +20,7 @@ struct live {
     struct footage_desc desc;
     char name[200];
     bool web;                      /* it may turn out to be a recording */
+    unsigned tries;                /* of live_start */
     struct footage *footage;       /* thread's */
     struct frame spare;            /* thread's */
     bool held;                     /* thread's: the footage has a picture that was not converted */
@@ -38,6 +39,7 @@ struct live {
     struct reason fault; /* {lock} likewise */
     bool connected;      /* {lock} */
     bool recording;      /* {lock} */
+    bool gave_up;        /* {lock} for the reason in `fault` */
     struct reason state; /* {lock} */
 };
 
@@ -154,11 +156,21 @@ static bool leave_recording(struct live *l, bool any)
     return recording;
 }
 
+static void give_up(struct live *l, const struct reason *why)
+{
+    pthread_mutex_lock(&l->lock);
+    (void)err_say(&l->fault, ERR_IO, "%.250s; no picture came in %u tries", why->text, l->tries);
+    l->gave_up = true;
+    pthread_cond_broadcast(&l->changed);
+    pthread_mutex_unlock(&l->lock);
+}
+
 static void *run(void *arg)
 {
     struct live *l = arg;
     int64_t retry_ms = RETRY_FIRST_MS;
     bool any = l->footage != NULL;
+    unsigned tries = 0;
 
     while (!atomic_load(&l->stop)) {
         struct reason why = { "" };
@@ -174,6 +186,10 @@ static void *run(void *arg)
         l->footage = NULL;
         if (atomic_load(&l->stop))
             break;
+        if (!any && ++tries == l->tries) {
+            give_up(l, &why);
+            break;
+        }
         snprintf(text, sizeof(text), "%.280s; trying again", why.text);
         log_warning("%s in %.1f s", text, (double)retry_ms / 1e3);
         set_state(l, false, text);
@@ -185,7 +201,8 @@ static void *run(void *arg)
 
 /* ---- The consumer ---- */
 
-enum err live_start(const struct footage_desc *desc, struct footage *first, struct live **out, struct reason *why)
+enum err live_start(const struct footage_desc *desc, struct footage *first, unsigned tries, struct live **out,
+                    struct reason *why)
 {
     struct live *l = mem_alloc(1, sizeof(*l));
     enum demux_kind kind;
@@ -195,6 +212,7 @@ enum err live_start(const struct footage_desc *desc, struct footage *first, stru
     if (!l)
         return err_say(why, ERR_NOMEM, "out of memory");
     l->desc = *desc;
+    l->tries = tries;
     l->desc.stop = &l->stop;
     l->web = demux_kind_of(desc->spec, &kind, why) == ERR_OK && kind == DEMUX_WEB;
     demux_name(desc->spec, l->name, sizeof(l->name));
@@ -242,7 +260,7 @@ enum err live_next(struct live *l, int timeout_ms, struct frame *f, struct reaso
     f->kind = FRAME_NONE;
     pthread_mutex_lock(&l->lock);
     l->wanted = true;
-    while (!l->fresh && pthread_cond_timedwait(&l->changed, &l->lock, &end) == 0)
+    while (!l->fresh && !l->gave_up && pthread_cond_timedwait(&l->changed, &l->lock, &end) == 0)
         continue;
     if (l->fresh) {
         const struct frame before = *f;
@@ -250,6 +268,8 @@ enum err live_next(struct live *l, int timeout_ms, struct frame *f, struct reaso
         l->ready = before;
         l->fresh = l->wanted = false;
         e = l->error ? err_say(why, l->error, "%s", l->fault.text) : ERR_OK;
+    } else if (l->gave_up) {
+        e = err_say(why, ERR_IO, "%s", l->fault.text);
     }
     pthread_mutex_unlock(&l->lock);
     return e;
@@ -261,6 +281,14 @@ bool live_is_recording(struct live *l)
     const bool recording = l->recording;
     pthread_mutex_unlock(&l->lock);
     return recording;
+}
+
+bool live_gave_up(struct live *l)
+{
+    pthread_mutex_lock(&l->lock);
+    const bool gave_up = l->gave_up;
+    pthread_mutex_unlock(&l->lock);
+    return gave_up;
 }
 
 bool live_is_connected(struct live *l, struct reason *why)

@@ -98,7 +98,7 @@ static enum err open_video(struct source *s, const struct source_desc *d, enum d
     } else if (e || kind == DEMUX_FILE || (kind == DEMUX_WEB && footage_format(s->footage)->duration_us > 0)) {
         return e;
     }
-    e = live_start(&desc, s->footage, &s->live, why);
+    e = live_start(&desc, s->footage, d->tries, &s->live, why);
     if (!e) {
         s->kind = SOURCE_LIVE;
         s->footage = NULL;
@@ -427,6 +427,11 @@ double source_rate(const struct source *s)
 bool source_is_connected(struct source *s, struct reason *why)
 {
     return s->kind != SOURCE_LIVE || (s->live && live_is_connected(s->live, why));
+}
+
+bool source_gave_up(struct source *s)
+{
+    return s->live && live_gave_up(s->live);
 }
 
 enum source_kind source_kind(const struct source *s)

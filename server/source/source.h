@@ -18,7 +18,8 @@
  * `mtx:FILE,...`  The time steps with light of a matrix of Radiance's gendaymtx, numbered from 0.
  * `clip.mp4`      A video (.mp4, .mkv, .mov, .webm and others), or http(s):// of one: its frames, numbered from 0.
  * `rtsp://...`    A live stream: also rtsps, rtmp, rtmps, srt, http(s) of a live playlist, and v4l2:/dev/video0. Each
- *                 frame is the newest; frames are numbered as they are taken. Lost connections are retried.
+ *                 frame is the newest; frames are numbered as they are taken. Lost connections are retried;
+ *                 one that never delivers is given up after source_desc.tries.
  * A file that exists under exactly the name of the spec takes precedence. `push:` is handled by relightd.
  *
  * Thread: one per source. */
@@ -47,6 +48,8 @@ struct source_desc {
     struct video_colour colour;   /* of videos, instead of what they say; zero: as they say */
     const char *ca;               /* of network sources: see demux.h */
     bool wait;                    /* a web server that is down is waited for, as other network sources always are */
+    unsigned tries;               /* a live stream that no picture came from is given up after so many connections; 0:
+                                     never */
 };
 
 /* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:
@@ -76,6 +79,9 @@ double source_rate(const struct source *s);
 
 /* Whether frames can be expected. False: a live stream is not connected; *why says why. */
 bool source_is_connected(struct source *s, struct reason *why);
+
+/* Whether source_next gave up a live stream: it returned ERR_IO and always will. */
+bool source_gave_up(struct source *s);
 
 /* ---- Seeking. Watched folders and live streams do not support it: these functions then return 0 or false and change
  * nothing. ---- */

@@ -15,6 +15,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#define LIVE_TRIES 4 /* connections to a live stream before its first picture; 3.5 s between them */
+
 struct render {
     struct render_desc desc;
     double fps;                        /* 0: no time is set */
@@ -282,6 +284,7 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
         e = read_out(c, r, why);
     s->set_desc.progress = true;
     d->weights = (enum luminance_weights)r->weights;
+    s->source_desc.tries = LIVE_TRIES;
     d->probe = r->probing ? &r->probe : NULL;
     d->output.tone = s->initial.tone;
     d->output.quality = (int)s->quality;

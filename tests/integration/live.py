@@ -201,6 +201,13 @@ async def web_server_that_is_down_is_waited_for(folder):
             await party.until_place(37)
 
 
+async def render_gives_up_a_stream_that_never_comes(folder):
+    port = free_port(socket.SOCK_STREAM)
+    program = await run("relight-render", "--source", f"rtsp://user:secret@127.0.0.1:{port}/sky", "--out", folder / "x.exr", *SMALL)
+    expect(program, 1, "Connection refused; no picture came in 4 tries")
+    check("secret" not in program.err, "the password is shown")
+
+
 async def what_is_no_video_is_an_error_at_once(folder):
     (folder / "page.html").write_text("<!DOCTYPE html><html><body>" + "no video " * 1000 + "</body></html>", encoding="ascii")
     with Web(folder) as web:
