@@ -114,12 +114,30 @@ static enum err parse_folder(const char *prefix, struct publish_target *out, str
     return ERR_OK;
 }
 
-/* The name is a label of /metrics, too. */
+/* The bytes of the UTF-8 character at p [RFC 3629, 4]; 0: there is none. */
+static int character(const unsigned char *p)
+{
+    const int more = p[0] < 0x80 ? 0 : p[0] >= 0xc2 && p[0] < 0xe0 ? 1 : (p[0] & 0xf0) == 0xe0 ? 2 : 3;
+    const bool overlong = (p[0] == 0xe0 && p[1] < 0xa0) || (p[0] == 0xf0 && p[1] < 0x90),
+               beyond = (p[0] == 0xed && p[1] > 0x9f) || (p[0] == 0xf4 && p[1] > 0x8f);
+
+    if ((p[0] >= 0x80 && p[0] < 0xc2) || p[0] > 0xf4 || overlong || beyond)
+        return 0;
+    for (int i = 1; i <= more; i++)
+        if ((p[i] & 0xc0) != 0x80) /* the end, too */
+            return 0;
+    return 1 + more;
+}
+
+/* The name is a label of /metrics and a string in JSON. */
 static void make_plain(char *name)
 {
-    for (; *name; name++)
-        if (*name == '"' || *name == '\\' || (unsigned char)*name < ' ' || *name == 0x7f)
+    while (*name) {
+        const int length = character((const unsigned char *)name);
+        if (length == 0 || *name == '"' || *name == '\\' || (length == 1 && (*name < ' ' || *name == 0x7f)))
             *name = '?';
+        name += length > 0 ? length : 1;
+    }
 }
 
 enum err publish_target_parse(const char *url, struct publish_target *out, struct reason *why)

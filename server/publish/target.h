@@ -22,8 +22,8 @@ enum publish_kind {
 struct publish_target {
     enum publish_kind kind;
     const char *url;           /* as given; borrowed. It may contain keys: display `name` instead */
-    char name[PUBLISH_NAME];   /* scheme and host, or scheme and folder; truncated if long, with quotes and the like
-                                  replaced by '?' */
+    char name[PUBLISH_NAME];   /* scheme and host, or scheme and folder; truncated if long, with quotes, control
+                                  characters and what is not UTF-8 replaced by '?' */
     char folder[PUBLISH_PATH]; /* of PUBLISH_HLS and PUBLISH_RECORD */
     double file_s;             /* of PUBLISH_RECORD: length of a file */
     bool listens;              /* of PUBLISH_SRT: listens for a receiver's call */

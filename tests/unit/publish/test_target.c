@@ -27,6 +27,8 @@ static void names_hold_scheme_and_host_and_no_keys(void **state)
         { "hls:/srv/hls/", "hls:/srv/hls", PUBLISH_HLS },
         { "hls:/", "hls:/", PUBLISH_HLS },
         { "hls:a \"b\"\\c\nd", "hls:a ?b??c?d", PUBLISH_HLS },
+        { "hls:\xc3\xa4\xff\xe4\xc0\xaf\xed\xa0\x80\xf0\x9f\x98\x80\xe2\x82",
+          "hls:\xc3\xa4???????\xf0\x9f\x98\x80??", PUBLISH_HLS },
         { "record:films?minutes=5", "record:films", PUBLISH_RECORD },
     };
     (void)state;
