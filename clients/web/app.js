@@ -1,6 +1,6 @@
 // The page: shows states and statistics, and gives each panel's module its hooks. player.js and below handle the connection.
 
-import { FLAG_FINER, FLAG_REPEAT, PICTURE_BYTES } from './protocol.js';
+import { FLAG_FINER, FLAG_REPEAT, PICTURE_BYTES } from './js/protocol.js';
 import { setText as setTextOf, withKey } from './dom.js';
 import { Rate, Recent } from './figures.js';
 import { showHelp } from './help.js';

@@ -1,6 +1,6 @@
 // Descriptions of two compared images and of their difference. Pure functions.
 
-import { FLAG_FINER } from './protocol.js';
+import { FLAG_FINER } from './js/protocol.js';
 
 export const GAIN = 8; // amplification of the drawn difference
 

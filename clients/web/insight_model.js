@@ -1,7 +1,7 @@
 // Times and errors of the images of the last minutes, and the latency from sky to screen by stage. Pure: headers, statuses and
 // times are arguments.
 
-import { FLAG_FINER, FLAG_REPEAT } from './protocol.js';
+import { FLAG_FINER, FLAG_REPEAT } from './js/protocol.js';
 import { milliseconds } from './sentences.js';
 
 export const MINUTES = 3;

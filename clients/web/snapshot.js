@@ -1,7 +1,7 @@
 // Saves the image as a file: the canvas as PNG, or the linear image as EXR, fetched over a second, short connection.
 
 import { icon, make, saveAs, withKey } from './dom.js';
-import { FLAG_REPEAT, PATH, PROTOCOL, VERSION, decodePicture } from './protocol.js';
+import { FLAG_REPEAT, PATH, PROTOCOL, VERSION, decodePicture } from './js/protocol.js';
 import { wishedRole } from './role.js';
 
 const PATIENCE_MS = 30000; // for that whole connection: a float image may be large and the line slow

@@ -1,6 +1,6 @@
 // Starts the player in a worker if possible, else in the page.
 
-import { PATH } from './protocol.js';
+import { PATH } from './js/protocol.js';
 
 // wish: as role.js returns it; take(event): player.js's events. Returns the function that takes its commands.
 export async function startPlayer(wish, take) {
@@ -11,7 +11,7 @@ export async function startPlayer(wish, take) {
     ...wish,
   };
   const inPage = async () => {
-    const { Player } = await import('./player.js');
+    const { Player } = await import('./js/player.js');
     const player = new Player(take);
     player.command(start);
     return (message) => player.command(message);

@@ -64,20 +64,25 @@ done:
     return e;
 }
 
-static enum err entry_load(struct site *site, const char *dir, const char *name, struct reason *why)
+static enum err folder_load(struct site *site, const char *dir, const char *prefix, struct reason *why);
+
+/* prefix: "/", or "/NAME/" within a folder of the page's. */
+static enum err entry_load(struct site *site, const char *dir, const char *prefix, const char *name, struct reason *why)
 {
-    char path[4096];
+    char path[4096], inner[sizeof(site->files[0].path)];
     struct stat info;
     const char *type = type_of(name);
 
-    if (name[0] == '.' || !type)
+    if (name[0] == '.')
         return ERR_OK;
     if ((size_t)snprintf(path, sizeof(path), "%s/%s", dir, name) >= sizeof(path) ||
-        strlen(name) + 2 > sizeof(site->files[0].path))
+        (size_t)snprintf(inner, sizeof(inner), "%s%s/", prefix, name) >= sizeof(inner))
         return err_say(why, ERR_RANGE, "%s/%s: the name is too long", dir, name);
     if (stat(path, &info) != 0)
         return err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
-    if (!S_ISREG(info.st_mode))
+    if (S_ISDIR(info.st_mode) && strcmp(prefix, "/") == 0)
+        return folder_load(site, path, inner, why);
+    if (!S_ISREG(info.st_mode) || !type)
         return ERR_OK;
     if (site->count == SITE_FILES_MAX)
         return err_say(why, ERR_RANGE, "%s: more than %d files for the page", dir, SITE_FILES_MAX);
@@ -85,8 +90,21 @@ static enum err entry_load(struct site *site, const char *dir, const char *name,
     f->type = type;
     /* Pages have no extension in their address, and index.html has no name either. */
     const int length = (int)(strstr(type, "html") ? strlen(name) - strlen(".html") : strlen(name));
-    snprintf(f->path, sizeof(f->path), "/%.*s", strcmp(name, "index.html") == 0 ? 0 : length, name);
+    snprintf(f->path, sizeof(f->path), "%s%.*s", prefix, strcmp(name, "index.html") == 0 ? 0 : length, name);
     return file_load(f, path, why);
+}
+
+static enum err folder_load(struct site *site, const char *dir, const char *prefix, struct reason *why)
+{
+    enum err e = ERR_OK;
+    DIR *d = opendir(dir);
+
+    if (!d)
+        return err_say(why, ERR_IO, "%s: the folder of the page cannot be read: %s", dir, strerror(errno));
+    for (struct dirent *entry; !e && (entry = readdir(d)) != NULL;)
+        e = entry_load(site, dir, prefix, entry->d_name, why);
+    closedir(d);
+    return e;
 }
 
 enum err site_folder(const char *asked, char *path, size_t size, struct reason *why)
@@ -110,18 +128,11 @@ enum err site_folder(const char *asked, char *path, size_t size, struct reason *
 
 enum err site_load(struct site *site, const char *dir, struct reason *why)
 {
-    enum err e = ERR_OK;
+    enum err e;
 
     *site = (struct site){ 0 };
-    DIR *d = opendir(dir);
-    if (!d)
-        return err_say(why, ERR_IO, "%s: the folder of the page cannot be read: %s", dir, strerror(errno));
     site->files = mem_alloc(SITE_FILES_MAX, sizeof(site->files[0]));
-    if (!site->files)
-        e = err_say(why, ERR_NOMEM, "%s: out of memory", dir);
-    for (struct dirent *entry; !e && (entry = readdir(d)) != NULL;)
-        e = entry_load(site, dir, entry->d_name, why);
-    closedir(d);
+    e = site->files ? folder_load(site, dir, "/", why) : err_say(why, ERR_NOMEM, "%s: out of memory", dir);
     if (!e && !site_find(site, "/"))
         e = err_say(why, ERR_IO, "%s: has no index.html, so it is not the folder of the page", dir);
     if (e)

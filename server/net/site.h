@@ -12,7 +12,7 @@
 #define SITE_FILE_BYTES_MAX ((size_t)8 << 20)
 
 struct site_file {
-    char path[128];   /* "/app.js"; index.html is "/", embed.html "/embed" */
+    char path[128];   /* "/app.js", "/js/relight.js"; index.html is "/", embed.html "/embed" */
     const char *type; /* "text/javascript; charset=utf-8" */
     char etag[24];    /* a hash of the bytes, in quotes */
     uint8_t *bytes;
@@ -28,7 +28,7 @@ struct site {
  * to bin where installed, and in a build tree by a link. ERR_IO: the program's folder is unknown. */
 MUST_CHECK enum err site_folder(const char *asked, char *path, size_t size, struct reason *why);
 
-/* Reads the files of `dir` with a known extension; skips folders and hidden files.
+/* Reads the files with a known extension of `dir` and of the folders in it; skips hidden ones and folders of folders.
  * ERR_IO: dir cannot be read or has no index.html. ERR_RANGE: a file or their number is too large. ERR_NOMEM. */
 MUST_CHECK enum err site_load(struct site *site, const char *dir, struct reason *why);
 void site_finish(struct site *site); /* zeroed memory is allowed */

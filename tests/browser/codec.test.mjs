@@ -4,7 +4,7 @@ import { readFileSync, readdirSync } from 'node:fs';
 import { test } from 'node:test';
 import {
   closePolicy, decodePicture,
-} from '../../clients/web/protocol.js';
+} from '../../clients/js/protocol.js';
 import { decodeEnvironment, encodeEnvironment, encodePicture } from './headers.mjs';
 
 const folder = new URL('../../protocol/vectors/', import.meta.url);

@@ -1,7 +1,7 @@
 // The connection's states with a fake socket and a fake clock.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Connection } from '../../clients/web/connection.js';
+import { Connection } from '../../clients/js/connection.js';
 import { encodePicture } from './headers.mjs';
 
 class World {

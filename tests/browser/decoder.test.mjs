@@ -1,7 +1,7 @@
-// clients/web/video.js with a fake decoder and clock: its input, and the fate of each frame.
+// clients/js/video.js with a fake decoder and clock: its input, and the fate of each frame.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Video, codecOf, whyNoVideo } from '../../clients/web/video.js';
+import { Video, codecOf, whyNoVideo } from '../../clients/js/video.js';
 
 const KEY = 64;
 const SPS = [0, 0, 0, 1, 0x67, 0x42, 0xc0, 0x1f, 0x99, 0, 0, 0, 1, 0x68, 1, 0, 0, 1, 0x65, 7];

@@ -2,7 +2,7 @@
 
 import {
   FORMATS, MAGIC_PICTURE, PICTURE_BYTES, beginFault, fault, number64, sideOk, viewOf,
-} from '../../clients/web/protocol.js';
+} from '../../clients/js/protocol.js';
 
 const ENVIRONMENT_BYTES = 48;
 const MAGIC_ENVIRONMENT = 0x31454c52; // "RLE1"

@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { latencyParts } from '../../clients/web/insight_model.js';
-import { FLAG_FINER } from '../../clients/web/protocol.js';
+import { FLAG_FINER } from '../../clients/js/protocol.js';
 import { milliseconds } from '../../clients/web/sentences.js';
 import { beginTests, openPage, startServer } from './lib.mjs';
 

@@ -4,7 +4,7 @@ import { test } from 'node:test';
 import { alsoMethod, difference, factsOf, sideWords, warnings } from '../../clients/web/compare_model.js';
 import { styleOf } from '../../clients/web/insight_draw.js';
 import { Insight, choiceWords, kindOf, latencyParts, logAxis, noiseText, rows } from '../../clients/web/insight_model.js';
-import { FLAG_FINER, FLAG_REPEAT } from '../../clients/web/protocol.js';
+import { FLAG_FINER, FLAG_REPEAT } from '../../clients/js/protocol.js';
 import { encodePicture } from './headers.mjs';
 import { sunDirection } from '../../clients/web/sky_panel.js';
 import { fetchPicture, fileName, numbersFormat } from '../../clients/web/snapshot.js';

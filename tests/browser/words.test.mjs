@@ -1,7 +1,8 @@
 // The page's texts and numbers: pure functions, no browser.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Rate, Recent, ServerClock } from '../../clients/web/figures.js';
+import { ServerClock } from '../../clients/js/clock.js';
+import { Rate, Recent } from '../../clients/web/figures.js';
 import {
   bitsPerSecond, codingName, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,

@@ -48,8 +48,9 @@ it_holds_what_is_to_be_installed() {
         [ "$("$root/usr/bin/$program" --version)" = "$("$bin/$program" --version)" ] || fail "another $program"
     done
     [ "$(ls "$root/usr/bin" | wc -w)" = "$(wc -w <<<"$programs")" ] || fail "more programs than are known here"
-    for file in "$source"/clients/web/*; do
-        cmp "$file" "$root/usr/share/relightd/web/${file##*/}" || fail "the page lacks ${file##*/}"
+    diff -r "$source/clients/web" "$root/usr/share/relightd/web" || fail "another page"
+    for file in relightd.py example.py; do
+        cmp "$source/clients/python/$file" "$root/usr/share/relightd/python/$file" || fail "no $file"
     done
     for file in copyright changelog.gz CHANGELOG.md LICENSE NOTICES; do
         [ -s "$root/usr/share/doc/relightd/$file" ] || fail "no $file"

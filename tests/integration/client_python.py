@@ -3,6 +3,7 @@
 
 import asyncio
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -190,6 +191,29 @@ async def programs_without_asyncio_do_the_same(folder):
         await asyncio.to_thread(run)
     check("1006" in await failure_of(relightd.Closed, relightd.Client.open(daemon.url)), "nobody is there")
     check("expected ws://" in await failure_of(ValueError, relightd.Client.open("localhost:8080")), "no address")
+
+
+def snippets(page):
+    return re.findall(r"^```python\n(.*?)^```$", (SOURCE / page).read_text(encoding="utf-8"), re.M | re.S)
+
+
+async def examples_of_the_documentation_run(folder):
+    def run(*arguments):
+        done = subprocess.run(["/usr/bin/python3", "-B", *arguments], cwd=folder, capture_output=True, text=True, timeout=100,
+                              env={**os.environ, "PYTHONPATH": str(SOURCE / "clients/python")}, check=False)
+        check(done.returncode == 0, f"{arguments}: {done.stderr}")
+        return done.stdout
+
+    codes = snippets("docs/client-libraries.md")
+    check(len(codes) == 2, f"{len(codes)} snippets")
+    async with Daemon("--source", "sky:size=64x32", *SMALL) as daemon:
+        for code in codes:
+            said = await asyncio.to_thread(run, "-c", code.replace("ws://localhost:8080", daemon.url))
+            check("(54, 96, 3)" in said or said.count(" 96 54 ") == 3, said)
+        check((folder / "now.jpg").read_bytes()[:2] == b"\xff\xd8", "no JPEG")
+    async with Daemon("--source", "push:", *SMALL) as daemon:
+        said = await asyncio.to_thread(run, str(SOURCE / "clients/python/example.py"), daemon.url, "2")
+        check(said.count("mean ") == 2 and numpy.load(folder / "radiance.1.npy").shape == (54, 96, 3), said)
 
 
 async def nonsense_of_a_server_ends_in_an_exception(folder):

@@ -2,7 +2,7 @@
 // canvas, so it runs in a worker, in a page or under test; `world` provides sockets, timers and clock.
 
 import { CREDIT, FLAG_REPEAT, PROTOCOL, VERSION, closePolicy, decodePicture } from './protocol.js';
-import { ServerClock } from './figures.js';
+import { ServerClock } from './clock.js';
 
 const BACKOFF_MS = [300, 600, 1200, 2500];
 const BACKOFF_LATE_MS = 10000; // after a minute of retries
@@ -44,7 +44,8 @@ export class Connection {
     this.token = undefined;
     this.quality = 90;
     this.maxRate = this.maxWidth = undefined; // limits: images per second, pixels
-    this.video = false; // we can decode H.264: subscribe to it if the server offers it
+    this.coding = undefined; // the format to ask for; by default H.264 if `video` and the server offers it, else JPEG
+    this.video = false; // we can decode H.264
     this.offered = [];
     this.attempt = 0;
     this.request = 0;
@@ -101,7 +102,7 @@ export class Connection {
   }
 
   get format() {
-    return this.video && this.offered.includes('h264') ? 'h264' : 'jpeg';
+    return this.coding ?? (this.video && this.offered.includes('h264') ? 'h264' : 'jpeg');
   }
 
   // The image was drawn: returns its credit and that of earlier skipped ones.
