@@ -19,6 +19,7 @@ struct history {
     uint32_t packets;
     uint64_t key, turn; /* pictures since it began */
     bool followed;      /* in this picture */
+    bool moved;         /* the cache's light did, in this picture */
     bool has_cache;     /* `cache` is that of the last picture */
     bool still;         /* the sky is that of the last picture */
     float *half[2];     /* B, [packets][3][16], as what follows */
@@ -140,7 +141,7 @@ void history_begin(struct history *h, uint64_t key)
         stated_forget(h->stated);
     }
     h->key = key;
-    h->followed = h->still = false;
+    h->followed = h->still = h->moved = false;
     list_packets(h);
 }
 
@@ -160,7 +161,9 @@ static void start_anew(struct history *h, size_t at, const float *lo)
 
 void history_follow(struct history *h, const float *lo)
 {
-#pragma omp parallel for schedule(static)
+    bool moved = false;
+
+#pragma omp parallel for schedule(static) reduction(|| : moved)
     for (uint32_t i = 0; i < h->packets; i++) {
         const size_t at = i * FLOATS;
         if (h->final[i] >= 1.0f)
@@ -170,6 +173,7 @@ void history_follow(struct history *h, const float *lo)
         } else if (h->has_cache && !h->changed[i]) {
             for (size_t k = at; k < at + FLOATS; k++) {
                 const float by = lo[k] - h->cache[k];
+                moved = moved || by != 0.0f;
                 h->half[0][k] += by;
                 h->half[1][k] += by;
                 h->shown[k] += by;
@@ -179,6 +183,7 @@ void history_follow(struct history *h, const float *lo)
         memcpy(h->cache + at, lo + at, FLOATS * sizeof(float));
     }
     h->followed = h->has_cache = true;
+    h->moved = moved;
     list_packets(h);
 }
 
@@ -312,7 +317,7 @@ void history_show(struct history *h, const float *const more[2], float *lo)
         add_more(h, more);
     if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
         denoiser_filter(h->denoiser, own, h->target);
-    const float step = h->followed ? 1.0f / (float)(HISTORY_TURNS - (h->turn + 1) % HISTORY_TURNS) : 1.0f;
+    const float step = h->followed && !h->moved ? 1.0f / (float)(HISTORY_TURNS - (h->turn + 1) % HISTORY_TURNS) : 1.0f;
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
         const float f = h->followed ? h->final[i] : 0.0f;

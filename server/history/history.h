@@ -15,10 +15,10 @@
  * than the cache predicts, thus loses its weight at once: the estimator of [James and Stein 1961] between S and B, as
  * in light/still.h. When a new version of the cache takes over, C - C' is not a change of the sky and is omitted.
  *
- * The halves are filtered (history/denoise.h) once every packet was sampled. Beside a cache, the displayed light moves
- * to the filter's output in equal steps until the next one, so that it does not jump. It also changes with C, and is C
- * itself as far as that is final. One thread of control. The bits depend on
- * the order of pictures and the progress of the cache, so lockstep renders must not use it. */
+ * The halves are filtered (history/denoise.h) once every packet was sampled. Beside a cache and under a still sky, the
+ * displayed light moves to the filter's output in equal steps until the next one, so that it does not jump. It also
+ * changes with C, and is C itself as far as that is final. One thread of control. The bits depend on the order of
+ * pictures and the progress of the cache, so lockstep renders must not use it. */
 #ifndef HISTORY_HISTORY_H
 #define HISTORY_HISTORY_H
 

@@ -102,10 +102,11 @@ static void the_cache_predicts_what_the_sky_changes(void **state)
 
     assert_non_null(before);
     versions(&r, 0.0f, false);
-    for (int k = 0; k < 2 * HISTORY_TURNS - 1;
-         k++) { /* filtered in the eighth, and shown in equal steps from there on */
+    /* Filtered in the eighth picture, and shown in equal steps from there on. */
+    for (int k = 0; k < 2 * HISTORY_TURNS; k++) {
         picture(&r, 1.0f, 3.0f, 3.0f);
-        assert_float_equal(shown(&r), 1.0 + 2.0 * fmax(k + 2 - HISTORY_TURNS, 0.0) / HISTORY_TURNS, 1e-5);
+        const double part = fmin(fmax(k + 2 - HISTORY_TURNS, 0.0) / HISTORY_TURNS, 1.0);
+        assert_float_equal(shown(&r), 1.0 + 2.0 * part, 1e-5);
     }
     memcpy(before, r.lo, r.floats * sizeof(float));
     picture(&r, 2.0f, 4.0f, 4.0f); /* one packet in HISTORY_TURNS has a sample */
