@@ -250,6 +250,8 @@ def main():
         rate = 100.0 * t["killed"] / made if made else 100.0
         low = low or rate < (TARGETS.get(room, 90) if a.least is None else a.least)
         rows.append(f"| `{room}` | {made + t['explained']} | {t['killed']} | {t['explained']} | {t['survived']} | {rate:.0f} % |")
+        if a.verbose:
+            print(rows[-1], flush=True)
     if not a.list:
         print("| room | faults | noticed | change nothing | not noticed | rate |\n|---|---|---|---|---|---|", *rows, sep="\n")
     sys.exit(1 if low and not a.list else 0)
