@@ -48,6 +48,30 @@ static void pieces_of_every_size_make_the_same_frame(void **state)
     assert_null(a.payload.bytes);
 }
 
+/* A payload of 0x10203 bytes, whose size has three bytes of its own, within the limit and one byte above it. */
+static void a_large_payload_has_its_size(void **state)
+{
+    enum { PAYLOAD = 0x10203, ALL = PROTOCOL_ENVIRONMENT_BYTES + PAYLOAD };
+    static uint8_t bytes[ALL];
+    const struct protocol_environment e = { .encoding = PROTOCOL_FILE_EXR, .payload = PAYLOAD, .frame = 9 };
+    struct fault fault;
+    (void)state;
+    protocol_environment_encode(&e, bytes);
+    bytes[ALL - 1] = 77;
+    for (int above = 0; above < 2; above++) {
+        struct assembly a = { .limit = ALL - (size_t)above };
+        const enum fault_code code = assembly_add(&a, bytes, ALL, 0, true, &fault);
+        assert_int_equal(code, above ? FAULT_TOO_BIG : FAULT_NONE);
+        if (above) {
+            assert_non_null(strstr(fault.text, "at most 66098 bytes"));
+        } else {
+            assert_true(a.whole);
+            assert_int_equal(a.payload.bytes[PAYLOAD - 1], 77);
+        }
+        assembly_finish(&a);
+    }
+}
+
 static void a_message_that_ends_early_names_its_clause(void **state)
 {
     (void)state;
@@ -155,6 +179,7 @@ static void every_half_float_is_exact(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(pieces_of_every_size_make_the_same_frame),
     cmocka_unit_test(a_message_that_ends_early_names_its_clause),
+    cmocka_unit_test(a_large_payload_has_its_size),
     cmocka_unit_test(no_memory_is_taken_for_what_is_above_the_limit),
     cmocka_unit_test(a_frame_follows_a_fault_as_if_nothing_had_been),
     cmocka_unit_test(every_half_float_is_exact),
