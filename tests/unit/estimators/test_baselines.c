@@ -127,6 +127,35 @@ static void background_and_direct_are_paths(void **state)
     world_finish(&w);
 }
 
+/* A sky of 2^-20 lights as one of 1 does, to the bit, in every row and column. */
+static void a_dim_sky_lights_as_a_bright_one_everywhere(void **state)
+{
+    static render_function *const all[] = { path_render, photons_render, vpl_render };
+    static float bright[SIZE], dim[SIZE];
+    (void)state;
+    for (int k = 0; k < 3; k++) {
+        for (int is_dim = 0; is_dim < 2; is_dim++) {
+            const struct path_desc d = { .classes = PATH_INDIRECT, .samples = 64, .seed = 5 };
+            struct path_stats stats;
+            struct world w;
+            world_make(&w, corner_scene(0.7f, 0.9f), &corner_camera, WIDTH, HEIGHT,
+                       sky_environment(sky_constant(16, 8, is_dim ? 0x1p-20f : 1.0f), 8, 0.0));
+            assert_int_equal(all[k](&w.path, &d, is_dim ? dim : bright, &stats), ERR_OK);
+            world_finish(&w);
+        }
+        float rows[HEIGHT] = { 0 }, columns[WIDTH] = { 0 };
+        for (int i = 0; i < SIZE; i++) {
+            assert_true(dim[i] == bright[i] * 0x1p-20f);
+            rows[i / 3 / WIDTH] += bright[i];
+            columns[i / 3 % WIDTH] += bright[i];
+        }
+        for (int y = HEIGHT / 2; y < HEIGHT; y++) /* the upper rows may show the sky alone */
+            assert_true(rows[y] > 0.0f);
+        for (int x = 0; x < WIDTH; x++)
+            assert_true(columns[x] > 0.0f);
+    }
+}
+
 static void threads_do_not_change_a_bit(void **state)
 {
     static float one[SIZE], three[SIZE];
@@ -174,8 +203,12 @@ static void cancelled_work_and_a_black_sky_are_black(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(photons_bring_interreflection),      cmocka_unit_test(photons_bring_caustics),
-    cmocka_unit_test(point_lights_bring_interreflection), cmocka_unit_test(background_and_direct_are_paths),
-    cmocka_unit_test(threads_do_not_change_a_bit),        cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
+    cmocka_unit_test(photons_bring_interreflection),
+    cmocka_unit_test(photons_bring_caustics),
+    cmocka_unit_test(point_lights_bring_interreflection),
+    cmocka_unit_test(background_and_direct_are_paths),
+    cmocka_unit_test(a_dim_sky_lights_as_a_bright_one_everywhere),
+    cmocka_unit_test(threads_do_not_change_a_bit),
+    cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
 };
 UNIT_MAIN(tests)
