@@ -14,6 +14,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdnoreturn.h>
 
 struct ranks;
 
@@ -52,16 +53,19 @@ uint64_t ranks_take(struct ranks *r);
 /* From now on ranks_take returns no numbers on any rank. */
 void ranks_stop(struct ranks *r);
 
-/* From now on no wait lasts longer than a second once *stop is true: a rank that has died would never answer. The job
- * then ends without the synchronisation in ranks_destroy. Borrowed. */
+/* From now on ranks_broadcast, ranks_receive and ranks_send wait for at most a second once *stop is true: a rank that
+ * has died would never answer. The job then ends without the synchronisation in ranks_destroy. Borrowed. */
 void ranks_set_stop(struct ranks *r, const atomic_bool *stop);
+
+/* Ends the processes of all ranks at once, after an error that others would wait for. Logs `text`. mpirun returns 1. */
+noreturn void ranks_abort(const struct ranks *r, const char *text);
 
 /* Collective. Copies rank 0's bytes to all ranks. ERR_IO: stopped while waiting. */
 MUST_CHECK enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size);
 
 /* ranks_expect, on rank 0, starts to receive bytes from another rank into memory that must stay valid until
- * ranks_receive, which waits for all expected bytes; other ranks send theirs. At most 2 GB each. ERR_IO: stopped while
- * waiting. ERR_NOMEM. */
+ * ranks_receive, which waits for all expected bytes; other ranks send theirs. ERR_IO: stopped while waiting.
+ * ERR_RANGE: more than 2 GB. */
 MUST_CHECK enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size);
 MUST_CHECK enum err ranks_receive(struct ranks *r);
 MUST_CHECK enum err ranks_send(struct ranks *r, const void *bytes, size_t size);

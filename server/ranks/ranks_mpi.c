@@ -3,6 +3,7 @@
 
 #include "base/clock.h"
 #include "base/digest.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "ranks/ranks_parts.h"
 
@@ -11,6 +12,7 @@
 #include <sched.h>
 #include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
@@ -143,7 +145,7 @@ static enum err meet(const struct ranks *r, const struct ranks_desc *desc, struc
     MPI_Request q;
 
     if (!all)
-        MPI_Abort(MPI_COMM_WORLD, 1);
+        ranks_abort(r, "out of memory");
     identify(desc, &own);
     MPI_Iallgather(&own, sizeof(own), MPI_BYTE, all, sizeof(own), MPI_BYTE, MPI_COMM_WORLD, &q);
     wait_for(&q);
@@ -190,9 +192,14 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
     MPI_Init_thread(NULL, NULL, MPI_THREAD_MULTIPLE, &level);
     struct ranks *r = mem_alloc(1, sizeof(*r));
     if (!r)
-        MPI_Abort(MPI_COMM_WORLD, 1);
+        ranks_abort(NULL, "out of memory");
     find_place(r);
     r->posted = MPI_REQUEST_NULL;
+    r->expected = mem_alloc((size_t)r->count, sizeof(*r->expected));
+    if (!r->expected)
+        ranks_abort(r, "out of memory");
+    for (int k = 0; k < r->count; k++)
+        r->expected[k] = MPI_REQUEST_NULL;
     enum err e = level >= MPI_THREAD_MULTIPLE ? ERR_OK
                                               : err_say(why, ERR_UNSUPPORTED,
                                                         "this MPI does not allow calls from several threads "
@@ -203,6 +210,7 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
         if (r->own != 0) /* rank 0 says it */
             why->text[0] = '\0';
         MPI_Finalize();
+        mem_free(r->expected);
         mem_free(r);
         return e;
     }
@@ -239,6 +247,13 @@ void ranks_destroy(struct ranks *r)
     mem_free(r->post);
     mem_free(r->expected);
     mem_free(r);
+}
+
+noreturn void ranks_abort(const struct ranks *r, const char *text)
+{
+    log_error("%s%s%s: the job ends", r ? r->name : "", r ? ": " : "", text);
+    MPI_Abort(MPI_COMM_WORLD, 1);
+    abort();
 }
 
 void ranks_set_stop(struct ranks *r, const atomic_bool *stop)
@@ -344,13 +359,8 @@ enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size)
 
 enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size)
 {
-    if (!r->expected) {
-        r->expected = mem_alloc((size_t)r->count, sizeof(*r->expected));
-        for (int k = 0; r->expected && k < r->count; k++)
-            r->expected[k] = MPI_REQUEST_NULL;
-    }
-    if (!r->expected)
-        return ERR_NOMEM;
+    if (size > INT32_MAX)
+        return ERR_RANGE;
     MPI_Irecv(bytes, (int)size, MPI_BYTE, (int)from, TAG_PART, MPI_COMM_WORLD, &r->expected[from]);
     return ERR_OK;
 }
@@ -359,7 +369,7 @@ enum err ranks_receive(struct ranks *r)
 {
     enum err e = ERR_OK;
 
-    for (int k = 1; k < r->count && r->expected && !e; k++)
+    for (int k = 1; k < r->count && !e; k++)
         if (r->expected[k] != MPI_REQUEST_NULL)
             e = wait_or_stop(r, &r->expected[k]);
     return e;
@@ -369,6 +379,8 @@ enum err ranks_send(struct ranks *r, const void *bytes, size_t size)
 {
     MPI_Request q;
 
+    if (size > INT32_MAX)
+        return ERR_RANGE;
     MPI_Isend(bytes, (int)size, MPI_BYTE, 0, TAG_PART, MPI_COMM_WORLD, &q);
     return wait_or_stop(r, &q);
 }
@@ -398,7 +410,7 @@ static enum err receive_post(struct ranks *r, const MPI_Status *status,
     MPI_Get_count(status, MPI_BYTE, &size);
     uint8_t *bytes = mem_alloc_raw((size_t)size + 1, 1);
     if (!bytes)
-        MPI_Abort(MPI_COMM_WORLD, 1); /* its rank would wait for ever */
+        ranks_abort(r, "out of memory for what another rank posted");
     MPI_Irecv(bytes, size, MPI_BYTE, status->MPI_SOURCE, TAG_POST, MPI_COMM_WORLD, &q);
     wait_for(&q);
     r->ended += size == 0;
@@ -442,8 +454,8 @@ static void carry(uint8_t *bytes, uint64_t size, int peer, bool sends)
     }
 }
 
-/* Without memory, receives and discards the bytes, so that their rank does not wait. */
-static enum err take_from(int rank, enum err (*take)(void *context, const void *bytes, size_t size), void *context)
+static enum err take_from(const struct ranks *r, int rank,
+                          enum err (*take)(void *context, const void *bytes, size_t size), void *context)
 {
     uint64_t size = 0;
     MPI_Request q;
@@ -452,7 +464,7 @@ static enum err take_from(int rank, enum err (*take)(void *context, const void *
     wait_for(&q);
     uint8_t *bytes = mem_alloc(size + 1, 1);
     if (!bytes)
-        MPI_Abort(MPI_COMM_WORLD, 1);
+        ranks_abort(r, "out of memory for what another rank sent");
     carry(bytes, size, rank, false);
     const enum err e = take(context, bytes, size);
     mem_free(bytes);
@@ -474,7 +486,7 @@ enum err ranks_gather(struct ranks *r, const void *bytes, size_t size,
         carry((uint8_t *)(uintptr_t)bytes, length, 0, true);
     }
     for (int k = 1; r && r->own == 0 && k < r->count; k++) {
-        const enum err one = take_from(k, take, context);
+        const enum err one = take_from(r, k, take, context);
         e = e ? e : one;
     }
     return e;

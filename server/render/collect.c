@@ -28,18 +28,20 @@ enum err render_collect_begin(struct render *r, struct reason *why)
         return ERR_OK;
     if (first && r->desc.resume && r->output)
         e = output_numbers(r->output, &r->there, &r->there_count);
+    e = ranks_agree(r->desc.ranks, e ? err_say(why, e, "out of memory for the list of pictures that are there") : e,
+                    why);
     count = r->there_count;
     if (!e)
         e = ranks_broadcast(r->desc.ranks, &count, sizeof(count));
     if (!e && !first) {
         r->there = mem_alloc(count, sizeof(*r->there));
         r->there_count = count;
-        e = r->there ? ERR_OK : ERR_NOMEM;
+        if (!r->there)
+            ranks_abort(r->desc.ranks, "out of memory for the list of pictures that are there");
     }
     if (!e && count > 0)
         e = ranks_broadcast(r->desc.ranks, r->there, count * sizeof(*r->there));
-    return ranks_agree(r->desc.ranks, e ? err_say(why, e, "out of memory for the list of pictures that are there") : e,
-                       why);
+    return e ? err_say(why, e, "rank 0 does not answer any more") : ERR_OK;
 }
 
 static int by_number(const void *a, const void *b)

@@ -30,7 +30,6 @@ struct answer {
     int64_t error;
     double seconds;
     uint64_t rays;
-    uint64_t packets;
 };
 
 struct team {
@@ -164,23 +163,26 @@ static enum err send_order(struct team *t, const struct environment *e, const st
     return result ? result : ranks_broadcast(t->desc.ranks, bytes, size);
 }
 
-static enum err expect_all(struct team *t, uint8_t **at)
+/* Memory for the answers; NULL: out of memory. To be had before the order, after which all ranks answer. */
+static uint8_t *room_for_answers(struct team *t)
 {
     size_t size = 0;
-    enum err e = ERR_OK;
 
     for (uint32_t k = 1; k < t->count; k++)
         size += answer_bytes(t, t->cuts[k + 1] - t->cuts[k]);
-    *at = room_for(&t->in, size + 1);
-    if (!*at)
-        return ERR_NOMEM;
-    uint8_t *to = *at;
+    t->stats.received = size;
+    return room_for(&t->in, size + 1);
+}
+
+static enum err expect_all(struct team *t, uint8_t *to)
+{
+    enum err e = ERR_OK;
+
     for (uint32_t k = 1; k < t->count && !e; k++) {
         const size_t one = answer_bytes(t, t->cuts[k + 1] - t->cuts[k]);
         e = ranks_expect(t->desc.ranks, k, to, one);
         to += one;
     }
-    t->stats.received = size;
     return e;
 }
 
@@ -249,7 +251,6 @@ static enum err points(void *context, struct relighter *r, const struct environm
     const struct transport_indirect *indirect = relighter_indirect(r, passes, &stats->plan);
     const struct packet_list *narrow = cache ? transport_narrow(cache) : &nothing;
     const bool faces = !cache || has_paths(passes) || narrow->count * (uint64_t)NARROW_MOST * t->count > packets_of(t);
-    uint8_t *answers;
     enum err result = ERR_OK;
 
     if (cache && t->alone > 0)
@@ -260,10 +261,13 @@ static enum err points(void *context, struct relighter *r, const struct environm
             cache, e, &(struct transport_frame){ .unsplit = passes->cached->unsplit, .indirect = indirect });
     }
     cut(t, cache);
+    uint8_t *answers = room_for_answers(t);
+    if (!result && !answers)
+        result = ERR_NOMEM;
     if (!result)
         result = send_order(t, e, passes, cache, indirect, faces, stats);
     if (!result)
-        result = expect_all(t, &answers);
+        result = expect_all(t, answers);
     const struct light_part own = { t->cuts[0], t->cuts[1], faces ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_ALL,
                                     cache != NULL };
     const double start = clock_seconds();
@@ -324,11 +328,11 @@ static enum err take_order(struct team *t, const struct order *order, struct pic
                                                                                                           : ERR_OK;
 }
 
-/* Lights this rank's part and sends it, or an error in its stead. */
-static enum err serve_one(struct team *t, const struct order *order, float *lo)
+/* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the picture. */
+static enum err serve_one(struct team *t, const struct order *order, float *lo, enum err *failed)
 {
     struct picture_passes passes;
-    struct relight_stats stats;
+    struct relight_stats stats = { 0 };
 
     memcpy(t->cuts, t->in.at, ((size_t)t->count + 1) * sizeof(*t->cuts));
     const struct light_part part = { t->cuts[t->own], t->cuts[t->own + 1],
@@ -345,11 +349,10 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo)
     const double seconds = clock_seconds() - start;
     t->stats.part_s += seconds;
     e = e || out ? e : ERR_NOMEM;
-    const struct answer a = { e, seconds, stats.direct.rays, packets };
-    if (e) { /* in place of the light */
-        const enum err said = ranks_send(t->desc.ranks, &a, sizeof(a));
-        return said || e == ERR_END ? said : e;
-    }
+    const struct answer a = { e, seconds, stats.direct.rays };
+    *failed = e == ERR_END ? ERR_OK : e;
+    if (e)
+        return ranks_send(t->desc.ranks, &a, sizeof(a));
     memcpy(out, &a, sizeof(a));
     pack_light(t, lo + (size_t)part.first * BLOCK, (size_t)packets * BLOCK, out + sizeof(a));
     return ranks_send(t->desc.ranks, out, size);
@@ -359,22 +362,25 @@ enum err team_serve(struct team *t, struct reason *why)
 {
     float *lo = mem_alloc(packets_of(t), BLOCK * sizeof(*lo));
     struct order order = { .leave = false };
-    enum err e = lo ? ERR_OK : ERR_NOMEM;
+    enum err e = ERR_OK, failed = ERR_OK;
 
+    if (!lo)
+        ranks_abort(t->desc.ranks, "out of memory for this rank's part of a picture");
     while (!e) {
         e = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
         if (e || order.leave)
             break;
         const size_t size = ((size_t)t->count + 1) * sizeof(*t->cuts) + order.sky + order.faces;
-        e = room_for(&t->in, size) ? ranks_broadcast(t->desc.ranks, t->in.at, size) : ERR_NOMEM;
+        if (!room_for(&t->in, size))
+            ranks_abort(t->desc.ranks, "out of memory for the sky of a picture");
+        e = ranks_broadcast(t->desc.ranks, t->in.at, size);
         if (!e)
-            e = serve_one(t, &order, lo);
+            e = serve_one(t, &order, lo, &failed);
     }
     mem_free(lo);
-    if (!e)
-        return ERR_OK;
-    return err_say(why, e,
-                   e == ERR_IO ? "rank 0 does not answer any more" : "no memory for this rank's part of a picture");
+    if (e)
+        return err_say(why, e, "rank 0 does not answer any more");
+    return failed ? err_say(why, failed, "this rank's part of a picture: %s", err_text(failed)) : ERR_OK;
 }
 
 /* ---- Begin and end ---- */

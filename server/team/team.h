@@ -19,11 +19,11 @@ struct team_desc {
 };
 
 struct team_stats {
-    uint64_t pictures, dealt; /* made by rank 0; of these, lit by all ranks */
-    uint64_t sent, received;  /* bytes of the last distributed picture: to each rank, from all ranks */
-    uint64_t faces;           /* distributed pictures that needed the whole sky */
-    double wait_s;            /* time that rank 0 waited for other ranks, in all distributed pictures */
-    double part_s;            /* seconds of this rank's own parts */
+    uint64_t dealt;          /* pictures that all ranks have lit */
+    uint64_t sent, received; /* bytes of the last distributed picture: to each rank, from all ranks */
+    uint64_t faces;          /* distributed pictures that needed the whole sky */
+    double wait_s;           /* time that rank 0 waited for other ranks, in all distributed pictures */
+    double part_s;           /* seconds of this rank's own parts */
 };
 
 /* Collective. Joins rank 0's relighter to the team. All borrowed objects must outlive the team. ERR_USAGE: the ranks
