@@ -33,6 +33,7 @@
 
 struct bounce;
 struct progress;
+struct cache_share;
 
 struct bounce_desc {
     const struct scene *scene;
@@ -46,8 +47,9 @@ struct bounce_desc {
     uint64_t seed;
     bool quick; /* a rough cache in a tenth of the time, for frames until the full one is complete; gather, records:
                    0 */
-    struct progress *progress; /* NULL, or stepped bounce_steps times in all */
-    const atomic_bool *cancel; /* NULL, or a flag that ends the building (base/cancel.h) */
+    struct progress *progress;       /* NULL, or stepped bounce_steps times in all */
+    const atomic_bool *cancel;       /* NULL, or a flag that ends the building (base/cancel.h) */
+    const struct cache_share *share; /* other processes that build the same cache (cache/cache_share.h); NULL: none */
 };
 
 struct bounce_stats {
@@ -71,6 +73,9 @@ uint64_t bounce_steps(const struct gbuffer *g);
 MUST_CHECK enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
                                   struct reason *why);
 void bounce_destroy(struct bounce *b); /* NULL is allowed */
+
+/* Frees what only blocks use that transport_keep has freed in `direct`. ERR_NOMEM. */
+MUST_CHECK enum err bounce_keep(struct bounce *b, const struct transport *direct, const struct cache_share *s);
 
 /* The value for transport_frame.indirect with the transport that b was built with; valid as long as b. */
 const struct transport_indirect *bounce_indirect(const struct bounce *b);

@@ -125,15 +125,28 @@ static enum err begin(struct bounce_build *b)
     return transport_directions_init(&b->directions, SIDE, 1, rng_mix(d->seed, 12));
 }
 
-static enum err run_steps(struct bounce_build *b)
+/* With other processes, all of which come here: none has failed, or all stop. */
+static enum err share_light(struct bounce_build *b, enum err own, struct reason *why)
+{
+    const struct cache_share *s = b->desc->share;
+    const enum err e = s->agree(s->context, !own && is_cancelled(b->desc->cancel) ? ERR_IO : own, why);
+
+    return e ? e : bounce_exchange_light(b);
+}
+
+static enum err run_steps(struct bounce_build *b, struct reason *why)
 {
     enum err (*const steps[])(struct bounce_build *) = {
         begin, bounce_find_records, bounce_light_records, bounce_make_basis, bounce_solve, bounce_gather_blocks
     };
     enum err e = ERR_OK;
 
-    for (size_t k = 0; k < sizeof(steps) / sizeof(steps[0]) && !e && !is_cancelled(b->desc->cancel); k++)
-        e = steps[k](b);
+    for (size_t k = 0; k < sizeof(steps) / sizeof(steps[0]); k++) {
+        if (!e && !is_cancelled(b->desc->cancel))
+            e = steps[k](b);
+        if (b->desc->share && steps[k] == bounce_light_records)
+            e = share_light(b, e, why);
+    }
     return e;
 }
 
@@ -148,9 +161,16 @@ enum err bounce_create(const struct bounce_desc *desc, const struct kernels *ker
     *out = NULL;
     if (!t)
         return err_say(why, ERR_NOMEM, "out of memory for the cache of indirect light");
-    enum err e = run_steps(&b);
+    enum err e = run_steps(&b, why);
     t->stats.rays = b.rays;
-    if (!e && !is_cancelled(b.desc->cancel))
+    const bool cancelled = (!e || desc->share) && is_cancelled(desc->cancel);
+    if (desc->share) {
+        const enum err shared = desc->share->agree(desc->share->context, cancelled ? ERR_IO : e, why);
+        e = cancelled ? ERR_OK : shared;
+        if (!e && !cancelled)
+            e = bounce_exchange(&b, why);
+    }
+    if (!e && !cancelled)
         e = bounce_close(t);
     if (e == ERR_RANGE)
         e = bounce_say_too_large(desc->max_bytes, why);

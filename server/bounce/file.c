@@ -2,6 +2,7 @@
 
 #include "bounce/parts.h"
 #include "base/mem.h"
+#include "cache/cache_share.h"
 #include "cache/memory.h"
 #include "scene/scene_digest.h"
 
@@ -37,12 +38,28 @@ static void save_piece(const struct bounce *b, const struct bounce_group *g, uin
 
     if (!q->bytes)
         return;
+    if (!b->stream) { /* not laid out yet */
+        cache_writer_put(w, q->bytes, bounce_piece_bytes(g, b->blocks + g->first, row));
+        return;
+    }
     cache_writer_put(w, q->bytes, (size_t)q->rank * 3 * q->basis);
     for (uint32_t i = g->first; i < g->first + g->count; i++) {
         const struct bounce_block *block = &b->blocks[i];
         cache_writer_put(w, bounce_block_row(b, block, row),
                          bounce_block_bytes(block->rank[row], bounce_columns(q->rank), block->packets * PACKET));
     }
+}
+
+void bounce_save_group(const struct bounce *b, const struct bounce_group *g, struct cache_writer *w)
+{
+    for (uint32_t r = 0; r < g->rows; r++) {
+        cache_writer_put(w, &g->pieces[r].rank, sizeof(g->pieces[r].rank));
+        cache_writer_put(w, &g->pieces[r].basis, sizeof(g->pieces[r].basis));
+    }
+    for (uint32_t i = g->first; i < g->first + g->count; i++)
+        cache_writer_put(w, b->blocks[i].rank, g->rows);
+    for (uint32_t r = 0; r < g->rows; r++)
+        save_piece(b, g, r, w);
 }
 
 void bounce_save(const struct bounce *b, const struct digest *key, struct cache_writer *w)
@@ -54,17 +71,8 @@ void bounce_save(const struct bounce *b, const struct digest *key, struct cache_
     cache_writer_put(w, &b->basis.rest, sizeof(b->basis.rest));
     cache_writer_put(w, &b->basis.count, sizeof(b->basis.count));
     cache_writer_put(w, b->basis.rows, (size_t)b->basis.count * SKY_CELLS * sizeof(*b->basis.rows));
-    for (uint32_t k = 0; k < b->group_count; k++) {
-        const struct bounce_group *g = &b->groups[k];
-        for (uint32_t r = 0; r < g->rows; r++) {
-            cache_writer_put(w, &g->pieces[r].rank, sizeof(g->pieces[r].rank));
-            cache_writer_put(w, &g->pieces[r].basis, sizeof(g->pieces[r].basis));
-        }
-        for (uint32_t i = g->first; i < g->first + g->count; i++)
-            cache_writer_put(w, b->blocks[i].rank, g->rows);
-        for (uint32_t r = 0; r < g->rows; r++)
-            save_piece(b, g, r, w);
-    }
+    for (uint32_t k = 0; k < b->group_count; k++)
+        bounce_save_group(b, &b->groups[k], w);
 }
 
 /* ---- Loading ---- */
@@ -158,8 +166,7 @@ static enum err read_piece(struct cache_reader *r, const struct bounce *b, struc
     return e || has_sound_gains(b, g, row) ? e : cache_reader_refuse(r, why);
 }
 
-/* bytes: those of the groups before; counts this one's. */
-static enum err read_group(struct cache_reader *r, struct bounce *b, struct bounce_group *g, uint64_t *bytes,
+enum err bounce_load_group(struct cache_reader *r, struct bounce *b, struct bounce_group *g, uint64_t *bytes,
                            uint64_t max_bytes, struct reason *why)
 {
     enum err e = ERR_OK;
@@ -192,8 +199,14 @@ enum err bounce_load(struct cache_reader *r, const struct digest *key, const str
     if (!e)
         e = read_basis(r, b, why);
     uint64_t bytes = b ? b->stats.bytes : 0;
-    for (uint32_t k = 0; !e && k < b->group_count; k++)
-        e = read_group(r, b, &b->groups[k], &bytes, desc->max_bytes, why);
+    for (uint32_t k = 0; !e && k < b->group_count; k++) {
+        const uint64_t before = bytes;
+        e = bounce_load_group(r, b, &b->groups[k], &bytes, desc->max_bytes, why);
+        if (!cache_share_takes_all(desc->share) && !bounce_keeps(b, desc->direct, desc->share, &b->groups[k])) {
+            bounce_drop_group(b, &b->groups[k]);
+            bytes = before;
+        }
+    }
     if (!e)
         e = cache_reader_end(r, why);
     if (!e && bounce_close(b))

@@ -6,6 +6,7 @@
 #include "bounce/smooth.h"
 #include "estimators/denormals.h"
 #include "base/mem.h"
+#include "cache/cache_share.h"
 #include "cache/memory.h"
 
 #include <cblas.h>
@@ -340,7 +341,7 @@ static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint
         const unsigned before = denormals_flush();
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t k = first; k < until; k++) {
-            if (is_cancelled(b->desc->cancel))
+            if (is_cancelled(b->desc->cancel) || !cache_share_computes(b->desc->share, k))
                 continue;
             struct bounce_group *g = &b->b->groups[k];
             failed += gather_group(b, w, g) != ERR_OK;
@@ -395,9 +396,10 @@ enum err bounce_gather_blocks(struct bounce_build *b)
             e = ERR_RANGE;
     }
     for (uint32_t i = 0; benches && i < threads; i++) {
-        b->rays += benches[i].gatherer.ends.rays;
+        b->own_rays += benches[i].gatherer.ends.rays;
         bench_finish(&benches[i]);
     }
+    b->rays += b->own_rays;
     mem_free(benches);
     return e;
 }

@@ -111,6 +111,7 @@ enum err bounce_lay_out(struct bounce *b)
     if (e)
         return e;
     b->stream = mem_alloc(size, 1);
+    b->stream_size = size;
     b->tents = mem_alloc(1, sizeof(*b->tents));
     if (!b->stream || !b->tents)
         return ERR_NOMEM;

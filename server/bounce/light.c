@@ -188,7 +188,7 @@ enum err bounce_light_records(struct bounce_build *b)
         const struct bounce_spot *spots = b->records.spots + (size_t)r * BOUNCE_SPOTS;
         uint16_t *light = b->light + (size_t)r * SKY_CELLS;
         struct ray16 ray;
-        if (is_cancelled(b->desc->cancel))
+        if (is_cancelled(b->desc->cancel) || !cache_share_computes(b->desc->share, r / 2))
             continue;
         set_origins(spots, &ray);
         for (uint32_t c = 0; c < SKY_CELLS; c++) {
@@ -198,7 +198,7 @@ enum err bounce_light_records(struct bounce_build *b)
             light[SKY_CELLS + c] = half_round(both[1]);
         }
     }
-    b->rays += rays;
+    b->own_rays += rays;
     return ERR_OK;
 }
 

@@ -9,6 +9,8 @@
 #include "brdf/lobe.h"
 #include "base/progress.h"
 #include "base/rng.h"
+#include "cache/cache_file.h"
+#include "cache/cache_share.h"
 #include "scene/scatter.h"
 #include "transport/parts.h"
 
@@ -203,8 +205,9 @@ struct bounce {
     uint32_t block_count;
     struct bounce_group *groups;
     uint32_t group_count;
-    struct bounce_place *places;   /* [packet_count]: of the block that begins with this packet */
-    uint8_t *stream;               /* per block: a bounce_row per row, then the rows' bytes */
+    struct bounce_place *places; /* [packet_count]: of the block that begins with this packet */
+    uint8_t *stream;             /* per block: a bounce_row per row, then the rows' bytes */
+    size_t stream_size;
     float *z;                      /* of all groups */
     float y[3 * BOUNCE_BASIS_MAX]; /* the frame's sky in the basis: [3][basis.count] */
     struct bounce_tents *tents;    /* of the frame's sky */
@@ -236,8 +239,8 @@ struct bounce_build {
     float *even;             /* [K]: coefficients of a sky of radiance 1 */
     double (*numbers[2])[2]; /* random numbers of a gather's rays: for the matte part, for the lobe */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
-    uint32_t gather, most; /* rays per point; maximum number of records */
-    uint64_t rays;
+    uint32_t gather, most;   /* rays per point; maximum number of records */
+    uint64_t rays, own_rays; /* of all processes' records and groups; of this one's */
 };
 
 /* The steps of building, in this order. Each uses all OpenMP threads and returns early, with ERR_OK, when cancelled.
@@ -267,6 +270,23 @@ const int8_t *bounce_block_row(const struct bounce *b, const struct bounce_block
 
 /* Returns ERR_RANGE with a reason that names the limit. */
 MUST_CHECK enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why);
+
+/* Passes the light of the records that each process has lit to the others. Collective. ERR_NOMEM; ERR_FORMAT. */
+MUST_CHECK enum err bounce_exchange_light(struct bounce_build *b);
+
+/* Passes the groups that each process has gathered to the others, which keep what they need; desc->share is not NULL.
+ * Collective. Errors: those of transport_exchange. */
+MUST_CHECK enum err bounce_exchange(struct bounce_build *b, struct reason *why);
+
+/* Whether a block of the group needs it. s NULL: true. Frees a group's pieces before bounce_lay_out. */
+bool bounce_keeps(const struct bounce *b, const struct transport *direct, const struct cache_share *s,
+                  const struct bounce_group *g);
+void bounce_drop_group(struct bounce *b, struct bounce_group *g);
+
+/* Adds a group to a section of w, and reads it; bytes: those of groups before, counts this one's. */
+void bounce_save_group(const struct bounce *b, const struct bounce_group *g, struct cache_writer *w);
+MUST_CHECK enum err bounce_load_group(struct cache_reader *r, struct bounce *b, struct bounce_group *g, uint64_t *bytes,
+                                      uint64_t max_bytes, struct reason *why);
 
 /* Sorts the blocks into groups of similar ones. ERR_NOMEM. */
 MUST_CHECK enum err bounce_group(struct bounce *b, const struct bounce_desc *d);

@@ -109,13 +109,36 @@ void cache_writer_put(struct cache_writer *w, const void *bytes, size_t size)
     e->check = (uint32_t)crc32_z(e->check, bytes, size);
 }
 
+static void close_front(struct cache_writer *w)
+{
+    w->front.header.check = 0;
+    w->front.header.check = front_check(&w->front);
+    w->parts[0] = (struct file_part){ &w->front, front_size(w->front.header.sections) };
+}
+
+enum err cache_writer_bytes(struct cache_writer *w, uint8_t **out, size_t *size)
+{
+    *out = NULL;
+    *size = 0;
+    if (w->no_memory)
+        return ERR_NOMEM;
+    close_front(w);
+    for (size_t k = 0; k < w->count; k++)
+        *size += w->parts[k].size;
+    *out = mem_alloc_raw(*size, 1);
+    if (!*out)
+        return ERR_NOMEM;
+    uint8_t *to = *out;
+    for (size_t k = 0; k < w->count; to += w->parts[k++].size)
+        memcpy(to, w->parts[k].bytes, w->parts[k].size);
+    return ERR_OK;
+}
+
 enum err cache_writer_store(struct cache_writer *w, const char *path, struct reason *why)
 {
     if (w->no_memory)
         return err_say(why, ERR_NOMEM, "%s: no memory for writing it", path);
-    w->front.header.check = 0;
-    w->front.header.check = front_check(&w->front);
-    w->parts[0] = (struct file_part){ &w->front, front_size(w->front.header.sections) };
+    close_front(w);
     return file_store_parts(path, w->parts, w->count, why);
 }
 
@@ -210,6 +233,26 @@ enum err cache_reader_open(const char *path, struct cache_reader **out, struct r
     }
     cache_reader_close(r);
     return e;
+}
+
+enum err cache_reader_take(const char *from, const uint8_t *bytes, size_t size, struct cache_reader **out,
+                           struct reason *why)
+{
+    struct cache_reader *r = size > 0 ? mem_alloc(1, sizeof(*r)) : NULL;
+    enum err e = size > 0 ? ERR_NOMEM : ERR_FORMAT;
+
+    *out = NULL;
+    if (r) {
+        snprintf(r->path, sizeof(r->path), "%s", from);
+        r->stream = fmemopen((void *)(uintptr_t)bytes, size, "rb");
+        e = r->stream ? read_front(r, size, why) : ERR_NOMEM;
+    }
+    if (!e) {
+        *out = r;
+        return ERR_OK;
+    }
+    cache_reader_close(r);
+    return err_say(why, e, "%.200s: its part of a cache %s", from, e == ERR_NOMEM ? "needs more memory" : "is damaged");
 }
 
 void cache_reader_close(struct cache_reader *r)

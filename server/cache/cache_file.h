@@ -34,6 +34,9 @@ void cache_writer_put(struct cache_writer *w, const void *bytes, size_t size);
 /* Writes the sections to a file, atomically (base/file_store.h). ERR_IO, ERR_NOMEM; the reason names the file. */
 MUST_CHECK enum err cache_writer_store(struct cache_writer *w, const char *path, struct reason *why);
 
+/* The file's bytes, for another process; free *out with mem_free. ERR_NOMEM. */
+MUST_CHECK enum err cache_writer_bytes(struct cache_writer *w, uint8_t **out, size_t *size);
+
 /* ---- Reading ---- */
 
 struct cache_reader;
@@ -41,6 +44,11 @@ struct cache_reader;
 /* If there is no such file, *out is NULL and the result ERR_OK. ERR_FORMAT: not such a file, or damaged; ERR_IO;
  * ERR_NOMEM. The reason names the file, as that of all functions below. */
 MUST_CHECK enum err cache_reader_open(const char *path, struct cache_reader **out, struct reason *why);
+
+/* Reads such bytes, which must outlive *out, instead of a file. `from` names their sender for reasons. ERR_FORMAT;
+ * ERR_NOMEM. */
+MUST_CHECK enum err cache_reader_take(const char *from, const uint8_t *bytes, size_t size, struct cache_reader **out,
+                                      struct reason *why);
 void cache_reader_close(struct cache_reader *r); /* NULL is allowed */
 
 /* Goes to the start of a section. ERR_END: there is none of that name; ERR_UNSUPPORTED: it has another key. */

@@ -28,12 +28,14 @@ static struct team_desc describe(const struct shared *s, struct relighter *r)
 {
     const struct setup *setup = &s->config.setup;
 
-    return (struct team_desc){ s->ranks,
-                               r,
-                               &setup->environment,
-                               setup->light.cache_file,
-                               setup->light.cache_dir,
-                               s->config.part_floats != PART_FLOAT };
+    return (struct team_desc){ .ranks = s->ranks,
+                               .relighter = r,
+                               .environment = &setup->environment,
+                               .cache_file = setup->light.cache_file,
+                               .cache_dir = setup->light.cache_dir,
+                               .cancel = s->stop,
+                               .whole = true,
+                               .half = s->config.part_floats != PART_FLOAT };
 }
 
 enum err job_join(struct job *j, struct shared *s, int argc, char **argv, struct reason *why)
@@ -54,19 +56,15 @@ enum err job_join(struct job *j, struct shared *s, int argc, char **argv, struct
     return ERR_OK;
 }
 
-enum err job_lead(struct job *j, struct shared *s, struct relighter *r, enum err own, struct reason *why)
+enum err job_lead(struct job *j, struct shared *s, struct relighter *r, struct reason *why)
 {
     const struct team_desc desc = describe(s, r);
 
     if (!s->ranks) {
         relighter_round(r, s->config.part_floats == PART_HALF);
-        return own;
+        return ERR_OK;
     }
-    enum err e = ranks_agree(s->ranks, own, why); /* its cache is in the file, */
-    if (!e)
-        e = ranks_agree(s->ranks, ERR_OK, why); /* and the others have read it */
-    if (!e)
-        e = team_create(&desc, &j->team, why);
+    const enum err e = team_create(&desc, &j->team, why);
     if (!e)
         log_info("%u ranks light the pictures of the first camera; those of others, and refinement of still ones, are "
                  "rank 0's",
@@ -84,16 +82,6 @@ static enum err make(const struct shared *s, struct set **set, struct relighter 
     return *r ? ERR_OK : err_say(why, ERR_NOMEM, "no memory for this rank's part of the pictures");
 }
 
-static enum err prepare(const struct shared *s, struct relighter *r, struct reason *why)
-{
-    struct relight_desc light = s->config.setup.light;
-    double ms;
-
-    light.direct.cancel = s->stop;
-    light.direct.why = why;
-    return relighter_prepare(r, &light, false, &ms);
-}
-
 enum err job_serve(struct job *j, struct shared *s, struct reason *why)
 {
     struct set *set = NULL;
@@ -101,10 +89,6 @@ enum err job_serve(struct job *j, struct shared *s, struct reason *why)
 
     s->config.setup.set_desc.progress = false;
     enum err e = ranks_agree(s->ranks, make(s, &set, &r, why), why);
-    if (!e)
-        e = ranks_agree(s->ranks, ERR_OK, why); /* rank 0 has prepared */
-    if (!e)
-        e = ranks_agree(s->ranks, prepare(s, r, why), why);
     const struct team_desc desc = describe(s, r);
     if (!e)
         e = team_create(&desc, &j->team, why);
@@ -124,8 +108,10 @@ void job_leave(struct job *j)
     team_destroy(j->team);
     j->team = NULL;
     if (s.dealt > 0)
-        log_info("%" PRIu64
-                 " pictures were lit by all ranks: %.1f KB to each rank and %.2f MB from all of them for the "
-                 "last; %.2f s for rank 0's parts, %.2f s of waiting for others",
-                 s.dealt, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s, s.wait_s);
+        log_info(
+            "%" PRIu64 " pictures were lit by all ranks: %.1f KB to each rank and %.2f MB from all of them for the "
+            "last; %.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
+            "most %.1f MB on another",
+            s.dealt, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s, s.wait_s, 1e-6 * (double)s.memory,
+            1e-6 * (double)s.memory_most);
 }

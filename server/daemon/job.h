@@ -24,9 +24,8 @@ MUST_CHECK enum err job_join(struct job *j, struct shared *s, int argc, char **a
 /* Runs ranks other than 0 instead of the server: lights parts until rank 0 leaves. */
 MUST_CHECK enum err job_serve(struct job *j, struct shared *s, struct reason *why);
 
-/* On rank 0, after relighter_prepare succeeded or failed with `own`: lets the other ranks prepare their relighters and
- * join. */
-MUST_CHECK enum err job_lead(struct job *j, struct shared *s, struct relighter *r, enum err own, struct reason *why);
+/* On rank 0, before relighter_prepare: joins the other ranks, which compute the caches with it. */
+MUST_CHECK enum err job_lead(struct job *j, struct shared *s, struct relighter *r, struct reason *why);
 
 /* On rank 0: ends the job on the other ranks. */
 void job_leave(struct job *j);

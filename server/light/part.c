@@ -32,6 +32,11 @@ void relighter_join(struct relighter *r, const struct light_team *team)
     r->team = team;
 }
 
+void relighter_share(struct relighter *r, const struct cache_share *share)
+{
+    r->cache.share = share;
+}
+
 void relighter_round(struct relighter *r, bool half)
 {
     r->half = half;
@@ -56,6 +61,24 @@ const struct transport_indirect *relighter_indirect(const struct relighter *r, c
 const struct packet_list *relighter_left(const struct relighter *r)
 {
     return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+}
+
+const struct transport *relighter_cache(const struct relighter *r)
+{
+    return r->cache.transport;
+}
+
+bool relighter_is_complete(const struct relighter *r)
+{
+    return r->cache.transport && r->cache.bounce.bounce && !r->cache.building;
+}
+
+uint64_t relighter_memory(const struct relighter *r)
+{
+    const struct relight_cache *c = &r->cache;
+
+    return r->set->gbuffer->bytes + (c->transport ? transport_stats(c->transport)->bytes : 0) +
+           (c->bounce.bounce ? bounce_stats(c->bounce.bounce)->bytes : 0);
 }
 
 bool relighter_can_deal(const struct relighter *r, const struct picture_passes *p)

@@ -10,6 +10,8 @@
 
 #include "light/relight_passes.h"
 
+struct cache_share;
+
 struct light_part {
     uint32_t first, end;          /* packets first .. end - 1 */
     enum transport_narrow narrow; /* of the cache */
@@ -25,6 +27,10 @@ struct light_team {
 
 /* From now on the relighter distributes its pictures where possible. team is borrowed; NULL ends it. */
 void relighter_join(struct relighter *r, const struct light_team *team);
+
+/* From now on the relighter computes its cache with other processes, which call relighter_prepare at the same time, or
+ * from share->begin; it keeps what its packets need. share is borrowed; NULL ends it. */
+void relighter_share(struct relighter *r, const struct cache_share *share);
 
 /* Rounds light at shade points to half floats, at most 65504, whichever process computes it. */
 void relighter_round(struct relighter *r, bool half);
@@ -43,6 +49,15 @@ bool relighter_can_deal(const struct relighter *r, const struct picture_passes *
 struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes);
 const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
                                                     const struct plan *plan);
+
+/* The cache of direct light; NULL if there is none. */
+const struct transport *relighter_cache(const struct relighter *r);
+
+/* Whether all caches of a request with indirect light are there, so that none will be computed any more. */
+bool relighter_is_complete(const struct relighter *r);
+
+/* Bytes of the G-buffer and the caches. */
+uint64_t relighter_memory(const struct relighter *r);
 
 /* The packets of an ascending list that belong to a part. */
 struct packet_list light_part_list(const struct packet_list *all, const struct light_part *part);

@@ -82,11 +82,14 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     *ms = 0.0;
     relight_plan(r->set, r->cache.bounce.bounce, NULL, desc, false, &plan);
     const uint32_t stored = beside_wanted(r->set, desc) ? 0 : relight_plan_classes(&plan, PLAN_STORED);
-    enum err e =
-        relight_is_cached(desc) ? relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms) : ERR_OK;
+    enum err e = relight_is_cached(desc) ? relight_cache_begin(&r->cache, r->set, desc) : ERR_OK;
+    if (!e && relight_is_cached(desc))
+        e = relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms);
     if (!e && relight_is_cached(desc) && !r->cache.building)
         e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, &r->cache.keep,
                                 progress, ms);
+    if (!e && relight_is_cached(desc))
+        e = relight_cache_keep(&r->cache);
     if (!e && stored)
         e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
     const uint32_t behind = relight_plan_behind(r->set, desc, &plan);

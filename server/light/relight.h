@@ -79,7 +79,7 @@ struct relight_desc {
     uint64_t cache_bytes;                   /* METHOD_CACHED: memory limit of its cache; 0: CACHE_MEMORY_DEFAULT */
     bool cache_if_kept;     /* only load the cache from a file, never compute it; a missing file is not an error */
     bool cache_background;  /* compute it while other techniques make pictures; else the first picture waits for it */
-    const char *cache_file; /* file to store it for the next run; "": in the cache folder (cache_place.h), NULL: none */
+    const char *cache_file; /* file to store it for the next run; "": in the folder (cache/cache_place.h), NULL: none */
     const char *cache_dir;  /* the cache folder; NULL: the user's or the service's (cache/cache_folder.h) */
     bool denoise;           /* filter the light at shade points (denoise.h): each half gets half the samples and paths,
                                but at least one. Not for references */

@@ -4,6 +4,7 @@
 #include "base/log.h"
 #include "base/progress.h"
 #include "base/rng.h"
+#include "cache/cache_share.h"
 #include "cache/memory.h"
 
 #include <stdio.h>
@@ -91,19 +92,25 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
 {
     struct reason why;
 
-    if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc))
+    if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc) ||
+        (keep->share && desc->cache_background)) /* others were not told to compute it */
         return ERR_OK;
-    const struct bounce_desc d = relight_bounce_describe(set, desc, direct);
+    struct bounce_desc d = relight_bounce_describe(set, desc, direct);
     const double start = clock_seconds();
+    d.share = keep->share;
     enum err e = relight_keep_load_bounce(keep, kernels, &d, &b->bounce, &why);
-    b->loaded = b->bounce != NULL;
+    e = relight_keep_agree(keep, e, b->bounce != NULL, &b->loaded, &why);
+    if (b->bounce && !b->loaded) {
+        bounce_destroy(b->bounce);
+        b->bounce = NULL;
+    }
     if (!e && !b->bounce)
         e = compute(&d, kernels, progress, &b->bounce, &why);
     *ms += 1e3 * (clock_seconds() - start);
     b->refused = e == ERR_RANGE;
     if (b->refused)
         log_warning("%s: %s; eye paths are traced for it in every frame", set->name, why.text);
-    if (b->bounce)
+    if (b->bounce && cache_share_takes_all(d.share))
         say(b, 1e3 * (clock_seconds() - start));
     if (b->bounce && !b->loaded)
         relight_keep_save(keep, direct, b->bounce, &d);

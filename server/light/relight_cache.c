@@ -6,6 +6,7 @@
 #include "light/part.h"
 #include "light/relight_builder.h"
 #include "base/rng.h"
+#include "cache/cache_share.h"
 #include "transport/live.h"
 
 #include <stdio.h>
@@ -24,7 +25,7 @@ void relight_cache_finish(struct relight_cache *c)
     relight_bounce_finish(&c->bounce);
     if (!lives)
         transport_destroy(c->transport);
-    *c = (struct relight_cache){ .transport = NULL };
+    *c = (struct relight_cache){ .share = c->share };
 }
 
 static bool is_for(const struct relight_cache *c, const struct relight_desc *desc)
@@ -141,6 +142,28 @@ static enum err begin(struct relight_cache *c, const struct relight_builder_desc
 
 /* ---- */
 
+enum err relight_cache_begin(const struct relight_cache *c, const struct set *set, const struct relight_desc *desc)
+{
+    const struct relight_bounce *b = &c->bounce;
+    const bool lacks =
+        !is_for(c, desc) || (c->transport && !b->bounce && !b->refused && relight_bounce_wanted(set, desc));
+
+    return lacks && !desc->cache_background && c->share && c->share->begin
+               ? c->share->begin(c->share->begin_context, desc)
+               : ERR_OK;
+}
+
+enum err relight_cache_keep(struct relight_cache *c)
+{
+    const struct cache_share *s = c->keep.share;
+
+    if (!c->transport || !s || s->index > 0 || c->kept)
+        return ERR_OK;
+    c->kept = c->keep.unwritable = true;
+    transport_keep(c->transport, s);
+    return c->bounce.bounce ? bounce_keep(c->bounce.bounce, c->transport, s) : ERR_OK;
+}
+
 static enum err load_or_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                              const struct relight_desc *desc, bool progress, double *ms, struct reason *why)
 {
@@ -149,15 +172,20 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
     c->no_visibility = desc->direct.no_visibility;
     c->max_bytes = desc->cache_bytes;
     const double start = clock_seconds();
+    t.share = desc->cache_background ? NULL : c->share; /* others cannot compute beside pictures */
     relight_keep_init(&c->keep, set, kernels, desc, &t);
     enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
-    c->loaded = c->transport != NULL;
+    e = relight_keep_agree(&c->keep, e, c->transport != NULL, &c->loaded, why);
+    if (c->transport && !c->loaded) {
+        transport_destroy(c->transport);
+        c->transport = NULL;
+    }
     if (!e && !c->transport && desc->cache_if_kept)
         return ERR_OK;
     if (!e && !c->transport && !desc->cache_background)
         e = compute(c, set, kernels, &t, progress, why);
     *ms = c->transport ? 1e3 * (clock_seconds() - start) : 0.0;
-    if (!e && c->transport) {
+    if (!e && c->transport && cache_share_takes_all(t.share)) {
         tell(c, *ms);
         if (!c->loaded)
             relight_keep_save(&c->keep, c->transport, NULL, NULL);
@@ -253,6 +281,9 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
         memset(lo, 0, floats * sizeof(float));
         return ERR_OK;
     }
+    if (!part && c->keep.share && c->keep.share->end > 0)
+        return err_say(desc->direct.why, ERR_UNSUPPORTED,
+                       "this picture needs the whole cache, of which each rank has a part: start it without mpirun");
     if (!c->building)
         transport_gather(c->transport);
     if (part) {

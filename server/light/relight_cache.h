@@ -17,10 +17,12 @@ struct relight_cache {               /* zero it first */
     bool building;                   /* the builder has not finished */
     struct relight_bounce bounce;    /* of the same packets */
     struct relight_keep keep;        /* the file of both */
+    const struct cache_share *share; /* other processes that have the same cache; NULL: none. Stays when it is freed */
     bool no_visibility;              /* the setting it was computed with */
     uint64_t max_bytes;
     bool loaded;  /* from a file */
     bool refused; /* with these settings; it is not retried */
+    bool kept;    /* relight_cache_keep was called */
     struct reason why;
 };
 
@@ -33,6 +35,14 @@ void relight_cache_finish(struct relight_cache *c);
  * leaves no cache and is not an error. A file that cannot be used or written is logged and is not an error. */
 MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                                        const struct relight_desc *desc, bool progress, double *ms);
+
+/* With other processes: tells them if a request needs a cache that is missing, for all to load or compute it. ERR_IO:
+ * one does not answer. */
+MUST_CHECK enum err relight_cache_begin(const struct relight_cache *c, const struct set *set,
+                                        const struct relight_desc *desc);
+
+/* With other processes, once both caches are there and stored: process 0 frees what others' packets need. ERR_NOMEM. */
+MUST_CHECK enum err relight_cache_keep(struct relight_cache *c);
 
 /* As relighter_follow. */
 double relight_cache_follow(struct relight_cache *c);

@@ -4,6 +4,7 @@
 #include "base/log.h"
 #include "cache/cache_code.h"
 #include "cache/cache_folder.h"
+#include "cache/cache_share.h"
 #include "transport/file.h"
 
 #include <string.h>
@@ -13,14 +14,30 @@ void relight_keep_init(struct relight_keep *k, const struct set *set, const stru
 {
     struct reason why;
 
-    *k = (struct relight_keep){ .unreadable = false };
+    const struct cache_view view = { set->file, set->camera, set->view.width, set->view.height };
+
+    *k = (struct relight_keep){ .share = transport->share };
     if (!desc->cache_file)
         return;
     k->key = transport_key(set->gbuffer, set->scene, transport);
     digest_u64(&k->key, (uint64_t)kernels->cpu << 32 | cpu_model()); /* LAPACK has code of its own for each model */
     digest_bytes(&k->key, cache_code, strlen(cache_code));
-    if (cache_place_find(set, desc->cache_file, desc->cache_dir, &k->key, &k->place, &why))
+    if (cache_place_find(&view, desc->cache_file, desc->cache_dir, &k->key, &k->place, &why))
         log_warning("light transport is not kept for the next run: %s", why.text);
+}
+
+enum err relight_keep_agree(const struct relight_keep *k, enum err own, bool loaded, bool *all, struct reason *why)
+{
+    const struct cache_share *s = k->share;
+    struct reason unsaid;
+
+    *all = loaded;
+    if (!s)
+        return own;
+    const enum err e = s->agree(s->context, own, why);
+    if (!e)
+        *all = s->agree(s->context, loaded ? ERR_OK : ERR_END, &unsaid) == ERR_OK;
+    return e;
 }
 
 /* *out is NULL if there is no file to read. */
@@ -93,7 +110,7 @@ void relight_keep_save(struct relight_keep *k, const struct transport *t, const 
     const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (bounce ? bounce_stats(bounce)->bytes : 0);
     struct reason why = { "" };
 
-    if (!k->place.path[0] || k->unwritable)
+    if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
         return;
     struct cache_writer *file = cache_writer_create();
     enum err e = file ? cache_place_prepare(&k->place, bytes, &why) : err_say(&why, ERR_NOMEM, "no memory");

@@ -1,18 +1,19 @@
-/* The file of a relighter's cache, at the path of cache_place.h: read before the computation, written after it. Each
- * fault is logged once, and parts that cannot be loaded are computed. Thread: one at a time. */
+/* The file of a relighter's cache, at the path of cache/cache_place.h: read before the computation, written after it.
+ * Each fault is logged once, and parts that cannot be loaded are computed. Thread: one at a time. */
 #ifndef LIGHT_RELIGHT_KEEP_H
 #define LIGHT_RELIGHT_KEEP_H
 
 #include "bounce/bounce.h"
-#include "light/cache_place.h"
 #include "base/digest.h"
+#include "cache/cache_place.h"
 #include "light/relight.h"
 #include "transport/transport.h"
 
 struct relight_keep {
     struct cache_place place;
     struct digest key;
-    bool unreadable, unwritable; /* a warning was logged */
+    bool unreadable, unwritable;     /* a warning was logged */
+    const struct cache_share *share; /* other processes that load the same; process 0 stores it. NULL: none */
 };
 
 /* desc: names the file; transport: the cache to compute, with these kernels. */
@@ -23,6 +24,11 @@ void relight_keep_init(struct relight_keep *k, const struct set *set, const stru
 MUST_CHECK enum err relight_keep_load(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
                                       const struct transport_desc *transport, struct transport **out,
                                       struct reason *why);
+
+/* Collective, after loading: returns this process's error or that of another, and whether all processes have loaded it;
+ * if not, all compute it. */
+MUST_CHECK enum err relight_keep_agree(const struct relight_keep *k, enum err own, bool loaded, bool *all,
+                                       struct reason *why);
 
 /* Loads interreflection from the same file, as relight_keep_load. */
 MUST_CHECK enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels,

@@ -60,8 +60,11 @@ void ranks_set_stop(struct ranks *r, const atomic_bool *stop);
 /* Ends the processes of all ranks at once, after an error that others would wait for. Logs `text`. mpirun returns 1. */
 noreturn void ranks_abort(const struct ranks *r, const char *text);
 
-/* Collective. Copies rank 0's bytes to all ranks. ERR_IO: stopped while waiting. */
+/* Collective. Copies the bytes of rank 0, or of rank `from`, to all ranks. ERR_IO: stopped while waiting. */
 MUST_CHECK enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size);
+MUST_CHECK enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *bytes, size_t size);
+/* Collective. Each rank's number, in all[ranks_count]. */
+void ranks_share_number(struct ranks *r, double own, double *all);
 
 /* ranks_expect, on rank 0, starts to receive bytes from another rank into memory that must stay valid until
  * ranks_receive, which waits for all expected bytes; other ranks send theirs. ERR_IO: stopped while waiting.

@@ -346,12 +346,28 @@ void ranks_stop(struct ranks *r)
 
 enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size)
 {
+    return ranks_broadcast_from(r, 0, bytes, size);
+}
+
+void ranks_share_number(struct ranks *r, double own, double *all)
+{
+    MPI_Request q;
+
+    all[0] = own;
+    if (!r)
+        return;
+    MPI_Iallgather(&own, 1, MPI_DOUBLE, all, 1, MPI_DOUBLE, MPI_COMM_WORLD, &q);
+    wait_for(&q);
+}
+
+enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *bytes, size_t size)
+{
     enum err e = ERR_OK;
 
     for (size_t at = 0; at < size && !e; at += PIECE) {
         const int n = size - at < PIECE ? (int)(size - at) : PIECE;
         MPI_Request q;
-        MPI_Ibcast((uint8_t *)bytes + at, n, MPI_BYTE, 0, MPI_COMM_WORLD, &q);
+        MPI_Ibcast((uint8_t *)bytes + at, n, MPI_BYTE, (int)from, MPI_COMM_WORLD, &q);
         e = wait_or_stop(r, &q);
     }
     return e;

@@ -87,6 +87,18 @@ enum err ranks_broadcast(struct ranks *r, void *bytes, size_t size)
     return ERR_OK;
 }
 
+enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *bytes, size_t size)
+{
+    (void)from;
+    return ranks_broadcast(r, bytes, size);
+}
+
+void ranks_share_number(struct ranks *r, double own, double *all)
+{
+    (void)r;
+    all[0] = own;
+}
+
 enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size)
 {
     (void)r;

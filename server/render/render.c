@@ -4,6 +4,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/progress.h"
+#include "light/part.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -123,19 +124,21 @@ static enum err prepare_light(struct render *r, struct reason *why)
                            &r->cache_ms);
 }
 
-/* A cache is computed by rank 0 and kept, so that the others can load it. */
+/* Ranks compute a cache together: at the same time, or when rank 0 tells those that serve it. */
 static enum err prepare(struct render *r, struct reason *why)
 {
-    const bool first = ranks_index(r->desc.ranks) == 0;
     enum err e = ranks_agree(r->desc.ranks, set_up(r, why), why);
 
-    if (!e)
-        e = ranks_agree(r->desc.ranks, first ? prepare_light(r, why) : ERR_OK, why);
-    if (!e)
-        e = ranks_agree(r->desc.ranks, first ? ERR_OK : prepare_light(r, why), why);
-    if (!e)
-        e = render_collect_begin(r, why);
-    return e || !r->desc.ranks || !r->desc.split ? e : render_split_begin(r, why);
+    if (e)
+        return e;
+    if (r->desc.ranks && r->desc.split)
+        return render_split_begin(r, why);
+    if (r->desc.ranks) {
+        r->share = team_share(r->desc.ranks);
+        relighter_share(r->relighter, &r->share);
+    }
+    e = ranks_agree(r->desc.ranks, prepare_light(r, why), why);
+    return e ? e : render_collect_begin(r, why);
 }
 
 /* The time for light is what reading and writing leave of the frame's. */
@@ -309,12 +312,15 @@ enum err render_sequence(const struct render_desc *desc, struct reason *why)
     struct render r = { .desc = *desc };
     enum err e = prepare(&r, why);
 
-    if (!e && r.team && ranks_index(desc->ranks) > 0)
-        e = render_split_serve(&r, why);
-    else if (!e)
-        e = render_all(&r, why);
-    else
+    if (e)
         return finish(&r, e, why);
+    if (r.team && ranks_index(desc->ranks) > 0) {
+        e = render_split_serve(&r, why);
+    } else {
+        e = r.team ? prepare_light(&r, why) : ERR_OK;
+        if (!e)
+            e = render_all(&r, why);
+    }
     render_split_end(&r);
     e = sum_up(&r, e, why);
     return finish(&r, e, why);

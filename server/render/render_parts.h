@@ -5,6 +5,7 @@
 #include "base/progress.h"
 #include "light/relight_lamps.h"
 #include "render/render.h"
+#include "team/share.h"
 #include "team/team.h"
 
 #include <stdio.h>
@@ -14,7 +15,8 @@ struct render {
     struct source *source;
     struct set *set;
     struct relighter *relighter;
-    struct team *team;           /* NULL: one process per frame */
+    struct team *team;           /* NULL: one process per frame, */
+    struct cache_share share;    /* which computes the cache with the others */
     struct relight_lamps *lamps; /* NULL: the scene has none, or they are off */
     struct decider decider;
     struct decision decision; /* of the frame */

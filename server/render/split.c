@@ -8,8 +8,11 @@
 enum err render_split_begin(struct render *r, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
-    const struct team_desc desc = { r->desc.ranks,       r->relighter,       &s->environment,
-                                    s->light.cache_file, s->light.cache_dir, false };
+    const struct team_desc desc = { .ranks = r->desc.ranks,
+                                    .relighter = r->relighter,
+                                    .environment = &s->environment,
+                                    .cache_file = s->light.cache_file,
+                                    .cache_dir = s->light.cache_dir };
     enum err e = ERR_OK;
 
     if (r->set->scene->ground.radius > 0.0f)
@@ -33,7 +36,8 @@ void render_split_end(struct render *r)
     r->team = NULL;
     if (ranks_index(r->desc.ranks) == 0 && s.dealt > 0)
         log_info("%" PRIu64 " pictures by %u ranks: %.1f KB to each rank and %.2f MB from all of them per picture; "
-                 "%.2f s for rank 0's parts, %.2f s of waiting for others",
+                 "%.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
+                 "most %.1f MB on another",
                  s.dealt, ranks_count(r->desc.ranks), 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s,
-                 s.wait_s);
+                 s.wait_s, 1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
 }

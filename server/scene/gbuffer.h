@@ -91,6 +91,11 @@ struct gbuffer_desc {
  * max_bytes. ERR_NOMEM. */
 MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
                                    struct gbuffer **out, struct reason *why);
+
+/* Returns the memory of packets first .. end - 1, or of the pixels' entries and escapes, to the system, for a process
+ * that does not need them; they read as zeros from then on. Adjusts g->bytes. Thread: no other may read g. */
+void gbuffer_release_packets(struct gbuffer *g, uint32_t first, uint32_t end);
+void gbuffer_release_pixels(struct gbuffer *g);
 void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */
 
 #endif

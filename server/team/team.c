@@ -7,19 +7,24 @@
 #include "base/mem.h"
 #include "light/part.h"
 #include "scene/scene_digest.h"
+#include "team/share.h"
 #include "team/work.h"
 
+#include <math.h>
 #include <string.h>
 
 #define SMOOTH 0.1 /* weight of a picture in a rank's measured speed */
 #define LEAST 0.02 /* of the fastest rank's speed: with no share at all, it would never be measured again */
 #define BLOCK (3 * PACKET)
-#define RETRY 100     /* pictures that rank 0 lights alone after a rank lacked the cache */
-#define NARROW_MOST 4 /* rank 0 lights the narrow lobes of all if they are at most a share / this of the packets */
+#define BLOCK_PACKETS 4 /* at most, of a block of the cache */
+#define MARGIN 16       /* a rank keeps the packets of its share and 1 / MARGIN of a share on either side, */
+#define MARGIN_MIN 8    /* and some packets, since parts begin at blocks */
+#define STEPS 4.0       /* initial shares: speed relative to the mean, in steps of 1 / STEPS, */
+#define RANGE 4.0       /* and at most this factor from it */
 
 /* The first message of a picture, followed by the cuts, the packed sky and the faces. */
 struct order {
-    bool leave;
+    enum order_kind { ORDER_PICTURE, ORDER_PREPARE, ORDER_LEAVE } kind; /* prepare: work.cached is the request */
     bool narrow; /* ranks light those of their parts: faces follow */
     uint64_t sky, faces;
     struct light_work work;
@@ -29,7 +34,7 @@ struct order {
 struct answer {
     int64_t error;
     double seconds;
-    uint64_t rays;
+    uint64_t rays, memory;
 };
 
 struct team {
@@ -39,8 +44,11 @@ struct team {
     struct team_stats stats;
     struct environment *environment; /* of other ranks */
     double *speed;                   /* [count]: packets a second; 0: not measured yet */
-    uint32_t alone;                  /* of RETRY, those to come */
+    uint32_t *shares;                /* [count + 1]: initial cuts, about which ranks keep packets */
     uint32_t *cuts;                  /* [count + 1]: rank k has packets cuts[k] .. cuts[k + 1] - 1 */
+    struct cache_share share;
+    bool together; /* the caches were computed or loaded by all ranks */
+    bool released; /* packets of other ranks */
     struct bytes {
         uint8_t *at;
         size_t capacity;
@@ -50,6 +58,11 @@ struct team {
 static uint32_t packets_of(const struct team *t)
 {
     return relighter_set(t->desc.relighter)->gbuffer->packet_count;
+}
+
+static uint32_t margin_of(const struct team *t)
+{
+    return packets_of(t) / (t->count * MARGIN) + MARGIN_MIN;
 }
 
 static uint8_t *room_for(struct bytes *b, size_t size)
@@ -98,25 +111,93 @@ static void unpack_light(const struct team *t, const uint8_t *in, float *lo, siz
         lo[i] = half_widen(from[i]);
 }
 
+/* ---- Memory ---- */
+
+/* Releases the G-buffer of other ranks' packets and, except on rank 0, of the pixels, once no cache will need it. */
+static void release_others(struct team *t)
+{
+    const struct transport *cache = relighter_cache(t->desc.relighter);
+    struct gbuffer *g = relighter_set(t->desc.relighter)->gbuffer;
+
+    if (t->released || t->share.end == 0 || !cache || !relighter_is_complete(t->desc.relighter))
+        return;
+    for (uint32_t first = 0, end; first < g->packet_count; first = end) {
+        const bool kept = transport_keeps(cache, &t->share, first);
+        for (end = first + 1; end < g->packet_count && transport_keeps(cache, &t->share, end) == kept; end++)
+            ;
+        if (!kept)
+            gbuffer_release_packets(g, first, end);
+    }
+    if (t->own > 0)
+        gbuffer_release_pixels(g);
+    t->released = true;
+}
+
+static enum err begin_caches(void *context, const void *request)
+{
+    struct team *t = context;
+    struct order order;
+
+    if (t->own > 0) /* it was told by rank 0 */
+        return ERR_OK;
+    t->together = true;
+    memset(&order, 0, sizeof(order));
+    order.kind = ORDER_PREPARE;
+    order.work.cached = light_work_request(request);
+    return ranks_broadcast(t->desc.ranks, &order, sizeof(order));
+}
+
+/* Shares by the time in which each rank has made its G-buffer, in steps, so that equal ranks have equal shares. */
+static void share_out(struct team *t)
+{
+    const struct set *set = relighter_set(t->desc.relighter);
+    const uint32_t packets = set->gbuffer->packet_count, margin = margin_of(t);
+    double mean = 0.0, whole = 0.0, at = 0.0;
+
+    ranks_share_number(t->desc.ranks, 1.0 / fmax(set->gbuffer_ms, 1e-3), t->speed);
+    for (uint32_t k = 0; k < t->count; k++)
+        mean += t->speed[k] / t->count;
+    for (uint32_t k = 0; k < t->count; k++) {
+        t->speed[k] = fmin(fmax(round(STEPS * t->speed[k] / mean) / STEPS, 1.0 / RANGE), RANGE);
+        whole += t->speed[k];
+    }
+    for (uint32_t k = 0; k < t->count; k++) {
+        at += t->speed[k];
+        t->shares[k + 1] = (uint32_t)(at / whole * packets + 0.5);
+        t->speed[k] = 0.0; /* not measured in pictures yet */
+    }
+    t->shares[t->count] = packets;
+    const uint32_t first = t->shares[t->own], end = t->shares[t->own + 1];
+    t->share.first = first > margin ? first - margin : 0;
+    t->share.end = end + margin < packets ? end + margin : packets;
+    if (t->own == 0 && set->scene->ground.radius > 0.0f) /* whose pictures it lights alone */
+        t->share.end = 0;
+}
+
 /* ---- Rank 0 ---- */
 
-/* Shares by measured speed; a rank without a measurement counts as the mean of the others. Parts of pictures with the
+/* Shares by measured speed, once all ranks have one, as far as the ranks' memory reaches. Parts of pictures with the
  * cache begin at a block. */
 static void cut(struct team *t, const struct transport *cache)
 {
-    const uint32_t packets = packets_of(t);
-    double sum = 0.0, known = 0.0, at = 0.0;
+    const uint32_t packets = packets_of(t), margin = margin_of(t);
+    double whole = 0.0, at = 0.0;
+    bool all = true;
 
     for (uint32_t k = 0; k < t->count; k++) {
-        known += t->speed[k] > 0.0 ? 1.0 : 0.0;
-        sum += t->speed[k];
+        all = all && t->speed[k] > 0.0;
+        whole += t->speed[k];
     }
-    const double mean = known > 0.0 ? sum / known : 1.0, whole = sum + mean * (t->count - known);
     t->cuts[0] = 0;
-    for (uint32_t k = 0; k < t->count; k++) {
-        at += t->speed[k] > 0.0 ? t->speed[k] : mean;
-        const uint32_t place = (uint32_t)(at / whole * packets + 0.5);
-        t->cuts[k + 1] = k + 1 == t->count ? packets : cache ? transport_cut(cache, place) : place;
+    t->cuts[t->count] = packets;
+    for (uint32_t k = 1; k < t->count; k++) {
+        const uint32_t share = t->shares[k], least = share > margin ? share - margin + BLOCK_PACKETS : 0;
+        at += t->speed[k - 1];
+        uint32_t place = all ? (uint32_t)(at / whole * packets + 0.5) : share;
+        place = place < least ? least : place > share + margin ? share + margin : place;
+        place = place < packets ? place : packets;
+        place = cache ? transport_cut(cache, place) : place;
+        t->cuts[k] = place > t->cuts[k - 1] ? place : t->cuts[k - 1];
     }
 }
 
@@ -186,22 +267,9 @@ static enum err expect_all(struct team *t, uint8_t *to)
     return e;
 }
 
-/* A rank lacks the cache: rank 0 lights its part, and the next pictures alone. */
-static enum err light_for(struct team *t, const struct environment *e, const struct picture_passes *passes,
-                          uint32_t rank, float *lo, struct relight_stats *stats)
-{
-    const struct light_part part = { t->cuts[rank], t->cuts[rank + 1], TRANSPORT_NARROW_OWN, true };
-
-    if (t->alone == 0)
-        log_info("rank %u cannot load the cache of light transport from --cache-dir: rank 0 goes on alone for now",
-                 rank);
-    t->alone = RETRY;
-    return relighter_run_part(t->desc.relighter, e, passes, &part, lo, stats);
-}
-
 /* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. */
-static enum err take_all(struct team *t, const struct environment *env, const struct picture_passes *passes,
-                         const uint8_t *at, const struct packet_list *own, float *lo, struct relight_stats *stats)
+static enum err take_all(struct team *t, const uint8_t *at, const struct packet_list *own, float *lo,
+                         struct relight_stats *stats)
 {
     float *kept = own->count ? mem_alloc_raw((size_t)own->count * BLOCK, sizeof(*kept)) : NULL;
     enum err e = own->count && !kept ? ERR_NOMEM : ERR_OK;
@@ -215,8 +283,7 @@ static enum err take_all(struct team *t, const struct environment *env, const st
         e = (enum err)a.error;
         if (!e)
             unpack_light(t, at + sizeof(a), lo + (size_t)t->cuts[k] * BLOCK, (size_t)packets * BLOCK);
-        else if (e == ERR_END)
-            e = light_for(t, env, passes, k, lo, stats);
+        t->stats.memory_most = a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
         stats->direct.rays += a.rays;
         learn(t, k, a.seconds);
         at += answer_bytes(t, packets);
@@ -232,12 +299,12 @@ static bool has_paths(const struct picture_passes *p)
     return p->eye[0].paths > 0 || p->eye[1].paths > 0;
 }
 
+/* With a cache that rank 0 has computed beside pictures. */
 static enum err alone(struct team *t, struct relighter *r, const struct environment *e,
                       const struct picture_passes *passes, float *lo, struct relight_stats *stats)
 {
     const struct light_part all = { 0, packets_of(t), TRANSPORT_NARROW_OWN, false };
 
-    t->alone--;
     return relighter_run_part(r, e, passes, &all, lo, stats);
 }
 
@@ -250,11 +317,13 @@ static enum err points(void *context, struct relighter *r, const struct environm
     struct transport *cache = relighter_transport(r, passes);
     const struct transport_indirect *indirect = relighter_indirect(r, passes, &stats->plan);
     const struct packet_list *narrow = cache ? transport_narrow(cache) : &nothing;
-    const bool faces = !cache || has_paths(passes) || narrow->count * (uint64_t)NARROW_MOST * t->count > packets_of(t);
+    const bool faces = !cache || has_paths(passes) || !transport_narrow_is_few(cache, t->count);
     enum err result = ERR_OK;
 
-    if (cache && t->alone > 0)
+    if (cache && !t->together)
         return alone(t, r, e, passes, lo, stats);
+    if (!t->desc.whole)
+        release_others(t);
     if (cache) {
         transport_gather(cache);
         result = transport_take_sky(
@@ -282,9 +351,10 @@ static enum err points(void *context, struct relighter *r, const struct environm
     t->stats.part_s += lit - start;
     t->stats.wait_s += clock_seconds() - lit;
     t->stats.dealt++;
+    t->stats.memory = relighter_memory(r);
     if (!is_cancelled(passes->direct.cancel))
         learn(t, 0, lit - start);
-    return result ? result : take_all(t, e, passes, answers, faces ? &nothing : narrow, lo, stats);
+    return result ? result : take_all(t, answers, faces ? &nothing : narrow, lo, stats);
 }
 
 /* ---- Other ranks ---- */
@@ -307,25 +377,20 @@ static enum err take_sky(struct team *t, const struct order *order, const struct
     return e;
 }
 
-/* Receives the passes of an order. Loads a cache that rank 0 has computed meanwhile from its file. ERR_END: not
- * there. */
-static enum err take_order(struct team *t, const struct order *order, struct picture_passes *passes,
-                           struct relight_stats *stats)
+/* Loads or computes the caches of a request together with the other ranks. An error is rank 0's, too. */
+static void prepare(struct team *t, const struct order *order)
 {
-    struct relighter *r = t->desc.relighter;
-    struct relight_desc cached = order->work.cached;
+    struct relight_desc request = order->work.cached;
     struct reason why = { "" };
     double ms;
 
-    if (!light_work_unpack(r, &order->work, passes, stats))
-        return ERR_OK;
-    cached.cache_file = t->desc.cache_file;
-    cached.cache_dir = t->desc.cache_dir;
-    cached.cache_if_kept = true;
-    cached.cache_background = false;
-    cached.direct.why = &why;
-    return relighter_prepare(r, &cached, false, &ms) || light_work_unpack(r, &order->work, passes, stats) ? ERR_END
-                                                                                                          : ERR_OK;
+    request.cache_file = t->desc.cache_file;
+    request.cache_dir = t->desc.cache_dir;
+    request.direct.cancel = t->desc.cancel;
+    request.direct.why = &why;
+    if (relighter_prepare(t->desc.relighter, &request, false, &ms) && why.text[0])
+        log_error("%s", why.text);
+    release_others(t);
 }
 
 /* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the picture. */
@@ -339,7 +404,7 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
                                      order->narrow ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_NONE, order->sky > 0 };
     const uint32_t packets = part.end - part.first;
     const double start = clock_seconds();
-    enum err e = take_order(t, order, &passes, &stats);
+    enum err e = light_work_unpack(t->desc.relighter, &order->work, &passes, &stats);
     if (!e)
         e = take_sky(t, order, &passes, &stats.plan);
     if (!e)
@@ -349,8 +414,8 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
     const double seconds = clock_seconds() - start;
     t->stats.part_s += seconds;
     e = e || out ? e : ERR_NOMEM;
-    const struct answer a = { e, seconds, stats.direct.rays };
-    *failed = e == ERR_END ? ERR_OK : e;
+    const struct answer a = { e, seconds, stats.direct.rays, relighter_memory(t->desc.relighter) };
+    *failed = e;
     if (e)
         return ranks_send(t->desc.ranks, &a, sizeof(a));
     memcpy(out, &a, sizeof(a));
@@ -361,15 +426,19 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
 enum err team_serve(struct team *t, struct reason *why)
 {
     float *lo = mem_alloc(packets_of(t), BLOCK * sizeof(*lo));
-    struct order order = { .leave = false };
+    struct order order;
     enum err e = ERR_OK, failed = ERR_OK;
 
     if (!lo)
         ranks_abort(t->desc.ranks, "out of memory for this rank's part of a picture");
     while (!e) {
         e = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
-        if (e || order.leave)
+        if (e || order.kind == ORDER_LEAVE)
             break;
+        if (order.kind == ORDER_PREPARE) {
+            prepare(t, &order);
+            continue;
+        }
         const size_t size = ((size_t)t->count + 1) * sizeof(*t->cuts) + order.sky + order.faces;
         if (!room_for(&t->in, size))
             ranks_abort(t->desc.ranks, "out of memory for the sky of a picture");
@@ -415,11 +484,15 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         t->count = ranks_count(desc->ranks);
         t->speed = mem_alloc(t->count, sizeof(*t->speed));
         t->cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
+        t->shares = mem_alloc((size_t)t->count + 1, sizeof(*t->shares));
+        t->share = team_share(desc->ranks);
+        t->share.begin = begin_caches;
+        t->share.begin_context = t;
         struct environment_desc sky = *desc->environment;
         sky.lean = true;
         t->environment = t->own > 0 ? environment_create(&sky) : NULL;
     }
-    const bool all = t && t->speed && t->cuts && (t->environment || t->own == 0);
+    const bool all = t && t->speed && t->cuts && t->shares && (t->environment || t->own == 0);
     enum err e = ranks_agree(desc->ranks, all ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory"), why);
     if (!e)
         e = compare_sets(t, why);
@@ -429,6 +502,8 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         team_destroy(t);
         return e;
     }
+    share_out(t);
+    relighter_share(desc->relighter, &t->share);
     relighter_round(desc->relighter, desc->half);
     t->light = (struct light_team){ points, t };
     if (t->own == 0)
@@ -439,10 +514,14 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
 
 void team_destroy(struct team *t)
 {
-    struct order order = { .leave = true };
+    struct order order;
 
     if (!t)
         return;
+    memset(&order, 0, sizeof(order));
+    order.kind = ORDER_LEAVE;
+    if (t->desc.relighter)
+        relighter_share(t->desc.relighter, NULL);
     if (t->desc.relighter && t->own == 0) {
         relighter_join(t->desc.relighter, NULL);
         if (ranks_broadcast(t->desc.ranks, &order, sizeof(order)))
@@ -451,6 +530,7 @@ void team_destroy(struct team *t)
     environment_destroy(t->environment);
     mem_free(t->speed);
     mem_free(t->cuts);
+    mem_free(t->shares);
     mem_free(t->out.at);
     mem_free(t->in.at);
     mem_free(t);

@@ -1,7 +1,8 @@
 /* Lets the ranks of a job light each picture together. Each rank has a relighter of the same set; rank 0's makes the
- * pictures and distributes their shade points. Rank 0 alone lights pictures that cannot be distributed (light/part.h).
- * The bits are those of one process; with `half`, those of one process with relighter_round. Thread: the relighter's,
- * which is the one that called ranks_create. */
+ * pictures and distributes their shade points. The ranks compute the caches together when rank 0's relighter needs
+ * them, and each then keeps only what its packets need of them and of the G-buffer. Rank 0 alone lights pictures that
+ * cannot be distributed (light/part.h). The bits are those of one process; with `half`, those of one process with
+ * relighter_round. Thread: the relighter's, which is the one that called ranks_create. */
 #ifndef TEAM_TEAM_H
 #define TEAM_TEAM_H
 
@@ -14,16 +15,19 @@ struct team_desc {
     struct ranks *ranks; /* not NULL */
     struct relighter *relighter;
     const struct environment_desc *environment; /* of rank 0's skies */
-    const char *cache_file, *cache_dir;         /* as in struct relight_desc, for caches that rank 0 computes later */
+    const char *cache_file, *cache_dir;         /* as in struct relight_desc, for the caches of other ranks than 0 */
+    const atomic_bool *cancel;                  /* ends their computation; may be NULL */
+    bool whole;                                 /* rank 0 also lights pictures alone, and so keeps its whole G-buffer */
     bool half;                                  /* transfer light as half floats; all ranks round to half floats */
 };
 
 struct team_stats {
-    uint64_t dealt;          /* pictures that all ranks have lit */
-    uint64_t sent, received; /* bytes of the last distributed picture: to each rank, from all ranks */
-    uint64_t faces;          /* distributed pictures that needed the whole sky */
-    double wait_s;           /* time that rank 0 waited for other ranks, in all distributed pictures */
-    double part_s;           /* seconds of this rank's own parts */
+    uint64_t dealt;               /* pictures that all ranks have lit */
+    uint64_t sent, received;      /* bytes of the last distributed picture: to each rank, from all ranks */
+    uint64_t faces;               /* distributed pictures that needed the whole sky */
+    uint64_t memory, memory_most; /* bytes of G-buffer and caches: of rank 0, and the most of another rank */
+    double wait_s;                /* time that rank 0 waited for other ranks, in all distributed pictures */
+    double part_s;                /* seconds of this rank's own parts */
 };
 
 /* Collective. Joins rank 0's relighter to the team. All borrowed objects must outlive the team. ERR_USAGE: the ranks

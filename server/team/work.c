@@ -11,6 +11,16 @@ static void forget_pointers(struct direct_desc *d)
     d->why = NULL;
 }
 
+struct relight_desc light_work_request(const struct relight_desc *request)
+{
+    struct relight_desc d = *request;
+
+    d.cache_file = d.cache_dir = NULL;
+    d.progress = NULL;
+    forget_pointers(&d.direct);
+    return d;
+}
+
 void light_work_pack(const struct picture_passes *passes, const struct relight_stats *stats, struct light_work *work)
 {
     *work = (struct light_work){ .by_cache = passes->cached != NULL,
@@ -22,10 +32,7 @@ void light_work_pack(const struct picture_passes *passes, const struct relight_s
         work->plan.left_out[k] = NULL;
     work->plan.left_out_count = 0;
     if (passes->cached)
-        work->cached = *passes->cached;
-    work->cached.cache_file = work->cached.cache_dir = NULL;
-    work->cached.progress = NULL;
-    forget_pointers(&work->cached.direct);
+        work->cached = light_work_request(passes->cached);
     forget_pointers(&work->direct);
     for (int k = 0; k < 2; k++) {
         work->eye[k].counts = NULL;

@@ -19,4 +19,7 @@ void light_work_pack(const struct picture_passes *passes, const struct relight_s
 MUST_CHECK enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct picture_passes *passes,
                                       struct relight_stats *stats);
 
+/* Copies a request without its pointers. */
+struct relight_desc light_work_request(const struct relight_desc *request);
+
 #endif

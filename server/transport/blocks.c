@@ -1,5 +1,6 @@
 /* Divides the packets of a G-buffer into blocks, and counts their memory. */
 #include "base/mem.h"
+#include "cache/cache_share.h"
 #include "cache/memory.h"
 #include "transport/parts.h"
 
@@ -127,6 +128,22 @@ void transport_count_block(struct transport *t, const struct transport_block *b)
         t->stats.rank += q->shape.form == TRANSPORT_RAW ? 0 : q->shape.rank;
         t->stats.pieces++;
     }
+}
+
+void transport_count_kept(struct transport *t, const struct cache_share *s)
+{
+    const struct transport_stats before = t->stats;
+
+    t->stats = (struct transport_stats){ .bytes = t->block_count * sizeof(*t->blocks) +
+                                                  t->narrow.count * sizeof(*t->narrow_index) + sizeof(*t),
+                                         .rays = before.rays,
+                                         .packets = before.packets,
+                                         .narrow = before.narrow,
+                                         .blocks = before.blocks };
+    for (uint32_t k = 0; k < t->block_count; k++)
+        if (transport_keeps(t, s, t->blocks[k].first))
+            transport_count_block(t, &t->blocks[k]);
+    transport_close_stats(t);
 }
 
 enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint32_t blocks, uint64_t max_bytes,

@@ -2,6 +2,7 @@
 
 #include "base/cancel.h"
 #include "base/mem.h"
+#include "cache/cache_share.h"
 #include "cache/memory.h"
 #include "base/progress.h"
 #include "base/rng.h"
@@ -185,9 +186,11 @@ static void close_batch(struct build *b, uint32_t until, uint32_t step, bool fai
     struct transport *t = b->t;
     const bool cancelled = is_cancelled(b->desc.cancel);
 
-    for (; b->done < until && !failed && !cancelled; b->done++)
-        if (!b->coarse)
-            transport_count_block(t, &t->blocks[place_of(b, b->done, step)]);
+    for (; b->done < until && !failed && !cancelled; b->done++) {
+        const uint32_t index = place_of(b, b->done, step);
+        if (!b->coarse && cache_share_computes(b->desc.share, index))
+            transport_count_block(t, &t->blocks[index]);
+    }
     if (failed)
         b->error = ERR_NOMEM;
     else if (!cancelled && is_too_large(b))
@@ -212,7 +215,7 @@ static void build_all(struct build *b, uint32_t threads)
 #pragma omp for schedule(dynamic, 1)
             for (uint32_t k = first; k < until; k++) {
                 const uint32_t index = place_of(b, k, step);
-                if (is_cancelled(b->desc.cancel))
+                if (is_cancelled(b->desc.cancel) || !cache_share_computes(b->desc.share, index))
                     continue;
                 if (e || make_block(b, &bench, index, &rays)) {
 #pragma omp atomic
@@ -295,7 +298,15 @@ enum err transport_create(const struct gbuffer *g, const struct rays *rays, cons
     *out = NULL;
     if (!t)
         return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
-    const enum err e = transport_build(t, &whole, false, 0, NULL, &all, why);
+    enum err e = transport_build(t, &whole, false, 0, NULL, &all, why);
+    if (desc->share) {
+        const enum err shared = desc->share->agree(desc->share->context, !e && !all ? ERR_IO : e, why);
+        e = !e && !all ? ERR_OK : shared; /* cancelled */
+        all = all && !e;
+        if (all)
+            e = transport_exchange(t, &whole, why);
+        all = all && !e;
+    }
     if (all)
         *out = t;
     else

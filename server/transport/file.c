@@ -1,6 +1,7 @@
 #include "transport/file.h"
 
 #include "base/mem.h"
+#include "cache/cache_share.h"
 #include "cache/memory.h"
 #include "scene/scene_digest.h"
 #include "transport/parts.h"
@@ -36,9 +37,15 @@ struct digest transport_key(const struct gbuffer *g, const struct scene *scene, 
 
 void transport_save(const struct transport *t, const struct digest *key, struct cache_writer *w)
 {
+    transport_save_blocks(t, 0, 1, &t->stats.rays, key, w);
+}
+
+void transport_save_blocks(const struct transport *t, uint32_t first, uint32_t step, const uint64_t *rays,
+                           const struct digest *key, struct cache_writer *w)
+{
     cache_writer_section(w, section, key);
-    cache_writer_put(w, &t->stats.rays, sizeof(t->stats.rays));
-    for (uint32_t k = 0; k < t->block_count; k++) {
+    cache_writer_put(w, rays, sizeof(*rays));
+    for (uint32_t k = first; k < t->block_count; k += step) {
         const struct transport_block *b = &t->blocks[k];
         for (uint32_t r = 0; r < b->rows; r++) {
             const struct transport_piece *q = &b->pieces[r];
@@ -147,6 +154,23 @@ static enum err read_block(struct cache_reader *r, struct transport_block *b, st
     return e ? e : cache_reader_get(r, &b->sight, sizeof(b->sight), why); /* any bits are valid */
 }
 
+enum err transport_load_blocks(struct cache_reader *r, const struct digest *key, uint32_t first, uint32_t step,
+                               const struct cache_share *s, struct transport *t, struct reason *why)
+{
+    uint64_t rays = 0;
+    enum err e = cache_reader_find(r, section, key, why);
+
+    if (!e)
+        e = cache_reader_get(r, &rays, sizeof(rays), why);
+    t->stats.rays += rays;
+    for (uint32_t k = first; !e && k < t->block_count; k += step) {
+        e = read_block(r, &t->blocks[k], why);
+        if (!transport_keeps(t, s, t->blocks[k].first))
+            transport_block_finish(&t->blocks[k]);
+    }
+    return e ? e : cache_reader_end(r, why);
+}
+
 enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,
                         const struct rays *rays, const struct kernels *kernels, const struct transport_desc *desc,
                         struct transport **out, struct reason *why)
@@ -160,6 +184,10 @@ enum err transport_load(struct cache_reader *r, const struct digest *key, const 
         e = cache_reader_get(r, &t->stats.rays, sizeof(t->stats.rays), why);
     for (uint32_t k = 0; !e && k < t->block_count; k++) {
         e = read_block(r, &t->blocks[k], why);
+        if (!e && !cache_share_takes_all(desc->share) && !transport_keeps(t, desc->share, t->blocks[k].first)) {
+            transport_block_finish(&t->blocks[k]);
+            continue;
+        }
         if (e)
             break;
         transport_count_block(t, &t->blocks[k]);

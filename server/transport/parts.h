@@ -13,6 +13,7 @@
 #define TRANSPORT_PARTS_H
 
 #include "transport/transport.h"
+#include "cache/cache_file.h"
 #include "env/sky_split.h"
 
 #define TRANSPORT_ROWS 3
@@ -274,6 +275,25 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
 /* Adds a finished block to the statistics; call transport_close_stats after the last one. */
 void transport_count_block(struct transport *t, const struct transport_block *b);
 void transport_close_stats(struct transport *t);
+
+/* The block that contains a packet. */
+const struct transport_block *transport_block_of(const struct transport *t, uint32_t packet);
+
+/* Adds blocks first, first + step, ... and the rays of building them to a section of w, which borrows *rays. Reads such
+ * a section into a cache without these blocks, and adds its rays; s not NULL: only blocks that transport_keeps. Errors:
+ * those of transport_load. */
+void transport_save_blocks(const struct transport *t, uint32_t first, uint32_t step, const uint64_t *rays,
+                           const struct digest *key, struct cache_writer *w);
+MUST_CHECK enum err transport_load_blocks(struct cache_reader *r, const struct digest *key, uint32_t first,
+                                          uint32_t step, const struct cache_share *s, struct transport *t,
+                                          struct reason *why);
+
+/* Counts anew, only the blocks that this process has. */
+void transport_count_kept(struct transport *t, const struct cache_share *s);
+
+/* Passes the blocks that each process has built to the others, which keep what they need; desc->share is not NULL.
+ * Collective. ERR_RANGE: more than max_bytes; ERR_NOMEM; ERR_FORMAT: damaged on the way. */
+MUST_CHECK enum err transport_exchange(struct transport *t, const struct transport_desc *desc, struct reason *why);
 
 /* Returns ERR_RANGE with a reason that estimates the bytes of all blocks from those of the first `blocks`. */
 MUST_CHECK enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint32_t blocks,

@@ -187,7 +187,7 @@ static bool is_asked_for(const struct transport_frame *f, const struct transport
     return f->end == 0 || (b->first >= f->first && b->first < f->end);
 }
 
-static const struct transport_block *block_of(const struct transport *t, uint32_t packet)
+const struct transport_block *transport_block_of(const struct transport *t, uint32_t packet)
 {
     uint32_t low = 0, high = t->block_count;
 
@@ -203,7 +203,7 @@ static const struct transport_block *block_of(const struct transport *t, uint32_
 
 uint32_t transport_cut(const struct transport *t, uint32_t packet)
 {
-    return packet < t->gbuffer->packet_count && t->block_count > 0 ? block_of(t, packet)->first
+    return packet < t->gbuffer->packet_count && t->block_count > 0 ? transport_block_of(t, packet)->first
                                                                    : t->gbuffer->packet_count;
 }
 
@@ -217,7 +217,7 @@ static bool wants(const void *context, uint32_t packet)
 {
     const struct wanted *w = context;
 
-    return is_asked_for(w->frame, block_of(w->transport, packet));
+    return is_asked_for(w->frame, transport_block_of(w->transport, packet));
 }
 
 enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,

@@ -36,6 +36,7 @@
 struct transport;
 struct transport_indirect;
 struct progress;
+struct cache_share;
 
 struct transport_desc {
     uint32_t per_cell;     /* directions along a cell's edge, 1..8: 2 means 4 per cell; 0: 2 */
@@ -45,9 +46,10 @@ struct transport_desc {
     float tolerance, tolerance_glossy;
     uint64_t max_bytes; /* limit of the stored size (cache/memory.h); building takes some 2 MB more per thread */
     uint64_t seed;
-    bool no_visibility;        /* V = 1 */
-    struct progress *progress; /* NULL, or stepped transport_steps times in all */
-    const atomic_bool *cancel; /* NULL, or a flag that ends the building (base/cancel.h) */
+    bool no_visibility;              /* V = 1 */
+    struct progress *progress;       /* NULL, or stepped transport_steps times in all */
+    const atomic_bool *cancel;       /* NULL, or a flag that ends the building (base/cancel.h) */
+    const struct cache_share *share; /* other processes that build the same cache (cache/cache_share.h); NULL: none */
 };
 
 struct transport_stats {
@@ -104,6 +106,17 @@ void transport_destroy(struct transport *t); /* NULL is allowed */
  * between frames. Does nothing while a background build runs, when the pieces are contiguous already, or when out of
  * memory. */
 void transport_gather(struct transport *t);
+
+/* Frees the blocks that this process does not need: those that begin with packets outside s->first .. s->end - 1.
+ * Process 0 keeps all blocks with narrow lobes if transport_narrow_is_few. Loading and building with desc->share have
+ * done so already in other processes than 0. */
+void transport_keep(struct transport *t, const struct cache_share *s);
+
+/* Whether transport_keep keeps the block that contains a packet. s NULL: true. */
+bool transport_keeps(const struct transport *t, const struct cache_share *s, uint32_t packet);
+
+/* Whether one of `count` processes can light all packets with narrow lobes within less than a part's time. */
+bool transport_narrow_is_few(const struct transport *t, uint32_t count);
 
 /* Lights the shade points under the map e. lo: float[packet_count][3][16], radiance, linear Rec.709; every lane is
  * written, padding with 0. While a background build runs, lo must hold the light of the packets in transport_unbuilt on

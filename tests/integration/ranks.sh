@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # relight-render as an MPI job: several processes share out the frames of a sequence.
+root=$(cd "$(dirname "$0")/../.." && pwd)
 . "$(dirname "$0")/lib.sh"
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 # in containers
 cd "$work"
@@ -28,12 +29,12 @@ frames_of_all_methods_have_the_bits_of_one_process() {
     same_files
 }
 
-# All light, a cache that rank 0 computes and the others load, and caustics by stored paths; exposure is that of frame 0 on all ranks.
+# All light, by a cache that all ranks compute together, whose file is that of one process; exposure is that of frame 0 on all ranks.
 cached_light_and_exposure_are_those_of_one_process() {
     "$render" "${small[@]}" --frames 0-5 --method cached --cache-dir "$work/cache1" --out one/%d.jpg
     job 3 "${small[@]}" --frames 0-5 --method cached --cache-dir "$work/cache3" --out many/%d.jpg 2>log
     same_files
-    [ "$(find cache3 -name '*.part' -o -type f | wc -l)" -ge 1 ] || fail "no cache was kept"
+    cmp cache1/*.transport cache3/*.transport || fail "the ranks have computed another cache"
 }
 
 statistics_are_joined_in_order_of_frames() {
@@ -110,6 +111,38 @@ a_job_that_is_told_to_end_ends_and_can_be_resumed() {
     for file in many/*.exr; do "$bin/relight-diff" "$file" "$file" >/dev/null || fail "$file is not whole"; done
     "$render" "${frames[@]}" --frames 0-"$before" --out many/%02d.exr --resume 2>log
     grep -q 'pictures were there and are kept' log || { cat log; fail "nothing was kept"; }
+}
+
+# The command of docs/clusters.md, with smaller and fewer pictures.
+the_documented_job_renders_its_sequence() {
+    local command
+    command=$(sed -n 's/^    \(mpirun -n 2 build\/bin\/relight-render .*\)/\1/p' "$root/docs/clusters.md" | head -1)
+    [ -n "$command" ] || fail "no command in docs/clusters.md"
+    mkdir -p build pictures
+    ln -s "$bin" build/bin
+    OMPI_MCA_rmaps_base_oversubscribe=1 bash -c "$command --size 64x36 --frames 0-6"
+    [ "$(ls pictures | tr '\n' ' ')" = "$(printf '%03d.exr ' 0 1 2 3 4 5 6)" ] || fail "other pictures: $(ls pictures)"
+}
+
+# Job scripts with a stand-in for srun, which notes the frames, or fails twice.
+slurm_jobs_cover_each_frame_once_and_start_again() {
+    local k status=0
+    mkdir path
+    cat >path/srun <<'RUN'
+#!/bin/sh
+echo "$*" >>srun.log
+[ -z "${FAIL:-}" ] || [ "$(wc -l <srun.log)" -gt 2 ] || exit 9
+RUN
+    chmod +x path/srun
+    for k in 3 4 5 6; do # of an array that does not begin at 0
+        PATH=$work/path:$PATH SLURM_ARRAY_TASK_ID=$k SLURM_ARRAY_TASK_MIN=3 SLURM_ARRAY_TASK_MAX=6 sh "$root/deploy/slurm-frames.sh" 5 14 --out x.exr
+    done
+    [ "$(sed -n 's/.*--frames \([0-9-]*\) --resume --out x.exr$/\1/p' srun.log | tr '\n' ' ')" = "5-6 7-9 10-11 12-14 " ] || { cat srun.log; fail "other frames"; }
+    expect 2 'usage: sbatch --array' sh "$root/deploy/slurm-frames.sh" 5
+    rm srun.log
+    FAIL=1 PATH=$work/path:$PATH sh "$root/deploy/slurm-live.sh" --size 64x36 2>log || status=$?
+    [ "$status:$(wc -l <srun.log)" = 0:3 ] || { cat log; fail "status $status after $(wc -l <srun.log) starts"; }
+    grep -q 'ended with status 9 and starts again' log || fail "the script does not say why it starts again"
 }
 
 resume_works_alone_and_keeps_what_is_there() {

@@ -31,6 +31,23 @@ parts_of_all_methods_have_the_bits_of_one_process() {
     same_files
 }
 
+# Ranks compute the cache together, keep what their packets need, and store the file of one process.
+ranks_share_the_memory_of_the_cache_and_of_the_points() {
+    "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr --stats one.json
+    job 4 "${small[@]}" --method cached --cache-dir "$work/joint" --out many/%d.exr --split-frames 2>log
+    same_files
+    cmp cache/*.transport joint/*.transport || fail "the ranks have computed another cache"
+    local most
+    most=$(sed -n 's/.*at most \([0-9.]*\) MB on another.*/\1/p' log)
+    python3 - one.json "$most" <<'PY'
+import json, sys
+one = json.load(open(sys.argv[1]))[0]
+whole = 1e-6 * (one["gbuffer"]["bytes"] + one["cache"]["bytes"] + one["interreflection"]["bytes"])
+share = float(sys.argv[2]) / whole  # so small a picture consists of fixed parts and of parts' edges to a great extent
+assert 0.2 < share < 0.65, f"one of 4 ranks keeps {share:.2f} of the {whole:.1f} MB of one process"
+PY
+}
+
 # The cache without its texels goes to others in a few KB; narrow lobes, and indirect light of their matte parts, stay right.
 parts_by_the_cache_have_the_bits_of_one_process() {
     "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr

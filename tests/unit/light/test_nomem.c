@@ -1,7 +1,7 @@
 /* Memory runs out while a scene is prepared, lit by each method, made finer, and encoded. */
 #include "support/nomem.h"
 
-#include "light/cache_place.h"
+#include "cache/cache_place.h"
 #include "codec/exr_write.h"
 #include "codec/hdr_write.h"
 #include "codec/jpeg.h"

@@ -1,4 +1,4 @@
-#include "light/cache_place.h"
+#include "cache/cache_place.h"
 
 #include "cache/cache_folder.h"
 
@@ -20,10 +20,10 @@ static void plain_name(const char *name, char out[PART])
             *p = '_';
 }
 
-enum err cache_place_find(const struct set *set, const char *file, const char *folder, const struct digest *key,
+enum err cache_place_find(const struct cache_view *view, const char *file, const char *folder, const struct digest *key,
                           struct cache_place *out, struct reason *why)
 {
-    const char *slash = strrchr(set->file, '/');
+    const char *slash = strrchr(view->scene, '/');
     char scene[PART], camera[PART];
     int n = 0;
 
@@ -36,10 +36,10 @@ enum err cache_place_find(const struct set *set, const char *file, const char *f
         const enum err e = cache_folder_find(folder, out->folder, sizeof(out->folder), why);
         if (e)
             return e;
-        plain_name(slash ? slash + 1 : set->file[0] ? set->file : "builtin", scene);
-        plain_name(set->camera[0] ? set->camera : "camera", camera);
+        plain_name(slash ? slash + 1 : view->scene[0] ? view->scene : "builtin", scene);
+        plain_name(view->camera[0] ? view->camera : "camera", camera);
         n = snprintf(out->path, CACHE_PATH, "%s/%s.%s-%ux%u-%016" PRIx64 "%016" PRIx64 CACHE_FOLDER_SUFFIX, out->folder,
-                     scene, camera, set->view.width, set->view.height, key->half[0], key->half[1]);
+                     scene, camera, view->width, view->height, key->half[0], key->half[1]);
     }
     if (n > 0 && n < CACHE_PATH)
         return ERR_OK;
