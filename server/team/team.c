@@ -19,8 +19,7 @@
 #define BLOCK_PACKETS 4 /* at most, of a block of the cache */
 #define MARGIN 16       /* a rank keeps the packets of its share and 1 / MARGIN of a share on either side, */
 #define MARGIN_MIN 8    /* and some packets, since parts begin at blocks */
-#define STEPS 4.0       /* initial shares: speed relative to the mean, in steps of 1 / STEPS, */
-#define RANGE 4.0       /* and at most this factor from it */
+#define RANGE 2.0       /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
 
 /* The first message of a picture, followed by the cuts, the packed sky and the faces. */
 struct order {
@@ -147,7 +146,7 @@ static enum err begin_caches(void *context, const void *request)
     return ranks_broadcast(t->desc.ranks, &order, sizeof(order));
 }
 
-/* Shares by the time in which each rank has made its G-buffer, in steps, so that equal ranks have equal shares. */
+/* Shares by the time in which each rank has made its G-buffer, in powers of two: other work on a host disturbs it. */
 static void share_out(struct team *t)
 {
     const struct set *set = relighter_set(t->desc.relighter);
@@ -158,7 +157,7 @@ static void share_out(struct team *t)
     for (uint32_t k = 0; k < t->count; k++)
         mean += t->speed[k] / t->count;
     for (uint32_t k = 0; k < t->count; k++) {
-        t->speed[k] = fmin(fmax(round(STEPS * t->speed[k] / mean) / STEPS, 1.0 / RANGE), RANGE);
+        t->speed[k] = exp2(fmin(fmax(round(log2(t->speed[k] / mean)), -RANGE), RANGE));
         whole += t->speed[k];
     }
     for (uint32_t k = 0; k < t->count; k++) {
