@@ -116,7 +116,7 @@ class Suite:
             total[c.program] = total.get(c.program, 0.0) + c.cost
         out = []
         other = {c.program: f"test_{c.room}_test_{path.stem}" not in c.program for c in linked}  # than of the file's own name
-        for c in sorted(linked, key=lambda c: (c.room not in own, other[c.program], c.cost > 2.0, total[c.program], c.program, c.cost, c.name)):
+        for c in sorted(linked, key=lambda c: (c.room not in own, c.cost > 1.0, other[c.program], total[c.program], c.program, c.cost, c.name)):
             if c.cost <= seconds:
                 out.append(c)
                 seconds -= c.cost
