@@ -17,7 +17,7 @@ import {
 import { startTheme, switchTheme } from './theme.js';
 
 // Independent panels and tools, each with `export function mount(app)`. A failing one does not affect the others.
-const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js'];
+const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js', './daylight.js'];
 
 const $ = (id) => document.getElementById(id);
 
@@ -189,7 +189,7 @@ function takeStatus(status, clock) {
   figures.clock = clock;
   setText('about', describe(status));
   $('picture').setAttribute('aria-label', describe(status));
-  setText('sun-text', sunSentence(status.light));
+  setText('sun-text', sunSentence(status.light, Boolean(status.place)));
   showSun(status.light?.sun);
   emit('status', status);
 }

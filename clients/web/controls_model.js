@@ -1,5 +1,7 @@
 // The controls without the page: pure functions and one small queue, for tests.
 
+import { dayText } from './daylight_model.js';
+
 // A queue of setting changes: keeps the newest of each kind and sends it when the previous request is answered.
 export class Wishes {
   // send({op: 'control', request, ...wish}); a request without an answer is abandoned after `patience` milliseconds.
@@ -52,10 +54,11 @@ export class Wishes {
 // other.
 export function join(before, wish) {
   const all = { ...before, ...wish };
-  const placed = wish.seek !== undefined || wish.hour !== undefined;
+  const placed = [wish.seek, wish.hour, wish.day].some((v) => v !== undefined);
   if (placed && wish.step === undefined) delete all.step;
   if (wish.seek !== undefined) delete all.hour;
-  if (wish.hour !== undefined) delete all.seek;
+  if (wish.seek !== undefined) delete all.day;
+  if (wish.hour !== undefined || wish.day !== undefined) delete all.seek;
   if (!placed && wish.step !== undefined) all.step = (before.step ?? 0) + wish.step;
   if (wish.samples > 0) delete all.error;
   if (wish.error > 0) delete all.samples;
@@ -110,11 +113,13 @@ export function transportOf(status) {
   if (kind === undefined) return none; // a server of minor version 0
   if (kind === 'sky' && typeof hour === 'number')
     return { play: true, step: true, scrub: { least: 0, most: 24, step: 1 / 12, value: hour }, text: hourText(hour) };
-  if ((kind === 'files' || kind === 'sky') && length > 1)
+  if (kind === 'daylight' && source.day > 0)
+    return { play: true, step: true, scrub: { least: 0, most: 24, step: 0.25, value: hour }, day: source.day, text: `${dayText(source.day)}, ${hourText(hour)}` };
+  if ((kind === 'files' || kind === 'daylight' || kind === 'sky') && length > 1)
     return { play: true, step: true, scrub: { least: 0, most: length - 1, step: 1, value: position }, text: `${position + 1} of ${length}` };
   if (kind === 'sky') return { ...none, play: true }; // its hour is known with its first image
   if (kind === 'files' && length === null) return { ...none, play: true, step: true }; // a video that does not state its length
-  if (kind === 'files') return { ...none, text: 'A single sky.' };
+  if (kind === 'files' || kind === 'daylight') return { ...none, text: 'A single sky.' };
   return { ...none, play: true, text: kind === 'folder' ? 'Frames arrive as files are stored.' : 'Frames arrive as they are sent.' };
 }
 

@@ -1,6 +1,7 @@
 // The timeline below the image: play and pause, one frame forward or back, and a slider for the sequence or the day.
 
 import { hourText, stepWish, transportOf, wrapHour } from './controls_model.js';
+import { dayText } from './daylight_model.js';
 import { icon, make, setValue } from './dom.js';
 
 const ICONS = {
@@ -19,8 +20,10 @@ export class Transport {
     this.on = this.button('step-on', 'on', 'One frame forward', 'ArrowRight', () => this.step(1));
     this.scale = make('input', { type: 'range', id: 'scrub', ariaLabel: 'Position in time' });
     this.scale.oninput = () => this.scrub(Number(this.scale.value));
+    this.days = make('input', { type: 'range', id: 'scrub-day', min: 1, max: 365, step: 1, ariaLabel: 'Day of the year' });
+    this.days.oninput = () => controls.ask({ day: Number(this.days.value) });
     this.text = make('output', { id: 'scrub-text', htmlFor: 'scrub' });
-    this.bar.append(this.back, this.play, this.on, this.scale, this.text);
+    this.bar.append(this.back, this.play, this.on, this.days, this.scale, this.text);
     const { app } = controls;
     app.key(' ', 'Pause or resume the sky', () => this.toggle());
     app.key(['ArrowLeft', ','], 'One frame back, paused', () => this.step(-1));
@@ -71,6 +74,12 @@ export class Transport {
     this.play.hidden = !can.play;
     this.play.disabled = !may;
     this.showPlay(Boolean(now.paused));
+    this.days.hidden = !can.day;
+    this.days.disabled = !may;
+    if (can.day) {
+      setValue(this.days, now.day ?? can.day);
+      this.days.setAttribute('aria-valuetext', dayText(Number(this.days.value)));
+    }
     this.scale.hidden = !can.scrub;
     this.scale.disabled = !may;
     this.text.textContent = can.text;

@@ -5,7 +5,7 @@ import { colours, make, saveAs, setText } from './dom.js';
 import { COLOURS, decodeSky, drawProbe } from './probe_draw.js';
 import { Picker } from './probe_pick.js';
 import { MINUTES, Trace, drawTrace } from './probe_plot.js';
-import { countSamples, figure, percent, plotWords, rows, summary } from './probe_words.js';
+import { RELATIVE, UNIT, countSamples, figure, percent, plotWords, rows, summary } from './probe_words.js';
 
 const AGAIN_MS = 1000; // between requests about a followed pixel
 const LOST_MS = 15000; // an answer this late is lost; allows for large images
@@ -260,8 +260,13 @@ class Probe {
     this.shares.hidden = body.length === 0;
   }
 
+  // Only a weather file's light has units.
+  get unit() {
+    return this.app.status?.place?.units === 1 && !this.app.control?.scale_stops ? UNIT : RELATIVE;
+  }
+
   showTable() {
-    this.table.replaceChildren(make('tbody', {}, ...rows(this.answer).map(([label, value, remark]) =>
+    this.table.replaceChildren(make('tbody', {}, ...rows(this.answer, this.unit).map(([label, value, remark]) =>
       make('tr', {}, make('th', { text: label, scope: 'row' }),
         make('td', {}, value, remark ? make('small', { text: remark }) : '')))));
   }
@@ -272,7 +277,7 @@ class Probe {
     drawTrace(this.plot, this.trace.points, {
       rgb: [colour('--bad'), colour('--good'), colour('--sky')], line: colour('--line'), text: colour('--soft'),
     });
-    const words = plotWords(this.trace.points);
+    const words = plotWords(this.trace.points, this.unit);
     setText(this.plotText, words);
     this.plot.setAttribute('aria-label', words);
   }

@@ -3,6 +3,7 @@
 import { luminance, readSample } from './probe_geometry.js';
 
 export const UNIT = 'W\u00a0sr⁻¹\u00a0m⁻²';
+export const RELATIVE = 'relative'; // of a captured sky, or one with a scale
 
 // Three significant digits: 0.0123, 1.23, 123, 1.23e+5.
 export function figure(x) {
@@ -65,20 +66,20 @@ export function summary(answer) {
 }
 
 // The table: [label, value, unit or remark].
-export function rows(answer) {
+export function rows(answer, unit = UNIT) {
   const all = [];
   const { point, pixel, first } = answer;
-  if (answer.picture) all.push(['Radiance in the image', triple(answer.picture), `${UNIT}; all light`]);
-  if (answer.lamps) all.push(['Of it by lamps', triple(answer.lamps.radiance), `${UNIT}; factor ${Number(answer.lamps.scale.toPrecision(3))}`]);
+  if (answer.picture) all.push(['Radiance in the image', triple(answer.picture), `${unit}; all light`]);
+  if (answer.lamps) all.push(['Of it by lamps', triple(answer.lamps.radiance), `${unit}; factor ${Number(answer.lamps.scale.toPrecision(3))}`]);
   if (pixel) {
-    all.push([`From these ${answer.samples} samples`, triple(pixel.radiance), `${UNIT}; direct light and sky`]);
-    all.push(['Converged', withError(pixel.reference), `${UNIT}; ${pixel.reference.estimates * 256} samples`]);
+    all.push([`From these ${answer.samples} samples`, triple(pixel.radiance), `${unit}; direct light and sky`]);
+    all.push(['Converged', withError(pixel.reference), `${unit}; ${pixel.reference.estimates * 256} samples`]);
     all.push(['Contains', madeOf(pixel), '']);
   }
   if (first && answer.sees !== 'surface') all.push(['First surface', materialWords(first.material), '']);
   if (point) {
-    if (!pixel) all.push(['Here, with the preset', triple(point.radiance), UNIT]);
-    if (!pixel) all.push(['Converged', withError(point.reference), `${UNIT}; ${point.reference.estimates * 256} samples`]);
+    if (!pixel) all.push(['Here, with the preset', triple(point.radiance), unit]);
+    if (!pixel) all.push(['Converged', withError(point.reference), `${unit}; ${point.reference.estimates * 256} samples`]);
     all.push(['Position', metres(point.position), 'x, y, z']);
     all.push(['Normal', direction(point.normal), '']);
     all.push(['Material', materialWords(point.material), answer.preset ? 'replaced by a Phong lobe' : '']);
@@ -104,11 +105,11 @@ function madeOf({ points, escapes }) {
 }
 
 // The plot as text.
-export function plotWords(points) {
+export function plotWords(points, unit = UNIT) {
   if (points.length < 2) return 'The plot of radiance over time grows with each image.';
   const values = points.map(({ rgb }) => luminance(rgb));
   const seconds = Math.round((points[points.length - 1].t - points[0].t) / 1000);
   const [least, most] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
   return `Over ${seconds} s the luminance went from ${figure(values[0])} to ${figure(values[values.length - 1])},`
-    + ` between ${figure(least)} and ${figure(most)} ${UNIT}.`;
+    + ` between ${figure(least)} and ${figure(most)} ${unit}.`;
 }

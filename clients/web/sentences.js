@@ -88,11 +88,12 @@ export function stateSentence(state, seen) {
 }
 
 // The sun's position: "14:35 solar time, sun 32° high in the south-west". Solar noon is when the sun is highest, which differs
-// from local clock time.
-export function sunSentence(light) {
+// from local clock time; local: the time is that.
+export function sunSentence(light, local = false) {
+  const kind = local ? 'local time' : 'solar time';
   if (!light) return '';
-  const time = light.time ? `${light.time} solar time, ` : '';
-  if (!light.sun) return light.time ? `${light.time} solar time` : '';
+  const time = light.time ? `${light.time} ${kind}, ` : '';
+  if (!light.sun) return light.time ? `${light.time} ${kind}` : '';
   const names = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
   const where = names[Math.round((((light.sun.azimuth % 360) + 360) % 360) / 45) % 8];
   const up = Math.round(light.sun.elevation);

@@ -1,6 +1,7 @@
 // The sky panel: the environment map as a lat-long image with the sun marked and, while a pixel is probed, that pixel's light
 // samples. Requests the sky once a second while the panel is visible; probe answers include it.
 
+import { sunPath } from './daylight_model.js';
 import { line, make } from './dom.js';
 import { decodeSky, drawProbe } from './probe_draw.js';
 import { toLatLong } from './probe_geometry.js';
@@ -75,7 +76,8 @@ class SkyPanel {
 
   async take(message) {
     const alone = message.x === undefined;
-    if (alone && message.request !== this.request) return;
+    const { pixel } = this.app;
+    if (alone ? message.request !== this.request : !pixel || message.x !== pixel.x || message.y !== pixel.y) return;
     if (alone) this.waiting = false;
     else {
       this.probed = message;
@@ -101,17 +103,43 @@ class SkyPanel {
   // The sun's direction in the drawn sky, [x, y, z], or null.
   get sun() {
     const sun = this.app.status?.light?.sun;
-    return sun && this.sky ? sunDirection(sun, this.sky.turn) : null;
+    return sun && this.sky ? this.towards(sun) : null;
   }
 
   draw() {
     if (!this.sky || !this.seen) return;
     const answer = this.pixel ?? NONE;
     drawProbe(this.canvas, 'latlong', answer, this.sky.image, { visibility: false, lobes: false });
+    this.drawPaths();
     const { sun } = this;
     if (!sun) return;
     const { u, v } = toLatLong(sun);
     for (const round of [-1, 0, 1]) this.markSun(u + round, v); // a mark at one edge continues at the other
+  }
+
+  // The direction of a sun in the drawn sky; a weather file may turn north.
+  towards({ elevation, azimuth }) {
+    return sunDirection({ elevation, azimuth: azimuth + (this.app.status?.place?.north ?? 0) }, this.sky.turn);
+  }
+
+  // The sun's way on this day, and thinner on the longest and the shortest, of a weather file.
+  drawPaths() {
+    const { place, source } = this.app.status ?? {};
+    if (!place) return;
+    const unit = Math.max(1, window.devicePixelRatio);
+    const context = this.canvas.getContext('2d');
+    const [width, height] = [this.canvas.width, this.canvas.height];
+    for (const [day, bold] of [[172, false], [355, false], [source.day, true]]) {
+      context.strokeStyle = bold ? '#ffd34d' : '#ffd34d80';
+      context.lineWidth = (bold ? 2 : 1) * unit;
+      let before = null;
+      for (const at of sunPath(place, day)) {
+        const { u, v } = toLatLong(this.towards(at));
+        if (before && Math.abs(u - before[0]) < 0.5) line(context, [before[0] * width, before[1] * height], [u * width, v * height]);
+        if (bold && at.hour % 3 === 0) context.strokeRect(u * width - unit, v * height - unit, 2 * unit, 2 * unit);
+        before = [u, v];
+      }
+    }
   }
 
   markSun(u, v) {
@@ -129,11 +157,11 @@ class SkyPanel {
 
   say() {
     if (!this.sky) return;
-    const sun = sunSentence(this.app.status?.light);
+    const sun = sunSentence(this.app.status?.light, Boolean(this.app.status?.place));
     const { pixel } = this;
     const marks = pixel ? ` Marked: the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}.` : '';
     const turn = Math.round(this.sky.turn);
-    const words = `Frame ${this.sky.frame}${turn ? `, rotated by ${turn}°` : ''}; the middle is +Z (north in a computed sky).${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; four strokes mark it.` : ''}${marks}`;
+    const words = `Frame ${this.sky.frame}${turn ? `, rotated by ${turn}°` : ''}; the middle is +Z (north unless it is turned).${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; four strokes mark it.` : ''}${marks}`;
     if (this.words.textContent === words) return;
     this.words.textContent = words;
     this.canvas.setAttribute('aria-label', `The sky as a lat-long image. ${words}`);

@@ -2,6 +2,7 @@
 
 #include "base/vec.h"
 #include "daylight/sun.h"
+#include "film/false_colour.h"
 
 #include <math.h>
 #include <string.h>
@@ -66,7 +67,7 @@ enum err map_year(const struct ledger *l, enum ledger_column column, double span
         const int day = day_of_year((int)v[LEDGER_MONTH], (int)v[LEDGER_DAY]);
         const int from = (int)lround((v[LEDGER_CLOCK] - 0.5 * span) * HOUR);
         const int until = (int)lround((v[LEDGER_CLOCK] + 0.5 * span) * HOUR);
-        paint_colour(paint_share(scale, v[column]), rgb);
+        false_colour(paint_share(scale, v[column]), rgb);
         paint_box(&c, LEFT + DAY * (day - 1), TOP + from, DAY, until > from ? until - from : 1, rgb);
     }
     label_year(&c);
@@ -128,7 +129,7 @@ enum err map_sensors(const struct points *points, const double *value, const cha
         const double x = zoom * ((double)vec3_dot(points->at[i].position, right) - low[0]);
         const double y = zoom * ((double)vec3_dot(points->at[i].position, down) - low[1]);
         const int left = (int)lround(x), top = (int)lround(y);
-        paint_colour(paint_share(scale, value[i]), rgb);
+        false_colour(paint_share(scale, value[i]), rgb);
         paint_box(&c, LEFT + left, TOP + top, (int)lround(x + zoom * cell) - left, (int)lround(y + zoom * cell) - top,
                   rgb);
     }
@@ -160,7 +161,7 @@ enum err map_luminance(const float *cdm2, uint32_t width, uint32_t height, const
             const int step = step_of(scale, *v);
             const bool edge =
                 (x + 1 < width && step_of(scale, v[1]) != step) || (y + 1 < height && step_of(scale, v[width]) != step);
-            paint_colour(paint_share(scale, (double)*v), rgb);
+            false_colour(paint_share(scale, (double)*v), rgb);
             for (int k = 0; k < 3 && edge; k++)
                 rgb[k] = rgb[k] / 3;
             paint_box(&c, (int)x, TOP + (int)y, 1, 1, rgb);

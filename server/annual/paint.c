@@ -3,6 +3,7 @@
 #include "base/file_store.h"
 #include "base/mem.h"
 #include "codec/png_write.h"
+#include "film/false_colour.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -85,22 +86,6 @@ int paint_text_width(const char *text, int scale)
     return 4 * scale * (int)strlen(text) - scale;
 }
 
-void paint_colour(double share, uint8_t rgb[3])
-{
-    static const uint8_t stops[9][3] = { { 18, 12, 60 },   { 42, 42, 134 },  { 24, 96, 172 },
-                                         { 18, 146, 160 }, { 62, 184, 110 }, { 160, 212, 60 },
-                                         { 248, 222, 60 }, { 246, 150, 46 }, { 206, 44, 44 } };
-
-    if (isnan(share)) {
-        memset(rgb, 150, 3);
-        return;
-    }
-    const double at = 8.0 * fmin(1.0, fmax(0.0, share));
-    const int k = at < 8.0 ? (int)at : 7;
-    for (int i = 0; i < 3; i++)
-        rgb[i] = (uint8_t)(stops[k][i] + (at - k) * (stops[k + 1][i] - stops[k][i]) + 0.5);
-}
-
 double paint_share(const struct paint_scale *s, double value)
 {
     if (isnan(value))
@@ -136,7 +121,7 @@ void paint_legend(struct canvas *c, int x, int y, int height, const struct paint
 
     paint_text(c, x + 8, y, 2, s->unit, black);
     for (int j = 0; j < length; j++) {
-        paint_colour(1.0 - (j + 0.5) / length, rgb);
+        false_colour(1.0 - (j + 0.5) / length, rgb);
         paint_box(c, x + 8, top + j, 18, 1, rgb);
     }
     const int steps = paint_steps(s);

@@ -26,10 +26,6 @@ void paint_box(struct canvas *c, int x, int y, int width, int height, const uint
 void paint_text(struct canvas *c, int x, int y, int scale, const char *text, const uint8_t rgb[3]);
 int paint_text_width(const char *text, int scale); /* pixels */
 
-/* The scale's colour of a share 0..1: from dark blue over green and yellow to red, ever brighter up to yellow. NaN is
- * grey. */
-void paint_colour(double share, uint8_t rgb[3]);
-
 /* A scale of values, linear or logarithmic. */
 struct paint_scale {
     double least, most; /* logarithmic: above 0 */

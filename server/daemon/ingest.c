@@ -49,6 +49,7 @@ static void note_position(const struct ingest_thread *t, struct ingested *in)
     in->has_sky = t->source && source_sky(t->source);
     if (in->has_sky)
         in->sky = *source_sky(t->source);
+    in->has_place = t->source && source_place(t->source, &in->place);
 }
 
 /* Frees the memory of idle slots that once held a far larger frame than recent ones. */

@@ -52,6 +52,8 @@ static void apply_source_request(struct pull *p)
 
     if (r.has_hour && source_sky(source))
         p->moved |= source_set_hour(source, r.hour + source_sky(source)->speed_hours * (double)r.step);
+    else if (r.has_hour || r.has_day)
+        p->moved |= source_set_moment(source, r.has_day ? r.day : 0, r.has_hour ? r.hour : -1.0);
     else if (r.has_seek)
         p->moved |= source_seek(source, r.seek);
     else if (r.step != 0)

@@ -91,7 +91,11 @@ static enum err apply_effort(const struct server_control *c, const struct settin
 static enum err check_source_request(const struct settings_store *store, const struct server_control *c,
                                      const struct settings *s, const char **clause, struct reason *why)
 {
-    const char *which = ASKED(c, step) ? "4.13.16" : ASKED(c, seek) ? "4.13.17" : ASKED(c, hour) ? "4.13.18" : NULL;
+    const char *which = ASKED(c, step)   ? "4.13.16"
+                        : ASKED(c, seek) ? "4.13.17"
+                        : ASKED(c, hour) ? "4.13.18"
+                        : ASKED(c, day)  ? "4.13.23"
+                                         : NULL;
 
     if (!which)
         return ERR_OK;
@@ -103,8 +107,10 @@ static enum err check_source_request(const struct settings_store *store, const s
         return refuse(clause, "4.13.17",
                       err_say(why, ERR_USAGE, "seek must be below %llu, the number of frames",
                               (unsigned long long)store->source_length));
-    if (ASKED(c, hour) && store->source_kind != SOURCE_SKY)
-        return refuse(clause, "4.13.18", err_say(why, ERR_USAGE, "only a computed sky has hours"));
+    if (ASKED(c, hour) && store->source_kind != SOURCE_SKY && store->source_kind != SOURCE_DAYLIGHT)
+        return refuse(clause, "4.13.18", err_say(why, ERR_USAGE, "only a computed sky and a weather file have hours"));
+    if (ASKED(c, day) && store->source_kind != SOURCE_DAYLIGHT)
+        return refuse(clause, "4.13.23", err_say(why, ERR_USAGE, "only a weather file has days"));
     return ERR_OK;
 }
 
@@ -114,9 +120,15 @@ static void add_source_request(struct settings_store *store, const struct server
 {
     struct source_request *m = &store->request;
     const bool seeks = ASKED(c, seek), hours = ASKED(c, hour), steps = ASKED(c, step);
+    const bool days = ASKED(c, day);
 
-    if (seeks || hours)
-        *m = (struct source_request){ .has_seek = seeks, .has_hour = hours, .seek = asked->seek, .hour = asked->hour };
+    if (seeks || hours || days)
+        *m = (struct source_request){ .has_seek = seeks,
+                                      .has_hour = hours || (days && m->has_hour),
+                                      .has_day = days || (hours && m->has_day),
+                                      .seek = asked->seek,
+                                      .hour = hours ? asked->hour : m->hour,
+                                      .day = days ? asked->day : m->day };
     if (steps && m->has_seek) { /* from there */
         const int64_t to = (int64_t)m->seek + asked->step,
                       last = (int64_t)(store->source_length > 0 ? store->source_length - 1 : FRAME_NUMBER_MAX);
@@ -124,7 +136,7 @@ static void add_source_request(struct settings_store *store, const struct server
     } else if (steps) {
         m->step += asked->step;
     }
-    if (steps || seeks || hours)
+    if (steps || seeks || hours || days)
         atomic_store(&store->request_waiting, true);
 }
 

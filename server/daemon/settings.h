@@ -19,9 +19,10 @@ struct server_control;
 
 /* A controller's request to seek or step in the source. */
 struct source_request {
-    bool has_seek, has_hour;
+    bool has_seek, has_hour, has_day;
     uint64_t seek; /* position */
-    double hour;   /* solar time, 0..24 */
+    double hour;   /* solar time, 0..24; of weather: local standard time */
+    uint32_t day;  /* of the year, of weather */
     int64_t step;  /* frames from there, or from the current frame */
 };
 

@@ -7,6 +7,7 @@
 #include "base/handoff.h"
 #include "env/environment.h"
 #include "source/sky.h"
+#include "source/source.h"
 #include "stream/server.h"
 
 struct daemon_config;
@@ -20,6 +21,8 @@ struct ingested {
     uint64_t position;   /* in the source */
     bool has_sky;        /* a computed sky, described by */
     struct sky_desc sky; /* this */
+    bool has_place;      /* a weather file: of */
+    struct source_place place;
 };
 
 /* A linear picture, float[height][width][3], ready to encode. */

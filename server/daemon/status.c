@@ -105,12 +105,10 @@ void status_set_view(struct status_board *b, const char *view)
 /* {lock} */
 static void set_kind(struct status_board *b, const struct shared *shared)
 {
-    static const char *const kinds[] = { [SOURCE_FILES] = "files",
-                                         [SOURCE_WATCH] = "folder",
-                                         [SOURCE_SKY] = "sky",
-                                         [SOURCE_VIDEO] = "files",
-                                         [SOURCE_LIVE] = "live",
-                                         [SOURCE_DAYLIGHT] = "files" };
+    static const char *const kinds[] = {
+        [SOURCE_FILES] = "files", [SOURCE_WATCH] = "folder", [SOURCE_SKY] = "sky",
+        [SOURCE_VIDEO] = "files", [SOURCE_LIVE] = "live",    [SOURCE_DAYLIGHT] = "daylight"
+    };
 
     COPY(b->figures.kind, shared->config.push ? "producer" : kinds[shared->settings.source_kind]);
     b->figures.length = shared->settings.source_length;
@@ -234,13 +232,33 @@ void status_frame_received(struct status_board *b, const struct image_faults *fa
     pthread_mutex_unlock(&b->lock);
 }
 
+/* Time, sun and place of a moment of a weather file. */
+static void note_weather(struct server_figures *f, const struct ingested *in)
+{
+    const struct source_place *p = &in->place;
+
+    f->hour = p->hour;
+    f->day = p->day;
+    f->latitude = p->latitude;
+    f->longitude = p->longitude;
+    f->zone = p->zone;
+    f->north = p->north;
+    f->units = p->units;
+    f->sun_elevation = p->sun_elevation;
+    f->sun_azimuth = p->sun_azimuth;
+    snprintf(f->sky_time, sizeof(f->sky_time), "%02u:%02u", (unsigned)f->hour % 24u, (unsigned)(f->hour * 60.0) % 60u);
+}
+
 /* The sun of a computed sky. */
 static void note_sun(struct server_figures *f, const struct ingested *in)
 {
     const double frame = (double)in->environment->number;
     struct sky_state s;
 
-    f->has_sun = f->has_hour = in->has_sky;
+    f->has_sun = f->has_hour = in->has_sky || in->has_place;
+    f->has_place = in->has_place;
+    if (in->has_place)
+        note_weather(f, in);
     if (!in->has_sky)
         return;
     sky_state_at(&in->sky, in->environment->number, &s);

@@ -11,7 +11,7 @@
 #define DEGREE (PI / 180.0)
 #define DAYS 365
 #define SLICES 60      /* of an interval in which the sun rises or sets */
-#define DARK 0.5       /* W m^-2: less than this counts as night */
+#define DARK 0.5       /* W m^-2, horizontal: less than this counts as night */
 #define DEW_POINT 11.0 /* degrees Celsius, where the file does not state it */
 
 /* ---- The sun ---- */
@@ -78,7 +78,7 @@ static void light(const struct epw *w, const struct moments_desc *d, double dew_
         m->direct_normal = 0.0;
         m->direct_normal_lux = 0.0;
     }
-    m->lit = !m->missing && m->direct_normal + m->diffuse >= DARK;
+    m->lit = !m->missing && m->direct_normal * fmax(m->sun[1], 0.0) + m->diffuse >= DARK;
     if (m->lit)
         set_lux(d, dew_point, m);
     else

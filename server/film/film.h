@@ -10,10 +10,11 @@
 #include <stdint.h>
 
 enum tone_curve {
-    TONE_FILMIC,   /* with toe and shoulder; the default */
-    TONE_REINHARD, /* x (1 + x / white^2) / (1 + x) on luminance [Reinhard 2002, Eq. 4] */
-    TONE_LINEAR,   /* clamped at 1 */
-    TONE_PQ,       /* none: absolute luminance for HDR screens; by tone_map_pq alone, the functions below clamp at 1 */
+    TONE_FILMIC,       /* with toe and shoulder; the default */
+    TONE_REINHARD,     /* x (1 + x / white^2) / (1 + x) on luminance [Reinhard 2002, Eq. 4] */
+    TONE_LINEAR,       /* clamped at 1 */
+    TONE_FALSE_COLOUR, /* no curve: luminance as a colour, of the scale of false_colour.h */
+    TONE_PQ, /* none: absolute luminance for HDR screens; by tone_map_pq alone, the functions below clamp at 1 */
 };
 
 /* The exposed value that filmic and Reinhard map to white, 5.8 stops above middle grey (0.18). */
@@ -66,9 +67,9 @@ struct tone_desc {
 };
 
 /* Applies gain, tone curve and sRGB transfer function [IEC 61966-2-1] and writes uint8_t[height][width][3]. Filmic and
- * linear act per channel, Reinhard on luminance. Accepts any input: NaN becomes 0, infinity 255. Within 1 code value of
- * the exact formula, and equal to it on more than 99.8 % of a dense ramp; monotonic. Bit-identical on every CPU level.
- * Uses all OpenMP threads. */
+ * linear act per channel, Reinhard and false colour on luminance. Accepts any input: NaN becomes 0, infinity 255.
+ * Within 1 code value of the exact formula, and equal to it on more than 99.8 % of a dense ramp; monotonic.
+ * Bit-identical on every CPU level. Uses all OpenMP threads. */
 void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct tone_desc *desc, uint8_t *out);
 
 /* The same by the exact formulas with 16 bits, 0..65535, of images with 3 or 4 channels; a fourth is scaled only: 1

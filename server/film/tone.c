@@ -1,5 +1,6 @@
 #include "film/film.h"
 
+#include "film/false_colour.h"
 #include "film/tone_kernel.h"
 #include "base/vec.h"
 
@@ -13,6 +14,7 @@ const struct setting_choice tone_choices[] = {
     { "filmic", TONE_FILMIC, "soft toe and shoulder, close to the ACES curve", 0 },
     { "reinhard", TONE_REINHARD, "compresses highlights by luminance and keeps their colour", 0 },
     { "linear", TONE_LINEAR, "no curve: values above 1 are clipped", 0 },
+    { "false-colour", TONE_FALSE_COLOUR, "luminance as a colour, over three decades: 0.01 to 10 after exposure", 0 },
     { "pq", TONE_PQ, "HDR video with PQ and Rec.2020: no curve, 1 becomes 203 cd/m2, clipped at 1000 cd/m2",
       FOR_RENDER },
     { NULL, 0, NULL, 0 },
@@ -35,6 +37,7 @@ double tone_value(enum tone_curve curve, double x)
     case TONE_FILMIC: return fmin(filmic(x), 1.0);
     case TONE_REINHARD: return fmin(x * (1.0 + x / (TONE_WHITE * TONE_WHITE)) / (1.0 + x), 1.0);
     case TONE_LINEAR:
+    case TONE_FALSE_COLOUR:
     case TONE_PQ: break;
     }
     return fmin(x, 1.0);
@@ -108,6 +111,24 @@ static void expose_reinhard(const float *in, size_t count, float gain, float *ou
             out[3 * i + k] *= scale[i];
 }
 
+static void colour_pixel(double gain, const float *in, uint8_t out[3])
+{
+    double y = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
+        y += in[c] > 0.0f ? weight[c] * fmin((double)in[c], 1e30) : 0.0;
+    }
+    false_colour(false_colour_share(y * gain), out);
+}
+
+static void map_false_colour(const float *rgb, size_t pixels, double gain, uint8_t *out)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < pixels; i++)
+        colour_pixel(gain, rgb + 3 * i, out + 3 * i);
+}
+
 void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct tone_desc *desc, uint8_t *out)
 {
     const struct tone_kernel *kernel = tone_kernel_select(desc->level);
@@ -118,6 +139,10 @@ void tone_map(const float *rgb, uint32_t width, uint32_t height, const struct to
     const float factor = (float)fmin(fmax(desc->gain, 0x1p-126), 0x1p127);
     const float scaled = (float)fmin(fmax(desc->gain * TONE_SCALE, 0x1p-126), 0x1p127);
 
+    if (curve == TONE_FALSE_COLOUR) {
+        map_false_colour(rgb, count / 3, fmin(fmax(desc->gain, 0x1p-126), 0x1p127), out);
+        return;
+    }
     tone_table_fill(&table, curve == TONE_FILMIC ? TONE_FILMIC : TONE_LINEAR);
 #pragma omp parallel for schedule(static)
     for (size_t at = 0; at < count; at += 3 * BLOCK) {
@@ -137,6 +162,15 @@ static void display_pixel(enum tone_curve curve, double gain, const float *from,
 {
     double x[3];
 
+    if (curve == TONE_FALSE_COLOUR) {
+        uint8_t codes[3];
+        colour_pixel(gain, from, codes);
+        for (int c = 0; c < 3; c++) {
+            const double v = codes[c] / 255.0; /* the inverse of tone_srgb */
+            out[c] = v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
+        }
+        return;
+    }
     for (int c = 0; c < 3; c++)
         x[c] = from[c] > 0.0f ? fmin((double)from[c] * gain, 1e30) : 0.0;
     if (curve != TONE_REINHARD) {

@@ -34,6 +34,12 @@ const struct figure server_figure_table[] = {
     PLAIN(U64, "source.position", position),
     PLAIN(U64, "source.length", length),
     PLAIN(DOUBLE, "source.hour", hour),
+    PLAIN(U32, "source.day", day),
+    PLAIN(DOUBLE, "place.latitude", latitude),
+    PLAIN(DOUBLE, "place.longitude", longitude),
+    PLAIN(DOUBLE, "place.zone", zone),
+    PLAIN(DOUBLE, "place.north", north),
+    PLAIN(DOUBLE, "place.units", units),
 
     U64("frame", "relightd_frame_number", "Number of the environment frame that is shown.", frame),
     DOUBLE("fps", "relightd_pictures_per_second", "Pictures made per second, smoothed.", fps),

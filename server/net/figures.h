@@ -50,10 +50,13 @@ struct server_figures {
     int64_t since_us;                   /* wall clock when source or detail changed; 0: unknown */
     char kind[16];                      /* "files", "sky", "folder" (watched) or "producer" */
     uint64_t position, length;          /* of the frame shown, in the source, from 0; length 0: unknown or endless */
-    bool has_hour, has_sun;             /* a computed sky: the next four are known */
-    double hour;                        /* solar time, 0..24 */
-    double sun_elevation, sun_azimuth;  /* degrees: above the horizon; clockwise from north */
-    char sky_time[8];                   /* "14:35" */
+    bool has_hour, has_sun, has_place;  /* a computed sky: hour and sun are known; weather: also the place */
+    double hour;                        /* solar time, 0..24; of weather: local standard time */
+    uint32_t day;                       /* of weather: of the year, from 1 */
+    double latitude, longitude, zone;   /* likewise: degrees, degrees, hours ahead of UTC */
+    double north, units; /* likewise: where north is, degrees from +Z to east; image units per W sr^-1 m^-2 */
+    double sun_elevation, sun_azimuth; /* degrees: above the horizon; clockwise from north */
+    char sky_time[8];                  /* "14:35" */
 
     uint64_t frame;                                         /* number of the environment frame shown */
     uint64_t received, used, dropped, refused;              /* environment frames */

@@ -30,6 +30,7 @@ struct settings {
     int64_t step;
     uint64_t seek;
     double hour;
+    uint32_t day;
 
     /* Requests to keep the present view under a name, or to forget one: likewise. */
     char save_view[64], forget_view[64];
@@ -61,7 +62,7 @@ struct setup {
     const char *position, *look_at; /* X,Y,Z; NULL: the camera's */
     double fov;                     /* degrees; 0: the camera's */
     int projection;                 /* enum camera_projection; perspective: the camera's */
-    double time; /* s; TIME_REST: no pose of an animation */
+    double time;                    /* s; TIME_REST: no pose of an animation */
 };
 
 /* Rows of struct setup. Those with a key come first; their fields are in `initial`, its first member, so that they are

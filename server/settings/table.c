@@ -89,6 +89,7 @@ const struct setting settings_table[] = {
       .group = GROUP_PLACE },
     { NO_FLAG, CONTROL("hour", "4.13.18"), REAL(0.0, 24.0), AT(initial.hour), .use = SETTING_ASKED,
       .group = GROUP_PLACE },
+    { NO_FLAG, CONTROL("day", "4.13.23"), WHOLE(1, 365), AT(initial.day), .use = SETTING_ASKED },
 
     /* Flags and configuration alone. */
     { "scene", "FILE",

@@ -3,6 +3,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/vec.h"
+#include "daylight/sun.h"
 #include "source/daylight.h"
 #include "source/files.h"
 #include "source/footage.h"
@@ -538,4 +540,54 @@ enum err source_first(const struct source_desc *desc, struct frame *f, struct re
     if (e == ERR_END || (!e && f->kind == FRAME_NONE))
         e = err_say(why, ERR_IO, "%s: contains no frame", desc->spec);
     return e;
+}
+
+/* NULL: the source is no weather file. */
+static const struct moment *moment_now(const struct source *s)
+{
+    const struct daylight *d = s->daylight;
+    return d && !d->cie && !d->matrix.mf ? daylight_moment(d, s->daylight_first + (size_t)s->position) : NULL;
+}
+
+bool source_place(const struct source *s, struct source_place *out)
+{
+    const struct moment *m = moment_now(s);
+
+    if (!m)
+        return false;
+    const double degrees = 180.0 / PI, azimuth = degrees * atan2(-m->sun[0], m->sun[2]);
+    *out = (struct source_place){
+        .day = (uint32_t)day_of_year(m->month, m->day),
+        .hour = m->clock,
+        .latitude = s->daylight->weather.latitude,
+        .longitude = s->daylight->weather.longitude,
+        .zone = s->daylight->weather.zone,
+        .north = degrees * s->daylight->north,
+        .units = s->daylight->scale,
+        .sun_elevation = degrees * m->altitude,
+        .sun_azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth,
+    };
+    return true;
+}
+
+bool source_set_moment(struct source *s, uint32_t day, double hour)
+{
+    const struct moment *now = moment_now(s);
+    double nearest = INFINITY;
+    size_t found = 0;
+
+    if (!now)
+        return false;
+    const double wanted_day = day > 0 ? (double)day : (double)day_of_year(now->month, now->day);
+    const double wanted_hour = hour >= 0.0 ? hour : now->clock;
+    for (size_t i = 0; i < s->daylight_count; i++) {
+        const struct moment *m = daylight_moment(s->daylight, s->daylight_first + i);
+        const double apart = fabs(day_of_year(m->month, m->day) - wanted_day);
+        const double far = 1000.0 * fmin(apart, 365.0 - apart) + fabs(m->clock - wanted_hour);
+        if (far < nearest) {
+            nearest = far;
+            found = i;
+        }
+    }
+    return source_seek(s, found);
 }

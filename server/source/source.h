@@ -112,6 +112,24 @@ bool source_step(struct source *s, int64_t by);
  * the sky's `time=` had been different. Frame numbers are not affected. False if the source is not a computed sky. */
 bool source_set_hour(struct source *s, double hour);
 
+/* Of a weather file: makes its daylit moment nearest to a day of the year (0: that of the last frame) and a clock hour
+ * (below 0: likewise) the next; of the day itself, if it has any. False, with nothing changed, for other sources. */
+bool source_set_moment(struct source *s, uint32_t day, double hour);
+
+/* When and where the last frame returned (the first before it) is, of a weather file. */
+struct source_place {
+    uint32_t day;                      /* of the year, from 1 */
+    double hour;                       /* local standard time of its middle */
+    double latitude, longitude;        /* degrees, north and east positive */
+    double zone;                       /* hours ahead of UTC */
+    double north;                      /* where north is, degrees from +Z towards -X */
+    double units;                      /* of the frame per W sr^-1 m^-2 */
+    double sun_elevation, sun_azimuth; /* degrees; azimuth from north over east */
+};
+
+/* False for other sources. */
+bool source_place(const struct source *s, struct source_place *out);
+
 /* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);
 

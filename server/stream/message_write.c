@@ -233,6 +233,7 @@ static bool set_unknown(json_t *all, const struct server_figures *f)
         { "source.hour", f->has_hour },         { "light.sun", f->has_sun },
         { "light.error", f->error > 0.0 },      { "light.computed", computing },
         { "light.passes", f->passes > 0 },      { "light.converged", f->passes > 0 },
+        { "source.day", f->has_place },         { "place", f->has_place },
         { "preparing", f->preparing[0] },       { "lamps", f->lamp_samples_wanted > 0 },
     };
     bool ok = true;

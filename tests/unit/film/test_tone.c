@@ -305,6 +305,33 @@ static void pq_is_that_of_the_standard(void **state)
     }
 }
 
+/* The ends and the middle of the scale, by green light, whose luminance is 0.7152 of its value. */
+static void false_colour_shows_luminance(void **state)
+{
+    static const float y[5] = { 0.001f, 0.01f, 0.31622777f, 10.0f, INFINITY };
+    static const uint8_t want[5][3] = {
+        { 18, 12, 60 }, { 18, 12, 60 }, { 62, 184, 110 }, { 206, 44, 44 }, { 206, 44, 44 }
+    };
+    float rgb[5][3] = { { 0.0f } };
+    uint8_t out[5][3];
+    uint16_t deep[5][3];
+    const struct tone_desc d = { 0.25, TONE_FALSE_COLOUR, NULL };
+
+    (void)state;
+    for (int k = 0; k < 5; k++)
+        rgb[k][1] = y[k] * 4.0f / 0.7152f;
+    tone_map(&rgb[0][0], 5, 1, &d, &out[0][0]);
+    tone_map_deep(&rgb[0][0], 5, 1, 3, &d, &deep[0][0]);
+    for (int k = 0; k < 5; k++)
+        for (int c = 0; c < 3; c++) {
+            assert_true(abs((int)out[k][c] - want[k][c]) <= 1);
+            assert_true(abs((int)deep[k][c] - 257 * out[k][c]) <= 1);
+        }
+    rgb[0][0] = NAN;
+    tone_map(&rgb[0][0], 1, 1, &d, &out[0][0]);
+    assert_int_equal(out[0][2], 60);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ramp_is_the_exact_formula_but_for_one_code_in_a_hundred),
     cmocka_unit_test(ramp_never_falls_and_reaches_every_code),
@@ -319,6 +346,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(sixteen_bits_are_eight_made_finer),
     cmocka_unit_test(names_are_parsed_and_others_refused),
     cmocka_unit_test(pq_is_that_of_the_standard),
+    cmocka_unit_test(false_colour_shows_luminance),
 };
 
 UNIT_MAIN(tests)

@@ -128,7 +128,7 @@ static void control_messages_ask_for_them(void **state)
     assert_int_equal(fault.request, 3);
     assert_int_equal(control("\"tone\":\"magic\"", &m, &fault), FAULT_BAD_FIELD);
     assert_string_equal(fault.clause, "4.13.6");
-    assert_non_null(strstr(fault.text, "linear or aces"));
+    assert_non_null(strstr(fault.text, "or aces"));
 }
 
 static void expect_text(char *text, const char *wanted)
@@ -152,7 +152,8 @@ static void everyone_is_sent_what_they_are_and_may_be(void **state)
     expect_text(message_control_shared(rows, &wide), "\"tone\":\"aces\"");
     expect_text(message_welcome(&w), "\"grain_percent\":{\"least\":0.0,\"most\":8.0}");
     expect_text(message_welcome(&w), "\"aces\":\"the curve of films\"");
-    expect_text(message_status_shared(&status, rows), "\"tones\":[\"filmic\",\"reinhard\",\"linear\",\"aces\"]");
+    expect_text(message_status_shared(&status, rows),
+                "\"tones\":[\"filmic\",\"reinhard\",\"linear\",\"false-colour\",\"aces\"]");
 }
 
 static void the_state_file_keeps_them(void **state)
@@ -203,7 +204,8 @@ static void help_and_manual_show_them(void **state)
     (void)state;
 
     assert_non_null(strstr(printed("--help", NULL), "--grain PERCENT            film grain [1.5]\n"));
-    assert_non_null(strstr(printed("--help", NULL), "tone curve: filmic, reinhard, linear or aces [filmic]\n"));
+    assert_non_null(
+        strstr(printed("--help", NULL), "tone curve: filmic, reinhard, linear, false-colour or aces [filmic]\n"));
     assert_non_null(strstr(printed("--tone", "help"), "aces             the curve of films\n"));
     assert_non_null(strstr(printed("--print-manual", NULL), "\\fIPERCENT\\fR\nfilm grain [1.5]\n"));
     assert_non_null(strstr(printed("--print-completion-bash", NULL), " --grain "));

@@ -132,7 +132,7 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
         { "--start ring", "--start 'ring' is unknown; expected faces, quad or disc" },
         { "--compensate yes", "--compensate 'yes' is unknown; expected off, on or auto" },
         { "--importance least", "--importance 'least' is unknown; expected luminance, mean or max" },
-        { "--tone aces", "--tone 'aces' is unknown; expected filmic, reinhard, linear or pq" },
+        { "--tone aces", "--tone 'aces' is unknown; expected filmic, reinhard, linear, false-colour or pq" },
         { "--cells 3", "--cells '3' is no power of two" },
         { "--interleave 3", "--interleave '3' is no power of two" },
         { "--samples 0", "--samples '0' is not a whole number from 1 to 1048576" },
