@@ -248,10 +248,13 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
 /* Flags of files in a format that lacks what they set, and of what was not asked for. */
 static void report_ignored(struct command *c, const struct render *r)
 {
+    struct setup setup = r->desc.setup;
     static const char *const display[] = { "tone", "exposure", "exposure-frame", "bits", "quality" };
     const char *dot = r->desc.output.pattern ? output_extension(&r->desc.output) : NULL;
 
-    setup_report_ignored(c, &r->desc.setup);
+    if (r->annual.folder) /* which always uses the cache */
+        setup.light.direct.method = METHOD_CACHED;
+    setup_report_ignored(c, &setup);
     for (size_t k = 0; dot && strcmp(dot, ".exr") == 0 && k < sizeof(display) / sizeof(display[0]); k++)
         if (command_given(c, display[k]))
             log_warning("--%s has no effect: .exr files are linear", display[k]);
