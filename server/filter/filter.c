@@ -10,6 +10,10 @@
 #define AGREED 0.03f            /* difference of the halves, in means, below which a point is as bright as it seems */
 #define NOWHERE UINT32_MAX
 
+/* Points that are not the largest of their pixel lie anywhere behind frosted glass, without similar ones: clamped to
+ * the brightest pixel, such glass lost a quarter of its light. */
+#define REST_CLAMP 4.0f
+
 /* Points side by side: planes of `count` floats each. */
 struct points {
     size_t count;
@@ -227,14 +231,14 @@ static float brightest(const struct filter *f, uint32_t pixel, int c)
 }
 
 /* A point keeps its noise if it has no similar neighbours, or if both halves found something bright by chance. Unless
- * they agree, it is clamped to the brightest pixel around it. */
-static float without_speck(const struct filter *f, uint32_t pixel, int c, float a, float b)
+ * they agree, it is clamped to a multiple of the brightest pixel around it. */
+static float without_speck(const struct filter *f, uint32_t pixel, int c, float times, float a, float b)
 {
     const float mean = 0.5f * (a + b);
 
     if (!(fabsf(a - b) > AGREED * mean))
         return mean;
-    const float limit = brightest(f, pixel, c);
+    const float limit = times * brightest(f, pixel, c);
     return limit >= 0.0f && mean > limit ? limit : mean;
 }
 
@@ -247,7 +251,8 @@ static void take_light(const struct filter *f, const struct points *from, const 
         for (int c = 0; c < 3 && point[i] != NOWHERE; c++) {
             const uint32_t home = pixel ? pixel[i] : (uint32_t)(i / f->pitch * f->g->width + i % f->pitch);
             out[at(point[i], c)] = reflectance(&f->g->packets[point[i] / PACKET], c, point[i] % PACKET) *
-                                   without_speck(f, home, c, from->light[(size_t)c * from->count + i],
+                                   without_speck(f, home, c, pixel ? REST_CLAMP : 1.0f,
+                                                 from->light[(size_t)c * from->count + i],
                                                  from->light[(size_t)(3 + c) * from->count + i]);
         }
 }

@@ -87,8 +87,10 @@ static void keep_classes(struct picture_passes *p, uint32_t classes)
         if (!p->light[k].shown)
             p->light[k].particles = 0;
     }
-    if (!(classes & PATH_CAUSTICS))
+    if (!(classes & PATH_CAUSTICS)) {
         p->stored = NULL;
+        p->stored_behind = 0;
+    }
     p->background = classes & PATH_BACKGROUND && p->background;
     p->denoiser = NULL;
 }

@@ -268,6 +268,37 @@ static void a_speck_goes_and_a_light_stays(void **state)
     wall_finish(&w);
 }
 
+/* Points beside larger ones, as behind frosted glass: all at depths of their own, and a path in ten finds light. */
+static void lonely_small_points_keep_their_light_in_the_mean(void **state)
+{
+    struct rng r = { 12 };
+    struct wall w = wall_make();
+    double sum = 0.0, truth = 0.0;
+
+    (void)state;
+    light(&w, one, 0.5f, 6);
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        w.g.entries[i].weight[0] = w.g.entries[i].weight[1] = w.g.entries[i].weight[2] = i % 2 ? 0.3f : 0.7f;
+        w.g.entry_first[i + 1] = 2 * (i / 2 + 1);
+        if (i % 2 == 0)
+            continue;
+        w.g.packets[i / PACKET].z[i % PACKET] = -20.0f - 100.0f * (float)rng_next(&r);
+        for (int k = 0; k < 2; k++) {
+            const float found = rng_next(&r) < 0.1f ? 5.0f : 0.0f;
+            for (int c = 0; c < 3; c++)
+                *at(w.half[k], i, c) = found;
+        }
+    }
+    run(&w, NULL);
+    for (uint32_t i = 1; i < PIXELS; i += 2) {
+        sum += *at(w.out, i, 0);
+        truth += 0.5 * (*at(w.half[0], i, 0) + *at(w.half[1], i, 0));
+    }
+    print_message("%.4f of the light is left\n", sum / truth);
+    assert_float_equal(sum / truth, 1.0, 0.05);
+    wall_finish(&w);
+}
+
 static void every_cpu_level_has_the_same_bits(void **state)
 {
     struct wall w = wall_make();
@@ -298,6 +329,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(textures_stay_sharp),
     cmocka_unit_test(small_points_of_a_pixel_are_filtered_too),
     cmocka_unit_test(a_speck_goes_and_a_light_stays),
+    cmocka_unit_test(lonely_small_points_keep_their_light_in_the_mean),
     cmocka_unit_test(every_cpu_level_has_the_same_bits),
 };
 UNIT_MAIN(tests)
