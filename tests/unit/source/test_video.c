@@ -393,6 +393,32 @@ static void size_and_codec_may_change_on_the_way(void **state)
     check_change("flv", 13);
 }
 
+/* A stream whose curve is BT.1886 first and sRGB then, as its frames say: each is read by its own. */
+static void colour_may_change_on_the_way(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    unsigned count = 0;
+    (void)state;
+
+    folder_make(&folder);
+    const char *ramp = folder_path(&folder, "ramp.yuv"), *a = folder_path(&folder, "a.ts"),
+               *b = folder_path(&folder, "b.ts"), *clip = folder_path(&folder, "both.ts");
+    clips_ramp(ramp, 8, false, 3);
+    clips_run(CLIP_RAW8 "-c:v libx264 -qp 0 " TAGS("bt709", "bt709", "bt709") "%s", ramp, a);
+    clips_run(CLIP_RAW8 "-c:v libx264 -qp 0 -x264-params transfer=iec61966-2-1 " TAGS("bt709", "iec61966-2-1", "bt709")
+              "%s", ramp, b);
+    clips_run("cat %s %s > %s", a, b, clip);
+    struct source *s = open_clip(&(struct source_desc){ .spec = clip });
+    for (; source_next(s, &f, &why) == ERR_OK; count++)
+        check_ramp(&f, 8, false, count < 3 ? bt1886_light : srgb_light);
+    assert_int_equal(count, 6);
+    source_close(s);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
 /* A billion frames a second, in the container and in the codec. */
 static void absurd_rates_are_not_believed(void **state)
 {
@@ -470,6 +496,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(damaged_files_end_or_are_refused),       cmocka_unit_test(file_without_a_keyframe_says_so),
     cmocka_unit_test(size_and_codec_may_change_on_the_way),   cmocka_unit_test(absurd_rates_are_not_believed),
     cmocka_unit_test(files_that_refer_to_others_are_refused), cmocka_unit_test(urls_of_other_schemes_are_named),
+    cmocka_unit_test(colour_may_change_on_the_way),
 };
 
 UNIT_MAIN(tests)
