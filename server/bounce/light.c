@@ -9,11 +9,10 @@
 #include <cblas.h>
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define ANGLE 0.015f /* initial size of a voxel / distance */
-#define RECORDS_LEAST 4000u /* RELIGHT_RECORDS_LEAST: fewer, for tests that do not judge small pictures */
+#define RECORDS_LEAST 4000u
 #define RECORDS_MOST 24000u
 #define PROBES 16u      /* rays that search for surfaces, per record */
 #define RAYS_OF_SPOT 8u /* from each spot of a record to other records */
@@ -109,11 +108,9 @@ enum err bounce_find_records(struct bounce_build *b)
 
     /* half the number of points: each record is then hit by a hundred rays or more */
     const uint64_t fair = d->gbuffer->point_count / 2;
-    const char *fewer = getenv("RELIGHT_RECORDS_LEAST");
-    const uint32_t least = fewer ? (uint32_t)strtoul(fewer, NULL, 10) : RECORDS_LEAST;
     b->most = d->records             ? d->records
               : b->effort->records   ? b->effort->records
-              : fair < least          ? least
+              : fair < RECORDS_LEAST ? RECORDS_LEAST
               : fair > RECORDS_MOST  ? RECORDS_MOST
                                      : (uint32_t)fair;
     b->records.eye = d->eye;

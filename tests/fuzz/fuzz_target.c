@@ -8,16 +8,15 @@
 #include <jansson.h>
 #include <string.h>
 
-/* From scheme:// to the last @ before the path. */
-static size_t secret_length(const char *url)
+/* What follows scheme://, or the last @ before the path. */
+static const char *host_of(const char *url)
 {
     const char *host = strstr(url, "://") + 3;
-    size_t length = 0;
 
-    for (size_t i = 0; host[i] && !strchr("/?", host[i]); i++)
-        if (host[i] == '@')
-            length = i;
-    return length;
+    for (const char *p = host; *p && !strchr("/?", *p); p++)
+        if (*p == '@')
+            host = p + 1;
+    return host;
 }
 
 static void check_name(const struct publish_target *t)
@@ -28,9 +27,9 @@ static void check_name(const struct publish_target *t)
     json_decref(name);
     require(strpbrk(t->name, "\"\\\n\r\t\x7f\x1b") == NULL, "a name that can be a label");
     if (t->kind < PUBLISH_HLS) {
-        const size_t length = secret_length(t->url);
-        const char *host = strstr(t->name, "://") + 3;
-        require(length < 8 || strncmp(host, strstr(t->url, "://") + 3, length) != 0, "no user name in a name");
+        const char *host = host_of(t->url), *shown = strstr(t->name, "://") + 3;
+        for (size_t i = 0; shown[i]; i++)
+            require(shown[i] == host[i] || shown[i] == '?', "the host alone, without user and password");
     }
 }
 

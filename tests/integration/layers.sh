@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # relight-render --layers, read by OpenImageIO, which reads by OpenEXR's own library.
 . "$(dirname "$0")/lib.sh"
-export RELIGHT_RECORDS_LEAST=400 # small pictures are made for their bits here, not for their indirect light (bounce/light.c)
 ring="$(dirname "$(readlink -f "$0")")/../../docs/examples/ring.json"
 
 need_oiiotool() {

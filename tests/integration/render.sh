@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # relight-render from scripts: whole sequences, independent references, every map, bad input.
 . "$(dirname "$0")/lib.sh"
-export RELIGHT_RECORDS_LEAST=400 # small pictures are made for their bits here, not for their indirect light (bounce/light.c)
 
 # 67 frames of a day at full size; each is an image, and the light moves.
 renders_a_day_of_67_frames() {

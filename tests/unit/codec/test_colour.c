@@ -137,7 +137,8 @@ static void sameness_has_a_tolerance_and_excludes_nan(void **state)
     assert_false(colour_same(&colour_rec709, &other, 1e-4));
 }
 
-/* R'G'B' of 255: 10 000 cd/m^2 in PQ unless it is clipped, 203 or what is asked for in BT.709; black is 0. */
+/* A code of 255 is white: in PQ 10,000 cd/m^2, or less where it is clipped; in BT.709 203 cd/m^2, or the peak that is
+ * given. A code of 0 is black. */
 static void white_of_a_video_has_its_luminance(void **state)
 {
     static const struct {
