@@ -83,6 +83,8 @@ void probe_result(struct shade_thread *t)
     struct server_probe asked;
     char *text = NULL;
 
+    if (!t->last && t->cut_s > 0.0) /* a cancelled picture is made again, as the viewer still sees the one before */
+        return;
     do {
         if (!server_take_probe(server, &asked))
             return;

@@ -76,7 +76,7 @@ const PAGES = {
       await askFor(page, { paused: true, method: 'uniform', samples: 8 });
       await page.waitForFunction(() => window.relight.status.method === 'uniform');
       await page.keyboard.press('k');
-      await askFor(page, { paused: true, method: 'mis', samples: 64 });
+      await askFor(page, { paused: true, method: 'mis', samples: 16 });
       await page.waitForFunction(() => window.relight.status.method === 'mis');
     },
   },

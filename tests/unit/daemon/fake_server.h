@@ -19,6 +19,8 @@ static struct {
     struct server_demand demand; /* given to the daemon */
     struct server_control ask;   /* likewise, once, where has_ask */
     bool has_ask;
+    struct server_probe probe; /* likewise, where has_probe */
+    bool has_probe;
 
     struct server_figures figures; /* reported by the daemon, as what follows */
     struct settings control;
@@ -29,6 +31,8 @@ static struct {
     unsigned pictures;
     struct protocol_picture rendition; /* likewise */
     unsigned renditions;
+    unsigned answers; /* to probes, */
+    bool answered;    /* the last with a result */
 } fake = { .lock = PTHREAD_MUTEX_INITIALIZER };
 
 void server_demand(struct server *s, struct server_demand *out)
@@ -121,17 +125,21 @@ bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *
 
 bool server_take_probe(struct server *s, struct server_probe *out)
 {
+    const bool any = fake.has_probe;
+
     (void)s;
-    (void)out;
-    return false;
+    *out = fake.probe;
+    fake.has_probe = false;
+    return any;
 }
 
 void server_answer_probe(struct server *s, const struct server_probe *asked, const char *text, const char *error)
 {
     (void)s;
     (void)asked;
-    (void)text;
     (void)error;
+    fake.answers++;
+    fake.answered = text != NULL;
 }
 
 uint32_t server_followed(struct server *s, struct server_follow out[SERVER_FOLLOWED_MAX])

@@ -2,6 +2,7 @@
 #include "daemon/fake_server.h"
 
 #include "base/clock.h"
+#include "daemon/shade_parts.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -294,6 +295,36 @@ static void lockstep_pictures_have_all_of_the_lamps(void **state)
     rig_end(&r);
 }
 
+/* A setting has cancelled the picture after the one on display: a query waits until the picture is made again. */
+static void a_query_waits_for_a_picture_that_is_made_again(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method", "mis", "--samples", "2", "--converge", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    fake.answers = 0;
+    fake.probe = (struct server_probe){ .x = WIDTH / 2, .y = HEIGHT / 2, .samples = 16 };
+    fake.has_probe = true;
+    probe_result(r.shade);
+    assert_true(fake.answers == 1 && !fake.answered); /* there is no picture at all */
+    light(&r, 1, false, rgb);
+    r.shade->last = NULL;
+    r.shade->cut_s = clock_seconds();
+    fake.has_probe = true;
+    probe_result(r.shade);
+    assert_int_equal(fake.answers, 1);
+    for (int i = 0; i < TURNS && fake.answers == 1; i++) {
+        struct shaded *p = rig_picture(&r, 1);
+        if (p)
+            rig_release(&r, p);
+    }
+    assert_true(fake.answers == 2 && fake.answered);
+    rig_end(&r);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_frame_that_is_handed_in_becomes_a_picture),
     cmocka_unit_test(settings_take_effect_at_the_next_frame),
@@ -304,6 +335,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(lamps_are_scaled_without_lighting_the_frame_again),
     cmocka_unit_test(refinement_leaves_the_lamps_as_they_are),
     cmocka_unit_test(lockstep_pictures_have_all_of_the_lamps),
+    cmocka_unit_test(a_query_waits_for_a_picture_that_is_made_again),
 };
 
 UNIT_MAIN(tests)
