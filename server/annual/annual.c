@@ -7,6 +7,7 @@
 #include "base/mem.h"
 #include "base/vec.h"
 #include "env/irradiance.h"
+#include "light/part.h"
 #include "scene/scene_digest.h"
 #include "scene/sensors.h"
 
@@ -62,24 +63,25 @@ static struct digest key_of(const struct annual *a)
     return d;
 }
 
-static void count_moment(struct annual *a, const struct moment *m, const float *lux)
+/* The sun alone at the sensors, in a->sun_lux. */
+static void find_sunlight(struct annual *a, const struct moment *m)
+{
+    const double turn = a->desc.setup.environment.rotation_degrees / DEGREES;
+    double w[3];
+
+    daylight_sun(a->weather, m, w);
+    const double sun[3] = { cos(turn) * w[0] + sin(turn) * w[2], w[1], cos(turn) * w[2] - sin(turn) * w[0] };
+    sunlight_lux(a->set->scene, a->set->rays, a->points.at, a->points.count, sun,
+                 a->weather->sun ? m->direct_normal_lux : 0.0, a->sun_lux);
+}
+
+void annual_count(struct annual *a, const struct moment *m, const float *lux, const float *sun_lux)
 {
     const struct measures_desc *d = &a->desc.measures;
-    double sun[3];
 
     if (m->missing)
         return;
-    if (lux) {
-        const double turn = a->desc.setup.environment.rotation_degrees / DEGREES;
-        double w[3];
-        daylight_sun(a->weather, m, w);
-        sun[0] = cos(turn) * w[0] + sin(turn) * w[2];
-        sun[1] = w[1];
-        sun[2] = cos(turn) * w[2] - sin(turn) * w[0];
-        sunlight_lux(a->set->scene, a->set->rays, a->points.at, a->points.count, sun,
-                     a->weather->sun ? m->direct_normal_lux : 0.0, a->sun_lux);
-    }
-    measures_add(d, m->clock, m->span, lux, lux ? a->sun_lux : NULL, a->points.count, a->sensors);
+    measures_add(d, m->clock, m->span, lux, sun_lux, a->points.count, a->sensors);
     a->occupied += measures_occupied(d, m->clock) ? m->span : 0.0;
 }
 
@@ -90,8 +92,10 @@ static void replay(void *self, const struct ledger_row *row, const float *lux)
     const struct moments *year = &a->weather->year;
 
     for (size_t i = 0; i < year->count; i++)
-        if ((double)year->at[i].number == row->value[LEDGER_NUMBER])
-            count_moment(a, &year->at[i], lux);
+        if ((double)year->at[i].number == row->value[LEDGER_NUMBER]) {
+            find_sunlight(a, &year->at[i]);
+            annual_count(a, &year->at[i], lux, a->sun_lux);
+        }
     a->resumed++;
 }
 
@@ -117,7 +121,7 @@ static enum err choose_light(struct annual *a, struct reason *why)
     }
     l->direct.why = why;
     struct box box;
-    if (scene_casters(a->set->scene, &box, 1) > 0)
+    if (scene_casters(a->set->scene, &box, 1) > 0 && ranks_index(a->desc.ranks) == 0)
         log_warning("%s: light by way of mirrors and solid glass (caustics) is left out; window panes should be thin "
                     "glass",
                     a->set->name);
@@ -182,8 +186,29 @@ static enum err set_up(struct annual *a, struct reason *why)
         e = allocate(a, why);
     if (e)
         return e;
+    if (ranks_index(a->desc.ranks) > 0) /* rank 0 has the tables */
+        return ERR_OK;
     const struct digest key = key_of(a);
-    return ledger_open(&a->ledger, a->desc.folder, &key, a->points.count, a->desc.resume, replay, a, why);
+    e = ledger_open(&a->ledger, a->desc.folder, &key, a->points.count, a->desc.resume, replay, a, why);
+    return e ? e : annual_order_begin(a, why);
+}
+
+/* Ranks learn which rows are there, and compute the cache together. */
+static enum err set_up_all(struct annual *a, struct reason *why)
+{
+    struct ranks *ranks = a->desc.ranks;
+    enum err e = ranks_agree(ranks, set_up(a, why), why);
+    uint64_t resumed = a->resumed;
+    double ms;
+
+    if (!e && ranks) {
+        a->share = team_share(ranks);
+        relighter_share(a->relighter, &a->share);
+        if (ranks_broadcast(ranks, &resumed, sizeof(resumed)))
+            e = err_say(why, ERR_IO, "rank 0 does not answer any more");
+        a->resumed = (size_t)resumed;
+    }
+    return e ? e : ranks_agree(ranks, relighter_prepare(a->relighter, &a->light, ranks_index(ranks) == 0, &ms), why);
 }
 
 /* ---- A moment ---- */
@@ -258,21 +283,14 @@ static void fill_row(struct annual *a, const struct moment *m, double open_lux, 
     } };
 }
 
-/* Whether an earlier run has this moment's row: they are in the same order. */
-static bool is_kept(struct annual *a, const struct moment *m)
+/* Moment i of the lit ones. */
+static enum err run_moment(struct annual *a, size_t i, struct reason *why)
 {
-    if (a->next_kept >= a->resumed || a->ledger.rows[a->next_kept].value[LEDGER_NUMBER] != (double)m->number)
-        return false;
-    a->next_kept++;
-    return true;
-}
-
-static enum err run_moment(struct annual *a, const struct moment *m, struct reason *why)
-{
+    const struct moment *m = daylight_moment(a->weather, i);
     struct annual_picture *picture = annual_picture_of(a, m);
     struct ledger_row row;
     double open_lux = 0.0;
-    const bool kept = is_kept(a, m);
+    const bool kept = i < a->resumed;
     enum err e;
 
     if (kept && !picture)
@@ -285,8 +303,8 @@ static enum err run_moment(struct annual *a, const struct moment *m, struct reas
         return e;
     fill_row(a, m, open_lux, &row);
     if (!kept) {
-        count_moment(a, m, a->lux);
-        e = ledger_add(&a->ledger, &row, a->lux, why);
+        find_sunlight(a, m);
+        e = annual_order_add(a, i, &row, why);
     }
     for (; !e && picture; picture = annual_picture_of(a, m)) { /* one moment may be asked for by several times */
         e = annual_picture_write(a, m, why);
@@ -318,26 +336,31 @@ static enum err find_daylight_factors(struct annual *a, struct reason *why)
     return e;
 }
 
+/* The next moment for this process; weather->count or more: there is none. */
+static size_t next_moment(const struct annual *a, size_t before)
+{
+    return a->desc.ranks ? (size_t)ranks_take(a->desc.ranks) : before + 1;
+}
+
 static enum err run_year(struct annual *a, struct reason *why)
 {
     const struct daylight *w = a->weather;
+    const bool first = ranks_index(a->desc.ranks) == 0;
     struct progress line;
-    double ms;
-    enum err e = relighter_prepare(a->relighter, &a->light, true, &ms);
+    enum err e = ERR_OK;
 
-    if (e)
-        return e;
     for (size_t i = 0; i < w->year.count; i++)
         if (!w->year.at[i].lit)
-            count_moment(a, &w->year.at[i], NULL);
-    if (a->resumed > 0)
+            annual_count(a, &w->year.at[i], NULL, NULL);
+    if (a->resumed > 0 && first)
         log_info("%s: %zu of %zu hours are there already", a->desc.folder, a->resumed, w->count);
-    progress_begin(&line, "a year of light", w->count, stderr);
-    for (size_t i = 0; i < w->count && !e; i++) {
-        e = run_moment(a, daylight_moment(w, i), why);
-        progress_step(&line, 1);
+    progress_begin(&line, "a year of light", w->count, first ? stderr : NULL);
+    for (size_t i = next_moment(a, SIZE_MAX); i < w->count && !e; i = e ? i : next_moment(a, i)) {
+        e = run_moment(a, i, why);
+        progress_step(&line, i + 1 - line.done); /* of all ranks */
     }
-    if (!e)
+    e = annual_order_end(a, e, why);
+    if (!e && first)
         e = find_daylight_factors(a, why);
     progress_end(&line);
     return e;
@@ -345,6 +368,7 @@ static enum err run_year(struct annual *a, struct reason *why)
 
 static void finish(struct annual *a)
 {
+    annual_order_finish(a);
     ledger_close(&a->ledger);
     glare_view_destroy(a->glare);
     frame_finish(&a->frame);
@@ -369,10 +393,10 @@ enum err annual_run(const struct annual_desc *desc, struct reason *why)
     if (!a)
         return err_say(why, ERR_NOMEM, "out of memory");
     a->desc = *desc;
-    enum err e = set_up(a, why);
+    enum err e = set_up_all(a, why);
     if (!e)
-        e = run_year(a, why);
-    if (!e)
+        e = ranks_agree(a->desc.ranks, run_year(a, why), why);
+    if (!e && ranks_index(a->desc.ranks) == 0)
         e = annual_report(a, why);
     finish(a);
     mem_free(a);

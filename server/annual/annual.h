@@ -5,6 +5,8 @@
  *     summary.json, index.html     the measures of all sensors; a page with everything
  *     year-*.png, sensors-*.png    heat maps over day and hour, and of the sensors in plan
  *     picture-MMDD-HHMM.*          chosen hours: .png as seen, .hdr, and -falsecolour.png
+ * As a job, the ranks take hours from one counter, compute the cache together, and write the pictures of their hours;
+ * rank 0 writes everything else, with the bits of one process. All need the same folder.
  * One thread of control; light runs on all OpenMP threads. */
 #ifndef ANNUAL_ANNUAL_H
 #define ANNUAL_ANNUAL_H
@@ -12,6 +14,7 @@
 #include "base/err.h"
 #include "base/luminance.h"
 #include "daylight/measures.h"
+#include "ranks/ranks.h"
 #include "settings/settings.h"
 
 #include <stdbool.h>
@@ -24,10 +27,11 @@ struct annual_desc {
     struct measures_desc measures;
     enum luminance_weights weights; /* of illuminances and luminances */
     bool resume;                    /* keep the rows of an earlier run with the same settings */
+    struct ranks *ranks;            /* NULL: one process. Otherwise annual_run is collective */
 };
 
 /* Errors are those of daylight_open, points_read, set_create, relighter_run and ledger_open. ERR_USAGE: the source is
- * no weather file, or a picture's hour is not among its lit hours. */
+ * no weather file, or a picture's hour is not among its lit hours. An error of one rank ends all (ranks_agree). */
 MUST_CHECK enum err annual_run(const struct annual_desc *desc, struct reason *why);
 
 #endif

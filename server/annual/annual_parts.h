@@ -9,6 +9,7 @@
 #include "base/progress.h"
 #include "codec/frame.h"
 #include "source/daylight.h"
+#include "team/share.h"
 
 #define PICTURES_MAX 64
 
@@ -39,9 +40,23 @@ struct annual {
     struct relight_desc light;
     struct annual_picture pictures[PICTURES_MAX];
     int picture_count;
-    size_t resumed; /* rows of an earlier run */
-    size_t next_kept;
+    size_t resumed;           /* rows of an earlier run: those of the first moments */
+    struct cache_share share; /* with the other ranks of a job */
+    struct lit_moment **lit;  /* [weather->count]: those that came before their turn; rank 0's */
+    size_t next;              /* the moment whose row comes next; rank 0's */
 };
+
+/* annual.c. Counts a moment for the sensors' measures; without lux it is dark. */
+void annual_count(struct annual *a, const struct moment *m, const float *lux, const float *sun_lux);
+
+/* order.c: rows in the order of time, whichever rank has lit the moments. annual_order_begin, on rank 0 or without a
+ * job: ERR_NOMEM. annual_order_add takes moment i as a->lux and a->sun_lux have it; on other ranks it sends these to
+ * rank 0. annual_order_end, on all ranks at the end: rank 0 waits for the others' moments; after an error of its own in
+ * vain. Errors of ledger_add; ERR_RANGE; ERR_NOMEM. */
+MUST_CHECK enum err annual_order_begin(struct annual *a, struct reason *why);
+MUST_CHECK enum err annual_order_add(struct annual *a, size_t i, const struct ledger_row *row, struct reason *why);
+MUST_CHECK enum err annual_order_end(struct annual *a, enum err own, struct reason *why);
+void annual_order_finish(struct annual *a);
 
 /* report.c: all files but the tables. Errors of file_store and png_encode. */
 MUST_CHECK enum err annual_report(struct annual *a, struct reason *why);

@@ -32,9 +32,9 @@ static const char *const columns[LEDGER_COLUMNS] = {
 #define KEY_FILE ".run"
 #define LINE_MAX_BYTES ((size_t)1 << 20)
 
-void ledger_path(const struct ledger *l, const char *name, char *out)
+void ledger_path(const char *folder, const char *name, char *out)
 {
-    snprintf(out, LEDGER_PATH, "%s/%s", l->folder, name);
+    snprintf(out, LEDGER_PATH, "%s/%s", folder, name);
 }
 
 static enum err io_error(const char *path, struct reason *why)
@@ -202,9 +202,9 @@ enum err ledger_open(struct ledger *l, const char *folder, const struct digest *
     if (strlen(folder) >= sizeof(l->folder))
         return err_say(why, ERR_USAGE, "--annual '%.100s...' is too long a name", folder);
     strcpy(l->folder, folder);
-    ledger_path(l, "hours.csv", hours);
-    ledger_path(l, "illuminance.csv", lux);
-    ledger_path(l, KEY_FILE, run);
+    ledger_path(l->folder, "hours.csv", hours);
+    ledger_path(l->folder, "illuminance.csv", lux);
+    ledger_path(l->folder, KEY_FILE, run);
     snprintf(text, sizeof(text), "%016" PRIx64 "%016" PRIx64 "\n", key->half[0], key->half[1]);
     const bool same = resume && is_same(run, text, &none);
     if (resume && !none && !same)

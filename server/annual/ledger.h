@@ -58,7 +58,7 @@ MUST_CHECK enum err ledger_add(struct ledger *l, const struct ledger_row *row, c
 void ledger_close(struct ledger *l); /* zeroed memory is allowed */
 
 /* "folder/name" into out[4096 + 64]. */
-void ledger_path(const struct ledger *l, const char *name, char *out);
+void ledger_path(const char *folder, const char *name, char *out);
 #define LEDGER_PATH (4096 + 64)
 
 #endif

@@ -162,14 +162,14 @@ enum err annual_picture_write(struct annual *a, const struct moment *m, struct r
 
     annual_picture_name(p, name, sizeof(name));
     snprintf(file, sizeof(file), "%s.png", name);
-    ledger_path(&a->ledger, file, path);
+    ledger_path(a->desc.folder, file, path);
     enum err e = write_seen(a, path, why);
     snprintf(file, sizeof(file), "%s.hdr", name);
-    ledger_path(&a->ledger, file, path);
+    ledger_path(a->desc.folder, file, path);
     if (!e)
         e = write_hdr(a, m, path, why);
     snprintf(file, sizeof(file), "%s-falsecolour.png", name);
-    ledger_path(&a->ledger, file, path);
+    ledger_path(a->desc.folder, file, path);
     moment_name(m, when, sizeof(when));
     snprintf(title, sizeof(title), "LUMINANCE, %s", when);
     return e ? e : map_luminance(a->cdm2, v->width, v->height, title, &scale, path, why);

@@ -19,7 +19,7 @@ static enum err store_text(struct annual *a, const char *name, const char *text,
 {
     char path[LEDGER_PATH];
 
-    ledger_path(&a->ledger, name, path);
+    ledger_path(a->desc.folder, name, path);
     return file_store(path, text, size, why);
 }
 
@@ -199,7 +199,7 @@ static enum err map_rows(struct annual *a, enum ledger_column column, const stru
 {
     char path[LEDGER_PATH];
 
-    ledger_path(&a->ledger, name, path);
+    ledger_path(a->desc.folder, name, path);
     return map_year(&a->ledger, column, a->weather->year.step, title, scale, path, why);
 }
 
@@ -243,7 +243,7 @@ static enum err map_measures(struct annual *a, struct reason *why)
         }
         const struct paint_scale sun = { 0.0, 500.0, false, "H" };
         const struct paint_scale factor = { 0.0, paint_round_up(fmax(1.0, most)), false, "%" };
-        ledger_path(&a->ledger, sensor_maps[k].file, path);
+        ledger_path(a->desc.folder, sensor_maps[k].file, path);
         e = map_sensors(&a->points, v, sensor_maps[k].title,
                         k == SENSOR_SUNLIT   ? &sun
                         : k == SENSOR_FACTOR ? &factor

@@ -20,11 +20,12 @@
 #define POLL_NS 1000000             /* MPI's own waits spin, on processors that other ranks may need */
 #define SOON_NS 100000              /* likewise, for the first */
 #define SOON 100                    /* polls: an answer within a frame comes as soon as it can */
+#define KEEP_NS 200000              /* until the counter's keeper looks again */
 #define GONE_S 0.3                  /* after the signal to stop, a rank that does not answer is taken to be gone */
 #define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
 #define TAG_SIZE 1
 #define TAG_BYTES 2
-#define TAG_NONE 3 /* never sent */
+#define TAG_TAKE 3 /* to rank 0: what is to be added to the counter; the answer is what it was before */
 #define TAG_PART 4
 #define TAG_POST 5
 #define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
@@ -32,9 +33,8 @@
 struct ranks {
     int own, count, local; /* local: ranks on this host */
     char name[160];
-    MPI_Win window; /* of the counter, at rank 0 */
-    uint64_t *counter;
-    pthread_t keeper; /* rank 0, where ranks are on several hosts */
+    atomic_uint_least64_t counter; /* rank 0's, */
+    pthread_t keeper;              /* which gives the other ranks its numbers */
     bool has_keeper;
     atomic_bool leaving;
     const atomic_bool *stop;
@@ -75,15 +75,24 @@ static enum err wait_or_stop(struct ranks *r, MPI_Request *q)
     return r->lost ? ERR_IO : ERR_OK;
 }
 
-/* Other hosts' access to the counter progresses only while rank 0 is inside MPI, which may be rare during a frame. */
-static void *keep_moving(void *context)
+/* A thread on rank 0, since its main thread may not enter MPI during a frame. Not MPI's own one-sided access: Debian's
+ * Open MPI has none between hosts that TCP joins. Both messages are so short that no call waits. */
+static void *keep_counter(void *context)
 {
     struct ranks *r = context;
-    int found;
 
     while (!atomic_load(&r->leaving)) {
-        MPI_Iprobe(MPI_ANY_SOURCE, TAG_NONE, MPI_COMM_WORLD, &found, MPI_STATUS_IGNORE);
-        rest();
+        MPI_Status status;
+        uint64_t more, before;
+        int found = 0;
+        MPI_Iprobe(MPI_ANY_SOURCE, TAG_TAKE, MPI_COMM_WORLD, &found, &status);
+        if (!found) {
+            nanosleep(&(struct timespec){ 0, KEEP_NS }, NULL);
+            continue;
+        }
+        MPI_Recv(&more, 1, MPI_UINT64_T, status.MPI_SOURCE, TAG_TAKE, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
+        before = atomic_fetch_add(&r->counter, more);
+        MPI_Send(&before, 1, MPI_UINT64_T, status.MPI_SOURCE, TAG_TAKE, MPI_COMM_WORLD);
     }
     return NULL;
 }
@@ -172,14 +181,10 @@ static void find_place(struct ranks *r)
 
 static enum err open_counter(struct ranks *r, struct reason *why)
 {
-    MPI_Win_allocate(r->own == 0 ? sizeof(uint64_t) : 0, sizeof(uint64_t), MPI_INFO_NULL, MPI_COMM_WORLD, &r->counter,
-                     &r->window);
-    if (r->own == 0)
-        *r->counter = 0;
-    MPI_Barrier(MPI_COMM_WORLD);
-    MPI_Win_lock_all(0, r->window);
-    r->has_keeper = r->own == 0 && r->local < r->count && pthread_create(&r->keeper, NULL, keep_moving, r) == 0;
-    return r->own == 0 && r->local < r->count && !r->has_keeper ? err_say(why, ERR_NOMEM, "out of memory") : ERR_OK;
+    if (r->own > 0 || r->count == 1)
+        return ERR_OK;
+    r->has_keeper = pthread_create(&r->keeper, NULL, keep_counter, r) == 0;
+    return r->has_keeper ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
 }
 
 enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct reason *why)
@@ -240,8 +245,6 @@ void ranks_destroy(struct ranks *r)
     MPI_Ibarrier(MPI_COMM_WORLD, &q);
     wait_for(&q);
     end_keeper(r);
-    MPI_Win_unlock_all(r->window);
-    MPI_Win_free(&r->window);
     wait_for(&r->posted);
     MPI_Finalize();
     mem_free(r->post);
@@ -325,9 +328,14 @@ uint64_t ranks_sum(struct ranks *r, uint64_t own)
 static uint64_t add_to_counter(struct ranks *r, uint64_t more)
 {
     uint64_t before = 0;
+    MPI_Request sent, received;
 
-    MPI_Fetch_and_op(&more, &before, MPI_UINT64_T, 0, 0, MPI_SUM, r->window);
-    MPI_Win_flush(0, r->window);
+    if (r->own == 0)
+        return atomic_fetch_add(&r->counter, more);
+    MPI_Irecv(&before, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &received);
+    MPI_Isend(&more, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &sent);
+    wait_for(&sent);
+    wait_for(&received);
     return before;
 }
 

@@ -336,6 +336,7 @@ static enum err run_annual(struct render *r, struct reason *why)
     r->annual.setup = r->desc.setup;
     r->annual.measures = measures_lm83;
     r->annual.resume = r->desc.resume;
+    r->annual.ranks = r->desc.ranks;
     r->annual.weights = (enum luminance_weights)r->weights;
     return annual_run(&r->annual, why);
 }
@@ -360,8 +361,7 @@ static enum err render_together(struct render *r, int argc, char **argv, struct 
         e = ranks ? err_say(why, ERR_USAGE, "--components is for one process: start relight-render without mpirun")
                   : export_components(r, why);
     else if (!e && r->annual.folder)
-        e = ranks ? err_say(why, ERR_USAGE, "--annual is for one process: start relight-render without mpirun")
-                  : run_annual(r, why);
+        e = run_annual(r, why);
     else if (!e)
         e = render_sequence(&r->desc, why);
     /* Wrong usage is the same on all ranks, and an error that is another rank's is told there. */

@@ -83,6 +83,33 @@ a_killed_year_goes_on_where_it_ended() {
     done
 }
 
+# Ranks share out the hours; tables and measures are those of one process, also after the job was killed.
+a_year_by_several_ranks_has_the_bits_of_one_process() {
+    begin_jobs
+    weather
+    year one ,days=03-21 --pictures 03-21T12:30,03-21T13:30,03-21T14:30,03-21T15:30
+    cat >three <<RUN
+#!/bin/sh
+exec mpirun --oversubscribe -n 3 $render "\$@"
+RUN
+    chmod +x three
+    render=$work/three
+    year many ,days=03-21 --pictures 03-21T12:30,03-21T13:30,03-21T14:30,03-21T15:30
+    same_files
+    # As if it had been killed while a row was written.
+    head -n 6 one/hours.csv >many/hours.csv
+    head -c -20 one/illuminance.csv | head -n 9 >many/illuminance.csv
+    rm many/summary.json many/picture-*
+    year many ,days=03-21 --pictures 03-21T12:30,03-21T13:30,03-21T14:30,03-21T15:30 --resume
+    grep -q '5 of [0-9]* hours are there already' stderr || { cat stderr; fail "other hours were kept"; }
+    same_files
+    # A picture that cannot be written ends all ranks.
+    rm -r many
+    mkdir -p many/picture-0321-1230.png/x
+    if (year many ,days=03-21 --pictures 03-21T12:30); then fail "a picture was not written, and nobody says so"; fi
+    grep -q 'picture-0321-1230.png' stderr || { cat stderr; fail "the picture is not named"; }
+}
+
 what_makes_no_year_is_refused() {
     weather
     expect 2 'needs the weather of a year: --source epw:FILE' "$render" --annual "$work/no" --source sky:

@@ -88,3 +88,24 @@ OBJ
 }
 JSON
 }
+
+# For MPI jobs, in $work: pictures of one process go to one/, those of a job to many/.
+begin_jobs() {
+    command -v mpirun >/dev/null || { echo "skipped: no mpirun"; exit 77; }
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 # in containers
+    render=$bin/relight-render
+    cd "$work"
+    mkdir one many
+}
+
+# job N ARGUMENT...: relight-render on N ranks.
+job() {
+    local n=$1
+    shift
+    mpirun --oversubscribe -n "$n" "$render" "$@"
+}
+
+same_files() {
+    [ "$(ls one)" = "$(ls many)" ] || fail "other files: $(ls many)"
+    for file in one/*; do cmp "$file" "many/${file#one/}"; done
+}

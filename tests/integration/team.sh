@@ -1,23 +1,12 @@
 #!/usr/bin/env bash
 # Pictures that all ranks of an MPI job light together: relight-render --split-frames, and relightd.
 . "$(dirname "$0")/lib.sh"
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 # in containers
-cd "$work"
-mkdir one many
-render=$bin/relight-render
+begin_jobs
 small=(--source sky:size=64x32,time=09:00,speed=20 --size 64x36 --frames 0-1)
-
-# job N ARGUMENT...: relight-render on N ranks.
-job() {
-    local n=$1
-    shift
-    mpirun --oversubscribe -n "$n" "$render" "$@"
-}
-
-same_files() {
-    [ "$(ls one)" = "$(ls many)" ] || fail "other files: $(ls many)"
-    for file in one/*; do cmp "$file" "many/${file#one/}"; done
-}
+# A box with narrow lobes, whose cache is made in a second.
+box_scene .
+sed -i 's/"exponent": 60/"exponent": 600/; s/degrees": 40/degrees": 110/' box.json
+box=(--scene box.json "${small[@]}" --size 160x90 --method cached --cache-dir cache)
 
 # 1 to 4 ranks, of one thread or two; eye paths of the ring's mirror and glass are dealt too.
 parts_of_all_methods_have_the_bits_of_one_process() {
@@ -33,8 +22,8 @@ parts_of_all_methods_have_the_bits_of_one_process() {
 
 # Ranks compute the cache together, keep what their packets need, and store the file of one process.
 ranks_share_the_memory_of_the_cache_and_of_the_points() {
-    "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr --stats one.json
-    job 4 "${small[@]}" --method cached --cache-dir "$work/joint" --out many/%d.exr --split-frames 2>log
+    "$render" "${box[@]}" --out one/%d.exr --stats one.json
+    job 4 "${box[@]}" --cache-dir joint --out many/%d.exr --split-frames 2>log
     same_files
     cmp cache/*.transport joint/*.transport || fail "the ranks have computed another cache"
     local most
@@ -50,16 +39,17 @@ PY
 
 # The cache without its texels goes to others in a few KB; narrow lobes, and indirect light of their matte parts, stay right.
 parts_by_the_cache_have_the_bits_of_one_process() {
-    "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr
+    "$render" "${box[@]}" --out one/%d.exr
     for ranks in 2 3 4; do
-        job $ranks "${small[@]}" --method cached --cache-dir "$work/cache" --out many/%d.exr --split-frames 2>log
+        job $ranks "${box[@]}" --out many/%d.exr --split-frames 2>log
         same_files
-        grep -Eq "2 pictures by $ranks ranks: [12][0-9]\.[0-9] KB to each rank" log || { cat log; fail "more of the sky was sent"; }
+        # Four ranks find that too many packets have narrow lobes for rank 0 to light them all, and get the faces.
+        [ $ranks = 4 ] || grep -Eq "2 pictures by $ranks ranks: [12][0-9]\.[0-9] KB to each rank" log || { cat log; fail "more of the sky was sent"; }
         rm many/*
     done
     # Eye paths need all faces of the sky; its sun moves, and texels are bright in one picture and not in the next.
     rm one/*
-    local moving=(--source sky:size=64x32,time=09:00,speed=1440 --size 64x36 --frames 22-25 --method cached --indirect eye --cache-dir "$work/cache")
+    local moving=("${box[@]}" --source sky:size=64x32,time=09:00,speed=1440 --frames 22-25 --indirect eye)
     "$render" "${moving[@]}" --out one/%d.exr
     job 2 "${moving[@]}" --out many/%d.exr --split-frames 2>log
     same_files
@@ -76,8 +66,8 @@ what_ranks_cannot_light_is_refused_by_name() {
 
 # A server on three ranks: its pictures, to the bit those of one process that rounds alike; a rank that is killed ends it.
 a_live_job_shows_the_pictures_of_one_process() {
-    local flags=(--source sky:size=64x32,time=09:00,speed=0 --size 64x36 --port 0 --converge off --cache-dir "$work/cache" --part-floats half --exposure 0)
-    "$render" "${small[@]}" --method cached --cache-dir "$work/cache" --out one/%d.exr 2>log # makes the cache
+    local flags=(--scene box.json --source sky:size=64x32,time=09:00,speed=0 --size 160x90 --port 0 --converge off --cache-dir cache --part-floats half --exposure 0)
+    "$render" "${box[@]}" --out one/%d.exr 2>log # makes the cache
     timeout 100 "$bin/relightd" "${flags[@]}" --method cached --samples 64 --cache-wait 2>one.log &
     local single=$!
     timeout 100 mpirun --oversubscribe -n 3 "$bin/relightd" "${flags[@]}" 2>many.log &
@@ -102,5 +92,4 @@ a_live_job_shows_the_pictures_of_one_process() {
     grep -q 'exited on signal 9' many.log || { cat many.log; fail "mpirun does not say which rank"; }
 }
 
-command -v mpirun >/dev/null && mpirun --oversubscribe -n 2 "$render" --version >/dev/null 2>&1 || { echo "skipped: no mpirun"; exit 77; }
 "$1"
