@@ -11,7 +11,8 @@
 struct stream {
     AVCodecContext *codec; /* NULL: none was opened */
     AVPacket *packet;
-    AVFrame *picture; /* the last that was decoded; width 0: none */
+    AVFrame *picture; /* the last that was decoded, until there is another; width 0: none */
+    AVFrame *next;
     struct texels texels;
     bool draining;
 };
@@ -34,7 +35,8 @@ struct stream *stream_create(void)
         return NULL;
     s->packet = av_packet_alloc();
     s->picture = av_frame_alloc();
-    if (s->packet && s->picture)
+    s->next = av_frame_alloc();
+    if (s->packet && s->picture && s->next)
         return s;
     stream_destroy(s);
     return NULL;
@@ -47,6 +49,7 @@ void stream_destroy(struct stream *s)
     avcodec_free_context(&s->codec);
     av_packet_free(&s->packet);
     av_frame_free(&s->picture);
+    av_frame_free(&s->next);
     texels_finish(&s->texels);
     mem_free(s);
 }
@@ -121,7 +124,6 @@ static enum err open_codec(struct stream *s, const struct wire_request *q, const
 static enum err begin(struct stream *s, const struct wire_request *q, const uint8_t *bytes, struct reason *why)
 {
     avcodec_free_context(&s->codec);
-    av_frame_unref(s->picture);
     texels_finish(&s->texels);
     s->draining = false;
     if (q->transfer > SIGNAL_HLG || q->size > INT32_MAX - AV_INPUT_BUFFER_PADDING_SIZE)
@@ -137,13 +139,14 @@ static enum err next_picture(struct stream *s, const struct wire_request *q, str
 {
     char text[AV_ERROR_MAX_STRING_SIZE];
 
-    av_frame_unref(s->picture);
-    const int got = avcodec_receive_frame(s->codec, s->picture);
+    const int got = avcodec_receive_frame(s->codec, s->next);
     if (got == AVERROR(EAGAIN) || got == AVERROR_EOF)
         return ERR_OK;
     if (got < 0)
         return err_say(&a->why, got == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_FORMAT, "%s: a picture cannot be decoded: %s",
                        q->name, error_text(got, text));
+    av_frame_unref(s->picture);
+    av_frame_move_ref(s->picture, s->next);
     a->picture = 1;
     a->time_us = s->picture->best_effort_timestamp;
     return ERR_OK;

@@ -33,7 +33,7 @@ MUST_CHECK enum err video_open(struct decoder *d, const struct video_desc *desc,
 bool video_is_open(const struct decoder *d);
 
 struct video_picture {
-    bool ready;      /* there is one; video_convert has its texels until the next call */
+    bool ready;      /* there is one; video_convert has its texels until there is another, or video_flush */
     int64_t time_us; /* its time stamp, or VIDEO_NO_TIME */
 };
 

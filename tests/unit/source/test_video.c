@@ -2,6 +2,8 @@
  */
 #include "support/unit.h"
 
+#include "decoder/video.h"
+#include "demux/demux.h"
 #include "source/clips.h"
 #include "source/source.h"
 
@@ -272,6 +274,53 @@ static void frames_come_in_order_and_all_of_them(void **state)
     folder_remove(&folder);
 }
 
+/* A live stream may bring nothing new when its picture is asked for at last: the decoder must still have it, also after
+ * a packet without a picture, and when the stream begins anew. */
+static void a_picture_stays_until_there_is_another(void **state)
+{
+    struct folder folder;
+    struct frame f = { 0 };
+    struct reason why = { "" };
+    struct demux *demux;
+    struct decoder *decoder;
+    struct demux_item item;
+    struct video_picture picture = { .ready = false };
+    struct video_state colour;
+    (void)state;
+
+    folder_make(&folder);
+    const char *clip = folder_path(&folder, "steps.mkv");
+    make_steps(clip);
+    assert_int_equal(demux_open(&(struct demux_desc){ .spec = clip }, &demux, &why), ERR_OK);
+    assert_int_equal(decoder_create(&(struct decoder_desc){ .video = true }, &decoder, &why), ERR_OK);
+    assert_int_equal(demux_next(demux, 10000, &item, &why), ERR_OK);
+    assert_int_equal(item.event, DEMUX_FORMAT);
+    const struct stream_format format = item.format;
+    uint8_t extra[1024];
+    assert_true(item.size <= sizeof(extra));
+    memcpy(extra, item.bytes, item.size);
+    const struct video_desc d = { .format = &format, .extra = extra, .extra_size = item.size, .name = "clip" };
+    assert_int_equal(video_open(decoder, &d, &why), ERR_OK);
+    while (!picture.ready) {
+        assert_int_equal(demux_next(demux, 10000, &item, &why), ERR_OK);
+        assert_int_equal(video_packet(decoder, &d, item.bytes, item.size, item.time_us, &picture, &why), ERR_OK);
+    }
+    for (int again = 0; again < 2; again++) {
+        while (picture.ready)
+            assert_int_equal(video_next(decoder, &d, &picture, &why), ERR_OK);
+        if (video_convert(decoder, &d, &f, &colour, &why))
+            fail_msg("%s", why.text);
+        assert_int_equal(step_of(&f), 0);
+        assert_int_equal(video_open(decoder, &d, &why), ERR_OK);
+    }
+    assert_int_equal(video_flush(decoder, &d, &why), ERR_OK);
+    assert_int_equal(video_convert(decoder, &d, &f, &colour, &why), ERR_FORMAT); /* another place of the stream */
+    decoder_destroy(decoder);
+    demux_close(demux);
+    frame_finish(&f);
+    folder_remove(&folder);
+}
+
 static void seeking_goes_to_that_very_frame(void **state)
 {
     static const unsigned to[] = { 8, 3, 11, 0, 6 };
@@ -496,7 +545,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(damaged_files_end_or_are_refused),       cmocka_unit_test(file_without_a_keyframe_says_so),
     cmocka_unit_test(size_and_codec_may_change_on_the_way),   cmocka_unit_test(absurd_rates_are_not_believed),
     cmocka_unit_test(files_that_refer_to_others_are_refused), cmocka_unit_test(urls_of_other_schemes_are_named),
-    cmocka_unit_test(colour_may_change_on_the_way),
+    cmocka_unit_test(colour_may_change_on_the_way),           cmocka_unit_test(a_picture_stays_until_there_is_another),
 };
 
 UNIT_MAIN(tests)
