@@ -30,14 +30,15 @@ static void network_close(struct sink *s)
 enum err network_open(const struct sink_desc *desc, struct sink **out, struct reason *why)
 {
     static const struct sink_ops ops = { network_write, network_close };
-    /* [1] By itself the kernel would hold several megabytes for a slow receiver, many seconds old. */
+    /* [1] By itself the kernel would hold several megabytes for a slow receiver, many seconds old.
+     * [2] With its length a receiver has a picture when its last byte comes, not when the next picture begins. */
     static const struct {
         const char *format, *options;
         bool bare;
     } of[] = {
         [PUBLISH_RTMP] = { "flv", "flvflags=no_duration_filesize:send_buffer_size=524288", true }, /* [1] */
         [PUBLISH_RTSP] = { "rtsp", "rtsp_transport=tcp", false },
-        [PUBLISH_SRT] = { "mpegts", NULL, false },
+        [PUBLISH_SRT] = { "mpegts", "omit_video_pes_length=0", false }, /* [2] */
     };
     const struct mux_desc to = {
         .format = of[desc->target->kind].format,
