@@ -325,17 +325,17 @@ static enum err read_scanline(struct hdr *h, uint32_t scanline, struct row *row)
 }
 
 /* Mantissa m means m / 256 and not the interval's midpoint (m + 1/2) / 256 that Radiance uses. OpenImageIO, and with it
- * Cycles, which rendered our references, reads it this way; and a stored 0 stays 0. */
-static void convert(const struct row *row, uint32_t length, float *rgb)
+ * Cycles, which rendered our references, reads it this way; and a stored 0 stays 0. half: what is added to m. */
+static void convert(const struct row *row, uint32_t length, float half, float *rgb)
 {
     const uint8_t *restrict r = row->plane[0], *restrict g = row->plane[1], *restrict b = row->plane[2];
     const uint8_t *restrict e = row->plane[3];
 
     for (uint32_t i = 0; i < length; i++) {
         const float scale = row->scale[e[i]];
-        rgb[3 * i] = (float)r[i] * scale;
-        rgb[3 * i + 1] = (float)g[i] * scale;
-        rgb[3 * i + 2] = (float)b[i] * scale;
+        rgb[3 * i] = ((float)r[i] + half) * scale;
+        rgb[3 * i + 1] = ((float)g[i] + half) * scale;
+        rgb[3 * i + 2] = ((float)b[i] + half) * scale;
     }
 }
 
@@ -360,7 +360,7 @@ static enum err read_texels(struct hdr *h, const float *to_rec709, struct row *r
             return e;
         float *const start = first + 3 * across * (ptrdiff_t)s;
         float *const rgb = along == 1 ? start : row->rgb;
-        convert(row, h->length, rgb);
+        convert(row, h->length, im->middle ? 0.5f : 0.0f, rgb);
         image_sanitise_texels(rgb, h->length, to_rec709, &im->faults);
         if (along != 1)
             scatter(rgb, h->length, start, along);

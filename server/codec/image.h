@@ -43,6 +43,7 @@ struct libdeflate_decompressor;
 struct image {
     uint32_t width, height;
     uint32_t max_side; /* larger images are rejected; set by the owner; 0: IMAGE_MAX_SIDE */
+    bool middle;       /* read an .hdr's mantissa m as (m + 1/2) / 256, as Radiance's programs do; set by the owner */
     float *rgb;
     size_t capacity;    /* floats allocated for rgb */
     enum layout layout; /* the file's own layout; LAYOUT_AUTO if it has none */

@@ -49,6 +49,8 @@ double picture_seconds(struct shade_thread *t, const struct set *set, const stru
 
     if (s->method == METHOD_AUTO && !s->counted)
         return 0.0; /* the pilot keeps to the limit */
+    if (method_is_reference(s->method))
+        return 0.0; /* sums of components take a fixed time */
     if (!(t->cost.sample_s > 0.0))
         measure(t);
     light.classes = s->classes;

@@ -24,7 +24,7 @@ void refine_open(struct shade_thread *t, const struct shown_picture *shown)
     r->shown.light.direct.cancel = t->shared->new_work;
     r->shown.light.direct.why = NULL;
     r->known = !shown->in->ticket.lockstep;
-    r->open = t->shared->config.converge.error > 0.0 && r->known;
+    r->open = t->shared->config.converge.error > 0.0 && r->known && !method_is_reference(shown->light.direct.method);
     r->begun = false;
 }
 

@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "radiance/parts.h"
 
 #include <math.h>
 #include <time.h>
@@ -254,6 +255,20 @@ enum err shade_thread_run(struct shade_thread *t, struct reason *why)
 
 /* ---- Begin and end ---- */
 
+/* What METHOD_COMPONENTS adds up, from now on in the configuration. */
+static enum err read_parts(struct shade_thread *t, struct reason *why)
+{
+    struct setup *s = &t->shared->config.setup;
+    const struct parts_desc desc = { s->parts, s->set_desc.width, s->set_desc.height, s->light.cache_bytes };
+    const enum err e = s->initial.method == METHOD_COMPONENTS ? parts_create(&desc, &t->parts, why) : ERR_OK;
+
+    if (e || !t->parts)
+        return e;
+    t->whole = parts_whole(t->parts);
+    s->light.whole = &t->whole;
+    return ERR_OK;
+}
+
 enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why)
 {
     const struct daemon_config *c = &shared->config;
@@ -264,7 +279,9 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
         return err_say(why, ERR_NOMEM, "out of memory");
     t->shared = shared;
     t->held = HANDOFF_NONE;
-    enum err e = set_create(&c->setup.set_desc, &t->first_set, why);
+    enum err e = read_parts(t, why);
+    if (!e)
+        e = set_create(&c->setup.set_desc, &t->first_set, why);
     if (e)
         goto failed;
     t->set = t->first_set;
@@ -327,5 +344,6 @@ void shade_thread_destroy(struct shade_thread *t)
     probe_finish(t);
     lamps_finish(t);
     camera_finish(t);
+    parts_destroy(t->parts);
     mem_free(t);
 }

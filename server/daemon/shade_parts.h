@@ -72,6 +72,8 @@ struct shade_thread {
     struct set *first_set;             /* the command line's view; owns the scene and rays of all views */
     struct relighter *relighter;       /* of set */
     struct relighter *first_relighter; /* of first_set, for lockstep sequences; NULL: not needed now */
+    struct parts *parts;               /* of METHOD_COMPONENTS; NULL: none */
+    struct relight_whole whole;        /* theirs; the configuration's light points to it */
     struct camera_build camera;
     bool coarse_view;       /* `set` is coarse: a finer one follows while its camera stays selected */
     struct decider decider; /* auto's measurements of `set`, for `relighter` */

@@ -59,6 +59,25 @@ struct reinhart_patch reinhart_patch(uint32_t mf, uint32_t patch)
                                     .row = row };
 }
 
+uint32_t reinhart_subdivision(uint64_t count)
+{
+    for (uint32_t mf = 1; mf <= 4; mf *= 2)
+        if (count == reinhart_count(mf))
+            return mf;
+    return 0;
+}
+
+struct reinhart_row reinhart_row(uint32_t mf, uint32_t row)
+{
+    const double height = row_height(mf);
+
+    assert(row <= ROWS * mf);
+    return (struct reinhart_row){ .bottom = height * row,
+                                  .top = fmin(height * (row + 1), 0.5 * PI),
+                                  .first = first_of(mf, row),
+                                  .count = in_row(mf, row) };
+}
+
 void reinhart_size(uint32_t mf, uint32_t *width, uint32_t *height)
 {
     *width = AROUND * mf;

@@ -24,6 +24,16 @@ struct reinhart_patch {
 uint32_t reinhart_count(uint32_t mf);
 struct reinhart_patch reinhart_patch(uint32_t mf, uint32_t patch); /* patch < reinhart_count */
 
+/* The MF of so many patches; 0: there is none. */
+uint32_t reinhart_subdivision(uint64_t count);
+
+/* A row of patches: altitudes of its edges, radians, its first patch and their number. row 7 MF is the zenith. */
+struct reinhart_row {
+    double bottom, top;
+    uint32_t first, count;
+};
+struct reinhart_row reinhart_row(uint32_t mf, uint32_t row); /* row <= 7 MF */
+
 /* Of the picture. */
 void reinhart_size(uint32_t mf, uint32_t *width, uint32_t *height);
 

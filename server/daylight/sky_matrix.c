@@ -43,32 +43,28 @@ static enum err take_line(const char *path, const char *line, struct matrix_head
                      : err_say(why, ERR_FORMAT, "%s: FORMAT=%s: expected ascii, float or double", path, format);
 }
 
-static enum err take_head(const char *path, FILE *f, struct matrix_head *h, struct sky_matrix *out, struct reason *why)
+static enum err take_head(const char *path, FILE *f, size_t rows, struct matrix_head *h, struct reason *why)
 {
     char line[1024];
     enum err e = ERR_OK;
     bool first = true;
 
-    *h = (struct matrix_head){ .components = 3 };
+    *h = (struct matrix_head){ .rows = rows, .components = 1 }; /* where a header has no NROWS and NCOMP */
     while (!e && fgets(line, sizeof(line), f) && line[0] != '\n' && line[0] != '\r') {
         if (first && strncmp(line, "#?RADIANCE", 10) != 0)
-            return err_say(why, ERR_FORMAT, "%s: line 1: expected #?RADIANCE, as gendaymtx without -h writes it", path);
+            return err_say(why, ERR_FORMAT,
+                           "%s: line 1: expected #?RADIANCE, as Radiance's programs write it without -h", path);
         first = false;
         e = take_line(path, line, h, why);
     }
-    for (uint32_t mf = 1; mf <= 4; mf *= 2)
-        if (h->rows == reinhart_count(mf))
-            out->mf = mf;
     if (!e && !h->format)
         e = err_say(why, ERR_FORMAT, "%s: its header has no FORMAT", path);
-    if (!e && (!out->mf || h->components != 3))
-        e = err_say(
-            why, ERR_FORMAT,
-            "%s: has %lu rows of %lu components; expected 146, 578 or 2306 patches (gendaymtx -m 1, 2 or 4) of 3", path,
-            h->rows, h->components);
-    if (!e && (h->columns < 1 || h->columns > VALUES_MAX / (3 * h->rows)))
-        e = err_say(why, ERR_RANGE, "%s: %lu time steps: expected 1 to %lu", path, h->columns,
-                    (unsigned long)(VALUES_MAX / (3 * h->rows)));
+    if (!e && (h->rows < 1 || h->columns < 1 || h->components != 3))
+        e = err_say(why, ERR_FORMAT,
+                    "%s: its header has NROWS=%lu, NCOLS=%lu, NCOMP=%lu; expected at least 1, 1 and exactly 3", path,
+                    h->rows, h->columns, h->components);
+    if (!e && h->columns > VALUES_MAX / 3 / h->rows)
+        e = err_say(why, ERR_RANGE, "%s: %lu x %lu values are above 2 GB", path, h->rows, h->columns);
     return e;
 }
 
@@ -87,43 +83,67 @@ static bool take_value(FILE *f, enum matrix_format format, float *out)
     }
 }
 
-static enum err take_values(const char *path, FILE *f, const struct matrix_head *h, struct sky_matrix *m,
+static enum err take_values(const char *path, FILE *f, const struct matrix_head *h, struct radiance_matrix *m,
                             struct reason *why)
 {
-    m->patches = h->rows;
-    m->steps = h->columns;
-    m->radiance = mem_alloc_raw(m->steps * m->patches, sizeof(*m->radiance));
-    if (!m->radiance)
+    m->rows = h->rows;
+    m->columns = h->columns;
+    m->value = mem_alloc_raw(m->rows * m->columns, sizeof(*m->value));
+    if (!m->value)
         return err_say(why, ERR_NOMEM, "%s: out of memory", path);
-    for (size_t p = 0; p < m->patches; p++)
-        for (size_t s = 0; s < m->steps; s++)
+    for (size_t i = 0; i < m->rows; i++)
+        for (size_t j = 0; j < m->columns; j++)
             for (int c = 0; c < 3; c++) {
-                float *v = &m->radiance[s * m->patches + p][c];
+                float *v = &m->value[j * m->rows + i][c];
                 if (!take_value(f, h->format, v))
-                    return err_say(why, ERR_FORMAT, "%s: ends, or has no number, at patch %zu, time step %zu", path, p,
-                                   s);
+                    return err_say(why, ERR_FORMAT, "%s: ends, or has no number, at row %zu, column %zu, from 0", path,
+                                   i, j);
                 if (!(*v >= 0.0f && *v < 1e9f))
-                    return err_say(why, ERR_FORMAT, "%s: patch %zu, time step %zu: %g is no radiance", path, p, s,
+                    return err_say(why, ERR_FORMAT, "%s: row %zu, column %zu, from 0: %g is no radiance", path, i, j,
                                    (double)*v);
             }
-    return ERR_OK;
+    float more;
+    return take_value(f, h->format, &more)
+               ? err_say(why, ERR_FORMAT, "%s: goes on after %zu x %zu values", path, m->rows, m->columns)
+               : ERR_OK;
 }
 
-enum err sky_matrix_read(const char *path, struct sky_matrix *out, struct reason *why)
+enum err radiance_matrix_read(const char *path, size_t rows, struct radiance_matrix *out, struct reason *why)
 {
     struct matrix_head head;
     FILE *f = fopen(path, "rb");
 
-    *out = (struct sky_matrix){ .mf = 0 };
+    *out = (struct radiance_matrix){ .rows = 0 };
     if (!f)
         return err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
-    enum err e = take_head(path, f, &head, out, why);
+    enum err e = take_head(path, f, rows, &head, why);
     if (!e)
         e = take_values(path, f, &head, out, why);
     fclose(f);
-    if (e)
-        sky_matrix_finish(out);
+    if (e) {
+        mem_free(out->value);
+        *out = (struct radiance_matrix){ .rows = 0 };
+    }
     return e;
+}
+
+enum err sky_matrix_read(const char *path, struct sky_matrix *out, struct reason *why)
+{
+    struct radiance_matrix m;
+    enum err e = radiance_matrix_read(path, 0, &m, why);
+
+    *out = (struct sky_matrix){ .mf = reinhart_subdivision(m.rows) };
+    if (!e && !out->mf)
+        e = err_say(why, ERR_FORMAT, "%s: has %zu rows; a sky has 146, 578 or 2306 patches (gendaymtx -m 1, 2 or 4)",
+                    path, m.rows);
+    if (e) {
+        mem_free(m.value);
+        return e;
+    }
+    out->patches = m.rows;
+    out->steps = m.columns;
+    out->radiance = m.value;
+    return ERR_OK;
 }
 
 void sky_matrix_finish(struct sky_matrix *m)

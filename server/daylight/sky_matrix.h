@@ -1,6 +1,6 @@
 /* server/daylight/sky_matrix.h */
-/* Matrices of skies as Radiance's gendaymtx writes them: a row for each patch of reinhart.h, a column for each time
- * step, three components each, W sr^-1 m^-2. Thread: any. */
+/* Matrices as Radiance's programs write them, with three components. gendaymtx's of skies have a row for each patch of
+ * reinhart.h and a column for each time step, W sr^-1 m^-2. Thread: any. */
 #ifndef DAYLIGHT_SKY_MATRIX_H
 #define DAYLIGHT_SKY_MATRIX_H
 
@@ -10,6 +10,18 @@
 #include <stddef.h>
 #include <stdint.h>
 
+struct radiance_matrix {
+    size_t rows, columns;
+    float (*value)[3]; /* [columns][rows] */
+};
+
+/* Reads a file with a header, as ascii, float or double. rows: how many a file has whose header does not say, such as
+ * one of rcontrib; 0: that is an error. ERR_IO; ERR_FORMAT names the header's line or the number that is wrong: a value
+ * is from 0 to below 1e9; ERR_RANGE: above 2 GB; ERR_NOMEM. On an error *out is empty. The caller frees out->value with
+ * mem_free. */
+MUST_CHECK enum err radiance_matrix_read(const char *path, size_t rows, struct radiance_matrix *out,
+                                         struct reason *why);
+
 struct sky_matrix {
     uint32_t mf;    /* 1, 2 or 4 */
     size_t patches; /* reinhart_count(mf) */
@@ -17,8 +29,7 @@ struct sky_matrix {
     float (*radiance)[3]; /* [steps][patches] */
 };
 
-/* Reads a file with a header (gendaymtx without -h), as ascii, float or double. ERR_IO; ERR_FORMAT names the header's
- * line or the number that is wrong; ERR_RANGE: above 2 GB; ERR_NOMEM. On an error *out is empty. */
+/* Likewise a sky's. Also ERR_FORMAT: not as many rows as a sky has patches. */
 MUST_CHECK enum err sky_matrix_read(const char *path, struct sky_matrix *out, struct reason *why);
 void sky_matrix_finish(struct sky_matrix *m); /* zeroed memory is allowed */
 

@@ -15,6 +15,8 @@ const struct setting_choice method_choices[] = {
     { "mlt", METHOD_MLT, "reference: Metropolis light transport, the whole image", FOR_RENDER },
     { "photons", METHOD_PHOTONS, "reference: photon mapping of the whole image, biased", FOR_RENDER },
     { "vpl", METHOD_VPL, "reference: virtual point lights; no caustics, corners too dark", FOR_RENDER },
+    { "components", METHOD_COMPONENTS, "the sum of --parts, a picture for each patch of Radiance's sky",
+      FOR_RELIGHTD | FOR_RENDER },
     { "cached", METHOD_CACHED, "cached light transport of the static scene, biased; auto for narrow lobes",
       FOR_RELIGHTD | FOR_RENDER | FOR_CONTROL },
     { "auto", METHOD_AUTO, "chosen for scene and environment", 0 },
@@ -52,5 +54,6 @@ const char *method_name(enum method m)
 
 bool method_is_reference(enum method m)
 {
-    return m == METHOD_PATH || m == METHOD_MLT || m == METHOD_PHOTONS || m == METHOD_VPL;
+    return m == METHOD_PATH || m == METHOD_MLT || m == METHOD_PHOTONS || m == METHOD_VPL ||
+           m == METHOD_COMPONENTS;
 }

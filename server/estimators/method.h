@@ -21,6 +21,7 @@ enum method {
     METHOD_MLT,           /* likewise by Metropolis light transport: baselines/mlt.h */
     METHOD_PHOTONS,       /* likewise by photon mapping, biased: baselines/photons.h */
     METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
+    METHOD_COMPONENTS,    /* likewise as a sum of parts, one a patch of the sky: radiance/parts.h */
     METHOD_CACHED,        /* direct light from the cache, biased: transport/transport.h */
     METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse in
                     measurements (tests/unit/estimators/test_gain.c) */

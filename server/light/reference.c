@@ -18,6 +18,17 @@ static enum err render(enum method m, const struct path_world *world, const stru
     }
 }
 
+static enum err add_up(const struct set *set, const struct environment *e, const struct relight_desc *desc, float *rgb,
+                       struct relight_stats *stats)
+{
+    const struct relight_whole *whole = desc->whole;
+
+    if (!whole)
+        return err_say(desc->direct.why, ERR_UNSUPPORTED, "--method components needs --parts, from the start");
+    stats->bias = whole->bias;
+    return whole->run(whole->self, set, e, rgb, desc->direct.why);
+}
+
 enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc, float *rgb,
                        struct relight_stats *stats)
 {
@@ -32,6 +43,8 @@ enum err reference_run(const struct set *set, const struct environment *e, const
         .cancel = desc->direct.cancel,
     };
 
+    if (desc->direct.method == METHOD_COMPONENTS)
+        return add_up(set, e, desc, rgb, stats);
     if (ground && backplate_bare(e, bare))
         return ERR_NOMEM;
     environment_complete(e);

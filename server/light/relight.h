@@ -69,6 +69,13 @@ void set_destroy(struct set *s); /* NULL is allowed */
 MUST_CHECK enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line,
                                     struct set **out, struct reason *why);
 
+/* METHOD_COMPONENTS: what makes the whole picture. run: float[height][width][3]; ERR_UNSUPPORTED, ERR_NOMEM. */
+struct relight_whole {
+    enum err (*run)(void *self, const struct set *set, const struct environment *e, float *rgb, struct reason *why);
+    void *self;
+    const char *bias; /* as in relight_stats */
+};
+
 struct relight_desc {
     struct direct_desc direct; /* seed, pass and cancel apply to all parts; a reference's samples are per pixel */
     uint32_t classes;          /* PATH_* of paths.h; 0: PATH_BACKGROUND | PATH_DIRECT */
@@ -88,6 +95,7 @@ struct relight_desc {
                                afterwards, except with a ground */
     struct progress *progress; /* a progress line that the picture advances by one step; may be NULL. Not for
                                   references */
+    const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
     bool unsplit;              /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths (0: 64 per pixel). Every turn redraws one of
      * `renew` parts (0: none). The picture depends on the turn, but not on earlier turns. */

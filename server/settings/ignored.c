@@ -67,6 +67,16 @@ static const char *without_strata(const struct setup *s)
                : "only --method faces, faces-uniform, mis and auto have strata";
 }
 
+static const char *without_components(const struct setup *s)
+{
+    return s->light.direct.method == METHOD_COMPONENTS ? NULL : "it is for --method components";
+}
+
+static const char *without_whole_light(const struct setup *s)
+{
+    return s->light.direct.method == METHOD_COMPONENTS ? "components have the light that they were made with" : NULL;
+}
+
 static const char *without_lamps(const struct setup *s)
 {
     return s->initial.lamps > 0.0 ? NULL : "--lamps 0 turns the lamps off";
@@ -81,7 +91,8 @@ static const struct {
     { "renew", without_store },         { "cache-file", without_cache },  { "cache-dir", without_cache },
     { "cache-memory", without_memory }, { "cache-wait", without_cache },  { "allow-bias", without_auto },
     { "cells", without_strata },        { "compensate", without_strata }, { "sun", without_strata },
-    { "lamp-samples", without_lamps },
+    { "lamp-samples", without_lamps },  { "parts", without_components },  { "paths", without_whole_light },
+    { "samples", without_whole_light },
 };
 
 void setup_report_ignored(struct command *c, const struct setup *s)

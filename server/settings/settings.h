@@ -59,6 +59,7 @@ struct setup {
     /* As flags have them; setup_complete puts them where they belong. */
     uint32_t size[2];
     const char *cpu;
+    const char *parts;              /* of METHOD_COMPONENTS; the program reads them into light.whole */
     const char *position, *look_at; /* X,Y,Z; NULL: the camera's */
     double fov;                     /* degrees; 0: the camera's */
     int projection;                 /* enum camera_projection; perspective: the camera's */

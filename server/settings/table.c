@@ -147,6 +147,11 @@ const struct setting settings_table[] = {
     { "quality", "Q", "JPEG quality, 1 to 100", "85", OUTPUT, LIGHT_PROGRAMS, WHOLE(1, 100), AT(quality),
       .reload = RELOAD_QUALITY },
 
+    { "parts", "PATTERN",
+      "with --method components: a picture for each patch of Radiance's sky, DIR/%03d.hdr from 000 on, or a view "
+      "matrix "
+      "of rcontrib",
+      NULL, LIGHTING, LIGHT_PROGRAMS, TEXT, AT(parts) },
     { "caustics", "BY", "technique for caustics", "auto", LIGHTING, LIGHT_PROGRAMS, CHOICE(caustics_choices),
       AT(light.caustics) },
     { "indirect", "BY", "technique for indirect light", "auto", LIGHTING, LIGHT_PROGRAMS, CHOICE(indirect_choices),
@@ -216,6 +221,8 @@ enum err setup_complete(struct setup *s, struct reason *why)
         s->light.cache_file = s->light.cache_dir && strcmp(s->light.cache_dir, "off") == 0 ? NULL : "";
     else if (strcmp(s->light.cache_file, "off") == 0)
         s->light.cache_file = NULL;
+    if (initial->method == METHOD_COMPONENTS && !s->parts)
+        return err_say(why, ERR_USAGE, "--method components needs --parts, such as --parts 'parts/%%03d.hdr'");
     enum err e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
     s->set_desc.change.has_projection = s->projection != PROJECTION_PERSPECTIVE;
     s->set_desc.change.projection = (enum camera_projection)s->projection;

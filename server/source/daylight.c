@@ -4,6 +4,7 @@
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "daylight/matrix_suns.h"
 #include "daylight/reinhart.h"
 #include "daylight/sun.h"
 #include "source/sky.h"
@@ -28,6 +29,7 @@ const char *const daylight_help =
     "altitude=45       of the sun, degrees; azimuth=180: from north over east\n"
     "direct=0          normal illuminance of that sun, lux\n"
     "mtx: FILE         a matrix of Radiance's gendaymtx; one frame for each time step with light, numbered from 0\n"
+    "suns=FILE         mtx: with sharp suns, those of gendaymtx -D FILE\n"
     "north=0           epw and cie: where north is, degrees from +Z towards east, as seen from above\n"
     "ground=0.2        likewise: albedo of the ground below the horizon\n"
     "only=all          likewise: sun or sky alone\n"
@@ -44,6 +46,7 @@ bool daylight_is(const char *spec)
 struct keys {
     struct daylight *d;
     struct moments_desc choice;
+    char suns[4096];                       /* of mtx: */
     double lux, altitude, azimuth, direct; /* of cie: */
     const char *scheme;
 };
@@ -172,8 +175,12 @@ static enum err take_key(struct keys *k, const char *name, const char *value, st
     const bool epw = !k->d->cie;
     bool known;
 
+    if (strcmp(k->scheme, "mtx:") == 0 && strcmp(name, "suns") == 0) {
+        snprintf(k->suns, sizeof(k->suns), "%s", value);
+        return ERR_OK;
+    }
     if (strcmp(k->scheme, "mtx:") == 0 && strcmp(name, "scale") != 0)
-        return err_say(why, ERR_USAGE, "mtx: unknown key '%s'; expected scale", name);
+        return err_say(why, ERR_USAGE, "mtx: unknown key '%s'; expected suns or scale", name);
     const enum err e = take_common(k, name, value, &known, why);
 
     if (e || known)
@@ -212,12 +219,12 @@ static const char *keys_of(const char *text)
 
 static enum err take_keys(struct keys *k, const char *text, struct reason *why)
 {
-    char key[128];
+    char key[4096];
 
     while (*text) {
         text++; /* the comma */
         const size_t length = strcspn(text, ",");
-        snprintf(key, sizeof(key), "%.*s", (int)(length < 127 ? length : 127), text);
+        snprintf(key, sizeof(key), "%.*s", (int)(length < sizeof(key) - 1 ? length : sizeof(key) - 1), text);
         text += length;
         char *equals = strchr(key, '=');
         if (!equals)
@@ -292,11 +299,50 @@ static enum err open_standard(struct keys *k, struct reason *why)
     return list_lit(d, why);
 }
 
-/* A moment for each time step; 8,760 of them are the hours of a year. */
-static enum err open_matrix(struct daylight *d, struct reason *why)
+/* Day of the year, from 0, as month and day. */
+static void set_day(struct moment *m, int day)
 {
     static const int lengths[12] = { 31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
-    const enum err e = sky_matrix_read(d->file, &d->matrix, why);
+
+    m->month = 1;
+    for (m->day = day % 365 + 1; m->day > lengths[m->month - 1]; m->month++)
+        m->day -= lengths[m->month - 1];
+}
+
+/* Sharp suns in place of those in the patches. */
+static enum err add_suns(struct daylight *d, const char *path, struct reason *why)
+{
+    struct matrix_sun *suns = mem_alloc(d->matrix.steps, sizeof(*suns));
+    bool taken = false;
+    enum err e = suns ? matrix_suns_read(path, &d->matrix, suns, why) : ERR_NOMEM;
+
+    if (!e)
+        e = matrix_suns_take_out(&d->matrix, suns, &taken);
+    for (size_t i = 0; i < d->matrix.steps && !e; i++) {
+        struct moment *m = &d->year.at[i];
+        memcpy(m->sun, suns[i].sun, sizeof(m->sun));
+        m->altitude = asin(fmax(-1.0, fmin(1.0, suns[i].sun[1])));
+        m->direct_normal = suns[i].normal;
+        m->direct_normal_lux = LUMINOUS_EFFICACY * suns[i].normal;
+        m->lit = m->lit || suns[i].normal > 0.0;
+        if (suns[i].minute >= 0.0) {
+            set_day(m, (int)(suns[i].minute / 1440.0));
+            m->clock = fmod(suns[i].minute, 1440.0) / 60.0;
+        }
+    }
+    mem_free(suns);
+    if (e == ERR_NOMEM)
+        return err_say(why, e, "%s: out of memory", path);
+    if (!e)
+        log_info("%s: sharp suns; %s", path,
+                 taken ? "they are taken out of the matrix's patches" : "the matrix holds the sky alone");
+    return e;
+}
+
+/* A moment for each time step; 8,760 of them are the hours of a year. */
+static enum err open_matrix(struct daylight *d, const char *suns, struct reason *why)
+{
+    enum err e = sky_matrix_read(d->file, &d->matrix, why);
 
     if (e)
         return e;
@@ -306,17 +352,14 @@ static enum err open_matrix(struct daylight *d, struct reason *why)
         return err_say(why, ERR_NOMEM, "%s: out of memory", d->file);
     d->year.count = d->year.capacity = d->matrix.steps;
     for (size_t i = 0; i < d->matrix.steps; i++) {
-        int day = (int)(i / 24 % 365) + 1, month = 1;
-        while (day > lengths[month - 1])
-            day -= lengths[month++ - 1];
-        d->year.at[i] = (struct moment){ .number = i,
-                                         .month = month,
-                                         .day = day,
-                                         .clock = (double)(i % 24) + 0.5,
-                                         .span = 1.0,
-                                         .lit = sky_matrix_is_lit(&d->matrix, i) };
+        d->year.at[i] = (struct moment){
+            .number = i, .clock = (double)(i % 24) + 0.5, .span = 1.0, .lit = sky_matrix_is_lit(&d->matrix, i)
+        };
+        set_day(&d->year.at[i], (int)(i / 24 % 365));
     }
-    return list_lit(d, why);
+    if (suns[0])
+        e = add_suns(d, suns, why);
+    return e ? e : list_lit(d, why);
 }
 
 static enum err read_type(struct daylight *d, const char *text, size_t length, struct reason *why)
@@ -365,7 +408,7 @@ enum err daylight_open(const char *spec, struct daylight **out, struct reason *w
     if (!e)
         e = take_keys(&keys, list, why);
     if (!e)
-        e = cie ? open_standard(&keys, why) : matrix ? open_matrix(d, why) : open_weather(&keys, why);
+        e = cie ? open_standard(&keys, why) : matrix ? open_matrix(d, keys.suns, why) : open_weather(&keys, why);
     if (e)
         daylight_close(d);
     else

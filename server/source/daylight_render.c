@@ -132,6 +132,8 @@ void daylight_render(const struct daylight *d, const struct moment *m, float *rg
         reinhart_sky(d->matrix.mf, (const float(*)[3])d->matrix.radiance + m->number * d->matrix.patches, rgb);
         for (size_t i = 0; d->scale != 1.0 && i < (size_t)3 * d->width * d->height; i++)
             rgb[i] *= (float)d->scale;
+        daylight_sun(d, m, w);
+        render_sun(d, m, w, rgb);
         return;
     }
     assert(d->width == 2 * d->height && d->height % 2 == 0 && d->width <= SKY_SIDE_MAX);

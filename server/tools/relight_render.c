@@ -5,6 +5,7 @@
 #include "base/setting_table.h"
 #include "light/part.h"
 #include "radiance/components.h"
+#include "radiance/parts.h"
 #include "render/render.h"
 #include "settings/probe_options.h"
 #include "settings/settings.h"
@@ -26,6 +27,7 @@ struct render {
     struct annual_desc annual;         /* folder NULL: it is not asked for */
     struct probe_request probe;        /* about a pixel, */
     bool probing;                      /* where one is asked */
+    struct relight_whole whole;        /* of METHOD_COMPONENTS */
     char name[200];                    /* of a rank, in the log */
 };
 
@@ -215,6 +217,8 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
             return err_say(why, ERR_USAGE, "--source has no meaning with --components, which are for all skies");
         if (command_given(c, "scale"))
             return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
+        if (r->desc.setup.initial.method == METHOD_COMPONENTS)
+            return err_say(why, ERR_USAGE, "--components has no meaning with --method components, which adds them up");
         return components_read(command_get(c, "components"), &r->components, why);
     }
     if (r->desc.calibrate_lux > 0.0 && command_given(c, "scale"))
@@ -330,6 +334,34 @@ static enum err export_components(struct render *r, struct reason *why)
     return e;
 }
 
+/* What METHOD_COMPONENTS adds up. The caller frees *out, which may be NULL. */
+static enum err read_parts(struct render *r, struct parts **out, struct reason *why)
+{
+    struct setup *s = &r->desc.setup;
+    const struct parts_desc desc = { s->parts, s->set_desc.width, s->set_desc.height, s->light.cache_bytes };
+
+    *out = NULL;
+    if (s->light.direct.method != METHOD_COMPONENTS)
+        return ERR_OK;
+    const enum err e = parts_create(&desc, out, why);
+    if (!e)
+        r->whole = parts_whole(*out);
+    s->light.whole = e ? NULL : &r->whole;
+    return e;
+}
+
+/* Images. */
+static enum err run_sequence(struct render *r, struct reason *why)
+{
+    struct parts *parts;
+    enum err e = read_parts(r, &parts, why);
+
+    if (!e)
+        e = render_sequence(&r->desc, why);
+    parts_destroy(parts);
+    return e;
+}
+
 /* A year in place of images. */
 static enum err run_annual(struct render *r, struct reason *why)
 {
@@ -363,7 +395,7 @@ static enum err render_together(struct render *r, int argc, char **argv, struct 
     else if (!e && r->annual.folder)
         e = run_annual(r, why);
     else if (!e)
-        e = render_sequence(&r->desc, why);
+        e = run_sequence(r, why);
     /* Wrong usage is the same on all ranks, and an error that is another rank's is told there. */
     if (e && !(together && (!why->text[0] || (e == ERR_USAGE && ranks_index(ranks) > 0))))
         log_error("%s", why->text[0] ? why->text : err_text(e));

@@ -1,6 +1,7 @@
 /* Skies of weather files and of the standard as environment maps: the horizontal illuminance of the open plane, by the
  * function that lights scenes. */
 #include "base/luminance.h"
+#include "base/mem.h"
 #include "daylight/weather.h"
 #include "env/environment.h"
 #include "env/irradiance.h"
@@ -214,6 +215,60 @@ static void matrices_are_read_as_gendaymtx_writes_them(void **state)
     }
 }
 
+/* The sun's disc beside the patches: all that shines is the sky of the matrix, 1 W sr^-1 m^-2 in every patch of the
+ * upper hemisphere, and the sun's irradiance at normal incidence, in a disc of the sun's size where it stands. */
+static void a_matrix_may_have_a_sharp_sun(void **state)
+{
+    char matrix[64], suns[] = "/tmp/suns.XXXXXX", spec[200];
+    struct daylight *d;
+    struct reason why;
+    FILE *f;
+    (void)state;
+
+    snprintf(matrix, sizeof(matrix), "/tmp/matrix.XXXXXX");
+    close(mkstemp(matrix));
+    f = fopen(matrix, "w");
+    assert_non_null(f);
+    fputs("#?RADIANCE\nNROWS=146\nNCOLS=1\nNCOMP=3\nFORMAT=ascii\n\n", f);
+    for (int p = 0; p < 146; p++)
+        fputs(p == 0 ? "0 0 0\n" : "1 1 1\n", f);
+    fclose(f);
+    close(mkstemp(suns));
+    f = fopen(suns, "w");
+    assert_non_null(f);
+    /* 800 W m^-2 over 0.533 degrees, at an altitude of 53.13 degrees in the east-south-east. */
+    fputs("void light solar247710\n0\n0\n3 1.1772e7 1.1772e7 1.1772e7\nsolar247710 source sun247710\n0\n0\n"
+          "4 0.48 -0.36 0.8 0.533\n",
+          f);
+    fclose(f);
+    snprintf(spec, sizeof(spec), "mtx:%s,suns=%s,scale=2", matrix, suns);
+    assert_int_equal(daylight_open(spec, &d, &why), ERR_OK);
+    const struct moment *m = daylight_moment(d, 0);
+    assert_true(m->month == 6 && m->day == 22 && fabs(m->clock - 0.5) < 1e-9);
+    float *rgb = mem_alloc((size_t)3 * d->width * d->height, sizeof(float));
+    daylight_render(d, m, rgb);
+    double sky = 0.0, sun = 0.0, towards[3] = { 0 };
+    for (uint32_t y = 0; y < d->height; y++)
+        for (uint32_t x = 0; x < d->width; x++) {
+            const double theta = PI * (y + 0.5) / d->height, phi = PI - 2.0 * PI * (x + 0.5) / d->width;
+            const double solid = 4.0 * PI / d->width * sin(theta) * sin(0.5 * PI / d->height);
+            const double over = (double)rgb[3 * ((size_t)y * d->width + x) + 1] - (y < d->height / 2 ? 2.0 : 0.0);
+            sky += y < d->height / 2 ? 2.0 * solid : 0.0;
+            sun += over * solid;
+            towards[0] += over * solid * sin(theta) * sin(phi);
+            towards[1] += over * solid * cos(theta);
+            towards[2] += over * solid * sin(theta) * cos(phi);
+        }
+    assert_true(fabs(sky / (4.0 * PI) - 1.0) < 1e-4);
+    assert_true(fabs(sun / 1600.0 - 1.0) < 5e-3);
+    assert_true(fabs(towards[0] / sun + 0.48) < 2e-3 && fabs(towards[1] / sun - 0.8) < 2e-3 &&
+                fabs(towards[2] / sun + 0.36) < 2e-3);
+    mem_free(rgb);
+    daylight_close(d);
+    unlink(matrix);
+    unlink(suns);
+}
+
 static void refuse(const char *spec, const char *expected)
 {
     struct daylight *d;
@@ -237,14 +292,14 @@ static void bad_specs_are_refused(void **state)
     char matrix[64], spec[100];
     write_matrix(matrix, "float", 6 * 40 + 1);
     snprintf(spec, sizeof(spec), "mtx:%s", matrix);
-    refuse(spec, "ends, or has no number, at patch 40, time step 0");
+    refuse(spec, "ends, or has no number, at row 40, column 0, from 0");
     unlink(matrix);
     write_matrix(matrix, "rgbe", 0);
     snprintf(spec, sizeof(spec), "mtx:%s", matrix);
     refuse(spec, "FORMAT=rgbe: expected ascii, float or double");
     unlink(matrix);
     refuse("mtx:/nowhere/x.mtx", "/nowhere/x.mtx: No such file");
-    refuse("mtx:x,north=3", "unknown key 'north'; expected scale");
+    refuse("mtx:x,north=3", "unknown key 'north'; expected suns or scale");
     refuse("cie:17", "there is no such sky");
     refuse("cie:1,days=03-21", "unknown key 'days'");
     refuse("cie:1,lux=-1", "lux=-1 is not a number from 0 to 200000");
@@ -256,6 +311,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(north_turns_the_sky),
     cmocka_unit_test(sources_step_through_the_lit_hours),
     cmocka_unit_test(matrices_are_read_as_gendaymtx_writes_them),
+    cmocka_unit_test(a_matrix_may_have_a_sharp_sun),
     cmocka_unit_test(bad_specs_are_refused),
 };
 

@@ -1,1 +1,2 @@
 unit_test(radiance test_components compare source)
+unit_test(radiance test_parts)
