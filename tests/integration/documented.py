@@ -21,7 +21,7 @@ PROGRAMS = ("relightd", "relight-render", "relight-feed", "relight-record", "rel
 TYPED = re.compile(r"^(?:studio\$|rig\$)? *(?:sudo )?(?:RELIGHT_TOKEN=\S+ )?(?:build/bin/)?(?:\./run\b|relightd\b|relight-[a-z]+\b)")
 # Lines around these commands that a shell understands, and that harm nothing.
 SHELL = re.compile(r"^ *(?:mkdir|recorder=|scene=|wait\b|cat >|export PATH=|umask|for role in|(?:python3 )?docs/examples/(?:house|weather)\.py)")
-BY_OTHERS = re.compile(r"^(?:xdg-open|\./test|docs/examples/producer\.py|(?:python3|node) clients/|deploy/|docker|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|sbatch|#)")
+BY_OTHERS = re.compile(r"^(?:xdg-open|\./test|docs/examples/producer\.py|(?:python3|node) clients/|deploy/|docker|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|sbatch|gendaymtx|dctimestep|oconv|vwrays|#)")
 
 WRAPPER = """#!/usr/bin/python3
 import os, sys
@@ -116,6 +116,7 @@ def furnish(clone):
     (clone / "studio.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 128, 128, 129]) * 8)
     shutil.copy(clone / "studio.hdr", clone / "park.hdr")
     (clone / "city.mtx").write_text("#?RADIANCE\nNROWS=146\nNCOLS=1\nNCOMP=3\nFORMAT=ascii\n\n" + "1 1 1\n" * 146)
+    (clone / "suns.rad").write_text("void light solar720 0 0 3 1e6 1e6 1e6\nsolar720 source sun720 0 0 4 0 -0.6 0.8 0.533\n")
     with open(clone / "city.epw", "w") as out:
         subprocess.run([str(ROOT / "docs/examples/weather.py")], check=True, stdout=out)
     shutil.copy(ROOT / "docs/examples/table.obj", clone / "chair.obj")
