@@ -60,7 +60,7 @@ const inForce = (witness, wanted) => witness.until(
   (want) => Object.entries(want).every(([key, value]) => window.said.control[key] === value), wanted);
 
 async function withAll(args, body, { hash = '', ...options } = {}) {
-  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '15', '--threads', '1', ...args]);
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--threads', '1', ...args]);
   const page = await openPage(chromium.browser, server.url + hash, options);
   const witness = await openWitness(server.url);
   try {
@@ -225,8 +225,8 @@ test('keys do the same, on a computed sky by the hour', () =>
     await press('Shift+G');
     await inForce(witness, { samples: 4 });
     await press('r');
-    await inForce(witness, { fps: 20 });
-    await page.waitForFunction(() => document.getElementById('toast').textContent === 'Frame rate limit: 20');
+    await inForce(witness, { fps: 15 });
+    await page.waitForFunction(() => document.getElementById('toast').textContent === 'Frame rate limit: 15');
     await press('Space');
     await inForce(witness, { paused: false });
   }));
@@ -256,14 +256,18 @@ test('every control can be reached, seen and operated by keyboard', () =>
     await page.focus('#play');
     await page.keyboard.press('Space'); // once, though Space is also a page-wide key
     await inForce(witness, { paused: true });
+    const at = async (position) => { // also for the page, whose slider follows its status
+      await witness.until((want) => window.said.status.source.position === want, position);
+      await page.waitForFunction((want) => window.relight.status.source.position === want, position);
+    };
     await page.focus('#scrub');
     await page.keyboard.press('Home');
-    await witness.until(() => window.said.status.source.position === 0);
+    await at(0);
     await page.keyboard.press('ArrowRight'); // the slider's own, not the page's
-    await witness.until(() => window.said.status.source.position === 1);
+    await at(1);
     await page.focus('#step-on');
     await page.keyboard.press('Space'); // the button's own
-    await witness.until(() => window.said.status.source.position === 2);
+    await at(2);
     assert.equal((await witness.control()).paused, true);
     await page.focus('#set-rotate');
     await page.keyboard.press('ArrowRight');

@@ -281,7 +281,7 @@ struct flags {
 
 static const struct setting rows[] = {
     { "port", "P", "the port; 0 takes any free one", "0", ALL, WHOLE(0, 65535), AT(port) },
-    { "fps", "N", "pictures a second", "30", ALL, REAL(0.1, 1000.0), AT(fps) },
+    { "fps", "N", "pictures a second", "12", ALL, REAL(0.1, 1000.0), AT(fps) },
     { "size", "WxH", "their size", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
     { "quality", "Q", "of the JPEG", "95", ALL, WHOLE(1, 100), AT(quality) },
     { "quiet", NULL, "publishes nothing until told to", NULL, ALL, SWITCH, AT(quiet) },
