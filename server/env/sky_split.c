@@ -129,6 +129,16 @@ static enum err find_bright(struct sky_split *s, const struct environment *e)
     return result;
 }
 
+/* Rounds to half an octave, without a library's logarithm: the bits must be everyone's. */
+static float round_level(float level)
+{
+    int exponent;
+    const float part = frexpf(level, &exponent); /* 0.5..1 */
+    const float rounded = part < 0.59460356f ? 0.5f : part < 0.84089642f ? 0.70710678f : 1.0f;
+
+    return level > 0.0f && level < INFINITY ? ldexpf(rounded, exponent) : level;
+}
+
 enum err sky_split_begin(struct sky_split *s, const struct environment *e)
 {
     assert(e->ready);
@@ -141,7 +151,7 @@ enum err sky_split_begin(struct sky_split *s, const struct environment *e)
         s->row_capacity = CUBE_FACES * e->n;
     }
     s->n = e->n;
-    s->level = s->unsplit ? INFINITY : sky_level(e, s->row_max);
+    s->level = s->unsplit ? INFINITY : round_level(sky_level(e, s->row_max));
     const enum err result = find_bright(s, e);
     if (s->bright_energy < FAINT * e->total_energy) {
         s->level = INFINITY;

@@ -4,8 +4,9 @@
  *
  * The lower part keeps the share (level / g)^2 of a texel with importance g above the level. This is continuous at the
  * level and leaves almost none of a sun in the lower part. The energies of both parts add up to the map's. The level is
- * sky_level's (env/sky_table.h). A map with less than 1/16 of the sphere lit has no level and is entirely bright. A
- * bright part with less than a thousandth of the energy stays in the cells.
+ * sky_level's (env/sky_table.h), rounded to half an octave: so it mostly stays when a part of the sky
+ * changes, and with it every bit of a sun. A map with less than 1/16 of the sphere lit has no level and is entirely
+ * bright. A bright part with less than a thousandth of the energy stays in the cells.
  *
  * Thread: one per struct sky_split; then any number may read. The results do not depend on the number of threads. */
 #ifndef ENV_SKY_SPLIT_H

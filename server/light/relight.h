@@ -93,10 +93,11 @@ struct relight_desc {
     bool remember;          /* live pictures: samples of earlier pictures count, too (history.h). With `denoise`, before
                                a cache exists; then until the cache is complete. Caustics (beside.h) keep this
                                afterwards, except with a ground */
-    struct progress *progress; /* a progress line that the picture advances by one step; may be NULL. Not for
-                                  references */
+    struct progress *progress;         /* a progress line that the picture advances by one step; may be NULL. Not for
+                                          references */
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
-    bool unsplit;              /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
+    bool afresh;                       /* METHOD_CACHED: compute all light, even what the last picture had */
+    bool unsplit;                      /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths (0: 64 per pixel). Every turn redraws one of
      * `renew` parts (0: none). The picture depends on the turn, but not on earlier turns. */
     uint64_t stored_paths, turn;
@@ -111,7 +112,7 @@ struct relight_stats {           /* of one picture */
     struct direct_stats direct;
     struct eye_paths_stats eye;
     struct light_tracer_stats light;
-    struct caustic_store_stats stored; /* PLAN_STORED; `light` is then that of the bright part */
+    struct caustic_store_stats stored;    /* PLAN_STORED; `light` is then that of the bright part */
     struct eye_store_stats stored_behind; /* of points behind mirrors and glass, with METHOD_CACHED */
     /* Of reference methods, which report their whole time in shade_ms. */
     uint64_t reference_rays;

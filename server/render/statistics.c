@@ -63,13 +63,14 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
     const struct transport_stats *c = &s->cache;
     const struct transport_frame_stats *f = &s->cache_frame;
 
-    return json_pack("{s:b, s:f, s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}}", "loaded",
-                     s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
-                     s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes",
-                     (json_int_t)c->dense, "rays", (json_int_t)c->rays, "packets", (int)c->packets, "packets_narrow",
-                     (int)c->narrow, "pieces", (int)c->pieces, "raw", (int)c->raw, "halves", (int)c->halves,
-                     "mean_rank", c->rank, "bright", "texels", (int)f->bright, "share", f->share, "rays",
-                     (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra);
+    return json_pack(
+        "{s:b, s:f, s:f, s:I, s:I, s:I, s:i, s:i, s:i, s:i, s:i, s:f, s:{s:i, s:f, s:I, s:i}, s:{s:i, s:i}}", "loaded",
+        s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
+        s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes", (json_int_t)c->dense, "rays",
+        (json_int_t)c->rays, "packets", (int)c->packets, "packets_narrow", (int)c->narrow, "pieces", (int)c->pieces,
+        "raw", (int)c->raw, "halves", (int)c->halves, "mean_rank", c->rank, "bright", "texels", (int)f->bright, "share",
+        f->share, "rays", (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra, "computed", "packets_cells",
+        (int)f->lit, "packets_bright", (int)f->shone);
 }
 
 /* The light paths that are kept, and what was drawn anew for this picture. */

@@ -230,6 +230,8 @@ struct transport_fade {
     bool changed;               /* the block or its weight changed since transport_live_versions */
 };
 
+struct transport_last;
+
 struct transport {
     const struct gbuffer *gbuffer;
     const struct rays *rays; /* NULL: everything is visible */
@@ -243,6 +245,9 @@ struct transport {
     struct packet_list narrow;
     uint32_t *unbuilt_index;
     struct packet_list unbuilt;
+
+    struct transport_last *last; /* of whole frames, once all blocks are built; NULL: none yet */
+    uint8_t *work;               /* [packet_count]: of the last frame */
 
     struct sky_split sky; /* of the last frame */
     struct transport_bright bright;

@@ -4,6 +4,7 @@
 #include "estimators/denormals.h"
 #include "base/mem.h"
 #include "base/rng.h"
+#include "transport/last.h"
 #include "transport/parts.h"
 
 #include <assert.h>
@@ -25,6 +26,8 @@ void transport_destroy(struct transport *t)
     mem_free(t->unbuilt_index);
     mem_free(t->narrow_index);
     mem_free(t->bright_values);
+    mem_free(t->work);
+    transport_last_destroy(t->last);
     sky_split_finish(&t->sky);
     mem_free(t);
 }
@@ -84,6 +87,11 @@ const struct packet_list *transport_unbuilt(const struct transport *t)
     return &t->unbuilt;
 }
 
+const uint8_t *transport_work(const struct transport *t)
+{
+    return t->work;
+}
+
 bool transport_is_settled(const struct transport *t)
 {
     return !t->fades;
@@ -91,13 +99,18 @@ bool transport_is_settled(const struct transport *t)
 
 /* ---- A frame ---- */
 
-/* Adds the light of gazes and of the bright part. Returns the number of packets in penumbrae. */
-static uint32_t add_rest(const struct transport *t, const struct transport_look *look, const struct transport_block *b,
-                         float *lo, uint64_t *rays)
+/* Adds the light that gazes see. */
+static void add_gazes(const struct transport *t, const struct transport_look *look, const struct transport_block *b,
+                      float *lo)
 {
     for (uint32_t k = 0; b->narrow && k < b->packets; k++)
         t->kernels->gaze(look, &t->gbuffer->packets[b->first + k], b->gazes + (size_t)k * TRANSPORT_GAZES,
                          lo + (size_t)k * 3 * PACKET);
+}
+
+/* Returns the number of packets in penumbrae. */
+static uint32_t add_bright(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
+{
     return t->bright.strata ? transport_bright_add(t, b, lo, rays) : 0;
 }
 
@@ -134,7 +147,8 @@ static uint32_t shade_fading(const struct transport *t, const struct transport_l
     t->kernels->cells(b, packets, &t->sky, NULL, lo);
     if (f->from_cells)
         mix(b, old, weight, lo);
-    const uint32_t penumbra = add_rest(t, look, b, lo, rays);
+    add_gazes(t, look, b, lo);
+    const uint32_t penumbra = add_bright(t, b, lo, rays);
     clear_padding(t, b, lo);
     if (!f->from_cells)
         mix(b, old, weight, lo);
@@ -220,53 +234,135 @@ static bool wants(const void *context, uint32_t packet)
     return is_asked_for(w->frame, transport_block_of(w->transport, packet));
 }
 
-enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
-                         float *lo, struct transport_frame_stats *stats)
+/* A block's light from cells and gazes. */
+static void light_cells(const struct transport *t, const struct transport_look *look,
+                        const struct transport_frame *frame, const struct transport_block *b, float *lo)
 {
-    uint64_t rays = 0;
+    struct transport_rows more;
+
+    if (frame->indirect)
+        frame->indirect->rows(frame->indirect->self, b->first, &more);
+    t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, frame->indirect ? &more : NULL, lo);
+    add_gazes(t, look, b, lo);
+}
+
+/* Computes what has changed, and adds up the parts. */
+static uint32_t shade_changes(const struct transport *t, const struct transport_look *look,
+                              const struct transport_frame *frame, const struct transport_block *b, unsigned work,
+                              float *lo, uint64_t *rays)
+{
+    float *lit = transport_last_lit(t, b->first), *shone = transport_last_shone(t, b->first);
+    const size_t floats = (size_t)b->packets * 3 * PACKET;
     uint32_t penumbra = 0;
 
-    *stats = (struct transport_frame_stats){ 0 };
+    if (work & TRANSPORT_WORK_CELLS)
+        light_cells(t, look, frame, b, lit);
+    if (work & TRANSPORT_WORK_BRIGHT) {
+        memset(shone, 0, floats * sizeof(*shone));
+        penumbra = add_bright(t, b, shone, rays);
+    }
+    for (size_t i = 0; i < floats; i++)
+        lo[i] = lit[i] + shone[i];
+    return penumbra;
+}
+
+/* A frame while its blocks are lit. */
+struct shading {
+    struct transport *transport;
+    const struct transport_frame *frame;
+    struct transport_look look;
+    bool keeps; /* by way of the last frame's light */
+};
+
+static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint64_t *rays)
+{
+    const struct transport *t = s->transport;
+    const struct transport_block *b = &t->blocks[k];
+    const unsigned all = TRANSPORT_WORK_CELLS | (t->bright.strata ? TRANSPORT_WORK_BRIGHT : 0),
+                   work = s->keeps ? transport_last_work(t, k) : all;
+    uint32_t penumbra;
+
+    memset(t->work + b->first, (int)(work & all), b->packets);
+    if (t->fades && t->fades[k].weight < TRANSPORT_FADE)
+        return shade_fading(t, &s->look, k, lo, rays);
+    if (s->keeps) {
+        penumbra = shade_changes(t, &s->look, s->frame, b, work, lo, rays);
+    } else {
+        light_cells(t, &s->look, s->frame, b, lo);
+        penumbra = add_bright(t, b, lo, rays);
+    }
+    clear_padding(t, b, lo);
+    return penumbra;
+}
+
+/* Whether a frame can take over parts of the last one: all of the picture, by a cache that is built. */
+static bool is_kept(const struct transport *t, const struct transport_frame *f)
+{
+    return !f->whole && !t->fades && f->end == 0 && f->narrow == TRANSPORT_NARROW_OWN;
+}
+
+static void count_work(const struct transport *t, struct transport_frame_stats *stats)
+{
+    for (uint32_t k = 0; k < t->gbuffer->packet_count; k++) {
+        stats->lit += t->work[k] & TRANSPORT_WORK_CELLS ? 1 : 0;
+        stats->shone += t->work[k] & TRANSPORT_WORK_BRIGHT ? 1 : 0;
+    }
+}
+
+/* Takes the sky, and decides what the last frame spares. */
+static enum err begin_frame(struct transport *t, const struct environment *e, const struct transport_frame *frame,
+                            struct shading *out)
+{
+    if (!t->work && !(t->work = mem_alloc(t->gbuffer->packet_count + 1, sizeof(*t->work))))
+        return ERR_NOMEM;
     const enum err result = take_sky(t, e, frame);
     if (result)
         return result;
     if (t->stats.narrow > 0 && frame->narrow != TRANSPORT_NARROW_NONE)
         environment_complete_pyramid(e);
-    const struct transport_look look = {
-        .environment = e,
-        .level = t->sky.level,
-        .bright = &t->bright,
-        .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0,
+    *out = (struct shading){
+        t,
+        frame,
+        { .environment = e,
+          .level = t->sky.level,
+          .bright = &t->bright,
+          .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0 },
+        is_kept(t, frame) && transport_last_begin(t, frame->indirect),
     };
+    memset(t->work, 0, t->gbuffer->packet_count);
+    return ERR_OK;
+}
+
+enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
+                         float *lo, struct transport_frame_stats *stats)
+{
+    struct shading s;
+    uint64_t rays = 0;
+    uint32_t penumbra = 0;
+
+    *stats = (struct transport_frame_stats){ 0 };
+    const enum err result = begin_frame(t, e, frame, &s);
+    if (result)
+        return result;
     const uint32_t parts = frame->indirect ? frame->indirect->parts : 0;
     const struct wanted part = { t, frame };
 #pragma omp parallel reduction(+ : rays, penumbra)
     {
         const unsigned before = denormals_flush();
-        struct transport_rows more;
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < parts; k++)
             frame->indirect->prepare(frame->indirect->self, k, frame->end ? wants : NULL, &part);
 #pragma omp for schedule(dynamic, 4)
-        for (uint32_t k = 0; k < t->block_count; k++) {
-            const struct transport_block *b = &t->blocks[k];
-            float *out = lo + (size_t)b->first * 3 * PACKET;
-            if (is_cancelled(frame->cancel) || !is_asked_for(frame, b))
-                continue;
-            if (t->fades && t->fades[k].weight < TRANSPORT_FADE) {
-                penumbra += shade_fading(t, &look, k, out, &rays);
-                continue;
-            }
-            if (frame->indirect)
-                frame->indirect->rows(frame->indirect->self, b->first, &more);
-            t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, frame->indirect ? &more : NULL, out);
-            penumbra += add_rest(t, &look, b, out, &rays);
-            clear_padding(t, b, out);
-        }
+        for (uint32_t k = 0; k < t->block_count; k++)
+            if (!is_cancelled(frame->cancel) && is_asked_for(frame, &t->blocks[k]))
+                penumbra += shade_block(&s, k, lo + (size_t)t->blocks[k].first * 3 * PACKET, &rays);
         denormals_restore(before);
     }
+    if (s.keeps)
+        transport_last_end(t, !is_cancelled(frame->cancel));
     stats->rays = rays;
     stats->penumbra = penumbra;
+    count_work(t, stats);
     stats->bright = t->sky.bright_count;
     stats->share = e->total_energy > 0.0 ? t->sky.bright_energy / e->total_energy : 0.0;
     return ERR_OK;

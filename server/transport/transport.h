@@ -83,13 +83,21 @@ struct transport_frame {
     uint32_t first, end;
     enum transport_narrow narrow;
     bool sky_taken; /* the sky is set already, by transport_take_sky or transport_unpack_sky */
+    bool whole;     /* compute all light, even what the last frame had with the same bits */
+};
+
+/* What a frame computed for a packet, beside what it took over from the last one. */
+enum transport_work {
+    TRANSPORT_WORK_CELLS = 1,  /* its light from cells and gazes */
+    TRANSPORT_WORK_BRIGHT = 2, /* its light from the bright part */
 };
 
 struct transport_frame_stats {
-    uint64_t rays;     /* traced towards the bright part */
-    uint32_t bright;   /* texels of the bright part */
-    uint32_t penumbra; /* packets in penumbrae, which got more rays */
-    double share;      /* of the map's energy that is bright, 0..1 */
+    uint64_t rays;       /* traced towards the bright part */
+    uint32_t bright;     /* texels of the bright part */
+    uint32_t penumbra;   /* packets in penumbrae, which got more rays */
+    uint32_t lit, shone; /* packets whose light from cells and gazes, and from the bright part, was computed */
+    double share;        /* of the map's energy that is bright, 0..1 */
 };
 
 /* Number of progress steps that building takes. */
@@ -118,12 +126,16 @@ bool transport_keeps(const struct transport *t, const struct cache_share *s, uin
 /* Whether one of `count` processes can light all packets with narrow lobes within less than a part's time. */
 bool transport_narrow_is_few(const struct transport *t, uint32_t count);
 
-/* Lights the shade points under the map e. lo: float[packet_count][3][16], radiance, linear Rec.709; every lane is
- * written, padding with 0. While a background build runs, lo must hold the light of the packets in transport_unbuilt on
- * entry. *stats is filled. ERR_NOMEM. */
+/* Lights the shade points under the map e. A whole frame of a cache that is built takes over from the last such frame
+ * what depends on nothing that has changed; the bits are those of one computed whole. lo: float[packet_count][3][16],
+ * radiance, linear Rec.709; every lane is written, padding with 0. While a background build runs, lo must hold the
+ * light of the packets in transport_unbuilt on entry. *stats is filled. ERR_NOMEM. */
 MUST_CHECK enum err transport_shade(struct transport *t, const struct environment *e,
                                     const struct transport_frame *frame, float *lo,
                                     struct transport_frame_stats *stats);
+
+/* What the last frame computed, uint8_t[packet_count]: bits of enum transport_work. Valid until the next one. */
+const uint8_t *transport_work(const struct transport *t);
 
 /* The first packet of the block that contains a packet: a part of a frame may begin there. packet_count maps to
  * itself. */

@@ -1,0 +1,22 @@
+/* Private to transport/: takes over from the last frame what has not changed (last.c). One frame at a time. */
+#ifndef TRANSPORT_LAST_H
+#define TRANSPORT_LAST_H
+
+#include "transport/parts.h"
+
+/* Compares the sky of t, split and drawn, and the coefficients of indirect light with the last frame's, and keeps them.
+ * True: the frame lights its blocks by way of transport_last_lit and _shone, whose parts without transport_last_work
+ * are there, and then calls transport_last_end. False: it lights them whole, because little is the same, or for lack of
+ * memory. Thread: the frame's. */
+bool transport_last_begin(struct transport *t, const struct transport_indirect *indirect);
+void transport_last_end(struct transport *t, bool complete); /* complete: all blocks were lit */
+void transport_last_destroy(struct transport_last *l);       /* NULL is allowed */
+
+/* Which parts of a block's light this frame must compute: bits of enum transport_work. Thread: any. */
+unsigned transport_last_work(const struct transport *t, uint32_t block);
+
+/* The parts, from a packet on: [][3][PACKET]; valid until transport_destroy. Thread: any, one per block. */
+float *transport_last_lit(const struct transport *t, uint32_t packet);
+float *transport_last_shone(const struct transport *t, uint32_t packet);
+
+#endif

@@ -1,0 +1,194 @@
+/* What a picture of --method cached costs of which only a part of the sky has changed, relative to the same picture
+ * computed whole: processor time of one thread for lighting and resolving, in turns, and medians. Both must have the
+ * same bits. */
+#include "codec/frame.h"
+#include "env/environment.h"
+#include "estimators/kernels.h"
+#include "light/relight.h"
+#include "source/source.h"
+
+#include "base/log.h"
+#include "base/vec.h"
+#include "base/mem.h"
+#include "base/setting_table.h"
+
+#include <math.h>
+#include <omp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define TURNS_MAX 99
+
+struct flags {
+    const char *scene, *sky;
+    uint32_t size[2], turns, samples;
+    double share, factor;
+};
+
+#define ALL .section = "Flags"
+#define AT(field) SETTING_AT(flags, field)
+
+static const struct setting rows[] = {
+    { "scene", "FILE", "scene; without it the built-in one", NULL, ALL, TEXT, AT(scene) },
+    { "sky", "S", "source of the sky, its first frame is used", "sky:", ALL, TEXT, AT(sky) },
+    { "size", "WxH", "of the pictures, in pixels", "640x360", ALL, .type = SETTING_SIZE, AT(size) },
+    { "turns", "N", "pictures of each kind, 1 to 99", "9", ALL, WHOLE(1, TURNS_MAX), AT(turns) },
+    { "samples", "N", "of direct light", "64", ALL, WHOLE(1, 4096), AT(samples) },
+    { "share", "S", "of the sphere that changes, 0.001 to 0.5", "0.1", ALL, REAL(0.001, 0.5), AT(share) },
+    { "factor", "F", "by which its light changes", "0.8", ALL, REAL(0.0, 100.0), AT(factor) },
+    { .name = NULL },
+};
+
+static double cpu_ms(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double *v, uint32_t n)
+{
+    qsort(v, n, sizeof(*v), ascending);
+    return v[n / 2];
+}
+
+/* A cloud of `share` of the sphere passes: from the horizon to 60 degrees above it, opposite the brightest texel. */
+static void change(struct frame *f, const struct flags *o)
+{
+    const uint32_t w = f->width, h = f->height, low = h / 2, high = h / 6;
+    const uint32_t wide = (uint32_t)round(o->share * 2.0 / sin(PI / 3.0) * w);
+    size_t most = 0;
+
+    for (size_t i = 0; i < 3 * (size_t)w * h; i++)
+        if (f->rgb[i] > f->rgb[most])
+            most = i;
+    const uint32_t middle = (uint32_t)(most / 3 % w) + w / 2;
+    for (uint32_t y = high; y < low; y++)
+        for (uint32_t x = 0; x < wide && x < w; x++)
+            for (uint32_t c = 0; c < 3; c++)
+                f->rgb[3 * ((size_t)y * w + (middle + x + w - wide / 2) % w) + c] *= (float)o->factor;
+}
+
+struct changes {
+    struct set *set;
+    struct relighter *relighter;
+    struct environment *sky[2];
+    float *rgb[2];
+    size_t bytes;
+};
+
+static enum err set_up(struct changes *s, const struct flags *o, struct reason *why)
+{
+    const struct source_desc from = { .spec = o->sky };
+    const struct kernels *kernels;
+    struct source *source = NULL;
+    struct frame frame = { 0 };
+    enum err e = kernels_select(NULL, &kernels, why);
+
+    if (!e)
+        e = source_open(&from, &source, why);
+    if (!e)
+        e = source_next(source, &frame, why);
+    if (!e && frame.kind != FRAME_TEXELS)
+        e = err_say(why, ERR_USAGE, "%s is no computed sky", o->sky);
+    for (int k = 0; k < 2 && !e; k++) {
+        if (k)
+            change(&frame, o);
+        s->sky[k] = environment_create(&(struct environment_desc){ .lean = true });
+        e = s->sky[k] ? environment_update(s->sky[k], &frame, why) : ERR_NOMEM;
+    }
+    frame_finish(&frame);
+    source_close(source);
+    if (e)
+        return e;
+    e = set_create(
+        &(struct set_desc){ .scene = o->scene, .width = o->size[0], .height = o->size[1], .kernels = kernels }, &s->set,
+        why);
+    if (e)
+        return e;
+    s->bytes = (size_t)o->size[0] * o->size[1] * 3 * sizeof(float);
+    s->rgb[0] = mem_alloc(s->bytes, 1);
+    s->rgb[1] = mem_alloc(s->bytes, 1);
+    s->relighter = relighter_create(s->set, kernels);
+    return s->rgb[0] && s->rgb[1] && s->relighter ? ERR_OK : ERR_NOMEM;
+}
+
+/* The picture of a sky, after one of the other: milliseconds. */
+static double picture(struct changes *s, const struct relight_desc *light, int k, float *rgb,
+                      struct relight_stats *stats)
+{
+    const double begun = cpu_ms();
+
+    if (relighter_run(s->relighter, s->sky[k], light, rgb, stats))
+        exit(1);
+    return cpu_ms() - begun;
+}
+
+static bool compare(struct changes *s, const struct flags *o, uint32_t classes, const char *name)
+{
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = o->samples },
+                                  .classes = classes,
+                                  .cache_file = "" };
+    double whole[TURNS_MAX], part[TURNS_MAX];
+    struct relight_stats stats;
+    bool same = true;
+
+    for (int k = 0; k < 4; k++)
+        picture(s, &light, k % 2, s->rgb[0], &stats);
+    for (uint32_t k = 0; k < o->turns; k++) {
+        light.afresh = false;
+        part[k] = picture(s, &light, (int)(k % 2), s->rgb[0], &stats);
+        light.afresh = true;
+        whole[k] = picture(s, &light, (int)(k % 2), s->rgb[1], &stats);
+        same = same && memcmp(s->rgb[0], s->rgb[1], s->bytes) == 0;
+    }
+    const double a = median(part, o->turns), b = median(whole, o->turns);
+    printf("%s: %.1f ms of %.1f, ratio %.3f; %s\n", name, a, b, a / b, same ? "the same bits" : "OTHER BITS");
+    return same;
+}
+
+int main(int argc, char **argv)
+{
+    struct flags flags;
+    struct command command = {
+        .name = "changes",
+        .synopsis = "[flags]",
+        .about = "Processor time of a cached picture of which a part of the sky has changed, and of the whole picture.",
+        .lists = { { rows, &flags } },
+    };
+    struct changes s = { 0 };
+    struct reason why = { "" };
+    bool done;
+
+    log_init("changes", LOG_INFO);
+    command_begin(&command);
+    enum err e = command_parse(&command, argc, argv, &done, &why);
+    if (!e && done)
+        return 0;
+    if (!e)
+        e = command_read(&command, &why);
+    omp_set_num_threads(1);
+    if (!e)
+        e = set_up(&s, &flags, &why);
+    if (e) {
+        log_error("%s", why.text[0] ? why.text : err_text(e));
+        return err_exit_code(e);
+    }
+    bool same = compare(&s, &flags, PATH_BACKGROUND | PATH_DIRECT, "direct light");
+    same = compare(&s, &flags, PATH_ALL, "all light") && same;
+    relighter_destroy(s.relighter);
+    set_destroy(s.set);
+    for (int k = 0; k < 2; k++) {
+        environment_destroy(s.sky[k]);
+        mem_free(s.rgb[k]);
+    }
+    return same ? 0 : 1;
+}

@@ -1,0 +1,126 @@
+/* Frames under a sky of which only some has changed: they compute that alone, and have the bits of whole frames. */
+#include "transport/transports.h"
+#include "light/relight.h"
+#include "support/sets.h"
+
+enum { SKY = 64 };
+
+struct frames {
+    struct set *set;
+    struct transport *transport;
+    struct frame painted; /* SKY x SKY / 2 */
+    uint32_t samples;
+    float *lo, *whole;
+    struct transport_frame_stats stats;
+};
+
+static struct frames frames_make(void)
+{
+    struct frames f = { .set = set_of(&(struct set_desc){ .width = 40, .height = 22 }), .samples = 64 };
+    const size_t floats = (size_t)f.set->gbuffer->packet_count * 3 * PACKET;
+
+    f.transport =
+        transport_of(f.set->gbuffer, f.set->rays, &(struct transport_desc){ .per_cell = 1, .lobe_samples = 8 });
+    f.painted = sky_with_sun(SKY, SKY / 2, 4e3f);
+    f.lo = mem_alloc(floats, sizeof(float));
+    f.whole = mem_alloc(floats, sizeof(float));
+    return f;
+}
+
+static void frames_finish(struct frames *f)
+{
+    transport_destroy(f->transport);
+    set_destroy(f->set);
+    frame_finish(&f->painted);
+    mem_free(f->lo);
+    mem_free(f->whole);
+}
+
+/* A frame, and the same one computed whole. */
+static void shade_both(struct frames *f, const atomic_bool *cancel)
+{
+    const size_t bytes = (size_t)f->set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
+    struct transport_frame frame = { .samples = f->samples, .seed = 5, .cancel = cancel };
+    struct transport_frame_stats stats;
+    struct frame copy = sky_constant(SKY, SKY / 2, 0.0f);
+
+    memcpy(copy.rgb, f->painted.rgb, (size_t)3 * SKY * (SKY / 2) * sizeof(float));
+    struct environment *e = sky_environment(copy, 64, 0.0);
+    assert_int_equal(transport_shade(f->transport, e, &frame, f->lo, &f->stats), ERR_OK);
+    if (!cancel) {
+        frame.whole = true;
+        assert_int_equal(transport_shade(f->transport, e, &frame, f->whole, &stats), ERR_OK);
+        assert_memory_equal(f->lo, f->whole, bytes);
+        assert_true(stats.lit == f->set->gbuffer->packet_count && f->stats.lit <= stats.lit);
+    }
+    environment_destroy(e);
+}
+
+/* Dims a patch of size x size texels above the horizon, from column x0 on. */
+static void dim(struct frames *f, uint32_t x0, uint32_t size, float by)
+{
+    for (uint32_t y = SKY / 4 - size; y < SKY / 4; y++)
+        for (uint32_t x = x0; x < x0 + size; x++)
+            for (uint32_t c = 0; c < 3; c++)
+                f->painted.rgb[3 * (y * SKY + x % SKY) + c] *= by;
+}
+
+/* Any change after any other, at last a frame that is cancelled and lit again. */
+static void any_changes(struct frames *f)
+{
+    const atomic_bool cancel = true;
+    struct rng r = { 11 };
+    uint32_t spared = 0;
+
+    for (int k = 0; k < 14; k++) {
+        const double what = rng_next(&r);
+        if (what < 0.7)
+            dim(f, (uint32_t)(rng_next(&r) * SKY), 6, 0.8f + 0.4f * (float)rng_next(&r));
+        else if (what < 0.85)
+            sky_paint(&f->painted, SKY / 3, SKY / 8, 1e3f + 4e3f * (float)rng_next(&r), 3e3f, 2e3f);
+        else
+            f->samples = f->samples == 64 ? 32 : 64;
+        shade_both(f, NULL);
+        spared += f->stats.shone == 0;
+    }
+    assert_true(spared >= 4);
+    dim(f, 50, 6, 0.9f);
+    shade_both(f, &cancel);
+    shade_both(f, NULL);
+}
+
+/* A cloud far from the sun: no ray is traced, and light from cells is computed where the cloud is seen. The same sky
+ * again: nothing is computed but what looks at single texels. Another sun: rays only. */
+static void only_what_has_changed_is_computed(void **state)
+{
+    struct frames f = frames_make();
+    const uint32_t packets = f.set->gbuffer->packet_count;
+    (void)state;
+
+    shade_both(&f, NULL);
+    assert_true(f.stats.shone == packets && f.stats.bright > 0);
+    shade_both(&f, NULL); /* from now on light is kept */
+    const uint64_t rays = f.stats.rays;
+    shade_both(&f, NULL);
+    const uint32_t narrow = f.stats.lit;
+    assert_true(rays > 0 && f.stats.rays == 0 && f.stats.shone == 0 && narrow > 0 && narrow < packets / 4);
+    dim(&f, 50, 2, 0.9f);
+    shade_both(&f, NULL);
+    assert_true(f.stats.rays == 0 && f.stats.shone == 0 && f.stats.lit > narrow && f.stats.lit < packets);
+    for (uint32_t k = 0, marked = 0; k <= packets; k++) {
+        if (k == packets)
+            assert_true(marked > 0);
+        else
+            marked += transport_work(f.transport)[k] & TRANSPORT_WORK_CELLS;
+    }
+    sky_paint(&f.painted, SKY / 3, SKY / 8, 5e3f, 4e3f, 3e3f);
+    shade_both(&f, NULL);
+    assert_true(f.stats.shone == packets && f.stats.rays > 0);
+    any_changes(&f);
+    frames_finish(&f);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(only_what_has_changed_is_computed),
+};
+UNIT_MAIN(tests)
