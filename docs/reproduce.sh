@@ -21,6 +21,7 @@ vpl | mathematics.md 13 | the indirect light of virtual point lights over that o
 photons | mathematics.md 13 | photons and virtual point lights within their bias
 materials | mathematics.md 8 | what white surfaces return, by roughness
 figure5 | mathematics.md 14 | relMSE times time of eye paths over the light tracer's, and the errors of path and mlt in equal time
+changes | transport-cache.md | processor time of a cached picture of which a tenth of the sky has changed, over a whole one's
 stated | speed-and-accuracy.md | the error that images state over their true error
 faults | testing.md | faults that once passed are noticed by a unit test of their own room
 END
@@ -41,6 +42,7 @@ furnace() { unit estimators_test_direct a_white_furnace_is_white_at_every_method
 photons() { unit estimators_test_baselines photons_bring_caustics point_lights_bring_interreflection; }
 materials() { unit brdf_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
 figure5() { "$bin/figure5"; }
+changes() { "$bin/changes" --turns 15 2>"$work/log"; }
 stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py"; }
 faults() { "$root/tests/mutate/run.sh" --planted; }
 
